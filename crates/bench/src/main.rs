@@ -1,0 +1,2 @@
+//! microsig
+fn main() {}

@@ -1,0 +1,275 @@
+//! MicroSIG's particle data file: one particle a row, the same number of columns in every row.
+//!
+//! | columns | content |
+//! |---|---|
+//! | 4 | x y z d_p |
+//! | 5 | x y z d_p c_int |
+//! | 7 | x y z d_p e_p alpha beta |
+//! | 8 | x y z d_p e_p alpha beta c_int |
+//!
+//! x, y in px; z, d_p in um; angles in rad. Separators are white space, commas or semicolons, one style a file. `#`
+//! and `%` open comments; blank lines are skipped; a file without rows is an image of background.
+
+use std::io::{BufRead, BufReader, Read, Write};
+
+use crate::error::{Error, Fault};
+use crate::particle::{Particle, Spheroid};
+
+/// The columns of a data file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Layout {
+    /// Whether e_p, alpha and beta are there.
+    pub spheroids: bool,
+    /// Whether c_int is there.
+    pub c_int: bool,
+}
+
+impl Layout {
+    /// The narrowest layout that holds all that these particles say.
+    pub fn of(particles: &[Particle]) -> Self {
+        Layout {
+            spheroids: particles.iter().any(|p| p.spheroid.is_some()),
+            c_int: particles.iter().any(|p| p.c_int != 1.0),
+        }
+    }
+
+    fn from_columns(columns: usize) -> Option<Self> {
+        match columns {
+            4 | 5 => Some(Layout { spheroids: false, c_int: columns == 5 }),
+            7 | 8 => Some(Layout { spheroids: true, c_int: columns == 8 }),
+            _ => None,
+        }
+    }
+
+    fn columns(self) -> usize {
+        4 + 3 * usize::from(self.spheroids) + usize::from(self.c_int)
+    }
+}
+
+/// Faults listed before the reader gives up on a file.
+const MAX_FAULTS: usize = 20;
+
+#[derive(Clone, Copy, PartialEq)]
+enum Separator {
+    WhiteSpace,
+    Comma,
+    Semicolon,
+}
+
+impl Separator {
+    /// Commas separate only where no token between them holds white space: `1,5 2,5` is white space with decimal
+    /// commas, `1, 5, 2` is commas.
+    fn of(line: &str) -> Self {
+        let tight =
+            |c| line.split(c).all(|t: &str| !t.trim().is_empty() && !t.trim().contains(char::is_whitespace));
+        if line.contains(';') {
+            Separator::Semicolon
+        } else if line.contains(',') && tight(',') {
+            Separator::Comma
+        } else {
+            Separator::WhiteSpace
+        }
+    }
+
+    fn split<'a>(self, line: &'a str, tokens: &mut Vec<&'a str>) {
+        tokens.clear();
+        match self {
+            Separator::WhiteSpace => tokens.extend(line.split_ascii_whitespace()),
+            Separator::Comma => tokens.extend(line.split(',').map(str::trim)),
+            Separator::Semicolon => tokens.extend(line.split(';').map(str::trim)),
+        }
+    }
+}
+
+/// Reads the particles of one image; `name` is what messages call the file.
+///
+/// # Errors
+/// [`Error::Malformed`] with file, line and column of ragged rows, 1-3, 6 or more than 8 columns, non-numbers, values
+/// that are not finite, d_p <= 0, e_p <= 0, c_int < 0 and decimal commas; [`Error::Io`] if reading fails.
+pub fn read(reader: impl Read, name: &str) -> Result<Vec<Particle>, Error> {
+    let mut reader = BufReader::new(reader);
+    let (mut particles, mut faults) = (Vec::new(), Vec::new());
+    let mut style: Option<(Separator, Layout)> = None;
+    let mut line = String::new();
+    let mut number = 0;
+    while faults.len() < MAX_FAULTS {
+        line.clear();
+        if reader.read_line(&mut line).map_err(|e| Error::io(name, e))? == 0 {
+            break;
+        }
+        number += 1;
+        let content = line.split(['#', '%']).next().unwrap_or_default();
+        let content =
+            if number == 1 { content.trim_start_matches('\u{feff}').trim() } else { content.trim() };
+        if content.is_empty() {
+            continue;
+        }
+        match row(content, &mut style) {
+            Ok(particle) => particles.push(particle),
+            Err((column, message)) => {
+                faults.push(Fault { source_name: name.to_owned(), line: Some(number), column, message });
+            }
+        }
+    }
+    if faults.is_empty() { Ok(particles) } else { Err(Error::Malformed(faults)) }
+}
+
+/// One row; the first row settles separator and layout. The error is a column, counted from 1, and a message.
+fn row(content: &str, style: &mut Option<(Separator, Layout)>) -> Result<Particle, (Option<usize>, String)> {
+    let separator = style.map_or_else(|| Separator::of(content), |(separator, _)| separator);
+    let mut tokens = Vec::with_capacity(8);
+    separator.split(content, &mut tokens);
+    if separator != Separator::Comma
+        && let Some(i) = tokens.iter().position(|t| t.contains(','))
+    {
+        return Err((Some(i + 1), format!("`{}`: a decimal comma? expected a decimal point", tokens[i])));
+    }
+    let layout = match style {
+        Some((_, layout)) if layout.columns() == tokens.len() => *layout,
+        Some((_, layout)) => {
+            return Err((
+                None,
+                format!("{} columns, but {} before: rows must agree", tokens.len(), layout.columns()),
+            ));
+        }
+        None => Layout::from_columns(tokens.len())
+            .ok_or_else(|| (None, format!("{} columns: expected 4, 5, 7 or 8", tokens.len())))?,
+    };
+    *style = Some((separator, layout));
+
+    let mut v = [0.0; 8];
+    for (i, token) in tokens.iter().enumerate() {
+        v[i] = token
+            .parse::<f64>()
+            .ok()
+            .filter(|n| n.is_finite())
+            .ok_or_else(|| (Some(i + 1), format!("`{token}`: expected a finite number")))?;
+    }
+    let at_least = |column: usize, what: &str, bad: bool, allowed: &str| {
+        if bad {
+            Err((Some(column), format!("{what} = {}: expected {allowed}", v[column - 1])))
+        } else {
+            Ok(())
+        }
+    };
+    at_least(4, "d_p", v[3] <= 0.0, "a diameter > 0 um")?;
+    let spheroid = if layout.spheroids {
+        at_least(5, "e_p", v[4] <= 0.0, "an aspect ratio > 0")?;
+        Some(Spheroid { e_p: v[4], alpha_rad: v[5], beta_rad: v[6] })
+    } else {
+        None
+    };
+    let c_int = if layout.c_int {
+        let column = layout.columns();
+        at_least(column, "c_int", v[column - 1] < 0.0, "a factor >= 0")?;
+        v[column - 1]
+    } else {
+        1.0
+    };
+    Ok(Particle { x_px: v[0], y_px: v[1], z_um: v[2], d_um: v[3], spheroid, c_int })
+}
+
+/// Writes the particles in the given layout, numbers in their shortest form that reads back to the same value.
+///
+/// # Errors
+/// The writer's own; `InvalidInput` if the layout has no place for something a particle says.
+pub fn write(mut writer: impl Write, particles: &[Particle], layout: Layout) -> std::io::Result<()> {
+    let needed = Layout::of(particles);
+    if (needed.spheroids && !layout.spheroids) || (needed.c_int && !layout.c_int) {
+        return Err(std::io::Error::new(
+            std::io::ErrorKind::InvalidInput,
+            "the layout drops columns that are in use",
+        ));
+    }
+    for p in particles {
+        write!(writer, "{} {} {} {}", p.x_px, p.y_px, p.z_um, p.d_um)?;
+        if layout.spheroids {
+            let s = p.spheroid.unwrap_or(Spheroid { e_p: 1.0, alpha_rad: 0.0, beta_rad: 0.0 });
+            write!(writer, " {} {} {}", s.e_p, s.alpha_rad, s.beta_rad)?;
+        }
+        if layout.c_int {
+            write!(writer, " {}", p.c_int)?;
+        }
+        writeln!(writer)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn message(text: &str) -> String {
+        read(text.as_bytes(), "d.txt").unwrap_err().to_string()
+    }
+
+    #[test]
+    fn separators_and_comments() {
+        let expected = [Particle::sphere(1.0, 2.5, -30.0, 2.0), Particle::sphere(4.0, 5.0, 1e1, 2.0)];
+        for text in [
+            "1 2.5 -30 2\n4 5 10 2\n",
+            "# x y z d\n\n1\t2.5\t-30\t2\r\n  4   5 1e1 2 % last",
+            "1, 2.5, -30, 2\n4,5,10,2",
+            "1;2.5;-30;2\n4; 5; 10; 2\n",
+        ] {
+            assert_eq!(read(text.as_bytes(), "d.txt").unwrap(), expected, "{text}");
+        }
+        assert_eq!(read("% nothing\n".as_bytes(), "d.txt").unwrap(), []);
+    }
+
+    #[test]
+    fn every_kind_of_fault_names_line_and_column() {
+        for (text, expected) in [
+            ("1 2 3 2\n1 2 3\n", "d.txt:2: 3 columns, but 4 before"),
+            ("1 2 3\n", "d.txt:1: 3 columns: expected 4, 5, 7 or 8"),
+            ("1 2 3 4 5 6\n", "d.txt:1: 6 columns"),
+            ("1 2 3 4 5 6 7 8 9\n", "d.txt:1: 9 columns"),
+            ("1 2 nan 2\n", "d.txt:1, column 3: `nan`: expected a finite number"),
+            ("1 2 3 inf\n", "d.txt:1, column 4: `inf`"),
+            ("1 2 3 0\n", "d.txt:1, column 4: d_p = 0: expected a diameter > 0"),
+            ("1 2 3 2 0 0 0\n", "d.txt:1, column 5: e_p = 0"),
+            ("1 2 3 2 -1\n", "d.txt:1, column 5: c_int = -1"),
+            ("1 2 3 2 2 0 0 -1\n", "d.txt:1, column 8: c_int = -1"),
+            ("1,5 2,5 3 2\n", "d.txt:1, column 1: `1,5`: a decimal comma?"),
+            ("1,5;2;3;2\n", "d.txt:1, column 1: `1,5`: a decimal comma?"),
+            ("1 2 3 2\n1 2 x 2\n1 2 3 -2\n", "d.txt:2, column 3: `x`"),
+        ] {
+            assert!(message(text).contains(expected), "{} lacks {expected}", message(text));
+        }
+        assert_eq!(message("1 2 3 2\n1 2 x 2\n1 2 3 -2\n").lines().count(), 2);
+        assert_eq!(message(&"x x x x\n".repeat(1000)).lines().count(), MAX_FAULTS);
+    }
+
+    prop_compose! {
+        fn particle(layout: Layout)(
+            x in -1e6..1e6f64, y in -1e6..1e6f64, z in -1e3..1e3f64, d in 1e-3..1e2f64,
+            e in 1e-2..1e2f64, a in -7.0..7.0f64, b in -7.0..7.0f64, c in 0.0..1e3f64,
+        ) -> Particle {
+            Particle {
+                x_px: x, y_px: y, z_um: z, d_um: d,
+                spheroid: layout.spheroids.then_some(Spheroid { e_p: e, alpha_rad: a, beta_rad: b }),
+                c_int: if layout.c_int { c } else { 1.0 },
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_written_is_read_back(
+            (layout, particles) in (any::<bool>(), any::<bool>()).prop_flat_map(|(spheroids, c_int)| {
+                let layout = Layout { spheroids, c_int };
+                (Just(layout), prop::collection::vec(particle(layout), 0..20))
+            })
+        ) {
+            let mut bytes = Vec::new();
+            write(&mut bytes, &particles, layout).unwrap();
+            prop_assert_eq!(read(&bytes[..], "d.txt").unwrap(), particles);
+        }
+
+        #[test]
+        fn any_text_is_read_or_refused(text in "[0-9eE.,;+\\- \t\n#%a-f]{0,200}") {
+            let _ = read(text.as_bytes(), "d.txt");
+        }
+    }
+}

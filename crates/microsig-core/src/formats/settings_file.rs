@@ -1,0 +1,154 @@
+//! MicroSIG's settings file: `key = value`, one per line, 14 mandatory keys.
+//!
+//! `#` and `%` open comments. Unknown keys are kept, with a warning. Values are numbers and nothing else (the
+//! original evaluates them as program code, which this reader never does).
+
+use std::collections::BTreeMap;
+use std::io::{Read, Write};
+
+use crate::error::{Error, Fault};
+use crate::settings::{self, KEYS, Settings};
+
+/// What a settings file says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SettingsFile {
+    /// The 14 settings, valid.
+    pub settings: Settings,
+    /// Keys that MicroSIG does not know, with their text, in the order of the file.
+    pub unknown: Vec<(String, String)>,
+    /// One message per unknown key, with its line.
+    pub warnings: Vec<String>,
+}
+
+/// Reads a settings file; `name` is what messages call it.
+///
+/// # Errors
+/// [`Error::Malformed`] with every line that is not `key = value`, missing key, duplicate, non-number and value out
+/// of range; [`Error::Io`] if reading fails.
+pub fn read(mut reader: impl Read, name: &str) -> Result<SettingsFile, Error> {
+    let mut text = String::new();
+    reader.read_to_string(&mut text).map_err(|e| Error::io(name, e))?;
+
+    let mut faults = Vec::new();
+    let mut found: BTreeMap<usize, (f64, usize)> = BTreeMap::new();
+    let mut seen: BTreeMap<String, usize> = BTreeMap::new();
+    let (mut unknown, mut warnings) = (Vec::new(), Vec::new());
+    for (index, raw) in text.trim_start_matches('\u{feff}').lines().enumerate() {
+        let line = index + 1;
+        let mut fault = |message: String| {
+            faults.push(Fault { source_name: name.to_owned(), line: Some(line), column: None, message });
+        };
+        let content = raw.split(['#', '%']).next().unwrap_or_default().trim();
+        if content.is_empty() {
+            continue;
+        }
+        let Some((key, value)) = content.split_once('=').map(|(k, v)| (k.trim(), v.trim())) else {
+            fault(format!("`{content}`: expected `key = value`"));
+            continue;
+        };
+        if let Some(first) = seen.insert(key.to_owned(), line) {
+            fault(format!("{key} is given a second time (first in line {first})"));
+            continue;
+        }
+        let Some(known) = KEYS.iter().position(|k| k.name == key) else {
+            warnings.push(format!("{name}:{line}: unknown key `{key}` is ignored"));
+            unknown.push((key.to_owned(), value.to_owned()));
+            continue;
+        };
+        match value.parse::<f64>() {
+            Ok(number) => {
+                found.insert(known, (number, line));
+            }
+            Err(_) => fault(format!("{key} = {value}: expected {}", KEYS[known].allowed)),
+        }
+    }
+    for key in KEYS.iter().filter(|k| !seen.contains_key(k.name)) {
+        faults.push(Fault {
+            source_name: name.to_owned(),
+            line: None,
+            column: None,
+            message: format!("{} is missing: expected {}", key.name, key.allowed),
+        });
+    }
+    // Values are checked only once all of them are numbers: ranges depend on each other.
+    if faults.is_empty() {
+        let values = std::array::from_fn(|i| found[&i].0);
+        faults = settings::check(&values, |i| (name.to_owned(), Some(found[&i].1)));
+        if faults.is_empty() {
+            return Ok(SettingsFile { settings: Settings::from_values(values), unknown, warnings });
+        }
+    }
+    Err(Error::Malformed(faults))
+}
+
+/// Writes a settings file that [`read`] takes back to the same values.
+///
+/// # Errors
+/// The writer's own.
+pub fn write(mut writer: impl Write, settings: &Settings) -> std::io::Result<()> {
+    for (key, value) in KEYS.iter().zip(settings.values()) {
+        writeln!(writer, "{} = {value}", key.name)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text(settings: &Settings) -> String {
+        let mut bytes = Vec::new();
+        write(&mut bytes, settings).unwrap();
+        String::from_utf8(bytes).unwrap()
+    }
+
+    fn message(text: &str) -> String {
+        read(text.as_bytes(), "s.txt").unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        for settings in [Settings::setting1a(), Settings::setting2()] {
+            let file = read(text(&settings).as_bytes(), "s.txt").unwrap();
+            assert_eq!(file.settings, settings);
+            assert!(file.warnings.is_empty());
+        }
+    }
+
+    #[test]
+    fn comments_blank_lines_exponents_and_unknown_keys_are_accepted() {
+        let text = text(&Settings::setting1()).replace("focal_length = 350", "focal_length=3.5e2 # um");
+        let file = read(format!("% header\n\n{text}colour = red\r\n").as_bytes(), "s.txt").unwrap();
+        assert_eq!(file.settings, Settings::setting1());
+        assert_eq!(file.unknown, [("colour".to_owned(), "red".to_owned())]);
+        assert_eq!(file.warnings, ["s.txt:17: unknown key `colour` is ignored"]);
+    }
+
+    #[test]
+    fn every_kind_of_fault_names_line_and_key() {
+        let good = text(&Settings::setting1());
+        let cases = [
+            (good.replace("gain = 3.2\n", ""), "s.txt: gain is missing"),
+            (format!("{good}gain = 3\n"), "s.txt:15: gain is given a second time (first in line 13)"),
+            (good.replace("= 0.3", "= 0,3"), "s.txt:2: numerical_aperture = 0,3: expected a number"),
+            (
+                good.replace("= 0.3", "= 1.25"),
+                "s.txt:2: numerical_aperture = 1.25: expected a number > 0 and < 1",
+            ),
+            (
+                good.replace("n_rays = 500", "n_rays = 12.5"),
+                "s.txt:12: n_rays = 12.5: expected a whole number",
+            ),
+            (
+                good.replace("ri_lens = 1.5", "ri_lens = 1"),
+                "s.txt:5: ri_lens = 1: expected a number > ri_medium",
+            ),
+            (good.replace("gain = 3.2", "gain = inf"), "s.txt:13: gain = inf: expected a number >= 0"),
+            (good.replace("gain = 3.2", "gain 3.2"), "s.txt:13: `gain 3.2`: expected `key = value`"),
+            (good.replace("= 10\n", "= __import__('os')\n"), "s.txt:1: magnification = __import__('os')"),
+        ];
+        for (text, expected) in cases {
+            assert!(message(&text).contains(expected), "{} lacks {expected}", message(&text));
+        }
+    }
+}

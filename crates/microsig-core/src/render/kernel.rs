@@ -1,0 +1,289 @@
+//! The inner loops: rays of a particle from their source points to pixel numbers, in f32, many at a time.
+//!
+//! Three stages over a block of rays: turn the candidate directions of each point and bring them to the lens plane;
+//! refract and carry them to the sensor; count. The arithmetic is `optics` with the normalisations cancelled: with
+//! d = (1, p_x, p_y), n = (R, -+q_x, -+q_y), l = |d|, N = |n| and mu the index ratio, Snell's law times l reads
+//! mu d + (sqrt((1 - mu^2) l^2 N^2 + mu^2 (d.n)^2) - mu d.n) / N^2 n, so that two square roots and two divisions serve
+//! both faces. Only + - * / sqrt and comparisons occur, each correctly rounded and never fused, so that every
+//! instruction set gives the same bits.
+
+use super::fan::{Candidates, LANES};
+use super::patch::Window;
+use crate::optics::OpticalSystem;
+
+/// Rays in flight: four arrays of this length stay in the first-level cache.
+const BLOCK: usize = 1024;
+
+/// What the kernel knows of the optics.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Lens {
+    aperture2: f32,
+    face_radius: f32,
+    face_radius2: f32,
+    index_ratio: f32,
+    /// 1 - mu^2 at the first face and at the second.
+    defect: [f32; 2],
+    /// The way behind the lens, um: to the sensor, or to the cylinder and from there on.
+    way: [f32; 2],
+    /// 1 / f_cyl; 0 without a cylinder, which leaves the slope alone.
+    cylinder_power: f32,
+    per_pixel: f32,
+}
+
+impl Lens {
+    pub(super) fn new(system: &OpticalSystem, pixel_size: f64) -> Self {
+        let objective = &system.objective;
+        let (r, mu, b) = (objective.face_radius, objective.index_ratio, objective.image_distance);
+        Lens {
+            aperture2: (objective.aperture_radius * objective.aperture_radius) as f32,
+            face_radius: r as f32,
+            face_radius2: (r * r) as f32,
+            index_ratio: mu as f32,
+            defect: [(1.0 - mu * mu) as f32, (1.0 - 1.0 / (mu * mu)) as f32],
+            way: [(b / 3.0) as f32, (2.0 * b / 3.0) as f32],
+            cylinder_power: system.cylinder.map_or(0.0, |c| (1.0 / c.focal_length) as f32),
+            per_pixel: (1.0 / pixel_size) as f32,
+        }
+    }
+}
+
+/// A source point, ready for the kernel.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Source {
+    /// Position across the axis, um.
+    pub(super) e2: f32,
+    pub(super) e3: f32,
+    /// Way to the lens along the axis, um.
+    pub(super) distance: f32,
+    /// Angle of the fan, 2^32 per turn.
+    pub(super) phase: u32,
+    /// Largest azimuth from the axis that can arrive (`fan::half_turns`).
+    pub(super) reach: u32,
+}
+
+/// Where counts go: a window of the sensor, and the particle's place in it.
+pub(super) struct Target<'a> {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Pixel coordinates of the particle's centre, relative to the window's corner, plus one half.
+    pub(super) x: f32,
+    pub(super) y: f32,
+    /// Counts of the window and, at the end, one for all rays that land elsewhere.
+    pub(super) counts: &'a mut [u32],
+}
+
+impl<'a> Target<'a> {
+    pub(super) fn new(window: &Window, x_px: f64, y_px: f64, counts: &'a mut [u32]) -> Self {
+        Target {
+            width: window.width,
+            height: window.height,
+            x: (x_px - window.x0 as f64 + 0.5) as f32,
+            y: (y_px - window.y0 as f64 + 0.5) as f32,
+            counts,
+        }
+    }
+}
+
+/// Rays on their way; reused from particle to particle.
+#[derive(Debug, Clone)]
+pub(super) struct Block {
+    q_x: [f32; BLOCK],
+    q_y: [f32; BLOCK],
+    p_x: [f32; BLOCK],
+    p_y: [f32; BLOCK],
+    pixel: [u32; BLOCK],
+    length: usize,
+}
+
+impl Default for Block {
+    fn default() -> Self {
+        let zero = [0.0; BLOCK];
+        Block { q_x: zero, q_y: zero, p_x: zero, p_y: zero, pixel: [0; BLOCK], length: 0 }
+    }
+}
+
+/// Traces all sources and counts their rays. Gives the farthest landing places from the particle's centre on the two
+/// axes, px, seen among all rays that pass the lens, and the number of rays traced.
+pub(super) fn trace(
+    arch: pulp::Arch,
+    lens: &Lens,
+    candidates: &Candidates,
+    sources: &[Source],
+    block: &mut Block,
+    target: &mut Target<'_>,
+) -> Traced {
+    arch.dispatch(|| trace_generic(lens, candidates, sources, block, target))
+}
+
+/// What a pass of the kernel saw.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Traced {
+    /// Farthest landing place from the particle's centre along columns, px.
+    pub(super) extent_x: f32,
+    /// Likewise along rows.
+    pub(super) extent_y: f32,
+    /// Rays traced.
+    pub(super) rays: u64,
+}
+
+#[inline(always)]
+fn trace_generic(
+    lens: &Lens,
+    candidates: &Candidates,
+    sources: &[Source],
+    block: &mut Block,
+    target: &mut Target<'_>,
+) -> Traced {
+    let mut traced = Traced::default();
+    let mut farthest = (0u32, 0u32);
+    block.length = 0;
+    for source in sources {
+        let mut run = candidates.run(source.phase, source.reach);
+        traced.rays += run.len() as u64;
+        let turn = cos_sin(source.phase);
+        while !run.is_empty() {
+            if block.length == BLOCK {
+                farthest = flush(lens, block, target, farthest);
+            }
+            let n = run.len().min(BLOCK - block.length);
+            to_lens(source, turn, candidates, run.start, n, block);
+            run.start += n;
+        }
+    }
+    // The last block is filled up with rays that miss.
+    let end = block.length.next_multiple_of(2 * LANES).min(BLOCK);
+    block.q_x[block.length..end].fill(f32::INFINITY);
+    block.length = end;
+    farthest = flush(lens, block, target, farthest);
+    traced.extent_x = f32::from_bits(farthest.0);
+    traced.extent_y = f32::from_bits(farthest.1);
+    traced
+}
+
+/// Turns `n` directions and carries them to the lens plane, at the end of the block.
+#[inline(always)]
+fn to_lens(
+    source: &Source,
+    turn: (f32, f32),
+    candidates: &Candidates,
+    start: usize,
+    n: usize,
+    block: &mut Block,
+) {
+    let (cosine, sine) = turn;
+    let at = block.length;
+    let (d1, d2, d3) = (
+        &candidates.d1[start..start + n],
+        &candidates.d2[start..start + n],
+        &candidates.d3[start..start + n],
+    );
+    let (q_x, q_y) = (&mut block.q_x[at..at + n], &mut block.q_y[at..at + n]);
+    let (p_x, p_y) = (&mut block.p_x[at..at + n], &mut block.p_y[at..at + n]);
+    for i in 0..n {
+        let forward = 1.0 / (d1[i] * cosine - d2[i] * sine).abs();
+        let slope_x = (d1[i] * sine + d2[i] * cosine) * forward;
+        let slope_y = d3[i] * forward;
+        p_x[i] = slope_x;
+        p_y[i] = slope_y;
+        q_x[i] = source.e2 + source.distance * slope_x;
+        q_y[i] = source.e3 + source.distance * slope_y;
+    }
+    block.length += n;
+}
+
+/// Refracts the rays of a block, carries them to the sensor and counts them; `farthest` are bits of f32 >= 0, which
+/// compare like the numbers.
+#[inline(always)]
+fn flush(lens: &Lens, block: &mut Block, target: &mut Target<'_>, farthest: (u32, u32)) -> (u32, u32) {
+    let n = block.length;
+    let elsewhere = (target.width * target.height) as u32;
+    let (width, height) = (target.width as f32, target.height as f32);
+    let row_length = target.width as u32;
+    let (mut far_x, mut far_y) = farthest;
+    let (q_xs, q_ys, p_xs, p_ys) = (&block.q_x[..n], &block.q_y[..n], &block.p_x[..n], &block.p_y[..n]);
+    let pixels = &mut block.pixel[..n];
+    let mu = [lens.index_ratio, 1.0 / lens.index_ratio];
+
+    for i in 0..n {
+        let (q_x, q_y, p_x, p_y) = (q_xs[i], q_ys[i], p_xs[i], p_ys[i]);
+        let q2 = q_x * q_x + q_y * q_y;
+        let n2 = lens.face_radius2 + q2;
+        let per_n2 = 1.0 / n2;
+        let l2n2 = (1.0 + (p_x * p_x + p_y * p_y)) * n2;
+
+        let dot1 = lens.face_radius - (q_x * p_x + q_y * p_y);
+        let mu_dot1 = mu[0] * dot1;
+        let turn1 = ((lens.defect[0] * l2n2 + mu_dot1 * mu_dot1).sqrt() - mu_dot1) * per_n2;
+        let t1 = mu[0] + turn1 * lens.face_radius;
+        let t2 = mu[0] * p_x - turn1 * q_x;
+        let t3 = mu[0] * p_y - turn1 * q_y;
+
+        let dot2 = t1 * lens.face_radius + (t2 * q_x + t3 * q_y);
+        let mu_dot2 = mu[1] * dot2;
+        let squared2 = lens.defect[1] * l2n2 + mu_dot2 * mu_dot2;
+        let turn2 = (squared2.sqrt() - mu_dot2) * per_n2;
+        let s1 = mu[1] * t1 + turn2 * lens.face_radius;
+        let s2 = mu[1] * t2 + turn2 * q_x;
+        let s3 = mu[1] * t3 + turn2 * q_y;
+
+        let per_s1 = 1.0 / s1;
+        let (p_x, p_y) = (s2 * per_s1, s3 * per_s1);
+        let (q_x, q_y) = (q_x + lens.way[0] * p_x, q_y + lens.way[0] * p_y);
+        let p_x = p_x - q_x * lens.cylinder_power;
+        let x = (q_x + lens.way[1] * p_x) * lens.per_pixel;
+        let y = (q_y + lens.way[1] * p_y) * lens.per_pixel;
+
+        // Comparisons with NaN (total reflection) are false, so that such a ray is lost.
+        let arrives = (q2 <= lens.aperture2) & (dot1 > 0.0) & (squared2 >= 0.0) & (dot2 > 0.0) & (s1 > 0.0);
+        far_x = far_x.max(if arrives { x.abs().to_bits() } else { 0 });
+        far_y = far_y.max(if arrives { y.abs().to_bits() } else { 0 });
+        let (column, row) = (x + target.x, y + target.y);
+        let inside = arrives & (column >= 0.0) & (column < width) & (row >= 0.0) & (row < height);
+        let pixel = (row as i32 as u32).wrapping_mul(row_length).wrapping_add(column as i32 as u32);
+        pixels[i] = if inside { pixel } else { elsewhere };
+    }
+    for &pixel in pixels.iter() {
+        target.counts[pixel as usize] += 1;
+    }
+    block.length = 0;
+    (far_x, far_y)
+}
+
+/// Cosine and sine of an angle given in 2^32 per turn, to 1e-7.
+#[inline(always)]
+fn cos_sin(phase: u32) -> (f32, f32) {
+    // Split off the nearest multiple of a quarter turn; the rest lies within 45 degrees.
+    let quarter = phase.wrapping_add(1 << 29) >> 30;
+    let rest = phase.wrapping_sub(quarter << 30) as i32;
+    let x = rest as f32 * (std::f32::consts::PI / 2_147_483_648.0);
+    let x2 = x * x;
+    // Taylor series; the first neglected terms are x^9/9! = 3e-7 x and x^10/10! = 2e-8 at 45 degrees.
+    let sine =
+        x * (1.0 - x2 * (1.0 / 6.0 - x2 * (1.0 / 120.0 - x2 * (1.0 / 5040.0 - x2 * (1.0 / 362_880.0)))));
+    let cosine = 1.0 - x2 * (0.5 - x2 * (1.0 / 24.0 - x2 * (1.0 / 720.0 - x2 * (1.0 / 40_320.0))));
+    match quarter & 3 {
+        0 => (cosine, sine),
+        1 => (-sine, cosine),
+        2 => (-cosine, -sine),
+        _ => (sine, -cosine),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cosine_and_sine_of_a_phase() {
+        for step in 0..10_000u32 {
+            let phase = step.wrapping_mul(429_497);
+            let (sine, cosine) =
+                libm::sincos(f64::from(phase) / 4_294_967_296.0 * 2.0 * std::f64::consts::PI);
+            let (c, s) = cos_sin(phase);
+            assert!(
+                (f64::from(c) - cosine).abs() < 2e-7 && (f64::from(s) - sine).abs() < 2e-7,
+                "phase {phase}"
+            );
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! The piece of the sensor that one particle lights.
+
+/// A rectangle of pixels, pixel numbers from 1, possibly empty.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Window {
+    /// Leftmost pixel column.
+    pub x0: i64,
+    /// Topmost pixel row.
+    pub y0: i64,
+    /// Width, px.
+    pub width: usize,
+    /// Height, px.
+    pub height: usize,
+}
+
+impl Window {
+    /// The part of a sensor within `extent` px of a position on either axis.
+    pub(super) fn around(x_px: f64, y_px: f64, extent: (f64, f64), sensor: (u32, u32)) -> Self {
+        let side = |centre: f64, reach: f64, size: u32| {
+            // Saturating conversions keep absurd positions harmless.
+            let low = (libm::floor(centre - reach + 0.5) as i64).max(1);
+            let high = (libm::floor(centre + reach + 0.5) as i64).min(i64::from(size));
+            (low, if high >= low { (high - low + 1) as usize } else { 0 })
+        };
+        let (x0, width) = side(x_px, extent.0, sensor.0);
+        let (y0, height) = side(y_px, extent.1, sensor.1);
+        if width == 0 || height == 0 { Window::default() } else { Window { x0, y0, width, height } }
+    }
+
+    /// Number of pixels.
+    pub fn area(&self) -> usize {
+        self.width * self.height
+    }
+
+    /// Whether all of `other` lies in this window.
+    pub(super) fn contains(&self, other: &Window) -> bool {
+        other.area() == 0
+            || (self.x0 <= other.x0
+                && self.y0 <= other.y0
+                && other.x0 + other.width as i64 <= self.x0 + self.width as i64
+                && other.y0 + other.height as i64 <= self.y0 + self.height as i64)
+    }
+}
+
+/// Ray counts of one particle on the sensor pixels it can reach.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Patch {
+    /// Where on the sensor.
+    pub window: Window,
+    /// Counts, row by row.
+    pub counts: Vec<u32>,
+}
+
+impl Patch {
+    /// Adds the patch times `factor` to row `row` (from 0) of the sensor.
+    pub(super) fn add_row(&self, row: usize, factor: f64, pixels: &mut [f64]) {
+        let line = row as i64 + 1 - self.window.y0;
+        if line < 0 || line >= self.window.height as i64 {
+            return;
+        }
+        let counts = &self.counts[line as usize * self.window.width..][..self.window.width];
+        let first = (self.window.x0 - 1) as usize;
+        for (pixel, &count) in pixels[first..first + self.window.width].iter_mut().zip(counts) {
+            *pixel += factor * f64::from(count);
+        }
+    }
+
+    /// The sum of all counts.
+    pub fn total(&self) -> u64 {
+        self.counts.iter().map(|&c| u64::from(c)).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn windows_end_at_the_sensor() {
+        let window = |x, y| Window::around(x, y, (2.2, 1.2), (10, 8));
+        assert_eq!(window(5.0, 5.0), Window { x0: 3, y0: 4, width: 5, height: 3 });
+        assert_eq!(window(0.0, 9.0), Window { x0: 1, y0: 8, width: 2, height: 1 });
+        assert_eq!(window(-5.0, 5.0).area(), 0);
+        assert_eq!(window(1e300, -1e300).area(), 0);
+        assert!(window(5.0, 5.0).contains(&Window::around(5.0, 5.0, (1.0, 1.0), (10, 8))));
+        assert!(!window(5.0, 5.0).contains(&window(6.0, 5.0)));
+    }
+}

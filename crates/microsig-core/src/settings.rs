@@ -1,0 +1,212 @@
+//! The 14 settings of MicroSIG: names, units, ranges, and the three sets of Rossi 2020, Table 1.
+
+use crate::error::{Error, Fault};
+
+/// MicroSIG's settings, with the names of its settings file.
+///
+/// A value of this type may break a rule (a magnification of -1, say); [`Settings::validate`] names all that do.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// M, dimensionless, > 0.
+    pub magnification: f64,
+    /// NA, in (0, 1): the model has no immersion objectives.
+    pub numerical_aperture: f64,
+    /// Focal length of the virtual thin spherical lens, um, > 0 (350 is recommended).
+    pub focal_length: f64,
+    /// Refractive index of the medium, > 0.
+    pub ri_medium: f64,
+    /// Refractive index of the lens, > `ri_medium`.
+    pub ri_lens: f64,
+    /// Edge of a square pixel, um, > 0.
+    pub pixel_size: f64,
+    /// Width of the sensor, px.
+    pub pixel_dim_x: u32,
+    /// Height of the sensor, px.
+    pub pixel_dim_y: u32,
+    /// Constant background, counts.
+    pub background_mean: f64,
+    /// Standard deviation of the Gaussian background noise, counts, >= 0.
+    pub background_noise: f64,
+    /// Source points per pixel, 1/px, > 0 (10-20 is usual).
+    pub points_per_pixel: f64,
+    /// Rays per source point, >= 1 (100-500 is usual).
+    pub n_rays: u32,
+    /// Counts per ray, >= 0.
+    pub gain: f64,
+    /// Focal length of the virtual cylindrical lens, um, any sign; 0 means there is none.
+    pub cyl_focal_length: f64,
+}
+
+/// Name, unit and allowed range of one setting.
+#[derive(Debug, Clone, Copy)]
+pub struct Key {
+    /// The name in the settings file.
+    pub name: &'static str,
+    /// Unit; empty if dimensionless.
+    pub unit: &'static str,
+    /// The allowed range in words.
+    pub allowed: &'static str,
+    in_range: fn(f64) -> bool,
+}
+
+fn positive(v: f64) -> bool {
+    v > 0.0
+}
+fn not_negative(v: f64) -> bool {
+    v >= 0.0
+}
+fn any(_: f64) -> bool {
+    true
+}
+fn size(v: f64) -> bool {
+    v >= 1.0 && v <= f64::from(MAX_SIZE) && v.fract() == 0.0
+}
+fn rays(v: f64) -> bool {
+    v >= 1.0 && v <= f64::from(MAX_RAYS) && v.fract() == 0.0
+}
+
+/// Largest sensor edge, px; keeps an absurd settings file from asking for all the memory there is.
+const MAX_SIZE: u32 = 32_768;
+/// Largest number of rays per source point.
+const MAX_RAYS: u32 = 1_000_000;
+
+/// The settings in the order of Table 1 of Rossi 2020, which is also the order they are written in.
+pub const KEYS: [Key; 14] = [
+    Key { name: "magnification", unit: "", allowed: "a number > 0", in_range: positive },
+    Key {
+        name: "numerical_aperture",
+        unit: "",
+        allowed: "a number > 0 and < 1 (the model has no immersion objectives)",
+        in_range: |v| v > 0.0 && v < 1.0,
+    },
+    Key { name: "focal_length", unit: "um", allowed: "a number > 0", in_range: positive },
+    Key { name: "ri_medium", unit: "", allowed: "a number > 0", in_range: positive },
+    Key { name: "ri_lens", unit: "", allowed: "a number > ri_medium", in_range: positive },
+    Key { name: "pixel_size", unit: "um", allowed: "a number > 0", in_range: positive },
+    Key { name: "pixel_dim_x", unit: "px", allowed: "a whole number, 1 to 32768", in_range: size },
+    Key { name: "pixel_dim_y", unit: "px", allowed: "a whole number, 1 to 32768", in_range: size },
+    Key { name: "background_mean", unit: "counts", allowed: "a finite number", in_range: any },
+    Key { name: "background_noise", unit: "counts", allowed: "a number >= 0", in_range: not_negative },
+    Key { name: "points_per_pixel", unit: "1/px", allowed: "a number > 0", in_range: positive },
+    Key { name: "n_rays", unit: "", allowed: "a whole number, 1 to 1000000", in_range: rays },
+    Key { name: "gain", unit: "", allowed: "a number >= 0", in_range: not_negative },
+    Key { name: "cyl_focal_length", unit: "um", allowed: "a finite number (0: no cylinder)", in_range: any },
+];
+
+impl Settings {
+    /// Setting 1 of Table 1: M 10, NA 0.3, 752 x 366 px, no cylinder.
+    pub fn setting1() -> Self {
+        Self::from_values([
+            10.0, 0.3, 350.0, 1.0, 1.5, 6.45, 752.0, 366.0, 350.0, 10.0, 18.0, 500.0, 3.2, 0.0,
+        ])
+    }
+
+    /// Setting 1a: setting 1 with a cylindrical lens of 4000 um.
+    pub fn setting1a() -> Self {
+        Settings { cyl_focal_length: 4000.0, ..Self::setting1() }
+    }
+
+    /// Setting 2 of Table 1: M 63, NA 0.75, 141 x 141 px, no cylinder.
+    pub fn setting2() -> Self {
+        Self::from_values([63.0, 0.75, 350.0, 1.0, 1.5, 6.45, 141.0, 141.0, 52.0, 5.0, 12.0, 250.0, 1.1, 0.0])
+    }
+
+    /// Settings from their values in the order of [`KEYS`]. Whole-number settings are truncated.
+    pub fn from_values(v: [f64; 14]) -> Self {
+        Settings {
+            magnification: v[0],
+            numerical_aperture: v[1],
+            focal_length: v[2],
+            ri_medium: v[3],
+            ri_lens: v[4],
+            pixel_size: v[5],
+            pixel_dim_x: v[6] as u32,
+            pixel_dim_y: v[7] as u32,
+            background_mean: v[8],
+            background_noise: v[9],
+            points_per_pixel: v[10],
+            n_rays: v[11] as u32,
+            gain: v[12],
+            cyl_focal_length: v[13],
+        }
+    }
+
+    /// The values in the order of [`KEYS`].
+    pub fn values(&self) -> [f64; 14] {
+        [
+            self.magnification,
+            self.numerical_aperture,
+            self.focal_length,
+            self.ri_medium,
+            self.ri_lens,
+            self.pixel_size,
+            f64::from(self.pixel_dim_x),
+            f64::from(self.pixel_dim_y),
+            self.background_mean,
+            self.background_noise,
+            self.points_per_pixel,
+            f64::from(self.n_rays),
+            self.gain,
+            self.cyl_focal_length,
+        ]
+    }
+
+    /// Every value outside its range.
+    pub fn validate(&self) -> Result<(), Error> {
+        let faults = check(&self.values(), |_| ("settings".to_owned(), None));
+        if faults.is_empty() { Ok(()) } else { Err(Error::Malformed(faults)) }
+    }
+
+    /// Object-space length of one pixel, um.
+    pub fn um_per_px(&self) -> f64 {
+        self.pixel_size / self.magnification
+    }
+}
+
+/// The faults of a set of values in the order of [`KEYS`]; `place` tells source and line of a key's index.
+pub(crate) fn check(values: &[f64; 14], place: impl Fn(usize) -> (String, Option<usize>)) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    let mut fault = |index: usize, allowed: &str| {
+        let (source_name, line) = place(index);
+        let message = format!("{} = {}: expected {allowed}", KEYS[index].name, values[index]);
+        faults.push(Fault { source_name, line, column: None, message });
+    };
+    for (index, key) in KEYS.iter().enumerate() {
+        if !values[index].is_finite() || !(key.in_range)(values[index]) {
+            fault(index, key.allowed);
+        }
+    }
+    let (ri_medium, ri_lens) = (values[3], values[4]);
+    if ri_medium > 0.0 && ri_lens > 0.0 && ri_lens <= ri_medium {
+        fault(4, &format!("a number > ri_medium = {ri_medium}"));
+    }
+    faults
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn table_1_is_valid_and_survives_the_round_trip() {
+        for settings in [Settings::setting1(), Settings::setting1a(), Settings::setting2()] {
+            settings.validate().unwrap();
+            assert_eq!(Settings::from_values(settings.values()), settings);
+        }
+    }
+
+    #[test]
+    fn every_fault_is_named_with_its_range() {
+        let broken = Settings {
+            magnification: -1.0,
+            numerical_aperture: 1.2,
+            ri_lens: 1.0,
+            gain: f64::NAN,
+            ..Settings::setting1()
+        };
+        let message = broken.validate().unwrap_err().to_string();
+        assert_eq!(message.lines().count(), 4, "{message}");
+        assert!(message.contains("numerical_aperture = 1.2: expected a number > 0 and < 1"), "{message}");
+        assert!(message.contains("ri_lens = 1: expected a number > ri_medium = 1"), "{message}");
+    }
+}

@@ -1,0 +1,162 @@
+//! Random numbers by address.
+//!
+//! Every stream is found by (seed, purpose, frame, row): whoever asks for an address, on whichever thread and in
+//! whichever order, gets the same numbers. The generator is Philox4x32-10 (Salmon et al., "Parallel random numbers:
+//! as easy as 1, 2, 3", SC'11): the seed is its key, and the address with a block counter is its counter, so no two
+//! addresses share a block.
+
+use rand_core::{Infallible, TryRng};
+
+/// What a random stream is used for; the numbers are part of the address and never change meaning.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Purpose {
+    /// Angles of the ray fans of one particle; row = row of the data file.
+    Rays = 1,
+    /// Background noise; row = pixel row.
+    BackgroundNoise = 2,
+    /// Initial particle positions; frame = recording, row = 0.
+    Seeding = 3,
+    /// Particles that enter through open boundaries; frame = the later frame of the step.
+    Inflow = 4,
+    /// Angles of the ray fans of the calibration stack; frame = step of the stack.
+    CalibrationRays = 5,
+    /// Background noise of the calibration stack; frame = step of the stack, row = pixel row.
+    CalibrationNoise = 6,
+}
+
+/// All random streams of one seed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Streams {
+    seed: u64,
+}
+
+impl Streams {
+    /// The streams of a seed.
+    pub fn new(seed: u64) -> Self {
+        Streams { seed }
+    }
+
+    /// The stream at an address, at its beginning.
+    pub fn stream(&self, purpose: Purpose, frame: u32, row: u32) -> Stream {
+        Stream {
+            key: [self.seed as u32, (self.seed >> 32) as u32],
+            counter: [0, row, frame, purpose as u32],
+            block: [0; 4],
+            used: 4,
+        }
+    }
+}
+
+/// A sequence of random numbers: 2^34 words of 32 bits.
+#[derive(Debug, Clone)]
+pub struct Stream {
+    key: [u32; 2],
+    counter: [u32; 4],
+    block: [u32; 4],
+    used: usize,
+}
+
+impl Stream {
+    /// The next 32 random bits.
+    pub fn next_u32(&mut self) -> u32 {
+        if self.used == 4 {
+            self.block = philox4x32(self.counter, self.key);
+            self.counter[0] = self.counter[0].wrapping_add(1);
+            self.used = 0;
+        }
+        self.used += 1;
+        self.block[self.used - 1]
+    }
+
+    /// The next 64 random bits.
+    pub fn next_u64(&mut self) -> u64 {
+        u64::from(self.next_u32()) | u64::from(self.next_u32()) << 32
+    }
+
+    /// A number uniform in [0, 1), a multiple of 2^-53.
+    pub fn uniform(&mut self) -> f64 {
+        (self.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
+    }
+}
+
+impl TryRng for Stream {
+    type Error = Infallible;
+
+    fn try_next_u32(&mut self) -> Result<u32, Infallible> {
+        Ok(self.next_u32())
+    }
+
+    fn try_next_u64(&mut self) -> Result<u64, Infallible> {
+        Ok(self.next_u64())
+    }
+
+    fn try_fill_bytes(&mut self, dst: &mut [u8]) -> Result<(), Infallible> {
+        for chunk in dst.chunks_mut(4) {
+            chunk.copy_from_slice(&self.next_u32().to_le_bytes()[..chunk.len()]);
+        }
+        Ok(())
+    }
+}
+
+/// One block of Philox4x32 with 10 rounds.
+fn philox4x32(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
+    for round in 0..10 {
+        if round > 0 {
+            key[0] = key[0].wrapping_add(0x9E37_79B9);
+            key[1] = key[1].wrapping_add(0xBB67_AE85);
+        }
+        let product0 = 0xD251_1F53 * u64::from(counter[0]);
+        let product1 = 0xCD9E_8D57 * u64::from(counter[2]);
+        counter = [
+            (product1 >> 32) as u32 ^ counter[1] ^ key[0],
+            product1 as u32,
+            (product0 >> 32) as u32 ^ counter[3] ^ key[1],
+            product0 as u32,
+        ];
+    }
+    counter
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The known answers published with the Random123 library.
+    #[test]
+    fn philox_gives_the_published_blocks() {
+        assert_eq!(philox4x32([0; 4], [0; 2]), [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8]);
+        assert_eq!(philox4x32([!0; 4], [!0; 2]), [0x408f_276d, 0x41c8_3b0e, 0xa20b_c7c6, 0x6d54_51fd]);
+        assert_eq!(
+            philox4x32([0x243f_6a88, 0x85a3_08d3, 0x1319_8a2e, 0x0370_7344], [0xa409_3822, 0x299f_31d0]),
+            [0xd16c_fe09, 0x94fd_cceb, 0x5001_e420, 0x2412_6ea1]
+        );
+    }
+
+    #[test]
+    fn an_address_is_a_stream_of_its_own() {
+        let streams = Streams::new(7);
+        let first = |purpose, frame, row| streams.stream(purpose, frame, row).next_u64();
+        let numbers = [
+            first(Purpose::Rays, 0, 0),
+            first(Purpose::Rays, 0, 1),
+            first(Purpose::Rays, 1, 0),
+            first(Purpose::BackgroundNoise, 0, 0),
+            Streams::new(8).stream(Purpose::Rays, 0, 0).next_u64(),
+        ];
+        for (i, a) in numbers.iter().enumerate() {
+            assert!(numbers[i + 1..].iter().all(|b| a != b));
+        }
+        assert_eq!(numbers[0], first(Purpose::Rays, 0, 0));
+    }
+
+    #[test]
+    fn uniform_fills_the_unit_interval() {
+        let mut stream = Streams::new(1).stream(Purpose::Seeding, 0, 0);
+        let numbers: Vec<f64> = (0..10_000).map(|_| stream.uniform()).collect();
+        let mean = numbers.iter().sum::<f64>() / 10_000.0;
+        // Standard error of the mean of a uniform number: 1 / sqrt(12 n) = 0.0029.
+        assert!((mean - 0.5).abs() < 4.0 * 0.0029);
+        assert!(numbers.iter().all(|u| (0.0..1.0).contains(u)));
+    }
+}
