@@ -1,2 +1,132 @@
-//! microsig
-fn main() {}
+//! The `microsig` command: verbs and exit codes.
+
+mod cli;
+
+use std::fmt::Display;
+use std::io::Write;
+use std::path::Path;
+use std::process::ExitCode;
+
+use bench::dataset::verify::verify;
+use bench::runner::{GenerateOptions, Progress, RenderOptions, generate, render};
+use bench::{Error, Result, scenario};
+use clap::Parser;
+use cli::{Cli, Common, Generate, Mode, Render, Spheroids, Verb, Verify};
+use microsig_core::emission::SpheroidLaw;
+use serde::Serialize;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    match run(&cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) => {
+            let mut stderr = std::io::stderr().lock();
+            // With nowhere left to complain to, the exit code must do.
+            let _ = e.to_string().lines().try_for_each(|line| writeln!(stderr, "error: {line}"));
+            ExitCode::from(e.exit_code())
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Result<()> {
+    let common = &cli.common;
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(common.threads)
+        .build_global()
+        .map_err(|e| Error::input(format!("--threads {}: {e}", common.threads)))?;
+    match &cli.verb {
+        Verb::Render(arguments) => run_render(arguments, common),
+        Verb::Generate(arguments) => run_generate(arguments, common),
+        Verb::Verify(arguments) => run_verify(arguments, common),
+    }
+}
+
+fn run_render(arguments: &Render, common: &Common) -> Result<()> {
+    if arguments.mode == Mode::Expected {
+        return Err(Error::Unsupported(vec!["--mode expected: valid but not supported yet".to_owned()]));
+    }
+    let rendered = render(&RenderOptions {
+        settings: arguments.settings.clone(),
+        data: arguments.data.clone(),
+        out: arguments.out.clone(),
+        seed: common.seed.unwrap_or(0),
+        first_frame: arguments.first_frame,
+        law: match arguments.spheroids {
+            Spheroids::Original => SpheroidLaw::Original,
+            Spheroids::Uniform => SpheroidLaw::Uniform,
+        },
+        force: common.force,
+        progress: progress(common),
+    })?;
+    warn(&rendered.warnings, common);
+    let text = format!(
+        "{} images of {} x {} px with {} particles in {:.2} s ({:.1} images/s), in {}",
+        rendered.images,
+        rendered.width_px,
+        rendered.height_px,
+        rendered.particles,
+        rendered.seconds,
+        rendered.images as f64 / rendered.seconds.max(1e-9),
+        rendered.out.display()
+    );
+    report(&text, &rendered, common)
+}
+
+fn run_generate(arguments: &Generate, common: &Common) -> Result<()> {
+    let path = &arguments.scenario;
+    let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+    let mut spec = scenario::parse(&text, &path.display().to_string())?;
+    spec.seed = common.seed.unwrap_or(spec.seed);
+    let scenario = scenario::resolve(spec, path.parent().unwrap_or(Path::new(".")))?;
+    warn(&scenario.warnings, common);
+    let out = arguments.out.clone().unwrap_or_else(|| Path::new("datasets").join(&scenario.spec.name));
+    let generated = generate(
+        &scenario,
+        &GenerateOptions { out, force: common.force, resume: arguments.resume, progress: progress(common) },
+    )?;
+    let text = format!(
+        "dataset {}: {} images, {:.1} particles in view on average, {} displacements of up to {:.2} px, in {:.2} s, in {}",
+        generated.name,
+        generated.images,
+        generated.particles as f64 / f64::from(generated.images.max(1)),
+        generated.displacements,
+        generated.max_displacement_px,
+        generated.seconds,
+        generated.out.display()
+    );
+    report(&text, &generated, common)
+}
+
+fn run_verify(arguments: &Verify, common: &Common) -> Result<()> {
+    let verified = verify(&arguments.dataset, arguments.regenerate, progress(common))?;
+    let again = if verified.regenerated { "; generated again, it has the same bytes" } else { "" };
+    let text = format!(
+        "{}: {} files ({:.1} MB) agree with checksums and manifest{again}",
+        arguments.dataset.display(),
+        verified.files,
+        verified.bytes as f64 / 1e6
+    );
+    report(&text, &verified, common)
+}
+
+fn progress(common: &Common) -> Progress {
+    if common.quiet { Progress::Hidden } else { Progress::Bar }
+}
+
+fn warn(warnings: &[impl Display], common: &Common) {
+    if !common.quiet {
+        let mut stderr = std::io::stderr().lock();
+        // A warning that cannot be shown is no reason to stop.
+        let _ = warnings.iter().try_for_each(|w| writeln!(stderr, "warning: {w}"));
+    }
+}
+
+/// Prints a result: as a sentence, or as one JSON object.
+fn report(text: &str, result: &impl Serialize, common: &Common) -> Result<()> {
+    let line = if common.json {
+        serde_json::to_string(result).map_err(|e| Error::input(e.to_string()))?
+    } else {
+        text.to_owned()
+    };
+    writeln!(std::io::stdout().lock(), "{line}").map_err(Error::write(Path::new("standard output")))
+}

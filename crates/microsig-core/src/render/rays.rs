@@ -213,6 +213,11 @@ impl RayRenderer {
         )
     }
 
+    /// Whether some of a particle's light may fall on the sensor.
+    pub fn reaches_sensor(&self, particle: &Particle) -> bool {
+        self.window(particle).area() > 0
+    }
+
     /// Half width and half height of a particle's image, px, with some margin.
     pub fn image_extent(&self, particle: &Particle) -> (f64, f64) {
         let radius = greatest_radius(particle);

@@ -1,0 +1,65 @@
+//! The dataset card, `README.md` of a dataset.
+
+use super::manifest::{COORDINATES, GENERATOR_VERSION};
+use super::truth::Census;
+use crate::error::Result;
+use crate::scenario::{Recordings, Scenario, compact};
+
+/// The text of the card.
+pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
+    let (spec, settings) = (&scenario.spec, &scenario.settings);
+    let (low, high) = scenario.depth_range_um;
+    let what = match scenario.recordings {
+        Recordings::Pairs { count, dt_s, .. } => {
+            format!("{count} image pairs with {dt_s} s between A and B; every pair has particles of its own")
+        }
+        Recordings::Sequence { frames, dt_s } => format!("a sequence of {frames} frames, {dt_s} s apart"),
+    };
+    let cylinder = match settings.cyl_focal_length {
+        0.0 => "no cylindrical lens".to_owned(),
+        f => format!("a cylindrical lens of {f} um"),
+    };
+    let motion = compact(&spec.motion)?;
+    let n_p = census.visible as f64 / f64::from(census.frames.max(1));
+    let description = if spec.description.is_empty() { String::new() } else { format!("{}\n\n", spec.description) };
+    Ok(format!(
+        "# {name}\n\n\
+         {description}\
+         Synthetic images of tracer particles, out of focus and with known truth: {what}.\n\n\
+         ![some of the frames](preview.png)\n\n\
+         | | |\n|---|---|\n\
+         | image | {width} x {height} px, 16 bit, {um_per_px} um per px |\n\
+         | optics | M {m}, NA {na}, {cylinder} |\n\
+         | depth range | {low} to {high} um |\n\
+         | depth factor (physical depth over depth in `particles/`) | {depth_factor} |\n\
+         | particles on the sensor | {n_p:.1} per frame on average |\n\
+         | displacement | up to {max:.2} px in the image plane |\n\
+         | background | {mean} counts, noise {noise} counts |\n\
+         | seed | {seed} |\n\n\
+         Motion: `{motion}`.\n\n\
+         ## Axes and units\n\n{COORDINATES}\n\n\
+         ## Files\n\n\
+         - `images/`: the frames. `particles/`: the MicroSIG data file of each, `settings.txt`: the settings of all.\n\
+         - `truth/tracks.csv`: every particle in every frame. `truth/displacements.csv`: how each moved within a pair. \
+         `truth/frames.csv`: the frames.\n\
+         - `calibration/` (if there): one particle scanned through the depth range.\n\
+         - `scenario.ron`: all that the dataset was made from. `datapackage.json`: all columns with their units.\n\n\
+         ## How it was made\n\n\
+         By microsig {GENERATOR_VERSION}, which traces rays from points on each particle through the lens (model: M. Rossi, \
+         Meas. Sci. Technol. 31, 017003, 2020). `microsig generate scenario.ron` makes the same bytes again; \
+         `sha256sum -c SHA256SUMS` or `microsig verify` checks them.\n\n\
+         ## Licence\n\n\
+         CC BY 4.0.\n",
+        name = spec.name,
+        width = settings.pixel_dim_x,
+        height = settings.pixel_dim_y,
+        um_per_px = scenario.scale.um_per_px(),
+        m = settings.magnification,
+        na = settings.numerical_aperture,
+        depth_factor = spec.optics.depth_factor.unwrap_or(1.0),
+        max = census.max_displacement_px,
+        mean = settings.background_mean,
+        noise = settings.background_noise,
+        seed = spec.seed,
+    ))
+}

@@ -1,0 +1,57 @@
+//! A dataset on disk: names, tables, manifest, checksums.
+//!
+//! ```text
+//! DATASET/
+//!   datapackage.json  SHA256SUMS  README.md  preview.png
+//!   scenario.ron      the scenario with every default written out    inputs/  files it names
+//!   settings.txt      particles/STEM.txt   images/STEM.tif
+//!   truth/            frames.csv, tracks.csv, displacements.csv
+//!   calibration/      settings.txt, particles/, images/, calibration.csv
+//! ```
+
+pub mod calibration;
+mod card;
+pub mod checksums;
+pub mod folder;
+pub mod manifest;
+mod preview;
+pub mod table;
+pub mod truth;
+pub mod verify;
+
+pub(crate) use card::card;
+pub(crate) use preview::Preview;
+
+use crate::scenario::Recordings;
+
+/// Name of a frame's files without extension, and its place in a pair.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Stem {
+    /// `frame_00000`, or `pair_00000_a` and `pair_00000_b`.
+    pub name: String,
+    /// Pair and role (`a` or `b`) of a pair recording.
+    pub pair: Option<(u32, char)>,
+}
+
+impl Stem {
+    /// The stem of a frame, numbered through the dataset.
+    pub fn of(recordings: &Recordings, frame: u32) -> Self {
+        match recordings {
+            Recordings::Pairs { .. } => {
+                let (pair, role) = (frame / 2, if frame.is_multiple_of(2) { 'a' } else { 'b' });
+                Stem { name: format!("pair_{pair:05}_{role}"), pair: Some((pair, role)) }
+            }
+            Recordings::Sequence { .. } => Stem { name: format!("frame_{frame:05}"), pair: None },
+        }
+    }
+
+    /// Path of the data file in the dataset.
+    pub fn particles(&self) -> String {
+        format!("particles/{}.txt", self.name)
+    }
+
+    /// Path of the image in the dataset.
+    pub fn image(&self) -> String {
+        format!("images/{}.tif", self.name)
+    }
+}

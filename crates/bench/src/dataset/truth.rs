@@ -1,0 +1,238 @@
+//! The truth of a dataset: where every particle is, and how it moves.
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::Path;
+
+use flows::scale::Scale;
+use flows::sequence::{Frame, Tracer};
+use microsig_core::Particle;
+use microsig_core::render::RayRenderer;
+
+use super::Stem;
+use super::table::{Column, Table, TableWriter, column};
+use crate::error::{Error, Result};
+use crate::scenario::Scenario;
+
+/// One row per frame.
+pub const FRAMES: Table = Table {
+    path: "truth/frames.csv",
+    description: "One row per frame.",
+    columns: &[
+        FRAME,
+        column("pair", "integer", "", "pair of a pair recording, else empty"),
+        column("role", "string", "", "a or b of a pair recording, else empty"),
+        T_S,
+        column("image", "string", "", "path of the image"),
+        column("particles", "string", "", "path of the MicroSIG data file"),
+        column("n_rendered", "integer", "", "particles in the data file"),
+        column("n_visible", "integer", "", "particles whose centre is on the sensor"),
+        column("energy", "number", "", "factor on the light of this frame"),
+    ],
+};
+
+/// One row per particle and frame.
+pub const TRACKS: Table = Table {
+    path: "truth/tracks.csv",
+    description: "One row per particle and frame, also of particles that are not on the sensor.",
+    columns: &[
+        FRAME,
+        T_S,
+        TRACK,
+        column("x_px", "number", "px", "column of the centre; the first pixel's centre is 1"),
+        column("y_px", "number", "px", "row of the centre, downward; the first pixel's centre is 1"),
+        column("z_um", "number", "um", "physical depth of the centre, growing away from the lens"),
+        column("x_um", "number", "um", "centre in object space, from the middle of the image"),
+        column("y_um", "number", "um", "centre in object space, from the middle of the image, downward"),
+        column("d_um", "number", "um", "diameter; of a spheroid the equatorial one"),
+        column("e_p", "number", "", "aspect ratio; 1 for a sphere"),
+        column("alpha_rad", "number", "rad", "orientation as in MicroSIG's data file"),
+        column("beta_rad", "number", "rad", "orientation as in MicroSIG's data file"),
+        column("c_int", "number", "", "factor on the particle's brightness"),
+        column("u_um_s", "number", "um/s", "velocity along x at this place and time"),
+        column("v_um_s", "number", "um/s", "velocity along y"),
+        column("w_um_s", "number", "um/s", "velocity along z"),
+        column("visible", "integer", "", "1 if the centre is on the sensor"),
+        column("rendered", "integer", "", "1 if the particle is in the data file: some of its light may reach the sensor"),
+    ],
+};
+
+/// One row per particle that is there in both frames of a pair.
+pub const DISPLACEMENTS: Table = Table {
+    path: "truth/displacements.csv",
+    description: "One row per particle that is in both frames of a pair; in a sequence pair k is frames k and k + 1.",
+    columns: &[
+        column("pair", "integer", "", "number of the pair"),
+        column("frame_a", "integer", "", "first frame"),
+        column("frame_b", "integer", "", "second frame"),
+        TRACK,
+        column("x_px", "number", "px", "column of the centre in the first frame"),
+        column("y_px", "number", "px", "row of the centre in the first frame"),
+        column("z_um", "number", "um", "depth of the centre in the first frame"),
+        column("dx_px", "number", "px", "displacement along x from the first to the second frame"),
+        column("dy_px", "number", "px", "displacement along y"),
+        column("dz_um", "number", "um", "displacement along z"),
+        column("drift_dx_px", "number", "px", "its part without random motion, along x"),
+        column("drift_dy_px", "number", "px", "its part without random motion, along y"),
+        column("drift_dz_um", "number", "um", "its part without random motion, along z"),
+        column("visible_a", "integer", "", "1 if the centre is on the sensor in the first frame"),
+        column("visible_b", "integer", "", "1 if the centre is on the sensor in the second frame"),
+    ],
+};
+
+const FRAME: Column = column("frame", "integer", "", "number of the frame, from 0");
+const T_S: Column = column("t_s", "number", "s", "time");
+const TRACK: Column = column("track", "integer", "", "number of the particle; never reused");
+
+/// A tracer as the optics see it.
+pub fn particle(tracer: &Tracer, scale: &Scale) -> Particle {
+    let at = scale.to_image(tracer.position);
+    Particle::sphere(at.x_px, at.y_px, at.z_um, tracer.d_um)
+}
+
+/// Counts of a dataset's frames that the manifest tells.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Census {
+    /// Frames written.
+    pub frames: u32,
+    /// Visible particles, summed over frames.
+    pub visible: u64,
+    /// Rows of displacements.csv.
+    pub displacements: u64,
+    /// Largest displacement of a visible particle in the image plane, px.
+    pub max_displacement_px: f64,
+}
+
+/// Writes the tables of the truth, frame after frame.
+pub struct TruthWriter<'a> {
+    scenario: &'a Scenario,
+    renderer: &'a RayRenderer,
+    frames: TableWriter<BufWriter<File>>,
+    tracks: TableWriter<BufWriter<File>>,
+    displacements: TableWriter<BufWriter<File>>,
+    census: Census,
+}
+
+impl<'a> TruthWriter<'a> {
+    /// Begins the tables in a dataset's folder.
+    pub fn new(folder: &Path, scenario: &'a Scenario, renderer: &'a RayRenderer) -> Result<Self> {
+        let begin = |table: &'static Table| {
+            let path = folder.join(table.path);
+            TableWriter::new(table, BufWriter::new(File::create(&path).map_err(Error::write(&path))?))
+        };
+        Ok(TruthWriter {
+            scenario,
+            renderer,
+            frames: begin(&FRAMES)?,
+            tracks: begin(&TRACKS)?,
+            displacements: begin(&DISPLACEMENTS)?,
+            census: Census::default(),
+        })
+    }
+
+    /// Writes a frame, and its displacements from the frame before it in the same recording. Gives the rows of its data
+    /// file.
+    pub fn frame(&mut self, frame: &Frame, before: Option<&Frame>) -> Result<Vec<Particle>> {
+        let (scenario, stem) = (self.scenario, Stem::of(&self.scenario.recordings, frame.index));
+        let mut rendered = Vec::new();
+        let mut n_visible = 0;
+        for tracer in &frame.tracers {
+            let particle = particle(tracer, &scenario.scale);
+            let velocity = scenario.field.velocity(tracer.position, frame.t_s);
+            let visible = self.visible(&particle);
+            let shines = self.renderer.reaches_sensor(&particle);
+            n_visible += u64::from(visible);
+            self.tracks.row(&[
+                &frame.index,
+                &frame.t_s,
+                &tracer.id,
+                &particle.x_px,
+                &particle.y_px,
+                &tracer.position.z,
+                &tracer.position.x,
+                &tracer.position.y,
+                &particle.d_um,
+                &1,
+                &0,
+                &0,
+                &particle.c_int,
+                &velocity.x,
+                &velocity.y,
+                &velocity.z,
+                &u8::from(visible),
+                &u8::from(shines),
+            ])?;
+            if shines {
+                rendered.push(particle);
+            }
+        }
+        let (pair, role) = stem.pair.map(|(p, r)| (p.to_string(), r.to_string())).unwrap_or_default();
+        self.frames.row(&[
+            &frame.index,
+            &pair,
+            &role,
+            &frame.t_s,
+            &stem.image(),
+            &stem.particles(),
+            &rendered.len(),
+            &n_visible,
+            &1,
+        ])?;
+        self.census.frames += 1;
+        self.census.visible += n_visible;
+        if let Some(before) = before {
+            self.displacements(before, frame)?;
+        }
+        Ok(rendered)
+    }
+
+    fn displacements(&mut self, a: &Frame, b: &Frame) -> Result<()> {
+        let scale = &self.scenario.scale;
+        let pair = Stem::of(&self.scenario.recordings, a.index).pair.map_or(a.index, |(pair, _)| pair);
+        for (from, to) in a.links(b) {
+            let (start, end) = (particle(from, scale), particle(to, scale));
+            let moved = to.position - from.position;
+            let d = scale.displacement_to_image(moved);
+            let (visible_a, visible_b) = (self.visible(&start), self.visible(&end));
+            // Without random motion the displacement is all drift.
+            self.displacements.row(&[
+                &pair,
+                &a.index,
+                &b.index,
+                &from.id,
+                &start.x_px,
+                &start.y_px,
+                &from.position.z,
+                &d.dx_px,
+                &d.dy_px,
+                &moved.z,
+                &d.dx_px,
+                &d.dy_px,
+                &moved.z,
+                &u8::from(visible_a),
+                &u8::from(visible_b),
+            ])?;
+            self.census.displacements += 1;
+            if visible_a {
+                // Not hypot: this number is part of the manifest, and std maths differs between machines.
+                let length = (d.dx_px * d.dx_px + d.dy_px * d.dy_px).sqrt();
+                self.census.max_displacement_px = self.census.max_displacement_px.max(length);
+            }
+        }
+        Ok(())
+    }
+
+    fn visible(&self, particle: &Particle) -> bool {
+        let on = |x: f64, size: u32| x >= 0.5 && x < f64::from(size) + 0.5;
+        let settings = &self.scenario.settings;
+        on(particle.x_px, settings.pixel_dim_x) && on(particle.y_px, settings.pixel_dim_y)
+    }
+
+    /// Ends the tables.
+    pub fn finish(self) -> Result<Census> {
+        self.frames.finish()?;
+        self.tracks.finish()?;
+        self.displacements.finish()?;
+        Ok(self.census)
+    }
+}

@@ -1,0 +1,122 @@
+//! `microsig verify`: is a dataset whole, unchanged and as its manifest says?
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::Serialize;
+use serde_json::Value;
+
+use super::checksums::{self, Fingerprint, SHA256SUMS};
+use super::folder::{files_below, is_partial};
+use super::manifest::{MANIFEST, TABLES};
+use crate::error::{Error, Result};
+use crate::runner::{GenerateOptions, Progress, generate};
+use crate::scenario::{parse, resolve, write};
+
+/// What was verified.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Verified {
+    /// Number of files whose checksums agree.
+    pub files: usize,
+    /// Their size, bytes.
+    pub bytes: u64,
+    /// Whether the dataset was generated again and compared.
+    pub regenerated: bool,
+}
+
+/// Checks a dataset: every file there, none more, all checksums, manifest and tables in agreement. With `regenerate` it
+/// is made again from its scenario and compared byte by byte.
+///
+/// # Errors
+/// [`Error::Input`] if this is no dataset; [`Error::Failed`] with all that does not hold.
+pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Verified> {
+    if is_partial(dataset) {
+        return Err(Error::Failed(vec![format!("{}: unfinished", dataset.display())]));
+    }
+    let path = dataset.join(SHA256SUMS);
+    let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
+    let sums = checksums::read(&text, &path.display().to_string())?;
+
+    let mut failures = Vec::new();
+    let present: Vec<String> = files_below(dataset)?.into_iter().filter(|f| f != SHA256SUMS).collect();
+    failures.extend(sums.keys().filter(|f| !present.contains(f)).map(|f| format!("{f}: missing")));
+    failures.extend(present.iter().filter(|f| !sums.contains_key(*f)).map(|f| format!("{f}: not in {SHA256SUMS}")));
+    let fingerprints = checksums::fingerprints(dataset, &present)?;
+    for (file, fingerprint) in &fingerprints {
+        if sums.get(file).is_some_and(|hash| *hash != fingerprint.sha256) {
+            failures.push(format!("{file}: changed, its SHA-256 is not the one in {SHA256SUMS}"));
+        }
+    }
+    manifest_agrees(dataset, &fingerprints, &mut failures);
+    if !failures.is_empty() {
+        return Err(Error::Failed(failures));
+    }
+    scenario_agrees(dataset, regenerate.then_some(progress), &text)?;
+    let bytes = fingerprints.values().map(|f| f.bytes).sum();
+    Ok(Verified { files: fingerprints.len(), bytes, regenerated: regenerate })
+}
+
+/// Size and hash of every resource, and the columns of every table, are what the manifest says.
+fn manifest_agrees(dataset: &Path, fingerprints: &BTreeMap<String, Fingerprint>, failures: &mut Vec<String>) {
+    let read = std::fs::read_to_string(dataset.join(MANIFEST)).map_err(|e| e.to_string());
+    let manifest = match read.and_then(|text| serde_json::from_str::<Value>(&text).map_err(|e| e.to_string())) {
+        Ok(manifest) => manifest,
+        Err(e) => return failures.push(format!("{MANIFEST}: {e}")),
+    };
+    let resources: BTreeMap<&str, &Value> = manifest["resources"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .filter_map(|r| r["path"].as_str().map(|path| (path, r)))
+        .collect();
+    for (file, fingerprint) in fingerprints.iter().filter(|(file, _)| *file != MANIFEST) {
+        match resources.get(file.as_str()) {
+            None => failures.push(format!("{file}: not in {MANIFEST}")),
+            Some(r) => {
+                if r["bytes"] != fingerprint.bytes || r["hash"] != format!("sha256:{}", fingerprint.sha256) {
+                    failures.push(format!("{file}: size or hash is not the one in {MANIFEST}"));
+                }
+            }
+        }
+    }
+    for file in resources.keys().filter(|f| !fingerprints.contains_key(**f)) {
+        failures.push(format!("{file}: in {MANIFEST} but missing"));
+    }
+    for table in TABLES.iter().filter(|t| fingerprints.contains_key(t.path)) {
+        let stated: Vec<&str> = resources
+            .get(table.path)
+            .and_then(|r| r["schema"]["fields"].as_array())
+            .into_iter()
+            .flatten()
+            .filter_map(|f| f["name"].as_str())
+            .collect();
+        let header = csv::Reader::from_path(dataset.join(table.path)).and_then(|mut r| r.headers().cloned());
+        match header {
+            Ok(header) if header.iter().eq(stated.iter().copied()) => {}
+            Ok(_) => failures.push(format!("{}: columns are not those in {MANIFEST}", table.path)),
+            Err(e) => failures.push(format!("{}: {e}", table.path)),
+        }
+    }
+}
+
+/// The scenario resolves to itself and, if asked for, makes the same bytes again.
+fn scenario_agrees(dataset: &Path, regenerate: Option<Progress>, sums: &str) -> Result<()> {
+    let path = dataset.join("scenario.ron");
+    let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
+    let scenario = resolve(parse(&text, &path.display().to_string())?, dataset)?;
+    if write(&scenario.spec)? != text {
+        return Err(Error::Failed(vec!["scenario.ron: resolving it gives another scenario".to_owned()]));
+    }
+    let Some(progress) = regenerate else { return Ok(()) };
+    let place = tempfile::tempdir().map_err(Error::write(&std::env::temp_dir()))?;
+    let out = place.path().join("again");
+    generate(&scenario, &GenerateOptions { out: out.clone(), force: false, resume: false, progress })?;
+    let again = std::fs::read_to_string(out.join(SHA256SUMS)).map_err(Error::write(&out))?;
+    if again == sums {
+        return Ok(());
+    }
+    let (old, new) = (checksums::read(sums, SHA256SUMS)?, checksums::read(&again, SHA256SUMS)?);
+    let differ = |f: &&String| old.get(*f) != new.get(*f);
+    let files: std::collections::BTreeSet<&String> = old.keys().chain(new.keys()).filter(differ).collect();
+    Err(Error::Failed(files.into_iter().map(|f| format!("{f}: generated again, it has other bytes")).collect()))
+}

@@ -1,0 +1,85 @@
+//! From particles to an image file.
+
+use std::path::Path;
+
+use microsig_core::emission::SpheroidLaw;
+use microsig_core::formats::tiff;
+use microsig_core::render::RayRenderer;
+use microsig_core::sensor::{Image, Sensor};
+use microsig_core::stream::{Purpose, Streams};
+use microsig_core::{Particle, Settings};
+
+use crate::error::{Error, Result};
+
+/// Renderer, sensor and random streams: all that turns particles into an image.
+#[derive(Debug, Clone)]
+pub struct Camera {
+    renderer: RayRenderer,
+    sensor: Sensor,
+    streams: Streams,
+    rays: Purpose,
+    noise: Purpose,
+}
+
+impl Camera {
+    /// The camera of a measurement.
+    pub fn new(settings: &Settings, law: SpheroidLaw, seed: u64) -> Result<Self> {
+        Ok(Camera {
+            renderer: RayRenderer::new(settings, law)?,
+            sensor: Sensor::new(settings),
+            streams: Streams::new(seed),
+            rays: Purpose::Rays,
+            noise: Purpose::BackgroundNoise,
+        })
+    }
+
+    /// The same camera with the random streams of a calibration.
+    pub fn calibrating(self) -> Self {
+        Camera { rays: Purpose::CalibrationRays, noise: Purpose::CalibrationNoise, ..self }
+    }
+
+    /// The renderer.
+    pub fn renderer(&self) -> &RayRenderer {
+        &self.renderer
+    }
+
+    /// The image of one frame; the particles are the rows of its data file, in their order.
+    pub fn image(&self, particles: &[Particle], frame: u32) -> Image {
+        let light = self.renderer.light(particles, &self.streams, self.rays, frame);
+        self.sensor.expose(&light, &self.streams, self.noise, frame)
+    }
+}
+
+/// Writes a file so that it is there whole or not at all.
+pub(crate) fn save(path: &Path, write: impl FnOnce(&mut std::io::BufWriter<&std::fs::File>) -> Result<()>) -> Result<()> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    // A fixed prefix lets a later run recognise what an interrupted one left behind.
+    let file = tempfile::Builder::new().prefix(TEMPORARY).tempfile_in(folder).map_err(Error::write(path))?;
+    let mut writer = std::io::BufWriter::with_capacity(1 << 20, file.as_file());
+    write(&mut writer)?;
+    std::io::Write::flush(&mut writer).map_err(Error::write(path))?;
+    drop(writer);
+    make_readable(file.as_file()).map_err(Error::write(path))?;
+    file.persist(path).map_err(|e| Error::Write { path: path.to_owned(), source: e.error })?;
+    Ok(())
+}
+
+/// What names of unfinished files begin with.
+pub(crate) const TEMPORARY: &str = ".unfinished-";
+
+/// Temporary files are made for their owner alone; results are for everybody, as if made by `File::create`.
+#[cfg(unix)]
+fn make_readable(file: &std::fs::File) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    file.set_permissions(std::fs::Permissions::from_mode(0o644))
+}
+
+#[cfg(not(unix))]
+fn make_readable(_: &std::fs::File) -> std::io::Result<()> {
+    Ok(())
+}
+
+/// Writes an image as 16-bit TIFF.
+pub(crate) fn save_tiff(path: &Path, image: &Image) -> Result<()> {
+    save(path, |writer| Ok(tiff::write(writer, image, &path.display().to_string())?))
+}

@@ -1,0 +1,223 @@
+//! `microsig generate`: a scenario becomes a dataset.
+//!
+//! Frames go through in batches: clouds are advanced, their data files and truth written, their images drawn in parallel.
+//! Memory does not grow with the number of frames.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use flows::{Scene, Start};
+use microsig_core::Particle;
+use microsig_core::emission::SpheroidLaw;
+use microsig_core::formats::{data_file, settings_file};
+use microsig_core::stream::Streams;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::camera::{Camera, TEMPORARY, save, save_tiff};
+use super::progress::Progress;
+use crate::dataset::folder::{Partial, files_below, partial_name};
+use crate::dataset::truth::{Census, TruthWriter};
+use crate::dataset::{Preview, Stem, calibration, card, checksums, manifest};
+use crate::error::{Error, Result};
+use crate::scenario::{Recordings, Scenario, spec, write};
+
+/// How to generate.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// The folder that the dataset becomes.
+    pub out: PathBuf,
+    /// Replace a dataset of that name.
+    pub force: bool,
+    /// Go on with an interrupted run.
+    pub resume: bool,
+    /// Whether to show a bar.
+    pub progress: Progress,
+}
+
+/// What was generated.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Generated {
+    /// The dataset.
+    pub out: PathBuf,
+    /// Its name.
+    pub name: String,
+    /// Number of images, without the calibration stack.
+    pub images: u32,
+    /// Visible particles, summed over frames.
+    pub particles: u64,
+    /// Rows of the table of displacements.
+    pub displacements: u64,
+    /// Largest displacement of a visible particle, px.
+    pub max_displacement_px: f64,
+    /// Duration, s.
+    pub seconds: f64,
+    /// What should be known about the dataset.
+    pub warnings: Vec<String>,
+}
+
+/// A frame that waits to be drawn.
+struct Shot {
+    index: u32,
+    stem: Stem,
+    particles: Vec<Particle>,
+}
+
+/// Frames in memory at a time.
+const BATCH: usize = 32;
+
+/// Makes the dataset.
+///
+/// # Errors
+/// A dataset or an interrupted run that stands in the way; a trajectory that cannot be followed; writing.
+pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
+    let start = Instant::now();
+    let text = write(&scenario.spec)?;
+    let partial = begin(&text, options)?;
+    let folder = partial.path();
+
+    let write_file = |path: &str, bytes: &[u8]| {
+        let path = folder.join(path);
+        save(&path, |w| std::io::Write::write_all(w, bytes).map_err(Error::write(&path)))
+    };
+    write_file("scenario.ron", text.as_bytes())?;
+    for input in &scenario.inputs {
+        write_file(&input.path, &input.bytes)?;
+    }
+    let mut settings = Vec::new();
+    settings_file::write(&mut settings, &scenario.settings).map_err(Error::write(folder))?;
+    write_file("settings.txt", &settings)?;
+
+    let camera = Camera::new(&scenario.settings, SpheroidLaw::Original, scenario.spec.seed)?;
+    let census = frames(folder, scenario, &camera, options)?;
+    if scenario.spec.calibration == spec::Calibration::Stack {
+        calibration::write(folder, scenario, &camera)?;
+    }
+    write_file("README.md", card(scenario, &census)?.as_bytes())?;
+    seal(folder, scenario, &census)?;
+    partial.finish(options.force)?;
+    Ok(Generated {
+        out: options.out.clone(),
+        name: scenario.spec.name.clone(),
+        images: census.frames,
+        particles: census.visible,
+        displacements: census.displacements,
+        max_displacement_px: census.max_displacement_px,
+        seconds: start.elapsed().as_secs_f64(),
+        warnings: scenario.warnings.clone(),
+    })
+}
+
+/// Makes the unfinished folder, or takes up that of an interrupted run of the same scenario.
+fn begin(scenario: &str, options: &Options) -> Result<Partial> {
+    if options.out.exists() && !options.force {
+        return Err(Error::Exists(options.out.clone()));
+    }
+    let left_over = partial_name(&options.out);
+    let same = std::fs::read_to_string(left_over.join("scenario.ron")).is_ok_and(|text| text == scenario);
+    if left_over.exists() {
+        if options.resume && !same {
+            return Err(Error::input(format!("{}: holds another scenario; cannot resume", left_over.display())));
+        }
+        if !options.resume {
+            if !options.force {
+                let hint = "left by an interrupted run; --resume goes on with it, --force starts anew";
+                return Err(Error::input(format!("{}: {hint}", left_over.display())));
+            }
+            std::fs::remove_dir_all(&left_over).map_err(Error::write(&left_over))?;
+        }
+    }
+    let partial = Partial::create(&options.out, false)?;
+    for part in ["particles", "images", "truth", "inputs"] {
+        let path = partial.path().join(part);
+        std::fs::create_dir_all(&path).map_err(Error::write(&path))?;
+    }
+    for file in files_below(partial.path())? {
+        if file.rsplit('/').next().is_some_and(|name| name.starts_with(TEMPORARY)) {
+            let path = partial.path().join(file);
+            std::fs::remove_file(&path).map_err(Error::write(&path))?;
+        }
+    }
+    Ok(partial)
+}
+
+/// Advances all clouds and draws all frames.
+fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options) -> Result<Census> {
+    let recordings = scenario.recordings;
+    let scene = Scene::new(scenario.field.as_ref(), &scenario.domain, &scenario.seeding)?;
+    let streams = Streams::new(scenario.spec.seed);
+    let mut truth = TruthWriter::new(folder, scenario, camera.renderer())?;
+    let mut preview = Preview::new(recordings.frames(), matches!(recordings, Recordings::Pairs { .. }));
+    let bar = options.progress.images(u64::from(recordings.frames()));
+
+    let mut draw = |batch: &mut Vec<Shot>| {
+        let images: Vec<_> = batch
+            .par_iter()
+            .map(|shot| {
+                let path = folder.join(shot.stem.image());
+                // An image is whole if it is there, so an interrupted run need not draw it again.
+                let wanted = preview.wants(shot.index);
+                if path.exists() && !wanted {
+                    return Ok(None);
+                }
+                let image = camera.image(&shot.particles, shot.index);
+                save_tiff(&path, &image)?;
+                Ok(wanted.then_some((shot.index, image)))
+            })
+            .collect::<Result<_>>()?;
+        for (index, image) in images.into_iter().flatten() {
+            preview.add(index, &image);
+        }
+        bar.inc(batch.len() as u64);
+        batch.clear();
+        Ok::<(), Error>(())
+    };
+
+    let mut batch = Vec::with_capacity(BATCH);
+    let mut first_id = 0;
+    for recording in 0..recordings.count() {
+        let first_frame = recording * recordings.frames_each();
+        let start = Start { recording, first_frame, first_id };
+        let mut sequence = scene.record(&recordings.times_s(recording), streams, start)?;
+        let mut before = None;
+        while let Some(frame) = sequence.next().transpose()? {
+            let stem = Stem::of(&recordings, frame.index);
+            let particles = truth.frame(&frame, before.as_ref())?;
+            let path = folder.join(stem.particles());
+            let layout = data_file::Layout { spheroids: false, c_int: false };
+            save(&path, |w| data_file::write(w, &particles, layout).map_err(Error::write(&path)))?;
+            batch.push(Shot { index: frame.index, stem, particles });
+            if batch.len() == BATCH {
+                draw(&mut batch)?;
+            }
+            before = Some(frame);
+        }
+        first_id = sequence.next_id();
+    }
+    draw(&mut batch)?;
+    bar.finish_and_clear();
+    preview.write(&folder.join("preview.png"))?;
+    truth.finish()
+}
+
+/// Writes manifest and checksums, which make the folder a dataset.
+fn seal(folder: &Path, scenario: &Scenario, census: &Census) -> Result<()> {
+    if scenario.inputs.is_empty() {
+        let inputs = folder.join("inputs");
+        std::fs::remove_dir(&inputs).map_err(Error::write(&inputs))?;
+    }
+    let own = [manifest::MANIFEST, checksums::SHA256SUMS];
+    let files: Vec<String> = files_below(folder)?.into_iter().filter(|f| !own.contains(&f.as_str())).collect();
+    let mut fingerprints = checksums::fingerprints(folder, &files)?;
+
+    let path = folder.join(manifest::MANIFEST);
+    let json = manifest::manifest(scenario, census, &fingerprints);
+    save(&path, |w| {
+        serde_json::to_writer_pretty(&mut *w, &json).map_err(|e| Error::write(&path)(e.into()))?;
+        std::io::Write::write_all(w, b"\n").map_err(Error::write(&path))
+    })?;
+    fingerprints.insert(manifest::MANIFEST.to_owned(), checksums::fingerprint(&path)?);
+    let path = folder.join(checksums::SHA256SUMS);
+    let sums = checksums::write(&fingerprints);
+    save(&path, |w| std::io::Write::write_all(w, sums.as_bytes()).map_err(Error::write(&path)))
+}

@@ -1,0 +1,12 @@
+//! Doing the work: images in parallel, datasets whole or not at all.
+
+mod camera;
+mod generate;
+mod progress;
+mod render;
+
+pub use camera::Camera;
+pub(crate) use camera::{save, save_tiff};
+pub use generate::{Generated, Options as GenerateOptions, generate};
+pub use progress::Progress;
+pub use render::{Options as RenderOptions, Rendered, render};

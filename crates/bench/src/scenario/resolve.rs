@@ -1,0 +1,407 @@
+//! From a scenario as written to one that can be run: defaults filled in, every rule checked.
+//!
+//! A [`Scenario`] exists only if it is valid. Its `spec` has every default written out, so that resolving the written
+//! form of it gives the very same scenario.
+
+use std::path::{Path, PathBuf};
+
+use flows::fields::{LambOseen, Linear, Poiseuille};
+use flows::scale::Scale;
+use flows::{Boundary, Diameters, Domain, Seeding, VelocityField};
+use glam::{DVec2, DVec3};
+use microsig_core::emission::SpheroidLaw;
+use microsig_core::formats::settings_file;
+use microsig_core::render::RayRenderer;
+use microsig_core::{Particle, Settings};
+
+use super::spec::{self, Diameter, Field, Motion, Number, Preset, Spec, Timing};
+use crate::error::{Error, Result};
+
+/// Depth range of the default channel, um: 100 um deep, inside the range that Rossi 2020 scans.
+const DEFAULT_Z_UM: (f64, f64) = (-80.0, 20.0);
+/// Speed that moves a particle by 10 px in 5 ms under setting 1, um/s.
+const DEFAULT_SPEED_UM_S: f64 = 1290.0;
+/// Particles in view: a source density N_S of about 0.1 under setting 1 in the default channel.
+const DEFAULT_COUNT: u32 = 46;
+const DEFAULT_DIAMETER_UM: f64 = 2.0;
+const DEFAULT_CORE_RADIUS_UM: f64 = 40.0;
+
+/// Most frames of a dataset.
+const MAX_FRAMES: u32 = 10_000_000;
+/// Particles beyond this many in view are surely a slip.
+const MAX_COUNT: f64 = 1e6;
+
+/// A scenario that can be run.
+#[derive(Debug)]
+pub struct Scenario {
+    /// The scenario with every default written out.
+    pub spec: Spec,
+    /// MicroSIG's settings.
+    pub settings: Settings,
+    /// Files that the scenario names, copied to `inputs/` of the dataset; `spec` names the copies.
+    pub inputs: Vec<Input>,
+    /// What should be known before running it.
+    pub warnings: Vec<String>,
+    /// The velocity field.
+    pub field: Box<dyn VelocityField>,
+    /// From px to um and back.
+    pub scale: Scale,
+    /// The box that holds the particles.
+    pub domain: Domain,
+    /// The depth range of the measurement, um.
+    pub depth_range_um: (f64, f64),
+    /// How the box is filled.
+    pub seeding: Seeding,
+    /// When frames are taken.
+    pub recordings: Recordings,
+}
+
+/// A file that the scenario names.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Input {
+    /// Its path in the dataset.
+    pub path: String,
+    /// What it holds.
+    pub bytes: Vec<u8>,
+}
+
+/// The frames of a dataset.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Recordings {
+    /// `count` recordings of two frames.
+    Pairs {
+        /// Number of pairs.
+        count: u32,
+        /// From A to B, s.
+        dt_s: f64,
+        /// From A to the next A, s.
+        interval_s: f64,
+    },
+    /// One recording.
+    Sequence {
+        /// Number of frames.
+        frames: u32,
+        /// From frame to frame, s.
+        dt_s: f64,
+    },
+}
+
+impl Recordings {
+    /// Number of recordings, each with a cloud of its own.
+    pub fn count(&self) -> u32 {
+        match *self {
+            Recordings::Pairs { count, .. } => count,
+            Recordings::Sequence { .. } => 1,
+        }
+    }
+
+    /// Frames of each recording.
+    pub fn frames_each(&self) -> u32 {
+        match *self {
+            Recordings::Pairs { .. } => 2,
+            Recordings::Sequence { frames, .. } => frames,
+        }
+    }
+
+    /// Frames in all.
+    pub fn frames(&self) -> u32 {
+        self.count() * self.frames_each()
+    }
+
+    /// Times of the frames of one recording, s.
+    pub fn times_s(&self, recording: u32) -> Vec<f64> {
+        match *self {
+            Recordings::Pairs { dt_s, interval_s, .. } => {
+                let start = f64::from(recording) * interval_s;
+                vec![start, start + dt_s]
+            }
+            Recordings::Sequence { frames, dt_s } => (0..frames).map(|k| f64::from(k) * dt_s).collect(),
+        }
+    }
+}
+
+/// The problems found so far; a value is checked and passed on.
+struct Problems(Vec<String>);
+
+impl Problems {
+    fn add(&mut self, path: &str, value: impl std::fmt::Display, allowed: &str) {
+        self.0.push(format!("{path} = {value}: expected {allowed}"));
+    }
+
+    fn range(&mut self, path: &str, value: f64, low: f64, high: f64, allowed: &str) -> f64 {
+        if !(value.is_finite() && value >= low && value <= high) {
+            self.add(path, value, allowed);
+        }
+        value
+    }
+
+    /// The value, or `None` with its problem noted.
+    fn of<T>(&mut self, path: &str, result: std::result::Result<T, impl std::fmt::Display>) -> Option<T> {
+        result.map_err(|e| self.0.extend(e.to_string().lines().map(|line| format!("{path}: {line}")))).ok()
+    }
+}
+
+/// Fills and checks a scenario; files it names are found from `folder`.
+///
+/// # Errors
+/// [`Error::Input`] with all problems at once, each with the path of its key.
+pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
+    let mut problems = Problems(Vec::new());
+    let mut warnings = Vec::new();
+    let mut inputs = Vec::new();
+    name(&spec.name, &mut problems);
+    let settings = optics(&mut spec.optics, folder, &mut inputs, &mut warnings, &mut problems);
+    let recordings = timing(&spec.timing, &mut problems);
+    let (z_um, boundary) = depth(&mut spec.boundaries, &mut problems);
+    let diameters = diameters(&mut spec.particles, &mut problems);
+    let field = field(&mut spec.motion, z_um, &mut problems);
+
+    // What follows needs all of the above.
+    let (Some(settings), Some(field), Some(diameters)) = (settings, field, diameters) else {
+        return Err(Error::Input(problems.0));
+    };
+    let depth_factor = spec.optics.depth_factor.unwrap_or(1.0);
+    let scale = Scale::new(settings.um_per_px(), settings.pixel_dim_x, settings.pixel_dim_y, depth_factor);
+    let Some(scale) = problems.of("optics", scale) else { return Err(Error::Input(problems.0)) };
+    let renderer = RayRenderer::new(&settings, SpheroidLaw::Original)?;
+    warnings.extend(renderer.warning());
+    let margin_px = *spec.boundaries.margin_px.get_or_insert_with(|| {
+        largest_image(&renderer, (z_um.0 / depth_factor, z_um.1 / depth_factor), diameters.max())
+    });
+    problems.range("boundaries.margin_px", margin_px, 0.0, 1e5, "0 to 100000 px");
+    for z in [z_um.0, z_um.1] {
+        let extreme = Particle::sphere(1.0, 1.0, z / depth_factor, diameters.max());
+        let drawn = renderer.check(&extreme);
+        warnings.extend(problems.of("particles", drawn).flatten());
+    }
+    warnings.dedup();
+    let parts = scale.view(z_um.0, z_um.1, margin_px).and_then(|region| {
+        let view = scale.view(z_um.0, z_um.1, 0.0)?;
+        let domain = Domain::new(region, [Boundary::Open, Boundary::Open, boundary]);
+        let seeding = match number(&mut spec.particles, &mut problems) {
+            Number::Count(count) => Seeding::count_in_view(count, view, diameters),
+            Number::Ppp(ppp) => {
+                let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
+                Seeding::poisson(ppp * pixels / view.volume(), diameters)?
+            }
+        };
+        seeding.density(&domain)?;
+        Ok((domain, seeding))
+    });
+    let parts = problems.of("particles and boundaries", parts);
+    match parts {
+        Some((domain, seeding)) if problems.0.is_empty() => Ok(Scenario {
+            spec,
+            settings,
+            inputs,
+            warnings,
+            field,
+            scale,
+            domain,
+            depth_range_um: z_um,
+            seeding,
+            recordings,
+        }),
+        _ => Err(Error::Input(problems.0)),
+    }
+}
+
+/// Names become folder names and identifiers of data packages.
+fn name(name: &str, problems: &mut Problems) {
+    let fits = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "._-".contains(c);
+    if name.is_empty() || name.len() > 100 || name.starts_with('.') || !name.chars().all(fits) {
+        let allowed = "1 to 100 lower-case letters, digits, `.`, `_`, `-`, not starting with a dot";
+        problems.add("name", format!("`{name}`"), allowed);
+    }
+}
+
+fn optics(
+    optics: &mut spec::Optics,
+    folder: &Path,
+    inputs: &mut Vec<Input>,
+    warnings: &mut Vec<String>,
+    problems: &mut Problems,
+) -> Option<Settings> {
+    if optics.preset.is_some() && optics.settings.is_some() {
+        problems.0.push("optics: expected either `preset` or `settings`, not both".to_owned());
+    }
+    let mut settings = match optics.settings.clone() {
+        Some(file) => {
+            let path = folder.join(&file);
+            let bytes = problems.of("optics.settings", std::fs::read(&path).map_err(|e| Error::read(&path, e)))?;
+            let read = settings_file::read(&bytes[..], &path.display().to_string());
+            let read = problems.of("optics.settings", read)?;
+            warnings.extend(read.warnings);
+            let file_name = PathBuf::from(&file).file_name()?.to_string_lossy().into_owned();
+            let copy = format!("inputs/{file_name}");
+            optics.settings = Some(copy.clone());
+            inputs.push(Input { path: copy, bytes });
+            read.settings
+        }
+        // Without preset and file the keys may be all there; what is missing is taken from setting 1.
+        None => match *optics.preset.get_or_insert(Preset::Setting1) {
+            Preset::Setting1 => Settings::setting1(),
+            Preset::Setting1a => Settings::setting1a(),
+            Preset::Setting2 => Settings::setting2(),
+        },
+    };
+    optics.apply(&mut settings);
+    optics.fill(&settings);
+    let depth_factor = *optics.depth_factor.get_or_insert(1.0);
+    problems.range("optics.depth_factor", depth_factor, 0.1, 10.0, "0.1 to 10");
+    match settings.validate() {
+        Ok(()) => Some(settings),
+        Err(microsig_core::Error::Malformed(faults)) => {
+            problems.0.extend(faults.into_iter().map(|f| format!("optics.{}", f.message)));
+            None
+        }
+        Err(other) => problems.of("optics", Err(other)),
+    }
+}
+
+fn timing(timing: &Timing, problems: &mut Problems) -> Recordings {
+    let mut frames = |path: &str, n: u32, most: u32| {
+        if n == 0 || n > most {
+            problems.add(path, n, &format!("1 to {most}"));
+        }
+    };
+    match *timing {
+        Timing::Pairs(p) => {
+            frames("timing.pairs.count", p.count, MAX_FRAMES / 2);
+            problems.range("timing.pairs.dt_s", p.dt_s, f64::MIN_POSITIVE, 1e9, "a time > 0 s");
+            problems.range("timing.pairs.interval_s", p.interval_s, 0.0, 1e9, "a time >= 0 s");
+            Recordings::Pairs { count: p.count, dt_s: p.dt_s, interval_s: p.interval_s }
+        }
+        Timing::Sequence(s) => {
+            frames("timing.sequence.frames", s.frames, MAX_FRAMES);
+            problems.range("timing.sequence.dt_s", s.dt_s, f64::MIN_POSITIVE, 1e9, "a time > 0 s");
+            Recordings::Sequence { frames: s.frames, dt_s: s.dt_s }
+        }
+    }
+}
+
+fn depth(boundaries: &mut spec::Boundaries, problems: &mut Problems) -> ((f64, f64), Boundary) {
+    let z_um = *boundaries.z_um.get_or_insert(DEFAULT_Z_UM);
+    if !(z_um.0.is_finite() && z_um.1.is_finite() && z_um.0 < z_um.1) {
+        problems.add("boundaries.z_um", format!("({}, {})", z_um.0, z_um.1), "two depths in um, the lower one first");
+    }
+    let boundary = match *boundaries.z.get_or_insert(spec::Boundary::Wall) {
+        spec::Boundary::Open => Boundary::Open,
+        spec::Boundary::Wall => Boundary::Wall,
+    };
+    (z_um, boundary)
+}
+
+fn diameters(particles: &mut spec::Particles, problems: &mut Problems) -> Option<Diameters> {
+    match *particles.diameter_um.get_or_insert(Diameter::Constant(DEFAULT_DIAMETER_UM)) {
+        Diameter::Constant(d) => problems.of("particles.diameter_um.constant", Diameters::equal(d)),
+    }
+}
+
+fn number(particles: &mut spec::Particles, problems: &mut Problems) -> Number {
+    let number = *particles.number.get_or_insert(Number::Count(DEFAULT_COUNT));
+    match number {
+        Number::Count(n) => problems.range("particles.number.count", f64::from(n), 0.0, MAX_COUNT, "0 to 1000000"),
+        Number::Ppp(n) => problems.range("particles.number.ppp", n, 0.0, 1.0, "0 to 1 particles per pixel"),
+    };
+    number
+}
+
+fn field(motion: &mut Motion, z_um: (f64, f64), problems: &mut Problems) -> Option<Box<dyn VelocityField>> {
+    let Motion::Flow(flow) = motion;
+    match &mut flow.field {
+        Field::Uniform(uniform) => {
+            let (u, v, w) = uniform.velocity_um_s;
+            let field = Linear::uniform(DVec3::new(u, v, w));
+            Some(Box::new(problems.of("motion.flow.field.uniform", field)?))
+        }
+        Field::Poiseuille(p) => {
+            let speed = *p.max_speed_um_s.get_or_insert(DEFAULT_SPEED_UM_S);
+            let (floor, ceiling) = *p.walls_z_um.get_or_insert(z_um);
+            let direction = *p.direction_rad.get_or_insert(0.0);
+            let field = Poiseuille::new(speed, floor, ceiling, direction);
+            Some(Box::new(problems.of("motion.flow.field.poiseuille", field)?))
+        }
+        Field::LambOseen(v) => {
+            let speed = *v.max_speed_um_s.get_or_insert(DEFAULT_SPEED_UM_S);
+            let core = *v.core_radius_um.get_or_insert(DEFAULT_CORE_RADIUS_UM);
+            let viscosity = *v.viscosity_um2_s.get_or_insert(0.0);
+            let (x, y) = *v.centre_um.get_or_insert((0.0, 0.0));
+            let field = LambOseen::from_max_speed(DVec2::new(x, y), speed, core, viscosity);
+            Some(Box::new(problems.of("motion.flow.field.lamb_oseen", field)?))
+        }
+    }
+}
+
+/// Half the side of the largest particle image within the depth range of the data files, px, rounded up.
+fn largest_image(renderer: &RayRenderer, z_um: (f64, f64), d_um: f64) -> f64 {
+    /// The image grows smoothly away from focus: the ends of the range matter, and a few planes between them.
+    const PLANES: i32 = 20;
+    (0..=PLANES)
+        .map(|i| z_um.0 + (z_um.1 - z_um.0) * f64::from(i) / f64::from(PLANES))
+        .map(|z| renderer.image_extent(&Particle::sphere(1.0, 1.0, z, d_um)))
+        .fold(0.0f64, |largest, (x, y)| largest.max(x).max(y))
+        .ceil()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{parse, write};
+    use super::*;
+
+    const FIVE_LINES: &str = r#"(
+        name: "five",
+        motion: flow(field: poiseuille()),
+        timing: pairs(count: 10),
+    )"#;
+
+    fn resolved(text: &str) -> Result<Scenario> {
+        resolve(parse(text, "s.ron").unwrap(), Path::new("."))
+    }
+
+    #[test]
+    fn a_few_lines_are_enough_and_the_filled_form_is_a_fixed_point() {
+        let scenario = resolved(FIVE_LINES).unwrap();
+        assert_eq!(scenario.settings, Settings::setting1());
+        assert_eq!(scenario.depth_range_um, (-80.0, 20.0));
+        let text = write(&scenario.spec).unwrap();
+        assert_eq!(write(&resolved(&text).unwrap().spec).unwrap(), text);
+    }
+
+    #[test]
+    fn keys_replace_single_values_of_a_preset() {
+        let text = FIVE_LINES.replace("motion", "optics: (preset: setting1a, background_noise: 50), motion");
+        let scenario = resolved(&text).unwrap();
+        assert_eq!(scenario.settings, Settings { background_noise: 50.0, ..Settings::setting1a() });
+    }
+
+    #[test]
+    fn all_problems_are_named_at_once() {
+        let text = FIVE_LINES
+            .replace("five", "Not A Name")
+            .replace("poiseuille()", "poiseuille(max_speed_um_s: inf)")
+            .replace("count: 10", "count: 0, dt_s: -1")
+            .replace("motion", "optics: (magnification: -1, n_rays: 0), particles: (diameter_um: constant(-2)), motion");
+        let message = resolved(&text).unwrap_err().to_string();
+        for expected in [
+            "name = `Not A Name`",
+            "optics.magnification = -1: expected a number > 0",
+            "optics.n_rays = 0: expected a whole number",
+            "timing.pairs.count = 0",
+            "timing.pairs.dt_s = -1",
+            "particles.diameter_um.constant",
+            "motion.flow.field.poiseuille",
+        ] {
+            assert!(message.contains(expected), "{expected} is not in\n{message}");
+        }
+        assert_eq!(message.lines().count(), 7, "{message}");
+    }
+
+    #[test]
+    fn particles_that_cannot_be_drawn_are_refused() {
+        let text = FIVE_LINES.replace("motion", "boundaries: (z_um: (-500, 0)), motion");
+        assert!(resolved(&text).unwrap_err().to_string().contains("reaches the lens"));
+        let text = FIVE_LINES.replace("motion", "particles: (diameter_um: constant(0.01)), motion");
+        assert!(resolved(&text).unwrap_err().to_string().contains("no source point"));
+    }
+}

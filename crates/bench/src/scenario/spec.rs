@@ -1,0 +1,322 @@
+//! A scenario as it is written: RON, everything optional that has a sensible default.
+//!
+//! The types mirror the file. A key left out is `None` (or a default); [`super::resolve`] fills them all, and the
+//! filled form is what a dataset keeps as its `scenario.ron`.
+
+use microsig_core::Settings;
+use serde::{Deserialize, Serialize};
+
+/// A whole scenario.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Spec {
+    /// Name of the dataset: lower-case letters, digits, `.`, `_`, `-`.
+    pub name: String,
+    /// What the dataset is for, free text.
+    #[serde(default)]
+    pub description: String,
+    /// Seed of all random numbers.
+    #[serde(default)]
+    pub seed: u64,
+    /// Lenses, sensor size and background.
+    #[serde(default)]
+    pub optics: Optics,
+    /// What moves the particles.
+    pub motion: Motion,
+    /// How many particles of what kind.
+    #[serde(default)]
+    pub particles: Particles,
+    /// The box that holds the particles.
+    #[serde(default)]
+    pub boundaries: Boundaries,
+    /// When frames are taken.
+    pub timing: Timing,
+    /// How images are made.
+    #[serde(default)]
+    pub render: Render,
+    /// The calibration stack.
+    #[serde(default)]
+    pub calibration: Calibration,
+}
+
+/// MicroSIG's settings: from a preset or a settings file, and keys that replace single values.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Optics {
+    /// One of the sets of Rossi 2020, Table 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub preset: Option<Preset>,
+    /// A MicroSIG settings file, relative to the scenario.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub settings: Option<String>,
+    /// Physical depth over depth in MicroSIG's data files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth_factor: Option<f64>,
+    /// MicroSIG's key of this name; so are all that follow.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub magnification: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs)]
+    pub numerical_aperture: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs)]
+    pub focal_length: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs)]
+    pub ri_medium: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs)]
+    pub ri_lens: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs)]
+    pub pixel_size: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs)]
+    pub pixel_dim_x: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs)]
+    pub pixel_dim_y: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs)]
+    pub background_mean: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs)]
+    pub background_noise: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs)]
+    pub points_per_pixel: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs)]
+    pub n_rays: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs)]
+    pub gain: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs)]
+    pub cyl_focal_length: Option<f64>,
+}
+
+macro_rules! settings_keys {
+    ($optics:ident, $settings:ident, $each:ident) => {
+        $each!($optics, $settings, magnification, numerical_aperture, focal_length, ri_medium, ri_lens);
+        $each!($optics, $settings, pixel_size, pixel_dim_x, pixel_dim_y, background_mean, background_noise);
+        $each!($optics, $settings, points_per_pixel, n_rays, gain, cyl_focal_length);
+    };
+}
+
+impl Optics {
+    /// Replaces the settings that are written here.
+    pub fn apply(&self, settings: &mut Settings) {
+        macro_rules! apply {
+            ($o:ident, $s:ident, $($key:ident),*) => { $( if let Some(value) = $o.$key { $s.$key = value; } )* };
+        }
+        settings_keys!(self, settings, apply);
+    }
+
+    /// Writes all settings here.
+    pub fn fill(&mut self, settings: &Settings) {
+        macro_rules! fill {
+            ($o:ident, $s:ident, $($key:ident),*) => { $( $o.$key = Some($s.$key); )* };
+        }
+        settings_keys!(self, settings, fill);
+    }
+}
+
+/// A set of settings of Rossi 2020, Table 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Preset {
+    /// M 10, NA 0.3, 752 x 366 px.
+    Setting1,
+    /// Setting 1 with a cylindrical lens.
+    Setting1a,
+    /// M 63, NA 0.75, 141 x 141 px.
+    Setting2,
+}
+
+/// What moves the particles.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Motion {
+    /// A velocity field.
+    Flow(Flow),
+}
+
+/// A velocity field in its place.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Flow {
+    /// The field.
+    pub field: Field,
+}
+
+/// A velocity field and its parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Field {
+    /// The same velocity everywhere.
+    Uniform(Uniform),
+    /// Plane Poiseuille flow in a channel across z.
+    Poiseuille(Poiseuille),
+    /// A vortex about an axis along z.
+    LambOseen(LambOseen),
+}
+
+/// Parameters of the uniform flow.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Uniform {
+    /// Velocity along columns, rows and depth, um/s.
+    pub velocity_um_s: (f64, f64, f64),
+}
+
+/// Parameters of plane Poiseuille flow.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Poiseuille {
+    /// Speed in the middle of the channel, um/s.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_speed_um_s: Option<f64>,
+    /// Floor and ceiling of the channel, um; those of `boundaries` unless given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub walls_z_um: Option<(f64, f64)>,
+    /// Direction of the flow in the image plane, from x toward y, rad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub direction_rad: Option<f64>,
+}
+
+/// Parameters of the Lamb-Oseen vortex.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct LambOseen {
+    /// Greatest speed at time 0, um/s; negative turns the other way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_speed_um_s: Option<f64>,
+    /// Core radius at time 0, um.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub core_radius_um: Option<f64>,
+    /// Kinematic viscosity that spreads the core, um^2/s; 0 is a steady vortex.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub viscosity_um2_s: Option<f64>,
+    /// The axis, um from the middle of the image.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub centre_um: Option<(f64, f64)>,
+}
+
+/// How many particles of what kind.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Particles {
+    /// How many.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub number: Option<Number>,
+    /// Their diameters.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub diameter_um: Option<Diameter>,
+}
+
+/// Number of particles.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Number {
+    /// Exactly so many in view in the first frame of each recording; the rest of the domain at the same density.
+    Count(u32),
+    /// So many per pixel of the image on average, a Poisson process.
+    Ppp(f64),
+}
+
+/// Diameters of the particles, um.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Diameter {
+    /// All the same.
+    Constant(f64),
+}
+
+/// The box that holds the particles.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Boundaries {
+    /// The depth range, um.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub z_um: Option<(f64, f64)>,
+    /// What the two ends of the depth range are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub z: Option<Boundary>,
+    /// How far the box reaches beyond the image on each side, px; unless given, as far as the largest particle image.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub margin_px: Option<f64>,
+}
+
+/// What a face of the box is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Boundary {
+    /// Particles go through; outside there are as many as inside.
+    Open,
+    /// Particles keep their radius away from it.
+    Wall,
+}
+
+/// When frames are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Timing {
+    /// Pairs of images, each with freshly seeded particles.
+    Pairs(Pairs),
+    /// One cloud, frame after frame.
+    Sequence(Sequence),
+}
+
+/// Independent image pairs.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Pairs {
+    /// Number of pairs.
+    pub count: u32,
+    /// Time from A to B, s.
+    #[serde(default = "default_dt")]
+    pub dt_s: f64,
+    /// Time from the A of one pair to the A of the next, s.
+    #[serde(default)]
+    pub interval_s: f64,
+}
+
+/// A time-resolved sequence.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Sequence {
+    /// Number of frames.
+    pub frames: u32,
+    /// Time from frame to frame, s.
+    #[serde(default = "default_dt")]
+    pub dt_s: f64,
+}
+
+/// With the default speed of 1290 um/s and setting 1 this is a displacement of 10 px.
+fn default_dt() -> f64 {
+    0.005
+}
+
+/// How images are made.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Render {
+    /// The renderer.
+    pub mode: Mode,
+}
+
+/// A renderer.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// Counts of discrete rays, the paper's method.
+    #[default]
+    Rays,
+}
+
+/// The calibration stack.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Calibration {
+    /// One particle, scanned through the depth range in steps of 2 um.
+    #[default]
+    Stack,
+    /// No stack.
+    None,
+}

@@ -1,0 +1,138 @@
+//! Diameters of tracer particles.
+
+use crate::error::{Check, Result};
+use crate::random::normal;
+use microsig_core::stream::Stream;
+use std::f64::consts::{PI, SQRT_2};
+
+const CHECK: Check = Check("diameters");
+
+/// The least share of a normal distribution that its limits may leave: below it redrawing takes too long.
+const MIN_SHARE: f64 = 1e-3;
+
+/// A distribution of diameters, um.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Diameters(Kind);
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Kind {
+    Equal(f64),
+    Uniform { min: f64, max: f64 },
+    Normal { mean: f64, sd: f64, min: f64, max: f64 },
+}
+
+impl Diameters {
+    /// All equal, um, > 0.
+    pub fn equal(diameter: f64) -> Result<Self> {
+        Ok(Diameters(Kind::Equal(CHECK.positive("diameter_um", diameter)?)))
+    }
+
+    /// Uniform between `min` and `max`, um, 0 < min <= max.
+    pub fn uniform(min: f64, max: f64) -> Result<Self> {
+        check_limits(min, max)?;
+        Ok(Diameters(Kind::Uniform { min, max }))
+    }
+
+    /// Normal, um, restricted to `min`..`max` by drawing again (never by clipping, which would heap particles up at the
+    /// limits); the limits must leave at least a thousandth of the distribution.
+    pub fn normal(mean: f64, sd: f64, min: f64, max: f64) -> Result<Self> {
+        CHECK.positive("mean_um", mean)?;
+        CHECK.positive("sd_um", sd)?;
+        check_limits(min, max)?;
+        let kind = Kind::Normal { mean, sd, min, max };
+        let share = cumulative((max - mean) / sd) - cumulative((min - mean) / sd);
+        if share < MIN_SHARE {
+            let value = format!("{min}..{max}");
+            return Err(CHECK.fault("min_um..max_um", value, "limits that leave 0.1 % of the distribution"));
+        }
+        Ok(Diameters(kind))
+    }
+
+    /// A diameter, um.
+    pub fn draw(&self, stream: &mut Stream) -> f64 {
+        match self.0 {
+            Kind::Equal(diameter) => diameter,
+            Kind::Uniform { min, max } => min + (max - min) * stream.uniform(),
+            Kind::Normal { mean, sd, min, max } => loop {
+                let diameter = mean + sd * normal(stream);
+                if (min..=max).contains(&diameter) {
+                    break diameter;
+                }
+            },
+        }
+    }
+
+    /// The mean of the distribution as drawn, um.
+    pub fn mean(&self) -> f64 {
+        match self.0 {
+            Kind::Equal(diameter) => diameter,
+            Kind::Uniform { min, max } => 0.5 * (min + max),
+            Kind::Normal { mean, sd, min, max } => {
+                let (low, high) = ((min - mean) / sd, (max - mean) / sd);
+                mean + sd * (density(low) - density(high)) / (cumulative(high) - cumulative(low))
+            }
+        }
+    }
+
+    /// The largest diameter that can be drawn, um.
+    pub fn max(&self) -> f64 {
+        match self.0 {
+            Kind::Equal(diameter) => diameter,
+            Kind::Uniform { max, .. } | Kind::Normal { max, .. } => max,
+        }
+    }
+}
+
+fn check_limits(min: f64, max: f64) -> Result<()> {
+    CHECK.positive("min_um", min)?;
+    CHECK.positive("max_um", max)?;
+    if min > max {
+        return Err(CHECK.fault("max_um", max, &format!("a number >= min_um = {min}")));
+    }
+    Ok(())
+}
+
+/// Density of the standard normal distribution.
+fn density(x: f64) -> f64 {
+    libm::exp(-0.5 * x * x) / libm::sqrt(2.0 * PI)
+}
+
+/// Cumulative standard normal distribution.
+fn cumulative(x: f64) -> f64 {
+    0.5 * libm::erfc(-x / SQRT_2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use microsig_core::stream::{Purpose, Streams};
+
+    #[test]
+    fn draws_have_the_mean_and_the_limits_they_claim() {
+        let kinds = [
+            Diameters::equal(2.0).unwrap(),
+            Diameters::uniform(1.0, 3.0).unwrap(),
+            Diameters::normal(2.0, 0.5, 1.8, 3.5).unwrap(),
+        ];
+        for kind in kinds {
+            let mut stream = Streams::new(3).stream(Purpose::Seeding, 0, 0);
+            let draws: Vec<f64> = (0..40_000).map(|_| kind.draw(&mut stream)).collect();
+            let mean = draws.iter().sum::<f64>() / 40_000.0;
+            // Standard error: at most 0.58 / 200 = 0.0029.
+            assert!((mean - kind.mean()).abs() < 4.0 * 0.0029, "{kind:?}: {mean}");
+            assert!(draws.iter().all(|d| *d > 0.0 && *d <= kind.max()));
+            // Clipping would heap up the 34 % of the normal distribution below 1.8.
+            let least = draws.iter().copied().fold(f64::INFINITY, f64::min);
+            let at_least = draws.iter().filter(|d| **d == least).count();
+            assert!(at_least == 1 || matches!(kind.0, Kind::Equal(_)));
+        }
+    }
+
+    #[test]
+    fn impossible_diameters_are_refused() {
+        assert!(Diameters::equal(0.0).is_err());
+        assert!(Diameters::uniform(3.0, 1.0).is_err());
+        assert!(Diameters::normal(2.0, 0.1, 5.0, 6.0).unwrap_err().to_string().contains("5..6"));
+        assert!(Diameters::normal(2.0, f64::NAN, 1.0, 6.0).is_err());
+    }
+}

@@ -1,0 +1,178 @@
+//! The box that holds the tracers, and its faces.
+//!
+//! Walls keep the centre of a particle at least its radius away. So that a cloud is uniform over the room that is left
+//! to it, whatever the size of its particles, points uniform in the whole box are *squeezed*: mapped linearly, along
+//! walled axes only, onto that room. Fields are expected to be tangential to walls.
+
+use crate::error::{Check, Result};
+use crate::region::{Axis, Region};
+use glam::DVec3;
+
+/// What happens at the two faces of the box across one axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Boundary {
+    /// Particles leave, and others enter.
+    Open,
+    /// Centres stay a radius away.
+    Wall,
+}
+
+/// An axis-aligned box in object space, um, with its faces.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Domain {
+    region: Region,
+    boundaries: [Boundary; 3],
+}
+
+impl Domain {
+    /// The box with what its faces across x, y and z are.
+    pub fn new(region: Region, boundaries: [Boundary; 3]) -> Self {
+        Domain { region, boundaries }
+    }
+
+    /// The box, walls included.
+    pub fn region(&self) -> &Region {
+        &self.region
+    }
+
+    /// What the faces across an axis are.
+    pub fn boundary(&self, axis: Axis) -> Boundary {
+        self.boundaries[axis as usize]
+    }
+
+    /// Whether a point has passed an open face.
+    pub fn is_beyond_open_face(&self, x: DVec3) -> bool {
+        self.axes(Boundary::Open).any(|axis| {
+            let (low, high, at) = self.edge(axis, x);
+            // Written so that NaN is beyond.
+            !(at >= low && at < high)
+        })
+    }
+
+    /// The room for centres of particles of a radius, um; an error naming the diameter if there is none.
+    pub fn room(&self, radius: f64) -> Result<Region> {
+        let room = self.axes(Boundary::Wall).try_fold(self.region, |room, axis| {
+            let (low, high, _) = self.edge(axis, DVec3::ZERO);
+            room.with_edge(axis, low + radius, high - radius)
+        });
+        room.ok_or_else(|| {
+            Check("domain").fault("diameter_um", 2.0 * radius, "less than the distance of the walls")
+        })
+    }
+
+    /// A point moved to the nearest place where a particle of this radius does not touch a wall.
+    pub fn keep_off_walls(&self, mut x: DVec3, radius: f64) -> DVec3 {
+        for axis in self.axes(Boundary::Wall) {
+            let (low, high, at) = self.edge(axis, x);
+            x[axis as usize] = at.min(high - radius).max(low + radius);
+        }
+        x
+    }
+
+    /// A point of the box mapped linearly onto the room for centres of this radius.
+    pub(crate) fn squeeze(&self, mut x: DVec3, radius: f64) -> DVec3 {
+        for axis in self.axes(Boundary::Wall) {
+            let (low, high, at) = self.edge(axis, x);
+            x[axis as usize] = low + radius + (at - low) / (high - low) * (high - low - 2.0 * radius);
+        }
+        x
+    }
+
+    /// `region` lengthened to the whole box along walled axes.
+    pub(crate) fn extend_to_walls(&self, region: &Region) -> Region {
+        self.axes(Boundary::Wall).fold(*region, |region, axis| {
+            let (low, high, _) = self.edge(axis, DVec3::ZERO);
+            // The edge of a region is never empty.
+            region.with_edge(axis, low, high).unwrap_or(region)
+        })
+    }
+
+    /// The part of the box within `depth` (um) of an open face, as boxes that do not overlap and that reach from wall to
+    /// wall.
+    pub fn inflow_slabs(&self, depth: f64) -> Vec<Region> {
+        let mut slabs = Vec::new();
+        let mut core = self.region;
+        for axis in self.axes(Boundary::Open) {
+            let (low, high) = (core.min()[axis as usize], core.max()[axis as usize]);
+            let inner = core.with_edge(axis, low + depth, high - depth);
+            let Some(inner) = inner else {
+                slabs.push(core);
+                return slabs;
+            };
+            slabs.extend(core.with_edge(axis, low, low + depth));
+            slabs.extend(core.with_edge(axis, high - depth, high));
+            core = inner;
+        }
+        slabs
+    }
+
+    fn axes(&self, boundary: Boundary) -> impl Iterator<Item = Axis> {
+        let boundaries = self.boundaries;
+        Axis::ALL.into_iter().filter(move |axis| boundaries[*axis as usize] == boundary)
+    }
+
+    /// Both ends of the box along an axis, and the coordinate of a point.
+    fn edge(&self, axis: Axis, x: DVec3) -> (f64, f64, f64) {
+        let i = axis as usize;
+        (self.region.min()[i], self.region.max()[i], x[i])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use Boundary::{Open, Wall};
+
+    fn channel() -> Domain {
+        let region = Region::new(DVec3::new(-200.0, -100.0, -80.0), DVec3::new(200.0, 100.0, 20.0)).unwrap();
+        Domain::new(region, [Open, Open, Wall])
+    }
+
+    #[test]
+    fn slabs_hold_exactly_what_is_near_an_open_face() {
+        let slabs = channel().inflow_slabs(15.0);
+        let volume: f64 = slabs.iter().map(Region::volume).sum();
+        assert_eq!(volume, (400.0 * 200.0 - 370.0 * 170.0) * 100.0);
+        for i in 0..4000 {
+            let i = f64::from(i);
+            let x = channel().region().at(DVec3::new(i * 0.618_034 % 1.0, i * 0.414_214 % 1.0, i / 4000.0));
+            let near = x.x.abs() > 185.0 || x.y.abs() > 85.0;
+            let holding = slabs.iter().filter(|slab| slab.contains(x)).count();
+            assert_eq!(holding, usize::from(near), "{x}");
+        }
+        for slab in slabs {
+            assert_eq!((slab.min().z, slab.max().z), (-80.0, 20.0));
+        }
+    }
+
+    #[test]
+    fn slabs_at_the_limits() {
+        assert!(channel().inflow_slabs(0.0).is_empty());
+        for depth in [100.0, 1e6, f64::INFINITY, f64::NAN] {
+            let volume: f64 = channel().inflow_slabs(depth).iter().map(Region::volume).sum();
+            assert_eq!(volume, 400.0 * 200.0 * 100.0, "{depth}");
+        }
+        let closed = Domain::new(*channel().region(), [Wall; 3]);
+        assert!(closed.inflow_slabs(f64::INFINITY).is_empty());
+    }
+
+    #[test]
+    fn walls_keep_a_radius_of_distance() {
+        let domain = channel();
+        let z = |z: f64| domain.keep_off_walls(DVec3::new(900.0, 0.0, z), 1.5).z;
+        assert_eq!([z(-99.0), z(-79.0), z(0.0), z(19.9)], [-78.5, -78.5, 0.0, 18.5]);
+        assert_eq!(domain.squeeze(DVec3::new(7.0, 8.0, -80.0), 1.5), DVec3::new(7.0, 8.0, -78.5));
+        assert_eq!(domain.squeeze(DVec3::new(7.0, 8.0, -30.0), 1.5), DVec3::new(7.0, 8.0, -30.0));
+        assert_eq!(domain.room(1.5).unwrap().size(), DVec3::new(400.0, 200.0, 97.0));
+        let message = domain.room(50.0).unwrap_err().to_string();
+        assert_eq!(message, "domain: diameter_um = 100: expected less than the distance of the walls");
+    }
+
+    #[test]
+    fn only_open_faces_can_be_passed() {
+        let domain = channel();
+        assert!(domain.is_beyond_open_face(DVec3::new(200.0, 0.0, 0.0)));
+        assert!(!domain.is_beyond_open_face(DVec3::new(-200.0, 0.0, 500.0)));
+        assert!(domain.is_beyond_open_face(DVec3::new(0.0, f64::NAN, 0.0)));
+    }
+}

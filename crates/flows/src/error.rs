@@ -1,0 +1,89 @@
+//! What can go wrong in this crate.
+
+use glam::DVec3;
+
+/// An error of a flow, its seeding or its trajectories.
+///
+/// A field without a closed-form trajectory is no error: it is a `None`, and the integrator takes over.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A parameter outside its range.
+    #[error("{owner}: {parameter} = {value}: expected {allowed}")]
+    Parameter {
+        /// The field or the part of the scene that the parameter belongs to.
+        owner: &'static str,
+        /// Name of the parameter.
+        parameter: &'static str,
+        /// The value as given.
+        value: String,
+        /// The allowed range in words.
+        allowed: String,
+    },
+    /// Valid parts that do not fit together.
+    #[error("{0}")]
+    Misuse(String),
+    /// A trajectory that cannot be followed to its end: the velocity is not finite or the steps become too small.
+    #[error("trajectory at ({}, {}, {}) um, t = {t_s} s: {reason}", .at_um.x, .at_um.y, .at_um.z)]
+    Trajectory {
+        /// Where it stopped, um.
+        at_um: DVec3,
+        /// When it stopped, s.
+        t_s: f64,
+        /// Why.
+        reason: &'static str,
+    },
+}
+
+/// What this crate's functions return.
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// Checks of the parameters of one field or one part of the scene, which it names in its errors.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Check(pub(crate) &'static str);
+
+impl Check {
+    /// The error of a parameter; for rules that the other checks do not know.
+    pub(crate) fn fault(&self, parameter: &'static str, value: impl ToString, allowed: &str) -> Error {
+        Error::Parameter { owner: self.0, parameter, value: value.to_string(), allowed: allowed.to_owned() }
+    }
+
+    /// Passes a finite number.
+    pub(crate) fn finite(&self, parameter: &'static str, value: f64) -> Result<f64> {
+        if value.is_finite() { Ok(value) } else { Err(self.fault(parameter, value, "a finite number")) }
+    }
+
+    /// Passes a finite number > 0.
+    pub(crate) fn positive(&self, parameter: &'static str, value: f64) -> Result<f64> {
+        let fits = value.is_finite() && value > 0.0;
+        if fits { Ok(value) } else { Err(self.fault(parameter, value, "a finite number > 0")) }
+    }
+
+    /// Passes a finite number >= 0.
+    pub(crate) fn not_negative(&self, parameter: &'static str, value: f64) -> Result<f64> {
+        let fits = value.is_finite() && value >= 0.0;
+        if fits { Ok(value) } else { Err(self.fault(parameter, value, "a finite number >= 0")) }
+    }
+
+    /// Passes a vector of finite numbers.
+    pub(crate) fn finite_vector(&self, parameter: &'static str, value: DVec3) -> Result<DVec3> {
+        if value.is_finite() { Ok(value) } else { Err(self.fault(parameter, value, "three finite numbers")) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_names_owner_parameter_value_and_range() {
+        let fault = Check("lamb_oseen").positive("core_radius_um", -3.5).unwrap_err();
+        assert_eq!(fault.to_string(), "lamb_oseen: core_radius_um = -3.5: expected a finite number > 0");
+        for value in [0.0, f64::NAN, f64::INFINITY] {
+            assert!(Check("f").positive("p", value).is_err());
+        }
+        assert!(Check("f").not_negative("p", 0.0).is_ok());
+        assert!(Check("f").not_negative("p", -1e-300).is_err());
+        assert!(Check("f").finite("p", f64::NEG_INFINITY).is_err());
+        assert!(Check("f").finite_vector("p", DVec3::new(0.0, f64::NAN, 0.0)).is_err());
+    }
+}

@@ -1,0 +1,126 @@
+//! Plane Poiseuille flow: the pressure-driven flow between two parallel plates.
+//!
+//! With s = (z - z0) / H, u = 4 U s (1 - s) along a direction in the xy-plane (Landau & Lifshitz, Fluid Mechanics, section
+//! 17). The mean velocity is 2U/3 and the pressure gradient 8 mu U / H^2. Steady and fully developed; side walls are left
+//! out. Trajectories are straight lines at constant speed. Beyond the plates the fluid rests.
+
+use super::ROUNDING_MARGIN;
+use crate::error::{Check, Result};
+use crate::field::VelocityField;
+use crate::region::Region;
+use glam::{DMat3, DVec3};
+
+const CHECK: Check = Check("poiseuille");
+
+/// Plane Poiseuille flow between a floor and a ceiling.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Poiseuille {
+    direction: DVec3,
+    max_speed: f64,
+    floor: f64,
+    ceiling: f64,
+}
+
+impl Poiseuille {
+    /// The flow with `max_speed` (um/s; negative: the other way) half-way between `floor` and `ceiling` (z in um),
+    /// in the direction at `angle` (rad) from image x towards image y, that is, clockwise on the screen.
+    pub fn new(max_speed: f64, floor: f64, ceiling: f64, angle: f64) -> Result<Self> {
+        CHECK.finite("max_speed_um_s", max_speed)?;
+        CHECK.finite("floor_um", floor)?;
+        CHECK.finite("ceiling_um", ceiling)?;
+        if ceiling <= floor {
+            return Err(CHECK.fault("ceiling_um", ceiling, &format!("a number > floor_um = {floor}")));
+        }
+        let (sin, cos) = libm::sincos(CHECK.finite("angle_rad", angle)?);
+        Ok(Poiseuille { direction: DVec3::new(cos, sin, 0.0), max_speed, floor, ceiling })
+    }
+
+    /// The height above the floor as a fraction of the depth, 0 and 1 beyond the plates.
+    fn height(&self, z: f64) -> f64 {
+        ((z - self.floor) / (self.ceiling - self.floor)).clamp(0.0, 1.0)
+    }
+
+    fn speed(&self, height: f64) -> f64 {
+        4.0 * self.max_speed * height * (1.0 - height)
+    }
+}
+
+impl VelocityField for Poiseuille {
+    fn velocity(&self, x: DVec3, _t: f64) -> DVec3 {
+        self.direction * self.speed(self.height(x.z))
+    }
+
+    fn gradient(&self, x: DVec3, _t: f64) -> DMat3 {
+        let inside = x.z >= self.floor && x.z <= self.ceiling;
+        let slope = 4.0 * self.max_speed * (1.0 - 2.0 * self.height(x.z)) / (self.ceiling - self.floor);
+        let along_z = if inside { self.direction * slope } else { DVec3::ZERO };
+        DMat3::from_cols(DVec3::ZERO, DVec3::ZERO, along_z)
+    }
+
+    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
+        Some(x + self.velocity(x, t0) * (t1 - t0))
+    }
+
+    fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
+        Some(x.z)
+    }
+
+    fn is_divergence_free(&self) -> bool {
+        true
+    }
+
+    fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
+        // The profile falls off from the middle plane: the fastest layer is the one nearest to it.
+        let fastest = 0.5_f64.clamp(self.height(region.min().z), self.height(region.max().z));
+        self.speed(fastest).abs() * ROUNDING_MARGIN
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The default channel: 100 um deep, 10 px of 0.645 um in 5 ms.
+    fn channel(angle: f64) -> Poiseuille {
+        Poiseuille::new(1290.0, -80.0, 20.0, angle).unwrap()
+    }
+
+    #[test]
+    fn the_profile_is_the_parabola() {
+        let field = channel(0.0);
+        let speed = |z: f64| field.velocity(DVec3::new(7.0, 8.0, z), 0.0).x;
+        assert_eq!(speed(-30.0), 1290.0);
+        assert_eq!([speed(-80.0), speed(20.0), speed(-81.0), speed(99.0)], [0.0; 4]);
+        // Three quarters of the maximum half-way between plate and middle; rounding.
+        assert!((speed(-55.0) - 0.75 * 1290.0).abs() < 1e-10);
+        let mean = (0..1000).map(|i| speed(-80.0 + 0.1 * (f64::from(i) + 0.5))).sum::<f64>() / 1000.0;
+        // The midpoint rule's error for a parabola: U / (3 n^2) = 4e-4.
+        assert!((mean - 860.0).abs() < 1e-3);
+        let end = field.flow_map(DVec3::new(0.0, 0.0, -30.0), 0.0, 0.005).unwrap();
+        assert!((end.x / 0.645 - 10.0).abs() < 1e-13);
+    }
+
+    #[test]
+    fn a_positive_angle_turns_from_columns_to_rows() {
+        let velocity = channel(std::f64::consts::FRAC_PI_2).velocity(DVec3::new(0.0, 0.0, -30.0), 0.0);
+        assert!(velocity.y == 1290.0 && velocity.x.abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_speed_bound_knows_where_the_box_lies() {
+        let bound = |low: f64, high: f64| {
+            let region = Region::new(DVec3::new(0.0, 0.0, low), DVec3::new(1.0, 1.0, high)).unwrap();
+            channel(1.0).max_speed(&region, 0.0, 1.0)
+        };
+        assert!((bound(-80.0, 20.0) - 1290.0).abs() < 1e-8);
+        assert!((bound(-80.0, -55.0) - 967.5).abs() < 1e-8);
+        assert!((bound(-5.0, 50.0) - 967.5).abs() < 1e-8);
+        assert_eq!(bound(30.0, 50.0), 0.0);
+    }
+
+    #[test]
+    fn plates_in_the_wrong_order_are_refused() {
+        let message = Poiseuille::new(1.0, 20.0, -80.0, 0.0).unwrap_err().to_string();
+        assert_eq!(message, "poiseuille: ceiling_um = -80: expected a number > floor_um = 20");
+    }
+}

@@ -1,0 +1,107 @@
+//! Axes and axis-aligned boxes of object space.
+
+use crate::error::{Check, Result};
+use glam::DVec3;
+
+/// A coordinate axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Axis {
+    /// Image columns, to the right.
+    X,
+    /// Image rows, downward.
+    Y,
+    /// The optical axis, away from the lens.
+    Z,
+}
+
+impl Axis {
+    /// All three.
+    pub const ALL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
+
+    /// The unit vector along the axis.
+    pub fn unit(self) -> DVec3 {
+        DVec3::AXES[self as usize]
+    }
+}
+
+/// An axis-aligned box, um, of positive volume: points with `min` <= x < `max`, so that touching boxes share no point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Region {
+    min: DVec3,
+    max: DVec3,
+}
+
+impl Region {
+    /// The box between two corners, um; every coordinate of `min` must be less than that of `max`.
+    pub fn new(min: DVec3, max: DVec3) -> Result<Self> {
+        let check = Check("region");
+        check.finite_vector("min_um", min)?;
+        check.finite_vector("max_um", max)?;
+        if min.cmplt(max).all() {
+            Ok(Region { min, max })
+        } else {
+            Err(check.fault("max_um", max, &format!("each coordinate > min_um = {min}")))
+        }
+    }
+
+    /// The corner of the least coordinates, um.
+    pub fn min(&self) -> DVec3 {
+        self.min
+    }
+
+    /// The corner of the greatest coordinates, um; not a point of the box.
+    pub fn max(&self) -> DVec3 {
+        self.max
+    }
+
+    /// Lengths of the edges, um.
+    pub fn size(&self) -> DVec3 {
+        self.max - self.min
+    }
+
+    /// Volume, um^3.
+    pub fn volume(&self) -> f64 {
+        self.size().element_product()
+    }
+
+    /// Whether a point belongs to the box.
+    pub fn contains(&self, x: DVec3) -> bool {
+        x.cmpge(self.min).all() && x.cmplt(self.max).all()
+    }
+
+    /// The point at the fractions `unit` (each in [0, 1)) of the edges.
+    pub fn at(&self, unit: DVec3) -> DVec3 {
+        self.min + unit * self.size()
+    }
+
+    /// The eight corners.
+    pub fn corners(&self) -> [DVec3; 8] {
+        std::array::from_fn(|i| {
+            let pick = |axis: usize| if i >> axis & 1 == 0 { self.min[axis] } else { self.max[axis] };
+            DVec3::new(pick(0), pick(1), pick(2))
+        })
+    }
+
+    /// The same box with one edge replaced; `None` if that leaves no volume.
+    pub(crate) fn with_edge(&self, axis: Axis, low: f64, high: f64) -> Option<Region> {
+        let mut region = *self;
+        region.min[axis as usize] = low;
+        region.max[axis as usize] = high;
+        (low < high).then_some(region)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_box_needs_a_volume() {
+        assert!(Region::new(DVec3::ZERO, DVec3::new(1.0, 0.0, 1.0)).is_err());
+        assert!(Region::new(DVec3::ZERO, DVec3::new(1.0, f64::NAN, 1.0)).is_err());
+        let region = Region::new(DVec3::new(-1.0, 0.0, 2.0), DVec3::new(1.0, 3.0, 6.0)).unwrap();
+        assert_eq!(region.volume(), 24.0);
+        assert!(region.contains(region.min()) && !region.contains(region.max()));
+        assert_eq!(region.corners()[5], DVec3::new(1.0, 0.0, 6.0));
+    }
+}

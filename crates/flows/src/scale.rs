@@ -1,0 +1,150 @@
+//! From image coordinates to object space and back: the one place where px and um meet.
+//!
+//! x = (x_px - (width + 1) / 2) um_per_px, likewise y: the centre of the sensor is the origin, the centre of the
+//! top-left pixel is (1, 1) px, rows go down, and the sensor covers 0.5 <= x_px < width + 0.5. The depth of a MicroSIG data
+//! file is the physical depth divided by `depth_factor`.
+
+use crate::error::{Check, Result};
+use crate::region::Region;
+use glam::DVec3;
+
+const CHECK: Check = Check("scale");
+
+/// A point in the coordinates of MicroSIG's data files.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ImagePoint {
+    /// Column, px; 1 is the centre of the first.
+    pub x_px: f64,
+    /// Row, px, downward; 1 is the centre of the first.
+    pub y_px: f64,
+    /// Depth as written in the data file, um, growing away from the lens.
+    pub z_um: f64,
+}
+
+/// A difference of two image points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ImageVector {
+    /// Along columns, px.
+    pub dx_px: f64,
+    /// Along rows, px, downward.
+    pub dy_px: f64,
+    /// Depth as written in the data file, um.
+    pub dz_um: f64,
+}
+
+/// The scale of a sensor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scale {
+    um_per_px: f64,
+    width: u32,
+    height: u32,
+    depth_factor: f64,
+}
+
+impl Scale {
+    /// The scale of a sensor of `width` x `height` px on which one pixel shows `um_per_px`; `depth_factor` is physical
+    /// depth over depth in the data file (1 in air, about the refractive index for a dry objective over a liquid).
+    pub fn new(um_per_px: f64, width: u32, height: u32, depth_factor: f64) -> Result<Self> {
+        CHECK.positive("um_per_px", um_per_px)?;
+        CHECK.positive("width_px", f64::from(width))?;
+        CHECK.positive("height_px", f64::from(height))?;
+        CHECK.positive("depth_factor", depth_factor)?;
+        Ok(Scale { um_per_px, width, height, depth_factor })
+    }
+
+    /// Length that one pixel shows, um.
+    pub fn um_per_px(&self) -> f64 {
+        self.um_per_px
+    }
+
+    /// A point of the image as a point of object space, um.
+    pub fn to_object(&self, point: ImagePoint) -> DVec3 {
+        let center = self.center_px();
+        DVec3::new(
+            (point.x_px - center.0) * self.um_per_px,
+            (point.y_px - center.1) * self.um_per_px,
+            point.z_um * self.depth_factor,
+        )
+    }
+
+    /// A point of object space (um) as a point of the image.
+    pub fn to_image(&self, x: DVec3) -> ImagePoint {
+        let center = self.center_px();
+        ImagePoint {
+            x_px: x.x / self.um_per_px + center.0,
+            y_px: x.y / self.um_per_px + center.1,
+            z_um: x.z / self.depth_factor,
+        }
+    }
+
+    /// A displacement in object space (um) as one in the image.
+    pub fn displacement_to_image(&self, displacement: DVec3) -> ImageVector {
+        ImageVector {
+            dx_px: displacement.x / self.um_per_px,
+            dy_px: displacement.y / self.um_per_px,
+            dz_um: displacement.z / self.depth_factor,
+        }
+    }
+
+    /// What the sensor sees between two physical depths (um), the sensor being enlarged by `margin_px` on all sides.
+    /// `Err` if that is no box.
+    pub fn view(&self, z_min: f64, z_max: f64, margin_px: f64) -> Result<Region> {
+        let half = DVec3::new(f64::from(self.width), f64::from(self.height), 0.0) * 0.5 + margin_px;
+        let half = half * self.um_per_px;
+        Region::new(DVec3::new(-half.x, -half.y, z_min), DVec3::new(half.x, half.y, z_max))
+    }
+
+    fn center_px(&self) -> (f64, f64) {
+        (0.5 * (f64::from(self.width) + 1.0), 0.5 * (f64::from(self.height) + 1.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn setting1(depth_factor: f64) -> Scale {
+        Scale::new(0.645, 752, 366, depth_factor).unwrap()
+    }
+
+    #[test]
+    fn the_centre_of_the_sensor_is_the_origin() {
+        let center = setting1(1.0).to_object(ImagePoint { x_px: 376.5, y_px: 183.5, z_um: 7.0 });
+        assert_eq!(center, DVec3::new(0.0, 0.0, 7.0));
+        let corner = setting1(1.0).to_object(ImagePoint { x_px: 0.5, y_px: 0.5, z_um: -80.0 });
+        let view = setting1(1.0).view(-80.0, 20.0, 0.0).unwrap();
+        // The field of 485.0 x 236.1 um; rounding.
+        assert!((corner - view.min()).length() < 1e-12);
+        assert!((view.size() - DVec3::new(485.04, 236.07, 100.0)).length() < 1e-12);
+        let wide = setting1(1.0).view(-80.0, 20.0, 40.0).unwrap();
+        assert!((wide.size() - view.size() - DVec3::new(51.6, 51.6, 0.0)).length() < 1e-12);
+    }
+
+    #[test]
+    fn the_depth_factor_acts_on_depth_only() {
+        let image = setting1(1.33).to_image(DVec3::new(6.45, -6.45, 133.0));
+        assert!((image.x_px - 386.5).abs() < 1e-12 && (image.y_px - 173.5).abs() < 1e-12);
+        assert!((image.z_um - 100.0).abs() < 1e-12);
+        let step = setting1(1.33).displacement_to_image(DVec3::new(6.45, 0.0, -1.33));
+        assert!((step.dx_px - 10.0).abs() < 1e-14 && step.dy_px == 0.0 && step.dz_um == -1.0);
+    }
+
+    #[test]
+    fn a_scale_needs_positive_numbers() {
+        assert!(Scale::new(0.645, 0, 366, 1.0).unwrap_err().to_string().contains("width_px = 0"));
+        assert!(Scale::new(-0.645, 752, 366, 1.0).is_err());
+        assert!(Scale::new(0.645, 752, 366, 0.0).is_err());
+        assert!(setting1(1.0).view(-80.0, 20.0, -200.0).is_err());
+    }
+
+    proptest! {
+        #[test]
+        fn there_and_back(x in -500.0..500.0, y in -500.0..500.0, z in -100.0..100.0, factor in 0.5..2.0) {
+            let x = DVec3::new(x, y, z);
+            let back = setting1(factor).to_object(setting1(factor).to_image(x));
+            // A few roundings of 1000 px.
+            prop_assert!((back - x).length() < 1e-12);
+        }
+    }
+}

@@ -1,0 +1,208 @@
+//! Clouds in open domains: uniform for ever, and the same whatever the machine does.
+#![expect(clippy::print_stdout, reason = "the measured numbers, for `--nocapture`")]
+
+use flows::fields::{LambOseen, Linear, Poiseuille};
+use flows::{Boundary, Diameters, Domain, Frame, Region, Scene, Seeding, Start, VelocityField};
+use glam::{DVec2, DVec3};
+use microsig_core::stream::Streams;
+use std::collections::HashSet;
+
+/// Slowest to fastest: 0 to 14.835 um (23 px of 0.645 um) a frame.
+const FASTEST_UM: f64 = 23.0 * 0.645;
+const DT_S: f64 = 0.01;
+
+/// The sensor's view with a margin, in the default channel.
+fn domain(boundaries: [Boundary; 3]) -> Domain {
+    let region = Region::new(DVec3::new(-280.0, -150.0, -80.0), DVec3::new(280.0, 150.0, 20.0)).unwrap();
+    Domain::new(region, boundaries)
+}
+
+fn channel() -> Domain {
+    domain([Boundary::Open, Boundary::Open, Boundary::Wall])
+}
+
+/// 16800 particles on average.
+fn seeding() -> Seeding {
+    Seeding::poisson(1e-3, Diameters::equal(2.0).unwrap()).unwrap()
+}
+
+fn poiseuille() -> Poiseuille {
+    Poiseuille::new(FASTEST_UM / DT_S, -80.0, 20.0, 0.0).unwrap()
+}
+
+fn times(frames: u32) -> Vec<f64> {
+    (0..frames).map(|k| DT_S * f64::from(k)).collect()
+}
+
+fn record(
+    field: &dyn VelocityField,
+    domain: &Domain,
+    seeding: &Seeding,
+    frames: u32,
+    seed: u64,
+) -> Vec<Frame> {
+    let scene = Scene::new(field, domain, seeding).unwrap();
+    let sequence = scene.record(&times(frames), Streams::new(seed), Start::default()).unwrap();
+    sequence.map(Result::unwrap).collect()
+}
+
+/// Chi-square of the numbers in equal bins along an axis against a Poisson process of the given expected total.
+fn chi_square(positions: &[DVec3], room: &Region, axis: usize, bins: usize, expected: f64) -> f64 {
+    let mut counts = vec![0.0; bins];
+    for x in positions {
+        let place = (x[axis] - room.min()[axis]) / room.size()[axis];
+        // A centre may lie exactly at its distance from the upper wall.
+        counts[((place * bins as f64) as usize).min(bins - 1)] += 1.0;
+    }
+    let mean = expected / bins as f64;
+    counts.iter().map(|n| (n - mean) * (n - mean) / mean).sum()
+}
+
+const BINS: usize = 20;
+/// Exceeded with probability 1e-5 by chi-square of 20 degrees of freedom (the total is free too).
+const LIMIT: f64 = 59.0;
+
+fn positions(frame: &Frame) -> Vec<DVec3> {
+    frame.tracers.iter().map(|tracer| tracer.position).collect()
+}
+
+/// Worst chi-square over the axes.
+fn worst_profile(positions: &[DVec3], domain: &Domain, seeding: &Seeding) -> f64 {
+    let room = domain.room(1.0).unwrap();
+    let expected = seeding.density(domain).unwrap() * domain.region().volume();
+    (0..3).map(|axis| chi_square(positions, &room, axis, BINS, expected)).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_channel_flow_stays_uniform_over_100_frames() {
+    let (domain, seeding) = (channel(), seeding());
+    let frames = record(&poiseuille(), &domain, &seeding, 101, 1);
+    for index in [0, 1, 10, 50, 100] {
+        let chi = worst_profile(&positions(&frames[index]), &domain, &seeding);
+        println!("frame {index}: {} tracers, chi-square {chi:.1}", frames[index].tracers.len());
+        assert!(chi < LIMIT, "frame {index}: {chi}");
+    }
+    // Fast layers have been replaced more than once, so it is the inflow that is seen here.
+    let original =
+        frames[100].links(&frames[100]).filter(|(tracer, _)| tracer.id < frames[1].tracers[0].id).count();
+    assert_eq!(original, 0);
+    let survivors = frames[0].links(&frames[100]).count();
+    assert!(survivors < frames[0].tracers.len() / 3, "{survivors}");
+}
+
+#[test]
+fn naive_reseeding_would_fail_the_same_test() {
+    // Leavers come in again at x = min, at a random place of the inflow face.
+    let (domain, seeding, field) = (channel(), seeding(), poiseuille());
+    let mut cloud = positions(&record(&field, &domain, &seeding, 1, 1)[0]);
+    let room = domain.room(1.0).unwrap();
+    let mut stream = Streams::new(2).stream(microsig_core::stream::Purpose::Inflow, 0, 0);
+    for _ in 0..100 {
+        for x in &mut cloud {
+            *x += field.velocity(*x, 0.0) * DT_S;
+            if domain.is_beyond_open_face(*x) {
+                *x = room.at(DVec3::new(0.0, stream.uniform(), stream.uniform()));
+            }
+        }
+    }
+    let chi = worst_profile(&cloud, &domain, &seeding);
+    println!("naive reseeding: chi-square {chi:.0}");
+    assert!(chi > 10.0 * LIMIT, "{chi}");
+}
+
+#[test]
+fn no_inflow_would_fail_the_same_test() {
+    let (domain, seeding) = (channel(), seeding());
+    let frames = record(&poiseuille(), &domain, &seeding, 11, 1);
+    let old: Vec<DVec3> = frames[0].links(&frames[10]).map(|(_, tracer)| tracer.position).collect();
+    assert!(worst_profile(&old, &domain, &seeding) > 10.0 * LIMIT);
+}
+
+#[test]
+fn vortices_and_strains_stay_uniform_too() {
+    let open = domain([Boundary::Open; 3]);
+    let center = DVec3::new(10.0, 20.0, -30.0);
+    // Corners, all faces at once, inflow through every one; the vortex decays to a tenth meanwhile.
+    let cases: [(&str, Box<dyn VelocityField>, &Domain); 4] = [
+        ("rotation", Box::new(Linear::rotation(DVec3::new(0.5, 1.0, 3.0), center).unwrap()), &open),
+        ("uniaxial strain", Box::new(Linear::uniaxial_strain(2.0, flows::Axis::X, center).unwrap()), &open),
+        (
+            "vortex",
+            Box::new(LambOseen::from_max_speed(DVec2::new(-270.0, 20.0), 1500.0, 60.0, 4e4).unwrap()),
+            &channel(),
+        ),
+        ("diagonal", Box::new(Linear::uniform(DVec3::new(900.0, -700.0, 300.0)).unwrap()), &open),
+    ];
+    for (name, field, domain) in cases {
+        let seeding = seeding();
+        let frames = record(field.as_ref(), domain, &seeding, 61, 4);
+        let born = frames[60].tracers.len() - frames[0].links(&frames[60]).count();
+        let chi = worst_profile(&positions(&frames[60]), domain, &seeding);
+        println!("{name}: {} tracers, {born} born, chi-square {chi:.1}", frames[60].tracers.len());
+        assert!(chi < LIMIT && born > 1000, "{name}: {chi}, {born}");
+    }
+}
+
+#[test]
+fn ids_are_never_used_again() {
+    let (domain, seeding, field) = (channel(), seeding(), poiseuille());
+    let scene = Scene::new(&field, &domain, &seeding).unwrap();
+    let start = Start { recording: 3, first_frame: 6, first_id: 1000 };
+    let mut sequence = scene.record(&times(20), Streams::new(5), start).unwrap();
+    let (mut gone, mut alive) = (HashSet::new(), HashSet::new());
+    let mut index = 6;
+    while let Some(frame) = sequence.next() {
+        let frame = frame.unwrap();
+        assert_eq!(frame.index, index);
+        index += 1;
+        assert!(frame.tracers.is_sorted_by(|a, b| a.id < b.id));
+        let now: HashSet<u64> = frame.tracers.iter().map(|tracer| tracer.id).collect();
+        gone.extend(alive.difference(&now).copied());
+        assert!(now.is_disjoint(&gone), "an id came back");
+        assert!(now.iter().all(|id| (1000..sequence.next_id()).contains(id)));
+        alive = now;
+    }
+    assert!(!gone.is_empty() && index == 26);
+    // The next recording begins where this one ended, and is another cloud.
+    let next = Start { recording: 4, first_frame: 26, first_id: sequence.next_id() };
+    let fresh = scene.record(&times(2), Streams::new(5), next).unwrap().next().unwrap().unwrap();
+    assert_eq!(fresh.tracers[0].id, next.first_id);
+    let old = scene.record(&times(1), Streams::new(5), start).unwrap().next().unwrap().unwrap();
+    assert_ne!(fresh.tracers[0].position, old.tracers[0].position);
+}
+
+#[test]
+fn a_shorter_run_is_the_beginning_of_a_longer_one() {
+    let (domain, seeding, field) = (channel(), seeding(), poiseuille());
+    let short = record(&field, &domain, &seeding, 5, 6);
+    let long = record(&field, &domain, &seeding, 12, 6);
+    assert_eq!(short, long[..5]);
+    assert_ne!(short, record(&field, &domain, &seeding, 5, 7));
+}
+
+#[test]
+fn threads_change_nothing() {
+    let (domain, seeding) = (channel(), seeding());
+    let field = LambOseen::from_max_speed(DVec2::new(0.0, 20.0), 1500.0, 60.0, 4e4).unwrap();
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| record(&field, &domain, &seeding, 5, 8))
+    };
+    let one = with(1);
+    assert!([2, 7].into_iter().all(|threads| with(threads) == one));
+}
+
+#[test]
+fn displacements_are_those_of_the_flow() {
+    let (domain, seeding, field) = (channel(), seeding(), poiseuille());
+    let frames = record(&field, &domain, &seeding, 2, 9);
+    let mut links = 0;
+    for (now, next) in frames[0].links(&frames[1]) {
+        let expected = field.velocity(now.position, 0.0) * DT_S;
+        // Rounding of coordinates of 280 um.
+        assert!((next.position - now.position - expected).length() < 1e-12);
+        links += 1;
+    }
+    // Of 560 um at most 14.8 leave.
+    assert!(links > frames[0].tracers.len() * 9 / 10);
+}
