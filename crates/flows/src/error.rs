@@ -64,6 +64,22 @@ impl Check {
         if fits { Ok(value) } else { Err(self.fault(parameter, value, "a finite number >= 0")) }
     }
 
+    /// Passes an array of finite numbers.
+    pub(crate) fn all_finite<const N: usize>(&self, parameter: &'static str, values: [f64; N]) -> Result<[f64; N]> {
+        let fits = values.iter().all(|value| value.is_finite());
+        if fits { Ok(values) } else { Err(self.fault(parameter, format!("{values:?}"), "finite numbers")) }
+    }
+
+    /// Passes two finite numbers in increasing order.
+    pub(crate) fn increasing(&self, parameter: &'static str, values: [f64; 2]) -> Result<[f64; 2]> {
+        let fits = values.iter().all(|value| value.is_finite()) && values[0] < values[1];
+        if fits {
+            Ok(values)
+        } else {
+            Err(self.fault(parameter, format!("{values:?}"), "two finite numbers, the lower first"))
+        }
+    }
+
     /// Passes a vector of finite numbers.
     pub(crate) fn finite_vector(&self, parameter: &'static str, value: DVec3) -> Result<DVec3> {
         if value.is_finite() { Ok(value) } else { Err(self.fault(parameter, value, "three finite numbers")) }

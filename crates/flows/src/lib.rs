@@ -49,10 +49,12 @@
 
 pub mod diameters;
 pub mod domain;
+mod dual;
 pub mod error;
 pub mod field;
 pub mod fields;
 pub mod integrate;
+pub mod params;
 mod random;
 pub mod region;
 pub mod scale;

@@ -5,6 +5,7 @@ use glam::DVec3;
 
 /// A coordinate axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
 pub enum Axis {
     /// Image columns, to the right.
     X,
@@ -80,6 +81,24 @@ impl Region {
             let pick = |axis: usize| if i >> axis & 1 == 0 { self.min[axis] } else { self.max[axis] };
             DVec3::new(pick(0), pick(1), pick(2))
         })
+    }
+
+    /// The greatest distance of a point of the box from `center` along each axis, um.
+    pub(crate) fn reach(&self, center: DVec3) -> DVec3 {
+        (self.min - center).abs().max((self.max - center).abs())
+    }
+
+    /// The least distance of a point of the box from `center` along each axis, um; 0 if the box spans it.
+    pub(crate) fn clearance(&self, center: DVec3) -> DVec3 {
+        (center.clamp(self.min, self.max) - center).abs()
+    }
+
+    /// The smallest box that holds the images of the corners, and with them, if `map` is affine, the image of the box.
+    pub(crate) fn mapped(&self, map: impl Fn(DVec3) -> DVec3) -> Region {
+        let images = self.corners().map(map);
+        let min = images.into_iter().reduce(DVec3::min).unwrap_or(self.min);
+        let max = images.into_iter().reduce(DVec3::max).unwrap_or(self.max);
+        Region { min, max }
     }
 
     /// The same box with one edge replaced; `None` if that leaves no volume.

@@ -15,27 +15,35 @@ use super::ROUNDING_MARGIN;
 use crate::error::{Check, Result};
 use crate::field::VelocityField;
 use crate::region::Region;
-use crate::special::{exponential_integral, mean_decay, mean_decay_slope};
+use crate::params::params;
+use crate::special::{exponential_integral, gauss_mean, mean_decay, mean_decay_slope};
 use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::PI;
 
 const CHECK: Check = Check("lamb_oseen");
 
 /// r^2/s where the speed is greatest.
-const PEAK_Q: f64 = 1.256_431_208_626_169_7;
+pub(super) const PEAK_Q: f64 = 1.256_431_208_626_169_7;
 /// (1 - e^-q) / sqrt(q) there.
-const PEAK_SPEED: f64 = 0.638_172_686_338_951_5;
+pub(super) const PEAK_SPEED: f64 = 0.638_172_686_338_951_5;
 
-/// Positive nodes and weights of the Gauss-Legendre rule with 8 points on [-1, 1], Abramowitz & Stegun table 25.4.
-const GAUSS: [(f64, f64); 4] = [
-    (0.183_434_642_495_649_8, 0.362_683_783_378_362),
-    (0.525_532_409_916_329, 0.313_706_645_877_887_3),
-    (0.796_666_477_413_626_7, 0.222_381_034_453_374_47),
-    (0.960_289_856_497_536_2, 0.101_228_536_290_376_26),
-];
 /// Largest ratio of s over a step that the Gauss rule is used for: relative error 1.3e-16 up to here for q from 1e-4 to
 /// 300, 8e-13 at ratio 2 (against the closed form with 30 digits).
 const GAUSS_RATIO: f64 = 1.5;
+
+params! {
+    /// Parameters of [`LambOseen`].
+    LambOseenParams {
+        /// Greatest speed at t = 0, um/s; positive turns x towards y.
+        max_speed_um_s: f64 = 1290.0, "finite";
+        /// Radius of the core at t = 0, um.
+        core_radius_um: f64 = 40.0, "> 0";
+        /// Kinematic viscosity, um^2/s; 0 is a steady vortex, water 1e6.
+        viscosity_um2_s: f64 = 0.0, ">= 0";
+        /// The axis, x and y, um.
+        centre_um: [f64; 2] = [0.0, 0.0], "finite";
+    }
+}
 
 /// A Lamb-Oseen vortex about an axis along z.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,6 +72,14 @@ impl LambOseen {
         CHECK.finite("max_speed_um_s", max_speed)?;
         let circulation = 2.0 * PI * core_radius * max_speed / PEAK_SPEED;
         Self::from_circulation(center, circulation, core_radius, nu)
+    }
+
+    /// The vortex of these parameters.
+    pub fn from_params(params: &LambOseenParams) -> Result<Self> {
+        CHECK.all_finite("centre_um", params.centre_um)?;
+        CHECK.not_negative("viscosity_um2_s", params.viscosity_um2_s)?;
+        let center = DVec2::from_array(params.centre_um);
+        Self::from_max_speed(center, params.max_speed_um_s, params.core_radius_um, params.viscosity_um2_s)
     }
 
     /// The circulation, um^2/s.
@@ -101,10 +117,7 @@ impl LambOseen {
         }
         let (s0, s1) = (self.spread(t0), self.spread(t1));
         if s1 <= GAUSS_RATIO * s0 {
-            let (middle, half) = (0.5 * (s0 + s1), 0.5 * (s1 - s0));
-            let at = |node: f64| self.angular_velocity(r2, middle + half * node);
-            let mean: f64 = GAUSS.iter().map(|(node, weight)| weight * (at(-node) + at(*node))).sum();
-            0.5 * mean * (t1 - t0)
+            gauss_mean(s0, s1, |s| self.angular_velocity(r2, s)) * (t1 - t0)
         } else {
             let primitive = |s: f64| mean_decay(r2 / s) + exponential_integral(r2 / s);
             self.strength / (4.0 * self.nu) * (primitive(s1) - primitive(s0))

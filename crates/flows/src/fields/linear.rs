@@ -8,10 +8,91 @@
 use super::ROUNDING_MARGIN;
 use crate::error::{Check, Result};
 use crate::field::VelocityField;
+use crate::params::params;
 use crate::region::{Axis, Region};
 use glam::{DMat3, DVec3};
 
 const CHECK: Check = Check("linear");
+
+params! {
+    /// Parameters of a uniform flow, [`Linear::from_uniform`].
+    UniformParams {
+        /// The velocity everywhere, um/s.
+        velocity_um_s: [f64; 3] = [1290.0, 0.0, 0.0], "finite";
+    }
+}
+
+params! {
+    /// Parameters of simple shear, [`Linear::from_shear`].
+    ShearParams {
+        /// Growth of the velocity per length across the layers, 1/s.
+        rate_per_s: f64 = 12.9, "finite";
+        /// Direction of the velocity.
+        along: Axis = Axis::X, "x, y or z";
+        /// Direction in which it grows.
+        across: Axis = Axis::Z, "x, y or z, other than along";
+        /// A point of the layer at rest, um.
+        centre_um: [f64; 3] = [0.0, 0.0, -80.0], "finite";
+    }
+}
+
+params! {
+    /// Parameters of solid rotation, [`Linear::from_rotation`].
+    RotationParams {
+        /// Angular velocity along its axis, rad/s; positive z looks clockwise on the screen.
+        omega_rad_s: [f64; 3] = [0.0, 0.0, 5.0], "finite";
+        /// A point of the axis, um.
+        centre_um: [f64; 3] = [0.0, 0.0, -30.0], "finite";
+    }
+}
+
+/// Kinds of strain.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+pub enum Strain {
+    /// Stretching along x, shrinking along y at the same rate.
+    Planar,
+    /// Stretching along x, shrinking at half the rate along y and z.
+    UniaxialX,
+    /// Stretching along y.
+    UniaxialY,
+    /// Stretching along z.
+    UniaxialZ,
+}
+
+params! {
+    /// Parameters of pure strain, [`Linear::from_strain`].
+    StrainParams {
+        /// Rate of stretching, 1/s.
+        rate_per_s: f64 = 10.0, "finite";
+        /// Planar in xy, or uniaxial along an axis.
+        kind: Strain = Strain::Planar, "planar, uniaxial_x, uniaxial_y or uniaxial_z";
+        /// The point at rest, um.
+        centre_um: [f64; 3] = [0.0, 0.0, -30.0], "finite";
+    }
+}
+
+params! {
+    /// Parameters of isotropic dilatation, [`Linear::from_dilatation`].
+    DilatationParams {
+        /// Rate of stretching along every axis, 1/s.
+        rate_per_s: f64 = 5.0, "finite";
+        /// The point at rest, um.
+        centre_um: [f64; 3] = [0.0, 0.0, -30.0], "finite";
+    }
+}
+
+params! {
+    /// Parameters of the general linear field, [`Linear::from_params`].
+    LinearParams {
+        /// The velocity at the centre, um/s.
+        velocity_um_s: [f64; 3] = [600.0, 0.0, 0.0], "finite";
+        /// Rows of the velocity gradient du_i/dx_j, 1/s.
+        gradient_per_s: [[f64; 3]; 3] = [[2.0, -6.0, 0.0], [4.0, -2.0, 0.0], [0.0, 0.0, 0.0]], "finite";
+        /// The centre, um.
+        centre_um: [f64; 3] = [0.0, 0.0, -30.0], "finite";
+    }
+}
 
 /// A steady velocity field that is linear in space, with its exact trajectories.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,6 +126,45 @@ impl Linear {
         }
         CHECK.finite_vector("center_um", center)?;
         Ok(Linear { velocity, gradient, center, kept: Kept::Unknown })
+    }
+
+    /// The field of these parameters.
+    pub fn from_params(params: &LinearParams) -> Result<Self> {
+        let rows = params.gradient_per_s.map(DVec3::from_array);
+        let gradient = DMat3::from_cols(rows[0], rows[1], rows[2]).transpose();
+        Self::new(DVec3::from_array(params.velocity_um_s), gradient, center(params.centre_um)?)
+    }
+
+    /// [`Linear::uniform`] by its parameters.
+    pub fn from_uniform(params: &UniformParams) -> Result<Self> {
+        Self::uniform(DVec3::from_array(params.velocity_um_s))
+    }
+
+    /// [`Linear::shear`] by its parameters.
+    pub fn from_shear(params: &ShearParams) -> Result<Self> {
+        Self::shear(params.rate_per_s, params.along, params.across, center(params.centre_um)?)
+    }
+
+    /// [`Linear::rotation`] by its parameters.
+    pub fn from_rotation(params: &RotationParams) -> Result<Self> {
+        CHECK.all_finite("omega_rad_s", params.omega_rad_s)?;
+        Self::rotation(DVec3::from_array(params.omega_rad_s), center(params.centre_um)?)
+    }
+
+    /// [`Linear::planar_strain`] or [`Linear::uniaxial_strain`] by their parameters.
+    pub fn from_strain(params: &StrainParams) -> Result<Self> {
+        let center = center(params.centre_um)?;
+        match params.kind {
+            Strain::Planar => Self::planar_strain(params.rate_per_s, center),
+            Strain::UniaxialX => Self::uniaxial_strain(params.rate_per_s, Axis::X, center),
+            Strain::UniaxialY => Self::uniaxial_strain(params.rate_per_s, Axis::Y, center),
+            Strain::UniaxialZ => Self::uniaxial_strain(params.rate_per_s, Axis::Z, center),
+        }
+    }
+
+    /// [`Linear::dilatation`] by its parameters.
+    pub fn from_dilatation(params: &DilatationParams) -> Result<Self> {
+        Self::dilatation(params.rate_per_s, center(params.centre_um)?)
     }
 
     /// The same velocity everywhere, um/s.
@@ -134,6 +254,10 @@ impl VelocityField for Linear {
         let at_corners = region.corners().map(|corner| self.velocity(corner, t0).length());
         at_corners.into_iter().fold(0.0, f64::max) * ROUNDING_MARGIN
     }
+}
+
+fn center(centre_um: [f64; 3]) -> Result<DVec3> {
+    CHECK.all_finite("centre_um", centre_um).map(DVec3::from_array)
 }
 
 /// phi(B) = SUM_k B^k / (k+1)! = INT_0^1 e^(B s) ds.

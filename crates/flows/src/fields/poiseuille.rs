@@ -7,10 +7,23 @@
 use super::ROUNDING_MARGIN;
 use crate::error::{Check, Result};
 use crate::field::VelocityField;
+use crate::params::params;
 use crate::region::Region;
 use glam::{DMat3, DVec3};
 
 const CHECK: Check = Check("poiseuille");
+
+params! {
+    /// Parameters of [`Poiseuille`].
+    PoiseuilleParams {
+        /// Speed half-way between the plates, um/s; negative is the other way.
+        max_speed_um_s: f64 = 1290.0, "finite";
+        /// Floor and ceiling, um.
+        walls_z_um: [f64; 2] = [-80.0, 20.0], "finite, floor below ceiling";
+        /// Direction of the flow in the image plane, from x towards y, rad.
+        direction_rad: f64 = 0.0, "finite";
+    }
+}
 
 /// Plane Poiseuille flow between a floor and a ceiling.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,6 +46,13 @@ impl Poiseuille {
         }
         let (sin, cos) = libm::sincos(CHECK.finite("angle_rad", angle)?);
         Ok(Poiseuille { direction: DVec3::new(cos, sin, 0.0), max_speed, floor, ceiling })
+    }
+
+    /// The flow of these parameters.
+    pub fn from_params(params: &PoiseuilleParams) -> Result<Self> {
+        let [floor, ceiling] = CHECK.increasing("walls_z_um", params.walls_z_um)?;
+        CHECK.finite("direction_rad", params.direction_rad)?;
+        Self::new(params.max_speed_um_s, floor, ceiling, params.direction_rad)
     }
 
     /// The height above the floor as a fraction of the depth, 0 and 1 beyond the plates.

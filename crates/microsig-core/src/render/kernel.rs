@@ -14,6 +14,14 @@ use crate::optics::OpticalSystem;
 /// Rays in flight: four arrays of this length stay in the first-level cache.
 const BLOCK: usize = 1024;
 
+/// Rays refracted in one stroke: one or more registers of every instruction set.
+const WIDE: usize = 16;
+
+/// 1.5 * 2^23: adding it to a number below 2^22 rounds that to the nearest integer (ties to even, as the original does)
+/// and leaves the integer in the low bits, where a conversion would not be done for many numbers at a time.
+const ROUND: f32 = 12_582_912.0;
+const ROUND_BITS: u32 = ROUND.to_bits();
+
 /// What the kernel knows of the optics.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Lens {
@@ -65,7 +73,7 @@ pub(super) struct Source {
 pub(super) struct Target<'a> {
     pub(super) width: usize,
     pub(super) height: usize,
-    /// Pixel coordinates of the particle's centre, relative to the window's corner, plus one half.
+    /// Pixel coordinates of the particle's centre, relative to the window's first pixel.
     pub(super) x: f32,
     pub(super) y: f32,
     /// Counts of the window and, at the end, one for all rays that land elsewhere.
@@ -77,8 +85,8 @@ impl<'a> Target<'a> {
         Target {
             width: window.width,
             height: window.height,
-            x: (x_px - window.x0 as f64 + 0.5) as f32,
-            y: (y_px - window.y0 as f64 + 0.5) as f32,
+            x: (x_px - window.x0 as f64) as f32,
+            y: (y_px - window.y0 as f64) as f32,
             counts,
         }
     }
@@ -91,14 +99,13 @@ pub(super) struct Block {
     q_y: [f32; BLOCK],
     p_x: [f32; BLOCK],
     p_y: [f32; BLOCK],
-    pixel: [u32; BLOCK],
     length: usize,
 }
 
 impl Default for Block {
     fn default() -> Self {
         let zero = [0.0; BLOCK];
-        Block { q_x: zero, q_y: zero, p_x: zero, p_y: zero, pixel: [0; BLOCK], length: 0 }
+        Block { q_x: zero, q_y: zero, p_x: zero, p_y: zero, length: 0 }
     }
 }
 
@@ -112,7 +119,26 @@ pub(super) fn trace(
     block: &mut Block,
     target: &mut Target<'_>,
 ) -> Traced {
-    arch.dispatch(|| trace_generic(lens, candidates, sources, block, target))
+    arch.dispatch(Trace { lens, candidates, sources, block, target })
+}
+
+/// The kernel as an operation that is compiled once for every instruction set.
+struct Trace<'a, 'b> {
+    lens: &'a Lens,
+    candidates: &'a Candidates,
+    sources: &'a [Source],
+    block: &'a mut Block,
+    target: &'a mut Target<'b>,
+}
+
+impl pulp::WithSimd for Trace<'_, '_> {
+    type Output = Traced;
+
+    // Inlined, with all that it calls, into a function for which the instruction set is switched on.
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Traced {
+        trace_generic(self.lens, self.candidates, self.sources, self.block, self.target)
+    }
 }
 
 /// What a pass of the kernel saw.
@@ -126,6 +152,13 @@ pub(super) struct Traced {
     pub(super) rays: u64,
 }
 
+/// Farthest landing places so far, lane by lane: bits of f32 >= 0, which compare like the numbers.
+#[derive(Debug, Clone, Copy, Default)]
+struct Farthest {
+    x: [u32; WIDE],
+    y: [u32; WIDE],
+}
+
 #[inline(always)]
 fn trace_generic(
     lens: &Lens,
@@ -135,7 +168,7 @@ fn trace_generic(
     target: &mut Target<'_>,
 ) -> Traced {
     let mut traced = Traced::default();
-    let mut farthest = (0u32, 0u32);
+    let mut farthest = Farthest::default();
     block.length = 0;
     for source in sources {
         let mut run = candidates.run(source.phase, source.reach);
@@ -143,7 +176,7 @@ fn trace_generic(
         let turn = cos_sin(source.phase);
         while !run.is_empty() {
             if block.length == BLOCK {
-                farthest = flush(lens, block, target, farthest);
+                flush(lens, block, target, &mut farthest);
             }
             let n = run.len().min(BLOCK - block.length);
             to_lens(source, turn, candidates, run.start, n, block);
@@ -151,12 +184,13 @@ fn trace_generic(
         }
     }
     // The last block is filled up with rays that miss.
-    let end = block.length.next_multiple_of(2 * LANES).min(BLOCK);
+    let end = block.length.next_multiple_of(WIDE).min(BLOCK);
     block.q_x[block.length..end].fill(f32::INFINITY);
     block.length = end;
-    farthest = flush(lens, block, target, farthest);
-    traced.extent_x = f32::from_bits(farthest.0);
-    traced.extent_y = f32::from_bits(farthest.1);
+    flush(lens, block, target, &mut farthest);
+    let extent = |bits: [u32; WIDE]| f32::from_bits(bits.into_iter().fold(0, u32::max));
+    traced.extent_x = extent(farthest.x);
+    traced.extent_y = extent(farthest.y);
     traced
 }
 
@@ -191,21 +225,43 @@ fn to_lens(
     block.length += n;
 }
 
-/// Refracts the rays of a block, carries them to the sensor and counts them; `farthest` are bits of f32 >= 0, which
-/// compare like the numbers.
+/// Refracts the rays of a block, carries them to the sensor and counts them.
 #[inline(always)]
-fn flush(lens: &Lens, block: &mut Block, target: &mut Target<'_>, farthest: (u32, u32)) -> (u32, u32) {
-    let n = block.length;
+fn flush(lens: &Lens, block: &mut Block, target: &mut Target<'_>, farthest: &mut Farthest) {
+    let Block { q_x, q_y, p_x, p_y, length } = block;
+    // A copy that nothing else can refer to stays in registers.
+    let mut local = *farthest;
+    let lanes = |values: &[f32; BLOCK], i: usize| -> [f32; WIDE] { std::array::from_fn(|k| values[i + k]) };
+    for i in (0..*length).step_by(WIDE) {
+        let (q_x, q_y, p_x, p_y) = (lanes(q_x, i), lanes(q_y, i), lanes(p_x, i), lanes(p_y, i));
+        let pixels = to_sensor(lens, target, &mut local, q_x, q_y, p_x, p_y);
+        for k in 0..WIDE {
+            target.counts[pixels[k] as usize] += 1;
+        }
+    }
+    *farthest = local;
+    *length = 0;
+}
+
+/// From the lens plane to pixel numbers of the target, for one set of lanes.
+#[inline(always)]
+fn to_sensor(
+    lens: &Lens,
+    target: &Target<'_>,
+    farthest: &mut Farthest,
+    q_x: [f32; WIDE],
+    q_y: [f32; WIDE],
+    p_x: [f32; WIDE],
+    p_y: [f32; WIDE],
+) -> [u32; WIDE] {
     let elsewhere = (target.width * target.height) as u32;
     let (width, height) = (target.width as f32, target.height as f32);
     let row_length = target.width as u32;
-    let (mut far_x, mut far_y) = farthest;
-    let (q_xs, q_ys, p_xs, p_ys) = (&block.q_x[..n], &block.q_y[..n], &block.p_x[..n], &block.p_y[..n]);
-    let pixels = &mut block.pixel[..n];
     let mu = [lens.index_ratio, 1.0 / lens.index_ratio];
+    let mut pixels = [elsewhere; WIDE];
 
-    for i in 0..n {
-        let (q_x, q_y, p_x, p_y) = (q_xs[i], q_ys[i], p_xs[i], p_ys[i]);
+    for i in 0..WIDE {
+        let (q_x, q_y, p_x, p_y) = (q_x[i], q_y[i], p_x[i], p_y[i]);
         let q2 = q_x * q_x + q_y * q_y;
         let n2 = lens.face_radius2 + q2;
         let per_n2 = 1.0 / n2;
@@ -235,18 +291,20 @@ fn flush(lens: &Lens, block: &mut Block, target: &mut Target<'_>, farthest: (u32
 
         // Comparisons with NaN (total reflection) are false, so that such a ray is lost.
         let arrives = (q2 <= lens.aperture2) & (dot1 > 0.0) & (squared2 >= 0.0) & (dot2 > 0.0) & (s1 > 0.0);
-        far_x = far_x.max(if arrives { x.abs().to_bits() } else { 0 });
-        far_y = far_y.max(if arrives { y.abs().to_bits() } else { 0 });
-        let (column, row) = (x + target.x, y + target.y);
-        let inside = arrives & (column >= 0.0) & (column < width) & (row >= 0.0) & (row < height);
-        let pixel = (row as i32 as u32).wrapping_mul(row_length).wrapping_add(column as i32 as u32);
+        farthest.x[i] = farthest.x[i].max(if arrives { x.abs().to_bits() } else { 0 });
+        farthest.y[i] = farthest.y[i].max(if arrives { y.abs().to_bits() } else { 0 });
+        let (column, row) = (x + target.x + ROUND, y + target.y + ROUND);
+        let (nearest_column, nearest_row) = (column - ROUND, row - ROUND);
+        let inside = arrives
+            & (nearest_column >= 0.0)
+            & (nearest_column < width)
+            & (nearest_row >= 0.0)
+            & (nearest_row < height);
+        let (column, row) = (column.to_bits().wrapping_sub(ROUND_BITS), row.to_bits().wrapping_sub(ROUND_BITS));
+        let pixel = row.wrapping_mul(row_length).wrapping_add(column);
         pixels[i] = if inside { pixel } else { elsewhere };
     }
-    for &pixel in pixels.iter() {
-        target.counts[pixel as usize] += 1;
-    }
-    block.length = 0;
-    (far_x, far_y)
+    pixels
 }
 
 /// Cosine and sine of an angle given in 2^32 per turn, to 1e-7.

@@ -1,0 +1,99 @@
+//! Parameters of fields: structs whose defaults, ranges and descriptions are written in one place.
+
+/// A parameter as a user sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Parameter {
+    /// Its name, with its unit as suffix (none: dimensionless).
+    pub name: &'static str,
+    /// The default as it stands in the source; see [`Parameter::default_text`].
+    pub default: &'static str,
+    /// The allowed range in words.
+    pub range: &'static str,
+    meaning: &'static str,
+}
+
+impl Parameter {
+    pub(crate) const fn new(
+        name: &'static str,
+        default: &'static str,
+        range: &'static str,
+        meaning: &'static str,
+    ) -> Self {
+        Parameter { name, default, range, meaning }
+    }
+
+    /// What it means, in one line.
+    pub fn meaning(&self) -> &'static str {
+        self.meaning.trim()
+    }
+
+    /// The default as it is written in a scenario: numbers as they are, choices in snake_case, points in parentheses.
+    pub fn default_text(&self) -> String {
+        let choice = |text: &str| {
+            let name = text.rsplit("::").next().unwrap_or(text).trim();
+            let mut snake = String::new();
+            for (i, letter) in name.chars().enumerate() {
+                if letter.is_uppercase() && i > 0 {
+                    snake.push('_');
+                }
+                snake.extend(letter.to_lowercase());
+            }
+            snake
+        };
+        if self.default.contains("::") {
+            choice(self.default)
+        } else {
+            self.default.replace('[', "(").replace(']', ")")
+        }
+    }
+}
+
+/// Declares the parameters of a field: a struct of public fields, its `Default`, and the table `PARAMETERS` of the
+/// same names, defaults, ranges and meanings.
+macro_rules! params {
+    (
+        $(#[$attribute:meta])*
+        $name:ident {
+            $(#[doc = $meaning:literal] $field:ident: $type:ty = $default:expr, $range:literal;)*
+        }
+    ) => {
+        $(#[$attribute])*
+        #[derive(Debug, Clone, PartialEq)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
+        pub struct $name {
+            $(
+                #[doc = $meaning]
+                ///
+                #[doc = concat!("Default `", stringify!($default), "`; ", $range, ".")]
+                pub $field: $type,
+            )*
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                $name { $($field: $default),* }
+            }
+        }
+
+        impl $name {
+            /// Names, defaults, ranges and meanings.
+            pub const PARAMETERS: &'static [crate::params::Parameter] = &[
+                $(crate::params::Parameter::new(stringify!($field), stringify!($default), $range, $meaning)),*
+            ];
+        }
+    };
+}
+pub(crate) use params;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_read_as_in_a_scenario() {
+        let text = |default| Parameter::new("p", default, "", "").default_text();
+        assert_eq!(text("[-80.0, 20.0]"), "(-80.0, 20.0)");
+        assert_eq!(text("Geometry::HeleShaw"), "hele_shaw");
+        assert_eq!(text("1290.0"), "1290.0");
+    }
+}
