@@ -7,7 +7,7 @@
 //! both faces. Only + - * / sqrt and comparisons occur, each correctly rounded and never fused, so that every
 //! instruction set gives the same bits.
 
-use super::fan::{Candidates, LANES};
+use super::fan::Candidates;
 use super::patch::Window;
 use crate::optics::OpticalSystem;
 
@@ -235,8 +235,8 @@ fn flush(lens: &Lens, block: &mut Block, target: &mut Target<'_>, farthest: &mut
     for i in (0..*length).step_by(WIDE) {
         let (q_x, q_y, p_x, p_y) = (lanes(q_x, i), lanes(q_y, i), lanes(p_x, i), lanes(p_y, i));
         let pixels = to_sensor(lens, target, &mut local, q_x, q_y, p_x, p_y);
-        for k in 0..WIDE {
-            target.counts[pixels[k] as usize] += 1;
+        for pixel in pixels {
+            target.counts[pixel as usize] += 1;
         }
     }
     *farthest = local;
