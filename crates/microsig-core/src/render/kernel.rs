@@ -1,11 +1,16 @@
 //! The inner loops: rays of a particle from their source points to pixel numbers, in f32, many at a time.
 //!
 //! Three stages over a block of rays: turn the candidate directions of each point and bring them to the lens plane;
-//! refract and carry them to the sensor; count. The arithmetic is `optics` with the normalisations cancelled: with
-//! d = (1, p_x, p_y), n = (R, -+q_x, -+q_y), l = |d|, N = |n| and mu the index ratio, Snell's law times l reads
-//! mu d + (sqrt((1 - mu^2) l^2 N^2 + mu^2 (d.n)^2) - mu d.n) / N^2 n, so that two square roots and two divisions serve
-//! both faces. Only + - * / sqrt and comparisons occur, each correctly rounded and never fused, so that every
-//! instruction set gives the same bits.
+//! refract and carry them to the sensor; count. Only + - * / sqrt and comparisons occur, each correctly rounded and never
+//! fused, so that every instruction set gives the same bits.
+//!
+//! The refraction is that of `optics` with everything cancelled that cancels. Let d = (1, p) be the ray's direction,
+//! n = (R, -q) and n' = (R, q) the normals of the faces, none of them of unit length, N^2 = R^2 + q^2,
+//! k = (n_l/n_m)^2 - 1 and s = (1 + p^2) N^2. Snell's law in vector form, times |d|, adds to the direction a multiple of
+//! the normal: inside the lens it is (n_m/n_l) (d + G n), G = (sqrt(D^2 + k s) - D) / N^2 with D = d.n = R - q.p, and
+//! behind it d + G n + H n', H = (sqrt(E^2 - k s) - E) / N^2 with E = (d + G n).n' = R + q.p + G (R^2 - q^2). The slopes
+//! behind the lens are therefore (p + (H - G) q) / (1 + R (G + H)): two square roots and two divisions. E^2 < k s is total
+//! reflection.
 
 use super::fan::Candidates;
 use super::patch::Window;
@@ -28,9 +33,8 @@ pub(super) struct Lens {
     aperture2: f32,
     face_radius: f32,
     face_radius2: f32,
-    index_ratio: f32,
-    /// 1 - mu^2 at the first face and at the second.
-    defect: [f32; 2],
+    /// (n_l/n_m)^2 - 1.
+    index_excess: f32,
     /// The way behind the lens, um: to the sensor, or to the cylinder and from there on.
     way: [f32; 2],
     /// 1 / f_cyl; 0 without a cylinder, which leaves the slope alone.
@@ -46,8 +50,7 @@ impl Lens {
             aperture2: (objective.aperture_radius * objective.aperture_radius) as f32,
             face_radius: r as f32,
             face_radius2: (r * r) as f32,
-            index_ratio: mu as f32,
-            defect: [(1.0 - mu * mu) as f32, (1.0 - 1.0 / (mu * mu)) as f32],
+            index_excess: (1.0 / (mu * mu) - 1.0) as f32,
             way: [(b / 3.0) as f32, (2.0 * b / 3.0) as f32],
             cylinder_power: system.cylinder.map_or(0.0, |c| (1.0 / c.focal_length) as f32),
             per_pixel: (1.0 / pixel_size) as f32,
@@ -257,40 +260,35 @@ fn to_sensor(
     let elsewhere = (target.width * target.height) as u32;
     let (width, height) = (target.width as f32, target.height as f32);
     let row_length = target.width as u32;
-    let mu = [lens.index_ratio, 1.0 / lens.index_ratio];
     let mut pixels = [elsewhere; WIDE];
 
     for i in 0..WIDE {
         let (q_x, q_y, p_x, p_y) = (q_x[i], q_y[i], p_x[i], p_y[i]);
         let q2 = q_x * q_x + q_y * q_y;
+        let p2 = p_x * p_x + p_y * p_y;
+        let qp = q_x * p_x + q_y * p_y;
         let n2 = lens.face_radius2 + q2;
         let per_n2 = 1.0 / n2;
-        let l2n2 = (1.0 + (p_x * p_x + p_y * p_y)) * n2;
+        let ks = lens.index_excess * (n2 + n2 * p2);
 
-        let dot1 = lens.face_radius - (q_x * p_x + q_y * p_y);
-        let mu_dot1 = mu[0] * dot1;
-        let turn1 = ((lens.defect[0] * l2n2 + mu_dot1 * mu_dot1).sqrt() - mu_dot1) * per_n2;
-        let t1 = mu[0] + turn1 * lens.face_radius;
-        let t2 = mu[0] * p_x - turn1 * q_x;
-        let t3 = mu[0] * p_y - turn1 * q_y;
+        let first = lens.face_radius - qp;
+        let bend1 = ((ks + first * first).sqrt() - first) * per_n2;
+        let second = lens.face_radius + qp + bend1 * (lens.face_radius2 - q2);
+        let squared = second * second - ks;
+        let bend2 = (squared.sqrt() - second) * per_n2;
 
-        let dot2 = t1 * lens.face_radius + (t2 * q_x + t3 * q_y);
-        let mu_dot2 = mu[1] * dot2;
-        let squared2 = lens.defect[1] * l2n2 + mu_dot2 * mu_dot2;
-        let turn2 = (squared2.sqrt() - mu_dot2) * per_n2;
-        let s1 = mu[1] * t1 + turn2 * lens.face_radius;
-        let s2 = mu[1] * t2 + turn2 * q_x;
-        let s3 = mu[1] * t3 + turn2 * q_y;
-
-        let per_s1 = 1.0 / s1;
-        let (p_x, p_y) = (s2 * per_s1, s3 * per_s1);
+        let forward = 1.0 + lens.face_radius * (bend1 + bend2);
+        let per_forward = 1.0 / forward;
+        let inward = bend2 - bend1;
+        let (p_x, p_y) = ((p_x + q_x * inward) * per_forward, (p_y + q_y * inward) * per_forward);
         let (q_x, q_y) = (q_x + lens.way[0] * p_x, q_y + lens.way[0] * p_y);
         let p_x = p_x - q_x * lens.cylinder_power;
         let x = (q_x + lens.way[1] * p_x) * lens.per_pixel;
         let y = (q_y + lens.way[1] * p_y) * lens.per_pixel;
 
         // Comparisons with NaN (total reflection) are false, so that such a ray is lost.
-        let arrives = (q2 <= lens.aperture2) & (dot1 > 0.0) & (squared2 >= 0.0) & (dot2 > 0.0) & (s1 > 0.0);
+        let arrives =
+            (q2 <= lens.aperture2) & (first > 0.0) & (squared >= 0.0) & (second > 0.0) & (forward > 0.0);
         farthest.x[i] = farthest.x[i].max(if arrives { x.abs().to_bits() } else { 0 });
         farthest.y[i] = farthest.y[i].max(if arrives { y.abs().to_bits() } else { 0 });
         let (column, row) = (x + target.x + ROUND, y + target.y + ROUND);
