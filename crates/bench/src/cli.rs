@@ -45,8 +45,11 @@ pub(crate) enum Verb {
     #[command(after_help = "Example: microsig render settings.txt particles/ images/ --seed 1")]
     Render(Render),
     /// A dataset from a scenario: particles, images, ground truth, manifest
-    #[command(after_help = "Example: microsig generate scenarios/quickstart.ron --out datasets/quickstart")]
+    #[command(after_help = "Example: microsig generate scenarios/quickstart.ron --set optics.background_noise=50 --out datasets/noisy")]
     Generate(Generate),
+    /// A commented scenario to start from
+    #[command(after_help = "Example: microsig new mine.ron && microsig generate mine.ron")]
+    New(New),
     /// Check a dataset: checksums, manifest, tables
     #[command(after_help = "Example: microsig verify datasets/quickstart --regenerate")]
     Verify(Verify),
@@ -98,9 +101,19 @@ pub(crate) struct Generate {
     /// The dataset's folder [default: datasets/NAME]
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
+    /// Replace a value of the scenario, written as in the file; may be given several times
+    #[arg(long, value_name = "PATH=VALUE")]
+    pub(crate) set: Vec<String>,
     /// Go on with an interrupted run
     #[arg(long)]
     pub(crate) resume: bool,
+}
+
+/// Arguments of `new`.
+#[derive(Debug, Args)]
+pub(crate) struct New {
+    /// The file to write
+    pub(crate) file: PathBuf,
 }
 
 /// Arguments of `verify`.

@@ -11,7 +11,7 @@ use bench::dataset::verify::verify;
 use bench::runner::{GenerateOptions, Progress, RenderOptions, generate, render};
 use bench::{Error, Result, scenario};
 use clap::Parser;
-use cli::{Cli, Common, Generate, Mode, Render, Spheroids, Verb, Verify};
+use cli::{Cli, Common, Generate, Mode, New, Render, Spheroids, Verb, Verify};
 use microsig_core::emission::SpheroidLaw;
 use serde::Serialize;
 
@@ -37,6 +37,7 @@ fn run(cli: &Cli) -> Result<()> {
     match &cli.verb {
         Verb::Render(arguments) => run_render(arguments, common),
         Verb::Generate(arguments) => run_generate(arguments, common),
+        Verb::New(arguments) => run_new(arguments, common),
         Verb::Verify(arguments) => run_verify(arguments, common),
     }
 }
@@ -76,6 +77,10 @@ fn run_generate(arguments: &Generate, common: &Common) -> Result<()> {
     let path = &arguments.scenario;
     let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
     let mut spec = scenario::parse(&text, &path.display().to_string())?;
+    for assignment in &arguments.set {
+        let (path, value) = scenario::assignment(assignment)?;
+        spec = scenario::set(&spec, path, value)?;
+    }
     spec.seed = common.seed.unwrap_or(spec.seed);
     let scenario = scenario::resolve(spec, path.parent().unwrap_or(Path::new(".")))?;
     warn(&scenario.warnings, common);
@@ -95,6 +100,16 @@ fn run_generate(arguments: &Generate, common: &Common) -> Result<()> {
         generated.out.display()
     );
     report(&text, &generated, common)
+}
+
+fn run_new(arguments: &New, common: &Common) -> Result<()> {
+    let file = &arguments.file;
+    if file.exists() && !common.force {
+        return Err(Error::Exists(file.clone()));
+    }
+    std::fs::write(file, scenario::TEMPLATE).map_err(Error::write(file))?;
+    let text = format!("{}: edit it, then `microsig generate {}`", file.display(), file.display());
+    report(&text, &serde_json::json!({ "file": file }), common)
 }
 
 fn run_verify(arguments: &Verify, common: &Common) -> Result<()> {

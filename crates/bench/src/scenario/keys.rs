@@ -3,56 +3,58 @@
 //! A path is the way from the scenario's outermost brackets to the key; variants of an enum are steps of it. The
 //! reader takes suggestions for misspelt keys from here, and tells planned keys from unknown ones.
 
-/// Whether a key works.
+/// What a path leads to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Status {
-    /// It does.
-    Works,
-    /// It is part of the language but not built yet.
+    /// A key.
+    Key,
+    /// A variant of the key before it.
+    Variant,
+    /// Either of them, part of the language but not built yet.
     Planned,
 }
 
-use Status::{Planned, Works};
+use Status::{Key, Planned, Variant};
 
 /// All keys.
 pub const KEYS: &[(&str, Status)] = &[
-    ("name", Works),
-    ("description", Works),
-    ("seed", Works),
-    ("optics", Works),
-    ("optics.preset", Works),
-    ("optics.settings", Works),
-    ("optics.depth_factor", Works),
+    ("name", Key),
+    ("description", Key),
+    ("seed", Key),
+    ("optics", Key),
+    ("optics.preset", Key),
+    ("optics.settings", Key),
+    ("optics.depth_factor", Key),
     ("optics.gaussian", Planned),
-    ("optics.magnification", Works),
-    ("optics.numerical_aperture", Works),
-    ("optics.focal_length", Works),
-    ("optics.ri_medium", Works),
-    ("optics.ri_lens", Works),
-    ("optics.pixel_size", Works),
-    ("optics.pixel_dim_x", Works),
-    ("optics.pixel_dim_y", Works),
-    ("optics.background_mean", Works),
-    ("optics.background_noise", Works),
-    ("optics.points_per_pixel", Works),
-    ("optics.n_rays", Works),
-    ("optics.gain", Works),
-    ("optics.cyl_focal_length", Works),
+    ("optics.magnification", Key),
+    ("optics.numerical_aperture", Key),
+    ("optics.focal_length", Key),
+    ("optics.ri_medium", Key),
+    ("optics.ri_lens", Key),
+    ("optics.pixel_size", Key),
+    ("optics.pixel_dim_x", Key),
+    ("optics.pixel_dim_y", Key),
+    ("optics.background_mean", Key),
+    ("optics.background_noise", Key),
+    ("optics.points_per_pixel", Key),
+    ("optics.n_rays", Key),
+    ("optics.gain", Key),
+    ("optics.cyl_focal_length", Key),
     ("sensor", Planned),
-    ("motion", Works),
-    ("motion.flow", Works),
-    ("motion.flow.field", Works),
-    ("motion.flow.field.uniform", Works),
-    ("motion.flow.field.uniform.velocity_um_s", Works),
-    ("motion.flow.field.poiseuille", Works),
-    ("motion.flow.field.poiseuille.max_speed_um_s", Works),
-    ("motion.flow.field.poiseuille.walls_z_um", Works),
-    ("motion.flow.field.poiseuille.direction_rad", Works),
-    ("motion.flow.field.lamb_oseen", Works),
-    ("motion.flow.field.lamb_oseen.max_speed_um_s", Works),
-    ("motion.flow.field.lamb_oseen.core_radius_um", Works),
-    ("motion.flow.field.lamb_oseen.viscosity_um2_s", Works),
-    ("motion.flow.field.lamb_oseen.centre_um", Works),
+    ("motion", Key),
+    ("motion.flow", Variant),
+    ("motion.flow.field", Key),
+    ("motion.flow.field.uniform", Variant),
+    ("motion.flow.field.uniform.velocity_um_s", Key),
+    ("motion.flow.field.poiseuille", Variant),
+    ("motion.flow.field.poiseuille.max_speed_um_s", Key),
+    ("motion.flow.field.poiseuille.walls_z_um", Key),
+    ("motion.flow.field.poiseuille.direction_rad", Key),
+    ("motion.flow.field.lamb_oseen", Variant),
+    ("motion.flow.field.lamb_oseen.max_speed_um_s", Key),
+    ("motion.flow.field.lamb_oseen.core_radius_um", Key),
+    ("motion.flow.field.lamb_oseen.viscosity_um2_s", Key),
+    ("motion.flow.field.lamb_oseen.centre_um", Key),
     ("motion.flow.field.shear", Planned),
     ("motion.flow.field.rotation", Planned),
     ("motion.flow.field.strain", Planned),
@@ -92,14 +94,14 @@ pub const KEYS: &[(&str, Status)] = &[
     ("motion.flow.field.mirrored", Planned),
     ("motion.flow.placement", Planned),
     ("motion.tracks", Planned),
-    ("particles", Works),
-    ("particles.number", Works),
-    ("particles.number.count", Works),
-    ("particles.number.ppp", Works),
+    ("particles", Key),
+    ("particles.number", Key),
+    ("particles.number.count", Variant),
+    ("particles.number.ppp", Variant),
     ("particles.number.n_s", Planned),
     ("particles.number.per_um3", Planned),
-    ("particles.diameter_um", Works),
-    ("particles.diameter_um.constant", Works),
+    ("particles.diameter_um", Key),
+    ("particles.diameter_um.constant", Variant),
     ("particles.diameter_um.normal", Planned),
     ("particles.diameter_um.lognormal", Planned),
     ("particles.diameter_um.uniform", Planned),
@@ -110,38 +112,38 @@ pub const KEYS: &[(&str, Status)] = &[
     ("particles.c_int", Planned),
     ("particles.brownian", Planned),
     ("particles.settling", Planned),
-    ("boundaries", Works),
-    ("boundaries.z_um", Works),
-    ("boundaries.z", Works),
-    ("boundaries.z.open", Works),
-    ("boundaries.z.wall", Works),
+    ("boundaries", Key),
+    ("boundaries.z_um", Key),
+    ("boundaries.z", Key),
+    ("boundaries.z.open", Variant),
+    ("boundaries.z.wall", Variant),
     ("boundaries.z.periodic", Planned),
     ("boundaries.x", Planned),
     ("boundaries.y", Planned),
     ("boundaries.bodies", Planned),
-    ("boundaries.margin_px", Works),
-    ("timing", Works),
-    ("timing.pairs", Works),
-    ("timing.pairs.count", Works),
-    ("timing.pairs.dt_s", Works),
-    ("timing.pairs.interval_s", Works),
+    ("boundaries.margin_px", Key),
+    ("timing", Key),
+    ("timing.pairs", Variant),
+    ("timing.pairs.count", Key),
+    ("timing.pairs.dt_s", Key),
+    ("timing.pairs.interval_s", Key),
     ("timing.pairs.seeding", Planned),
     ("timing.pairs.exposure_s", Planned),
-    ("timing.sequence", Works),
-    ("timing.sequence.frames", Works),
-    ("timing.sequence.dt_s", Works),
+    ("timing.sequence", Variant),
+    ("timing.sequence.frames", Key),
+    ("timing.sequence.dt_s", Key),
     ("timing.sequence.exposure_s", Planned),
     ("timing.four_pulse", Planned),
     ("illumination", Planned),
-    ("render", Works),
-    ("render.mode", Works),
-    ("render.mode.rays", Works),
+    ("render", Key),
+    ("render.mode", Key),
+    ("render.mode.rays", Variant),
     ("render.mode.expected", Planned),
     ("render.spheroids", Planned),
     ("truth_grid", Planned),
-    ("calibration", Works),
-    ("calibration.stack", Works),
-    ("calibration.none", Works),
+    ("calibration", Key),
+    ("calibration.stack", Variant),
+    ("calibration.none", Variant),
 ];
 
 /// The status of a path; a key below a planned one is planned too. `None`: no such key.
@@ -152,12 +154,12 @@ pub fn status(path: &str) -> Option<Status> {
     })
 }
 
-/// The working key most like `path`, if one with the same parent is near enough.
+/// The key most like `path`, if one with the same parent is near enough.
 pub fn suggestion(path: &str) -> Option<&'static str> {
     let split = |p: &'static str| p.rsplit_once('.').unwrap_or(("", p));
     let (parent, name) = path.rsplit_once('.').unwrap_or(("", path));
     KEYS.iter()
-        .filter(|&&(key, status)| status == Works && split(key).0 == parent)
+        .filter(|&&(key, status)| status == Key && split(key).0 == parent)
         .map(|&(key, _)| (strsim::jaro_winkler(split(key).1, name), split(key).1))
         .filter(|&(likeness, _)| likeness > 0.75)
         .max_by(|a, b| a.0.total_cmp(&b.0))
@@ -170,7 +172,7 @@ mod tests {
 
     #[test]
     fn planned_keys_cover_what_is_below_them() {
-        assert_eq!(status("optics.gain"), Some(Works));
+        assert_eq!(status("optics.gain"), Some(Key));
         assert_eq!(status("illumination.sheet.thickness_um"), Some(Planned));
         assert_eq!(status("optics.gain.x"), None);
         assert_eq!(status("nonsense"), None);

@@ -3,7 +3,27 @@
 pub mod keys;
 mod parse;
 mod resolve;
+mod set;
 pub mod spec;
 
 pub use parse::{compact, parse, write};
 pub use resolve::{Input, Recordings, Scenario, resolve};
+pub use set::{assignment, set};
+
+/// A commented scenario to start from: `microsig new` writes it.
+pub const TEMPLATE: &str = include_str!("template.ron");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The comments call the values defaults, so they must be.
+    #[test]
+    fn the_template_says_the_defaults() {
+        let bare = r#"(name: "mine", motion: flow(field: poiseuille()), timing: pairs(count: 10))"#;
+        let read = |text| resolve(parse(text, "s.ron").unwrap(), std::path::Path::new(".")).unwrap().spec;
+        let template = read(TEMPLATE);
+        let description = template.description.clone();
+        assert_eq!(spec::Spec { description, ..read(bare) }, template);
+    }
+}
