@@ -47,6 +47,9 @@ pub(crate) enum Verb {
     /// A dataset from a scenario: particles, images, ground truth, manifest
     #[command(after_help = "Example: microsig generate scenarios/quickstart.ron --set optics.background_noise=50 --out datasets/noisy")]
     Generate(Generate),
+    /// Many datasets over the axes of a sweep
+    #[command(after_help = "Example: microsig sweep scenarios/noise_sweep.ron --out sweeps/noise --shard 1/4")]
+    Sweep(Sweep),
     /// A commented scenario to start from
     #[command(after_help = "Example: microsig new mine.ron && microsig generate mine.ron")]
     New(New),
@@ -107,6 +110,28 @@ pub(crate) struct Generate {
     /// Go on with an interrupted run
     #[arg(long)]
     pub(crate) resume: bool,
+}
+
+/// Arguments of `sweep`.
+#[derive(Debug, Args)]
+pub(crate) struct Sweep {
+    /// The sweep (RON)
+    pub(crate) sweep: PathBuf,
+    /// The sweep's folder [default: datasets/NAME]
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Print the cases without running them
+    #[arg(long)]
+    pub(crate) list: bool,
+    /// Run only every N-th case, from the K-th [default: from SLURM_ARRAY_TASK_*, else all]
+    #[arg(long, value_name = "K/N")]
+    pub(crate) shard: Option<String>,
+    /// Go on with an interrupted run; cases that failed are tried again
+    #[arg(long)]
+    pub(crate) resume: bool,
+    /// Write the table of all cases of a sweep whose shards are done, without running any
+    #[arg(long)]
+    pub(crate) collect: bool,
 }
 
 /// Arguments of `new`.

@@ -8,10 +8,10 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use bench::dataset::verify::verify;
-use bench::runner::{GenerateOptions, Progress, RenderOptions, generate, render};
+use bench::runner::{GenerateOptions, Progress, RenderOptions, Shard, SweepOptions, collect, generate, render, sweep};
 use bench::{Error, Result, scenario};
 use clap::Parser;
-use cli::{Cli, Common, Generate, Mode, New, Render, Spheroids, Verb, Verify};
+use cli::{Cli, Common, Generate, Mode, New, Render, Sweep, Spheroids, Verb, Verify};
 use microsig_core::emission::SpheroidLaw;
 use serde::Serialize;
 
@@ -37,6 +37,7 @@ fn run(cli: &Cli) -> Result<()> {
     match &cli.verb {
         Verb::Render(arguments) => run_render(arguments, common),
         Verb::Generate(arguments) => run_generate(arguments, common),
+        Verb::Sweep(arguments) => run_sweep(arguments, common),
         Verb::New(arguments) => run_new(arguments, common),
         Verb::Verify(arguments) => run_verify(arguments, common),
     }
@@ -100,6 +101,65 @@ fn run_generate(arguments: &Generate, common: &Common) -> Result<()> {
         generated.out.display()
     );
     report(&text, &generated, common)
+}
+
+fn run_sweep(arguments: &Sweep, common: &Common) -> Result<()> {
+    let path = &arguments.sweep;
+    let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let plan = scenario::parse_sweep(&text, &path.display().to_string(), folder)?;
+    if arguments.list {
+        let line = |c: &scenario::Case| {
+            let values = plan.spec.axes.iter().zip(&c.values).map(|(a, v)| format!("{}={v}", a.path));
+            format!("{}  seed={}  {}", c.name, c.seed, values.collect::<Vec<_>>().join("  "))
+        };
+        return report(&plan.cases.iter().map(line).collect::<Vec<_>>().join("\n"), &plan.cases, common);
+    }
+    let out = arguments.out.clone().unwrap_or_else(|| Path::new("datasets").join(&plan.spec.name));
+    if arguments.collect {
+        let (done, failed) = collect(&plan, &out)?;
+        let missing = plan.cases.len() - done - failed;
+        if missing > 0 {
+            return Err(Error::Failed(vec![format!("{}: {missing} cases are missing, no table", out.display())]));
+        }
+        let text = format!("{}: {done} cases done, {failed} failed", out.join("cases.csv").display());
+        return report(&text, &serde_json::json!({ "out": out, "done": done, "failed": failed }), common);
+    }
+    let shard = match &arguments.shard {
+        Some(text) => Shard::parse(text)?,
+        None => Shard::of_slurm(|name| std::env::var(name).ok())?.unwrap_or(Shard::ALL),
+    };
+    if shard != Shard::ALL {
+        warn(&[format!("shard {shard}")], common);
+    }
+    // The base scenario may lie elsewhere, and its own files beside it.
+    let inputs = folder.join(&plan.spec.base).parent().unwrap_or(folder).to_owned();
+    let swept = sweep(
+        &plan,
+        &SweepOptions {
+            out,
+            inputs,
+            shard,
+            force: common.force,
+            resume: arguments.resume,
+            progress: progress(common),
+        },
+    )?;
+    let text = format!(
+        "sweep {}: {} of {} cases done, {} failed, {} made now in {:.2} s, in {}",
+        plan.spec.name,
+        swept.done,
+        swept.cases,
+        swept.failed,
+        swept.made,
+        swept.seconds,
+        swept.out.display()
+    );
+    report(&text, &swept, common)?;
+    if swept.failed > 0 {
+        return Err(Error::Failed(vec![format!("{} cases failed; see *.failed", swept.failed)]));
+    }
+    Ok(())
 }
 
 fn run_new(arguments: &New, common: &Common) -> Result<()> {

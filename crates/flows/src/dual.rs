@@ -176,6 +176,20 @@ pub(crate) trait Formula {
     }
 }
 
+/// The methods `velocity` and `gradient` of a [`crate::VelocityField`] that is a [`Formula`].
+macro_rules! by_formula {
+    () => {
+        fn velocity(&self, x: glam::DVec3, t: f64) -> glam::DVec3 {
+            self.value(x, t)
+        }
+
+        fn gradient(&self, x: glam::DVec3, t: f64) -> glam::DMat3 {
+            self.jacobian(x, t)
+        }
+    };
+}
+pub(crate) use by_formula;
+
 #[cfg(test)]
 mod tests {
     use super::*;

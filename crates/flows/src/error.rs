@@ -65,7 +65,11 @@ impl Check {
     }
 
     /// Passes an array of finite numbers.
-    pub(crate) fn all_finite<const N: usize>(&self, parameter: &'static str, values: [f64; N]) -> Result<[f64; N]> {
+    pub(crate) fn all_finite<const N: usize>(
+        &self,
+        parameter: &'static str,
+        values: [f64; N],
+    ) -> Result<[f64; N]> {
         let fits = values.iter().all(|value| value.is_finite());
         if fits { Ok(values) } else { Err(self.fault(parameter, format!("{values:?}"), "finite numbers")) }
     }

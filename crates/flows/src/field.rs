@@ -40,6 +40,11 @@ pub trait VelocityField: Send + Sync + Debug {
     /// Whether div u = 0 everywhere, so that a uniform cloud of tracers stays uniform.
     fn is_divergence_free(&self) -> bool;
 
+    /// Whether the velocity does not depend on time. `false` is always a safe answer.
+    fn is_steady(&self) -> bool {
+        false
+    }
+
     /// An upper bound of the speed in `region` between `t0` and `t1` (in either order), um/s.
     ///
     /// It decides how far inside an open face new particles can appear, so it must never be too small; too large only
@@ -51,6 +56,12 @@ pub trait VelocityField: Send + Sync + Debug {
     /// surface over the speed.
     fn step_limit(&self, _x: DVec3, _t: f64) -> Option<f64> {
         None
+    }
+
+    /// The place nearest to `x` at which the field's own surfaces hold a particle of a radius (um) at `t`; `x` itself
+    /// where it has none, as most fields. The surface of a drop that dries pushes particles down.
+    fn confine(&self, x: DVec3, _t: f64, _radius: f64) -> DVec3 {
+        x
     }
 }
 

@@ -57,9 +57,11 @@ pub mod integrate;
 pub mod params;
 mod random;
 pub mod region;
+pub mod registry;
 pub mod scale;
 pub mod seeding;
 pub mod sequence;
+pub mod sincos;
 pub mod special;
 
 pub use diameters::Diameters;

@@ -101,6 +101,16 @@ impl Region {
         Region { min, max }
     }
 
+    /// The box with `margin` (um) more on every side.
+    pub(crate) fn grown(&self, margin: f64) -> Region {
+        Region { min: self.min - margin, max: self.max + margin }
+    }
+
+    /// The smallest box that holds both.
+    pub(crate) fn joined(&self, other: &Region) -> Region {
+        Region { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
     /// The same box with one edge replaced; `None` if that leaves no volume.
     pub(crate) fn with_edge(&self, axis: Axis, low: f64, high: f64) -> Option<Region> {
         let mut region = *self;

@@ -4,9 +4,13 @@ mod camera;
 mod generate;
 mod progress;
 mod render;
+mod shard;
+mod sweep;
 
 pub use camera::Camera;
 pub(crate) use camera::{save, save_tiff};
 pub use generate::{Generated, Options as GenerateOptions, generate};
 pub use progress::Progress;
 pub use render::{Options as RenderOptions, Rendered, render};
+pub use shard::Shard;
+pub use sweep::{Options as SweepOptions, Swept, collect, sweep};

@@ -14,12 +14,21 @@ pub enum Progress {
 impl Progress {
     /// A bar over this many images.
     pub(crate) fn images(self, n: u64) -> ProgressBar {
+        self.bar(n, "images")
+    }
+
+    /// A bar over this many cases.
+    pub(crate) fn cases(self, n: u64) -> ProgressBar {
+        self.bar(n, "cases")
+    }
+
+    fn bar(self, n: u64, what: &str) -> ProgressBar {
         if self == Progress::Hidden {
             return ProgressBar::hidden();
         }
         // indicatif draws on standard error, and nothing at all where that is no terminal.
         let bar = ProgressBar::new(n);
-        let style = ProgressStyle::with_template("{bar:40} {pos}/{len} images  {per_sec}  {eta} left");
+        let style = ProgressStyle::with_template(&format!("{{bar:40}} {{pos}}/{{len}} {what}  {{per_sec}}  {{eta}} left"));
         if let Ok(style) = style {
             bar.set_style(style);
         }

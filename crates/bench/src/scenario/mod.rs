@@ -5,10 +5,14 @@ mod parse;
 mod resolve;
 mod set;
 pub mod spec;
+mod sweep;
 
 pub use parse::{compact, parse, write};
 pub use resolve::{Input, Recordings, Scenario, resolve};
 pub use set::{assignment, set};
+pub use sweep::{Axis, Case, Combine, Span, Sweep, SweepSpec, Values, parse_sweep};
+
+pub(crate) use parse::options;
 
 /// A commented scenario to start from: `microsig new` writes it.
 pub const TEMPLATE: &str = include_str!("template.ron");

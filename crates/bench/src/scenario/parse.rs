@@ -8,7 +8,7 @@ use super::spec::Spec;
 use crate::error::{Error, Result};
 
 /// How RON is read and written everywhere: `Some` need not be written, nor a variant's inner brackets.
-fn options() -> ron::Options {
+pub(crate) fn options() -> ron::Options {
     ron::Options::default().with_default_extension(
         Extensions::IMPLICIT_SOME | Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::UNWRAP_NEWTYPES,
     )

@@ -14,8 +14,8 @@
 use super::ROUNDING_MARGIN;
 use crate::error::{Check, Result};
 use crate::field::VelocityField;
-use crate::region::Region;
 use crate::params::params;
+use crate::region::Region;
 use crate::special::{exponential_integral, gauss_mean, mean_decay, mean_decay_slope};
 use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::PI;
@@ -166,6 +166,10 @@ impl VelocityField for LambOseen {
 
     fn is_divergence_free(&self) -> bool {
         true
+    }
+
+    fn is_steady(&self) -> bool {
+        self.nu == 0.0
     }
 
     fn max_speed(&self, region: &Region, t0: f64, t1: f64) -> f64 {

@@ -249,6 +249,10 @@ impl VelocityField for Linear {
         diagonal.element_sum().abs() <= 1e-14 * diagonal.abs().element_sum()
     }
 
+    fn is_steady(&self) -> bool {
+        true
+    }
+
     fn max_speed(&self, region: &Region, t0: f64, _t1: f64) -> f64 {
         // The length of a linear function is convex: its maximum over a box is at a corner.
         let at_corners = region.corners().map(|corner| self.velocity(corner, t0).length());

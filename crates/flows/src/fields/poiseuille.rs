@@ -89,6 +89,10 @@ impl VelocityField for Poiseuille {
         true
     }
 
+    fn is_steady(&self) -> bool {
+        true
+    }
+
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
         // The profile falls off from the middle plane: the fastest layer is the one nearest to it.
         let fastest = 0.5_f64.clamp(self.height(region.min().z), self.height(region.max().z));

@@ -1,0 +1,207 @@
+//! Points of many frames with their tracks, in an order that does not depend on rows or on names of tracks.
+//!
+//! Points are sorted by frame, x, y, z; tracks are numbered by their sequences of points. So permuting the rows of a table
+//! or renaming its tracks gives the same cloud, and every tie is broken the same way.
+
+use std::ops::Range;
+
+/// A place.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Position {
+    /// Column, px.
+    pub x_px: f64,
+    /// Row, downward, px.
+    pub y_px: f64,
+    /// Depth, um; 0 in data without depth.
+    pub z_um: f64,
+}
+
+/// A point before it is sorted in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Loose {
+    /// Frame.
+    pub frame: u32,
+    /// Track and its section; `None`: a track of its own.
+    pub track: Option<(i64, u32)>,
+    /// Where.
+    pub at: Position,
+    /// Row of the table it came from.
+    pub source: u32,
+}
+
+/// A point of a cloud.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Frame.
+    pub frame: u32,
+    /// Number of the track in the cloud.
+    pub track: u32,
+    /// Row of the table it came from.
+    pub source: u32,
+    /// Where.
+    pub at: Position,
+}
+
+/// Points and tracks.
+#[derive(Debug, Clone, Default)]
+pub struct Cloud {
+    /// The points, by frame, then place.
+    pub points: Vec<Point>,
+    /// Frames that hold points, in order, with their points.
+    pub frames: Vec<(u32, Range<usize>)>,
+    members: Vec<u32>,
+    offsets: Vec<u32>,
+}
+
+impl Cloud {
+    /// Sorts points in.
+    pub fn new(mut loose: Vec<Loose>) -> Self {
+        let place = |p: &Loose| (p.frame, p.at);
+        let order = |a: &(u32, Position), b: &(u32, Position)| {
+            a.0.cmp(&b.0)
+                .then(a.1.x_px.total_cmp(&b.1.x_px))
+                .then(a.1.y_px.total_cmp(&b.1.y_px))
+                .then(a.1.z_um.total_cmp(&b.1.z_um))
+        };
+        loose.sort_unstable_by(|a, b| {
+            order(&place(a), &place(b)).then(a.track.cmp(&b.track)).then(a.source.cmp(&b.source))
+        });
+        // Points at the same place and time share a class, so that names of tracks do not decide.
+        let mut class = vec![0u32; loose.len()];
+        for i in 1..loose.len() {
+            class[i] = class[i - 1] + u32::from(order(&place(&loose[i - 1]), &place(&loose[i])).is_ne());
+        }
+        let mut by_track: Vec<u32> = (0..loose.len() as u32).collect();
+        let name = |i: u32| match loose[i as usize].track {
+            Some(name) => (0, name, 0),
+            None => (1, (0, 0), i),
+        };
+        by_track.sort_unstable_by_key(|&i| (name(i), i));
+        let mut tracks: Vec<&[u32]> = by_track.chunk_by(|&a, &b| name(a) == name(b)).collect();
+        let classes = |track: &[u32]| track.iter().map(|&i| class[i as usize]).collect::<Vec<_>>();
+        tracks.sort_by(|a, b| match class[a[0] as usize].cmp(&class[b[0] as usize]) {
+            std::cmp::Ordering::Equal => classes(a).cmp(&classes(b)),
+            different => different,
+        });
+        let mut track_of = vec![0u32; loose.len()];
+        for (number, track) in tracks.iter().enumerate() {
+            for &i in *track {
+                track_of[i as usize] = number as u32;
+            }
+        }
+        let n_tracks = tracks.len();
+        let mut points: Vec<(u32, Point)> = loose
+            .iter()
+            .enumerate()
+            .map(|(i, p)| (class[i], Point { frame: p.frame, track: track_of[i], source: p.source, at: p.at }))
+            .collect();
+        points.sort_by_key(|(class, p)| (*class, p.track));
+        let points: Vec<Point> = points.into_iter().map(|(_, p)| p).collect();
+
+        let mut frames: Vec<(u32, Range<usize>)> = Vec::new();
+        for (i, p) in points.iter().enumerate() {
+            match frames.last_mut() {
+                Some((frame, range)) if *frame == p.frame => range.end = i + 1,
+                _ => frames.push((p.frame, i..i + 1)),
+            }
+        }
+        let mut offsets = vec![0u32; n_tracks + 1];
+        points.iter().for_each(|p| offsets[p.track as usize + 1] += 1);
+        for i in 0..n_tracks {
+            offsets[i + 1] += offsets[i];
+        }
+        let (mut members, mut next) = (vec![0u32; points.len()], offsets.clone());
+        for (i, p) in points.iter().enumerate() {
+            let slot = &mut next[p.track as usize];
+            members[*slot as usize] = i as u32;
+            *slot += 1;
+        }
+        Cloud { points, frames, members, offsets }
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Whether there is no point.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// Number of tracks.
+    pub fn n_tracks(&self) -> usize {
+        self.offsets.len().saturating_sub(1)
+    }
+
+    /// The points of a track, in order of time.
+    pub fn track(&self, track: usize) -> &[u32] {
+        &self.members[self.offsets[track] as usize..self.offsets[track + 1] as usize]
+    }
+
+    /// First and last frame of a track.
+    pub fn span(&self, track: usize) -> (i64, i64) {
+        let members = self.track(track);
+        let frame = |i: u32| i64::from(self.points[i as usize].frame);
+        (frame(members[0]), frame(members[members.len() - 1]))
+    }
+
+    /// Pairs of consecutive points of all tracks.
+    pub fn links(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        (0..self.n_tracks()).flat_map(|t| self.track(t).windows(2).map(|w| (w[0], w[1])))
+    }
+}
+
+/// Frames of two clouds side by side: number of the frame, points of the one, points of the other.
+pub fn side_by_side(a: &Cloud, b: &Cloud) -> Vec<(u32, Range<usize>, Range<usize>)> {
+    let mut frames = Vec::with_capacity(a.frames.len().max(b.frames.len()));
+    let (mut i, mut j) = (0, 0);
+    while i < a.frames.len() || j < b.frames.len() {
+        let (fa, fb) = (a.frames.get(i).map(|f| f.0), b.frames.get(j).map(|f| f.0));
+        let frame = fa.into_iter().chain(fb).min().unwrap_or_default();
+        let mut take = |mine: Option<u32>, frames: &[(u32, Range<usize>)], at: &mut usize| {
+            if mine == Some(frame) {
+                *at += 1;
+                frames[*at - 1].1.clone()
+            } else {
+                0..0
+            }
+        };
+        let (ra, rb) = (take(fa, &a.frames, &mut i), take(fb, &b.frames, &mut j));
+        frames.push((frame, ra, rb));
+    }
+    frames
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(frame: u32, track: i64, x_px: f64) -> Loose {
+        let at = Position { x_px, y_px: 1.0, z_um: 0.0 };
+        Loose { frame, track: (track >= 0).then_some((track, 0)), at, source: 0 }
+    }
+
+    #[test]
+    fn neither_rows_nor_names_matter() {
+        let rows = [point(0, 7, 3.0), point(1, 7, 4.0), point(0, 2, 3.0), point(1, 2, 3.5), point(1, -1, 9.0)];
+        let cloud = Cloud::new(rows.to_vec());
+        let mut other = rows;
+        other.reverse();
+        for p in &mut other {
+            p.track = p.track.map(|(t, s)| (100 - t, s));
+        }
+        assert_eq!(cloud.points, Cloud::new(other.to_vec()).points);
+        assert_eq!((cloud.n_tracks(), cloud.frames.len()), (3, 2));
+        // The track that goes to 3.5 comes first, though both begin at the same place.
+        assert_eq!(cloud.points[cloud.track(0)[1] as usize].at.x_px, 3.5);
+        assert_eq!(cloud.links().count(), 2);
+    }
+
+    #[test]
+    fn frames_of_one_cloud_only_are_kept() {
+        let a = Cloud::new(vec![point(1, 0, 1.0)]);
+        let b = Cloud::new(vec![point(0, 0, 1.0), point(1, 0, 1.0), point(5, 0, 2.0)]);
+        assert_eq!(side_by_side(&a, &b), [(0, 0..0, 0..1), (1, 0..1, 1..2), (5, 0..0, 2..3)]);
+    }
+}

@@ -1,0 +1,325 @@
+//! Sweeps: one scenario, varied along axes.
+//!
+//! A case is the base scenario with one value per axis and a repetition number. Its seed comes from what it is, not from
+//! its place in the list: adding values, reordering axes' values or splitting into shards changes no other case.
+
+use std::path::Path;
+
+use ron::value::RawValue;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use super::spec::Spec;
+use super::{keys, options, parse, set};
+use crate::error::{Error, Result};
+
+/// Most cases of a sweep; more is surely a slip.
+const MAX_CASES: usize = 1_000_000;
+
+/// A sweep as written.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct SweepSpec {
+    /// Name of the sweep and of its folder.
+    pub name: String,
+    /// What it is for.
+    #[serde(default)]
+    pub description: String,
+    /// The scenario that is varied: a file, relative to the sweep's.
+    pub base: String,
+    /// What is varied.
+    pub axes: Vec<Axis>,
+    /// How the axes go together.
+    #[serde(default)]
+    pub combine: Combine,
+    /// Datasets per combination of values, each with a seed of its own.
+    #[serde(default = "one")]
+    pub repetitions: u32,
+    /// Seed that the cases' seeds are made from.
+    #[serde(default)]
+    pub seed: u64,
+}
+
+fn one() -> u32 {
+    1
+}
+
+/// What is varied, and over which values.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Axis {
+    /// Path of a scenario's key.
+    pub path: String,
+    /// Its values.
+    pub values: Values,
+}
+
+/// Values of an axis.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Values {
+    /// These, each written as in a scenario.
+    List(Vec<Box<RawValue>>),
+    /// Equal steps.
+    Linear(Span),
+    /// Equal ratios.
+    Log(Span),
+}
+
+/// A range of numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Span {
+    /// The first number.
+    pub from: f64,
+    /// The last number.
+    pub to: f64,
+    /// How many, both ends counted.
+    pub count: u32,
+}
+
+/// How axes go together.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Combine {
+    /// Every value of one with every value of the others; the last axis varies fastest.
+    #[default]
+    Product,
+    /// First with first, second with second.
+    Zip,
+}
+
+/// A sweep, checked, with its cases.
+#[derive(Debug, Clone)]
+pub struct Sweep {
+    /// As written.
+    pub spec: SweepSpec,
+    /// The scenario that is varied, as written.
+    pub base: Spec,
+    /// Every case, in order.
+    pub cases: Vec<Case>,
+}
+
+/// One case of a sweep.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Case {
+    /// Its number, from 0.
+    pub index: usize,
+    /// Name of its dataset.
+    pub name: String,
+    /// The value of each axis, written as in a scenario.
+    pub values: Vec<String>,
+    /// Repetition, from 0.
+    pub repetition: u32,
+    /// Its seed.
+    pub seed: u64,
+}
+
+/// Reads a sweep and its base scenario; `name` is what messages call it, `folder` where the base is looked for.
+///
+/// # Errors
+/// As for a scenario; also axes without values, of unequal length in a zip, or along paths that do not exist.
+pub fn parse_sweep(text: &str, name: &str, folder: &Path) -> Result<Sweep> {
+    let at = |e: ron::error::SpannedError| {
+        Error::input(format!("{name}:{}:{}: {}", e.span.start.line, e.span.start.col, e.code))
+    };
+    let mut unknown = Vec::new();
+    let mut deserializer = ron::Deserializer::from_str_with_options(text, &options()).map_err(at)?;
+    let spec: SweepSpec = serde_ignored::deserialize(&mut deserializer, |path| unknown.push(path.to_string()))
+        .and_then(|spec| deserializer.end().map(|()| spec))
+        .map_err(|e| at(deserializer.span_error(e)))?;
+    let mut problems: Vec<String> = unknown.iter().map(|path| format!("{name}: unknown key `{path}`")).collect();
+
+    let base_path = folder.join(&spec.base);
+    let base = std::fs::read_to_string(&base_path).map_err(|e| Error::read(&base_path, e))?;
+    let base = parse(&base, &base_path.display().to_string())?;
+    if spec.axes.is_empty() {
+        problems.push(format!("{name}: axes: expected at least one"));
+    }
+    if spec.repetitions == 0 {
+        problems.push(format!("{name}: repetitions = 0: expected at least 1"));
+    }
+    let mut columns = Vec::new();
+    for axis in &spec.axes {
+        if matches!(keys::status(&axis.path), None | Some(keys::Status::Planned)) {
+            // The same message as for `--set`.
+            let refused = set(&base, &axis.path, "()").map_or_else(|e| e.to_string(), |_| String::new());
+            problems.push(format!("{name}: axes: {refused}"));
+        }
+        match axis.values.written() {
+            Ok(values) => columns.push(values),
+            Err(problem) => problems.push(format!("{name}: axes: {}: {problem}", axis.path)),
+        }
+    }
+    if problems.is_empty() && spec.combine == Combine::Zip && columns.iter().any(|c| c.len() != columns[0].len()) {
+        let lengths: Vec<String> = columns.iter().map(|c| c.len().to_string()).collect();
+        problems.push(format!("{name}: axes of a zip have {} values: expected equal numbers", lengths.join(", ")));
+    }
+    if !problems.is_empty() {
+        return Err(Error::Input(problems));
+    }
+    let combinations = combine(&columns, spec.combine)
+        .filter(|c| c.len().saturating_mul(spec.repetitions as usize) <= MAX_CASES)
+        .ok_or_else(|| Error::input(format!("{name}: expected at most {MAX_CASES} cases")))?;
+    let cases = combinations
+        .into_iter()
+        .flat_map(|values| (0..spec.repetitions).map(move |repetition| (values.clone(), repetition)))
+        .enumerate()
+        .map(|(index, (values, repetition))| Case {
+            index,
+            name: format!("case_{index:05}"),
+            seed: seed(&spec, &values, repetition),
+            values,
+            repetition,
+        })
+        .collect();
+    Ok(Sweep { spec, base, cases })
+}
+
+impl Sweep {
+    /// The scenario of a case.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if a value does not fit its key.
+    pub fn scenario(&self, case: &Case) -> Result<Spec> {
+        let mut spec = self.base.clone();
+        for (axis, value) in self.spec.axes.iter().zip(&case.values) {
+            spec = set(&spec, &axis.path, value)?;
+        }
+        spec.name = format!("{}_{}", self.spec.name, case.name);
+        // An axis over the seed itself has the last word.
+        if self.spec.axes.iter().all(|axis| axis.path != "seed") {
+            spec.seed = case.seed;
+        }
+        Ok(spec)
+    }
+}
+
+impl Values {
+    fn written(&self) -> std::result::Result<Vec<String>, String> {
+        let at = |span: &Span, log: bool| {
+            let usable = |x: f64| x.is_finite() && (!log || x > 0.0);
+            if !(usable(span.from) && usable(span.to)) || span.count == 0 || span.count as usize > MAX_CASES {
+                let positive = if log { " > 0" } else { "" };
+                return Err(format!("expected finite numbers{positive} and a count of 1 to {MAX_CASES}"));
+            }
+            let share = |i: u32| if span.count == 1 { 0.0 } else { f64::from(i) / f64::from(span.count - 1) };
+            let value = |i: u32| match i {
+                // The ends are met exactly.
+                0 => span.from,
+                i if i + 1 == span.count => span.to,
+                i if log => libm::exp(libm::log(span.from) * (1.0 - share(i)) + libm::log(span.to) * share(i)),
+                i => span.from * (1.0 - share(i)) + span.to * share(i),
+            };
+            Ok((0..span.count).map(|i| value(i).to_string()).collect())
+        };
+        match self {
+            Values::List(values) if values.is_empty() => Err("expected at least one value".to_owned()),
+            Values::List(values) => Ok(values.iter().map(|v| v.get_ron().trim().to_owned()).collect()),
+            Values::Linear(span) => at(span, false),
+            Values::Log(span) => at(span, true),
+        }
+    }
+}
+
+fn combine(columns: &[Vec<String>], how: Combine) -> Option<Vec<Vec<String>>> {
+    match how {
+        Combine::Zip => {
+            Some((0..columns[0].len()).map(|i| columns.iter().map(|c| c[i].clone()).collect()).collect())
+        }
+        Combine::Product => {
+            let total = columns.iter().try_fold(1usize, |n, c| n.checked_mul(c.len()))?;
+            if total > MAX_CASES {
+                return None;
+            }
+            let mut rows = vec![Vec::new()];
+            for column in columns {
+                rows = rows
+                    .into_iter()
+                    .flat_map(|row| {
+                        column.iter().map(move |value| row.iter().cloned().chain([value.clone()]).collect())
+                    })
+                    .collect();
+            }
+            Some(rows)
+        }
+    }
+}
+
+/// The first 64 bits of a hash over what the case is.
+fn seed(spec: &SweepSpec, values: &[String], repetition: u32) -> u64 {
+    let mut assignments: Vec<String> =
+        spec.axes.iter().zip(values).map(|(axis, value)| format!("{}={value}", axis.path)).collect();
+    assignments.sort();
+    let identity = format!("microsig case\nseed={}\n{}\nrepetition={repetition}\n", spec.seed, assignments.join("\n"));
+    let digest = Sha256::digest(identity);
+    u64::from_le_bytes(std::array::from_fn(|i| digest[i]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BASE: &str = r#"(name: "base", motion: flow(field: poiseuille()), timing: pairs(count: 2))"#;
+
+    fn sweep(text: &str) -> Result<Sweep> {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("base.ron"), BASE).unwrap();
+        parse_sweep(text, "sweep.ron", folder.path())
+    }
+
+    const SWEEP: &str = r#"(
+        name: "grid",
+        base: "base.ron",
+        axes: [
+            (path: "optics.background_noise", values: list([0, 10, 50])),
+            (path: "particles.number", values: list([count(23), ppp(0.001)])),
+        ],
+        repetitions: 2,
+    )"#;
+
+    #[test]
+    fn a_product_has_every_combination_with_seeds_of_its_own() {
+        let sweep = sweep(SWEEP).unwrap();
+        assert_eq!(sweep.cases.len(), 12);
+        assert_eq!(sweep.cases[2].values, ["0", "ppp(0.001)"]);
+        let mut seeds: Vec<u64> = sweep.cases.iter().map(|c| c.seed).collect();
+        seeds.sort_unstable();
+        seeds.dedup();
+        assert_eq!(seeds.len(), 12);
+        let spec = sweep.scenario(&sweep.cases[11]).unwrap();
+        assert_eq!((spec.optics.background_noise, spec.name.as_str()), (Some(50.0), "grid_case_00011"));
+    }
+
+    #[test]
+    fn a_cases_seed_depends_on_what_it_is_alone() {
+        let wider = SWEEP.replace("[0, 10, 50]", "[5, 0, 10, 50]");
+        let (a, b) = (sweep(SWEEP).unwrap(), sweep(&wider).unwrap());
+        for case in &a.cases {
+            let same = b.cases.iter().find(|c| c.values == case.values && c.repetition == case.repetition).unwrap();
+            assert_eq!(same.seed, case.seed);
+        }
+    }
+
+    #[test]
+    fn ranges_meet_their_ends_and_zip_pairs_them() {
+        let text = SWEEP
+            .replace("list([0, 10, 50])", "linear(from: 0, to: 50, count: 3)")
+            .replace("list([count(23), ppp(0.001)])", "list([count(1), count(2), count(3)])")
+            .replace("repetitions: 2", "combine: zip");
+        let zipped = sweep(&text).unwrap();
+        assert_eq!(zipped.cases.iter().map(|c| c.values[0].as_str()).collect::<Vec<_>>(), ["0", "25", "50"]);
+        let log = SWEEP.replace("list([0, 10, 50])", "log(from: 1, to: 100, count: 3)");
+        let middle: f64 = sweep(&log).unwrap().cases[4].values[0].parse().unwrap();
+        assert!((middle - 10.0).abs() < 1e-14);
+    }
+
+    #[test]
+    fn wrong_sweeps_say_what_is_wrong() {
+        let refuse = |from: &str, to: &str| sweep(&SWEEP.replace(from, to)).unwrap_err().to_string();
+        assert!(refuse("optics.background_noise", "optics.noise").contains("unknown key `optics.noise`"));
+        assert!(refuse("list([0, 10, 50])", "list([])").contains("expected at least one value"));
+        assert!(refuse("repetitions: 2", "combine: zip").contains("axes of a zip have 3, 2 values"));
+        assert!(refuse("repetitions: 2", "repetitions: 0").contains("expected at least 1"));
+        assert!(refuse("repetitions: 2", "repetition: 2").contains("unknown key `repetition`"));
+        assert!(refuse("base.ron", "nothing.ron").contains("nothing.ron"));
+        assert!(refuse("list([0, 10, 50])", "log(from: 0, to: 1, count: 3)").contains("expected finite numbers > 0"));
+    }
+}

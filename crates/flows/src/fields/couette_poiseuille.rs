@@ -1,0 +1,121 @@
+//! Couette-Poiseuille flow: between a plate at rest and a moving one, with a pressure gradient.
+//!
+//! With s = (z - z0) / H, u = V s + 4 U s (1 - s) along a direction in the xy-plane (Landau & Lifshitz, Fluid Mechanics,
+//! section 17). Steady and fully developed. Trajectories are straight lines at constant speed. Beyond the floor the
+//! fluid rests, beyond the ceiling it moves with it.
+
+use super::ROUNDING_MARGIN;
+use super::plates::{Plates, along, direction};
+use crate::dual::{Formula, Real, by_formula};
+use crate::error::{Check, Result};
+use crate::field::VelocityField;
+use crate::params::params;
+use crate::region::Region;
+use glam::DVec3;
+
+const CHECK: Check = Check("couette_poiseuille");
+
+params! {
+    /// Parameters of [`CouettePoiseuille`].
+    CouettePoiseuilleParams {
+        /// Velocity of the ceiling, um/s.
+        wall_speed_um_s: f64 = 1290.0, "finite";
+        /// Greatest speed of the pressure-driven part alone, um/s; negative against the ceiling.
+        pressure_speed_um_s: f64 = -430.0, "finite";
+        /// Floor and ceiling, um.
+        walls_z_um: [f64; 2] = [-80.0, 20.0], "finite, floor below ceiling";
+        /// Direction of the flow in the image plane, from x towards y, rad.
+        direction_rad: f64 = 0.0, "finite";
+    }
+}
+
+/// Flow between a plate at rest and a moving one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CouettePoiseuille {
+    plates: Plates,
+    direction: DVec3,
+    wall: f64,
+    pressure: f64,
+}
+
+impl CouettePoiseuille {
+    /// The flow of these parameters.
+    pub fn new(params: &CouettePoiseuilleParams) -> Result<Self> {
+        Ok(CouettePoiseuille {
+            plates: Plates::new(CHECK, params.walls_z_um)?,
+            direction: direction(CHECK, params.direction_rad)?,
+            wall: CHECK.finite("wall_speed_um_s", params.wall_speed_um_s)?,
+            pressure: CHECK.finite("pressure_speed_um_s", params.pressure_speed_um_s)?,
+        })
+    }
+
+    fn speed<S: Real>(&self, height: S) -> S {
+        match height.value() {
+            s if s < 0.0 => S::constant(0.0),
+            s if s > 1.0 => S::constant(self.wall),
+            _ => height * self.wall + height * (-height + 1.0) * (4.0 * self.pressure),
+        }
+    }
+}
+
+impl Formula for CouettePoiseuille {
+    fn formula<S: Real>(&self, x: [S; 3], _t: f64) -> [S; 3] {
+        along(self.direction, self.speed(self.plates.height(x[2])))
+    }
+}
+
+impl VelocityField for CouettePoiseuille {
+    by_formula!();
+
+    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
+        Some(x + self.velocity(x, t0) * (t1 - t0))
+    }
+
+    fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
+        Some(x.z)
+    }
+
+    fn is_divergence_free(&self) -> bool {
+        true
+    }
+
+    fn is_steady(&self) -> bool {
+        true
+    }
+
+    fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
+        // A parabola is greatest at an end of the range or at its vertex.
+        let (low, high) = self.plates.heights(region);
+        let vertex = 0.5 + self.wall / (8.0 * self.pressure);
+        let vertex = if vertex.is_finite() { vertex.clamp(low, high) } else { low };
+        let fastest = [low, high, vertex].map(|s| self.speed(s).abs()).into_iter().fold(0.0, f64::max);
+        fastest * ROUNDING_MARGIN
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_pressure_it_is_linear_and_with_it_curved() {
+        let params = CouettePoiseuilleParams { pressure_speed_um_s: 0.0, ..Default::default() };
+        let couette = CouettePoiseuille::new(&params).unwrap();
+        assert_eq!(couette.velocity(DVec3::new(0.0, 0.0, -30.0), 0.0).x, 645.0);
+        let backward = CouettePoiseuille::new(&CouettePoiseuilleParams::default()).unwrap();
+        assert_eq!(backward.velocity(DVec3::new(0.0, 0.0, -30.0), 0.0).x, 215.0);
+        // Near the floor it flows against the ceiling.
+        assert!(backward.velocity(DVec3::new(0.0, 0.0, -75.0), 0.0).x < 0.0);
+        assert_eq!(backward.velocity(DVec3::new(0.0, 0.0, 20.0), 0.0).x, 1290.0);
+    }
+
+    #[test]
+    fn plates_in_the_wrong_order_are_refused() {
+        let params = CouettePoiseuilleParams { walls_z_um: [20.0, -80.0], ..Default::default() };
+        let message = CouettePoiseuille::new(&params).unwrap_err().to_string();
+        assert_eq!(
+            message,
+            "couette_poiseuille: walls_z_um = [20.0, -80.0]: expected two finite numbers, the lower first"
+        );
+    }
+}

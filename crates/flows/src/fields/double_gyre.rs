@@ -1,0 +1,112 @@
+//! The double gyre: two counter-rotating vortices in a box of 2 L x L whose border sways from side to side.
+//!
+//! With X and Y the place in units of L from a corner, e = eps sin wt and f = e X^2 + (1 - 2 e) X,
+//! u = -pi A L sin(pi f) cos(pi Y), v = pi A L cos(pi f) sin(pi Y) df/dX (Shadden, Lekien & Marsden, Physica D 212 (2005) 271;
+//! their case is eps = 0.25 and w = 2 pi A). Nothing flows through the four sides. With eps = 0 the stream function
+//! sin(pi X) sin(pi Y) is kept.
+
+use super::ROUNDING_MARGIN;
+use crate::dual::{Formula, Real, by_formula};
+use crate::error::{Check, Result};
+use crate::field::VelocityField;
+use crate::params::params;
+use crate::region::Region;
+use glam::{DVec2, DVec3};
+use std::f64::consts::PI;
+
+const CHECK: Check = Check("double_gyre");
+
+params! {
+    /// Parameters of [`DoubleGyre`].
+    DoubleGyreParams {
+        /// Greatest speed along x, um/s.
+        max_speed_um_s: f64 = 1290.0, "finite";
+        /// Length of the box along y, half of that along x, um.
+        size_um: f64 = 236.0, "> 0";
+        /// Amplitude of the swaying.
+        epsilon: f64 = 0.25, "0 to 0.5";
+        /// Frequency of the swaying, Hz.
+        frequency_hz: f64 = 1.74, ">= 0";
+        /// Middle of the box, x and y, um.
+        centre_um: [f64; 2] = [0.0, 0.0], "finite";
+    }
+}
+
+/// A double gyre in the xy-plane.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DoubleGyre {
+    corner: DVec2,
+    size: f64,
+    max_speed: f64,
+    epsilon: f64,
+    omega: f64,
+}
+
+impl DoubleGyre {
+    /// The gyres of these parameters.
+    pub fn new(params: &DoubleGyreParams) -> Result<Self> {
+        let size = CHECK.positive("size_um", params.size_um)?;
+        let center = DVec2::from_array(CHECK.all_finite("centre_um", params.centre_um)?);
+        if !(0.0..=0.5).contains(&params.epsilon) {
+            return Err(CHECK.fault("epsilon", params.epsilon, "a number from 0 to 0.5"));
+        }
+        Ok(DoubleGyre {
+            corner: center - DVec2::new(size, 0.5 * size),
+            size,
+            max_speed: CHECK.finite("max_speed_um_s", params.max_speed_um_s)?,
+            epsilon: params.epsilon,
+            omega: 2.0 * PI * CHECK.not_negative("frequency_hz", params.frequency_hz)?,
+        })
+    }
+}
+
+impl Formula for DoubleGyre {
+    fn formula<S: Real>(&self, [x, y, _]: [S; 3], t: f64) -> [S; 3] {
+        let (x, y) = ((x - self.corner.x) / self.size, (y - self.corner.y) * (PI / self.size));
+        let e = self.epsilon * libm::sin(self.omega * t);
+        let f = (x * e + (1.0 - 2.0 * e)) * x * PI;
+        let slope = x * (2.0 * e) + (1.0 - 2.0 * e);
+        [f.sin() * y.cos() * -self.max_speed, f.cos() * y.sin() * slope * self.max_speed, S::constant(0.0)]
+    }
+}
+
+impl VelocityField for DoubleGyre {
+    by_formula!();
+
+    fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
+        let phase = (x.truncate() - self.corner) * (PI / self.size);
+        self.is_steady().then(|| libm::sin(phase.x) * libm::sin(phase.y))
+    }
+
+    fn is_divergence_free(&self) -> bool {
+        true
+    }
+
+    fn is_steady(&self) -> bool {
+        self.epsilon * self.omega == 0.0
+    }
+
+    fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
+        // |df/dX| = |1 + 2 e (X - 1)| is at most 1 + 2 eps |X - 1|, and the speed that of u times this factor.
+        let middle = self.corner + DVec2::new(self.size, 0.0);
+        let farthest = region.reach(middle.extend(0.0)).x / self.size;
+        self.max_speed.abs() * (1.0 + 2.0 * self.epsilon * farthest) * ROUNDING_MARGIN
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_border_sways_to_where_f_is_one() {
+        let field = DoubleGyre::new(&DoubleGyreParams::default()).unwrap();
+        // A quarter period: e = 0.25, f = 1 at X^2 + 2 X - 4 = 0. Through the border nothing flows where it stands.
+        let border = -236.0 + 236.0 * (libm::sqrt(5.0) - 1.0);
+        let u = field.velocity(DVec3::new(border, -60.0, 0.0), 0.25 / 1.74).x;
+        assert!(u.abs() < 1e-9, "{u}");
+        let params = DoubleGyreParams { epsilon: 0.7, ..Default::default() };
+        let message = DoubleGyre::new(&params).unwrap_err().to_string();
+        assert_eq!(message, "double_gyre: epsilon = 0.7: expected a number from 0 to 0.5");
+    }
+}

@@ -1,0 +1,138 @@
+//! Hill's spherical vortex: a sphere of rotational flow that travels through a fluid at rest.
+//!
+//! In the frame of the vortex, axis s, rho the distance from it, r^2 = rho^2 + s^2, radius a, speed U (Hill, Phil. Trans.
+//! R. Soc. A 185 (1894) 213; Batchelor, An Introduction to Fluid Dynamics, section 7.2; signs such that the centre flows
+//! along +s and the fluid far away along -s):
+//!   inside   u_rho = 3 U rho s / (2 a^2),        u_s = 3 U (a^2 - 2 rho^2 - s^2) / (2 a^2),
+//!   outside  u_rho = 3 U a^3 rho s / (2 r^5),    u_s = -U + U a^3 (2 s^2 - rho^2) / (2 r^5).
+//! The velocity is continuous, its gradient jumps at the surface. The stream function is kept in the frame of the vortex:
+//! (3 U / 4) rho^2 (1 - r^2 / a^2) inside, -(U / 2) rho^2 (1 - a^3 / r^3) outside. The inner part is also the circulation
+//! in a drop (Hadamard and Rybczynski). In the frame of the laboratory U is added and the centre moves.
+
+use super::ROUNDING_MARGIN;
+use crate::dual::{Formula, Real, by_formula};
+use crate::error::{Check, Result};
+use crate::field::VelocityField;
+use crate::params::params;
+use crate::region::{Axis, Region};
+use glam::DVec3;
+
+const CHECK: Check = Check("hill");
+
+params! {
+    /// Parameters of [`Hill`].
+    HillParams {
+        /// Speed of the vortex through the fluid along its axis, um/s.
+        speed_um_s: f64 = 600.0, "finite";
+        /// Radius of the sphere, um.
+        radius_um: f64 = 40.0, "> 0";
+        /// Direction of the axis.
+        axis: Axis = Axis::X, "x, y or z";
+        /// Whether the vortex moves and the fluid far away rests, or the other way round.
+        moving: bool = false, "true or false";
+        /// The centre at t = 0, um.
+        centre_um: [f64; 3] = [0.0, 0.0, -30.0], "finite";
+    }
+}
+
+/// Hill's spherical vortex.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hill {
+    center: DVec3,
+    axis: DVec3,
+    speed: f64,
+    radius: f64,
+    moving: bool,
+}
+
+impl Hill {
+    /// The vortex of these parameters.
+    pub fn new(params: &HillParams) -> Result<Self> {
+        Ok(Hill {
+            center: DVec3::from_array(CHECK.all_finite("centre_um", params.centre_um)?),
+            axis: params.axis.unit(),
+            speed: CHECK.finite("speed_um_s", params.speed_um_s)?,
+            radius: CHECK.positive("radius_um", params.radius_um)?,
+            moving: params.moving,
+        })
+    }
+
+    fn center(&self, t: f64) -> DVec3 {
+        if self.moving { self.center + self.axis * (self.speed * t) } else { self.center }
+    }
+}
+
+impl Formula for Hill {
+    fn formula<S: Real>(&self, x: [S; 3], t: f64) -> [S; 3] {
+        let (center, axis) = (self.center(t), self.axis);
+        let arm: [S; 3] = std::array::from_fn(|i| x[i] - center[i]);
+        let s = arm[0] * axis.x + arm[1] * axis.y + arm[2] * axis.z;
+        let r2 = arm[0].squared() + arm[1].squared() + arm[2].squared();
+        let (u, a2) = (self.speed, self.radius * self.radius);
+        // The velocity is `outward` times the arm and `along` times the axis: u_rho = outward rho.
+        let (outward, along) = if r2.value() < a2 {
+            (s * (1.5 * u / a2), (-r2 * 2.0 + a2) * (1.5 * u / a2))
+        } else {
+            let cube = S::constant(a2 * self.radius) / (r2 * r2.sqrt());
+            (s / r2 * cube * (1.5 * u), (cube * -0.5 - 1.0) * u)
+        };
+        let along = if self.moving { along + u } else { along };
+        std::array::from_fn(|i| arm[i] * outward + along * axis[i])
+    }
+}
+
+impl VelocityField for Hill {
+    by_formula!();
+
+    fn invariant(&self, x: DVec3, t: f64) -> Option<f64> {
+        let arm = x - self.center(t);
+        let (r2, s) = (arm.length_squared(), arm.dot(self.axis));
+        let rho2 = r2 - s * s;
+        let share = libm::sqrt(r2) / self.radius;
+        Some(if share < 1.0 {
+            0.75 * self.speed * rho2 * (1.0 - share * share)
+        } else {
+            -0.5 * self.speed * rho2 * (1.0 - 1.0 / (share * share * share))
+        })
+    }
+
+    fn is_divergence_free(&self) -> bool {
+        true
+    }
+
+    fn is_steady(&self) -> bool {
+        !self.moving
+    }
+
+    fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
+        // In the frame of the vortex 3U/2, in the centre and on the equator; at the poles and far away no more.
+        let fastest = if self.moving { 2.5 } else { 1.5 };
+        self.speed.abs() * fastest * ROUNDING_MARGIN
+    }
+
+    fn step_limit(&self, x: DVec3, t: f64) -> Option<f64> {
+        // 5 % of the radius near the surface, elsewhere no farther than to it.
+        let way = ((x - self.center(t)).length() - self.radius).abs().max(0.05 * self.radius);
+        Some(way / (1.5 * self.speed.abs()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_velocity_is_continuous_and_the_ring_rests() {
+        let field = Hill::new(&HillParams { axis: Axis::Z, ..Default::default() }).unwrap();
+        let at = |rho: f64, s: f64| field.velocity(DVec3::new(0.6 * rho, 0.8 * rho, s - 30.0), 0.0);
+        for angle in [0.0, 0.4, 1.2, 2.0] {
+            let (sin, cos) = libm::sincos(angle);
+            let gap = at(40.0 * sin * (1.0 - 1e-12), 40.0 * cos * (1.0 - 1e-12)) - at(40.0 * sin, 40.0 * cos);
+            assert!(gap.length() < 1e-8, "{gap}");
+        }
+        assert!(at(40.0 / std::f64::consts::SQRT_2, 0.0).length() < 1e-10);
+        assert!((at(0.0, 0.0) - DVec3::Z * 900.0).length() < 1e-10);
+        assert!((at(0.0, 1e9) + DVec3::Z * 600.0).length() < 1e-10);
+        assert!(Hill::new(&HillParams { radius_um: 0.0, ..Default::default() }).is_err());
+    }
+}

@@ -1,0 +1,299 @@
+//! Kraichnan's random Fourier modes: a field with the statistics of turbulence, in three dimensions or two.
+//!
+//! u = SUM_n a_n cos(k_n . x + w_n t) + b_n sin(k_n . x + w_n t), N modes, a_n and b_n across k_n (Kraichnan, Phys. Fluids 13 (1970)
+//! 22). In 3-D a_n = c xi x k_n/|k_n| with xi a vector of three normal numbers, c = u' sqrt(3 / 2N), and directions uniform; in 2-D
+//! a_n = c xi (-k_y, k_x) / |k_n| with c = u' sqrt(2 / N). In both every component has the mean square u'^2, on average over
+//! seeds. |k| = (k0/2) chi_5, as drawn from the spectrum 16 sqrt(2/pi) u'^2 k^4 / k0^5 exp(-2 k^2 / k0^2), whose peak is at k0.
+//! w_n is normal with standard deviation `unsteadiness` u' |k_n|; 0 is a frozen field. With a period along an axis the
+//! wave number along it is rounded to a multiple of 2 pi / period.
+//!
+//! Exactly free of divergence; not a solution of Navier-Stokes, and without walls. Modes are drawn from the stream
+//! (`Seeding`, 2^32 - 1, number of the mode) of the field's own seed: those of fewer modes are the first of more.
+
+use super::ROUNDING_MARGIN;
+use crate::error::{Check, Result};
+use crate::field::VelocityField;
+use crate::params::params;
+use crate::random::normal;
+use crate::region::Region;
+use crate::sincos::sines_and_cosines;
+use glam::{DMat3, DVec3};
+use microsig_core::stream::{Purpose, Stream, Streams};
+use std::f64::consts::PI;
+
+const CHECK: Check = Check("kraichnan");
+
+/// Modes of a block, whose sums run side by side.
+const LANES: usize = 8;
+/// Most modes.
+const MAX_MODES: u32 = 100_000;
+
+params! {
+    /// Parameters of [`Kraichnan`].
+    KraichnanParams {
+        /// Number of dimensions: 3, or 2 for a field in the xy-plane.
+        dimensions: u32 = 3, "2 or 3";
+        /// Root mean square u' of each component of the velocity, um/s.
+        rms_speed_um_s: f64 = 300.0, ">= 0";
+        /// Wavelength 2 pi / k0 of the peak of the spectrum, um.
+        wavelength_um: f64 = 100.0, "> 0";
+        /// Number of modes.
+        modes: u32 = 200, "1 to 100000";
+        /// Spread of the frequencies, in units of u' k.
+        unsteadiness: f64 = 0.0, ">= 0";
+        /// Periods along x, y and z, um; 0 for none.
+        period_um: [f64; 3] = [0.0, 0.0, 0.0], ">= 0, 0 or several wavelengths";
+        /// Seed of the modes.
+        seed: u64 = 1, "any";
+    }
+}
+
+/// Some modes side by side: lane i of every array belongs to mode i.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct Block {
+    k: [[f64; LANES]; 3],
+    omega: [f64; LANES],
+    a: [[f64; LANES]; 3],
+    b: [[f64; LANES]; 3],
+}
+
+/// One mode.
+#[derive(Debug, Clone, Copy)]
+struct Mode {
+    k: DVec3,
+    omega: f64,
+    a: DVec3,
+    b: DVec3,
+}
+
+/// A sum of random Fourier modes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Kraichnan {
+    blocks: Vec<Block>,
+    steady: bool,
+    /// No velocity is greater.
+    bound: f64,
+}
+
+impl Kraichnan {
+    /// The field of these parameters.
+    pub fn new(params: &KraichnanParams) -> Result<Self> {
+        CHECK.not_negative("rms_speed_um_s", params.rms_speed_um_s)?;
+        CHECK.positive("wavelength_um", params.wavelength_um)?;
+        CHECK.not_negative("unsteadiness", params.unsteadiness)?;
+        if !(2..=3).contains(&params.dimensions) {
+            return Err(CHECK.fault("dimensions", params.dimensions, "2 or 3"));
+        }
+        if !(1..=MAX_MODES).contains(&params.modes) {
+            return Err(CHECK.fault("modes", params.modes, "1 to 100000"));
+        }
+        for period in params.period_um {
+            CHECK.not_negative("period_um", period)?;
+            // With the shortest of these periods a few per cent of the modes round to nothing and are drawn again.
+            if period > 0.0 && period < params.wavelength_um {
+                return Err(CHECK.fault("period_um", period, "0, or at least wavelength_um"));
+            }
+        }
+        let streams = Streams::new(params.seed);
+        let modes: Vec<Mode> = (0..params.modes)
+            .map(|number| Mode::draw(params, &mut streams.stream(Purpose::Seeding, u32::MAX, number)))
+            .collect();
+        // |a cos + b sin| is at most sqrt(|a|^2 + |b|^2).
+        let bound =
+            modes.iter().map(|mode| libm::sqrt(mode.a.length_squared() + mode.b.length_squared())).sum();
+        let blocks = modes.chunks(LANES).map(Block::of).collect();
+        Ok(Kraichnan { blocks, steady: params.unsteadiness == 0.0, bound })
+    }
+}
+
+impl Mode {
+    fn draw(params: &KraichnanParams, stream: &mut Stream) -> Mode {
+        let flat = params.dimensions == 2;
+        let mut vector = || DVec3::new(normal(stream), normal(stream), normal(stream));
+        let k0 = 2.0 * PI / params.wavelength_um;
+        let k = loop {
+            // chi_5 is the length of five normal numbers; a sixth goes unused.
+            let (first, second) = (vector(), vector());
+            let length =
+                0.5 * k0 * libm::sqrt(first.length_squared() + second.x * second.x + second.y * second.y);
+            let direction = if flat { vector().with_z(0.0) } else { vector() };
+            let k = direction.try_normalize().map_or(DVec3::ZERO, |unit| unit * length);
+            let k = DVec3::from_array(std::array::from_fn(|i| {
+                let unit = 2.0 * PI / params.period_um[i];
+                // Without a period the unit is infinite. libm rounds halves away from zero.
+                if unit.is_finite() { libm::round(k[i] / unit) * unit } else { k[i] }
+            }));
+            if k != DVec3::ZERO {
+                break k;
+            }
+        };
+        let direction = k.normalize();
+        let scale = if flat { 2.0 } else { 1.5 };
+        let c = params.rms_speed_um_s * libm::sqrt(scale / f64::from(params.modes));
+        // In 2-D only the z component of the vector counts.
+        let mut amplitude = || {
+            let xi = vector();
+            (if flat { DVec3::Z * xi.z } else { xi }).cross(direction) * c
+        };
+        let (a, b) = (amplitude(), amplitude());
+        let omega = params.unsteadiness * params.rms_speed_um_s * k.length() * vector().x;
+        Mode { k, omega, a, b }
+    }
+}
+
+impl Block {
+    /// Up to [`LANES`] modes; the lanes that are left over are at rest.
+    fn of(modes: &[Mode]) -> Block {
+        let mut block = Block::default();
+        for (lane, mode) in modes.iter().enumerate() {
+            for i in 0..3 {
+                block.k[i][lane] = mode.k[i];
+                block.a[i][lane] = mode.a[i];
+                block.b[i][lane] = mode.b[i];
+            }
+            block.omega[lane] = mode.omega;
+        }
+        block
+    }
+
+    /// Sines and cosines of the phases.
+    #[inline]
+    fn waves(&self, x: DVec3, t: f64) -> ([f64; LANES], [f64; LANES]) {
+        let mut phases = [0.0; LANES];
+        for (i, phase) in phases.iter_mut().enumerate() {
+            *phase = self.k[0][i] * x.x + self.k[1][i] * x.y + self.k[2][i] * x.z + self.omega[i] * t;
+        }
+        sines_and_cosines(&phases)
+    }
+}
+
+/// The sum over the lanes, in a fixed order.
+fn total(lanes: [[f64; LANES]; 3]) -> DVec3 {
+    DVec3::from_array(lanes.map(|lane| {
+        let pairs: [f64; LANES / 2] = std::array::from_fn(|i| lane[i] + lane[i + LANES / 2]);
+        (pairs[0] + pairs[2]) + (pairs[1] + pairs[3])
+    }))
+}
+
+impl VelocityField for Kraichnan {
+    fn velocity(&self, x: DVec3, t: f64) -> DVec3 {
+        let mut sums = [[0.0; LANES]; 3];
+        for block in &self.blocks {
+            let (sin, cos) = block.waves(x, t);
+            for ((sum, a), b) in sums.iter_mut().zip(&block.a).zip(&block.b) {
+                for i in 0..LANES {
+                    sum[i] += a[i] * cos[i] + b[i] * sin[i];
+                }
+            }
+        }
+        total(sums)
+    }
+
+    fn gradient(&self, x: DVec3, t: f64) -> DMat3 {
+        let mut columns = [[[0.0; LANES]; 3]; 3];
+        for block in &self.blocks {
+            let (sin, cos) = block.waves(x, t);
+            for (column, k) in columns.iter_mut().zip(&block.k) {
+                for ((sum, a), b) in column.iter_mut().zip(&block.a).zip(&block.b) {
+                    for i in 0..LANES {
+                        sum[i] += (b[i] * cos[i] - a[i] * sin[i]) * k[i];
+                    }
+                }
+            }
+        }
+        let [x, y, z] = columns.map(total);
+        DMat3::from_cols(x, y, z)
+    }
+
+    fn is_divergence_free(&self) -> bool {
+        true
+    }
+
+    fn is_steady(&self) -> bool {
+        self.steady
+    }
+
+    fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
+        self.bound * ROUNDING_MARGIN
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn params(dimensions: u32, seed: u64) -> KraichnanParams {
+        KraichnanParams { dimensions, seed, ..Default::default() }
+    }
+
+    #[test]
+    fn every_component_has_the_mean_square_asked_for() {
+        for dimensions in [2, 3] {
+            let mut squares = [0.0; 3];
+            let mut energy = Vec::new();
+            for seed in 0..200 {
+                let field = Kraichnan::new(&params(dimensions, seed)).unwrap();
+                let mut own = DVec3::ZERO;
+                for i in 0..100 {
+                    let i = f64::from(i);
+                    let u = field.velocity(DVec3::new(73.0 * i, 41.0 * i, 59.0 * i), 0.0) / 300.0;
+                    own += u * u / 100.0;
+                }
+                for (sum, square) in squares.iter_mut().zip(own.to_array()) {
+                    *sum += square / 200.0;
+                }
+                energy.push(own.element_sum());
+            }
+            // Of 200 seeds with 100 places each; the energy of one seed varies by about 10 %.
+            for square in &squares[..dimensions as usize] {
+                assert!((square - 1.0).abs() < 0.04, "{dimensions}: {squares:?}");
+            }
+            assert!(dimensions == 3 || squares[2] == 0.0);
+        }
+    }
+
+    #[test]
+    fn wave_numbers_follow_the_spectrum() {
+        // <k^2> of (k0/2)^2 chi^2_5 is 5/4 k0^2; its standard deviation sqrt(10)/4 k0^2.
+        let field = Kraichnan::new(&KraichnanParams { modes: 20_000, ..Default::default() }).unwrap();
+        let k0 = 2.0 * PI / 100.0;
+        let squares = field.blocks.iter().flat_map(|block| {
+            (0..LANES).map(move |i| (0..3).map(|axis| block.k[axis][i] * block.k[axis][i]).sum::<f64>())
+        });
+        let mean = squares.sum::<f64>() / 20_000.0 / (k0 * k0);
+        assert!((mean - 1.25).abs() < 4.0 * 0.79 / 141.0, "{mean}");
+        // The same along every axis: a third, with standard deviation about 0.5.
+        for axis in 0..3 {
+            let along: f64 = field.blocks.iter().flat_map(|block| block.k[axis]).map(|k| k * k).sum::<f64>();
+            assert!((along / 20_000.0 / (k0 * k0) - 1.25 / 3.0).abs() < 4.0 * 0.6 / 141.0);
+        }
+    }
+
+    #[test]
+    fn a_periodic_field_repeats() {
+        let periodic = KraichnanParams { period_um: [400.0, 0.0, 200.0], ..params(3, 5) };
+        let field = Kraichnan::new(&periodic).unwrap();
+        let x = DVec3::new(12.0, 34.0, 56.0);
+        let again = field.velocity(x + DVec3::new(800.0, 0.0, -200.0), 0.0);
+        // Phases of some 100 rad are rounded to 1e-14.
+        assert!((again - field.velocity(x, 0.0)).length() < 1e-9);
+        let gradient = field.gradient(x, 0.0);
+        assert!((0..3).map(|i| gradient.col(i)[i]).sum::<f64>().abs() < 1e-12);
+    }
+
+    #[test]
+    fn fewer_modes_are_the_first_and_seeds_differ() {
+        let few = Kraichnan::new(&KraichnanParams { modes: 8, ..params(3, 1) }).unwrap();
+        let more = Kraichnan::new(&KraichnanParams { modes: 32, ..params(3, 1) }).unwrap();
+        assert_eq!(few.blocks[0].k, more.blocks[0].k);
+        assert_ne!(few, Kraichnan::new(&KraichnanParams { modes: 8, ..params(3, 2) }).unwrap());
+    }
+
+    #[test]
+    fn impossible_fields_are_refused() {
+        let message = Kraichnan::new(&params(4, 1)).unwrap_err().to_string();
+        assert_eq!(message, "kraichnan: dimensions = 4: expected 2 or 3");
+        assert!(Kraichnan::new(&KraichnanParams { modes: 0, ..params(3, 1) }).is_err());
+        assert!(Kraichnan::new(&KraichnanParams { period_um: [30.0, 0.0, 0.0], ..params(3, 1) }).is_err());
+    }
+}

@@ -1,0 +1,117 @@
+//! The Rankine vortex: a core in solid rotation inside a line vortex, about an axis along z.
+//!
+//! v(r) = V r / R for r < R and V R / r outside (Saffman, Vortex Dynamics, section 2.3), V = G / (2 pi R) being the greatest
+//! speed. Steady; the gradient jumps at R. A trajectory is a circle.
+
+use super::ROUNDING_MARGIN;
+use crate::error::{Check, Result};
+use crate::field::VelocityField;
+use crate::params::params;
+use crate::region::Region;
+use glam::{DMat3, DVec2, DVec3};
+
+const CHECK: Check = Check("rankine");
+
+params! {
+    /// Parameters of [`Rankine`].
+    RankineParams {
+        /// Speed at the edge of the core, um/s; positive turns x towards y.
+        max_speed_um_s: f64 = 1290.0, "finite";
+        /// Radius of the core, um.
+        core_radius_um: f64 = 40.0, "> 0";
+        /// The axis, x and y, um.
+        centre_um: [f64; 2] = [0.0, 0.0], "finite";
+    }
+}
+
+/// A Rankine vortex about an axis along z.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rankine {
+    center: DVec2,
+    radius: f64,
+    max_speed: f64,
+}
+
+impl Rankine {
+    /// The vortex of these parameters.
+    pub fn new(params: &RankineParams) -> Result<Self> {
+        Ok(Rankine {
+            center: DVec2::from_array(CHECK.all_finite("centre_um", params.centre_um)?),
+            radius: CHECK.positive("core_radius_um", params.core_radius_um)?,
+            max_speed: CHECK.finite("max_speed_um_s", params.max_speed_um_s)?,
+        })
+    }
+
+    /// Angular velocity at a squared radius, rad/s.
+    fn angular_velocity(&self, r2: f64) -> f64 {
+        self.max_speed * self.radius / r2.max(self.radius * self.radius)
+    }
+}
+
+impl VelocityField for Rankine {
+    fn velocity(&self, x: DVec3, _t: f64) -> DVec3 {
+        let arm = x.truncate() - self.center;
+        (arm.perp() * self.angular_velocity(arm.length_squared())).extend(0.0)
+    }
+
+    fn gradient(&self, x: DVec3, _t: f64) -> DMat3 {
+        let arm = x.truncate() - self.center;
+        let r2 = arm.length_squared();
+        let turn = self.angular_velocity(r2);
+        // Derivative of the angular velocity with r^2.
+        let slope = if r2 < self.radius * self.radius { 0.0 } else { -turn / r2 };
+        let mixed = 2.0 * arm.x * arm.y * slope;
+        DMat3::from_cols(
+            DVec3::new(-mixed, turn + 2.0 * arm.x * arm.x * slope, 0.0),
+            DVec3::new(-turn - 2.0 * arm.y * arm.y * slope, mixed, 0.0),
+            DVec3::ZERO,
+        )
+    }
+
+    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
+        let arm = x.truncate() - self.center;
+        let (sin, cos) = libm::sincos(self.angular_velocity(arm.length_squared()) * (t1 - t0));
+        let turned = DVec2::new(arm.x * cos - arm.y * sin, arm.x * sin + arm.y * cos);
+        Some((self.center + turned).extend(x.z))
+    }
+
+    fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
+        Some((x.truncate() - self.center).length())
+    }
+
+    fn is_divergence_free(&self) -> bool {
+        true
+    }
+
+    fn is_steady(&self) -> bool {
+        true
+    }
+
+    fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
+        let center = self.center.extend(0.0);
+        let nearest = region.clearance(center).truncate().length();
+        let farthest = region.reach(center).truncate().length();
+        let r = self.radius.clamp(nearest, farthest);
+        (self.angular_velocity(r * r) * r).abs() * ROUNDING_MARGIN
+    }
+
+    fn step_limit(&self, _x: DVec3, _t: f64) -> Option<f64> {
+        Some(0.05 * self.radius / self.max_speed.abs())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_speed_rises_to_the_edge_and_falls_beyond() {
+        let field = Rankine::new(&RankineParams::default()).unwrap();
+        let speed = |r: f64| field.velocity(DVec3::new(r, 0.0, 5.0), 0.0);
+        assert!((speed(40.0) - DVec3::Y * 1290.0).length() < 1e-12 * 1290.0);
+        assert!((speed(20.0).y - 645.0).abs() < 1e-12 * 1290.0);
+        assert!((speed(160.0).y - 322.5).abs() < 1e-12 * 1290.0);
+        let message = Rankine::new(&RankineParams { core_radius_um: 0.0, ..Default::default() }).unwrap_err();
+        assert_eq!(message.to_string(), "rankine: core_radius_um = 0: expected a finite number > 0");
+    }
+}

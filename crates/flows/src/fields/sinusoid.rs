@@ -1,0 +1,141 @@
+//! Sinusoidal velocity, for the response of a measurement to wavelength.
+//!
+//! With k = 2 pi / lambda and a phase p, along x:
+//!   transverse    u = A sin(k y + p): trajectories are straight, so that a displacement is A dt sin(k y + p) exactly;
+//!   longitudinal  u = A sin(k x + p): not divergence-free; with a = k x + p, tan(a/2) grows as e^(k A t);
+//!   product       u = A sin(k x + p) sin(k y + p): the same at every y with its own amplitude.
+
+use super::ROUNDING_MARGIN;
+use crate::dual::{Formula, Real, by_formula};
+use crate::error::{Check, Result};
+use crate::field::VelocityField;
+use crate::params::params;
+use crate::region::Region;
+use glam::DVec3;
+use std::f64::consts::PI;
+
+const CHECK: Check = Check("sinusoid");
+
+/// Directions of variation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+pub enum Variation {
+    /// Across the velocity, along y.
+    Transverse,
+    /// Along the velocity, x.
+    Longitudinal,
+    /// Along both.
+    Product,
+}
+
+params! {
+    /// Parameters of [`Sinusoid`].
+    SinusoidParams {
+        /// Greatest speed, um/s.
+        amplitude_um_s: f64 = 387.0, "finite";
+        /// Wavelength, um.
+        wavelength_um: f64 = 41.28, "> 0";
+        /// Phase at the middle of the image, rad.
+        phase_rad: f64 = 0.0, "finite";
+        /// Along which axes the velocity varies.
+        variation: Variation = Variation::Transverse, "transverse, longitudinal or product";
+    }
+}
+
+/// A velocity along x that varies as a sine.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sinusoid {
+    amplitude: f64,
+    wavenumber: f64,
+    phase: f64,
+    variation: Variation,
+}
+
+impl Sinusoid {
+    /// The field of these parameters.
+    pub fn new(params: &SinusoidParams) -> Result<Self> {
+        Ok(Sinusoid {
+            amplitude: CHECK.finite("amplitude_um_s", params.amplitude_um_s)?,
+            wavenumber: 2.0 * PI / CHECK.positive("wavelength_um", params.wavelength_um)?,
+            phase: CHECK.finite("phase_rad", params.phase_rad)?,
+            variation: params.variation,
+        })
+    }
+}
+
+/// How far da/dt = rate sin a carries an angle in a time, rad: tan(a/2) grows as e^(rate t), so the tangent of half
+/// the way is (E - 1) s c / (c^2 + E s^2) with E = e^(rate t) and s, c those of a/2.
+pub(super) fn sine_way(angle: f64, rate: f64, dt: f64) -> f64 {
+    let (sin, cos) = libm::sincos(0.5 * angle);
+    let growth = libm::expm1(rate * dt);
+    2.0 * libm::atan(growth * sin * cos / (1.0 + growth * sin * sin))
+}
+
+impl Formula for Sinusoid {
+    fn formula<S: Real>(&self, [x, y, _]: [S; 3], _t: f64) -> [S; 3] {
+        let wave = |s: S| (s * self.wavenumber + self.phase).sin();
+        let shape = match self.variation {
+            Variation::Transverse => wave(y),
+            Variation::Longitudinal => wave(x),
+            Variation::Product => wave(x) * wave(y),
+        };
+        [shape * self.amplitude, S::constant(0.0), S::constant(0.0)]
+    }
+}
+
+impl VelocityField for Sinusoid {
+    by_formula!();
+
+    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
+        let amplitude = match self.variation {
+            Variation::Transverse => return Some(x + self.value(x, t0) * (t1 - t0)),
+            Variation::Longitudinal => self.amplitude,
+            Variation::Product => self.amplitude * libm::sin(self.wavenumber * x.y + self.phase),
+        };
+        let angle = self.wavenumber * x.x + self.phase;
+        let way = sine_way(angle, self.wavenumber * amplitude, t1 - t0);
+        Some(x + DVec3::X * (way / self.wavenumber))
+    }
+
+    fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
+        Some(x.y)
+    }
+
+    fn is_divergence_free(&self) -> bool {
+        self.variation == Variation::Transverse
+    }
+
+    fn is_steady(&self) -> bool {
+        true
+    }
+
+    fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
+        self.amplitude.abs() * ROUNDING_MARGIN
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_way_of_an_angle_obeys_its_law() {
+        for angle in [-7.0, -1.0, 0.0, 0.5, 3.0, 9.0] {
+            let there = sine_way(angle, 2.0, 0.4);
+            let expected = libm::tan(0.5 * angle) * libm::exp(0.8);
+            let found = libm::tan(0.5 * (angle + there));
+            assert!((found - expected).abs() < 1e-12 * (1.0 + expected * expected), "{angle}");
+            // It never passes a multiple of pi, and comes back.
+            assert!(there.abs() < PI);
+            assert!((sine_way(angle + there, 2.0, -0.4) + there).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn the_default_moves_by_three_px_at_most_over_64_px() {
+        let field = Sinusoid::new(&SinusoidParams::default()).unwrap();
+        let way = field.flow_map(DVec3::new(0.0, 0.25 * 41.28, 0.0), 0.0, 0.005).unwrap().x;
+        assert!((way / 0.645 - 3.0).abs() < 1e-12);
+        assert!(Sinusoid::new(&SinusoidParams { wavelength_um: f64::NAN, ..Default::default() }).is_err());
+    }
+}

@@ -1,0 +1,96 @@
+//! Poiseuille flow in a straight tube of circular cross-section.
+//!
+//! u = U (1 - r^2 / R^2) along x, mean U/2 (Landau & Lifshitz, Fluid Mechanics, section 17). Steady and fully developed;
+//! trajectories are straight lines at constant speed. Outside the tube the fluid rests.
+
+use super::ROUNDING_MARGIN;
+use crate::dual::{Formula, Real, by_formula};
+use crate::error::{Check, Result};
+use crate::field::VelocityField;
+use crate::params::params;
+use crate::region::Region;
+use glam::{DVec2, DVec3};
+
+const CHECK: Check = Check("tube");
+
+params! {
+    /// Parameters of [`Tube`].
+    TubeParams {
+        /// Speed on the axis, um/s.
+        max_speed_um_s: f64 = 1290.0, "finite";
+        /// Inner radius, um.
+        radius_um: f64 = 50.0, "> 0";
+        /// The axis, y and z, um.
+        centre_yz_um: [f64; 2] = [0.0, -30.0], "finite";
+    }
+}
+
+/// Flow along x in a tube.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tube {
+    center: DVec2,
+    radius: f64,
+    max_speed: f64,
+}
+
+impl Tube {
+    /// The flow of these parameters.
+    pub fn new(params: &TubeParams) -> Result<Self> {
+        Ok(Tube {
+            center: DVec2::from_array(CHECK.all_finite("centre_yz_um", params.centre_yz_um)?),
+            radius: CHECK.positive("radius_um", params.radius_um)?,
+            max_speed: CHECK.finite("max_speed_um_s", params.max_speed_um_s)?,
+        })
+    }
+}
+
+impl Formula for Tube {
+    fn formula<S: Real>(&self, [_, y, z]: [S; 3], _t: f64) -> [S; 3] {
+        let share =
+            ((y - self.center.x).squared() + (z - self.center.y).squared()) / self.radius / self.radius;
+        let rest = S::constant(0.0);
+        [if share.value() > 1.0 { rest } else { (-share + 1.0) * self.max_speed }, rest, rest]
+    }
+}
+
+impl VelocityField for Tube {
+    by_formula!();
+
+    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
+        Some(x + self.velocity(x, t0) * (t1 - t0))
+    }
+
+    fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
+        Some((DVec2::new(x.y, x.z) - self.center).length())
+    }
+
+    fn is_divergence_free(&self) -> bool {
+        true
+    }
+
+    fn is_steady(&self) -> bool {
+        true
+    }
+
+    fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
+        let nearest = DVec3::new(0.0, self.center.x, self.center.y).clamp(region.min(), region.max());
+        self.value(nearest, 0.0).x.abs() * ROUNDING_MARGIN
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_profile_is_a_paraboloid() {
+        let field = Tube::new(&TubeParams::default()).unwrap();
+        let speed = |y: f64, z: f64| field.velocity(DVec3::new(3.0, y, z), 0.0).x;
+        assert_eq!(
+            [speed(0.0, -30.0), speed(0.0, 20.0), speed(-50.0, -30.0), speed(40.0, 10.0)],
+            [1290.0, 0.0, 0.0, 0.0]
+        );
+        assert!((speed(30.0, -70.0)).abs() < 1e-12 && (speed(25.0, -30.0) - 967.5).abs() < 1e-10);
+        assert!(Tube::new(&TubeParams { radius_um: -1.0, ..Default::default() }).is_err());
+    }
+}

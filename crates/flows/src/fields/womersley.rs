@@ -1,0 +1,337 @@
+//! Womersley flow: pulsating flow between plates or in a tube.
+//!
+//! A mean velocity Us + Re(A e^(iwt)) gives, with the Womersley number Wo = h sqrt(w / nu) of the half depth or radius h
+//! and the relative distance eta from the middle plane or axis,
+//!
+//!   u = Us P_0(eta) + Re(A P(eta) e^(iwt)),
+//!   plane: P = [1 - cosh(L eta) / cosh L] / [1 - tanh L / L], L = sqrt(i) Wo, P_0 = (3/2) (1 - eta^2),
+//!   tube:  P = [1 - J0(L eta) / J0(L)] / [1 - 2 J1(L) / (L J0(L))], L = i^(3/2) Wo, P_0 = 2 (1 - eta^2)
+//!
+//! (Womersley, J. Physiol. 127 (1955) 553; the plane case: Landau & Lifshitz, Fluid Mechanics, section 24). Numerator and
+//! denominator are expanded in powers of i Wo^2, where the common factor that vanishes with Wo drops out: one polynomial
+//! in eta^2 for all Wo from 0 (the parabola) to 40, beyond which the terms cancel too much (relative error 1e-12 there).
+//! Trajectories are straight lines: the velocity is integrated over time. Outside the fluid rests.
+
+use super::ROUNDING_MARGIN;
+use super::plates::Plates;
+use crate::error::{Check, Result};
+use crate::field::VelocityField;
+use crate::params::params;
+use crate::region::Region;
+use glam::{DMat3, DVec2, DVec3};
+use std::f64::consts::PI;
+
+const CHECK: Check = Check("womersley");
+
+/// Greatest Womersley number of the series.
+const MAX_WO: f64 = 40.0;
+
+/// The cross-section of a pulsating flow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+pub enum CrossSection {
+    /// Between two plates.
+    Plane,
+    /// In a tube that touches both walls, its axis half-way between them.
+    Tube,
+}
+
+params! {
+    /// Parameters of [`Womersley`].
+    WomersleyParams {
+        /// Between the plates, or in a tube whose diameter is their distance.
+        cross_section: CrossSection = CrossSection::Plane, "plane or tube";
+        /// Steady part of the mean velocity over the cross-section, um/s.
+        steady_speed_um_s: f64 = 430.0, "finite";
+        /// Amplitude of the pulsating part of the mean velocity, a cosine of time, um/s.
+        amplitude_um_s: f64 = 430.0, "finite";
+        /// Frequency, Hz.
+        frequency_hz: f64 = 20.0, "> 0, Womersley number at most 40";
+        /// Kinematic viscosity, um^2/s; water 1e6.
+        viscosity_um2_s: f64 = 1e6, "> 0, Womersley number at most 40";
+        /// Floor and ceiling, um.
+        walls_z_um: [f64; 2] = [-80.0, 20.0], "finite, floor below ceiling";
+        /// The axis of the tube, y, um.
+        centre_y_um: f64 = 0.0, "finite";
+    }
+}
+
+/// A complex number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Complex {
+    re: f64,
+    im: f64,
+}
+
+impl Complex {
+    const ZERO: Complex = Complex { re: 0.0, im: 0.0 };
+
+    fn add(self, other: Complex) -> Complex {
+        Complex { re: self.re + other.re, im: self.im + other.im }
+    }
+
+    fn times(self, factor: f64) -> Complex {
+        Complex { re: self.re * factor, im: self.im * factor }
+    }
+
+    fn mul(self, other: Complex) -> Complex {
+        Complex { re: self.re * other.re - self.im * other.im, im: self.re * other.im + self.im * other.re }
+    }
+
+    fn inverse(self) -> Complex {
+        let norm = self.re * self.re + self.im * self.im;
+        Complex { re: self.re / norm, im: -self.im / norm }
+    }
+}
+
+/// Pulsating flow along x between plates or in a tube.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Womersley {
+    plates: Plates,
+    /// The axis in y, for a tube.
+    axis: Option<f64>,
+    steady: f64,
+    amplitude: f64,
+    omega: f64,
+    /// P = SUM_k c_k (1 - eta^2k), k from 1.
+    series: Vec<Complex>,
+    /// SUM_k c_k.
+    total: Complex,
+    /// Greatest |P|.
+    peak: f64,
+}
+
+impl Womersley {
+    /// The flow of these parameters.
+    pub fn new(params: &WomersleyParams) -> Result<Self> {
+        let plates = Plates::new(CHECK, params.walls_z_um)?;
+        let omega = 2.0 * PI * CHECK.positive("frequency_hz", params.frequency_hz)?;
+        let viscosity = CHECK.positive("viscosity_um2_s", params.viscosity_um2_s)?;
+        let wo = 0.5 * plates.depth * libm::sqrt(omega / viscosity);
+        if wo.is_nan() || wo > MAX_WO {
+            return Err(CHECK.fault(
+                "Womersley number",
+                wo,
+                "at most 40: a lower frequency_hz or a higher viscosity_um2_s",
+            ));
+        }
+        let axis = match params.cross_section {
+            CrossSection::Plane => None,
+            CrossSection::Tube => Some(CHECK.finite("centre_y_um", params.centre_y_um)?),
+        };
+        let series = series(params.cross_section, wo);
+        let total = series.iter().fold(Complex::ZERO, |sum, term| sum.add(*term));
+        let mut field = Womersley {
+            plates,
+            axis,
+            steady: CHECK.finite("steady_speed_um_s", params.steady_speed_um_s)?,
+            amplitude: CHECK.finite("amplitude_um_s", params.amplitude_um_s)?,
+            omega,
+            series,
+            total,
+            peak: 0.0,
+        };
+        // The maximum lies within 1/4000 of a node, where |P| differs by less than (Wo/4000)^2 of itself.
+        let nodes = (0..=2000).map(|i| f64::from(i) / 2000.0);
+        let size = |p: Complex| libm::hypot(p.re, p.im);
+        field.peak = 1.001 * nodes.map(|eta| size(field.pulse(eta * eta).0)).fold(0.0, f64::max);
+        Ok(field)
+    }
+
+    /// The Womersley number.
+    pub fn number(params: &WomersleyParams) -> f64 {
+        let half = 0.5 * (params.walls_z_um[1] - params.walls_z_um[0]);
+        half * libm::sqrt(2.0 * PI * params.frequency_hz / params.viscosity_um2_s)
+    }
+
+    /// The place in the cross-section relative to the middle plane or axis, in units of half the depth.
+    fn place(&self, x: DVec3) -> DVec2 {
+        let half = 0.5 * self.plates.depth;
+        let y = self.axis.map_or(0.0, |axis| (x.y - axis) / half);
+        DVec2::new(y, (x.z - self.plates.middle()) / half)
+    }
+
+    /// P and dP/d(eta^2).
+    fn pulse(&self, eta2: f64) -> (Complex, Complex) {
+        let (mut sum, mut slope) = (Complex::ZERO, Complex::ZERO);
+        for term in self.series.iter().rev() {
+            slope = slope.times(eta2).add(sum);
+            sum = sum.times(eta2).add(*term);
+        }
+        // SUM c_k eta^2k = eta2 * sum.
+        (self.total.add(sum.times(-eta2)), sum.add(slope.times(eta2)).times(-1.0))
+    }
+
+    /// P_0 and its derivative with eta^2.
+    fn parabola(&self, eta2: f64) -> (f64, f64) {
+        let peak = if self.axis.is_some() { 2.0 } else { 1.5 };
+        (peak * (1.0 - eta2), -peak)
+    }
+
+    /// Speed for a steady part and a pulsating part, with the derivative along eta^2; the mean velocity is
+    /// `steady` + Re(`pulse` ...).
+    fn speed(&self, eta2: f64, steady: f64, pulse: Complex) -> (f64, f64) {
+        if eta2 > 1.0 {
+            return (0.0, 0.0);
+        }
+        let ((p0, slope0), (p, slope)) = (self.parabola(eta2), self.pulse(eta2));
+        (steady * p0 + pulse.mul(p).re, steady * slope0 + pulse.mul(slope).re)
+    }
+
+    /// A e^(iwt).
+    fn drive(&self, t: f64) -> Complex {
+        let (sin, cos) = libm::sincos(self.omega * t);
+        Complex { re: cos, im: sin }.times(self.amplitude)
+    }
+}
+
+/// The coefficients c_k of the profile: with q = i Wo^2 (plane) or i Wo^2 / 4 (tube) they are q^(k-1) a_k over
+/// SUM_k q^(k-1) m_k, a_k = 1/(2k)! or 1/k!^2, and m_k = a_k 2k/(2k+1) or a_k k/(k+1) the mean of a_k (1 - eta^2k).
+fn series(cross_section: CrossSection, wo: f64) -> Vec<Complex> {
+    let tube = cross_section == CrossSection::Tube;
+    let q = Complex { re: 0.0, im: if tube { 0.25 * wo * wo } else { wo * wo } };
+    let mut term = Complex { re: if tube { 1.0 } else { 0.5 }, im: 0.0 };
+    let mut terms = Vec::new();
+    let mut mean = Complex::ZERO;
+    // The largest terms have k = Wo/2; 40 more and they have fallen below 1e-30 of the sum.
+    for k in 1..=(60 + wo as u32) {
+        let k = f64::from(k);
+        terms.push(term);
+        mean = mean.add(term.times(if tube { k / (k + 1.0) } else { 2.0 * k / (2.0 * k + 1.0) }));
+        let ratio = if tube { (k + 1.0) * (k + 1.0) } else { (2.0 * k + 1.0) * (2.0 * k + 2.0) };
+        term = term.mul(q).times(1.0 / ratio);
+    }
+    let unit = mean.inverse();
+    terms.into_iter().map(|term| term.mul(unit)).collect()
+}
+
+impl VelocityField for Womersley {
+    fn velocity(&self, x: DVec3, t: f64) -> DVec3 {
+        DVec3::X * self.speed(self.place(x).length_squared(), self.steady, self.drive(t)).0
+    }
+
+    fn gradient(&self, x: DVec3, t: f64) -> DMat3 {
+        let place = self.place(x);
+        let slope = self.speed(place.length_squared(), self.steady, self.drive(t)).1;
+        let across = place * (2.0 * slope / (0.5 * self.plates.depth));
+        DMat3::from_cols(DVec3::ZERO, DVec3::X * across.x, DVec3::X * across.y)
+    }
+
+    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
+        // The integral of e^(iwt) is that at the mid-time, times 2 sin(w dt / 2) / w.
+        let weight = 2.0 * libm::sin(0.5 * self.omega * (t1 - t0)) / self.omega;
+        let pulse = self.drive(0.5 * (t0 + t1)).times(weight);
+        let way = self.speed(self.place(x).length_squared(), self.steady * (t1 - t0), pulse).0;
+        Some(x + DVec3::X * way)
+    }
+
+    fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
+        Some(self.place(x).length())
+    }
+
+    fn is_divergence_free(&self) -> bool {
+        true
+    }
+
+    fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
+        (self.steady.abs() * self.parabola(0.0).0 + self.amplitude.abs() * self.peak) * ROUNDING_MARGIN
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn params(cross_section: CrossSection, wo: f64) -> WomersleyParams {
+        // Wo^2 = h^2 w / nu with h = 50 um.
+        let viscosity_um2_s = 2500.0 * 2.0 * PI * 20.0 / (wo * wo);
+        WomersleyParams { cross_section, viscosity_um2_s, steady_speed_um_s: 0.0, ..Default::default() }
+    }
+
+    /// du/dt = G(t) + nu (u'' [+ u'/r]): the residual against its own mean over the profile, over w A.
+    fn momentum_residual(params: &WomersleyParams) -> f64 {
+        let field = Womersley::new(params).unwrap();
+        let tube = params.cross_section == CrossSection::Tube;
+        let omega = 2.0 * PI * params.frequency_hz;
+        let residual = |t: f64, eta: f64| {
+            let u =
+                |d: f64, dt: f64| field.velocity(DVec3::new(0.0, 0.0, -30.0 + 50.0 * (eta + d)), t + dt).x;
+            let h = 0.2 / f64::max(Womersley::number(params), 4.0);
+            let h = h.min(0.02);
+            let second = (-u(2.0 * h, 0.0) + 16.0 * u(h, 0.0) - 30.0 * u(0.0, 0.0) + 16.0 * u(-h, 0.0)
+                - u(-2.0 * h, 0.0))
+                / (12.0 * h * h * 2500.0);
+            let first =
+                (8.0 * (u(h, 0.0) - u(-h, 0.0)) - u(2.0 * h, 0.0) + u(-2.0 * h, 0.0)) / (12.0 * h * 50.0);
+            let dt = 1e-3 / omega;
+            let rate = (u(0.0, dt) - u(0.0, -dt)) / (2.0 * dt);
+            let laplacian = second + if tube { first / (50.0 * eta) } else { 0.0 };
+            rate - params.viscosity_um2_s * laplacian
+        };
+        let mut worst = 0.0_f64;
+        for t in [0.0, 0.007, 0.03] {
+            // The pressure gradient is the same everywhere in the cross-section.
+            let pressure = residual(t, 0.31);
+            for eta in [0.1, 0.5, 0.8, 0.9] {
+                worst = worst.max((residual(t, eta) - pressure).abs() / (omega * params.amplitude_um_s));
+            }
+        }
+        worst
+    }
+
+    #[test]
+    fn it_solves_the_momentum_equation() {
+        for cross_section in [CrossSection::Plane, CrossSection::Tube] {
+            for wo in [0.8, 5.0, 15.0] {
+                let residual = momentum_residual(&params(cross_section, wo));
+                // Differences: dt^2 w^2 / 6 = 2e-7; (h Wo)^4 / 90 = 2e-5 of the viscous term, of order 1.
+                assert!(residual < 1e-4, "{cross_section:?} {wo}: {residual:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_mean_over_the_cross_section_is_the_one_asked_for() {
+        for cross_section in [CrossSection::Plane, CrossSection::Tube] {
+            for wo in [1e-3, 1.0, 5.0, 20.0, 40.0] {
+                let params = WomersleyParams { steady_speed_um_s: 100.0, ..params(cross_section, wo) };
+                let field = Womersley::new(&params).unwrap();
+                let tube = cross_section == CrossSection::Tube;
+                let speed = |eta: f64| {
+                    let weight = if tube { 2.0 * eta } else { 1.0 };
+                    weight * field.velocity(DVec3::new(0.0, 0.0, -30.0 + 50.0 * eta), 0.011).x
+                };
+                let parts = 64;
+                let node = |i: i32| f64::from(i) / f64::from(parts);
+                let mean: f64 =
+                    (0..parts).map(|i| crate::special::gauss_mean(node(i), node(i + 1), speed)).sum::<f64>()
+                        / f64::from(parts);
+                let expected = 100.0 + 430.0 * libm::cos(2.0 * PI * 20.0 * 0.011);
+                // 1e-12 at Wo = 40.
+                assert!((mean - expected).abs() < 1e-9, "{cross_section:?} {wo}: {mean} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn slow_pulsation_is_the_parabola_and_fast_pulsation_a_plug() {
+        let at = |wo: f64, eta: f64| {
+            let field = Womersley::new(&params(CrossSection::Plane, wo)).unwrap();
+            field.velocity(DVec3::new(0.0, 0.0, -30.0 + 50.0 * eta), 0.0).x / 430.0
+        };
+        // The first correction is of order Wo^2.
+        assert!((at(1e-6, 0.0) - 1.5).abs() < 1e-11 && (at(1e-6, 0.5) - 1.125).abs() < 1e-11);
+        // In the middle 1 + O(1/Wo).
+        assert!((at(40.0, 0.0) - 1.0).abs() < 0.03 && at(40.0, 1.0).abs() < 1e-11);
+    }
+
+    #[test]
+    fn too_fast_for_the_series_is_refused() {
+        let message = Womersley::new(&params(CrossSection::Tube, 50.0)).unwrap_err().to_string();
+        assert!(
+            message.starts_with("womersley: Womersley number = ") && message.contains("at most 40"),
+            "{message}"
+        );
+        assert!(Womersley::new(&WomersleyParams { frequency_hz: 0.0, ..Default::default() }).is_err());
+    }
+}
