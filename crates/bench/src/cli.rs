@@ -45,10 +45,14 @@ pub(crate) enum Verb {
     #[command(after_help = "Example: microsig render settings.txt particles/ images/ --seed 1")]
     Render(Render),
     /// A dataset from a scenario: particles, images, ground truth, manifest
-    #[command(after_help = "Example: microsig generate scenarios/quickstart.ron --set optics.background_noise=50 --out datasets/noisy")]
+    #[command(
+        after_help = "Example: microsig generate scenarios/quickstart.ron --set optics.background_noise=50 --out datasets/noisy"
+    )]
     Generate(Generate),
     /// Many datasets over the axes of a sweep
-    #[command(after_help = "Example: microsig sweep scenarios/noise_sweep.ron --out sweeps/noise --shard 1/4")]
+    #[command(
+        after_help = "Example: microsig sweep scenarios/noise_sweep.ron --out sweeps/noise --shard 1/4"
+    )]
     Sweep(Sweep),
     /// A commented scenario to start from
     #[command(after_help = "Example: microsig new mine.ron && microsig generate mine.ron")]

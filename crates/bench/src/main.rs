@@ -8,10 +8,12 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use bench::dataset::verify::verify;
-use bench::runner::{GenerateOptions, Progress, RenderOptions, Shard, SweepOptions, collect, generate, render, sweep};
+use bench::runner::{
+    GenerateOptions, Progress, RenderOptions, Shard, SweepOptions, collect, generate, render, sweep,
+};
 use bench::{Error, Result, scenario};
 use clap::Parser;
-use cli::{Cli, Common, Generate, Mode, New, Render, Sweep, Spheroids, Verb, Verify};
+use cli::{Cli, Common, Generate, Mode, New, Render, Spheroids, Sweep, Verb, Verify};
 use microsig_core::emission::SpheroidLaw;
 use serde::Serialize;
 
@@ -120,7 +122,10 @@ fn run_sweep(arguments: &Sweep, common: &Common) -> Result<()> {
         let (done, failed) = collect(&plan, &out)?;
         let missing = plan.cases.len() - done - failed;
         if missing > 0 {
-            return Err(Error::Failed(vec![format!("{}: {missing} cases are missing, no table", out.display())]));
+            return Err(Error::Failed(vec![format!(
+                "{}: {missing} cases are missing, no table",
+                out.display()
+            )]));
         }
         let text = format!("{}: {done} cases done, {failed} failed", out.join("cases.csv").display());
         return report(&text, &serde_json::json!({ "out": out, "done": done, "failed": failed }), common);

@@ -21,7 +21,8 @@ fn particle_by_rays(c: &mut Criterion) {
     for (name, settings, particle) in cases {
         let streams = Streams::new(1);
         for set in [InstructionSet::Best, InstructionSet::Baseline] {
-            let renderer = RayRenderer::new(&settings, SpheroidLaw::Original).unwrap().with_instruction_set(set);
+            let renderer =
+                RayRenderer::new(&settings, SpheroidLaw::Original).unwrap().with_instruction_set(set);
             let mut scratch = Scratch::default();
             let points = emission::surface_points(&settings, &particle);
             let emitted = points as u64 * u64::from(settings.n_rays);

@@ -23,6 +23,8 @@ pub enum Purpose {
     CalibrationRays = 5,
     /// Background noise of the calibration stack; frame = step of the stack, row = pixel row.
     CalibrationNoise = 6,
+    /// What differs from pixel to pixel of a camera for ever; frame = 0, row = pixel row.
+    FixedPattern = 10,
 }
 
 /// All random streams of one seed.

@@ -82,7 +82,9 @@ pub fn write(folder: &Path, scenario: &Scenario, camera: &Camera) -> Result<()> 
     (0..depths.len()).into_par_iter().try_for_each(|k| {
         let (particle, image, data) = place(k);
         let path = folder.join(data);
-        save(&path, |w| data_file::write(w, &[particle], data_file::Layout::of(&[])).map_err(Error::write(&path)))?;
+        save(&path, |w| {
+            data_file::write(w, &[particle], data_file::Layout::of(&[])).map_err(Error::write(&path))
+        })?;
         crate::runner::save_tiff(&folder.join(image), &camera.image(&[particle], k as u32))
     })?;
 

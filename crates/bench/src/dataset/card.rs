@@ -21,7 +21,8 @@ pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
     };
     let motion = compact(&spec.motion)?;
     let n_p = census.visible as f64 / f64::from(census.frames.max(1));
-    let description = if spec.description.is_empty() { String::new() } else { format!("{}\n\n", spec.description) };
+    let description =
+        if spec.description.is_empty() { String::new() } else { format!("{}\n\n", spec.description) };
     Ok(format!(
         "# {name}\n\n\
          {description}\

@@ -56,7 +56,10 @@ pub fn read(text: &str, name: &str) -> Result<BTreeMap<String, String>> {
             hash.len() == 64 && hash.bytes().all(|b| b.is_ascii_hexdigit()) && !path.is_empty()
         });
         let Some((hash, path)) = entry else {
-            return Err(Error::input(format!("{name}:{}: expected 64 hexadecimal digits, two spaces, a path", i + 1)));
+            return Err(Error::input(format!(
+                "{name}:{}: expected 64 hexadecimal digits, two spaces, a path",
+                i + 1
+            )));
         };
         sums.insert(path.to_owned(), hash.to_ascii_lowercase());
     }

@@ -63,7 +63,9 @@ fn facts(scenario: &Scenario, census: &Census) -> Value {
         Recordings::Pairs { count, dt_s, interval_s } => {
             json!({ "mode": "pairs", "pairs": count, "dt_s": dt_s, "interval_s": interval_s })
         }
-        Recordings::Sequence { frames, dt_s } => json!({ "mode": "sequence", "frames": frames, "dt_s": dt_s }),
+        Recordings::Sequence { frames, dt_s } => {
+            json!({ "mode": "sequence", "frames": frames, "dt_s": dt_s })
+        }
     };
     json!({
         "generator": "microsig",

@@ -59,7 +59,8 @@ impl Preview {
         let rows = (self.tiles.len() as u32).div_ceil(COLUMNS);
         let columns = COLUMNS.min(self.tiles.len() as u32).max(1);
         let size = |n: u32, side: u32| n * side + (n + 1) * GAP;
-        let mut sheet = GrayImage::from_pixel(size(columns, WIDTH), size(rows.max(1), height), image::Luma([255]));
+        let mut sheet =
+            GrayImage::from_pixel(size(columns, WIDTH), size(rows.max(1), height), image::Luma([255]));
         for (i, (_, tile)) in self.tiles.iter().enumerate() {
             let (column, row) = (i as u32 % COLUMNS, i as u32 / COLUMNS);
             let (x, y) = (GAP + column * (WIDTH + GAP), GAP + row * (height + GAP));

@@ -53,7 +53,12 @@ pub const TRACKS: Table = Table {
         column("v_um_s", "number", "um/s", "velocity along y"),
         column("w_um_s", "number", "um/s", "velocity along z"),
         column("visible", "integer", "", "1 if the centre is on the sensor"),
-        column("rendered", "integer", "", "1 if the particle is in the data file: some of its light may reach the sensor"),
+        column(
+            "rendered",
+            "integer",
+            "",
+            "1 if the particle is in the data file: some of its light may reach the sensor",
+        ),
     ],
 };
 

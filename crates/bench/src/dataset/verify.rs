@@ -40,7 +40,9 @@ pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Ve
     let mut failures = Vec::new();
     let present: Vec<String> = files_below(dataset)?.into_iter().filter(|f| f != SHA256SUMS).collect();
     failures.extend(sums.keys().filter(|f| !present.contains(f)).map(|f| format!("{f}: missing")));
-    failures.extend(present.iter().filter(|f| !sums.contains_key(*f)).map(|f| format!("{f}: not in {SHA256SUMS}")));
+    failures.extend(
+        present.iter().filter(|f| !sums.contains_key(*f)).map(|f| format!("{f}: not in {SHA256SUMS}")),
+    );
     let fingerprints = checksums::fingerprints(dataset, &present)?;
     for (file, fingerprint) in &fingerprints {
         if sums.get(file).is_some_and(|hash| *hash != fingerprint.sha256) {
@@ -59,7 +61,8 @@ pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Ve
 /// Size and hash of every resource, and the columns of every table, are what the manifest says.
 fn manifest_agrees(dataset: &Path, fingerprints: &BTreeMap<String, Fingerprint>, failures: &mut Vec<String>) {
     let read = std::fs::read_to_string(dataset.join(MANIFEST)).map_err(|e| e.to_string());
-    let manifest = match read.and_then(|text| serde_json::from_str::<Value>(&text).map_err(|e| e.to_string())) {
+    let manifest = match read.and_then(|text| serde_json::from_str::<Value>(&text).map_err(|e| e.to_string()))
+    {
         Ok(manifest) => manifest,
         Err(e) => return failures.push(format!("{MANIFEST}: {e}")),
     };
@@ -118,5 +121,7 @@ fn scenario_agrees(dataset: &Path, regenerate: Option<Progress>, sums: &str) -> 
     let (old, new) = (checksums::read(sums, SHA256SUMS)?, checksums::read(&again, SHA256SUMS)?);
     let differ = |f: &&String| old.get(*f) != new.get(*f);
     let files: std::collections::BTreeSet<&String> = old.keys().chain(new.keys()).filter(differ).collect();
-    Err(Error::Failed(files.into_iter().map(|f| format!("{f}: generated again, it has other bytes")).collect()))
+    Err(Error::Failed(
+        files.into_iter().map(|f| format!("{f}: generated again, it has other bytes")).collect(),
+    ))
 }

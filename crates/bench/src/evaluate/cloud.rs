@@ -5,16 +5,7 @@
 
 use std::ops::Range;
 
-/// A place.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Position {
-    /// Column, px.
-    pub x_px: f64,
-    /// Row, downward, px.
-    pub y_px: f64,
-    /// Depth, um; 0 in data without depth.
-    pub z_um: f64,
-}
+pub use crate::results::Position;
 
 /// A point before it is sorted in.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,11 +5,8 @@ use rayon::prelude::*;
 use super::assignment::{Pair, most_then_cheapest};
 use super::cloud::{Cloud, side_by_side};
 use super::gate::Gate;
-use super::neighbours::near;
+use super::neighbours::{MAX_PAIRS, near};
 use crate::error::{Error, Result};
-
-/// Most admissible pairs of one frame.
-const MAX_PAIRS: usize = 50_000_000;
 
 /// No partner.
 pub const NONE: u32 = u32::MAX;
@@ -114,7 +111,7 @@ pub(super) fn too_many(pairs: usize, frame: u32, gate: &Gate) -> Result<()> {
         return Ok(());
     }
     Err(Error::input(format!(
-        "frame {frame}: a gate of {} px admits {pairs} pairs; at most {MAX_PAIRS} are possible",
+        "frame {frame}: a gate of {} px admits more than {MAX_PAIRS} pairs; make it smaller",
         gate.xy_px
     )))
 }

@@ -103,6 +103,9 @@ impl<'a> Grid<'a> {
     }
 }
 
+/// Pairs of one frame that are held; a search that finds more stops beyond this number, and its caller must refuse.
+pub const MAX_PAIRS: usize = 20_000_000;
+
 /// All pairs with D < `reach` (in units of the gate; for 1, those that the gate admits), by truth, then result.
 pub fn near(truth: &[Point], result: &[Point], gate: &Gate, reach: f64) -> Vec<Near> {
     let mut pairs = Vec::new();
@@ -120,6 +123,9 @@ pub fn near(truth: &[Point], result: &[Point], gate: &Gate, reach: f64) -> Vec<N
             }
         });
         pairs[first..].sort_unstable_by_key(|n| n.result);
+        if pairs.len() > MAX_PAIRS {
+            break;
+        }
     }
     pairs
 }

@@ -51,7 +51,10 @@ impl Camera {
 }
 
 /// Writes a file so that it is there whole or not at all.
-pub(crate) fn save(path: &Path, write: impl FnOnce(&mut std::io::BufWriter<&std::fs::File>) -> Result<()>) -> Result<()> {
+pub(crate) fn save(
+    path: &Path,
+    write: impl FnOnce(&mut std::io::BufWriter<&std::fs::File>) -> Result<()>,
+) -> Result<()> {
     let folder = path.parent().unwrap_or(Path::new("."));
     // A fixed prefix lets a later run recognise what an interrupted one left behind.
     let file = tempfile::Builder::new().prefix(TEMPORARY).tempfile_in(folder).map_err(Error::write(path))?;

@@ -117,7 +117,10 @@ fn begin(scenario: &str, options: &Options) -> Result<Partial> {
     let same = std::fs::read_to_string(left_over.join("scenario.ron")).is_ok_and(|text| text == scenario);
     if left_over.exists() {
         if options.resume && !same {
-            return Err(Error::input(format!("{}: holds another scenario; cannot resume", left_over.display())));
+            return Err(Error::input(format!(
+                "{}: holds another scenario; cannot resume",
+                left_over.display()
+            )));
         }
         if !options.resume {
             if !options.force {
@@ -207,7 +210,8 @@ fn seal(folder: &Path, scenario: &Scenario, census: &Census) -> Result<()> {
         std::fs::remove_dir(&inputs).map_err(Error::write(&inputs))?;
     }
     let own = [manifest::MANIFEST, checksums::SHA256SUMS];
-    let files: Vec<String> = files_below(folder)?.into_iter().filter(|f| !own.contains(&f.as_str())).collect();
+    let files: Vec<String> =
+        files_below(folder)?.into_iter().filter(|f| !own.contains(&f.as_str())).collect();
     let mut fingerprints = checksums::fingerprints(folder, &files)?;
 
     let path = folder.join(manifest::MANIFEST);

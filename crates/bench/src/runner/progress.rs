@@ -28,7 +28,9 @@ impl Progress {
         }
         // indicatif draws on standard error, and nothing at all where that is no terminal.
         let bar = ProgressBar::new(n);
-        let style = ProgressStyle::with_template(&format!("{{bar:40}} {{pos}}/{{len}} {what}  {{per_sec}}  {{eta}} left"));
+        let style = ProgressStyle::with_template(&format!(
+            "{{bar:40}} {{pos}}/{{len}} {what}  {{per_sec}}  {{eta}} left"
+        ));
         if let Ok(style) = style {
             bar.set_style(style);
         }

@@ -71,7 +71,11 @@ pub fn render(options: &Options) -> Result<Rendered> {
 
     let files = data_files(&options.data, &options.settings)?;
     if u32::try_from(files.len()).ok().and_then(|n| options.first_frame.checked_add(n)).is_none() {
-        return Err(Error::input(format!("--first-frame {}: frame numbers end at {}", options.first_frame, u32::MAX)));
+        return Err(Error::input(format!(
+            "--first-frame {}: frame numbers end at {}",
+            options.first_frame,
+            u32::MAX
+        )));
     }
     let particles = check(&files, &camera, &mut warnings)?;
 

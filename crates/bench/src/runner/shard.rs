@@ -32,14 +32,19 @@ impl Shard {
     pub fn of_slurm(variable: impl Fn(&str) -> Option<String>) -> Result<Option<Self>> {
         let Some(id) = variable("SLURM_ARRAY_TASK_ID") else { return Ok(None) };
         let number = |name: &str, text: String| {
-            text.trim().parse::<usize>().map_err(|_| Error::input(format!("{name} = {text}: expected a whole number")))
+            text.trim()
+                .parse::<usize>()
+                .map_err(|_| Error::input(format!("{name} = {text}: expected a whole number")))
         };
-        let optional = |name: &str, default: usize| variable(name).map_or(Ok(default), |text| number(name, text));
+        let optional =
+            |name: &str, default: usize| variable(name).map_or(Ok(default), |text| number(name, text));
         let id = number("SLURM_ARRAY_TASK_ID", id)?;
         let first = optional("SLURM_ARRAY_TASK_MIN", 0)?;
         let step = optional("SLURM_ARRAY_TASK_STEP", 1)?;
         let Some(count) = variable("SLURM_ARRAY_TASK_COUNT") else {
-            return Err(Error::input("SLURM_ARRAY_TASK_ID is set but SLURM_ARRAY_TASK_COUNT is not; use --shard K/N"));
+            return Err(Error::input(
+                "SLURM_ARRAY_TASK_ID is set but SLURM_ARRAY_TASK_COUNT is not; use --shard K/N",
+            ));
         };
         let n = number("SLURM_ARRAY_TASK_COUNT", count)?;
         let k = id.checked_sub(first).filter(|d| step > 0 && d % step == 0).map(|d| d / step + 1);

@@ -10,10 +10,10 @@ use std::time::Instant;
 use serde::Serialize;
 use serde_json::Value;
 
+use super::camera::save;
 use super::generate::{Options as GenerateOptions, generate};
 use super::progress::Progress;
 use super::shard::Shard;
-use super::camera::save;
 use crate::dataset::folder::partial_name;
 use crate::dataset::manifest::MANIFEST;
 use crate::error::{Error, Result};
@@ -98,12 +98,16 @@ fn run(sweep: &Sweep, case: &Case, options: &Options) -> Result<bool> {
         std::fs::remove_file(&reason).map_err(Error::write(&reason))?;
     }
     let partial = partial_name(&out);
-    let generated = sweep.scenario(case).and_then(|spec| resolve(spec, &options.inputs)).and_then(|scenario| {
-        // What an earlier run left is taken up if it can be.
-        let resume = options.resume && partial.exists();
-        let force = options.force || !resume;
-        generate(&scenario, &GenerateOptions { out: out.clone(), force, resume, progress: Progress::Hidden })
-    });
+    let generated =
+        sweep.scenario(case).and_then(|spec| resolve(spec, &options.inputs)).and_then(|scenario| {
+            // What an earlier run left is taken up if it can be.
+            let resume = options.resume && partial.exists();
+            let force = options.force || !resume;
+            generate(
+                &scenario,
+                &GenerateOptions { out: out.clone(), force, resume, progress: Progress::Hidden },
+            )
+        });
     match generated {
         Ok(_) => Ok(true),
         // A full disk is no property of the case.
@@ -133,11 +137,21 @@ pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
     let unwritable = |e: csv::Error| Error::Write { path: out.join(TABLE), source: std::io::Error::other(e) };
     let axes = sweep.spec.axes.iter().map(|a| a.path.as_str());
     let facts = ["n_p", "n_ppp", "max_displacement_px"];
-    let header: Vec<&str> =
-        ["case", "dataset", "repetition", "seed"].into_iter().chain(axes).chain(["status"]).chain(facts).chain(["reason"]).collect();
+    let header: Vec<&str> = ["case", "dataset", "repetition", "seed"]
+        .into_iter()
+        .chain(axes)
+        .chain(["status"])
+        .chain(facts)
+        .chain(["reason"])
+        .collect();
     table.write_record(&header).map_err(unwritable)?;
     for case in &sweep.cases {
-        let mut row = vec![case.index.to_string(), case.name.clone(), case.repetition.to_string(), case.seed.to_string()];
+        let mut row = vec![
+            case.index.to_string(),
+            case.name.clone(),
+            case.repetition.to_string(),
+            case.seed.to_string(),
+        ];
         row.extend(case.values.iter().cloned());
         let (manifest, reason) = (out.join(&case.name).join(MANIFEST), failed(out, case));
         if manifest.exists() {

@@ -55,7 +55,8 @@ pub fn parse(text: &str, name: &str) -> Result<Spec> {
 /// Writes a scenario so that [`parse`] reads it back.
 pub fn write(spec: &Spec) -> Result<String> {
     let pretty = ron::ser::PrettyConfig::new().struct_names(false).new_line("\n");
-    let text = options().to_string_pretty(spec, pretty).map_err(|e| Error::input(format!("scenario: {e}")))?;
+    let text =
+        options().to_string_pretty(spec, pretty).map_err(|e| Error::input(format!("scenario: {e}")))?;
     Ok(text + "\n")
 }
 

@@ -228,7 +228,8 @@ fn optics(
     let mut settings = match optics.settings.clone() {
         Some(file) => {
             let path = folder.join(&file);
-            let bytes = problems.of("optics.settings", std::fs::read(&path).map_err(|e| Error::read(&path, e)))?;
+            let bytes =
+                problems.of("optics.settings", std::fs::read(&path).map_err(|e| Error::read(&path, e)))?;
             let read = settings_file::read(&bytes[..], &path.display().to_string());
             let read = problems.of("optics.settings", read)?;
             warnings.extend(read.warnings);
@@ -283,7 +284,11 @@ fn timing(timing: &Timing, problems: &mut Problems) -> Recordings {
 fn depth(boundaries: &mut spec::Boundaries, problems: &mut Problems) -> ((f64, f64), Boundary) {
     let z_um = *boundaries.z_um.get_or_insert(DEFAULT_Z_UM);
     if !(z_um.0.is_finite() && z_um.1.is_finite() && z_um.0 < z_um.1) {
-        problems.add("boundaries.z_um", format!("({}, {})", z_um.0, z_um.1), "two depths in um, the lower one first");
+        problems.add(
+            "boundaries.z_um",
+            format!("({}, {})", z_um.0, z_um.1),
+            "two depths in um, the lower one first",
+        );
     }
     let boundary = match *boundaries.z.get_or_insert(spec::Boundary::Wall) {
         spec::Boundary::Open => Boundary::Open,
@@ -301,7 +306,9 @@ fn diameters(particles: &mut spec::Particles, problems: &mut Problems) -> Option
 fn number(particles: &mut spec::Particles, problems: &mut Problems) -> Number {
     let number = *particles.number.get_or_insert(Number::Count(DEFAULT_COUNT));
     match number {
-        Number::Count(n) => problems.range("particles.number.count", f64::from(n), 0.0, MAX_COUNT, "0 to 1000000"),
+        Number::Count(n) => {
+            problems.range("particles.number.count", f64::from(n), 0.0, MAX_COUNT, "0 to 1000000")
+        }
         Number::Ppp(n) => problems.range("particles.number.ppp", n, 0.0, 1.0, "0 to 1 particles per pixel"),
     };
     number
@@ -381,7 +388,10 @@ mod tests {
             .replace("five", "Not A Name")
             .replace("poiseuille()", "poiseuille(max_speed_um_s: inf)")
             .replace("count: 10", "count: 0, dt_s: -1")
-            .replace("motion", "optics: (magnification: -1, n_rays: 0), particles: (diameter_um: constant(-2)), motion");
+            .replace(
+                "motion",
+                "optics: (magnification: -1, n_rays: 0), particles: (diameter_um: constant(-2)), motion",
+            );
         let message = resolved(&text).unwrap_err().to_string();
         for expected in [
             "name = `Not A Name`",

@@ -29,7 +29,8 @@ pub fn set(spec: &Spec, path: &str, value: &str) -> Result<Spec> {
     }
     let text = write(spec)?;
     let steps: Vec<&str> = path.split('.').collect();
-    let new = splice(&text, &steps, value.trim()).ok_or_else(|| Error::input(format!("{name}: no such place")))?;
+    let new =
+        splice(&text, &steps, value.trim()).ok_or_else(|| Error::input(format!("{name}: no such place")))?;
     parse(&new, &name).map_err(|e| match e {
         // Lines of the text that was put together mean nothing to the reader.
         Error::Input(messages) => Error::Input(messages.iter().map(|m| without_place(m, &name)).collect()),
@@ -72,7 +73,8 @@ fn splice(text: &str, steps: &[&str], value: &str) -> Option<String> {
                 }
                 let opening = skip(text, end);
                 let has_content = opening < span.end && text[opening..].starts_with('(');
-                place = if has_content { Place::Content(opening + 1..span.end - 1) } else { Place::Value(span) };
+                place =
+                    if has_content { Place::Content(opening + 1..span.end - 1) } else { Place::Value(span) };
                 continue;
             }
         };
@@ -130,7 +132,9 @@ fn value_at(text: &str, at: usize) -> Option<Range<usize>> {
         match c {
             '"' => in_string = true,
             '(' | '[' | '{' => depth += 1,
-            ')' | ']' | '}' if depth == 0 => return Some(start..start + text[start..start + i].trim_end().len()),
+            ')' | ']' | '}' if depth == 0 => {
+                return Some(start..start + text[start..start + i].trim_end().len());
+            }
             ')' | ']' | '}' => {
                 depth -= 1;
                 if depth == 0 {
@@ -197,7 +201,10 @@ mod tests {
         assert_eq!(changed("optics.background_noise", "50").optics.background_noise, Some(50.0));
         assert_eq!(changed("particles.number.ppp", "0.001").particles.number, Some(Number::Ppp(0.001)));
         assert_eq!(changed("particles.number", "count(3)").particles.number, Some(Number::Count(3)));
-        assert_eq!(changed("particles.diameter_um.constant", "3").particles.diameter_um, Some(Diameter::Constant(3.0)));
+        assert_eq!(
+            changed("particles.diameter_um.constant", "3").particles.diameter_um,
+            Some(Diameter::Constant(3.0))
+        );
         assert_eq!(changed("boundaries.z_um", "(-10, 10)").boundaries.z_um, Some((-10.0, 10.0)));
         let Timing::Pairs(pairs) = changed("timing.pairs.count", "9").timing else { panic!() };
         assert_eq!(pairs.count, 9);
@@ -213,7 +220,9 @@ mod tests {
 
     #[test]
     fn one_change_does_not_undo_another() {
-        let changed = set(&set(&spec(), "particles.number.count", "5").unwrap(), "particles.number.count", "6").unwrap();
+        let changed =
+            set(&set(&spec(), "particles.number.count", "5").unwrap(), "particles.number.count", "6")
+                .unwrap();
         assert_eq!(changed.particles.number, Some(Number::Count(6)));
         let both = set(&changed, "optics.gain", "2").unwrap();
         assert_eq!((both.optics.gain, both.particles.number), (Some(2.0), Some(Number::Count(6))));

@@ -122,10 +122,12 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path) -> Result<Sweep> {
     };
     let mut unknown = Vec::new();
     let mut deserializer = ron::Deserializer::from_str_with_options(text, &options()).map_err(at)?;
-    let spec: SweepSpec = serde_ignored::deserialize(&mut deserializer, |path| unknown.push(path.to_string()))
-        .and_then(|spec| deserializer.end().map(|()| spec))
-        .map_err(|e| at(deserializer.span_error(e)))?;
-    let mut problems: Vec<String> = unknown.iter().map(|path| format!("{name}: unknown key `{path}`")).collect();
+    let spec: SweepSpec =
+        serde_ignored::deserialize(&mut deserializer, |path| unknown.push(path.to_string()))
+            .and_then(|spec| deserializer.end().map(|()| spec))
+            .map_err(|e| at(deserializer.span_error(e)))?;
+    let mut problems: Vec<String> =
+        unknown.iter().map(|path| format!("{name}: unknown key `{path}`")).collect();
 
     let base_path = folder.join(&spec.base);
     let base = std::fs::read_to_string(&base_path).map_err(|e| Error::read(&base_path, e))?;
@@ -148,9 +150,15 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path) -> Result<Sweep> {
             Err(problem) => problems.push(format!("{name}: axes: {}: {problem}", axis.path)),
         }
     }
-    if problems.is_empty() && spec.combine == Combine::Zip && columns.iter().any(|c| c.len() != columns[0].len()) {
+    if problems.is_empty()
+        && spec.combine == Combine::Zip
+        && columns.iter().any(|c| c.len() != columns[0].len())
+    {
         let lengths: Vec<String> = columns.iter().map(|c| c.len().to_string()).collect();
-        problems.push(format!("{name}: axes of a zip have {} values: expected equal numbers", lengths.join(", ")));
+        problems.push(format!(
+            "{name}: axes of a zip have {} values: expected equal numbers",
+            lengths.join(", ")
+        ));
     }
     if !problems.is_empty() {
         return Err(Error::Input(problems));
@@ -205,7 +213,9 @@ impl Values {
                 // The ends are met exactly.
                 0 => span.from,
                 i if i + 1 == span.count => span.to,
-                i if log => libm::exp(libm::log(span.from) * (1.0 - share(i)) + libm::log(span.to) * share(i)),
+                i if log => {
+                    libm::exp(libm::log(span.from) * (1.0 - share(i)) + libm::log(span.to) * share(i))
+                }
                 i => span.from * (1.0 - share(i)) + span.to * share(i),
             };
             Ok((0..span.count).map(|i| value(i).to_string()).collect())
@@ -248,7 +258,8 @@ fn seed(spec: &SweepSpec, values: &[String], repetition: u32) -> u64 {
     let mut assignments: Vec<String> =
         spec.axes.iter().zip(values).map(|(axis, value)| format!("{}={value}", axis.path)).collect();
     assignments.sort();
-    let identity = format!("microsig case\nseed={}\n{}\nrepetition={repetition}\n", spec.seed, assignments.join("\n"));
+    let identity =
+        format!("microsig case\nseed={}\n{}\nrepetition={repetition}\n", spec.seed, assignments.join("\n"));
     let digest = Sha256::digest(identity);
     u64::from_le_bytes(std::array::from_fn(|i| digest[i]))
 }
@@ -293,7 +304,8 @@ mod tests {
         let wider = SWEEP.replace("[0, 10, 50]", "[5, 0, 10, 50]");
         let (a, b) = (sweep(SWEEP).unwrap(), sweep(&wider).unwrap());
         for case in &a.cases {
-            let same = b.cases.iter().find(|c| c.values == case.values && c.repetition == case.repetition).unwrap();
+            let same =
+                b.cases.iter().find(|c| c.values == case.values && c.repetition == case.repetition).unwrap();
             assert_eq!(same.seed, case.seed);
         }
     }
@@ -320,6 +332,9 @@ mod tests {
         assert!(refuse("repetitions: 2", "repetitions: 0").contains("expected at least 1"));
         assert!(refuse("repetitions: 2", "repetition: 2").contains("unknown key `repetition`"));
         assert!(refuse("base.ron", "nothing.ron").contains("nothing.ron"));
-        assert!(refuse("list([0, 10, 50])", "log(from: 0, to: 1, count: 3)").contains("expected finite numbers > 0"));
+        assert!(
+            refuse("list([0, 10, 50])", "log(from: 0, to: 1, count: 3)")
+                .contains("expected finite numbers > 0")
+        );
     }
 }

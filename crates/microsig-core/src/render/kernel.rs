@@ -298,7 +298,8 @@ fn to_sensor(
             & (nearest_column < width)
             & (nearest_row >= 0.0)
             & (nearest_row < height);
-        let (column, row) = (column.to_bits().wrapping_sub(ROUND_BITS), row.to_bits().wrapping_sub(ROUND_BITS));
+        let (column, row) =
+            (column.to_bits().wrapping_sub(ROUND_BITS), row.to_bits().wrapping_sub(ROUND_BITS));
         let pixel = row.wrapping_mul(row_length).wrapping_add(column);
         pixels[i] = if inside { pixel } else { elsewhere };
     }

@@ -1,0 +1,89 @@
+//! Our own tables: `frame, track, x_px, y_px, z_um` of particles, `x_px, y_px, dx_px, dy_px [, dz_um], flag [, pair]` of a
+//! field. Columns in any order; more columns do no harm.
+
+use std::path::Path;
+
+use super::sheet::{Separator, Sheet};
+use super::{Conventions, Converter, Field, Origin, Points, Position, Unit, Usual, Vector};
+use crate::error::Result;
+
+const PARTICLES: Usual =
+    Usual { name: "canonical particles", origin: Origin::Center1, frame_base: 0, unit: Unit::Px };
+const FIELD: Usual = Usual { name: "canonical field", origin: Origin::Center1, frame_base: 0, unit: Unit::Px };
+
+/// Reads particles.
+///
+/// # Errors
+/// What is wrong, with line numbers.
+pub fn points(path: &Path, given: &Conventions) -> Result<Points> {
+    let mut converter = Converter::new(PARTICLES, given)?;
+    let sheet = Sheet::open(path, Separator::Comma, 1)?;
+    let (frame, x, y) = (sheet.need("frame")?, sheet.need("x_px")?, sheet.need("y_px")?);
+    let (track, z) = (sheet.column("track"), sheet.column("z_um"));
+    // A column that is there by name but misspelt would be missed silently.
+    let odd: Vec<&str> = sheet
+        .header()
+        .iter()
+        .map(String::as_str)
+        .filter(|h| ["x", "y", "z", "z_px", "particle", "id", "track_id"].contains(h))
+        .collect();
+    if !odd.is_empty() {
+        converter.notes.push(format!("columns {} are not part of this format and are ignored", odd.join(", ")));
+    }
+    sheet.points(converter, z.is_some(), |cells| {
+        let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
+        Ok((cells.number(frame)?, cells.track(track)?, [cells.number(x)?, cells.number(y)?, z_um]))
+    })
+}
+
+/// Reads a field.
+///
+/// # Errors
+/// What is wrong, with line numbers.
+pub fn field(path: &Path, given: &Conventions) -> Result<Field> {
+    let converter = Converter::new(FIELD, given)?;
+    let sheet = Sheet::open(path, Separator::Comma, 1)?;
+    let need = |name| sheet.need(name);
+    let (x, y, dx, dy) = (need("x_px")?, need("y_px")?, need("dx_px")?, need("dy_px")?);
+    let column = |name| sheet.column(name);
+    let (z, dz, flag, pair) = (column("z_um"), column("dz_um"), column("flag"), column("pair"));
+    let (sx, sy) = (column("sx_px"), column("sy_px"));
+    let mut field = Field::default();
+    sheet.rows(|cells| {
+        let pair = match cells.number_or_nan(pair)? {
+            p if p.is_nan() => None,
+            p => Some(converter.frame(p).map_err(|e| e.replace("frame", "pair"))?),
+        };
+        let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
+        let Some(at) = converter.place(cells.number(x)?, cells.number(y)?, z_um)? else {
+            field.n_nan += 1;
+            return Ok(());
+        };
+        let [dx, dy] = converter.moved(cells.number(dx)?, cells.number(dy)?);
+        let flag = match flag.map_or(Ok(0.0), |f| cells.number(f))? {
+            f if f == 0.0 || f == 1.0 || f == 2.0 => f as u8,
+            f => return Err(format!("flag = {f}: expected 0 (valid), 1 (invalid) or 2 (interpolated)")),
+        };
+        let moved = [dx, dy, cells.number_or_nan(dz)?];
+        let sigma = [cells.number_or_nan(sx)?, cells.number_or_nan(sy)?];
+        field.vectors.push(vector(pair, at, moved, flag, sigma)?);
+        Ok(())
+    })?;
+    field.notes = converter.notes;
+    Ok(field)
+}
+
+/// A vector whose numbers can be computed with; without numbers it is invalid.
+pub(super) fn vector(
+    pair: Option<u32>,
+    at: Position,
+    moved: [f64; 3],
+    flag: u8,
+    sigma: [f64; 2],
+) -> std::result::Result<Vector, String> {
+    if let Some(large) = moved.iter().chain(&sigma).find(|v| v.abs() > 1e7) {
+        return Err(format!("{large}: expected a displacement of at most 1e7 px"));
+    }
+    let flag = if moved[0].is_nan() || moved[1].is_nan() { 1 } else { flag };
+    Ok(Vector { pair, at, moved, flag, sigma })
+}

@@ -1,0 +1,289 @@
+//! Text tables: bounded lines and rows, columns by name, problems with their line numbers.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+
+use csv::{ByteRecord, ReaderBuilder, Trim};
+
+use super::{Converter, Points, Row};
+use crate::error::{Error, Result};
+
+/// Longest line, or distance between the ends of two tags of XML, bytes.
+const LONGEST_LINE: usize = 1 << 16;
+
+/// Most rows of a table.
+pub(crate) const MAX_ROWS: usize = 20_000_000;
+
+/// Problems that are listed before the rest is only counted.
+const LISTED: usize = 10;
+
+/// Passes bytes on until a line is too long to be one.
+#[derive(Debug)]
+pub(crate) struct Bounded<R> {
+    inner: R,
+    end: u8,
+    length: usize,
+    line: u64,
+}
+
+impl<R: Read> Bounded<R> {
+    /// Pieces end with `end`: a new line, or `>` in XML.
+    pub(crate) fn new(inner: R, end: u8) -> Self {
+        Bounded { inner, end, length: 0, line: 1 }
+    }
+}
+
+impl<R: Read> Read for Bounded<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let n = self.inner.read(buffer)?;
+        for &byte in &buffer[..n] {
+            self.length += 1;
+            self.line += u64::from(byte == b'\n');
+            if byte == self.end {
+                self.length = 0;
+            }
+            if self.length > LONGEST_LINE {
+                let what = if self.end == b'\n' { "the line" } else { "a tag or text" };
+                let message = format!("line {}: {what} is longer than {LONGEST_LINE} bytes", self.line);
+                return Err(std::io::Error::new(std::io::ErrorKind::InvalidData, message));
+            }
+        }
+        Ok(n)
+    }
+}
+
+/// What separates columns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Separator {
+    /// A comma.
+    Comma,
+    /// Tabs or spaces, any number of them.
+    Space,
+}
+
+enum Source {
+    Comma(csv::Reader<Bounded<File>>),
+    Space(BufReader<Bounded<File>>, u64),
+}
+
+/// A table in a text file.
+pub(crate) struct Sheet {
+    name: String,
+    header: Vec<String>,
+    source: Source,
+    rows: usize,
+    problems: Vec<String>,
+}
+
+impl Sheet {
+    /// Opens a table; its header is line `header_line`, from 1.
+    pub(crate) fn open(path: &Path, separator: Separator, header_line: u64) -> Result<Self> {
+        let file = Bounded::new(File::open(path).map_err(|e| Error::read(path, e))?, b'\n');
+        let source = match separator {
+            Separator::Comma => Source::Comma(
+                ReaderBuilder::new().has_headers(false).flexible(true).quoting(false).trim(Trim::All).from_reader(file),
+            ),
+            Separator::Space => Source::Space(BufReader::new(file), 0),
+        };
+        let name = path.display().to_string();
+        let mut sheet = Sheet { name, header: Vec::new(), source, rows: 0, problems: Vec::new() };
+        let mut record = ByteRecord::new();
+        for _ in 0..header_line {
+            if sheet.record(&mut record)?.is_none() {
+                return Err(Error::input(format!("{}: empty; expected at least a header", sheet.name)));
+            }
+        }
+        let clean = |field: &[u8]| {
+            String::from_utf8_lossy(field).trim_matches(['"', '\u{feff}', '#', ' ']).to_owned()
+        };
+        sheet.header = record.iter().map(clean).filter(|f| separator == Separator::Comma || !f.is_empty()).collect();
+        Ok(sheet)
+    }
+
+    /// Reads a record; gives its line.
+    fn record(&mut self, record: &mut ByteRecord) -> Result<Option<u64>> {
+        let failed = |e: std::io::Error| Error::input(format!("{}: {e}", self.name));
+        match &mut self.source {
+            Source::Comma(reader) => {
+                let more = reader.read_byte_record(record).map_err(|e| failed(std::io::Error::from(e)))?;
+                Ok(more.then(|| record.position().map_or(0, csv::Position::line)))
+            }
+            Source::Space(reader, line) => {
+                let mut text = Vec::new();
+                loop {
+                    text.clear();
+                    if reader.read_until(b'\n', &mut text).map_err(failed)? == 0 {
+                        return Ok(None);
+                    }
+                    *line += 1;
+                    let fields = text.split(u8::is_ascii_whitespace).filter(|f| !f.is_empty());
+                    record.clear();
+                    fields.for_each(|f| record.push_field(f));
+                    if !record.is_empty() {
+                        return Ok(Some(*line));
+                    }
+                }
+            }
+        }
+    }
+
+    /// The names of the columns.
+    pub(crate) fn header(&self) -> &[String] {
+        &self.header
+    }
+
+    /// Number of a column, if it is there.
+    pub(crate) fn column(&self, name: &str) -> Option<usize> {
+        self.header.iter().position(|h| h == name)
+    }
+
+    /// Number of a column that must be there.
+    pub(crate) fn need(&self, name: &str) -> Result<usize> {
+        self.column(name).ok_or_else(|| Error::input(format!("{}: column {name} is missing", self.name)))
+    }
+
+    /// Calls `each` with every row; what it finds wrong is collected.
+    ///
+    /// # Errors
+    /// All that was wrong.
+    pub(crate) fn rows(mut self, mut each: impl FnMut(&Cells<'_>) -> std::result::Result<(), String>) -> Result<()> {
+        let mut record = ByteRecord::new();
+        while let Some(line) = self.record(&mut record)? {
+            self.rows += 1;
+            if self.rows > MAX_ROWS {
+                return Err(Error::input(format!("{}: more than {MAX_ROWS} rows", self.name)));
+            }
+            let wrong = if record.len() == self.header.len() {
+                each(&Cells { record: &record, header: &self.header }).err()
+            } else {
+                let hint = if record.len() > self.header.len() { " (numbers with decimal commas?)" } else { "" };
+                Some(format!("{} fields where the header has {}{hint}", record.len(), self.header.len()))
+            };
+            if let Some(message) = wrong {
+                self.problems.push(format!("{}:{line}: {message}", self.name));
+                // A file that is wrong all over needs no full list.
+                if self.problems.len() > 10 * LISTED {
+                    break;
+                }
+            }
+        }
+        shorten(&mut self.problems);
+        if self.problems.is_empty() { Ok(()) } else { Err(Error::Input(self.problems)) }
+    }
+
+    /// Reads particles: `row` takes the cells of one to frame, track, and x, y, z as the file has them.
+    pub(crate) fn points(
+        self,
+        converter: Converter,
+        has_z: bool,
+        mut row: impl FnMut(&Cells<'_>) -> std::result::Result<(f64, i64, [f64; 3]), String>,
+    ) -> Result<Points> {
+        let mut points = Points { has_z, ..Points::default() };
+        self.rows(|cells| {
+            let (frame, track, [x, y, z]) = row(cells)?;
+            if frame.is_nan() {
+                points.n_nan += 1;
+                return Ok(());
+            }
+            let frame = converter.frame(frame)?;
+            match converter.place(x, y, z)? {
+                Some(at) => points.rows.push(Row { frame, track, at }),
+                None => points.n_nan += 1,
+            }
+            Ok(())
+        })?;
+        points.notes = converter.notes;
+        if points.n_nan > 0 {
+            points.notes.push(format!("{} rows without coordinates were dropped", points.n_nan));
+        }
+        Ok(points)
+    }
+}
+
+/// The cells of a row.
+pub(crate) struct Cells<'a> {
+    record: &'a ByteRecord,
+    header: &'a [String],
+}
+
+impl Cells<'_> {
+    /// A number; NaN if the cell is empty, `NaN` or TrackMate's empty-set sign.
+    pub(crate) fn number(&self, column: usize) -> std::result::Result<f64, String> {
+        let text = std::str::from_utf8(&self.record[column]).unwrap_or("?").trim_matches('"');
+        if let Ok(number) = text.parse::<f64>() {
+            return Ok(number);
+        }
+        if text.is_empty() || text == "\u{f8}" {
+            return Ok(f64::NAN);
+        }
+        let hint = if text.contains(',') { " with a decimal point, not a comma" } else { "" };
+        Err(format!("{} = {:?}: expected a number{hint}", self.header[column], super::shown(text)))
+    }
+
+    /// A number of a column that may be missing, NaN then.
+    pub(crate) fn number_or_nan(&self, column: Option<usize>) -> std::result::Result<f64, String> {
+        column.map_or(Ok(f64::NAN), |c| self.number(c))
+    }
+
+    /// A track: a whole number; -1 if the column or the number is missing or negative.
+    pub(crate) fn track(&self, column: Option<usize>) -> std::result::Result<i64, String> {
+        let Some(column) = column else { return Ok(-1) };
+        let value = self.number(column)?;
+        if value.is_nan() {
+            return Ok(-1);
+        }
+        // Beyond 2^53 neighbouring whole numbers are no longer told apart.
+        if value.fract() != 0.0 || value.abs() > 9_007_199_254_740_992.0 {
+            return Err(format!("{} = {value}: expected a whole number", self.header[column]));
+        }
+        Ok(if value < 0.0 { -1 } else { value as i64 })
+    }
+}
+
+/// Cuts a list of problems to what is worth reading.
+pub(crate) fn shorten(problems: &mut Vec<String>) {
+    if problems.len() > LISTED {
+        let rest = problems.len() - LISTED;
+        problems.truncate(LISTED);
+        problems.push(format!("... and {rest} or more problems of this kind"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sheet(text: &str, separator: Separator) -> Result<Vec<f64>> {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("t.csv");
+        std::fs::write(&path, text).unwrap();
+        let sheet = Sheet::open(&path, separator, 1)?;
+        let column = sheet.need("b")?;
+        let mut values = Vec::new();
+        sheet.rows(|cells| {
+            values.push(cells.number(column)?);
+            Ok(())
+        })?;
+        Ok(values)
+    }
+
+    #[test]
+    fn line_ends_quotes_and_empty_lines_do_not_matter() {
+        assert_eq!(sheet("a,\"b\"\r\n1,2\r\n\r\n3,\"4\"", Separator::Comma).unwrap(), [2.0, 4.0]);
+        assert_eq!(sheet("# a\tb\n 1  2.5e0\n\n3\t4\n", Separator::Space).unwrap(), [2.5, 4.0]);
+    }
+
+    #[test]
+    fn problems_name_their_lines() {
+        let message = |text| sheet(text, Separator::Comma).unwrap_err().to_string();
+        assert!(message("a,b\n1,2\n1,2,5\n").contains("t.csv:3: 3 fields where the header has 2 (numbers with decimal"));
+        assert!(message("a,b\n1,x\n").contains("t.csv:2: b = \"x\": expected a number"));
+        assert!(message("a\n1\n").contains("column b is missing"));
+        assert!(message("").contains("empty"));
+        let many = format!("a,b\n{}", "1,x\n".repeat(1000));
+        assert_eq!(message(&many).lines().count(), LISTED + 1);
+        let long = format!("a,b\n1,{}", "1".repeat(LONGEST_LINE + 1));
+        assert!(message(&long).contains("line 2: the line is longer"));
+    }
+}

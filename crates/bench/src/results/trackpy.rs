@@ -1,0 +1,24 @@
+//! trackpy's data frame as `DataFrame.to_csv` writes it: `y, x [, z], ..., frame [, particle]` in any order, pixel centres
+//! from 0, frames from 0 (github.com/soft-matter/trackpy).
+
+use std::path::Path;
+
+use super::sheet::{Separator, Sheet};
+use super::{Conventions, Converter, Origin, Points, Unit, Usual};
+use crate::error::Result;
+
+const USUAL: Usual = Usual { name: "trackpy", origin: Origin::Center0, frame_base: 0, unit: Unit::Px };
+
+pub(super) fn read(path: &Path, given: &Conventions) -> Result<Points> {
+    let mut converter = Converter::new(USUAL, given)?;
+    let sheet = Sheet::open(path, Separator::Comma, 1)?;
+    let (frame, x, y) = (sheet.need("frame")?, sheet.need("x")?, sheet.need("y")?);
+    let (track, z) = (sheet.column("particle"), sheet.column("z"));
+    if track.is_none() {
+        converter.notes.push("no column `particle`: nothing is linked".to_owned());
+    }
+    sheet.points(converter, z.is_some(), |cells| {
+        let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
+        Ok((cells.number(frame)?, cells.track(track)?, [cells.number(x)?, cells.number(y)?, z_um]))
+    })
+}

@@ -1,0 +1,139 @@
+//! From light to counts.
+//!
+//! MicroSIG's own sensor is gain, background, Gaussian noise and rounding to 16 bit: I = gain sum_i c_int_i counts_i + background_mean + round(N(0, background_noise)), rounded and clamped to
+//! [0, 65535]. The original truncates and wraps (-5 becomes 65531), which is a bug and is not followed. A [`Detector`] puts a
+//! camera's own chain between light and counts.
+
+mod detector;
+mod rounded_normal;
+
+pub use detector::{Detector, HotPixels};
+pub use rounded_normal::RoundedNormal;
+
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::settings::Settings;
+use crate::stream::{Purpose, Streams};
+use detector::FixedPattern;
+
+/// A grey image of 8 to 16 bit, rows from top to bottom.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Image {
+    /// Width, px.
+    pub width: u32,
+    /// Height, px.
+    pub height: u32,
+    /// Bits of a count, 8 to 16.
+    pub bits: u8,
+    /// Counts, `width * height` of them, row by row.
+    pub counts: Vec<u16>,
+}
+
+/// Ray counts per pixel weighted with the particles' c_int, rows from top to bottom.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Light {
+    /// Width, px.
+    pub width: u32,
+    /// Height, px.
+    pub height: u32,
+    /// Weighted counts, `width * height` of them, row by row.
+    pub values: Vec<f64>,
+}
+
+impl Light {
+    /// A dark sensor.
+    pub fn dark(settings: &Settings) -> Self {
+        let (width, height) = (settings.pixel_dim_x, settings.pixel_dim_y);
+        Light { width, height, values: vec![0.0; width as usize * height as usize] }
+    }
+}
+
+/// The sensor's response to light.
+#[derive(Debug, Clone)]
+pub struct Sensor {
+    gain: f64,
+    background_mean: f64,
+    noise: Option<RoundedNormal>,
+    detector: Option<(Detector, FixedPattern)>,
+}
+
+impl Sensor {
+    /// MicroSIG's sensor of these settings.
+    pub fn new(settings: &Settings) -> Self {
+        Sensor {
+            gain: settings.gain,
+            background_mean: settings.background_mean,
+            noise: (settings.background_noise > 0.0).then(|| RoundedNormal::new(settings.background_noise)),
+            detector: None,
+        }
+    }
+
+    /// The sensor of these settings with a camera's chain behind it, whose fixed pattern comes from `streams`.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] if a value of the detector is out of range.
+    pub fn with_detector(settings: &Settings, detector: Detector, streams: &Streams) -> Result<Self, Error> {
+        detector.validate(settings)?;
+        let pattern = FixedPattern::new(&detector, settings, streams);
+        Ok(Sensor { detector: Some((detector, pattern)), ..Sensor::new(settings) })
+    }
+
+    /// The image of `light`, with the noise of `frame` from the streams of `purpose`.
+    pub fn expose(&self, light: &Light, streams: &Streams, purpose: Purpose, frame: u32) -> Image {
+        let mut counts = vec![0u16; light.values.len()];
+        let width = light.width as usize;
+        let bits = self.detector.as_ref().map_or(16, |(detector, _)| detector.bits);
+        let largest = f64::from((1u32 << bits) - 1);
+        counts
+            .par_chunks_mut(width)
+            .zip(light.values.par_chunks(width))
+            .enumerate()
+            .with_min_len(16)
+            .for_each(|(row, (counts, values))| {
+                let mut stream = streams.stream(purpose, frame, row as u32);
+                for (column, (count, value)) in counts.iter_mut().zip(values).enumerate() {
+                    let ideal = self.gain * value + self.background_mean;
+                    let level = match &self.detector {
+                        None => ideal,
+                        Some((detector, pattern)) => {
+                            detector.respond(ideal, pattern.at(row * width + column), &mut stream)
+                        }
+                    };
+                    let noise = self.noise.as_ref().map_or(0.0, |noise| f64::from(noise.sample(&mut stream)));
+                    *count = libm::rint(level + noise).clamp(0.0, largest) as u16;
+                }
+            });
+        Image { width: light.width, height: light.height, bits, counts }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flat(value: f64, n: usize) -> Light {
+        Light { width: n as u32, height: 1, values: vec![value; n] }
+    }
+
+    #[test]
+    fn counts_clamp_and_never_wrap() {
+        let settings =
+            Settings { background_mean: 0.0, background_noise: 0.0, gain: 1.0, ..Settings::setting1() };
+        let sensor = Sensor::new(&settings);
+        let expose = |v| sensor.expose(&flat(v, 1), &Streams::new(0), Purpose::BackgroundNoise, 0).counts[0];
+        assert_eq!([expose(-5.0), expose(0.4), expose(0.6), expose(70_000.0)], [0, 0, 1, 65_535]);
+    }
+
+    #[test]
+    fn rows_and_frames_have_noise_of_their_own() {
+        let settings = Settings { pixel_dim_x: 64, pixel_dim_y: 64, ..Settings::setting1() };
+        let sensor = Sensor::new(&settings);
+        let dark = Light::dark(&settings);
+        let image = |frame| sensor.expose(&dark, &Streams::new(1), Purpose::BackgroundNoise, frame);
+        assert_eq!(image(0), image(0));
+        assert_ne!(image(0), image(1));
+        let first = image(0);
+        assert_ne!(first.counts[..64], first.counts[64..128]);
+    }
+}
