@@ -11,7 +11,9 @@ fn main() {
     println!("cargo::rustc-env=MICROSIG_COMMIT={commit}");
     // HEAD moves when a branch is changed, its reflog when a commit is made.
     for file in ["HEAD", "logs/HEAD"] {
-        if let Some(path) = git(&["rev-parse", "--git-path", file]).filter(|p| std::path::Path::new(p).exists()) {
+        if let Some(path) =
+            git(&["rev-parse", "--git-path", file]).filter(|p| std::path::Path::new(p).exists())
+        {
             println!("cargo::rerun-if-changed={path}");
         }
     }

@@ -9,6 +9,7 @@ use std::path::Path;
 
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::{data_file, settings_file};
+use microsig_core::sensor::Detector;
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 
@@ -61,10 +62,25 @@ fn particle(scenario: &Scenario, z_um: f64, centre: f64) -> Particle {
     Particle::sphere(centre, centre, z_um / depth_factor, scenario.seeding.diameters().mean())
 }
 
+/// The detector with the middle of its background image, as large as the stack's sensor.
+fn cropped(detector: &Detector, whole: &Settings, part: &Settings) -> Detector {
+    let background = detector.background.as_ref().map(|counts| {
+        let (left, top) =
+            ((whole.pixel_dim_x - part.pixel_dim_x) / 2, (whole.pixel_dim_y - part.pixel_dim_y) / 2);
+        let rows =
+            counts.chunks(whole.pixel_dim_x as usize).skip(top as usize).take(part.pixel_dim_y as usize);
+        rows.flat_map(|row| row[left as usize..(left + part.pixel_dim_x) as usize].iter().copied()).collect()
+    });
+    Detector { background, ..detector.clone() }
+}
+
 /// Writes the stack below the dataset's folder.
 pub fn write(folder: &Path, scenario: &Scenario, camera: &Camera) -> Result<()> {
     let settings = settings(scenario, camera);
-    let camera = Camera::new(&settings, SpheroidLaw::Original, scenario.spec.seed)?.calibrating();
+    let detector =
+        scenario.detector.as_ref().map(|detector| cropped(detector, &scenario.settings, &settings));
+    let camera =
+        Camera::new(&settings, detector.as_ref(), SpheroidLaw::Original, scenario.spec.seed)?.calibrating();
     for part in ["calibration/particles", "calibration/images"] {
         let path = folder.join(part);
         std::fs::create_dir_all(&path).map_err(Error::write(&path))?;

@@ -29,7 +29,7 @@ pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
          Synthetic images of tracer particles, out of focus and with known truth: {what}.\n\n\
          ![some of the frames](preview.png)\n\n\
          | | |\n|---|---|\n\
-         | image | {width} x {height} px, 16 bit, {um_per_px} um per px |\n\
+         | image | {width} x {height} px, {bits} bit, {um_per_px} um per px |\n\
          | optics | M {m}, NA {na}, {cylinder} |\n\
          | depth range | {low} to {high} um |\n\
          | depth factor (physical depth over depth in `particles/`) | {depth_factor} |\n\
@@ -52,6 +52,7 @@ pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
          ## Licence\n\n\
          CC BY 4.0.\n",
         name = spec.name,
+        bits = scenario.detector.as_ref().map_or(16, |d| d.bits),
         width = settings.pixel_dim_x,
         height = settings.pixel_dim_y,
         um_per_px = scenario.scale.um_per_px(),

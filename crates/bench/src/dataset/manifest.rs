@@ -79,10 +79,11 @@ fn facts(scenario: &Scenario, census: &Census) -> Value {
         "sensor": {
             "width_px": settings.pixel_dim_x,
             "height_px": settings.pixel_dim_y,
-            "bit_depth": 16,
+            "bit_depth": scenario.detector.as_ref().map_or(16, |d| d.bits),
             "gain": settings.gain,
             "background_mean_counts": settings.background_mean,
             "background_noise_counts": settings.background_noise,
+            "detector": spec_sensor(scenario),
         },
         "renderer": "rays",
         "depth_range_um": [low, high],
@@ -93,6 +94,12 @@ fn facts(scenario: &Scenario, census: &Census) -> Value {
         "max_displacement_px": census.max_displacement_px,
         "scoring_gates": { "xy_px": 2.0, "z_um": (high - low) / 10.0, "isbi_px": 5.0 },
     })
+}
+
+/// The camera's chain as the scenario says it; null for MicroSIG's own sensor.
+fn spec_sensor(scenario: &Scenario) -> Value {
+    // An infinite full well has no number in JSON and becomes null.
+    serde_json::to_value(&scenario.spec.sensor).unwrap_or_default()
 }
 
 fn resource(path: &str, fingerprint: &Fingerprint) -> Value {

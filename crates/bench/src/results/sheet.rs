@@ -72,6 +72,7 @@ pub(crate) struct Sheet {
     name: String,
     header: Vec<String>,
     source: Source,
+    waiting: Option<(u64, ByteRecord)>,
     rows: usize,
     problems: Vec<String>,
 }
@@ -87,7 +88,7 @@ impl Sheet {
             Separator::Space => Source::Space(BufReader::new(file), 0),
         };
         let name = path.display().to_string();
-        let mut sheet = Sheet { name, header: Vec::new(), source, rows: 0, problems: Vec::new() };
+        let mut sheet = Sheet { name, header: Vec::new(), source, waiting: None, rows: 0, problems: Vec::new() };
         let mut record = ByteRecord::new();
         for _ in 0..header_line {
             if sheet.record(&mut record)?.is_none() {
@@ -101,8 +102,26 @@ impl Sheet {
         Ok(sheet)
     }
 
+    /// Skips rows below the header that have words in this column, not numbers; gives the words.
+    pub(crate) fn skip_words(&mut self, column: usize) -> Result<Vec<String>> {
+        let (mut words, mut record) = (Vec::new(), ByteRecord::new());
+        while let Some(line) = self.record(&mut record)? {
+            let text = String::from_utf8_lossy(record.get(column).unwrap_or_default()).into_owned();
+            if words.len() == 3 || text.is_empty() || text.parse::<f64>().is_ok() {
+                self.waiting = Some((line, record));
+                break;
+            }
+            words.push(text);
+        }
+        Ok(words)
+    }
+
     /// Reads a record; gives its line.
     fn record(&mut self, record: &mut ByteRecord) -> Result<Option<u64>> {
+        if let Some((line, waiting)) = self.waiting.take() {
+            *record = waiting;
+            return Ok(Some(line));
+        }
         let failed = |e: std::io::Error| Error::input(format!("{}: {e}", self.name));
         match &mut self.source {
             Source::Comma(reader) => {

@@ -5,7 +5,7 @@ use std::path::Path;
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::tiff;
 use microsig_core::render::RayRenderer;
-use microsig_core::sensor::{Image, Sensor};
+use microsig_core::sensor::{Detector, Image, Sensor};
 use microsig_core::stream::{Purpose, Streams};
 use microsig_core::{Particle, Settings};
 
@@ -22,12 +22,21 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// The camera of a measurement.
-    pub fn new(settings: &Settings, law: SpheroidLaw, seed: u64) -> Result<Self> {
+    /// The camera of a measurement; without a detector it is MicroSIG's own sensor.
+    pub fn new(
+        settings: &Settings,
+        detector: Option<&Detector>,
+        law: SpheroidLaw,
+        seed: u64,
+    ) -> Result<Self> {
+        let streams = Streams::new(seed);
         Ok(Camera {
             renderer: RayRenderer::new(settings, law)?,
-            sensor: Sensor::new(settings),
-            streams: Streams::new(seed),
+            sensor: match detector {
+                None => Sensor::new(settings),
+                Some(detector) => Sensor::with_detector(settings, detector.clone(), &streams)?,
+            },
+            streams,
             rays: Purpose::Rays,
             noise: Purpose::BackgroundNoise,
         })
@@ -82,7 +91,7 @@ fn make_readable(_: &std::fs::File) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Writes an image as 16-bit TIFF.
+/// Writes an image as TIFF.
 pub(crate) fn save_tiff(path: &Path, image: &Image) -> Result<()> {
     save(path, |writer| Ok(tiff::write(writer, image, &path.display().to_string())?))
 }

@@ -88,7 +88,8 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     settings_file::write(&mut settings, &scenario.settings).map_err(Error::write(folder))?;
     write_file("settings.txt", &settings)?;
 
-    let camera = Camera::new(&scenario.settings, SpheroidLaw::Original, scenario.spec.seed)?;
+    let detector = scenario.detector.as_ref();
+    let camera = Camera::new(&scenario.settings, detector, SpheroidLaw::Original, scenario.spec.seed)?;
     let census = frames(folder, scenario, &camera, options)?;
     if scenario.spec.calibration == spec::Calibration::Stack {
         calibration::write(folder, scenario, &camera)?;

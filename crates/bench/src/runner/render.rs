@@ -65,7 +65,7 @@ pub fn render(options: &Options) -> Result<Rendered> {
     let start = Instant::now();
     let file = open(&options.settings)?;
     let settings = settings_file::read(file, &options.settings.display().to_string())?;
-    let camera = Camera::new(&settings.settings, options.law, options.seed)?;
+    let camera = Camera::new(&settings.settings, None, options.law, options.seed)?;
     let mut warnings = settings.warnings;
     warnings.extend(camera.renderer().warning());
 

@@ -10,8 +10,9 @@ use flows::scale::Scale;
 use flows::{Boundary, Diameters, Domain, Seeding, VelocityField};
 use glam::{DVec2, DVec3};
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::formats::settings_file;
+use microsig_core::formats::{settings_file, tiff};
 use microsig_core::render::RayRenderer;
+use microsig_core::sensor::Detector;
 use microsig_core::{Particle, Settings};
 
 use super::spec::{self, Diameter, Field, Motion, Number, Preset, Spec, Timing};
@@ -38,6 +39,8 @@ pub struct Scenario {
     pub spec: Spec,
     /// MicroSIG's settings.
     pub settings: Settings,
+    /// The camera; `None` is MicroSIG's own sensor.
+    pub detector: Option<Detector>,
     /// Files that the scenario names, copied to `inputs/` of the dataset; `spec` names the copies.
     pub inputs: Vec<Input>,
     /// What should be known before running it.
@@ -151,6 +154,10 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let mut inputs = Vec::new();
     name(&spec.name, &mut problems);
     let settings = optics(&mut spec.optics, folder, &mut inputs, &mut warnings, &mut problems);
+    let detector = match (&mut spec.sensor, &settings) {
+        (Some(sensor), Some(settings)) => detector(sensor, settings, folder, &mut inputs, &mut problems),
+        _ => None,
+    };
     let recordings = timing(&spec.timing, &mut problems);
     let (z_um, boundary) = depth(&mut spec.boundaries, &mut problems);
     let diameters = diameters(&mut spec.particles, &mut problems);
@@ -193,6 +200,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         Some((domain, seeding)) if problems.0.is_empty() => Ok(Scenario {
             spec,
             settings,
+            detector,
             inputs,
             warnings,
             field,
@@ -257,6 +265,55 @@ fn optics(
             None
         }
         Err(other) => problems.of("optics", Err(other)),
+    }
+}
+
+/// Reads a file that the scenario names.
+fn input(key: &str, file: &str, folder: &Path, problems: &mut Problems) -> Option<(PathBuf, Vec<u8>)> {
+    let path = folder.join(file);
+    let bytes = problems.of(key, std::fs::read(&path).map_err(|e| Error::read(&path, e)))?;
+    Some((path, bytes))
+}
+
+/// Keeps a file for the dataset and gives its path there; files of one name get numbers.
+fn keep(path: &Path, bytes: Vec<u8>, inputs: &mut Vec<Input>) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut copy = format!("inputs/{name}");
+    let mut number = 2;
+    while inputs.iter().any(|input| input.path == copy) {
+        copy = format!("inputs/{number}_{name}");
+        number += 1;
+    }
+    inputs.push(Input { path: copy.clone(), bytes });
+    copy
+}
+
+fn detector(
+    sensor: &mut spec::Sensor,
+    settings: &Settings,
+    folder: &Path,
+    inputs: &mut Vec<Input>,
+    problems: &mut Problems,
+) -> Option<Detector> {
+    let background = match sensor.background.clone() {
+        None => None,
+        Some(file) => {
+            let (path, bytes) = input("sensor.background", &file, folder, problems)?;
+            let size = (settings.pixel_dim_x, settings.pixel_dim_y);
+            let read = tiff::read(std::io::Cursor::new(&bytes), &path.display().to_string(), size);
+            let counts = problems.of("sensor.background", read)?;
+            sensor.background = Some(keep(&path, bytes, inputs));
+            Some(counts)
+        }
+    };
+    let detector = sensor.detector(background);
+    match detector.validate(settings) {
+        Ok(()) => Some(detector),
+        Err(microsig_core::Error::Malformed(faults)) => {
+            problems.0.extend(faults.into_iter().map(|f| format!("sensor.{}", f.message)));
+            None
+        }
+        Err(other) => problems.of("sensor", Err(other)),
     }
 }
 

@@ -4,6 +4,7 @@
 //! filled form is what a dataset keeps as its `scenario.ron`.
 
 use microsig_core::Settings;
+use microsig_core::sensor::{self, Detector};
 use serde::{Deserialize, Serialize};
 
 /// A whole scenario.
@@ -20,6 +21,9 @@ pub struct Spec {
     /// Lenses, sensor size and background.
     #[serde(default)]
     pub optics: Optics,
+    /// The camera behind the optics; left out, it is MicroSIG's own sensor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<Sensor>,
     /// What moves the particles.
     pub motion: Motion,
     /// How many particles of what kind.
@@ -131,6 +135,95 @@ pub enum Preset {
     Setting1a,
     /// M 63, NA 0.75, 141 x 141 px.
     Setting2,
+}
+
+/// A camera (`microsig_core::sensor::Detector` says what each value does). What is left out is off.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Sensor {
+    /// Photons that make one count of the ideal image.
+    pub photons_per_count: f64,
+    /// Electrons per photon.
+    pub quantum_efficiency: f64,
+    /// Whether the number of electrons fluctuates.
+    pub shot_noise: bool,
+    /// Mean dark electrons of a pixel and frame.
+    pub dark_e: f64,
+    /// Standard deviation of the read noise, electrons.
+    pub read_noise_e: f64,
+    /// Electrons that a pixel holds.
+    pub full_well_e: f64,
+    /// Counts per electron.
+    pub gain_counts_per_e: f64,
+    /// Counts of a pixel without electrons.
+    pub offset_counts: f64,
+    /// Bit depth: 8, 10, 12, 14 or 16.
+    pub bits: u8,
+    /// Relative standard deviation of the pixels' sensitivities.
+    pub prnu: f64,
+    /// Standard deviation of the pixels' dark electrons.
+    pub dsnu_e: f64,
+    /// Pixels with a large dark signal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hot_pixels: Option<HotPixels>,
+    /// Loss of light in the corners, as a share.
+    pub vignetting: f64,
+    /// A grey TIFF of the image's size whose counts are added to the ideal image, relative to the scenario.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub background: Option<String>,
+}
+
+impl Default for Sensor {
+    fn default() -> Self {
+        let d = Detector::default();
+        Sensor {
+            photons_per_count: d.photons_per_count,
+            quantum_efficiency: d.quantum_efficiency,
+            shot_noise: d.shot_noise,
+            dark_e: d.dark_e,
+            read_noise_e: d.read_noise_e,
+            full_well_e: d.full_well_e,
+            gain_counts_per_e: d.gain_counts_per_e,
+            offset_counts: d.offset_counts,
+            bits: d.bits,
+            prnu: d.prnu,
+            dsnu_e: d.dsnu_e,
+            hot_pixels: None,
+            vignetting: d.vignetting,
+            background: None,
+        }
+    }
+}
+
+impl Sensor {
+    /// The detector, with the counts of its background image.
+    pub fn detector(&self, background: Option<Vec<f64>>) -> Detector {
+        Detector {
+            photons_per_count: self.photons_per_count,
+            quantum_efficiency: self.quantum_efficiency,
+            shot_noise: self.shot_noise,
+            dark_e: self.dark_e,
+            read_noise_e: self.read_noise_e,
+            full_well_e: self.full_well_e,
+            gain_counts_per_e: self.gain_counts_per_e,
+            offset_counts: self.offset_counts,
+            bits: self.bits,
+            prnu: self.prnu,
+            dsnu_e: self.dsnu_e,
+            hot_pixels: self.hot_pixels.map(|h| sensor::HotPixels { fraction: h.fraction, dark_e: h.dark_e }),
+            vignetting: self.vignetting,
+            background,
+        }
+    }
+}
+
+/// Hot pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct HotPixels {
+    /// Their share.
+    pub fraction: f64,
+    /// Their dark electrons in a frame.
+    pub dark_e: f64,
 }
 
 /// What moves the particles.

@@ -1,0 +1,38 @@
+//! OpenPIV's text file: `# x y u v flags mask`, tabs between the columns, px unless scaled; flag 0 valid, 1 invalid, 2
+//! interpolated (openpiv.tools.save). Its tutorials turn y upward with `transform_coordinates`: say --y up then.
+
+use std::path::Path;
+
+use super::canonical::vector;
+use super::sheet::{Separator, Sheet};
+use super::{Conventions, Converter, Field, Origin, Unit, Usual};
+use crate::error::Result;
+
+// OpenPIV's coordinates are centres of interrogation windows, counted from the image's corner in whole pixels.
+const USUAL: Usual = Usual { name: "OpenPIV", origin: Origin::Center1, frame_base: 0, unit: Unit::Px };
+
+pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
+    let converter = Converter::new(USUAL, given)?;
+    let sheet = Sheet::open(path, Separator::Space, 1)?;
+    let (x, y, u, v) = (sheet.need("x")?, sheet.need("y")?, sheet.need("u")?, sheet.need("v")?);
+    let (flag, mask) = (sheet.column("flags"), sheet.column("mask"));
+    let mut field = Field::default();
+    sheet.rows(|cells| {
+        let Some(at) = converter.place(cells.number(x)?, cells.number(y)?, 0.0)? else {
+            field.n_nan += 1;
+            return Ok(());
+        };
+        let [dx, dy] = converter.moved(cells.number(u)?, cells.number(v)?);
+        let masked = cells.number_or_nan(mask)? == 1.0;
+        let flag = match cells.number_or_nan(flag)? {
+            _ if masked => 1,
+            f if f == 2.0 => 2,
+            f if f == 1.0 => 1,
+            _ => 0,
+        };
+        field.vectors.push(vector(None, at, [dx, dy, f64::NAN], flag, [f64::NAN; 2])?);
+        Ok(())
+    })?;
+    field.notes = converter.notes;
+    Ok(field)
+}
