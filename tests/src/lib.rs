@@ -1,7 +1,12 @@
 //! What the end-to-end tests share: reference data and the measures that images are compared by.
 
+pub mod ensemble;
+pub mod error_map;
+pub mod maxima;
 pub mod measure;
+pub mod microsig;
 pub mod npy;
+pub mod reference;
 
 use std::path::{Path, PathBuf};
 
@@ -21,4 +26,11 @@ pub fn settings(path: &Path) -> anyhow::Result<Settings> {
 /// Reads a data file.
 pub fn particles(path: &Path) -> anyhow::Result<Vec<Particle>> {
     Ok(data_file::read(std::fs::File::open(path)?, &path.display().to_string())?)
+}
+
+/// SHA-256 of a file, in hexadecimal.
+pub fn sha256(path: &Path) -> anyhow::Result<String> {
+    use sha2::Digest;
+    let digest = sha2::Sha256::digest(std::fs::read(path)?);
+    Ok(digest.iter().map(|byte| format!("{byte:02x}")).collect())
 }

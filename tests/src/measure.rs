@@ -21,10 +21,35 @@ pub struct Measures {
     pub r90: f64,
 }
 
+impl Measures {
+    /// Names of the measures in the order of [`Measures::values`].
+    pub const NAMES: [&str; 8] = ["total", "cx", "cy", "mxx", "myy", "mxy", "r50", "r90"];
+
+    /// The measures in the order of [`Measures::NAMES`].
+    pub fn values(&self) -> [f64; 8] {
+        [self.total, self.cx, self.cy, self.mxx, self.myy, self.mxy, self.r50, self.r90]
+    }
+
+    /// Measures from their values in the order of [`Measures::NAMES`].
+    pub fn from_values([total, cx, cy, mxx, myy, mxy, r50, r90]: [f64; 8]) -> Self {
+        Measures { total, cx, cy, mxx, myy, mxy, r50, r90 }
+    }
+}
+
+/// The lit pixels of an image of the given width: column and row (from 1) and value.
+pub fn lit_pixels(width: usize, values: &[f64]) -> Vec<(f64, f64, f64)> {
+    values
+        .iter()
+        .enumerate()
+        .filter(|(_, v)| **v != 0.0)
+        .map(|(i, &v)| ((i % width + 1) as f64, (i / width + 1) as f64, v))
+        .collect()
+}
+
 /// Measures an image of the given width.
 pub fn measure(width: usize, values: &[f64]) -> Measures {
-    let pixels =
-        || values.iter().enumerate().map(|(i, &v)| ((i % width + 1) as f64, (i / width + 1) as f64, v));
+    let lit = lit_pixels(width, values);
+    let pixels = || lit.iter().copied();
     let total: f64 = values.iter().sum();
     let mean = |f: &dyn Fn(f64, f64) -> f64| pixels().map(|(x, y, v)| v * f(x, y)).sum::<f64>() / total;
     let (cx, cy) = (mean(&|x, _| x), mean(&|_, y| y));

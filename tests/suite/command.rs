@@ -1,0 +1,269 @@
+//! The command as users meet it: good runs, wrong inputs, nothing half-written.
+
+use std::path::{Path, PathBuf};
+
+use suite::microsig::{fail, path, run};
+
+const SCENARIO: &str = r#"(
+    name: "small",
+    optics: (pixel_dim_x: 90, pixel_dim_y: 70),
+    motion: flow(field: poiseuille()),
+    particles: (number: count(4)),
+    timing: pairs(count: 2),
+)"#;
+
+fn write(folder: &Path, name: &str, text: &str) -> PathBuf {
+    let path = folder.join(name);
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+fn generate(folder: &Path, text: &str) -> PathBuf {
+    let scenario = write(folder, "scenario.ron", text);
+    let out = folder.join("dataset");
+    run(&["generate", path(&scenario), "--out", path(&out)]);
+    out
+}
+
+/// Every path in a folder, to see that nothing was left behind.
+fn listing(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn a_dataset_verifies_and_can_be_made_again() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), SCENARIO);
+    let said = run(&["verify", path(&dataset), "--regenerate", "--json"]);
+    let result: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(result["regenerated"], true);
+    assert_eq!(listing(place.path()), ["dataset", "scenario.ron"]);
+
+    // The written scenario is the scenario: from it, in place, the same dataset is made.
+    let again = place.path().join("again");
+    run(&["generate", path(&dataset.join("scenario.ron")), "--out", path(&again)]);
+    let sums = |d: &Path| std::fs::read_to_string(d.join("SHA256SUMS")).unwrap();
+    assert_eq!(sums(&dataset), sums(&again));
+}
+
+#[test]
+fn verify_finds_every_kind_of_damage() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), SCENARIO);
+    let image = dataset.join("images/pair_00001_b.tif");
+    let whole = std::fs::read(&image).unwrap();
+    for position in [0, whole.len() / 2, whole.len() - 1] {
+        let mut broken = whole.clone();
+        broken[position] ^= 1;
+        std::fs::write(&image, broken).unwrap();
+        assert!(fail(1, &["verify", path(&dataset)]).contains("images/pair_00001_b.tif: changed"));
+    }
+    std::fs::remove_file(&image).unwrap();
+    assert!(fail(1, &["verify", path(&dataset)]).contains("images/pair_00001_b.tif: missing"));
+    std::fs::write(&image, &whole).unwrap();
+
+    let extra = write(&dataset, "truth/extra.csv", "1\n");
+    assert!(fail(1, &["verify", path(&dataset)]).contains("truth/extra.csv: not in SHA256SUMS"));
+    std::fs::remove_file(extra).unwrap();
+    run(&["verify", path(&dataset)]);
+
+    let partial = place.path().join("dataset.partial");
+    std::fs::rename(&dataset, &partial).unwrap();
+    assert!(fail(1, &["verify", path(&partial)]).contains("unfinished"));
+}
+
+#[test]
+fn nothing_is_overwritten_without_force() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), SCENARIO);
+    let scenario = place.path().join("scenario.ron");
+    let arguments = ["generate", path(&scenario), "--out", path(&dataset)];
+    assert!(fail(2, &arguments).contains("exists already"));
+    run(&[&arguments[..], &["--force"]].concat());
+
+    let images = place.path().join("images");
+    let (settings, particles) = (dataset.join("settings.txt"), dataset.join("particles"));
+    let arguments = ["render", path(&settings), path(&particles), path(&images)];
+    run(&arguments);
+    assert!(fail(2, &arguments).contains("pair_00000_a.tif exists already"));
+    run(&[&arguments[..], &["--force"]].concat());
+}
+
+#[test]
+fn an_interrupted_run_goes_on_with_resume_only() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), SCENARIO);
+    let sums = std::fs::read_to_string(dataset.join("SHA256SUMS")).unwrap();
+    // As a killed run leaves it: unfinished name, some images, half-written files, no checksums.
+    let partial = place.path().join("dataset.partial");
+    std::fs::rename(&dataset, &partial).unwrap();
+    for file in ["SHA256SUMS", "datapackage.json", "images/pair_00001_b.tif", "truth/tracks.csv"] {
+        std::fs::remove_file(partial.join(file)).unwrap();
+    }
+    write(&partial, "images/.unfinished-x1", "half");
+    write(&partial, "truth/tracks.csv", "frame,t_");
+
+    let scenario = place.path().join("scenario.ron");
+    let arguments = ["generate", path(&scenario), "--out", path(&dataset)];
+    assert!(fail(2, &arguments).contains("--resume"));
+    run(&[&arguments[..], &["--resume"]].concat());
+    assert_eq!(std::fs::read_to_string(dataset.join("SHA256SUMS")).unwrap(), sums);
+    run(&["verify", path(&dataset)]);
+
+    std::fs::rename(&dataset, &partial).unwrap();
+    let other = write(place.path(), "other.ron", &SCENARIO.replace("count(4)", "count(5)"));
+    let message = fail(2, &["generate", path(&other), "--out", path(&dataset), "--resume"]);
+    assert!(message.contains("another scenario"), "{message}");
+}
+
+#[test]
+fn wrong_scenarios_name_what_is_wrong_and_leave_nothing() {
+    let place = tempfile::tempdir().unwrap();
+    for (from, to, expected) in [
+        ("count(4)", "count(4), colour: red", "unknown key `particles.colour`"),
+        ("pairs(count: 2)", "pairs(count: 2, exposure_s: 0.001)", "valid but not supported yet"),
+        ("poiseuille()", "rankine()", "valid but not supported yet"),
+        ("poiseuille()", "poisseuille()", "did you mean `poiseuille`"),
+        ("pixel_dim_x: 90", "pixel_dim_x: 0", "optics.pixel_dim_x = 0: expected a whole number"),
+        ("pixel_dim_x: 90", "settings: \"missing.txt\"", "missing.txt"),
+        ("count: 2", "count: 2, dt_s: NaN", "timing.pairs.dt_s = NaN"),
+        ("count: 2", "count: two", "scenario.ron:6:"),
+        ("\"small\"", "\"../small\"", "name = `../small`"),
+    ] {
+        let scenario = write(place.path(), "scenario.ron", &SCENARIO.replace(from, to));
+        let out = place.path().join("dataset");
+        let message = fail(2, &["generate", path(&scenario), "--out", path(&out)]);
+        assert!(message.contains(expected), "{to}: {message}");
+        assert_eq!(listing(place.path()), ["scenario.ron"], "{to}");
+    }
+}
+
+#[test]
+fn malformed_settings_and_data_files_name_the_line_and_leave_no_output() {
+    let place = tempfile::tempdir().unwrap();
+    let mut bytes = Vec::new();
+    let small =
+        microsig_core::Settings { pixel_dim_x: 50, pixel_dim_y: 40, ..microsig_core::Settings::setting1() };
+    microsig_core::formats::settings_file::write(&mut bytes, &small).unwrap();
+    let good_settings = String::from_utf8(bytes).unwrap();
+    let good_data = "25 20 -30 2\n10 10 0 2\n";
+    let out = place.path().join("out");
+    let refuse = |settings: &str, data: &str, expected: &str| {
+        let settings = write(place.path(), "settings.txt", settings);
+        let data = write(place.path(), "data.txt", data);
+        let message = fail(2, &["render", path(&settings), path(&data), path(&out)]);
+        assert!(message.contains(expected), "expected {expected}: {message}");
+        assert_eq!(listing(place.path()), ["data.txt", "settings.txt"], "{expected}");
+    };
+    for (from, to, expected) in [
+        ("gain = 3.2\n", "", "settings.txt: gain is missing"),
+        ("gain = 3.2\n", "gain = 3.2\ngain = 3.2\n", "settings.txt:14: gain is given a second time"),
+        ("gain = 3.2", "gain = much", "settings.txt:13: gain = much"),
+        ("gain = 3.2", "gain = nan", "settings.txt:13: gain = NaN"),
+        ("gain = 3.2", "gain = -1", "settings.txt:13: gain = -1"),
+        ("gain = 3.2", "gain", "settings.txt:13: `gain`: expected `key = value`"),
+        ("magnification = 10", "magnification = 0", "settings.txt:1: magnification = 0"),
+        ("numerical_aperture = 0.3", "numerical_aperture = 1", "settings.txt:2: numerical_aperture = 1"),
+        ("ri_lens = 1.5", "ri_lens = 1", "settings.txt:5: ri_lens = 1"),
+        ("focal_length = 350", "focal_length = 0", "settings.txt:3: focal_length = 0"),
+        ("pixel_size = 6.45", "pixel_size = -6.45", "settings.txt:6: pixel_size = -6.45"),
+        ("pixel_dim_x = 50", "pixel_dim_x = 50.5", "settings.txt:7: pixel_dim_x = 50.5"),
+        ("background_noise = 10", "background_noise = -1", "settings.txt:10: background_noise = -1"),
+        ("points_per_pixel = 18", "points_per_pixel = 0", "settings.txt:11: points_per_pixel = 0"),
+        ("n_rays = 500", "n_rays = 0", "settings.txt:12: n_rays = 0"),
+        ("cyl_focal_length = 0", "cyl_focal_length = inf", "settings.txt:14: cyl_focal_length = inf"),
+    ] {
+        assert!(good_settings.contains(from), "{from}");
+        refuse(&good_settings.replacen(from, to, 1), good_data, expected);
+    }
+    for (data, expected) in [
+        ("25 20 -30 2\n10 10 0\n", "data.txt:2: 3 columns, but 4 before"),
+        ("25 20\n", "data.txt:1: 2 columns"),
+        ("1 2 3 4 5 6\n", "data.txt:1: 6 columns"),
+        ("1 2 3 4 5 6 7 8 9\n", "data.txt:1: 9 columns"),
+        ("25 20 nan 2\n", "data.txt:1, column 3: `nan`"),
+        ("25 20 -30 0\n", "data.txt:1, column 4: d_p = 0"),
+        ("25 20 -30 2 -1 0 0\n", "data.txt:1, column 5: e_p = -1"),
+        ("25 20 -30 2 -1\n", "data.txt:1, column 5: c_int = -1"),
+        ("25,5 20 -30 2\n", "data.txt:1, column 1: `25,5`: a decimal comma?"),
+        ("25 20 -30 2\n25 20 -500 2\n", "data.txt: particle 2: z = -500 um reaches the lens"),
+        ("25 20 -30 0.01\n", "data.txt: particle 1: d_p = 0.01 um is too small for points_per_pixel = 18"),
+    ] {
+        refuse(&good_settings, data, expected);
+    }
+}
+
+#[test]
+fn render_takes_what_the_formats_allow() {
+    let place = tempfile::tempdir().unwrap();
+    let mut bytes = Vec::new();
+    let small =
+        microsig_core::Settings { pixel_dim_x: 50, pixel_dim_y: 40, ..microsig_core::Settings::setting1() };
+    microsig_core::formats::settings_file::write(&mut bytes, &small).unwrap();
+    let data = place.path().join("data");
+    std::fs::create_dir(&data).unwrap();
+    // The settings file may lie among the data files.
+    let settings = write(&data, "settings.txt", &(String::from_utf8(bytes).unwrap() + "lamp = 3\n"));
+    write(&data, "a10.txt", "25;20;-30;2;0.5\n");
+    write(&data, "a9.txt", "# nobody\n");
+    write(&data, "a11.txt", "25 20 -30 6 3 0.4 0.7\n25 20 0 2 0.3 0 0\n");
+    let out = place.path().join("out");
+    let said = run(&["render", path(&settings), path(&data), path(&out), "--spheroids", "uniform", "--json"]);
+    let result: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert_eq!((result["images"].as_u64(), result["particles"].as_u64()), (Some(3), Some(3)));
+    assert!(result["warnings"][0].as_str().unwrap().contains("unknown key `lamp`"));
+    assert_eq!(listing(&out), ["a10.tif", "a11.tif", "a9.tif"]);
+
+    // Frames are numbered in natural order: a9 is frame 0, a10 frame 1.
+    let single = place.path().join("single");
+    let file = data.join("a10.txt");
+    run(&["render", path(&settings), path(&file), path(&single), "--first-frame", "1"]);
+    assert!(std::fs::read(single.join("a10.tif")).unwrap() == std::fs::read(out.join("a10.tif")).unwrap());
+}
+
+#[test]
+fn the_truth_agrees_with_itself_and_with_the_data_files() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), &SCENARIO.replace("count: 2", "count: 3, dt_s: 0.004"));
+    let rows = |name: &str| -> Vec<std::collections::HashMap<String, String>> {
+        csv::Reader::from_path(dataset.join(name)).unwrap().deserialize().map(Result::unwrap).collect()
+    };
+    let number =
+        |row: &std::collections::HashMap<String, String>, key: &str| row[key].parse::<f64>().unwrap();
+    let (frames, tracks, displacements) =
+        (rows("truth/frames.csv"), rows("truth/tracks.csv"), rows("truth/displacements.csv"));
+    assert_eq!(frames.len(), 6);
+    for frame in &frames {
+        let of_frame: Vec<_> = tracks.iter().filter(|t| t["frame"] == frame["frame"]).collect();
+        let count = |key: &str| of_frame.iter().filter(|t| t[key] == "1").count().to_string();
+        assert_eq!((&count("visible"), &count("rendered")), (&frame["n_visible"], &frame["n_rendered"]));
+        let particles = suite::particles(&dataset.join(&frame["particles"])).unwrap();
+        let rendered: Vec<_> = of_frame.iter().filter(|t| t["rendered"] == "1").collect();
+        assert_eq!(particles.len(), rendered.len());
+        for (particle, track) in particles.iter().zip(rendered) {
+            assert_eq!((particle.x_px, particle.y_px), (number(track, "x_px"), number(track, "y_px")));
+            assert_eq!(particle.z_um, number(track, "z_um"));
+        }
+        // Exactly the wanted number in view in each first frame.
+        if frame["role"] == "a" {
+            assert_eq!(frame["n_visible"], "4");
+        }
+    }
+    assert!(displacements.len() >= 12);
+    for d in &displacements {
+        let find =
+            |frame: &str| tracks.iter().find(|t| t["frame"] == d[frame] && t["track"] == d["track"]).unwrap();
+        let (a, b) = (find("frame_a"), find("frame_b"));
+        // 1e-9 px is the rounding of coordinates of some hundred px.
+        assert!((number(b, "x_px") - number(a, "x_px") - number(d, "dx_px")).abs() < 1e-9);
+        assert_eq!((number(d, "dy_px"), number(d, "dz_um")), (0.0, 0.0));
+        // Plane Poiseuille flow between -80 and 20 um, 1290 um/s in the middle, 0.645 um per px, 4 ms.
+        let s = (number(a, "z_um") + 80.0) / 100.0;
+        let expected = 1290.0 * 4.0 * s * (1.0 - s) * 0.004 / 0.645;
+        assert!((number(d, "dx_px") - expected).abs() < 1e-9);
+        assert!((number(a, "u_um_s") * 0.004 / 0.645 - expected).abs() < 1e-9);
+    }
+}

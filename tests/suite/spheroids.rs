@@ -1,0 +1,173 @@
+//! Spheroids: the paper's uniform law against geometry, and what both laws must share. That points are uniform in area
+//! is tested where they are made (`emission`); the original's images of spheroids are rows of `reference`.
+#![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
+
+use microsig_core::emission::SpheroidLaw;
+use microsig_core::formats::data_file;
+use microsig_core::render::{RayRenderer, rays::Scratch};
+use microsig_core::stream::{Purpose, Stream, Streams};
+use microsig_core::{Particle, Settings, Spheroid};
+use suite::ensemble::Ensemble;
+use suite::measure::lit_pixels;
+
+const LAWS: [SpheroidLaw; 2] = [SpheroidLaw::Original, SpheroidLaw::Uniform];
+
+fn small_sensor() -> Settings {
+    Settings { pixel_dim_x: 161, pixel_dim_y: 161, ..Settings::setting1() }
+}
+
+fn spheroid(z_um: f64, d_um: f64, e_p: f64, axis: [f64; 3]) -> Particle {
+    Particle { spheroid: Some(Spheroid::from_axis(e_p, axis)), ..Particle::sphere(81.37, 80.81, z_um, d_um) }
+}
+
+/// An axis uniform on the sphere, unit length.
+fn random_axis(stream: &mut Stream) -> [f64; 3] {
+    let cosine = 2.0 * stream.uniform() - 1.0;
+    let azimuth = 2.0 * std::f64::consts::PI * stream.uniform();
+    let sine = (1.0 - cosine * cosine).sqrt();
+    [sine * azimuth.cos(), sine * azimuth.sin(), cosine]
+}
+
+/// Twenty axes whose tilt out of the image plane is at most 60 degrees. Nearer the optical axis a spheroid looks round
+/// and its image has no direction that one degree could be asked of.
+fn twenty_axes() -> Vec<[f64; 3]> {
+    let mut stream = Streams::new(20).stream(Purpose::Seeding, 0, 0);
+    std::iter::repeat_with(|| random_axis(&mut stream)).filter(|n| n[2].abs() < 0.866).take(20).collect()
+}
+
+#[test]
+fn a_uniform_spheroid_of_aspect_one_gives_the_spheres_counts() {
+    let renderer = RayRenderer::new(&small_sensor(), SpheroidLaw::Uniform).unwrap();
+    let counts = |text: &str| {
+        let particles = data_file::read(text.as_bytes(), "text").unwrap();
+        renderer.light(&particles, &Streams::new(4), Purpose::Rays, 0).values
+    };
+    let spheres = counts("80.3 79.9 -30 2\n40 50.5 10 3\n");
+    assert_eq!(counts("80.3 79.9 -30 2 1 0.7 0.4\n40 50.5 10 3 1 0 0\n"), spheres);
+    assert!(spheres.iter().sum::<f64>() > 10_000.0);
+}
+
+/// Surface of a spheroid over that of the sphere of its equatorial diameter: rings of the surface of revolution added up,
+/// independent of the closed forms in `emission`.
+fn area_ratio(e_p: f64) -> f64 {
+    let rings = 10_000;
+    let ring = |i: i32| {
+        let u = (f64::from(i) + 0.5) / f64::from(rings);
+        (1.0 + (1.0 / (e_p * e_p) - 1.0) * u * u).sqrt()
+    };
+    e_p * (0..rings).map(ring).sum::<f64>() / f64::from(rings)
+}
+
+/// Very small particles with very many points: then all points see the lens under the same angle (a point 0.25 um nearer
+/// of 355 um has 0.14 % more light; a particle of 2 um and aspect 3 that stands upright is 0.5 % off for that reason).
+#[test]
+fn the_total_is_proportional_to_the_area() {
+    let settings = Settings { points_per_pixel: 18e3, ..small_sensor() };
+    let d_um = 0.2;
+    for law in LAWS {
+        let renderer = RayRenderer::new(&settings, law).unwrap();
+        let total = |particle: &Particle, row: u32| {
+            let (streams, scratch) = (Streams::new(8), &mut Scratch::default());
+            (0..4)
+                .map(|frame| renderer.patch(particle, &streams, Purpose::Rays, frame, row, scratch).unwrap())
+                .map(|patch| patch.total() as f64)
+                .sum::<f64>()
+        };
+        let sphere = total(&Particle::sphere(81.0, 81.0, -30.0, d_um), 0);
+        let mut stream = Streams::new(9).stream(Purpose::Seeding, 0, 0);
+        let mut worst: f64 = 0.0;
+        for (row, e_p) in [0.2, 0.5, 0.8, 1.0, 1.3, 2.0, 3.0, 5.0].into_iter().enumerate() {
+            let particle = spheroid(-30.0, d_um, e_p, random_axis(&mut stream));
+            let ratio = total(&particle, row as u32) / sphere / area_ratio(e_p);
+            // 4 x 10,900 points: the total scatters by 0.01 % (stratified rays); the depth above is at most 0.13 %
+            // for e_p = 5. `original` lights about half of the points: its plane, fitted to four points, misses the
+            // centre a little, and over all orientations 0.491 to 0.509 of this many shine (of 1100 points 0.47 to 0.53).
+            let (expected, allowed) = match law {
+                SpheroidLaw::Uniform => (1.0, 0.002),
+                SpheroidLaw::Original => (0.5, 0.02),
+            };
+            println!("{law:?} e_p {e_p}: {ratio:.5}");
+            worst = worst.max((ratio / expected - 1.0).abs() / allowed);
+        }
+        assert!(worst < 1.0, "{law:?}: {worst:.2} of the tolerance");
+    }
+}
+
+#[test]
+fn images_point_where_the_axis_does() {
+    let settings = small_sensor();
+    for law in LAWS {
+        for (e_p, d_um) in [(3.0, 6.0), (0.3, 12.0)] {
+            let mut worst: f64 = 0.0;
+            for (i, axis) in twenty_axes().into_iter().enumerate() {
+                // Near the smallest image, so that blur hides little of the shape.
+                let particle = spheroid(-25.0, d_um, e_p, axis);
+                let image = Ensemble::draw(&settings, &[particle], law, 100 + i as u64, 8).unwrap().of_mean;
+                let long_axis = 0.5 * (2.0 * image.mxy).atan2(image.mxx - image.myy);
+                // A rod's image is long along its axis, a disc's across it.
+                let expected =
+                    axis[1].atan2(axis[0]) + if e_p > 1.0 { 0.0 } else { 0.5 * std::f64::consts::PI };
+                let off = (2.0 * (long_axis - expected)).sin().asin() / 2.0;
+                assert!((2.0 * (long_axis - expected)).cos() > 0.0, "{law:?} e_p {e_p}: across, {axis:?}");
+                worst = worst.max(off.abs().to_degrees());
+            }
+            println!("{law:?} e_p {e_p}: {worst:.3} degrees at most");
+            // The statistical error is 0.1 degrees; the original's lit half is not quite symmetric to the axis.
+            assert!(worst < 1.0, "{law:?} e_p {e_p}: {worst} degrees");
+        }
+    }
+}
+
+/// On the lens side of the focus the nearer end of a spheroid is the more blurred one, beyond the focus the farther one.
+/// The mixed third moment <s t^2>, s along the image of the spheroid toward its nearer end, t across, is positive
+/// if the image is wider there. An axis mirrored in any one coordinate turns its sign.
+#[test]
+fn the_nearer_end_is_the_right_one() {
+    let settings = small_sensor();
+    for law in LAWS {
+        for (e_p, d_um) in [(3.0, 6.0), (0.3, 12.0)] {
+            // Axes that lie neither in the image plane nor near the optical axis, in all four quadrants.
+            for (i, azimuth) in [0.3f64, 1.9, 3.7, 5.2].into_iter().enumerate() {
+                let axis = [0.75 * azimuth.cos(), 0.75 * azimuth.sin(), -0.66];
+                // n_z < 0: a rod's end at +n is the nearer one. A disc's nearest rim lies opposite: it is square to n.
+                let toward = if e_p > 1.0 { azimuth } else { azimuth + std::f64::consts::PI };
+                let wider_at_the_nearer_end = |z_um: f64| {
+                    let particle = spheroid(z_um, d_um, e_p, axis);
+                    let image = Ensemble::draw(&settings, &[particle], law, 200 + i as u64, 4).unwrap();
+                    let m = image.of_mean;
+                    let (mut skew, mut across) = (0.0, 0.0);
+                    for (x, y, v) in lit_pixels(image.width, &image.mean) {
+                        let (dx, dy) = (x - m.cx, y - m.cy);
+                        let s = dx * toward.cos() + dy * toward.sin();
+                        let t = dy * toward.cos() - dx * toward.sin();
+                        skew += v * s * t * t / m.total;
+                        across += v * t * t / m.total;
+                    }
+                    // In units of the image's own size.
+                    skew / across.powf(1.5)
+                };
+                let (lens_side, beyond) = (wider_at_the_nearer_end(-70.0), wider_at_the_nearer_end(20.0));
+                println!("{law:?} e_p {e_p} azimuth {azimuth}: {lens_side:+.3} {beyond:+.3}");
+                // The statistical error is 0.001.
+                assert!(lens_side > 0.01, "{law:?} e_p {e_p} azimuth {azimuth}: {lens_side} at z = -70 um");
+                assert!(beyond < -0.01, "{law:?} e_p {e_p} azimuth {azimuth}: {beyond} at z = 20 um");
+            }
+        }
+    }
+}
+
+/// How far the laws differ, from an independent trial program: a rod of aspect 3 along y is 17 % smaller in myy at
+/// z = -30 um and 8 % at +20 um with `uniform` (the original crowds its points at the tips).
+#[test]
+fn the_two_laws_differ_as_much_as_they_should() {
+    let settings = small_sensor();
+    for (z_um, ratio) in [(-30.0, 0.83), (20.0, 0.92)] {
+        let [original, uniform] = LAWS.map(|law| {
+            let particle = spheroid(z_um, 6.0, 3.0, [0.0, 1.0, 0.0]);
+            Ensemble::draw(&settings, &[particle], law, 3, 8).unwrap().of_mean.myy
+        });
+        println!("z {z_um}: {:.4}", uniform / original);
+        // The trial's numbers are given to 1 %; the statistical error is 0.1 %.
+        assert!((uniform / original - ratio).abs() < 0.01, "z {z_um}: {}", uniform / original);
+    }
+}

@@ -1,0 +1,23 @@
+//! `cargo xtask figures`: Fig. 3 and 4 of Rossi 2020 from our own renderer.
+
+mod maxima;
+mod scenes;
+mod strips;
+
+use std::path::Path;
+
+use anyhow::Context;
+
+pub(crate) fn run(out: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    strips::draw(out)?;
+    maxima::draw(out)?;
+    scenes::draw(out)?;
+    let command = format!("cargo xtask figures --out {}", out.display());
+    let readme = include_str!("figures/README.md")
+        .replace("{command}", &command)
+        .replace("{version}", env!("CARGO_PKG_VERSION"));
+    std::fs::write(out.join("README.md"), readme)?;
+    println!("{}", out.display());
+    Ok(())
+}
