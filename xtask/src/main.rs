@@ -2,6 +2,7 @@
 #![expect(clippy::print_stdout, reason = "a task tells what it did")]
 
 mod figures;
+mod golden;
 mod picture;
 mod reference;
 
@@ -31,6 +32,8 @@ enum Task {
         #[arg(long, default_value_t = 200)]
         images: u32,
     },
+    /// Makes the golden hashes of datasets anew; see "Image bits changed" in CHANGELOG.md.
+    Golden,
     /// Draws the figures of Rossi 2020 with our renderer.
     Figures {
         /// Where the figures, their numbers and README.md go.
@@ -42,6 +45,7 @@ enum Task {
 fn main() -> anyhow::Result<ExitCode> {
     match Cli::parse().task {
         Task::Reference { dir, out, images } => reference::run(&dir, &out, images),
+        Task::Golden => golden::run().map(|()| ExitCode::SUCCESS),
         Task::Figures { out } => figures::run(&out).map(|()| ExitCode::SUCCESS),
     }
 }
