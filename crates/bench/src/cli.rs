@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::scoring::{Compare, Evaluate};
+
 /// Benchmark datasets for defocusing and astigmatic PIV/PTV.
 #[derive(Debug, Parser)]
 #[command(name = "microsig", version = VERSION, about, long_about = None, subcommand_required = true)]
@@ -54,12 +56,23 @@ pub(crate) enum Verb {
         after_help = "Example: microsig sweep scenarios/noise_sweep.ron --out sweeps/noise --shard 1/4"
     )]
     Sweep(Sweep),
+    /// The velocity fields on offer, or one of them: formula, parameters, units, defaults, source
+    #[command(after_help = "Example: microsig flows lamb_oseen --plot lamb_oseen.svg")]
+    Flows(Flows),
     /// A commented scenario to start from
     #[command(after_help = "Example: microsig new mine.ron && microsig generate mine.ron")]
     New(New),
     /// Check a dataset: checksums, manifest, tables
     #[command(after_help = "Example: microsig verify datasets/quickstart --regenerate")]
     Verify(Verify),
+    /// Scores of a tracker's result against the truth
+    #[command(
+        after_help = "Example: microsig evaluate datasets/quickstart result.csv --out scores/mine --report"
+    )]
+    Evaluate(Evaluate),
+    /// A leaderboard of several scores
+    #[command(after_help = "Example: microsig compare scores/mine scores/theirs --out scores/leaderboard")]
+    Compare(Compare),
 }
 
 /// Arguments of `render`.
@@ -136,6 +149,16 @@ pub(crate) struct Sweep {
     /// Write the table of all cases of a sweep whose shards are done, without running any
     #[arg(long)]
     pub(crate) collect: bool,
+}
+
+/// Arguments of `flows`.
+#[derive(Debug, Args)]
+pub(crate) struct Flows {
+    /// Name of a field
+    pub(crate) name: Option<String>,
+    /// Draw the field's speed and streamlines in the default scene (SVG)
+    #[arg(long, value_name = "FILE", requires = "name")]
+    pub(crate) plot: Option<PathBuf>,
 }
 
 /// Arguments of `new`.

@@ -1,6 +1,8 @@
 //! The `microsig` command: verbs and exit codes.
 
 mod cli;
+mod listing;
+mod scoring;
 
 use std::fmt::Display;
 use std::io::Write;
@@ -40,8 +42,11 @@ fn run(cli: &Cli) -> Result<()> {
         Verb::Render(arguments) => run_render(arguments, common),
         Verb::Generate(arguments) => run_generate(arguments, common),
         Verb::Sweep(arguments) => run_sweep(arguments, common),
+        Verb::Flows(arguments) => listing::run_flows(arguments, common),
         Verb::New(arguments) => run_new(arguments, common),
         Verb::Verify(arguments) => run_verify(arguments, common),
+        Verb::Evaluate(arguments) => scoring::run_evaluate(arguments, common),
+        Verb::Compare(arguments) => scoring::run_compare(arguments, common),
     }
 }
 

@@ -11,14 +11,31 @@ const CHECK: Check = Check("diameters");
 const MIN_SHARE: f64 = 1e-3;
 
 /// A distribution of diameters, um.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Diameters(Kind);
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 enum Kind {
     Equal(f64),
-    Uniform { min: f64, max: f64 },
-    Normal { mean: f64, sd: f64, min: f64, max: f64 },
+    Uniform {
+        min: f64,
+        max: f64,
+    },
+    Normal {
+        mean: f64,
+        sd: f64,
+        min: f64,
+        max: f64,
+    },
+    /// Mean and standard deviation of ln d.
+    Lognormal {
+        mean: f64,
+        sd: f64,
+        min: f64,
+        max: f64,
+    },
+    /// Diameters and the sums of their weights so far; the last is 1.
+    List(Vec<(f64, f64)>),
 }
 
 impl Diameters {
@@ -48,9 +65,57 @@ impl Diameters {
         Ok(Diameters(kind))
     }
 
+    /// Lognormal, um, restricted like [`Diameters::normal`]: `mean` and `sd` are those of the diameter, not of its logarithm, before it is
+    /// restricted.
+    pub fn lognormal(mean: f64, sd: f64, min: f64, max: f64) -> Result<Self> {
+        CHECK.positive("mean_um", mean)?;
+        CHECK.positive("sd_um", sd)?;
+        check_limits(min, max)?;
+        let variance = libm::log1p(sd * sd / (mean * mean));
+        let (mu, sigma) = (libm::log(mean) - 0.5 * variance, libm::sqrt(variance));
+        let at = |d: f64| cumulative((libm::log(d) - mu) / sigma);
+        let share = at(max) - at(min);
+        if share.is_nan() || share < MIN_SHARE {
+            let value = format!("{min}..{max}");
+            return Err(CHECK.fault("min_um..max_um", value, "limits that leave 0.1 % of the distribution"));
+        }
+        Ok(Diameters(Kind::Lognormal { mean: mu, sd: sigma, min, max }))
+    }
+
+    /// One of some diameters (um, > 0), each with a probability in proportion to its weight (> 0).
+    pub fn list(weighted: &[(f64, f64)]) -> Result<Self> {
+        let mut total = 0.0;
+        for (diameter, weight) in weighted {
+            CHECK.positive("diameter_um", *diameter)?;
+            total += CHECK.positive("weight", *weight)?;
+        }
+        if weighted.is_empty() {
+            return Err(CHECK.fault("list", "empty", "one diameter or more"));
+        }
+        CHECK.positive("sum of weights", total)?;
+        let mut sum = 0.0;
+        let list = weighted.iter().map(|(diameter, weight)| {
+            sum += weight / total;
+            (*diameter, sum)
+        });
+        Ok(Diameters(Kind::List(list.collect())))
+    }
+
     /// A diameter, um.
     pub fn draw(&self, stream: &mut Stream) -> f64 {
         match self.0 {
+            Kind::Lognormal { mean, sd, min, max } => loop {
+                let diameter = libm::exp(mean + sd * normal(stream));
+                if (min..=max).contains(&diameter) {
+                    break diameter;
+                }
+            },
+            Kind::List(ref list) => {
+                let u = stream.uniform();
+                // Rounding may leave the last sum below u.
+                let at = list.partition_point(|(_, sum)| *sum <= u).min(list.len() - 1);
+                list[at].0
+            }
             Kind::Equal(diameter) => diameter,
             Kind::Uniform { min, max } => min + (max - min) * stream.uniform(),
             Kind::Normal { mean, sd, min, max } => loop {
@@ -71,6 +136,20 @@ impl Diameters {
                 let (low, high) = ((min - mean) / sd, (max - mean) / sd);
                 mean + sd * (density(low) - density(high)) / (cumulative(high) - cumulative(low))
             }
+            Kind::Lognormal { mean, sd, min, max } => {
+                let (low, high) = ((libm::log(min) - mean) / sd, (libm::log(max) - mean) / sd);
+                let share = cumulative(high) - cumulative(low);
+                libm::exp(mean + 0.5 * sd * sd) * (cumulative(high - sd) - cumulative(low - sd)) / share
+            }
+            Kind::List(ref list) => {
+                let mut before = 0.0;
+                let terms = list.iter().map(|(diameter, sum)| {
+                    let weight = sum - before;
+                    before = *sum;
+                    diameter * weight
+                });
+                terms.sum()
+            }
         }
     }
 
@@ -78,7 +157,17 @@ impl Diameters {
     pub fn max(&self) -> f64 {
         match self.0 {
             Kind::Equal(diameter) => diameter,
-            Kind::Uniform { max, .. } | Kind::Normal { max, .. } => max,
+            Kind::Uniform { max, .. } | Kind::Normal { max, .. } | Kind::Lognormal { max, .. } => max,
+            Kind::List(ref list) => list.iter().map(|(diameter, _)| *diameter).fold(0.0, f64::max),
+        }
+    }
+
+    /// The smallest diameter that can be drawn, um.
+    pub fn min(&self) -> f64 {
+        match self.0 {
+            Kind::Equal(diameter) => diameter,
+            Kind::Uniform { min, .. } | Kind::Normal { min, .. } | Kind::Lognormal { min, .. } => min,
+            Kind::List(ref list) => list.iter().map(|(diameter, _)| *diameter).fold(f64::INFINITY, f64::min),
         }
     }
 }
@@ -113,6 +202,8 @@ mod tests {
             Diameters::equal(2.0).unwrap(),
             Diameters::uniform(1.0, 3.0).unwrap(),
             Diameters::normal(2.0, 0.5, 1.8, 3.5).unwrap(),
+            Diameters::lognormal(2.0, 0.5, 1.6, 3.0).unwrap(),
+            Diameters::list(&[(1.0, 3.0), (2.0, 1.0)]).unwrap(),
         ];
         for kind in kinds {
             let mut stream = Streams::new(3).stream(Purpose::Seeding, 0, 0);
@@ -124,12 +215,26 @@ mod tests {
             // Clipping would heap up the 34 % of the normal distribution below 1.8.
             let least = draws.iter().copied().fold(f64::INFINITY, f64::min);
             let at_least = draws.iter().filter(|d| **d == least).count();
-            assert!(at_least == 1 || matches!(kind.0, Kind::Equal(_)));
+            assert!(at_least == 1 || matches!(kind.0, Kind::Equal(_) | Kind::List(_)));
+            assert!(least >= kind.min());
         }
     }
 
     #[test]
+    fn a_wide_lognormal_has_its_own_mean_and_deviation() {
+        let kind = Diameters::lognormal(2.0, 0.5, 1e-3, 1e3).unwrap();
+        assert!((kind.mean() - 2.0).abs() < 1e-9);
+        let mut stream = Streams::new(4).stream(Purpose::Seeding, 0, 0);
+        let variance =
+            (0..40_000).map(|_| kind.draw(&mut stream) - 2.0).map(|d| d * d).sum::<f64>() / 40_000.0;
+        // The kurtosis of this lognormal is 4: standard error sqrt(3 / 40000) of 0.25.
+        assert!((variance / 0.25 - 1.0).abs() < 4.0 * 0.0087 * 1.2, "{variance}");
+    }
+
+    #[test]
     fn impossible_diameters_are_refused() {
+        assert!(Diameters::list(&[]).is_err() && Diameters::list(&[(1.0, 0.0)]).is_err());
+        assert!(Diameters::lognormal(2.0, 0.1, 5.0, 6.0).is_err());
         assert!(Diameters::equal(0.0).is_err());
         assert!(Diameters::uniform(3.0, 1.0).is_err());
         assert!(Diameters::normal(2.0, 0.1, 5.0, 6.0).unwrap_err().to_string().contains("5..6"));

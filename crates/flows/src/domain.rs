@@ -15,6 +15,8 @@ pub enum Boundary {
     Open,
     /// Centres stay a radius away.
     Wall,
+    /// What leaves through one face comes in through the other; the field should repeat itself likewise.
+    Periodic,
 }
 
 /// An axis-aligned box in object space, um, with its faces.
@@ -65,6 +67,34 @@ impl Domain {
         for axis in self.axes(Boundary::Wall) {
             let (low, high, at) = self.edge(axis, x);
             x[axis as usize] = at.min(high - radius).max(low + radius);
+        }
+        x
+    }
+
+    /// A point beyond a wall reflected there, as often as it takes, so that a particle of this radius stays inside. A uniform density stays uniform
+    /// under a random step with reflection.
+    pub(crate) fn reflect(&self, mut x: DVec3, radius: f64) -> DVec3 {
+        for axis in self.axes(Boundary::Wall) {
+            let (low, high, at) = self.edge(axis, x);
+            let (low, room) = (low + radius, high - low - 2.0 * radius);
+            let turns = (at - low) / (2.0 * room);
+            // The way along there and back again.
+            let way = (turns - libm::floor(turns)) * 2.0 * room;
+            x[axis as usize] = low + way.min(2.0 * room - way).clamp(0.0, room);
+        }
+        x
+    }
+
+    /// A point beyond a periodic face brought back by whole periods.
+    pub(crate) fn wrap(&self, mut x: DVec3) -> DVec3 {
+        for axis in self.axes(Boundary::Periodic) {
+            let (low, high, at) = self.edge(axis, x);
+            if at < low || at >= high {
+                let period = high - low;
+                let inside = at - libm::floor((at - low) / period) * period;
+                // Rounding may end on the upper face itself.
+                x[axis as usize] = if inside < high { inside.max(low) } else { low };
+            }
         }
         x
     }
@@ -166,6 +196,22 @@ mod tests {
         assert_eq!(domain.room(1.5).unwrap().size(), DVec3::new(400.0, 200.0, 97.0));
         let message = domain.room(50.0).unwrap_err().to_string();
         assert_eq!(message, "domain: diameter_um = 100: expected less than the distance of the walls");
+    }
+
+    #[test]
+    fn walls_reflect_and_periods_wrap() {
+        let domain = channel();
+        let z = |z: f64| domain.reflect(DVec3::new(900.0, 0.0, z), 1.0).z;
+        for (from, to) in [(0.0, 0.0), (-79.5, -78.5), (21.0, 17.0), (119.0, -77.0), (-275.0, -79.0)] {
+            assert!((z(from) - to).abs() < 1e-12, "{from}: {}", z(from));
+        }
+        let domain = Domain::new(*domain.region(), [Boundary::Periodic, Open, Wall]);
+        let x = |x: f64| domain.wrap(DVec3::new(x, 500.0, 500.0));
+        assert_eq!(x(250.0), DVec3::new(-150.0, 500.0, 500.0));
+        assert_eq!([x(-200.0).x, x(200.0).x, x(-1001.0).x, x(199.5).x], [-200.0, -200.0, 199.0, 199.5]);
+        assert!(x(-200.0 - 1e-14).x >= -200.0 && x(-200.0 - 1e-14).x < 200.0);
+        assert!(!domain.is_beyond_open_face(DVec3::X * 999.0));
+        assert!(domain.inflow_slabs(f64::INFINITY).len() == 1);
     }
 
     #[test]

@@ -19,6 +19,18 @@ pub enum Error {
         /// The allowed range in words.
         allowed: String,
     },
+    /// A file that is not what it should be.
+    #[error("{format}{}: {found}: expected {expected}", .line.map(|line| format!(", line {line}")).unwrap_or_default())]
+    Data {
+        /// The format that was read.
+        format: &'static str,
+        /// Where, if it has lines.
+        line: Option<usize>,
+        /// What was found.
+        found: String,
+        /// What was expected.
+        expected: String,
+    },
     /// Valid parts that do not fit together.
     #[error("{0}")]
     Misuse(String),

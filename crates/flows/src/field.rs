@@ -52,8 +52,8 @@ pub trait VelocityField: Send + Sync + Debug {
     fn max_speed(&self, region: &Region, t0: f64, t1: f64) -> f64;
 
     /// The longest step (s) an integrator may take from `x` at `t` without the danger of jumping over a surface where
-    /// the gradient is discontinuous; `None` if the field is smooth. The usual choice is 5 % of the radius of the
-    /// surface over the speed.
+    /// the gradient is discontinuous; `None` if the field is smooth. The usual choice is the greater of 2 % of the radius of the
+    /// surface and the distance from it, over the speed.
     fn step_limit(&self, _x: DVec3, _t: f64) -> Option<f64> {
         None
     }

@@ -10,9 +10,12 @@
 //! # Parts
 //!
 //! - A [`VelocityField`] answers for velocity, gradient and, where there is one, the closed form of its trajectories;
-//!   those on offer are in [`fields`].
+//!   those on offer are in [`fields`], listed in [`registry`], and one more can be read from a file ([`grid`]).
 //! - [`integrate::advance`] follows a trajectory forward or backward, by the closed form or by DOPRI5(4).
-//! - A [`Domain`] is the box that holds the tracers, with open faces and walls; [`Seeding`] and [`Diameters`] fill it.
+//! - A [`Domain`] is the box that holds the tracers, with open faces, walls and periodic faces, and [`Body`] what stands in it;
+//!   [`Seeding`] and [`Diameters`] fill it.
+//! - Tracers may diffuse ([`Brownian`]), settle ([`Settling`]), be [`Spheroids`] that turn ([`orientation`]), and differ in
+//!   brightness ([`Intensities`]).
 //! - A [`Scene`] joins the three, and its recordings are the clouds at given times ([`sequence`]): uniform ones stay
 //!   uniform, ids are never reused, and the numbers depend on nothing but the seed.
 //!
@@ -47,13 +50,18 @@
 //! # }
 //! ```
 
+pub mod body;
+pub mod brownian;
 pub mod diameters;
 pub mod domain;
 mod dual;
 pub mod error;
 pub mod field;
 pub mod fields;
+pub mod grid;
 pub mod integrate;
+pub mod intensities;
+pub mod orientation;
 pub mod params;
 mod random;
 pub mod region;
@@ -64,10 +72,14 @@ pub mod sequence;
 pub mod sincos;
 pub mod special;
 
+pub use body::Body;
+pub use brownian::{Brownian, Settling};
 pub use diameters::Diameters;
 pub use domain::{Boundary, Domain};
 pub use error::{Error, Result};
 pub use field::VelocityField;
+pub use intensities::Intensities;
+pub use orientation::{Orientations, Spheroids};
 pub use region::{Axis, Region};
 pub use seeding::Seeding;
-pub use sequence::{Frame, Scene, Sequence, Start, Tracer};
+pub use sequence::{Displacement, Frame, Scene, Sequence, Start, Tracer};

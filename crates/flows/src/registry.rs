@@ -59,6 +59,12 @@ fn boxed<F: VelocityField + 'static>(field: Result<F>) -> Result<Box<dyn Velocit
     Ok(Box::new(field?))
 }
 
+/// A grid that samples a vortex.
+fn grid(interpolation: Interpolation) -> Result<Box<dyn VelocityField>> {
+    let grid = sampled(vortex(0.0)?.as_ref())?;
+    boxed(Gridded::new(&grid, interpolation, [false; 3]))
+}
+
 /// The channel of the default scene, as a part of compositions.
 fn channel() -> Result<Box<dyn VelocityField>> {
     boxed(Poiseuille::from_params(&PoiseuilleParams::default()))
@@ -473,6 +479,41 @@ pub const ENTRIES: &[Entry] = &[
                 }))
             }),
         ],
+    },
+    Entry {
+        name: "gridded",
+        formula: "u = SUM c_ijk B_i(x) B_j(y) B_k(z), cubic B-splines or linear, linear in time",
+        parameters: &[
+            Parameter::new(
+                "interpolation",
+                "Interpolation::Tricubic",
+                "tricubic or trilinear",
+                "How to fill the space between nodes.",
+            ),
+            Parameter::new(
+                "periodic",
+                "[false, false, false]",
+                "true or false",
+                "Whether the data repeat along x, y and z.",
+            ),
+            Parameter::new(
+                "origin_um",
+                "[-240.0, -120.0, -80.0]",
+                "finite",
+                "The first node of a .npy file, um.",
+            ),
+            Parameter::new(
+                "spacing_um",
+                "[10.0, 10.0, 10.0]",
+                "> 0",
+                "Distances of the nodes of a .npy file, um.",
+            ),
+            Parameter::new("times_s", "[]", "increasing", "Times of the layers of a .npy file, s."),
+        ],
+        source: "de Boor, A Practical Guide to Splines, IX and XIII",
+        plane: Plane::XY,
+        make: || grid(Interpolation::Tricubic),
+        variants: &[("trilinear", || grid(Interpolation::Trilinear))],
     },
     Entry {
         name: "sum",

@@ -7,24 +7,34 @@
 //! a uniform Poisson cloud of all space into itself; the tracers that were inside and the candidates that were not are
 //! the two parts of that cloud, so the cloud in the domain stays uniform for ever, whatever the flow. (Letting leavers
 //! in again at random places of the inflow face does not: slow layers near walls would crowd, fast ones empty.)
-//! With divergence, density changes inside, and new particles still come in at the density of the seeding.
+//! With divergence, density changes inside, and new particles still come in at the density of the seeding. Brownian motion, which a uniform
+//! cloud does not notice either, is followed backward with noise in the same way.
 //!
-//! Random streams: (`Seeding`, recording, 0) for the first cloud, (`Inflow`, later frame of the step, 0) for each step. A
+//! Random streams: (`Seeding`, recording, 0) for the first cloud, (`Inflow`, later frame of the step, 0) for each step, and for a tracer by the
+//! low 32 bits of its id (`Brownian`, later frame, id), (`Orientation`, 0, id), (`Intensity`, 0, id). A
 //! shorter run of the same recording is therefore the beginning of a longer one, and threads change nothing.
 
+use crate::body::Body;
+use crate::brownian::{Brownian, Settling};
 use crate::domain::Domain;
 use crate::error::{Check, Error, Result};
 use crate::field::VelocityField;
 use crate::integrate::advance;
+use crate::intensities::Intensities;
+use crate::orientation::{Spheroids, carry};
+use crate::region::Region;
 use crate::seeding::{Seed, Seeding};
-use glam::DVec3;
-use microsig_core::stream::{Purpose, Streams};
+use glam::{DMat3, DVec3};
+use microsig_core::stream::{Purpose, Stream, Streams};
 use rayon::prelude::*;
 
 const CHECK: Check = Check("sequence");
 
 /// Greatest first id, 2^53: ids stay whole numbers in every format.
 const MAX_FIRST_ID: u64 = 1 << 53;
+
+/// How far noise may carry a newcomer, in standard deviations of one axis: farther goes one in 10^15.
+const REACH_OF_NOISE: f64 = 8.0;
 
 /// Fewest tracers that are worth a thread.
 const TRACERS_PER_TASK: usize = 64;
@@ -38,6 +48,23 @@ pub struct Tracer {
     pub position: DVec3,
     /// Diameter, um.
     pub d_um: f64,
+    /// Length along the axis over length across it; 1 for a sphere.
+    pub aspect: f64,
+    /// Direction of the axis, of length 1.
+    pub axis: DVec3,
+    /// Factor on the light of a particle of its size.
+    pub c_int: f64,
+    /// How it came here from the frame before; `None` for a newcomer.
+    pub step: Option<Displacement>,
+}
+
+/// The way of a tracer between two frames, um.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Displacement {
+    /// The whole way, noise included; through a periodic face it goes on, where positions jump.
+    pub actual: DVec3,
+    /// What flow and settling alone would have done.
+    pub drift: DVec3,
 }
 
 /// The cloud at one time.
@@ -70,6 +97,46 @@ pub struct Scene<'a> {
     domain: &'a Domain,
     seeding: &'a Seeding,
     density: f64,
+    bodies: &'a [Body],
+    settling: Option<Settling>,
+    brownian: Option<Brownian>,
+    spheroids: Option<Spheroids>,
+    intensities: Intensities,
+    keeps_ids: bool,
+}
+
+/// A field with the velocity of particles through the fluid added.
+#[derive(Debug)]
+struct Drifting<'a> {
+    field: &'a dyn VelocityField,
+    slip: DVec3,
+}
+
+impl VelocityField for Drifting<'_> {
+    fn velocity(&self, x: DVec3, t: f64) -> DVec3 {
+        self.field.velocity(x, t) + self.slip
+    }
+
+    fn gradient(&self, x: DVec3, t: f64) -> DMat3 {
+        self.field.gradient(x, t)
+    }
+
+    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
+        if self.slip == DVec3::ZERO { self.field.flow_map(x, t0, t1) } else { None }
+    }
+
+    fn is_divergence_free(&self) -> bool {
+        self.field.is_divergence_free()
+    }
+
+    fn max_speed(&self, region: &Region, t0: f64, t1: f64) -> f64 {
+        self.field.max_speed(region, t0, t1) + self.slip.length()
+    }
+
+    fn step_limit(&self, x: DVec3, t: f64) -> Option<f64> {
+        let speed = self.field.velocity(x, t).length();
+        Some(self.field.step_limit(x, t)? * speed / (speed + self.slip.length()))
+    }
 }
 
 /// Where the numbers of a recording begin.
@@ -86,7 +153,49 @@ pub struct Start {
 impl<'a> Scene<'a> {
     /// A scene; `Err` if the seeding does not fit the domain (see [`Seeding::density`]).
     pub fn new(field: &'a dyn VelocityField, domain: &'a Domain, seeding: &'a Seeding) -> Result<Self> {
-        Ok(Scene { field, domain, seeding, density: seeding.density(domain)? })
+        let density = seeding.density(domain)?;
+        Ok(Scene {
+            field,
+            domain,
+            seeding,
+            density,
+            bodies: &[],
+            settling: None,
+            brownian: None,
+            spheroids: None,
+            intensities: Intensities::default(),
+            keeps_ids: false,
+        })
+    }
+
+    /// With bodies that tracers do not enter. A count in view is what remains in it beside them.
+    pub fn with_bodies(self, bodies: &'a [Body]) -> Self {
+        Scene { bodies, ..self }
+    }
+
+    /// With particles that settle.
+    pub fn with_settling(self, settling: Settling) -> Self {
+        Scene { settling: Some(settling), ..self }
+    }
+
+    /// With Brownian motion, of the axes of spheroids too.
+    pub fn with_brownian(self, brownian: Brownian) -> Self {
+        Scene { brownian: Some(brownian), ..self }
+    }
+
+    /// With spheroids instead of spheres.
+    pub fn with_spheroids(self, spheroids: Spheroids) -> Self {
+        Scene { spheroids: Some(spheroids), ..self }
+    }
+
+    /// With particles of different brightness.
+    pub fn with_intensities(self, intensities: Intensities) -> Self {
+        Scene { intensities, ..self }
+    }
+
+    /// With ids that go on when a tracer passes a periodic face; without this it is a new tracer on the other side.
+    pub fn keeping_ids(self) -> Self {
+        Scene { keeps_ids: true, ..self }
     }
 
     /// The recording of this scene at the given times (s, increasing). Two times make a pair.
@@ -121,32 +230,141 @@ impl<'a> Scene<'a> {
         })
     }
 
-    /// The tracers of `frame` that are still in the domain at `t1`, where they are then.
-    fn survivors(&self, frame: &Frame, t1: f64) -> Result<Vec<Tracer>> {
-        let moved = in_parallel(&frame.tracers, |tracer| {
-            let end = advance(self.field, tracer.position, frame.t_s, t1)?;
-            let position = self.domain.keep_off_walls(end, 0.5 * tracer.d_um);
-            Ok((!self.domain.is_beyond_open_face(position)).then_some(Tracer { position, ..*tracer }))
+    /// The field that carries particles of a diameter.
+    fn drifting(&self, d_um: f64) -> Drifting<'a> {
+        let slip = self.settling.map_or(DVec3::ZERO, |settling| settling.velocity(d_um));
+        Drifting { field: self.field, slip }
+    }
+
+    /// The nearest place where walls, bodies and the field's own surfaces leave a particle.
+    fn hold(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {
+        let x = self.domain.keep_off_walls(self.field.confine(x, t, radius), radius);
+        let x = self.bodies.iter().fold(x, |x, body| body.keep_off(x, radius));
+        if self.bodies.is_empty() { x } else { self.domain.keep_off_walls(x, radius) }
+    }
+
+    /// Where flow and noise take a particle from `t0` to `t1`, earlier or later; its axis is turned on the way.
+    fn wander(
+        &self,
+        brownian: &Brownian,
+        (mut x, d_um, aspect): (DVec3, f64, f64),
+        axis: &mut DVec3,
+        (t0, t1): (f64, f64),
+        stream: &mut Stream,
+    ) -> Result<DVec3> {
+        let (field, radius) = (self.drifting(d_um), 0.5 * d_um);
+        let steps = brownian.substeps();
+        let at = |half: u32| t0 + (t1 - t0) * f64::from(half) / f64::from(2 * steps);
+        let h = (t1 - t0).abs() / f64::from(steps);
+        for k in 0..steps {
+            let (start, middle, end) = (at(2 * k), at(2 * k + 1), at(2 * k + 2));
+            if aspect != 1.0 {
+                *axis = carry(&field, x, *axis, aspect, start, middle)?;
+                *axis = brownian.turn(*axis, d_um, h, stream);
+            }
+            x = self.hold(advance(&field, x, start, middle)?, middle, radius);
+            x = self.domain.reflect(x + brownian.kick(d_um, h, stream), radius);
+            x = self.hold(x, middle, radius);
+            if aspect != 1.0 {
+                *axis = carry(&field, x, *axis, aspect, middle, end)?;
+            }
+            x = self.hold(advance(&field, x, middle, end)?, end, radius);
+        }
+        Ok(x)
+    }
+
+    /// The tracers of `frame` that are still in the domain at `t1`, where they are then, in two groups: those that go on, and those that are new
+    /// because they have passed a periodic face.
+    fn survivors(
+        &self,
+        before: &Frame,
+        t1: f64,
+        streams: Streams,
+        frame: u32,
+    ) -> Result<(Vec<Tracer>, Vec<Tracer>)> {
+        let t0 = before.t_s;
+        let moved = in_parallel(&before.tracers, |tracer| {
+            let (field, radius) = (self.drifting(tracer.d_um), 0.5 * tracer.d_um);
+            let drift = self.hold(advance(&field, tracer.position, t0, t1)?, t1, radius);
+            let mut axis = tracer.axis;
+            let end = match &self.brownian {
+                None => {
+                    if tracer.aspect != 1.0 {
+                        axis = carry(&field, tracer.position, axis, tracer.aspect, t0, t1)?;
+                    }
+                    drift
+                }
+                Some(brownian) => {
+                    let mut stream = streams.stream(Purpose::Brownian, frame, tracer.id as u32);
+                    let particle = (tracer.position, tracer.d_um, tracer.aspect);
+                    self.wander(brownian, particle, &mut axis, (t0, t1), &mut stream)?
+                }
+            };
+            let gone =
+                self.domain.is_beyond_open_face(end) || self.bodies.iter().any(|body| body.drains(end));
+            let position = self.domain.wrap(end);
+            let step = Displacement { actual: end - tracer.position, drift: drift - tracer.position };
+            let new = position != end && !self.keeps_ids;
+            let step = (!new).then_some(step);
+            Ok((!gone).then_some(Tracer { position, axis, step, ..*tracer }))
         })?;
-        Ok(moved.into_iter().flatten().collect())
+        Ok(moved.into_iter().flatten().partition(|tracer| tracer.step.is_some()))
     }
 
     /// The particles that have come in through open faces between `t0` and `t1`, at `t1`.
     fn arrivals(&self, t0: f64, t1: f64, streams: Streams, frame: u32) -> Result<Vec<Seed>> {
         let mut stream = streams.stream(Purpose::Inflow, frame, 0);
         // A path that has come in has stayed in the domain since: its speed there bounds how far it got.
-        let reach = self.field.max_speed(self.domain.region(), t0, t1) * (t1 - t0);
-        let candidates: Vec<Seed> = self
-            .domain
-            .inflow_slabs(reach)
-            .iter()
-            .flat_map(|slab| self.seeding.scatter(self.domain, self.density, slab, &mut stream))
-            .collect();
-        let followed = in_parallel(&candidates, |seed| {
-            let origin = advance(self.field, seed.position, t1, t0)?;
+        let sizes = self.seeding.diameters();
+        let speed = self.drifting(sizes.max()).max_speed(self.domain.region(), t0, t1);
+        let noise = self.brownian.map_or(0.0, |brownian| {
+            REACH_OF_NOISE * libm::sqrt(2.0 * brownian.diffusion(sizes.min()) * (t1 - t0))
+        });
+        let reach = speed * (t1 - t0) + noise;
+        let mut candidates: Vec<(Seed, Streams)> = Vec::new();
+        for slab in self.domain.inflow_slabs(reach) {
+            for seed in self.seeding.scatter(self.domain, self.density, &slab, &mut stream) {
+                // Noise of its own, whatever becomes of the others.
+                let own = if self.brownian.is_some() { stream.next_u64() } else { 0 };
+                candidates.push((seed, Streams::new(own)));
+            }
+        }
+        let followed = in_parallel(&candidates, |(seed, own)| {
+            let radius = 0.5 * seed.d_um;
+            if self.is_taken(seed.position, t1, radius) {
+                return Ok(None);
+            }
+            // Uniform noise is the same backward in time as forward.
+            let origin = match &self.brownian {
+                None => advance(&self.drifting(seed.d_um), seed.position, t1, t0)?,
+                Some(brownian) => {
+                    let mut stream = own.stream(Purpose::Brownian, 0, 0);
+                    let particle = (seed.position, seed.d_um, 1.0);
+                    let mut axis = DVec3::Y;
+                    self.wander(brownian, particle, &mut axis, (t1, t0), &mut stream)?
+                }
+            };
             Ok(self.domain.is_beyond_open_face(origin).then_some(*seed))
         })?;
         Ok(followed.into_iter().flatten().collect())
+    }
+
+    /// Whether something holds particles of a radius away from a place.
+    fn is_taken(&self, x: DVec3, t: f64, radius: f64) -> bool {
+        self.bodies.iter().any(|body| body.touches(x, radius)) || self.field.confine(x, t, radius) != x
+    }
+
+    /// A particle with its name, and what else is drawn by it.
+    fn christen(&self, seed: Seed, id: u64, streams: Streams) -> Tracer {
+        let stream = |purpose| streams.stream(purpose, 0, id as u32);
+        let (aspect, axis) = match &self.spheroids {
+            None => (1.0, DVec3::Y),
+            Some(spheroids) => {
+                (spheroids.aspect, spheroids.orientations.draw(&mut stream(Purpose::Orientation)))
+            }
+        };
+        let c_int = self.intensities.draw(seed.d_um, &mut stream(Purpose::Intensity));
+        Tracer { id, position: seed.position, d_um: seed.d_um, aspect, axis, c_int, step: None }
     }
 }
 
@@ -174,18 +392,23 @@ impl Sequence<'_> {
     fn make(&mut self, t_s: f64) -> Result<Frame> {
         // In range by the check of `Scene::record`.
         let index = self.first_frame + self.made as u32;
-        let (mut tracers, newcomers) = match &self.latest {
+        let (mut tracers, wrapped, newcomers) = match &self.latest {
             None => {
                 let mut stream = self.streams.stream(Purpose::Seeding, self.recording, 0);
-                (Vec::new(), self.scene.seeding.populate(self.scene.domain, &mut stream)?)
+                let taken = |x: DVec3, radius: f64| self.scene.is_taken(x, t_s, radius);
+                (Vec::new(), Vec::new(), self.scene.seeding.populate(self.scene.domain, &taken, &mut stream)?)
             }
-            Some(before) => (
-                self.scene.survivors(before, t_s)?,
-                self.scene.arrivals(before.t_s, t_s, self.streams, index)?,
-            ),
+            Some(before) => {
+                let (survivors, wrapped) = self.scene.survivors(before, t_s, self.streams, index)?;
+                (survivors, wrapped, self.scene.arrivals(before.t_s, t_s, self.streams, index)?)
+            }
         };
-        for Seed { position, d_um } in newcomers {
-            tracers.push(Tracer { id: self.next_id, position, d_um });
+        for tracer in wrapped {
+            tracers.push(Tracer { id: self.next_id, ..tracer });
+            self.next_id += 1;
+        }
+        for seed in newcomers {
+            tracers.push(self.scene.christen(seed, self.next_id, self.streams));
             self.next_id += 1;
         }
         Ok(Frame { index, t_s, tracers })
@@ -216,7 +439,6 @@ mod tests {
     use crate::diameters::Diameters;
     use crate::domain::Boundary::{Open, Wall};
     use crate::fields::Linear;
-    use crate::region::Region;
 
     fn domain() -> Domain {
         let region = Region::new(DVec3::new(-50.0, -50.0, 0.0), DVec3::new(50.0, 50.0, 20.0)).unwrap();
@@ -229,7 +451,15 @@ mod tests {
 
     #[test]
     fn links_find_survivors_only() {
-        let tracer = |id: u64, x: f64| Tracer { id, position: DVec3::X * x, d_um: 1.0 };
+        let tracer = |id: u64, x: f64| Tracer {
+            id,
+            position: DVec3::X * x,
+            d_um: 1.0,
+            aspect: 1.0,
+            axis: DVec3::Y,
+            c_int: 1.0,
+            step: None,
+        };
         let first =
             Frame { index: 0, t_s: 0.0, tracers: vec![tracer(3, 0.0), tracer(5, 1.0), tracer(9, 2.0)] };
         let second =

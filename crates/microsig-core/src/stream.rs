@@ -23,6 +23,12 @@ pub enum Purpose {
     CalibrationRays = 5,
     /// Background noise of the calibration stack; frame = step of the stack, row = pixel row.
     CalibrationNoise = 6,
+    /// Brownian steps of a tracer; frame = the later frame of the step, row = low 32 bits of its id.
+    Brownian = 7,
+    /// First orientation of a spheroid; row = low 32 bits of its id.
+    Orientation = 8,
+    /// Brightness of a tracer; row = low 32 bits of its id.
+    Intensity = 9,
     /// What differs from pixel to pixel of a camera for ever; frame = 0, row = pixel row.
     FixedPattern = 10,
 }

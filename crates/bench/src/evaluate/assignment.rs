@@ -58,7 +58,8 @@ pub fn heaviest(rows: usize, columns: usize, pairs: &[Pair]) -> Vec<Pair> {
         }
         let of_row = cheapest_cover(&graph, local.n_columns + local.rows());
         for row in 0..local.rows() {
-            chosen.extend(local.range(row).find(|&e| local.columns_of[e] == of_row[row]).map(|e| component[e]));
+            chosen
+                .extend(local.range(row).find(|&e| local.columns_of[e] == of_row[row]).map(|e| component[e]));
         }
     }
     chosen.sort_unstable_by_key(|p| p.row);
@@ -169,10 +170,7 @@ fn solve_cardinality(component: &[Pair], chosen: &mut Vec<Pair>) {
     let parts: [(Vec<bool>, bool); 3] = [
         (spare_rows.1.clone(), true),
         (spare_columns.1.clone(), false),
-        (
-            (0..forward.rows()).map(|r| !spare_rows.0[r] && !spare_columns.1[r]).collect(),
-            false,
-        ),
+        ((0..forward.rows()).map(|r| !spare_rows.0[r] && !spare_columns.1[r]).collect(), false),
     ];
     let sides = [&spare_rows.0, &spare_columns.0];
     for (part, (covered, transposed)) in parts.iter().enumerate() {
@@ -235,7 +233,8 @@ fn maximum_matching(local: &Local, component: &[Pair]) -> (Vec<u32>, Vec<u32>) {
     loop {
         // Breadth first: the length of the shortest alternating path to every row.
         let mut depth = vec![NONE; local.rows()];
-        let mut queue: VecDeque<u32> = (0..local.rows() as u32).filter(|&r| row_mate[r as usize] == NONE).collect();
+        let mut queue: VecDeque<u32> =
+            (0..local.rows() as u32).filter(|&r| row_mate[r as usize] == NONE).collect();
         queue.iter().for_each(|&r| depth[r as usize] = 0);
         let mut augmentable = false;
         while let Some(row) = queue.pop_front() {
@@ -339,7 +338,9 @@ fn cheapest_cover(graph: &Graph, columns: usize) -> Vec<u32> {
             }
             let nearest = loop {
                 match heap.pop() {
-                    Some(Reverse(Distance(d, column))) if !done[column as usize] && d == distance[column as usize] => {
+                    Some(Reverse(Distance(d, column)))
+                        if !done[column as usize] && d == distance[column as usize] =>
+                    {
                         break Some(column as usize);
                     }
                     Some(_) => {}
@@ -387,7 +388,15 @@ mod tests {
 
     /// All matchings by brute force: (most pairs, their least cost) and the greatest weight.
     fn brute(rows: usize, pairs: &[Pair]) -> ((usize, f64), f64) {
-        fn go(row: u32, rows: u32, used: u32, pairs: &[Pair], n: usize, sum: f64, best: &mut ((usize, f64), f64)) {
+        fn go(
+            row: u32,
+            rows: u32,
+            used: u32,
+            pairs: &[Pair],
+            n: usize,
+            sum: f64,
+            best: &mut ((usize, f64), f64),
+        ) {
             if row == rows {
                 let (most, least) = best.0;
                 if n > most || (n == most && sum < least) {

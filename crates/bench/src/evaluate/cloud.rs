@@ -84,7 +84,9 @@ impl Cloud {
         let mut points: Vec<(u32, Point)> = loose
             .iter()
             .enumerate()
-            .map(|(i, p)| (class[i], Point { frame: p.frame, track: track_of[i], source: p.source, at: p.at }))
+            .map(|(i, p)| {
+                (class[i], Point { frame: p.frame, track: track_of[i], source: p.source, at: p.at })
+            })
             .collect();
         points.sort_by_key(|(class, p)| (*class, p.track));
         let points: Vec<Point> = points.into_iter().map(|(_, p)| p).collect();
@@ -150,7 +152,7 @@ pub fn side_by_side(a: &Cloud, b: &Cloud) -> Vec<(u32, Range<usize>, Range<usize
     while i < a.frames.len() || j < b.frames.len() {
         let (fa, fb) = (a.frames.get(i).map(|f| f.0), b.frames.get(j).map(|f| f.0));
         let frame = fa.into_iter().chain(fb).min().unwrap_or_default();
-        let mut take = |mine: Option<u32>, frames: &[(u32, Range<usize>)], at: &mut usize| {
+        let take = |mine: Option<u32>, frames: &[(u32, Range<usize>)], at: &mut usize| {
             if mine == Some(frame) {
                 *at += 1;
                 frames[*at - 1].1.clone()
@@ -175,7 +177,8 @@ mod tests {
 
     #[test]
     fn neither_rows_nor_names_matter() {
-        let rows = [point(0, 7, 3.0), point(1, 7, 4.0), point(0, 2, 3.0), point(1, 2, 3.5), point(1, -1, 9.0)];
+        let rows =
+            [point(0, 7, 3.0), point(1, 7, 4.0), point(0, 2, 3.0), point(1, 2, 3.5), point(1, -1, 9.0)];
         let cloud = Cloud::new(rows.to_vec());
         let mut other = rows;
         other.reverse();

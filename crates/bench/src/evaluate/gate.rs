@@ -93,7 +93,8 @@ mod tests {
 
     #[test]
     fn the_boundary_is_out_unless_closed() {
-        let (a, b) = (Position { x_px: 1.0, y_px: 2.0, z_um: 5.0 }, Position { x_px: 4.0, y_px: 6.0, z_um: 5.0 });
+        let (a, b) =
+            (Position { x_px: 1.0, y_px: 2.0, z_um: 5.0 }, Position { x_px: 4.0, y_px: 6.0, z_um: 5.0 });
         for gate in [Gate::radial(5.0), Gate::ellipsoid(5.0, 5.0), Gate::ellipsoid(5.0, 1.0)] {
             assert!(!gate.admits(gate.squared(&a, &b)));
             assert!(gate.with_edge(Edge::Closed).admits(gate.squared(&a, &b)));

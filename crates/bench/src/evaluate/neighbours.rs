@@ -82,7 +82,9 @@ impl<'a> Grid<'a> {
         for row in r0..=r1 {
             if c0 <= c1 {
                 let (from, to) = (row * self.columns + c0, row * self.columns + c1 + 1);
-                self.order[self.starts[from] as usize..self.starts[to] as usize].iter().for_each(|&i| found(i));
+                self.order[self.starts[from] as usize..self.starts[to] as usize]
+                    .iter()
+                    .for_each(|&i| found(i));
             }
         }
     }
@@ -138,7 +140,12 @@ mod tests {
 
     fn points(at: &[(f64, f64)]) -> Vec<Point> {
         at.iter()
-            .map(|&(x_px, y_px)| Point { frame: 0, track: 0, source: 0, at: Position { x_px, y_px, z_um: 0.0 } })
+            .map(|&(x_px, y_px)| Point {
+                frame: 0,
+                track: 0,
+                source: 0,
+                at: Position { x_px, y_px, z_um: 0.0 },
+            })
             .collect()
     }
 

@@ -9,7 +9,8 @@ use crate::error::Result;
 
 const PARTICLES: Usual =
     Usual { name: "canonical particles", origin: Origin::Center1, frame_base: 0, unit: Unit::Px };
-const FIELD: Usual = Usual { name: "canonical field", origin: Origin::Center1, frame_base: 0, unit: Unit::Px };
+const FIELD: Usual =
+    Usual { name: "canonical field", origin: Origin::Center1, frame_base: 0, unit: Unit::Px };
 
 /// Reads particles.
 ///
@@ -28,7 +29,9 @@ pub fn points(path: &Path, given: &Conventions) -> Result<Points> {
         .filter(|h| ["x", "y", "z", "z_px", "particle", "id", "track_id"].contains(h))
         .collect();
     if !odd.is_empty() {
-        converter.notes.push(format!("columns {} are not part of this format and are ignored", odd.join(", ")));
+        converter
+            .notes
+            .push(format!("columns {} are not part of this format and are ignored", odd.join(", ")));
     }
     sheet.points(converter, z.is_some(), |cells| {
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;

@@ -43,7 +43,9 @@ fn read(sheet: Sheet, given: &Conventions, scaling: [f64; 3]) -> Result<Points> 
     let frame = sheet.need("fr")?;
     let scaled = sheet.column("X").is_none();
     if scaled && scaling == [1.0; 3] {
-        return Err(Error::input("DefocusTracker: columns X, Y, Z are missing (scaled tables are read as text only)"));
+        return Err(Error::input(
+            "DefocusTracker: columns X, Y, Z are missing (scaled tables are read as text only)",
+        ));
     }
     let names = if scaled { ["x", "y", "z"] } else { ["X", "Y", "Z"] };
     let (x, y, z) = (sheet.need(names[0])?, sheet.need(names[1])?, sheet.need(names[2])?);

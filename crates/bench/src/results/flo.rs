@@ -9,7 +9,8 @@ use super::sheet::MAX_ROWS;
 use super::{Conventions, Converter, Field, Origin, Unit, Usual};
 use crate::error::{Error, Result};
 
-const USUAL: Usual = Usual { name: "Middlebury .flo", origin: Origin::Center1, frame_base: 0, unit: Unit::Px };
+const USUAL: Usual =
+    Usual { name: "Middlebury .flo", origin: Origin::Center1, frame_base: 0, unit: Unit::Px };
 
 pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
     let failed = |e| Error::read(path, e);
@@ -43,7 +44,8 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
             let [dx, dy] = converter.moved(u, v);
             // Pixel indices are ours whatever origin a tracker counts from.
             let at = converter.place(f64::from(column) + 1.0, f64::from(row) + 1.0, 0.0).map_err(wrong)?;
-            let vector = vector(None, at.unwrap_or_default(), [dx, dy, f64::NAN], 0, [f64::NAN; 2]).map_err(wrong)?;
+            let vector =
+                vector(None, at.unwrap_or_default(), [dx, dy, f64::NAN], 0, [f64::NAN; 2]).map_err(wrong)?;
             field.vectors.push(vector);
         }
     }

@@ -23,7 +23,7 @@ use std::io::Read;
 use std::path::Path;
 
 use crate::error::{Error, Result};
-pub use canonical::{points as read_points, field as read_field};
+pub use canonical::{field as read_field, points as read_points};
 
 /// A place.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -211,12 +211,16 @@ impl Converter {
         let scale = match (usual.unit, given.um_per_px) {
             (Unit::Px, _) => 1.0,
             (Unit::Um, Some(um)) => 1.0 / um,
-            (Unit::Um, None) => return Err(Error::input(format!("{}: lengths are um; give --um-per-px", usual.name))),
+            (Unit::Um, None) => {
+                return Err(Error::input(format!("{}: lengths are um; give --um-per-px", usual.name)));
+            }
         };
         let flip_at = match (y_up, given.height_px) {
             (false, _) => None,
             (true, Some(height)) => Some(height + 1.0),
-            (true, None) => return Err(Error::input("--y up: the height of the images is not known from a bare table")),
+            (true, None) => {
+                return Err(Error::input("--y up: the height of the images is not known from a bare table"));
+            }
         };
         let unit = match usual.unit {
             Unit::Px => "px".to_owned(),
@@ -303,7 +307,8 @@ pub fn read(path: &Path, given: &Conventions) -> Result<Found> {
 
 /// A track is in one place at a time.
 fn unique(path: &Path, rows: &[Row]) -> Result<()> {
-    let mut linked: Vec<(i64, u32)> = rows.iter().filter(|r| r.track >= 0).map(|r| (r.track, r.frame)).collect();
+    let mut linked: Vec<(i64, u32)> =
+        rows.iter().filter(|r| r.track >= 0).map(|r| (r.track, r.frame)).collect();
     linked.sort_unstable();
     let mut twice: Vec<String> = linked
         .windows(2)
@@ -331,7 +336,8 @@ pub fn detect(path: &Path) -> Result<Format> {
     }
     let text = String::from_utf8_lossy(&head);
     let text = text.trim_start_matches('\u{feff}');
-    let later = |what: &str| Err(Error::Unsupported(vec![format!("{name}: {what} files are not supported yet")]));
+    let later =
+        |what: &str| Err(Error::Unsupported(vec![format!("{name}: {what} files are not supported yet")]));
     if text.trim_start().starts_with('<') {
         return match () {
             () if text.contains("TrackContestISBI2012") => Ok(Format::Isbi),

@@ -18,16 +18,28 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
     let head = String::from_utf8_lossy(&head);
     let found = head.lines().take(3).enumerate().find(|(_, l)| l.starts_with("x ["));
     let Some((index, header)) = found else {
-        return Err(Error::input(format!("{}: expected a line that begins with x [px] among the first three", path.display())));
+        return Err(Error::input(format!(
+            "{}: expected a line that begins with x [px] among the first three",
+            path.display()
+        )));
     };
     for unit in ["x [px]", "y [px]", "u [px/frame]", "v [px/frame]"] {
         if !header.contains(unit) {
-            let message = format!("{}:{}: {:?}: expected {unit}; export without calibration", path.display(), index + 1, shown(header));
+            let message = format!(
+                "{}:{}: {:?}: expected {unit}; export without calibration",
+                path.display(),
+                index + 1,
+                shown(header)
+            );
             return Err(Error::input(message));
         }
     }
     if !header.contains(',') {
-        return Err(Error::input(format!("{}:{}: expected commas between the columns", path.display(), index + 1)));
+        return Err(Error::input(format!(
+            "{}:{}: expected commas between the columns",
+            path.display(),
+            index + 1
+        )));
     }
     let converter = Converter::new(USUAL, given)?;
     let sheet = Sheet::open(path, Separator::Comma, index as u64 + 1)?;

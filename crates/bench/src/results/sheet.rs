@@ -83,12 +83,18 @@ impl Sheet {
         let file = Bounded::new(File::open(path).map_err(|e| Error::read(path, e))?, b'\n');
         let source = match separator {
             Separator::Comma => Source::Comma(
-                ReaderBuilder::new().has_headers(false).flexible(true).quoting(false).trim(Trim::All).from_reader(file),
+                ReaderBuilder::new()
+                    .has_headers(false)
+                    .flexible(true)
+                    .quoting(false)
+                    .trim(Trim::All)
+                    .from_reader(file),
             ),
             Separator::Space => Source::Space(BufReader::new(file), 0),
         };
         let name = path.display().to_string();
-        let mut sheet = Sheet { name, header: Vec::new(), source, waiting: None, rows: 0, problems: Vec::new() };
+        let mut sheet =
+            Sheet { name, header: Vec::new(), source, waiting: None, rows: 0, problems: Vec::new() };
         let mut record = ByteRecord::new();
         for _ in 0..header_line {
             if sheet.record(&mut record)?.is_none() {
@@ -98,7 +104,8 @@ impl Sheet {
         let clean = |field: &[u8]| {
             String::from_utf8_lossy(field).trim_matches(['"', '\u{feff}', '#', ' ']).to_owned()
         };
-        sheet.header = record.iter().map(clean).filter(|f| separator == Separator::Comma || !f.is_empty()).collect();
+        sheet.header =
+            record.iter().map(clean).filter(|f| separator == Separator::Comma || !f.is_empty()).collect();
         Ok(sheet)
     }
 
@@ -166,7 +173,10 @@ impl Sheet {
     ///
     /// # Errors
     /// All that was wrong.
-    pub(crate) fn rows(mut self, mut each: impl FnMut(&Cells<'_>) -> std::result::Result<(), String>) -> Result<()> {
+    pub(crate) fn rows(
+        mut self,
+        mut each: impl FnMut(&Cells<'_>) -> std::result::Result<(), String>,
+    ) -> Result<()> {
         let mut record = ByteRecord::new();
         while let Some(line) = self.record(&mut record)? {
             self.rows += 1;
@@ -176,7 +186,8 @@ impl Sheet {
             let wrong = if record.len() == self.header.len() {
                 each(&Cells { record: &record, header: &self.header }).err()
             } else {
-                let hint = if record.len() > self.header.len() { " (numbers with decimal commas?)" } else { "" };
+                let hint =
+                    if record.len() > self.header.len() { " (numbers with decimal commas?)" } else { "" };
                 Some(format!("{} fields where the header has {}{hint}", record.len(), self.header.len()))
             };
             if let Some(message) = wrong {
@@ -296,7 +307,10 @@ mod tests {
     #[test]
     fn problems_name_their_lines() {
         let message = |text| sheet(text, Separator::Comma).unwrap_err().to_string();
-        assert!(message("a,b\n1,2\n1,2,5\n").contains("t.csv:3: 3 fields where the header has 2 (numbers with decimal"));
+        assert!(
+            message("a,b\n1,2\n1,2,5\n")
+                .contains("t.csv:3: 3 fields where the header has 2 (numbers with decimal")
+        );
         assert!(message("a,b\n1,x\n").contains("t.csv:2: b = \"x\": expected a number"));
         assert!(message("a\n1\n").contains("column b is missing"));
         assert!(message("").contains("empty"));

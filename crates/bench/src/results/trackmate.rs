@@ -8,7 +8,8 @@ use super::sheet::{Separator, Sheet};
 use super::{Conventions, Converter, Origin, Points, Unit, Usual};
 use crate::error::Result;
 
-const USUAL: Usual = Usual { name: "TrackMate spots", origin: Origin::Center0, frame_base: 0, unit: Unit::Um };
+const USUAL: Usual =
+    Usual { name: "TrackMate spots", origin: Origin::Center0, frame_base: 0, unit: Unit::Um };
 
 pub(super) fn spots(path: &Path, given: &Conventions) -> Result<Points> {
     let mut sheet = Sheet::open(path, Separator::Comma, 1)?;

@@ -26,7 +26,8 @@ pub(super) fn isbi(path: &Path, given: &Conventions) -> Result<Points> {
 fn read(path: &Path, given: &Conventions, mut usual: Usual, root: &str) -> Result<Points> {
     let file = File::open(path).map_err(|e| Error::read(path, e))?;
     let mut reader = Reader::from_reader(BufReader::new(Bounded::new(file, b'>')));
-    let at = |position: u64, what: String| Error::input(format!("{}: byte {position}: {what}", path.display()));
+    let at =
+        |position: u64, what: String| Error::input(format!("{}: byte {position}: {what}", path.display()));
     let mut points = Points { has_z: true, ..Points::default() };
     let mut converter = None;
     let (mut buffer, mut track, mut inside) = (Vec::new(), -1i64, false);
@@ -36,16 +37,16 @@ fn read(path: &Path, given: &Conventions, mut usual: Usual, root: &str) -> Resul
         let position = reader.buffer_position();
         match event.map_err(|e| at(position, e.to_string()))? {
             Event::DocType(_) => return Err(at(position, "a document type, which is not read".to_owned())),
-            Event::Start(e) | Event::Empty(e) if e.name().as_ref() == root.as_bytes() => {
+            Event::Start(e) | Event::Empty(e) if e.name().as_ref() == root => {
                 let units = attribute(&e, "spaceUnits").map_err(|what| at(position, what))?;
                 if units.is_some_and(|u| u.starts_with("pixel")) {
                     usual.unit = Unit::Px;
                 }
                 converter = Some(Converter::new(usual, given)?);
             }
-            Event::Start(e) if e.name().as_ref() == b"particle" => (track, inside) = (track + 1, true),
-            Event::End(e) if e.name().as_ref() == b"particle" => inside = false,
-            Event::Start(e) | Event::Empty(e) if e.name().as_ref() == b"detection" => {
+            Event::Start(e) if e.name().as_ref() == "particle" => (track, inside) = (track + 1, true),
+            Event::End(e) if e.name().as_ref() == "particle" => inside = false,
+            Event::Start(e) | Event::Empty(e) if e.name().as_ref() == "detection" => {
                 let Some(converter) = converter.as_ref().filter(|_| inside) else {
                     return Err(at(position, "a detection outside of a particle".to_owned()));
                 };
@@ -65,12 +66,17 @@ fn read(path: &Path, given: &Conventions, mut usual: Usual, root: &str) -> Resul
     if inside {
         return Err(at(reader.buffer_position(), "the file ends within a particle".to_owned()));
     }
-    let converter = converter.ok_or_else(|| Error::input(format!("{}: no element {root}", path.display())))?;
+    let converter =
+        converter.ok_or_else(|| Error::input(format!("{}: no element {root}", path.display())))?;
     points.notes = converter.notes;
     Ok(points)
 }
 
-fn detection(e: &BytesStart<'_>, converter: &Converter, track: i64) -> std::result::Result<Option<Row>, String> {
+fn detection(
+    e: &BytesStart<'_>,
+    converter: &Converter,
+    track: i64,
+) -> std::result::Result<Option<Row>, String> {
     let number = |name: &str| {
         let text = attribute(e, name)?.ok_or_else(|| format!("a detection without {name}"))?;
         text.parse::<f64>().map_err(|_| format!("{name} = {:?}: expected a number", shown(&text)))
@@ -83,5 +89,5 @@ fn detection(e: &BytesStart<'_>, converter: &Converter, track: i64) -> std::resu
 fn attribute(e: &BytesStart<'_>, name: &str) -> std::result::Result<Option<String>, String> {
     let attribute = e.try_get_attribute(name).map_err(|e| e.to_string())?;
     // Numbers need no entities; whatever is written instead is no number.
-    Ok(attribute.map(|a| String::from_utf8_lossy(a.value.as_ref()).into_owned()))
+    Ok(attribute.map(|a| a.value.into_owned()))
 }

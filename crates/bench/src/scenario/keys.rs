@@ -14,10 +14,13 @@ pub enum Status {
     Planned,
 }
 
-use Status::{Key, Planned, Variant};
+use std::sync::LazyLock;
 
-/// All keys.
-pub const KEYS: &[(&str, Status)] = &[
+use Status::{Key, Planned, Variant};
+use flows::registry;
+
+/// All keys but those of fields, which [`all`] adds.
+const KEYS: &[(&str, Status)] = &[
     ("name", Key),
     ("description", Key),
     ("seed", Key),
@@ -60,54 +63,6 @@ pub const KEYS: &[(&str, Status)] = &[
     ("motion", Key),
     ("motion.flow", Variant),
     ("motion.flow.field", Key),
-    ("motion.flow.field.uniform", Variant),
-    ("motion.flow.field.uniform.velocity_um_s", Key),
-    ("motion.flow.field.poiseuille", Variant),
-    ("motion.flow.field.poiseuille.max_speed_um_s", Key),
-    ("motion.flow.field.poiseuille.walls_z_um", Key),
-    ("motion.flow.field.poiseuille.direction_rad", Key),
-    ("motion.flow.field.lamb_oseen", Variant),
-    ("motion.flow.field.lamb_oseen.max_speed_um_s", Key),
-    ("motion.flow.field.lamb_oseen.core_radius_um", Key),
-    ("motion.flow.field.lamb_oseen.viscosity_um2_s", Key),
-    ("motion.flow.field.lamb_oseen.centre_um", Key),
-    ("motion.flow.field.shear", Planned),
-    ("motion.flow.field.rotation", Planned),
-    ("motion.flow.field.strain", Planned),
-    ("motion.flow.field.dilatation", Planned),
-    ("motion.flow.field.linear", Planned),
-    ("motion.flow.field.couette_poiseuille", Planned),
-    ("motion.flow.field.duct", Planned),
-    ("motion.flow.field.tube", Planned),
-    ("motion.flow.field.womersley", Planned),
-    ("motion.flow.field.electro_osmotic", Planned),
-    ("motion.flow.field.hele_shaw", Planned),
-    ("motion.flow.field.rankine", Planned),
-    ("motion.flow.field.burgers", Planned),
-    ("motion.flow.field.taylor_green", Planned),
-    ("motion.flow.field.cellular", Planned),
-    ("motion.flow.field.double_gyre", Planned),
-    ("motion.flow.field.abc", Planned),
-    ("motion.flow.field.hill", Planned),
-    ("motion.flow.field.sinusoid", Planned),
-    ("motion.flow.field.tanh_layer", Planned),
-    ("motion.flow.field.bickley_jet", Planned),
-    ("motion.flow.field.source", Planned),
-    ("motion.flow.field.stokes_sphere", Planned),
-    ("motion.flow.field.stokes_cylinder", Planned),
-    ("motion.flow.field.toroidal_drop", Planned),
-    ("motion.flow.field.coffee_ring", Planned),
-    ("motion.flow.field.rayleigh_streaming", Planned),
-    ("motion.flow.field.acoustophoresis", Planned),
-    ("motion.flow.field.kraichnan", Planned),
-    ("motion.flow.field.gridded", Planned),
-    ("motion.flow.field.sum", Planned),
-    ("motion.flow.field.scaled", Planned),
-    ("motion.flow.field.translated", Planned),
-    ("motion.flow.field.rotated", Planned),
-    ("motion.flow.field.moving", Planned),
-    ("motion.flow.field.modulated", Planned),
-    ("motion.flow.field.mirrored", Planned),
     ("motion.flow.placement", Planned),
     ("motion.tracks", Planned),
     ("particles", Key),
@@ -162,21 +117,75 @@ pub const KEYS: &[(&str, Status)] = &[
     ("calibration.none", Variant),
 ];
 
+/// All keys, with those of every field in `flows::registry`.
+pub fn all() -> &'static [(String, Status)] {
+    static ALL: LazyLock<Vec<(String, Status)>> = LazyLock::new(|| {
+        let mut all: Vec<_> = KEYS.iter().map(|&(path, status)| (path.to_owned(), status)).collect();
+        for entry in registry::ENTRIES {
+            let field = format!("{FIELD}.{}", entry.name);
+            let inner = if COMPOSITIONS.contains(&entry.name) { ".by" } else { "" };
+            let own: &[&str] = match entry.name {
+                "poiseuille" => &["walls_z_um"],
+                "gridded" => &["file", "geometry"],
+                name if COMPOSITIONS.contains(&name) => &["field", "by"],
+                _ => &[],
+            };
+            all.push((field.clone(), Variant));
+            all.extend(own.iter().map(|key| (format!("{field}.{key}"), Key)));
+            let geometry = ["origin_um", "spacing_um", "times_s"];
+            all.extend(entry.parameters.iter().filter(|p| !own.contains(&p.name)).map(|p| {
+                let of_file = entry.name == "gridded" && geometry.contains(&p.name);
+                let inner = if of_file { ".geometry" } else { inner };
+                (format!("{field}{inner}.{}", p.name), Key)
+            }));
+        }
+        all
+    });
+    &ALL
+}
+
+/// Where fields are.
+const FIELD: &str = "motion.flow.field";
+
+/// Fields that change another one.
+const COMPOSITIONS: [&str; 6] = ["scaled", "translated", "rotated", "moving", "modulated", "mirrored"];
+
+/// A path with the fields inside compositions taken for the field itself.
+fn flat(path: &str) -> String {
+    let Some(mut rest) = path.strip_prefix(FIELD) else { return path.to_owned() };
+    loop {
+        let mut steps = rest.splitn(4, '.').skip(1);
+        let (kind, inner) = (steps.next().unwrap_or_default(), steps.next().unwrap_or_default());
+        let is_number = !inner.is_empty() && inner.bytes().all(|b| b.is_ascii_digit());
+        let nested = (kind == "sum" && is_number) || (COMPOSITIONS.contains(&kind) && inner == "field");
+        let length = kind.len() + inner.len() + 2;
+        // `...scaled.field` itself is a key of its own.
+        if !nested || rest.len() <= length {
+            return format!("{FIELD}{rest}");
+        }
+        rest = &rest[length..];
+    }
+}
+
 /// The status of a path; a key below a planned one is planned too. `None`: no such key.
 pub fn status(path: &str) -> Option<Status> {
-    KEYS.iter().find_map(|&(key, status)| {
-        let below = status == Planned && path.strip_prefix(key).is_some_and(|rest| rest.starts_with('.'));
-        (key == path || below).then_some(status)
+    let path = flat(path);
+    all().iter().find_map(|(key, status)| {
+        let below =
+            *status == Planned && path.strip_prefix(key.as_str()).is_some_and(|rest| rest.starts_with('.'));
+        (*key == path || below).then_some(*status)
     })
 }
 
 /// The key most like `path`, if one with the same parent is near enough.
 pub fn suggestion(path: &str) -> Option<&'static str> {
     let split = |p: &'static str| p.rsplit_once('.').unwrap_or(("", p));
-    let (parent, name) = path.rsplit_once('.').unwrap_or(("", path));
-    KEYS.iter()
-        .filter(|&&(key, status)| status == Key && split(key).0 == parent)
-        .map(|&(key, _)| (strsim::jaro_winkler(split(key).1, name), split(key).1))
+    let path = flat(path);
+    let (parent, name) = path.rsplit_once('.').unwrap_or(("", &path));
+    all()
+        .iter()
+        .filter(|(key, status)| *status == Key && split(key).0 == parent)
+        .map(|(key, _)| (strsim::jaro_winkler(split(key).1, name), split(key).1))
         .filter(|&(likeness, _)| likeness > 0.75)
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, name)| name)
@@ -202,8 +211,22 @@ mod tests {
     }
 
     #[test]
+    fn fields_inside_compositions_have_the_keys_of_fields() {
+        for (path, expected) in [
+            ("motion.flow.field.sum.0.lamb_oseen.core_radius_um", Some(Key)),
+            ("motion.flow.field.scaled.field", Some(Key)),
+            ("motion.flow.field.scaled.field.hill", Some(Variant)),
+            ("motion.flow.field.scaled.by.velocity_factor", Some(Key)),
+            ("motion.flow.field.rotated.field.sum.1.abc.nonsense", None),
+            ("motion.flow.field.gridded.geometry.spacing_um", Some(Key)),
+        ] {
+            assert_eq!(status(path), expected, "{path}");
+        }
+    }
+
+    #[test]
     fn no_key_is_listed_twice() {
-        let mut paths: Vec<_> = KEYS.iter().map(|k| k.0).collect();
+        let mut paths: Vec<_> = all().iter().map(|k| k.0.clone()).collect();
         paths.sort_unstable();
         assert!(paths.windows(2).all(|w| w[0] != w[1]));
     }

@@ -1,5 +1,6 @@
 //! Scenarios: as written ([`spec`]), as read ([`parse()`]), as checked and filled ([`resolve()`]).
 
+mod field;
 pub mod keys;
 mod parse;
 mod resolve;

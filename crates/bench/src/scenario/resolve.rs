@@ -5,27 +5,22 @@
 
 use std::path::{Path, PathBuf};
 
-use flows::fields::{LambOseen, Linear, Poiseuille};
 use flows::scale::Scale;
 use flows::{Boundary, Diameters, Domain, Seeding, VelocityField};
-use glam::{DVec2, DVec3};
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::{settings_file, tiff};
 use microsig_core::render::RayRenderer;
 use microsig_core::sensor::Detector;
 use microsig_core::{Particle, Settings};
 
-use super::spec::{self, Diameter, Field, Motion, Number, Preset, Spec, Timing};
+use super::spec::{self, Diameter, Motion, Number, Preset, Spec, Timing};
 use crate::error::{Error, Result};
 
 /// Depth range of the default channel, um: 100 um deep, inside the range that Rossi 2020 scans.
 const DEFAULT_Z_UM: (f64, f64) = (-80.0, 20.0);
-/// Speed that moves a particle by 10 px in 5 ms under setting 1, um/s.
-const DEFAULT_SPEED_UM_S: f64 = 1290.0;
 /// Particles in view: a source density N_S of about 0.1 under setting 1 in the default channel.
 const DEFAULT_COUNT: u32 = 46;
 const DEFAULT_DIAMETER_UM: f64 = 2.0;
-const DEFAULT_CORE_RADIUS_UM: f64 = 40.0;
 
 /// Most frames of a dataset.
 const MAX_FRAMES: u32 = 10_000_000;
@@ -124,10 +119,10 @@ impl Recordings {
 }
 
 /// The problems found so far; a value is checked and passed on.
-struct Problems(Vec<String>);
+pub(super) struct Problems(Vec<String>);
 
 impl Problems {
-    fn add(&mut self, path: &str, value: impl std::fmt::Display, allowed: &str) {
+    pub(super) fn add(&mut self, path: &str, value: impl std::fmt::Display, allowed: &str) {
         self.0.push(format!("{path} = {value}: expected {allowed}"));
     }
 
@@ -139,7 +134,11 @@ impl Problems {
     }
 
     /// The value, or `None` with its problem noted.
-    fn of<T>(&mut self, path: &str, result: std::result::Result<T, impl std::fmt::Display>) -> Option<T> {
+    pub(super) fn of<T>(
+        &mut self,
+        path: &str,
+        result: std::result::Result<T, impl std::fmt::Display>,
+    ) -> Option<T> {
         result.map_err(|e| self.0.extend(e.to_string().lines().map(|line| format!("{path}: {line}")))).ok()
     }
 }
@@ -151,17 +150,18 @@ impl Problems {
 pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let mut problems = Problems(Vec::new());
     let mut warnings = Vec::new();
-    let mut inputs = Vec::new();
+    let mut files = Files { folder, inputs: Vec::new() };
     name(&spec.name, &mut problems);
-    let settings = optics(&mut spec.optics, folder, &mut inputs, &mut warnings, &mut problems);
+    let settings = optics(&mut spec.optics, &mut files, &mut warnings, &mut problems);
     let detector = match (&mut spec.sensor, &settings) {
-        (Some(sensor), Some(settings)) => detector(sensor, settings, folder, &mut inputs, &mut problems),
+        (Some(sensor), Some(settings)) => detector(sensor, settings, &mut files, &mut problems),
         _ => None,
     };
     let recordings = timing(&spec.timing, &mut problems);
     let (z_um, boundary) = depth(&mut spec.boundaries, &mut problems);
     let diameters = diameters(&mut spec.particles, &mut problems);
-    let field = field(&mut spec.motion, z_um, &mut problems);
+    let Motion::Flow(flow) = &mut spec.motion;
+    let field = flow.field.build(z_um, &mut files, &mut problems);
 
     // What follows needs all of the above.
     let (Some(settings), Some(field), Some(diameters)) = (settings, field, diameters) else {
@@ -173,7 +173,17 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let renderer = RayRenderer::new(&settings, SpheroidLaw::Original)?;
     warnings.extend(renderer.warning());
     let margin_px = *spec.boundaries.margin_px.get_or_insert_with(|| {
-        largest_image(&renderer, (z_um.0 / depth_factor, z_um.1 / depth_factor), diameters.max())
+        let largest = largest_image(&renderer, (z_um.0 / depth_factor, z_um.1 / depth_factor), diameters.max());
+        // With a high NA a little light of each particle lands thousands of px away. Following it would take many
+        // times more particles than there are in view, so it is left to those who ask for it.
+        let most = f64::from(settings.pixel_dim_x.max(settings.pixel_dim_y)).max(100.0) / 2.0;
+        if largest > most {
+            warnings.push(format!(
+                "particles beyond {most} px from the image are left out, though a little of their light would reach it; \
+                 boundaries: (margin_px: {largest}) includes them all"
+            ));
+        }
+        largest.min(most)
     });
     problems.range("boundaries.margin_px", margin_px, 0.0, 1e5, "0 to 100000 px");
     for z in [z_um.0, z_um.1] {
@@ -201,7 +211,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
             spec,
             settings,
             detector,
-            inputs,
+            inputs: files.inputs,
             warnings,
             field,
             scale,
@@ -225,8 +235,7 @@ fn name(name: &str, problems: &mut Problems) {
 
 fn optics(
     optics: &mut spec::Optics,
-    folder: &Path,
-    inputs: &mut Vec<Input>,
+    files: &mut Files<'_>,
     warnings: &mut Vec<String>,
     problems: &mut Problems,
 ) -> Option<Settings> {
@@ -235,16 +244,11 @@ fn optics(
     }
     let mut settings = match optics.settings.clone() {
         Some(file) => {
-            let path = folder.join(&file);
-            let bytes =
-                problems.of("optics.settings", std::fs::read(&path).map_err(|e| Error::read(&path, e)))?;
+            let (path, bytes) = files.read("optics.settings", &file, problems)?;
             let read = settings_file::read(&bytes[..], &path.display().to_string());
             let read = problems.of("optics.settings", read)?;
             warnings.extend(read.warnings);
-            let file_name = PathBuf::from(&file).file_name()?.to_string_lossy().into_owned();
-            let copy = format!("inputs/{file_name}");
-            optics.settings = Some(copy.clone());
-            inputs.push(Input { path: copy, bytes });
+            optics.settings = Some(files.keep(&path, bytes));
             read.settings
         }
         // Without preset and file the keys may be all there; what is missing is taken from setting 1.
@@ -268,41 +272,48 @@ fn optics(
     }
 }
 
-/// Reads a file that the scenario names.
-fn input(key: &str, file: &str, folder: &Path, problems: &mut Problems) -> Option<(PathBuf, Vec<u8>)> {
-    let path = folder.join(file);
-    let bytes = problems.of(key, std::fs::read(&path).map_err(|e| Error::read(&path, e)))?;
-    Some((path, bytes))
+/// The files that the scenario names.
+pub(super) struct Files<'a> {
+    folder: &'a Path,
+    inputs: Vec<Input>,
 }
 
-/// Keeps a file for the dataset and gives its path there; files of one name get numbers.
-fn keep(path: &Path, bytes: Vec<u8>, inputs: &mut Vec<Input>) -> String {
-    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let mut copy = format!("inputs/{name}");
-    let mut number = 2;
-    while inputs.iter().any(|input| input.path == copy) {
-        copy = format!("inputs/{number}_{name}");
-        number += 1;
+impl Files<'_> {
+    /// Reads a file.
+    pub(super) fn read(&self, key: &str, file: &str, problems: &mut Problems) -> Option<(PathBuf, Vec<u8>)> {
+        let path = self.folder.join(file);
+        let bytes = problems.of(key, std::fs::read(&path).map_err(|e| Error::read(&path, e)))?;
+        Some((path, bytes))
     }
-    inputs.push(Input { path: copy.clone(), bytes });
-    copy
+
+    /// Keeps a file for the dataset and gives its path there; files of one name get numbers.
+    pub(super) fn keep(&mut self, path: &Path, bytes: Vec<u8>) -> String {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let mut copy = format!("inputs/{name}");
+        let mut number = 2;
+        while self.inputs.iter().any(|input| input.path == copy) {
+            copy = format!("inputs/{number}_{name}");
+            number += 1;
+        }
+        self.inputs.push(Input { path: copy.clone(), bytes });
+        copy
+    }
 }
 
 fn detector(
     sensor: &mut spec::Sensor,
     settings: &Settings,
-    folder: &Path,
-    inputs: &mut Vec<Input>,
+    files: &mut Files<'_>,
     problems: &mut Problems,
 ) -> Option<Detector> {
     let background = match sensor.background.clone() {
         None => None,
         Some(file) => {
-            let (path, bytes) = input("sensor.background", &file, folder, problems)?;
+            let (path, bytes) = files.read("sensor.background", &file, problems)?;
             let size = (settings.pixel_dim_x, settings.pixel_dim_y);
             let read = tiff::read(std::io::Cursor::new(&bytes), &path.display().to_string(), size);
             let counts = problems.of("sensor.background", read)?;
-            sensor.background = Some(keep(&path, bytes, inputs));
+            sensor.background = Some(files.keep(&path, bytes));
             Some(counts)
         }
     };
@@ -371,32 +382,6 @@ fn number(particles: &mut spec::Particles, problems: &mut Problems) -> Number {
     number
 }
 
-fn field(motion: &mut Motion, z_um: (f64, f64), problems: &mut Problems) -> Option<Box<dyn VelocityField>> {
-    let Motion::Flow(flow) = motion;
-    match &mut flow.field {
-        Field::Uniform(uniform) => {
-            let (u, v, w) = uniform.velocity_um_s;
-            let field = Linear::uniform(DVec3::new(u, v, w));
-            Some(Box::new(problems.of("motion.flow.field.uniform", field)?))
-        }
-        Field::Poiseuille(p) => {
-            let speed = *p.max_speed_um_s.get_or_insert(DEFAULT_SPEED_UM_S);
-            let (floor, ceiling) = *p.walls_z_um.get_or_insert(z_um);
-            let direction = *p.direction_rad.get_or_insert(0.0);
-            let field = Poiseuille::new(speed, floor, ceiling, direction);
-            Some(Box::new(problems.of("motion.flow.field.poiseuille", field)?))
-        }
-        Field::LambOseen(v) => {
-            let speed = *v.max_speed_um_s.get_or_insert(DEFAULT_SPEED_UM_S);
-            let core = *v.core_radius_um.get_or_insert(DEFAULT_CORE_RADIUS_UM);
-            let viscosity = *v.viscosity_um2_s.get_or_insert(0.0);
-            let (x, y) = *v.centre_um.get_or_insert((0.0, 0.0));
-            let field = LambOseen::from_max_speed(DVec2::new(x, y), speed, core, viscosity);
-            Some(Box::new(problems.of("motion.flow.field.lamb_oseen", field)?))
-        }
-    }
-}
-
 /// Half the side of the largest particle image within the depth range of the data files, px, rounded up.
 fn largest_image(renderer: &RayRenderer, z_um: (f64, f64), d_um: f64) -> f64 {
     /// The image grows smoothly away from focus: the ends of the range matter, and a few planes between them.
@@ -457,7 +442,7 @@ mod tests {
             "timing.pairs.count = 0",
             "timing.pairs.dt_s = -1",
             "particles.diameter_um.constant",
-            "motion.flow.field.poiseuille",
+            "motion.flow.field: poiseuille: max_speed_um_s = inf",
         ] {
             assert!(message.contains(expected), "{expected} is not in\n{message}");
         }

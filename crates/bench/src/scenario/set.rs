@@ -212,10 +212,10 @@ mod tests {
         assert_eq!(sequence.frames, 5);
         let Motion::Flow(flow) = changed("motion.flow.field.poiseuille.direction_rad", "0.5").motion;
         let Field::Poiseuille(p) = flow.field else { panic!() };
-        assert_eq!((p.max_speed_um_s, p.direction_rad), (Some(1000.0), Some(0.5)));
+        assert_eq!((p.max_speed_um_s, p.direction_rad), (1000.0, 0.5));
         let Motion::Flow(flow) = changed("motion.flow.field.lamb_oseen.core_radius_um", "30").motion;
         let Field::LambOseen(v) = flow.field else { panic!() };
-        assert_eq!(v.core_radius_um, Some(30.0));
+        assert_eq!(v.core_radius_um, 30.0);
     }
 
     #[test]

@@ -7,6 +7,8 @@ use microsig_core::Settings;
 use microsig_core::sensor::{self, Detector};
 use serde::{Deserialize, Serialize};
 
+pub use super::field::{Changed, Field, Gridded, Poiseuille};
+
 /// A whole scenario.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Spec {
@@ -241,58 +243,6 @@ pub struct Flow {
     pub field: Field,
 }
 
-/// A velocity field and its parameters.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Field {
-    /// The same velocity everywhere.
-    Uniform(Uniform),
-    /// Plane Poiseuille flow in a channel across z.
-    Poiseuille(Poiseuille),
-    /// A vortex about an axis along z.
-    LambOseen(LambOseen),
-}
-
-/// Parameters of the uniform flow.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Uniform {
-    /// Velocity along columns, rows and depth, um/s.
-    pub velocity_um_s: (f64, f64, f64),
-}
-
-/// Parameters of plane Poiseuille flow.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Poiseuille {
-    /// Speed in the middle of the channel, um/s.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_speed_um_s: Option<f64>,
-    /// Floor and ceiling of the channel, um; those of `boundaries` unless given.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub walls_z_um: Option<(f64, f64)>,
-    /// Direction of the flow in the image plane, from x toward y, rad.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub direction_rad: Option<f64>,
-}
-
-/// Parameters of the Lamb-Oseen vortex.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct LambOseen {
-    /// Greatest speed at time 0, um/s; negative turns the other way.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_speed_um_s: Option<f64>,
-    /// Core radius at time 0, um.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub core_radius_um: Option<f64>,
-    /// Kinematic viscosity that spreads the core, um^2/s; 0 is a steady vortex.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub viscosity_um2_s: Option<f64>,
-    /// The axis, um from the middle of the image.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub centre_um: Option<(f64, f64)>,
-}
-
 /// How many particles of what kind.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -333,7 +283,8 @@ pub struct Boundaries {
     /// What the two ends of the depth range are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub z: Option<Boundary>,
-    /// How far the box reaches beyond the image on each side, px; unless given, as far as the largest particle image.
+    /// How far the box reaches beyond the image on each side, px; unless given, as far as the largest particle image, but
+    /// at most half the longer side of the sensor (or 50 px).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub margin_px: Option<f64>,
 }

@@ -217,7 +217,10 @@ impl VelocityField for Scaled {
     }
 
     fn confine(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {
-        self.outward(self.inner.confine(self.inward(x), t, radius / self.length))
+        let inward = self.inward(x);
+        let held = self.inner.confine(inward, t, radius / self.length);
+        // Where nothing is held the place stays as it is to the last bit.
+        if held == inward { x } else { self.outward(held) }
     }
 }
 

@@ -9,7 +9,7 @@
 //! (3 U / 4) rho^2 (1 - r^2 / a^2) inside, -(U / 2) rho^2 (1 - a^3 / r^3) outside. The inner part is also the circulation
 //! in a drop (Hadamard and Rybczynski). In the frame of the laboratory U is added and the centre moves.
 
-use super::ROUNDING_MARGIN;
+use super::{JUMP_STEP, ROUNDING_MARGIN};
 use crate::dual::{Formula, Real, by_formula};
 use crate::error::{Check, Result};
 use crate::field::VelocityField;
@@ -111,8 +111,8 @@ impl VelocityField for Hill {
     }
 
     fn step_limit(&self, x: DVec3, t: f64) -> Option<f64> {
-        // 5 % of the radius near the surface, elsewhere no farther than to it.
-        let way = ((x - self.center(t)).length() - self.radius).abs().max(0.05 * self.radius);
+        // A share of the radius near the surface, elsewhere no farther than to it.
+        let way = ((x - self.center(t)).length() - self.radius).abs().max(JUMP_STEP * self.radius);
         Some(way / (1.5 * self.speed.abs()))
     }
 }

@@ -264,6 +264,11 @@ fn center(centre_um: [f64; 3]) -> Result<DVec3> {
     CHECK.all_finite("centre_um", centre_um).map(DVec3::from_array)
 }
 
+/// The exponential of a matrix.
+pub(crate) fn exponential(matrix: DMat3) -> DMat3 {
+    DMat3::IDENTITY + matrix * mean_exponential(matrix)
+}
+
 /// phi(B) = SUM_k B^k / (k+1)! = INT_0^1 e^(B s) ds.
 fn mean_exponential(matrix: DMat3) -> DMat3 {
     let size = |m: &DMat3| (0..3).map(|i| m.col(i).abs().element_sum()).fold(0.0, f64::max);

@@ -13,6 +13,7 @@ mod double_gyre;
 mod drops;
 mod duct;
 mod electro_osmotic;
+mod gridded;
 mod hele_shaw;
 mod hill;
 mod kraichnan;
@@ -41,10 +42,13 @@ pub use double_gyre::{DoubleGyre, DoubleGyreParams};
 pub use drops::{CoffeeRing, CoffeeRingParams, ToroidalDrop, ToroidalDropParams};
 pub use duct::{Duct, DuctParams};
 pub use electro_osmotic::{ElectroOsmotic, ElectroOsmoticParams};
+pub(crate) use gridded::sampled;
+pub use gridded::{Gridded, Interpolation};
 pub use hele_shaw::{HeleShaw, HeleShawParams};
 pub use hill::{Hill, HillParams};
 pub use kraichnan::{Kraichnan, KraichnanParams};
 pub use lamb_oseen::{LambOseen, LambOseenParams};
+pub(crate) use linear::exponential;
 pub use linear::{
     DilatationParams, Linear, LinearParams, RotationParams, ShearParams, Strain, StrainParams, UniformParams,
 };
@@ -59,3 +63,6 @@ pub use womersley::{CrossSection, Womersley, WomersleyParams};
 
 /// Factor on a bound of the speed that is sharp in exact arithmetic, so that rounding cannot make it too small.
 const ROUNDING_MARGIN: f64 = 1.0 + 1e-12;
+
+/// Longest way over a surface where the gradient jumps, as a share of its radius.
+const JUMP_STEP: f64 = 0.02;

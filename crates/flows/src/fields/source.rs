@@ -8,8 +8,8 @@
 //! Outside, r^n grows at the rate n c^(n-1) U; inside, r grows exponentially. Into a sink (U < 0) tracers fall for ever and heap
 //! up in the core: a body of the domain that covers it removes them.
 
-use super::ROUNDING_MARGIN;
 use super::plates::Plates;
+use super::{JUMP_STEP, ROUNDING_MARGIN};
 use crate::dual::{Formula, Real, by_formula};
 use crate::error::{Check, Result};
 use crate::field::VelocityField;
@@ -164,7 +164,7 @@ impl VelocityField for Source {
     }
 
     fn step_limit(&self, x: DVec3, _t: f64) -> Option<f64> {
-        let way = (self.arm(x).length() - self.core).abs().max(0.05 * self.core);
+        let way = (self.arm(x).length() - self.core).abs().max(JUMP_STEP * self.core);
         Some(way / (1.5 * self.speed.abs()))
     }
 }

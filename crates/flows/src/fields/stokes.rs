@@ -10,7 +10,7 @@
 //!
 //! Inside the bodies the fluid rests.
 
-use super::ROUNDING_MARGIN;
+use super::{JUMP_STEP, ROUNDING_MARGIN};
 use crate::dual::{Formula, Real, by_formula};
 use crate::error::{Check, Result};
 use crate::field::VelocityField;
@@ -216,7 +216,7 @@ impl VelocityField for StokesCylinder {
     }
 
     fn step_limit(&self, x: DVec3, _t: f64) -> Option<f64> {
-        let way = ((x.truncate() - self.center).length() - self.cell).abs().max(0.05 * self.cell);
+        let way = ((x.truncate() - self.center).length() - self.cell).abs().max(JUMP_STEP * self.cell);
         Some(way / (self.speed.abs() * self.peak))
     }
 }

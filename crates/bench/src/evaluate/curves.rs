@@ -1,0 +1,136 @@
+//! Recall and errors against depth, distance of the nearest neighbour, and what else the truth tells of a particle.
+
+use serde::Serialize;
+
+use super::cloud::Cloud;
+use super::detection::error;
+use super::matching::{Matching, NONE};
+use super::neighbours::Grid;
+use super::statistics::{Errors, ratio};
+use super::truth::Truth;
+
+/// A curve: one row per bin.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Curve {
+    /// What it is drawn against, with its unit.
+    pub against: String,
+    /// The bins.
+    pub bins: Vec<Bin>,
+}
+
+/// A bin of a curve; errors are null where nothing was found.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct Bin {
+    pub from: f64,
+    pub to: f64,
+    pub n_true: usize,
+    pub tp: usize,
+    pub recall: Option<f64>,
+    pub bias_x_px: Option<f64>,
+    pub random_x_px: Option<f64>,
+    pub rms_x_px: Option<f64>,
+    pub bias_y_px: Option<f64>,
+    pub random_y_px: Option<f64>,
+    pub rms_y_px: Option<f64>,
+    pub bias_z_um: Option<f64>,
+    pub random_z_um: Option<f64>,
+    pub rms_z_um: Option<f64>,
+}
+
+/// Bins over depth.
+const DEPTH_BINS: usize = 20;
+
+/// Neighbours are looked for this far, px.
+const FARTHEST_PX: f64 = 60.0;
+
+/// All curves that the truth allows.
+pub fn curves(truth: &Truth, clouds: (&Cloud, &Cloud), matching: &Matching, depth: bool) -> Vec<Curve> {
+    let t = clouds.0;
+    let mut curves = Vec::new();
+    let equal = |low: f64, high: f64, n: usize| -> Vec<f64> {
+        (0..=n).map(|k| low + (high - low) * k as f64 / n as f64).collect()
+    };
+    let mut add = |against: &str, values: &[f64], edges: &[f64]| {
+        let bins = binned(clouds, matching, values, edges, depth);
+        curves.push(Curve { against: against.to_owned(), bins });
+    };
+    if let Some((low, high)) = truth.facts.depth_um.filter(|(l, h)| depth && h > l) {
+        let z: Vec<f64> = t.points.iter().map(|p| p.at.z_um).collect();
+        add("z_um", &z, &equal(low, high, DEPTH_BINS));
+    }
+    let mut edges =
+        vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 13.0, 16.0, 20.0, 25.0, 30.0, 40.0, FARTHEST_PX];
+    edges.push(f64::INFINITY);
+    add("neighbour_px", &neighbours(t), &edges);
+    for (name, values) in &truth.properties {
+        let of: Vec<f64> = t.points.iter().map(|p| values[p.source as usize]).collect();
+        let finite = of.iter().copied().filter(|v| v.is_finite());
+        let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        if low < high {
+            add(name, &of, &equal(low, high, 10));
+        }
+    }
+    curves
+}
+
+/// Distance of every point's nearest neighbour in its frame, px; infinite beyond [`FARTHEST_PX`].
+fn neighbours(cloud: &Cloud) -> Vec<f64> {
+    let mut distances = Vec::with_capacity(cloud.len());
+    for (_, range) in &cloud.frames {
+        let points = &cloud.points[range.clone()];
+        // Search near first: in dense frames the far search would see everybody.
+        let grids = [4.0, 16.0, FARTHEST_PX].map(|reach| (reach, Grid::new(points, reach)));
+        for i in 0..points.len() {
+            let found = grids.iter().find_map(|(reach, grid)| grid.nearest_other(i, *reach));
+            distances.push(found.unwrap_or(f64::INFINITY));
+        }
+    }
+    distances
+}
+
+fn binned(
+    (t, r): (&Cloud, &Cloud),
+    matching: &Matching,
+    values: &[f64],
+    edges: &[f64],
+    depth: bool,
+) -> Vec<Bin> {
+    let n = edges.len() - 1;
+    let mut errors: Vec<Vec<[f64; 3]>> = vec![Vec::new(); n];
+    let mut counts = vec![0; n];
+    for (i, &value) in values.iter().enumerate() {
+        let above = edges.partition_point(|e| *e <= value);
+        // The last edge belongs to the last bin.
+        let bin = if value == edges[n] { n } else { above };
+        if value.is_nan() || bin == 0 || bin > n {
+            continue;
+        }
+        counts[bin - 1] += 1;
+        if matching.of_truth[i] != NONE {
+            errors[bin - 1].push(error(t, r, (i, matching.of_truth[i] as usize)));
+        }
+    }
+    (0..n)
+        .map(|k| {
+            let axis = |a: usize| Errors::of(errors[k].iter().map(move |e| e[a]));
+            let (x, y, z) = (axis(0), axis(1), if depth { axis(2) } else { Errors::default() });
+            Bin {
+                from: edges[k],
+                to: edges[k + 1],
+                n_true: counts[k],
+                tp: errors[k].len(),
+                recall: ratio(errors[k].len() as f64, counts[k] as f64),
+                bias_x_px: x.bias,
+                random_x_px: x.random,
+                rms_x_px: x.rms,
+                bias_y_px: y.bias,
+                random_y_px: y.random,
+                rms_y_px: y.rms,
+                bias_z_um: z.bias,
+                random_z_um: z.random,
+                rms_z_um: z.rms,
+            }
+        })
+        .collect()
+}

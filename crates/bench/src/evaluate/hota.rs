@@ -1,0 +1,141 @@
+//! HOTA: detection and association in one number (Luiten et al., IJCV 129, 2021), as TrackEval 1.3 computes it.
+//!
+//! Similarity S = max(0, 1 - d / D0) with D0 = 2 gates, so that S = 0.5 at the gate. In every frame the pairs maximise
+//! sum A S, where A tells how well two tracks agree over all frames; at every threshold a = 0.05 ... 0.95 those with S >= a
+//! count. HOTA = mean over a of sqrt(DetA AssA).
+
+use serde::Serialize;
+
+use super::assignment::{Pair, heaviest};
+use super::cloud::Cloud;
+use super::statistics::ratio;
+use super::wide::Wide;
+
+/// The scores; means over the thresholds.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct Hota {
+    pub hota: Option<f64>,
+    pub deta: Option<f64>,
+    pub assa: Option<f64>,
+    pub detre: Option<f64>,
+    pub detpr: Option<f64>,
+    pub assre: Option<f64>,
+    pub asspr: Option<f64>,
+    pub loca: Option<f64>,
+    /// HOTA at the least threshold, where localisation matters least.
+    pub hota_0: Option<f64>,
+    pub loca_0: Option<f64>,
+    /// HOTA at every threshold.
+    pub curve: Vec<f64>,
+}
+
+const THRESHOLDS: usize = 19;
+
+impl Hota {
+    /// Of the pairs within twice the gate.
+    pub fn of(truth: &Cloud, result: &Cloud, wide: &Wide) -> Self {
+        if truth.is_empty() && result.is_empty() {
+            return Hota::default();
+        }
+        let similarity = |squared: f64| 1.0 - squared.sqrt() / 2.0;
+        // Agreement of tracks: a pair counts in a frame as far as no rival is as near.
+        let mut shares: Vec<(u64, f64)> = Vec::with_capacity(wide.pairs.len());
+        let key = |p| {
+            let (t, r) = wide.tracks(truth, result, p);
+            u64::from(t) << 32 | u64::from(r)
+        };
+        for (t, r, pairs) in &wide.frames {
+            let (mut of_truth, mut of_result) = (vec![0.0; t.len()], vec![0.0; r.len()]);
+            for p in &wide.pairs[pairs.clone()] {
+                of_truth[p.truth as usize - t.start] += similarity(p.squared);
+                of_result[p.result as usize - r.start] += similarity(p.squared);
+            }
+            for p in &wide.pairs[pairs.clone()] {
+                let s = similarity(p.squared);
+                let all = of_truth[p.truth as usize - t.start] + of_result[p.result as usize - r.start] - s;
+                shares.push((key(p), if all > f64::EPSILON { s / all } else { 0.0 }));
+            }
+        }
+        let keys_in_order: Vec<u64> = shares.iter().map(|s| s.0).collect();
+        // A stable sort keeps frames in order, so sums are the same whatever the order of rows was.
+        shares.sort_by_key(|s| s.0);
+        let length = |cloud: &Cloud, track: u64| cloud.track(track as usize).len() as f64;
+        let lengths = |key: u64| (length(truth, key >> 32), length(result, key & 0xffff_ffff));
+        let agreement: Vec<(u64, f64)> = shares
+            .chunk_by(|a, b| a.0 == b.0)
+            .map(|same| {
+                let sum: f64 = same.iter().map(|s| s.1).sum();
+                let (n, m) = lengths(same[0].0);
+                (same[0].0, sum / (n + m - sum))
+            })
+            .collect();
+        drop(shares);
+
+        let mut matched: Vec<(u64, f64)> = Vec::new();
+        for (t, r, pairs) in &wide.frames {
+            let weights: Vec<Pair> = wide.pairs[pairs.clone()]
+                .iter()
+                .zip(&keys_in_order[pairs.clone()])
+                .map(|(p, key)| {
+                    let at = agreement.partition_point(|a| a.0 < *key);
+                    let value = agreement[at].1 * similarity(p.squared);
+                    Pair { row: p.truth - t.start as u32, column: p.result - r.start as u32, value }
+                })
+                .collect();
+            for chosen in heaviest(t.len(), r.len(), &weights) {
+                let at = weights.partition_point(|p| (p.row, p.column) < (chosen.row, chosen.column));
+                let p = &wide.pairs[pairs.start + at];
+                matched.push((key(p), similarity(p.squared)));
+            }
+        }
+        matched.sort_by_key(|m| m.0);
+
+        let (n, m) = (truth.len() as f64, result.len() as f64);
+        let mut sums = [0.0; 7];
+        let (mut curve, mut loca_0) = (Vec::with_capacity(THRESHOLDS), None);
+        let mut any = false;
+        for k in 0..THRESHOLDS {
+            let threshold = 0.05 + k as f64 * 0.05 - f64::EPSILON;
+            let (mut tp, mut total, mut assa, mut assre, mut asspr) = (0.0, 0.0, 0.0, 0.0, 0.0);
+            for same in matched.chunk_by(|a, b| a.0 == b.0) {
+                let good = same.iter().filter(|s| s.1 >= threshold);
+                let (c, s) = good.fold((0.0, 0.0), |(c, s), m| (c + 1.0, s + m.1));
+                let (n, m) = lengths(same[0].0);
+                tp += c;
+                total += s;
+                assa += c * c / (n + m - c);
+                assre += c * c / n;
+                asspr += c * c / m;
+            }
+            any |= tp > 0.0;
+            let per_tp = |sum: f64| if tp > 0.0 { sum / tp } else { 0.0 };
+            let deta = tp / (n + m - tp).max(1.0);
+            // TrackEval takes the localisation of nothing as perfect.
+            let loca = if tp > 0.0 { total / tp } else { 1.0 };
+            let hota = (deta * per_tp(assa)).sqrt();
+            if k == 0 {
+                loca_0 = (tp > 0.0).then_some(loca);
+            }
+            curve.push(hota);
+            let detre = ratio(tp, n).unwrap_or(0.0);
+            let detpr = ratio(tp, m).unwrap_or(0.0);
+            let values = [deta, per_tp(assa), detre, detpr, per_tp(assre), per_tp(asspr), loca];
+            sums.iter_mut().zip(values).for_each(|(s, v)| *s += v);
+        }
+        let mean = |k: usize| Some(sums[k] / THRESHOLDS as f64);
+        Hota {
+            hota: Some(curve.iter().sum::<f64>() / THRESHOLDS as f64),
+            deta: mean(0),
+            assa: mean(1),
+            detre: mean(2),
+            detpr: mean(3),
+            assre: mean(4),
+            asspr: mean(5),
+            loca: mean(6).filter(|_| any),
+            hota_0: Some(curve[0]),
+            loca_0,
+            curve,
+        }
+    }
+}

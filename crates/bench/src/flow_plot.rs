@@ -1,0 +1,232 @@
+//! A picture of a velocity field: its speed in a plane of the default scene, and streamlines.
+
+use flows::VelocityField;
+use flows::registry::{Entry, Plane};
+use flows::{Axis, Region};
+use glam::DVec3;
+use plotters::prelude::*;
+
+use crate::error::{Error, Result};
+
+/// The default scene: what setting 1 sees of a channel 100 um deep, um.
+const SCENE: (DVec3, DVec3) = (DVec3::new(-242.0, -118.0, -80.0), DVec3::new(242.0, 118.0, 20.0));
+
+/// Cells of the speed map along the longer side.
+const CELLS: u32 = 84;
+/// Seeds of streamlines along the longer side.
+const SEEDS: u32 = 13;
+/// Points of a streamline in either direction.
+const STEPS: u32 = 120;
+
+/// The picture as SVG, at time 0.
+///
+/// # Errors
+/// [`Error::Flow`] if the field's default instance cannot be made.
+pub fn svg(entry: &Entry) -> Result<String> {
+    let field = (entry.make)()?;
+    let mut text = String::new();
+    draw(entry, field.as_ref(), &mut text).map_err(|e| Error::input(format!("{}: {e}", entry.name)))?;
+    Ok(text)
+}
+
+/// The two axes of a plane: along the picture and down it.
+fn axes(plane: Plane) -> (Axis, Axis) {
+    match plane.across {
+        Axis::X => (Axis::Y, Axis::Z),
+        Axis::Y => (Axis::X, Axis::Z),
+        Axis::Z => (Axis::X, Axis::Y),
+    }
+}
+
+fn name(axis: Axis) -> &'static str {
+    match axis {
+        Axis::X => "x",
+        Axis::Y => "y",
+        Axis::Z => "z",
+    }
+}
+
+type Drawn = std::result::Result<(), Box<dyn std::error::Error>>;
+
+fn draw(entry: &Entry, field: &dyn VelocityField, text: &mut String) -> Drawn {
+    let plane = entry.plane;
+    let (right, down) = axes(plane);
+    let scene = Region::new(SCENE.0, SCENE.1)?;
+    let (low, high) = (scene.min(), scene.max());
+    let span = |axis: Axis| (low[axis as usize], high[axis as usize]);
+    let ((u0, u1), (v0, v1)) = (span(right), span(down));
+    let at = |u: f64, v: f64| right.unit() * u + down.unit() * v + plane.across.unit() * plane.at_um;
+
+    let width = 820u32;
+    let height = ((f64::from(width) - 170.0) * (v1 - v0) / (u1 - u0)) as u32 + 110;
+    let root = SVGBackend::with_string(text, (width, height)).into_drawing_area();
+    root.fill(&WHITE)?;
+    let (picture, key) = root.split_horizontally(width - 90);
+    // Rows grow downward, as in the image; depth grows upward, away from the lens.
+    let (bottom, top) = if down == Axis::Y { (v1, v0) } else { (v0, v1) };
+    let place = match plane.across {
+        Axis::Z => format!("z = {} um", plane.at_um),
+        other => format!("{} = {} um", name(other), plane.at_um),
+    };
+    let mut chart = ChartBuilder::on(&picture)
+        .caption(format!("{}: speed and streamlines at {place}, t = 0", entry.name), ("sans-serif", 18))
+        .margin(8)
+        .x_label_area_size(40)
+        .y_label_area_size(55)
+        .build_cartesian_2d(u0..u1, bottom..top)?;
+    let label = |axis: Axis| match axis {
+        Axis::Y => "y, um (downward)".to_owned(),
+        Axis::Z => "z, um (away from the lens)".to_owned(),
+        Axis::X => "x, um".to_owned(),
+    };
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .x_desc(label(right))
+        .y_desc(label(down))
+        .label_style(("sans-serif", 13))
+        .draw()?;
+
+    let rows = (f64::from(CELLS) * (v1 - v0) / (u1 - u0)).ceil() as u32;
+    let (du, dv) = ((u1 - u0) / f64::from(CELLS), (v1 - v0) / f64::from(rows));
+    let cells: Vec<(f64, f64, f64)> = (0..rows)
+        .flat_map(|j| (0..CELLS).map(move |i| (u0 + du * f64::from(i), v0 + dv * f64::from(j))))
+        .map(|(u, v)| (u, v, field.velocity(at(u + 0.5 * du, v + 0.5 * dv), 0.0).length()))
+        .collect();
+    // Singular points would make everything else dark.
+    let mut speeds: Vec<f64> = cells.iter().map(|c| c.2).filter(|s| s.is_finite()).collect();
+    speeds.sort_by(f64::total_cmp);
+    let fastest = speeds.get(speeds.len().saturating_sub(1) * 995 / 1000).copied().unwrap_or(0.0).max(1e-12);
+    chart.draw_series(
+        cells.iter().filter(|c| c.2.is_finite()).map(|&(u, v, speed)| {
+            Rectangle::new([(u, v), (u + du, v + dv)], shade(speed / fastest).filled())
+        }),
+    )?;
+
+    let seeds_down = (f64::from(SEEDS) * (v1 - v0) / (u1 - u0)).ceil().max(5.0) as u32;
+    let ink = RGBColor(20, 20, 20).mix(0.75);
+    for j in 0..seeds_down {
+        for i in 0..SEEDS {
+            let u = u0 + (u1 - u0) * (f64::from(i) + 0.5) / f64::from(SEEDS);
+            let v = v0 + (v1 - v0) * (f64::from(j) + 0.5) / f64::from(seeds_down);
+            let line = streamline(field, (right, down), at(u, v), &scene, (u1 - u0) / 400.0, fastest);
+            let line: Vec<(f64, f64)> = line.iter().map(|x| (x[right as usize], x[down as usize])).collect();
+            if line.len() > 4 {
+                chart.draw_series(std::iter::once(PathElement::new(line.clone(), ink.stroke_width(1))))?;
+                chart.draw_series(
+                    arrow(&line, (u1 - u0) / 90.0).map(|head| Polygon::new(head, ink.filled())),
+                )?;
+            }
+        }
+    }
+    colour_key(&key, fastest, height)?;
+    root.present()?;
+    Ok(())
+}
+
+/// A line along the in-plane velocity, a short way back and forth from a seed.
+fn streamline(
+    field: &dyn VelocityField,
+    (right, down): (Axis, Axis),
+    seed: DVec3,
+    scene: &Region,
+    step: f64,
+    fastest: f64,
+) -> Vec<DVec3> {
+    let direction = |x: DVec3| {
+        let velocity = field.velocity(x, 0.0);
+        let inside = right.unit() * velocity[right as usize] + down.unit() * velocity[down as usize];
+        (inside.length() > 1e-6 * fastest).then(|| inside.normalize_or_zero())
+    };
+    let follow = |sign: f64| {
+        let mut line = Vec::new();
+        let mut x = seed;
+        for _ in 0..STEPS / 4 {
+            // The midpoint rule is plenty for a picture.
+            let next = direction(x)
+                .and_then(|d| direction(x + d * (0.5 * sign * step)))
+                .map(|d| x + d * (sign * step))
+                .filter(|next| next.is_finite() && scene.contains(*next));
+            let Some(next) = next else { break };
+            line.push(next);
+            x = next;
+        }
+        line
+    };
+    let mut line = follow(-1.0);
+    line.reverse();
+    line.push(seed);
+    line.extend(follow(1.0));
+    line
+}
+
+/// An arrow head in the middle of a line.
+fn arrow(line: &[(f64, f64)], size: f64) -> impl Iterator<Item = Vec<(f64, f64)>> {
+    let middle = line.len() / 2;
+    let (from, to) = (line[middle.saturating_sub(1)], line[(middle + 1).min(line.len() - 1)]);
+    let (dx, dy) = (to.0 - from.0, to.1 - from.1);
+    let length = dx.hypot(dy);
+    (length > 0.0)
+        .then(|| {
+            let (dx, dy) = (dx / length * size, dy / length * size);
+            let (x, y) = line[middle];
+            vec![
+                (x + dx, y + dy),
+                (x - 0.5 * dx - 0.6 * dy, y - 0.5 * dy + 0.6 * dx),
+                (x - 0.5 * dx + 0.6 * dy, y - 0.5 * dy - 0.6 * dx),
+            ]
+        })
+        .into_iter()
+}
+
+fn colour_key(
+    area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
+    fastest: f64,
+    height: u32,
+) -> Drawn {
+    let (top, bottom) = (40i32, height as i32 - 60);
+    let n = 60;
+    for i in 0..n {
+        let y = |i: i32| bottom - (bottom - top) * i / n;
+        let colour = shade((f64::from(i) + 0.5) / f64::from(n));
+        area.draw(&Rectangle::new([(5, y(i + 1)), (23, y(i))], colour.filled()))?;
+    }
+    let style = ("sans-serif", 12).into_font();
+    for (share, y) in [(0.0, bottom), (0.5, (top + bottom) / 2), (1.0, top)] {
+        let speed = fastest * share;
+        let digits = if fastest >= 100.0 {
+            0
+        } else if fastest >= 1.0 {
+            1
+        } else {
+            3
+        };
+        area.draw(&Text::new(format!("{speed:.digits$}"), (28, y - 6), style.clone()))?;
+    }
+    area.draw(&Text::new("um/s", (5, top - 20), style))?;
+    Ok(())
+}
+
+/// From white over blue-green to dark blue: equal steps look equal, and grey printers keep the order.
+fn shade(share: f64) -> RGBColor {
+    const STOPS: [(f64, f64, f64); 4] =
+        [(255.0, 255.0, 255.0), (178.0, 216.0, 216.0), (66.0, 146.0, 198.0), (8.0, 64.0, 129.0)];
+    let position = share.clamp(0.0, 1.0) * 3.0;
+    let (i, rest) = ((position as usize).min(2), position - (position as usize).min(2) as f64);
+    let mix = |a: f64, b: f64| (a + (b - a) * rest) as u8;
+    let (a, b) = (STOPS[i], STOPS[i + 1]);
+    RGBColor(mix(a.0, b.0), mix(a.1, b.1), mix(a.2, b.2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_field_has_a_picture() {
+        for entry in flows::registry::ENTRIES {
+            let picture = svg(entry).unwrap();
+            assert!(picture.starts_with("<svg") && picture.contains("<polyline"), "{}", entry.name);
+        }
+    }
+}

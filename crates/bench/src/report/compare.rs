@@ -1,0 +1,294 @@
+//! `microsig compare`: a leaderboard of several scores, and their curves in one plot.
+//!
+//! Ranked by F1 of detection (fields: probability of a valid vector). A score whose 95 % interval overlaps that of the one
+//! it follows shares its rank: the data do not tell them apart. Localisation stands beside recall, never alone.
+
+use std::path::{Path, PathBuf};
+
+use maud::html;
+use serde::Serialize;
+use serde_json::Value;
+
+use super::html::{document, figure};
+use super::plots::{Line, Words, lines};
+use super::table::number;
+use super::{SCORE, rows, save};
+use crate::dataset::folder::{Partial, partial_name};
+use crate::error::{Error, Result};
+
+/// A line of the leaderboard.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct Entry {
+    pub rank: usize,
+    pub name: String,
+    pub dataset: String,
+    pub f1: Option<f64>,
+    pub f1_low: Option<f64>,
+    pub f1_high: Option<f64>,
+    pub recall: Option<f64>,
+    pub precision: Option<f64>,
+    pub rmse_xy_px: Option<f64>,
+    pub sigma_z_over_h: Option<f64>,
+    pub link_f1: Option<f64>,
+    pub hota: Option<f64>,
+    pub alpha: Option<f64>,
+    pub beta: Option<f64>,
+    pub jsc: Option<f64>,
+    pub jsc_theta: Option<f64>,
+    pub valid_vector_probability: Option<f64>,
+    pub aee_px: Option<f64>,
+    pub rms_u_inliers_px: Option<f64>,
+}
+
+impl Entry {
+    fn of(name: String, score: &Value) -> Self {
+        let get = |pointer: &str| score.pointer(pointer).and_then(Value::as_f64);
+        Entry {
+            rank: 0,
+            name,
+            dataset: score["dataset"].as_str().unwrap_or_default().to_owned(),
+            f1: get("/detection/f1"),
+            f1_low: get("/detection/interval/f1/0"),
+            f1_high: get("/detection/interval/f1/1"),
+            recall: get("/detection/recall"),
+            precision: get("/detection/precision"),
+            rmse_xy_px: get("/detection/rmse_xy_px"),
+            sigma_z_over_h: get("/gdpt/sigma_z_over_h"),
+            link_f1: get("/links/f1"),
+            hota: get("/hota/hota"),
+            alpha: get("/isbi/alpha"),
+            beta: get("/isbi/beta"),
+            jsc: get("/isbi/jsc"),
+            jsc_theta: get("/isbi/jsc_theta"),
+            valid_vector_probability: get("/field/valid_vector_probability"),
+            aee_px: get("/field/aee_px"),
+            rms_u_inliers_px: get("/field/u_inliers/rms_px"),
+        }
+    }
+
+    /// What it is ranked by.
+    fn key(&self) -> f64 {
+        self.f1.or(self.valid_vector_probability).unwrap_or(f64::NEG_INFINITY)
+    }
+}
+
+/// What was compared.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Compared {
+    /// The leaderboard, best first.
+    pub entries: Vec<Entry>,
+    /// What must be known about it.
+    pub warnings: Vec<String>,
+    /// The folder.
+    pub out: PathBuf,
+    /// It as text.
+    #[serde(skip)]
+    pub text: String,
+}
+
+/// Compares scores and writes `leaderboard.csv`, `curves.csv` and `leaderboard.html`.
+///
+/// # Errors
+/// Files that are no scores; a folder that exists unless `force`; writing.
+pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Compared> {
+    if out.exists() && !force {
+        return Err(Error::Exists(out.to_owned()));
+    }
+    let (mut scores, mut problems) = (Vec::new(), Vec::new());
+    for path in paths {
+        match read(path) {
+            Ok(score) => scores.push(score),
+            Err(e) => problems.push(e.to_string()),
+        }
+    }
+    if !problems.is_empty() {
+        return Err(Error::Input(problems));
+    }
+    scores.sort_by(|a, b| b.0.key().total_cmp(&a.0.key()).then_with(|| a.0.name.cmp(&b.0.name)));
+    rank(&mut scores);
+    let entries: Vec<Entry> = scores.iter().map(|s| s.0.clone()).collect();
+    let warnings = differences(&scores);
+    let text = text(&entries, &warnings);
+
+    let left_over = partial_name(out);
+    if left_over.exists() {
+        std::fs::remove_dir_all(&left_over).map_err(Error::write(&left_over))?;
+    }
+    let partial = Partial::create(out, true)?;
+    rows(&partial.path().join("leaderboard.csv"), entries.iter())?;
+    rows(&partial.path().join("curves.csv"), curve_rows(&scores).into_iter())?;
+    save(&partial.path().join("leaderboard.html"), page(&scores, &warnings)?.as_bytes())?;
+    partial.finish(force)?;
+    Ok(Compared { entries, warnings, out: out.to_owned(), text })
+}
+
+fn read(path: &Path) -> Result<(Entry, Value)> {
+    let file = if path.is_dir() { path.join(SCORE) } else { path.to_owned() };
+    let text = std::fs::read_to_string(&file).map_err(|e| Error::read(&file, e))?;
+    let score: Value =
+        serde_json::from_str(&text).map_err(|e| Error::input(format!("{}: {e}", file.display())))?;
+    if score["definitions"]["versions"].is_null() {
+        return Err(Error::input(format!("{}: no score of microsig evaluate", file.display())));
+    }
+    // Folders are named after trackers more often than files are.
+    let folder = file.parent().and_then(Path::file_name).map(|n| n.to_string_lossy().into_owned());
+    let name = folder.filter(|_| file.ends_with(SCORE)).unwrap_or_else(|| file.display().to_string());
+    Ok((Entry::of(name, &score), score))
+}
+
+/// Ranks sorted scores; one that cannot be told from the best of a rank shares it.
+fn rank(scores: &mut [(Entry, Value)]) {
+    let mut leader: Option<(usize, Option<f64>)> = None;
+    for (i, (entry, _)) in scores.iter_mut().enumerate() {
+        let tied = leader.and_then(|(_, low)| low).zip(entry.f1_high).is_some_and(|(low, high)| high >= low);
+        if !tied {
+            leader = Some((i + 1, entry.f1_low));
+        }
+        entry.rank = leader.map_or(i + 1, |l| l.0);
+    }
+}
+
+/// What makes scores incomparable.
+fn differences(scores: &[(Entry, Value)]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    for (what, pointer) in [
+        ("datasets", "/dataset"),
+        ("gates", "/definitions/gate"),
+        ("gates of ISBI", "/definitions/isbi_gate_px"),
+        ("numbers of dimensions", "/definitions/dims"),
+        ("borders", "/definitions/border_px"),
+    ] {
+        let first = scores.first().and_then(|s| s.1.pointer(pointer));
+        if scores.iter().any(|s| s.1.pointer(pointer) != first) {
+            warnings.push(format!("the scores are of different {what}: their order means little"));
+        }
+    }
+    warnings
+}
+
+fn text(entries: &[Entry], warnings: &[String]) -> String {
+    let n = number;
+    let mut lines = Vec::new();
+    if entries.iter().any(|e| e.f1.is_some()) {
+        lines.push(format!(
+            "{:>4}  {:<20} {:>8} {:>8} {:>9} {:>9} {:>9} {:>8} {:>8}",
+            "rank", "name", "F1", "recall", "xy px", "z / h", "link F1", "HOTA", "alpha"
+        ));
+        lines.extend(entries.iter().map(|e| {
+            let name: String = e.name.chars().take(20).collect();
+            format!(
+                "{:>4}  {name:<20} {:>8} {:>8} {:>9} {:>9} {:>9} {:>8} {:>8}",
+                e.rank,
+                n(e.f1),
+                n(e.recall),
+                n(e.rmse_xy_px),
+                n(e.sigma_z_over_h),
+                n(e.link_f1),
+                n(e.hota),
+                n(e.alpha)
+            )
+        }));
+    }
+    if entries.iter().any(|e| e.aee_px.is_some()) {
+        lines.push(format!(
+            "{:>4}  {:<20} {:>8} {:>8} {:>12}",
+            "rank", "name", "valid", "AEE px", "RMS u in px"
+        ));
+        lines.extend(entries.iter().map(|e| {
+            let name: String = e.name.chars().take(20).collect();
+            format!(
+                "{:>4}  {name:<20} {:>8} {:>8} {:>12}",
+                e.rank,
+                n(e.valid_vector_probability),
+                n(e.aee_px),
+                n(e.rms_u_inliers_px)
+            )
+        }));
+    }
+    lines.push("Equal ranks: 95 % intervals of F1 overlap.".to_owned());
+    lines.extend(warnings.iter().map(|w| format!("WARNING {w}")));
+    lines.join("\n")
+}
+
+#[derive(Serialize)]
+struct CurveRow {
+    name: String,
+    against: String,
+    from: Option<f64>,
+    to: Option<f64>,
+    recall: Option<f64>,
+    rms_x_px: Option<f64>,
+    rms_y_px: Option<f64>,
+    rms_z_um: Option<f64>,
+}
+
+fn curve_rows(scores: &[(Entry, Value)]) -> Vec<CurveRow> {
+    let mut rows = Vec::new();
+    for (entry, score) in scores {
+        for curve in score["curves"].as_array().into_iter().flatten() {
+            for bin in curve["bins"].as_array().into_iter().flatten() {
+                rows.push(CurveRow {
+                    name: entry.name.clone(),
+                    against: curve["against"].as_str().unwrap_or_default().to_owned(),
+                    from: bin["from"].as_f64(),
+                    to: bin["to"].as_f64(),
+                    recall: bin["recall"].as_f64(),
+                    rms_x_px: bin["rms_x_px"].as_f64(),
+                    rms_y_px: bin["rms_y_px"].as_f64(),
+                    rms_z_um: bin["rms_z_um"].as_f64(),
+                });
+            }
+        }
+    }
+    rows
+}
+
+fn page(scores: &[(Entry, Value)], warnings: &[String]) -> Result<String> {
+    let n = number;
+    let rows = curve_rows(scores);
+    let mut against: Vec<&str> = rows.iter().map(|r| r.against.as_str()).collect();
+    against.sort_unstable();
+    against.dedup();
+    let mut plots = Vec::new();
+    let values: [(&str, fn(&CurveRow) -> Option<f64>); 3] =
+        [("recall", |r| r.recall), ("RMS error x, px", |r| r.rms_x_px), ("RMS error z, um", |r| r.rms_z_um)];
+    for x in against {
+        for (y, value) in values {
+            let series: Vec<Line> = scores
+                .iter()
+                .map(|(entry, _)| Line {
+                    name: entry.name.clone(),
+                    points: rows
+                        .iter()
+                        .filter(|r| r.name == entry.name && r.against == x)
+                        .filter_map(|r| Some((f64::midpoint(r.from?, r.to?), value(r).unwrap_or(f64::NAN))))
+                        .collect(),
+                })
+                .collect();
+            if series.iter().any(|l| l.points.iter().any(|p| p.1.is_finite())) {
+                let svg = lines(&Words { x, y, title: y }, &series)?;
+                plots.push(figure(svg, &format!("{y} against {x}.")));
+            }
+        }
+    }
+    let body = html! {
+        h1 { "Leaderboard" }
+        p.soft { "Ranked by F1 of detection, fields by the probability of a valid vector. Equal ranks: 95 % intervals of F1 overlap. "
+            "Errors count found particles only, so read them beside recall." }
+        @for warning in warnings { p.warning { (warning) } }
+        div.scroll { table {
+            tr { th { "name" } th { "rank" } th { "F1" } th { "interval" } th { "recall" } th { "precision" }
+                th { "RMSE xy, px" } th { "sigma z / h" } th { "link F1" } th { "HOTA" } th { "alpha" } th { "beta" }
+                th { "JSC" } th { "JSC_theta" } th { "valid" } th { "AEE, px" } }
+            @for (e, _) in scores { tr {
+                td { (e.name) } td { (e.rank) } td { (n(e.f1)) } td { (n(e.f1_low)) " – " (n(e.f1_high)) }
+                td { (n(e.recall)) } td { (n(e.precision)) } td { (n(e.rmse_xy_px)) } td { (n(e.sigma_z_over_h)) }
+                td { (n(e.link_f1)) } td { (n(e.hota)) } td { (n(e.alpha)) } td { (n(e.beta)) } td { (n(e.jsc)) }
+                td { (n(e.jsc_theta)) } td { (n(e.valid_vector_probability)) } td { (n(e.aee_px)) }
+            } }
+        } }
+        @if !plots.is_empty() { h2 { "Curves" } div.plots { @for plot in &plots { (plot) } } }
+    };
+    Ok(document("Leaderboard", &body))
+}

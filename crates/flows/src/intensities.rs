@@ -1,0 +1,112 @@
+//! Brightness of tracers: a factor on the light that MicroSIG gives a particle of its size.
+
+use crate::error::{Check, Result};
+use crate::random::normal;
+use microsig_core::stream::Stream;
+
+const CHECK: Check = Check("intensities");
+
+/// A normal distribution must leave this many standard deviations above zero: else redrawing takes too long.
+const MAX_SPREAD: f64 = 10.0;
+
+/// A distribution of the factor c_int, dimensionless, >= 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Intensities(Kind);
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Kind {
+    Equal(f64),
+    Uniform { min: f64, max: f64 },
+    Normal { mean: f64, sd: f64 },
+    Power { reference: f64, exponent: f64 },
+}
+
+impl Default for Intensities {
+    /// All 1.
+    fn default() -> Self {
+        Intensities(Kind::Equal(1.0))
+    }
+}
+
+impl Intensities {
+    /// All equal, >= 0.
+    pub fn equal(factor: f64) -> Result<Self> {
+        Ok(Intensities(Kind::Equal(CHECK.not_negative("factor", factor)?)))
+    }
+
+    /// Uniform between `min` and `max`, 0 <= min <= max.
+    pub fn uniform(min: f64, max: f64) -> Result<Self> {
+        CHECK.not_negative("min", min)?;
+        CHECK.not_negative("max", max)?;
+        if min > max {
+            return Err(CHECK.fault("max", max, &format!("a number >= min = {min}")));
+        }
+        Ok(Intensities(Kind::Uniform { min, max }))
+    }
+
+    /// Normal about `mean` (> 0) with the standard deviation `sd` (>= 0, at most 10 `mean`), restricted to positive factors by drawing again.
+    pub fn normal(mean: f64, sd: f64) -> Result<Self> {
+        CHECK.positive("mean", mean)?;
+        CHECK.not_negative("sd", sd)?;
+        if sd > MAX_SPREAD * mean {
+            return Err(CHECK.fault("sd", sd, &format!("at most 10 mean = {}", MAX_SPREAD * mean)));
+        }
+        Ok(Intensities(Kind::Normal { mean, sd }))
+    }
+
+    /// (d / `reference`)^`exponent`, the reference in um (> 0), on top of what the renderer makes of the size.
+    pub fn power_of_diameter(reference: f64, exponent: f64) -> Result<Self> {
+        CHECK.positive("reference_um", reference)?;
+        CHECK.finite("exponent", exponent)?;
+        Ok(Intensities(Kind::Power { reference, exponent }))
+    }
+
+    /// The factor of a particle of diameter `d_um`.
+    pub fn draw(&self, d_um: f64, stream: &mut Stream) -> f64 {
+        match self.0 {
+            Kind::Equal(factor) => factor,
+            Kind::Uniform { min, max } => min + (max - min) * stream.uniform(),
+            Kind::Normal { mean, sd } => loop {
+                let factor = mean + sd * normal(stream);
+                if factor > 0.0 {
+                    break factor;
+                }
+            },
+            Kind::Power { reference, exponent } => libm::pow(d_um / reference, exponent),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use microsig_core::stream::{Purpose, Streams};
+
+    #[test]
+    fn factors_have_the_moments_they_claim() {
+        let mut stream = Streams::new(2).stream(Purpose::Intensity, 0, 0);
+        for (kind, mean, sd) in [
+            (Intensities::default(), 1.0, 0.0),
+            (Intensities::uniform(0.5, 2.0).unwrap(), 1.25, 1.5 / libm::sqrt(12.0)),
+            (Intensities::normal(1.0, 0.1).unwrap(), 1.0, 0.1),
+            (Intensities::power_of_diameter(2.0, 3.0).unwrap(), 0.125, 0.0),
+        ] {
+            let factors: Vec<f64> = (0..20_000).map(|_| kind.draw(1.0, &mut stream)).collect();
+            let found = factors.iter().sum::<f64>() / 20_000.0;
+            let variance = factors.iter().map(|f| (f - found) * (f - found)).sum::<f64>() / 20_000.0;
+            // Standard errors: sd / 141 and about sd / 200.
+            assert!((found - mean).abs() <= 4.0 * sd / 141.0 + 1e-12, "{kind:?}: {found}");
+            assert!((libm::sqrt(variance) - sd).abs() <= 4.0 * sd / 200.0 + 1e-7, "{kind:?}: {variance}");
+        }
+        // Never negative, even where half the distribution is.
+        let wide = Intensities::normal(0.1, 1.0).unwrap();
+        assert!((0..1000).all(|_| wide.draw(1.0, &mut stream) > 0.0));
+    }
+
+    #[test]
+    fn impossible_factors_are_refused() {
+        assert!(Intensities::equal(-1.0).is_err() && Intensities::uniform(2.0, 1.0).is_err());
+        let message = Intensities::normal(1.0, 20.0).unwrap_err().to_string();
+        assert_eq!(message, "intensities: sd = 20: expected at most 10 mean = 10");
+    }
+}

@@ -1,0 +1,311 @@
+//! Tracers that do more than follow the flow: they diffuse, settle, turn, meet bodies and pass periodic faces.
+#![expect(clippy::print_stdout, reason = "the measured numbers, for `--nocapture`")]
+
+use flows::fields::{
+    HeleShaw, HeleShawParams, Kraichnan, KraichnanParams, LambOseen, LambOseenParams, Linear, Poiseuille,
+    PoiseuilleParams, Source, SourceParams,
+};
+use flows::{
+    Axis, Body, Boundary, Brownian, Diameters, Domain, Frame, Intensities, Orientations, Region, Scene,
+    Seeding, Settling, Spheroids, Start, VelocityField,
+};
+use glam::{DVec2, DVec3};
+use microsig_core::stream::Streams;
+use std::f64::consts::PI;
+
+use Boundary::{Open, Periodic, Wall};
+
+const DT_S: f64 = 0.01;
+
+fn domain(boundaries: [Boundary; 3]) -> Domain {
+    let region = Region::new(DVec3::new(-150.0, -100.0, -80.0), DVec3::new(150.0, 100.0, 20.0)).unwrap();
+    Domain::new(region, boundaries)
+}
+
+/// 6000 particles of 1 um.
+fn seeding() -> Seeding {
+    Seeding::poisson(1e-3, Diameters::equal(1.0).unwrap()).unwrap()
+}
+
+fn water(substeps: u32) -> Brownian {
+    Brownian::new(298.15, 0.89e-3, substeps).unwrap()
+}
+
+fn rest() -> Linear {
+    Linear::uniform(DVec3::ZERO).unwrap()
+}
+
+fn times(frames: u32, dt_s: f64) -> Vec<f64> {
+    (0..frames).map(|k| dt_s * f64::from(k)).collect()
+}
+
+fn frames(scene: &Scene, times: &[f64], seed: u64) -> Vec<Frame> {
+    scene.record(times, Streams::new(seed), Start::default()).unwrap().map(Result::unwrap).collect()
+}
+
+/// Chi-square of the numbers in 20 equal bins along an axis against `expected` in all.
+fn chi_square(frame: &Frame, room: &Region, axis: usize, expected: f64) -> f64 {
+    let mut counts = [0.0; 20];
+    for tracer in &frame.tracers {
+        let place = (tracer.position[axis] - room.min()[axis]) / room.size()[axis];
+        counts[((place * 20.0) as usize).min(19)] += 1.0;
+    }
+    counts.iter().map(|n| (n - expected / 20.0) * (n - expected / 20.0) / (expected / 20.0)).sum()
+}
+
+/// Exceeded with probability 1e-5 by chi-square of 20 degrees of freedom.
+const LIMIT: f64 = 59.0;
+
+fn assert_uniform(what: &str, frame: &Frame, domain: &Domain, expected: f64) {
+    let room = domain.room(0.5).unwrap();
+    for axis in 0..3 {
+        let chi = chi_square(frame, &room, axis, expected);
+        println!("{what}, axis {axis}: {} tracers, chi-square {chi:.1}", frame.tracers.len());
+        assert!(chi < LIMIT, "{what}, axis {axis}: {chi}");
+    }
+}
+
+#[test]
+fn tracers_at_rest_diffuse_by_2dt_on_every_axis() {
+    let (domain, seeding, field) = (domain([Periodic; 3]), seeding(), rest());
+    let scene = Scene::new(&field, &domain, &seeding).unwrap().with_brownian(water(1)).keeping_ids();
+    let frames = frames(&scene, &times(6, DT_S), 1);
+    let count = frames[0].tracers.len();
+    assert!(frames.iter().all(|frame| frame.tracers.len() == count));
+    let expected = 2.0 * water(1).diffusion(1.0) * DT_S;
+    for frame in &frames[1..] {
+        for axis in 0..3 {
+            let squares = frame.tracers.iter().map(|tracer| {
+                let step = tracer.step.unwrap();
+                assert_eq!(step.drift, DVec3::ZERO);
+                step.actual[axis] * step.actual[axis]
+            });
+            let ratio = squares.sum::<f64>() / count as f64 / expected;
+            // The variance of a square of a normal number is 2.
+            assert!((ratio - 1.0).abs() < 4.0 * (2.0 / count as f64).sqrt(), "axis {axis}: {ratio}");
+        }
+    }
+    // Steps are independent of one another.
+    let along = frames[1].links(&frames[2]).map(|(a, b)| a.step.unwrap().actual.dot(b.step.unwrap().actual));
+    let correlation = along.sum::<f64>() / count as f64 / (3.0 * expected);
+    assert!(correlation.abs() < 4.0 / (3.0 * count as f64).sqrt(), "{correlation}");
+}
+
+#[test]
+fn shear_and_diffusion_act_together() {
+    // g t = 10 in 20 steps: var x = 2 D t (1 + (g t)^2 (1/3 - 1/(12 n^2))); 40000 tracers in a box so large that none meets a face.
+    let (rate, time) = (1.0, 10.0);
+    let field = Linear::shear(rate, Axis::X, Axis::Z, DVec3::ZERO).unwrap();
+    let region = Region::new(DVec3::splat(-1e4), DVec3::splat(1e4)).unwrap();
+    let domain = Domain::new(region, [Open; 3]);
+    let seeding = Seeding::list(vec![DVec3::ZERO; 40_000], Diameters::equal(1.0).unwrap()).unwrap();
+    let scene = Scene::new(&field, &domain, &seeding).unwrap().with_brownian(water(20));
+    let last = &frames(&scene, &[0.0, time], 2)[1];
+    let mean = |f: &dyn Fn(DVec3) -> f64| last.tracers.iter().map(|t| f(t.position)).sum::<f64>() / 40_000.0;
+    let unit = 2.0 * water(1).diffusion(1.0) * time;
+    let (gt, third) = (rate * time, 1.0 / 3.0 - 1.0 / (12.0 * 400.0));
+    for (what, found, expected) in [
+        ("xx", mean(&|x| x.x * x.x), 1.0 + gt * gt * third),
+        ("xz", mean(&|x| x.x * x.z), 0.5 * gt),
+        ("yy", mean(&|x| x.y * x.y), 1.0),
+        ("zz", mean(&|x| x.z * x.z), 1.0),
+    ] {
+        println!("<{what}> / 2Dt = {} of {expected}", found / unit);
+        // Standard error of a variance: sqrt(2 / 40000) = 0.7 %; the seed is fixed.
+        assert!((found / unit / expected - 1.0).abs() < 0.02, "{what}: {}", found / unit);
+    }
+}
+
+#[test]
+fn diffusing_clouds_stay_uniform_between_walls_and_at_open_faces() {
+    let seeding = seeding();
+    // Much diffusion: 7 um a frame, so that faces and walls are felt.
+    let hot = Brownian::new(298.15, 1e-5 * 0.89e-3, 2).unwrap();
+    let still = rest();
+    let channel =
+        Poiseuille::from_params(&PoiseuilleParams { max_speed_um_s: 1500.0, ..Default::default() }).unwrap();
+    let cases: [(&str, &dyn VelocityField, [Boundary; 3]); 4] = [
+        ("at rest, open", &still, [Open; 3]),
+        ("at rest, walls", &still, [Wall; 3]),
+        ("channel", &channel, [Open, Open, Wall]),
+        ("periodic channel", &channel, [Periodic, Open, Wall]),
+    ];
+    for (what, field, boundaries) in cases {
+        let domain = domain(boundaries);
+        let scene = Scene::new(field, &domain, &seeding).unwrap().with_brownian(hot);
+        let frames = frames(&scene, &times(16, DT_S), 3);
+        let expected = if boundaries == [Wall; 3] { frames[0].tracers.len() as f64 } else { 6000.0 };
+        assert_uniform(what, &frames[15], &domain, expected);
+        let survivors = frames[0].links(&frames[15]).count();
+        assert!(
+            survivors < frames[0].tracers.len() * 9 / 10 || boundaries == [Wall; 3],
+            "{what}: {survivors}"
+        );
+    }
+}
+
+#[test]
+fn turbulence_keeps_a_cloud_uniform() {
+    let seeding = Seeding::poisson(2e-4, Diameters::equal(1.0).unwrap()).unwrap();
+    let params = KraichnanParams { modes: 40, unsteadiness: 0.5, ..Default::default() };
+    let (field, domain) = (Kraichnan::new(&params).unwrap(), domain([Open; 3]));
+    let scene = Scene::new(&field, &domain, &seeding).unwrap();
+    let frames = frames(&scene, &times(41, DT_S), 12);
+    let survivors = frames[0].links(&frames[40]).count();
+    assert!(survivors < frames[0].tracers.len() / 2, "{survivors}");
+    assert_uniform("turbulence", &frames[40], &domain, 1200.0);
+}
+
+#[test]
+fn settling_adds_its_velocity_and_keeps_the_cloud_uniform() {
+    let (domain, field) = (domain([Open; 3]), rest());
+    let seeding = Seeding::poisson(1e-3, Diameters::uniform(1.0, 3.0).unwrap()).unwrap();
+    // Iron: 2 um sinks by 16 um/s.
+    let settling = Settling::new(6800.0, 0.89e-3, DVec3::NEG_Z).unwrap();
+    let scene = Scene::new(&field, &domain, &seeding).unwrap().with_settling(settling);
+    let frames = frames(&scene, &times(11, 0.2), 4);
+    for (now, next) in frames[0].links(&frames[1]) {
+        let expected = settling.velocity(now.d_um) * 0.2;
+        assert!((next.position - now.position - expected).length() < 1e-11);
+        assert!((next.step.unwrap().drift - expected).length() < 1e-11);
+    }
+    assert_uniform("settling", &frames[10], &domain, 6000.0);
+}
+
+#[test]
+fn rods_turn_along_their_paths() {
+    let (domain, seeding) = (domain([Open, Open, Wall]), seeding());
+    let field = Linear::shear(12.9, Axis::X, Axis::Y, DVec3::ZERO).unwrap();
+    let direction = DVec3::new(0.0, 1.0, 0.0);
+    let spheroids = Spheroids::new(5.0, Orientations::aligned(direction).unwrap()).unwrap();
+    let scene = Scene::new(&field, &domain, &seeding).unwrap().with_spheroids(spheroids);
+    let frames = frames(&scene, &times(21, DT_S), 5);
+    for (first, last) in frames[0].links(&frames[20]) {
+        assert_eq!((first.axis, first.aspect), (direction, 5.0));
+        // tan phi = e tan(g t / (e + 1/e)), phi from the gradient axis y.
+        let phi = libm::atan(5.0 * libm::tan(12.9 * 0.2 / 5.2));
+        let expected = DVec3::new(libm::sin(phi), libm::cos(phi), 0.0);
+        assert!((last.axis - expected).length() < 1e-9, "{}", last.axis);
+    }
+    // With noise they spread.
+    let hot = Brownian::new(298.15, 1e-2 * 0.89e-3, 2).unwrap();
+    let frames = self::frames(&scene.with_brownian(hot), &times(3, DT_S), 5);
+    let mean =
+        frames[2].tracers.iter().map(|tracer| tracer.axis).sum::<DVec3>() / frames[2].tracers.len() as f64;
+    assert!(mean.length() < 0.2 && frames[2].tracers.iter().all(|t| (t.axis.length() - 1.0).abs() < 1e-12));
+}
+
+#[test]
+fn bodies_stay_free_and_the_rest_uniform() {
+    let domain = domain([Open, Open, Wall]);
+    let field = HeleShaw::new(&HeleShawParams { mean_speed_um_s: 1000.0, ..Default::default() }).unwrap();
+    let bodies = [Body::cylinder(DVec2::ZERO, 60.0).unwrap()];
+    for brownian in [None, Some(water(1))] {
+        let seeding = seeding();
+        let mut scene = Scene::new(&field, &domain, &seeding).unwrap().with_bodies(&bodies);
+        if let Some(brownian) = brownian {
+            scene = scene.with_brownian(brownian);
+        }
+        let frames = frames(&scene, &times(31, DT_S), 6);
+        for frame in [&frames[0], &frames[30]] {
+            let nearest =
+                frame.tracers.iter().map(|t| t.position.truncate().length()).fold(f64::INFINITY, f64::min);
+            assert!(nearest >= 60.5 - 1e-9, "{nearest}");
+            // Quadrants and the density outside.
+            let free = 6e6 - PI * 60.5 * 60.5 * 100.0;
+            for (sx, sy) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+                let inside = |x: DVec3| x.x * sx > 0.0 && x.y * sy > 0.0;
+                let count = frame.tracers.iter().filter(|tracer| inside(tracer.position)).count() as f64;
+                let expected = free / 4.0 * 1e-3;
+                assert!((count - expected).abs() < 4.0 * expected.sqrt(), "{count} of {expected}");
+            }
+        }
+    }
+    // A count in view is what is in it beside the bodies.
+    let view = Region::new(DVec3::new(-70.0, -70.0, -80.0), DVec3::new(70.0, 70.0, 20.0)).unwrap();
+    let seeding = Seeding::count_in_view(300, view, Diameters::equal(1.0).unwrap());
+    let scene = Scene::new(&field, &domain, &seeding).unwrap().with_bodies(&bodies);
+    let first = &frames(&scene, &[0.0], 7)[0];
+    assert_eq!(first.tracers.iter().filter(|tracer| view.contains(tracer.position)).count(), 300);
+}
+
+#[test]
+fn a_drain_takes_what_falls_into_it() {
+    let (domain, seeding) = (domain([Open, Open, Wall]), seeding());
+    let params = SourceParams { core_speed_um_s: -2000.0, ..Default::default() };
+    let field = Source::new(&params).unwrap();
+    let bodies = [Body::cylinder(DVec2::ZERO, 20.0).unwrap().draining()];
+    let scene = Scene::new(&field, &domain, &seeding).unwrap().with_bodies(&bodies);
+    let frames = frames(&scene, &times(11, DT_S), 8);
+    for frame in &frames {
+        assert!(frame.tracers.iter().all(|tracer| tracer.position.truncate().length() >= 20.0));
+    }
+    // 2 pi 20 um * 2000 um/s * 0.1 s * 100 um at 1e-3 per um^3 are drained, from within 91.7 um.
+    let gone = frames[0].tracers.len() - frames[0].links(&frames[10]).count();
+    assert!((gone as f64 - 2513.3).abs() < 4.0 * 50.2, "{gone}");
+}
+
+#[test]
+fn periodic_faces_give_new_names_or_keep_them() {
+    let (domain, seeding) = (domain([Periodic, Periodic, Wall]), seeding());
+    let field =
+        Poiseuille::from_params(&PoiseuilleParams { direction_rad: 0.4, ..Default::default() }).unwrap();
+    let scene = Scene::new(&field, &domain, &seeding).unwrap();
+    let renamed = frames(&scene, &times(11, DT_S), 9);
+    let kept = frames(&scene.keeping_ids(), &times(11, DT_S), 9);
+    for (a, b) in renamed.iter().zip(&kept) {
+        // The same cloud under other names.
+        let sorted = |frame: &Frame| {
+            let mut places: Vec<[u64; 3]> =
+                frame.tracers.iter().map(|t| t.position.to_array().map(f64::to_bits)).collect();
+            places.sort_unstable();
+            places
+        };
+        assert_eq!(sorted(a), sorted(b));
+        assert!(b.tracers.iter().map(|t| t.id).eq(kept[0].tracers.iter().map(|t| t.id)));
+        assert!(a.tracers.is_sorted_by(|x, y| x.id < y.id));
+    }
+    let mut jumps = 0;
+    for (now, next) in kept[9].links(&kept[10]) {
+        let step = next.step.unwrap();
+        assert!((step.actual - field.velocity(now.position, 0.0) * DT_S).length() < 1e-11);
+        jumps += usize::from((next.position - now.position - step.actual).length() > 1.0);
+    }
+    assert!(jumps > 100);
+    for (now, next) in renamed[9].links(&renamed[10]) {
+        assert!((next.position - now.position).length() < 13.0);
+    }
+    assert!(renamed[10].tracers.iter().filter(|tracer| tracer.step.is_none()).count() == jumps);
+}
+
+#[test]
+fn with_everything_on_threads_and_run_length_change_nothing() {
+    let domain = domain([Open, Periodic, Wall]);
+    let sizes = Diameters::lognormal(1.5, 0.5, 0.5, 4.0).unwrap();
+    let seeding = Seeding::poisson(2e-4, sizes).unwrap().apart(0.5).unwrap();
+    let field =
+        LambOseen::from_params(&LambOseenParams { viscosity_um2_s: 1e3, ..Default::default() }).unwrap();
+    let bodies = [Body::sphere(DVec3::new(60.0, 0.0, -30.0), 20.0).unwrap()];
+    let orientations = Orientations::von_mises_fisher(DVec3::X, 5.0).unwrap();
+    let scene = Scene::new(&field, &domain, &seeding)
+        .unwrap()
+        .with_bodies(&bodies)
+        .with_brownian(water(2))
+        .with_settling(Settling::new(50.0, 0.89e-3, DVec3::NEG_Z).unwrap())
+        .with_spheroids(Spheroids::new(3.0, orientations).unwrap())
+        .with_intensities(Intensities::normal(1.0, 0.2).unwrap());
+    let with = |threads: usize, count: u32| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| frames(&scene, &times(count, DT_S), 10))
+    };
+    let one = with(1, 4);
+    assert_eq!(with(7, 4), one);
+    assert_eq!(with(2, 3), one[..3]);
+    // What belongs to a tracer stays with it.
+    for (a, b) in one[0].links(&one[3]) {
+        assert_eq!((a.d_um, a.c_int, a.aspect), (b.d_um, b.c_int, b.aspect));
+        assert_ne!(a.axis, b.axis);
+    }
+    let spread = one[0].tracers.iter().map(|tracer| tracer.c_int).fold(0.0, f64::max);
+    assert!(spread > 1.2);
+}

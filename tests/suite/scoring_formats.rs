@@ -1,0 +1,186 @@
+//! The same result in many formats gives the same scores; hostile files give clear errors within little memory.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use bench::evaluate::{Options, Score, evaluate};
+use bench::results::{Conventions, Found, Origin, read};
+use suite::microsig::{fail, microsig, path, run};
+
+fn folder() -> PathBuf {
+    suite::data().join("formats")
+}
+
+fn given() -> Conventions {
+    Conventions { um_per_px: Some(0.645), depth_um: Some((-10.0, 10.0)), ..Conventions::default() }
+}
+
+fn score(result: &str, dims: u8) -> Score {
+    let options = Options { conventions: given(), dims: Some(dims), ..Options::default() };
+    evaluate(&folder().join("canonical.csv"), &folder().join(result), &options).unwrap().score
+}
+
+/// Six digits of DefocusTracker's text file and three of TrackMate's lengths stay below this.
+const TOLERANCE_PX: f64 = 1e-3;
+
+#[test]
+fn every_format_of_particles_scores_as_the_canonical_one() {
+    for (file, dims) in [
+        ("canonical.csv", 3),
+        ("defocustracker.csv", 3),
+        ("defocustracker_ascii.txt", 3),
+        ("napari_tracks.csv", 3),
+        // trackpy's 2-D table has no depth.
+        ("trackpy.csv", 2),
+        ("trackmate_tracks.xml", 3),
+        ("trackmate_spots.csv", 3),
+        ("isbi2012.xml", 3),
+    ] {
+        let score = score(file, dims);
+        let (d, l, i) = (score.detection.unwrap(), score.links.unwrap(), score.isbi.unwrap());
+        assert_eq!((d.tp, d.missed, d.fp), (25, 0, 0), "{file}");
+        assert_eq!((l.tp, l.missed, l.fp), (22, 0, 0), "{file}");
+        assert_eq!((i.tp, i.missed, i.fp, i.tp_tracks, i.fp_tracks), (25, 0, 0, 3, 0), "{file}");
+        assert!(d.rmse_xy_px.unwrap() < TOLERANCE_PX, "{file}: {:?}", d.rmse_xy_px);
+        assert!(d.rmse_z_um.unwrap_or(0.0) < TOLERANCE_PX, "{file}: {:?}", d.rmse_z_um);
+        assert_eq!(score.hota.unwrap().assa, Some(1.0), "{file}");
+        assert!(!score.assumptions.is_empty() && score.warnings.is_empty(), "{file}: {:?}", score.warnings);
+    }
+}
+
+#[test]
+fn every_format_of_fields_holds_the_canonical_one() {
+    let field = |file: &str| match read(&folder().join(file), &given()).unwrap() {
+        Found::Field(field) => field.vectors,
+        Found::Points(_) => panic!("{file}: particles"),
+    };
+    let sorted = |mut vectors: Vec<bench::results::Vector>| {
+        vectors.sort_by(|a, b| (a.at.y_px, a.at.x_px).partial_cmp(&(b.at.y_px, b.at.x_px)).unwrap());
+        vectors
+    };
+    let canonical = sorted(field("field_canonical.csv"));
+    assert_eq!(canonical.len(), 20);
+    for file in ["openpiv.txt", "pivlab.txt", "dense.flo"] {
+        let vectors = sorted(field(file));
+        assert_eq!(vectors.len(), 20, "{file}");
+        for (a, b) in canonical.iter().zip(&vectors) {
+            // float32 of the dense flow.
+            let close = |k: usize| (a.moved[k] - b.moved[k]).abs() < 1e-6;
+            // A dense flow has a vector per pixel and knows no flags; PIVlab marks what it replaced.
+            let flag = match file {
+                "dense.flo" => 0,
+                "pivlab.txt" => 2 * a.flag,
+                _ => a.flag,
+            };
+            assert!(close(0) && close(1) && b.flag == flag, "{file}: {a:?} {b:?}");
+            assert!(file == "dense.flo" || a.at == b.at, "{file}: {a:?} {b:?}");
+        }
+    }
+    let truth = folder().join("field_canonical.csv");
+    let score = evaluate(&truth, &folder().join("openpiv.txt"), &Options::default()).unwrap().score.field.unwrap();
+    assert_eq!((score.n_total, score.n_reported, score.n_outside), (20, 19, 0));
+    // OpenPIV writes five digits.
+    assert!(score.main.aee_px.unwrap() < 1e-4);
+}
+
+#[test]
+fn conventions_can_be_stated() {
+    let place = tempfile::tempdir().unwrap();
+    let file = place.path().join("r.csv");
+    std::fs::write(&file, "frame,track,x_px,y_px\r\n1,-1,4.5,2\r\n2,,4.5,\r\n").unwrap();
+    let given = Conventions {
+        origin: Some(Origin::Corner0),
+        y_up: Some(true),
+        height_px: Some(100.0),
+        frame_base: Some(1),
+        ..Conventions::default()
+    };
+    let Found::Points(points) = read(&file, &given).unwrap() else { panic!("no particles") };
+    assert_eq!((points.rows.len(), points.n_nan, points.has_z), (1, 1, false));
+    let row = points.rows[0];
+    assert_eq!((row.frame, row.track, row.at.x_px, row.at.y_px), (0, -1, 5.0, 98.5));
+    assert!(points.notes[0].contains("(0.5, 0.5)") && points.notes[0].contains("y up"), "{:?}", points.notes);
+}
+
+/// Runs the command with no more than 1 GiB of address space; gives exit code and messages.
+fn confined(arguments: &[&str]) -> (Option<i32>, String) {
+    let program = microsig().get_program().to_owned();
+    let output = Command::new("bash")
+        .args(["-c", "ulimit -v 1048576; exec \"$0\" \"$@\""])
+        .arg(program)
+        .args(arguments)
+        .output()
+        .unwrap();
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[test]
+fn hostile_files_are_refused_within_a_gigabyte() {
+    let place = tempfile::tempdir().unwrap();
+    let truth = folder().join("canonical.csv");
+    let detections = "<detection t=\"0\" x=\"1\" y=\"1\" z=\"0\"/>";
+    let flo = |width: i32, height: i32, rest: usize| {
+        let mut bytes = b"PIEH".to_vec();
+        bytes.extend(width.to_le_bytes());
+        bytes.extend(height.to_le_bytes());
+        bytes.resize(12 + rest, 0);
+        bytes
+    };
+    let bomb = "<?xml version=\"1.0\"?><!DOCTYPE a [<!ENTITY a \"aaaaaaaaaa\"><!ENTITY b \"&a;&a;&a;&a;\">]>\
+                <Tracks><particle><detection t=\"&b;\" x=\"1\" y=\"1\" z=\"0\"/></particle></Tracks>";
+    let cases: Vec<(&str, Vec<u8>, &str)> = vec![
+        ("large.csv", b"frame,track,x_px,y_px\n0,0,1e308,1\n".to_vec(), ":2: x = 1e308"),
+        ("infinite.csv", b"frame,track,x_px,y_px\n0,0,inf,1\n".to_vec(), ":2: x = inf"),
+        ("frame.csv", b"frame,track,x_px,y_px\n1e300,0,1,1\n".to_vec(), ":2: frame = 1e300"),
+        ("frame2.csv", b"frame,track,x_px,y_px\n0.5,0,1,1\n".to_vec(), ":2: frame = 0.5"),
+        ("track.csv", b"frame,track,x_px,y_px\n0,1e300,1,1\n".to_vec(), ":2: track = 1"),
+        ("twice.csv", b"frame,track,x_px,y_px\n0,3,1,1\n0,3,2,2\n".to_vec(), "track 3 is twice in frame 0"),
+        ("comma.csv", b"frame,track,x_px,y_px\n0,3,1,5,2,5\n".to_vec(), "decimal commas"),
+        ("semicolon.csv", b"frame;track;x_px;y_px\n0;3;1,5;2,5\n".to_vec(), "semicolons"),
+        ("empty.csv", Vec::new(), "empty"),
+        ("names.csv", b"frame,track,x,y\n0,3,1,5\n".to_vec(), "have no units"),
+        ("long.csv", [b"frame,track,x_px,y_px\n".to_vec(), vec![b'1'; 10 << 20]].concat(), "line 2: the line is longer"),
+        ("longer.csv", vec![b'1'; 10 << 20], "longer than"),
+        ("claim.flo", flo(i32::MAX, i32::MAX, 0), "2147483647 x 2147483647 px"),
+        ("short.flo", flo(100, 100, 79_999), "need 80012 bytes; the file has 80011"),
+        ("negative.flo", flo(-1, 5, 40), "-1 x 5 px"),
+        ("header.flo", b"PIEH\x01".to_vec(), "no header"),
+        ("bomb.xml", bomb.as_bytes().to_vec(), "document type"),
+        (
+            "long.xml",
+            [b"<Tracks><particle><detection t=\"".to_vec(), vec![b'1'; 10 << 20]].concat(),
+            "a tag or text is longer",
+        ),
+        ("open.xml", format!("<Tracks><particle>{detections}").into_bytes(), "open.xml"),
+        ("unclosed.xml", b"<Tracks><particle><detection t=\"1\"".to_vec(), "unclosed.xml"),
+        ("words.xml", b"<Tracks><particle><detection t=\"a\" x=\"1\" y=\"1\" z=\"0\"/></particle></Tracks>".to_vec(), "t = \"a\""),
+        ("binary.csv", vec![0xff; 4096], "fits no format"),
+    ];
+    for (name, bytes, expected) in cases {
+        let file = place.path().join(name);
+        std::fs::write(&file, bytes).unwrap();
+        let arguments = ["evaluate", path(&truth), path(&file), "--um-per-px", "0.645", "--threads", "1"];
+        let (code, message) = confined(&arguments);
+        assert_eq!(code, Some(2), "{name}: {message}");
+        assert!(message.contains(expected), "{name}: {message}");
+        assert!(message.len() < 4000, "{name}: {} bytes of message", message.len());
+    }
+    // A claim of a billion rows costs nothing.
+    let claim = format!("<Tracks nTracks=\"1000000000\"><particle nSpots=\"1000000000\">{detections}</particle></Tracks>");
+    let file = place.path().join("claim.xml");
+    std::fs::write(&file, claim).unwrap();
+    let (code, message) =
+        confined(&["evaluate", path(&truth), path(&file), "--um-per-px", "0.645", "--threads", "1", "--quiet"]);
+    assert_eq!(code, Some(0), "{message}");
+}
+
+#[test]
+fn what_is_not_known_is_asked_for() {
+    let truth = folder().join("canonical.csv");
+    let ask = |file: &str| fail(2, &["evaluate", path(&truth), path(&folder().join(file))]);
+    assert!(ask("trackmate_spots.csv").contains("--um-per-px"));
+    assert!(ask("defocustracker.csv").contains("--depth"));
+    let validate = |file: &Path| run(&["evaluate", path(&truth), path(file), "--validate-only"]);
+    assert!(validate(&folder().join("isbi2012.xml")).contains("25 particles"));
+    assert!(validate(&folder().join("openpiv.txt")).contains("20 vectors"));
+}

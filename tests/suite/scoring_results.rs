@@ -1,0 +1,275 @@
+//! What must hold of scores whatever the tracker: perfection of the truth, invariance, warnings, files.
+
+use std::path::{Path, PathBuf};
+
+use bench::evaluate::truth::{Facts, Truth};
+use bench::evaluate::{Options, Score, particles};
+use bench::results::{Points, Position, Row};
+use proptest::prelude::*;
+use suite::microsig::{fail, path, run};
+
+/// Fast circles about the middle of a small image: many particles leave it at the corners and come back.
+const VORTEX: &str = r#"(
+    name: "vortex",
+    optics: (pixel_dim_x: 150, pixel_dim_y: 110, n_rays: 50),
+    motion: flow(field: lamb_oseen(max_speed_um_s: 2500, core_radius_um: 20)),
+    particles: (number: count(25), diameter_um: constant(2)),
+    boundaries: (z_um: (-40, 20)),
+    timing: sequence(frames: 30, dt_s: 0.005),
+    calibration: none,
+)"#;
+
+const PAIRS: &str = r#"(
+    name: "pairs",
+    optics: (pixel_dim_x: 150, pixel_dim_y: 110, n_rays: 50),
+    motion: flow(field: poiseuille()),
+    particles: (number: count(20)),
+    timing: pairs(count: 4),
+    calibration: none,
+)"#;
+
+fn generate(folder: &Path, scenario: &str) -> PathBuf {
+    let (file, out) = (folder.join("scenario.ron"), folder.join("dataset"));
+    std::fs::write(&file, scenario).unwrap();
+    run(&["generate", path(&file), "--out", path(&out), "--quiet"]);
+    out
+}
+
+fn evaluated(arguments: &[&str]) -> serde_json::Value {
+    let said = run(&[&["evaluate"], arguments, &["--json", "--quiet"]].concat());
+    serde_json::from_str(&said).unwrap()
+}
+
+fn is_perfect(score: &serde_json::Value) {
+    let one = |pointer: &str| assert_eq!(score.pointer(pointer).and_then(serde_json::Value::as_f64), Some(1.0), "{pointer}");
+    for pointer in [
+        "/detection/precision",
+        "/detection/recall",
+        "/detection/f1",
+        "/detection/jaccard",
+        "/links/precision",
+        "/links/recall",
+        "/links/f1",
+        "/isbi/alpha",
+        "/isbi/beta",
+        "/isbi/jsc",
+        "/isbi/jsc_theta",
+        "/isbi_2d/alpha",
+        "/clear/mota",
+        "/identity/idf1",
+        "/gdpt/phi",
+        "/gdpt/precision",
+        "/lpt/correct",
+        "/lpt/coverage_longest",
+        "/lpt/purity",
+        "/lpt/strict",
+        "/lpt/mostly_tracked",
+        "/lpt/fragments_per_truth",
+    ] {
+        one(pointer);
+    }
+    let value = |pointer: &str| score.pointer(pointer).and_then(serde_json::Value::as_f64).unwrap();
+    // Sums over 19 thresholds.
+    for pointer in ["/hota/hota", "/hota/deta", "/hota/assa", "/hota/loca"] {
+        assert!((value(pointer) - 1.0).abs() < 1e-12, "{pointer} {}", value(pointer));
+    }
+    for pointer in [
+        "/detection/rmse_xy_px",
+        "/detection/rmse_z_um",
+        "/detection/bias_x_px",
+        "/isbi/rmse",
+        "/clear/id_switches",
+        "/gdpt/sigma_z_um",
+        "/lpt/displacement_rms_px",
+        "/lpt/ghost",
+    ] {
+        assert_eq!(value(pointer), 0.0, "{pointer}");
+    }
+    assert_eq!(score["warnings"].as_array().map(Vec::len), Some(0), "{}", score["warnings"]);
+}
+
+#[test]
+fn the_truth_is_a_perfect_result_where_particles_leave_and_come_back() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), VORTEX);
+    let tracks = dataset.join("truth/tracks.csv");
+    let score = evaluated(&[path(&dataset), path(&tracks)]);
+    is_perfect(&score);
+    // It really happens: some particle is seen, not seen, and seen again.
+    let header = csv::Reader::from_path(&tracks).unwrap().headers().unwrap().clone();
+    let column = |name: &str| header.iter().position(|h| h == name).unwrap();
+    let (track, visible) = (column("track"), column("visible"));
+    let mut seen: std::collections::BTreeMap<String, String> = std::collections::BTreeMap::new();
+    for record in csv::Reader::from_path(&tracks).unwrap().records() {
+        let record = record.unwrap();
+        seen.entry(record[track].to_owned()).or_default().push_str(&record[visible]);
+    }
+    assert!(seen.values().any(|v| v.contains("10") && v[v.find("10").unwrap()..].contains("01")), "{seen:?}");
+    assert!(score["counts"]["ignored_truth"].as_u64() > Some(0));
+    assert_eq!(score["counts"]["ignored_truth"], score["counts"]["ignored_result"]);
+}
+
+#[test]
+fn the_truth_of_pairs_is_a_perfect_result() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), PAIRS);
+    is_perfect(&evaluated(&[path(&dataset), path(&dataset.join("truth/tracks.csv"))]));
+}
+
+/// A sequence of particles on straight lines, and a result with noise, misses, ghosts and broken tracks.
+fn scene() -> (Truth, Points) {
+    let (mut rows, mut found) = (Vec::new(), Vec::new());
+    let mut state = 1u64;
+    let mut random = move || {
+        // Knuth's linear congruences: any noise will do.
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    for track in 0..40i64 {
+        let (x0, y0, z) = (10.0 + 180.0 * random(), 10.0 + 130.0 * random(), -20.0 + 40.0 * random());
+        let (u, v) = (4.0 * random() - 2.0, 4.0 * random() - 2.0);
+        for frame in 0..12u32 {
+            let t = f64::from(frame);
+            let at = Position { x_px: x0 + u * t, y_px: y0 + v * t, z_um: z };
+            rows.push(Row { frame, track, at });
+            if random() < 0.9 {
+                let mut noise = || 0.6 * (random() - 0.5);
+                let at =
+                    Position { x_px: at.x_px + noise(), y_px: at.y_px + noise(), z_um: at.z_um + noise() };
+                found.push(Row { frame, track: if frame > 7 { track + 100 } else { track }, at });
+            }
+            if random() < 0.1 {
+                let at = Position { x_px: 200.0 * random(), y_px: 150.0 * random(), z_um: 0.0 };
+                found.push(Row { frame, track: -1, at });
+            }
+        }
+    }
+    let facts = Facts { depth_um: Some((-20.0, 20.0)), ..Facts::default() };
+    let visible = vec![true; rows.len()];
+    (Truth { facts, rows, has_z: true, visible, ..Truth::default() }, Points { rows: found, has_z: true, ..Points::default() })
+}
+
+fn scores(truth: &Truth, points: &Points) -> Score {
+    particles(truth, points, &Options::default()).unwrap().score
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(20))]
+    #[test]
+    fn order_of_rows_and_names_of_tracks_change_nothing(seed in any::<u64>(), step in 1i64..50) {
+        let (truth, points) = scene();
+        let expected = serde_json::to_string(&scores(&truth, &points)).unwrap();
+        let key = |i: usize| (i as u64 + 1).wrapping_mul(seed | 1).rotate_left(23);
+        let shuffled = |rows: &[Row]| {
+            let mut order: Vec<usize> = (0..rows.len()).collect();
+            order.sort_by_key(|&i| key(i));
+            order.iter().map(|&i| {
+                let r = rows[i];
+                Row { track: if r.track < 0 { -1 } else { (200 - r.track) * step + 7 }, ..r }
+            }).collect::<Vec<Row>>()
+        };
+        let truth = Truth { rows: shuffled(&truth.rows), ..truth };
+        let points = Points { rows: shuffled(&points.rows), ..points };
+        prop_assert_eq!(serde_json::to_string(&scores(&truth, &points)).unwrap(), expected);
+    }
+}
+
+#[test]
+fn mistakes_of_conventions_are_noticed() {
+    let (truth, points) = scene();
+    let warned = |change: &dyn Fn(&mut Row), expected: &str| {
+        let mut changed = points.clone();
+        changed.rows.iter_mut().for_each(change);
+        let warnings = scores(&truth, &changed).warnings;
+        assert!(warnings.iter().any(|w| w.contains(expected)), "{expected}: {warnings:?}");
+    };
+    assert_eq!(scores(&truth, &points).warnings, Vec::<String>::new());
+    for shift in [-1.0, -0.5, 0.5, 1.0] {
+        warned(
+            &|r| {
+                r.at.x_px += shift;
+                r.at.y_px += shift;
+            },
+            "origin mismatch?",
+        );
+    }
+    warned(&|r| r.frame += 1, "frames off by one?");
+    warned(&|r| std::mem::swap(&mut r.at.x_px, &mut r.at.y_px), "axes swapped?");
+    warned(&|r| r.track = -1, "no point is linked");
+
+    let mut shifted = points.clone();
+    shifted.rows.iter_mut().for_each(|r| {
+        r.at.x_px += 4.0;
+        r.at.y_px -= 3.0;
+    });
+    let options = Options { auto_offset: true, ..Options::default() };
+    let offset = particles(&truth, &shifted, &options).unwrap().score.offset.unwrap();
+    // 400 errors of 0.17 px standard deviation: 0.01 px; chance neighbours add a little.
+    assert!((offset.x_px - 4.0).abs() < 0.05 && (offset.y_px + 3.0).abs() < 0.05, "{offset:?}");
+    assert!(offset.f1_without > 0.8);
+}
+
+#[test]
+fn degenerate_results_have_null_scores() {
+    let (truth, _) = scene();
+    let nothing = scores(&truth, &Points { has_z: true, ..Points::default() });
+    let d = nothing.detection.unwrap();
+    assert_eq!((d.missed, d.precision, d.recall, d.f1, d.rmse_xy_px), (480, None, Some(0.0), Some(0.0), None));
+    let isbi = nothing.isbi.unwrap();
+    assert_eq!((isbi.alpha, isbi.beta, isbi.rmse), (Some(0.0), Some(0.0), None));
+
+    let none = Truth { has_z: true, ..Truth::default() };
+    let both = scores(&none, &Points::default());
+    let d = both.detection.unwrap();
+    assert_eq!((d.precision, d.recall, d.f1, d.jaccard), (None, None, None, None));
+    assert_eq!((both.hota.unwrap().hota, both.isbi.unwrap().alpha, both.clear.unwrap().mota), (None, None, None));
+    let ghosts = scores(&none, &scene().1);
+    let isbi = ghosts.isbi.unwrap();
+    assert_eq!((ghosts.detection.unwrap().precision, isbi.alpha, isbi.beta), (Some(0.0), None, Some(0.0)));
+}
+
+#[test]
+fn an_evaluation_leaves_files_that_can_be_compared() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), VORTEX);
+    let tracks = dataset.join("truth/tracks.csv");
+    let worse = place.path().join("worse.csv");
+    let mut text = "frame,track,x_px,y_px,z_um\n".to_owned();
+    for record in csv::Reader::from_path(&tracks).unwrap().deserialize().enumerate() {
+        let (i, row): (usize, std::collections::BTreeMap<String, String>) = (record.0, record.1.unwrap());
+        let get = |name: &str| row[name].parse::<f64>().unwrap();
+        if i % 5 > 0 {
+            text += &format!("{},{},{},{},{}\n", get("frame"), get("track"), get("x_px") + 0.1, get("y_px"), get("z_um"));
+        }
+    }
+    std::fs::write(&worse, text).unwrap();
+    let (a, b) = (place.path().join("perfect"), place.path().join("fair"));
+    let table = run(&["evaluate", path(&dataset), path(&tracks), "--out", path(&a), "--report"]);
+    assert!(table.lines().filter(|l| !l.contains("wrote") && !l.contains("read as")).all(|l| l.chars().count() <= 110), "{table}");
+    assert!(fail(2, &["evaluate", path(&dataset), path(&tracks), "--out", path(&a)]).contains("exists already"));
+    run(&["evaluate", path(&dataset), path(&worse), "--out", path(&b), "--report"]);
+    for name in ["score.json", "per_frame.csv", "matches.csv", "curves.csv", "report.html"] {
+        assert!(b.join(name).is_file(), "{name}");
+    }
+    let html = std::fs::read_to_string(b.join("report.html")).unwrap();
+    assert!(html.contains("<svg") && !html.contains("<script") && !html.contains("src="));
+    // The one address in it is the name of SVG's language.
+    assert_eq!(html.matches("http").count(), html.matches("http://www.w3.org/2000/svg").count());
+
+    let score: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(b.join("score.json")).unwrap()).unwrap();
+    let matches = csv::Reader::from_path(b.join("matches.csv")).unwrap().into_records().count() as u64;
+    let count = |key: &str| score["detection"][key].as_u64().unwrap();
+    assert_eq!(matches, count("tp") + count("fn") + count("fp"));
+    assert_eq!(score["definitions"]["assignment"], "lap-maxcard-d2");
+    assert_eq!(score["definitions"]["gate"]["z_um"], 6.0);
+
+    let board = place.path().join("board");
+    let said = run(&["compare", path(&b), path(&a), "--out", path(&board), "--json"]);
+    let compared: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let rank = |i: usize| (compared["entries"][i]["name"].clone(), compared["entries"][i]["rank"].clone());
+    assert_eq!((rank(0), rank(1)), (("perfect".into(), 1.into()), ("fair".into(), 2.into())));
+    for name in ["leaderboard.csv", "curves.csv", "leaderboard.html"] {
+        assert!(board.join(name).is_file(), "{name}");
+    }
+}
