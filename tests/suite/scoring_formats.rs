@@ -77,7 +77,8 @@ fn every_format_of_fields_holds_the_canonical_one() {
         }
     }
     let truth = folder().join("field_canonical.csv");
-    let score = evaluate(&truth, &folder().join("openpiv.txt"), &Options::default()).unwrap().score.field.unwrap();
+    let score =
+        evaluate(&truth, &folder().join("openpiv.txt"), &Options::default()).unwrap().score.field.unwrap();
     assert_eq!((score.n_total, score.n_reported, score.n_outside), (20, 19, 0));
     // OpenPIV writes five digits.
     assert!(score.main.aee_px.unwrap() < 1e-4);
@@ -139,7 +140,11 @@ fn hostile_files_are_refused_within_a_gigabyte() {
         ("semicolon.csv", b"frame;track;x_px;y_px\n0;3;1,5;2,5\n".to_vec(), "semicolons"),
         ("empty.csv", Vec::new(), "empty"),
         ("names.csv", b"frame,track,x,y\n0,3,1,5\n".to_vec(), "have no units"),
-        ("long.csv", [b"frame,track,x_px,y_px\n".to_vec(), vec![b'1'; 10 << 20]].concat(), "line 2: the line is longer"),
+        (
+            "long.csv",
+            [b"frame,track,x_px,y_px\n".to_vec(), vec![b'1'; 10 << 20]].concat(),
+            "line 2: the line is longer",
+        ),
         ("longer.csv", vec![b'1'; 10 << 20], "longer than"),
         ("claim.flo", flo(i32::MAX, i32::MAX, 0), "2147483647 x 2147483647 px"),
         ("short.flo", flo(100, 100, 79_999), "need 80012 bytes; the file has 80011"),
@@ -153,8 +158,12 @@ fn hostile_files_are_refused_within_a_gigabyte() {
         ),
         ("open.xml", format!("<Tracks><particle>{detections}").into_bytes(), "open.xml"),
         ("unclosed.xml", b"<Tracks><particle><detection t=\"1\"".to_vec(), "unclosed.xml"),
-        ("words.xml", b"<Tracks><particle><detection t=\"a\" x=\"1\" y=\"1\" z=\"0\"/></particle></Tracks>".to_vec(), "t = \"a\""),
-        ("binary.csv", vec![0xff; 4096], "fits no format"),
+        (
+            "words.xml",
+            b"<Tracks><particle><detection t=\"a\" x=\"1\" y=\"1\" z=\"0\"/></particle></Tracks>".to_vec(),
+            "t = \"a\"",
+        ),
+        ("binary.csv", vec![0xff; 4000], "fits no format"),
     ];
     for (name, bytes, expected) in cases {
         let file = place.path().join(name);
@@ -166,11 +175,21 @@ fn hostile_files_are_refused_within_a_gigabyte() {
         assert!(message.len() < 4000, "{name}: {} bytes of message", message.len());
     }
     // A claim of a billion rows costs nothing.
-    let claim = format!("<Tracks nTracks=\"1000000000\"><particle nSpots=\"1000000000\">{detections}</particle></Tracks>");
+    let claim = format!(
+        "<Tracks nTracks=\"1000000000\"><particle nSpots=\"1000000000\">{detections}</particle></Tracks>"
+    );
     let file = place.path().join("claim.xml");
     std::fs::write(&file, claim).unwrap();
-    let (code, message) =
-        confined(&["evaluate", path(&truth), path(&file), "--um-per-px", "0.645", "--threads", "1", "--quiet"]);
+    let (code, message) = confined(&[
+        "evaluate",
+        path(&truth),
+        path(&file),
+        "--um-per-px",
+        "0.645",
+        "--threads",
+        "1",
+        "--quiet",
+    ]);
     assert_eq!(code, Some(0), "{message}");
 }
 

@@ -41,7 +41,9 @@ fn evaluated(arguments: &[&str]) -> serde_json::Value {
 }
 
 fn is_perfect(score: &serde_json::Value) {
-    let one = |pointer: &str| assert_eq!(score.pointer(pointer).and_then(serde_json::Value::as_f64), Some(1.0), "{pointer}");
+    let one = |pointer: &str| {
+        assert_eq!(score.pointer(pointer).and_then(serde_json::Value::as_f64), Some(1.0), "{pointer}")
+    };
     for pointer in [
         "/detection/precision",
         "/detection/recall",
@@ -146,7 +148,10 @@ fn scene() -> (Truth, Points) {
     }
     let facts = Facts { depth_um: Some((-20.0, 20.0)), ..Facts::default() };
     let visible = vec![true; rows.len()];
-    (Truth { facts, rows, has_z: true, visible, ..Truth::default() }, Points { rows: found, has_z: true, ..Points::default() })
+    (
+        Truth { facts, rows, has_z: true, visible, ..Truth::default() },
+        Points { rows: found, has_z: true, ..Points::default() },
+    )
 }
 
 fn scores(truth: &Truth, points: &Points) -> Score {
@@ -214,7 +219,10 @@ fn degenerate_results_have_null_scores() {
     let (truth, _) = scene();
     let nothing = scores(&truth, &Points { has_z: true, ..Points::default() });
     let d = nothing.detection.unwrap();
-    assert_eq!((d.missed, d.precision, d.recall, d.f1, d.rmse_xy_px), (480, None, Some(0.0), Some(0.0), None));
+    assert_eq!(
+        (d.missed, d.precision, d.recall, d.f1, d.rmse_xy_px),
+        (480, None, Some(0.0), Some(0.0), None)
+    );
     let isbi = nothing.isbi.unwrap();
     assert_eq!((isbi.alpha, isbi.beta, isbi.rmse), (Some(0.0), Some(0.0), None));
 
@@ -222,7 +230,10 @@ fn degenerate_results_have_null_scores() {
     let both = scores(&none, &Points::default());
     let d = both.detection.unwrap();
     assert_eq!((d.precision, d.recall, d.f1, d.jaccard), (None, None, None, None));
-    assert_eq!((both.hota.unwrap().hota, both.isbi.unwrap().alpha, both.clear.unwrap().mota), (None, None, None));
+    assert_eq!(
+        (both.hota.unwrap().hota, both.isbi.unwrap().alpha, both.clear.unwrap().mota),
+        (None, None, None)
+    );
     let ghosts = scores(&none, &scene().1);
     let isbi = ghosts.isbi.unwrap();
     assert_eq!((ghosts.detection.unwrap().precision, isbi.alpha, isbi.beta), (Some(0.0), None, Some(0.0)));
@@ -239,14 +250,29 @@ fn an_evaluation_leaves_files_that_can_be_compared() {
         let (i, row): (usize, std::collections::BTreeMap<String, String>) = (record.0, record.1.unwrap());
         let get = |name: &str| row[name].parse::<f64>().unwrap();
         if i % 5 > 0 {
-            text += &format!("{},{},{},{},{}\n", get("frame"), get("track"), get("x_px") + 0.1, get("y_px"), get("z_um"));
+            text += &format!(
+                "{},{},{},{},{}\n",
+                get("frame"),
+                get("track"),
+                get("x_px") + 0.1,
+                get("y_px"),
+                get("z_um")
+            );
         }
     }
     std::fs::write(&worse, text).unwrap();
     let (a, b) = (place.path().join("perfect"), place.path().join("fair"));
     let table = run(&["evaluate", path(&dataset), path(&tracks), "--out", path(&a), "--report"]);
-    assert!(table.lines().filter(|l| !l.contains("wrote") && !l.contains("read as")).all(|l| l.chars().count() <= 110), "{table}");
-    assert!(fail(2, &["evaluate", path(&dataset), path(&tracks), "--out", path(&a)]).contains("exists already"));
+    assert!(
+        table
+            .lines()
+            .filter(|l| !l.contains("wrote") && !l.contains("read as"))
+            .all(|l| l.chars().count() <= 110),
+        "{table}"
+    );
+    assert!(
+        fail(2, &["evaluate", path(&dataset), path(&tracks), "--out", path(&a)]).contains("exists already")
+    );
     run(&["evaluate", path(&dataset), path(&worse), "--out", path(&b), "--report"]);
     for name in ["score.json", "per_frame.csv", "matches.csv", "curves.csv", "report.html"] {
         assert!(b.join(name).is_file(), "{name}");

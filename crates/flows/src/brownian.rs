@@ -8,8 +8,8 @@
 //! A sphere settles at drho g d^2 / (18 mu) (Stokes).
 
 use crate::error::{Check, Result};
-use crate::random::normal;
 use glam::DVec3;
+use microsig_core::random::normal;
 use microsig_core::stream::Stream;
 use std::f64::consts::PI;
 

@@ -1,7 +1,7 @@
 //! Diameters of tracer particles.
 
 use crate::error::{Check, Result};
-use crate::random::normal;
+use microsig_core::random::normal;
 use microsig_core::stream::Stream;
 use std::f64::consts::{PI, SQRT_2};
 

@@ -1,7 +1,7 @@
 //! Brightness of tracers: a factor on the light that MicroSIG gives a particle of its size.
 
 use crate::error::{Check, Result};
-use crate::random::normal;
+use microsig_core::random::normal;
 use microsig_core::stream::Stream;
 
 const CHECK: Check = Check("intensities");

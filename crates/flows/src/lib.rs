@@ -63,7 +63,6 @@ pub mod integrate;
 pub mod intensities;
 pub mod orientation;
 pub mod params;
-mod random;
 pub mod region;
 pub mod registry;
 pub mod scale;

@@ -10,8 +10,8 @@ use crate::error::{Check, Error, Result};
 use crate::field::VelocityField;
 use crate::fields::exponential;
 use crate::integrate::advance;
-use crate::random::normal;
 use glam::{DMat3, DVec3};
+use microsig_core::random::normal;
 use microsig_core::stream::Stream;
 use std::f64::consts::PI;
 

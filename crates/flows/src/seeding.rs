@@ -8,9 +8,9 @@
 use crate::diameters::Diameters;
 use crate::domain::Domain;
 use crate::error::{Check, Error, Result};
-use crate::random::{MAX_POISSON_MEAN, poisson};
 use crate::region::Region;
 use glam::DVec3;
+use microsig_core::random::{MAX_POISSON_MEAN, poisson};
 use microsig_core::stream::Stream;
 use std::collections::HashMap;
 

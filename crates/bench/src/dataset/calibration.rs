@@ -7,7 +7,6 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
-use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::{data_file, settings_file};
 use microsig_core::sensor::Detector;
 use microsig_core::{Particle, Settings};
@@ -79,8 +78,7 @@ pub fn write(folder: &Path, scenario: &Scenario, camera: &Camera) -> Result<()> 
     let settings = settings(scenario, camera);
     let detector =
         scenario.detector.as_ref().map(|detector| cropped(detector, &scenario.settings, &settings));
-    let camera =
-        Camera::new(&settings, detector.as_ref(), SpheroidLaw::Original, scenario.spec.seed)?.calibrating();
+    let camera = Camera::new(&settings, detector.as_ref(), scenario.law(), scenario.spec.seed)?.calibrating();
     for part in ["calibration/particles", "calibration/images"] {
         let path = folder.join(part);
         std::fs::create_dir_all(&path).map_err(Error::write(&path))?;

@@ -4,10 +4,9 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
-use flows::scale::Scale;
 use flows::sequence::{Frame, Tracer};
-use microsig_core::Particle;
 use microsig_core::render::RayRenderer;
+use microsig_core::{Particle, Spheroid};
 
 use super::Stem;
 use super::table::{Column, Table, TableWriter, column};
@@ -89,10 +88,19 @@ const FRAME: Column = column("frame", "integer", "", "number of the frame, from 
 const T_S: Column = column("t_s", "number", "s", "time");
 const TRACK: Column = column("track", "integer", "", "number of the particle; never reused");
 
-/// A tracer as the optics see it.
-pub fn particle(tracer: &Tracer, scale: &Scale) -> Particle {
-    let at = scale.to_image(tracer.position);
-    Particle::sphere(at.x_px, at.y_px, at.z_um, tracer.d_um)
+/// A tracer as the optics see it. Where there are spheroids, one of aspect ratio 1 is a spheroid too: the laws of emission
+/// differ.
+fn particle(tracer: &Tracer, scenario: &Scenario) -> Particle {
+    let at = scenario.scale.to_image(tracer.position);
+    Particle {
+        spheroid: scenario
+            .cloud
+            .spheroids
+            .is_some()
+            .then(|| Spheroid::from_axis(tracer.aspect, tracer.axis.to_array())),
+        c_int: tracer.c_int,
+        ..Particle::sphere(at.x_px, at.y_px, at.z_um, tracer.d_um)
+    }
 }
 
 /// Counts of a dataset's frames that the manifest tells.
@@ -142,9 +150,10 @@ impl<'a> TruthWriter<'a> {
         let mut rendered = Vec::new();
         let mut n_visible = 0;
         for tracer in &frame.tracers {
-            let particle = particle(tracer, &scenario.scale);
+            let particle = particle(tracer, scenario);
             let velocity = scenario.field.velocity(tracer.position, frame.t_s);
             let visible = self.visible(&particle);
+            let shape = particle.spheroid.unwrap_or(Spheroid { e_p: 1.0, alpha_rad: 0.0, beta_rad: 0.0 });
             let shines = self.renderer.reaches_sensor(&particle);
             n_visible += u64::from(visible);
             self.tracks.row(&[
@@ -157,9 +166,9 @@ impl<'a> TruthWriter<'a> {
                 &tracer.position.x,
                 &tracer.position.y,
                 &particle.d_um,
-                &1,
-                &0,
-                &0,
+                &shape.e_p,
+                &shape.alpha_rad,
+                &shape.beta_rad,
                 &particle.c_int,
                 &velocity.x,
                 &velocity.y,
@@ -195,11 +204,12 @@ impl<'a> TruthWriter<'a> {
         let scale = &self.scenario.scale;
         let pair = Stem::of(&self.scenario.recordings, a.index).pair.map_or(a.index, |(pair, _)| pair);
         for (from, to) in a.links(b) {
-            let (start, end) = (particle(from, scale), particle(to, scale));
-            let moved = to.position - from.position;
-            let d = scale.displacement_to_image(moved);
+            let (start, end) = (particle(from, self.scenario), particle(to, self.scenario));
+            // The tracer's own account of its way: through a periodic face it goes on where positions jump.
+            let moved = to.step.map_or(to.position - from.position, |step| step.actual);
+            let drift = to.step.map_or(moved, |step| step.drift);
+            let (d, d_drift) = (scale.displacement_to_image(moved), scale.displacement_to_image(drift));
             let (visible_a, visible_b) = (self.visible(&start), self.visible(&end));
-            // Without random motion the displacement is all drift.
             self.displacements.row(&[
                 &pair,
                 &a.index,
@@ -211,9 +221,9 @@ impl<'a> TruthWriter<'a> {
                 &d.dx_px,
                 &d.dy_px,
                 &moved.z,
-                &d.dx_px,
-                &d.dy_px,
-                &moved.z,
+                &d_drift.dx_px,
+                &d_drift.dy_px,
+                &drift.z,
                 &u8::from(visible_a),
                 &u8::from(visible_b),
             ])?;

@@ -47,6 +47,12 @@ pub fn heaviest(rows: usize, columns: usize, pairs: &[Pair]) -> Vec<Pair> {
             continue;
         }
         let local = Local::new(&component, false);
+        // With equal weights only the number of pairs matters, and searches by weight would wander among ties.
+        if component.iter().all(|p| p.value == component[0].value) {
+            let (of_row, _) = maximum_matching(&local, &component);
+            chosen.extend(local.pairs(&of_row).map(|e| component[e]));
+            continue;
+        }
         // A column of its own, at no cost, lets every row stay without a partner.
         let mut graph = Graph::default();
         for row in 0..local.rows() {
@@ -57,10 +63,7 @@ pub fn heaviest(rows: usize, columns: usize, pairs: &[Pair]) -> Vec<Pair> {
             graph.end_row();
         }
         let of_row = cheapest_cover(&graph, local.n_columns + local.rows());
-        for row in 0..local.rows() {
-            chosen
-                .extend(local.range(row).find(|&e| local.columns_of[e] == of_row[row]).map(|e| component[e]));
-        }
+        chosen.extend(local.pairs(&of_row).map(|e| component[e]));
     }
     chosen.sort_unstable_by_key(|p| p.row);
     chosen
@@ -133,6 +136,14 @@ impl Local {
 
     fn range(&self, row: usize) -> std::ops::Range<usize> {
         self.starts[row] as usize..self.starts[row + 1] as usize
+    }
+
+    /// The edges (of a component by rows) that join rows to these columns; rows without one of theirs are left out.
+    fn pairs<'a>(&'a self, of_row: &'a [u32]) -> impl Iterator<Item = usize> + 'a {
+        of_row
+            .iter()
+            .enumerate()
+            .filter_map(|(row, column)| self.range(row).find(|&e| self.columns_of[e] == *column))
     }
 }
 
@@ -222,11 +233,11 @@ fn reached(local: &Local, row_mate: &[u32], column_mate: &[u32]) -> (Vec<bool>, 
 /// column first, so that little is left to do.
 fn maximum_matching(local: &Local, component: &[Pair]) -> (Vec<u32>, Vec<u32>) {
     let (mut row_mate, mut column_mate) = (vec![NONE; local.rows()], vec![NONE; local.n_columns]);
-    for row in 0..local.rows() {
+    for (row, mate) in row_mate.iter_mut().enumerate() {
         let free = local.range(row).filter(|&e| column_mate[local.columns_of[e] as usize] == NONE);
         let value = |e: usize| component[local.edges[e] as usize].value;
         if let Some(e) = free.min_by(|&a, &b| value(a).total_cmp(&value(b))) {
-            row_mate[row] = local.columns_of[e];
+            *mate = local.columns_of[e];
             column_mate[local.columns_of[e] as usize] = row as u32;
         }
     }
@@ -300,6 +311,57 @@ impl PartialOrd for Distance {
     }
 }
 
+/// Jonker and Volgenant's augmenting row reduction: a row takes its cheapest column, bidding the difference to its second
+/// cheapest, from whoever had it. It leaves few rows to the searches for shortest paths.
+fn reduce_rows(graph: &Graph, potential: &mut [f64], of_column: &mut [u32], of_row: &mut [u32]) {
+    let rows = graph.ends.len();
+    let mut free: Vec<u32> = (0..rows as u32).rev().collect();
+    for _ in 0..3 {
+        let mut waiting = Vec::new();
+        // Rows can outbid each other by ever less; searches finish what is left.
+        let mut steps = 20 * free.len();
+        while let Some(row) = free.pop() {
+            if steps == 0 {
+                waiting.push(row);
+                continue;
+            }
+            steps -= 1;
+            let (mut first, mut second) = ((f64::INFINITY, usize::MAX), (f64::INFINITY, usize::MAX));
+            for e in graph.range(row as usize) {
+                let cost = graph.costs[e] - potential[graph.columns[e] as usize];
+                if cost < first.0 {
+                    (second, first) = (first, (cost, e));
+                } else if cost < second.0 {
+                    second = (cost, e);
+                }
+            }
+            let mut edge = first.1;
+            let owner = of_column[graph.columns[edge] as usize];
+            let better = first.0 < second.0;
+            if second.1 == usize::MAX {
+                // Without an alternative there is no bid to make.
+                if owner != NONE {
+                    waiting.push(row);
+                    continue;
+                }
+            } else if better {
+                potential[graph.columns[edge] as usize] -= second.0 - first.0;
+            } else if owner != NONE {
+                edge = second.1;
+            }
+            let column = graph.columns[edge] as usize;
+            let owner = std::mem::replace(&mut of_column[column], row);
+            of_row[row as usize] = edge as u32;
+            if owner != NONE {
+                of_row[owner as usize] = NONE;
+                if better { free.push(owner) } else { waiting.push(owner) }
+            }
+        }
+        waiting.reverse();
+        free = waiting;
+    }
+}
+
 /// The column of every row in the cheapest matching that covers all rows; there must be one.
 fn cheapest_cover(graph: &Graph, columns: usize) -> Vec<u32> {
     let rows = graph.ends.len();
@@ -307,13 +369,7 @@ fn cheapest_cover(graph: &Graph, columns: usize) -> Vec<u32> {
     let mut of_column = vec![NONE; columns];
     // The edge of each row that is matched.
     let mut of_row = vec![NONE; rows];
-    for row in 0..rows {
-        let best = graph.range(row).min_by(|&a, &b| graph.costs[a].total_cmp(&graph.costs[b]));
-        if let Some(e) = best.filter(|&e| of_column[graph.columns[e] as usize] == NONE) {
-            of_row[row] = e as u32;
-            of_column[graph.columns[e] as usize] = row as u32;
-        }
-    }
+    reduce_rows(graph, &mut potential, &mut of_column, &mut of_row);
     let mut distance = vec![f64::INFINITY; columns];
     let mut came_by = vec![(NONE, NONE); columns];
     let mut done = vec![false; columns];

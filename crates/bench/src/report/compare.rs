@@ -9,7 +9,7 @@ use maud::html;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::html::{document, figure};
+use super::html::{document, figure_of};
 use super::plots::{Line, Words, lines};
 use super::table::number;
 use super::{SCORE, rows, save};
@@ -104,6 +104,12 @@ pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Compared> {
     }
     if !problems.is_empty() {
         return Err(Error::Input(problems));
+    }
+    for i in 1..scores.len() {
+        // Folders of the same name in different places are different trackers.
+        if scores[..i].iter().any(|s| s.0.name == scores[i].0.name) {
+            scores[i].0.name = format!("{} ({})", scores[i].0.name, paths[i].display());
+        }
     }
     scores.sort_by(|a, b| b.0.key().total_cmp(&a.0.key()).then_with(|| a.0.name.cmp(&b.0.name)));
     rank(&mut scores);
@@ -251,7 +257,8 @@ fn page(scores: &[(Entry, Value)], warnings: &[String]) -> Result<String> {
     against.sort_unstable();
     against.dedup();
     let mut plots = Vec::new();
-    let values: [(&str, fn(&CurveRow) -> Option<f64>); 3] =
+    type Value = fn(&CurveRow) -> Option<f64>;
+    let values: [(&str, Value); 3] =
         [("recall", |r| r.recall), ("RMS error x, px", |r| r.rms_x_px), ("RMS error z, um", |r| r.rms_z_um)];
     for x in against {
         for (y, value) in values {
@@ -268,7 +275,8 @@ fn page(scores: &[(Entry, Value)], warnings: &[String]) -> Result<String> {
                 .collect();
             if series.iter().any(|l| l.points.iter().any(|p| p.1.is_finite())) {
                 let svg = lines(&Words { x, y, title: y }, &series)?;
-                plots.push(figure(svg, &format!("{y} against {x}.")));
+                let names: Vec<&str> = series.iter().map(|l| l.name.as_str()).collect();
+                plots.push(figure_of(svg, &names, &format!("{y} against {x}.")));
             }
         }
     }
@@ -291,4 +299,22 @@ fn page(scores: &[(Entry, Value)], warnings: &[String]) -> Result<String> {
         @if !plots.is_empty() { h2 { "Curves" } div.plots { @for plot in &plots { (plot) } } }
     };
     Ok(document("Leaderboard", &body))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scores_that_intervals_do_not_tell_apart_share_a_rank() {
+        let entry = |f1: f64, half: f64| {
+            let score = serde_json::json!({ "detection": { "f1": f1, "interval": { "f1": [f1 - half, f1 + half] } } });
+            (Entry::of(f1.to_string(), &score), score)
+        };
+        let mut scores = vec![entry(0.9, 0.02), entry(0.87, 0.02), entry(0.85, 0.02), entry(0.84, 0.02)];
+        rank(&mut scores);
+        // The third does not reach the first, so it begins a rank of its own, which the fourth shares.
+        let ranks: Vec<usize> = scores.iter().map(|s| s.0.rank).collect();
+        assert_eq!(ranks, [1, 1, 3, 3]);
+    }
 }

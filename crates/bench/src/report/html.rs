@@ -29,6 +29,7 @@ p, li { max-width: 60rem; } .soft { color: var(--soft); }
 .key b { display: block; font-size: 1.35rem; font-variant-numeric: tabular-nums; }
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 28rem), 1fr)); gap: 1.2rem; }
 figure { margin: 0; break-inside: avoid; } figcaption { font-size: .9rem; color: var(--soft); }
+.name { margin-right: 1rem; white-space: nowrap; }
 svg { width: 100%; height: auto; color: var(--ink); }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; } .scroll { overflow-x: auto; }
 th, td { padding: .25rem .8rem; text-align: right; border-bottom: 1px solid var(--grid); }
@@ -56,7 +57,27 @@ pub(super) fn document(title: &str, body: &Markup) -> String {
 
 /// A plot with its caption.
 pub(super) fn figure(svg: String, caption: &str) -> Markup {
-    html! { figure { (PreEscaped(svg)) figcaption { (caption) } } }
+    figure_of(svg, &[], caption)
+}
+
+/// A plot of several series, with their names in their colours above the caption.
+pub(super) fn figure_of(svg: String, names: &[&str], caption: &str) -> Markup {
+    html! {
+        figure {
+            (PreEscaped(svg))
+            figcaption {
+                @for (i, name) in names.iter().enumerate() {
+                    span.name style=(format!("color: var(--c{})", i % 6)) { "\u{25cf} " (name) }
+                }
+                @if !names.is_empty() { br; }
+                (caption)
+            }
+        }
+    }
+}
+
+fn names(series: &[Line]) -> Vec<&str> {
+    series.iter().map(|l| l.name.as_str()).collect()
 }
 
 /// The report of an evaluation.
@@ -167,10 +188,8 @@ fn particle_plots(score: &Score, of: &Particles) -> Result<Vec<Markup>> {
             line("bias x", curve, |b| b.bias_x_px),
             line("bias y", curve, |b| b.bias_y_px),
         ];
-        plots.push(figure(
-            lines(&words, &series)?,
-            &format!("RMS error and bias in the image plane, against {x}."),
-        ));
+        let caption = format!("RMS error and bias in the image plane, against {x}.");
+        plots.push(figure_of(lines(&words, &series)?, &names(&series), &caption));
         if of.depth {
             let words = Words { x, y: "error, um", title: "Error in depth" };
             let mut series =
@@ -179,15 +198,15 @@ fn particle_plots(score: &Score, of: &Particles) -> Result<Vec<Markup>> {
                 let points = bound.bins.iter().map(|b| (b.z_um, b.crlb_z_um.unwrap_or(f64::NAN))).collect();
                 series.push(Line { name: "Cramer-Rao bound".to_owned(), points });
             }
-            plots
-                .push(figure(lines(&words, &series)?, &format!("RMS error and bias in depth, against {x}.")));
+            let caption = format!("RMS error and bias in depth, against {x}.");
+            plots.push(figure_of(lines(&words, &series)?, &names(&series), &caption));
         }
     }
     plots.extend(histograms(of)?);
     if let Some(lpt) = &score.lpt {
         let words = Words { x: "points of a track", y: "tracks", title: "Lengths of tracks" };
-        let svg = classes(&words, &LENGTHS, [("truth", &lpt.true_lengths), ("result", &lpt.lengths)])?;
-        plots.push(figure(svg, "Lengths of true and of found tracks."));
+        let svg = classes(&words, &LENGTHS, [&lpt.true_lengths, &lpt.lengths])?;
+        plots.push(figure_of(svg, &["truth", "result"], "Lengths of true and of found tracks."));
     }
     plots.extend(sensor_plots(of)?);
     Ok(plots)
@@ -283,13 +302,13 @@ fn sensor_plots(of: &Particles) -> Result<Vec<Markup>> {
         let ghosts =
             of_frame(r).filter(|&j| of.matching.of_result[j] == NONE).map(|j| place(&r.points[j])).collect();
         let [hits, misses, extra] = frame.counts;
-        let caption = format!(
-            "{why} ({}): {hits} found (rings), {misses} missed (dots), {extra} ghosts (crosses).",
-            frame.frame
-        );
+        let caption = format!("{why} ({}).", frame.frame);
+        let names =
+            [hits, misses, extra].into_iter().zip(["found (rings)", "missed (dots)", "ghosts (crosses)"]);
+        let names: Vec<String> = names.map(|(n, what)| format!("{n} {what}")).collect();
         let words = Words { x: "x, px", y: "y, px", title: why };
         let svg = sensor(&words, (width, height), &Marks::Places { found, missed, ghosts })?;
-        plots.push(figure(svg, &caption));
+        plots.push(figure_of(svg, &names.iter().map(String::as_str).collect::<Vec<_>>(), &caption));
     }
     Ok(plots)
 }

@@ -117,17 +117,7 @@ pub(super) fn lines(words: &Words<'_>, series: &[Line]) -> Result<String> {
                     .map_err(failed)?;
             }
             let dots = line.points.iter().filter(|p| whole(p)).map(|p| Circle::new(*p, 3, colour.filled()));
-            let drawn = chart.draw_series(dots).map_err(failed)?;
-            drawn.label(&line.name).legend(move |(x, y)| Circle::new((x + 8, y), 4, colour.filled()));
-        }
-        if series.len() > 1 {
-            chart
-                .configure_series_labels()
-                .label_font(("sans-serif", 13, &INK))
-                .border_style(TRANSPARENT)
-                .position(SeriesLabelPosition::UpperRight)
-                .draw()
-                .map_err(failed)?;
+            chart.draw_series(dots).map_err(failed)?;
         }
         Ok(())
     })
@@ -155,9 +145,9 @@ pub(super) fn bars(words: &Words<'_>, bars: &[(f64, f64, f64)]) -> Result<String
     })
 }
 
-/// Groups of bars with names below, two series side by side.
-pub(super) fn classes(words: &Words<'_>, names: &[&str], series: [(&str, &[usize]); 2]) -> Result<String> {
-    let most = series.iter().flat_map(|s| s.1).copied().max().unwrap_or(0).max(1) as f64;
+/// Groups of bars with names above, two series side by side.
+pub(super) fn classes(words: &Words<'_>, names: &[&str], series: [&[usize]; 2]) -> Result<String> {
+    let most = series.iter().copied().flatten().copied().max().unwrap_or(0).max(1) as f64;
     draw(words.title, SIZE, |area| {
         let mut chart = ChartBuilder::on(area)
             .margin(12)
@@ -178,15 +168,14 @@ pub(super) fn classes(words: &Words<'_>, names: &[&str], series: [(&str, &[usize
             .disable_x_mesh()
             .draw()
             .map_err(failed)?;
-        for (k, (name, counts)) in series.iter().enumerate() {
+        for (k, counts) in series.iter().enumerate() {
             let colour = SERIES[k];
             let left = 0.1 + 0.4 * k as f64;
             let bars = counts.iter().enumerate().map(|(i, &n)| {
                 let x = i as f64 + left;
                 Rectangle::new([(x, 0.0), (x + 0.38, n as f64)], colour.filled())
             });
-            let drawn = chart.draw_series(bars).map_err(failed)?;
-            drawn.label(*name).legend(move |(x, y)| Circle::new((x + 8, y), 4, colour.filled()));
+            chart.draw_series(bars).map_err(failed)?;
         }
         let font = ("sans-serif", 13, &INK).into_text_style(area);
         chart
@@ -195,13 +184,6 @@ pub(super) fn classes(words: &Words<'_>, names: &[&str], series: [(&str, &[usize
                     Text::new((*name).to_owned(), (i as f64 + 0.4, 1.03 * most), font.clone())
                 }),
             )
-            .map_err(failed)?;
-        chart
-            .configure_series_labels()
-            .label_font(("sans-serif", 13, &INK))
-            .border_style(TRANSPARENT)
-            .position(SeriesLabelPosition::MiddleRight)
-            .draw()
             .map_err(failed)?;
         Ok(())
     })

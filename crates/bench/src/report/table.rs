@@ -1,4 +1,4 @@
-//! The table on standard output: at most 100 columns, the gate beside the numbers, the signed bias always.
+//! The table on standard output: at most 110 columns but for sentences, the gate beside the numbers, the signed bias always.
 
 use std::fmt::Write;
 

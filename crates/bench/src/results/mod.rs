@@ -246,7 +246,7 @@ impl Converter {
         {
             // Infinite numbers are too large as well.
             if value.abs() > most {
-                return Err(format!("{name} = {value} {unit}: expected at most {most:e} {unit} in size"));
+                return Err(format!("{name} = {value:?} {unit}: expected at most {most:e} {unit} in size"));
             }
         }
         let y_px = self.flip_at.map_or(y_px, |height| height - y_px);
@@ -257,7 +257,7 @@ impl Converter {
     pub(crate) fn frame(&self, value: f64) -> std::result::Result<u32, String> {
         let frame = value - self.frame_base as f64;
         if value.fract() != 0.0 || !(0.0..=f64::from(u32::MAX - 1)).contains(&frame) {
-            return Err(format!("frame = {value}: expected a whole number from {} on", self.frame_base));
+            return Err(format!("frame = {value:?}: expected a whole number from {} on", self.frame_base));
         }
         Ok(frame as u32)
     }
@@ -333,6 +333,9 @@ pub fn detect(path: &Path) -> Result<Format> {
     }
     if head.starts_with(b"PIEH") {
         return Ok(Format::Flo);
+    }
+    if head.len() == 4096 && !head.contains(&b'\n') && !head.starts_with(b"<") {
+        return Err(Error::input(format!("{name}:1: the first line is longer than 4096 bytes")));
     }
     let text = String::from_utf8_lossy(&head);
     let text = text.trim_start_matches('\u{feff}');

@@ -26,8 +26,8 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
         let masked = cells.number_or_nan(mask)? == 1.0;
         let flag = match cells.number_or_nan(flag)? {
             _ if masked => 1,
-            f if f == 2.0 => 2,
-            f if f == 1.0 => 1,
+            2.0 => 2,
+            1.0 => 1,
             _ => 0,
         };
         field.vectors.push(vector(None, at, [dx, dy, f64::NAN], flag, [f64::NAN; 2])?);

@@ -54,8 +54,8 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
         };
         let [dx, dy] = converter.moved(cells.number(u)?, cells.number(v)?);
         let flag = match cells.number_or_nan(kind)? {
-            k if k == 0.0 => 1,
-            k if k == 2.0 => 2,
+            0.0 => 1,
+            2.0 => 2,
             _ => 0,
         };
         field.vectors.push(vector(None, at, [dx, dy, f64::NAN], flag, [f64::NAN; 2])?);

@@ -265,7 +265,7 @@ impl Cells<'_> {
         }
         // Beyond 2^53 neighbouring whole numbers are no longer told apart.
         if value.fract() != 0.0 || value.abs() > 9_007_199_254_740_992.0 {
-            return Err(format!("{} = {value}: expected a whole number", self.header[column]));
+            return Err(format!("{} = {value:?}: expected a whole number", self.header[column]));
         }
         Ok(if value < 0.0 { -1 } else { value as i64 })
     }

@@ -6,9 +6,8 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use flows::{Scene, Start};
+use flows::Start;
 use microsig_core::Particle;
-use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::{data_file, settings_file};
 use microsig_core::stream::Streams;
 use rayon::prelude::*;
@@ -89,7 +88,7 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     write_file("settings.txt", &settings)?;
 
     let detector = scenario.detector.as_ref();
-    let camera = Camera::new(&scenario.settings, detector, SpheroidLaw::Original, scenario.spec.seed)?;
+    let camera = Camera::new(&scenario.settings, detector, scenario.law(), scenario.spec.seed)?;
     let census = frames(folder, scenario, &camera, options)?;
     if scenario.spec.calibration == spec::Calibration::Stack {
         calibration::write(folder, scenario, &camera)?;
@@ -148,7 +147,7 @@ fn begin(scenario: &str, options: &Options) -> Result<Partial> {
 /// Advances all clouds and draws all frames.
 fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options) -> Result<Census> {
     let recordings = scenario.recordings;
-    let scene = Scene::new(scenario.field.as_ref(), &scenario.domain, &scenario.seeding)?;
+    let scene = scenario.scene()?;
     let streams = Streams::new(scenario.spec.seed);
     let mut truth = TruthWriter::new(folder, scenario, camera.renderer())?;
     let mut preview = Preview::new(recordings.frames(), matches!(recordings, Recordings::Pairs { .. }));
@@ -188,7 +187,7 @@ fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options
             let stem = Stem::of(&recordings, frame.index);
             let particles = truth.frame(&frame, before.as_ref())?;
             let path = folder.join(stem.particles());
-            let layout = data_file::Layout { spheroids: false, c_int: false };
+            let layout = scenario.layout();
             save(&path, |w| data_file::write(w, &particles, layout).map_err(Error::write(&path)))?;
             batch.push(Shot { index: frame.index, stem, particles });
             if batch.len() == BATCH {

@@ -3,6 +3,7 @@
 mod field;
 pub mod keys;
 mod parse;
+mod particles;
 mod resolve;
 mod set;
 pub mod spec;

@@ -6,26 +6,23 @@
 use std::path::{Path, PathBuf};
 
 use flows::scale::Scale;
-use flows::{Boundary, Diameters, Domain, Seeding, VelocityField};
+use flows::{Boundary, Domain, Scene, Seeding, VelocityField};
 use microsig_core::emission::SpheroidLaw;
+use microsig_core::formats::data_file::Layout;
 use microsig_core::formats::{settings_file, tiff};
 use microsig_core::render::RayRenderer;
 use microsig_core::sensor::Detector;
-use microsig_core::{Particle, Settings};
+use microsig_core::{Particle, Settings, Spheroid};
 
-use super::spec::{self, Diameter, Motion, Number, Preset, Spec, Timing};
+use super::particles::Cloud;
+use super::spec::{self, Motion, Preset, Spec, Timing};
 use crate::error::{Error, Result};
 
 /// Depth range of the default channel, um: 100 um deep, inside the range that Rossi 2020 scans.
 const DEFAULT_Z_UM: (f64, f64) = (-80.0, 20.0);
-/// Particles in view: a source density N_S of about 0.1 under setting 1 in the default channel.
-const DEFAULT_COUNT: u32 = 46;
-const DEFAULT_DIAMETER_UM: f64 = 2.0;
 
 /// Most frames of a dataset.
 const MAX_FRAMES: u32 = 10_000_000;
-/// Particles beyond this many in view are surely a slip.
-const MAX_COUNT: f64 = 1e6;
 
 /// A scenario that can be run.
 #[derive(Debug)]
@@ -50,8 +47,33 @@ pub struct Scenario {
     pub depth_range_um: (f64, f64),
     /// How the box is filled.
     pub seeding: Seeding,
+    /// What particles are besides places and sizes, and what moves them besides the flow.
+    pub cloud: Cloud,
     /// When frames are taken.
     pub recordings: Recordings,
+}
+
+impl Scenario {
+    /// What the recordings are taken of.
+    pub fn scene(&self) -> Result<Scene<'_>> {
+        let scene = Scene::new(self.field.as_ref(), &self.domain, &self.seeding)?;
+        let cloud = &self.cloud;
+        let scene = scene.with_bodies(&cloud.bodies).with_intensities(cloud.intensities);
+        let scene = cloud.spheroids.into_iter().fold(scene, Scene::with_spheroids);
+        let scene = cloud.brownian.into_iter().fold(scene, Scene::with_brownian);
+        let scene = cloud.settling.into_iter().fold(scene, Scene::with_settling);
+        Ok(if self.spec.boundaries.keep_ids { scene.keeping_ids() } else { scene })
+    }
+
+    /// The columns of the data files.
+    pub fn layout(&self) -> Layout {
+        Layout { spheroids: self.cloud.spheroids.is_some(), c_int: self.cloud.has_intensities }
+    }
+
+    /// Which points of spheroids shine.
+    pub fn law(&self) -> SpheroidLaw {
+        self.spec.render.spheroids.into()
+    }
 }
 
 /// A file that the scenario names.
@@ -126,7 +148,7 @@ impl Problems {
         self.0.push(format!("{path} = {value}: expected {allowed}"));
     }
 
-    fn range(&mut self, path: &str, value: f64, low: f64, high: f64, allowed: &str) -> f64 {
+    pub(super) fn range(&mut self, path: &str, value: f64, low: f64, high: f64, allowed: &str) -> f64 {
         if !(value.is_finite() && value >= low && value <= high) {
             self.add(path, value, allowed);
         }
@@ -159,12 +181,14 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     };
     let recordings = timing(&spec.timing, &mut problems);
     let (z_um, boundary) = depth(&mut spec.boundaries, &mut problems);
-    let diameters = diameters(&mut spec.particles, &mut problems);
+    let diameters = spec.particles.diameters(&mut problems);
+    let cloud = spec.particles.cloud(&spec.boundaries.bodies, &mut problems);
     let Motion::Flow(flow) = &mut spec.motion;
     let field = flow.field.build(z_um, &mut files, &mut problems);
 
     // What follows needs all of the above.
-    let (Some(settings), Some(field), Some(diameters)) = (settings, field, diameters) else {
+    let (Some(settings), Some(field), Some(diameters), Some(cloud)) = (settings, field, diameters, cloud)
+    else {
         return Err(Error::Input(problems.0));
     };
     let depth_factor = spec.optics.depth_factor.unwrap_or(1.0);
@@ -172,8 +196,9 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let Some(scale) = problems.of("optics", scale) else { return Err(Error::Input(problems.0)) };
     let renderer = RayRenderer::new(&settings, SpheroidLaw::Original)?;
     warnings.extend(renderer.warning());
+    let longest = diameters.max() * spec.particles.spheroids.map_or(1.0, |s| s.e_p.max(1.0));
     let margin_px = *spec.boundaries.margin_px.get_or_insert_with(|| {
-        let largest = largest_image(&renderer, (z_um.0 / depth_factor, z_um.1 / depth_factor), diameters.max());
+        let largest = largest_image(&renderer, (z_um.0 / depth_factor, z_um.1 / depth_factor), longest);
         // With a high NA a little light of each particle lands thousands of px away. Following it would take many
         // times more particles than there are in view, so it is left to those who ask for it.
         let most = f64::from(settings.pixel_dim_x.max(settings.pixel_dim_y)).max(100.0) / 2.0;
@@ -186,26 +211,21 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         largest.min(most)
     });
     problems.range("boundaries.margin_px", margin_px, 0.0, 1e5, "0 to 100000 px");
-    for z in [z_um.0, z_um.1] {
-        let extreme = Particle::sphere(1.0, 1.0, z / depth_factor, diameters.max());
+    let e_p = spec.particles.spheroids.map_or(1.0, |s| s.e_p);
+    for (z, d_um) in [(z_um.0, diameters.max()), (z_um.1, diameters.min())] {
+        // Along the optical axis a spheroid reaches farthest toward the lens.
+        let spheroid = (e_p != 1.0).then(|| Spheroid::from_axis(e_p, [0.0, 0.0, 1.0]));
+        let extreme = Particle { spheroid, ..Particle::sphere(1.0, 1.0, z / depth_factor, d_um) };
         let drawn = renderer.check(&extreme);
         warnings.extend(problems.of("particles", drawn).flatten());
     }
     warnings.dedup();
-    let parts = scale.view(z_um.0, z_um.1, margin_px).and_then(|region| {
-        let view = scale.view(z_um.0, z_um.1, 0.0)?;
-        let domain = Domain::new(region, [Boundary::Open, Boundary::Open, boundary]);
-        let seeding = match number(&mut spec.particles, &mut problems) {
-            Number::Count(count) => Seeding::count_in_view(count, view, diameters),
-            Number::Ppp(ppp) => {
-                let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
-                Seeding::poisson(ppp * pixels / view.volume(), diameters)?
-            }
-        };
-        seeding.density(&domain)?;
-        Ok((domain, seeding))
-    });
-    let parts = problems.of("particles and boundaries", parts);
+    let seeding = spec.particles.seeding(diameters, &scale, &settings, z_um, &mut files, &mut problems);
+    let Some(seeding) = seeding else { return Err(Error::Input(problems.0)) };
+    let faces = [face(spec.boundaries.x), face(spec.boundaries.y), boundary];
+    let domain = scale.view(z_um.0, z_um.1, margin_px).map(|region| Domain::new(region, faces));
+    let domain = domain.and_then(|domain| seeding.density(&domain).map(|_| domain));
+    let parts = problems.of("particles and boundaries", domain).map(|domain| (domain, seeding));
     match parts {
         Some((domain, seeding)) if problems.0.is_empty() => Ok(Scenario {
             spec,
@@ -218,6 +238,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
             domain,
             depth_range_um: z_um,
             seeding,
+            cloud,
             recordings,
         }),
         _ => Err(Error::Input(problems.0)),
@@ -358,28 +379,15 @@ fn depth(boundaries: &mut spec::Boundaries, problems: &mut Problems) -> ((f64, f
             "two depths in um, the lower one first",
         );
     }
-    let boundary = match *boundaries.z.get_or_insert(spec::Boundary::Wall) {
+    (z_um, face(*boundaries.z.get_or_insert(spec::Boundary::Wall)))
+}
+
+fn face(boundary: spec::Boundary) -> Boundary {
+    match boundary {
         spec::Boundary::Open => Boundary::Open,
         spec::Boundary::Wall => Boundary::Wall,
-    };
-    (z_um, boundary)
-}
-
-fn diameters(particles: &mut spec::Particles, problems: &mut Problems) -> Option<Diameters> {
-    match *particles.diameter_um.get_or_insert(Diameter::Constant(DEFAULT_DIAMETER_UM)) {
-        Diameter::Constant(d) => problems.of("particles.diameter_um.constant", Diameters::equal(d)),
+        spec::Boundary::Periodic => Boundary::Periodic,
     }
-}
-
-fn number(particles: &mut spec::Particles, problems: &mut Problems) -> Number {
-    let number = *particles.number.get_or_insert(Number::Count(DEFAULT_COUNT));
-    match number {
-        Number::Count(n) => {
-            problems.range("particles.number.count", f64::from(n), 0.0, MAX_COUNT, "0 to 1000000")
-        }
-        Number::Ppp(n) => problems.range("particles.number.ppp", n, 0.0, 1.0, "0 to 1 particles per pixel"),
-    };
-    number
 }
 
 /// Half the side of the largest particle image within the depth range of the data files, px, rounded up.
@@ -441,7 +449,7 @@ mod tests {
             "optics.n_rays = 0: expected a whole number",
             "timing.pairs.count = 0",
             "timing.pairs.dt_s = -1",
-            "particles.diameter_um.constant",
+            "particles.diameter_um: diameters: diameter_um = -2",
             "motion.flow.field: poiseuille: max_speed_um_s = inf",
         ] {
             assert!(message.contains(expected), "{expected} is not in\n{message}");

@@ -4,10 +4,14 @@
 //! filled form is what a dataset keeps as its `scenario.ron`.
 
 use microsig_core::Settings;
+use microsig_core::emission::SpheroidLaw;
 use microsig_core::sensor::{self, Detector};
 use serde::{Deserialize, Serialize};
 
 pub use super::field::{Changed, Field, Gridded, Poiseuille};
+pub use super::particles::{
+    Brightness, Brownian, Diameter, Number, Obstacle, Orientation, Particles, Placement, Settling, Spheroids,
+};
 
 /// A whole scenario.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -243,36 +247,6 @@ pub struct Flow {
     pub field: Field,
 }
 
-/// How many particles of what kind.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Particles {
-    /// How many.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub number: Option<Number>,
-    /// Their diameters.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub diameter_um: Option<Diameter>,
-}
-
-/// Number of particles.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Number {
-    /// Exactly so many in view in the first frame of each recording; the rest of the domain at the same density.
-    Count(u32),
-    /// So many per pixel of the image on average, a Poisson process.
-    Ppp(f64),
-}
-
-/// Diameters of the particles, um.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Diameter {
-    /// All the same.
-    Constant(f64),
-}
-
 /// The box that holds the particles.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -280,6 +254,10 @@ pub struct Boundaries {
     /// The depth range, um.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub z_um: Option<(f64, f64)>,
+    /// What the left and right ends are.
+    pub x: Boundary,
+    /// What the upper and lower ends are.
+    pub y: Boundary,
     /// What the two ends of the depth range are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub z: Option<Boundary>,
@@ -287,16 +265,23 @@ pub struct Boundaries {
     /// at most half the longer side of the sensor (or 50 px).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub margin_px: Option<f64>,
+    /// Bodies that particles cannot enter.
+    pub bodies: Vec<Obstacle>,
+    /// Whether a particle that passes a periodic end keeps its number.
+    pub keep_ids: bool,
 }
 
 /// What a face of the box is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Boundary {
     /// Particles go through; outside there are as many as inside.
+    #[default]
     Open,
     /// Particles keep their radius away from it.
     Wall,
+    /// What leaves on one side comes in on the other.
+    Periodic,
 }
 
 /// When frames are taken.
@@ -343,6 +328,28 @@ fn default_dt() -> f64 {
 pub struct Render {
     /// The renderer.
     pub mode: Mode,
+    /// Which points of spheroids shine.
+    pub spheroids: Law,
+}
+
+/// Which points of a spheroid shine.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Law {
+    /// As in MicroSIG's program.
+    #[default]
+    Original,
+    /// Uniform in area.
+    Uniform,
+}
+
+impl From<Law> for SpheroidLaw {
+    fn from(law: Law) -> Self {
+        match law {
+            Law::Original => SpheroidLaw::Original,
+            Law::Uniform => SpheroidLaw::Uniform,
+        }
+    }
 }
 
 /// A renderer.

@@ -14,10 +14,10 @@ use super::ROUNDING_MARGIN;
 use crate::error::{Check, Result};
 use crate::field::VelocityField;
 use crate::params::params;
-use crate::random::normal;
 use crate::region::Region;
 use crate::sincos::sines_and_cosines;
 use glam::{DMat3, DVec3};
+use microsig_core::random::normal;
 use microsig_core::stream::{Purpose, Stream, Streams};
 use std::f64::consts::PI;
 
