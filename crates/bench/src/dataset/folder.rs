@@ -37,7 +37,7 @@ impl Partial {
     }
 
     /// Where to write.
-    pub fn path(&self) -> &Path {
+    pub fn folder(&self) -> &Path {
         &self.partial
     }
 
@@ -93,12 +93,12 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("set.v1");
         let partial = Partial::create(&path, true).unwrap();
-        assert!(is_partial(partial.path()) && !path.exists());
+        assert!(is_partial(partial.folder()) && !path.exists());
         drop(partial);
         assert!(!partial_name(&path).exists());
 
         let partial = Partial::create(&path, true).unwrap();
-        std::fs::write(partial.path().join("a"), "1").unwrap();
+        std::fs::write(partial.folder().join("a"), "1").unwrap();
         partial.finish(false).unwrap();
         assert_eq!(files_below(&path).unwrap(), ["a"]);
 

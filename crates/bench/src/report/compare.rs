@@ -122,9 +122,9 @@ pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Compared> {
         std::fs::remove_dir_all(&left_over).map_err(Error::write(&left_over))?;
     }
     let partial = Partial::create(out, true)?;
-    rows(&partial.path().join("leaderboard.csv"), entries.iter())?;
-    rows(&partial.path().join("curves.csv"), curve_rows(&scores).into_iter())?;
-    save(&partial.path().join("leaderboard.html"), page(&scores, &warnings)?.as_bytes())?;
+    rows(&partial.folder().join("leaderboard.csv"), entries.iter())?;
+    rows(&partial.folder().join("curves.csv"), curve_rows(&scores).into_iter())?;
+    save(&partial.folder().join("leaderboard.html"), page(&scores, &warnings)?.as_bytes())?;
     partial.finish(force)?;
     Ok(Compared { entries, warnings, out: out.to_owned(), text })
 }

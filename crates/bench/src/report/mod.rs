@@ -37,7 +37,7 @@ pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Re
         std::fs::remove_dir_all(&left_over).map_err(Error::write(&left_over))?;
     }
     let partial = Partial::create(out, true)?;
-    let folder = partial.path();
+    let folder = partial.folder();
     let mut names = vec![SCORE];
     save(&folder.join(SCORE), json(evaluation)?.as_bytes())?;
     if let Some(particles) = &evaluation.particles {

@@ -73,7 +73,7 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     let start = Instant::now();
     let text = write(&scenario.spec)?;
     let partial = begin(&text, options)?;
-    let folder = partial.path();
+    let folder = partial.folder();
 
     let write_file = |path: &str, bytes: &[u8]| {
         let path = folder.join(path);
@@ -132,12 +132,12 @@ fn begin(scenario: &str, options: &Options) -> Result<Partial> {
     }
     let partial = Partial::create(&options.out, false)?;
     for part in ["particles", "images", "truth", "inputs"] {
-        let path = partial.path().join(part);
+        let path = partial.folder().join(part);
         std::fs::create_dir_all(&path).map_err(Error::write(&path))?;
     }
-    for file in files_below(partial.path())? {
+    for file in files_below(partial.folder())? {
         if file.rsplit('/').next().is_some_and(|name| name.starts_with(TEMPORARY)) {
-            let path = partial.path().join(file);
+            let path = partial.folder().join(file);
             std::fs::remove_file(&path).map_err(Error::write(&path))?;
         }
     }

@@ -99,7 +99,7 @@ pub fn render(options: &Options) -> Result<Rendered> {
         }
         Some(Partial::create(&options.out, true)?)
     };
-    let folder = partial.as_ref().map_or(options.out.as_path(), Partial::path);
+    let folder = partial.as_ref().map_or(options.out.as_path(), Partial::folder);
 
     let bar = options.progress.images(files.len() as u64);
     files.par_iter().zip(&image_names).enumerate().try_for_each(|(i, (file, name))| {
