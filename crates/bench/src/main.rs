@@ -140,7 +140,7 @@ fn run_sweep(arguments: &Sweep, common: &Common) -> Result<()> {
         None => Shard::of_slurm(|name| std::env::var(name).ok())?.unwrap_or(Shard::ALL),
     };
     if shard != Shard::ALL {
-        warn(&[format!("shard {shard}")], common);
+        say(&format!("shard {shard}"), common);
     }
     // The base scenario may lie elsewhere, and its own files beside it.
     let inputs = folder.join(&plan.spec.base).parent().unwrap_or(folder).to_owned();
@@ -203,6 +203,13 @@ fn warn(warnings: &[impl Display], common: &Common) {
         let mut stderr = std::io::stderr().lock();
         // A warning that cannot be shown is no reason to stop.
         let _ = warnings.iter().try_for_each(|w| writeln!(stderr, "warning: {w}"));
+    }
+}
+
+/// Tells what the program chose, on standard error.
+fn say(text: &str, common: &Common) {
+    if !common.quiet {
+        let _ = writeln!(std::io::stderr().lock(), "{text}");
     }
 }
 

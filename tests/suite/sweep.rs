@@ -1,0 +1,118 @@
+//! Sweeps: shards, wherever they ran, give the tree of one run; a case that fails is a row.
+
+use std::path::{Path, PathBuf};
+
+use suite::microsig::{fail, microsig, path, run};
+
+const BASE: &str = r#"(
+    name: "base",
+    optics: (pixel_dim_x: 60, pixel_dim_y: 50, points_per_pixel: 4),
+    motion: flow(field: poiseuille()),
+    particles: (number: count(3)),
+    timing: pairs(count: 1),
+    calibration: none,
+)"#;
+
+const SWEEP: &str = r#"(
+    name: "grid",
+    base: "base.ron",
+    axes: [
+        (path: "optics.background_noise", values: linear(from: 0, to: 20, count: 3)),
+        (path: "particles.number", values: list([count(2), ppp(0.001)])),
+    ],
+)"#;
+
+fn write(folder: &Path, sweep: &str) -> PathBuf {
+    std::fs::write(folder.join("base.ron"), BASE).unwrap();
+    let file = folder.join("sweep.ron");
+    std::fs::write(&file, sweep).unwrap();
+    file
+}
+
+/// Every file below a folder with its bytes.
+fn tree(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let mut files = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(next) = folders.pop() {
+        for entry in std::fs::read_dir(next).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let name = path.strip_prefix(folder).unwrap().to_string_lossy().into_owned();
+                files.push((name, std::fs::read(path).unwrap()));
+            }
+        }
+    }
+    files.sort();
+    files
+}
+
+#[test]
+fn shards_and_slurm_tasks_give_the_tree_of_one_run() {
+    let place = tempfile::tempdir().unwrap();
+    let sweep = write(place.path(), SWEEP);
+    let whole = place.path().join("whole");
+    run(&["sweep", path(&sweep), "--out", path(&whole)]);
+    let expected = tree(&whole);
+    assert!(expected.iter().any(|(name, _)| name == "cases.csv"));
+    assert_eq!(expected.iter().filter(|(name, _)| name.ends_with("SHA256SUMS")).count(), 6);
+
+    // Seven shards of six cases, the last first; one of them has nothing to do.
+    let shards = place.path().join("shards");
+    for k in (1..=7).rev() {
+        run(&["sweep", path(&sweep), "--out", path(&shards), "--shard", &format!("{k}/7")]);
+    }
+    assert!(tree(&shards) == expected, "7 shards");
+
+    // Two tasks of a job array, each in a folder of its own, put together and collected.
+    let together = place.path().join("together");
+    std::fs::create_dir(&together).unwrap();
+    for task in ["10", "12"] {
+        let own = place.path().join(format!("task{task}"));
+        let status = microsig()
+            .args(["sweep", path(&sweep), "--out", path(&own)])
+            .env("SLURM_ARRAY_TASK_ID", task)
+            .env("SLURM_ARRAY_TASK_MIN", "10")
+            .env("SLURM_ARRAY_TASK_STEP", "2")
+            .env("SLURM_ARRAY_TASK_COUNT", "2")
+            .status()
+            .unwrap();
+        assert!(status.success());
+        for entry in std::fs::read_dir(&own).unwrap() {
+            let case = entry.unwrap().path();
+            std::fs::rename(&case, together.join(case.file_name().unwrap())).unwrap();
+        }
+        if task == "10" {
+            assert!(
+                fail(1, &["sweep", path(&sweep), "--out", path(&together), "--collect"]).contains("3 cases")
+            );
+        }
+    }
+    run(&["sweep", path(&sweep), "--out", path(&together), "--collect"]);
+    assert!(tree(&together) == expected, "tasks in folders of their own");
+}
+
+#[test]
+fn a_case_that_fails_is_a_row_with_its_reason() {
+    let place = tempfile::tempdir().unwrap();
+    let sweep = write(place.path(), &SWEEP.replace("[count(2), ppp(0.001)]", "[count(2), ppp(7)]"));
+    let out = place.path().join("out");
+    assert!(fail(1, &["sweep", path(&sweep), "--out", path(&out)]).contains("3 cases failed"));
+    let mut table = csv::Reader::from_path(out.join("cases.csv")).unwrap();
+    let header = table.headers().unwrap().clone();
+    let column = |name: &str| header.iter().position(|h| h == name).unwrap();
+    let (status, reason) = (column("status"), column("reason"));
+    let rows: Vec<csv::StringRecord> = table.records().map(Result::unwrap).collect();
+    assert_eq!(rows.len(), 6);
+    for (i, row) in rows.iter().enumerate() {
+        let fails = i % 2 == 1;
+        assert_eq!(&row[status], if fails { "failed" } else { "done" });
+        assert_eq!(row[reason].contains("particles.number.ppp = 7"), fails);
+    }
+
+    // Going on tries what failed again and leaves the rest alone.
+    let message = fail(1, &["sweep", path(&sweep), "--out", path(&out), "--resume"]);
+    assert!(message.contains("3 cases failed"));
+    assert!(fail(2, &["sweep", path(&sweep), "--out", path(&out)]).contains("exists already"));
+}
