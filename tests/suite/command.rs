@@ -84,6 +84,13 @@ fn nothing_is_overwritten_without_force() {
     assert!(fail(2, &arguments).contains("exists already"));
     run(&[&arguments[..], &["--force"]].concat());
 
+    // A folder that is no dataset is never removed, whatever is asked for.
+    let own = place.path().join("own");
+    std::fs::create_dir(&own).unwrap();
+    write(&own, "thesis.txt", "three years of work");
+    let message = fail(2, &["generate", path(&scenario), "--out", path(&own), "--force"]);
+    assert!(message.contains("not replaced") && own.join("thesis.txt").exists(), "{message}");
+
     let images = place.path().join("images");
     let (settings, particles) = (dataset.join("settings.txt"), dataset.join("particles"));
     let arguments = ["render", path(&settings), path(&particles), path(&images)];

@@ -36,17 +36,25 @@ impl Partial {
         Ok(Partial { partial, path: path.to_owned(), remove_on_drop })
     }
 
+    /// Begins the folder `path` anew; if it is not finished, nothing is left of it.
+    pub fn anew(path: &Path) -> Result<Self> {
+        let left_over = partial_name(path);
+        if left_over.exists() {
+            std::fs::remove_dir_all(&left_over).map_err(Error::write(&left_over))?;
+        }
+        Partial::create(path, true)
+    }
+
     /// Where to write.
     pub fn folder(&self) -> &Path {
         &self.partial
     }
 
-    /// Gives the folder its name; with `replace`, what stands there is removed first.
-    pub fn finish(mut self, replace: bool) -> Result<()> {
+    /// Gives the folder its name. With `replace`, a folder that stands there is removed first, if it holds the file of
+    /// that name: nothing is ever removed that this program did not make.
+    pub fn finish(mut self, replace: Option<&str>) -> Result<()> {
         if self.path.exists() {
-            if !replace {
-                return Err(Error::Exists(self.path.clone()));
-            }
+            may_stand(&self.path, replace)?;
             std::fs::remove_dir_all(&self.path).map_err(Error::write(&self.path))?;
         }
         std::fs::rename(&self.partial, &self.path).map_err(Error::write(&self.path))?;
@@ -62,6 +70,22 @@ impl Drop for Partial {
             let _ = std::fs::remove_dir_all(&self.partial);
         }
     }
+}
+
+/// Whether a folder of this name may be made: there is none, or one that `replace` allows to remove.
+///
+/// # Errors
+/// [`Error::Exists`] without `replace`; [`Error::Input`] if what stands there was not made by this program.
+pub fn may_stand(path: &Path, replace: Option<&str>) -> Result<()> {
+    if !path.exists() {
+        return Ok(());
+    }
+    let Some(mark) = replace else { return Err(Error::Exists(path.to_owned())) };
+    let is_empty = std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
+    if is_empty || path.join(mark).is_file() {
+        return Ok(());
+    }
+    Err(Error::input(format!("{}: has no {mark}, so it is not replaced even with --force", path.display())))
 }
 
 /// All files below a folder, as sorted paths relative to it with `/` between the parts.
@@ -99,10 +123,14 @@ mod tests {
 
         let partial = Partial::create(&path, true).unwrap();
         std::fs::write(partial.folder().join("a"), "1").unwrap();
-        partial.finish(false).unwrap();
+        partial.finish(None).unwrap();
         assert_eq!(files_below(&path).unwrap(), ["a"]);
 
+        let other = Partial::create(&path, true).unwrap();
+        assert!(other.finish(Some("mark")).unwrap_err().to_string().contains("not replaced"));
+        assert_eq!(files_below(&path).unwrap(), ["a"], "nothing was removed");
+
         let again = Partial::create(&path, true).unwrap();
-        assert!(matches!(again.finish(false), Err(Error::Exists(_))));
+        assert!(matches!(again.finish(None), Err(Error::Exists(_))));
     }
 }

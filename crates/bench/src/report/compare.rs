@@ -13,7 +13,7 @@ use super::html::{document, figure_of};
 use super::plots::{Line, Words, lines};
 use super::table::number;
 use super::{SCORE, rows, save};
-use crate::dataset::folder::{Partial, partial_name};
+use crate::dataset::folder::Partial;
 use crate::error::{Error, Result};
 
 /// A line of the leaderboard.
@@ -117,15 +117,11 @@ pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Compared> {
     let warnings = differences(&scores);
     let text = text(&entries, &warnings);
 
-    let left_over = partial_name(out);
-    if left_over.exists() {
-        std::fs::remove_dir_all(&left_over).map_err(Error::write(&left_over))?;
-    }
-    let partial = Partial::create(out, true)?;
+    let partial = Partial::anew(out)?;
     rows(&partial.folder().join("leaderboard.csv"), entries.iter())?;
     rows(&partial.folder().join("curves.csv"), curve_rows(&scores).into_iter())?;
     save(&partial.folder().join("leaderboard.html"), page(&scores, &warnings)?.as_bytes())?;
-    partial.finish(force)?;
+    partial.finish(force.then_some("leaderboard.csv"))?;
     Ok(Compared { entries, warnings, out: out.to_owned(), text })
 }
 

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::dataset::folder::{Partial, partial_name};
+use crate::dataset::folder::{Partial, may_stand};
 use crate::error::{Error, Result};
 use crate::evaluate::curves::Bin;
 use crate::evaluate::detection::{error, per_frame};
@@ -29,14 +29,9 @@ pub const SCORE: &str = "score.json";
 /// # Errors
 /// A folder that exists unless `force`; writing.
 pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Result<Vec<PathBuf>> {
-    if out.exists() && !force {
-        return Err(Error::Exists(out.to_owned()));
-    }
-    let left_over = partial_name(out);
-    if left_over.exists() {
-        std::fs::remove_dir_all(&left_over).map_err(Error::write(&left_over))?;
-    }
-    let partial = Partial::create(out, true)?;
+    let replace = force.then_some(SCORE);
+    may_stand(out, replace)?;
+    let partial = Partial::anew(out)?;
     let folder = partial.folder();
     let mut names = vec![SCORE];
     save(&folder.join(SCORE), json(evaluation)?.as_bytes())?;
@@ -54,7 +49,7 @@ pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Re
         save(&folder.join("report.html"), html::page(evaluation)?.as_bytes())?;
         names.push("report.html");
     }
-    partial.finish(force)?;
+    partial.finish(replace)?;
     Ok(names.iter().map(|n| out.join(n)).collect())
 }
 

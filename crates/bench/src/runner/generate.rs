@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use super::camera::{Camera, TEMPORARY, save, save_tiff};
 use super::progress::Progress;
-use crate::dataset::folder::{Partial, files_below, partial_name};
+use crate::dataset::folder::{Partial, files_below, may_stand, partial_name};
 use crate::dataset::truth::{Census, TruthWriter};
 use crate::dataset::{Preview, Stem, calibration, card, checksums, manifest};
 use crate::error::{Error, Result};
@@ -95,7 +95,7 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     }
     write_file("README.md", card(scenario, &census)?.as_bytes())?;
     seal(folder, scenario, &census)?;
-    partial.finish(options.force)?;
+    partial.finish(options.force.then_some(manifest::MANIFEST))?;
     Ok(Generated {
         out: options.out.clone(),
         name: scenario.spec.name.clone(),
@@ -110,9 +110,7 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
 
 /// Makes the unfinished folder, or takes up that of an interrupted run of the same scenario.
 fn begin(scenario: &str, options: &Options) -> Result<Partial> {
-    if options.out.exists() && !options.force {
-        return Err(Error::Exists(options.out.clone()));
-    }
+    may_stand(&options.out, options.force.then_some(manifest::MANIFEST))?;
     let left_over = partial_name(&options.out);
     let same = std::fs::read_to_string(left_over.join("scenario.ron")).is_ok_and(|text| text == scenario);
     if left_over.exists() {

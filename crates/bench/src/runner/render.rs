@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::camera::{Camera, save_tiff};
 use super::progress::Progress;
-use crate::dataset::folder::{Partial, partial_name};
+use crate::dataset::folder::Partial;
 use crate::error::{Error, Result};
 
 /// What to render, and how.
@@ -93,11 +93,7 @@ pub fn render(options: &Options) -> Result<Rendered> {
         }
         None
     } else {
-        let left_over = partial_name(&options.out);
-        if left_over.exists() {
-            std::fs::remove_dir_all(&left_over).map_err(Error::write(&left_over))?;
-        }
-        Some(Partial::create(&options.out, true)?)
+        Some(Partial::anew(&options.out)?)
     };
     let folder = partial.as_ref().map_or(options.out.as_path(), Partial::folder);
 
@@ -110,7 +106,7 @@ pub fn render(options: &Options) -> Result<Rendered> {
     })?;
     bar.finish_and_clear();
     if let Some(partial) = partial {
-        partial.finish(false)?;
+        partial.finish(None)?;
     }
     Ok(Rendered {
         out: options.out.clone(),
