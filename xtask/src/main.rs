@@ -2,6 +2,7 @@
 #![expect(clippy::print_stdout, reason = "a task tells what it did")]
 
 mod figures;
+mod gallery;
 mod golden;
 mod picture;
 mod reference;
@@ -32,6 +33,12 @@ enum Task {
         #[arg(long, default_value_t = 200)]
         images: u32,
     },
+    /// Draws all velocity fields for the documentation.
+    Gallery {
+        /// Where the pictures and README.md go.
+        #[arg(long, default_value = "docs/flows")]
+        out: PathBuf,
+    },
     /// Makes the golden hashes of datasets anew; see "Image bits changed" in CHANGELOG.md.
     Golden,
     /// Draws the figures of Rossi 2020 with our renderer.
@@ -45,6 +52,7 @@ enum Task {
 fn main() -> anyhow::Result<ExitCode> {
     match Cli::parse().task {
         Task::Reference { dir, out, images } => reference::run(&dir, &out, images),
+        Task::Gallery { out } => gallery::run(&out).map(|()| ExitCode::SUCCESS),
         Task::Golden => golden::run().map(|()| ExitCode::SUCCESS),
         Task::Figures { out } => figures::run(&out).map(|()| ExitCode::SUCCESS),
     }

@@ -1,5 +1,6 @@
 //! Grey pictures, and SVG figures that carry one with labels around it.
 
+use base64::{Engine, engine::general_purpose::STANDARD};
 use std::fmt::Write;
 use std::io::Cursor;
 use std::path::Path;
@@ -110,34 +111,8 @@ impl Figure<'_> {
             "<image x=\"{}\" y=\"{TOP}\" width=\"{w}\" height=\"{h}\" style=\"image-rendering:pixelated\" \
              href=\"data:image/png;base64,{}\"/>\n</svg>",
             self.left,
-            base64(png)
+            STANDARD.encode(png)
         );
         svg
-    }
-}
-
-fn base64(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for chunk in bytes.chunks(3) {
-        let word = chunk.iter().enumerate().fold(0u32, |word, (i, &b)| word | u32::from(b) << (16 - 8 * i));
-        for i in 0..4 {
-            let digit = DIGITS[(word >> (18 - 6 * i) & 63) as usize];
-            text.push(if i <= chunk.len() { char::from(digit) } else { '=' });
-        }
-    }
-    text
-}
-
-#[cfg(test)]
-mod tests {
-    /// The examples of RFC 4648, section 10.
-    #[test]
-    fn base64_of_the_rfc() {
-        for (plain, coded) in
-            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")]
-        {
-            assert_eq!(super::base64(plain.as_bytes()), coded);
-        }
     }
 }

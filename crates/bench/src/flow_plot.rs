@@ -1,9 +1,11 @@
 //! A picture of a velocity field: its speed in a plane of the default scene, and streamlines.
 
+use base64::Engine;
 use flows::VelocityField;
 use flows::registry::{Entry, Plane};
 use flows::{Axis, Region};
 use glam::DVec3;
+use image::RgbImage;
 use plotters::prelude::*;
 
 use crate::error::{Error, Result};
@@ -12,7 +14,7 @@ use crate::error::{Error, Result};
 const SCENE: (DVec3, DVec3) = (DVec3::new(-242.0, -118.0, -80.0), DVec3::new(242.0, 118.0, 20.0));
 
 /// Cells of the speed map along the longer side.
-const CELLS: u32 = 84;
+const CELLS: u32 = 160;
 /// Seeds of streamlines along the longer side.
 const SEEDS: u32 = 13;
 /// Points of a streamline in either direction.
@@ -25,8 +27,10 @@ const STEPS: u32 = 120;
 pub fn svg(entry: &Entry) -> Result<String> {
     let field = (entry.make)()?;
     let mut text = String::new();
-    draw(entry, field.as_ref(), &mut text).map_err(|e| Error::input(format!("{}: {e}", entry.name)))?;
-    Ok(text)
+    let map =
+        draw(entry, field.as_ref(), &mut text).map_err(|e| Error::input(format!("{}: {e}", entry.name)))?;
+    map.put_into(&text)
+        .ok_or_else(|| Error::input(format!("{}: the picture of its speed has no place", entry.name)))
 }
 
 /// The two axes of a plane: along the picture and down it.
@@ -46,9 +50,9 @@ fn name(axis: Axis) -> &'static str {
     }
 }
 
-type Drawn = std::result::Result<(), Box<dyn std::error::Error>>;
+type Drawn<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-fn draw(entry: &Entry, field: &dyn VelocityField, text: &mut String) -> Drawn {
+fn draw(entry: &Entry, field: &dyn VelocityField, text: &mut String) -> Drawn<SpeedMap> {
     let plane = entry.plane;
     let (right, down) = axes(plane);
     let scene = Region::new(SCENE.0, SCENE.1)?;
@@ -87,21 +91,10 @@ fn draw(entry: &Entry, field: &dyn VelocityField, text: &mut String) -> Drawn {
         .label_style(("sans-serif", 13))
         .draw()?;
 
-    let rows = (f64::from(CELLS) * (v1 - v0) / (u1 - u0)).ceil() as u32;
-    let (du, dv) = ((u1 - u0) / f64::from(CELLS), (v1 - v0) / f64::from(rows));
-    let cells: Vec<(f64, f64, f64)> = (0..rows)
-        .flat_map(|j| (0..CELLS).map(move |i| (u0 + du * f64::from(i), v0 + dv * f64::from(j))))
-        .map(|(u, v)| (u, v, field.velocity(at(u + 0.5 * du, v + 0.5 * dv), 0.0).length()))
-        .collect();
-    // Singular points would make everything else dark.
-    let mut speeds: Vec<f64> = cells.iter().map(|c| c.2).filter(|s| s.is_finite()).collect();
-    speeds.sort_by(f64::total_cmp);
-    let fastest = speeds.get(speeds.len().saturating_sub(1) * 995 / 1000).copied().unwrap_or(0.0).max(1e-12);
-    chart.draw_series(
-        cells.iter().filter(|c| c.2.is_finite()).map(|&(u, v, speed)| {
-            Rectangle::new([(u, v), (u + du, v + dv)], shade(speed / fastest).filled())
-        }),
-    )?;
+    let map = SpeedMap::new(field, &at, (u0, u1), (v0, v1), bottom < top);
+    let fastest = map.fastest;
+    // A stand-in that the picture of the speed replaces: plotters draws thousands of rectangles where one image does.
+    chart.draw_series(std::iter::once(Rectangle::new([(u0, v0), (u1, v1)], STAND_IN.filled())))?;
 
     let seeds_down = (f64::from(SEEDS) * (v1 - v0) / (u1 - u0)).ceil().max(5.0) as u32;
     let ink = RGBColor(20, 20, 20).mix(0.75);
@@ -121,7 +114,68 @@ fn draw(entry: &Entry, field: &dyn VelocityField, text: &mut String) -> Drawn {
     }
     colour_key(&key, fastest, height)?;
     root.present()?;
-    Ok(())
+    Ok(map)
+}
+
+/// A colour that nothing else in the picture has.
+const STAND_IN: RGBColor = RGBColor(1, 2, 3);
+
+/// The speed in a plane, as an image.
+struct SpeedMap {
+    pixels: RgbImage,
+    fastest: f64,
+}
+
+impl SpeedMap {
+    fn new(
+        field: &dyn VelocityField,
+        at: &dyn Fn(f64, f64) -> DVec3,
+        (u0, u1): (f64, f64),
+        (v0, v1): (f64, f64),
+        upward: bool,
+    ) -> Self {
+        let rows = (f64::from(CELLS) * (v1 - v0) / (u1 - u0)).ceil() as u32;
+        let (du, dv) = ((u1 - u0) / f64::from(CELLS), (v1 - v0) / f64::from(rows));
+        let speed = |i: u32, j: u32| {
+            let j = if upward { rows - 1 - j } else { j };
+            field.velocity(at(u0 + du * (f64::from(i) + 0.5), v0 + dv * (f64::from(j) + 0.5)), 0.0).length()
+        };
+        // Singular points would make everything else pale.
+        let mut speeds: Vec<f64> = (0..rows)
+            .flat_map(|j| (0..CELLS).map(move |i| (i, j)))
+            .map(|(i, j)| speed(i, j))
+            .filter(|s| s.is_finite())
+            .collect();
+        speeds.sort_by(f64::total_cmp);
+        let fastest =
+            speeds.get(speeds.len().saturating_sub(1) * 995 / 1000).copied().unwrap_or(0.0).max(1e-12);
+        let pixels = RgbImage::from_fn(CELLS, rows, |i, j| {
+            let RGBColor(r, g, b) =
+                shade(Some(speed(i, j)).filter(|s| s.is_finite()).unwrap_or(0.0) / fastest);
+            image::Rgb([r, g, b])
+        });
+        SpeedMap { pixels, fastest }
+    }
+
+    /// The SVG with the stand-in replaced.
+    fn put_into(&self, svg: &str) -> Option<String> {
+        let mark = svg.find("fill=\"#010203\"")?;
+        let start = svg[..mark].rfind("<rect")?;
+        let end = start + svg[start..].find("/>")? + 2;
+        let value = |name: &str| {
+            let from = svg[start..end].find(&format!(" {name}=\""))? + start + name.len() + 3;
+            svg[from..].split('"').next()
+        };
+        let mut png = std::io::Cursor::new(Vec::new());
+        self.pixels.write_to(&mut png, image::ImageFormat::Png).ok()?;
+        let data = base64::engine::general_purpose::STANDARD.encode(png.get_ref());
+        let (x, y, width, height) = (value("x")?, value("y")?, value("width")?, value("height")?);
+        let picture = format!(
+            "<image x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" preserveAspectRatio=\"none\" \
+             href=\"data:image/png;base64,{data}\"/>"
+        );
+        Some(format!("{}{picture}{}", &svg[..start], &svg[end..]))
+    }
 }
 
 /// A line along the in-plane velocity, a short way back and forth from a seed.
@@ -183,7 +237,7 @@ fn colour_key(
     area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
     fastest: f64,
     height: u32,
-) -> Drawn {
+) -> Drawn<()> {
     let (top, bottom) = (40i32, height as i32 - 60);
     let n = 60;
     for i in 0..n {
@@ -226,7 +280,11 @@ mod tests {
     fn every_field_has_a_picture() {
         for entry in flows::registry::ENTRIES {
             let picture = svg(entry).unwrap();
-            assert!(picture.starts_with("<svg") && picture.contains("<polyline"), "{}", entry.name);
+            assert!(
+                picture.starts_with("<svg") && picture.contains("<polyline") && picture.contains("<image"),
+                "{}",
+                entry.name
+            );
         }
     }
 }
