@@ -1,10 +1,15 @@
 //! Random numbers by address.
 //!
-//! Every stream is found by (seed, purpose, frame, row): whoever asks for an address, on whichever thread and in
-//! whichever order, gets the same numbers. The generator is Philox4x32-10 (Salmon et al., "Parallel random numbers:
-//! as easy as 1, 2, 3", SC'11): the seed is its key, and the address with a block counter is its counter, so no two
-//! addresses share a block.
+//! Every stream is found by (family, purpose, frame, row): whoever asks for an address, on whichever thread and in
+//! whichever order, gets the same numbers. There are two kinds of families:
+//!
+//! - **public**, of a seed of 64 bits: Philox4x32-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3",
+//!   SC'11). The seed is its key, and the address with a block counter is its counter, so no two addresses share a block.
+//! - **secret**, of a key of 256 bits: ChaCha20 (RFC 8439) with the address as its nonce. Whoever knows some of the
+//!   numbers, as one does of an image's noise where no particle is, learns nothing of the others.
 
+use chacha20::ChaCha20;
+use chacha20::cipher::{KeyIvInit, StreamCipher};
 use rand_core::{Infallible, TryRng};
 
 /// What a random stream is used for; the numbers are part of the address and never change meaning.
@@ -33,44 +38,106 @@ pub enum Purpose {
     FixedPattern = 10,
 }
 
-/// All random streams of one seed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// A family of random streams.
+#[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Streams {
-    seed: u64,
+    family: Family,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Family {
+    Public(u64),
+    Secret([u8; 32]),
 }
 
 impl Streams {
-    /// The streams of a seed.
+    /// The public streams of a seed.
     pub fn new(seed: u64) -> Self {
-        Streams { seed }
+        Streams { family: Family::Public(seed) }
+    }
+
+    /// The streams of a secret key, which nobody can find by trying.
+    pub fn secret(key: [u8; 32]) -> Self {
+        Streams { family: Family::Secret(key) }
+    }
+
+    /// The seed of public streams; `None` if they are secret.
+    pub fn seed(&self) -> Option<u64> {
+        match self.family {
+            Family::Public(seed) => Some(seed),
+            Family::Secret(_) => None,
+        }
     }
 
     /// The stream at an address, at its beginning.
     pub fn stream(&self, purpose: Purpose, frame: u32, row: u32) -> Stream {
-        Stream {
-            key: [self.seed as u32, (self.seed >> 32) as u32],
-            counter: [0, row, frame, purpose as u32],
-            block: [0; 4],
-            used: 4,
+        let source = match self.family {
+            Family::Public(seed) => Source::Philox {
+                key: [seed as u32, (seed >> 32) as u32],
+                counter: [0, row, frame, purpose as u32],
+            },
+            Family::Secret(key) => {
+                let mut nonce = [0; 12];
+                for (bytes, word) in nonce.chunks_mut(4).zip([purpose as u32, frame, row]) {
+                    bytes.copy_from_slice(&word.to_le_bytes());
+                }
+                Source::ChaCha(Box::new(ChaCha20::new(&key.into(), &nonce.into())))
+            }
+        };
+        Stream { source, block: [0; 4], used: 4 }
+    }
+}
+
+impl std::fmt::Debug for Streams {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        // A key must not find its way into a message.
+        match self.family {
+            Family::Public(seed) => write!(f, "Streams::new({seed})"),
+            Family::Secret(_) => f.write_str("Streams::secret(..)"),
         }
     }
 }
 
 /// A sequence of random numbers: 2^34 words of 32 bits.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Stream {
-    key: [u32; 2],
-    counter: [u32; 4],
+    source: Source,
     block: [u32; 4],
     used: usize,
+}
+
+/// Where the next four words of a stream come from.
+#[derive(Debug)]
+enum Source {
+    Philox { key: [u32; 2], counter: [u32; 4] },
+    // Boxed: public streams, of which there is one per particle, stay small.
+    ChaCha(Box<ChaCha20>),
+}
+
+impl Source {
+    fn block(&mut self) -> [u32; 4] {
+        match self {
+            Source::Philox { key, counter } => {
+                let block = philox4x32(*counter, *key);
+                counter[0] = counter[0].wrapping_add(1);
+                block
+            }
+            Source::ChaCha(cipher) => {
+                let mut bytes = [0u8; 16];
+                cipher.apply_keystream(&mut bytes);
+                std::array::from_fn(|i| {
+                    u32::from_le_bytes([bytes[4 * i], bytes[4 * i + 1], bytes[4 * i + 2], bytes[4 * i + 3]])
+                })
+            }
+        }
+    }
 }
 
 impl Stream {
     /// The next 32 random bits.
     pub fn next_u32(&mut self) -> u32 {
         if self.used == 4 {
-            self.block = philox4x32(self.counter, self.key);
-            self.counter[0] = self.counter[0].wrapping_add(1);
+            self.block = self.source.block();
             self.used = 0;
         }
         self.used += 1;
@@ -156,6 +223,26 @@ mod tests {
             assert!(numbers[i + 1..].iter().all(|b| a != b));
         }
         assert_eq!(numbers[0], first(Purpose::Rays, 0, 0));
+    }
+
+    /// Keystream of the all-zero key and nonce (draft-nir-cfrg-chacha20-poly1305-06, appendix A.1, test vectors 1 and 2), and
+    /// the address as RFC 8439 lays out a nonce.
+    #[test]
+    fn secret_streams_are_the_published_keystream() {
+        let zero = ChaCha20::new(&[0; 32].into(), &[0; 12].into());
+        let mut stream = Stream { source: Source::ChaCha(Box::new(zero)), block: [0; 4], used: 4 };
+        assert_eq!([stream.next_u32(), stream.next_u32()], [0xade0_b876, 0x903d_f1a0]);
+        let second_block = (2..17).map(|_| stream.next_u32()).last();
+        assert_eq!(second_block, Some(0xbee7_079f));
+
+        let mut key = [0; 32];
+        key[31] = 1;
+        let first = |key, row| Streams::secret(key).stream(Purpose::Rays, 0, row).next_u64();
+        assert_ne!(first(key, 0), first([0; 32], 0));
+        assert_ne!(first(key, 0), first(key, 1));
+        assert_eq!(first(key, 1), first(key, 1));
+        assert_eq!(Streams::secret(key).seed(), None);
+        assert!(!format!("{:?}", Streams::secret(key)).contains('1'), "a key is never shown");
     }
 
     #[test]

@@ -78,7 +78,7 @@ pub fn write(folder: &Path, scenario: &Scenario, camera: &Camera) -> Result<()> 
     let settings = settings(scenario, camera);
     let detector =
         scenario.detector.as_ref().map(|detector| cropped(detector, &scenario.settings, &settings));
-    let camera = Camera::new(&settings, detector.as_ref(), scenario.law(), scenario.spec.seed)?.calibrating();
+    let camera = Camera::new(&settings, detector.as_ref(), scenario.law(), scenario.streams)?.calibrating();
     for part in ["calibration/particles", "calibration/images"] {
         let path = folder.join(part);
         std::fs::create_dir_all(&path).map_err(Error::write(&path))?;

@@ -62,6 +62,6 @@ pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
         max = census.max_displacement_px,
         mean = settings.background_mean,
         noise = settings.background_noise,
-        seed = spec.seed,
+        seed = scenario.streams.seed().map_or_else(|| "none: secret key".to_owned(), |seed| seed.to_string()),
     ))
 }

@@ -71,8 +71,11 @@ fn facts(scenario: &Scenario, census: &Census) -> Value {
         "generator": "microsig",
         "generator_version": GENERATOR_VERSION,
         "layout_version": LAYOUT_VERSION,
-        "seed": scenario.spec.seed,
-        "random_streams": "Philox4x32-10, addressed by (seed, purpose, frame, row)",
+        "seed": scenario.streams.seed(),
+        "random_streams": match scenario.streams.seed() {
+            Some(_) => "Philox4x32-10, addressed by (seed, purpose, frame, row)",
+            None => "ChaCha20 with a secret key, addressed by (purpose, frame, row)",
+        },
         "timing": timing,
         "um_per_px": scenario.scale.um_per_px(),
         "depth_factor": scenario.spec.optics.depth_factor,

@@ -27,9 +27,8 @@ impl Camera {
         settings: &Settings,
         detector: Option<&Detector>,
         law: SpheroidLaw,
-        seed: u64,
+        streams: Streams,
     ) -> Result<Self> {
-        let streams = Streams::new(seed);
         Ok(Camera {
             renderer: RayRenderer::new(settings, law)?,
             sensor: match detector {

@@ -9,7 +9,6 @@ use std::time::Instant;
 use flows::Start;
 use microsig_core::Particle;
 use microsig_core::formats::{data_file, settings_file};
-use microsig_core::stream::Streams;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -88,7 +87,7 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     write_file("settings.txt", &settings)?;
 
     let detector = scenario.detector.as_ref();
-    let camera = Camera::new(&scenario.settings, detector, scenario.law(), scenario.spec.seed)?;
+    let camera = Camera::new(&scenario.settings, detector, scenario.law(), scenario.streams)?;
     let census = frames(folder, scenario, &camera, options)?;
     if scenario.spec.calibration == spec::Calibration::Stack {
         calibration::write(folder, scenario, &camera)?;
@@ -146,7 +145,6 @@ fn begin(scenario: &str, options: &Options) -> Result<Partial> {
 fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options) -> Result<Census> {
     let recordings = scenario.recordings;
     let scene = scenario.scene()?;
-    let streams = Streams::new(scenario.spec.seed);
     let mut truth = TruthWriter::new(folder, scenario, camera.renderer())?;
     let mut preview = Preview::new(recordings.frames(), matches!(recordings, Recordings::Pairs { .. }));
     let bar = options.progress.images(u64::from(recordings.frames()));
@@ -179,7 +177,7 @@ fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options
     for recording in 0..recordings.count() {
         let first_frame = recording * recordings.frames_each();
         let start = Start { recording, first_frame, first_id };
-        let mut sequence = scene.record(&recordings.times_s(recording), streams, start)?;
+        let mut sequence = scene.record(&recordings.times_s(recording), scenario.streams, start)?;
         let mut before = None;
         while let Some(frame) = sequence.next().transpose()? {
             let stem = Stem::of(&recordings, frame.index);

@@ -12,6 +12,7 @@ use microsig_core::formats::data_file::Layout;
 use microsig_core::formats::{settings_file, tiff};
 use microsig_core::render::RayRenderer;
 use microsig_core::sensor::Detector;
+use microsig_core::stream::Streams;
 use microsig_core::{Particle, Settings, Spheroid};
 
 use super::particles::Cloud;
@@ -29,6 +30,8 @@ const MAX_FRAMES: u32 = 10_000_000;
 pub struct Scenario {
     /// The scenario with every default written out.
     pub spec: Spec,
+    /// All random numbers: the public streams of `spec.seed`, or secret ones.
+    pub streams: Streams,
     /// MicroSIG's settings.
     pub settings: Settings,
     /// The camera; `None` is MicroSIG's own sensor.
@@ -228,6 +231,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let parts = problems.of("particles and boundaries", domain).map(|domain| (domain, seeding));
     match parts {
         Some((domain, seeding)) if problems.0.is_empty() => Ok(Scenario {
+            streams: Streams::new(spec.seed),
             spec,
             settings,
             detector,
