@@ -28,6 +28,14 @@ pub fn particles(path: &Path) -> anyhow::Result<Vec<Particle>> {
     Ok(data_file::read(std::fs::File::open(path)?, &path.display().to_string())?)
 }
 
+/// Reads the counts of an image file, row by row.
+pub fn counts(path: &Path) -> anyhow::Result<Vec<f64>> {
+    let open = || Ok::<_, anyhow::Error>(std::io::BufReader::new(std::fs::File::open(path)?));
+    let name = path.display().to_string();
+    let size = tiff::decoder::Decoder::new(open()?)?.dimensions()?;
+    Ok(microsig_core::formats::tiff::read(open()?, &name, size)?)
+}
+
 /// SHA-256 of a file, in hexadecimal.
 pub fn sha256(path: &Path) -> anyhow::Result<String> {
     use sha2::Digest;

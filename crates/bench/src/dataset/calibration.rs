@@ -99,7 +99,7 @@ pub fn write(folder: &Path, scenario: &Scenario, camera: &Camera) -> Result<()> 
         save(&path, |w| {
             data_file::write(w, &[particle], data_file::Layout::of(&[])).map_err(Error::write(&path))
         })?;
-        crate::runner::save_tiff(&folder.join(image), &camera.image(&[particle], k as u32))
+        camera.save(&folder.join(image), &camera.image(&[particle], k as u32))
     })?;
 
     let path = folder.join(CALIBRATION.path);

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::formats::tiff;
+use microsig_core::formats::tiff::{self, PixelScale};
 use microsig_core::render::RayRenderer;
 use microsig_core::sensor::{Detector, Image, Sensor};
 use microsig_core::stream::{Purpose, Streams};
@@ -16,6 +16,7 @@ use crate::error::{Error, Result};
 pub struct Camera {
     renderer: RayRenderer,
     sensor: Sensor,
+    scale: PixelScale,
     streams: Streams,
     rays: Purpose,
     noise: Purpose,
@@ -35,6 +36,10 @@ impl Camera {
                 None => Sensor::new(settings),
                 Some(detector) => Sensor::with_detector(settings, detector.clone(), &streams)?,
             },
+            scale: PixelScale {
+                um_per_px: settings.pixel_size / settings.magnification,
+                frame_interval_s: None,
+            },
             streams,
             rays: Purpose::Rays,
             noise: Purpose::BackgroundNoise,
@@ -46,6 +51,11 @@ impl Camera {
         Camera { rays: Purpose::CalibrationRays, noise: Purpose::CalibrationNoise, ..self }
     }
 
+    /// The same camera, taking frames at an interval, which its image files tell.
+    pub fn every(self, interval_s: f64) -> Self {
+        Camera { scale: PixelScale { frame_interval_s: Some(interval_s), ..self.scale }, ..self }
+    }
+
     /// The renderer.
     pub fn renderer(&self) -> &RayRenderer {
         &self.renderer
@@ -55,6 +65,11 @@ impl Camera {
     pub fn image(&self, particles: &[Particle], frame: u32) -> Image {
         let light = self.renderer.light(particles, &self.streams, self.rays, frame);
         self.sensor.expose(&light, &self.streams, self.noise, frame)
+    }
+
+    /// Writes an image as TIFF with its scale.
+    pub fn save(&self, path: &Path, image: &Image) -> Result<()> {
+        save(path, |writer| Ok(tiff::write(writer, image, &self.scale, &path.display().to_string())?))
     }
 }
 
@@ -88,9 +103,4 @@ fn make_readable(file: &std::fs::File) -> std::io::Result<()> {
 #[cfg(not(unix))]
 fn make_readable(_: &std::fs::File) -> std::io::Result<()> {
     Ok(())
-}
-
-/// Writes an image as TIFF.
-pub(crate) fn save_tiff(path: &Path, image: &Image) -> Result<()> {
-    save(path, |writer| Ok(tiff::write(writer, image, &path.display().to_string())?))
 }

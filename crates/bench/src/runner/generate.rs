@@ -12,7 +12,7 @@ use microsig_core::formats::{data_file, settings_file};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::camera::{Camera, TEMPORARY, save, save_tiff};
+use super::camera::{Camera, TEMPORARY, save};
 use super::progress::Progress;
 use crate::dataset::folder::{Partial, files_below, may_stand, partial_name};
 use crate::dataset::truth::{Census, TruthWriter};
@@ -87,7 +87,8 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     write_file("settings.txt", &settings)?;
 
     let detector = scenario.detector.as_ref();
-    let camera = Camera::new(&scenario.settings, detector, scenario.law(), scenario.streams)?;
+    let camera = Camera::new(&scenario.settings, detector, scenario.law(), scenario.streams)?
+        .every(scenario.recordings.dt_s());
     let census = frames(folder, scenario, &camera, options)?;
     if scenario.spec.calibration == spec::Calibration::Stack {
         calibration::write(folder, scenario, &camera)?;
@@ -160,7 +161,7 @@ fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options
                     return Ok(None);
                 }
                 let image = camera.image(&shot.particles, shot.index);
-                save_tiff(&path, &image)?;
+                camera.save(&path, &image)?;
                 Ok(wanted.then_some((shot.index, image)))
             })
             .collect::<Result<_>>()?;

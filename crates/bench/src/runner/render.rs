@@ -10,7 +10,7 @@ use microsig_core::stream::Streams;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::camera::{Camera, save_tiff};
+use super::camera::Camera;
 use super::progress::Progress;
 use crate::dataset::folder::Partial;
 use crate::error::{Error, Result};
@@ -101,7 +101,7 @@ pub fn render(options: &Options) -> Result<Rendered> {
     let bar = options.progress.images(files.len() as u64);
     files.par_iter().zip(&image_names).enumerate().try_for_each(|(i, (file, name))| {
         let image = camera.image(&read(file)?, options.first_frame + i as u32);
-        save_tiff(&folder.join(name), &image)?;
+        camera.save(&folder.join(name), &image)?;
         bar.inc(1);
         Ok::<(), Error>(())
     })?;

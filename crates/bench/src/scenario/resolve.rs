@@ -131,6 +131,13 @@ impl Recordings {
         self.count() * self.frames_each()
     }
 
+    /// Time between the frames of a recording, s.
+    pub fn dt_s(&self) -> f64 {
+        match *self {
+            Recordings::Pairs { dt_s, .. } | Recordings::Sequence { dt_s, .. } => dt_s,
+        }
+    }
+
     /// Times of the frames of one recording, s.
     pub fn times_s(&self, recording: u32) -> Vec<f64> {
         match *self {

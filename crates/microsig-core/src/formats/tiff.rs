@@ -1,30 +1,113 @@
 //! Grey TIFF images, one image a file, uncompressed: 8 bit where counts fit, else 16 bit.
+//!
+//! The scale stands where ImageJ and Fiji look for it (ij.io.FileSaver, FileOpener): px per um in the resolution tags, the
+//! unit and the time between frames in a description that begins with "ImageJ=". Nothing else about the image is told: no
+//! date, no program, no path.
 
 use std::io::{BufRead, Seek, Write};
 
-use ::tiff::decoder::{Decoder, DecodingResult};
+use ::tiff::decoder::{Decoder, DecodingResult, ifd::Value};
 use ::tiff::encoder::{
-    TiffEncoder,
-    colortype::{Gray8, Gray16},
+    Rational, TiffEncoder, TiffKindStandard,
+    colortype::{ColorType, Gray8, Gray16},
 };
+use ::tiff::tags::{ResolutionUnit, Tag};
+use ::tiff::{TiffError, TiffResult};
 
 use crate::error::{Error, Fault};
 use crate::sensor::Image;
+
+/// What lengths and times in an image mean.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PixelScale {
+    /// Object-space length of a pixel, um.
+    pub um_per_px: f64,
+    /// Time from a frame to the next, s; `None` if the image is none of a series.
+    pub frame_interval_s: Option<f64>,
+}
 
 /// Writes an image; `name` is what an error calls the output.
 ///
 /// # Errors
 /// [`Error::Io`] if writing fails.
-pub fn write(writer: impl Write + Seek, image: &Image, name: &str) -> Result<(), Error> {
-    TiffEncoder::new(writer)
-        .and_then(|mut encoder| {
-            if image.bits > 8 {
-                return encoder.write_image::<Gray16>(image.width, image.height, &image.counts);
-            }
-            let counts: Vec<u8> = image.counts.iter().map(|&c| c.min(255) as u8).collect();
-            encoder.write_image::<Gray8>(image.width, image.height, &counts)
-        })
-        .map_err(|e| Error::io(name, std::io::Error::other(e)))
+pub fn write(writer: impl Write + Seek, image: &Image, scale: &PixelScale, name: &str) -> Result<(), Error> {
+    let written = if image.bits > 8 {
+        encode::<Gray16>(writer, image, &image.counts, scale)
+    } else {
+        let counts: Vec<u8> = image.counts.iter().map(|&c| c.min(255) as u8).collect();
+        encode::<Gray8>(writer, image, &counts, scale)
+    };
+    written.map_err(|e| Error::io(name, std::io::Error::other(e)))
+}
+
+fn encode<C: ColorType>(
+    writer: impl Write + Seek,
+    image: &Image,
+    counts: &[C::Inner],
+    scale: &PixelScale,
+) -> TiffResult<()>
+where
+    [C::Inner]: ::tiff::encoder::TiffValue,
+{
+    let mut encoder = TiffEncoder::<_, TiffKindStandard>::new(writer)?;
+    let mut encoder = encoder.new_image::<C>(image.width, image.height)?;
+    encoder.resolution(ResolutionUnit::None, px_per_um(scale.um_per_px));
+    encoder.encoder().write_tag(Tag::ImageDescription, description(scale).as_str())?;
+    encoder.write_data(counts)
+}
+
+/// The description as ImageJ writes it, with the version since which it is read like this.
+fn description(scale: &PixelScale) -> String {
+    let interval = scale.frame_interval_s.map_or_else(String::new, |s| format!("finterval={s}\n"));
+    format!("ImageJ=1.11a\nunit=um\n{interval}")
+}
+
+/// 1 / `um_per_px` as a fraction of numbers of 32 bits, such that ImageJ, which divides them, finds `um_per_px` again: the
+/// numerator is the largest power of ten that leaves room for the denominator.
+fn px_per_um(um_per_px: f64) -> Rational {
+    const MOST: f64 = u32::MAX as f64;
+    let mut n = 1_000_000_000u32;
+    while n > 1 && um_per_px * f64::from(n) > MOST {
+        n /= 10;
+    }
+    let mut d = (um_per_px * f64::from(n)).round().clamp(1.0, MOST) as u32;
+    while n.is_multiple_of(10) && d.is_multiple_of(10) {
+        (n, d) = (n / 10, d / 10);
+    }
+    Rational { n, d }
+}
+
+/// Reads the scale that [`write`] or ImageJ wrote; `None` if the image has none, or one in other units. `name` is what an
+/// error calls it.
+///
+/// # Errors
+/// [`Error::Malformed`] if it is no TIFF image.
+pub fn read_scale(reader: impl BufRead + Seek, name: &str) -> Result<Option<PixelScale>, Error> {
+    let damaged = |e: TiffError| malformed(name, e.to_string());
+    let mut decoder = Decoder::new(reader).map_err(damaged)?;
+    let description = match decoder.find_tag(Tag::ImageDescription).map_err(damaged)? {
+        Some(value) => value.into_string().map_err(damaged)?,
+        None => return Ok(None),
+    };
+    let entry = |key: &str| description.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='));
+    let resolution = decoder.find_tag(Tag::XResolution).map_err(damaged)?;
+    // ImageJ's older versions write the unit in full.
+    let (Some("um" | "micron" | "\\u00B5m"), Some(Value::Rational(n, d))) = (entry("unit"), resolution)
+    else {
+        return Ok(None);
+    };
+    if !description.starts_with("ImageJ=") || n == 0 || d == 0 {
+        return Ok(None);
+    }
+    let positive = |text: &str| text.parse().ok().filter(|s: &f64| *s > 0.0 && s.is_finite());
+    Ok(Some(PixelScale {
+        um_per_px: f64::from(d) / f64::from(n),
+        frame_interval_s: entry("finterval").and_then(positive),
+    }))
+}
+
+fn malformed(name: &str, message: String) -> Error {
+    Error::Malformed(vec![Fault { source_name: name.to_owned(), line: None, column: None, message }])
 }
 
 /// Reads a grey image of 8 or 16 bit and of the given size as counts, row by row; `name` is what an error calls it.
@@ -32,11 +115,8 @@ pub fn write(writer: impl Write + Seek, image: &Image, name: &str) -> Result<(),
 /// # Errors
 /// [`Error::Malformed`] if it is no such image.
 pub fn read(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<Vec<f64>, Error> {
-    let refuse = |message: String| {
-        let fault = Fault { source_name: name.to_owned(), line: None, column: None, message };
-        Error::Malformed(vec![fault])
-    };
-    let damaged = |e: ::tiff::TiffError| refuse(e.to_string());
+    let refuse = |message: String| malformed(name, message);
+    let damaged = |e: TiffError| refuse(e.to_string());
     let mut decoder = Decoder::new(reader).map_err(damaged)?;
     let found = decoder.dimensions().map_err(damaged)?;
     // Checked before anything is allocated for the pixels.
@@ -60,9 +140,11 @@ mod tests {
     use super::*;
     use std::io::Cursor;
 
+    const SCALE: PixelScale = PixelScale { um_per_px: 0.645, frame_interval_s: Some(0.005) };
+
     fn written(bits: u8, counts: Vec<u16>) -> Cursor<Vec<u8>> {
         let mut file = Cursor::new(Vec::new());
-        write(&mut file, &Image { width: 3, height: 2, bits, counts }, "i.tif").unwrap();
+        write(&mut file, &Image { width: 3, height: 2, bits, counts }, &SCALE, "i.tif").unwrap();
         file.set_position(0);
         file
     }
@@ -74,6 +156,34 @@ mod tests {
             let read = read(written(bits, counts.clone()), "i.tif", (3, 2)).unwrap();
             assert_eq!(read, counts.into_iter().map(f64::from).collect::<Vec<_>>());
         }
+    }
+
+    #[test]
+    fn the_scale_survives_the_round_trip() {
+        for um_per_px in [0.645, 6.45 / 63.0, 1e-8, 1.0, 123_456.75, 4e9] {
+            for frame_interval_s in [None, Some(0.005), Some(1e-7)] {
+                let (mut file, scale) = (Cursor::new(Vec::new()), PixelScale { um_per_px, frame_interval_s });
+                let image = Image { width: 3, height: 2, bits: 16, counts: vec![0; 6] };
+                write(&mut file, &image, &scale, "i.tif").unwrap();
+                file.set_position(0);
+                let read = read_scale(file, "i.tif").unwrap().unwrap();
+                assert_eq!(read.frame_interval_s, frame_interval_s);
+                // At least eight digits of the denominator, or two of a scale that no microscope has.
+                let bar = if um_per_px < 1e-7 { 0.05 } else { 1e-8 };
+                assert!((read.um_per_px / um_per_px - 1.0).abs() < bar, "{um_per_px}: {read:?}");
+            }
+        }
+        let Rational { n, d } = px_per_um(0.645);
+        assert_eq!((n, d), (1000, 645));
+    }
+
+    #[test]
+    fn images_without_a_scale_have_none() {
+        let mut file = Cursor::new(Vec::new());
+        TiffEncoder::new(&mut file).unwrap().write_image::<Gray8>(1, 1, &[0]).unwrap();
+        file.set_position(0);
+        assert_eq!(read_scale(file, "i.tif").unwrap(), None);
+        assert!(read_scale(Cursor::new(b"no image"), "i.tif").is_err());
     }
 
     #[test]
