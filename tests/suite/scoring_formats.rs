@@ -85,6 +85,75 @@ fn every_format_of_fields_holds_the_canonical_one() {
 }
 
 #[test]
+fn pivlab_files_are_read_whatever_separates_their_columns_and_whatever_their_unit() {
+    let place = tempfile::tempdir().unwrap();
+    let vectors = |name: &str, text: &str| {
+        let file = place.path().join(name);
+        std::fs::write(&file, text).unwrap();
+        match read(&file, &Conventions::default()).unwrap() {
+            Found::Field(field) => (field.vectors, field.notes),
+            Found::Points(_) => panic!("{name}: particles"),
+        }
+    };
+    let text = std::fs::read_to_string(folder().join("pivlab.txt")).unwrap();
+    let (commas, _) = vectors("commas.txt", &text);
+    let lines: Vec<&str> = text.lines().collect();
+    for (name, separator) in [("tabs.txt", "\t"), ("spaces.txt", " ")] {
+        let table = lines[2..].join("\r\n").replace(',', separator);
+        let (read, _) = vectors(name, &format!("{}\r\n{}\r\n{table}\r\n", lines[0], lines[1]));
+        // Invalid displacements are NaN and never equal.
+        assert_eq!(format!("{read:?}"), format!("{commas:?}"), "{name}");
+    }
+    let mut calibrated = format!(
+        "{}\n{}\nx [m],y [m],u [m/s],v [m/s],Vector type [-]\n",
+        lines[0],
+        lines[1].replace("(px -> m): 1", "(px -> m): 6.45e-7").replace("m/s): 1", "m/s): 0.002")
+    );
+    for line in &lines[3..] {
+        let cells: Vec<f64> = line.split(',').map(|c| c.parse().unwrap()).collect();
+        let [x, y, u, v, kind] = cells[..] else { panic!("{line}") };
+        calibrated +=
+            &format!("{:e},{:e},{:e},{:e},{kind}\n", x * 6.45e-7, y * 6.45e-7, u * 0.002, v * 0.002);
+    }
+    let (read, notes) = vectors("calibrated.txt", &calibrated);
+    assert!(notes.iter().any(|n| n.contains("6.45e-7 m per px")), "{notes:?}");
+    for (a, b) in commas.iter().zip(&read) {
+        // Products and quotients of numbers below 100 round at 1e-14.
+        let same = |p: f64, q: f64| (p.is_nan() && q.is_nan()) || (p - q).abs() < 1e-12;
+        assert!(same(a.at.x_px, b.at.x_px) && same(a.moved[0], b.moved[0]) && same(a.moved[1], b.moved[1]));
+        assert_eq!(a.flag, b.flag);
+    }
+    let file = place.path().join("lost.txt");
+    std::fs::write(&file, calibrated.replace("conversion factor", "factor").replace("->", "to")).unwrap();
+    let message = read_error(&file);
+    assert!(message.contains(":2: ") && message.contains("lengths are m"), "{message}");
+}
+
+fn read_error(file: &Path) -> String {
+    read(file, &Conventions::default()).unwrap_err().to_string()
+}
+
+#[test]
+fn claimed_uncertainties_are_read_and_unused_columns_named() {
+    let place = tempfile::tempdir().unwrap();
+    let file = place.path().join("r.csv");
+    std::fs::write(&file, "frame,track,x_px,y_px,sx_px,sz_um,cm\n0,1,4.5,2,0.1,,0.9\n0,2,5.5,2,0.2,3,0.8\n")
+        .unwrap();
+    let Found::Points(points) = read(&file, &Conventions::default()).unwrap() else { panic!("no particles") };
+    assert_eq!(format!("{:?}", points.sigma), "[[0.1, NaN, NaN], [0.2, NaN, 3.0]]");
+    assert!(points.notes.iter().any(|n| n == "columns not used: cm"), "{:?}", points.notes);
+    let Found::Points(points) = read(&folder().join("trackpy.csv"), &given()).unwrap() else { panic!() };
+    assert!(
+        points.notes.iter().any(|n| n.contains("columns not used: ") && n.contains("mass")),
+        "{points:?}"
+    );
+    std::fs::write(&file, "frame,track,x_px,y_px,sx_px\n0,1,4.5,2,-0.1\n").unwrap();
+    assert!(read_error(&file).contains(":2: -0.1: expected an uncertainty"), "{}", read_error(&file));
+    std::fs::write(&file, "frame,track,x_px,y_px\n0,1,4.5,2\n1,1,2,2\n0,1,3,3\n").unwrap();
+    assert!(read_error(&file).contains(":4: track 1 is twice in frame 0"), "{}", read_error(&file));
+}
+
+#[test]
 fn conventions_can_be_stated() {
     let place = tempfile::tempdir().unwrap();
     let file = place.path().join("r.csv");

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::assignment::{Pair, most_then_cheapest};
 use super::cloud::Cloud;
 use super::matching::NONE;
-use super::statistics::ratio;
+use super::statistics::{Bootstrap, Interval, ratio};
 use super::wide::Wide;
 
 /// The scores.
@@ -28,20 +28,23 @@ pub struct Clear {
     pub mostly_tracked: usize,
     pub partially_tracked: usize,
     pub mostly_lost: usize,
+    /// 95 % intervals under resampling of frames.
+    pub interval_mota: Interval,
+    pub interval_motp: Interval,
 }
 
 impl Clear {
     /// Of the pairs within the gate; `xy_px` is the gate's width.
-    pub fn of(truth: &Cloud, result: &Cloud, wide: &Wide, xy_px: f64) -> Self {
+    pub fn of(truth: &Cloud, result: &Cloud, wide: &Wide, xy_px: f64, bootstrap: &Bootstrap) -> Self {
         let mut score = Clear::default();
         let mut last = vec![NONE; truth.n_tracks()];
         let mut hit = vec![false; truth.len()];
-        let mut distance = 0.0;
-        for (t, r, pairs) in &wide.frames {
+        let mut frames = Vec::with_capacity(wide.frames.len());
+        for (frame, t, r, pairs) in &wide.frames {
             let near: Vec<_> = wide.pairs[pairs.clone()].iter().filter(|p| wide.admits(p)).collect();
             let mut taken = vec![false; r.len()];
             let mut rest = Vec::new();
-            let mut found = 0;
+            let (mut found, mut switches, mut distance) = (0, 0, 0.0);
             for p in &near {
                 let (track, partner) = wide.tracks(truth, result, p);
                 if last[track as usize] == partner && !taken[p.result as usize - r.start] {
@@ -60,15 +63,19 @@ impl Clear {
                 let (i, j) = (t.start + p.row as usize, r.start + p.column as usize);
                 let (track, partner) = (truth.points[i].track as usize, result.points[j].track);
                 let switch = last[track] != NONE && last[track] != partner;
-                score.id_switches += usize::from(switch);
+                switches += usize::from(switch);
                 score.matches += usize::from(!switch);
                 last[track] = partner;
                 hit[i] = true;
                 distance += p.value;
                 found += 1;
             }
-            score.misses += t.len() - found;
-            score.false_positives += r.len() - found;
+            let (misses, ghosts) = (t.len() - found, r.len() - found);
+            score.id_switches += switches;
+            score.misses += misses;
+            score.false_positives += ghosts;
+            let sums = [misses + ghosts + switches, t.len(), found].map(|n| n as f64);
+            frames.push((*frame, [sums[0], sums[1], sums[2], distance * xy_px]));
         }
         for track in 0..truth.n_tracks() {
             let hits: Vec<bool> = truth.track(track).iter().map(|&i| hit[i as usize]).collect();
@@ -81,9 +88,14 @@ impl Clear {
             let end = hits.iter().rposition(|h| *h).unwrap_or(0);
             score.fragmentations += hits[..=end].windows(2).filter(|w| w[0] && !w[1]).count();
         }
-        let errors = score.misses + score.false_positives + score.id_switches;
-        score.mota = ratio(errors as f64, truth.len() as f64).map(|share| 1.0 - share);
-        score.motp = ratio(distance * xy_px, (score.matches + score.id_switches) as f64);
+        let scores = |&[errors, n, found, distance]: &[f64; 4]| {
+            [ratio(errors, n).map(|share| 1.0 - share), ratio(distance, found)]
+        };
+        let units = bootstrap.by_frame(frames.into_iter());
+        let mut sums = [0.0; 4];
+        units.iter().for_each(|u| sums.iter_mut().zip(u).for_each(|(s, u)| *s += u));
+        [score.mota, score.motp] = scores(&sums);
+        [score.interval_mota, score.interval_motp] = bootstrap.intervals(&units, scores);
         score
     }
 }

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::cloud::Cloud;
 use super::matching::Matching;
-use super::statistics::{Errors, bootstrap, quantile, ratio};
+use super::statistics::{Bootstrap, Errors, Interval, quantile, ratio};
 
 /// Counts and errors over all frames.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -30,7 +30,7 @@ pub struct Detection {
     pub random_z_um: Option<f64>,
     pub p50_xy_px: Option<f64>,
     pub p95_xy_px: Option<f64>,
-    /// 95 % intervals of the bootstrap over frames.
+    /// 95 % intervals of the bootstrap over frames, or over pairs of frames in pair recordings.
     pub interval: Intervals,
 }
 
@@ -38,11 +38,14 @@ pub struct Detection {
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 #[allow(missing_docs)]
 pub struct Intervals {
-    pub precision: Option<[f64; 2]>,
-    pub recall: Option<[f64; 2]>,
-    pub f1: Option<[f64; 2]>,
-    pub rmse_xy_px: Option<[f64; 2]>,
-    pub rmse_z_um: Option<[f64; 2]>,
+    pub precision: Interval,
+    pub recall: Interval,
+    pub f1: Interval,
+    pub jaccard: Interval,
+    pub rmse_xy_px: Interval,
+    pub rmse_z_um: Interval,
+    pub bias_x_px: Interval,
+    pub bias_y_px: Interval,
 }
 
 /// Precision, recall, F1 and Jaccard index of counts, as docs/scoring.md defines them in degenerate cases.
@@ -68,8 +71,8 @@ pub struct FrameCounts {
     pub frame: u32,
     /// Found, missed and ghost particles.
     pub counts: [usize; 3],
-    /// Sums of dx^2 + dy^2 and of dz^2 over found particles.
-    pub squares: [f64; 2],
+    /// Sums of dx^2, dy^2 and dz^2 over found particles.
+    pub axes: [f64; 3],
     /// Sums of dx and dy.
     pub sums: [f64; 2],
 }
@@ -84,8 +87,7 @@ pub fn per_frame(truth: &Cloud, result: &Cloud, matching: &Matching) -> Vec<Fram
             for i in t.filter(|&i| matching.of_truth[i] != super::matching::NONE) {
                 let [dx, dy, dz] = error(truth, result, (i, matching.of_truth[i] as usize));
                 row.counts[0] += 1;
-                row.squares[0] += dx * dx + dy * dy;
-                row.squares[1] += dz * dz;
+                row.axes.iter_mut().zip([dx, dy, dz]).for_each(|(s, d)| *s += d * d);
                 row.sums[0] += dx;
                 row.sums[1] += dy;
             }
@@ -98,7 +100,13 @@ pub fn per_frame(truth: &Cloud, result: &Cloud, matching: &Matching) -> Vec<Fram
 
 impl Detection {
     /// Of a matching; `depth` tells whether z is scored.
-    pub fn of(truth: &Cloud, result: &Cloud, matching: &Matching, depth: bool, seed: u64) -> Self {
+    pub fn of(
+        truth: &Cloud,
+        result: &Cloud,
+        matching: &Matching,
+        depth: bool,
+        bootstrap: &Bootstrap,
+    ) -> Self {
         let pairs: Vec<(usize, usize)> = matching.pairs().collect();
         let (tp, missed, fp) = (pairs.len(), truth.len() - pairs.len(), result.len() - pairs.len());
         let [precision, recall, f1, jaccard] = rates(tp as f64, missed as f64, fp as f64);
@@ -108,15 +116,17 @@ impl Detection {
         let mut distances: Vec<f64> = errors.iter().map(|e| (e[0] * e[0] + e[1] * e[1]).sqrt()).collect();
         distances.sort_unstable_by(f64::total_cmp);
 
-        let units: Vec<[f64; 5]> = per_frame(truth, result, matching)
-            .iter()
-            .map(|f| [f.counts[0] as f64, f.counts[1] as f64, f.counts[2] as f64, f.squares[0], f.squares[1]])
-            .collect();
+        let units = bootstrap.by_frame(per_frame(truth, result, matching).iter().map(|f| {
+            let [tp, missed, fp] = f.counts.map(|n| n as f64);
+            (f.frame, [tp, missed, fp, f.axes[0] + f.axes[1], f.axes[2], f.sums[0], f.sums[1]])
+        }));
         let root = |s: f64, n: f64| ratio(s, n).map(f64::sqrt);
-        let [i_precision, i_recall, i_f1, i_xy, i_z] = bootstrap(&units, seed, |&[tp, missed, fp, xy, z]| {
-            let [precision, recall, f1, _] = rates(tp, missed, fp);
-            [precision, recall, f1, root(xy, tp), if depth { root(z, tp) } else { None }]
-        });
+        let [i_precision, i_recall, i_f1, i_jaccard, i_xy, i_z, i_bias_x, i_bias_y] =
+            bootstrap.intervals(&units, |&[tp, missed, fp, xy, z, dx, dy]| {
+                let [precision, recall, f1, jaccard] = rates(tp, missed, fp);
+                let z = root(z, tp).filter(|_| depth);
+                [precision, recall, f1, jaccard, root(xy, tp), z, ratio(dx, tp), ratio(dy, tp)]
+            });
         Detection {
             tp,
             missed,
@@ -141,8 +151,11 @@ impl Detection {
                 precision: i_precision,
                 recall: i_recall,
                 f1: i_f1,
+                jaccard: i_jaccard,
                 rmse_xy_px: i_xy,
                 rmse_z_um: i_z,
+                bias_x_px: i_bias_x,
+                bias_y_px: i_bias_y,
             },
         }
     }

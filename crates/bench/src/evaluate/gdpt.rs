@@ -7,10 +7,10 @@
 use serde::Serialize;
 
 use super::cloud::Cloud;
-use super::detection::error;
+use super::detection::{error, per_frame};
 use super::gate::{Edge, Gate, Shape};
 use super::matching::{NONE, greedy};
-use super::statistics::{Errors, ratio};
+use super::statistics::{Bootstrap, Errors, Interval, ratio};
 use crate::error::Result;
 
 /// Nodes of the local curves.
@@ -37,8 +37,22 @@ pub struct Gdpt {
     pub bias_z_um: Option<f64>,
     /// Share of particles, matched in the image plane alone, that are more than h/10 off in depth.
     pub rate_outlier: Option<f64>,
+    /// 95 % intervals under resampling of frames.
+    pub interval: Intervals,
     /// Local curves.
     pub curve: Vec<Node>,
+}
+
+/// 95 % intervals.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct Intervals {
+    pub phi: Interval,
+    pub precision: Interval,
+    pub sigma_x_px: Interval,
+    pub sigma_y_px: Interval,
+    pub sigma_z_um: Interval,
+    pub sigma_z_over_h: Interval,
 }
 
 /// A node of the local curves.
@@ -60,7 +74,13 @@ impl Gdpt {
     ///
     /// # Errors
     /// A gate that is too wide.
-    pub fn of(truth: &Cloud, result: &Cloud, xy_px: f64, z_um: f64, range: (f64, f64)) -> Result<Self> {
+    pub fn of(
+        truth: &Cloud,
+        result: &Cloud,
+        (xy_px, z_um): (f64, f64),
+        range: (f64, f64),
+        bootstrap: &Bootstrap,
+    ) -> Result<Self> {
         let gate = Gate { shape: Shape::Box, xy_px, z_um, edge: Edge::Closed };
         let matching = greedy(truth, result, &gate)?;
         let (low, h) = (range.0, range.1 - range.0);
@@ -71,6 +91,17 @@ impl Gdpt {
         let axis = |k: usize| Errors::of(errors.iter().map(move |e| e.1[k]));
         let (x, y, z) = (axis(0), axis(1), axis(2));
         let tp = errors.len();
+
+        let units = bootstrap.by_frame(per_frame(truth, result, &matching).iter().map(|f| {
+            let [tp, missed, fp] = f.counts.map(|n| n as f64);
+            let [x, y, z] = f.axes;
+            (f.frame, [tp, tp + missed, tp + fp, x, y, z])
+        }));
+        let [phi, precision, sigma_x_px, sigma_y_px, sigma_z_um, sigma_z_over_h] =
+            bootstrap.intervals(&units, |&[tp, n, m, x, y, z]| {
+                let [x, y, z] = [x, y, z].map(|s| ratio(s, tp).map(f64::sqrt));
+                [ratio(tp, n), ratio(tp, m), x, y, z, z.map(|z| z / h)]
+            });
 
         let flat = greedy(truth, result, &Gate { z_um: f64::INFINITY, ..gate })?;
         let wrong = flat.pairs().filter(|&p| error(truth, result, p)[2].abs() > h / 10.0).count();
@@ -117,6 +148,7 @@ impl Gdpt {
             bias_y_px: y.bias,
             bias_z_um: z.bias,
             rate_outlier: ratio(wrong as f64, flat.pairs().count() as f64),
+            interval: Intervals { phi, precision, sigma_x_px, sigma_y_px, sigma_z_um, sigma_z_over_h },
             curve,
         })
     }

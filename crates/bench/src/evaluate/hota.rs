@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::assignment::{Pair, heaviest};
 use super::cloud::Cloud;
-use super::statistics::ratio;
+use super::statistics::{Bootstrap, Interval, TrackUnits, ratio};
 use super::wide::Wide;
 
 /// The scores; means over the thresholds.
@@ -28,13 +28,33 @@ pub struct Hota {
     pub loca_0: Option<f64>,
     /// HOTA at every threshold.
     pub curve: Vec<f64>,
+    /// 95 % intervals under resampling of tracks.
+    pub interval_hota: Interval,
+    pub interval_deta: Interval,
+    pub interval_assa: Interval,
 }
 
 const THRESHOLDS: usize = 19;
 
+/// Sums of a unit: points of truth and result; per threshold, matches and their sum of A.
+const SUMS: usize = 1 + 2 * THRESHOLDS;
+
+/// HOTA, DetA and AssA of sums.
+fn means(sums: &[f64; SUMS]) -> [Option<f64>; 3] {
+    let (mut hota, mut deta, mut assa) = (0.0, 0.0, 0.0);
+    for k in 0..THRESHOLDS {
+        let (tp, of_pairs) = (sums[1 + 2 * k], sums[2 + 2 * k]);
+        let (d, a) = (tp / (sums[0] - tp).max(1.0), if tp > 0.0 { of_pairs / tp } else { 0.0 });
+        hota += (d * a).sqrt();
+        deta += d;
+        assa += a;
+    }
+    [hota, deta, assa].map(|sum| Some(sum / THRESHOLDS as f64))
+}
+
 impl Hota {
     /// Of the pairs within twice the gate.
-    pub fn of(truth: &Cloud, result: &Cloud, wide: &Wide) -> Self {
+    pub fn of(truth: &Cloud, result: &Cloud, wide: &Wide, bootstrap: &Bootstrap) -> Self {
         if truth.is_empty() && result.is_empty() {
             return Hota::default();
         }
@@ -45,7 +65,7 @@ impl Hota {
             let (t, r) = wide.tracks(truth, result, p);
             u64::from(t) << 32 | u64::from(r)
         };
-        for (t, r, pairs) in &wide.frames {
+        for (_, t, r, pairs) in &wide.frames {
             let (mut of_truth, mut of_result) = (vec![0.0; t.len()], vec![0.0; r.len()]);
             for p in &wide.pairs[pairs.clone()] {
                 of_truth[p.truth as usize - t.start] += similarity(p.squared);
@@ -73,7 +93,7 @@ impl Hota {
         drop(shares);
 
         let mut matched: Vec<(u64, f64)> = Vec::new();
-        for (t, r, pairs) in &wide.frames {
+        for (_, t, r, pairs) in &wide.frames {
             let weights: Vec<Pair> = wide.pairs[pairs.clone()]
                 .iter()
                 .zip(&keys_in_order[pairs.clone()])
@@ -91,6 +111,12 @@ impl Hota {
         }
         matched.sort_by_key(|m| m.0);
 
+        let same_pairs = || matched.chunk_by(|a, b| a.0 == b.0);
+        let shared = same_pairs().map(|same| ((same[0].0 >> 32) as u32, same[0].0 as u32, same.len()));
+        let mut units = TrackUnits::<SUMS>::new(truth.n_tracks(), result.n_tracks(), shared);
+        (0..truth.n_tracks()).for_each(|t| units.of_truth(t)[0] += truth.track(t).len() as f64);
+        (0..result.n_tracks()).for_each(|r| units.of_result(r)[0] += result.track(r).len() as f64);
+
         let (n, m) = (truth.len() as f64, result.len() as f64);
         let mut sums = [0.0; 7];
         let (mut curve, mut loca_0) = (Vec::with_capacity(THRESHOLDS), None);
@@ -98,13 +124,17 @@ impl Hota {
         for k in 0..THRESHOLDS {
             let threshold = 0.05 + k as f64 * 0.05 - f64::EPSILON;
             let (mut tp, mut total, mut assa, mut assre, mut asspr) = (0.0, 0.0, 0.0, 0.0, 0.0);
-            for same in matched.chunk_by(|a, b| a.0 == b.0) {
+            for same in same_pairs() {
                 let good = same.iter().filter(|s| s.1 >= threshold);
                 let (c, s) = good.fold((0.0, 0.0), |(c, s), m| (c + 1.0, s + m.1));
                 let (n, m) = lengths(same[0].0);
                 tp += c;
                 total += s;
-                assa += c * c / (n + m - c);
+                let of_pairs = c * c / (n + m - c);
+                let unit = units.of_truth((same[0].0 >> 32) as usize);
+                unit[1 + 2 * k] += c;
+                unit[2 + 2 * k] += of_pairs;
+                assa += of_pairs;
                 assre += c * c / n;
                 asspr += c * c / m;
             }
@@ -123,6 +153,7 @@ impl Hota {
             let values = [deta, per_tp(assa), detre, detpr, per_tp(assre), per_tp(asspr), loca];
             sums.iter_mut().zip(values).for_each(|(s, v)| *s += v);
         }
+        let [interval_hota, interval_deta, interval_assa] = bootstrap.intervals(&units.finish(), means);
         let mean = |k: usize| Some(sums[k] / THRESHOLDS as f64);
         Hota {
             hota: Some(curve.iter().sum::<f64>() / THRESHOLDS as f64),
@@ -136,6 +167,9 @@ impl Hota {
             hota_0: Some(curve[0]),
             loca_0,
             curve,
+            interval_hota,
+            interval_deta,
+            interval_assa,
         }
     }
 }

@@ -14,7 +14,7 @@ use super::cloud::{Cloud, Loose, Position, side_by_side};
 use super::gate::Gate;
 use super::matching::too_many;
 use super::neighbours::near;
-use super::statistics::ratio;
+use super::statistics::{Bootstrap, Interval, TrackUnits, ratio};
 use crate::error::Result;
 
 /// The scores.
@@ -40,6 +40,19 @@ pub struct Isbi {
     pub tp_tracks: usize,
     pub fn_tracks: usize,
     pub fp_tracks: usize,
+    /// 95 % intervals under resampling of tracks.
+    pub interval: Intervals,
+}
+
+/// 95 % intervals.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct Intervals {
+    pub alpha: Interval,
+    pub beta: Interval,
+    pub jsc: Interval,
+    pub jsc_theta: Interval,
+    pub rmse: Interval,
 }
 
 impl Isbi {
@@ -47,7 +60,7 @@ impl Isbi {
     ///
     /// # Errors
     /// A gate that is too wide.
-    pub fn of(truth: &Cloud, result: &Cloud, gate: &Gate) -> Result<Self> {
+    pub fn of(truth: &Cloud, result: &Cloud, gate: &Gate, bootstrap: &Bootstrap) -> Result<Self> {
         let filled = fill_holes(truth, result);
         let reference = filled.as_ref().unwrap_or(truth);
         // All points of all pairs of tracks that lie within the gate: tracks and distance.
@@ -84,14 +97,50 @@ impl Isbi {
         let (n_true, n_result) = (reference.n_tracks(), result.n_tracks());
         let mut unpaired: f64 = (0..n_result).map(|t| length(result, t)).sum();
         let mut distances = Vec::new();
+        // Sums of tracks: gain, frames of references, frames of unpaired candidates, TP, all points, tracks either way,
+        // pairs, squared distances.
+        let chosen_pairs = chosen.iter().map(|p| (p.row, p.column, 1));
+        let mut units = TrackUnits::<8>::new(n_true, n_result, chosen_pairs);
+        for track in 0..n_true {
+            let [_, frames, _, _, all, tracks, ..] = units.of_truth(track);
+            *frames += length(reference, track);
+            *all += length(reference, track);
+            *tracks += 1.0;
+        }
+        for track in 0..n_result {
+            let [_, _, unpaired, _, all, tracks, ..] = units.of_result(track);
+            *unpaired += length(result, track);
+            *all += result.track(track).len() as f64;
+            *tracks += 1.0;
+        }
         // As in the authors' program: a paired candidate's virtual points beyond the reference's ends count as real ones.
         let mut virtual_ghosts = 0;
         for pair in &chosen {
             let at = pairs.partition_point(|p| (p.row, p.column) < (pair.row, pair.column));
-            distances.extend(points[candidates[at].1.clone()].iter().map(|p| p.2 * gate.xy_px));
-            unpaired -= length(result, pair.column as usize);
-            virtual_ghosts += holes_outside(result, pair.column as usize, reference.span(pair.row as usize));
+            let same = &points[candidates[at].1.clone()];
+            distances.extend(same.iter().map(|p| p.2 * gate.xy_px));
+            let column = pair.column as usize;
+            unpaired -= length(result, column);
+            let ghosts = holes_outside(result, column, reference.span(pair.row as usize));
+            virtual_ghosts += ghosts;
+            let squares: f64 = same.iter().map(|p| (p.2 * gate.xy_px).powi(2)).sum();
+            let tp = same.len() as f64;
+            // Points and tracks that are paired were counted on both sides.
+            let more = [pair.value, 0.0, -length(result, column), tp, ghosts as f64 - tp, -1.0, 1.0, squares];
+            units.of_truth(pair.row as usize).iter_mut().zip(more).for_each(|(s, m)| *s += m);
         }
+        let [alpha, beta, jsc, jsc_theta, rmse] = bootstrap.intervals(
+            &units.finish(),
+            |&[gain, frames, unpaired, tp, all, tracks, paired, squares]| {
+                [
+                    ratio(gain, frames),
+                    ratio(gain, frames + unpaired),
+                    ratio(tp, all),
+                    ratio(paired, tracks),
+                    ratio(squares, tp).map(f64::sqrt),
+                ]
+            },
+        );
         let gain: f64 = chosen.iter().map(|p| p.value).sum();
         let all: f64 = (0..n_true).map(|t| length(reference, t)).sum();
         let (tp, paired) = (distances.len(), chosen.len());
@@ -116,6 +165,7 @@ impl Isbi {
             tp_tracks: paired,
             fn_tracks: n_true - paired,
             fp_tracks: n_result - paired,
+            interval: Intervals { alpha, beta, jsc, jsc_theta, rmse },
         })
     }
 }

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::cloud::Cloud;
 use super::detection::rates;
 use super::matching::{Matching, NONE};
-use super::statistics::bootstrap;
+use super::statistics::{Bootstrap, Interval};
 
 /// Counts and rates over all links.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -21,8 +21,10 @@ pub struct Links {
     pub precision: Option<f64>,
     pub recall: Option<f64>,
     pub f1: Option<f64>,
-    /// 95 % interval of F1 under resampling of frames.
-    pub interval_f1: Option<[f64; 2]>,
+    /// 95 % intervals under resampling of frames.
+    pub interval_precision: Interval,
+    pub interval_recall: Interval,
+    pub interval_f1: Interval,
 }
 
 /// The truth's successor of every point, or [`NONE`].
@@ -47,20 +49,23 @@ pub fn right<'a>(
 
 impl Links {
     /// Of a matching.
-    pub fn of(truth: &Cloud, result: &Cloud, matching: &Matching, seed: u64) -> Self {
+    pub fn of(truth: &Cloud, result: &Cloud, matching: &Matching, bootstrap: &Bootstrap) -> Self {
         let next = successors(truth);
         let tp = right(result, matching, &next).count();
         let (n, m) = (truth.links().count(), result.links().count());
         let (missed, fp) = (n - tp, m - tp);
         let [precision, recall, f1, _] = rates(tp as f64, missed as f64, fp as f64);
         // Links belong to the frame they begin in.
-        let frames = super::cloud::side_by_side(truth, result);
-        let index = |frame: u32| frames.partition_point(|f| f.0 < frame);
-        let mut units = vec![[0.0; 3]; frames.len()];
-        truth.links().for_each(|(a, _)| units[index(truth.points[a as usize].frame)][1] += 1.0);
-        result.links().for_each(|(a, _)| units[index(result.points[a as usize].frame)][2] += 1.0);
-        right(result, matching, &next).for_each(|(_, (a, _))| units[index(result.points[a].frame)][0] += 1.0);
-        let [interval_f1] = bootstrap(&units, seed, |&[tp, n, m]| [rates(tp, n - tp, m - tp)[2]]);
-        Links { tp, fp, missed, precision, recall, f1, interval_f1 }
+        let frame = |cloud: &Cloud, i: usize| cloud.points[i].frame;
+        let true_ones = truth.links().map(|(a, _)| (frame(truth, a as usize), [0.0, 1.0, 0.0]));
+        let found = result.links().map(|(a, _)| (frame(result, a as usize), [0.0, 0.0, 1.0]));
+        let good = right(result, matching, &next).map(|(_, (a, _))| (frame(result, a), [1.0, 0.0, 0.0]));
+        let units = bootstrap.by_frame(true_ones.chain(found).chain(good));
+        let [interval_precision, interval_recall, interval_f1] =
+            bootstrap.intervals(&units, |&[tp, n, m]| {
+                let [precision, recall, f1, _] = rates(tp, n - tp, m - tp);
+                [precision, recall, f1]
+            });
+        Links { tp, fp, missed, precision, recall, f1, interval_precision, interval_recall, interval_f1 }
     }
 }

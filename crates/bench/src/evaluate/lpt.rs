@@ -8,9 +8,10 @@
 use serde::Serialize;
 
 use super::cloud::Cloud;
+use super::detection::per_frame;
 use super::links::{right, successors};
 use super::matching::{Matching, NONE};
-use super::statistics::{Errors, quantile, ratio};
+use super::statistics::{Bootstrap, Errors, Interval, quantile, ratio};
 use super::truth::Truth;
 
 /// The scores.
@@ -29,6 +30,7 @@ pub struct Lpt {
     /// Derived from positions: no format that is read carries velocities.
     pub velocity_rms_um_s: Option<f64>,
     pub velocity_rms_relative: Option<f64>,
+    pub velocity_rms_z_um_s: Option<f64>,
     pub acceleration_rms_px: Option<f64>,
     pub acceleration_rms_relative: Option<f64>,
     /// Mean over true tracks of the longest run followed by one result track, over the track's length.
@@ -50,7 +52,23 @@ pub struct Lpt {
     pub lengths: [usize; 6],
     /// True tracks likewise.
     pub true_lengths: [usize; 6],
+    /// 95 % intervals under resampling of frames.
+    pub interval: Intervals,
 }
+
+/// 95 % intervals.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct Intervals {
+    pub correct: Interval,
+    pub ghost: Interval,
+    pub displacement_rms_px: Interval,
+    pub velocity_rms_um_s: Interval,
+    pub acceleration_rms_px: Interval,
+}
+
+/// Sums of a frame: true points, found ones, matches; numbers and squares of errors of displacement, velocity, acceleration.
+type Frame = (u32, [f64; 9]);
 
 /// Names of the classes of lengths.
 pub const LENGTHS: [&str; 6] = ["1", "2", "3-5", "6-10", "11-20", "> 20"];
@@ -61,7 +79,13 @@ fn class(length: usize) -> usize {
 
 impl Lpt {
     /// Of a matching; `depth` tells whether z is scored.
-    pub fn of(truth: &Truth, clouds: (&Cloud, &Cloud), matching: &Matching, depth: bool) -> Self {
+    pub fn of(
+        truth: &Truth,
+        clouds: (&Cloud, &Cloud),
+        matching: &Matching,
+        depth: bool,
+        bootstrap: &Bootstrap,
+    ) -> Self {
         let (t, r) = clouds;
         let tp = matching.pairs().count() as f64;
         let (n, m) = (t.len() as f64, r.len() as f64);
@@ -72,12 +96,39 @@ impl Lpt {
             ghost_of_measured: ratio(m - tp, m),
             ..Lpt::default()
         };
-        score.motion(truth, clouds, matching, depth);
+        let mut frames: Vec<Frame> = per_frame(t, r, matching)
+            .iter()
+            .map(|f| {
+                let [tp, missed, ghosts] = f.counts.map(|n| n as f64);
+                (f.frame, [tp + missed, tp + ghosts, tp, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+            })
+            .collect();
+        score.motion(truth, clouds, matching, depth, &mut frames);
+        let root = |squares: f64, n: f64| ratio(squares, n).map(f64::sqrt);
+        let [correct, ghost, displacement_rms_px, velocity_rms_um_s, acceleration_rms_px] = bootstrap
+            .intervals(&bootstrap.by_frame(frames.into_iter()), |&[n, m, tp, nd, d, nv, v, na, a]| {
+                [ratio(tp, n), ratio(m - tp, n), root(d, nd), root(v, nv), root(a, na)]
+            });
+        score.interval =
+            Intervals { correct, ghost, displacement_rms_px, velocity_rms_um_s, acceleration_rms_px };
         score.tracks(clouds, matching);
         score
     }
 
-    fn motion(&mut self, truth: &Truth, (t, r): (&Cloud, &Cloud), matching: &Matching, depth: bool) {
+    fn motion(
+        &mut self,
+        truth: &Truth,
+        (t, r): (&Cloud, &Cloud),
+        matching: &Matching,
+        depth: bool,
+        frames_out: &mut Vec<Frame>,
+    ) {
+        let mut note = |frame: u32, kind: usize, error: &[f64]| {
+            let mut sums = [0.0; 9];
+            sums[3 + 2 * kind] = 1.0;
+            sums[4 + 2 * kind] = error.iter().map(|e| e * e).sum();
+            frames_out.push((frame, sums));
+        };
         let next = successors(t);
         let moved = |cloud: &Cloud, a: usize, b: usize| {
             let (p, q) = (&cloud.points[a].at, &cloud.points[b].at);
@@ -86,7 +137,9 @@ impl Lpt {
         let errors: Vec<[f64; 3]> = right(r, matching, &next)
             .map(|((ta, tb), (ra, rb))| {
                 let (true_, found) = (moved(t, ta, tb), moved(r, ra, rb));
-                [found[0] - true_[0], found[1] - true_[1], found[2] - true_[2]]
+                let error = [found[0] - true_[0], found[1] - true_[1], found[2] - true_[2]];
+                note(r.points[ra].frame, 0, &error[..2]);
+                error
             })
             .collect();
         let axis = |k: usize| Errors::of(errors.iter().map(move |e| e[k]));
@@ -100,7 +153,7 @@ impl Lpt {
         let frames =
             |cloud: &Cloud, a: usize, b: usize| f64::from(cloud.points[b].frame - cloud.points[a].frame);
         let to_um_s = truth.facts.um_per_px.zip(truth.facts.dt_s).map(|(um, dt)| um / dt);
-        let (mut speed, mut bend) = (Sum::default(), Sum::default());
+        let (mut speed, mut bend, mut upward) = (Sum::default(), Sum::default(), Vec::new());
         for track in 0..r.n_tracks() {
             let points = r.track(track);
             for (k, &i) in points.iter().enumerate().filter(|_| points.len() > 1) {
@@ -114,7 +167,11 @@ impl Lpt {
                 if let (Some(scale), false) = (to_um_s, truth.velocity_um_s.is_empty()) {
                     let v = flat(moved(r, a, b), frames(r, a, b)).map(|v| v * scale);
                     let exact = truth.velocity_um_s[t.points[of as usize].source as usize];
-                    speed.add([v[0] - exact[0], v[1] - exact[1]], [exact[0], exact[1]]);
+                    let error = [v[0] - exact[0], v[1] - exact[1]];
+                    speed.add(error, [exact[0], exact[1]]);
+                    note(r.points[i].frame, 1, &error);
+                    let w = moved(r, a, b)[2] / frames(r, a, b) / truth.facts.dt_s.unwrap_or(f64::NAN);
+                    upward.push(w - exact[2]);
                 }
                 // Three consecutive frames, followed on the same particle.
                 let same = |a: usize, b: usize| {
@@ -131,11 +188,14 @@ impl Lpt {
                     };
                     let of = |i: usize| matching.of_result[i] as usize;
                     let (found, exact) = (second(r, a, i, b), second(t, of(a), of(i), of(b)));
-                    bend.add([found[0] - exact[0], found[1] - exact[1]], exact);
+                    let error = [found[0] - exact[0], found[1] - exact[1]];
+                    bend.add(error, exact);
+                    note(r.points[i].frame, 2, &error);
                 }
             }
         }
         (self.velocity_rms_um_s, self.velocity_rms_relative) = speed.rms();
+        self.velocity_rms_z_um_s = Errors::of(upward.iter().copied()).rms.filter(|_| depth);
         (self.acceleration_rms_px, self.acceleration_rms_relative) = bend.rms();
     }
 

@@ -7,6 +7,7 @@ pub mod assignment;
 pub mod clear;
 pub mod cloud;
 pub mod crlb;
+pub mod ctc;
 pub mod curves;
 pub mod detection;
 pub mod diagnosis;
@@ -22,6 +23,7 @@ pub mod matching;
 pub mod neighbours;
 pub mod statistics;
 pub mod truth;
+pub mod uncertainty;
 pub mod wide;
 
 use std::path::Path;
@@ -33,6 +35,7 @@ use crate::error::{Error, Result};
 use crate::results::{self, Conventions, Found, Points};
 use gate::{Edge, Gate, Shape};
 use matching::{Cost, Matching};
+use statistics::Bootstrap;
 use truth::{Scored, Truth};
 
 /// How to score; `None`: as the dataset says.
@@ -81,7 +84,10 @@ pub struct Score {
     pub hota: Option<hota::Hota>,
     pub clear: Option<clear::Clear>,
     pub identity: Option<identity::Identity>,
+    pub ctc: Option<ctc::Ctc>,
     pub gdpt: Option<gdpt::Gdpt>,
+    /// Claimed uncertainties of x and y (px) and z (um).
+    pub uncertainty: Option<Claims>,
     pub lpt: Option<lpt::Lpt>,
     pub field: Option<field::FieldScore>,
     pub crlb: Option<crlb::Crlb>,
@@ -91,6 +97,15 @@ pub struct Score {
     pub definitions: Definitions,
     pub assumptions: Vec<String>,
     pub warnings: Vec<String>,
+}
+
+/// Claimed uncertainties of positions, by axis; null without claims.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct Claims {
+    pub x: Option<uncertainty::Uncertainty>,
+    pub y: Option<uncertainty::Uncertainty>,
+    pub z: Option<uncertainty::Uncertainty>,
 }
 
 /// Detection at one more gate.
@@ -189,8 +204,23 @@ pub fn evaluate(dataset: &Path, result: &Path, options: &Options) -> Result<Eval
     let mut evaluation = match results::read(result, &given)? {
         Found::Points(points) => particles(&Truth::read(dataset, &given)?, &points, options)?,
         Found::Field(found) => {
-            let (score, vectors) = field::evaluate(dataset, &found, options.seed)?;
-            let score = Score { field: Some(score), assumptions: found.notes, ..Score::default() };
+            let field::Scored { score, vectors, warnings } = field::evaluate(dataset, &found, options.seed)?;
+            let definitions = Definitions {
+                assignment: "none",
+                bootstrap_resamples: statistics::RESAMPLES,
+                bootstrap_seed: options.seed,
+                versions: Versions { microsig: GENERATOR_VERSION, dataset_generator: None },
+                ..Definitions::default()
+            };
+            let counts = Counts { n_nan: found.n_nan, ..Counts::default() };
+            let score = Score {
+                field: Some(score),
+                assumptions: found.notes,
+                warnings,
+                definitions,
+                counts,
+                ..Score::default()
+            };
             Evaluation { score, particles: None, vectors }
         }
     };
@@ -220,7 +250,8 @@ pub fn particles(truth: &Truth, points: &Points, options: &Options) -> Result<Ev
     let scored = truth.scored(points, &gate, !depth, options.border_px)?;
     let (t, r) = (&scored.truth, &scored.result);
     let matching = matching::optimal(t, r, &gate, Cost::Squares)?;
-    let detection = detection::Detection::of(t, r, &matching, depth, options.seed);
+    let bootstrap = &Bootstrap { seed: options.seed, pairs: truth.facts.pairs };
+    let detection = detection::Detection::of(t, r, &matching, depth, bootstrap);
 
     let mut warnings = diagnosis::warnings(truth, (t, r), &detection, &gate)?;
     let beyond = |frames: u32| points.rows.iter().filter(|p| p.frame >= frames).count();
@@ -241,18 +272,20 @@ pub fn particles(truth: &Truth, points: &Points, options: &Options) -> Result<Ev
         z if depth && z.is_finite() => Gate::ellipsoid(isbi_gate_px, isbi_gate_px * z / gate.xy_px),
         _ => Gate::radial(isbi_gate_px),
     };
-    let isbi = isbi::Isbi::of(t, r, &isbi_gate(depth))?;
-    let isbi_2d = if isbi.dims == 3 { Some(isbi::Isbi::of(t, r, &isbi_gate(false))?) } else { None };
+    let isbi = isbi::Isbi::of(t, r, &isbi_gate(depth), bootstrap)?;
+    let isbi_2d =
+        if isbi.dims == 3 { Some(isbi::Isbi::of(t, r, &isbi_gate(false), bootstrap)?) } else { None };
     let gdpt = match (depth, truth.facts.depth_um, h) {
         (true, Some(range), Some(h)) => {
-            Some(gdpt::Gdpt::of(t, r, gate.xy_px, options.gate_z_um.unwrap_or(h / 10.0), range)?)
+            let gates = (gate.xy_px, options.gate_z_um.unwrap_or(h / 10.0));
+            Some(gdpt::Gdpt::of(t, r, gates, range, bootstrap)?)
         }
         _ => None,
     };
     let mut gates = Vec::new();
     for other in other_gates(&gate, h) {
         let matching = matching::optimal(t, r, &other, Cost::Squares)?;
-        let at = detection::Detection::of(t, r, &matching, depth, options.seed);
+        let at = detection::Detection::of(t, r, &matching, depth, bootstrap);
         gates.push(AtGate {
             gate: words(&other),
             precision: at.precision,
@@ -266,14 +299,16 @@ pub fn particles(truth: &Truth, points: &Points, options: &Options) -> Result<Ev
     assumptions.extend(points.notes.iter().cloned());
     let score = Score {
         dataset: truth.facts.name.clone(),
-        links: Some(links::Links::of(t, r, &matching, options.seed)),
+        links: Some(links::Links::of(t, r, &matching, bootstrap)),
         isbi: Some(isbi),
         isbi_2d,
-        hota: Some(hota::Hota::of(t, r, &wide)),
-        clear: Some(clear::Clear::of(t, r, &wide, gate.xy_px)),
-        identity: Some(identity::Identity::of(t, r, &wide)),
+        hota: Some(hota::Hota::of(t, r, &wide, bootstrap)),
+        clear: Some(clear::Clear::of(t, r, &wide, gate.xy_px, bootstrap)),
+        identity: Some(identity::Identity::of(t, r, &wide, bootstrap)),
+        ctc: Some(ctc::Ctc::of(t, r, &matching)),
         gdpt,
-        lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth)),
+        uncertainty: claims(points, (t, r), &matching, depth),
+        lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth, bootstrap)),
         curves: curves::curves(truth, (t, r), &matching, depth),
         counts: Counts {
             frames: cloud::side_by_side(t, r).len(),
@@ -313,6 +348,26 @@ pub fn particles(truth: &Truth, points: &Points, options: &Options) -> Result<Ev
         particles: Some(Particles { scored, matching, depth, sensor_px }),
         vectors: Vec::new(),
     })
+}
+
+/// What was claimed of the matched points, if anything was.
+fn claims(
+    points: &Points,
+    (t, r): (&cloud::Cloud, &cloud::Cloud),
+    matching: &Matching,
+    depth: bool,
+) -> Option<Claims> {
+    if points.sigma.is_empty() {
+        return None;
+    }
+    let axis = |k: usize| {
+        let errors = matching.pairs().map(|(i, j)| {
+            let claimed = points.sigma[r.points[j].source as usize][k];
+            (detection::error(t, r, (i, j))[k], claimed)
+        });
+        uncertainty::Uncertainty::of(errors)
+    };
+    Some(Claims { x: axis(0), y: axis(1), z: axis(2).filter(|_| depth) })
 }
 
 /// A gate in words.

@@ -39,39 +39,112 @@ pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     Some(low + (high - low) * at.fract())
 }
 
+/// A 95 % interval; null where it is undefined.
+pub type Interval = Option<[f64; 2]>;
+
 /// Resamples of a bootstrap.
 pub const RESAMPLES: usize = 1000;
 
-/// Percentile intervals (95 %) of statistics under resampling of units (frames), which hold `N` sums each. `None` for
-/// fewer than two units, or where a statistic is undefined in a resample.
-pub fn bootstrap<const N: usize, const M: usize>(
-    units: &[[f64; N]],
-    seed: u64,
-    statistics: impl Fn(&[f64; N]) -> [Option<f64>; M],
-) -> [Option<[f64; 2]>; M] {
-    if units.len() < 2 {
-        return [None; M];
-    }
-    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let mut samples: Vec<Vec<f64>> = vec![Vec::with_capacity(RESAMPLES); M];
-    for _ in 0..RESAMPLES {
-        let mut sums = [0.0; N];
-        for _ in 0..units.len() {
-            let unit = ((u128::from(rng.next_u64()) * units.len() as u128) >> 64) as usize;
-            sums.iter_mut().zip(&units[unit]).for_each(|(s, u)| *s += u);
+/// Units beyond this number are merged into blocks, which leaves the spread of sums as it is.
+const BLOCKS: usize = 2000;
+
+/// A bootstrap: which frames are resampled together, and its random numbers.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Bootstrap {
+    /// Seed.
+    pub seed: u64,
+    /// Whether two frames make a pair, which shows the same particles twice.
+    pub pairs: bool,
+}
+
+impl Bootstrap {
+    /// The sums of every unit of frames, from those of single frames in any order.
+    pub fn by_frame<const N: usize>(&self, frames: impl Iterator<Item = (u32, [f64; N])>) -> Vec<[f64; N]> {
+        let mut units = std::collections::BTreeMap::new();
+        for (frame, sums) in frames {
+            let unit = units.entry(if self.pairs { frame / 2 } else { frame }).or_insert([0.0; N]);
+            add(unit, &sums);
         }
-        for (sample, value) in samples.iter_mut().zip(statistics(&sums)) {
-            sample.extend(value);
-        }
+        units.into_values().collect()
     }
-    let mut intervals = [None; M];
-    for (interval, mut sample) in intervals.iter_mut().zip(samples) {
-        if sample.len() == RESAMPLES {
-            sample.sort_unstable_by(f64::total_cmp);
-            *interval = quantile(&sample, 0.025).zip(quantile(&sample, 0.975)).map(|(a, b)| [a, b]);
+
+    /// Percentile intervals (95 %) of statistics under resampling of units, which hold `N` sums each. `None` for fewer
+    /// than two units, or where a statistic is undefined in a resample.
+    pub fn intervals<const N: usize, const M: usize>(
+        &self,
+        units: &[[f64; N]],
+        statistics: impl Fn(&[f64; N]) -> [Option<f64>; M],
+    ) -> [Interval; M] {
+        if units.len() < 2 {
+            return [None; M];
         }
+        let mut blocks = vec![[0.0; N]; units.len().min(BLOCKS)];
+        units.iter().enumerate().for_each(|(i, unit)| add(&mut blocks[i % BLOCKS], unit));
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.seed);
+        let mut samples: Vec<Vec<f64>> = vec![Vec::with_capacity(RESAMPLES); M];
+        for _ in 0..RESAMPLES {
+            let mut sums = [0.0; N];
+            for _ in 0..blocks.len() {
+                let drawn = ((u128::from(rng.next_u64()) * blocks.len() as u128) >> 64) as usize;
+                add(&mut sums, &blocks[drawn]);
+            }
+            for (sample, value) in samples.iter_mut().zip(statistics(&sums)) {
+                sample.extend(value);
+            }
+        }
+        let mut intervals = [None; M];
+        for (interval, mut sample) in intervals.iter_mut().zip(samples) {
+            if sample.len() == RESAMPLES {
+                sample.sort_unstable_by(f64::total_cmp);
+                *interval = quantile(&sample, 0.025).zip(quantile(&sample, 0.975)).map(|(a, b)| [a, b]);
+            }
+        }
+        intervals
     }
-    intervals
+}
+
+fn add<const N: usize>(sums: &mut [f64; N], more: &[f64; N]) {
+    sums.iter_mut().zip(more).for_each(|(s, m)| *s += m);
+}
+
+/// Sums by track: those of a true track and of the result tracks that mostly follow it make a unit, since their errors
+/// come together; a result track that follows none is a unit of its own.
+#[derive(Debug)]
+pub struct TrackUnits<const N: usize> {
+    n_truth: usize,
+    of_result: Vec<u32>,
+    sums: Vec<[f64; N]>,
+}
+
+impl<const N: usize> TrackUnits<N> {
+    /// From the numbers of points that true and result tracks share.
+    pub fn new(n_truth: usize, n_result: usize, shared: impl Iterator<Item = (u32, u32, usize)>) -> Self {
+        let own = |r: usize| (n_truth + r) as u32;
+        let mut of_result: Vec<u32> = (0..n_result).map(own).collect();
+        let mut most = vec![0; n_result];
+        for (truth, result, n) in shared {
+            if n > most[result as usize] {
+                (most[result as usize], of_result[result as usize]) = (n, truth);
+            }
+        }
+        TrackUnits { n_truth, of_result, sums: vec![[0.0; N]; n_truth + n_result] }
+    }
+
+    /// Sums of a true track.
+    pub fn of_truth(&mut self, track: usize) -> &mut [f64; N] {
+        &mut self.sums[track]
+    }
+
+    /// Sums of the unit of a result track.
+    pub fn of_result(&mut self, track: usize) -> &mut [f64; N] {
+        &mut self.sums[self.of_result[track] as usize]
+    }
+
+    /// The units that there are.
+    pub fn finish(self) -> Vec<[f64; N]> {
+        let own = |i: usize| i < self.n_truth || self.of_result[i - self.n_truth] as usize == i;
+        (0..self.sums.len()).filter(|&i| own(i)).map(|i| self.sums[i]).collect()
+    }
 }
 
 #[cfg(test)]
@@ -95,10 +168,27 @@ mod tests {
     fn an_interval_of_a_mean_is_that_of_the_normal() {
         // 400 units, half 0, half 1: mean 0.5, standard error 0.025.
         let units: Vec<[f64; 1]> = (0..400).map(|i| [f64::from(i % 2)]).collect();
-        let [interval] = bootstrap(&units, 1, |s| [Some(s[0] / 400.0)]);
+        let bootstrap = Bootstrap { seed: 1, pairs: false };
+        let [interval] = bootstrap.intervals(&units, |s| [Some(s[0] / 400.0)]);
         let [low, high] = interval.unwrap();
         // 1000 resamples know a 2.5 % quantile to about 0.1 standard errors.
         assert!((low - 0.451).abs() < 0.006 && (high - 0.549).abs() < 0.006, "{low} {high}");
-        assert_eq!(bootstrap(&units[..1], 1, |s| [Some(s[0])]), [None]);
+        assert_eq!(bootstrap.intervals(&units[..1], |s| [Some(s[0])]), [None]);
+        // 20,000 units in 2000 blocks: the standard error of their mean is still 0.5 / sqrt(20000) = 0.0035.
+        let coin =
+            |i: u32| f64::from(i.wrapping_mul(2_654_435_761).rotate_left(11).wrapping_mul(0x9e37_79b1) >> 31);
+        let many: Vec<[f64; 1]> = (0..20_000).map(|i| [coin(i)]).collect();
+        let [interval] = bootstrap.intervals(&many, |s| [Some(s[0] / 20_000.0)]);
+        let [low, high] = interval.unwrap();
+        // 2000 blocks know their spread to 2 %, 1000 resamples its quantiles to 5 %.
+        assert!(((high - low) / (2.0 * 1.96 * 0.003_54) - 1.0).abs() < 0.15, "{low} {high}");
+    }
+
+    #[test]
+    fn fragments_are_resampled_with_the_track_they_follow() {
+        let mut units = TrackUnits::<1>::new(2, 3, [(0, 0, 5), (1, 0, 2), (0, 1, 3)].into_iter());
+        (0..2).for_each(|t| units.of_truth(t)[0] += 1.0);
+        (0..3).for_each(|r| units.of_result(r)[0] += 10.0);
+        assert_eq!(units.finish(), [[21.0], [1.0], [10.0]]);
     }
 }

@@ -25,8 +25,8 @@ pub struct Wide {
     gate: Gate,
     /// All pairs, by frame, truth, result.
     pub pairs: Vec<WidePair>,
-    /// Points of truth and result of every frame of either, and its pairs.
-    pub frames: Vec<(Range<usize>, Range<usize>, Range<usize>)>,
+    /// Every frame of either: its number, points of truth and of result, and pairs.
+    pub frames: Vec<(u32, Range<usize>, Range<usize>, Range<usize>)>,
 }
 
 impl Wide {
@@ -45,7 +45,7 @@ impl Wide {
                 result: (r.start + n.result as usize) as u32,
                 squared: n.squared,
             }));
-            frames.push((t, r, first..pairs.len()));
+            frames.push((frame, t, r, first..pairs.len()));
         }
         Ok(Wide { gate: *gate, pairs, frames })
     }

@@ -344,7 +344,7 @@ fn field_plots(evaluation: &Evaluation) -> Result<Vec<Markup>> {
     let missed: Vec<_> = evaluation
         .vectors
         .iter()
-        .filter(|c| c.endpoint() >= score.main.outlier_threshold_px)
+        .filter(|c| c.found.flag == 0 && c.endpoint() >= score.main.outlier_threshold_px)
         .map(|c| (c.found.at.x_px, c.found.at.y_px))
         .take(5000)
         .collect();

@@ -99,8 +99,8 @@ fn frames(of: &Particles) -> impl Iterator<Item = FrameRow> {
             tp,
             missed,
             fp,
-            rmse_xy_px: ratio(f.squares[0], n).map(f64::sqrt),
-            rmse_z_um: ratio(f.squares[1], n).map(f64::sqrt).filter(|_| depth),
+            rmse_xy_px: ratio(f.axes[0] + f.axes[1], n).map(f64::sqrt),
+            rmse_z_um: ratio(f.axes[2], n).map(f64::sqrt).filter(|_| depth),
             bias_x_px: ratio(f.sums[0], n),
             bias_y_px: ratio(f.sums[1], n),
         }
@@ -212,6 +212,7 @@ struct VectorRow {
     dy_px: f64,
     true_dx_px: f64,
     true_dy_px: f64,
+    flag: u8,
 }
 
 fn vectors(evaluation: &Evaluation) -> impl Iterator<Item = VectorRow> + '_ {
@@ -223,5 +224,6 @@ fn vectors(evaluation: &Evaluation) -> impl Iterator<Item = VectorRow> + '_ {
         dy_px: c.found.moved[1],
         true_dx_px: c.exact[0],
         true_dy_px: c.exact[1],
+        flag: c.found.flag,
     })
 }

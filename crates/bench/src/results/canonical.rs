@@ -12,6 +12,9 @@ const PARTICLES: Usual =
 const FIELD: Usual =
     Usual { name: "canonical field", origin: Origin::Center1, frame_base: 0, unit: Unit::Px };
 
+/// Columns of particles that mean something, to the reader or in the truth.
+const COLUMNS: [&str; 8] = ["frame", "track", "x_px", "y_px", "z_um", "sx_px", "sy_px", "sz_um"];
+
 /// Reads particles.
 ///
 /// # Errors
@@ -21,19 +24,9 @@ pub fn points(path: &Path, given: &Conventions) -> Result<Points> {
     let sheet = Sheet::open(path, Separator::Comma, 1)?;
     let (frame, x, y) = (sheet.need("frame")?, sheet.need("x_px")?, sheet.need("y_px")?);
     let (track, z) = (sheet.column("track"), sheet.column("z_um"));
-    // A column that is there by name but misspelt would be missed silently.
-    let odd: Vec<&str> = sheet
-        .header()
-        .iter()
-        .map(String::as_str)
-        .filter(|h| ["x", "y", "z", "z_px", "particle", "id", "track_id"].contains(h))
-        .collect();
-    if !odd.is_empty() {
-        converter
-            .notes
-            .push(format!("columns {} are not part of this format and are ignored", odd.join(", ")));
-    }
-    sheet.points(converter, z.is_some(), |cells| {
+    let claims = ["sx_px", "sy_px", "sz_um"].map(|name| sheet.column(name));
+    converter.ignores(&sheet, &COLUMNS);
+    sheet.points(converter, z.is_some(), claims, |cells| {
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         Ok((cells.number(frame)?, cells.track(track)?, [cells.number(x)?, cells.number(y)?, z_um]))
     })

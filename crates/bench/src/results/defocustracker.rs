@@ -53,7 +53,8 @@ fn read(sheet: Sheet, given: &Conventions, scaling: [f64; 3]) -> Result<Points> 
     let [sx, sy, sz] = if scaled { scaling } else { [1.0; 3] };
     let mut converter = Converter::new(USUAL, given)?;
     converter.notes.push(format!("Z = 0 is taken as {low} um, Z = 1 as {high} um; id 0 as not tracked"));
-    sheet.points(converter, true, |cells| {
+    converter.ignores(&sheet, &["fr", names[0], names[1], names[2], "id"]);
+    sheet.points(converter, true, [None; 3], |cells| {
         let id = cells.track(track)?;
         let z_um = low + cells.number(z)? / sz * (high - low);
         let at = [cells.number(x)? / sx, cells.number(y)? / sy, z_um];

@@ -52,6 +52,10 @@ pub struct Row {
 pub struct Points {
     /// The rows that hold numbers.
     pub rows: Vec<Row>,
+    /// Line of the file of every row; empty if there are none, as in XML.
+    pub lines: Vec<u32>,
+    /// Claimed standard uncertainties of every row along x, y (px) and z (um), NaN where none; empty if the file has none.
+    pub sigma: Vec<[f64; 3]>,
     /// Whether there is a depth.
     pub has_z: bool,
     /// Rows that were dropped because a coordinate is missing or NaN.
@@ -266,6 +270,25 @@ impl Converter {
     pub(crate) fn moved(&self, dx: f64, dy: f64) -> [f64; 2] {
         [dx * self.scale, if self.flip_at.is_some() { -dy } else { dy } * self.scale]
     }
+
+    /// Says which columns are not used.
+    pub(crate) fn ignores(&mut self, sheet: &sheet::Sheet, used: &[&str]) {
+        let others = sheet.others(used);
+        let (shown, more) = (&others[..others.len().min(8)], others.len().saturating_sub(8));
+        if !shown.is_empty() {
+            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+            self.notes.push(format!("columns not used: {}{more}", shown.join(", ")));
+        }
+    }
+
+    /// Claimed uncertainties: of x and y in px, of z as it is.
+    pub(crate) fn claimed(&self, [sx, sy, sz]: [f64; 3]) -> std::result::Result<[f64; 3], String> {
+        let claimed = [sx * self.scale, sy * self.scale, sz];
+        match claimed.iter().find(|s| **s < 0.0 || **s > LARGEST_UM) {
+            Some(wrong) => Err(format!("{wrong}: expected an uncertainty from 0 to {LARGEST_UM:e}")),
+            None => Ok(claimed),
+        }
+    }
 }
 
 /// Reads a result.
@@ -294,7 +317,7 @@ pub fn read(path: &Path, given: &Conventions) -> Result<Found> {
     let how = if given.format.is_some() { "as --format says" } else { "recognised by its header" };
     let notes = match &mut found {
         Found::Points(points) => {
-            unique(path, &points.rows)?;
+            unique(path, points)?;
             &mut points.notes
         }
         Found::Field(field) => &mut field.notes,
@@ -306,14 +329,17 @@ pub fn read(path: &Path, given: &Conventions) -> Result<Found> {
 }
 
 /// A track is in one place at a time.
-fn unique(path: &Path, rows: &[Row]) -> Result<()> {
-    let mut linked: Vec<(i64, u32)> =
-        rows.iter().filter(|r| r.track >= 0).map(|r| (r.track, r.frame)).collect();
+fn unique(path: &Path, points: &Points) -> Result<()> {
+    let mut linked: Vec<(i64, u32, u32)> = (0..points.rows.len() as u32)
+        .map(|i| (points.rows[i as usize].track, points.rows[i as usize].frame, i))
+        .filter(|(track, ..)| *track >= 0)
+        .collect();
     linked.sort_unstable();
+    let line = |i: u32| points.lines.get(i as usize).map_or(String::new(), |line| format!(":{line}"));
     let mut twice: Vec<String> = linked
         .windows(2)
-        .filter(|w| w[0] == w[1])
-        .map(|w| format!("{}: track {} is twice in frame {}", path.display(), w[0].0, w[0].1))
+        .filter(|w| (w[0].0, w[0].1) == (w[1].0, w[1].1))
+        .map(|w| format!("{}{}: track {} is twice in frame {}", path.display(), line(w[1].2), w[0].0, w[0].1))
         .collect();
     sheet::shorten(&mut twice);
     if twice.is_empty() { Ok(()) } else { Err(Error::Input(twice)) }

@@ -9,11 +9,12 @@ use crate::error::Result;
 const USUAL: Usual = Usual { name: "napari tracks", origin: Origin::Center0, frame_base: 0, unit: Unit::Px };
 
 pub(super) fn read(path: &Path, given: &Conventions) -> Result<Points> {
-    let converter = Converter::new(USUAL, given)?;
+    let mut converter = Converter::new(USUAL, given)?;
     let sheet = Sheet::open(path, Separator::Comma, 1)?;
     let (track, frame) = (sheet.need("track_id")?, sheet.need("t")?);
     let (x, y, z) = (sheet.need("x")?, sheet.need("y")?, sheet.column("z"));
-    sheet.points(converter, z.is_some(), |cells| {
+    converter.ignores(&sheet, &["track_id", "t", "z", "y", "x"]);
+    sheet.points(converter, z.is_some(), [None; 3], |cells| {
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         Ok((cells.number(frame)?, cells.track(Some(track))?, [cells.number(x)?, cells.number(y)?, z_um]))
     })

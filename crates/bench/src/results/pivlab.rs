@@ -1,5 +1,7 @@
 //! PIVlab's ASCII export: up to three header lines, the last `x [px],y [px],u [px/frame],v [px/frame],Vector type [-]`;
 //! commas, tabs or spaces. Pixels from 1, y downward; type 1 valid, 2 interpolated, 0 masked (PIVlab's `file_save.m`).
+//! Calibrated exports have m and m/s; the second line tells the factors that they were multiplied with, and they are
+//! divided by again.
 
 use std::io::Read;
 use std::path::Path;
@@ -16,43 +18,71 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
     let file = std::fs::File::open(path).map_err(|e| Error::read(path, e))?;
     file.take(4096).read_to_end(&mut head).map_err(|e| Error::read(path, e))?;
     let head = String::from_utf8_lossy(&head);
-    let found = head.lines().take(3).enumerate().find(|(_, l)| l.starts_with("x ["));
+    let wrong = |line: usize, what: String| Error::input(format!("{}:{line}: {what}", path.display()));
+    let found = head.lines().take(3).enumerate().find(|(_, l)| l.trim_start().starts_with("x ["));
     let Some((index, header)) = found else {
         return Err(Error::input(format!(
             "{}: expected a line that begins with x [px] among the first three",
             path.display()
         )));
     };
-    for unit in ["x [px]", "y [px]", "u [px/frame]", "v [px/frame]"] {
-        if !header.contains(unit) {
-            let message = format!(
-                "{}:{}: {:?}: expected {unit}; export without calibration",
-                path.display(),
-                index + 1,
-                shown(header)
-            );
-            return Err(Error::input(message));
+    // Names hold blanks and end with their unit, whatever separates them.
+    let separator = if header.contains(',') { Separator::Comma } else { Separator::Space };
+    let names: Vec<String> = header
+        .split_inclusive(']')
+        .map(|n| n.trim_matches([',', '\t', ' ', '\r']).to_owned())
+        .filter(|n| !n.is_empty())
+        .collect();
+    let mut converter = Converter::new(USUAL, given)?;
+    let unit = |name: &str| {
+        let column = names.iter().find(|n| n.starts_with(&format!("{name} [")));
+        column.and_then(|n| n.split_once('[')).map_or("", |(_, unit)| unit.trim_end_matches(']'))
+    };
+    let (length, speed) = (unit("x"), unit("u"));
+    let (per_px, per_frame) = match (length, speed) {
+        ("px", "px/frame") => (1.0, 1.0),
+        ("m", "m/s") => {
+            let second = head.lines().nth(index.saturating_sub(1)).unwrap_or_default();
+            let factor = |name: &str| {
+                let text = second.split_once(name)?.1.split(',').next()?.trim();
+                text.parse::<f64>().ok().filter(|f| *f > 0.0 && f.is_finite())
+            };
+            let factors = factor("(px -> m):").zip(factor("(px/frame -> m/s):"));
+            let (per_px, per_frame) = factors.ok_or_else(|| {
+                wrong(
+                    index.max(1),
+                    format!(
+                        "{:?}: lengths are m; expected \"conversion factor xy (px -> m): F, conversion factor uv \
+                         (px/frame -> m/s): F\" with numbers > 0",
+                        shown(second)
+                    ),
+                )
+            })?;
+            converter.notes.push(format!(
+                "calibrated: divided by {per_px:e} m per px and {per_frame:e} m/s per px/frame, which the file tells"
+            ));
+            (per_px, per_frame)
         }
-    }
-    if !header.contains(',') {
-        return Err(Error::input(format!(
-            "{}:{}: expected commas between the columns",
-            path.display(),
-            index + 1
-        )));
-    }
-    let converter = Converter::new(USUAL, given)?;
-    let sheet = Sheet::open(path, Separator::Comma, index as u64 + 1)?;
-    let need = |name: &str| sheet.need(name);
-    let (x, y, u, v) = (need("x [px]")?, need("y [px]")?, need("u [px/frame]")?, need("v [px/frame]")?);
-    let kind = sheet.column("Vector type [-]");
+        _ => {
+            let what = format!("{:?}: expected x in px and u in px/frame, or m and m/s", shown(header));
+            return Err(wrong(index + 1, what));
+        }
+    };
+    let need = |name: &str, unit: &str| {
+        let whole = format!("{name} [{unit}]");
+        let column = names.iter().position(|n| *n == whole);
+        column.ok_or_else(|| wrong(index + 1, format!("{:?}: expected a column {whole}", shown(header))))
+    };
+    let (x, y, u, v) = (need("x", length)?, need("y", length)?, need("u", speed)?, need("v", speed)?);
+    let kind = names.iter().position(|n| n == "Vector type [-]");
+    let sheet = Sheet::open(path, separator, index as u64 + 1)?.named(names);
     let mut field = Field::default();
     sheet.rows(|cells| {
-        let Some(at) = converter.place(cells.number(x)?, cells.number(y)?, 0.0)? else {
+        let Some(at) = converter.place(cells.number(x)? / per_px, cells.number(y)? / per_px, 0.0)? else {
             field.n_nan += 1;
             return Ok(());
         };
-        let [dx, dy] = converter.moved(cells.number(u)?, cells.number(v)?);
+        let [dx, dy] = converter.moved(cells.number(u)? / per_frame, cells.number(v)? / per_frame);
         let flag = match cells.number_or_nan(kind)? {
             0.0 => 1,
             2.0 => 2,

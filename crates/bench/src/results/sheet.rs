@@ -154,9 +154,9 @@ impl Sheet {
         }
     }
 
-    /// The names of the columns.
-    pub(crate) fn header(&self) -> &[String] {
-        &self.header
+    /// The same table with other names for its columns.
+    pub(crate) fn named(self, header: Vec<String>) -> Self {
+        Sheet { header, ..self }
     }
 
     /// Number of a column, if it is there.
@@ -184,7 +184,7 @@ impl Sheet {
                 return Err(Error::input(format!("{}: more than {MAX_ROWS} rows", self.name)));
             }
             let wrong = if record.len() == self.header.len() {
-                each(&Cells { record: &record, header: &self.header }).err()
+                each(&Cells { record: &record, header: &self.header, line }).err()
             } else {
                 let hint =
                     if record.len() > self.header.len() { " (numbers with decimal commas?)" } else { "" };
@@ -202,11 +202,18 @@ impl Sheet {
         if self.problems.is_empty() { Ok(()) } else { Err(Error::Input(self.problems)) }
     }
 
-    /// Reads particles: `row` takes the cells of one to frame, track, and x, y, z as the file has them.
+    /// The columns that are none of these.
+    pub(crate) fn others(&self, used: &[&str]) -> Vec<&str> {
+        self.header.iter().map(String::as_str).filter(|h| !h.is_empty() && !used.contains(h)).collect()
+    }
+
+    /// Reads particles: `row` takes the cells of one to frame, track, and x, y, z as the file has them; `claims` are the
+    /// columns with the uncertainties of x, y, z.
     pub(crate) fn points(
         self,
         converter: Converter,
         has_z: bool,
+        claims: [Option<usize>; 3],
         mut row: impl FnMut(&Cells<'_>) -> std::result::Result<(f64, i64, [f64; 3]), String>,
     ) -> Result<Points> {
         let mut points = Points { has_z, ..Points::default() };
@@ -218,7 +225,14 @@ impl Sheet {
             }
             let frame = converter.frame(frame)?;
             match converter.place(x, y, z)? {
-                Some(at) => points.rows.push(Row { frame, track, at }),
+                Some(at) => {
+                    points.rows.push(Row { frame, track, at });
+                    points.lines.push(u32::try_from(cells.line).unwrap_or(u32::MAX));
+                    if claims.iter().any(Option::is_some) {
+                        let [x, y, z] = claims.map(|c| cells.number_or_nan(c));
+                        points.sigma.push(converter.claimed([x?, y?, z?])?);
+                    }
+                }
                 None => points.n_nan += 1,
             }
             Ok(())
@@ -235,6 +249,8 @@ impl Sheet {
 pub(crate) struct Cells<'a> {
     record: &'a ByteRecord,
     header: &'a [String],
+    /// Line in the file.
+    pub(crate) line: u64,
 }
 
 impl Cells<'_> {

@@ -18,8 +18,9 @@ pub(super) fn spots(path: &Path, given: &Conventions) -> Result<Points> {
     // Names and units below the keys; the first number ends them.
     let units = sheet.skip_words(x)?;
     let unit = if units.iter().any(|u| u.contains("pixel")) { Unit::Px } else { Unit::Um };
-    let converter = Converter::new(Usual { unit, ..USUAL }, given)?;
-    sheet.points(converter, z.is_some(), |cells| {
+    let mut converter = Converter::new(Usual { unit, ..USUAL }, given)?;
+    converter.ignores(&sheet, &["TRACK_ID", "FRAME", "POSITION_X", "POSITION_Y", "POSITION_Z"]);
+    sheet.points(converter, z.is_some(), [None; 3], |cells| {
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         Ok((cells.number(frame)?, cells.track(track)?, [cells.number(x)?, cells.number(y)?, z_um]))
     })

@@ -17,7 +17,13 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Points> {
     if track.is_none() {
         converter.notes.push("no column `particle`: nothing is linked".to_owned());
     }
-    sheet.points(converter, z.is_some(), |cells| {
+    // trackpy's estimate of the error of a position, one number for all axes (`locate`, column ep).
+    let ep = sheet.column("ep");
+    if ep.is_some() {
+        converter.notes.push("ep is taken as the uncertainty of x and y".to_owned());
+    }
+    converter.ignores(&sheet, &["frame", "x", "y", "z", "particle", "ep"]);
+    sheet.points(converter, z.is_some(), [ep, ep, None], |cells| {
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         Ok((cells.number(frame)?, cells.track(track)?, [cells.number(x)?, cells.number(y)?, z_um]))
     })

@@ -1,0 +1,160 @@
+//! The true field: displacements on a grid, of every pair or of all, bilinear between the nodes.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crate::error::{Error, Result};
+use crate::results::sheet::{Separator, Sheet};
+use crate::results::{Conventions, Vector, read_field};
+
+/// True displacements on a grid, of every pair or of all.
+#[derive(Debug, Default)]
+pub(super) struct Grid {
+    x_px: Vec<f64>,
+    y_px: Vec<f64>,
+    pairs: BTreeMap<Option<u32>, Vec<[f64; 3]>>,
+}
+
+impl Grid {
+    pub(super) fn new(nodes: &[Vector]) -> Self {
+        let axis = |value: fn(&Vector) -> f64| {
+            let mut values: Vec<f64> = nodes.iter().map(value).collect();
+            values.sort_unstable_by(f64::total_cmp);
+            values.dedup();
+            values
+        };
+        let mut grid = Grid { x_px: axis(|v| v.at.x_px), y_px: axis(|v| v.at.y_px), pairs: BTreeMap::new() };
+        let size = grid.x_px.len() * grid.y_px.len();
+        // Scattered nodes make no grid; they are found exactly where they are and nowhere else.
+        if size <= 100 * nodes.len() + 1000 {
+            for node in nodes {
+                let (i, j) = (index(&grid.x_px, node.at.x_px), index(&grid.y_px, node.at.y_px));
+                let values = grid.pairs.entry(node.pair).or_insert_with(|| vec![[f64::NAN; 3]; size]);
+                values[j * grid.x_px.len() + i] = node.moved;
+            }
+        }
+        grid
+    }
+
+    /// Whether the truth differs from pair to pair.
+    pub(super) fn needs_pairs(&self) -> bool {
+        self.pairs.len() > 1
+    }
+
+    /// The truth at the place of a vector; `None` outside of the grid, or where the truth is masked.
+    pub(super) fn at(&self, vector: &Vector) -> Option<[f64; 3]> {
+        let single = (self.pairs.len() == 1).then(|| self.pairs.values().next()).flatten();
+        let values = self
+            .pairs
+            .get(&vector.pair)
+            .or(self.pairs.get(&None))
+            .or(single.filter(|_| vector.pair.is_none()))?;
+        let place = |axis: &[f64], v: f64| {
+            let (first, last) = (*axis.first()?, *axis.last()?);
+            if v < first || v > last {
+                return None;
+            }
+            let i = (index(axis, v).max(1) - 1).min(axis.len().saturating_sub(2));
+            let next = (i + 1).min(axis.len() - 1);
+            let share = if next > i { (v - axis[i]) / (axis[next] - axis[i]) } else { 0.0 };
+            Some((i, next, share))
+        };
+        let (i, i1, s) = place(&self.x_px, vector.at.x_px)?;
+        let (j, j1, t) = place(&self.y_px, vector.at.y_px)?;
+        let mut sum = [0.0; 3];
+        for (row, column, weight) in
+            [(j, i, (1.0 - s) * (1.0 - t)), (j, i1, s * (1.0 - t)), (j1, i, (1.0 - s) * t), (j1, i1, s * t)]
+        {
+            // A masked neighbour without weight does no harm.
+            if weight != 0.0 {
+                let value = values[row * self.x_px.len() + column];
+                sum.iter_mut().zip(value).for_each(|(s, v)| *s += weight * v);
+            }
+        }
+        (sum[0].is_finite() && sum[1].is_finite()).then_some(sum)
+    }
+}
+
+pub(super) fn index(axis: &[f64], v: f64) -> usize {
+    axis.partition_point(|a| *a < v)
+}
+
+/// The truth of a bare table.
+///
+/// # Errors
+/// A file that is no field.
+pub(super) fn bare(path: &Path) -> Result<Vec<(String, Grid)>> {
+    let field = read_field(path, &Conventions::default())?;
+    Ok(vec![("truth".to_owned(), Grid::new(&field.vectors))])
+}
+
+/// The truths of a dataset, the first being the main one.
+pub(super) fn of_dataset(path: &Path) -> Result<Vec<(String, Grid)>> {
+    if !path.exists() {
+        return Err(Error::input(format!(
+            "{}: missing; this dataset has no truth of fields (score particles, or give a table of the true field)",
+            path.display()
+        )));
+    }
+    let mut truths = Vec::new();
+    for kind in ["central", "forward", "weighted"] {
+        let sheet = Sheet::open(path, Separator::Comma, 1)?;
+        let (Some(dx), Some(dy)) =
+            (sheet.column(&format!("{kind}_dx_px")), sheet.column(&format!("{kind}_dy_px")))
+        else {
+            continue;
+        };
+        let dz = sheet.column(&format!("{kind}_dz_um"));
+        let (x, y) = (sheet.need("x_px")?, sheet.need("y_px")?);
+        let (z, pair, mask) = (sheet.column("z_um"), sheet.column("pair"), sheet.column("mask"));
+        let mut nodes: Vec<Vector> = Vec::new();
+        let mut nearest = f64::INFINITY;
+        sheet.rows(|cells| {
+            let pair = cells.track(pair)?;
+            let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
+            let masked = cells.number_or_nan(mask)? == 1.0;
+            let moved = match masked {
+                true => [f64::NAN; 3],
+                false => [cells.number(dx)?, cells.number(dy)?, cells.number_or_nan(dz)?],
+            };
+            nearest = nearest.min(z_um.abs());
+            let at = crate::results::Position { x_px: cells.number(x)?, y_px: cells.number(y)?, z_um };
+            let pair = u32::try_from(pair).ok();
+            nodes.push(Vector { pair, at, moved, flag: u8::from(masked), sigma: [f64::NAN; 2] });
+            Ok(())
+        })?;
+        nodes.retain(|n| n.at.z_um.abs() <= nearest);
+        truths.push((kind.to_owned(), Grid::new(&nodes)));
+    }
+    if truths.is_empty() {
+        return Err(Error::input(format!(
+            "{}: no column central_dx_px, forward_dx_px or weighted_dx_px",
+            path.display()
+        )));
+    }
+    Ok(truths)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::Position;
+
+    #[test]
+    fn the_truth_is_bilinear_between_nodes_and_absent_outside() {
+        let node = |x: f64, y: f64| Vector {
+            at: Position { x_px: x, y_px: y, z_um: 0.0 },
+            moved: [1.0 + x + 2.0 * y + 0.5 * x * y, -x, 0.0],
+            ..Vector::default()
+        };
+        let nodes: Vec<Vector> =
+            [1.0, 5.0, 9.0].iter().flat_map(|&x| [2.0, 4.0].map(|y| node(x, y))).collect();
+        let grid = Grid::new(&nodes);
+        for (x, y) in [(1.0, 2.0), (9.0, 4.0), (3.0, 2.5), (6.0, 4.0)] {
+            let found = grid.at(&node(x, y)).unwrap();
+            // Rounding of a few operations on numbers of about 30.
+            assert!((found[0] - node(x, y).moved[0]).abs() < 1e-12, "{x} {y}");
+        }
+        assert_eq!(grid.at(&node(0.9, 3.0)), None);
+    }
+}

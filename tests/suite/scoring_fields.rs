@@ -1,0 +1,177 @@
+//! Scores of displacement fields on fields whose scores are known by hand.
+
+use std::f64::consts::PI;
+use std::path::Path;
+
+use bench::evaluate::field::FieldScore;
+use bench::evaluate::{Options, evaluate};
+
+/// A lattice of `n` x `n` vectors, 8 px apart.
+fn lattice(n: usize) -> impl Iterator<Item = (f64, f64)> {
+    (0..n * n).map(move |k| (8.0 * (k % n) as f64 + 5.0, 8.0 * (k / n) as f64 + 5.0))
+}
+
+const HEADER: &str = "x_px,y_px,dx_px,dy_px,flag\n";
+
+fn table(n: usize, field: impl Fn(f64, f64) -> [f64; 2]) -> String {
+    let row = |(x, y): (f64, f64)| {
+        let [u, v] = field(x, y);
+        format!("{x},{y},{u},{v},0\n")
+    };
+    HEADER.to_owned() + &lattice(n).map(row).collect::<String>()
+}
+
+fn score(truth: &str, result: &str) -> (FieldScore, Vec<String>) {
+    let place = tempfile::tempdir().unwrap();
+    let paths = ["truth.csv", "result.csv"].map(|name| place.path().join(name));
+    std::fs::write(&paths[0], truth).unwrap();
+    std::fs::write(&paths[1], result).unwrap();
+    let score = evaluate(&paths[0], &paths[1], &Options::default()).unwrap().score;
+    (score.field.unwrap(), score.warnings)
+}
+
+/// Sums of a few hundred products of numbers below 100.
+const ROUNDING: f64 = 1e-10;
+
+#[test]
+fn errors_of_gradients_are_those_of_linear_fields() {
+    // u = 0.02 x - 0.03 y, v = 0.05 x + 0.01 y; the result has a vorticity of 0.01 and a divergence of 0.004 more.
+    let exact = |x: f64, y: f64| [0.02 * x - 0.03 * y, 0.05 * x + 0.01 * y];
+    let found = |x: f64, y: f64| {
+        let [u, v] = exact(x, y);
+        [u + 0.002 * x - 0.005 * y, v + 0.005 * x + 0.002 * y]
+    };
+    let (score, warnings) = score(&table(12, exact), &table(12, found));
+    let g = score.main.gradients.unwrap();
+    assert_eq!((g.n, warnings), (100, vec![]));
+    for (what, ours, expected) in [
+        ("vorticity", g.vorticity_rms, 0.01),
+        ("true vorticity", g.true_vorticity_rms, 0.08),
+        ("divergence", g.divergence_rms, 0.004),
+        ("true divergence", g.true_divergence_rms, 0.03),
+        // The added rotation strains nothing: e11 = e22 = 0.002.
+        ("strain", g.strain_rms, 0.002 * 2f64.sqrt()),
+        (
+            "true strain",
+            g.true_strain_rms,
+            (0.02f64.powi(2) + 0.01f64.powi(2) + 2.0 * 0.01f64.powi(2)).sqrt(),
+        ),
+    ] {
+        assert!((ours.unwrap() - expected).abs() < ROUNDING, "{what}: {ours:?}, expected {expected}");
+    }
+}
+
+#[test]
+fn the_response_to_a_wave_is_what_is_left_of_its_amplitude() {
+    let n = 64;
+    let length = 8.0 * n as f64;
+    // Waves of 2, 5, 10, 20 periods; a filter leaves 1 / (1 + (k / 10)^2) of each.
+    let periods = [2.0, 5.0, 10.0, 20.0];
+    let left = |k: f64| 1.0 / (1.0 + (k / 10.0).powi(2));
+    let wave = |share: &dyn Fn(f64) -> f64, x: f64| -> f64 {
+        periods.iter().map(|&k| 1.5 * share(k) * (2.0 * PI * k * x / length + k).sin()).sum()
+    };
+    let exact = |x: f64, _: f64| [wave(&|_| 1.0, x), 0.0];
+    let found = |x: f64, _: f64| [wave(&left, x), 0.0];
+    let (score, _) = score(&table(n, exact), &table(n, found));
+    let spectra = &score.main.spectra;
+    assert_eq!(spectra.len(), 4);
+    let u = spectra.iter().find(|s| s.component == "u" && s.along == "x").unwrap();
+    assert_eq!((u.lines, u.waves.len()), (n, n / 2));
+    for k in periods {
+        let wave = &u.waves[k as usize - 1];
+        assert!((wave.wavelength_px - length / k).abs() < ROUNDING);
+        // Hann's window spreads a wave over its two neighbours only, which hold none of the others here.
+        assert!((wave.response.unwrap() - left(k)).abs() < 1e-9, "{k}: {wave:?}");
+        assert!((wave.found_power_px3 / wave.true_power_px3 - left(k).powi(2)).abs() < 1e-9);
+    }
+    // Parseval: powers integrate to the variance, 4 waves of 1.5^2 / 2, as far as windows weigh all phases alike.
+    let variance: f64 = u.waves.iter().map(|w| w.true_power_px3 / length).sum();
+    assert!((variance / (4.0 * 1.125) - 1.0).abs() < 0.02, "{variance}");
+    // 0.8 is crossed between 2 and 5 periods + window (0.96, 0.8), 0.5 at 10 periods.
+    assert!(u.wavelength_50_px.is_some_and(|w| (w / (length / 10.0) - 1.0).abs() < 0.1), "{u:?}");
+    // Along y nothing varies, so there is no response.
+    let v = spectra.iter().find(|s| s.component == "u" && s.along == "y").unwrap();
+    assert!(v.waves.iter().all(|w| w.response.is_none()) && v.wavelength_50_px.is_none());
+}
+
+/// A dataset with the truth of two pairs on two planes, three kinds of truth and a mask.
+fn dataset(folder: &Path) {
+    let mut text =
+        "pair,plane,x_px,y_px,z_um,forward_dx_px,forward_dy_px,forward_dz_um,central_dx_px,central_dy_px,\
+                    central_dz_um,weighted_dx_px,weighted_dy_px,weighted_dz_um,mask\n"
+            .to_owned();
+    for pair in 0..2 {
+        for (plane, z) in [(0, -10.0), (1, 1.0)] {
+            for (x, y) in lattice(6) {
+                let u = f64::from(pair + 1) * (1.0 + z / 100.0);
+                let mask = u8::from(x < 6.0);
+                text += &format!(
+                    "{pair},{plane},{x},{y},{z},{},0.5,0,{u},0.5,0,{},0.5,0,{mask}\n",
+                    u + 0.1,
+                    0.8 * u
+                );
+            }
+        }
+    }
+    std::fs::create_dir_all(folder.join("truth")).unwrap();
+    std::fs::write(folder.join("truth/field.csv"), text).unwrap();
+    std::fs::write(folder.join("datapackage.json"), r#"{"name":"hand-made","microsig":{}}"#).unwrap();
+}
+
+#[test]
+fn a_dataset_s_field_is_scored_pair_by_pair_against_every_truth() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = place.path().join("dataset");
+    dataset(&folder);
+    let mut text = "pair,x_px,y_px,dx_px,dy_px,flag\n".to_owned();
+    for pair in 0..2 {
+        for (x, y) in lattice(6) {
+            text += &format!("{pair},{x},{y},{},0.5,0\n", 1.01 * f64::from(pair + 1) + 0.02);
+        }
+    }
+    let result = place.path().join("result.csv");
+    std::fs::write(&result, &text).unwrap();
+    let score = evaluate(&folder, &result, &Options::default()).unwrap().score;
+    let f = score.field.unwrap();
+    // One of six columns is masked: its vectors have no truth.
+    assert_eq!((f.n_total, f.n_reported, f.n_outside, f.against.as_str()), (72, 72, 12, "central"));
+    let bias = |kind: &str| f.truths[kind].u.bias_px.unwrap();
+    // On the plane nearest focus u = 1.01 and 2.02 px; the errors are 0.02, 0.02 - 0.1 and 0.02 + 0.2 u.
+    assert!((bias("central") - 0.02).abs() < ROUNDING);
+    assert!((bias("forward") + 0.08).abs() < ROUNDING);
+    assert!((bias("weighted") - (0.02 + 0.2 * 1.515)).abs() < ROUNDING);
+    let repeated = f.main.repeated.unwrap();
+    assert_eq!((repeated.n_places, repeated.mean_repeats), (30, 2.0));
+    assert!((repeated.mean_abs_bias_u_px - 0.02).abs() < ROUNDING && repeated.mean_random_u_px < ROUNDING);
+
+    // Without numbers of pairs there is no telling which truth is meant.
+    std::fs::write(&result, table(6, |_, _| [1.0, 0.5])).unwrap();
+    let warnings = evaluate(&folder, &result, &Options::default()).unwrap().score.warnings;
+    assert!(warnings.iter().any(|w| w.contains("image pair")), "{warnings:?}");
+}
+
+#[test]
+fn a_field_with_y_upward_is_noticed() {
+    let exact = |x: f64, y: f64| [0.1 * x, 2.0 + 0.1 * y];
+    let (_, warnings) = score(&table(8, exact), &table(8, |x, y| [exact(x, y)[0], -exact(x, y)[1]]));
+    assert!(warnings.iter().any(|w| w.contains("--y up")), "{warnings:?}");
+}
+
+#[test]
+fn intervals_hold_their_scores() {
+    // Errors of a fixed pattern, so that there is something to resample.
+    let noise = |x: f64, y: f64| 0.3 * (12.9898 * x + 78.233 * y).sin();
+    let exact = |x: f64, y: f64| [0.01 * x, 0.01 * y];
+    let found = |x: f64, y: f64| [exact(x, y)[0] + noise(x, y), exact(x, y)[1] + noise(y, x)];
+    let (score, _) = score(&table(20, exact), &table(20, found));
+    let a = &score.main;
+    for (value, interval) in [
+        (a.aee_px, a.interval_aee_px),
+        (a.u_inliers.rms_px, a.interval_rms_u_inliers_px),
+        (a.v_inliers.rms_px, a.interval_rms_v_inliers_px),
+    ] {
+        let (value, [low, high]) = (value.unwrap(), interval.unwrap());
+        assert!(low < value && value < high && high - low < 0.2 * value, "{value} {low} {high}");
+    }
+}
