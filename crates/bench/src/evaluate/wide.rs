@@ -19,14 +19,17 @@ pub struct WidePair {
     pub squared: f64,
 }
 
+/// A frame: its number, points of truth, points of the result, pairs.
+pub type Frame = (u32, Range<usize>, Range<usize>, Range<usize>);
+
 /// The pairs of all frames.
 #[derive(Debug, Clone)]
 pub struct Wide {
     gate: Gate,
     /// All pairs, by frame, truth, result.
     pub pairs: Vec<WidePair>,
-    /// Every frame of either: its number, points of truth and of result, and pairs.
-    pub frames: Vec<(u32, Range<usize>, Range<usize>, Range<usize>)>,
+    /// Every frame of either.
+    pub frames: Vec<Frame>,
 }
 
 impl Wide {

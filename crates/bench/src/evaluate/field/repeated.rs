@@ -45,7 +45,7 @@ impl Repeated {
         }
         let [mean_repeats, mean_abs_bias_u_px, mean_random_u_px, mean_abs_bias_v_px, mean_random_v_px] =
             sums.map(|s| s / n);
-        (!places.is_empty()).then(|| Repeated {
+        (!places.is_empty()).then_some(Repeated {
             n_places: places.len(),
             mean_repeats,
             mean_abs_bias_u_px,
