@@ -82,15 +82,7 @@ fn run_render(arguments: &Render, common: &Common) -> Result<()> {
 }
 
 fn run_generate(arguments: &Generate, common: &Common) -> Result<()> {
-    let path = &arguments.scenario;
-    let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
-    let mut spec = scenario::parse(&text, &path.display().to_string())?;
-    for assignment in &arguments.set {
-        let (path, value) = scenario::assignment(assignment)?;
-        spec = scenario::set(&spec, path, value)?;
-    }
-    spec.seed = common.seed.unwrap_or(spec.seed);
-    let scenario = scenario::resolve(spec, path.parent().unwrap_or(Path::new(".")))?;
+    let scenario = scenario::load(&arguments.scenario, &arguments.set, common.seed)?;
     warn(&scenario.warnings, common);
     let out = arguments.out.clone().unwrap_or_else(|| Path::new("datasets").join(&scenario.spec.name));
     let generated = generate(

@@ -26,6 +26,9 @@ const KEYS: &[(&str, Status)] = &[
     ("seed", Key),
     ("optics", Key),
     ("optics.preset", Key),
+    ("optics.preset.setting1", Variant),
+    ("optics.preset.setting1a", Variant),
+    ("optics.preset.setting2", Variant),
     ("optics.settings", Key),
     ("optics.depth_factor", Key),
     ("optics.gaussian", Planned),
@@ -136,6 +139,19 @@ const KEYS: &[(&str, Status)] = &[
     ("boundaries.z.periodic", Variant),
     ("boundaries.margin_px", Key),
     ("boundaries.bodies", Key),
+    ("boundaries.bodies.sphere", Variant),
+    ("boundaries.bodies.sphere.centre_um", Key),
+    ("boundaries.bodies.sphere.radius_um", Key),
+    ("boundaries.bodies.cylinder", Variant),
+    ("boundaries.bodies.cylinder.centre_um", Key),
+    ("boundaries.bodies.cylinder.radius_um", Key),
+    ("boundaries.bodies.outside_drop", Variant),
+    ("boundaries.bodies.outside_drop.centre_um", Key),
+    ("boundaries.bodies.outside_drop.radius_um", Key),
+    ("boundaries.bodies.outside_drop.height_um", Key),
+    ("boundaries.bodies.drain", Variant),
+    ("boundaries.bodies.drain.centre_um", Key),
+    ("boundaries.bodies.drain.radius_um", Key),
     ("boundaries.keep_ids", Key),
     ("timing", Key),
     ("timing.pairs", Variant),
@@ -196,19 +212,22 @@ const FIELD: &str = "motion.flow.field";
 /// Fields that change another one.
 const COMPOSITIONS: [&str; 6] = ["scaled", "translated", "rotated", "moving", "modulated", "mirrored"];
 
-/// A path with the fields inside compositions taken for the field itself.
+/// A path without places in lists, and with the fields inside compositions taken for the field itself.
 fn flat(path: &str) -> String {
-    let Some(mut rest) = path.strip_prefix(FIELD) else { return path.to_owned() };
+    let is_index = |step: &&str| !step.is_empty() && step.bytes().all(|b| b.is_ascii_digit());
+    let path = path.split('.').filter(|step| !is_index(step)).collect::<Vec<_>>().join(".");
+    let Some(mut rest) = path.strip_prefix(FIELD) else { return path };
     loop {
         let mut steps = rest.splitn(4, '.').skip(1);
         let (kind, inner) = (steps.next().unwrap_or_default(), steps.next().unwrap_or_default());
-        let is_number = !inner.is_empty() && inner.bytes().all(|b| b.is_ascii_digit());
-        let nested = (kind == "sum" && is_number) || (COMPOSITIONS.contains(&kind) && inner == "field");
-        let length = kind.len() + inner.len() + 2;
-        // `...scaled.field` itself is a key of its own.
-        if !nested || rest.len() <= length {
-            return format!("{FIELD}{rest}");
-        }
+        // `scaled.field` and `sum` themselves stay.
+        let length = match kind {
+            "sum" if !inner.is_empty() => kind.len() + 1,
+            _ if COMPOSITIONS.contains(&kind) && inner == "field" && steps.next().is_some() => {
+                kind.len() + inner.len() + 2
+            }
+            _ => return format!("{FIELD}{rest}"),
+        };
         rest = &rest[length..];
     }
 }
@@ -223,18 +242,40 @@ pub fn status(path: &str) -> Option<Status> {
     })
 }
 
-/// The key most like `path`, if one with the same parent is near enough.
+/// What may follow a path: the keys of a section, or the variants of a key.
+pub(super) fn below(path: &str) -> Vec<(&'static str, Status)> {
+    let path = match flat(path) {
+        // What stands in the brackets of a sum or of `field` is a field.
+        p if p == format!("{FIELD}.sum") => FIELD.to_owned(),
+        p if p.strip_prefix(FIELD).is_some_and(|p| p.ends_with(".field")) => FIELD.to_owned(),
+        p => p,
+    };
+    let name = |key: &'static str| match path.is_empty() {
+        true => (!key.contains('.')).then_some(key),
+        false => key.strip_prefix(path.as_str())?.strip_prefix('.').filter(|name| !name.contains('.')),
+    };
+    all().iter().filter_map(|(key, status)| Some((name(key)?, *status))).collect()
+}
+
+/// The key or variant most like a misspelt path: one with the same parent if that is near enough, else one of that very
+/// name elsewhere, with its path.
 pub fn suggestion(path: &str) -> Option<&'static str> {
-    let split = |p: &'static str| p.rsplit_once('.').unwrap_or(("", p));
     let path = flat(path);
     let (parent, name) = path.rsplit_once('.').unwrap_or(("", &path));
-    all()
-        .iter()
-        .filter(|(key, status)| *status == Key && split(key).0 == parent)
-        .map(|(key, _)| (strsim::jaro_winkler(split(key).1, name), split(key).1))
-        .filter(|&(likeness, _)| likeness > 0.75)
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, name)| name)
+    let near = nearest(name, below(parent).into_iter().map(|(name, _)| name));
+    // Parameters of fields are named alike in many of them.
+    let elsewhere = || {
+        let own = all().iter().map(|(key, _)| key.as_str()).filter(|key| !key.starts_with(FIELD));
+        own.filter(|key| key.rsplit('.').next() == Some(name)).min_by_key(|key| key.len())
+    };
+    near.or_else(elsewhere)
+}
+
+/// The word most like `name`, if one is near enough.
+pub(super) fn nearest<'a>(name: &str, words: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let likeness = |word: &str| strsim::jaro_winkler(word, name);
+    let near = words.into_iter().map(|word| (likeness(word), word)).filter(|&(likeness, _)| likeness > 0.75);
+    near.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, word)| word)
 }
 
 #[cfg(test)]
@@ -253,7 +294,9 @@ mod tests {
     fn misspelt_keys_get_a_suggestion_from_their_own_section() {
         assert_eq!(suggestion("optics.magnificaton"), Some("magnification"));
         assert_eq!(suggestion("timing.pairs.dt"), Some("dt_s"));
+        assert_eq!(suggestion("particles.number.cuont"), Some("count"));
         assert_eq!(suggestion("particles.zzz"), None);
+        assert_eq!(suggestion("particles.background_noise"), Some("optics.background_noise"));
     }
 
     #[test]
@@ -265,6 +308,8 @@ mod tests {
             ("motion.flow.field.scaled.by.velocity_factor", Some(Key)),
             ("motion.flow.field.rotated.field.sum.1.abc.nonsense", None),
             ("motion.flow.field.gridded.geometry.spacing_um", Some(Key)),
+            ("motion.flow.field.sum.0", Some(Variant)),
+            ("boundaries.bodies.2.drain.radius_um", Some(Key)),
         ] {
             assert_eq!(status(path), expected, "{path}");
         }

@@ -2,6 +2,8 @@
 
 mod field;
 pub mod keys;
+mod load;
+mod outline;
 mod parse;
 mod particles;
 mod resolve;
@@ -9,6 +11,7 @@ mod set;
 pub mod spec;
 mod sweep;
 
+pub use load::load;
 pub use parse::{compact, parse, write};
 pub use resolve::{Input, Recordings, Scenario, resolve};
 pub use set::{assignment, set};

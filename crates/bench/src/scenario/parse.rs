@@ -1,9 +1,16 @@
-//! Reading a scenario: RON to [`Spec`], with every unknown key reported at once.
+//! Reading a scenario: RON to [`Spec`], with all that is wrong reported at once, each with its place.
+//!
+//! RON's own reader stops at the first value that does not fit. So the names of keys and variants are checked against the
+//! list of all ([`keys`]) first, on the text's outline.
 
+use std::ops::Range;
+
+use ron::error::SpannedError;
 use ron::extensions::Extensions;
 use serde_json::Value;
 
 use super::keys::{self, Status};
+use super::outline::{Inside, Node, line_and_column, outline};
 use super::spec::Spec;
 use crate::error::{Error, Result};
 
@@ -14,42 +21,222 @@ pub(crate) fn options() -> ron::Options {
     )
 }
 
+/// Something that is wrong with a text, and where.
+pub(super) struct Fault {
+    /// Byte of the text.
+    pub(super) at: usize,
+    /// The path of the key, what was found, what is allowed.
+    pub(super) message: String,
+    /// Whether it is valid but not built yet.
+    pub(super) planned: bool,
+}
+
 /// Reads a scenario; `name` is what messages call it.
 ///
 /// # Errors
-/// [`Error::Input`] with line and column of what is no RON or has the wrong type, and with the path of every unknown
-/// key; [`Error::Unsupported`] if all unknown keys are planned ones.
+/// [`Error::Input`] with line and column of everything that is no RON, has the wrong type, or is an unknown key or
+/// variant; [`Error::Unsupported`] if all of them are planned ones.
 pub fn parse(text: &str, name: &str) -> Result<Spec> {
-    let at = |e: ron::error::SpannedError| {
-        let place = format!("{name}:{}:{}", e.span.start.line, e.span.start.col);
-        match &e.code {
-            ron::Error::NoSuchEnumVariant { expected, found, .. } => unknown_variant(&place, expected, found),
-            code => Error::input(format!("{place}: {code}")),
-        }
-    };
+    read(text).map_err(|faults| {
+        failed(faults, |fault| {
+            let (line, column) = line_and_column(text, fault.at);
+            format!("{name}:{line}:{column}: {}", fault.message)
+        })
+    })
+}
+
+/// The error of some faults.
+pub(super) fn failed(faults: Vec<Fault>, message: impl Fn(&Fault) -> String) -> Error {
+    let messages = faults.iter().map(message).collect();
+    if faults.iter().all(|fault| fault.planned) {
+        Error::Unsupported(messages)
+    } else {
+        Error::Input(messages)
+    }
+}
+
+/// The scenario of a text, or all that is wrong with it, in order.
+pub(super) fn read(text: &str) -> std::result::Result<Spec, Vec<Fault>> {
+    let root = outline(text);
+    let mut names = Names { text, faults: Vec::new(), refused: Vec::new() };
+    if let Some(root) = &root {
+        names.value(root, "");
+    }
+    let Names { mut faults, refused, .. } = names;
     let mut unknown = Vec::new();
-    let mut deserializer = ron::Deserializer::from_str_with_options(text, &options()).map_err(at)?;
-    let spec: Spec = serde_ignored::deserialize(&mut deserializer, |path| unknown.push(steps(&path)))
-        .and_then(|spec| deserializer.end().map(|()| spec))
-        .map_err(|e| at(deserializer.span_error(e)))?;
-    if unknown.is_empty() {
-        return Ok(spec);
-    }
-    let tree = serde_json::to_value(&spec).map_err(|e| Error::input(format!("{name}: {e}")))?;
-    let (mut wrong, mut planned) = (Vec::new(), Vec::new());
-    for path in unknown.iter().map(|steps| named(steps, &tree)) {
-        if keys::status(&path) == Some(Status::Planned) {
-            planned.push(not_yet(name, &path));
-        } else {
-            let hint = keys::suggestion(&path).map(|s| format!("; did you mean `{s}`?")).unwrap_or_default();
-            wrong.push(format!("{name}: unknown key `{path}`{hint}"));
+    match deserialize(text, |path| unknown.push(steps(&path))) {
+        Ok(spec) => {
+            let tree = serde_json::to_value(&spec).unwrap_or_default();
+            let paths: Vec<String> = unknown.iter().map(|steps| named(steps, &tree)).collect();
+            for path in paths {
+                let at = root.as_ref().map_or(0, |root| root.find(path.split('.')));
+                // Most are among the faults already; the rest is what the list of keys is vague about.
+                if !faults.iter().any(|fault: &Fault| fault.at == at) {
+                    faults.push(unknown_key(&path, at));
+                }
+            }
+            if faults.is_empty() {
+                return Ok(spec);
+            }
+        }
+        // A name that was refused above is the reader's fault too, and it stops there.
+        Err(e) => {
+            let fault = unreadable(text, root.as_ref(), &e);
+            if !refused.iter().any(|span: &Range<usize>| (span.start..=span.end).contains(&fault.at)) {
+                faults.push(fault);
+            }
         }
     }
-    if wrong.is_empty() {
-        return Err(Error::Unsupported(planned));
+    faults.sort_by_key(|fault| fault.at);
+    Err(faults)
+}
+
+fn deserialize(
+    text: &str,
+    mut ignored: impl FnMut(serde_ignored::Path<'_>),
+) -> std::result::Result<Spec, SpannedError> {
+    let mut deserializer = ron::Deserializer::from_str_with_options(text, &options())?;
+    serde_ignored::deserialize(&mut deserializer, |path| ignored(path))
+        .and_then(|spec| deserializer.end().map(|()| spec))
+        .map_err(|e| deserializer.span_error(e))
+}
+
+/// The check of the names of keys and variants against the list of all.
+struct Names<'a> {
+    text: &'a str,
+    faults: Vec<Fault>,
+    /// Values that cannot be read because of their names.
+    refused: Vec<Range<usize>>,
+}
+
+impl Names<'_> {
+    fn value(&mut self, node: &Node, path: &str) {
+        let allowed = keys::below(path);
+        let is_choice = allowed.iter().any(|(_, status)| *status == Status::Variant);
+        match (&node.name, &node.inside) {
+            (Some(name), _) if name == "Some" => {
+                if let Some(inner) = node.only_item() {
+                    self.value(inner, path);
+                }
+            }
+            (Some(name), inside) if is_choice => {
+                let variant = joined(path, name);
+                match allowed.iter().find(|(a, _)| a == name) {
+                    Some((_, Status::Planned)) => self.refuse(node, not_yet(&variant), true),
+                    Some(_) => self.content(inside, &variant),
+                    None => {
+                        let choice = choice(name, allowed.iter().map(|(name, _)| *name));
+                        self.refuse(node, format!("{path}: unknown variant `{name}`: {choice}"), false);
+                    }
+                }
+            }
+            (None, Inside::Nothing) if is_choice => {
+                let found = &self.text[node.span.clone()];
+                let choice = choice(found, allowed.iter().map(|(name, _)| *name));
+                self.refuse(node, format!("{path} = {found}: {choice}"), false);
+            }
+            (_, inside) => self.content(inside, path),
+        }
     }
-    wrong.append(&mut planned);
-    Err(Error::Input(wrong))
+
+    fn refuse(&mut self, node: &Node, message: String, planned: bool) {
+        self.faults.push(Fault { at: node.span.start, message, planned });
+        self.refused.push(node.span.clone());
+    }
+
+    /// The same for what is in brackets.
+    fn content(&mut self, inside: &Inside, path: &str) {
+        match inside {
+            Inside::Nothing => {}
+            Inside::Items(items, _) => {
+                for (i, item) in items.iter().enumerate() {
+                    // A variant's only value has no step of its own, nor has the list in it.
+                    let alone = items.len() == 1 && item.name.is_none();
+                    let path = if alone { path.to_owned() } else { joined(path, &i.to_string()) };
+                    self.value(item, &path);
+                }
+            }
+            Inside::Fields(fields, _) => {
+                let is_listed = !keys::below(path).is_empty();
+                for field in fields {
+                    let path = joined(path, &field.key);
+                    match keys::status(&path) {
+                        Some(Status::Key | Status::Variant) => self.value(&field.value, &path),
+                        None if !is_listed => {}
+                        _ => self.faults.push(unknown_key(&path, field.at)),
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn joined(path: &str, step: &str) -> String {
+    if path.is_empty() { step.to_owned() } else { format!("{path}.{step}") }
+}
+
+fn unknown_key(path: &str, at: usize) -> Fault {
+    if keys::status(path) == Some(Status::Planned) {
+        return Fault { at, message: not_yet(path), planned: true };
+    }
+    let hint = keys::suggestion(path).map(|s| format!("; did you mean `{s}`?")).unwrap_or_default();
+    Fault { at, message: format!("unknown key `{path}`{hint}"), planned: false }
+}
+
+/// What RON's reader refuses, in the words of scenarios.
+pub(super) fn unreadable(text: &str, root: Option<&Node>, e: &SpannedError) -> Fault {
+    use ron::Error as E;
+    let at = byte(text, e.span.start);
+    let Some(root) = root else {
+        return Fault { at, message: e.code.to_string(), planned: false };
+    };
+    let (path, node) = root.around(at);
+    // What is missing or doubled concerns the section, not the value before it.
+    let path = match (&e.code, &node.inside) {
+        (E::MissingStructField { .. } | E::DuplicateStructField { .. }, Inside::Nothing) => {
+            path.rsplit_once('.').map_or("", |(section, _)| section).to_owned()
+        }
+        _ => path,
+    };
+    let in_path = |message: String| if path.is_empty() { message } else { format!("{path}: {message}") };
+    let found = |expected: &str| {
+        let found: String = text[node.span.clone()].chars().take(40).collect();
+        in_path(String::new()).trim_end_matches(": ").to_owned() + &format!(" = {found}: expected {expected}")
+    };
+    let message = match &e.code {
+        E::MissingStructField { field, .. } => in_path(format!("`{field}` is missing")),
+        E::DuplicateStructField { field, .. } => in_path(format!("`{field}` is given a second time")),
+        E::NoSuchEnumVariant { expected, found, .. } => {
+            in_path(format!("unknown variant `{found}`: {}", choice(found, expected.iter().copied())))
+        }
+        E::ExpectedFloat => found("a number"),
+        E::ExpectedInteger | E::InvalidIntegerDigit { .. } => found("a whole number"),
+        E::IntegerOutOfBounds => found("a whole number that is not negative and not too large"),
+        E::ExpectedBoolean => found("true or false"),
+        E::ExpectedString => found("a text in quotes"),
+        E::ExpectedStructLike | E::ExpectedNamedStructLike(_) => found("values in round brackets"),
+        E::ExpectedArray => found("a list in square brackets"),
+        E::InvalidValueForType { expected, .. } => found(expected),
+        code => in_path(code.to_string()),
+    };
+    Fault { at, message, planned: false }
+}
+
+fn byte(text: &str, position: ron::error::Position) -> usize {
+    let line_start: usize =
+        text.split_inclusive('\n').take(position.line.saturating_sub(1)).map(str::len).sum();
+    let in_line = text[line_start..].char_indices().nth(position.col.saturating_sub(1));
+    line_start + in_line.map_or(text.len() - line_start, |(i, _)| i)
+}
+
+fn choice<'a>(found: &str, allowed: impl Iterator<Item = &'a str> + Clone) -> String {
+    let all = allowed.clone().collect::<Vec<_>>().join(", ");
+    let hint = keys::nearest(found, allowed).map(|s| format!("did you mean `{s}`? ")).unwrap_or_default();
+    format!("{hint}expected one of {all}")
+}
+
+fn not_yet(path: &str) -> String {
+    format!("`{path}` is valid but not supported yet")
 }
 
 /// Writes a scenario so that [`parse`] reads it back.
@@ -63,26 +250,6 @@ pub fn write(spec: &Spec) -> Result<String> {
 /// Part of a scenario on one line.
 pub fn compact(part: &impl serde::Serialize) -> Result<String> {
     options().to_string(part).map_err(|e| Error::input(format!("scenario: {e}")))
-}
-
-fn not_yet(place: &str, what: &str) -> String {
-    format!("{place}: `{what}` is valid but not supported yet")
-}
-
-fn unknown_variant(place: &str, expected: &[&str], found: &str) -> Error {
-    let planned = |(path, status): &(String, Status)| {
-        *status == Status::Planned && path.rsplit('.').next() == Some(found)
-    };
-    if keys::all().iter().any(planned) {
-        return Error::Unsupported(vec![not_yet(place, found)]);
-    }
-    let nearest = expected
-        .iter()
-        .map(|e| (strsim::jaro_winkler(e, found), e))
-        .filter(|&(likeness, _)| likeness > 0.75)
-        .max_by(|a, b| a.0.total_cmp(&b.0));
-    let hint = nearest.map(|(_, e)| format!("; did you mean `{e}`?")).unwrap_or_default();
-    Error::input(format!("{place}: unknown variant `{found}`: expected one of {}{hint}", expected.join(", ")))
 }
 
 /// The steps of a path; `None` stands for an enum's variant, whose name serde_ignored does not tell.
@@ -146,20 +313,24 @@ mod tests {
     }
 
     #[test]
-    fn all_unknown_keys_are_named_at_once_with_suggestions() {
+    fn all_unknown_keys_and_variants_are_named_at_once_with_place_and_suggestion() {
         let text = GOOD
             .replace("max_speed_um_s", "max_sped_um_s: 1, walls_z_um: (0, 1), max_speed_um_s")
-            .replace("name:", "optics: (gian: 3, gaussian: (diameter_px: 2)), flavour: sweet, name:");
+            .replace("name:", "optics: (gian: 3, gaussian: (diameter_px: 2)), flavour: sweet,\nname:")
+            .replace("timing", "boundaries: (x: opne, bodies: [sphere(radius: 3)], z_mu: (1, 2)), timing")
+            .replace("count: 2", "count: two");
         let (code, message) = refuse(&text);
         assert_eq!(code, 2);
-        for expected in [
-            "unknown key `optics.gian`; did you mean `gain`?",
-            "unknown key `motion.flow.field.poiseuille.max_sped_um_s`; did you mean `max_speed_um_s`?",
-            "unknown key `flavour`",
-            "`optics.gaussian` is valid but not supported yet",
-        ] {
-            assert!(message.contains(expected), "{message}");
-        }
+        let expected = [
+            "s.ron:2:18: unknown key `optics.gian`; did you mean `gain`?",
+            "s.ron:2:27: `optics.gaussian` is valid but not supported yet",
+            "s.ron:2:56: unknown key `flavour`",
+            "s.ron:4:40: unknown key `motion.flow.field.poiseuille.max_sped_um_s`; did you mean `max_speed_um_s`?",
+            "s.ron:5:25: boundaries.x: unknown variant `opne`: did you mean `open`? expected one of open, wall, periodic",
+            "s.ron:5:47: unknown key `boundaries.bodies.0.sphere.radius`; did you mean `radius_um`?",
+            "s.ron:5:60: unknown key `boundaries.z_mu`; did you mean `z_um`?",
+        ];
+        assert_eq!(message.lines().collect::<Vec<_>>(), expected);
     }
 
     #[test]
@@ -175,10 +346,37 @@ mod tests {
     }
 
     #[test]
-    fn faults_of_syntax_and_type_name_line_and_column() {
-        assert!(refuse(&GOOD.replace("1000", "\"fast\"")).1.starts_with("s.ron:3:"));
-        assert!(refuse(&GOOD.replace("poiseuille", "poisseuille")).1.contains("did you mean `poiseuille`?"));
+    fn faults_of_syntax_and_type_name_place_path_and_what_was_found() {
+        for (from, to, expected) in [
+            (
+                "1000",
+                "\"fast\"",
+                "s.ron:3:55: motion.flow.field.poiseuille.max_speed_um_s = \"fast\": expected a number",
+            ),
+            ("poiseuille", "poisseuille", "did you mean `poiseuille`?"),
+            ("count: 2", "count: two", "s.ron:4:29: timing.pairs.count = two: expected a whole number"),
+            ("count: 2", "count: -2", "timing.pairs.count = -2: expected a whole number"),
+            ("count: 2", "dt_s: 1", "timing.pairs: `count` is missing"),
+            ("count: 2", "count: 2, count: 3", "timing.pairs: `count` is given a second time"),
+            ("\"test\"", "test", "s.ron:2:14: name = test: expected a text in quotes"),
+            ("timing: pairs(count: 2),", "", "`timing` is missing"),
+            ("timing:", "seed: -1, timing:", "seed = -1: expected a whole number"),
+            ("timing:", "boundaries: (z_um: 3), timing:", "boundaries.z_um = 3: expected"),
+            (
+                "timing:",
+                "boundaries: (z_um: (3, red)), timing:",
+                "boundaries.z_um.1 = red: expected a number",
+            ),
+            ("timing:", "particles: (number: 5), timing:", "particles.number = 5: expected"),
+            (
+                "timing:",
+                "particles: (c_int: uniform(min: 1)), timing:",
+                "particles.c_int.uniform: `max` is missing",
+            ),
+        ] {
+            let message = refuse(&GOOD.replace(from, to)).1;
+            assert!(message.contains(expected), "{to}: {message}");
+        }
         assert!(refuse("(name: \"a\"").1.starts_with("s.ron:1:"));
-        assert!(refuse(&GOOD.replace("timing: pairs(count: 2),", "")).1.contains("`timing`"));
     }
 }

@@ -7,8 +7,10 @@
 use std::ops::Range;
 
 use super::keys::{self, Status};
+use super::outline::{Inside, Node, outline};
+use super::parse::{failed, read};
 use super::spec::Spec;
-use super::{parse, write};
+use super::write;
 use crate::error::{Error, Result};
 
 /// The scenario with the value at `path` replaced.
@@ -29,13 +31,11 @@ pub fn set(spec: &Spec, path: &str, value: &str) -> Result<Spec> {
     }
     let text = write(spec)?;
     let steps: Vec<&str> = path.split('.').collect();
-    let new =
-        splice(&text, &steps, value.trim()).ok_or_else(|| Error::input(format!("{name}: no such place")))?;
-    parse(&new, &name).map_err(|e| match e {
-        // Lines of the text that was put together mean nothing to the reader.
-        Error::Input(messages) => Error::Input(messages.iter().map(|m| without_place(m, &name)).collect()),
-        other => other,
-    })
+    let edit = outline(&text).and_then(|root| edit(&root, false, &steps, 0, value.trim()));
+    let (span, with) = edit.ok_or_else(|| Error::input(format!("{name}: no such place")))?;
+    let new = format!("{}{with}{}", &text[..span.start], &text[span.end..]);
+    // Lines of the text that was put together mean nothing to the reader.
+    read(&new).map_err(|faults| failed(faults, |fault| format!("{name}: {}", fault.message)))
 }
 
 /// Splits `path=value`.
@@ -46,51 +46,45 @@ pub fn assignment(text: &str) -> Result<(&str, &str)> {
         .ok_or_else(|| Error::input(format!("`{text}`: expected path=value")))
 }
 
-fn without_place(message: &str, name: &str) -> String {
-    let rest = message.strip_prefix(name).unwrap_or(message);
-    let place = |c: char| c.is_ascii_digit() || c == ':' || c == '-';
-    format!("{name}: {}", rest.trim_start_matches(place).trim_start())
-}
-
-/// What stands at a place of the text.
-enum Place {
-    /// A value.
-    Value(Range<usize>),
-    /// What stands in a variant's brackets: a value, or fields without brackets of their own.
-    Content(Range<usize>),
-}
-
-fn splice(text: &str, steps: &[&str], value: &str) -> Option<String> {
-    let mut place = Place::Value(value_at(text, 0)?);
-    for (i, step) in steps.iter().enumerate() {
-        let fields = match place {
-            Place::Content(content) => content,
-            Place::Value(span) if text[span.clone()].starts_with('(') => span.start + 1..span.end - 1,
-            Place::Value(span) => {
-                let end = ident_end(text, span.start);
-                if &text[span.start..end] != *step {
-                    return Some(replaced(text, span, &built(steps, i, value)));
-                }
-                let opening = skip(text, end);
-                let has_content = opening < span.end && text[opening..].starts_with('(');
-                place =
-                    if has_content { Place::Content(opening + 1..span.end - 1) } else { Place::Value(span) };
-                continue;
+/// What is to be replaced below a node, and by what; `entered` says that the node's name, a variant, was the step before.
+fn edit(
+    node: &Node,
+    entered: bool,
+    steps: &[&str],
+    first: usize,
+    value: &str,
+) -> Option<(Range<usize>, String)> {
+    let Some(step) = steps.get(first) else {
+        return Some(match &node.inside {
+            Inside::Fields(_, inside) | Inside::Items(_, inside) if entered => {
+                (inside.clone(), value.to_owned())
             }
-        };
-        let written = text[fields.clone()].trim_end();
-        match field(text, fields.clone(), step) {
-            Some(span) => place = Place::Value(span),
-            None if written.is_empty() || has_names(text, fields.clone()) => {
-                let comma = if written.is_empty() || written.ends_with(',') { "" } else { "," };
-                let at = fields.start + written.len();
-                return Some(replaced(text, at..at, &format!("{comma} {}", built(steps, i, value))));
-            }
-            None => return None,
+            _ => (node.span.clone(), built(steps, first - usize::from(entered), value)),
+        });
+    };
+    if let Some(name) = node.name.as_ref().filter(|_| !entered) {
+        if name == step {
+            return edit(node, true, steps, first + 1, value);
         }
+        return Some((node.span.clone(), built(steps, first, value)));
     }
-    let (Place::Value(span) | Place::Content(span)) = place;
-    Some(replaced(text, span, value))
+    match &node.inside {
+        Inside::Nothing => Some((node.span.clone(), built(steps, first - usize::from(entered), value))),
+        // What a variant holds has no step of its own, the places of a list do.
+        Inside::Items(items, _) => match (node.only_item(), step.parse::<usize>()) {
+            (Some(only), _) if entered => edit(only, false, steps, first, value),
+            (_, Ok(i)) => edit(items.get(i)?, false, steps, first + 1, value),
+            _ => None,
+        },
+        Inside::Fields(fields, inside) => match node.field(step) {
+            Some(field) => edit(&field.value, false, steps, first + 1, value),
+            None => {
+                let at = fields.last().map_or(inside.start, |f| f.value.span.end);
+                let comma = if fields.is_empty() { "" } else { ", " };
+                Some((at..at, format!("{comma}{}", built(steps, first, value))))
+            }
+        },
+    }
 }
 
 /// The steps from `first` on as RON around a value.
@@ -106,78 +100,9 @@ fn built(steps: &[&str], first: usize, value: &str) -> String {
     if next_is_key { format!("{step}: ({inner})") } else { format!("{step}: {inner}") }
 }
 
-fn replaced(text: &str, span: Range<usize>, with: &str) -> String {
-    format!("{}{with}{}", &text[..span.start], &text[span.end..])
-}
-
-fn skip(text: &str, at: usize) -> usize {
-    at + text[at..].len() - text[at..].trim_start().len()
-}
-
-fn ident_end(text: &str, at: usize) -> usize {
-    let part_of_ident = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    at + text[at..].find(|c| !part_of_ident(c)).unwrap_or(text.len() - at)
-}
-
-/// The span of the value that begins at or after `at`; the text is what RON's writer makes, without comments.
-fn value_at(text: &str, at: usize) -> Option<Range<usize>> {
-    let start = skip(text, at);
-    let (mut depth, mut in_string, mut escaped) = (0i32, false, false);
-    for (i, c) in text[start..].char_indices() {
-        if in_string {
-            in_string = escaped || c != '"';
-            escaped = c == '\\' && !escaped;
-            continue;
-        }
-        match c {
-            '"' => in_string = true,
-            '(' | '[' | '{' => depth += 1,
-            ')' | ']' | '}' if depth == 0 => {
-                return Some(start..start + text[start..start + i].trim_end().len());
-            }
-            ')' | ']' | '}' => {
-                depth -= 1;
-                if depth == 0 {
-                    return Some(start..start + i + 1);
-                }
-            }
-            ',' if depth == 0 => return Some(start..start + i),
-            _ => {}
-        }
-    }
-    (depth == 0 && !in_string).then(|| start..start + text[start..].trim_end().len())
-}
-
-/// The value of a field, among fields separated by commas.
-fn field(text: &str, fields: Range<usize>, name: &str) -> Option<Range<usize>> {
-    let mut at = skip(text, fields.start);
-    while at < fields.end {
-        let end = ident_end(text, at);
-        let colon = skip(text, end);
-        if end == at || !text[colon..].starts_with(':') {
-            return None;
-        }
-        let value = value_at(text, colon + 1)?;
-        if &text[at..end] == name {
-            return Some(value);
-        }
-        at = skip(text, value.end);
-        if text[at..].starts_with(',') {
-            at = skip(text, at + 1);
-        }
-    }
-    None
-}
-
-/// Whether this is a list of named fields.
-fn has_names(text: &str, fields: Range<usize>) -> bool {
-    let at = skip(text, fields.start);
-    let end = ident_end(text, at);
-    end > at && text[skip(text, end)..].starts_with(':')
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::parse;
     use super::super::spec::{Diameter, Field, Motion, Number, Preset, Timing};
     use super::*;
 
@@ -216,6 +141,11 @@ mod tests {
         let Motion::Flow(flow) = changed("motion.flow.field.lamb_oseen.core_radius_um", "30").motion;
         let Field::LambOseen(v) = flow.field else { panic!() };
         assert_eq!(v.core_radius_um, 30.0);
+        let sum = changed("motion.flow.field", "sum([poiseuille(), hill()])");
+        let sum = set(&sum, "motion.flow.field.sum.0.poiseuille.max_speed_um_s", "5").unwrap();
+        let Motion::Flow(flow) = set(&sum, "motion.flow.field.sum.1", "abc()").unwrap().motion;
+        let Field::Sum(parts) = flow.field else { panic!() };
+        assert!(matches!(&parts[..], [Field::Poiseuille(p), Field::Abc(_)] if p.max_speed_um_s == 5.0));
     }
 
     #[test]
@@ -233,7 +163,7 @@ mod tests {
         let refuse = |path, value| set(&spec(), path, value).unwrap_err().to_string();
         assert!(refuse("optics.gian", "1").contains("did you mean `gain`?"));
         assert!(refuse("illumination", "1").contains("valid but not supported yet"));
-        assert_eq!(refuse("optics.gain", "red"), "optics.gain=red: Expected float");
+        assert_eq!(refuse("optics.gain", "red"), "optics.gain=red: optics.gain = red: expected a number");
         assert!(refuse("optics.gain", "1, colour: 2").contains("unknown key `optics.colour`"));
         assert!(assignment("seed").is_err());
         assert_eq!(assignment(" seed = 3 ").unwrap(), ("seed", "3"));

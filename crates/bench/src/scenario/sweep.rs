@@ -9,9 +9,27 @@ use ron::value::RawValue;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use super::outline::{line_and_column, outline};
+use super::parse::unreadable;
 use super::spec::Spec;
 use super::{keys, options, parse, set};
 use crate::error::{Error, Result};
+
+/// What a sweep, its axes and their ranges may say.
+const SWEEP_KEYS: [&str; 12] = [
+    "name",
+    "description",
+    "base",
+    "axes",
+    "combine",
+    "repetitions",
+    "seed",
+    "path",
+    "values",
+    "from",
+    "to",
+    "count",
+];
 
 /// Most cases of a sweep; more is surely a slip.
 const MAX_CASES: usize = 1_000_000;
@@ -117,8 +135,15 @@ pub struct Case {
 /// # Errors
 /// As for a scenario; also axes without values, of unequal length in a zip, or along paths that do not exist.
 pub fn parse_sweep(text: &str, name: &str, folder: &Path) -> Result<Sweep> {
+    let root = outline(text);
+    let place = |at: usize| {
+        let (line, column) = line_and_column(text, at);
+        format!("{name}:{line}:{column}")
+    };
+    let place_of = |path: &[&str]| place(root.as_ref().map_or(0, |root| root.find(path.iter().copied())));
     let at = |e: ron::error::SpannedError| {
-        Error::input(format!("{name}:{}:{}: {}", e.span.start.line, e.span.start.col, e.code))
+        let fault = unreadable(text, root.as_ref(), &e);
+        Error::input(format!("{}: {}", place(fault.at), fault.message))
     };
     let mut unknown = Vec::new();
     let mut deserializer = ron::Deserializer::from_str_with_options(text, &options()).map_err(at)?;
@@ -126,28 +151,35 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path) -> Result<Sweep> {
         serde_ignored::deserialize(&mut deserializer, |path| unknown.push(path.to_string()))
             .and_then(|spec| deserializer.end().map(|()| spec))
             .map_err(|e| at(deserializer.span_error(e)))?;
-    let mut problems: Vec<String> =
-        unknown.iter().map(|path| format!("{name}: unknown key `{path}`")).collect();
+    let unknown_key = |path: &String| {
+        let steps: Vec<&str> = path.split('.').collect();
+        let key = steps.last().copied().unwrap_or_default();
+        let hint = keys::nearest(key, SWEEP_KEYS.iter().copied());
+        let hint = hint.map(|hint| format!("; did you mean `{hint}`?")).unwrap_or_default();
+        format!("{}: unknown key `{path}`{hint}", place_of(&steps))
+    };
+    let mut problems: Vec<String> = unknown.iter().map(unknown_key).collect();
 
     let base_path = folder.join(&spec.base);
     let base = std::fs::read_to_string(&base_path).map_err(|e| Error::read(&base_path, e))?;
     let base = parse(&base, &base_path.display().to_string())?;
     if spec.axes.is_empty() {
-        problems.push(format!("{name}: axes: expected at least one"));
+        problems.push(format!("{}: axes: expected at least one", place_of(&["axes"])));
     }
     if spec.repetitions == 0 {
-        problems.push(format!("{name}: repetitions = 0: expected at least 1"));
+        problems.push(format!("{}: repetitions = 0: expected at least 1", place_of(&["repetitions"])));
     }
     let mut columns = Vec::new();
-    for axis in &spec.axes {
+    for (i, axis) in spec.axes.iter().enumerate() {
+        let place = place_of(&["axes", &i.to_string(), "path"]);
         if matches!(keys::status(&axis.path), None | Some(keys::Status::Planned)) {
             // The same message as for `--set`.
             let refused = set(&base, &axis.path, "()").map_or_else(|e| e.to_string(), |_| String::new());
-            problems.push(format!("{name}: axes: {refused}"));
+            problems.push(format!("{place}: axes: {refused}"));
         }
         match axis.values.written() {
             Ok(values) => columns.push(values),
-            Err(problem) => problems.push(format!("{name}: axes: {}: {problem}", axis.path)),
+            Err(problem) => problems.push(format!("{place}: axes: {}: {problem}", axis.path)),
         }
     }
     if problems.is_empty()
@@ -156,7 +188,8 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path) -> Result<Sweep> {
     {
         let lengths: Vec<String> = columns.iter().map(|c| c.len().to_string()).collect();
         problems.push(format!(
-            "{name}: axes of a zip have {} values: expected equal numbers",
+            "{}: axes of a zip have {} values: expected equal numbers",
+            place_of(&["axes"]),
             lengths.join(", ")
         ));
     }
@@ -330,7 +363,10 @@ mod tests {
         assert!(refuse("list([0, 10, 50])", "list([])").contains("expected at least one value"));
         assert!(refuse("repetitions: 2", "combine: zip").contains("axes of a zip have 3, 2 values"));
         assert!(refuse("repetitions: 2", "repetitions: 0").contains("expected at least 1"));
-        assert!(refuse("repetitions: 2", "repetition: 2").contains("unknown key `repetition`"));
+        assert!(
+            refuse("repetitions: 2", "repetition: 2")
+                .contains("sweep.ron:8:9: unknown key `repetition`; did you mean `repetitions`?")
+        );
         assert!(refuse("base.ron", "nothing.ron").contains("nothing.ron"));
         assert!(
             refuse("list([0, 10, 50])", "log(from: 0, to: 1, count: 3)")
