@@ -93,10 +93,10 @@ pub(super) fn read(text: &str) -> std::result::Result<Spec, Vec<Fault>> {
 
 fn deserialize(
     text: &str,
-    mut ignored: impl FnMut(serde_ignored::Path<'_>),
+    ignored: impl FnMut(serde_ignored::Path<'_>),
 ) -> std::result::Result<Spec, SpannedError> {
     let mut deserializer = ron::Deserializer::from_str_with_options(text, &options())?;
-    serde_ignored::deserialize(&mut deserializer, |path| ignored(path))
+    serde_ignored::deserialize(&mut deserializer, ignored)
         .and_then(|spec| deserializer.end().map(|()| spec))
         .map_err(|e| deserializer.span_error(e))
 }
