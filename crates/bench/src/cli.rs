@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::scoring::{Compare, Evaluate};
+use crate::tracking::Track;
 
 /// Benchmark datasets for defocusing and astigmatic PIV/PTV.
 #[derive(Debug, Parser)]
@@ -65,6 +66,9 @@ pub(crate) enum Verb {
     /// Check a dataset: checksums, manifest, tables
     #[command(after_help = "Example: microsig verify datasets/quickstart --regenerate")]
     Verify(Verify),
+    /// A baseline tracker's result
+    #[command(after_help = "Example: microsig track datasets/quickstart --method ncc --out ncc.csv")]
+    Track(Track),
     /// Scores of a tracker's result against the truth
     #[command(
         after_help = "Example: microsig evaluate datasets/quickstart result.csv --out scores/mine --report"

@@ -3,6 +3,7 @@
 mod cli;
 mod listing;
 mod scoring;
+mod tracking;
 
 use std::fmt::Display;
 use std::io::Write;
@@ -45,6 +46,7 @@ fn run(cli: &Cli) -> Result<()> {
         Verb::Flows(arguments) => listing::run_flows(arguments, common),
         Verb::New(arguments) => run_new(arguments, common),
         Verb::Verify(arguments) => run_verify(arguments, common),
+        Verb::Track(arguments) => tracking::run_track(arguments, common),
         Verb::Evaluate(arguments) => scoring::run_evaluate(arguments, common),
         Verb::Compare(arguments) => scoring::run_compare(arguments, common),
     }

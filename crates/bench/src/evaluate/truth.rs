@@ -186,7 +186,7 @@ pub fn conventions(dataset: &Path, given: Conventions) -> Result<Conventions> {
 }
 
 /// Reads what a dataset's manifest tells.
-fn facts(dataset: &Path) -> Result<Facts> {
+pub(crate) fn facts(dataset: &Path) -> Result<Facts> {
     let path = dataset.join(MANIFEST);
     let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
     let manifest: Value =

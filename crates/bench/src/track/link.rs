@@ -1,0 +1,162 @@
+//! Links from frame to frame: the cheapest assignment of what is found to tracks that look for it.
+//!
+//! A link costs its squared distance from where the track is expected, the end of a track and the begin of one as much as
+//! the longest way allowed, so that a link is made where it is cheaper than both (Jaqaman et al. 2008, Nat. Methods 5, 695).
+//! A track with two points or more is expected to go on as it did; one that is not found for a frame is looked for in the
+//! next one too.
+
+use super::Found;
+use super::output::Row;
+use crate::evaluate::assignment::{Pair, heaviest};
+
+/// How far a particle may be from where it is expected.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reach {
+    /// In the image plane, px.
+    pub(super) px: f64,
+    /// The depth range, um, if there is one. Depths are less certain than places: a third of the range is as far as `px`.
+    pub(super) um: Option<f64>,
+}
+
+/// Frames that a track may go unseen.
+const GAP: usize = 1;
+
+struct Track {
+    id: i64,
+    last_frame: usize,
+    last: Found,
+    /// Way per frame.
+    velocity: Option<[f64; 3]>,
+}
+
+impl Track {
+    fn expected(&self, frame: usize) -> [f64; 3] {
+        let ahead = (frame - self.last_frame) as f64;
+        let v = self.velocity.unwrap_or_default();
+        let last = place(&self.last);
+        std::array::from_fn(|i| last[i] + ahead * v[i])
+    }
+}
+
+fn place(found: &Found) -> [f64; 3] {
+    [found.x_px, found.y_px, found.z_um.unwrap_or(0.0)]
+}
+
+/// Links all frames; in pair recordings only the second frame of a pair to the first.
+pub(super) fn link(frames: &[Vec<Found>], reach: Reach, pairs: bool) -> Vec<Row> {
+    let um_per_px = reach.um.map_or(f64::INFINITY, |h| h / 3.0 / reach.px);
+    let limit = reach.px * reach.px;
+    let mut tracks: Vec<Track> = Vec::new();
+    let mut rows = Vec::new();
+    let mut next_id = 0;
+    for (frame, found) in frames.iter().enumerate() {
+        if pairs && frame % 2 == 0 {
+            tracks.clear();
+        }
+        tracks.retain(|t| frame - t.last_frame <= GAP + 1);
+        let mut candidates = Vec::new();
+        let by_column = Columns::new(found, reach.px);
+        for (row, track) in tracks.iter().enumerate() {
+            let [x, y, z] = track.expected(frame);
+            let first = candidates.len();
+            for column in by_column.near(x) {
+                let to = place(&found[column]);
+                let dz = (to[2] - z) / um_per_px;
+                let squared = (to[0] - x).powi(2) + (to[1] - y).powi(2) + dz * dz;
+                if squared < limit {
+                    candidates.push(Pair {
+                        row: row as u32,
+                        column: column as u32,
+                        value: 2.0 * limit - squared,
+                    });
+                }
+            }
+            candidates[first..].sort_unstable_by_key(|p| p.column);
+        }
+        let mut of_found: Vec<Option<usize>> = vec![None; found.len()];
+        for pair in heaviest(tracks.len(), found.len(), &candidates) {
+            of_found[pair.column as usize] = Some(pair.row as usize);
+        }
+        for (point, track) in found.iter().zip(of_found) {
+            let id = match track {
+                Some(k) => {
+                    let track = &mut tracks[k];
+                    let (from, to) = (place(&track.last), place(point));
+                    let ahead = (frame - track.last_frame) as f64;
+                    track.velocity = Some(std::array::from_fn(|i| (to[i] - from[i]) / ahead));
+                    (track.last, track.last_frame) = (*point, frame);
+                    track.id
+                }
+                None => {
+                    next_id += 1;
+                    tracks.push(Track { id: next_id - 1, last_frame: frame, last: *point, velocity: None });
+                    next_id - 1
+                }
+            };
+            rows.push(Row {
+                frame: frame as u32,
+                track: id,
+                x_px: point.x_px,
+                y_px: point.y_px,
+                z_um: point.z_um,
+            });
+        }
+    }
+    rows
+}
+
+/// Points in order of x, so that those within reach are a run.
+struct Columns {
+    order: Vec<(f64, usize)>,
+    reach: f64,
+}
+
+impl Columns {
+    fn new(found: &[Found], reach: f64) -> Self {
+        let mut order: Vec<(f64, usize)> = found.iter().enumerate().map(|(i, f)| (f.x_px, i)).collect();
+        order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        Columns { order, reach }
+    }
+
+    fn near(&self, x: f64) -> impl Iterator<Item = usize> + '_ {
+        let first = self.order.partition_point(|p| p.0 < x - self.reach);
+        self.order[first..].iter().take_while(move |p| p.0 <= x + self.reach).map(|p| p.1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(x_px: f64, y_px: f64) -> Found {
+        Found { x_px, y_px, z_um: None }
+    }
+
+    const REACH: Reach = Reach { px: 6.0, um: None };
+
+    fn tracks(rows: &[Row]) -> Vec<i64> {
+        rows.iter().map(|r| r.track).collect()
+    }
+
+    #[test]
+    fn the_cheapest_assignment_wins_over_the_nearest_neighbour() {
+        // The second of frame 1 is nearest to both; together they are cheaper the other way.
+        let frames = [vec![at(0.0, 0.0), at(3.0, 0.0)], vec![at(2.0, 0.0), at(5.0, 0.0)]];
+        assert_eq!(tracks(&link(&frames, REACH, true)), [0, 1, 0, 1]);
+    }
+
+    #[test]
+    fn a_track_goes_on_as_it_did_and_survives_a_frame_unseen() {
+        let mut frames: Vec<Vec<Found>> = (0..6).map(|k| vec![at(5.0 * f64::from(k), 1.0)]).collect();
+        frames[3].clear();
+        assert_eq!(tracks(&link(&frames, REACH, false)), [0; 5]);
+        frames[4].clear();
+        assert_eq!(tracks(&link(&frames, REACH, false)), [0, 0, 0, 1]);
+    }
+
+    #[test]
+    fn pairs_are_not_linked_to_each_other_and_far_points_not_at_all() {
+        let frames = [vec![at(0.0, 0.0)], vec![at(1.0, 0.0)], vec![at(1.0, 0.0)], vec![at(9.0, 0.0)]];
+        assert_eq!(tracks(&link(&frames, REACH, true)), [0, 0, 1, 2]);
+    }
+}
