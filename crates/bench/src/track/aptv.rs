@@ -163,7 +163,7 @@ fn blobs(picture: &Picture) -> Vec<Blob> {
                 }
             }
         }
-        let on_edge = |i: &usize| i % w == 0 || i % w == w - 1 || i / w == 0 || i / w == h - 1;
+        let on_edge = |i: &usize| [0, w - 1].contains(&(i % w)) || [0, h - 1].contains(&(i / w));
         if region.len() >= LEAST_AREA && !region.iter().any(on_edge) {
             found.push(moments(&smooth, level, &region));
         }

@@ -77,12 +77,12 @@ impl Spline {
         }
         let mut column = vec![0.0; h];
         for x in 0..w {
-            for y in 0..h {
-                column[y] = coefficients.counts[y * w + x];
+            for (value, row) in column.iter_mut().zip(coefficients.counts.chunks(w)) {
+                *value = row[x];
             }
             prefilter(&mut column);
-            for y in 0..h {
-                coefficients.counts[y * w + x] = column[y];
+            for (value, row) in column.iter().zip(coefficients.counts.chunks_mut(w)) {
+                row[x] = *value;
             }
         }
         Spline { coefficients }
