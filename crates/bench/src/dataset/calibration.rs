@@ -78,7 +78,8 @@ pub fn write(folder: &Path, scenario: &Scenario, camera: &Camera) -> Result<()> 
     let settings = settings(scenario, camera);
     let detector =
         scenario.detector.as_ref().map(|detector| cropped(detector, &scenario.settings, &settings));
-    let camera = Camera::new(&settings, detector.as_ref(), scenario.law(), scenario.streams)?.calibrating();
+    let renderer = scenario.spec.renderer(&settings)?;
+    let camera = Camera::new(renderer, detector.as_ref(), scenario.streams)?.calibrating();
     for part in ["calibration/particles", "calibration/images"] {
         let path = folder.join(part);
         std::fs::create_dir_all(&path).map_err(Error::write(&path))?;

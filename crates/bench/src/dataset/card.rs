@@ -4,6 +4,49 @@ use super::manifest::{COORDINATES, GENERATOR_VERSION};
 use super::truth::Census;
 use crate::error::Result;
 use crate::scenario::{Recordings, Scenario, compact};
+use microsig_core::render::{Renderer, Spot};
+
+/// What the card says of the optics.
+struct Optics {
+    focus: &'static str,
+    optics: String,
+    method: &'static str,
+}
+
+impl Optics {
+    fn of(renderer: &Renderer) -> Self {
+        let settings = renderer.settings();
+        let m = settings.magnification;
+        match renderer {
+            Renderer::Rays(_) => {
+                let cylinder = match settings.cyl_focal_length {
+                    0.0 => "no cylindrical lens".to_owned(),
+                    f => format!("a cylindrical lens of {f} um"),
+                };
+                Optics {
+                    focus: "out of focus",
+                    optics: format!("M {m}, NA {}, {cylinder}", settings.numerical_aperture),
+                    method: "traces rays from points on each particle through the lens (model: M. Rossi, Meas. Sci. \
+                             Technol. 31, 017003, 2020)",
+                }
+            }
+            Renderer::Gaussian(gaussian) => {
+                let Spot { diameter_px, reference_um, peak_counts } = gaussian.spot();
+                let of = reference_um.map(|d| format!(" for particles of {d} um, others in proportion"));
+                Optics {
+                    focus: "all in focus",
+                    optics: format!(
+                        "M {m}; Gaussian spots, e^-2 diameter {diameter_px} px{}, peak {peak_counts} counts times c_int",
+                        of.unwrap_or_default()
+                    ),
+                    method: "integrates a Gaussian spot over the pixels around each particle, whatever its depth. \
+                             `settings.txt` and `particles/` tell sensor and places in MicroSIG's formats, but MicroSIG would \
+                             make other images of them, out of focus",
+                }
+            }
+        }
+    }
+}
 
 /// The text of the card.
 pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
@@ -15,10 +58,7 @@ pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
         }
         Recordings::Sequence { frames, dt_s } => format!("a sequence of {frames} frames, {dt_s} s apart"),
     };
-    let cylinder = match settings.cyl_focal_length {
-        0.0 => "no cylindrical lens".to_owned(),
-        f => format!("a cylindrical lens of {f} um"),
-    };
+    let Optics { focus, optics, method } = Optics::of(&scenario.renderer);
     let motion = compact(&spec.motion)?;
     let n_p = census.visible as f64 / f64::from(census.frames.max(1));
     let description =
@@ -26,11 +66,11 @@ pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
     Ok(format!(
         "# {name}\n\n\
          {description}\
-         Synthetic images of tracer particles, out of focus and with known truth: {what}.\n\n\
+         Synthetic images of tracer particles, {focus} and with known truth: {what}.\n\n\
          ![some of the frames](preview.png)\n\n\
          | | |\n|---|---|\n\
          | image | {width} x {height} px, {bits} bit, {um_per_px} um per px |\n\
-         | optics | M {m}, NA {na}, {cylinder} |\n\
+         | optics | {optics} |\n\
          | depth range | {low} to {high} um |\n\
          | depth factor (physical depth over depth in `particles/`) | {depth_factor} |\n\
          | particles on the sensor | {n_p:.1} per frame on average |\n\
@@ -46,8 +86,7 @@ pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
          - `calibration/` (if there): one particle scanned through the depth range.\n\
          - `scenario.ron`: all that the dataset was made from. `datapackage.json`: all columns with their units.\n\n\
          ## How it was made\n\n\
-         By microsig {GENERATOR_VERSION}, which traces rays from points on each particle through the lens (model: M. Rossi, \
-         Meas. Sci. Technol. 31, 017003, 2020). `microsig generate scenario.ron` makes the same bytes again; \
+         By microsig {GENERATOR_VERSION}, which {method}. `microsig generate scenario.ron` makes the same bytes again; \
          `sha256sum -c SHA256SUMS` or `microsig verify` checks them.\n\n\
          ## Licence\n\n\
          CC BY 4.0.\n",
@@ -56,8 +95,6 @@ pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
         width = settings.pixel_dim_x,
         height = settings.pixel_dim_y,
         um_per_px = scenario.scale.um_per_px(),
-        m = settings.magnification,
-        na = settings.numerical_aperture,
         depth_factor = spec.optics.depth_factor.unwrap_or(1.0),
         max = census.max_displacement_px,
         mean = settings.background_mean,

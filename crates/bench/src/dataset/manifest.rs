@@ -88,7 +88,7 @@ fn facts(scenario: &Scenario, census: &Census) -> Value {
             "background_noise_counts": settings.background_noise,
             "detector": spec_sensor(scenario),
         },
-        "renderer": "rays",
+        "renderer": scenario.renderer.name(),
         "depth_range_um": [low, high],
         "depth_range_h_um": high - low,
         "coordinates": COORDINATES,

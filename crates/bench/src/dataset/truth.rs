@@ -5,7 +5,7 @@ use std::io::BufWriter;
 use std::path::Path;
 
 use flows::sequence::{Frame, Tracer};
-use microsig_core::render::RayRenderer;
+use microsig_core::render::Renderer;
 use microsig_core::{Particle, Spheroid};
 
 use super::Stem;
@@ -119,7 +119,7 @@ pub struct Census {
 /// Writes the tables of the truth, frame after frame.
 pub struct TruthWriter<'a> {
     scenario: &'a Scenario,
-    renderer: &'a RayRenderer,
+    renderer: &'a Renderer,
     frames: TableWriter<BufWriter<File>>,
     tracks: TableWriter<BufWriter<File>>,
     displacements: TableWriter<BufWriter<File>>,
@@ -128,7 +128,7 @@ pub struct TruthWriter<'a> {
 
 impl<'a> TruthWriter<'a> {
     /// Begins the tables in a dataset's folder.
-    pub fn new(folder: &Path, scenario: &'a Scenario, renderer: &'a RayRenderer) -> Result<Self> {
+    pub fn new(folder: &Path, scenario: &'a Scenario, renderer: &'a Renderer) -> Result<Self> {
         let begin = |table: &'static Table| {
             let path = folder.join(table.path);
             TableWriter::new(table, BufWriter::new(File::create(&path).map_err(Error::write(&path))?))

@@ -53,7 +53,7 @@ pub struct BoundBin {
     pub efficiency_z: Option<f64>,
 }
 
-/// The bound in every bin of a dataset's curve over depth. `None` for data without depth or with `gain` 0.
+/// The bound in every bin of a dataset's curve over depth. `None` for data without depth, in focus or with `gain` 0.
 ///
 /// # Errors
 /// A dataset whose settings cannot be read.
@@ -66,6 +66,10 @@ pub fn of_dataset(dataset: &Path, curves: &[Curve]) -> Result<Option<Crlb>> {
     let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
     let manifest: Value =
         serde_json::from_str(&text).map_err(|e| Error::input(format!("{}: {e}", path.display())))?;
+    // Where all particles are in focus, images tell nothing of depth.
+    if manifest["microsig"]["renderer"] == "gaussian" {
+        return Ok(None);
+    }
     let depth_factor = manifest["microsig"]["depth_factor"].as_f64().filter(|f| *f > 0.0).unwrap_or(1.0);
     let Some(d_um) = median_diameter(&dataset.join(TRACKS.path))? else { return Ok(None) };
     if settings.gain == 0.0 {

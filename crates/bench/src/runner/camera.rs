@@ -2,19 +2,18 @@
 
 use std::path::Path;
 
-use microsig_core::emission::SpheroidLaw;
+use microsig_core::Particle;
 use microsig_core::formats::tiff::{self, PixelScale};
-use microsig_core::render::RayRenderer;
+use microsig_core::render::Renderer;
 use microsig_core::sensor::{Detector, Image, Sensor};
 use microsig_core::stream::{Purpose, Streams};
-use microsig_core::{Particle, Settings};
 
 use crate::error::{Error, Result};
 
 /// Renderer, sensor and random streams: all that turns particles into an image.
 #[derive(Debug, Clone)]
 pub struct Camera {
-    renderer: RayRenderer,
+    renderer: Renderer,
     sensor: Sensor,
     scale: PixelScale,
     streams: Streams,
@@ -24,22 +23,15 @@ pub struct Camera {
 
 impl Camera {
     /// The camera of a measurement; without a detector it is MicroSIG's own sensor.
-    pub fn new(
-        settings: &Settings,
-        detector: Option<&Detector>,
-        law: SpheroidLaw,
-        streams: Streams,
-    ) -> Result<Self> {
+    pub fn new(renderer: Renderer, detector: Option<&Detector>, streams: Streams) -> Result<Self> {
+        let settings = renderer.settings();
         Ok(Camera {
-            renderer: RayRenderer::new(settings, law)?,
             sensor: match detector {
                 None => Sensor::new(settings),
                 Some(detector) => Sensor::with_detector(settings, detector.clone(), &streams)?,
             },
-            scale: PixelScale {
-                um_per_px: settings.pixel_size / settings.magnification,
-                frame_interval_s: None,
-            },
+            scale: PixelScale { um_per_px: settings.um_per_px(), frame_interval_s: None },
+            renderer,
             streams,
             rays: Purpose::Rays,
             noise: Purpose::BackgroundNoise,
@@ -57,7 +49,7 @@ impl Camera {
     }
 
     /// The renderer.
-    pub fn renderer(&self) -> &RayRenderer {
+    pub fn renderer(&self) -> &Renderer {
         &self.renderer
     }
 

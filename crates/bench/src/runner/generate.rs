@@ -86,11 +86,10 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     settings_file::write(&mut settings, &scenario.settings).map_err(Error::write(folder))?;
     write_file("settings.txt", &settings)?;
 
-    let detector = scenario.detector.as_ref();
-    let camera = Camera::new(&scenario.settings, detector, scenario.law(), scenario.streams)?
+    let camera = Camera::new(scenario.renderer.clone(), scenario.detector.as_ref(), scenario.streams)?
         .every(scenario.recordings.dt_s());
     let census = frames(folder, scenario, &camera, options)?;
-    if scenario.spec.calibration == spec::Calibration::Stack {
+    if scenario.spec.calibration == Some(spec::Calibration::Stack) {
         calibration::write(folder, scenario, &camera)?;
     }
     write_file("README.md", card(scenario, &census)?.as_bytes())?;

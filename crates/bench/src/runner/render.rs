@@ -6,6 +6,7 @@ use std::time::Instant;
 use microsig_core::Particle;
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::{data_file, settings_file};
+use microsig_core::render::{RayRenderer, Renderer};
 use microsig_core::stream::Streams;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -66,7 +67,8 @@ pub fn render(options: &Options) -> Result<Rendered> {
     let start = Instant::now();
     let file = open(&options.settings)?;
     let settings = settings_file::read(file, &options.settings.display().to_string())?;
-    let camera = Camera::new(&settings.settings, None, options.law, Streams::new(options.seed))?;
+    let renderer = Renderer::Rays(RayRenderer::new(&settings.settings, options.law)?);
+    let camera = Camera::new(renderer, None, Streams::new(options.seed))?;
     let mut warnings = settings.warnings;
     warnings.extend(camera.renderer().warning());
 

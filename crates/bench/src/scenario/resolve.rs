@@ -7,10 +7,9 @@ use std::path::{Path, PathBuf};
 
 use flows::scale::Scale;
 use flows::{Boundary, Domain, Scene, Seeding, VelocityField};
-use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::data_file::Layout;
 use microsig_core::formats::{settings_file, tiff};
-use microsig_core::render::RayRenderer;
+use microsig_core::render::Renderer;
 use microsig_core::sensor::Detector;
 use microsig_core::stream::Streams;
 use microsig_core::{Particle, Settings, Spheroid};
@@ -34,6 +33,8 @@ pub struct Scenario {
     pub streams: Streams,
     /// MicroSIG's settings.
     pub settings: Settings,
+    /// What draws the particles.
+    pub renderer: Renderer,
     /// The camera; `None` is MicroSIG's own sensor.
     pub detector: Option<Detector>,
     /// Files that the scenario names, copied to `inputs/` of the dataset; `spec` names the copies.
@@ -71,11 +72,6 @@ impl Scenario {
     /// The columns of the data files.
     pub fn layout(&self) -> Layout {
         Layout { spheroids: self.cloud.spheroids.is_some(), c_int: self.cloud.has_intensities }
-    }
-
-    /// Which points of spheroids shine.
-    pub fn law(&self) -> SpheroidLaw {
-        self.spec.render.spheroids.into()
     }
 }
 
@@ -189,6 +185,8 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         (Some(sensor), Some(settings)) => detector(sensor, settings, &mut files, &mut problems),
         _ => None,
     };
+    let in_focus = spec.optics.gaussian.is_some();
+    spec.calibration.get_or_insert(if in_focus { spec::Calibration::None } else { spec::Calibration::Stack });
     let recordings = timing(&spec.timing, &mut problems);
     let (z_um, boundary) = depth(&mut spec.boundaries, &mut problems);
     let diameters = spec.particles.diameters(&mut problems);
@@ -204,7 +202,9 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let depth_factor = spec.optics.depth_factor.unwrap_or(1.0);
     let scale = Scale::new(settings.um_per_px(), settings.pixel_dim_x, settings.pixel_dim_y, depth_factor);
     let Some(scale) = problems.of("optics", scale) else { return Err(Error::Input(problems.0)) };
-    let renderer = RayRenderer::new(&settings, SpheroidLaw::Original)?;
+    let Some(renderer) = problems.of("optics", spec.renderer(&settings)) else {
+        return Err(Error::Input(problems.0));
+    };
     warnings.extend(renderer.warning());
     let longest = diameters.max() * spec.particles.spheroids.map_or(1.0, |s| s.e_p.max(1.0));
     let margin_px = *spec.boundaries.margin_px.get_or_insert_with(|| {
@@ -241,6 +241,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
             streams: Streams::new(spec.seed),
             spec,
             settings,
+            renderer,
             detector,
             inputs: files.inputs,
             warnings,
@@ -290,6 +291,10 @@ fn optics(
             Preset::Setting2 => Settings::setting2(),
         },
     };
+    if optics.gaussian.is_some() {
+        // Peaks are counts already; the presets' gains are counts per ray.
+        settings.gain = 1.0;
+    }
     optics.apply(&mut settings);
     optics.fill(&settings);
     let depth_factor = *optics.depth_factor.get_or_insert(1.0);
@@ -402,7 +407,7 @@ fn face(boundary: spec::Boundary) -> Boundary {
 }
 
 /// Half the side of the largest particle image within the depth range of the data files, px, rounded up.
-fn largest_image(renderer: &RayRenderer, z_um: (f64, f64), d_um: f64) -> f64 {
+fn largest_image(renderer: &Renderer, z_um: (f64, f64), d_um: f64) -> f64 {
     /// The image grows smoothly away from focus: the ends of the range matter, and a few planes between them.
     const PLANES: i32 = 20;
     (0..=PLANES)
@@ -466,6 +471,26 @@ mod tests {
             assert!(message.contains(expected), "{expected} is not in\n{message}");
         }
         assert_eq!(message.lines().count(), 7, "{message}");
+    }
+
+    #[test]
+    fn gaussian_spots_have_a_gain_of_1_and_no_calibration_unless_told_otherwise() {
+        let with =
+            |optics: &str| resolved(&FIVE_LINES.replace("motion", &format!("optics: ({optics}), motion")));
+        let scenario = with("gaussian: (diameter_px: 3)").unwrap();
+        assert_eq!((scenario.renderer.name(), scenario.settings.gain), ("gaussian", 1.0));
+        assert_eq!(scenario.spec.calibration, Some(spec::Calibration::None));
+        let text = write(&scenario.spec).unwrap();
+        assert_eq!(write(&resolved(&text).unwrap().spec).unwrap(), text);
+        assert_eq!(with("preset: setting2, gaussian: (), gain: 2").unwrap().settings.gain, 2.0);
+        let message = with("gaussian: (diameter_px: -1, peak_counts: inf)").unwrap_err().to_string();
+        assert!(
+            message.contains("diameter_px = -1: expected") && message.contains("peak_counts = inf"),
+            "{message}"
+        );
+        let rods =
+            FIVE_LINES.replace("motion", "optics: (gaussian: ()), particles: (spheroids: (e_p: 2)), motion");
+        assert!(resolved(&rods).unwrap_err().to_string().contains("round"));
     }
 
     #[test]

@@ -5,6 +5,7 @@
 
 use microsig_core::Settings;
 use microsig_core::emission::SpheroidLaw;
+use microsig_core::render::{GaussianRenderer, RayRenderer, Renderer, Spot};
 use microsig_core::sensor::{self, Detector};
 use serde::{Deserialize, Serialize};
 
@@ -43,9 +44,48 @@ pub struct Spec {
     /// How images are made.
     #[serde(default)]
     pub render: Render,
-    /// The calibration stack.
-    #[serde(default)]
-    pub calibration: Calibration,
+    /// The calibration stack; left out, there is one unless all particles are in focus anyway.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<Calibration>,
+}
+
+impl Spec {
+    /// What draws the particles, on a sensor of these settings.
+    ///
+    /// # Errors
+    /// Values out of range.
+    pub fn renderer(&self, settings: &Settings) -> Result<Renderer, microsig_core::Error> {
+        Ok(match (self.optics.gaussian, self.render.mode) {
+            (Some(spot), _) => Renderer::Gaussian(GaussianRenderer::new(settings, spot.into())?),
+            (None, Mode::Rays) => Renderer::Rays(RayRenderer::new(settings, self.render.spheroids.into())?),
+        })
+    }
+}
+
+/// Gaussian spots, all in focus, instead of rays (`microsig_core::render::gaussian` says what each value does).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Gaussian {
+    /// e^-2 diameter, px.
+    pub diameter_px: f64,
+    /// The particle diameter that has a spot of `diameter_px`, um; left out, all have.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference_um: Option<f64>,
+    /// Peak of the irradiance of a particle of c_int 1, counts per pixel before gain.
+    pub peak_counts: f64,
+}
+
+impl Default for Gaussian {
+    /// The diameter at which PIV errors are smallest, a hundred times as bright as the noise of setting 1.
+    fn default() -> Self {
+        Gaussian { diameter_px: 2.5, reference_um: None, peak_counts: 1000.0 }
+    }
+}
+
+impl From<Gaussian> for Spot {
+    fn from(g: Gaussian) -> Self {
+        Spot { diameter_px: g.diameter_px, reference_um: g.reference_um, peak_counts: g.peak_counts }
+    }
 }
 
 /// MicroSIG's settings: from a preset or a settings file, and keys that replace single values.
@@ -61,6 +101,9 @@ pub struct Optics {
     /// Physical depth over depth in MicroSIG's data files.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_factor: Option<f64>,
+    /// Classical in-focus images instead of rays.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gaussian: Option<Gaussian>,
     /// MicroSIG's key of this name; so are all that follow.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub magnification: Option<f64>,

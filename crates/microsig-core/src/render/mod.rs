@@ -1,13 +1,18 @@
 //! Particles to images.
 //!
-//! [`rays`] is the paper's method, counts of discrete rays, fast; [`exact`] is the same in plain f64, ray by ray, and
-//! what the fast kernel is held against.
+//! A [`Renderer`] is one of: [`rays`], the paper's method, counts of discrete rays, fast; [`gaussian`], classical in-focus
+//! spots. [`exact`] is the method of rays in plain f64, ray by ray, and what the fast kernel is held against.
 
 pub mod exact;
 mod fan;
+pub mod gaussian;
 mod kernel;
 mod patch;
 pub mod rays;
+mod renderer;
+mod spots;
 
+pub use gaussian::{GaussianRenderer, Spot};
 pub use patch::Patch;
 pub use rays::RayRenderer;
+pub use renderer::Renderer;
