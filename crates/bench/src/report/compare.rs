@@ -1,7 +1,7 @@
 //! `microsig compare`: a leaderboard of several scores, and their curves in one plot.
 //!
-//! Ranked by F1 of detection (fields: probability of a valid vector). A score whose 95 % interval overlaps that of the one
-//! it follows shares its rank: the data do not tell them apart. Localisation stands beside recall, never alone.
+//! Ranked by F1 of detection (fields: probability of a valid vector). A score whose 95 % interval reaches that of the best of
+//! a rank shares the rank: the data do not tell them apart. Localisation stands beside recall, never alone.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use maud::html;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::html::{document, figure_of};
+use super::html::{axis, document, figure_of};
 use super::plots::{Line, Words, lines};
 use super::table::number;
 use super::{SCORE, rows, save};
@@ -24,8 +24,9 @@ pub struct Entry {
     pub name: String,
     pub dataset: String,
     pub f1: Option<f64>,
-    pub f1_low: Option<f64>,
-    pub f1_high: Option<f64>,
+    /// Interval of what it is ranked by.
+    pub low: Option<f64>,
+    pub high: Option<f64>,
     pub recall: Option<f64>,
     pub precision: Option<f64>,
     pub rmse_xy_px: Option<f64>,
@@ -44,13 +45,17 @@ pub struct Entry {
 impl Entry {
     fn of(name: String, score: &Value) -> Self {
         let get = |pointer: &str| score.pointer(pointer).and_then(Value::as_f64);
+        let end = |i: usize| {
+            get(&format!("/detection/interval/f1/{i}"))
+                .or_else(|| get(&format!("/field/interval_valid_vector_probability/{i}")))
+        };
         Entry {
             rank: 0,
             name,
             dataset: score["dataset"].as_str().unwrap_or_default().to_owned(),
             f1: get("/detection/f1"),
-            f1_low: get("/detection/interval/f1/0"),
-            f1_high: get("/detection/interval/f1/1"),
+            low: end(0),
+            high: end(1),
             recall: get("/detection/recall"),
             precision: get("/detection/precision"),
             rmse_xy_px: get("/detection/rmse_xy_px"),
@@ -143,9 +148,9 @@ fn read(path: &Path) -> Result<(Entry, Value)> {
 fn rank(scores: &mut [(Entry, Value)]) {
     let mut leader: Option<(usize, Option<f64>)> = None;
     for (i, (entry, _)) in scores.iter_mut().enumerate() {
-        let tied = leader.and_then(|(_, low)| low).zip(entry.f1_high).is_some_and(|(low, high)| high >= low);
+        let tied = leader.and_then(|(_, low)| low).zip(entry.high).is_some_and(|(low, high)| high >= low);
         if !tied {
-            leader = Some((i + 1, entry.f1_low));
+            leader = Some((i + 1, entry.low));
         }
         entry.rank = leader.map_or(i + 1, |l| l.0);
     }
@@ -169,46 +174,55 @@ fn differences(scores: &[(Entry, Value)]) -> Vec<String> {
     warnings
 }
 
+/// The leaderboard in 80 columns.
 fn text(entries: &[Entry], warnings: &[String]) -> String {
     let n = number;
+    let tied = |e: &Entry| entries.iter().filter(|o| o.rank == e.rank).count() > 1;
+    let rank = |e: &Entry| format!("{}{}", e.rank, if tied(e) { "=" } else { "" });
+    let name = |e: &Entry| {
+        let name: String = e.name.chars().take(14).collect();
+        if name.len() < e.name.len() { name + "~" } else { name }
+    };
     let mut lines = Vec::new();
     if entries.iter().any(|e| e.f1.is_some()) {
         lines.push(format!(
-            "{:>4}  {:<20} {:>8} {:>8} {:>9} {:>9} {:>9} {:>8} {:>8}",
-            "rank", "name", "F1", "recall", "xy px", "z / h", "link F1", "HOTA", "alpha"
+            "{:<4} {:<15} {:>6}  {:<16} {:>6} {:>6} {:>6} {:>6} {:>6}",
+            "rank", "name", "F1", "95 %", "recall", "xy px", "z / h", "links", "HOTA"
         ));
-        lines.extend(entries.iter().map(|e| {
-            let name: String = e.name.chars().take(20).collect();
+        let short = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4}"));
+        lines.extend(entries.iter().filter(|e| e.f1.is_some()).map(|e| {
             format!(
-                "{:>4}  {name:<20} {:>8} {:>8} {:>9} {:>9} {:>9} {:>8} {:>8}",
-                e.rank,
-                n(e.f1),
-                n(e.recall),
-                n(e.rmse_xy_px),
-                n(e.sigma_z_over_h),
-                n(e.link_f1),
-                n(e.hota),
-                n(e.alpha)
+                "{:<4} {:<15} {:>6}  {:<16} {:>6} {:>6} {:>6} {:>6} {:>6}",
+                rank(e),
+                name(e),
+                short(e.f1),
+                e.low.zip(e.high).map_or("-".to_owned(), |(l, h)| format!("[{l:.4}, {h:.4}]")),
+                short(e.recall),
+                short(e.rmse_xy_px),
+                short(e.sigma_z_over_h),
+                short(e.link_f1),
+                short(e.hota)
             )
         }));
     }
     if entries.iter().any(|e| e.aee_px.is_some()) {
         lines.push(format!(
-            "{:>4}  {:<20} {:>8} {:>8} {:>12}",
-            "rank", "name", "valid", "AEE px", "RMS u in px"
+            "{:<4} {:<15} {:>8}  {:<16} {:>8} {:>12}",
+            "rank", "name", "valid", "95 %", "AEE px", "RMS u in px"
         ));
-        lines.extend(entries.iter().map(|e| {
-            let name: String = e.name.chars().take(20).collect();
+        lines.extend(entries.iter().filter(|e| e.aee_px.is_some()).map(|e| {
             format!(
-                "{:>4}  {name:<20} {:>8} {:>8} {:>12}",
-                e.rank,
+                "{:<4} {:<15} {:>8}  {:<16} {:>8} {:>12}",
+                rank(e),
+                name(e),
                 n(e.valid_vector_probability),
+                e.low.zip(e.high).map_or("-".to_owned(), |(l, h)| format!("[{l:.4}, {h:.4}]")),
                 n(e.aee_px),
                 n(e.rms_u_inliers_px)
             )
         }));
     }
-    lines.push("Equal ranks: 95 % intervals of F1 overlap.".to_owned());
+    lines.push("=: 95 % intervals of what ranks reach each other.".to_owned());
     lines.extend(warnings.iter().map(|w| format!("WARNING {w}")));
     lines.join("\n")
 }
@@ -270,15 +284,18 @@ fn page(scores: &[(Entry, Value)], warnings: &[String]) -> Result<String> {
                 })
                 .collect();
             if series.iter().any(|l| l.points.iter().any(|p| p.1.is_finite())) {
+                let x = axis(x);
                 let svg = lines(&Words { x, y, title: y }, &series)?;
                 let names: Vec<&str> = series.iter().map(|l| l.name.as_str()).collect();
-                plots.push(figure_of(svg, &names, &format!("{y} against {x}.")));
+                let mut caption = format!("{y} against {x}.");
+                caption[..1].make_ascii_uppercase();
+                plots.push(figure_of(svg, &names, &caption));
             }
         }
     }
     let body = html! {
         h1 { "Leaderboard" }
-        p.soft { "Ranked by F1 of detection, fields by the probability of a valid vector. Equal ranks: 95 % intervals of F1 overlap. "
+        p.soft { "Ranked by F1 of detection, fields by the probability of a valid vector. Equal ranks: the 95 % intervals of what they are ranked by reach each other. "
             "Errors count found particles only, so read them beside recall." }
         @for warning in warnings { p.warning { (warning) } }
         div.scroll { table {
@@ -286,7 +303,7 @@ fn page(scores: &[(Entry, Value)], warnings: &[String]) -> Result<String> {
                 th { "RMSE xy, px" } th { "sigma z / h" } th { "link F1" } th { "HOTA" } th { "alpha" } th { "beta" }
                 th { "JSC" } th { "JSC_theta" } th { "valid" } th { "AEE, px" } }
             @for (e, _) in scores { tr {
-                td { (e.name) } td { (e.rank) } td { (n(e.f1)) } td { (n(e.f1_low)) " – " (n(e.f1_high)) }
+                td { (e.name) } td { (e.rank) } td { (n(e.f1)) } td { (n(e.low)) " – " (n(e.high)) }
                 td { (n(e.recall)) } td { (n(e.precision)) } td { (n(e.rmse_xy_px)) } td { (n(e.sigma_z_over_h)) }
                 td { (n(e.link_f1)) } td { (n(e.hota)) } td { (n(e.alpha)) } td { (n(e.beta)) } td { (n(e.jsc)) }
                 td { (n(e.jsc_theta)) } td { (n(e.valid_vector_probability)) } td { (n(e.aee_px)) }

@@ -2,6 +2,7 @@
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
+use super::fields;
 use super::plots::{Line, Marks, Words, bars, classes, lines, sensor};
 use super::table::{number, table};
 use crate::error::Result;
@@ -10,6 +11,7 @@ use crate::evaluate::detection::{error, per_frame};
 use crate::evaluate::lpt::LENGTHS;
 use crate::evaluate::matching::NONE;
 use crate::evaluate::statistics::{Errors, quantile};
+use crate::evaluate::uncertainty::Uncertainty;
 use crate::evaluate::{Evaluation, Particles, Score};
 
 const STYLE: &str = "
@@ -20,6 +22,10 @@ const STYLE: &str = "
 @media print { :root { --ink: #000; --paper: #fff; --soft: #444; --grid: #ccc;
   --c0: #0b62b8; --c1: #c4432b; --c2: #157f3b; --c3: #8250df; --c4: #9a6700; --c5: #0b7f84; } }
 * { box-sizing: border-box; }
+@page { margin: 14mm; }
+@media print { body { padding: 0; max-width: none; font-size: 11px; } .plots { gap: .6rem; }
+  .plots { grid-template-columns: 1fr 1fr !important; } .key { grid-template-columns: repeat(4, 1fr) !important; }
+  pre { break-inside: avoid; white-space: pre-wrap; } h2 { break-after: avoid; } }
 body { margin: 0 auto; padding: 1.5rem; max-width: 78rem; color: var(--ink); background: var(--paper);
   font: 16px/1.5 system-ui, sans-serif; }
 h1 { font-size: 1.6rem; margin: 0 0 .3rem; } h2 { font-size: 1.15rem; margin: 2rem 0 .6rem; }
@@ -33,7 +39,7 @@ figure { margin: 0; break-inside: avoid; } figcaption { font-size: .9rem; color:
 svg { width: 100%; height: auto; color: var(--ink); }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; } .scroll { overflow-x: auto; }
 th, td { padding: .25rem .8rem; text-align: right; border-bottom: 1px solid var(--grid); }
-th:first-child, td:first-child { text-align: left; }
+th:first-child, td:first-child { text-align: left; white-space: nowrap; }
 pre { overflow-x: auto; font-size: .82rem; border: 1px solid var(--grid); border-radius: .4rem; padding: .8rem; }
 .warning { border-left: .3rem solid var(--c1); padding: .3rem .8rem; margin: .6rem 0; }
 ";
@@ -91,7 +97,7 @@ pub(super) fn page(evaluation: &Evaluation) -> Result<String> {
         plots = particle_plots(score, particles)?;
     }
     if !evaluation.vectors.is_empty() {
-        plots.extend(field_plots(evaluation)?);
+        plots.extend(fields::plots(evaluation)?);
     }
     let body = html! {
         h1 { (score.result) " against " (score.dataset) }
@@ -168,16 +174,21 @@ fn line(name: &str, curve: &Curve, value: impl Fn(&Bin) -> Option<f64>) -> Line 
     Line { name: name.to_owned(), points }
 }
 
+/// What a curve is drawn against, in words.
+pub(super) fn axis(against: &str) -> &str {
+    match against {
+        "z_um" => "depth z, um",
+        "neighbour_px" => "distance to the nearest neighbour, px",
+        "snr" => "signal over noise",
+        "overlap" => "overlap",
+        other => other,
+    }
+}
+
 fn particle_plots(score: &Score, of: &Particles) -> Result<Vec<Markup>> {
     let mut plots = Vec::new();
     for curve in &score.curves {
-        let x = match curve.against.as_str() {
-            "z_um" => "depth z, um",
-            "neighbour_px" => "distance to the nearest neighbour, px",
-            "snr" => "signal over noise",
-            "overlap" => "overlap",
-            other => other,
-        };
+        let x = axis(&curve.against);
         let words = Words { x, y: "recall", title: "Recall" };
         let recall = lines(&words, &[line("recall", curve, |b| b.recall)])?;
         plots.push(figure(recall, &format!("Share of particles found, against {x}.")));
@@ -203,6 +214,10 @@ fn particle_plots(score: &Score, of: &Particles) -> Result<Vec<Markup>> {
         }
     }
     plots.extend(histograms(of)?);
+    let claims = score.uncertainty.iter().flat_map(|c| [("x, px", &c.x), ("y, px", &c.y), ("z, um", &c.z)]);
+    for (axis, of) in claims {
+        plots.extend(of.as_ref().map(|u| claimed(axis, u)).transpose()?);
+    }
     if let Some(lpt) = &score.lpt {
         let words = Words { x: "points of a track", y: "tracks", title: "Lengths of tracks" };
         let svg = classes(&words, &LENGTHS, [&lpt.true_lengths, &lpt.lengths])?;
@@ -212,36 +227,84 @@ fn particle_plots(score: &Score, of: &Particles) -> Result<Vec<Markup>> {
     Ok(plots)
 }
 
+/// Errors of similar claims against the claim.
+pub(super) fn claimed(axis: &str, of: &Uncertainty) -> Result<Markup> {
+    let found = of.bins.iter().map(|b| (b.claimed_rms, b.error_rms)).collect();
+    let most = of.bins.iter().map(|b| b.claimed_rms).fold(0.0, f64::max);
+    let (x, y) = (format!("claimed uncertainty of {axis}"), format!("RMS error of {axis}"));
+    let series = [
+        Line { name: "result".to_owned(), points: found },
+        Line { name: "an honest claim".to_owned(), points: vec![(0.0, 0.0), (most, most)] },
+    ];
+    let svg = lines(&Words { x: &x, y: &y, title: "Claimed and actual errors" }, &series)?;
+    Ok(figure_of(
+        svg,
+        &names(&series),
+        &format!("{y} against its {x}, in tenths of the particles or vectors."),
+    ))
+}
+
 fn histograms(of: &Particles) -> Result<Vec<Markup>> {
-    const BINS: usize = 40;
     let (t, r) = (&of.scored.truth, &of.scored.result);
     let errors: Vec<[f64; 3]> = of.matching.pairs().map(|p| error(t, r, p)).collect();
     let mut plots = Vec::new();
     for (k, axis) in ["x, px", "y, px", "z, um"].iter().enumerate().take(if of.depth { 3 } else { 2 }) {
-        let mut values: Vec<f64> = errors.iter().map(|e| e[k]).collect();
-        values.sort_unstable_by(f64::total_cmp);
-        // Ends without the rarest errors, symmetric so that a bias is seen.
-        let ends = quantile(&values, 0.005).zip(quantile(&values, 0.995));
-        let Some(reach) = ends.map(|(a, b)| a.abs().max(b.abs())).filter(|reach| *reach > 0.0) else {
-            continue;
-        };
-        let mut counts = vec![0.0; BINS];
-        for v in &values {
-            let at = (v + reach) / (2.0 * reach) * BINS as f64;
-            if (0.0..BINS as f64).contains(&at) {
-                counts[at as usize] += 1.0;
-            }
-        }
-        let edge = |i: usize| -reach + 2.0 * reach * i as f64 / BINS as f64;
-        let drawn: Vec<_> = counts.iter().enumerate().map(|(i, &n)| (edge(i), edge(i + 1), n)).collect();
-        let x = format!("error in {axis}");
-        let words = Words { x: &x, y: "particles", title: &x };
-        plots.push(figure(
-            bars(&words, &drawn)?,
-            &format!("Distribution of the error in {axis} (99 % of it)."),
-        ));
+        plots.extend(histogram(&format!("error in {axis}"), "particles", errors.iter().map(|e| e[k]))?);
     }
     Ok(plots)
+}
+
+/// The distribution of errors, without the rarest, symmetric so that a bias is seen. `None` if all are 0.
+pub(super) fn histogram(x: &str, y: &str, errors: impl Iterator<Item = f64>) -> Result<Option<Markup>> {
+    const BINS: usize = 40;
+    let mut values: Vec<f64> = errors.collect();
+    values.sort_unstable_by(f64::total_cmp);
+    let ends = quantile(&values, 0.005).zip(quantile(&values, 0.995));
+    let Some(reach) = ends.map(|(a, b)| a.abs().max(b.abs())).filter(|reach| *reach > 0.0) else {
+        return Ok(None);
+    };
+    let mut counts = vec![0.0; BINS];
+    for v in &values {
+        let at = (v + reach) / (2.0 * reach) * BINS as f64;
+        if (0.0..BINS as f64).contains(&at) {
+            counts[at as usize] += 1.0;
+        }
+    }
+    let edge = |i: usize| -reach + 2.0 * reach * i as f64 / BINS as f64;
+    let drawn: Vec<_> = counts.iter().enumerate().map(|(i, &n)| (edge(i), edge(i + 1), n)).collect();
+    let svg = bars(&Words { x, y, title: x }, &drawn)?;
+    Ok(Some(figure(svg, &format!("Distribution of the {x} (99 % of it)."))))
+}
+
+/// RMS of errors over the sensor; `errors` are places and sizes. `None` if there are none.
+pub(super) fn error_map(
+    (width, height): (f64, f64),
+    errors: impl Iterator<Item = ((f64, f64), f64)>,
+) -> Result<Option<Markup>> {
+    const COLUMNS: usize = 12;
+    let side = width / COLUMNS as f64;
+    let rows = ((height / side).ceil() as usize).clamp(1, 40);
+    let tall = height / rows as f64;
+    let mut cells: Vec<Vec<f64>> = vec![Vec::new(); COLUMNS * rows];
+    for ((x, y), size) in errors {
+        let column = (((x - 0.5) / side).max(0.0) as usize).min(COLUMNS - 1);
+        let row = (((y - 0.5) / tall).max(0.0) as usize).min(rows - 1);
+        cells[row * COLUMNS + column].push(size);
+    }
+    let values: Vec<Option<f64>> = cells.iter().map(|c| Errors::of(c.iter().copied()).rms).collect();
+    let most = values.iter().flatten().copied().fold(0.0, f64::max);
+    if most <= 0.0 {
+        return Ok(None);
+    }
+    let corner = |column: usize, row: usize| (0.5 + column as f64 * side, 0.5 + row as f64 * tall);
+    let shaded = values.iter().enumerate().filter_map(|(i, v)| {
+        let (row, column) = (i / COLUMNS, i % COLUMNS);
+        Some(([corner(column, row), corner(column + 1, row + 1)], (*v)? / most))
+    });
+    let words = Words { x: "x, px", y: "y, px", title: "Error over the sensor" };
+    let svg = sensor(&words, (width, height), &Marks::Cells(shaded.collect()))?;
+    let caption = format!("RMS error in the image plane over the sensor; full shade is {most:.3} px.");
+    Ok(Some(figure(svg, &caption)))
 }
 
 /// The error over the sensor, and the frames with most and fewest mistakes.
@@ -253,42 +316,22 @@ fn sensor_plots(of: &Particles) -> Result<Vec<Markup>> {
     let (width, height) = of.sensor_px.unwrap_or_else(|| (extent(|p| p.at.x_px), extent(|p| p.at.y_px)));
     let mut plots = Vec::new();
 
-    const COLUMNS: usize = 12;
-    let side = width / COLUMNS as f64;
-    let rows = ((height / side).ceil() as usize).clamp(1, 40);
-    let tall = height / rows as f64;
-    let mut cells: Vec<Vec<f64>> = vec![Vec::new(); COLUMNS * rows];
-    for pair in of.matching.pairs() {
-        let at = &t.points[pair.0].at;
-        let column = (((at.x_px - 0.5) / side).max(0.0) as usize).min(COLUMNS - 1);
-        let row = (((at.y_px - 0.5) / tall).max(0.0) as usize).min(rows - 1);
-        let [dx, dy, _] = error(t, r, pair);
-        cells[row * COLUMNS + column].push((dx * dx + dy * dy).sqrt());
-    }
-    let values: Vec<Option<f64>> = cells.iter().map(|c| Errors::of(c.iter().copied()).rms).collect();
-    let most = values.iter().flatten().copied().fold(0.0, f64::max);
-    if most > 0.0 {
-        let corner = |column: usize, row: usize| (0.5 + column as f64 * side, 0.5 + row as f64 * tall);
-        let shaded = values.iter().enumerate().filter_map(|(i, v)| {
-            let (row, column) = (i / COLUMNS, i % COLUMNS);
-            Some(([corner(column, row), corner(column + 1, row + 1)], (*v)? / most))
-        });
-        let words = Words { x: "x, px", y: "y, px", title: "Error over the sensor" };
-        let svg = sensor(&words, (width, height), &Marks::Cells(shaded.collect()))?;
-        plots.push(figure(
-            svg,
-            &format!("RMS error in the image plane over the sensor; full shade is {most:.3} px."),
-        ));
-    }
+    let errors = of.matching.pairs().map(|pair| {
+        let ([dx, dy, _], at) = (error(t, r, pair), &t.points[pair.0].at);
+        ((at.x_px, at.y_px), (dx * dx + dy * dy).sqrt())
+    });
+    plots.extend(error_map((width, height), errors)?);
 
     let frames = per_frame(t, r, &of.matching);
     let mistakes = |f: &&crate::evaluate::detection::FrameCounts| f.counts[1] + f.counts[2];
-    let shown = [frames.first(), frames.iter().rev().max_by_key(mistakes)];
+    let shown = [
+        (frames.first(), "The first frame"),
+        (frames.iter().rev().max_by_key(mistakes), "The frame with most mistakes"),
+        (frames.iter().min_by_key(mistakes), "The frame with fewest mistakes"),
+    ];
     let mut done = Vec::new();
-    for (frame, why) in shown.into_iter().flatten().zip(["The first frame", "The frame with most mistakes"]) {
-        if done.contains(&frame.frame) {
-            continue;
-        }
+    for (frame, why) in shown {
+        let Some(frame) = frame.filter(|f| !done.contains(&f.frame)) else { continue };
         done.push(frame.frame);
         let place = |p: &crate::evaluate::cloud::Point| (p.at.x_px, p.at.y_px);
         let of_frame = |cloud: &'_ crate::evaluate::cloud::Cloud| {
@@ -310,46 +353,5 @@ fn sensor_plots(of: &Particles) -> Result<Vec<Markup>> {
         let svg = sensor(&words, (width, height), &Marks::Places { found, missed, ghosts })?;
         plots.push(figure_of(svg, &names.iter().map(String::as_str).collect::<Vec<_>>(), &caption));
     }
-    Ok(plots)
-}
-
-fn field_plots(evaluation: &Evaluation) -> Result<Vec<Markup>> {
-    let Some(score) = &evaluation.score.field else { return Ok(Vec::new()) };
-    let locking = &score.main.peak_locking;
-    let tenths: Vec<_> = locking
-        .histogram_u
-        .iter()
-        .enumerate()
-        .map(|(i, &n)| (i as f64 / 10.0, (i + 1) as f64 / 10.0, n as f64))
-        .collect();
-    let words = Words { x: "fraction of u, px", y: "vectors", title: "Peak locking" };
-    let mut plots = vec![figure(
-        bars(&words, &tenths)?,
-        "Fractions of the measured displacement u: even without peak locking.",
-    )];
-    let points = locking
-        .bias_curve_px
-        .iter()
-        .enumerate()
-        .map(|(i, b)| ((i as f64 + 0.5) / 20.0, b.unwrap_or(f64::NAN)))
-        .collect();
-    let words =
-        Words { x: "fraction of the true u, px", y: "bias of u, px", title: "Bias over the fraction" };
-    let curve = [Line { name: "bias".to_owned(), points }];
-    plots.push(figure(lines(&words, &curve)?, "Bias of u against the fraction of the true displacement."));
-    let extent = |k: fn(&crate::results::Position) -> f64| {
-        evaluation.vectors.iter().map(|c| k(&c.found.at)).fold(1.0f64, f64::max)
-    };
-    let size = (extent(|p| p.x_px), extent(|p| p.y_px));
-    let missed: Vec<_> = evaluation
-        .vectors
-        .iter()
-        .filter(|c| c.found.flag == 0 && c.endpoint() >= score.main.outlier_threshold_px)
-        .map(|c| (c.found.at.x_px, c.found.at.y_px))
-        .take(5000)
-        .collect();
-    let words = Words { x: "x, px", y: "y, px", title: "Outliers" };
-    let marks = Marks::Places { found: Vec::new(), missed, ghosts: Vec::new() };
-    plots.push(figure(sensor(&words, size, &marks)?, "Places of outliers (off by 1 px and more)."));
     Ok(plots)
 }

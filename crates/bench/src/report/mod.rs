@@ -1,6 +1,7 @@
 //! What a score looks like: a table in a terminal, JSON, CSV, and a page with plots.
 
 mod compare;
+mod fields;
 mod html;
 mod plots;
 mod table;

@@ -195,6 +195,8 @@ pub(super) enum Marks {
     Places { found: Vec<(f64, f64)>, missed: Vec<(f64, f64)>, ghosts: Vec<(f64, f64)> },
     /// Rectangles with their shade in [0, 1].
     Cells(Vec<([(f64, f64); 2], f64)>),
+    /// Segments from a place to another, each with the number of its series.
+    Segments(Vec<([(f64, f64); 2], usize)>),
 }
 
 /// Draws marks over the sensor.
@@ -223,6 +225,16 @@ pub(super) fn sensor(words: &Words<'_>, size_px: (f64, f64), marks: &Marks) -> R
                     Rectangle::new(*corners, SERIES[0].mix(shade.clamp(0.0, 1.0)).filled())
                 };
                 chart.draw_series(cells.iter().map(cell)).map_err(failed)?;
+            }
+            Marks::Segments(segments) => {
+                for (ends, series) in segments {
+                    let colour = SERIES[series % SERIES.len()];
+                    let segment = PathElement::new(ends.to_vec(), colour.stroke_width(1));
+                    // A dot marks where it begins.
+                    let foot = Circle::new(ends[0], 1, colour.filled());
+                    chart.draw_series([segment]).map_err(failed)?;
+                    chart.draw_series([foot]).map_err(failed)?;
+                }
             }
         }
         Ok(())

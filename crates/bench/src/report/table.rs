@@ -1,8 +1,9 @@
-//! The table on standard output: at most 110 columns but for sentences, the gate beside the numbers, the signed bias always.
+//! The table on standard output: 80 columns, the gate beside the numbers, the signed bias always.
 
 use std::fmt::Write;
 
 use crate::evaluate::field::{Against, Component};
+use crate::evaluate::uncertainty::Uncertainty;
 use crate::evaluate::{Score, words};
 
 /// A number with a few digits, or a dash.
@@ -23,22 +24,41 @@ fn interval(value: Option<[f64; 2]>) -> String {
     value.map_or(String::new(), |[a, b]| format!(" [{a:.4}, {b:.4}]"))
 }
 
+/// Columns of a terminal.
+const WIDTH: usize = 80;
+/// Where texts begin.
+const INDENT: usize = 13;
+
+/// A line with its name; longer texts go on below, broken between fields (two blanks) or, without fields, between words.
+fn line(out: &mut String, name: &str, text: &str) {
+    let separator = if text.contains("  ") { "  " } else { " " };
+    let mut row = format!("  {name:<10} ");
+    let mut empty = true;
+    for field in text.split(separator).filter(|f| !f.is_empty()) {
+        if !empty && row.chars().count() + separator.len() + field.chars().count() > WIDTH {
+            // Writing to a string cannot fail.
+            let _ = writeln!(out, "{}", row.trim_end());
+            (row, empty) = (" ".repeat(INDENT), true);
+        }
+        row += if empty { "" } else { separator };
+        row += field;
+        empty = false;
+    }
+    let _ = writeln!(out, "{}", row.trim_end());
+}
+
 /// The scores as text.
 pub fn table(score: &Score) -> String {
-    let mut text = String::new();
+    let mut text = format!("{} against {}\n", score.result, score.dataset);
     let out = &mut text;
-    line(out, "", &format!("{} against {}", score.result, score.dataset));
     score.assumptions.iter().for_each(|a| line(out, "read as", a));
     particles(out, score);
     if let Some(field) = &score.field {
-        line(
-            out,
-            "field",
-            &format!(
-                "{} of {} vectors valid, {} interpolated, {} outside of the truth",
-                field.n_reported, field.n_total, field.n_interpolated, field.n_outside
-            ),
+        let counts = format!(
+            "{} of {} vectors valid, {} interpolated, {} outside of the truth",
+            field.n_reported, field.n_total, field.n_interpolated, field.n_outside
         );
+        line(out, "field", &counts);
         field.truths.iter().for_each(|(name, against)| vectors(out, name, against));
     }
     if let Some(offset) = &score.offset {
@@ -52,60 +72,62 @@ pub fn table(score: &Score) -> String {
     text
 }
 
-fn line(out: &mut String, name: &str, text: &str) {
-    // Writing to a string cannot fail.
-    let _ = if name.is_empty() { writeln!(out, "{text}") } else { writeln!(out, "  {name:<10} {text}") };
-}
-
 fn particles(out: &mut String, score: &Score) {
     let Some(d) = &score.detection else { return };
     let n = number;
     let c = &score.counts;
-    line(
-        out,
-        "scored",
-        &format!(
-            "{} true particles and {} found in {} frames; not scored: {} true, {} found",
-            c.n_truth, c.n_result, c.frames, c.ignored_truth, c.ignored_result
-        ),
+    let scored = format!(
+        "{} true particles and {} found in {} frames; not scored: {} true, {} found",
+        c.n_truth, c.n_result, c.frames, c.ignored_truth, c.ignored_result
     );
+    line(out, "scored", &scored);
     if let Some(gate) = &score.definitions.gate {
         line(out, "gate", &format!("{}, {}", words(gate), score.definitions.assignment));
     }
     line(out, "detection", &format!("tp {}  fn {}  fp {}  Jaccard {}", d.tp, d.missed, d.fp, n(d.jaccard)));
-    line(out, "", &format!("    precision  {}{}", n(d.precision), interval(d.interval.precision)));
-    line(out, "", &format!("    recall     {}{}", n(d.recall), interval(d.interval.recall)));
-    line(out, "", &format!("    F1         {}{}", n(d.f1), interval(d.interval.f1)));
-    line(out, "", &format!("    RMSE xy    {} px{}", n(d.rmse_xy_px), interval(d.interval.rmse_xy_px)));
-    line(out, "error", "         bias     random        RMS");
+    for (name, value, between) in [
+        ("precision", d.precision, d.interval.precision),
+        ("recall   ", d.recall, d.interval.recall),
+        ("F1       ", d.f1, d.interval.f1),
+        ("RMSE xy  ", d.rmse_xy_px, d.interval.rmse_xy_px),
+    ] {
+        let unit = if name.starts_with("RMSE") { " px" } else { "" };
+        let _ = writeln!(out, "             {name} {}{unit}{}", n(value), interval(between));
+    }
+    let _ = writeln!(out, "  error              bias     random        RMS");
     for (axis, bias, random, rms) in [
         ("x px", d.bias_x_px, d.random_x_px, d.rmse_x_px),
         ("y px", d.bias_y_px, d.random_y_px, d.rmse_y_px),
         ("z um", d.bias_z_um, d.random_z_um, d.rmse_z_um),
     ] {
         if rms.is_some() {
-            line(out, "", &format!("    {axis}   {:>12} {:>10} {:>10}", signed(bias), n(random), n(rms)));
+            let _ = writeln!(out, "       {axis}   {:>11} {:>10} {:>10}", signed(bias), n(random), n(rms));
         }
     }
+    if !score.gates.is_empty() {
+        let _ = writeln!(out, "  at gate                  precision     recall    xy px     z um");
+    }
     for g in &score.gates {
-        let text = format!(
-            "{}: precision {}  recall {}  RMSE xy {} px{}",
+        let _ = writeln!(
+            out,
+            "    {:<22} {:>9} {:>10} {:>8} {:>8}",
             g.gate,
             n(g.precision),
             n(g.recall),
             n(g.rmse_xy_px),
-            g.rmse_z_um.map_or(String::new(), |z| format!(", z {} um", n(Some(z))))
+            n(g.rmse_z_um)
         );
-        line(out, "at gate", &text);
     }
     if let Some(g) = &score.gdpt {
         let text = format!(
-            "phi {}  sigma x {} y {} px  z {} um = {} h (box {} px, {} um; greedy)",
+            "phi {}  sigma x {} px  y {} px  z {} um = {} h{}  outliers {}  (box {} px, {} um; greedy)",
             n(g.phi),
             n(g.sigma_x_px),
             n(g.sigma_y_px),
             n(g.sigma_z_um),
             n(g.sigma_z_over_h),
+            interval(g.interval.sigma_z_over_h),
+            n(g.rate_outlier),
             g.gate_xy_px,
             g.gate_z_um
         );
@@ -126,41 +148,47 @@ fn particles(out: &mut String, score: &Score) {
     }
     for i in score.isbi.iter().chain(&score.isbi_2d) {
         let text = format!(
-            "alpha {}  beta {}  JSC {}  JSC_theta {}  RMSE {} px (gate {} px, {}-D)",
+            "alpha {}{}  beta {}  JSC {}  JSC_theta {}  RMSE {} px",
             n(i.alpha),
+            interval(i.interval.alpha),
             n(i.beta),
             n(i.jsc),
             n(i.jsc_theta),
-            n(i.rmse),
-            i.gate_px,
-            i.dims
+            n(i.rmse)
         );
-        line(out, "ISBI", &text);
+        line(out, &format!("ISBI {}-D", i.dims), &format!("{text}  (gate {} px)", i.gate_px));
     }
-    if let (Some(h), Some(c), Some(i)) = (&score.hota, &score.clear, &score.identity) {
-        let text = format!("HOTA {}  DetA {}  AssA {}  LocA {}", n(h.hota), n(h.deta), n(h.assa), n(h.loca));
-        line(out, "tracks", &text);
+    if let Some(h) = &score.hota {
         let text = format!(
-            "MOTA {}  MOTP {} px  switches {}  IDF1 {}",
+            "HOTA {}{}  DetA {}  AssA {}  LocA {}",
+            n(h.hota),
+            interval(h.interval_hota),
+            n(h.deta),
+            n(h.assa),
+            n(h.loca)
+        );
+        line(out, "tracks", &text);
+    }
+    if let (Some(c), Some(i), Some(ctc)) = (&score.clear, &score.identity, &score.ctc) {
+        let text = format!(
+            "MOTA {}  MOTP {} px  switches {}  IDF1 {}  TRA {}",
             n(c.mota),
             n(c.motp),
             c.id_switches,
-            n(i.idf1)
+            n(i.idf1),
+            n(ctc.tra)
         );
-        line(out, "", &format!("             {text}"));
+        line(out, "", &text);
     }
     if let Some(l) = &score.lpt {
         let text = format!(
-            "missed {}  ghosts {}  displacement {} px  velocity {} um/s  acceleration {} px",
+            "missed {}  ghosts {}  displacement {} px  velocity {} um/s  acceleration {} px  mean length {}  \
+             longest run {}  fragments {}  tracked: mostly {}  partially {}  lost {}",
             n(l.missed),
             n(l.ghost),
             n(l.displacement_rms_px),
             n(l.velocity_rms_um_s),
-            n(l.acceleration_rms_px)
-        );
-        line(out, "LPT", &text);
-        let text = format!(
-            "mean length {}  longest run {}  fragments {}  MT {} PT {} ML {}",
+            n(l.acceleration_rms_px),
             n(l.mean_length),
             n(l.coverage_longest),
             n(l.fragments_per_truth),
@@ -168,8 +196,25 @@ fn particles(out: &mut String, score: &Score) {
             n(l.partially_tracked),
             n(l.mostly_lost)
         );
-        line(out, "", &format!("             {text}"));
+        line(out, "LPT", &text);
     }
+    if let Some(claims) = &score.uncertainty {
+        let axes = [("x", &claims.x), ("y", &claims.y), ("z", &claims.z)];
+        axes.iter().for_each(|(axis, of)| claimed(out, &format!("claims {axis}"), of.as_ref()));
+    }
+}
+
+/// A line about claimed uncertainties, if there are any.
+fn claimed(out: &mut String, name: &str, of: Option<&Uncertainty>) {
+    let Some(u) = of else { return };
+    let n = number;
+    let text = format!(
+        "{} within U  {} within 2 U (normal: 0.6827, 0.9545)  RMS error / RMS U {}",
+        n(u.coverage_1s),
+        n(u.coverage_2s),
+        n(u.ratio)
+    );
+    line(out, name, &text);
 }
 
 fn vectors(out: &mut String, name: &str, a: &Against) {
@@ -177,26 +222,48 @@ fn vectors(out: &mut String, name: &str, a: &Against) {
     let component = |c: &Component| {
         format!("bias {}  random {}  RMS {} px", signed(c.bias_px), n(c.random_px), n(c.rms_px))
     };
-    line(out, name, &format!("u: {}", component(&a.u)));
-    line(out, "", &format!("             v: {}", component(&a.v)));
-    line(out, "", &format!("    inliers  u: {} (< {} px)", component(&a.u_inliers), a.outlier_threshold_px));
-    line(out, "", &format!("             v: {}", component(&a.v_inliers)));
+    line(out, name, &format!("u  {}", component(&a.u)));
+    line(out, "", &format!("v  {}", component(&a.v)));
+    line(out, &format!("  < {} px", a.outlier_threshold_px), &format!("u  {}", component(&a.u_inliers)));
+    line(out, "", &format!("v  {}", component(&a.v_inliers)));
     let text = format!(
-        "AEE {} px{}  NEPE {}  angle {} deg  outliers {}  valid {}",
+        "AEE {} px{}  NEPE {}  angle {} deg  outliers {}  valid {}{}  peak locking {}  bias amplitude {} px  \
+         modulation u {}  v {}",
         n(a.aee_px),
         interval(a.interval_aee_px),
         n(a.nepe),
         n(a.angular_error_deg),
         n(a.outlier_fraction),
-        n(a.valid_vector_probability)
-    );
-    line(out, "", &format!("             {text}"));
-    let text = format!(
-        "peak locking {}  bias amplitude {} px  modulation u {} v {}",
+        n(a.valid_vector_probability),
+        interval(a.interval_valid_vector_probability),
         n(a.peak_locking.degree),
         n(a.peak_locking.amplitude_px),
         n(a.modulation_u),
         n(a.modulation_v)
     );
-    line(out, "", &format!("             {text}"));
+    line(out, "", &text);
+    if let Some(g) = &a.gradients {
+        let text = format!(
+            "vorticity {} of {}  divergence {} of {}  strain {} of {} px/px RMS",
+            n(g.vorticity_rms),
+            n(g.true_vorticity_rms),
+            n(g.divergence_rms),
+            n(g.true_divergence_rms),
+            n(g.strain_rms),
+            n(g.true_strain_rms)
+        );
+        line(out, "  gradients", &text);
+    }
+    for s in a.spectra.iter().filter(|s| s.wavelength_50_px.is_some() || s.wavelength_80_px.is_some()) {
+        let text = format!(
+            "{} along {}: response 0.8 at {} px, 0.5 at {} px wavelength",
+            s.component,
+            s.along,
+            n(s.wavelength_80_px),
+            n(s.wavelength_50_px)
+        );
+        line(out, "  resolves", &text);
+    }
+    claimed(out, "  claims u", a.uncertainty.u.as_ref());
+    claimed(out, "  claims v", a.uncertainty.v.as_ref());
 }

@@ -13,7 +13,7 @@ pub struct PeakLocking {
     pub histogram_u: Vec<usize>,
     /// 1 - least / greatest number; null for fewer than 50 vectors per tenth on average.
     pub degree: Option<f64>,
-    /// Bias of u over the fraction of the true u, in twentieths, and half its range.
+    /// Bias of u of inliers over the fraction of the true u, in twentieths, and half its range.
     pub bias_curve_px: Vec<Option<f64>>,
     pub amplitude_px: Option<f64>,
 }
@@ -26,7 +26,10 @@ impl PeakLocking {
         let mut errors = vec![Vec::new(); 20];
         for c in all {
             histogram_u[cell(c.found.moved[0], 10)] += 1;
-            errors[cell(c.exact[0], 20)].push(c.error()[0]);
+            // One outlier would outweigh a class.
+            if c.endpoint() < super::INLIER_PX {
+                errors[cell(c.exact[0], 20)].push(c.error()[0]);
+            }
         }
         let (least, most) = histogram_u.iter().fold((usize::MAX, 0), |(l, m), &n| (l.min(n), m.max(n)));
         let bias_curve_px: Vec<Option<f64>> =

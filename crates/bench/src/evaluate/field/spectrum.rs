@@ -34,12 +34,14 @@ pub struct Wave {
     pub true_power_px3: f64,
     pub found_power_px3: f64,
     pub error_power_px3: f64,
-    /// Null where the truth has next to nothing.
+    /// Null where the truth has too little to tell it from noise.
     pub response: Option<f64>,
 }
 
-/// Wavelengths of less than this share of the greatest true power have no response.
-const LEAST: f64 = 1e-4;
+/// Wavelengths of less than this share of the greatest true power have no response: rounding and window leak more.
+const LEAST: f64 = 1e-6;
+/// Greatest standard error of a response, from what of the measured wave is not the true one's.
+const MOST_ERROR: f64 = 0.1;
 
 /// Shortest line.
 const POINTS: usize = 8;
@@ -110,11 +112,18 @@ fn of_lines(lines: &[Vec<&Compared>], k: usize, step: f64) -> Option<Spectrum> {
             true_power_px3: s[0] * scale,
             found_power_px3: s[1] * scale,
             error_power_px3: s[2] * scale,
-            response: (s[0] > LEAST * greatest && s[0] * scale > 1e-12).then(|| s[3] / s[0]),
+            response: response(s, lines.len()).filter(|_| s[0] > LEAST * greatest && s[0] * scale > 1e-12),
         })
         .collect();
     let [wavelength_80_px, wavelength_50_px] = [0.8, 0.5].map(|level| crossing(&waves, level));
     Some(Spectrum { lines: lines.len(), waves, wavelength_80_px, wavelength_50_px, ..Spectrum::default() })
+}
+
+/// The response of a wave, if the lines tell it well enough.
+fn response(&[exact, found, _, both]: &[f64; 4], lines: usize) -> Option<f64> {
+    let w = both / exact;
+    let strange = (found - w * both).max(0.0) / exact / lines as f64;
+    (strange.sqrt() < MOST_ERROR).then_some(w)
 }
 
 /// The wavelength, coming from long ones, at which the response falls below a level; linear in 1 / wavelength.
