@@ -232,6 +232,10 @@ fn hostile_files_are_refused_within_a_gigabyte() {
             b"<Tracks><particle><detection t=\"a\" x=\"1\" y=\"1\" z=\"0\"/></particle></Tracks>".to_vec(),
             "t = \"a\"",
         ),
+        ("field.csv", b"x_px,y_px,dx_px,dy_px\n1,1,1e308,0\n".to_vec(), ":2: 1e308: "),
+        ("flag.csv", b"x_px,y_px,dx_px,dy_px,flag\n1,1,1,0,7\n".to_vec(), ":2: flag = 7"),
+        ("openpiv.txt", b"# x\ty\tu\tv\tflags\tmask\n1 1 x 0 0 0\n".to_vec(), ":2: u = \"x\""),
+        ("pivlab.txt", b"PIVlab\nFRAME\nx [mm],y [mm],u [mm/s],v [mm/s]\n1,1,1,1\n".to_vec(), ":3: "),
         ("binary.csv", vec![0xff; 4000], "fits no format"),
     ];
     for (name, bytes, expected) in cases {

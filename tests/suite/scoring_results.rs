@@ -59,6 +59,9 @@ fn is_perfect(score: &serde_json::Value) {
         "/isbi_2d/alpha",
         "/clear/mota",
         "/identity/idf1",
+        "/ctc/tra",
+        "/ctc/det",
+        "/ctc/lnk",
         "/gdpt/phi",
         "/gdpt/precision",
         "/lpt/correct",
@@ -177,6 +180,78 @@ proptest! {
         let points = Points { rows: shuffled(&points.rows), ..points };
         prop_assert_eq!(serde_json::to_string(&scores(&truth, &points)).unwrap(), expected);
     }
+}
+
+#[test]
+fn scores_lie_within_their_intervals() {
+    let (truth, points) = scene();
+    let score = serde_json::to_value(scores(&truth, &points)).unwrap();
+    for (value, interval) in [
+        ("/detection/precision", "/detection/interval/precision"),
+        ("/detection/f1", "/detection/interval/f1"),
+        ("/detection/rmse_xy_px", "/detection/interval/rmse_xy_px"),
+        ("/links/recall", "/links/interval_recall"),
+        ("/links/f1", "/links/interval_f1"),
+        ("/isbi/alpha", "/isbi/interval/alpha"),
+        ("/isbi/beta", "/isbi/interval/beta"),
+        ("/isbi/jsc", "/isbi/interval/jsc"),
+        ("/isbi/jsc_theta", "/isbi/interval/jsc_theta"),
+        ("/isbi/rmse", "/isbi/interval/rmse"),
+        ("/hota/hota", "/hota/interval_hota"),
+        ("/hota/assa", "/hota/interval_assa"),
+        ("/clear/mota", "/clear/interval_mota"),
+        ("/clear/motp", "/clear/interval_motp"),
+        ("/identity/idf1", "/identity/interval_idf1"),
+        ("/gdpt/phi", "/gdpt/interval/phi"),
+        ("/gdpt/sigma_z_over_h", "/gdpt/interval/sigma_z_over_h"),
+        ("/lpt/ghost", "/lpt/interval/ghost"),
+        ("/lpt/displacement_rms_px", "/lpt/interval/displacement_rms_px"),
+        ("/lpt/acceleration_rms_px", "/lpt/interval/acceleration_rms_px"),
+    ] {
+        let number = |pointer: &str| score.pointer(pointer).and_then(serde_json::Value::as_f64);
+        let ends = [0, 1].map(|i| number(&format!("{interval}/{i}")));
+        let (Some(v), [Some(low), Some(high)]) = (number(value), ends) else { panic!("{value} {ends:?}") };
+        assert!(low < v && v < high, "{value}: {v} in [{low}, {high}]");
+    }
+}
+
+#[test]
+fn claims_are_compared_with_errors() {
+    let (truth, points) = scene();
+    // Errors are even over +-0.3 px: a standard deviation of 0.173 px. z is claimed half as uncertain as it is.
+    let sigma = 0.6 / 12f64.sqrt();
+    let claimed = Points { sigma: vec![[sigma, f64::NAN, sigma / 2.0]; points.rows.len()], ..points };
+    let claims = scores(&truth, &claimed).uncertainty.unwrap();
+    let (x, z) = (claims.x.unwrap(), claims.z.unwrap());
+    // 430 errors: 3.4 % of a standard deviation; 1 / sqrt 3 of them within one, all within two.
+    assert!((x.ratio.unwrap() - 1.0).abs() < 0.1 && (z.ratio.unwrap() - 2.0).abs() < 0.2, "{x:?} {z:?}");
+    assert!((x.coverage_1s.unwrap() - 0.577).abs() < 0.08 && x.coverage_2s == Some(1.0), "{x:?}");
+    assert_eq!((claims.y, x.bins.len()), (None, 10));
+}
+
+#[test]
+fn recall_is_binned_by_what_the_truth_tells_of_a_particle() {
+    let place = tempfile::tempdir().unwrap();
+    let paths = ["truth.csv", "result.csv"].map(|name| place.path().join(name));
+    let (mut truth, mut result) =
+        ("frame,track,x_px,y_px,snr,overlap\n".to_owned(), "frame,track,x_px,y_px\n".to_owned());
+    for i in 0..100 {
+        // Faint particles are missed; overlap does not matter.
+        let (x, snr) = (10 * i, i / 10);
+        truth += &format!("0,{i},{x},5,{snr},{}\n", f64::from(i % 10) / 10.0);
+        if snr >= 3 {
+            result += &format!("0,{i},{x},5\n");
+        }
+    }
+    std::fs::write(&paths[0], truth).unwrap();
+    std::fs::write(&paths[1], result).unwrap();
+    let score = bench::evaluate::evaluate(&paths[0], &paths[1], &Options::default()).unwrap().score;
+    let recalls = |against: &str| -> Vec<f64> {
+        let curve = score.curves.iter().find(|c| c.against == against).unwrap();
+        curve.bins.iter().map(|b| b.recall.unwrap()).collect()
+    };
+    assert_eq!(recalls("snr"), [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
+    assert!(recalls("overlap").iter().all(|r| (r - 0.7).abs() < 1e-12), "{:?}", recalls("overlap"));
 }
 
 #[test]

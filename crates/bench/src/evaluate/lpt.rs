@@ -5,6 +5,8 @@
 //! differences against second differences of the truth. After Sciacchitano, Leclaire and Schröder (LPT challenge, 2021);
 //! definitions in docs/scoring.md.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 use super::cloud::Cloud;
@@ -67,8 +69,8 @@ pub struct Intervals {
     pub acceleration_rms_px: Interval,
 }
 
-/// Sums of a frame: true points, found ones, matches; numbers and squares of errors of displacement, velocity, acceleration.
-type Frame = (u32, [f64; 9]);
+/// Sums by frame: true points, found ones, matches; numbers and squares of errors of displacement, velocity, acceleration.
+type Frames = BTreeMap<u32, [f64; 9]>;
 
 /// Names of the classes of lengths.
 pub const LENGTHS: [&str; 6] = ["1", "2", "3-5", "6-10", "11-20", "> 20"];
@@ -96,7 +98,7 @@ impl Lpt {
             ghost_of_measured: ratio(m - tp, m),
             ..Lpt::default()
         };
-        let mut frames: Vec<Frame> = per_frame(t, r, matching)
+        let mut frames: Frames = per_frame(t, r, matching)
             .iter()
             .map(|f| {
                 let [tp, missed, ghosts] = f.counts.map(|n| n as f64);
@@ -121,13 +123,12 @@ impl Lpt {
         (t, r): (&Cloud, &Cloud),
         matching: &Matching,
         depth: bool,
-        frames_out: &mut Vec<Frame>,
+        of_frames: &mut Frames,
     ) {
         let mut note = |frame: u32, kind: usize, error: &[f64]| {
-            let mut sums = [0.0; 9];
-            sums[3 + 2 * kind] = 1.0;
-            sums[4 + 2 * kind] = error.iter().map(|e| e * e).sum();
-            frames_out.push((frame, sums));
+            let sums = of_frames.entry(frame).or_insert([0.0; 9]);
+            sums[3 + 2 * kind] += 1.0;
+            sums[4 + 2 * kind] += error.iter().map(|e| e * e).sum::<f64>();
         };
         let next = successors(t);
         let moved = |cloud: &Cloud, a: usize, b: usize| {

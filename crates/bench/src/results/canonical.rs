@@ -78,7 +78,7 @@ pub(super) fn vector(
     sigma: [f64; 2],
 ) -> std::result::Result<Vector, String> {
     if let Some(large) = moved.iter().chain(&sigma).find(|v| v.abs() > 1e7) {
-        return Err(format!("{large}: expected a displacement of at most 1e7 px"));
+        return Err(format!("{large:?}: expected a displacement of at most 1e7 px"));
     }
     let flag = if moved[0].is_nan() || moved[1].is_nan() { 1 } else { flag };
     Ok(Vector { pair, at, moved, flag, sigma })

@@ -285,7 +285,7 @@ impl Converter {
     pub(crate) fn claimed(&self, [sx, sy, sz]: [f64; 3]) -> std::result::Result<[f64; 3], String> {
         let claimed = [sx * self.scale, sy * self.scale, sz];
         match claimed.iter().find(|s| **s < 0.0 || **s > LARGEST_UM) {
-            Some(wrong) => Err(format!("{wrong}: expected an uncertainty from 0 to {LARGEST_UM:e}")),
+            Some(wrong) => Err(format!("{wrong:?}: expected an uncertainty from 0 to {LARGEST_UM:e}")),
             None => Ok(claimed),
         }
     }
