@@ -2,6 +2,7 @@
 
 pub mod ensemble;
 pub mod error_map;
+pub mod expected;
 pub mod maxima;
 pub mod measure;
 pub mod microsig;

@@ -1,9 +1,10 @@
 //! Particles to images.
 //!
 //! A [`Renderer`] is one of: [`rays`], the paper's method, counts of discrete rays, fast; [`gaussian`], classical in-focus
-//! spots. [`exact`] is the method of rays in plain f64, ray by ray, and what the fast kernel is held against.
+//! spots; [`expected`], the limit of many rays. [`exact`] is the method of rays in plain f64, ray by ray, and what the fast kernel is held against.
 
 pub mod exact;
+pub mod expected;
 mod fan;
 pub mod gaussian;
 mod kernel;
@@ -12,7 +13,8 @@ pub mod rays;
 mod renderer;
 mod spots;
 
+pub use expected::ExpectedRenderer;
 pub use gaussian::{GaussianRenderer, Spot};
-pub use patch::Patch;
+pub use patch::{Patch, Window};
 pub use rays::RayRenderer;
 pub use renderer::Renderer;
