@@ -1,10 +1,14 @@
 //! Tasks of the repository: `cargo xtask <task>`.
 #![expect(clippy::print_stdout, reason = "a task tells what it did")]
 
+mod bench;
 mod figures;
 mod gallery;
 mod golden;
+mod peers;
 mod picture;
+mod process;
+mod python;
 mod reference;
 
 use std::path::PathBuf;
@@ -22,6 +26,27 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Task {
+    /// Measures speed and memory of whole runs of the command, against floors and a yardstick; some 20 minutes.
+    Bench {
+        /// Where runs.csv, plots and README.md go.
+        #[arg(long, default_value = "target/bench")]
+        out: PathBuf,
+        /// Only the groups of workloads with this in their name.
+        #[arg(long)]
+        only: Option<String>,
+    },
+    /// Times other generators of in-focus images and ours on the same work.
+    Peers {
+        /// Where runs.csv and README.md go.
+        #[arg(long, default_value = "target/peers")]
+        out: PathBuf,
+    },
+    /// Does one of the things that no program can do faster; `bench` times it.
+    #[command(hide = true)]
+    Floor { floor: bench::floors::Floor, folder: PathBuf },
+    /// Draws in-focus image pairs in memory; `peers` times it.
+    #[command(hide = true)]
+    Pairs { pairs: u32, ppp: f64, diameter_px: f64 },
     /// Compares our images with all images of the original in a folder; exit code 1 if a bar is missed.
     Reference {
         /// Folder with summary.csv and a folder of settings, data files and mean images for each case.
@@ -51,6 +76,12 @@ enum Task {
 
 fn main() -> anyhow::Result<ExitCode> {
     match Cli::parse().task {
+        Task::Bench { out, only } => bench::main(&out, only.as_deref()).map(|()| ExitCode::SUCCESS),
+        Task::Peers { out } => peers::main(&out).map(|()| ExitCode::SUCCESS),
+        Task::Floor { floor, folder } => floor.run(&folder).map(|()| ExitCode::SUCCESS),
+        Task::Pairs { pairs, ppp, diameter_px } => {
+            peers::ours::draw(pairs, ppp, diameter_px).map(|()| ExitCode::SUCCESS)
+        }
         Task::Reference { dir, out, images } => reference::run(&dir, &out, images),
         Task::Gallery { out } => gallery::run(&out).map(|()| ExitCode::SUCCESS),
         Task::Golden => golden::run().map(|()| ExitCode::SUCCESS),

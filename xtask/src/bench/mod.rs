@@ -1,0 +1,185 @@
+//! `cargo xtask bench`: what the command costs as a whole process, and what it could cost at best.
+//!
+//! Every workload runs five times, in turns with all others, so that a busy minute of the machine touches all alike; the
+//! medians are kept. The floors (memory, random numbers, files) and the yardstick (a NumPy loop over all rays) take turns with
+//! them. CPU time is that of all threads, user and system, as the system tells it of a finished process.
+
+pub(crate) mod floors;
+mod plot;
+mod report;
+mod workload;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::Command;
+
+use anyhow::Context;
+use serde_json::Value;
+
+use crate::process::{Usage, machine, median, microsig, run};
+use crate::python::Python;
+use floors::Floor;
+use workload::Workload;
+
+/// A timed workload.
+struct Measured {
+    workload: Workload,
+    images: f64,
+    particles: f64,
+    bytes: f64,
+    usage: Usage,
+}
+
+/// Medians of several runs.
+fn middle(runs: &[Usage]) -> Usage {
+    Usage {
+        wall_s: median(runs.iter().map(|u| u.wall_s)),
+        cpu_s: median(runs.iter().map(|u| u.cpu_s)),
+        peak_mb: median(runs.iter().map(|u| u.peak_mb)),
+    }
+}
+
+/// Everything that was measured.
+struct Record {
+    machine: String,
+    version: String,
+    measured: Vec<Measured>,
+    /// Workloads that this version cannot run, and what it says.
+    refused: Vec<(String, String)>,
+    floors: Vec<(Floor, Usage)>,
+    yardstick: Yardstick,
+}
+
+/// What the yardstick said about each of its data files, or why there is none.
+type Yardstick = Result<BTreeMap<&'static str, Value>, String>;
+
+/// Measures and writes `runs.csv`, plots and README.md into a folder. With `only`, workloads of other groups are left out.
+pub(crate) fn main(out: &Path, only: Option<&str>) -> anyhow::Result<()> {
+    std::fs::create_dir_all(out)?;
+    let program = microsig()?;
+    let scratch = tempfile::Builder::new().prefix("bench").tempdir_in(out)?;
+    let workloads: Vec<Workload> = workload::all(scratch.path())?
+        .into_iter()
+        .filter(|w| only.is_none_or(|group| w.group.contains(group)))
+        .collect();
+
+    let machine = machine();
+    let (_, version) = run(Command::new(&program).arg("--version"))?;
+    let python = Python::with("yardstick").map_err(|e| format!("{e:#}"));
+    let mut runs: Vec<Vec<(Usage, Value, f64)>> = workloads.iter().map(|_| Vec::new()).collect();
+    let mut refused = BTreeMap::new();
+    let mut floor_runs: Vec<Vec<Usage>> = vec![Vec::new(); Floor::ALL.len()];
+    let mut yardsticks: Vec<Yardstick> = Vec::new();
+    for repeat in 0..5 {
+        for (workload, runs) in workloads.iter().zip(&mut runs) {
+            if repeat >= workload.repeats || refused.contains_key(&workload.name) {
+                continue;
+            }
+            println!("{}/5  {}: {}", repeat + 1, workload.group, workload.name);
+            match time(&program, workload, scratch.path()) {
+                Ok(result) => runs.push(result),
+                // The one that a version may not know yet; any other failure ends the bench.
+                Err(e) if workload.name == workload::EXPECTED => {
+                    refused.insert(workload.name.clone(), format!("{:#}", e.root_cause()));
+                }
+                Err(e) => return Err(e),
+            }
+        }
+        for (floor, runs) in Floor::ALL.into_iter().zip(&mut floor_runs) {
+            runs.push(time_floor(floor, scratch.path())?);
+        }
+        yardsticks.push(python.as_ref().map_err(Clone::clone).and_then(|p| yardstick(p, scratch.path())));
+    }
+
+    let measured =
+        workloads.into_iter().zip(runs).filter(|(_, runs)| !runs.is_empty()).map(|(workload, runs)| {
+            let number = |key: &str| runs[0].1[key].as_f64().unwrap_or(f64::NAN);
+            let usages: Vec<Usage> = runs.iter().map(|r| r.0).collect();
+            Measured {
+                images: number("images"),
+                particles: number("particles"),
+                bytes: runs[0].2,
+                usage: middle(&usages),
+                workload,
+            }
+        });
+    let record = Record {
+        machine,
+        version: version.trim().to_owned(),
+        measured: measured.collect(),
+        refused: refused.into_iter().collect(),
+        floors: Floor::ALL.into_iter().zip(floor_runs.iter().map(|runs| middle(runs))).collect(),
+        yardstick: middle_yardstick(yardsticks),
+    };
+    report::write(out, &record)?;
+    plot::write(out, &record)?;
+    println!("{}: {} workloads", out.display(), record.measured.len());
+    Ok(())
+}
+
+/// Runs a workload once; gives what it took, what it said and the bytes it wrote.
+fn time(program: &Path, workload: &Workload, scratch: &Path) -> anyhow::Result<(Usage, Value, f64)> {
+    let out = scratch.join("out");
+    let mut command = Command::new(program);
+    command.args(["--quiet", "--json", "--threads", &workload.threads.to_string()]).args(&workload.arguments);
+    if workload.arguments[0] == "render" {
+        command.arg(&out);
+    } else {
+        command.arg("--out").arg(&out);
+    }
+    let (usage, said) = run(&mut command)?;
+    let bytes = bytes_below(&out)?;
+    std::fs::remove_dir_all(&out)?;
+    Ok((usage, serde_json::from_str(&said).context(said)?, bytes))
+}
+
+fn bytes_below(folder: &Path) -> std::io::Result<f64> {
+    let mut bytes = 0.0;
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        let facts = entry.metadata()?;
+        bytes += if facts.is_dir() { bytes_below(&entry.path())? } else { facts.len() as f64 };
+    }
+    Ok(bytes)
+}
+
+fn time_floor(floor: Floor, scratch: &Path) -> anyhow::Result<Usage> {
+    let folder = scratch.join("floor");
+    std::fs::create_dir_all(&folder)?;
+    let name = clap::ValueEnum::to_possible_value(&floor).context("a floor has a name")?;
+    let mut command = Command::new(std::env::current_exe()?);
+    let (usage, _) = run(command.args(["floor", name.get_name()]).arg(&folder))?;
+    std::fs::remove_dir_all(&folder)?;
+    Ok(usage)
+}
+
+/// The yardstick on the first particles of the workloads of the goals.
+fn yardstick(python: &Python, scratch: &Path) -> Yardstick {
+    const PARTICLES: [(&str, usize); 3] =
+        [("setting 1, one size", 20), ("setting 1, several sizes", 20), ("setting 2", 3)];
+    let run = |name: &str, particles: usize| -> anyhow::Result<Value> {
+        let folder = scratch.join("inputs").join(format!("throughput {name}").replace(' ', "_"));
+        let rows = std::fs::read_to_string(folder.join("particles/B00000.txt"))?;
+        let data = scratch.join("yardstick.txt");
+        std::fs::write(&data, rows.lines().take(particles).collect::<Vec<_>>().join("\n"))?;
+        let settings = folder.join("settings.txt");
+        Ok(python.run("yardstick.py", &[&settings.to_string_lossy(), &data.to_string_lossy()])?.1)
+    };
+    PARTICLES.into_iter().map(|(name, n)| Ok((name, run(name, n).map_err(|e| format!("{e:#}"))?))).collect()
+}
+
+/// Of several results for a data file the one with the middle time.
+fn middle_yardstick(results: Vec<Yardstick>) -> Yardstick {
+    let results: Vec<BTreeMap<&'static str, Value>> = results.into_iter().collect::<Result<_, String>>()?;
+    let names: Vec<&'static str> = results.first().into_iter().flat_map(|r| r.keys().copied()).collect();
+    let of = |name: &'static str| {
+        let mut runs: Vec<Value> = results.iter().map(|r| r[name].clone()).collect();
+        runs.sort_by(|a, b| cpu_ms(a).total_cmp(&cpu_ms(b)));
+        (name, runs.swap_remove(runs.len() / 2))
+    };
+    Ok(names.into_iter().map(of).collect())
+}
+
+fn cpu_ms(result: &Value) -> f64 {
+    result["cpu_ms_per_particle"].as_f64().unwrap_or(f64::NAN)
+}

@@ -1,0 +1,258 @@
+//! `runs.csv` and README.md of the bench.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use super::floors::Floor;
+use super::workload::GROWTH;
+use super::{Measured, Record, cpu_ms};
+
+/// CPU time of the original program, ms per particle, lowest and highest, as its users measured it elsewhere, and the goal:
+/// how many times faster we want to be.
+const GOALS: [(&str, [f64; 2], f64); 3] = [
+    ("setting 1, one size", [7.5, 8.5], 200.0),
+    ("setting 1, several sizes", [27.0, 29.0], 600.0),
+    ("setting 2", [170.0, 280.0], 800.0),
+];
+
+/// Largest growth of CPU time that counts as linear when the size doubles: 10 % more than twice.
+const DOUBLING: f64 = 2.2;
+
+pub(super) fn write(out: &Path, record: &Record) -> anyhow::Result<()> {
+    let mut table = csv::Writer::from_path(out.join("runs.csv"))?;
+    table.write_record([
+        "group",
+        "workload",
+        "size",
+        "threads",
+        "repeats",
+        "images",
+        "particles",
+        "output_mb",
+        "wall_s",
+        "cpu_s",
+        "peak_mb",
+        "images_per_s",
+        "particles_per_s",
+        "output_gb_per_s",
+    ])?;
+    for m in &record.measured {
+        let (w, u) = (&m.workload, &m.usage);
+        table.write_record([
+            w.group.to_owned(),
+            w.name.clone(),
+            w.size.to_string(),
+            w.threads.to_string(),
+            w.repeats.to_string(),
+            m.images.to_string(),
+            m.particles.to_string(),
+            format!("{:.3}", m.bytes / 1e6),
+            format!("{:.4}", u.wall_s),
+            format!("{:.4}", u.cpu_s),
+            format!("{:.1}", u.peak_mb),
+            format!("{:.2}", m.images / u.wall_s),
+            format!("{:.1}", m.particles / u.wall_s),
+            format!("{:.4}", m.bytes / 1e9 / u.wall_s),
+        ])?;
+    }
+    table.flush()?;
+    std::fs::write(out.join("README.md"), readme(out, record)?)?;
+    Ok(())
+}
+
+fn readme(out: &Path, record: &Record) -> Result<String, std::fmt::Error> {
+    let mut text = format!(
+        "# Speed and memory\n\nMade by `cargo xtask bench --out {}` with {}.\nOn {}.\n\n\
+         Whole runs of the command, noise and files included. Medians of five runs that took turns with all others; CPU time is \
+         user and system time of all threads. `runs.csv` has every figure.\n\n",
+        out.display(),
+        record.version,
+        record.machine
+    );
+    goals(&mut text, record)?;
+    throughput(&mut text, record)?;
+    floors(&mut text, record)?;
+    threads(&mut text, record)?;
+    growth(&mut text, record)?;
+    large(&mut text, record)?;
+    Ok(text)
+}
+
+fn group<'a>(record: &'a Record, name: &str) -> impl Iterator<Item = &'a Measured> {
+    record.measured.iter().filter(move |m| m.workload.group == name)
+}
+
+fn goals(text: &mut String, record: &Record) -> std::fmt::Result {
+    writeln!(
+        text,
+        "## Against the yardstick and the original\n\n\
+         The yardstick is `xtask/python/yardstick.py`, a NumPy loop that traces every ray of every particle and counts the \
+         original's rays to the last one (`yardstick.py --check tests/data/exact`); it ran in turns with ours. The original's \
+         times are its users' figures from another machine: ratios to them are orders of magnitude. In one size it shares one \
+         light field between all particles, which neither ours nor the yardstick does.\n"
+    )?;
+    let yardstick = match &record.yardstick {
+        Ok(results) => results,
+        Err(reason) => return writeln!(text, "The yardstick could not be run: {reason}\n"),
+    };
+    writeln!(
+        text,
+        "| CPU ms per particle | ours, all included | yardstick | ours is faster by | original, stated | yardstick over original | \
+         ours is faster than the original by | goal |\n|---|---|---|---|---|---|---|---|"
+    )?;
+    for (name, [low, high], goal) in GOALS {
+        let Some(ours) = group(record, "throughput").find(|m| m.workload.name == name) else { continue };
+        let ms = 1e3 * ours.usage.cpu_s / ours.particles;
+        let theirs = yardstick.get(name).map_or(f64::NAN, cpu_ms);
+        writeln!(
+            text,
+            "| {name} | {ms:.3} | {theirs:.1} | {:.0} | {low} to {high} | {:.2} to {:.2} | {:.0} to {:.0} | {goal} |",
+            theirs / ms,
+            theirs / high,
+            theirs / low,
+            low / ms,
+            high / ms
+        )?;
+    }
+    writeln!(text)
+}
+
+fn throughput(text: &mut String, record: &Record) -> std::fmt::Result {
+    writeln!(
+        text,
+        "## One thread\n\n| | images | particles in all | CPU s | wall s | images per CPU s | particles per CPU s | written, GB per s | \
+         peak MB |\n|---|---|---|---|---|---|---|---|---|"
+    )?;
+    for m in group(record, "throughput") {
+        let u = &m.usage;
+        writeln!(
+            text,
+            "| {} | {} | {} | {:.3} | {:.3} | {:.0} | {:.0} | {:.3} | {:.0} |",
+            m.workload.name,
+            m.images,
+            m.particles,
+            u.cpu_s,
+            u.wall_s,
+            m.images / u.cpu_s,
+            m.particles / u.cpu_s,
+            m.bytes / 1e9 / u.wall_s,
+            u.peak_mb
+        )?;
+    }
+    for (name, reason) in &record.refused {
+        writeln!(text, "\nNot measured: {name} ({}).", reason.trim())?;
+    }
+    writeln!(
+        text,
+        "\n\"Particles\" of `generate` are those in view; it also writes truth, checksums and data files.\n"
+    )
+}
+
+fn floors(text: &mut String, record: &Record) -> std::fmt::Result {
+    let nothing = record.floors.iter().find(|f| f.0 == Floor::Nothing).map_or(0.0, |f| f.1.cpu_s);
+    let ms = |wanted: Floor| {
+        let found = record.floors.iter().find(|f| f.0 == wanted);
+        found.map_or(f64::NAN, |(floor, usage)| 1e3 * (usage.cpu_s - nothing) / floor.images() as f64)
+    };
+    let pixels = 752.0 * 366.0;
+    let (copy, words, file) = (ms(Floor::Memcpy), ms(Floor::Philox), ms(Floor::Write));
+    let floor = copy + 2.0 * words + file;
+    writeln!(
+        text,
+        "## Floors\n\nFor one image of 752 x 366 px in 16 bit, CPU time on one thread: a copy in memory {:.4} ms ({:.1} GB/s), a \
+         Philox word per pixel {words:.3} ms ({:.2} ns each), a raw file {file:.3} ms ({:.2} GB/s).",
+        copy,
+        2.0 * pixels / copy / 1e6,
+        1e6 * words / pixels,
+        2.0 * pixels / file / 1e6
+    )?;
+    if let Some(empty) = group(record, "throughput").find(|m| m.workload.name == "no particles") {
+        let ours = 1e3 * empty.usage.cpu_s / empty.images;
+        writeln!(
+            text,
+            "An image without particles takes {ours:.3} ms: {:.1} times the floor of {floor:.3} ms (a copy, two Philox words a pixel \
+             for its noise, a raw file).",
+            ours / floor
+        )?;
+    }
+    writeln!(text)
+}
+
+fn threads(text: &mut String, record: &Record) -> std::fmt::Result {
+    writeln!(
+        text,
+        "## A second thread\n\n| | wall s, 1 thread | 2 threads | faster by | CPU time grows by |\n|---|---|---|---|---|"
+    )?;
+    for name in ["threads, rays", "threads, gaussian"] {
+        let both: Vec<&Measured> = group(record, name).collect();
+        if let [one, two] = both[..] {
+            let (a, b) = (&one.usage, &two.usage);
+            writeln!(
+                text,
+                "| {} | {:.3} | {:.3} | {:.2} | {:.2} |",
+                name.trim_start_matches("threads, "),
+                a.wall_s,
+                b.wall_s,
+                a.wall_s / b.wall_s,
+                b.cpu_s / a.cpu_s
+            )?;
+        }
+    }
+    writeln!(
+        text,
+        "\nWall time means little if the machine had other work; the load when the bench began is told above.\n"
+    )
+}
+
+fn growth(text: &mut String, record: &Record) -> std::fmt::Result {
+    writeln!(
+        text,
+        "## Growth\n\n![CPU time](growth.svg)\n\n![peak memory](memory.svg)\n\n\
+         | | CPU s | peak MB | CPU time per doubling | linear within 10 % |\n|---|---|---|---|---|"
+    )?;
+    for (name, _) in GROWTH {
+        let members: Vec<&Measured> = group(record, name).collect();
+        let list =
+            |of: &dyn Fn(&Measured) -> String| members.iter().map(|m| of(m)).collect::<Vec<_>>().join(", ");
+        // Sizes grow by factors of 2 or 4; growth is told per factor of 2.
+        let steps: Vec<f64> = members
+            .windows(2)
+            .map(|w| {
+                let doublings = (w[1].workload.size / w[0].workload.size).log2();
+                (w[1].usage.cpu_s / w[0].usage.cpu_s).powf(1.0 / doublings)
+            })
+            .collect();
+        let linear = steps.iter().all(|s| *s <= DOUBLING);
+        writeln!(
+            text,
+            "| {name}: {} | {} | {} | {} | {} |",
+            list(&|m| m.workload.size.round().to_string()),
+            list(&|m| format!("{:.3}", m.usage.cpu_s)),
+            list(&|m| format!("{:.0}", m.usage.peak_mb)),
+            steps.iter().map(|s| format!("{s:.2}")).collect::<Vec<_>>().join(", "),
+            if linear { "yes" } else { "**no**" }
+        )?;
+    }
+    writeln!(text)
+}
+
+fn large(text: &mut String, record: &Record) -> std::fmt::Result {
+    writeln!(
+        text,
+        "## Large runs\n\nOnce each.\n\n| | threads | CPU s | wall s | peak MB | written MB |\n|---|---|---|---|---|---|"
+    )?;
+    for m in group(record, "large") {
+        let u = &m.usage;
+        writeln!(
+            text,
+            "| {} | {} | {:.1} | {:.1} | {:.0} | {:.0} |",
+            m.workload.name,
+            m.workload.threads,
+            u.cpu_s,
+            u.wall_s,
+            u.peak_mb,
+            m.bytes / 1e6
+        )?;
+    }
+    Ok(())
+}
