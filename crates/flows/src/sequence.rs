@@ -17,14 +17,16 @@
 use crate::body::Body;
 use crate::brownian::{Brownian, Settling};
 use crate::domain::Domain;
+use crate::drift::Drifting;
 use crate::error::{Check, Error, Result};
+use crate::exposure::{Shutter, Streak};
 use crate::field::VelocityField;
+pub use crate::frame::{Displacement, Frame, Tracer};
 use crate::integrate::advance;
 use crate::intensities::Intensities;
 use crate::orientation::{Spheroids, carry};
-use crate::region::Region;
 use crate::seeding::{Seed, Seeding};
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use microsig_core::stream::{Purpose, Stream, Streams};
 use rayon::prelude::*;
 
@@ -39,104 +41,20 @@ const REACH_OF_NOISE: f64 = 8.0;
 /// Fewest tracers that are worth a thread.
 const TRACERS_PER_TASK: usize = 64;
 
-/// A tracer particle at one time.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Tracer {
-    /// Its name, never given to another particle.
-    pub id: u64,
-    /// The centre, um.
-    pub position: DVec3,
-    /// Diameter, um.
-    pub d_um: f64,
-    /// Length along the axis over length across it; 1 for a sphere.
-    pub aspect: f64,
-    /// Direction of the axis, of length 1.
-    pub axis: DVec3,
-    /// Factor on the light of a particle of its size.
-    pub c_int: f64,
-    /// How it came here from the frame before; `None` for a newcomer.
-    pub step: Option<Displacement>,
-}
-
-/// The way of a tracer between two frames, um.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Displacement {
-    /// The whole way, noise included; through a periodic face it goes on, where positions jump.
-    pub actual: DVec3,
-    /// What flow and settling alone would have done.
-    pub drift: DVec3,
-}
-
-/// The cloud at one time.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Frame {
-    /// Number of the frame in the dataset.
-    pub index: u32,
-    /// Time, s.
-    pub t_s: f64,
-    /// The tracers in the domain, by ascending id.
-    pub tracers: Vec<Tracer>,
-}
-
-impl Frame {
-    /// The tracers that are also in a later frame of the same recording, each with itself there.
-    pub fn links<'a>(&'a self, later: &'a Frame) -> impl Iterator<Item = (&'a Tracer, &'a Tracer)> {
-        let mut rest = later.tracers.as_slice();
-        self.tracers.iter().filter_map(move |tracer| {
-            // Both ascend: what is skipped here was born in between.
-            rest = &rest[rest.partition_point(|other| other.id < tracer.id)..];
-            rest.first().filter(|other| other.id == tracer.id).map(|other| (tracer, other))
-        })
-    }
-}
-
 /// A field, the domain it moves tracers through, and their seeding: parts that fit together.
 #[derive(Debug, Clone, Copy)]
 pub struct Scene<'a> {
     field: &'a dyn VelocityField,
-    domain: &'a Domain,
+    pub(crate) domain: &'a Domain,
     seeding: &'a Seeding,
     density: f64,
     bodies: &'a [Body],
     settling: Option<Settling>,
-    brownian: Option<Brownian>,
+    pub(crate) brownian: Option<Brownian>,
     spheroids: Option<Spheroids>,
     intensities: Intensities,
     keeps_ids: bool,
-}
-
-/// A field with the velocity of particles through the fluid added.
-#[derive(Debug)]
-struct Drifting<'a> {
-    field: &'a dyn VelocityField,
-    slip: DVec3,
-}
-
-impl VelocityField for Drifting<'_> {
-    fn velocity(&self, x: DVec3, t: f64) -> DVec3 {
-        self.field.velocity(x, t) + self.slip
-    }
-
-    fn gradient(&self, x: DVec3, t: f64) -> DMat3 {
-        self.field.gradient(x, t)
-    }
-
-    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
-        if self.slip == DVec3::ZERO { self.field.flow_map(x, t0, t1) } else { None }
-    }
-
-    fn is_divergence_free(&self) -> bool {
-        self.field.is_divergence_free()
-    }
-
-    fn max_speed(&self, region: &Region, t0: f64, t1: f64) -> f64 {
-        self.field.max_speed(region, t0, t1) + self.slip.length()
-    }
-
-    fn step_limit(&self, x: DVec3, t: f64) -> Option<f64> {
-        let speed = self.field.velocity(x, t).length();
-        Some(self.field.step_limit(x, t)? * speed / (speed + self.slip.length()))
-    }
+    shutter: Option<Shutter>,
 }
 
 /// Where the numbers of a recording begin.
@@ -165,6 +83,7 @@ impl<'a> Scene<'a> {
             spheroids: None,
             intensities: Intensities::default(),
             keeps_ids: false,
+            shutter: None,
         })
     }
 
@@ -196,6 +115,11 @@ impl<'a> Scene<'a> {
     /// With ids that go on when a tracer passes a periodic face; without this it is a new tracer on the other side.
     pub fn keeping_ids(self) -> Self {
         Scene { keeps_ids: true, ..self }
+    }
+
+    /// With frames of finite exposure; without this they are instantaneous.
+    pub fn with_shutter(self, shutter: Shutter) -> Self {
+        Scene { shutter: Some(shutter).filter(|shutter| shutter.span_s() > 0.0), ..self }
     }
 
     /// The recording of this scene at the given times (s, increasing). Two times make a pair.
@@ -231,13 +155,13 @@ impl<'a> Scene<'a> {
     }
 
     /// The field that carries particles of a diameter.
-    fn drifting(&self, d_um: f64) -> Drifting<'a> {
+    pub(crate) fn drifting(&self, d_um: f64) -> Drifting<'a> {
         let slip = self.settling.map_or(DVec3::ZERO, |settling| settling.velocity(d_um));
         Drifting { field: self.field, slip }
     }
 
     /// The nearest place where walls, bodies and the field's own surfaces leave a particle.
-    fn hold(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {
+    pub(crate) fn hold(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {
         let x = self.domain.keep_off_walls(self.field.confine(x, t, radius), radius);
         let x = self.bodies.iter().fold(x, |x, body| body.keep_off(x, radius));
         if self.bodies.is_empty() { x } else { self.domain.keep_off_walls(x, radius) }
@@ -364,7 +288,16 @@ impl<'a> Scene<'a> {
             }
         };
         let c_int = self.intensities.draw(seed.d_um, &mut stream(Purpose::Intensity));
-        Tracer { id, position: seed.position, d_um: seed.d_um, aspect, axis, c_int, step: None }
+        Tracer {
+            id,
+            position: seed.position,
+            d_um: seed.d_um,
+            aspect,
+            axis,
+            c_int,
+            velocity: None,
+            step: None,
+        }
     }
 }
 
@@ -411,7 +344,26 @@ impl Sequence<'_> {
             tracers.push(self.scene.christen(seed, self.next_id, self.streams));
             self.next_id += 1;
         }
-        Ok(Frame { index, t_s, tracers })
+        let streaks = self.expose(&mut tracers, index, t_s)?;
+        Ok(Frame { index, t_s, tracers, streaks })
+    }
+
+    /// Gives the tracers their velocities, and the streaks that they leave if the frame has an exposure.
+    fn expose(&self, tracers: &mut [Tracer], index: u32, t_s: f64) -> Result<Vec<Streak>> {
+        let scene = &self.scene;
+        let Some(shutter) = &scene.shutter else {
+            tracers.par_iter_mut().with_min_len(TRACERS_PER_TASK).for_each(|tracer| {
+                tracer.velocity = Some(scene.drifting(tracer.d_um).velocity(tracer.position, t_s));
+            });
+            return Ok(Vec::new());
+        };
+        let exposed =
+            in_parallel(tracers, |tracer| scene.streak(tracer, shutter, (index, t_s), self.streams))?;
+        let streaks = tracers.iter_mut().zip(exposed).map(|(tracer, (streak, velocity))| {
+            tracer.velocity = Some(velocity);
+            streak
+        });
+        Ok(streaks.collect())
     }
 }
 
@@ -439,6 +391,7 @@ mod tests {
     use crate::diameters::Diameters;
     use crate::domain::Boundary::{Open, Wall};
     use crate::fields::Linear;
+    use crate::region::Region;
 
     fn domain() -> Domain {
         let region = Region::new(DVec3::new(-50.0, -50.0, 0.0), DVec3::new(50.0, 50.0, 20.0)).unwrap();
@@ -447,26 +400,6 @@ mod tests {
 
     fn seeding() -> Seeding {
         Seeding::poisson(1e-3, Diameters::equal(2.0).unwrap()).unwrap()
-    }
-
-    #[test]
-    fn links_find_survivors_only() {
-        let tracer = |id: u64, x: f64| Tracer {
-            id,
-            position: DVec3::X * x,
-            d_um: 1.0,
-            aspect: 1.0,
-            axis: DVec3::Y,
-            c_int: 1.0,
-            step: None,
-        };
-        let first =
-            Frame { index: 0, t_s: 0.0, tracers: vec![tracer(3, 0.0), tracer(5, 1.0), tracer(9, 2.0)] };
-        let second =
-            Frame { index: 1, t_s: 1.0, tracers: vec![tracer(5, 1.5), tracer(9, 2.5), tracer(10, 7.0)] };
-        let links: Vec<_> = first.links(&second).map(|(a, b)| (a.id, b.position.x - a.position.x)).collect();
-        assert_eq!(links, [(5, 0.5), (9, 0.5)]);
-        assert_eq!(second.links(&first).count(), 2);
     }
 
     #[test]

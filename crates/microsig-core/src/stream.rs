@@ -36,6 +36,14 @@ pub enum Purpose {
     Intensity = 9,
     /// What differs from pixel to pixel of a camera for ever; frame = 0, row = pixel row.
     FixedPattern = 10,
+    /// Energy of a light pulse; row = 0.
+    PulseEnergy = 16,
+    /// Jitter of the time of a frame; row = 0.
+    Timing = 17,
+    /// Brownian steps of a tracer while the shutter is open; row = low 32 bits of its id.
+    Exposure = 18,
+    /// Diameter of a particle of a recorded track; row = low 32 bits of its number.
+    Diameter = 19,
 }
 
 /// A family of random streams.

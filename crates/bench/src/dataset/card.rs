@@ -3,7 +3,8 @@
 use super::manifest::{COORDINATES, GENERATOR_VERSION};
 use super::truth::Census;
 use crate::error::Result;
-use crate::scenario::{Recordings, Scenario, compact};
+use crate::scenario::spec::{PairSeeding, Timing};
+use crate::scenario::{Mover, Scenario, compact};
 use microsig_core::render::{Renderer, Spot};
 
 /// What the card says of the optics.
@@ -52,12 +53,7 @@ impl Optics {
 pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
     let (spec, settings) = (&scenario.spec, &scenario.settings);
     let (low, high) = scenario.depth_range_um;
-    let what = match scenario.recordings {
-        Recordings::Pairs { count, dt_s, .. } => {
-            format!("{count} image pairs with {dt_s} s between A and B; every pair has particles of its own")
-        }
-        Recordings::Sequence { frames, dt_s } => format!("a sequence of {frames} frames, {dt_s} s apart"),
-    };
+    let what = frames(scenario);
     let Optics { focus, optics, method } = Optics::of(&scenario.renderer);
     let motion = compact(&spec.motion)?;
     let n_p = census.visible as f64 / f64::from(census.frames.max(1));
@@ -77,7 +73,8 @@ pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
          | displacement | up to {max:.2} px in the image plane |\n\
          | background | {mean} counts, noise {noise} counts |\n\
          | seed | {seed} |\n\n\
-         Motion: `{motion}`.\n\n\
+         Motion: `{motion}`.{moved}\n\n\
+         {shone}\
          ## Axes and units\n\n{COORDINATES}\n\n\
          ## Files\n\n\
          - `images/`: the frames. `particles/`: the MicroSIG data file of each, `settings.txt`: the settings of all.\n\
@@ -91,6 +88,8 @@ pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
          ## Licence\n\n\
          CC BY 4.0.\n",
         name = spec.name,
+        moved = moved(scenario),
+        shone = shone(scenario)?,
         bits = scenario.detector.as_ref().map_or(16, |d| d.bits),
         width = settings.pixel_dim_x,
         height = settings.pixel_dim_y,
@@ -100,5 +99,54 @@ pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
         mean = settings.background_mean,
         noise = settings.background_noise,
         seed = scenario.streams.seed().map_or_else(|| "none: secret key".to_owned(), |seed| seed.to_string()),
+    ))
+}
+
+/// What the frames are.
+fn frames(scenario: &Scenario) -> String {
+    match scenario.recordings.timing() {
+        Timing::Pairs(p) => {
+            let whose = match p.seeding {
+                PairSeeding::Fresh => "every pair has particles of its own",
+                PairSeeding::Continuing => "the same cloud goes on from pair to pair",
+            };
+            format!("{} image pairs with {} s between A and B; {whose}", p.count, p.dt_s)
+        }
+        Timing::Sequence(s) => format!("a sequence of {} frames, {} s apart", s.frames, s.dt_s),
+        Timing::FourPulse(f) => format!(
+            "{} bursts of four frames, {} s, {} s and {} s apart; every burst has particles of its own",
+            f.count, f.dt_s, f.gap_s, f.dt_s
+        ),
+    }
+}
+
+/// What velocity and place mean in the truth, where it needs saying.
+fn moved(scenario: &Scenario) -> String {
+    let mut text = String::new();
+    if let Mover::Tracks(tracks) = &scenario.mover {
+        text += &format!(
+            " {} tracks, read in {}. Velocities that the file does not give are the slope of the parabola through a track's \
+             places in the frame before, this one and the next; at its ends and beside gaps the difference to the one \
+             neighbour.",
+            tracks.count(),
+            tracks.units()
+        );
+    }
+    if let Some(shutter) = &scenario.shutter {
+        text += &format!(
+            " Frames collect light over {} s about `t_s`: the truth is the place in the middle and the mean velocity over \
+             that time, and a moving particle has several rows in the data file, at most a quarter of a pixel apart.",
+            shutter.span_s()
+        );
+    }
+    text
+}
+
+/// How particles are lit, if not all alike.
+fn shone(scenario: &Scenario) -> Result<String> {
+    let Some(light) = &scenario.spec.illumination else { return Ok(String::new()) };
+    Ok(format!(
+        "Illumination: `{}`. It multiplies `c_int` in the data files; in `truth/tracks.csv` it is the column `light`.\n\n",
+        compact(light)?
     ))
 }

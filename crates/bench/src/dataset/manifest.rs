@@ -10,7 +10,8 @@ use super::calibration::CALIBRATION;
 use super::checksums::Fingerprint;
 use super::table::Table;
 use super::truth::{Census, DISPLACEMENTS, FRAMES, TRACKS};
-use crate::scenario::{Recordings, Scenario};
+use crate::scenario::Scenario;
+use crate::scenario::spec::Timing;
 
 /// Name of the file.
 pub const MANIFEST: &str = "datapackage.json";
@@ -59,14 +60,6 @@ fn facts(scenario: &Scenario, census: &Census) -> Value {
     let (low, high) = scenario.depth_range_um;
     let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
     let n_p = census.visible as f64 / f64::from(census.frames.max(1));
-    let timing = match scenario.recordings {
-        Recordings::Pairs { count, dt_s, interval_s } => {
-            json!({ "mode": "pairs", "pairs": count, "dt_s": dt_s, "interval_s": interval_s })
-        }
-        Recordings::Sequence { frames, dt_s } => {
-            json!({ "mode": "sequence", "frames": frames, "dt_s": dt_s })
-        }
-    };
     json!({
         "generator": "microsig",
         "generator_version": GENERATOR_VERSION,
@@ -76,7 +69,7 @@ fn facts(scenario: &Scenario, census: &Census) -> Value {
             Some(_) => "Philox4x32-10, addressed by (seed, purpose, frame, row)",
             None => "ChaCha20 with a secret key, addressed by (purpose, frame, row)",
         },
-        "timing": timing,
+        "timing": timing(scenario),
         "um_per_px": scenario.scale.um_per_px(),
         "depth_factor": scenario.spec.optics.depth_factor,
         "sensor": {
@@ -97,6 +90,23 @@ fn facts(scenario: &Scenario, census: &Census) -> Value {
         "max_displacement_px": census.max_displacement_px,
         "scoring_gates": { "xy_px": 2.0, "z_um": (high - low) / 10.0, "isbi_px": 5.0 },
     })
+}
+
+/// When frames are taken: the keys of the scenario and, in every mode, the number of frames.
+fn timing(scenario: &Scenario) -> Value {
+    let recordings = &scenario.recordings;
+    let keys = match recordings.timing() {
+        Timing::Pairs(p) => serde_json::to_value(p),
+        Timing::Sequence(s) => serde_json::to_value(s),
+        Timing::FourPulse(f) => serde_json::to_value(f),
+    };
+    let mut facts = keys.unwrap_or_default();
+    facts["mode"] = json!(recordings.timing().mode());
+    facts["frames"] = json!(recordings.frames());
+    if recordings.are_pairs() {
+        facts["pairs"] = json!(recordings.frames() / 2);
+    }
+    facts
 }
 
 /// The camera's chain as the scenario says it; null for MicroSIG's own sensor.

@@ -24,25 +24,17 @@ pub(crate) use preview::Preview;
 
 use crate::scenario::Recordings;
 
-/// Name of a frame's files without extension, and its place in a pair.
+/// Name of a frame's files without extension.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stem {
-    /// `frame_00000`, or `pair_00000_a` and `pair_00000_b`.
+    /// `frame_00000`; `pair_00000_a` and `pair_00000_b`; `burst_00000_a` to `burst_00000_d`.
     pub name: String,
-    /// Pair and role (`a` or `b`) of a pair recording.
-    pub pair: Option<(u32, char)>,
 }
 
 impl Stem {
     /// The stem of a frame, numbered through the dataset.
     pub fn of(recordings: &Recordings, frame: u32) -> Self {
-        match recordings {
-            Recordings::Pairs { .. } => {
-                let (pair, role) = (frame / 2, if frame.is_multiple_of(2) { 'a' } else { 'b' });
-                Stem { name: format!("pair_{pair:05}_{role}"), pair: Some((pair, role)) }
-            }
-            Recordings::Sequence { .. } => Stem { name: format!("frame_{frame:05}"), pair: None },
-        }
+        Stem { name: recordings.stem(frame) }
     }
 
     /// Path of the data file in the dataset.

@@ -4,7 +4,9 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
+use flows::exposure::Streak;
 use flows::sequence::{Frame, Tracer};
+use glam::DVec3;
 use microsig_core::render::Renderer;
 use microsig_core::{Particle, Spheroid};
 
@@ -20,13 +22,13 @@ pub const FRAMES: Table = Table {
     columns: &[
         FRAME,
         column("pair", "integer", "", "pair of a pair recording, else empty"),
-        column("role", "string", "", "a or b of a pair recording, else empty"),
+        column("role", "string", "", "a or b of a pair recording, a to d of a burst of four, else empty"),
         T_S,
         column("image", "string", "", "path of the image"),
         column("particles", "string", "", "path of the MicroSIG data file"),
         column("n_rendered", "integer", "", "particles in the data file"),
         column("n_visible", "integer", "", "particles whose centre is on the sensor"),
-        column("energy", "number", "", "factor on the light of this frame"),
+        column("energy", "number", "", "factor on the light of this frame: energy of its pulse and bleaching"),
     ],
 };
 
@@ -47,8 +49,8 @@ pub const TRACKS: Table = Table {
         column("e_p", "number", "", "aspect ratio; 1 for a sphere"),
         column("alpha_rad", "number", "rad", "orientation as in MicroSIG's data file"),
         column("beta_rad", "number", "rad", "orientation as in MicroSIG's data file"),
-        column("c_int", "number", "", "factor on the particle's brightness"),
-        column("u_um_s", "number", "um/s", "velocity along x at this place and time"),
+        column("c_int", "number", "", "factor on the particle's brightness, that of the illumination left out"),
+        column("u_um_s", "number", "um/s", "velocity of the particle along x at this place and time, or its mean over the exposure"),
         column("v_um_s", "number", "um/s", "velocity along y"),
         column("w_um_s", "number", "um/s", "velocity along z"),
         column("visible", "integer", "", "1 if the centre is on the sensor"),
@@ -57,6 +59,12 @@ pub const TRACKS: Table = Table {
             "integer",
             "",
             "1 if the particle is in the data file: some of its light may reach the sensor",
+        ),
+        column(
+            "light",
+            "number",
+            "",
+            "factor of the illumination and of this frame's pulse; the data file has c_int times this",
         ),
     ],
 };
@@ -94,9 +102,8 @@ fn particle(tracer: &Tracer, scenario: &Scenario) -> Particle {
     let at = scenario.scale.to_image(tracer.position);
     Particle {
         spheroid: scenario
-            .cloud
+            .layout
             .spheroids
-            .is_some()
             .then(|| Spheroid::from_axis(tracer.aspect, tracer.axis.to_array())),
         c_int: tracer.c_int,
         ..Particle::sphere(at.x_px, at.y_px, at.z_um, tracer.d_um)
@@ -124,6 +131,7 @@ pub struct TruthWriter<'a> {
     tracks: TableWriter<BufWriter<File>>,
     displacements: TableWriter<BufWriter<File>>,
     census: Census,
+    began_s: f64,
 }
 
 impl<'a> TruthWriter<'a> {
@@ -140,22 +148,29 @@ impl<'a> TruthWriter<'a> {
             tracks: begin(&TRACKS)?,
             displacements: begin(&DISPLACEMENTS)?,
             census: Census::default(),
+            began_s: 0.0,
         })
     }
 
-    /// Writes a frame, and its displacements from the frame before it in the same recording. Gives the rows of its data
+    /// Writes a frame, and its displacements from the frame before it if truth links the two. Gives the rows of its data
     /// file.
     pub fn frame(&mut self, frame: &Frame, before: Option<&Frame>) -> Result<Vec<Particle>> {
-        let (scenario, stem) = (self.scenario, Stem::of(&self.scenario.recordings, frame.index));
+        let scenario = self.scenario;
+        let (recordings, stem) = (&scenario.recordings, Stem::of(&scenario.recordings, frame.index));
+        let energy = self.energy(frame);
         let mut rendered = Vec::new();
-        let mut n_visible = 0;
-        for tracer in &frame.tracers {
+        let (mut n_rendered, mut n_visible) = (0u32, 0);
+        for (i, tracer) in frame.tracers.iter().enumerate() {
             let particle = particle(tracer, scenario);
-            let velocity = scenario.field.velocity(tracer.position, frame.t_s);
             let visible = self.visible(&particle);
             let shape = particle.spheroid.unwrap_or(Spheroid { e_p: 1.0, alpha_rad: 0.0, beta_rad: 0.0 });
-            let shines = self.renderer.reaches_sensor(&particle);
+            let first_row = rendered.len();
+            let light = energy * self.rows(tracer, frame.streaks.get(i), energy, &mut rendered);
+            let shines = rendered.len() > first_row;
+            n_rendered += u32::from(shines);
             n_visible += u64::from(visible);
+            // Unknown for a recorded track that is in this frame only.
+            let velocity = |axis: usize| tracer.velocity.map(|v| v[axis].to_string()).unwrap_or_default();
             self.tracks.row(&[
                 &frame.index,
                 &frame.t_s,
@@ -170,39 +185,71 @@ impl<'a> TruthWriter<'a> {
                 &shape.alpha_rad,
                 &shape.beta_rad,
                 &particle.c_int,
-                &velocity.x,
-                &velocity.y,
-                &velocity.z,
+                &velocity(0),
+                &velocity(1),
+                &velocity(2),
                 &u8::from(visible),
                 &u8::from(shines),
+                &light,
             ])?;
-            if shines {
-                rendered.push(particle);
-            }
         }
-        let (pair, role) = stem.pair.map(|(p, r)| (p.to_string(), r.to_string())).unwrap_or_default();
         self.frames.row(&[
             &frame.index,
-            &pair,
-            &role,
+            &recordings.pair(frame.index).map(|(pair, _)| pair.to_string()).unwrap_or_default(),
+            &recordings.role(frame.index).map(String::from).unwrap_or_default(),
             &frame.t_s,
             &stem.image(),
             &stem.particles(),
-            &rendered.len(),
+            &n_rendered,
             &n_visible,
-            &1,
+            &energy,
         ])?;
         self.census.frames += 1;
         self.census.visible += n_visible;
-        if let Some(before) = before {
-            self.displacements(before, frame)?;
+        if let (Some(before), Some(pair)) = (before, recordings.link_to(frame.index)) {
+            self.displacements(pair, before, frame)?;
         }
         Ok(rendered)
     }
 
-    fn displacements(&mut self, a: &Frame, b: &Frame) -> Result<()> {
+    /// The factor on the light of a frame. Bleaching begins with the first frame of each recording.
+    fn energy(&mut self, frame: &Frame) -> f64 {
+        let number = frame.index % self.scenario.recordings.frames_each();
+        if number == 0 {
+            self.began_s = frame.t_s;
+        }
+        let (light, streams) = (&self.scenario.illumination, self.scenario.streams);
+        light.energy(frame.index, number, frame.t_s - self.began_s, streams)
+    }
+
+    /// Adds a particle's rows of the data file, one for every point of its streak, as far as their light may reach the
+    /// sensor. Gives the factor of the illumination at the particle.
+    fn rows(&self, tracer: &Tracer, streak: Option<&Streak>, energy: f64, rows: &mut Vec<Particle>) -> f64 {
+        let light = |x: DVec3| self.scenario.illumination.at(x);
+        let mut add = |row: Particle| {
+            if row.c_int > 0.0 && self.renderer.reaches_sensor(&row) {
+                rows.push(row);
+            }
+        };
+        match streak {
+            None => {
+                let whole = particle(tracer, self.scenario);
+                add(Particle { c_int: whole.c_int * energy * light(tracer.position), ..whole });
+            }
+            Some(streak) => {
+                for point in &streak.points {
+                    let moved = Tracer { position: point.position, axis: point.axis, ..*tracer };
+                    let part = particle(&moved, self.scenario);
+                    let share = energy * light(point.position) * streak.share;
+                    add(Particle { c_int: part.c_int * share, ..part });
+                }
+            }
+        }
+        light(tracer.position)
+    }
+
+    fn displacements(&mut self, pair: u32, a: &Frame, b: &Frame) -> Result<()> {
         let scale = &self.scenario.scale;
-        let pair = Stem::of(&self.scenario.recordings, a.index).pair.map_or(a.index, |(pair, _)| pair);
         for (from, to) in a.links(b) {
             let (start, end) = (particle(from, self.scenario), particle(to, self.scenario));
             // The tracer's own account of its way: through a periodic face it goes on where positions jump.

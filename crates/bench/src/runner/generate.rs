@@ -6,7 +6,6 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use flows::Start;
 use microsig_core::Particle;
 use microsig_core::formats::{data_file, settings_file};
 use rayon::prelude::*;
@@ -14,11 +13,12 @@ use serde::Serialize;
 
 use super::camera::{Camera, TEMPORARY, save};
 use super::progress::Progress;
+use super::recording::Frames;
 use crate::dataset::folder::{Partial, files_below, may_stand, partial_name};
 use crate::dataset::truth::{Census, TruthWriter};
 use crate::dataset::{Preview, Stem, calibration, card, checksums, manifest};
 use crate::error::{Error, Result};
-use crate::scenario::{Recordings, Scenario, spec, write};
+use crate::scenario::{Scenario, spec, write};
 
 /// How to generate.
 #[derive(Debug, Clone)]
@@ -144,9 +144,8 @@ fn begin(scenario: &str, options: &Options) -> Result<Partial> {
 /// Advances all clouds and draws all frames.
 fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options) -> Result<Census> {
     let recordings = scenario.recordings;
-    let scene = scenario.scene()?;
     let mut truth = TruthWriter::new(folder, scenario, camera.renderer())?;
-    let mut preview = Preview::new(recordings.frames(), matches!(recordings, Recordings::Pairs { .. }));
+    let mut preview = Preview::new(recordings.frames(), recordings.are_pairs());
     let bar = options.progress.images(u64::from(recordings.frames()));
 
     let mut draw = |batch: &mut Vec<Shot>| {
@@ -172,26 +171,19 @@ fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options
         Ok::<(), Error>(())
     };
 
-    let mut batch = Vec::with_capacity(BATCH);
-    let mut first_id = 0;
-    for recording in 0..recordings.count() {
-        let first_frame = recording * recordings.frames_each();
-        let start = Start { recording, first_frame, first_id };
-        let mut sequence = scene.record(&recordings.times_s(recording), scenario.streams, start)?;
-        let mut before = None;
-        while let Some(frame) = sequence.next().transpose()? {
-            let stem = Stem::of(&recordings, frame.index);
-            let particles = truth.frame(&frame, before.as_ref())?;
-            let path = folder.join(stem.particles());
-            let layout = scenario.layout();
-            save(&path, |w| data_file::write(w, &particles, layout).map_err(Error::write(&path)))?;
-            batch.push(Shot { index: frame.index, stem, particles });
-            if batch.len() == BATCH {
-                draw(&mut batch)?;
-            }
-            before = Some(frame);
+    let (mut batch, layout) = (Vec::with_capacity(BATCH), scenario.layout);
+    let mut before = None;
+    for frame in Frames::new(scenario)? {
+        let frame = frame?;
+        let particles = truth.frame(&frame, before.as_ref())?;
+        let stem = Stem::of(&recordings, frame.index);
+        let path = folder.join(stem.particles());
+        save(&path, |w| data_file::write(w, &particles, layout).map_err(Error::write(&path)))?;
+        batch.push(Shot { index: frame.index, stem, particles });
+        if batch.len() == BATCH {
+            draw(&mut batch)?;
         }
-        first_id = sequence.next_id();
+        before = Some(frame);
     }
     draw(&mut batch)?;
     bar.finish_and_clear();

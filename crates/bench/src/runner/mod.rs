@@ -3,6 +3,7 @@
 mod camera;
 mod generate;
 mod progress;
+mod recording;
 mod render;
 mod shard;
 mod sweep;

@@ -1,8 +1,10 @@
 //! Scenarios: as written ([`spec`]), as read ([`parse()`]), as checked and filled ([`resolve()`]).
 
 mod field;
+mod illumination;
 pub mod keys;
 mod load;
+mod motion;
 mod outline;
 mod parse;
 mod particles;
@@ -10,12 +12,15 @@ mod resolve;
 mod set;
 pub mod spec;
 mod sweep;
+mod timing;
 
 pub use load::load;
+pub use motion::Mover;
 pub use parse::{compact, parse, write};
-pub use resolve::{Input, Recordings, Scenario, resolve};
+pub use resolve::{Input, Scenario, resolve};
 pub use set::{assignment, set};
 pub use sweep::{Axis, Case, Combine, Span, Sweep, SweepSpec, Values, parse_sweep};
+pub use timing::Recordings;
 
 pub(crate) use parse::options;
 

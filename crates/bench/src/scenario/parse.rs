@@ -336,9 +336,8 @@ mod tests {
     #[test]
     fn planned_keys_and_variants_say_so() {
         for (from, to) in [
-            ("timing:", "illumination: sheet(thickness_um: 3), timing:"),
-            ("flow(field: poiseuille(max_speed_um_s: 1000))", "tracks(file: \"t.csv\")"),
-            ("count: 2", "count: 2, exposure_s: 0.001"),
+            ("timing:", "truth_grid: (spacing_px: 16), timing:"),
+            ("name:", "render: (mode: expected), name:"),
         ] {
             let (code, message) = refuse(&GOOD.replace(from, to));
             assert!(code == 2 && message.contains("valid but not supported yet"), "{message}");

@@ -6,7 +6,9 @@
 use std::path::{Path, PathBuf};
 
 use flows::scale::Scale;
-use flows::{Boundary, Domain, Scene, Seeding, VelocityField};
+use flows::tracks::Kind;
+use flows::{Boundary, Diameters, Domain, Illumination, Scene, Seeding, Shutter, Tracks, VelocityField};
+use glam::DVec3;
 use microsig_core::formats::data_file::Layout;
 use microsig_core::formats::{settings_file, tiff};
 use microsig_core::render::Renderer;
@@ -14,15 +16,17 @@ use microsig_core::sensor::Detector;
 use microsig_core::stream::Streams;
 use microsig_core::{Particle, Settings, Spheroid};
 
+use super::motion::Mover;
 use super::particles::Cloud;
-use super::spec::{self, Motion, Preset, Spec, Timing};
+use super::spec::{self, Motion, PairSeeding, Placement, Preset, Spec, Timing};
+use super::timing::Recordings;
 use crate::error::{Error, Result};
 
 /// Depth range of the default channel, um: 100 um deep, inside the range that Rossi 2020 scans.
 const DEFAULT_Z_UM: (f64, f64) = (-80.0, 20.0);
 
-/// Most frames of a dataset.
-const MAX_FRAMES: u32 = 10_000_000;
+/// Faults and warnings of single particles that are listed before the rest is left out.
+const MAX_LISTED: usize = 20;
 
 /// A scenario that can be run.
 #[derive(Debug)]
@@ -41,8 +45,8 @@ pub struct Scenario {
     pub inputs: Vec<Input>,
     /// What should be known before running it.
     pub warnings: Vec<String>,
-    /// The velocity field.
-    pub field: Box<dyn VelocityField>,
+    /// What moves the particles.
+    pub mover: Mover,
     /// From px to um and back.
     pub scale: Scale,
     /// The box that holds the particles.
@@ -55,23 +59,50 @@ pub struct Scenario {
     pub cloud: Cloud,
     /// When frames are taken.
     pub recordings: Recordings,
+    /// The shutter, unless frames are instantaneous.
+    pub shutter: Option<Shutter>,
+    /// Light on the particles.
+    pub illumination: Illumination,
+    /// The columns of the data files.
+    pub layout: Layout,
 }
 
 impl Scenario {
-    /// What the recordings are taken of.
-    pub fn scene(&self) -> Result<Scene<'_>> {
-        let scene = Scene::new(self.field.as_ref(), &self.domain, &self.seeding)?;
+    /// The velocity field; `None` if tracks are given.
+    pub fn field(&self) -> Option<&dyn VelocityField> {
+        match &self.mover {
+            Mover::Field(field) => Some(field.as_ref()),
+            Mover::Tracks(_) => None,
+        }
+    }
+
+    /// The tracks; `None` if a field moves the particles.
+    pub fn tracks(&self) -> Option<&Tracks> {
+        match &self.mover {
+            Mover::Field(_) => None,
+            Mover::Tracks(tracks) => Some(tracks),
+        }
+    }
+
+    /// What the recordings of a field are taken of.
+    pub fn scene<'a>(&'a self, field: &'a dyn VelocityField) -> Result<Scene<'a>> {
+        let scene = Scene::new(field, &self.domain, &self.seeding)?;
         let cloud = &self.cloud;
         let scene = scene.with_bodies(&cloud.bodies).with_intensities(cloud.intensities);
         let scene = cloud.spheroids.into_iter().fold(scene, Scene::with_spheroids);
         let scene = cloud.brownian.into_iter().fold(scene, Scene::with_brownian);
         let scene = cloud.settling.into_iter().fold(scene, Scene::with_settling);
+        let scene = self.shutter.into_iter().fold(scene, Scene::with_shutter);
         Ok(if self.spec.boundaries.keep_ids { scene.keeping_ids() } else { scene })
     }
 
-    /// The columns of the data files.
-    pub fn layout(&self) -> Layout {
-        Layout { spheroids: self.cloud.spheroids.is_some(), c_int: self.cloud.has_intensities }
+    /// What particles of recorded tracks are where the file does not say.
+    pub fn kind(&self) -> Kind<'_> {
+        Kind {
+            diameters: self.seeding.diameters(),
+            intensities: self.cloud.intensities,
+            spheroids: self.cloud.spheroids,
+        }
     }
 }
 
@@ -84,72 +115,19 @@ pub struct Input {
     pub bytes: Vec<u8>,
 }
 
-/// The frames of a dataset.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Recordings {
-    /// `count` recordings of two frames.
-    Pairs {
-        /// Number of pairs.
-        count: u32,
-        /// From A to B, s.
-        dt_s: f64,
-        /// From A to the next A, s.
-        interval_s: f64,
-    },
-    /// One recording.
-    Sequence {
-        /// Number of frames.
-        frames: u32,
-        /// From frame to frame, s.
-        dt_s: f64,
-    },
-}
-
-impl Recordings {
-    /// Number of recordings, each with a cloud of its own.
-    pub fn count(&self) -> u32 {
-        match *self {
-            Recordings::Pairs { count, .. } => count,
-            Recordings::Sequence { .. } => 1,
-        }
-    }
-
-    /// Frames of each recording.
-    pub fn frames_each(&self) -> u32 {
-        match *self {
-            Recordings::Pairs { .. } => 2,
-            Recordings::Sequence { frames, .. } => frames,
-        }
-    }
-
-    /// Frames in all.
-    pub fn frames(&self) -> u32 {
-        self.count() * self.frames_each()
-    }
-
-    /// Time between the frames of a recording, s.
-    pub fn dt_s(&self) -> f64 {
-        match *self {
-            Recordings::Pairs { dt_s, .. } | Recordings::Sequence { dt_s, .. } => dt_s,
-        }
-    }
-
-    /// Times of the frames of one recording, s.
-    pub fn times_s(&self, recording: u32) -> Vec<f64> {
-        match *self {
-            Recordings::Pairs { dt_s, interval_s, .. } => {
-                let start = f64::from(recording) * interval_s;
-                vec![start, start + dt_s]
-            }
-            Recordings::Sequence { frames, dt_s } => (0..frames).map(|k| f64::from(k) * dt_s).collect(),
-        }
-    }
-}
-
 /// The problems found so far; a value is checked and passed on.
 pub(super) struct Problems(Vec<String>);
 
 impl Problems {
+    pub(super) fn new() -> Self {
+        Problems(Vec::new())
+    }
+
+    /// All of them as an error, if there are any.
+    pub(super) fn finish(self) -> Result<()> {
+        if self.0.is_empty() { Ok(()) } else { Err(Error::Input(self.0)) }
+    }
+
     pub(super) fn add(&mut self, path: &str, value: impl std::fmt::Display, allowed: &str) {
         self.0.push(format!("{path} = {value}: expected {allowed}"));
     }
@@ -176,7 +154,7 @@ impl Problems {
 /// # Errors
 /// [`Error::Input`] with all problems at once, each with the path of its key.
 pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
-    let mut problems = Problems(Vec::new());
+    let mut problems = Problems::new();
     let mut warnings = Vec::new();
     let mut files = Files { folder, inputs: Vec::new() };
     name(&spec.name, &mut problems);
@@ -187,32 +165,51 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     };
     let in_focus = spec.optics.gaussian.is_some();
     spec.calibration.get_or_insert(if in_focus { spec::Calibration::None } else { spec::Calibration::Stack });
-    let recordings = timing(&spec.timing, &mut problems);
+    let recordings = spec.timing.recordings(&mut problems);
     let (z_um, boundary) = depth(&mut spec.boundaries, &mut problems);
     let diameters = spec.particles.diameters(&mut problems);
     let cloud = spec.particles.cloud(&spec.boundaries.bodies, &mut problems);
-    let Motion::Flow(flow) = &mut spec.motion;
-    let field = flow.field.build(z_um, &mut files, &mut problems);
+    let illumination = match &mut spec.illumination {
+        Some(light) => light.build(z_um, &mut problems),
+        None => Some(Illumination::default()),
+    };
+    let field = match &mut spec.motion {
+        Motion::Flow(flow) => flow.build(z_um, &mut files, &mut problems).map(Some),
+        Motion::Tracks(_) => {
+            without_a_flow(&spec, &mut problems);
+            Some(None)
+        }
+    };
 
     // What follows needs all of the above.
-    let (Some(settings), Some(field), Some(diameters), Some(cloud)) = (settings, field, diameters, cloud)
+    let (Some(settings), Some(field), Some(diameters), Some(cloud), Some(illumination)) =
+        (settings, field, diameters, cloud, illumination)
     else {
         return Err(Error::Input(problems.0));
     };
     let depth_factor = spec.optics.depth_factor.unwrap_or(1.0);
     let scale = Scale::new(settings.um_per_px(), settings.pixel_dim_x, settings.pixel_dim_y, depth_factor);
     let Some(scale) = problems.of("optics", scale) else { return Err(Error::Input(problems.0)) };
+    let shutter = spec.timing.shutter(scale.um_per_px(), &mut problems);
     let Some(renderer) = problems.of("optics", spec.renderer(&settings)) else {
         return Err(Error::Input(problems.0));
     };
     warnings.extend(renderer.warning());
+    let mover = match (field, &mut spec.motion) {
+        (Some(field), _) => Some(Mover::Field(field)),
+        (None, Motion::Tracks(tracks)) => {
+            tracks.build(&scale, &mut files, &mut warnings, &mut problems).map(Mover::Tracks)
+        }
+        (None, Motion::Flow(_)) => None,
+    };
+    let Some(mover) = mover else { return Err(Error::Input(problems.0)) };
     let longest = diameters.max() * spec.particles.spheroids.map_or(1.0, |s| s.e_p.max(1.0));
     let margin_px = *spec.boundaries.margin_px.get_or_insert_with(|| {
         let largest = largest_image(&renderer, (z_um.0 / depth_factor, z_um.1 / depth_factor), longest);
         // With a high NA a little light of each particle lands thousands of px away. Following it would take many
         // times more particles than there are in view, so it is left to those who ask for it.
         let most = f64::from(settings.pixel_dim_x.max(settings.pixel_dim_y)).max(100.0) / 2.0;
-        if largest > most {
+        if largest > most && matches!(mover, Mover::Field(_)) {
             warnings.push(format!(
                 "particles beyond {most} px from the image are left out, though a little of their light would reach it; \
                  boundaries: (margin_px: {largest}) includes them all"
@@ -221,23 +218,34 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         largest.min(most)
     });
     problems.range("boundaries.margin_px", margin_px, 0.0, 1e5, "0 to 100000 px");
-    let e_p = spec.particles.spheroids.map_or(1.0, |s| s.e_p);
-    for (z, d_um) in [(z_um.0, diameters.max()), (z_um.1, diameters.min())] {
-        // Along the optical axis a spheroid reaches farthest toward the lens.
-        let spheroid = (e_p != 1.0).then(|| Spheroid::from_axis(e_p, [0.0, 0.0, 1.0]));
-        let extreme = Particle { spheroid, ..Particle::sphere(1.0, 1.0, z / depth_factor, d_um) };
-        let drawn = renderer.check(&extreme);
-        warnings.extend(problems.of("particles", drawn).flatten());
-    }
+    let seeding = match &mover {
+        Mover::Field(_) => {
+            let e_p = spec.particles.spheroids.map_or(1.0, |s| s.e_p);
+            for (z, d_um) in [(z_um.0, diameters.max()), (z_um.1, diameters.min())] {
+                // Along the optical axis a spheroid reaches farthest toward the lens.
+                let spheroid = (e_p != 1.0).then(|| Spheroid::from_axis(e_p, [0.0, 0.0, 1.0]));
+                let extreme = Particle { spheroid, ..Particle::sphere(1.0, 1.0, z / depth_factor, d_um) };
+                let drawn = renderer.check(&extreme);
+                warnings.extend(problems.of("particles", drawn).flatten());
+            }
+            crowding(&spec, &mut warnings);
+            spec.particles.seeding(diameters, &scale, &settings, z_um, &mut files, &mut problems)
+        }
+        Mover::Tracks(tracks) => {
+            recorded(tracks, &diameters, &renderer, &scale, &recordings, z_um, &mut warnings, &mut problems);
+            problems.of("particles", Seeding::list(Vec::new(), diameters))
+        }
+    };
     warnings.dedup();
-    let seeding = spec.particles.seeding(diameters, &scale, &settings, z_um, &mut files, &mut problems);
     let Some(seeding) = seeding else { return Err(Error::Input(problems.0)) };
     let faces = [face(spec.boundaries.x), face(spec.boundaries.y), boundary];
     let domain = scale.view(z_um.0, z_um.1, margin_px).map(|region| Domain::new(region, faces));
     let domain = domain.and_then(|domain| seeding.density(&domain).map(|_| domain));
-    let parts = problems.of("particles and boundaries", domain).map(|domain| (domain, seeding));
-    match parts {
-        Some((domain, seeding)) if problems.0.is_empty() => Ok(Scenario {
+    let domain = problems.of("particles and boundaries", domain);
+    let depth_range_um = lit(z_um, &illumination, &mut problems);
+    let layout = layout(&spec, &mover, &cloud, shutter);
+    match domain {
+        Some(domain) if problems.0.is_empty() => Ok(Scenario {
             streams: Streams::new(spec.seed),
             spec,
             settings,
@@ -245,15 +253,127 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
             detector,
             inputs: files.inputs,
             warnings,
-            field,
+            mover,
             scale,
             domain,
-            depth_range_um: z_um,
+            depth_range_um,
             seeding,
             cloud,
             recordings,
+            shutter,
+            illumination,
+            layout,
         }),
         _ => Err(Error::Input(problems.0)),
+    }
+}
+
+/// The depths that are measured: those of the boundaries as far as a light sheet across the optical axis shines on them.
+fn lit(z_um: (f64, f64), light: &Illumination, problems: &mut Problems) -> (f64, f64) {
+    let Some(sheet) = light.depths() else { return z_um };
+    let lit = (z_um.0.max(sheet.0), z_um.1.min(sheet.1));
+    if lit.0 >= lit.1 {
+        let allowed = format!("a sheet that crosses the depth range, {} to {} um", z_um.0, z_um.1);
+        problems.add("illumination.shape.sheet", format!("{} to {} um", sheet.0, sheet.1), &allowed);
+        return z_um;
+    }
+    lit
+}
+
+/// The columns that the data files need.
+fn layout(spec: &Spec, mover: &Mover, cloud: &Cloud, shutter: Option<Shutter>) -> Layout {
+    let rows = match mover {
+        Mover::Field(_) => &[],
+        Mover::Tracks(tracks) => tracks.rows(),
+    };
+    let spheroids = rows.iter().any(|row| row.aspect.is_some_and(|e_p| e_p != 1.0));
+    let c_int = rows.iter().any(|row| row.c_int.is_some_and(|c_int| c_int != 1.0));
+    let light = spec.illumination.is_some() || shutter.is_some();
+    Layout {
+        spheroids: spheroids || cloud.spheroids.is_some(),
+        c_int: c_int || light || cloud.has_intensities,
+    }
+}
+
+/// Keys that mean nothing where tracks are given.
+fn without_a_flow(spec: &Spec, problems: &mut Problems) {
+    let (particles, boundaries) = (&spec.particles, &spec.boundaries);
+    for (path, given) in [
+        ("particles.number", particles.number.is_some()),
+        ("particles.seeding", particles.seeding != Placement::Uniform),
+        ("particles.brownian", particles.brownian.is_some()),
+        ("particles.settling", particles.settling.is_some()),
+        ("boundaries.bodies", !boundaries.bodies.is_empty()),
+        ("boundaries.keep_ids", boundaries.keep_ids),
+    ] {
+        if given {
+            problems.0.push(format!("{path}: expected nothing, as motion.tracks says where particles are"));
+        }
+    }
+}
+
+/// Least distances hold at first only: say so where there is a later.
+fn crowding(spec: &Spec, warnings: &mut Vec<String>) {
+    let goes_on = match spec.timing {
+        Timing::Pairs(p) => p.seeding == PairSeeding::Continuing,
+        Timing::Sequence(s) => s.frames > 1,
+        Timing::FourPulse(_) => true,
+    };
+    if goes_on && spec.particles.seeding != Placement::Uniform {
+        let what = "particles.seeding holds in the first frame of a recording; the flow then moves particles together and apart, \
+                    and those that come in through open boundaries are independent of the others";
+        warnings.push(what.to_owned());
+    }
+}
+
+/// Whether particles of recorded tracks can be drawn, and whether the scenario covers them.
+#[allow(clippy::too_many_arguments, reason = "a part of `resolve`")]
+fn recorded(
+    tracks: &Tracks,
+    diameters: &Diameters,
+    renderer: &RayRenderer,
+    scale: &Scale,
+    recordings: &Recordings,
+    z_um: (f64, f64),
+    warnings: &mut Vec<String>,
+    problems: &mut Problems,
+) {
+    const KEY: &str = "motion.tracks.file";
+    let (mut wrong, mut drawn_badly, mut beyond, mut late) = (0, 0, 0, 0);
+    for row in tracks.rows() {
+        let at = scale.to_image(row.position);
+        let axis = row.axis.unwrap_or(DVec3::Z).to_array();
+        let spheroid = row.aspect.filter(|e_p| *e_p != 1.0).map(|e_p| Spheroid::from_axis(e_p, axis));
+        for d_um in [row.d_um.unwrap_or(diameters.min()), row.d_um.unwrap_or(diameters.max())] {
+            let particle = Particle { spheroid, ..Particle::sphere(at.x_px, at.y_px, at.z_um, d_um) };
+            let place = |what: String| format!("line {} of the tracks: {what}", row.line);
+            match renderer.check(&particle) {
+                Err(e) if wrong < MAX_LISTED => {
+                    wrong += 1;
+                    problems.0.push(format!("{KEY}: {}", place(e.to_string())));
+                }
+                Ok(Some(warning)) if drawn_badly < MAX_LISTED => {
+                    drawn_badly += 1;
+                    warnings.push(place(warning));
+                }
+                _ => {}
+            }
+        }
+        beyond += usize::from(row.position.z < z_um.0 || row.position.z > z_um.1);
+        late += usize::from(row.frame >= recordings.frames());
+    }
+    problems.0.dedup();
+    if beyond > 0 {
+        warnings.push(format!(
+            "{beyond} rows of the tracks are beyond boundaries.z_um = ({}, {}): they are drawn, but not scored",
+            z_um.0, z_um.1
+        ));
+    }
+    if late > 0 {
+        warnings.push(format!(
+            "{late} rows of the tracks are in frames after the last, {}, and left out",
+            recordings.frames() - 1
+        ));
     }
 }
 
@@ -362,27 +482,6 @@ fn detector(
             None
         }
         Err(other) => problems.of("sensor", Err(other)),
-    }
-}
-
-fn timing(timing: &Timing, problems: &mut Problems) -> Recordings {
-    let mut frames = |path: &str, n: u32, most: u32| {
-        if n == 0 || n > most {
-            problems.add(path, n, &format!("1 to {most}"));
-        }
-    };
-    match *timing {
-        Timing::Pairs(p) => {
-            frames("timing.pairs.count", p.count, MAX_FRAMES / 2);
-            problems.range("timing.pairs.dt_s", p.dt_s, f64::MIN_POSITIVE, 1e9, "a time > 0 s");
-            problems.range("timing.pairs.interval_s", p.interval_s, 0.0, 1e9, "a time >= 0 s");
-            Recordings::Pairs { count: p.count, dt_s: p.dt_s, interval_s: p.interval_s }
-        }
-        Timing::Sequence(s) => {
-            frames("timing.sequence.frames", s.frames, MAX_FRAMES);
-            problems.range("timing.sequence.dt_s", s.dt_s, f64::MIN_POSITIVE, 1e9, "a time > 0 s");
-            Recordings::Sequence { frames: s.frames, dt_s: s.dt_s }
-        }
     }
 }
 

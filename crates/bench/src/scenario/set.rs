@@ -135,15 +135,22 @@ mod tests {
         assert_eq!(pairs.count, 9);
         let Timing::Sequence(sequence) = changed("timing.sequence.frames", "5").timing else { panic!() };
         assert_eq!(sequence.frames, 5);
-        let Motion::Flow(flow) = changed("motion.flow.field.poiseuille.direction_rad", "0.5").motion;
-        let Field::Poiseuille(p) = flow.field else { panic!() };
+        let flow = |path, value| match changed(path, value).motion {
+            Motion::Flow(flow) => flow,
+            Motion::Tracks(_) => panic!(),
+        };
+        let flow_of = flow("motion.flow.field.poiseuille.direction_rad", "0.5");
+        let Field::Poiseuille(p) = flow_of.field else { panic!() };
         assert_eq!((p.max_speed_um_s, p.direction_rad), (1000.0, 0.5));
-        let Motion::Flow(flow) = changed("motion.flow.field.lamb_oseen.core_radius_um", "30").motion;
-        let Field::LambOseen(v) = flow.field else { panic!() };
+        let Field::LambOseen(v) = flow("motion.flow.field.lamb_oseen.core_radius_um", "30").field else {
+            panic!()
+        };
         assert_eq!(v.core_radius_um, 30.0);
         let sum = changed("motion.flow.field", "sum([poiseuille(), hill()])");
         let sum = set(&sum, "motion.flow.field.sum.0.poiseuille.max_speed_um_s", "5").unwrap();
-        let Motion::Flow(flow) = set(&sum, "motion.flow.field.sum.1", "abc()").unwrap().motion;
+        let Motion::Flow(flow) = set(&sum, "motion.flow.field.sum.1", "abc()").unwrap().motion else {
+            panic!()
+        };
         let Field::Sum(parts) = flow.field else { panic!() };
         assert!(matches!(&parts[..], [Field::Poiseuille(p), Field::Abc(_)] if p.max_speed_um_s == 5.0));
     }
@@ -162,7 +169,7 @@ mod tests {
     fn wrong_paths_and_values_are_refused() {
         let refuse = |path, value| set(&spec(), path, value).unwrap_err().to_string();
         assert!(refuse("optics.gian", "1").contains("did you mean `gain`?"));
-        assert!(refuse("illumination", "1").contains("valid but not supported yet"));
+        assert!(refuse("truth_grid", "1").contains("valid but not supported yet"));
         assert_eq!(refuse("optics.gain", "red"), "optics.gain=red: optics.gain = red: expected a number");
         assert!(refuse("optics.gain", "1, colour: 2").contains("unknown key `optics.colour`"));
         assert!(assignment("seed").is_err());

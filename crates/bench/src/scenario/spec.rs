@@ -10,9 +10,12 @@ use microsig_core::sensor::{self, Detector};
 use serde::{Deserialize, Serialize};
 
 pub use super::field::{Changed, Field, Gridded, Poiseuille};
+pub use super::illumination::{Beam, Illumination, LightShape, Sheet, SheetProfile};
+pub use super::motion::{FieldPlacement, Flow, Motion, Tracks};
 pub use super::particles::{
     Brightness, Brownian, Diameter, Number, Obstacle, Orientation, Particles, Placement, Settling, Spheroids,
 };
+pub use super::timing::{Flashes, FourPulse, PairSeeding, Pairs, Sequence, Timing};
 
 /// A whole scenario.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -41,6 +44,9 @@ pub struct Spec {
     pub boundaries: Boundaries,
     /// When frames are taken.
     pub timing: Timing,
+    /// Light on the particles; left out, it is the same everywhere and always.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub illumination: Option<Illumination>,
     /// How images are made.
     #[serde(default)]
     pub render: Render,
@@ -275,21 +281,6 @@ pub struct HotPixels {
     pub dark_e: f64,
 }
 
-/// What moves the particles.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Motion {
-    /// A velocity field.
-    Flow(Flow),
-}
-
-/// A velocity field in its place.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Flow {
-    /// The field.
-    pub field: Field,
-}
-
 /// The box that holds the particles.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -325,44 +316,6 @@ pub enum Boundary {
     Wall,
     /// What leaves on one side comes in on the other.
     Periodic,
-}
-
-/// When frames are taken.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Timing {
-    /// Pairs of images, each with freshly seeded particles.
-    Pairs(Pairs),
-    /// One cloud, frame after frame.
-    Sequence(Sequence),
-}
-
-/// Independent image pairs.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Pairs {
-    /// Number of pairs.
-    pub count: u32,
-    /// Time from A to B, s.
-    #[serde(default = "default_dt")]
-    pub dt_s: f64,
-    /// Time from the A of one pair to the A of the next, s.
-    #[serde(default)]
-    pub interval_s: f64,
-}
-
-/// A time-resolved sequence.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Sequence {
-    /// Number of frames.
-    pub frames: u32,
-    /// Time from frame to frame, s.
-    #[serde(default = "default_dt")]
-    pub dt_s: f64,
-}
-
-/// With the default speed of 1290 um/s and setting 1 this is a displacement of 10 px.
-fn default_dt() -> f64 {
-    0.005
 }
 
 /// How images are made.
