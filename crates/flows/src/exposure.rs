@@ -95,7 +95,8 @@ impl Shutter {
     pub(crate) fn straight(&self, tracer: &Tracer) -> Streak {
         let velocity = tracer.velocity.unwrap_or(DVec3::ZERO);
         let points = self.points(velocity.truncate().length() * self.span_s());
-        let at = |offset: f64| StreakPoint { position: tracer.position + velocity * offset, axis: tracer.axis };
+        let at =
+            |offset: f64| StreakPoint { position: tracer.position + velocity * offset, axis: tracer.axis };
         Streak {
             points: self.offsets_s(points).into_iter().map(at).collect(),
             share: 1.0 / f64::from(points),
@@ -127,8 +128,7 @@ impl Scene<'_> {
         let last = carried(middle, t_s, t_s + 0.5 * span)?.position;
         let flat = |way: DVec3| way.truncate().length();
         // Twice the standard deviation of the walk is seen as well.
-        let noise =
-            self.brownian.map_or(0.0, |b| 2.0 * libm::sqrt(2.0 * b.diffusion(tracer.d_um) * span));
+        let noise = self.brownian.map_or(0.0, |b| 2.0 * libm::sqrt(2.0 * b.diffusion(tracer.d_um) * span));
         let path = flat(tracer.position - first) + flat(last - tracer.position) + noise;
         let points = shutter.points(path);
         let offsets = shutter.offsets_s(points);
@@ -136,7 +136,8 @@ impl Scene<'_> {
         let mut stream = streams.stream(Purpose::Exposure, frame, tracer.id as u32);
         let mut streak = vec![middle; offsets.len()];
         let later = offsets.partition_point(|offset| *offset < 0.0);
-        let orders: [&mut dyn Iterator<Item = usize>; 2] = [&mut (later..offsets.len()), &mut (0..later).rev()];
+        let orders: [&mut dyn Iterator<Item = usize>; 2] =
+            [&mut (later..offsets.len()), &mut (0..later).rev()];
         for order in orders {
             let (mut at, mut t) = (middle, t_s);
             for i in order {

@@ -75,10 +75,18 @@ mod tests {
             velocity: None,
             step: None,
         };
-        let first =
-            Frame { index: 0, t_s: 0.0, tracers: vec![tracer(3, 0.0), tracer(5, 1.0), tracer(9, 2.0)], streaks: Vec::new() };
-        let second =
-            Frame { index: 1, t_s: 1.0, tracers: vec![tracer(5, 1.5), tracer(9, 2.5), tracer(10, 7.0)], streaks: Vec::new() };
+        let first = Frame {
+            index: 0,
+            t_s: 0.0,
+            tracers: vec![tracer(3, 0.0), tracer(5, 1.0), tracer(9, 2.0)],
+            streaks: Vec::new(),
+        };
+        let second = Frame {
+            index: 1,
+            t_s: 1.0,
+            tracers: vec![tracer(5, 1.5), tracer(9, 2.5), tracer(10, 7.0)],
+            streaks: Vec::new(),
+        };
         let links: Vec<_> = first.links(&second).map(|(a, b)| (a.id, b.position.x - a.position.x)).collect();
         assert_eq!(links, [(5, 0.5), (9, 0.5)]);
         assert_eq!(second.links(&first).count(), 2);

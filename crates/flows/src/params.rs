@@ -27,7 +27,8 @@ impl Parameter {
         self.meaning.trim()
     }
 
-    /// The default as it is written in a scenario: numbers as they are, choices in snake_case, points in parentheses.
+    /// The default as it is written in a scenario: numbers as they are, choices in snake_case, points in parentheses; what the depth range of a scenario
+    /// decides in words.
     pub fn default_text(&self) -> String {
         let choice = |text: &str| {
             let name = text.rsplit("::").next().unwrap_or(text).trim();
@@ -40,7 +41,9 @@ impl Parameter {
             }
             snake
         };
-        if self.default.contains("::") {
+        if self.default == "None" {
+            "by depth range".to_owned()
+        } else if self.default.contains("::") {
             choice(self.default)
         } else {
             self.default.replace('[', "(").replace(']', ")")
@@ -95,5 +98,6 @@ mod tests {
         assert_eq!(text("[-80.0, 20.0]"), "(-80.0, 20.0)");
         assert_eq!(text("Geometry::HeleShaw"), "hele_shaw");
         assert_eq!(text("1290.0"), "1290.0");
+        assert_eq!(text("None"), "by depth range");
     }
 }

@@ -97,7 +97,7 @@ pub const ENTRIES: &[Entry] = &[
         variants: &[("xy", || {
             boxed(Linear::from_shear(&ShearParams {
                 across: Axis::Y,
-                centre_um: [0.0; 3],
+                centre_um: Some([0.0; 3]),
                 ..Default::default()
             }))
         })],
@@ -112,7 +112,7 @@ pub const ENTRIES: &[Entry] = &[
         variants: &[("oblique", || {
             boxed(Linear::from_rotation(&RotationParams {
                 omega_rad_s: [1.0, 2.0, 8.0],
-                centre_um: [20.0, -10.0, -30.0],
+                centre_um: Some([20.0, -10.0, -30.0]),
             }))
         })],
     },

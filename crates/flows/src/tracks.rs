@@ -78,7 +78,17 @@ pub struct Kind<'a> {
 }
 
 const OPTIONAL: [&str; 11] = [
-    "d_um", "c_int", "e_p", "axis_x", "axis_y", "axis_z", "alpha_rad", "beta_rad", "u_um_s", "v_um_s", "w_um_s",
+    "d_um",
+    "c_int",
+    "e_p",
+    "axis_x",
+    "axis_y",
+    "axis_z",
+    "alpha_rad",
+    "beta_rad",
+    "u_um_s",
+    "v_um_s",
+    "w_um_s",
 ];
 
 /// Columns of the table: where each that is known stands.
@@ -132,10 +142,7 @@ impl Columns {
         let unused = names.iter().filter(|name| !known.contains(name) && !OPTIONAL.contains(name));
         let unused = unused.map(|name| (*name).to_owned()).collect();
         let optional = OPTIONAL.map(column);
-        Ok((
-            Columns { frame, track, place, in_px: um.is_none(), optional, count: names.len() },
-            unused,
-        ))
+        Ok((Columns { frame, track, place, in_px: um.is_none(), optional, count: names.len() }, unused))
     }
 
     fn row(&self, text: &str, line: usize, scale: &Scale) -> Result<Row> {
@@ -152,7 +159,8 @@ impl Columns {
             let allowed = format!("a whole number from 0 to {most}");
             number(name, column, &allowed, &|value| value >= 0.0 && value <= most && value % 1.0 == 0.0)
         };
-        let place = |axis: usize| number(["x", "y", "z"][axis], self.place[axis], "a finite number", &|_| true);
+        let place =
+            |axis: usize| number(["x", "y", "z"][axis], self.place[axis], "a finite number", &|_| true);
         let optional = |i: usize, allowed: &str, fits: &dyn Fn(f64) -> bool| match self.optional[i] {
             Some(column) if !cells[column].is_empty() => number(OPTIONAL[i], column, allowed, fits).map(Some),
             _ => Ok(None),
@@ -223,7 +231,9 @@ impl Tracks {
             }
         }
         rows.sort_by_key(|row| (row.frame, row.track));
-        for pair in rows.windows(2).filter(|pair| (pair[0].frame, pair[0].track) == (pair[1].frame, pair[1].track)) {
+        for pair in
+            rows.windows(2).filter(|pair| (pair[0].frame, pair[0].track) == (pair[1].frame, pair[1].track))
+        {
             let (first, second) = (pair[0].line.min(pair[1].line), pair[0].line.max(pair[1].line));
             let found = format!("track {} in frame {} again", pair[0].track, pair[0].frame);
             faults.push(fault(second, found, format!("one row for it, which is in line {first}")));
@@ -304,7 +314,8 @@ impl Tracks {
                 }
             };
             let tracers: Vec<Tracer> = now.0.iter().map(tracer).collect();
-            let streaks = shutter.iter().flat_map(|s| tracers.iter().map(|tracer| s.straight(tracer))).collect();
+            let streaks =
+                shutter.iter().flat_map(|s| tracers.iter().map(|tracer| s.straight(tracer))).collect();
             Frame { index, t_s: now.1, tracers, streaks }
         })
     }

@@ -28,7 +28,12 @@ pub const FRAMES: Table = Table {
         column("particles", "string", "", "path of the MicroSIG data file"),
         column("n_rendered", "integer", "", "particles in the data file"),
         column("n_visible", "integer", "", "particles whose centre is on the sensor"),
-        column("energy", "number", "", "factor on the light of this frame: energy of its pulse and bleaching"),
+        column(
+            "energy",
+            "number",
+            "",
+            "factor on the light of this frame: energy of its pulse and bleaching",
+        ),
     ],
 };
 
@@ -49,8 +54,18 @@ pub const TRACKS: Table = Table {
         column("e_p", "number", "", "aspect ratio; 1 for a sphere"),
         column("alpha_rad", "number", "rad", "orientation as in MicroSIG's data file"),
         column("beta_rad", "number", "rad", "orientation as in MicroSIG's data file"),
-        column("c_int", "number", "", "factor on the particle's brightness, that of the illumination left out"),
-        column("u_um_s", "number", "um/s", "velocity of the particle along x at this place and time, or its mean over the exposure"),
+        column(
+            "c_int",
+            "number",
+            "",
+            "factor on the particle's brightness, that of the illumination left out",
+        ),
+        column(
+            "u_um_s",
+            "number",
+            "um/s",
+            "velocity of the particle along x at this place and time, or its mean over the exposure",
+        ),
         column("v_um_s", "number", "um/s", "velocity along y"),
         column("w_um_s", "number", "um/s", "velocity along z"),
         column("visible", "integer", "", "1 if the centre is on the sensor"),

@@ -25,7 +25,7 @@ pub enum Field {
     Strain(f::StrainParams),
     Dilatation(f::DilatationParams),
     Linear(f::LinearParams),
-    Poiseuille(Poiseuille),
+    Poiseuille(f::PoiseuilleParams),
     CouettePoiseuille(f::CouettePoiseuilleParams),
     Duct(f::DuctParams),
     Tube(f::TubeParams),
@@ -59,26 +59,6 @@ pub enum Field {
     Moving(Changed<f::MovingParams>),
     Modulated(Changed<f::ModulatedParams>),
     Mirrored(Changed<f::MirroredParams>),
-}
-
-/// Plane Poiseuille flow, whose walls are those of the depth range unless they are given.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Poiseuille {
-    /// Speed half-way between the walls, um/s.
-    pub max_speed_um_s: f64,
-    /// Floor and ceiling, um.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub walls_z_um: Option<(f64, f64)>,
-    /// Direction of the flow in the image plane, from x toward y, rad.
-    pub direction_rad: f64,
-}
-
-impl Default for Poiseuille {
-    fn default() -> Self {
-        // 1290 um/s move a particle by 10 px in 5 ms under setting 1.
-        Poiseuille { max_speed_um_s: 1290.0, walls_z_um: None, direction_rad: 0.0 }
-    }
 }
 
 /// Velocities on a regular grid, from a file: `.npy` (with its geometry given here), `.csv` or legacy `.vtk`.
@@ -131,40 +111,50 @@ impl Field {
                 plain!(f::$kind::new(inner, &$changed.by))
             }};
         }
+        let (floor, ceiling) = z_um;
+        let walls = [floor, ceiling];
+        let (mid_depth, on_floor) = ([0.0, 0.0, 0.5 * (floor + ceiling)], [0.0, 0.0, floor]);
+        // What is not given follows the depth range.
+        macro_rules! within {
+            ($kind:ident::$make:ident, $p:ident, $($key:ident: $default:expr),+) => {{
+                $( $p.$key.get_or_insert($default); )+
+                plain!(f::$kind::$make($p))
+            }};
+        }
         match self {
             Field::Uniform(p) => plain!(f::Linear::from_uniform(p)),
-            Field::Shear(p) => plain!(f::Linear::from_shear(p)),
-            Field::Rotation(p) => plain!(f::Linear::from_rotation(p)),
-            Field::Strain(p) => plain!(f::Linear::from_strain(p)),
-            Field::Dilatation(p) => plain!(f::Linear::from_dilatation(p)),
-            Field::Linear(p) => plain!(f::Linear::from_params(p)),
-            Field::Poiseuille(p) => {
-                let (floor, ceiling) = *p.walls_z_um.get_or_insert(z_um);
-                plain!(f::Poiseuille::new(p.max_speed_um_s, floor, ceiling, p.direction_rad))
+            Field::Shear(p) => within!(Linear::from_shear, p, centre_um: on_floor),
+            Field::Rotation(p) => within!(Linear::from_rotation, p, centre_um: mid_depth),
+            Field::Strain(p) => within!(Linear::from_strain, p, centre_um: mid_depth),
+            Field::Dilatation(p) => within!(Linear::from_dilatation, p, centre_um: mid_depth),
+            Field::Linear(p) => within!(Linear::from_params, p, centre_um: mid_depth),
+            Field::Poiseuille(p) => within!(Poiseuille::from_params, p, walls_z_um: walls),
+            Field::CouettePoiseuille(p) => within!(CouettePoiseuille::new, p, walls_z_um: walls),
+            Field::Duct(p) => within!(Duct::new, p, walls_z_um: walls),
+            Field::Tube(p) => {
+                let (axis, radius) = ([0.0, mid_depth[2]], 0.5 * (ceiling - floor));
+                within!(Tube::new, p, centre_yz_um: axis, radius_um: radius)
             }
-            Field::CouettePoiseuille(p) => plain!(f::CouettePoiseuille::new(p)),
-            Field::Duct(p) => plain!(f::Duct::new(p)),
-            Field::Tube(p) => plain!(f::Tube::new(p)),
-            Field::Womersley(p) => plain!(f::Womersley::new(p)),
-            Field::ElectroOsmotic(p) => plain!(f::ElectroOsmotic::new(p)),
-            Field::HeleShaw(p) => plain!(f::HeleShaw::new(p)),
+            Field::Womersley(p) => within!(Womersley::new, p, walls_z_um: walls),
+            Field::ElectroOsmotic(p) => within!(ElectroOsmotic::new, p, walls_z_um: walls),
+            Field::HeleShaw(p) => within!(HeleShaw::new, p, walls_z_um: walls),
             Field::Rankine(p) => plain!(f::Rankine::new(p)),
             Field::LambOseen(p) => plain!(f::LambOseen::from_params(p)),
-            Field::Burgers(p) => plain!(f::Burgers::new(p)),
+            Field::Burgers(p) => within!(Burgers::new, p, centre_um: mid_depth),
             Field::TaylorGreen(p) => plain!(f::TaylorGreen::new(p)),
             Field::Cellular(p) => plain!(f::Cellular::new(p)),
             Field::DoubleGyre(p) => plain!(f::DoubleGyre::new(p)),
-            Field::Abc(p) => plain!(f::Abc::new(p)),
-            Field::Hill(p) => plain!(f::Hill::new(p)),
+            Field::Abc(p) => within!(Abc::new, p, centre_um: mid_depth),
+            Field::Hill(p) => within!(Hill::new, p, centre_um: mid_depth),
             Field::Sinusoid(p) => plain!(f::Sinusoid::new(p)),
             Field::TanhLayer(p) => plain!(f::TanhLayer::new(p)),
             Field::BickleyJet(p) => plain!(f::BickleyJet::new(p)),
-            Field::Source(p) => plain!(f::Source::new(p)),
-            Field::StokesSphere(p) => plain!(f::StokesSphere::new(p)),
+            Field::Source(p) => within!(Source::new, p, centre_um: mid_depth, walls_z_um: walls),
+            Field::StokesSphere(p) => within!(StokesSphere::new, p, centre_um: mid_depth),
             Field::StokesCylinder(p) => plain!(f::StokesCylinder::new(p)),
-            Field::ToroidalDrop(p) => plain!(f::ToroidalDrop::new(p)),
-            Field::CoffeeRing(p) => plain!(f::CoffeeRing::new(p)),
-            Field::RayleighStreaming(p) => plain!(f::RayleighStreaming::new(p)),
+            Field::ToroidalDrop(p) => within!(ToroidalDrop::new, p, centre_um: on_floor),
+            Field::CoffeeRing(p) => within!(CoffeeRing::new, p, centre_um: on_floor),
+            Field::RayleighStreaming(p) => within!(RayleighStreaming::new, p, walls_z_um: walls),
             Field::Acoustophoresis(p) => plain!(f::Acoustophoresis::new(p)),
             Field::Kraichnan(p) => plain!(f::Kraichnan::new(p)),
             Field::Gridded(p) => p.build(files, problems),

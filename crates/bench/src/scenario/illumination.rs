@@ -54,7 +54,12 @@ pub struct Sheet {
 
 impl Default for Sheet {
     fn default() -> Self {
-        Sheet { profile: SheetProfile::Gaussian, thickness_um: 20.0, centre_um: None, normal: (0.0, 0.0, 1.0) }
+        Sheet {
+            profile: SheetProfile::Gaussian,
+            thickness_um: 20.0,
+            centre_um: None,
+            normal: (0.0, 0.0, 1.0),
+        }
     }
 }
 

@@ -233,7 +233,6 @@ pub fn all() -> &'static [(String, Status)] {
             let field = format!("{FIELD}.{}", entry.name);
             let inner = if COMPOSITIONS.contains(&entry.name) { ".by" } else { "" };
             let own: &[&str] = match entry.name {
-                "poiseuille" => &["walls_z_um"],
                 "gridded" => &["file", "geometry"],
                 name if COMPOSITIONS.contains(&name) => &["field", "by"],
                 _ => &[],

@@ -80,7 +80,8 @@ impl Flow {
     ) -> Option<Box<dyn VelocityField>> {
         let field = self.field.build(z_um, files, problems)?;
         let Some(p) = self.placement else { return Some(field) };
-        let turn = RotatedParams { axis: p.axis.into(), angle_rad: p.angle_rad, centre_um: p.centre_um.into() };
+        let turn =
+            RotatedParams { axis: p.axis.into(), angle_rad: p.angle_rad, centre_um: p.centre_um.into() };
         let placed = Rotated::new(field, &turn).and_then(|turned| {
             Translated::new(Box::new(turned), &TranslatedParams { offset_um: p.offset_um.into() })
         });

@@ -244,28 +244,27 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let domain = problems.of("particles and boundaries", domain);
     let depth_range_um = lit(z_um, &illumination, &mut problems);
     let layout = layout(&spec, &mover, &cloud, shutter);
-    match domain {
-        Some(domain) if problems.0.is_empty() => Ok(Scenario {
-            streams: Streams::new(spec.seed),
-            spec,
-            settings,
-            renderer,
-            detector,
-            inputs: files.inputs,
-            warnings,
-            mover,
-            scale,
-            domain,
-            depth_range_um,
-            seeding,
-            cloud,
-            recordings,
-            shutter,
-            illumination,
-            layout,
-        }),
-        _ => Err(Error::Input(problems.0)),
-    }
+    let Some(domain) = domain else { return Err(Error::Input(problems.0)) };
+    problems.finish()?;
+    Ok(Scenario {
+        streams: Streams::new(spec.seed),
+        spec,
+        settings,
+        renderer,
+        detector,
+        inputs: files.inputs,
+        warnings,
+        mover,
+        scale,
+        domain,
+        depth_range_um,
+        seeding,
+        cloud,
+        recordings,
+        shutter,
+        illumination,
+        layout,
+    })
 }
 
 /// The depths that are measured: those of the boundaries as far as a light sheet across the optical axis shines on them.
@@ -331,7 +330,7 @@ fn crowding(spec: &Spec, warnings: &mut Vec<String>) {
 fn recorded(
     tracks: &Tracks,
     diameters: &Diameters,
-    renderer: &RayRenderer,
+    renderer: &Renderer,
     scale: &Scale,
     recordings: &Recordings,
     z_um: (f64, f64),

@@ -9,7 +9,7 @@ use microsig_core::render::{GaussianRenderer, RayRenderer, Renderer, Spot};
 use microsig_core::sensor::{self, Detector};
 use serde::{Deserialize, Serialize};
 
-pub use super::field::{Changed, Field, Gridded, Poiseuille};
+pub use super::field::{Changed, Field, Gridded};
 pub use super::illumination::{Beam, Illumination, LightShape, Sheet, SheetProfile};
 pub use super::motion::{FieldPlacement, Flow, Motion, Tracks};
 pub use super::particles::{

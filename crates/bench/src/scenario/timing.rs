@@ -185,13 +185,15 @@ impl Timing {
             }
         }
         let recordings = Recordings { timing: *self };
-        if let Timing::Pairs(Pairs { interval_s, .. }) | Timing::FourPulse(FourPulse { interval_s, .. }) = *self
+        if let Timing::Pairs(Pairs { interval_s, .. }) | Timing::FourPulse(FourPulse { interval_s, .. }) =
+            *self
         {
             let continuing = matches!(*self, Timing::Pairs(p) if p.seeding == PairSeeding::Continuing);
             let (least, allowed) = match (continuing, *self) {
-                (true, Timing::Pairs(p)) => {
-                    (p.dt_s * (1.0 + 1e-12), format!("a time > dt_s = {} s, as the same particles are seen again", p.dt_s))
-                }
+                (true, Timing::Pairs(p)) => (
+                    p.dt_s * (1.0 + 1e-12),
+                    format!("a time > dt_s = {} s, as the same particles are seen again", p.dt_s),
+                ),
                 _ => (0.0, "a time >= 0 s".to_owned()),
             };
             problems.range(&key("interval_s"), interval_s, least, MAX_TIME_S, &allowed);
@@ -200,6 +202,9 @@ impl Timing {
         let shortest = recordings.shortest_dt_s();
         let span = exposure_s + flashes.map_or(0.0, |f| f64::from(f.count.max(1) - 1) * f.spacing_s);
         problems.range(&key("exposure_s"), exposure_s, 0.0, MAX_TIME_S, "a time >= 0 s");
+        if shortest.is_nan() || shortest <= 0.0 {
+            return recordings;
+        }
         if span > shortest {
             let allowed = format!("exposure and flashes within {shortest} s, the time to the next frame");
             problems.add(&key("exposure_s"), format!("{exposure_s} ({span} s in all)"), &allowed);
@@ -215,9 +220,7 @@ impl Timing {
         let Frames { exposure_s, flashes, .. } = self.frames();
         let Flashes { count, spacing_s } = flashes.unwrap_or(Flashes { count: 1, spacing_s: 0.0 });
         let shutter = Shutter::new(exposure_s, count, spacing_s, PIECE_PX * um_per_px);
-        problems
-            .of(&format!("timing.{}", self.mode()), shutter)
-            .filter(|shutter| shutter.span_s() > 0.0)
+        problems.of(&format!("timing.{}", self.mode()), shutter).filter(|shutter| shutter.span_s() > 0.0)
     }
 }
 
@@ -309,7 +312,9 @@ impl Recordings {
                 f64::from(frame / 4) * f.interval_s + within[(frame % 4) as usize]
             }
         };
-        (first..first + self.frames_each()).map(|frame| nominal(frame) + self.jitter_s(frame, streams)).collect()
+        (first..first + self.frames_each())
+            .map(|frame| nominal(frame) + self.jitter_s(frame, streams))
+            .collect()
     }
 
     fn jitter_s(&self, frame: u32, streams: Streams) -> f64 {
@@ -383,12 +388,16 @@ mod tests {
     #[test]
     fn jitter_moves_frames_by_its_deviation_and_never_past_each_other() {
         let steady = recordings("sequence(frames: 4000, dt_s: 1)").unwrap().times_s(0, Streams::new(7));
-        let uneven = recordings("sequence(frames: 4000, dt_s: 1, jitter_s: 0.1)").unwrap().times_s(0, Streams::new(7));
+        let uneven =
+            recordings("sequence(frames: 4000, dt_s: 1, jitter_s: 0.1)").unwrap().times_s(0, Streams::new(7));
         let squares: f64 = steady.iter().zip(&uneven).map(|(a, b)| (a - b) * (a - b)).sum();
         // Standard error of a deviation of 0.1 from 4000 values: 0.0011.
         assert!(((squares / 4000.0).sqrt() - 0.1).abs() < 0.0045);
         assert!(uneven.windows(2).all(|w| w[0] < w[1]));
-        assert_eq!(uneven[..100], recordings("sequence(frames: 100, dt_s: 1, jitter_s: 0.1)").unwrap().times_s(0, Streams::new(7)));
+        assert_eq!(
+            uneven[..100],
+            recordings("sequence(frames: 100, dt_s: 1, jitter_s: 0.1)").unwrap().times_s(0, Streams::new(7))
+        );
     }
 
     #[test]
@@ -399,9 +408,18 @@ mod tests {
             ("pairs(count: 2, dt_s: NaN)", "timing.pairs.dt_s = NaN"),
             ("four_pulse(count: 2, gap_s: 0)", "timing.four_pulse.gap_s = 0: expected a time > 0 s"),
             ("sequence(frames: 2, exposure_s: 0.006)", "timing.sequence.exposure_s = 0.006"),
-            ("sequence(frames: 2, exposure_s: -1)", "timing.sequence.exposure_s = -1: expected a time >= 0 s"),
-            ("sequence(frames: 2, jitter_s: 0.001)", "timing.sequence.jitter_s = 0.001: expected 0 to a tenth"),
-            ("sequence(frames: 2, flashes: (count: 0, spacing_s: 1))", "flashes.count = 0: expected 1 to 100"),
+            (
+                "sequence(frames: 2, exposure_s: -1)",
+                "timing.sequence.exposure_s = -1: expected a time >= 0 s",
+            ),
+            (
+                "sequence(frames: 2, jitter_s: 0.001)",
+                "timing.sequence.jitter_s = 0.001: expected 0 to a tenth",
+            ),
+            (
+                "sequence(frames: 2, flashes: (count: 0, spacing_s: 1))",
+                "flashes.count = 0: expected 1 to 100",
+            ),
             (
                 "sequence(frames: 2, exposure_s: 0.001, flashes: (count: 2, spacing_s: 0.0005))",
                 "flashes do not overlap",

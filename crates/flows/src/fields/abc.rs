@@ -4,6 +4,7 @@
 //! curl is k u, so it is a steady solution of Euler. If one of A, B, C is zero, the component that it does not enter is
 //! kept along every path.
 
+use super::MID_DEPTH;
 use super::ROUNDING_MARGIN;
 use crate::dual::{Formula, Real, by_formula};
 use crate::error::{Check, Result};
@@ -23,7 +24,7 @@ params! {
         /// Wavelength, um.
         wavelength_um: f64 = 100.0, "> 0";
         /// Origin of the phases, um.
-        centre_um: [f64; 3] = [0.0, 0.0, -30.0], "finite";
+        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
     }
 }
 
@@ -42,7 +43,7 @@ impl Abc {
     pub fn new(params: &AbcParams) -> Result<Self> {
         let [a, b, c] = CHECK.all_finite("amplitudes_um_s", params.amplitudes_um_s)?;
         let wavenumber = 2.0 * PI / CHECK.positive("wavelength_um", params.wavelength_um)?;
-        let center = DVec3::from_array(CHECK.all_finite("centre_um", params.centre_um)?);
+        let center = DVec3::from_array(CHECK.all_finite("centre_um", params.centre_um.unwrap_or(MID_DEPTH))?);
         Ok(Abc { center, a, b, c, wavenumber })
     }
 }

@@ -40,7 +40,7 @@ params! {
         /// Middle between the side walls, um.
         centre_y_um: f64 = 0.0, "finite";
         /// Floor and ceiling, um.
-        walls_z_um: [f64; 2] = [-80.0, 20.0], "finite, floor below ceiling";
+        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
     }
 }
 

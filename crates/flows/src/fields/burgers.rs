@@ -8,6 +8,7 @@
 //! turned is G / (2 pi rc^2) INT h(q) dt = G / (2 pi rc^2 a) [F(q1) - F(q0)], F = h + E1. The difference cancels over
 //! short times; then 8 Gauss points integrate to rounding.
 
+use super::MID_DEPTH;
 use super::ROUNDING_MARGIN;
 use super::lamb_oseen::PEAK_SPEED;
 use crate::error::{Check, Result};
@@ -32,7 +33,7 @@ params! {
         /// Rate of stretching along the axis, 1/s.
         strain_rate_per_s: f64 = 5.0, "> 0";
         /// The point at rest, um.
-        centre_um: [f64; 3] = [0.0, 0.0, -30.0], "finite";
+        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
     }
 }
 
@@ -53,7 +54,7 @@ impl Burgers {
         let core = CHECK.positive("core_radius_um", params.core_radius_um)?;
         let max_speed = CHECK.finite("max_speed_um_s", params.max_speed_um_s)?;
         Ok(Burgers {
-            center: DVec3::from_array(CHECK.all_finite("centre_um", params.centre_um)?),
+            center: DVec3::from_array(CHECK.all_finite("centre_um", params.centre_um.unwrap_or(MID_DEPTH))?),
             max_speed,
             core_squared: CHECK.positive("core_radius_um squared", core * core)?,
             rate: CHECK.positive("strain_rate_per_s", params.strain_rate_per_s)?,

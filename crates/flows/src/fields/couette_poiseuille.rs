@@ -23,7 +23,7 @@ params! {
         /// Greatest speed of the pressure-driven part alone, um/s; negative against the ceiling.
         pressure_speed_um_s: f64 = -430.0, "finite";
         /// Floor and ceiling, um.
-        walls_z_um: [f64; 2] = [-80.0, 20.0], "finite, floor below ceiling";
+        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
         /// Direction of the flow in the image plane, from x towards y, rad.
         direction_rad: f64 = 0.0, "finite";
     }
@@ -111,7 +111,7 @@ mod tests {
 
     #[test]
     fn plates_in_the_wrong_order_are_refused() {
-        let params = CouettePoiseuilleParams { walls_z_um: [20.0, -80.0], ..Default::default() };
+        let params = CouettePoiseuilleParams { walls_z_um: Some([20.0, -80.0]), ..Default::default() };
         let message = CouettePoiseuille::new(&params).unwrap_err().to_string();
         assert_eq!(
             message,

@@ -16,6 +16,7 @@
 //! The surface comes down and tracers that it reaches stay just under it ([`VelocityField::confine`]); above it the velocity of the surface
 //! is given. From 0.98 R on, and once it is dry, nothing moves: there tracers are deposited.
 
+use super::ON_FLOOR;
 use super::ROUNDING_MARGIN;
 use crate::dual::{Formula, Real, by_formula};
 use crate::error::{Check, Result};
@@ -42,7 +43,7 @@ params! {
         /// Height in the middle, um.
         height_um: f64 = 60.0, "> 0";
         /// Middle of the drop on the floor, um.
-        centre_um: [f64; 3] = [0.0, 0.0, -80.0], "finite";
+        centre_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
     }
 }
 
@@ -56,7 +57,7 @@ params! {
         /// Height in the middle at t = 0, um.
         height_um: f64 = 60.0, "> 0";
         /// Middle of the drop on the floor, um.
-        centre_um: [f64; 3] = [0.0, 0.0, -80.0], "finite";
+        centre_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
     }
 }
 
@@ -103,7 +104,12 @@ impl ToroidalDrop {
     /// The flow of these parameters.
     pub fn new(params: &ToroidalDropParams) -> Result<Self> {
         Ok(ToroidalDrop {
-            cap: Cap::new(TOROIDAL, params.centre_um, params.radius_um, params.height_um)?,
+            cap: Cap::new(
+                TOROIDAL,
+                params.centre_um.unwrap_or(ON_FLOOR),
+                params.radius_um,
+                params.height_um,
+            )?,
             strength: TOROIDAL.finite("strength_um3_s", params.strength_um3_s)?,
         })
     }
@@ -166,7 +172,7 @@ impl CoffeeRing {
     /// The flow of these parameters.
     pub fn new(params: &CoffeeRingParams) -> Result<Self> {
         Ok(CoffeeRing {
-            cap: Cap::new(COFFEE, params.centre_um, params.radius_um, params.height_um)?,
+            cap: Cap::new(COFFEE, params.centre_um.unwrap_or(ON_FLOOR), params.radius_um, params.height_um)?,
             drying_time: COFFEE.positive("drying_time_s", params.drying_time_s)?,
         })
     }

@@ -12,6 +12,7 @@
 //! terms, which leaves 3e-8 of the greatest speed at the side walls. Steady and fully developed; trajectories are
 //! straight lines. Outside the duct the fluid rests.
 
+use super::CHANNEL;
 use super::ROUNDING_MARGIN;
 use crate::error::{Check, Result};
 use crate::field::VelocityField;
@@ -37,7 +38,7 @@ params! {
         /// Middle between the side walls, um.
         centre_y_um: f64 = 0.0, "finite";
         /// Floor and ceiling, um.
-        walls_z_um: [f64; 2] = [-80.0, 20.0], "finite, floor below ceiling";
+        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
     }
 }
 
@@ -55,7 +56,7 @@ pub struct Duct {
 impl Duct {
     /// The flow of these parameters.
     pub fn new(params: &DuctParams) -> Result<Self> {
-        let [floor, ceiling] = CHECK.increasing("walls_z_um", params.walls_z_um)?;
+        let [floor, ceiling] = CHECK.increasing("walls_z_um", params.walls_z_um.unwrap_or(CHANNEL))?;
         let width = CHECK.positive("width_um", params.width_um)?;
         let center = CHECK.finite("centre_y_um", params.centre_y_um)?;
         let max_speed = CHECK.finite("max_speed_um_s", params.max_speed_um_s)?;

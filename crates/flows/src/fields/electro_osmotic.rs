@@ -29,7 +29,7 @@ params! {
         /// Whether the channel is closed at its ends, so that nothing flows on average.
         closed: bool = false, "true or false";
         /// Floor and ceiling, um.
-        walls_z_um: [f64; 2] = [-80.0, 20.0], "finite, floor below ceiling";
+        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
         /// Direction of the flow in the image plane, from x towards y, rad.
         direction_rad: f64 = 0.0, "finite";
     }

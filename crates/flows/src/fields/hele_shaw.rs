@@ -28,7 +28,7 @@ params! {
         /// Axis of the pillar, x and y, um.
         centre_um: [f64; 2] = [0.0, 0.0], "finite";
         /// Floor and ceiling, um.
-        walls_z_um: [f64; 2] = [-80.0, 20.0], "finite, floor below ceiling";
+        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
     }
 }
 

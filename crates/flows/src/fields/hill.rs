@@ -9,6 +9,7 @@
 //! (3 U / 4) rho^2 (1 - r^2 / a^2) inside, -(U / 2) rho^2 (1 - a^3 / r^3) outside. The inner part is also the circulation
 //! in a drop (Hadamard and Rybczynski). In the frame of the laboratory U is added and the centre moves.
 
+use super::MID_DEPTH;
 use super::{JUMP_STEP, ROUNDING_MARGIN};
 use crate::dual::{Formula, Real, by_formula};
 use crate::error::{Check, Result};
@@ -31,7 +32,7 @@ params! {
         /// Whether the vortex moves and the fluid far away rests, or the other way round.
         moving: bool = false, "true or false";
         /// The centre at t = 0, um.
-        centre_um: [f64; 3] = [0.0, 0.0, -30.0], "finite";
+        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
     }
 }
 
@@ -49,7 +50,7 @@ impl Hill {
     /// The vortex of these parameters.
     pub fn new(params: &HillParams) -> Result<Self> {
         Ok(Hill {
-            center: DVec3::from_array(CHECK.all_finite("centre_um", params.centre_um)?),
+            center: DVec3::from_array(CHECK.all_finite("centre_um", params.centre_um.unwrap_or(MID_DEPTH))?),
             axis: params.axis.unit(),
             speed: CHECK.finite("speed_um_s", params.speed_um_s)?,
             radius: CHECK.positive("radius_um", params.radius_um)?,

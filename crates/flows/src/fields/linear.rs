@@ -6,6 +6,7 @@
 //! squaring). The gradient is A everywhere.
 
 use super::ROUNDING_MARGIN;
+use super::{MID_DEPTH, ON_FLOOR};
 use crate::error::{Check, Result};
 use crate::field::VelocityField;
 use crate::params::params;
@@ -32,7 +33,7 @@ params! {
         /// Direction in which it grows.
         across: Axis = Axis::Z, "x, y or z, other than along";
         /// A point of the layer at rest, um.
-        centre_um: [f64; 3] = [0.0, 0.0, -80.0], "finite";
+        centre_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
     }
 }
 
@@ -42,7 +43,7 @@ params! {
         /// Angular velocity along its axis, rad/s; positive z looks clockwise on the screen.
         omega_rad_s: [f64; 3] = [0.0, 0.0, 5.0], "finite";
         /// A point of the axis, um.
-        centre_um: [f64; 3] = [0.0, 0.0, -30.0], "finite";
+        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
     }
 }
 
@@ -68,7 +69,7 @@ params! {
         /// Planar in xy, or uniaxial along an axis.
         kind: Strain = Strain::Planar, "planar, uniaxial_x, uniaxial_y or uniaxial_z";
         /// The point at rest, um.
-        centre_um: [f64; 3] = [0.0, 0.0, -30.0], "finite";
+        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
     }
 }
 
@@ -78,7 +79,7 @@ params! {
         /// Rate of stretching along every axis, 1/s.
         rate_per_s: f64 = 5.0, "finite";
         /// The point at rest, um.
-        centre_um: [f64; 3] = [0.0, 0.0, -30.0], "finite";
+        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
     }
 }
 
@@ -90,7 +91,7 @@ params! {
         /// Rows of the velocity gradient du_i/dx_j, 1/s.
         gradient_per_s: [[f64; 3]; 3] = [[2.0, -6.0, 0.0], [4.0, -2.0, 0.0], [0.0, 0.0, 0.0]], "finite";
         /// The centre, um.
-        centre_um: [f64; 3] = [0.0, 0.0, -30.0], "finite";
+        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
     }
 }
 
@@ -132,7 +133,7 @@ impl Linear {
     pub fn from_params(params: &LinearParams) -> Result<Self> {
         let rows = params.gradient_per_s.map(DVec3::from_array);
         let gradient = DMat3::from_cols(rows[0], rows[1], rows[2]).transpose();
-        Self::new(DVec3::from_array(params.velocity_um_s), gradient, center(params.centre_um)?)
+        Self::new(DVec3::from_array(params.velocity_um_s), gradient, center(params.centre_um, MID_DEPTH)?)
     }
 
     /// [`Linear::uniform`] by its parameters.
@@ -142,18 +143,18 @@ impl Linear {
 
     /// [`Linear::shear`] by its parameters.
     pub fn from_shear(params: &ShearParams) -> Result<Self> {
-        Self::shear(params.rate_per_s, params.along, params.across, center(params.centre_um)?)
+        Self::shear(params.rate_per_s, params.along, params.across, center(params.centre_um, ON_FLOOR)?)
     }
 
     /// [`Linear::rotation`] by its parameters.
     pub fn from_rotation(params: &RotationParams) -> Result<Self> {
         CHECK.all_finite("omega_rad_s", params.omega_rad_s)?;
-        Self::rotation(DVec3::from_array(params.omega_rad_s), center(params.centre_um)?)
+        Self::rotation(DVec3::from_array(params.omega_rad_s), center(params.centre_um, MID_DEPTH)?)
     }
 
     /// [`Linear::planar_strain`] or [`Linear::uniaxial_strain`] by their parameters.
     pub fn from_strain(params: &StrainParams) -> Result<Self> {
-        let center = center(params.centre_um)?;
+        let center = center(params.centre_um, MID_DEPTH)?;
         match params.kind {
             Strain::Planar => Self::planar_strain(params.rate_per_s, center),
             Strain::UniaxialX => Self::uniaxial_strain(params.rate_per_s, Axis::X, center),
@@ -164,7 +165,7 @@ impl Linear {
 
     /// [`Linear::dilatation`] by its parameters.
     pub fn from_dilatation(params: &DilatationParams) -> Result<Self> {
-        Self::dilatation(params.rate_per_s, center(params.centre_um)?)
+        Self::dilatation(params.rate_per_s, center(params.centre_um, MID_DEPTH)?)
     }
 
     /// The same velocity everywhere, um/s.
@@ -260,8 +261,8 @@ impl VelocityField for Linear {
     }
 }
 
-fn center(centre_um: [f64; 3]) -> Result<DVec3> {
-    CHECK.all_finite("centre_um", centre_um).map(DVec3::from_array)
+fn center(centre_um: Option<[f64; 3]>, default_um: [f64; 3]) -> Result<DVec3> {
+    CHECK.all_finite("centre_um", centre_um.unwrap_or(default_um)).map(DVec3::from_array)
 }
 
 /// The exponential of a matrix.

@@ -61,6 +61,15 @@ pub use stokes::{StokesCylinder, StokesCylinderParams, StokesSphere, StokesSpher
 pub use tube::{Tube, TubeParams};
 pub use womersley::{CrossSection, Womersley, WomersleyParams};
 
+/// Floor and ceiling of the default channel, um: where a field's walls are unless they are given.
+const CHANNEL: [f64; 2] = [-80.0, 20.0];
+
+/// The place in its middle, um: the default centre of fields without walls.
+const MID_DEPTH: [f64; 3] = [0.0, 0.0, -30.0];
+
+/// The place on its floor, um: the default centre of what stands there.
+const ON_FLOOR: [f64; 3] = [0.0, 0.0, -80.0];
+
 /// Factor on a bound of the speed that is sharp in exact arithmetic, so that rounding cannot make it too small.
 const ROUNDING_MARGIN: f64 = 1.0 + 1e-12;
 

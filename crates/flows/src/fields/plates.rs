@@ -1,5 +1,6 @@
 //! The gap between two parallel plates, and a direction along them: what the plane channel flows share.
 
+use super::CHANNEL;
 use crate::dual::Real;
 use crate::error::{Check, Result};
 use crate::region::Region;
@@ -13,8 +14,8 @@ pub(super) struct Plates {
 }
 
 impl Plates {
-    pub(super) fn new(check: Check, walls_z_um: [f64; 2]) -> Result<Self> {
-        let [floor, ceiling] = check.increasing("walls_z_um", walls_z_um)?;
+    pub(super) fn new(check: Check, walls_z_um: Option<[f64; 2]>) -> Result<Self> {
+        let [floor, ceiling] = check.increasing("walls_z_um", walls_z_um.unwrap_or(CHANNEL))?;
         Ok(Plates { floor, depth: check.positive("walls_z_um distance", ceiling - floor)? })
     }
 

@@ -4,6 +4,7 @@
 //! 17). The mean velocity is 2U/3 and the pressure gradient 8 mu U / H^2. Steady and fully developed; side walls are left
 //! out. Trajectories are straight lines at constant speed. Beyond the plates the fluid rests.
 
+use super::CHANNEL;
 use super::ROUNDING_MARGIN;
 use crate::error::{Check, Result};
 use crate::field::VelocityField;
@@ -19,7 +20,7 @@ params! {
         /// Speed half-way between the plates, um/s; negative is the other way.
         max_speed_um_s: f64 = 1290.0, "finite";
         /// Floor and ceiling, um.
-        walls_z_um: [f64; 2] = [-80.0, 20.0], "finite, floor below ceiling";
+        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
         /// Direction of the flow in the image plane, from x towards y, rad.
         direction_rad: f64 = 0.0, "finite";
     }
@@ -50,7 +51,7 @@ impl Poiseuille {
 
     /// The flow of these parameters.
     pub fn from_params(params: &PoiseuilleParams) -> Result<Self> {
-        let [floor, ceiling] = CHECK.increasing("walls_z_um", params.walls_z_um)?;
+        let [floor, ceiling] = CHECK.increasing("walls_z_um", params.walls_z_um.unwrap_or(CHANNEL))?;
         CHECK.finite("direction_rad", params.direction_rad)?;
         Self::new(params.max_speed_um_s, floor, ceiling, params.direction_rad)
     }

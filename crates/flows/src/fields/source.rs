@@ -8,6 +8,7 @@
 //! Outside, r^n grows at the rate n c^(n-1) U; inside, r grows exponentially. Into a sink (U < 0) tracers fall for ever and heap
 //! up in the core: a body of the domain that covers it removes them.
 
+use super::MID_DEPTH;
 use super::plates::Plates;
 use super::{JUMP_STEP, ROUNDING_MARGIN};
 use crate::dual::{Formula, Real, by_formula};
@@ -41,9 +42,9 @@ params! {
         /// Radius of the core, um.
         core_radius_um: f64 = 20.0, "> 0";
         /// The centre, um; z matters for a point only.
-        centre_um: [f64; 3] = [0.0, 0.0, -30.0], "finite";
+        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
         /// Floor and ceiling of the Hele-Shaw cell, um.
-        walls_z_um: [f64; 2] = [-80.0, 20.0], "finite, floor below ceiling";
+        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
     }
 }
 
@@ -65,7 +66,7 @@ impl Source {
             SourceShape::Line | SourceShape::Point => None,
         };
         Ok(Source {
-            center: DVec3::from_array(CHECK.all_finite("centre_um", params.centre_um)?),
+            center: DVec3::from_array(CHECK.all_finite("centre_um", params.centre_um.unwrap_or(MID_DEPTH))?),
             speed: CHECK.finite("core_speed_um_s", params.core_speed_um_s)?,
             core: CHECK.positive("core_radius_um", params.core_radius_um)?,
             point: params.shape == SourceShape::Point,

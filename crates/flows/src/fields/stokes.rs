@@ -10,6 +10,7 @@
 //!
 //! Inside the bodies the fluid rests.
 
+use super::MID_DEPTH;
 use super::{JUMP_STEP, ROUNDING_MARGIN};
 use crate::dual::{Formula, Real, by_formula};
 use crate::error::{Check, Result};
@@ -29,7 +30,7 @@ params! {
         /// Radius of the sphere, um.
         radius_um: f64 = 30.0, "> 0";
         /// Centre of the sphere, um.
-        centre_um: [f64; 3] = [0.0, 0.0, -30.0], "finite";
+        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
     }
 }
 
@@ -59,7 +60,7 @@ impl StokesSphere {
     /// The flow of these parameters.
     pub fn new(params: &StokesSphereParams) -> Result<Self> {
         Ok(StokesSphere {
-            center: DVec3::from_array(SPHERE.all_finite("centre_um", params.centre_um)?),
+            center: DVec3::from_array(SPHERE.all_finite("centre_um", params.centre_um.unwrap_or(MID_DEPTH))?),
             velocity: DVec3::from_array(SPHERE.all_finite("velocity_um_s", params.velocity_um_s)?),
             radius: SPHERE.positive("radius_um", params.radius_um)?,
         })

@@ -4,6 +4,7 @@
 //! trajectories are straight lines at constant speed. Outside the tube the fluid rests.
 
 use super::ROUNDING_MARGIN;
+use super::{CHANNEL, MID_DEPTH};
 use crate::dual::{Formula, Real, by_formula};
 use crate::error::{Check, Result};
 use crate::field::VelocityField;
@@ -19,9 +20,9 @@ params! {
         /// Speed on the axis, um/s.
         max_speed_um_s: f64 = 1290.0, "finite";
         /// Inner radius, um.
-        radius_um: f64 = 50.0, "> 0";
+        radius_um: Option<f64> = None, "> 0; unless given, half the depth range";
         /// The axis, y and z, um.
-        centre_yz_um: [f64; 2] = [0.0, -30.0], "finite";
+        centre_yz_um: Option<[f64; 2]> = None, "finite; unless given, (0, mid-depth)";
     }
 }
 
@@ -37,8 +38,11 @@ impl Tube {
     /// The flow of these parameters.
     pub fn new(params: &TubeParams) -> Result<Self> {
         Ok(Tube {
-            center: DVec2::from_array(CHECK.all_finite("centre_yz_um", params.centre_yz_um)?),
-            radius: CHECK.positive("radius_um", params.radius_um)?,
+            center: DVec2::from_array(
+                CHECK.all_finite("centre_yz_um", params.centre_yz_um.unwrap_or([0.0, MID_DEPTH[2]]))?,
+            ),
+            radius: CHECK
+                .positive("radius_um", params.radius_um.unwrap_or(0.5 * (CHANNEL[1] - CHANNEL[0])))?,
             max_speed: CHECK.finite("max_speed_um_s", params.max_speed_um_s)?,
         })
     }
@@ -91,6 +95,6 @@ mod tests {
             [1290.0, 0.0, 0.0, 0.0]
         );
         assert!((speed(30.0, -70.0)).abs() < 1e-12 && (speed(25.0, -30.0) - 967.5).abs() < 1e-10);
-        assert!(Tube::new(&TubeParams { radius_um: -1.0, ..Default::default() }).is_err());
+        assert!(Tube::new(&TubeParams { radius_um: Some(-1.0), ..Default::default() }).is_err());
     }
 }

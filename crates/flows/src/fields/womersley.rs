@@ -12,6 +12,7 @@
 //! in eta^2 for all Wo from 0 (the parabola) to 40, beyond which the terms cancel too much (relative error 1e-12 there).
 //! Trajectories are straight lines: the velocity is integrated over time. Outside the fluid rests.
 
+use super::CHANNEL;
 use super::ROUNDING_MARGIN;
 use super::plates::Plates;
 use crate::error::{Check, Result};
@@ -50,7 +51,7 @@ params! {
         /// Kinematic viscosity, um^2/s; water 1e6.
         viscosity_um2_s: f64 = 1e6, "> 0, Womersley number at most 40";
         /// Floor and ceiling, um.
-        walls_z_um: [f64; 2] = [-80.0, 20.0], "finite, floor below ceiling";
+        walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
         /// The axis of the tube, y, um.
         centre_y_um: f64 = 0.0, "finite";
     }
@@ -140,7 +141,8 @@ impl Womersley {
 
     /// The Womersley number.
     pub fn number(params: &WomersleyParams) -> f64 {
-        let half = 0.5 * (params.walls_z_um[1] - params.walls_z_um[0]);
+        let [floor, ceiling] = params.walls_z_um.unwrap_or(CHANNEL);
+        let half = 0.5 * (ceiling - floor);
         half * libm::sqrt(2.0 * PI * params.frequency_hz / params.viscosity_um2_s)
     }
 
