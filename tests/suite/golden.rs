@@ -20,7 +20,7 @@ fn datasets_have_the_bytes_they_always_had() {
     let golden = golden();
     assert_eq!(
         golden.keys().collect::<Vec<_>>(),
-        ["fields", "pairs", "rods", "sequence", "setting2", "spots"]
+        ["bursts", "fields", "pairs", "rods", "sequence", "setting2", "spots", "tracks"]
     );
     // glibc picks other versions of its maths functions when these features are hidden from it.
     let masked = Some("glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2,-AVX2_Usable");
@@ -44,7 +44,14 @@ fn datasets_have_the_bytes_they_always_had() {
 #[test]
 fn rendering_a_datasets_own_data_files_gives_its_images() {
     let place = tempfile::tempdir().unwrap();
-    for (name, seed) in [("pairs", "11"), ("sequence", "12"), ("setting2", "13"), ("fields", "14")] {
+    for (name, seed) in [
+        ("pairs", "11"),
+        ("sequence", "12"),
+        ("setting2", "13"),
+        ("fields", "14"),
+        ("bursts", "16"),
+        ("tracks", "17"),
+    ] {
         let scenario = suite::data().join(format!("golden/{name}.ron"));
         let dataset = place.path().join(name);
         let images = place.path().join(format!("{name}-images"));

@@ -260,6 +260,15 @@ impl Recordings {
         self.count() * self.frames_each()
     }
 
+    /// Nominal time from a frame to the next, s: of a pair from A to B, of a burst from its first to its second.
+    pub fn dt_s(&self) -> f64 {
+        match self.timing {
+            Timing::Pairs(Pairs { dt_s, .. })
+            | Timing::Sequence(Sequence { dt_s, .. })
+            | Timing::FourPulse(FourPulse { dt_s, .. }) => dt_s,
+        }
+    }
+
     /// Whether frames are the A and B of pairs.
     pub fn are_pairs(&self) -> bool {
         matches!(self.timing, Timing::Pairs(_))
