@@ -87,10 +87,10 @@ fn direction(parameter: &'static str, v: DVec3) -> Result<DVec3> {
 impl Shape {
     /// A light sheet; `centre` and `thickness` (> 0) in um, `normal` of any length but zero.
     pub fn sheet(profile: Profile, centre: DVec3, normal: DVec3, thickness: f64) -> Result<Self> {
-        if let Profile::SuperGaussian(order) = profile {
-            if !(order >= 1.0 && order <= 100.0) {
-                return Err(CHECK.fault("sheet.profile.super_gaussian", order, "an order from 1 to 100"));
-            }
+        if let Profile::SuperGaussian(order) = profile
+            && !(1.0..=100.0).contains(&order)
+        {
+            return Err(CHECK.fault("sheet.profile.super_gaussian", order, "an order from 1 to 100"));
         }
         Ok(Shape::Sheet {
             profile,

@@ -7,7 +7,7 @@ use crate::scenario::{Mover, Scenario};
 
 /// What recordings are taken of.
 enum Subject<'a> {
-    Scene(Scene<'a>),
+    Scene(Box<Scene<'a>>),
     Tracks(&'a Tracks),
 }
 
@@ -30,7 +30,7 @@ impl<'a> Frames<'a> {
     /// The frames from the first on.
     pub(crate) fn new(scenario: &'a Scenario) -> Result<Self> {
         let subject = match &scenario.mover {
-            Mover::Field(field) => Subject::Scene(scenario.scene(field.as_ref())?),
+            Mover::Field(field) => Subject::Scene(Box::new(scenario.scene(field.as_ref())?)),
             Mover::Tracks(tracks) => Subject::Tracks(tracks),
         };
         Ok(Frames { scenario, subject, number: 0, first_id: 0, recording: None })
