@@ -131,8 +131,12 @@ fn wrong_scenarios_name_what_is_wrong_and_leave_nothing() {
     let place = tempfile::tempdir().unwrap();
     for (from, to, expected) in [
         ("count(4)", "count(4), colour: red", "unknown key `particles.colour`"),
-        ("pairs(count: 2)", "pairs(count: 2, exposure_s: 0.001)", "valid but not supported yet"),
-        ("name:", "illumination: sheet(), name:", "valid but not supported yet"),
+        (
+            "pairs(count: 2)",
+            "pairs(count: 2, exposure_s: 0.01)",
+            "timing.pairs.exposure_s = 0.01 (0.01 s in all): expected",
+        ),
+        ("name:", "truth_grid: (spacing_px: 16), name:", "valid but not supported yet"),
         ("poiseuille()", "poisseuille()", "did you mean `poiseuille`"),
         ("pixel_dim_x: 90", "pixel_dim_x: 0", "optics.pixel_dim_x = 0: expected a whole number"),
         ("pixel_dim_x: 90", "settings: \"missing.txt\"", "missing.txt"),
