@@ -1,7 +1,7 @@
 //! Clouds in open domains: uniform for ever, and the same whatever the machine does.
 #![expect(clippy::print_stdout, reason = "the measured numbers, for `--nocapture`")]
 
-use flows::fields::{LambOseen, Linear, Poiseuille};
+use flows::fields::{Kraichnan, KraichnanParams, LambOseen, Linear, Poiseuille};
 use flows::{Boundary, Diameters, Domain, Frame, Region, Scene, Seeding, Start, VelocityField};
 use glam::{DVec2, DVec3};
 use microsig_core::stream::Streams;
@@ -159,6 +159,27 @@ fn vortices_and_strains_stay_uniform_too() {
         let chi = worst_profile(&positions(&frames[1]), domain, &seeding);
         println!("{name}: {} tracers, {born} born, chi-square {chi:.1}", frames[1].tracers.len());
         assert!(chi < LIMIT && born > 1000, "{name}: {chi}, {born}");
+    }
+}
+
+/// Seeds its own cloud: a field without walls or symmetry, unsteady, in a box open on all sides.
+#[test]
+fn a_turbulent_field_keeps_its_cloud_uniform_over_100_frames() {
+    let open = domain([Boundary::Open; 3]);
+    let seeding = Seeding::poisson(1.2e-4, Diameters::equal(2.0).unwrap()).unwrap();
+    // One block of modes; 4 um a frame along each axis, so that most particles are replaced.
+    let params =
+        KraichnanParams { rms_speed_um_s: 400.0, modes: 16, unsteadiness: 0.2, ..KraichnanParams::default() };
+    let field = Kraichnan::new(&params).unwrap();
+    assert!(field.is_divergence_free());
+    let frames = snapshots(&field, &open, &seeding, &[0, 50, 100], 11);
+    let survivors = frames[0].links(&frames[2]).count();
+    println!("turbulence: {} tracers, {survivors} of them since frame 0", frames[2].tracers.len());
+    assert!(survivors < frames[0].tracers.len() * 3 / 4, "{survivors}");
+    for frame in &frames {
+        let chi = worst_profile(&positions(frame), &open, &seeding);
+        println!("turbulence, frame {}: chi-square {chi:.1}", frame.index);
+        assert!(chi < LIMIT, "frame {}: {chi}", frame.index);
     }
 }
 
