@@ -37,7 +37,9 @@ fn boxed<F: VelocityField + 'static>(field: Result<F>) -> Inner {
 }
 
 /// Name, the composition, its formula.
-fn compositions() -> [(&'static str, fn(Inner) -> Inner, Formula); 7] {
+type Case = (&'static str, fn(Inner) -> Inner, Formula);
+
+fn compositions() -> [Case; 7] {
     [
         (
             "sum",

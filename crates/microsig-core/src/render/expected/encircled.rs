@@ -157,7 +157,8 @@ impl Ramps {
     /// Spreads `light` evenly between two radii, in rings.
     fn spread(&mut self, a: f64, b: f64, light: f64) {
         let (low, high) = (a.min(b), a.max(b));
-        if !(low < self.rings as f64) || light == 0.0 {
+        // What lands beyond the rings, or nowhere, is not counted.
+        if low.is_nan() || low >= self.rings as f64 || light == 0.0 {
             return;
         }
         // At a turning point of the landing radius a piece has no width; a thousandth of a ring is as good.
