@@ -104,7 +104,7 @@ pub(crate) struct Render {
 pub(crate) enum Mode {
     /// Counts of discrete rays, the paper's method
     Rays,
-    /// The noise-free limit of many rays (not supported yet)
+    /// Their limit of many rays: no noise of the rays, fast
     Expected,
 }
 

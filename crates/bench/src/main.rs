@@ -53,9 +53,6 @@ fn run(cli: &Cli) -> Result<()> {
 }
 
 fn run_render(arguments: &Render, common: &Common) -> Result<()> {
-    if arguments.mode == Mode::Expected {
-        return Err(Error::Unsupported(vec!["--mode expected: valid but not supported yet".to_owned()]));
-    }
     let rendered = render(&RenderOptions {
         settings: arguments.settings.clone(),
         data: arguments.data.clone(),
@@ -66,6 +63,7 @@ fn run_render(arguments: &Render, common: &Common) -> Result<()> {
             Spheroids::Original => SpheroidLaw::Original,
             Spheroids::Uniform => SpheroidLaw::Uniform,
         },
+        expected: arguments.mode == Mode::Expected,
         force: common.force,
         progress: progress(common),
     })?;

@@ -19,7 +19,7 @@ impl Optics {
         let settings = renderer.settings();
         let m = settings.magnification;
         match renderer {
-            Renderer::Rays(_) => {
+            Renderer::Rays(_) | Renderer::Expected(_) => {
                 let cylinder = match settings.cyl_focal_length {
                     0.0 => "no cylindrical lens".to_owned(),
                     f => format!("a cylindrical lens of {f} um"),
@@ -27,8 +27,16 @@ impl Optics {
                 Optics {
                     focus: "out of focus",
                     optics: format!("M {m}, NA {}, {cylinder}", settings.numerical_aperture),
-                    method: "traces rays from points on each particle through the lens (model: M. Rossi, Meas. Sci. \
-                             Technol. 31, 017003, 2020)",
+                    method: match renderer {
+                        Renderer::Expected(_) => {
+                            "computes what rays from each particle through the lens give on average (model: M. Rossi, \
+                             Meas. Sci. Technol. 31, 017003, 2020)"
+                        }
+                        _ => {
+                            "traces rays from points on each particle through the lens (model: M. Rossi, Meas. Sci. \
+                             Technol. 31, 017003, 2020)"
+                        }
+                    },
                 }
             }
             Renderer::Gaussian(gaussian) => {

@@ -6,7 +6,8 @@ use std::time::Instant;
 use microsig_core::Particle;
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::{data_file, settings_file};
-use microsig_core::render::{RayRenderer, Renderer};
+use microsig_core::render::expected::DEFAULT_TOLERANCE;
+use microsig_core::render::{ExpectedRenderer, RayRenderer, Renderer};
 use microsig_core::stream::Streams;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -31,6 +32,8 @@ pub struct Options {
     pub first_frame: u32,
     /// Law of emission of spheroids.
     pub law: SpheroidLaw,
+    /// Whether light is the limit of many rays rather than rays.
+    pub expected: bool,
     /// Whether images that exist are replaced.
     pub force: bool,
     /// Whether to show a bar.
@@ -67,7 +70,12 @@ pub fn render(options: &Options) -> Result<Rendered> {
     let start = Instant::now();
     let file = open(&options.settings)?;
     let settings = settings_file::read(file, &options.settings.display().to_string())?;
-    let renderer = Renderer::Rays(RayRenderer::new(&settings.settings, options.law)?);
+    let (settings_given, law) = (&settings.settings, options.law);
+    let renderer = if options.expected {
+        Renderer::Expected(ExpectedRenderer::new(settings_given, law, DEFAULT_TOLERANCE)?)
+    } else {
+        Renderer::Rays(RayRenderer::new(settings_given, law)?)
+    };
     let camera = Camera::new(renderer, None, Streams::new(options.seed))?;
     let mut warnings = settings.warnings;
     warnings.extend(camera.renderer().warning());

@@ -12,6 +12,7 @@ use glam::DVec3;
 use microsig_core::formats::data_file::Layout;
 use microsig_core::formats::{settings_file, tiff};
 use microsig_core::render::Renderer;
+use microsig_core::render::expected::{DEFAULT_TOLERANCE, TOLERANCES};
 use microsig_core::sensor::Detector;
 use microsig_core::stream::Streams;
 use microsig_core::{Particle, Settings, Spheroid};
@@ -191,6 +192,29 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let scale = Scale::new(settings.um_per_px(), settings.pixel_dim_x, settings.pixel_dim_y, depth_factor);
     let Some(scale) = problems.of("optics", scale) else { return Err(Error::Input(problems.0)) };
     let shutter = spec.timing.shutter(scale.um_per_px(), &mut problems);
+    match (spec.render.mode, spec.render.tolerance) {
+        (spec::Mode::Rays, None) => {}
+        (spec::Mode::Rays, Some(tolerance)) => {
+            problems.add(
+                "render.tolerance",
+                tolerance,
+                "nothing: rays have no tolerance, only mode: expected has",
+            );
+        }
+        (spec::Mode::Expected, tolerance) => {
+            let tolerance = *spec.render.tolerance.insert(tolerance.unwrap_or(DEFAULT_TOLERANCE));
+            problems.range(
+                "render.tolerance",
+                tolerance,
+                *TOLERANCES.start(),
+                *TOLERANCES.end(),
+                "0.0001 to 0.1, a share of an image's peak",
+            );
+            if spec.optics.gaussian.is_some() {
+                problems.add("render.mode", "expected", "nothing: Gaussian spots are not the limit of rays");
+            }
+        }
+    }
     let Some(renderer) = problems.of("optics", spec.renderer(&settings)) else {
         return Err(Error::Input(problems.0));
     };

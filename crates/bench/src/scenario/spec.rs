@@ -5,6 +5,7 @@
 
 use microsig_core::Settings;
 use microsig_core::emission::SpheroidLaw;
+use microsig_core::render::expected::{DEFAULT_TOLERANCE, ExpectedRenderer};
 use microsig_core::render::{GaussianRenderer, RayRenderer, Renderer, Spot};
 use microsig_core::sensor::{self, Detector};
 use serde::{Deserialize, Serialize};
@@ -64,6 +65,10 @@ impl Spec {
         Ok(match (self.optics.gaussian, self.render.mode) {
             (Some(spot), _) => Renderer::Gaussian(GaussianRenderer::new(settings, spot.into())?),
             (None, Mode::Rays) => Renderer::Rays(RayRenderer::new(settings, self.render.spheroids.into())?),
+            (None, Mode::Expected) => {
+                let tolerance = self.render.tolerance.unwrap_or(DEFAULT_TOLERANCE);
+                Renderer::Expected(ExpectedRenderer::new(settings, self.render.spheroids.into(), tolerance)?)
+            }
         })
     }
 }
@@ -319,13 +324,17 @@ pub enum Boundary {
 }
 
 /// How images are made.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Render {
     /// The renderer.
     pub mode: Mode,
     /// Which points of spheroids shine.
     pub spheroids: Law,
+    /// Error of an expected image as a share of its peak (`microsig_core::render::expected::DEFAULT_TOLERANCE`); left out
+    /// where images are not `expected`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tolerance: Option<f64>,
 }
 
 /// Which points of a spheroid shine.
@@ -355,6 +364,8 @@ pub enum Mode {
     /// Counts of discrete rays, the paper's method.
     #[default]
     Rays,
+    /// The limit of many rays, without their noise; shot noise is the sensor's.
+    Expected,
 }
 
 /// The calibration stack.

@@ -1,7 +1,8 @@
 //! Particles to images.
 //!
-//! A [`Renderer`] is one of: [`rays`], the paper's method, counts of discrete rays, fast; [`gaussian`], classical in-focus
-//! spots; [`expected`], the limit of many rays. [`exact`] is the method of rays in plain f64, ray by ray, and what the fast kernel is held against.
+//! A [`Renderer`] is one of: [`rays`], the paper's method, counts of discrete rays, fast; [`expected`], its limit of many
+//! rays, without their noise; [`gaussian`], classical in-focus spots. [`exact`] is the method of rays in plain f64, ray by
+//! ray, and what the fast kernel is held against.
 
 pub mod exact;
 pub mod expected;

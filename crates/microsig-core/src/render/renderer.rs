@@ -1,5 +1,6 @@
 //! What all ways of making light have in common.
 
+use super::expected::ExpectedRenderer;
 use super::gaussian::GaussianRenderer;
 use super::rays::RayRenderer;
 use crate::error::Error;
@@ -13,6 +14,8 @@ use crate::stream::{Purpose, Streams};
 pub enum Renderer {
     /// Counts of discrete rays, the paper's method.
     Rays(RayRenderer),
+    /// The limit of many rays, without their noise.
+    Expected(ExpectedRenderer),
     /// Gaussian spots, all in focus.
     Gaussian(GaussianRenderer),
 }
@@ -21,6 +24,7 @@ macro_rules! ask {
     ($self:ident.$question:ident($($argument:ident),*)) => {
         match $self {
             Renderer::Rays(renderer) => renderer.$question($($argument),*),
+            Renderer::Expected(renderer) => renderer.$question($($argument),*),
             Renderer::Gaussian(renderer) => renderer.$question($($argument),*),
         }
     };
@@ -31,6 +35,7 @@ impl Renderer {
     pub fn name(&self) -> &'static str {
         match self {
             Renderer::Rays(_) => "rays",
+            Renderer::Expected(_) => "expected",
             Renderer::Gaussian(_) => "gaussian",
         }
     }
@@ -52,7 +57,7 @@ impl Renderer {
     pub fn warning(&self) -> Option<String> {
         match self {
             Renderer::Rays(rays) => rays.warning(),
-            Renderer::Gaussian(_) => None,
+            Renderer::Expected(_) | Renderer::Gaussian(_) => None,
         }
     }
 
@@ -70,6 +75,7 @@ impl Renderer {
     pub fn light(&self, particles: &[Particle], streams: &Streams, purpose: Purpose, frame: u32) -> Light {
         match self {
             Renderer::Rays(rays) => rays.light(particles, streams, purpose, frame),
+            Renderer::Expected(expected) => expected.light(particles),
             Renderer::Gaussian(gaussian) => gaussian.light(particles),
         }
     }

@@ -136,6 +136,21 @@ impl ExpectedRenderer {
         Ok(warning)
     }
 
+    /// Half width and half height of a particle's image, px, with some margin.
+    pub fn image_extent(&self, particle: &Particle) -> (f64, f64) {
+        self.rays.image_extent(particle)
+    }
+
+    /// Whether some of a particle's light may fall on the sensor.
+    pub fn reaches_sensor(&self, particle: &Particle) -> bool {
+        self.rays.reaches_sensor(particle)
+    }
+
+    /// The tolerance.
+    pub fn tolerance(&self) -> f64 {
+        self.tables.model.tolerance
+    }
+
     /// Makes the tables for these particles now rather than when they are drawn.
     pub fn prepare(&self, particles: &[Particle]) {
         self.blocks(particles.iter());
