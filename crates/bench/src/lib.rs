@@ -7,6 +7,7 @@ pub mod dataset;
 pub mod error;
 pub mod evaluate;
 pub mod flow_plot;
+pub mod light;
 pub mod report;
 pub mod results;
 pub mod runner;

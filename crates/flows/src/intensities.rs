@@ -61,6 +61,16 @@ impl Intensities {
         Ok(Intensities(Kind::Power { reference, exponent }))
     }
 
+    /// The factor in the middle of the distribution, for a particle of diameter `d_um`.
+    pub fn typical(&self, d_um: f64) -> f64 {
+        match self.0 {
+            Kind::Equal(factor) => factor,
+            Kind::Uniform { min, max } => f64::midpoint(min, max),
+            Kind::Normal { mean, .. } => mean,
+            Kind::Power { reference, exponent } => libm::pow(d_um / reference, exponent),
+        }
+    }
+
     /// The factor of a particle of diameter `d_um`.
     pub fn draw(&self, d_um: f64, stream: &mut Stream) -> f64 {
         match self.0 {

@@ -57,6 +57,7 @@ pub mod domain;
 mod drift;
 mod dual;
 pub mod error;
+pub mod eulerian;
 pub mod exposure;
 pub mod field;
 pub mod fields;

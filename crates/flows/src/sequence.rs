@@ -154,6 +154,14 @@ impl<'a> Scene<'a> {
         })
     }
 
+    /// The velocity (um/s) of a tracer that is in a frame at `t0` half-way to the next frame at `t1`: on the path that flow and
+    /// settling take it, random motion left out.
+    pub fn velocity_midway(&self, tracer: &Tracer, t0: f64, t1: f64) -> Result<DVec3> {
+        let (field, middle) = (self.drifting(tracer.d_um), f64::midpoint(t0, t1));
+        let x = self.hold(advance(&field, tracer.position, t0, middle)?, middle, 0.5 * tracer.d_um);
+        Ok(field.velocity(x, middle))
+    }
+
     /// The field that carries particles of a diameter.
     pub(crate) fn drifting(&self, d_um: f64) -> Drifting<'a> {
         let slip = self.settling.map_or(DVec3::ZERO, |settling| settling.velocity(d_um));

@@ -3,8 +3,6 @@
 //! The particle sits on the central pixel of a sensor just large enough for its largest image; settings and noise are
 //! those of the dataset, the random streams are its own. Depths run from below the range to above it.
 
-use std::fs::File;
-use std::io::BufWriter;
 use std::path::Path;
 
 use microsig_core::formats::{data_file, settings_file};
@@ -18,10 +16,10 @@ use crate::runner::{Camera, save};
 use crate::scenario::Scenario;
 
 /// One row per image of the stack.
-pub const CALIBRATION: Table = Table {
-    path: "calibration/calibration.csv",
-    description: "One row per image of the calibration stack: a single particle, scanned through the depth range.",
-    columns: &[
+pub static CALIBRATION: Table = Table::new(
+    "calibration/calibration.csv",
+    "One row per image of the calibration stack: a single particle, scanned through the depth range.",
+    &[
         column("step", "integer", "", "number of the step, from 0"),
         column("z_um", "number", "um", "physical depth of the particle, growing away from the lens"),
         column("x_px", "number", "px", "column of its centre"),
@@ -29,7 +27,7 @@ pub const CALIBRATION: Table = Table {
         column("image", "string", "", "path of the image"),
         column("particles", "string", "", "path of the MicroSIG data file"),
     ],
-};
+);
 
 /// Distance between the depths of the stack, um.
 pub const STEP_UM: f64 = 2.0;
@@ -103,9 +101,7 @@ pub fn write(folder: &Path, scenario: &Scenario, camera: &Camera) -> Result<()> 
         camera.save(&folder.join(image), &camera.image(&[particle], k as u32))
     })?;
 
-    let path = folder.join(CALIBRATION.path);
-    let mut table =
-        TableWriter::new(&CALIBRATION, BufWriter::new(File::create(&path).map_err(Error::write(&path))?))?;
+    let mut table = TableWriter::create(folder, &CALIBRATION)?;
     for (k, z_um) in depths.iter().enumerate() {
         let (p, image, data) = place(k);
         table.row(&[&k, z_um, &p.x_px, &p.y_px, &image, &data])?;

@@ -1,7 +1,8 @@
 //! The dataset card, `README.md` of a dataset.
 
-use super::manifest::{COORDINATES, GENERATOR_VERSION};
+use super::manifest::{COORDINATES, GENERATOR_VERSION, bit_depth};
 use super::truth::Census;
+use super::truth::depth::ParticleImage;
 use crate::error::Result;
 use crate::scenario::spec::{PairSeeding, Timing};
 use crate::scenario::{Mover, Scenario, compact};
@@ -58,13 +59,22 @@ impl Optics {
 }
 
 /// The text of the card.
-pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
+pub(crate) fn card(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<String> {
     let (spec, settings) = (&scenario.spec, &scenario.settings);
     let (low, high) = scenario.depth_range_um;
     let what = frames(scenario);
     let Optics { focus, optics, method } = Optics::of(&scenario.renderer);
     let motion = compact(&spec.motion)?;
     let n_p = census.visible as f64 / f64::from(census.frames.max(1));
+    let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
+    let snr = match image.snr {
+        Some(snr) => format!("{snr:.1} (noise-free peak over background noise, median over depth)"),
+        None => "no background noise".to_owned(),
+    };
+    let field = match scenario.truth_grid() {
+        Some(_) => "`truth/field.csv`: the displacement field on a grid. ",
+        None => "",
+    };
     let description =
         if spec.description.is_empty() { String::new() } else { format!("{}\n\n", spec.description) };
     Ok(format!(
@@ -77,9 +87,13 @@ pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
          | optics | {optics} |\n\
          | depth range | {low} to {high} um |\n\
          | depth factor (physical depth over depth in `particles/`) | {depth_factor} |\n\
-         | particles on the sensor | {n_p:.1} per frame on average |\n\
+         | particles on the sensor | N_p = {n_p:.1} per frame on average, N_ppp = {n_ppp:.3e} per pixel |\n\
+         | area of a particle image | A_pi = {area:.0} px (above 10 % of its peak, mean over depth) |\n\
+         | source density | N_S = {n_s:.3} |\n\
+         | signal-to-noise ratio | {snr}; best focus at z = {best_um} um |\n\
          | displacement | up to {max:.2} px in the image plane |\n\
          | background | {mean} counts, noise {noise} counts |\n\
+         | gates for scoring | 2 px in the image, {gate_z} um in depth; ISBI 5 px |\n\
          | seed | {seed} |\n\n\
          Motion: `{motion}`.{moved}\n\n\
          {shone}\
@@ -87,7 +101,7 @@ pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
          ## Files\n\n\
          - `images/`: the frames. `particles/`: the MicroSIG data file of each, `settings.txt`: the settings of all.\n\
          - `truth/tracks.csv`: every particle in every frame. `truth/displacements.csv`: how each moved within a pair. \
-         `truth/frames.csv`: the frames.\n\
+         `truth/frames.csv`: the frames. {field}`truth/depth.csv`: what a particle's image is at each depth.\n\
          - `calibration/` (if there): one particle scanned through the depth range.\n\
          - `scenario.ron`: all that the dataset was made from. `datapackage.json`: all columns with their units.\n\n\
          ## How it was made\n\n\
@@ -98,7 +112,12 @@ pub(crate) fn card(scenario: &Scenario, census: &Census) -> Result<String> {
         name = spec.name,
         moved = moved(scenario),
         shone = shone(scenario)?,
-        bits = scenario.detector.as_ref().map_or(16, |d| d.bits),
+        bits = bit_depth(scenario),
+        n_ppp = n_p / pixels,
+        area = image.area_px,
+        n_s = n_p * image.area_px / pixels,
+        best_um = image.focus_um,
+        gate_z = (high - low) / 10.0,
         width = settings.pixel_dim_x,
         height = settings.pixel_dim_y,
         um_per_px = scenario.scale.um_per_px(),

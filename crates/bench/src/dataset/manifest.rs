@@ -6,12 +6,13 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 
-use super::calibration::CALIBRATION;
+use super::Stem;
 use super::checksums::Fingerprint;
 use super::table::Table;
-use super::truth::{Census, DISPLACEMENTS, FRAMES, TRACKS};
-use crate::scenario::Scenario;
+use super::truth::Census;
+use super::truth::depth::ParticleImage;
 use crate::scenario::spec::Timing;
+use crate::scenario::{Scenario, Weighting};
 
 /// Name of the file.
 pub const MANIFEST: &str = "datapackage.json";
@@ -28,13 +29,27 @@ the right along columns, y downward along rows; pixel k covers [k - 0.5, k + 0.5
 the paraxial object plane, growing away from the lens. x_um and y_um are object-space coordinates from the middle of the \
 image, in the directions of x_px and y_px. Frames count from 0.";
 
-/// The tables of a dataset.
-pub const TABLES: [&Table; 4] = [&FRAMES, &TRACKS, &DISPLACEMENTS, &CALIBRATION];
-
 /// The manifest of a dataset with these files.
-pub fn manifest(scenario: &Scenario, census: &Census, files: &BTreeMap<String, Fingerprint>) -> Value {
+pub fn manifest(
+    scenario: &Scenario,
+    census: &Census,
+    image: &ParticleImage,
+    files: &BTreeMap<String, Fingerprint>,
+) -> Value {
     let spec = &scenario.spec;
-    let resources: Vec<Value> = files.iter().map(|(path, fingerprint)| resource(path, fingerprint)).collect();
+    let tables = super::tables(scenario);
+    let mut resources: BTreeMap<&String, Value> =
+        files.iter().map(|(path, fingerprint)| (path, resource(path, fingerprint, &tables))).collect();
+    for (frame, n_visible) in (0..).zip(&census.visible_each) {
+        if let Some(resource) = resources.get_mut(&Stem::of(&scenario.recordings, frame).image()) {
+            resource["frame"] = json!(frame);
+            resource["width_px"] = json!(scenario.settings.pixel_dim_x);
+            resource["height_px"] = json!(scenario.settings.pixel_dim_y);
+            resource["bit_depth"] = json!(bit_depth(scenario));
+            resource["n_visible"] = json!(n_visible);
+        }
+    }
+    let resources: Vec<Value> = resources.into_values().collect();
     let title = match spec.description.lines().next() {
         Some(line) if !line.is_empty() => line,
         _ => &spec.name,
@@ -50,12 +65,28 @@ pub fn manifest(scenario: &Scenario, census: &Census, files: &BTreeMap<String, F
             "title": "Creative Commons Attribution 4.0",
             "path": "https://creativecommons.org/licenses/by/4.0/",
         }],
-        "microsig": facts(scenario, census),
+        "microsig": facts(scenario, census, image),
         "resources": resources,
     })
 }
 
-fn facts(scenario: &Scenario, census: &Census) -> Value {
+/// Bits of a count.
+pub(super) fn bit_depth(scenario: &Scenario) -> u8 {
+    scenario.detector.as_ref().map_or(16, |d| d.bits)
+}
+
+/// What SNR means here.
+pub const SNR: &str = "(the particle's own noise-free peak - background) / standard deviation of the background, in counts; \
+the value of a dataset is the median over 51 equispaced depths, of a sphere of the mean diameter and the middle brightness, \
+centred on the pixel in the middle of the image; null without noise. The counting noise of rays is no part of it: it grows \
+with gain at the same gain n_rays.";
+
+/// What A_pi and N_S mean here.
+pub const N_S: &str = "a_pi_px: pixels of the noise-free image of a single sphere of the mean diameter above 10 % of its own \
+peak, averaged over 51 equispaced depths; n_p: visible particles per frame, mean over frames; n_ppp = n_p / (width height); \
+n_s = n_p a_pi_px / (width height)";
+
+fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Value {
     let settings = &scenario.settings;
     let (low, high) = scenario.depth_range_um;
     let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
@@ -75,7 +106,7 @@ fn facts(scenario: &Scenario, census: &Census) -> Value {
         "sensor": {
             "width_px": settings.pixel_dim_x,
             "height_px": settings.pixel_dim_y,
-            "bit_depth": scenario.detector.as_ref().map_or(16, |d| d.bits),
+            "bit_depth": bit_depth(scenario),
             "gain": settings.gain,
             "background_mean_counts": settings.background_mean,
             "background_noise_counts": settings.background_noise,
@@ -87,6 +118,19 @@ fn facts(scenario: &Scenario, census: &Census) -> Value {
         "coordinates": COORDINATES,
         "n_p": n_p,
         "n_ppp": n_p / pixels,
+        "n_s": n_p * image.area_px / pixels,
+        "a_pi_px": image.area_px,
+        "concentration_definition": N_S,
+        "snr": {
+            "value": image.snr,
+            "definition": SNR,
+            "background_noise_counts": image.background_noise_counts,
+            "gain": settings.gain,
+            "n_rays": settings.n_rays,
+        },
+        "particle_image": { "d_um": image.d_um, "focus_um": image.focus_um },
+        "motion": motion(scenario),
+        "truth_grid": truth_grid(scenario),
         "max_displacement_px": census.max_displacement_px,
         "scoring_gates": { "xy_px": 2.0, "z_um": (high - low) / 10.0, "isbi_px": 5.0 },
     })
@@ -109,13 +153,60 @@ fn timing(scenario: &Scenario) -> Value {
     facts
 }
 
+/// The flow and its parameters as the scenario has them, with the formula of every field in it.
+fn motion(scenario: &Scenario) -> Value {
+    let written = serde_json::to_value(&scenario.spec.motion).unwrap_or_default();
+    let mut formulas = serde_json::Map::new();
+    name_formulas(&written, &mut formulas);
+    json!({ "scenario": written, "formulas": formulas })
+}
+
+/// Collects the formulas of all fields below a value: they are the keys that the registry knows.
+fn name_formulas(value: &Value, formulas: &mut serde_json::Map<String, Value>) {
+    match value {
+        Value::Object(parts) => {
+            for (key, part) in parts {
+                if let Some(entry) = flows::registry::ENTRIES.iter().find(|entry| entry.name == key) {
+                    formulas.insert(key.clone(), json!({ "formula": entry.formula, "source": entry.source }));
+                }
+                name_formulas(part, formulas);
+            }
+        }
+        Value::Array(parts) => parts.iter().for_each(|part| name_formulas(part, formulas)),
+        _ => {}
+    }
+}
+
+/// The grid of field.csv, and by which weight of depths; null if there is none.
+fn truth_grid(scenario: &Scenario) -> Value {
+    let Some(nodes) = scenario.truth_grid() else { return Value::Null };
+    let weighting = match nodes.weighting {
+        Weighting::PeakSquared => {
+            "sum w(z) D(z) / sum w(z) over the depths of truth/depth.csv, w the squared peak there"
+        }
+        Weighting::Curvature => {
+            "sum w(z) D(z) / sum w(z) over the depths of truth/depth.csv, w the curvature of the image's autocorrelation at its top"
+        }
+        Weighting::None => "none",
+    };
+    json!({
+        "planes_um": nodes.planes_um,
+        "columns": nodes.x_px.len(),
+        "rows": nodes.y_px.len(),
+        "weighting": weighting,
+        "window_px": nodes.window_px,
+        "definition": "forward: of the fluid at the node in the first frame; central: half-way in time; of the fluid, without \
+    random motion and settling",
+    })
+}
+
 /// The camera's chain as the scenario says it; null for MicroSIG's own sensor.
 fn spec_sensor(scenario: &Scenario) -> Value {
     // An infinite full well has no number in JSON and becomes null.
     serde_json::to_value(&scenario.spec.sensor).unwrap_or_default()
 }
 
-fn resource(path: &str, fingerprint: &Fingerprint) -> Value {
+fn resource(path: &str, fingerprint: &Fingerprint, tables: &[Table]) -> Value {
     let extension = path.rsplit_once('.').map_or("", |(_, e)| e);
     let mediatype = match extension {
         "csv" => "text/csv",
@@ -132,7 +223,7 @@ fn resource(path: &str, fingerprint: &Fingerprint) -> Value {
         "bytes": fingerprint.bytes,
         "hash": format!("sha256:{}", fingerprint.sha256),
     });
-    if let Some(table) = TABLES.iter().find(|t| t.path == path) {
+    if let Some(table) = tables.iter().find(|t| t.path == path) {
         resource["profile"] = json!("tabular-data-resource");
         resource["encoding"] = json!("utf-8");
         resource["description"] = json!(table.description);

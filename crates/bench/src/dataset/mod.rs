@@ -5,7 +5,7 @@
 //!   datapackage.json  SHA256SUMS  README.md  preview.png
 //!   scenario.ron      the scenario with every default written out    inputs/  files it names
 //!   settings.txt      particles/STEM.txt   images/STEM.tif
-//!   truth/            frames.csv, tracks.csv, displacements.csv
+//!   truth/            frames.csv, tracks.csv, displacements.csv, field.csv, depth.csv
 //!   calibration/      settings.txt, particles/, images/, calibration.csv
 //! ```
 
@@ -22,7 +22,20 @@ pub mod verify;
 pub(crate) use card::card;
 pub(crate) use preview::Preview;
 
-use crate::scenario::Recordings;
+use crate::scenario::{Recordings, Scenario};
+use table::Table;
+
+/// The tables that a dataset of this scenario can hold.
+pub fn tables(scenario: &Scenario) -> Vec<Table> {
+    use truth::{DISPLACEMENTS, FRAMES, depth::DEPTH, field, tracks};
+    let grid = scenario.truth_grid();
+    [&FRAMES, &DISPLACEMENTS, &DEPTH, &calibration::CALIBRATION]
+        .into_iter()
+        .cloned()
+        .chain([tracks(scenario)])
+        .chain(grid.map(|nodes| field::table(&nodes)))
+        .collect()
+}
 
 /// Name of a frame's files without extension.
 #[derive(Debug, Clone, PartialEq, Eq)]

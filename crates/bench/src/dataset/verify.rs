@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::checksums::{self, Fingerprint, SHA256SUMS};
 use super::folder::{files_below, is_partial};
-use super::manifest::{MANIFEST, TABLES};
+use super::manifest::MANIFEST;
 use crate::error::{Error, Result};
 use crate::runner::{GenerateOptions, Progress, generate};
 use crate::scenario::{parse, resolve, write};
@@ -85,19 +85,50 @@ fn manifest_agrees(dataset: &Path, fingerprints: &BTreeMap<String, Fingerprint>,
     for file in resources.keys().filter(|f| !fingerprints.contains_key(**f)) {
         failures.push(format!("{file}: in {MANIFEST} but missing"));
     }
-    for table in TABLES.iter().filter(|t| fingerprints.contains_key(t.path)) {
-        let stated: Vec<&str> = resources
-            .get(table.path)
-            .and_then(|r| r["schema"]["fields"].as_array())
-            .into_iter()
-            .flatten()
-            .filter_map(|f| f["name"].as_str())
-            .collect();
-        let header = csv::Reader::from_path(dataset.join(table.path)).and_then(|mut r| r.headers().cloned());
-        match header {
-            Ok(header) if header.iter().eq(stated.iter().copied()) => {}
-            Ok(_) => failures.push(format!("{}: columns are not those in {MANIFEST}", table.path)),
-            Err(e) => failures.push(format!("{}: {e}", table.path)),
+    for (path, resource) in resources {
+        if fingerprints.contains_key(path) && resource["schema"].is_object() {
+            failures.extend(
+                table_disagrees(&dataset.join(path), &resource["schema"]).map(|e| format!("{path}{e}")),
+            );
+        }
+    }
+}
+
+/// The first thing in which a table is not as its schema says: the columns, or a cell that is not of its column's type.
+fn table_disagrees(path: &Path, schema: &Value) -> Option<String> {
+    let fields: Vec<(&str, &str)> = schema["fields"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .filter_map(|f| Some((f["name"].as_str()?, f["type"].as_str()?)))
+        .collect();
+    let mut reader = match csv::Reader::from_path(path) {
+        Ok(reader) => reader,
+        Err(e) => return Some(format!(": {e}")),
+    };
+    match reader.headers() {
+        Ok(header) if header.iter().eq(fields.iter().map(|(name, _)| *name)) => {}
+        Ok(_) => return Some(format!(": columns are not those in {MANIFEST}")),
+        Err(e) => return Some(format!(": {e}")),
+    }
+    let mut record = csv::StringRecord::new();
+    loop {
+        match reader.read_record(&mut record) {
+            Ok(true) => {}
+            Ok(false) => return None,
+            Err(e) => return Some(format!(": {e}")),
+        }
+        for (cell, (name, kind)) in record.iter().zip(&fields) {
+            let fits = cell.is_empty()
+                || match *kind {
+                    "integer" => cell.parse::<i64>().is_ok(),
+                    "number" => cell.parse::<f64>().is_ok_and(f64::is_finite),
+                    _ => true,
+                };
+            if !fits {
+                let line = record.position().map_or(0, csv::Position::line);
+                return Some(format!(":{line}: {name} = {cell:?}: expected a value of type {kind}"));
+            }
         }
     }
 }

@@ -15,7 +15,8 @@ use super::camera::{Camera, TEMPORARY, save};
 use super::progress::Progress;
 use super::recording::Frames;
 use crate::dataset::folder::{Partial, files_below, may_stand, partial_name};
-use crate::dataset::truth::{Census, TruthWriter};
+use crate::dataset::truth::depth::ParticleImage;
+use crate::dataset::truth::{self, Census, TruthWriter};
 use crate::dataset::{Preview, Stem, calibration, card, checksums, manifest};
 use crate::error::{Error, Result};
 use crate::scenario::{Scenario, spec, write};
@@ -92,8 +93,11 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     if scenario.spec.calibration == Some(spec::Calibration::Stack) {
         calibration::write(folder, scenario, &camera)?;
     }
-    write_file("README.md", card(scenario, &census)?.as_bytes())?;
-    seal(folder, scenario, &census)?;
+    let stack = scenario.stack()?;
+    let image = truth::depth::write(folder, scenario, &stack)?;
+    truth::field::write(folder, scenario, &stack)?;
+    write_file("README.md", card(scenario, &census, &image)?.as_bytes())?;
+    seal(folder, scenario, &census, &image)?;
     partial.finish(options.force.then_some(manifest::MANIFEST))?;
     Ok(Generated {
         out: options.out.clone(),
@@ -192,7 +196,7 @@ fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options
 }
 
 /// Writes manifest and checksums, which make the folder a dataset.
-fn seal(folder: &Path, scenario: &Scenario, census: &Census) -> Result<()> {
+fn seal(folder: &Path, scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<()> {
     if scenario.inputs.is_empty() {
         let inputs = folder.join("inputs");
         std::fs::remove_dir(&inputs).map_err(Error::write(&inputs))?;
@@ -203,7 +207,7 @@ fn seal(folder: &Path, scenario: &Scenario, census: &Census) -> Result<()> {
     let mut fingerprints = checksums::fingerprints(folder, &files)?;
 
     let path = folder.join(manifest::MANIFEST);
-    let json = manifest::manifest(scenario, census, &fingerprints);
+    let json = manifest::manifest(scenario, census, image, &fingerprints);
     save(&path, |w| {
         serde_json::to_writer_pretty(&mut *w, &json).map_err(|e| Error::write(&path)(e.into()))?;
         std::io::Write::write_all(w, b"\n").map_err(Error::write(&path))

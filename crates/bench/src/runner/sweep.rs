@@ -136,7 +136,7 @@ pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
     let mut table = csv::Writer::from_writer(Vec::new());
     let unwritable = |e: csv::Error| Error::Write { path: out.join(TABLE), source: std::io::Error::other(e) };
     let axes = sweep.spec.axes.iter().map(|a| a.path.as_str());
-    let facts = ["n_p", "n_ppp", "max_displacement_px"];
+    let facts = ["n_p", "n_ppp", "n_s", "max_displacement_px"];
     let header: Vec<&str> = ["case", "dataset", "repetition", "seed"]
         .into_iter()
         .chain(axes)

@@ -13,6 +13,7 @@ mod set;
 pub mod spec;
 mod sweep;
 mod timing;
+mod truth_grid;
 
 pub use load::load;
 pub use motion::Mover;
@@ -21,6 +22,8 @@ pub use resolve::{Input, Scenario, resolve};
 pub use set::{assignment, set};
 pub use sweep::{Axis, Case, Combine, Span, Sweep, SweepSpec, Values, parse_sweep};
 pub use timing::Recordings;
+
+pub use truth_grid::{Nodes, Weighting};
 
 pub(crate) use parse::options;
 

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::resolve::{Files, Problems};
 use crate::error::Result;
+use crate::light::Stack;
 
 /// Particles in view: a source density N_S of about 0.1 under setting 1 in the default channel.
 const DEFAULT_COUNT: u32 = 46;
@@ -55,6 +56,9 @@ pub enum Number {
     Ppp(f64),
     /// So many per um^3 on average, a Poisson process.
     PerUm3(f64),
+    /// So many that their images cover this share of the sensor on average, overlaps counted twice (the source density
+    /// N_S), a Poisson process.
+    NS(f64),
     /// One at each place of a MicroSIG data file (x, y in px, z in um; diameters are those of `diameter_um`).
     File(String),
 }
@@ -330,6 +334,7 @@ impl Particles {
         scale: &Scale,
         settings: &Settings,
         z_um: (f64, f64),
+        stack: impl FnOnce() -> Result<Stack>,
         files: &mut Files<'_>,
         problems: &mut Problems,
     ) -> Option<Seeding> {
@@ -346,6 +351,23 @@ impl Particles {
                 Seeding::poisson(*ppp * pixels / view.volume(), diameters)
             }
             Number::PerUm3(density) => Seeding::poisson(*density, diameters),
+            Number::NS(n_s) => {
+                problems.range("particles.number.n_s", *n_s, 0.0, 100.0, "0 to 100");
+                // An image can be drawn only if all else is right.
+                if problems.any() {
+                    return None;
+                }
+                let area_px = problems.of("particles.number.n_s", stack())?.area_px();
+                if area_px == 0.0 {
+                    problems.add(
+                        "particles.number.n_s",
+                        *n_s,
+                        "optics in which particles are seen (gain > 0)",
+                    );
+                }
+                let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
+                Seeding::poisson(*n_s * pixels / area_px.max(1.0) / view.volume(), diameters)
+            }
             Number::File(file) => {
                 let (path, bytes) = files.read("particles.number.file", file, problems)?;
                 let read: Result<_> =

@@ -13,7 +13,7 @@ use microsig_core::formats::data_file::Layout;
 use microsig_core::formats::{settings_file, tiff};
 use microsig_core::render::Renderer;
 use microsig_core::render::expected::{DEFAULT_TOLERANCE, TOLERANCES};
-use microsig_core::sensor::Detector;
+use microsig_core::sensor::{Detector, Sensor};
 use microsig_core::stream::Streams;
 use microsig_core::{Particle, Settings, Spheroid};
 
@@ -21,7 +21,9 @@ use super::motion::Mover;
 use super::particles::Cloud;
 use super::spec::{self, Motion, PairSeeding, Placement, Preset, Spec, Timing};
 use super::timing::Recordings;
+use super::truth_grid::{Nodes, TruthGrid};
 use crate::error::{Error, Result};
+use crate::light::{NoiseFree, Stack};
 
 /// Depth range of the default channel, um: 100 um deep, inside the range that Rossi 2020 scans.
 const DEFAULT_Z_UM: (f64, f64) = (-80.0, 20.0);
@@ -105,6 +107,47 @@ impl Scenario {
             spheroids: self.cloud.spheroids,
         }
     }
+
+    /// Noise-free images of a sphere of the mean diameter through the depth range.
+    ///
+    /// # Errors
+    /// None for a scenario that could be resolved.
+    pub fn stack(&self) -> Result<Stack> {
+        let depth_factor = self.spec.optics.depth_factor.unwrap_or(1.0);
+        let d_um = self.seeding.diameters().mean();
+        let draw = |settings: &Settings| Ok(self.spec.single_renderer(settings)?);
+        Stack::measure(draw, &self.settings, d_um, self.depth_range_um, depth_factor)
+    }
+
+    /// Noise-free images of all particles.
+    ///
+    /// # Errors
+    /// None for a scenario that could be resolved.
+    pub fn noise_free(&self) -> Result<NoiseFree> {
+        let (depth_factor, sizes) = (self.spec.optics.depth_factor.unwrap_or(1.0), self.seeding.diameters());
+        let box_um = (self.domain.region().min().z, self.domain.region().max().z);
+        let draw = |settings: &Settings| Ok(self.spec.single_renderer(settings)?);
+        let law =
+            (!matches!(self.renderer, Renderer::Gaussian(_))).then(|| self.spec.render.spheroids.into());
+        NoiseFree::new(draw, &self.settings, law, (sizes.min(), sizes.max()), box_um, depth_factor)
+    }
+
+    /// The sensor with its fixed pattern.
+    ///
+    /// # Errors
+    /// None for a scenario that could be resolved.
+    pub fn sensor(&self) -> Result<Sensor> {
+        Ok(match &self.detector {
+            None => Sensor::new(&self.settings),
+            Some(detector) => Sensor::with_detector(&self.settings, detector.clone(), &self.streams)?,
+        })
+    }
+
+    /// The nodes of the displacement field, if it is written.
+    pub fn truth_grid(&self) -> Option<Nodes> {
+        let size_px = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
+        self.spec.truth_grid.as_ref()?.nodes(size_px, self.depth_range_um)
+    }
 }
 
 /// A file that the scenario names.
@@ -120,6 +163,10 @@ pub struct Input {
 pub(super) struct Problems(Vec<String>);
 
 impl Problems {
+    pub(super) fn any(&self) -> bool {
+        !self.0.is_empty()
+    }
+
     pub(super) fn new() -> Self {
         Problems(Vec::new())
     }
@@ -242,6 +289,13 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         largest.min(most)
     });
     problems.range("boundaries.margin_px", margin_px, 0.0, 1e5, "0 to 100000 px");
+    let depth_range_um = lit(z_um, &illumination, &mut problems);
+    let steady = match &mover {
+        Mover::Field(field) => Some(field.is_steady()),
+        Mover::Tracks(_) => None,
+    };
+    let size_px = (settings.pixel_dim_x, settings.pixel_dim_y);
+    spec.truth_grid.get_or_insert_with(|| TruthGrid::of(steady)).fill(steady, size_px, &mut problems);
     let seeding = match &mover {
         Mover::Field(_) => {
             let e_p = spec.particles.spheroids.map_or(1.0, |s| s.e_p);
@@ -253,7 +307,15 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
                 warnings.extend(problems.of("particles", drawn).flatten());
             }
             crowding(&spec, &mut warnings);
-            spec.particles.seeding(diameters, &scale, &settings, z_um, &mut files, &mut problems)
+            let mean_um = diameters.mean();
+            // Taken out for a moment, because the rest of the scenario says how they are drawn.
+            let mut particles = std::mem::take(&mut spec.particles);
+            let draw = |settings: &Settings| Ok(spec.single_renderer(settings)?);
+            let stack = || Stack::measure(draw, &settings, mean_um, depth_range_um, depth_factor);
+            let seeding =
+                particles.seeding(diameters, &scale, &settings, z_um, stack, &mut files, &mut problems);
+            spec.particles = particles;
+            seeding
         }
         Mover::Tracks(tracks) => {
             recorded(tracks, &diameters, &renderer, &scale, &recordings, z_um, &mut warnings, &mut problems);
@@ -266,7 +328,6 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let domain = scale.view(z_um.0, z_um.1, margin_px).map(|region| Domain::new(region, faces));
     let domain = domain.and_then(|domain| seeding.density(&domain).map(|_| domain));
     let domain = problems.of("particles and boundaries", domain);
-    let depth_range_um = lit(z_um, &illumination, &mut problems);
     let layout = layout(&spec, &mover, &cloud, shutter);
     let Some(domain) = domain else { return Err(Error::Input(problems.0)) };
     problems.finish()?;

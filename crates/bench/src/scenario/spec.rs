@@ -17,6 +17,7 @@ pub use super::particles::{
     Brightness, Brownian, Diameter, Number, Obstacle, Orientation, Particles, Placement, Settling, Spheroids,
 };
 pub use super::timing::{Flashes, FourPulse, PairSeeding, Pairs, Sequence, Timing};
+pub use super::truth_grid::{Grid, Planes, TruthGrid, Weighting};
 
 /// A whole scenario.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -51,6 +52,12 @@ pub struct Spec {
     /// How images are made.
     #[serde(default)]
     pub render: Render,
+    /// Further columns of the truth.
+    #[serde(default)]
+    pub truth: Truth,
+    /// The displacement field of the truth.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub truth_grid: Option<TruthGrid>,
     /// The calibration stack; left out, there is one unless all particles are in focus anyway.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration: Option<Calibration>,
@@ -70,6 +77,20 @@ impl Spec {
                 Renderer::Expected(ExpectedRenderer::new(settings, self.render.spheroids.into(), tolerance)?)
             }
         })
+    }
+
+    /// What draws the stack of a single particle: where expected images are asked for, rays, because tables for a stack
+    /// would cost more than the mean of some ray images.
+    ///
+    /// # Errors
+    /// Values out of range.
+    pub fn single_renderer(&self, settings: &Settings) -> Result<Renderer, microsig_core::Error> {
+        match self.renderer(settings)? {
+            Renderer::Expected(_) => {
+                Ok(Renderer::Rays(RayRenderer::new(settings, self.render.spheroids.into())?))
+            }
+            other => Ok(other),
+        }
     }
 }
 
@@ -97,6 +118,14 @@ impl From<Gaussian> for Spot {
     fn from(g: Gaussian) -> Self {
         Spot { diameter_px: g.diameter_px, reference_um: g.reference_um, peak_counts: g.peak_counts }
     }
+}
+
+/// Further columns of `truth/tracks.csv`.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Truth {
+    /// The velocity gradient at each particle: nine columns, which nearly double the table.
+    pub gradient: bool,
 }
 
 /// MicroSIG's settings: from a preset or a settings file, and keys that replace single values.

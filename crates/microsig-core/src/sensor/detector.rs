@@ -145,9 +145,9 @@ fn fluctuating(mean: f64, stream: &mut Stream) -> f64 {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pixel {
     /// Its share of the light times its sensitivity, relative to the ideal pixel.
-    sensitivity: f64,
+    pub(super) sensitivity: f64,
     dark_e: f64,
-    background: f64,
+    pub(super) background: f64,
 }
 
 /// All pixels of a camera.

@@ -5,9 +5,11 @@
 //! camera's own chain between light and counts.
 
 mod detector;
+mod response;
 mod rounded_normal;
 
 pub use detector::{Detector, HotPixels};
+pub use response::Response;
 pub use rounded_normal::RoundedNormal;
 
 use rayon::prelude::*;
@@ -54,6 +56,7 @@ impl Light {
 pub struct Sensor {
     gain: f64,
     background_mean: f64,
+    background_noise: f64,
     noise: Option<RoundedNormal>,
     detector: Option<(Detector, FixedPattern)>,
 }
@@ -64,6 +67,7 @@ impl Sensor {
         Sensor {
             gain: settings.gain,
             background_mean: settings.background_mean,
+            background_noise: settings.background_noise,
             noise: (settings.background_noise > 0.0).then(|| RoundedNormal::new(settings.background_noise)),
             detector: None,
         }

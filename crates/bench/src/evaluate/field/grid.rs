@@ -108,6 +108,7 @@ pub(super) fn of_dataset(path: &Path) -> Result<Vec<(String, Grid)>> {
         let (x, y) = (sheet.need("x_px")?, sheet.need("y_px")?);
         let (z, pair, mask) = (sheet.column("z_um"), sheet.column("pair"), sheet.column("mask"));
         let mut nodes: Vec<Vector> = Vec::new();
+        // Of two planes equally near z = 0 the first.
         let mut nearest = f64::INFINITY;
         sheet.rows(|cells| {
             let pair = cells.track(pair)?;
@@ -117,13 +118,15 @@ pub(super) fn of_dataset(path: &Path) -> Result<Vec<(String, Grid)>> {
                 true => [f64::NAN; 3],
                 false => [cells.number(dx)?, cells.number(dy)?, cells.number_or_nan(dz)?],
             };
-            nearest = nearest.min(z_um.abs());
+            if z_um.abs() < nearest.abs() {
+                nearest = z_um;
+            }
             let at = crate::results::Position { x_px: cells.number(x)?, y_px: cells.number(y)?, z_um };
             let pair = u32::try_from(pair).ok();
             nodes.push(Vector { pair, at, moved, flag: u8::from(masked), sigma: [f64::NAN; 2] });
             Ok(())
         })?;
-        nodes.retain(|n| n.at.z_um.abs() <= nearest);
+        nodes.retain(|n| n.at.z_um == nearest);
         truths.push((kind.to_owned(), Grid::new(&nodes)));
     }
     if truths.is_empty() {

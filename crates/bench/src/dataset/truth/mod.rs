@@ -1,115 +1,35 @@
 //! The truth of a dataset: where every particle is, and how it moves.
 
+pub mod depth;
+pub mod field;
+mod tables;
+
+pub use tables::{DISPLACEMENTS, FRAMES, TRACKS};
+
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
+use flows::Scene;
 use flows::exposure::Streak;
 use flows::sequence::{Frame, Tracer};
 use glam::DVec3;
 use microsig_core::render::Renderer;
+use microsig_core::sensor::Sensor;
 use microsig_core::{Particle, Spheroid};
+use rayon::prelude::*;
 
 use super::Stem;
-use super::table::{Column, Table, TableWriter, column};
-use crate::error::{Error, Result};
+use super::table::Table;
+use super::table::TableWriter;
+use crate::error::Result;
+use crate::light::{NoiseFree, Seen, look};
 use crate::scenario::Scenario;
 
-/// One row per frame.
-pub const FRAMES: Table = Table {
-    path: "truth/frames.csv",
-    description: "One row per frame.",
-    columns: &[
-        FRAME,
-        column("pair", "integer", "", "pair of a pair recording, else empty"),
-        column("role", "string", "", "a or b of a pair recording, a to d of a burst of four, else empty"),
-        T_S,
-        column("image", "string", "", "path of the image"),
-        column("particles", "string", "", "path of the MicroSIG data file"),
-        column("n_rendered", "integer", "", "particles in the data file"),
-        column("n_visible", "integer", "", "particles whose centre is on the sensor"),
-        column(
-            "energy",
-            "number",
-            "",
-            "factor on the light of this frame: energy of its pulse and bleaching",
-        ),
-    ],
-};
-
-/// One row per particle and frame.
-pub const TRACKS: Table = Table {
-    path: "truth/tracks.csv",
-    description: "One row per particle and frame, also of particles that are not on the sensor.",
-    columns: &[
-        FRAME,
-        T_S,
-        TRACK,
-        column("x_px", "number", "px", "column of the centre; the first pixel's centre is 1"),
-        column("y_px", "number", "px", "row of the centre, downward; the first pixel's centre is 1"),
-        column("z_um", "number", "um", "physical depth of the centre, growing away from the lens"),
-        column("x_um", "number", "um", "centre in object space, from the middle of the image"),
-        column("y_um", "number", "um", "centre in object space, from the middle of the image, downward"),
-        column("d_um", "number", "um", "diameter; of a spheroid the equatorial one"),
-        column("e_p", "number", "", "aspect ratio; 1 for a sphere"),
-        column("alpha_rad", "number", "rad", "orientation as in MicroSIG's data file"),
-        column("beta_rad", "number", "rad", "orientation as in MicroSIG's data file"),
-        column(
-            "c_int",
-            "number",
-            "",
-            "factor on the particle's brightness, that of the illumination left out",
-        ),
-        column(
-            "u_um_s",
-            "number",
-            "um/s",
-            "velocity of the particle along x at this place and time, or its mean over the exposure",
-        ),
-        column("v_um_s", "number", "um/s", "velocity along y"),
-        column("w_um_s", "number", "um/s", "velocity along z"),
-        column("visible", "integer", "", "1 if the centre is on the sensor"),
-        column(
-            "rendered",
-            "integer",
-            "",
-            "1 if the particle is in the data file: some of its light may reach the sensor",
-        ),
-        column(
-            "light",
-            "number",
-            "",
-            "factor of the illumination and of this frame's pulse; the data file has c_int times this",
-        ),
-    ],
-};
-
-/// One row per particle that is there in both frames of a pair.
-pub const DISPLACEMENTS: Table = Table {
-    path: "truth/displacements.csv",
-    description: "One row per particle that is in both frames of a pair; in a sequence pair k is frames k and k + 1.",
-    columns: &[
-        column("pair", "integer", "", "number of the pair"),
-        column("frame_a", "integer", "", "first frame"),
-        column("frame_b", "integer", "", "second frame"),
-        TRACK,
-        column("x_px", "number", "px", "column of the centre in the first frame"),
-        column("y_px", "number", "px", "row of the centre in the first frame"),
-        column("z_um", "number", "um", "depth of the centre in the first frame"),
-        column("dx_px", "number", "px", "displacement along x from the first to the second frame"),
-        column("dy_px", "number", "px", "displacement along y"),
-        column("dz_um", "number", "um", "displacement along z"),
-        column("drift_dx_px", "number", "px", "its part without random motion, along x"),
-        column("drift_dy_px", "number", "px", "its part without random motion, along y"),
-        column("drift_dz_um", "number", "um", "its part without random motion, along z"),
-        column("visible_a", "integer", "", "1 if the centre is on the sensor in the first frame"),
-        column("visible_b", "integer", "", "1 if the centre is on the sensor in the second frame"),
-    ],
-};
-
-const FRAME: Column = column("frame", "integer", "", "number of the frame, from 0");
-const T_S: Column = column("t_s", "number", "s", "time");
-const TRACK: Column = column("track", "integer", "", "number of the particle; never reused");
+/// The table of tracks with the columns that this scenario asks for.
+pub fn tracks(scenario: &Scenario) -> Table {
+    TRACKS.clone().with(&tables::GRADIENT, scenario.spec.truth.gradient)
+}
 
 /// A tracer as the optics see it. Where there are spheroids, one of aspect ratio 1 is a spheroid too: the laws of emission
 /// differ.
@@ -126,7 +46,7 @@ fn particle(tracer: &Tracer, scenario: &Scenario) -> Particle {
 }
 
 /// Counts of a dataset's frames that the manifest tells.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Census {
     /// Frames written.
     pub frames: u32,
@@ -134,9 +54,14 @@ pub struct Census {
     pub visible: u64,
     /// Rows of displacements.csv.
     pub displacements: u64,
+    /// Visible particles of each frame.
+    pub visible_each: Vec<u64>,
     /// Largest displacement of a visible particle in the image plane, px.
     pub max_displacement_px: f64,
 }
+
+/// Fewest tracers that are worth a thread.
+const TRACERS_PER_TASK: usize = 64;
 
 /// Writes the tables of the truth, frame after frame.
 pub struct TruthWriter<'a> {
@@ -146,23 +71,28 @@ pub struct TruthWriter<'a> {
     tracks: TableWriter<BufWriter<File>>,
     displacements: TableWriter<BufWriter<File>>,
     census: Census,
+    scene: Option<Scene<'a>>,
+    noise_free: NoiseFree,
+    sensor: Sensor,
+    /// Times of the frames of the recording, s.
+    times_s: Vec<f64>,
     began_s: f64,
 }
 
 impl<'a> TruthWriter<'a> {
     /// Begins the tables in a dataset's folder.
     pub fn new(folder: &Path, scenario: &'a Scenario, renderer: &'a Renderer) -> Result<Self> {
-        let begin = |table: &'static Table| {
-            let path = folder.join(table.path);
-            TableWriter::new(table, BufWriter::new(File::create(&path).map_err(Error::write(&path))?))
-        };
         Ok(TruthWriter {
             scenario,
             renderer,
-            frames: begin(&FRAMES)?,
-            tracks: begin(&TRACKS)?,
-            displacements: begin(&DISPLACEMENTS)?,
+            frames: TableWriter::create(folder, &FRAMES)?,
+            tracks: TableWriter::create(folder, &tracks(scenario))?,
+            displacements: TableWriter::create(folder, &DISPLACEMENTS)?,
             census: Census::default(),
+            scene: scenario.field().map(|field| scenario.scene(field)).transpose()?,
+            noise_free: scenario.noise_free()?,
+            sensor: scenario.sensor()?,
+            times_s: Vec::new(),
             began_s: 0.0,
         })
     }
@@ -174,39 +104,23 @@ impl<'a> TruthWriter<'a> {
         let (recordings, stem) = (&scenario.recordings, Stem::of(&scenario.recordings, frame.index));
         let energy = self.energy(frame);
         let mut rendered = Vec::new();
+        let mut lights = Vec::with_capacity(frame.tracers.len());
+        let mut rows = Vec::with_capacity(frame.tracers.len());
+        for (i, tracer) in frame.tracers.iter().enumerate() {
+            let first = rendered.len();
+            lights.push(energy * self.rows(tracer, frame.streaks.get(i), energy, &mut rendered));
+            rows.push(first..rendered.len());
+        }
+        let size_px = (scenario.settings.pixel_dim_x, scenario.settings.pixel_dim_y);
+        let seen = look(&self.noise_free, &self.sensor, size_px, &rendered, &rows);
+        let midway = self.midway(frame)?;
         let (mut n_rendered, mut n_visible) = (0u32, 0);
         for (i, tracer) in frame.tracers.iter().enumerate() {
-            let particle = particle(tracer, scenario);
+            let (particle, shines) = (particle(tracer, scenario), !rows[i].is_empty());
             let visible = self.visible(&particle);
-            let shape = particle.spheroid.unwrap_or(Spheroid { e_p: 1.0, alpha_rad: 0.0, beta_rad: 0.0 });
-            let first_row = rendered.len();
-            let light = energy * self.rows(tracer, frame.streaks.get(i), energy, &mut rendered);
-            let shines = rendered.len() > first_row;
             n_rendered += u32::from(shines);
             n_visible += u64::from(visible);
-            // Unknown for a recorded track that is in this frame only.
-            let velocity = |axis: usize| tracer.velocity.map(|v| v[axis].to_string()).unwrap_or_default();
-            self.tracks.row(&[
-                &frame.index,
-                &frame.t_s,
-                &tracer.id,
-                &particle.x_px,
-                &particle.y_px,
-                &tracer.position.z,
-                &tracer.position.x,
-                &tracer.position.y,
-                &particle.d_um,
-                &shape.e_p,
-                &shape.alpha_rad,
-                &shape.beta_rad,
-                &particle.c_int,
-                &velocity(0),
-                &velocity(1),
-                &velocity(2),
-                &u8::from(visible),
-                &u8::from(shines),
-                &light,
-            ])?;
+            self.track(frame, tracer, &particle, (visible, shines, lights[i]), midway[i], seen[i])?;
         }
         self.frames.row(&[
             &frame.index,
@@ -221,10 +135,60 @@ impl<'a> TruthWriter<'a> {
         ])?;
         self.census.frames += 1;
         self.census.visible += n_visible;
+        self.census.visible_each.push(n_visible);
         if let (Some(before), Some(pair)) = (before, recordings.link_to(frame.index)) {
             self.displacements(pair, before, frame)?;
         }
         Ok(rendered)
+    }
+
+    /// Writes a row of tracks.csv.
+    fn track(
+        &mut self,
+        frame: &Frame,
+        tracer: &Tracer,
+        particle: &Particle,
+        (visible, shines, light): (bool, bool, f64),
+        midway: Option<DVec3>,
+        seen: Seen,
+    ) -> Result<()> {
+        let shape = particle.spheroid.unwrap_or(Spheroid { e_p: 1.0, alpha_rad: 0.0, beta_rad: 0.0 });
+        let at = tracer.position;
+        self.tracks.cells(&[&frame.index, &frame.t_s, &tracer.id])?;
+        self.tracks.numbers(&[particle.x_px, particle.y_px, at.z, at.x, at.y, particle.d_um])?;
+        self.tracks.numbers(&[shape.e_p, shape.alpha_rad, shape.beta_rad, particle.c_int])?;
+        // Unknown for a recorded track that is in this frame only.
+        self.tracks.numbers(&tracer.velocity.unwrap_or(DVec3::NAN).to_array())?;
+        self.tracks.cells(&[&u8::from(visible), &u8::from(shines), &light])?;
+        self.tracks.numbers(&midway.unwrap_or(DVec3::NAN).to_array())?;
+        self.tracks.numbers(&[seen.peak_counts, seen.snr, seen.overlap])?;
+        self.tracks.cells(&[&u8::from(seen.saturated)])?;
+        if let Some(field) = self.scenario.field().filter(|_| self.scenario.spec.truth.gradient) {
+            // glam stores columns; a row of the gradient is that of one velocity.
+            self.tracks.numbers(&field.gradient(at, frame.t_s).transpose().to_cols_array())?;
+        }
+        self.tracks.end_row()
+    }
+
+    /// Velocities half-way to the next frame of the pair; none in the last frame, or for recorded tracks.
+    fn midway(&mut self, frame: &Frame) -> Result<Vec<Option<DVec3>>> {
+        let (recordings, streams) = (&self.scenario.recordings, self.scenario.streams);
+        let number = frame.index % recordings.frames_each();
+        if number == 0 {
+            self.times_s = recordings.times_s(frame.index / recordings.frames_each(), streams);
+        }
+        let next_s =
+            self.times_s.get(number as usize + 1).filter(|_| recordings.link_to(frame.index + 1).is_some());
+        let (Some(scene), Some(&next_s)) = (&self.scene, next_s) else {
+            return Ok(vec![None; frame.tracers.len()]);
+        };
+        let found: flows::Result<Vec<_>> = frame
+            .tracers
+            .par_iter()
+            .with_min_len(TRACERS_PER_TASK)
+            .map(|tracer| scene.velocity_midway(tracer, frame.t_s, next_s).map(Some))
+            .collect();
+        Ok(found?)
     }
 
     /// The factor on the light of a frame. Bleaching begins with the first frame of each recording.

@@ -1,0 +1,100 @@
+//! The noise-free image of any particle of a dataset, from stacks.
+
+use microsig_core::emission::{SpheroidLaw, surface_points};
+use microsig_core::render::Renderer;
+use microsig_core::{Particle, Settings};
+
+use super::stack::Stack;
+use crate::error::Result;
+
+/// Stacks of as many diameters at most, from the least to the greatest.
+const DIAMETERS: u32 = 5;
+
+/// Draws single particles without noise, as far as single values per particle need it.
+///
+/// The image is the one of the stack that is nearest in depth and diameter, moved by whole pixels and scaled to the peak at
+/// the particle's depth (linear between depths) and to its number of source points. So the peak is that of a particle centred on a pixel.
+/// A spheroid is drawn as a sphere with its number of shining points.
+#[derive(Debug, Clone)]
+pub struct NoiseFree {
+    settings: Settings,
+    /// Which points of spheroids shine; `None` where there are no points.
+    law: Option<SpheroidLaw>,
+    depth_factor: f64,
+    /// By ascending diameter, um.
+    stacks: Vec<(f64, Stack)>,
+}
+
+/// The light of a particle on the pixels it reaches, as in [`microsig_core::sensor::Light`].
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Patch {
+    /// Leftmost column and topmost row, from 0.
+    pub corner: (usize, usize),
+    /// Width, px.
+    pub width: usize,
+    /// Light, row by row.
+    pub values: Vec<f64>,
+}
+
+impl NoiseFree {
+    /// For spheres of diameters within a range (um) at physical depths within a range (um).
+    ///
+    /// # Errors
+    /// Settings that cannot be drawn.
+    pub fn new(
+        draw: impl Fn(&Settings) -> Result<Renderer>,
+        settings: &Settings,
+        law: Option<SpheroidLaw>,
+        (least_um, greatest_um): (f64, f64),
+        range_um: (f64, f64),
+        depth_factor: f64,
+    ) -> Result<Self> {
+        let n = if least_um < greatest_um { DIAMETERS } else { 1 };
+        let diameter =
+            |k: u32| least_um + (greatest_um - least_um) * f64::from(k) / f64::from((n - 1).max(1));
+        let stacks = (0..n)
+            .map(|k| Ok((diameter(k), Stack::measure(&draw, settings, diameter(k), range_um, depth_factor)?)))
+            .collect::<Result<_>>()?;
+        Ok(NoiseFree { settings: settings.clone(), law, depth_factor, stacks })
+    }
+
+    /// The light of one particle; empty if none of it falls on the sensor.
+    pub fn patch(&self, particle: &Particle) -> Patch {
+        let distance = |d_um: &f64| (d_um - particle.d_um).abs();
+        let nearest = self.stacks.iter().min_by(|a, b| distance(&a.0).total_cmp(&distance(&b.0)));
+        let Some((d_um, stack)) = nearest else { return Patch::default() };
+        let (spot, peak) = stack.at(particle.z_um * self.depth_factor);
+        if spot.peak == 0.0 {
+            return Patch::default();
+        }
+        let factor = particle.c_int * peak / spot.peak * self.points(particle, *d_um);
+        let side = 2 * spot.half_px + 1;
+        // From 0 here; MicroSIG's pixels count from 1.
+        let visible = |centre: f64, size: u32| {
+            let first = libm::rint(centre) as i64 - 1 - spot.half_px as i64;
+            let (low, high) = (first.max(0), (first + side as i64).min(i64::from(size)));
+            (low < high).then(|| (low as usize, (low - first) as usize..(high - first) as usize))
+        };
+        let (Some((x, columns)), Some((y, rows))) = (
+            visible(particle.x_px, self.settings.pixel_dim_x),
+            visible(particle.y_px, self.settings.pixel_dim_y),
+        ) else {
+            return Patch::default();
+        };
+        let width = columns.len();
+        let values =
+            rows.flat_map(|row| &spot.light[row * side..][columns.clone()]).map(|v| factor * v).collect();
+        Patch { corner: (x, y), width, values }
+    }
+
+    /// Shining points of a particle over those of a sphere of diameter `d_um`.
+    fn points(&self, particle: &Particle, d_um: f64) -> f64 {
+        // Gaussian spots are as bright as c_int says, whatever their size.
+        let Some(law) = self.law else { return 1.0 };
+        let sphere = Particle { spheroid: None, d_um, ..*particle };
+        // By the original law about half of a spheroid's points shine, and all of a sphere's.
+        let shining = if particle.spheroid.is_some() && law == SpheroidLaw::Original { 0.5 } else { 1.0 };
+        shining * surface_points(&self.settings, particle) as f64
+            / surface_points(&self.settings, &sphere) as f64
+    }
+}

@@ -1,0 +1,202 @@
+//! How visible each particle of a frame is: its peak, its signal-to-noise ratio, what lies over it.
+//!
+//! All by noise-free light. The overlap of a particle is sum min(own, others) / sum own over the pixels of its image, with
+//! the light of all other particles together: the intersection of two distributions of light (Swain & Ballard, Int. J.
+//! Comput. Vis. 7 (1991) 11). It is 0 for a particle by itself, 1 where others outshine it in every pixel; a bright
+//! particle on top of a faint one has little of it, the faint one much.
+
+use std::ops::Range;
+
+use microsig_core::Particle;
+use microsig_core::sensor::Sensor;
+use rayon::prelude::*;
+
+use super::noise_free::{NoiseFree, Patch};
+use super::stack::AREA_SHARE;
+
+/// How visible a particle is.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Seen {
+    /// Greatest count of its own noise-free image above the background; 0 if none of its light falls on the sensor.
+    pub peak_counts: f64,
+    /// `peak_counts` over the standard deviation of the background there; infinite without noise.
+    pub snr: f64,
+    /// The share of its light that other particles match, 0 to 1.
+    pub overlap: f64,
+    /// Whether a pixel of its image (above 10 % of its peak) is saturated, other particles' light included.
+    pub saturated: bool,
+}
+
+/// Patches held at a time.
+const PATCHES: usize = 512;
+
+/// The visibility of every tracer of a frame. Each is a range of `particles`: none if it is not drawn, several rows for a
+/// streak.
+pub fn look(
+    noise_free: &NoiseFree,
+    sensor: &Sensor,
+    (width, height): (u32, u32),
+    particles: &[Particle],
+    tracers: &[Range<usize>],
+) -> Vec<Seen> {
+    let width = width as usize;
+    let draw = |tracers: &[Range<usize>]| -> Vec<Patch> {
+        tracers
+            .par_iter()
+            .map(|rows| together(particles[rows.clone()].iter().map(|p| noise_free.patch(p))))
+            .collect()
+    };
+    let mut total = vec![0.0; width * height as usize];
+    let mut kept = Vec::new();
+    for some in tracers.chunks(PATCHES) {
+        kept = draw(some);
+        kept.iter().for_each(|patch| patch.add_to(&mut total, width));
+    }
+    let mut seen = Vec::with_capacity(tracers.len());
+    for some in tracers.chunks(PATCHES) {
+        // The patches of a frame of few particles are still there.
+        if tracers.len() > PATCHES {
+            kept = draw(some);
+        }
+        seen.par_extend(kept.par_iter().map(|patch| Seen::of(patch, &total, width, sensor)));
+    }
+    seen
+}
+
+/// The sum of patches.
+fn together(mut patches: impl Iterator<Item = Patch>) -> Patch {
+    let Some(first) = patches.next() else { return Patch::default() };
+    patches.fold(first, |sum, patch| sum.joined(&patch))
+}
+
+impl Patch {
+    /// Indices of the first pixel of each row in an image of a width, and the row's light.
+    fn rows(&self, width: usize) -> impl Iterator<Item = (usize, &[f64])> {
+        let first = self.corner.1 * width + self.corner.0;
+        self.values
+            .chunks(self.width.max(1))
+            .enumerate()
+            .map(move |(row, light)| (first + row * width, light))
+    }
+
+    fn add_to(&self, image: &mut [f64], width: usize) {
+        for (first, light) in self.rows(width) {
+            image[first..][..light.len()].iter_mut().zip(light).for_each(|(sum, l)| *sum += l);
+        }
+    }
+
+    /// The smallest patch that holds both, with their sum.
+    fn joined(self, other: &Patch) -> Patch {
+        if other.values.is_empty() {
+            return self;
+        }
+        if self.values.is_empty() {
+            return other.clone();
+        }
+        let end = |p: &Patch| (p.corner.0 + p.width, p.corner.1 + p.values.len() / p.width);
+        let corner = (self.corner.0.min(other.corner.0), self.corner.1.min(other.corner.1));
+        let (a, b) = (end(&self), end(other));
+        let width = a.0.max(b.0) - corner.0;
+        let mut values = vec![0.0; width * (a.1.max(b.1) - corner.1)];
+        for part in [&self, other] {
+            let within = Patch {
+                corner: (part.corner.0 - corner.0, part.corner.1 - corner.1),
+                width: part.width,
+                values: Vec::new(),
+            };
+            let first = within.corner.1 * width + within.corner.0;
+            for (row, light) in part.values.chunks(part.width).enumerate() {
+                let line = &mut values[first + row * width..][..light.len()];
+                line.iter_mut().zip(light).for_each(|(sum, l)| *sum += l);
+            }
+        }
+        Patch { corner, width, values }
+    }
+}
+
+impl Seen {
+    fn of(patch: &Patch, total: &[f64], width: usize, sensor: &Sensor) -> Self {
+        let (mut peak, mut at) = (0.0, 0);
+        let (mut own, mut shared) = (0.0, 0.0);
+        for (first, light) in patch.rows(width) {
+            for (i, (l, t)) in light.iter().zip(&total[first..]).enumerate() {
+                if *l > peak {
+                    (peak, at) = (*l, first + i);
+                }
+                own += l;
+                // Sums are rounded: nothing is left of the others where there are none.
+                shared += l.min((t - l).max(0.0));
+            }
+        }
+        if own == 0.0 {
+            return Seen::default();
+        }
+        let end = sensor.saturation_counts();
+        let saturated = patch.rows(width).any(|(first, light)| {
+            light.iter().enumerate().any(|(i, l)| {
+                let response = sensor.response(first + i);
+                *l > AREA_SHARE * peak && response.background + response.slope * total[first + i] >= end
+            })
+        });
+        let response = sensor.response(at);
+        let peak_counts = response.slope * peak;
+        Seen { peak_counts, snr: peak_counts / response.background_noise, overlap: shared / own, saturated }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use microsig_core::Settings;
+
+    const WIDTH: usize = 8;
+
+    fn patch(corner: (usize, usize), values: &[f64]) -> Patch {
+        Patch { corner, width: 2, values: values.to_vec() }
+    }
+
+    fn seen(patches: &[Patch]) -> Vec<Seen> {
+        let sensor = Sensor::new(&Settings { gain: 100.0, background_noise: 4.0, ..Settings::setting1() });
+        let mut total = vec![0.0; WIDTH * WIDTH];
+        patches.iter().for_each(|p| p.add_to(&mut total, WIDTH));
+        patches.iter().map(|p| Seen::of(p, &total, WIDTH, &sensor)).collect()
+    }
+
+    #[test]
+    fn overlap_is_the_share_that_others_match() {
+        let alone = patch((1, 1), &[1.0, 3.0, 2.0, 2.0]);
+        assert_eq!(
+            seen(std::slice::from_ref(&alone)),
+            [Seen { peak_counts: 300.0, snr: 75.0, overlap: 0.0, saturated: false }]
+        );
+        let overlaps = |patches: &[Patch]| -> Vec<f64> { seen(patches).iter().map(|s| s.overlap).collect() };
+        assert_eq!(overlaps(&[alone.clone(), alone.clone()]), [1.0, 1.0]);
+        // A quarter of the light under the other: all of the faint one, a quarter of the bright one.
+        let faint = patch((1, 1), &[0.25, 0.75, 0.5, 0.5]);
+        assert_eq!(overlaps(&[alone.clone(), faint]), [0.25, 1.0]);
+        // One pixel in common: (2, 2) of both, 2 and 1 there.
+        assert_eq!(overlaps(&[alone.clone(), patch((2, 2), &[1.0, 0.0, 0.0, 0.0])]), [1.0 / 8.0, 1.0]);
+        assert_eq!(overlaps(&[alone, Patch::default()]), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn saturation_counts_the_light_of_all() {
+        let bright = patch((1, 1), &[300.0, 500.0, 1.0, 1.0]);
+        assert!(!seen(std::slice::from_ref(&bright))[0].saturated);
+        // 300 + 400 rays of 100 counts are beyond 65,535 where the second peaks.
+        let both = seen(&[bright.clone(), patch((1, 1), &[400.0, 0.0, 0.0, 0.0])]);
+        assert!(both[0].saturated && both[1].saturated);
+        // Not where the first has almost no light.
+        let beside = seen(&[bright, patch((1, 2), &[700.0, 0.0, 0.0, 0.0])]);
+        assert!(!beside[0].saturated && beside[1].saturated);
+    }
+
+    #[test]
+    fn rows_of_a_streak_are_one_image() {
+        let (a, b) = (patch((1, 1), &[1.0, 2.0, 3.0, 4.0]), patch((2, 0), &[5.0, 6.0, 7.0, 8.0]));
+        let both = together([Patch::default(), a.clone(), b.clone()].into_iter());
+        assert_eq!((both.corner, both.width), ((1, 0), 3));
+        assert_eq!(both.values, [0.0, 5.0, 6.0, 1.0, 9.0, 8.0, 3.0, 4.0, 0.0]);
+        assert_eq!(together([a, Patch::default()].into_iter()).values, [1.0, 2.0, 3.0, 4.0]);
+    }
+}

@@ -1,0 +1,185 @@
+//! The grid of `truth/field.csv`: where the displacement field is written down, and by which definitions.
+
+use serde::{Deserialize, Serialize};
+
+use super::resolve::Problems;
+
+/// The truth of displacement fields.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TruthGrid {
+    /// On a grid of places.
+    Grid(Grid),
+    /// Not written.
+    None,
+}
+
+/// Where and how. What is left out depends on the flow: a field that changes with time is written for every pair, so it gets
+/// a coarser grid.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Grid {
+    /// Distance of the nodes along x and y, px; the grid lies in the middle of the image.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spacing_px: Option<f64>,
+    /// The depths.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub planes: Option<Planes>,
+    /// The weight of depths in the depth-weighted displacement.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weighting: Option<Weighting>,
+    /// Side of a square window over which the central displacement is averaged too, px.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub window_px: Option<f64>,
+    /// Whether the displacement that ends at the node is written too.
+    pub backward: bool,
+}
+
+/// Depths of the grid.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Planes {
+    /// The middles of so many equal slices of the depth range, and the middle of the range itself.
+    Even(u32),
+    /// These physical depths, um.
+    AtUm(Vec<f64>),
+}
+
+/// How much a depth counts in a correlation of images that show all depths at once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Weighting {
+    /// The squared peak of a particle image at that depth.
+    PeakSquared,
+    /// The curvature of a particle image's autocorrelation at its top.
+    Curvature,
+    /// No depth-weighted displacement.
+    None,
+}
+
+/// Most nodes along x and y, and most planes.
+const MAX_NODES: f64 = 1e7;
+const MAX_PLANES: u32 = 1000;
+
+impl Grid {
+    /// Fills in what is left out, and checks.
+    fn fill(&mut self, steady: bool, size_px: (u32, u32), problems: &mut Problems) {
+        let spacing = *self.spacing_px.get_or_insert(if steady { 16.0 } else { 32.0 });
+        problems.range("truth_grid.grid.spacing_px", spacing, 0.1, 1e5, "0.1 to 100000 px");
+        let nodes = f64::from(size_px.0) * f64::from(size_px.1) / (spacing * spacing);
+        if nodes > MAX_NODES {
+            problems.add("truth_grid.grid.spacing_px", spacing, "at most 10 million nodes");
+        }
+        match self.planes.get_or_insert(Planes::Even(if steady { 5 } else { 1 })) {
+            Planes::Even(n) if *n == 0 || *n > MAX_PLANES => {
+                problems.add("truth_grid.grid.planes.even", *n, "1 to 1000");
+            }
+            Planes::AtUm(depths) if depths.is_empty() || depths.len() > MAX_PLANES as usize => {
+                problems.add("truth_grid.grid.planes.at_um", format!("{} depths", depths.len()), "1 to 1000");
+            }
+            Planes::AtUm(depths) => {
+                for z in depths {
+                    problems.range("truth_grid.grid.planes.at_um", *z, -1e6, 1e6, "depths in um");
+                }
+            }
+            Planes::Even(_) => {}
+        }
+        self.weighting.get_or_insert(if steady { Weighting::PeakSquared } else { Weighting::None });
+        if let Some(window) = self.window_px {
+            problems.range("truth_grid.grid.window_px", window, 1e-3, 1e5, "a length > 0 px");
+        }
+    }
+}
+
+impl TruthGrid {
+    /// What a scenario has that does not say; `steady` is unknown where tracks are given and there is no field.
+    pub(super) fn of(steady: Option<bool>) -> Self {
+        if steady.is_some() { TruthGrid::Grid(Grid::default()) } else { TruthGrid::None }
+    }
+
+    /// Fills in what is left out, and checks.
+    pub(super) fn fill(&mut self, steady: Option<bool>, size_px: (u32, u32), problems: &mut Problems) {
+        let TruthGrid::Grid(grid) = self else { return };
+        match steady {
+            Some(steady) => grid.fill(steady, size_px, problems),
+            None => problems.add("truth_grid", "grid", "none, as recorded tracks have no displacement field"),
+        }
+    }
+
+    /// The grid over an image and a depth range; `None` if there is none.
+    pub fn nodes(&self, size_px: (u32, u32), depth_um: (f64, f64)) -> Option<Nodes> {
+        let TruthGrid::Grid(grid) = self else { return None };
+        let spacing = grid.spacing_px?;
+        // As many as fit, symmetric about the middle of the image.
+        let axis = |size: u32| {
+            let n = (f64::from(size) / spacing).floor().max(1.0);
+            let first = 0.5 * (f64::from(size) + 1.0) - 0.5 * (n - 1.0) * spacing;
+            (0..n as u32).map(|k| first + f64::from(k) * spacing).collect()
+        };
+        let mut planes_um: Vec<f64> = match grid.planes.as_ref()? {
+            Planes::AtUm(depths) => depths.clone(),
+            Planes::Even(n) => {
+                let slice = (depth_um.1 - depth_um.0) / f64::from(*n);
+                let middle = f64::midpoint(depth_um.0, depth_um.1);
+                let middles = (0..*n).map(|k| depth_um.0 + (f64::from(k) + 0.5) * slice);
+                // The middle plane of an odd number is the middle of the range but for rounding.
+                let others = middles.enumerate().filter(|(k, _)| n % 2 == 0 || *k as u32 != n / 2);
+                others.map(|(_, z)| z).chain([middle]).collect()
+            }
+        };
+        planes_um.sort_unstable_by(f64::total_cmp);
+        planes_um.dedup();
+        Some(Nodes {
+            x_px: axis(size_px.0),
+            y_px: axis(size_px.1),
+            planes_um,
+            weighting: grid.weighting.unwrap_or(Weighting::None),
+            window_px: grid.window_px,
+            backward: grid.backward,
+        })
+    }
+}
+
+/// A grid, laid out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Nodes {
+    /// Columns of the nodes, px.
+    pub x_px: Vec<f64>,
+    /// Rows of the nodes, px.
+    pub y_px: Vec<f64>,
+    /// Physical depths of the nodes, um, ascending.
+    pub planes_um: Vec<f64>,
+    /// The weight of depths.
+    pub weighting: Weighting,
+    /// Side of the window of averages, px.
+    pub window_px: Option<f64>,
+    /// Whether there are backward displacements.
+    pub backward: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn nodes(spacing_px: f64, planes: Planes) -> Nodes {
+        let grid = Grid { spacing_px: Some(spacing_px), planes: Some(planes), ..Grid::default() };
+        TruthGrid::Grid(grid).nodes((752, 366), (-80.0, 20.0)).unwrap()
+    }
+
+    #[test]
+    fn the_grid_lies_in_the_middle_of_the_image() {
+        let grid = nodes(16.0, Planes::Even(5));
+        assert_eq!((grid.x_px.len(), grid.y_px.len()), (47, 22));
+        assert_eq!((grid.x_px[0], grid.x_px[46]), (8.5, 744.5));
+        assert_eq!(grid.y_px[0] + grid.y_px[21], 367.0);
+        assert_eq!(nodes(1000.0, Planes::Even(1)).x_px, [376.5]);
+    }
+
+    #[test]
+    fn planes_are_the_middles_of_slices_and_the_middle_of_all() {
+        assert_eq!(nodes(16.0, Planes::Even(5)).planes_um, [-70.0, -50.0, -30.0, -10.0, 10.0]);
+        assert_eq!(nodes(16.0, Planes::Even(2)).planes_um, [-55.0, -30.0, -5.0]);
+        assert_eq!(nodes(16.0, Planes::Even(1)).planes_um, [-30.0]);
+        assert_eq!(nodes(16.0, Planes::AtUm(vec![3.0, -12.0])).planes_um, [-12.0, 3.0]);
+    }
+}

@@ -1,0 +1,113 @@
+//! What a pixel shows on average: the noise-free counterpart of an exposure, for truth and expectations.
+
+use super::Sensor;
+
+/// The mean response of a pixel to light, and the noise of its background.
+///
+/// Mean counts before rounding are `background + slope * light` up to the largest count. What differs from pixel to pixel
+/// in the dark (hot pixels, dark-signal non-uniformity) is left out: it is a pattern, not noise, and a tracker may subtract
+/// it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Response {
+    /// Counts per unit of [`super::Light`].
+    pub slope: f64,
+    /// Mean counts without particles.
+    pub background: f64,
+    /// Standard deviation of the counts without particles, before rounding; 0 without noise.
+    pub background_noise: f64,
+}
+
+impl Sensor {
+    /// The response of a pixel, by its index in rows from the top.
+    pub fn response(&self, index: usize) -> Response {
+        let Some((detector, pattern)) = &self.detector else {
+            return Response {
+                slope: self.gain,
+                background: self.background_mean,
+                background_noise: self.background_noise,
+            };
+        };
+        let pixel = pattern.at(index);
+        let electrons_per_count =
+            detector.photons_per_count * detector.quantum_efficiency * pixel.sensitivity;
+        let ideal = (self.background_mean + pixel.background).max(0.0);
+        let electrons = ideal * electrons_per_count + detector.dark_e;
+        let shot = if detector.shot_noise { electrons } else { 0.0 };
+        let variance_e = shot + detector.read_noise_e * detector.read_noise_e;
+        let of_camera = detector.gain_counts_per_e * detector.gain_counts_per_e * variance_e;
+        Response {
+            slope: self.gain * electrons_per_count * detector.gain_counts_per_e,
+            background: electrons.min(detector.full_well_e) * detector.gain_counts_per_e
+                + detector.offset_counts,
+            background_noise: libm::sqrt(of_camera + self.background_noise * self.background_noise),
+        }
+    }
+
+    /// The counts at which a pixel is saturated: its full well or the end of the scale, whichever comes first.
+    pub fn saturation_counts(&self) -> f64 {
+        let (bits, well) = self.detector.as_ref().map_or((16, f64::INFINITY), |(detector, _)| {
+            (detector.bits, detector.full_well_e * detector.gain_counts_per_e + detector.offset_counts)
+        });
+        f64::from((1u32 << bits) - 1).min(well)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Detector, Image, Light};
+    use super::*;
+    use crate::settings::Settings;
+    use crate::stream::{Purpose, Streams};
+
+    const SIDE: u32 = 160;
+
+    fn mean_and_deviation(image: &Image) -> (f64, f64) {
+        let n = image.counts.len() as f64;
+        let mean = image.counts.iter().map(|&c| f64::from(c)).sum::<f64>() / n;
+        let square = |c: &u16| (f64::from(*c) - mean) * (f64::from(*c) - mean);
+        (mean, libm::sqrt(image.counts.iter().map(square).sum::<f64>() / n))
+    }
+
+    /// Exposures of a dark and of a lit sensor have the mean and the noise that the response says.
+    #[test]
+    fn a_response_is_the_mean_of_exposures() {
+        let settings =
+            Settings { pixel_dim_x: SIDE, pixel_dim_y: SIDE, background_noise: 6.0, ..Settings::setting1() };
+        let streams = Streams::new(5);
+        let detector = Detector {
+            photons_per_count: 5.0,
+            quantum_efficiency: 0.6,
+            shot_noise: true,
+            dark_e: 20.0,
+            read_noise_e: 8.0,
+            gain_counts_per_e: 0.5,
+            offset_counts: 100.0,
+            ..Detector::default()
+        };
+        let sensors = [Sensor::new(&settings), Sensor::with_detector(&settings, detector, &streams).unwrap()];
+        for sensor in sensors {
+            let response = sensor.response(0);
+            let image = |value: f64| {
+                let light = Light { width: SIDE, height: SIDE, values: vec![value; (SIDE * SIDE) as usize] };
+                mean_and_deviation(&sensor.expose(&light, &streams, Purpose::BackgroundNoise, 0))
+            };
+            let ((dark, noise), (lit, _)) = (image(0.0), image(100.0));
+            // 25,600 pixels with a noise of about 25 counts: 0.16 for a mean, 0.5 % for a deviation, four of them each.
+            assert!((dark - response.background).abs() < 0.64, "{dark} {response:?}");
+            let expected = libm::sqrt(response.background_noise * response.background_noise + 1.0 / 12.0);
+            assert!((noise / expected - 1.0).abs() < 0.02, "{noise} {response:?}");
+            assert!((lit - dark - 100.0 * response.slope).abs() < 1.5, "{lit} {dark} {response:?}");
+        }
+    }
+
+    #[test]
+    fn the_full_well_or_the_scale_is_the_end() {
+        let settings = Settings { pixel_dim_x: 4, pixel_dim_y: 4, ..Settings::setting1() };
+        let end = |detector: Detector| {
+            Sensor::with_detector(&settings, detector, &Streams::new(0)).unwrap().saturation_counts()
+        };
+        assert_eq!(Sensor::new(&settings).saturation_counts(), 65_535.0);
+        assert_eq!(end(Detector { bits: 12, ..Detector::default() }), 4_095.0);
+        assert_eq!(end(Detector { bits: 12, full_well_e: 3000.0, ..Detector::default() }), 3_000.0);
+    }
+}

@@ -1,0 +1,237 @@
+//! The truth of datasets: displacement fields against closed forms, and what the manifest tells against the tables.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use suite::microsig::{path, run};
+
+/// A dataset of a scenario whose optics are small: 128 x 96 px, and what is left of it open to the test.
+fn dataset(place: &Path, name: &str, rest: &str) -> PathBuf {
+    let scenario = place.join(format!("{name}.ron"));
+    let out = place.join(name);
+    let text = format!(
+        "(name: \"{name}\", seed: 3, optics: (pixel_dim_x: 128, pixel_dim_y: 96, points_per_pixel: 4), \
+         calibration: none, {rest})"
+    );
+    std::fs::write(&scenario, text).unwrap();
+    run(&["generate", path(&scenario), "--out", path(&out)]);
+    run(&["verify", path(&out)]);
+    out
+}
+
+/// A table's columns by name; empty cells are NaN.
+fn table(file: &Path) -> HashMap<String, Vec<f64>> {
+    let mut reader = csv::Reader::from_path(file).unwrap();
+    let names: Vec<String> = reader.headers().unwrap().iter().map(str::to_owned).collect();
+    let mut columns: HashMap<String, Vec<f64>> =
+        names.iter().map(|name| (name.clone(), Vec::new())).collect();
+    for record in reader.records() {
+        for (name, cell) in names.iter().zip(&record.unwrap()) {
+            columns.get_mut(name).unwrap().push(cell.parse().unwrap_or(f64::NAN));
+        }
+    }
+    columns
+}
+
+fn manifest(dataset: &Path) -> Value {
+    let text = std::fs::read_to_string(dataset.join("datapackage.json")).unwrap();
+    serde_json::from_str::<Value>(&text).unwrap()["microsig"].clone()
+}
+
+#[test]
+fn in_uniform_flow_all_definitions_agree_and_a_steady_flow_is_written_once() {
+    let place = tempfile::tempdir().unwrap();
+    let rest = "motion: flow(field: uniform(velocity_um_s: (129, -64.5, 20))), particles: (number: count(2)), \
+                timing: pairs(count: 3, dt_s: 0.01), truth_grid: grid(window_px: 32, backward: true)";
+    let field = table(&dataset(place.path(), "uniform", rest).join("truth/field.csv"));
+    // 8 x 6 nodes on 5 planes.
+    assert_eq!(field["x_px"].len(), 240);
+    assert!(field["pair"].iter().all(|pair| pair.is_nan()));
+    for kind in ["forward", "central", "weighted", "window", "backward"] {
+        for (axis, expected) in [("dx_px", 2.0), ("dy_px", -1.0), ("dz_um", 0.2)] {
+            let column = &field[&format!("{kind}_{axis}")];
+            // Rounding of positions of 100 um.
+            assert!(column.iter().all(|d| (d - expected).abs() < 1e-12), "{kind}_{axis}: {}", column[0]);
+        }
+    }
+}
+
+/// Plane Poiseuille flow of 10 px: D(z) = 40 s (1 - s) px, and its mean with the weights of depth.csv.
+#[test]
+fn the_depth_weighted_mean_of_poiseuille_flow_is_that_of_a_quadrature() {
+    let place = tempfile::tempdir().unwrap();
+    let rest = "motion: flow(field: poiseuille()), particles: (number: count(2)), timing: pairs(count: 2)";
+    let out = dataset(place.path(), "poiseuille", rest);
+    let (field, depth) = (table(&out.join("truth/field.csv")), table(&out.join("truth/depth.csv")));
+    let profile = |z: f64| 40.0 * (z + 80.0) / 100.0 * (20.0 - z) / 100.0;
+    for (z, dx) in field["z_um"].iter().zip(&field["central_dx_px"]) {
+        assert!((dx - profile(*z)).abs() < 1e-10, "{z}: {dx}");
+    }
+    // The squared peaks, linear between the depths, on a grid ten times finer.
+    let (z, peak) = (&depth["z_um"], &depth["peak_counts"]);
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for k in 0..z.len() - 1 {
+        for i in 0..10 {
+            let share = (f64::from(i) + 0.5) / 10.0;
+            let weight = (1.0 - share) * peak[k] * peak[k] + share * peak[k + 1] * peak[k + 1];
+            sum += weight * profile(z[k] + share * (z[k + 1] - z[k]));
+            weights += weight;
+        }
+    }
+    for dx in &field["weighted_dx_px"] {
+        // The trapezoidal rule on steps of h = 2 um errs by D'' h^2 / 12 = 2.7e-3 px at most.
+        assert!((dx - sum / weights).abs() < 2.7e-3, "{dx} {}", sum / weights);
+    }
+    // It is the flow near the focus that counts, not the mean of the channel.
+    assert!((field["weighted_dx_px"][0] - 20.0 / 3.0).abs() > 0.5);
+    let total: f64 = depth["weight"].iter().sum();
+    assert!((total - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn places_in_bodies_and_behind_walls_are_masked() {
+    let place = tempfile::tempdir().unwrap();
+    let rest = "motion: flow(field: uniform(velocity_um_s: (100, 0, 0))), particles: (number: count(2)), \
+                boundaries: (bodies: [cylinder(centre_um: (0, 0), radius_um: 20)]), timing: pairs(count: 1), \
+                truth_grid: grid(planes: at_um([-90, -30, 0, 25]))";
+    let out = dataset(place.path(), "pillar", rest);
+    let field = table(&out.join("truth/field.csv"));
+    let mut masked = 0;
+    for i in 0..field["x_px"].len() {
+        let (x, y) = ((field["x_px"][i] - 64.5) * 0.645, (field["y_px"][i] - 48.5) * 0.645);
+        let z = field["z_um"][i];
+        let solid = x * x + y * y < 400.0 || !(-80.0..=20.0).contains(&z);
+        assert_eq!(field["mask"][i] == 1.0, solid, "{x} {y} {z}");
+        assert_eq!(field["central_dx_px"][i].is_nan(), solid);
+        masked += u32::from(solid);
+    }
+    // 8 x 6 nodes on each of two planes outside, and those of the pillar on the two inside.
+    assert!(masked > 96 && masked < 150, "{masked}");
+}
+
+/// The canonical field made of the central truth scores without error against it, and not against the others.
+#[test]
+fn evaluate_reads_every_definition_of_the_field() {
+    let place = tempfile::tempdir().unwrap();
+    let rest = "motion: flow(field: sum([taylor_green(max_speed_um_s: 2580, wavelength_um: 120), poiseuille()])), \
+                particles: (number: count(2)), timing: pairs(count: 2), \
+                truth_grid: grid(spacing_px: 16, planes: even(3), weighting: peak_squared)";
+    let out = dataset(place.path(), "vortices", rest);
+    let field = table(&out.join("truth/field.csv"));
+    // Decaying vortices differ from pair to pair.
+    let pairs = [0.0, 1.0].map(|pair| field["pair"].iter().filter(|p| **p == pair).count());
+    assert_eq!(pairs, [144, 144]);
+    let mut result = "pair,x_px,y_px,dx_px,dy_px,flag\n".to_owned();
+    for i in (0..288).filter(|&i| field["plane"][i] == 2.0) {
+        let value = |name: &str| field[name][i];
+        let (dx, dy) = (value("central_dx_px"), value("central_dy_px"));
+        result += &format!("{},{},{},{dx},{dy},0\n", value("pair"), value("x_px"), value("y_px"));
+    }
+    let file = place.path().join("field.csv");
+    std::fs::write(&file, result).unwrap();
+    let score: Value = serde_json::from_str(&run(&["evaluate", path(&out), path(&file), "--json"])).unwrap();
+    let truths = &score["field"]["truths"];
+    let aee = |kind: &str| truths[kind]["aee_px"].as_f64().unwrap();
+    assert!(aee("central") < 1e-9, "{}", aee("central"));
+    // 20 px around vortices of 93 px: forward is some pixels off; depth-weighted is of another depth of the channel.
+    assert!(aee("forward") > 1.0 && aee("weighted") > 0.2, "{truths}");
+    assert_eq!(score["field"]["against"], "central");
+}
+
+/// As many particles as N_S asks for, and the manifest's numbers hang together.
+#[test]
+fn particles_cover_the_share_of_the_sensor_that_n_s_says() {
+    let place = tempfile::tempdir().unwrap();
+    let rest = "motion: flow(field: uniform(velocity_um_s: (0, 0, 0))), particles: (number: n_s(0.5)), \
+                timing: pairs(count: 40), boundaries: (z_um: (-60, 20))";
+    let out = dataset(place.path(), "dense", rest);
+    let (facts, depth) = (manifest(&out), table(&out.join("truth/depth.csv")));
+    let number = |key: &str| facts[key].as_f64().unwrap();
+    let pixels = 128.0 * 96.0;
+    let area = depth["area_px"].iter().sum::<f64>() / 51.0;
+    assert!((number("a_pi_px") - area).abs() < 1e-9 * area);
+    assert!((number("n_s") - number("n_p") * area / pixels).abs() < 1e-12);
+    assert!((number("n_ppp") - number("n_p") / pixels).abs() < 1e-12);
+    // A Poisson number in each of 40 pairs: four standard deviations of their mean.
+    let expected = 0.5 * pixels / area;
+    assert!(
+        (number("n_p") - expected).abs() < 4.0 * (expected / 40.0).sqrt(),
+        "{} {expected}",
+        number("n_p")
+    );
+
+    let mut snr = depth["snr"].clone();
+    snr.sort_unstable_by(f64::total_cmp);
+    assert_eq!(facts["snr"]["value"].as_f64().unwrap(), snr[25]);
+    // Setting 1: 10 counts of noise.
+    assert!((depth["peak_counts"][0] / depth["snr"][0] - 10.0).abs() < 1e-9);
+}
+
+/// Visibility of particles: isolated ones have the peak of depth.csv, close ones overlap, and scores are binned by both.
+#[test]
+fn tracks_tell_how_visible_every_particle_is() {
+    let place = tempfile::tempdir().unwrap();
+    // Two at one place, one by itself, one beyond the edge, one far away.
+    std::fs::write(place.path().join("places.txt"), "40 48 0 2\n42 48 0 2\n90 48 -12 2\n128 20 -30 2\n")
+        .unwrap();
+    let rest = "motion: flow(field: poiseuille()), particles: (number: file(\"places.txt\")), \
+                timing: pairs(count: 1), truth: (gradient: true)";
+    let out = dataset(place.path(), "visible", rest);
+    let (tracks, depth) = (table(&out.join("truth/tracks.csv")), table(&out.join("truth/depth.csv")));
+    let at = |z: f64| depth["z_um"].iter().position(|d| *d == z).unwrap();
+    let first = |name: &str, k: usize| tracks[name][k];
+    for (k, z) in [(0, 0.0), (1, 0.0), (2, -12.0)] {
+        assert!((first("peak_counts", k) / depth["peak_counts"][at(z)] - 1.0).abs() < 1e-9, "{k}");
+        assert!((first("snr", k) * 10.0 - first("peak_counts", k)).abs() < 1e-9);
+    }
+    // 2 px apart and as wide as 9 px: most of the light is shared, by both alike but for the edge of pixels.
+    assert!(first("overlap", 0) > 0.4 && (first("overlap", 0) - first("overlap", 1)).abs() < 0.01);
+    assert!(first("overlap", 2) < 0.01);
+    assert!(tracks["saturated"].iter().all(|s| *s == 0.0));
+
+    // du/dz of plane Poiseuille flow, and a velocity that does not change on the way.
+    for k in 0..4 {
+        let z = first("z_um", k);
+        let slope = 4.0 * 1290.0 / 100.0 * (1.0 - 2.0 * (z + 80.0) / 100.0);
+        assert!((first("du_dz_1_s", k) - slope).abs() < 1e-9 && first("dw_dx_1_s", k) == 0.0);
+        assert!((first("u_mid_um_s", k) - first("u_um_s", k)).abs() < 1e-9);
+    }
+    assert!(tracks["frame"].iter().zip(&tracks["u_mid_um_s"]).all(|(f, u)| (*f == 1.0) == u.is_nan()));
+
+    let result = path(&out.join("truth/tracks.csv")).to_owned();
+    let score: Value = serde_json::from_str(&run(&["evaluate", path(&out), &result, "--json"])).unwrap();
+    let against: Vec<&str> =
+        score["curves"].as_array().unwrap().iter().map(|c| c["against"].as_str().unwrap()).collect();
+    assert!(against.contains(&"snr") && against.contains(&"overlap"), "{against:?}");
+    assert_eq!(score["detection"]["f1"], 1.0);
+}
+
+/// On the circles of a vortex the velocity half-way is that of the middle of the arc: along the chord, to third order.
+#[test]
+fn the_velocity_half_way_is_along_the_displacement() {
+    let place = tempfile::tempdir().unwrap();
+    let rest = "motion: flow(field: lamb_oseen(core_radius_um: 15)), particles: (number: count(20)), \
+                boundaries: (z_um: (-30, 0), z: open), timing: sequence(frames: 3)";
+    let out = dataset(place.path(), "vortex", rest);
+    let (tracks, moves) = (table(&out.join("truth/tracks.csv")), table(&out.join("truth/displacements.csv")));
+    let mut rows = HashMap::new();
+    for k in 0..tracks["track"].len() {
+        rows.insert((tracks["frame"][k] as u32, tracks["track"][k] as u64), k);
+    }
+    let (mut compared, mut at_start) = (0, 0.0f64);
+    for k in 0..moves["track"].len() {
+        let row = rows[&(moves["frame_a"][k] as u32, moves["track"][k] as u64)];
+        let (dx, dy) = (moves["dx_px"][k], moves["dy_px"][k]);
+        let turn = |u: &str, v: &str| {
+            let (u, v) = (tracks[u][row], tracks[v][row]);
+            (u * dy - v * dx) / (u.hypot(v) * dx.hypot(dy))
+        };
+        // The motion is a circle, but for the integration's 1e-10 um.
+        assert!(turn("u_mid_um_s", "v_mid_um_s").abs() < 1e-7);
+        at_start = at_start.max(turn("u_um_s", "v_um_s").abs());
+        compared += 1;
+    }
+    // The velocity at the start is not: the fastest turn by 10 px on 23 px, so that half of it is 0.2 rad.
+    assert!(compared > 20 && at_start > 0.05, "{compared} {at_start}");
+}
