@@ -12,7 +12,7 @@
 use rayon::prelude::*;
 
 use super::patch::Window;
-use super::spots::{Spots, add, erf_all};
+use super::spots::Band;
 use crate::error::{Error, Fault};
 use crate::particle::Particle;
 use crate::sensor::Light;
@@ -20,12 +20,6 @@ use crate::settings::Settings;
 
 /// Counts: what a spot gives to any one pixel that is left out is less. Half a count is not reached before ten tails meet.
 const NEGLIGIBLE: f64 = 0.05;
-
-/// Spots in memory at a time: about 10 MB of usual size.
-const SPOTS: usize = 1 << 16;
-
-/// Spots prepared in one stroke.
-const STROKE: usize = 256;
 
 /// What spots look like.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,11 +33,46 @@ pub struct Spot {
     pub peak_counts: f64,
 }
 
+/// Spots behind a gain, which decides how far they reach.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Look {
+    spot: Spot,
+    gain: f64,
+}
+
+impl Look {
+    #[inline(always)]
+    pub(super) fn diameter_px(&self, particle: &Particle) -> f64 {
+        self.spot.diameter_px * self.spot.reference_um.map_or(1.0, |reference| particle.d_um / reference)
+    }
+
+    #[inline(always)]
+    pub(super) fn peak(&self, particle: &Particle) -> f64 {
+        self.spot.peak_counts * particle.c_int
+    }
+
+    /// The distance at which exp(-8 r^2 / d^2) leaves less than [`NEGLIGIBLE`] counts, px.
+    #[inline(always)]
+    pub(super) fn reach_px(&self, particle: &Particle) -> f64 {
+        let counts = self.peak(particle) * self.gain / NEGLIGIBLE;
+        if counts > 1.0 { self.diameter_px(particle) * (above_log(counts) / 8.0).sqrt() } else { 0.0 }
+    }
+}
+
+/// A bound of log(x) from above, by less than 0.06, for x >= 1: log2(1 + m) <= m + 0.0861 for mantissas m in [0, 1).
+#[inline(always)]
+fn above_log(x: f64) -> f64 {
+    const FRACTION: u64 = (1 << 52) - 1;
+    let exponent = (x.to_bits() >> 52) as f64 - 1023.0;
+    let mantissa = f64::from_bits(x.to_bits() & FRACTION | 1.0f64.to_bits()) - 1.0;
+    std::f64::consts::LN_2 * (exponent + mantissa + 0.0861)
+}
+
 /// Draws particles as Gaussian spots.
 #[derive(Debug, Clone)]
 pub struct GaussianRenderer {
     settings: Settings,
-    spot: Spot,
+    look: Look,
     arch: pulp::Arch,
 }
 
@@ -68,7 +97,8 @@ impl GaussianRenderer {
         let fits = (0.0..=1e9).contains(&spot.peak_counts);
         check("peak_counts", spot.peak_counts, fits, "0 to 1e9 counts");
         if faults.is_empty() {
-            Ok(GaussianRenderer { settings: settings.clone(), spot, arch: pulp::Arch::new() })
+            let look = Look { spot, gain: settings.gain };
+            Ok(GaussianRenderer { settings: settings.clone(), look, arch: pulp::Arch::new() })
         } else {
             Err(Error::Malformed(faults))
         }
@@ -86,7 +116,7 @@ impl GaussianRenderer {
 
     /// What spots look like.
     pub fn spot(&self) -> Spot {
-        self.spot
+        self.look.spot
     }
 
     /// Whether this particle can be drawn.
@@ -107,17 +137,12 @@ impl GaussianRenderer {
 
     /// e^-2 diameter of a particle's image, px.
     pub fn diameter_px(&self, particle: &Particle) -> f64 {
-        self.spot.diameter_px * self.spot.reference_um.map_or(1.0, |reference| particle.d_um / reference)
+        self.look.diameter_px(particle)
     }
 
     /// Half width and half height of a particle's image, px.
     pub fn image_extent(&self, particle: &Particle) -> (f64, f64) {
-        let counts = self.spot.peak_counts * particle.c_int * self.settings.gain;
-        let reach = if counts > NEGLIGIBLE {
-            self.diameter_px(particle) * libm::sqrt(libm::log(counts / NEGLIGIBLE) / 8.0)
-        } else {
-            0.0
-        };
+        let reach = self.look.reach_px(particle);
         (reach, reach)
     }
 
@@ -138,33 +163,17 @@ impl GaussianRenderer {
     /// Adds up the light of all particles of one image, in their order.
     pub fn light(&self, particles: &[Particle]) -> Light {
         let mut light = Light::dark(&self.settings);
+        let (look, sensor) = (self.look, (light.width, light.height));
+        let farthest = particles.iter().map(|p| look.reach_px(p)).fold(0.0, f64::max) + 1.0;
+        // Bands of pixels, not particles, are dealt out to threads: each pixel sees the particles in order. Every band looks
+        // at all particles, so there are no more than threads can use.
+        let rows = (light.height as usize).div_ceil(2 * rayon::current_num_threads()).max(64);
         let width = light.width as usize;
-        // Enough bands for all threads, high enough that few spots lie on two of them.
-        let rows = (light.height as usize).div_ceil(4 * rayon::current_num_threads()).max(64);
-        for many in particles.chunks(SPOTS) {
-            let prepared: Vec<Spots> = many.par_chunks(STROKE).map(|few| self.prepare(few)).collect();
-            // Bands of pixels, not particles, are dealt out to threads: each pixel sees the particles in order.
-            light.values.par_chunks_mut(rows * width).enumerate().for_each(|(band, pixels)| {
-                for spots in &prepared {
-                    add(self.arch, spots, width, band * rows, pixels);
-                }
-            });
-        }
+        light.values.par_chunks_mut(rows * width).enumerate().for_each(|(band, pixels)| {
+            let first = band * rows;
+            self.arch.dispatch(Band { particles, look, farthest, sensor, first, pixels });
+        });
         light
-    }
-
-    fn prepare(&self, particles: &[Particle]) -> Spots {
-        let mut spots = Spots::default();
-        for particle in particles {
-            let window = self.window(particle);
-            if window.area() > 0 {
-                let peak = self.spot.peak_counts * particle.c_int;
-                let place = (particle.x_px, particle.y_px);
-                spots.push(&window, self.settings.pixel_dim_x, place, self.diameter_px(particle), peak);
-            }
-        }
-        erf_all(self.arch, &mut spots);
-        spots
     }
 }
 

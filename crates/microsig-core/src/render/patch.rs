@@ -15,11 +15,12 @@ pub struct Window {
 
 impl Window {
     /// The part of a sensor within `extent` px of a position on either axis.
+    #[inline]
     pub(super) fn around(x_px: f64, y_px: f64, extent: (f64, f64), sensor: (u32, u32)) -> Self {
         let side = |centre: f64, reach: f64, size: u32| {
             // Saturating conversions keep absurd positions harmless.
-            let low = (libm::floor(centre - reach + 0.5) as i64).max(1);
-            let high = (libm::floor(centre + reach + 0.5) as i64).min(i64::from(size));
+            let low = ((centre - reach + 0.5).floor() as i64).max(1);
+            let high = ((centre + reach + 0.5).floor() as i64).min(i64::from(size));
             (low, if high >= low { (high - low + 1) as usize } else { 0 })
         };
         let (x0, width) = side(x_px, extent.0, sensor.0);

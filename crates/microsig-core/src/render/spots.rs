@@ -1,141 +1,112 @@
-//! The inner loops of Gaussian spots: erf at the edges of pixels, and the sum of outer products, many numbers at a time.
+//! The inner loops of Gaussian spots: erf at the edges of pixels, and sums of outer products, many numbers at a time.
 //!
-//! Only + - * / and comparisons occur, never fused, so that every instruction set gives the same bits.
+//! Only + - * / sqrt, floor and comparisons occur, each correctly rounded and never fused, so that every instruction set gives
+//! the same bits.
 
+use super::gaussian::Look;
 use super::patch::Window;
+use crate::particle::Particle;
 
-/// Pixels of a row added in one stroke: one or more registers of every instruction set.
+/// Edges of pixels taken in one stroke: one or more registers of every instruction set.
 const LANES: usize = 8;
 
-/// Spots with their profiles along columns and rows.
-#[derive(Debug, Default)]
-pub(super) struct Spots {
-    places: Vec<Place>,
-    /// First the edges of pixels in units of sigma sqrt(2), then erf there.
-    values: Vec<f64>,
+/// Pixels between them.
+const PIXELS: usize = LANES - 1;
+
+/// A band of the sensor's rows, and the particles whose light falls on it or elsewhere.
+pub(super) struct Band<'a> {
+    pub(super) particles: &'a [Particle],
+    pub(super) look: Look,
+    /// How far any of them reaches, px.
+    pub(super) farthest: f64,
+    /// Width and height of the whole sensor, px.
+    pub(super) sensor: (u32, u32),
+    /// The first row of the band, from 0.
+    pub(super) first: usize,
+    /// The band's pixels, row by row.
+    pub(super) pixels: &'a mut [f64],
 }
 
-/// Where a spot lies on the sensor, and where its profiles lie in `values`.
-#[derive(Debug)]
-struct Place {
-    column: usize,
-    columns: usize,
-    row: usize,
-    rows: usize,
-    /// The profile along columns begins here, that along rows after it.
-    at: usize,
-    /// sigma sqrt(pi / 2), px: the integral of the profile is this times a difference of erf.
-    scale: f64,
-    peak: f64,
-}
-
-impl Spots {
-    /// Adds a spot of `peak` counts at (x, y) px, on the pixels of a window.
-    pub(super) fn push(
-        &mut self,
-        window: &Window,
-        sensor_width: u32,
-        (x_px, y_px): (f64, f64),
-        diameter_px: f64,
-        peak: f64,
-    ) {
-        let (mut column, mut columns) = (window.x0 as usize - 1, window.width);
-        // Widened to full strokes where the sensor has room for them.
-        let (wide, room) = (columns.next_multiple_of(LANES), sensor_width as usize);
-        if wide <= room {
-            (column, columns) = (column.min(room - wide), wide);
-        }
-        let (row, rows) = (window.y0 as usize - 1, window.height);
-        self.places.push(Place {
-            column,
-            columns,
-            row,
-            rows,
-            at: self.values.len(),
-            scale: diameter_px / 4.0 * SQRT_HALF_PI,
-            peak,
-        });
-        // sigma sqrt(2) = d / (2 sqrt(2)).
-        let per_px = 2.0 * std::f64::consts::SQRT_2 / diameter_px;
-        for (first, n, centre) in [(column, columns, x_px), (row, rows, y_px)] {
-            let start = first as f64 + 0.5 - centre;
-            self.values.extend((0..=n).map(|i| (start + i as f64) * per_px));
-        }
-    }
-}
-
-const SQRT_HALF_PI: f64 = 1.253_314_137_315_500_3;
-
-/// Takes erf of all edges and makes profiles of the differences.
-pub(super) fn erf_all(arch: pulp::Arch, spots: &mut Spots) {
-    arch.dispatch(Profiles(spots));
-}
-
-struct Profiles<'a>(&'a mut Spots);
-
-impl pulp::WithSimd for Profiles<'_> {
+impl pulp::WithSimd for Band<'_> {
     type Output = ();
 
+    // Inlined, with all that it calls, into a function for which the instruction set is switched on.
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
-        let Spots { places, values } = self.0;
-        for value in values.iter_mut() {
-            *value = erf(*value);
-        }
-        for place in places {
-            let (across, down) =
-                values[place.at..][..place.columns + place.rows + 2].split_at_mut(place.columns + 1);
-            // A difference of two errors of `erf` could be below zero.
-            for (profile, scale) in [(across, place.scale), (down, place.scale * place.peak)] {
-                for i in 0..profile.len() - 1 {
-                    profile[i] = ((profile[i + 1] - profile[i]) * scale).max(0.0);
-                }
-            }
-        }
-    }
-}
-
-/// Adds spots to a band of the sensor's rows, from row `first` (from 0) on.
-pub(super) fn add(arch: pulp::Arch, spots: &Spots, width: usize, first: usize, pixels: &mut [f64]) {
-    arch.dispatch(Add { spots, width, first, pixels });
-}
-
-struct Add<'a> {
-    spots: &'a Spots,
-    width: usize,
-    first: usize,
-    pixels: &'a mut [f64],
-}
-
-impl pulp::WithSimd for Add<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        let Add { spots, width, first, pixels } = self;
-        let end = first + pixels.len() / width;
-        for place in &spots.places {
-            let (top, bottom) = (place.row.max(first), (place.row + place.rows).min(end));
-            if top >= bottom {
+        let width = self.sensor.0 as usize;
+        let end = self.first + self.pixels.len() / width;
+        // Pixel row k, from 0, covers k + 0.5 to k + 1.5.
+        let (above, below) = (self.first as f64 + 0.5 - self.farthest, end as f64 + 0.5 + self.farthest);
+        let mut down = Vec::new();
+        for particle in self.particles {
+            if particle.y_px < above || particle.y_px > below {
                 continue;
             }
-            let across = &spots.values[place.at..][..place.columns];
-            let down = &spots.values[place.at + place.columns + 1..][..place.rows];
-            for row in top..bottom {
-                let light = down[row - place.row];
-                let line = &mut pixels[(row - first) * width + place.column..][..place.columns];
-                let (strokes, rest) = line.as_chunks_mut::<LANES>();
-                let (profiles, last) = across.as_chunks::<LANES>();
-                for (pixels, profile) in strokes.iter_mut().zip(profiles) {
-                    for i in 0..LANES {
-                        pixels[i] += light * profile[i];
-                    }
-                }
-                for (pixel, profile) in rest.iter_mut().zip(last) {
-                    *pixel += light * profile;
+            let reach = self.look.reach_px(particle);
+            let window = Window::around(particle.x_px, particle.y_px, (reach, reach), self.sensor);
+            let top = (window.y0 as usize).saturating_sub(1).max(self.first);
+            let bottom = (window.y0 as usize + window.height).saturating_sub(1).min(end);
+            if window.area() == 0 || top >= bottom {
+                continue;
+            }
+            let (spot, peak) = (Profile::new(self.look.diameter_px(particle)), self.look.peak(particle));
+            down.clear();
+            for row in (top..bottom).step_by(PIXELS) {
+                down.extend(spot.over_pixels(row, particle.y_px)[..PIXELS].iter().map(|share| share * peak));
+            }
+            let left = window.x0 as usize - 1;
+            for column in (left..left + window.width).step_by(PIXELS) {
+                let across = spot.over_pixels(column, particle.x_px);
+                let rows = self.pixels[(top - self.first) * width..(bottom - self.first) * width]
+                    .chunks_exact_mut(width);
+                for (row, light) in rows.zip(&down) {
+                    add(&mut row[column..], across, *light);
                 }
             }
         }
+    }
+}
+
+/// Adds a profile times `light` to the first pixels of a row, as many as there are.
+#[inline(always)]
+fn add(pixels: &mut [f64], profile: [f64; LANES], light: f64) {
+    if let Some(pixels) = pixels.first_chunk_mut::<LANES>() {
+        // A copy that nothing else can refer to is added in one register.
+        let before = *pixels;
+        *pixels = std::array::from_fn(|i| before[i] + light * profile[i]);
+    } else {
+        for (pixel, share) in pixels.iter_mut().zip(profile) {
+            *pixel += light * share;
+        }
+    }
+}
+
+/// A Gaussian along one axis.
+#[derive(Clone, Copy)]
+struct Profile {
+    /// 1 / (sigma sqrt(2)) = 2 sqrt(2) / d, 1/px.
+    per_px: f64,
+    /// sigma sqrt(pi / 2), px: the integral of exp(-x^2 / (2 sigma^2)) is this times a difference of erf.
+    scale: f64,
+}
+
+impl Profile {
+    #[inline(always)]
+    fn new(diameter_px: f64) -> Self {
+        const SQRT_HALF_PI: f64 = 1.253_314_137_315_500_3;
+        Profile {
+            per_px: 2.0 * std::f64::consts::SQRT_2 / diameter_px,
+            scale: diameter_px / 4.0 * SQRT_HALF_PI,
+        }
+    }
+
+    /// Its integrals over pixels `first` (from 0) and on, and a zero.
+    #[inline(always)]
+    fn over_pixels(self, first: usize, centre: f64) -> [f64; LANES] {
+        let start = first as f64 + 0.5 - centre;
+        let edges: [f64; LANES] = std::array::from_fn(|i| erf((start + i as f64) * self.per_px));
+        // A difference of two errors of `erf` could be below zero.
+        std::array::from_fn(|i| ((edges[(i + 1).min(PIXELS)] - edges[i]) * self.scale).max(0.0))
     }
 }
 
