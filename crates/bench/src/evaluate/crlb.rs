@@ -2,16 +2,14 @@
 //!
 //! F_ij = sum over pixels of (d mu / d theta_i) (d mu / d theta_j) / v, theta = (x, y, z, brightness), sigma_i >=
 //! sqrt((F^-1)_ii); v = background_noise^2 + gain (mu - background) + 1/12, since counts of rays are Poisson and images are
-//! rounded. A property of the dataset's optics and noise: no image of the dataset is looked at. mu is the mean of 64 ray
-//! images; their noise makes derivatives too steep by a known amount, which is taken out of F. Overlap, edges and the
-//! variance's own dependence on theta are left out.
+//! rounded. A property of the dataset's optics and noise: no image of the dataset is looked at. mu and its derivatives are
+//! those of `microsig_core::render::expected`. Overlap, edges and the variance's own dependence on theta are left out.
 
 use std::path::Path;
 
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::settings_file;
-use microsig_core::render::RayRenderer;
-use microsig_core::stream::{Purpose, Streams};
+use microsig_core::render::ExpectedRenderer;
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -24,18 +22,16 @@ use crate::dataset::truth::TRACKS;
 use crate::error::{Error, Result};
 use crate::results::sheet::{Separator, Sheet};
 
-/// Images per mean.
-const IMAGES: u32 = 64;
-/// Half steps of the derivatives: px, um of MicroSIG's z.
-const STEP_PX: f64 = 0.5;
-const STEP_UM: f64 = 1.5;
+/// Error of the expected images, as a share of their peaks: a bound is wanted to a few percent.
+const TOLERANCE: f64 = 3e-3;
+/// Edge of a sensor that holds all images; beyond it an image is so faint that nobody would look for it.
+const SIZE: u32 = 801;
 
 /// The bound over depth.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 #[allow(missing_docs)]
 pub struct Crlb {
     pub d_um: f64,
-    pub images_per_mean: u32,
     pub bins: Vec<BoundBin>,
 }
 
@@ -75,12 +71,13 @@ pub fn of_dataset(dataset: &Path, curves: &[Curve]) -> Result<Option<Crlb>> {
     if settings.gain == 0.0 {
         return Ok(None);
     }
+    let renderer = on_large_sensor(&settings)?;
     let bins = curve
         .bins
         .par_iter()
         .map(|bin| {
             let z_um = f64::midpoint(bin.from, bin.to);
-            let bound = of_particle(&settings, d_um, z_um / depth_factor)?;
+            let bound = bound(&renderer, d_um, z_um / depth_factor)?;
             let [x, y, z] = bound.map_or([None; 3], |b| [Some(b[0]), Some(b[1]), Some(b[2] * depth_factor)]);
             let efficiency = |bound: Option<f64>, rms: Option<f64>| {
                 bound.zip(rms).filter(|(_, rms)| *rms > 0.0).map(|(bound, rms)| bound / rms)
@@ -96,7 +93,7 @@ pub fn of_dataset(dataset: &Path, curves: &[Curve]) -> Result<Option<Crlb>> {
             })
         })
         .collect::<Result<_>>()?;
-    Ok(Some(Crlb { d_um, images_per_mean: IMAGES, bins }))
+    Ok(Some(Crlb { d_um, bins }))
 }
 
 fn median_diameter(tracks: &Path) -> Result<Option<f64>> {
@@ -117,44 +114,24 @@ fn median_diameter(tracks: &Path) -> Result<Option<f64>> {
 /// # Errors
 /// Settings or a particle that cannot be drawn.
 pub fn of_particle(settings: &Settings, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
-    let renderer = RayRenderer::new(settings, SpheroidLaw::Original)?;
-    let extent =
-        [-STEP_UM, STEP_UM].map(|step| renderer.image_extent(&Particle::sphere(1.0, 1.0, z_um + step, d_um)));
-    let side = extent.iter().fold(0.0f64, |most, e| most.max(e.0).max(e.1)).ceil() + 2.0;
-    // Beyond this an image is so faint that nobody would look for it.
-    let size = (2 * (side as u32) + 1).min(801);
-    let settings = Settings { pixel_dim_x: size, pixel_dim_y: size, ..settings.clone() };
-    let renderer = RayRenderer::new(&settings, SpheroidLaw::Original)?;
-    renderer.check(&Particle::sphere(1.0, 1.0, z_um - STEP_UM, d_um))?;
-    let middle = f64::from(size / 2 + 1);
-    let streams = Streams::new(0);
-    // Means have random numbers of their own, so that their noise is independent.
-    let mean = |number: u32, dx: f64, dy: f64, dz: f64| {
-        let particle = [Particle::sphere(middle + dx, middle + dy, z_um + dz, d_um)];
-        let mut sum = vec![0.0; (size * size) as usize];
-        for image in 0..IMAGES {
-            let light = renderer.light(&particle, &streams, Purpose::Rays, number * IMAGES + image);
-            sum.iter_mut().zip(&light.values).for_each(|(s, v)| *s += v / f64::from(IMAGES));
-        }
-        sum
-    };
-    let centre = mean(0, 0.0, 0.0, 0.0);
-    let steps = [
-        (mean(1, -STEP_PX, 0.0, 0.0), mean(2, STEP_PX, 0.0, 0.0), 2.0 * STEP_PX),
-        (mean(3, 0.0, -STEP_PX, 0.0), mean(4, 0.0, STEP_PX, 0.0), 2.0 * STEP_PX),
-        (mean(5, 0.0, 0.0, -STEP_UM), mean(6, 0.0, 0.0, STEP_UM), 2.0 * STEP_UM),
-    ];
-    let (gain, noise) = (settings.gain, settings.background_noise);
+    bound(&on_large_sensor(settings)?, d_um, z_um)
+}
+
+fn on_large_sensor(settings: &Settings) -> Result<ExpectedRenderer> {
+    let settings = Settings { pixel_dim_x: SIZE, pixel_dim_y: SIZE, ..settings.clone() };
+    Ok(ExpectedRenderer::new(&settings, SpheroidLaw::Original, TOLERANCE)?)
+}
+
+fn bound(renderer: &ExpectedRenderer, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
+    let middle = f64::from(SIZE / 2 + 1);
+    let particle = Particle::sphere(middle, middle, z_um, d_um);
+    renderer.check(&particle)?;
+    let Some(image) = renderer.gradient(&particle) else { return Ok(None) };
+    let (gain, noise) = (renderer.settings().gain, renderer.settings().background_noise);
     let mut information = [[0.0; 4]; 4];
-    for (k, &counts) in centre.iter().enumerate() {
-        let variance = noise * noise + gain * gain * counts + 1.0 / 12.0;
-        let slope = |i: usize| gain * (steps[i].1[k] - steps[i].0[k]) / steps[i].2;
-        add(&mut information, &[slope(0), slope(1), slope(2), gain * counts], variance);
-        for (i, (low, high, width)) in steps.iter().enumerate() {
-            let of_noise = gain * gain * (low[k] + high[k]) / f64::from(IMAGES) / (width * width);
-            information[i][i] -= of_noise / variance;
-        }
-        information[3][3] -= gain * gain * counts / f64::from(IMAGES) / variance;
+    for [counts, by_x, by_y, by_z] in image.pixels {
+        let variance = noise * noise + gain * gain * counts.max(0.0) + 1.0 / 12.0;
+        add(&mut information, &[by_x, by_y, by_z, counts].map(|v| gain * v), variance);
     }
     Ok(bounds(&information).map(|b| [b[0], b[1], b[2]]))
 }

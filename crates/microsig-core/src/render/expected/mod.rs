@@ -3,9 +3,12 @@
 //! The law is that of `rays` with infinitely many source points and isotropic directions, times (n_rays + 1)/n_rays (the
 //! spiral's own excess over isotropic light): a particle sends N_s (n_rays + 1) rays toward the lens side, and a pixel
 //! gets its share of them. For a sphere this share depends on depth, diameter and the pixel's place relative to the
-//! particle alone, and comes from a table ([`block`]): behind a spherical lens a radial profile with the few harmonics of
-//! a square pixel ([`encircled`], [`pixel`]), with a cylindrical lens one quadrant of the image ([`planar`]). Tables are made when they are first needed,
-//! verified against images computed directly while they are made, and shared by all clones of a renderer.
+//! particle alone, and comes from a table (`block`): behind a spherical lens a radial profile with the few harmonics of
+//! a square pixel (`encircled`, `pixel`), with a cylindrical lens one quadrant of the image (`planar`). Tables are made when
+//! they are first needed, verified against images computed directly while they are made, and shared by all clones of a
+//! renderer; when they grow beyond 512 MB, those that the current image does not need are dropped.
+//!
+//! Left out: spheroids, which [`ExpectedRenderer::check`] refuses.
 
 mod block;
 mod draw;
