@@ -43,7 +43,9 @@ pub(crate) fn median(numbers: impl IntoIterator<Item = f64>) -> f64 {
 /// The release build of the command, made if need be.
 pub(crate) fn microsig() -> anyhow::Result<std::path::PathBuf> {
     let build = ["build", "--release", "--quiet", "--package", "bench", "--message-format", "json"];
-    let output = Command::new(env!("CARGO")).args(build).stderr(Stdio::inherit()).output()?;
+    // The cargo that runs this task, lest another toolchain builds everything anew.
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let output = Command::new(cargo).args(build).stderr(Stdio::inherit()).output()?;
     ensure!(output.status.success(), "the command could not be built");
     // Cargo tells where it puts things.
     String::from_utf8(output.stdout)?
