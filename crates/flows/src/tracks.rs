@@ -275,16 +275,21 @@ impl Tracks {
         &rest[..rest.partition_point(|row| row.frame == frame)]
     }
 
-    /// The frames of a recording that begins with frame `start.first_frame` and has frames at `times_s` (s, increasing).
+    /// The frames of a recording that begins with frame `start.first_frame` and has frames at `times_s` (s, increasing). If the
+    /// recording only stops, and would have another frame at `next_s`, the velocities of its last know that frame too: a shorter
+    /// recording is the beginning of a longer one.
     pub fn record<'a>(
         &'a self,
-        times_s: Vec<f64>,
+        mut times_s: Vec<f64>,
+        next_s: Option<f64>,
         kind: Kind<'a>,
         shutter: Option<Shutter>,
         streams: Streams,
         start: Start,
     ) -> impl Iterator<Item = Frame> + 'a {
-        (0..times_s.len()).map(move |k| {
+        let frames = times_s.len();
+        times_s.extend(next_s);
+        (0..frames).map(move |k| {
             let index = start.first_frame + k as u32;
             let near = |step: i64| -> (&[Row], f64) {
                 let time = usize::try_from(k as i64 + step).ok().and_then(|k| times_s.get(k));

@@ -24,7 +24,7 @@ fn record(text: &str, times_s: &[f64], shutter: Option<Shutter>) -> Vec<Frame> {
         spheroids: Some(Spheroids::new(2.0, Orientations::random()).unwrap()),
     };
     let tracks = read(text).unwrap();
-    let frames = tracks.record(times_s.to_vec(), kind, shutter, Streams::new(5), Start::default());
+    let frames = tracks.record(times_s.to_vec(), None, kind, shutter, Streams::new(5), Start::default());
     frames.collect()
 }
 
@@ -94,12 +94,17 @@ fn a_recording_begins_where_it_should_and_frames_may_be_empty() {
     let kind = Kind { diameters: &diameters, intensities: Intensities::default(), spheroids: None };
     let tracks = read(text).unwrap();
     let start = Start { recording: 2, first_frame: 4, first_id: 0 };
-    let frames: Vec<Frame> = tracks.record(vec![2.0, 2.5, 3.0], kind, None, Streams::new(1), start).collect();
+    let frames: Vec<Frame> =
+        tracks.record(vec![2.0, 2.5, 3.0], None, kind, None, Streams::new(1), start).collect();
     let numbers: Vec<(u32, usize)> = frames.iter().map(|f| (f.index, f.tracers.len())).collect();
     assert_eq!(numbers, [(4, 1), (5, 1), (6, 0)]);
     // The frame before belongs to another recording.
     assert!(frames[0].tracers[0].step.is_none());
     assert_eq!(frames[0].tracers[0].velocity, Some(DVec3::X * 2.0));
+    // One that only stops is the beginning of a longer one.
+    let shorter: Vec<Frame> =
+        tracks.record(vec![2.0], Some(2.5), kind, None, Streams::new(1), start).collect();
+    assert_eq!(shorter[..], frames[..1]);
 }
 
 #[test]

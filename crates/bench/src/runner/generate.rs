@@ -71,6 +71,8 @@ const BATCH: usize = 32;
 /// A dataset or an interrupted run that stands in the way; a trajectory that cannot be followed; writing.
 pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     let start = Instant::now();
+    // Whether the particles find room is known when they are placed; better before anything is written.
+    Frames::new(scenario)?.next().transpose()?;
     let text = write(&scenario.spec)?;
     let partial = begin(&text, options)?;
     let folder = partial.folder();

@@ -44,7 +44,9 @@ impl<'a> Frames<'a> {
         Ok(match &self.subject {
             Subject::Scene(scene) => Recording::OfScene(Box::new(scene.record(&times_s, streams, start)?)),
             Subject::Tracks(tracks) => {
-                let frames = tracks.record(times_s, scenario.kind(), scenario.shutter, streams, start);
+                let next_s = scenario.recordings.next_s(streams);
+                let frames =
+                    tracks.record(times_s, next_s, scenario.kind(), scenario.shutter, streams, start);
                 Recording::OfTracks(Box::new(frames))
             }
         })

@@ -313,7 +313,25 @@ impl Recordings {
     /// Times of the frames of one recording, s: the middles of their exposures.
     pub fn times_s(&self, recording: u32, streams: Streams) -> Vec<f64> {
         let first = recording * self.frames_each();
-        let nominal = |frame: u32| match self.timing {
+        (first..first + self.frames_each()).map(|frame| self.time_s(frame, streams)).collect()
+    }
+
+    /// When the next frame would be taken if there were more, s; `None` if recordings end by themselves.
+    pub fn next_s(&self, streams: Streams) -> Option<f64> {
+        self.goes_on().then(|| self.time_s(self.frames(), streams))
+    }
+
+    /// Whether a recording could be longer.
+    fn goes_on(&self) -> bool {
+        match self.timing {
+            Timing::Pairs(p) => p.seeding == PairSeeding::Continuing,
+            Timing::Sequence(_) => true,
+            Timing::FourPulse(_) => false,
+        }
+    }
+
+    fn time_s(&self, frame: u32, streams: Streams) -> f64 {
+        let nominal = match self.timing {
             Timing::Pairs(p) => f64::from(frame / 2) * p.interval_s + f64::from(frame % 2) * p.dt_s,
             Timing::Sequence(s) => f64::from(frame) * s.dt_s,
             Timing::FourPulse(f) => {
@@ -321,9 +339,7 @@ impl Recordings {
                 f64::from(frame / 4) * f.interval_s + within[(frame % 4) as usize]
             }
         };
-        (first..first + self.frames_each())
-            .map(|frame| nominal(frame) + self.jitter_s(frame, streams))
-            .collect()
+        nominal + self.jitter_s(frame, streams)
     }
 
     fn jitter_s(&self, frame: u32, streams: Streams) -> f64 {

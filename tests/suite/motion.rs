@@ -1,0 +1,377 @@
+//! Motion, timing and light, end to end: what scenarios say against what data files, truth and images hold.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use suite::measure::{Measures, measure};
+use suite::microsig::{fail, path, run};
+
+/// A small dark sensor: a scenario with these sections.
+fn scenario(name: &str, sections: &str) -> String {
+    format!(
+        "(name: \"{name}\", optics: (pixel_dim_x: 101, pixel_dim_y: 81, background_mean: 0, background_noise: 0), \
+         calibration: none, {sections})"
+    )
+}
+
+fn write(folder: &Path, name: &str, text: &str) -> PathBuf {
+    let file = folder.join(name);
+    std::fs::write(&file, text).unwrap();
+    file
+}
+
+fn generate(folder: &Path, name: &str, sections: &str) -> PathBuf {
+    let file = write(folder, &format!("{name}.ron"), &scenario(name, sections));
+    let out = folder.join(name);
+    run(&["generate", path(&file), "--out", path(&out)]);
+    out
+}
+
+/// The rows of a table by name of column.
+fn table(file: &Path) -> Vec<HashMap<String, String>> {
+    csv::Reader::from_path(file).unwrap().deserialize().map(Result::unwrap).collect()
+}
+
+fn number(row: &HashMap<String, String>, column: &str) -> f64 {
+    row[column].parse().unwrap_or_else(|_| panic!("{column} = {:?}", row[column]))
+}
+
+fn image(dataset: &Path, stem: &str) -> Measures {
+    measure(101, &suite::counts(&dataset.join(format!("images/{stem}.tif"))).unwrap())
+}
+
+#[test]
+fn a_streak_is_centred_on_the_particle_and_as_long_as_its_path() {
+    let place = tempfile::tempdir().unwrap();
+    // 12 and 5 um a frame; in the middle of the sensor in frame 1.
+    let mut rows = "frame,track,x_um,y_um,z_um\n".to_owned();
+    for frame in 0..3 {
+        let t = f64::from(frame) - 1.0;
+        rows += &format!("{frame},1,{},{},-25\n", 12.0 * t, 5.0 * t);
+    }
+    write(place.path(), "tracks.csv", &rows);
+    let sections = |exposure: &str| {
+        format!(
+            "motion: tracks(file: \"tracks.csv\"), particles: (diameter_um: constant(3)), \
+             timing: sequence(frames: 3, dt_s: 0.01{exposure})"
+        )
+    };
+    let sharp = generate(place.path(), "sharp", &sections(""));
+    let blurred = generate(place.path(), "blurred", &sections(", exposure_s: 0.008"));
+    let (a, b) = (image(&sharp, "frame_00001"), image(&blurred, "frame_00001"));
+    let truth = &table(&blurred.join("truth/tracks.csv"))[1];
+    // The centroid of some ten thousand rays in a spot of 2.7 px: some hundredths of a pixel at most.
+    for m in [&a, &b] {
+        assert!((m.cx - number(truth, "x_px")).abs() < 0.05, "{m:?}");
+        assert!((m.cy - number(truth, "y_px")).abs() < 0.05, "{m:?}");
+    }
+    assert_eq!((number(truth, "u_um_s"), number(truth, "v_um_s")), (1200.0, 500.0));
+    // The light is the same, and a line of length l adds the variance l^2 / 12: 14.9 px along x, 6.2 px along y.
+    assert!((b.total / a.total - 1.0).abs() < 0.01, "{} {}", a.total, b.total);
+    let (lx, ly) = (9.6 / 0.645, 4.0 / 0.645);
+    assert!((b.mxx - a.mxx - lx * lx / 12.0).abs() < 0.3, "{} {}", a.mxx, b.mxx);
+    assert!((b.myy - a.myy - ly * ly / 12.0).abs() < 0.2, "{} {}", a.myy, b.myy);
+    assert!((b.mxy - a.mxy - lx * ly / 12.0).abs() < 0.2, "{} {}", a.mxy, b.mxy);
+    // 16.1 px in pieces of a quarter: 65, so 64 rows that share the light.
+    let particles = suite::particles(&blurred.join("particles/frame_00001.txt")).unwrap();
+    assert_eq!(particles.len(), 64);
+    assert!((particles.iter().map(|p| p.c_int).sum::<f64>() - 1.0).abs() < 1e-12);
+    // MicroSIG's own renderer makes the same image of them.
+    let again = place.path().join("again");
+    let (settings, data) = (blurred.join("settings.txt"), blurred.join("particles"));
+    run(&["render", path(&settings), path(&data), path(&again)]);
+    let pixels = |file: PathBuf| suite::counts(&file).unwrap();
+    assert_eq!(pixels(again.join("frame_00001.tif")), pixels(blurred.join("images/frame_00001.tif")));
+}
+
+#[test]
+fn the_truth_of_a_dataset_is_a_table_of_tracks_that_makes_it_again() {
+    let place = tempfile::tempdir().unwrap();
+    let particles = "particles: (number: ppp(0.001), diameter_um: uniform(min: 1.5, max: 3), c_int: uniform(min: 0.5, max: 1))";
+    let timing = "timing: sequence(frames: 4)";
+    let flow = generate(
+        place.path(),
+        "flow",
+        &format!("motion: flow(field: lamb_oseen(core_radius_um: 20)), {particles}, {timing}"),
+    );
+    let tracks = "motion: tracks(file: \"flow/truth/tracks.csv\")";
+    let again = generate(place.path(), "again", &format!("{tracks}, {timing}"));
+    for frame in 0..4 {
+        let file = format!("particles/frame_{frame:05}.txt");
+        let (a, b) =
+            (suite::particles(&flow.join(&file)).unwrap(), suite::particles(&again.join(&file)).unwrap());
+        assert_eq!(a.len(), b.len());
+        for (a, b) in a.iter().zip(&b) {
+            // Through um and back.
+            assert!((a.x_px - b.x_px).abs() < 1e-10 && (a.y_px - b.y_px).abs() < 1e-10);
+            assert_eq!((a.z_um, a.d_um, a.c_int), (b.z_um, b.d_um, b.c_int));
+        }
+    }
+    let (a, b) =
+        (table(&flow.join("truth/displacements.csv")), table(&again.join("truth/displacements.csv")));
+    assert_eq!(a.len(), b.len());
+    for (a, b) in a.iter().zip(&b) {
+        assert!(a["track"] == b["track"] && (number(a, "dx_px") - number(b, "dx_px")).abs() < 1e-9);
+    }
+    assert!(again.join("inputs/tracks.csv").exists());
+    run(&["verify", path(&again), "--regenerate"]);
+    // What is above all a perfect result stays one.
+    let truth = again.join("truth/tracks.csv");
+    let score = run(&["evaluate", path(&again), path(&truth), "--json"]);
+    assert!(score.contains("\"f1\": 1.0") || score.contains("\"f1\":1.0"), "{score}");
+}
+
+/// Every mode with all that varies from frame to frame, and a key that makes it longer.
+const MODES: [(&str, &str, &str, u32); 4] = [
+    (
+        "continuing",
+        "pairs(count: 1, interval_s: 0.03, seeding: continuing, exposure_s: 0.001, jitter_s: 0.0002)",
+        "timing.pairs.count",
+        2,
+    ),
+    (
+        "bursts",
+        "four_pulse(count: 1, interval_s: 0.1, exposure_s: 0.001, jitter_s: 0.0002)",
+        "timing.four_pulse.count",
+        2,
+    ),
+    (
+        "sequence",
+        "sequence(frames: 2, exposure_s: 0.001, flashes: (count: 2, spacing_s: 0.002), jitter_s: 0.0002)",
+        "timing.sequence.frames",
+        4,
+    ),
+    ("fresh", "pairs(count: 1, exposure_s: 0.001, jitter_s: 0.0002)", "timing.pairs.count", 2),
+];
+
+#[test]
+fn a_shorter_dataset_is_the_beginning_of_a_longer_one_in_every_mode() {
+    let place = tempfile::tempdir().unwrap();
+    let light = "illumination: (shape: sheet(thickness_um: 60), pulse_energies: [1, 0.8], energy_jitter: 0.1, bleaching_s: 1)";
+    let mut rows = "frame,track,x_um,y_um,z_um\n".to_owned();
+    for frame in 0..8 {
+        rows += &format!("{frame},1,{},3,-25\n{frame},2,-9,{},-40\n", frame * frame, 2 * frame);
+    }
+    write(place.path(), "tracks.csv", &rows);
+    let flow =
+        "motion: flow(field: lamb_oseen(core_radius_um: 20)), particles: (number: count(4), brownian: ())";
+    for (kind, motion) in [("flow", flow), ("tracks", "motion: tracks(file: \"tracks.csv\")")] {
+        for (mode, timing, key, longer) in MODES {
+            let text = scenario(mode, &format!("{motion}, {light}, timing: {timing}"));
+            let file = write(place.path(), &format!("{kind}_{mode}.ron"), &text);
+            let [short, long] =
+                ["short", "long"].map(|name| place.path().join(format!("{kind}_{mode}_{name}")));
+            run(&["generate", path(&file), "--out", path(&short), "--threads", "1"]);
+            let set = format!("{key}={longer}");
+            run(&["generate", path(&file), "--out", path(&long), "--threads", "3", "--set", &set]);
+            let frames = table(&short.join("truth/frames.csv"));
+            for (a, b) in frames.iter().zip(table(&long.join("truth/frames.csv"))) {
+                assert_eq!(*a, b, "{kind} {mode}");
+                for column in ["image", "particles"] {
+                    let bytes = |dataset: &Path| std::fs::read(dataset.join(&a[column])).unwrap();
+                    assert!(bytes(&short) == bytes(&long), "{kind} {mode}: {}", a[column]);
+                }
+            }
+            let tracks = |dataset: &Path| std::fs::read_to_string(dataset.join("truth/tracks.csv")).unwrap();
+            assert!(tracks(&long).starts_with(&tracks(&short)), "{kind} {mode}");
+        }
+    }
+}
+
+#[test]
+fn pairs_of_a_continuing_cloud_link_a_to_b_only_and_their_light_is_in_the_data_files() {
+    let place = tempfile::tempdir().unwrap();
+    let out = generate(
+        place.path(),
+        "pairs",
+        "motion: flow(field: uniform(velocity_um_s: (100, 0, 0))), particles: (number: count(12)), \
+         timing: pairs(count: 3, interval_s: 0.02, seeding: continuing), \
+         illumination: (shape: sheet(profile: top_hat, thickness_um: 50, centre_um: (0, 0, -40)), pulse_energies: [1, 0.8])",
+    );
+    let tracks = table(&out.join("truth/tracks.csv"));
+    let in_frame = |frame: &str| {
+        tracks.iter().filter(|r| r["frame"] == frame).map(|r| r["track"].clone()).collect::<Vec<_>>()
+    };
+    let (first, last) = (in_frame("0"), in_frame("5"));
+    assert!(first.iter().filter(|t| last.contains(t)).count() > first.len() / 2, "the same particles");
+    let links: Vec<String> = table(&out.join("truth/displacements.csv"))
+        .iter()
+        .map(|r| format!("{}:{}-{}", r["pair"], r["frame_a"], r["frame_b"]))
+        .collect();
+    for link in ["0:0-1", "1:2-3", "2:4-5"] {
+        assert!(links.iter().any(|l| l == link), "{link}");
+    }
+    assert!(links.iter().all(|l| ["0:0-1", "1:2-3", "2:4-5"].contains(&l.as_str())));
+    let frames = table(&out.join("truth/frames.csv"));
+    assert_eq!(
+        frames.iter().map(|r| number(r, "energy")).collect::<Vec<_>>(),
+        [1.0, 0.8, 1.0, 0.8, 1.0, 0.8]
+    );
+    assert_eq!(frames.iter().map(|r| r["role"].as_str()).collect::<String>(), "ababab");
+    let mut dark = 0;
+    for frame in &frames {
+        let rows = suite::particles(&out.join(&frame["particles"])).unwrap();
+        let truth = tracks.iter().filter(|r| r["frame"] == frame["frame"]);
+        let (lit, unlit): (Vec<_>, Vec<_>) = truth.partition(|r| r["rendered"] == "1");
+        assert_eq!(rows.len(), lit.len());
+        for (row, truth) in rows.iter().zip(lit) {
+            assert_eq!(row.c_int, number(truth, "c_int") * number(truth, "light"));
+            assert_eq!(number(truth, "light"), number(frame, "energy"));
+        }
+        // Outside the sheet there is no light, whether on the sensor or not.
+        for row in unlit.iter().filter(|r| r["visible"] == "1") {
+            dark += 1;
+            assert!(number(row, "light") == 0.0 && !(-65.0..=-15.0).contains(&number(row, "z_um")));
+        }
+    }
+    assert!(dark > 10, "{dark}");
+    // What is dark is not asked for: the depth range of the measurement is that of the sheet.
+    let manifest = std::fs::read_to_string(out.join("datapackage.json")).unwrap();
+    let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap();
+    assert_eq!(manifest["microsig"]["depth_range_um"], serde_json::json!([-65.0, -15.0]));
+}
+
+#[test]
+fn bursts_have_four_frames_and_links_within_only() {
+    let place = tempfile::tempdir().unwrap();
+    let out = generate(
+        place.path(),
+        "bursts",
+        "motion: flow(field: poiseuille()), particles: (number: count(5)), \
+         timing: four_pulse(count: 2, dt_s: 0.001, gap_s: 0.004, interval_s: 1)",
+    );
+    let frames = table(&out.join("truth/frames.csv"));
+    let times: Vec<f64> = frames.iter().map(|r| number(r, "t_s")).collect();
+    assert_eq!(times, [0.0, 0.001, 0.005, 0.006, 1.0, 1.001, 1.005, 1.006]);
+    assert_eq!(frames.iter().map(|r| r["role"].as_str()).collect::<String>(), "abcdabcd");
+    assert_eq!(frames[6]["image"], "images/burst_00001_c.tif");
+    let pairs: Vec<f64> =
+        table(&out.join("truth/displacements.csv")).iter().map(|r| number(r, "pair")).collect();
+    assert!([0.0, 1.0, 2.0, 4.0, 5.0, 6.0].iter().all(|pair| pairs.contains(pair)) && !pairs.contains(&3.0));
+    run(&["verify", path(&out), "--regenerate"]);
+}
+
+#[test]
+fn a_placed_field_is_the_field_moved_and_turned() {
+    let place = tempfile::tempdir().unwrap();
+    write(place.path(), "one.txt", "51 41 -30 2\n");
+    let velocity = |name: &str, placement: &str| {
+        let sections = format!(
+            "motion: flow(field: poiseuille(max_speed_um_s: 1000){placement}), particles: (number: file(\"one.txt\")), \
+             timing: sequence(frames: 1)"
+        );
+        let row = table(&generate(place.path(), name, &sections).join("truth/tracks.csv")).remove(0);
+        ["u_um_s", "v_um_s", "w_um_s"].map(|column| number(&row, column))
+    };
+    assert_eq!(velocity("home", ""), [1000.0, 0.0, 0.0]);
+    let turned = velocity("turned", ", placement: (angle_rad: 1.5707963267948966)");
+    assert!(turned[0].abs() < 1e-9 && (turned[1] - 1000.0).abs() < 1e-9, "{turned:?}");
+    // A quarter of the depth off the middle a parabola has three quarters of its height.
+    let moved = velocity("moved", ", placement: (offset_um: (0, 0, 25))");
+    assert!((moved[0] - 750.0).abs() < 1e-9, "{moved:?}");
+}
+
+#[test]
+fn wrong_motion_timing_and_light_name_what_is_wrong_and_leave_nothing() {
+    let place = tempfile::tempdir().unwrap();
+    write(place.path(), "bad.csv", "frame,track,x_um,y_um,z_um\n0,1,0,0,-30\n0,1,1,1,-30\n1,x,0,nan,0\n");
+    write(place.path(), "high.csv", "frame,track,x_um,y_um,z_um\n0,1,0,0,-30\n0,2,0,0,-9999\n");
+    write(place.path(), "inside.txt", "51 41 -30 2\n");
+    let good = "motion: flow(field: poiseuille()), particles: (number: count(2)), timing: pairs(count: 1)";
+    for (from, to, expected) in [
+        ("flow(field: poiseuille())", "tracks(file: \"none.csv\")", "none.csv"),
+        (
+            "flow(field: poiseuille()), particles: (number: count(2))",
+            "tracks(file: \"bad.csv\")",
+            "bad.csv:3: track 1 in frame 0 again",
+        ),
+        (
+            "flow(field: poiseuille()), particles: (number: count(2))",
+            "tracks(file: \"bad.csv\")",
+            "bad.csv:4: ",
+        ),
+        (
+            "flow(field: poiseuille()), particles: (number: count(2))",
+            "tracks(file: \"high.csv\")",
+            "line 3 of the tracks: ",
+        ),
+        (
+            "flow(field: poiseuille())",
+            "tracks(file: \"bad.csv\")",
+            "particles.number: expected nothing, as motion.tracks",
+        ),
+        (
+            "poiseuille()",
+            "poiseuille(), placement: (axis: (0, 0, 0))",
+            "motion.flow.placement: rotated: axis",
+        ),
+        (
+            "poiseuille()",
+            "poiseuille(), placement: (offset_um: (0, NaN, 0))",
+            "motion.flow.placement: translated: offset_um",
+        ),
+        ("poiseuille()", "womersley(frequency_hz: 1e6, viscosity_um2_s: 1)", "womersley"),
+        ("poiseuille()", "duct(walls_z_um: (20, -80))", "walls_z_um"),
+        ("count: 1", "count: 2, seeding: continuing", "timing.pairs.interval_s = 0: expected a time > dt_s"),
+        ("count: 1", "count: 1, exposure_s: 1", "timing.pairs.exposure_s = 1"),
+        ("count: 1", "count: 1, flashes: (count: 2, spacing_s: -1)", "timing.pairs"),
+        ("pairs(count: 1)", "four_pulse(count: 1, gap_s: inf)", "timing.four_pulse.gap_s = inf"),
+        (
+            "pairs(count: 1)",
+            "pairs(count: 1), illumination: (pulse_energies: [])",
+            "illumination: illumination: pulse_energies",
+        ),
+        ("pairs(count: 1)", "pairs(count: 1), illumination: (bleaching_s: -1)", "bleaching_s = -1"),
+        (
+            "pairs(count: 1)",
+            "pairs(count: 1), illumination: (shape: sheet(thickness_um: 5, centre_um: (0, 0, 90)))",
+            "illumination.shape.sheet = 87.5 to 92.5 um: expected a sheet that crosses the depth range",
+        ),
+        (
+            "count(2))",
+            "file(\"inside.txt\")), boundaries: (bodies: [sphere(centre_um: (0, 0, -30), radius_um: 20)])",
+            "a place outside all bodies",
+        ),
+    ] {
+        let file = write(place.path(), "wrong.ron", &scenario("wrong", &good.replace(from, to)));
+        let out = place.path().join("wrong");
+        let message = fail(2, &["generate", path(&file), "--out", path(&out)]);
+        assert!(message.contains(expected), "{to}: {message}");
+        assert!(!out.exists() && !place.path().join("wrong.partial").exists(), "{to}");
+    }
+}
+
+/// The axis of a rod at the point of rest of a simple shear u = g y turns by Jeffery's law, and so does its image.
+#[test]
+fn a_rod_in_shear_turns_in_its_images_as_jeffery_says() {
+    const RATE: f64 = 40.0;
+    const E_P: f64 = 3.0;
+    const DT_S: f64 = 0.02;
+    let place = tempfile::tempdir().unwrap();
+    write(place.path(), "one.txt", "51 41 -25 5\n");
+    let out = generate(
+        place.path(),
+        "rod",
+        "motion: flow(field: shear(rate_per_s: 40, along: x, across: y, centre_um: (0, 0, -25))), \
+         particles: (number: file(\"one.txt\"), diameter_um: constant(5), \
+                     spheroids: (e_p: 3, orientation: aligned(0, 1, 0))), \
+         timing: sequence(frames: 20, dt_s: 0.02)",
+    );
+    let (mut worst, mut turned) = (0.0_f64, 0.0_f64);
+    for frame in 0..20 {
+        let m = image(&out, &format!("frame_{frame:05}"));
+        assert!((m.cx - 51.0).abs() < 0.3 && (m.cy - 41.0).abs() < 0.3, "it stays: {m:?}");
+        // The angle of the long axis of the image from y towards x.
+        let seen = 0.5 * (2.0 * m.mxy).atan2(m.myy - m.mxx);
+        // tan phi = e tan(g t / (e + 1/e)), phi from the direction of the gradient.
+        let turn = RATE * DT_S * f64::from(frame) / (E_P + 1.0 / E_P);
+        let phi = (E_P * turn.sin()).atan2(turn.cos());
+        let half_turn = std::f64::consts::PI;
+        let off = (seen - phi + 0.5 * half_turn).rem_euclid(half_turn) - 0.5 * half_turn;
+        worst = worst.max(off.abs());
+        turned = turned.max(phi);
+    }
+    // More than half a turn; moments of some ten thousand rays give the axis of a rod of 23 px within 0.05 degrees (measured).
+    assert!(turned > 3.0, "{turned}");
+    assert!(worst < 0.3_f64.to_radians(), "{} degrees", worst.to_degrees());
+}
