@@ -3,6 +3,7 @@
 pub mod ensemble;
 pub mod error_map;
 pub mod expected;
+pub mod leak;
 pub mod maxima;
 pub mod measure;
 pub mod microsig;

@@ -2,9 +2,11 @@
 #![expect(clippy::print_stdout, reason = "a task tells what it did")]
 
 mod bench;
+mod export_check;
 mod figures;
 mod gallery;
 mod golden;
+mod leak_search;
 mod peers;
 mod picture;
 mod process;
@@ -66,6 +68,21 @@ enum Task {
     },
     /// Makes the golden hashes of datasets anew; see "Image bits changed" in CHANGELOG.md.
     Golden,
+    /// Opens exports, images and a release with the programs they are for, in a Python environment of its own.
+    ExportCheck {
+        /// Where README.md goes.
+        #[arg(long, default_value = "target/export-check")]
+        out: PathBuf,
+        /// ImageJ's archive, to open images with it (needs `java`, a JDK).
+        #[arg(long, value_name = "ij.jar")]
+        imagej: Option<PathBuf>,
+    },
+    /// Tries to find out the truth of a test split: all seeds of 20 bits, all numbers of the truth; exit code 1 if it does.
+    LeakSearch {
+        /// Where README.md goes.
+        #[arg(long, default_value = "target/leak-search")]
+        out: PathBuf,
+    },
     /// Draws the figures of Rossi 2020 with our renderer.
     Figures {
         /// Where the figures, their numbers and README.md go.
@@ -85,6 +102,10 @@ fn main() -> anyhow::Result<ExitCode> {
         Task::Reference { dir, out, images } => reference::run(&dir, &out, images),
         Task::Gallery { out } => gallery::run(&out).map(|()| ExitCode::SUCCESS),
         Task::Golden => golden::run().map(|()| ExitCode::SUCCESS),
+        Task::ExportCheck { out, imagej } => {
+            export_check::run(&out, imagej.as_deref()).map(|()| ExitCode::SUCCESS)
+        }
+        Task::LeakSearch { out } => leak_search::run(&out),
         Task::Figures { out } => figures::run(&out).map(|()| ExitCode::SUCCESS),
     }
 }

@@ -31,10 +31,17 @@ impl Python {
         Ok(Python { interpreter })
     }
 
+    /// A command that runs a script of `xtask/python`.
+    pub(crate) fn command(&self, script: &str) -> Command {
+        let mut command = Command::new(&self.interpreter);
+        command.arg(folder().join(script));
+        command
+    }
+
     /// Runs a script of `xtask/python` on one thread; gives what it took and the JSON object it printed last.
     pub(crate) fn run(&self, script: &str, arguments: &[&str]) -> anyhow::Result<(Usage, Value)> {
-        let mut command = Command::new(&self.interpreter);
-        command.arg(folder().join(script)).args(arguments);
+        let mut command = self.command(script);
+        command.args(arguments);
         for threads in ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"] {
             command.env(threads, "1");
         }

@@ -74,6 +74,19 @@ pub(crate) enum Verb {
         after_help = "Example: microsig evaluate datasets/quickstart result.csv --out scores/mine --report"
     )]
     Evaluate(Evaluate),
+    /// The truth of a dataset in another tool's format
+    #[command(after_help = "Example: microsig export datasets/quickstart --format trackpy --out truth.csv")]
+    Export(Export),
+    /// A public challenge package and its withheld truth
+    #[command(
+        long_about = "A public challenge package and its withheld truth.\n\nTrain is DATASET as it is. Val is the same scenario \
+drawn from a public seed made from the dataset's, with truth. Test is the same scenario drawn from a secret key of 256 bits from the \
+operating system: its package holds images, calibration and a template for submissions, no truth. OUT/public is to be \
+published as it is, OUT/withheld to be kept: submissions are scored on OUT/withheld/test, and its truth is published after the \
+deadline and verifies against public/commitment.sha256.",
+        after_help = "Example: microsig release datasets/quickstart --out challenges/quickstart --creator 'Doe, Jane'"
+    )]
+    Release(Release),
     /// A leaderboard of several scores
     #[command(after_help = "Example: microsig compare scores/mine scores/theirs --out scores/leaderboard")]
     Compare(Compare),
@@ -170,6 +183,83 @@ pub(crate) struct Flows {
 pub(crate) struct New {
     /// The file to write
     pub(crate) file: PathBuf,
+}
+
+/// Arguments of `export`.
+#[derive(Debug, Args)]
+pub(crate) struct Export {
+    /// The dataset's folder
+    pub(crate) dataset: PathBuf,
+    /// The format
+    #[arg(long, value_enum, value_name = "F")]
+    pub(crate) format: ExportFormat,
+    /// The file to write
+    #[arg(long, value_name = "PATH")]
+    pub(crate) out: PathBuf,
+    /// Image pair, of a displacement field that changes with time
+    #[arg(long, value_name = "N")]
+    pub(crate) pair: Option<u32>,
+    /// Which displacement field
+    #[arg(long, value_enum, value_name = "KIND", default_value_t = Displacement::Central)]
+    pub(crate) displacement: Displacement,
+}
+
+/// Formats of the truth: of particles, and (flo, openpiv) of the displacement field.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ExportFormat {
+    /// XML of the ISBI challenge
+    Isbi,
+    /// trackpy's data frame as CSV
+    Trackpy,
+    /// DefocusTracker's table as CSV
+    Defocustracker,
+    /// TrackMate's table of spots
+    TrackmateSpots,
+    /// napari's tracks as CSV
+    Napari,
+    /// Middlebury's dense flow
+    Flo,
+    /// OpenPIV's text file
+    Openpiv,
+}
+
+/// Definitions of a displacement field.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Displacement {
+    /// Of what is at the place half-way in time
+    Central,
+    /// Of what is at the place in the first frame
+    Forward,
+    /// The central one averaged over depth
+    Weighted,
+}
+
+/// Arguments of `release`.
+#[derive(Debug, Args)]
+pub(crate) struct Release {
+    /// The dataset's folder; it becomes the train split
+    pub(crate) dataset: PathBuf,
+    /// The release's folder
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
+    /// Pairs or frames of the validation split [default: as many as the dataset has]
+    #[arg(long, value_name = "N")]
+    pub(crate) val: Option<u32>,
+    /// Pairs or frames of the test split [default: as many as the dataset has]
+    #[arg(long, value_name = "N")]
+    pub(crate) test: Option<u32>,
+    /// A value of motion or particles that is another one in the test split; may be given several times
+    #[arg(long, value_name = "PATH=VALUE")]
+    pub(crate) test_set: Vec<String>,
+    /// Title of the challenge [default: the dataset's]
+    #[arg(long)]
+    pub(crate) title: Option<String>,
+    /// Who is cited, `Family, Given` or a group's name; may be given several times
+    #[arg(long, value_name = "NAME")]
+    pub(crate) creator: Vec<String>,
+    /// Version of the challenge
+    #[arg(long, value_name = "TEXT", default_value = "1.0.0")]
+    pub(crate) release_version: String,
 }
 
 /// Arguments of `verify`.

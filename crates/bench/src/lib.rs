@@ -6,8 +6,10 @@
 pub mod dataset;
 pub mod error;
 pub mod evaluate;
+pub mod export;
 pub mod flow_plot;
 pub mod light;
+pub mod release;
 pub mod report;
 pub mod results;
 pub mod runner;

@@ -11,12 +11,16 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use bench::dataset::verify::verify;
+use bench::release::{About, Options as ReleaseOptions, release};
 use bench::runner::{
     GenerateOptions, Progress, RenderOptions, Shard, SweepOptions, collect, generate, render, sweep,
 };
-use bench::{Error, Result, scenario};
+use bench::{Error, Result, export, scenario};
 use clap::Parser;
-use cli::{Cli, Common, Generate, Mode, New, Render, Spheroids, Sweep, Verb, Verify};
+use cli::{
+    Cli, Common, Displacement, Export, ExportFormat, Generate, Mode, New, Release, Render, Spheroids, Sweep,
+    Verb, Verify,
+};
 use microsig_core::emission::SpheroidLaw;
 use serde::Serialize;
 
@@ -48,6 +52,8 @@ fn run(cli: &Cli) -> Result<()> {
         Verb::Verify(arguments) => run_verify(arguments, common),
         Verb::Track(arguments) => tracking::run_track(arguments, common),
         Verb::Evaluate(arguments) => scoring::run_evaluate(arguments, common),
+        Verb::Export(arguments) => run_export(arguments, common),
+        Verb::Release(arguments) => run_release(arguments, common),
         Verb::Compare(arguments) => scoring::run_compare(arguments, common),
     }
 }
@@ -184,6 +190,62 @@ fn run_verify(arguments: &Verify, common: &Common) -> Result<()> {
         verified.bytes as f64 / 1e6
     );
     report(&text, &verified, common)
+}
+
+fn run_export(arguments: &Export, common: &Common) -> Result<()> {
+    let exported = export::export(
+        &arguments.dataset,
+        &export::Options {
+            format: match arguments.format {
+                ExportFormat::Isbi => export::Format::Isbi,
+                ExportFormat::Trackpy => export::Format::Trackpy,
+                ExportFormat::Defocustracker => export::Format::Defocustracker,
+                ExportFormat::TrackmateSpots => export::Format::TrackmateSpots,
+                ExportFormat::Napari => export::Format::Napari,
+                ExportFormat::Flo => export::Format::Flo,
+                ExportFormat::Openpiv => export::Format::Openpiv,
+            },
+            out: arguments.out.clone(),
+            pair: arguments.pair,
+            displacement: match arguments.displacement {
+                Displacement::Central => export::Displacement::Central,
+                Displacement::Forward => export::Displacement::Forward,
+                Displacement::Weighted => export::Displacement::Weighted,
+            },
+            force: common.force,
+        },
+    )?;
+    let of = exported.tracks.map_or_else(|| "vectors".to_owned(), |n| format!("points of {n} tracks"));
+    report(&format!("{}: {} {of}", exported.out.display(), exported.rows), &exported, common)
+}
+
+fn run_release(arguments: &Release, common: &Common) -> Result<()> {
+    let about = About {
+        title: arguments.title.clone(),
+        creators: arguments.creator.clone(),
+        version: arguments.release_version.clone(),
+    };
+    let released = release(
+        &arguments.dataset,
+        &ReleaseOptions {
+            out: arguments.out.clone(),
+            force: common.force,
+            val: arguments.val,
+            test: arguments.test,
+            test_set: arguments.test_set.clone(),
+            about,
+            progress: progress(common),
+        },
+    )?;
+    let [train, val, test] = released.images;
+    let text = format!(
+        "challenge {}: {train} + {val} + {test} images (train, val, test) in {:.2} s; publish {}, keep {} to yourself",
+        released.name,
+        released.seconds,
+        released.out.join("public").display(),
+        released.out.join("withheld").display()
+    );
+    report(&text, &released, common)
 }
 
 fn progress(common: &Common) -> Progress {

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use bench::evaluate::gate::Shape;
 use bench::evaluate::{Options, evaluate};
+use bench::release::{self, SubmissionFiles, Validated};
 use bench::results::{self, Conventions, Format, Found, Origin};
 use bench::{Error, Result, report};
 use clap::{Args, ValueEnum};
@@ -18,7 +19,7 @@ use crate::{report as print, warn};
 pub(crate) struct Evaluate {
     /// The dataset's folder, or a bare table of the truth (canonical CSV)
     dataset: PathBuf,
-    /// What a tracker wrote: particles or a displacement field
+    /// What a tracker wrote: particles or a displacement field; or a submission to a challenge (a folder or zip archive)
     result: PathBuf,
     /// The result's format [default: from its header]
     #[arg(long, value_enum)]
@@ -68,7 +69,7 @@ pub(crate) struct Evaluate {
     /// Write report.html beside them
     #[arg(long, requires = "out")]
     report: bool,
-    /// Only check that the result can be read
+    /// Only check that the result can be read, or that a submission is complete and fits the split; needs no truth
     #[arg(long)]
     validate_only: bool,
 }
@@ -195,7 +196,14 @@ pub(crate) fn run_evaluate(arguments: &Evaluate, common: &Common) -> Result<()> 
     if let Some(out) = arguments.out.as_ref().filter(|out| out.exists() && !common.force) {
         return Err(Error::Exists(out.clone()));
     }
-    let evaluation = evaluate(&arguments.dataset, &arguments.result, &options)?;
+    let (result, _unpacked) = if SubmissionFiles::are_at(&arguments.result) {
+        let files = SubmissionFiles::open(&arguments.result)?;
+        warn(&release::validate(&arguments.dataset, &files)?.warnings, common);
+        (files.results(), Some(files))
+    } else {
+        (arguments.result.clone(), None)
+    };
+    let evaluation = evaluate(&arguments.dataset, &result, &options)?;
     let mut text = report::table(&evaluation.score);
     if let Some(out) = &arguments.out {
         for path in report::write(out, &evaluation, arguments.report, common.force)? {
@@ -210,6 +218,19 @@ pub(crate) fn run_evaluate(arguments: &Evaluate, common: &Common) -> Result<()> 
 }
 
 fn validate(arguments: &Evaluate, mut given: Conventions, common: &Common) -> Result<()> {
+    if SubmissionFiles::are_at(&arguments.result) {
+        let validated = release::validate(&arguments.dataset, &SubmissionFiles::open(&arguments.result)?)?;
+        warn(&validated.warnings, common);
+        let Validated { submission, kind, rows, .. } = &validated;
+        let text = format!(
+            "{}: a valid submission of {}: {rows} {kind} by {} {}",
+            arguments.result.display(),
+            submission.team,
+            submission.method,
+            submission.version
+        );
+        return print(&text, &validated, common);
+    }
     if arguments.dataset.is_dir() {
         given = bench::evaluate::truth::conventions(&arguments.dataset, given)?;
     }

@@ -77,6 +77,14 @@ impl Streams {
         }
     }
 
+    /// The key of secret streams; `None` if they are public.
+    pub fn key(&self) -> Option<[u8; 32]> {
+        match self.family {
+            Family::Public(_) => None,
+            Family::Secret(key) => Some(key),
+        }
+    }
+
     /// The stream at an address, at its beginning.
     pub fn stream(&self, purpose: Purpose, frame: u32, row: u32) -> Stream {
         let source = match self.family {

@@ -105,7 +105,7 @@ pub(crate) fn card(scenario: &Scenario, census: &Census, image: &ParticleImage) 
          - `calibration/` (if there): one particle scanned through the depth range.\n\
          - `scenario.ron`: all that the dataset was made from. `datapackage.json`: all columns with their units.\n\n\
          ## How it was made\n\n\
-         By microsig {GENERATOR_VERSION}, which {method}. `microsig generate scenario.ron` makes the same bytes again; \
+         By microsig {GENERATOR_VERSION}, which {method}. {again} makes the same bytes again; \
          `sha256sum -c SHA256SUMS` or `microsig verify` checks them.\n\n\
          ## Licence\n\n\
          CC BY 4.0.\n",
@@ -122,6 +122,10 @@ pub(crate) fn card(scenario: &Scenario, census: &Census, image: &ParticleImage) 
         height = settings.pixel_dim_y,
         um_per_px = scenario.scale.um_per_px(),
         depth_factor = spec.optics.depth_factor.unwrap_or(1.0),
+        again = match scenario.streams.seed() {
+            Some(_) => "`microsig generate scenario.ron`",
+            None => "`microsig verify --regenerate`, with the key in `secret_key.txt`,",
+        },
         max = census.max_displacement_px,
         mean = settings.background_mean,
         noise = settings.background_noise,

@@ -23,9 +23,15 @@ pub struct Fingerprint {
 
 /// Takes the fingerprint of a file, reading it piece by piece.
 pub fn fingerprint(path: &Path) -> Result<Fingerprint> {
+    fingerprint_after(&[], path)
+}
+
+/// Takes the fingerprint of a file with other bytes before it.
+pub fn fingerprint_after(before: &[u8], path: &Path) -> Result<Fingerprint> {
     let failed = |e| Error::read(path, e);
     let mut file = std::fs::File::open(path).map_err(failed)?;
-    let (mut hasher, mut buffer, mut bytes) = (Sha256::new(), vec![0u8; 1 << 16], 0);
+    let (mut hasher, mut buffer, mut bytes) = (Sha256::new(), vec![0u8; 1 << 16], before.len() as u64);
+    hasher.update(before);
     loop {
         let n = file.read(&mut buffer).map_err(failed)?;
         if n == 0 {
@@ -34,8 +40,23 @@ pub fn fingerprint(path: &Path) -> Result<Fingerprint> {
         hasher.update(&buffer[..n]);
         bytes += n as u64;
     }
-    let sha256 = hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
-    Ok(Fingerprint { bytes, sha256 })
+    Ok(Fingerprint { bytes, sha256: hexadecimal(&hasher.finalize()) })
+}
+
+/// SHA-256 of bytes in memory.
+pub fn sha256(bytes: &[u8]) -> String {
+    hexadecimal(&Sha256::digest(bytes))
+}
+
+fn hexadecimal(digest: &[u8]) -> String {
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// One hash for all images: the SHA-256 of those lines of `SHA256SUMS` that name files in `images/`. In a shell it is
+/// `grep '  images/' SHA256SUMS | sha256sum`.
+pub fn images_digest(sums: &str) -> String {
+    let lines = sums.lines().filter(|line| line.contains("  images/"));
+    sha256(lines.map(|line| format!("{line}\n")).collect::<String>().as_bytes())
 }
 
 /// Fingerprints of many files, by path relative to `folder`.

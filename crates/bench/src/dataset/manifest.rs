@@ -206,7 +206,8 @@ fn spec_sensor(scenario: &Scenario) -> Value {
     serde_json::to_value(&scenario.spec.sensor).unwrap_or_default()
 }
 
-fn resource(path: &str, fingerprint: &Fingerprint, tables: &[Table]) -> Value {
+/// The manifest's entry of a file, with the columns of those tables.
+pub(crate) fn resource(path: &str, fingerprint: &Fingerprint, tables: &[Table]) -> Value {
     let extension = path.rsplit_once('.').map_or("", |(_, e)| e);
     let mediatype = match extension {
         "csv" => "text/csv",

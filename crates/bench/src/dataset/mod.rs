@@ -15,6 +15,7 @@ pub mod checksums;
 pub mod folder;
 pub mod manifest;
 mod preview;
+pub mod secret;
 pub mod table;
 pub mod truth;
 pub mod verify;

@@ -9,6 +9,7 @@ use serde_json::Value;
 use super::checksums::{self, Fingerprint, SHA256SUMS};
 use super::folder::{files_below, is_partial};
 use super::manifest::MANIFEST;
+use super::secret;
 use crate::error::{Error, Result};
 use crate::runner::{GenerateOptions, Progress, generate};
 use crate::scenario::{parse, resolve, write};
@@ -137,7 +138,10 @@ fn table_disagrees(path: &Path, schema: &Value) -> Option<String> {
 fn scenario_agrees(dataset: &Path, regenerate: Option<Progress>, sums: &str) -> Result<()> {
     let path = dataset.join("scenario.ron");
     let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
-    let scenario = resolve(parse(&text, &path.display().to_string())?, dataset)?;
+    let mut scenario = resolve(parse(&text, &path.display().to_string())?, dataset)?;
+    if let Some(streams) = secret::streams(dataset)? {
+        scenario.streams = streams;
+    }
     if write(&scenario.spec)? != text {
         return Err(Error::Failed(vec!["scenario.ron: resolving it gives another scenario".to_owned()]));
     }

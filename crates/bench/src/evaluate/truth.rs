@@ -128,7 +128,8 @@ impl Truth {
         })
     }
 
-    fn is_scored(&self, i: usize, border_px: f64) -> bool {
+    /// Whether a row is scored: visible, inside the depth range, and this far from the edge.
+    pub(crate) fn is_scored(&self, i: usize, border_px: f64) -> bool {
         let at = &self.rows[i].at;
         let inside =
             self.facts.depth_um.is_none_or(|(low, high)| !self.has_z || (low..=high).contains(&at.z_um));

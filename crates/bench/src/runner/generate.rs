@@ -17,7 +17,7 @@ use super::recording::Frames;
 use crate::dataset::folder::{Partial, files_below, may_stand, partial_name};
 use crate::dataset::truth::depth::ParticleImage;
 use crate::dataset::truth::{self, Census, TruthWriter};
-use crate::dataset::{Preview, Stem, calibration, card, checksums, manifest};
+use crate::dataset::{Preview, Stem, calibration, card, checksums, manifest, secret};
 use crate::error::{Error, Result};
 use crate::scenario::{Scenario, spec, write};
 
@@ -82,6 +82,9 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
         save(&path, |w| std::io::Write::write_all(w, bytes).map_err(Error::write(&path)))
     };
     write_file("scenario.ron", text.as_bytes())?;
+    if let Some(key) = scenario.streams.key() {
+        write_file(secret::KEY_FILE, secret::text(&key).as_bytes())?;
+    }
     for input in &scenario.inputs {
         write_file(&input.path, &input.bytes)?;
     }

@@ -10,6 +10,7 @@ use flows::grid::{Geometry, Grid};
 use serde::{Deserialize, Serialize};
 
 use super::resolve::{Files, Problems};
+use crate::error::Result;
 
 /// Path of the field in a scenario.
 const PATH: &str = "motion.flow.field";
@@ -88,6 +89,27 @@ pub struct Changed<P> {
     pub field: Box<Field>,
     /// How it is changed.
     pub by: P,
+}
+
+impl Field {
+    /// Gives the parts that are drawn at random new seeds.
+    ///
+    /// # Errors
+    /// What `draw` says.
+    pub fn reseed(&mut self, draw: &mut impl FnMut() -> Result<u64>) -> Result<()> {
+        match self {
+            Field::Kraichnan(p) => p.seed = draw()?,
+            Field::Sum(fields) => fields.iter_mut().try_for_each(|field| field.reseed(draw))?,
+            Field::Scaled(Changed { field, .. }) => field.reseed(draw)?,
+            Field::Translated(Changed { field, .. }) => field.reseed(draw)?,
+            Field::Rotated(Changed { field, .. }) => field.reseed(draw)?,
+            Field::Moving(Changed { field, .. }) => field.reseed(draw)?,
+            Field::Modulated(Changed { field, .. }) => field.reseed(draw)?,
+            Field::Mirrored(Changed { field, .. }) => field.reseed(draw)?,
+            _ => {}
+        }
+        Ok(())
+    }
 }
 
 type Built = Option<Box<dyn VelocityField>>;

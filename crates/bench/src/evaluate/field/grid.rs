@@ -9,7 +9,7 @@ use crate::results::{Conventions, Vector, read_field};
 
 /// True displacements on a grid, of every pair or of all.
 #[derive(Debug, Default)]
-pub(super) struct Grid {
+pub(crate) struct Grid {
     x_px: Vec<f64>,
     y_px: Vec<f64>,
     pairs: BTreeMap<Option<u32>, Vec<[f64; 3]>>,
@@ -36,13 +36,23 @@ impl Grid {
         grid
     }
 
+    /// Columns and rows of the nodes, px.
+    pub(crate) fn nodes(&self) -> (&[f64], &[f64]) {
+        (&self.x_px, &self.y_px)
+    }
+
+    /// Whether there is a truth of this pair: one of its own, or one of all.
+    pub(crate) fn has_pair(&self, pair: u32) -> bool {
+        self.pairs.contains_key(&Some(pair)) || self.pairs.contains_key(&None)
+    }
+
     /// Whether the truth differs from pair to pair.
-    pub(super) fn needs_pairs(&self) -> bool {
+    pub(crate) fn needs_pairs(&self) -> bool {
         self.pairs.len() > 1
     }
 
     /// The truth at the place of a vector; `None` outside of the grid, or where the truth is masked.
-    pub(super) fn at(&self, vector: &Vector) -> Option<[f64; 3]> {
+    pub(crate) fn at(&self, vector: &Vector) -> Option<[f64; 3]> {
         let single = (self.pairs.len() == 1).then(|| self.pairs.values().next()).flatten();
         let values = self
             .pairs
@@ -89,7 +99,7 @@ pub(super) fn bare(path: &Path) -> Result<Vec<(String, Grid)>> {
 }
 
 /// The truths of a dataset, the first being the main one.
-pub(super) fn of_dataset(path: &Path) -> Result<Vec<(String, Grid)>> {
+pub(crate) fn of_dataset(path: &Path) -> Result<Vec<(String, Grid)>> {
     if !path.exists() {
         return Err(Error::input(format!(
             "{}: missing; this dataset has no truth of fields (score particles, or give a table of the true field)",

@@ -5,7 +5,7 @@
 //! docs/scoring.md.
 
 mod gradients;
-mod grid;
+pub(crate) mod grid;
 mod lattice;
 mod locking;
 mod repeated;

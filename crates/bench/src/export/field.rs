@@ -1,0 +1,73 @@
+//! The true displacement field in the formats of PIV programs: bilinear between the nodes of `truth/field.csv`, as it is
+//! scored.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use super::{Format, Options};
+use crate::error::{Error, Result};
+use crate::evaluate::field::grid::{Grid, of_dataset};
+use crate::evaluate::truth::facts;
+use crate::results::{Position, Vector};
+
+/// What Middlebury's format has for an unknown component.
+const UNKNOWN: f32 = 1e10;
+
+/// The file's bytes, and how many vectors of it are known.
+pub(super) fn write(dataset: &Path, options: &Options) -> Result<(Vec<u8>, usize)> {
+    let path = dataset.join("truth/field.csv");
+    let wanted = options.displacement.name();
+    let (_, grid) = of_dataset(&path)?
+        .into_iter()
+        .find(|(kind, _)| kind == wanted)
+        .ok_or_else(|| Error::input(format!("{}: no column {wanted}_dx_px", path.display())))?;
+    if grid.needs_pairs() && options.pair.is_none() {
+        return Err(Error::input(format!("{}: the field changes with time; give --pair N", path.display())));
+    }
+    if let Some(pair) = options.pair.filter(|p| !grid.has_pair(*p)) {
+        return Err(Error::input(format!("{}: no pair {pair}", path.display())));
+    }
+    let known = |x_px: f64, y_px: f64| {
+        let at = Position { x_px, y_px, z_um: 0.0 };
+        grid.at(&Vector { pair: options.pair, at, ..Vector::default() })
+    };
+    if options.format == Format::Openpiv {
+        return Ok(openpiv(&grid, known));
+    }
+    let size = facts(dataset)?.sensor_px;
+    let (width, height) = size.ok_or_else(|| Error::input("the manifest lacks the size of the sensor"))?;
+    Ok(flo(width as u32, height as u32, known))
+}
+
+/// Rows from top to bottom, little endian.
+fn flo(width: u32, height: u32, known: impl Fn(f64, f64) -> Option<[f64; 3]>) -> (Vec<u8>, usize) {
+    let mut bytes = b"PIEH".to_vec();
+    bytes.extend(width.to_le_bytes());
+    bytes.extend(height.to_le_bytes());
+    let mut n = 0;
+    for (row, column) in (1..=height).flat_map(|row| (1..=width).map(move |column| (row, column))) {
+        let [u, v] = match known(f64::from(column), f64::from(row)) {
+            Some([u, v, _]) => [u as f32, v as f32],
+            None => [UNKNOWN; 2],
+        };
+        n += usize::from(u != UNKNOWN);
+        bytes.extend(u.to_le_bytes());
+        bytes.extend(v.to_le_bytes());
+    }
+    (bytes, n)
+}
+
+/// Tabs, as `openpiv.tools.save` writes them; nodes without fluid are masked.
+fn openpiv(grid: &Grid, known: impl Fn(f64, f64) -> Option<[f64; 3]>) -> (Vec<u8>, usize) {
+    let (mut text, mut n) = ("# x\ty\tu\tv\tflags\tmask\n".to_owned(), 0);
+    let (columns, rows) = grid.nodes();
+    for (&y, &x) in rows.iter().flat_map(|y| columns.iter().map(move |x| (y, x))) {
+        // Writing to a string cannot fail.
+        let _ = match known(x, y) {
+            Some([u, v, _]) => writeln!(text, "{x:e}\t{y:e}\t{u:e}\t{v:e}\t0e0\t0e0"),
+            None => writeln!(text, "{x:e}\t{y:e}\tnan\tnan\t1e0\t1e0"),
+        };
+        n += usize::from(known(x, y).is_some());
+    }
+    (text.into_bytes(), n)
+}

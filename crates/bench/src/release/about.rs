@@ -1,0 +1,367 @@
+//! What is said about a release: for people, for citation, for archives, for programs that load data sets.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Value, json};
+
+use super::splits::Train;
+use super::{COMMITMENT, SALT};
+use crate::dataset::calibration::CALIBRATION;
+use crate::dataset::checksums::Fingerprint;
+use crate::dataset::manifest::{self, COORDINATES, GENERATOR_VERSION};
+use crate::dataset::truth::TRACKS;
+
+/// Who releases what.
+#[derive(Debug, Clone, Default)]
+pub struct About {
+    /// Title of the challenge; `None`: the dataset's.
+    pub title: Option<String>,
+    /// Who is cited, `Family, Given` or a group's name; empty: the organisers.
+    pub creators: Vec<String>,
+    /// Version of the challenge.
+    pub version: String,
+}
+
+/// All that the texts say.
+#[derive(Debug)]
+pub(super) struct Facts<'a> {
+    pub(super) name: &'a str,
+    pub(super) title: String,
+    pub(super) commitment: &'a str,
+    creators: Vec<String>,
+    version: &'a str,
+    manifest: &'a Value,
+}
+
+impl About {
+    /// With what the dataset says.
+    pub(super) fn of<'a>(&'a self, train: &'a Train, commitment: &'a str) -> Facts<'a> {
+        let (name, manifest) = (train.scenario.spec.name.as_str(), &train.manifest);
+        let title = manifest["title"].as_str().unwrap_or(name).to_owned();
+        let creators = match self.creators.as_slice() {
+            [] => vec![format!("The organisers of {name}")],
+            creators => creators.to_vec(),
+        };
+        let title = self.title.clone().unwrap_or(title);
+        Facts { name, title, commitment, creators, version: &self.version, manifest }
+    }
+}
+
+impl Facts<'_> {
+    /// Identifier and address of the licence of the data.
+    fn license(&self) -> (&str, &str) {
+        let license = &self.manifest["licenses"][0];
+        (license["name"].as_str().unwrap_or_default(), license["path"].as_str().unwrap_or_default())
+    }
+
+    /// `README.md` of the public part.
+    pub(super) fn readme(&self) -> String {
+        let (name, commitment) = (self.name, self.commitment);
+        format!(
+            "# {title}\n\n\
+             A challenge for trackers of defocused particles: synthetic images whose truth is known, and withheld for the test \
+             split.\n\n\
+             | file | holds |\n|---|---|\n\
+             | `{name}-train.zip` | images with their truth, to develop and train with |\n\
+             | `{name}-val.zip` | the same scenario drawn anew, with truth, to choose parameters with |\n\
+             | `{name}-test.zip` | drawn from a secret key, images only, to be scored on; template for submissions |\n\
+             | `{COMMITMENT}` | SHA-256 of a salt and the truth of the test split, published in the end |\n\
+             | `datapackage.json`, `croissant.json`, `SHA256SUMS` | the same for programs; `sha256sum -c SHA256SUMS` |\n\n\
+             ## Taking part\n\n\
+             1. Unpack the archives. Each has a `README.md` on axes, units and files. All three splits share optics, camera and \
+             the calibration stack in `calibration/`.\n\
+             2. Run your tracker on `{name}-test/images/`. `frames.csv` tells the time of each.\n\
+             3. Copy `{name}-test/submission/`, put your points into `results.csv` and fill in `submission.json`.\n\
+             4. Check it: `microsig evaluate --validate-only {name}-test SUBMISSION`. Send it as a folder or zip archive.\n\n\
+             On train and val you can score yourself: `microsig evaluate {name}-val results.csv`. The scores of the test split \
+             are the same ones.\n\n\
+             ## The truth of the test split\n\n\
+             It was made before the first result came in: `{COMMITMENT}` holds the SHA-256 of `{SALT}` followed by \
+             `{name}-test-truth.zip`. Both are published after the deadline. Then\n\n\
+             ```sh\n\
+             cat {SALT} {name}-test-truth.zip | sha256sum -c {COMMITMENT}      # the truth is the one promised\n\
+             unzip {name}-test-truth.zip -d revealed\n\
+             cp -r {name}-test/images revealed/{name}-test/\n\
+             microsig verify revealed/{name}-test --regenerate          # images and truth follow from scenario and key\n\
+             ```\n\n\
+             The promise: `{commitment}`.\n\n\
+             ## Source and licence\n\n\
+             Made by microsig {GENERATOR_VERSION}; the optical model is that of M. Rossi, Meas. Sci. Technol. 31, 017003 (2020). \
+             Licence of the data: {license}, see `LICENSE`. To cite: `CITATION.cff`.\n",
+            title = self.title,
+            license = self.license().0,
+        )
+    }
+
+    /// `README.md` of the test split.
+    pub(super) fn test_card(&self) -> String {
+        format!(
+            "# {title}: test split\n\n\
+             Images of tracer particles, out of focus. The truth is withheld until the deadline of the challenge.\n\n\
+             - `images/`: the frames, 16-bit TIFF (8-bit where the camera has 8); `frames.csv`: number, time and, in pair \
+             recordings, pair and role of each.\n\
+             - `settings.txt`: optics and sensor as MicroSIG's settings; `datapackage.json`: camera, scale, depth range, times.\n\
+             - `calibration/`: one particle scanned through the depth range, the stack of the train split. \
+             `{calibration}` tells the depths.\n\
+             - `submission/`: a template. `microsig evaluate --validate-only . SUBMISSION` checks one without the truth.\n\n\
+             ## Axes and units\n\n{COORDINATES}\n\n\
+             ## Submitting\n\n\
+             `results.csv` has a row per particle and frame: `frame, track, x_px, y_px, z_um`, and if you have them `d_um`, \
+             `quality`, `sx_px`, `sy_px`, `sz_um` (claimed standard uncertainties). `track` is the same number for the same \
+             particle in other frames; -1 or empty if it is not linked. `z_um` may be left out. Results of PIV have the columns \
+             `pair, x_px, y_px, dx_px, dy_px, flag` instead (flag 0 valid, 1 invalid, 2 interpolated).\n\n\
+             `submission.json` says who and how; leave `coordinate_declaration` as it is, and put the hash of the images you used \
+             into `images_sha256`: `grep '  images/' SHA256SUMS | sha256sum`.\n\n\
+             ## Licence\n\n{license}.\n",
+            title = self.title,
+            calibration = CALIBRATION.path,
+            license = self.license().0,
+        )
+    }
+
+    /// `README.md` of the withheld part.
+    pub(super) fn withheld(&self) -> String {
+        let name = self.name;
+        format!(
+            "# {title}: withheld until the deadline\n\n\
+             `test/` is the test split as a whole dataset; whoever has `test/secret_key.txt` can make its truth.\n\n\
+             Score a submission (folder or zip archive):\n\n\
+             ```sh\n\
+             microsig evaluate test SUBMISSION --out scores/TEAM --report\n\
+             microsig compare scores/* --out scores/leaderboard\n\
+             ```\n\n\
+             After the deadline publish `{SALT}` and `{name}-test-truth.zip`. They keep the promise of \
+             `../public/{COMMITMENT}`:\n\n\
+             ```sh\n\
+             cat {SALT} {name}-test-truth.zip | sha256sum -c ../public/{COMMITMENT}\n\
+             ```\n\n\
+             The archive holds `test/` without its images, which are public.\n",
+            title = self.title,
+        )
+    }
+
+    /// `LICENSE`.
+    pub(super) fn licence(&self) -> String {
+        let (name, path) = self.license();
+        format!(
+            "SPDX-License-Identifier: {name}\n\n\
+             {title}, version {version}, by {creators}.\n\n\
+             The data of this release are licensed under {name}. The text of the licence: {path}\n",
+            title = self.title,
+            version = self.version,
+            creators = self.creators.join("; "),
+        )
+    }
+
+    /// `CITATION.cff`.
+    pub(super) fn citation(&self) -> String {
+        // Strings of JSON are strings of YAML.
+        let quoted = |text: &str| Value::from(text).to_string();
+        let authors: String = self
+            .creators
+            .iter()
+            .map(|creator| match creator.split_once(", ") {
+                Some((family, given)) => {
+                    format!("  - family-names: {}\n    given-names: {}\n", quoted(family), quoted(given))
+                }
+                None => format!("  - name: {}\n", quoted(creator)),
+            })
+            .collect();
+        format!(
+            "cff-version: 1.2.0\nmessage: {message}\ntype: dataset\ntitle: {title}\nversion: {version}\nlicense: {license}\n\
+             authors:\n{authors}references:\n  - type: article\n    title: {rossi}\n    authors:\n      - family-names: Rossi\n        \
+             given-names: Massimiliano\n    journal: \"Measurement Science and Technology\"\n    volume: 31\n    start: \"017003\"\n    \
+             year: 2020\n",
+            message = quoted(
+                "If you use these images, please cite them, and the optical model that they were made with."
+            ),
+            title = quoted(&self.title),
+            version = quoted(self.version),
+            license = self.license().0,
+            rossi = quoted("Synthetic image generator for defocusing and astigmatic PIV/PTV"),
+        )
+    }
+
+    /// `.zenodo.json`.
+    pub(super) fn zenodo(&self) -> String {
+        let creators: Vec<Value> = self.creators.iter().map(|name| json!({ "name": name })).collect();
+        let zenodo = json!({
+            "title": self.title,
+            "upload_type": "dataset",
+            "description": format!("<p>{}</p>", self.description()),
+            "version": self.version,
+            "creators": creators,
+            "keywords": KEYWORDS,
+            "license": self.license().0.to_ascii_lowercase(),
+            "access_right": "open",
+        });
+        format!("{zenodo:#}\n")
+    }
+
+    fn description(&self) -> String {
+        format!(
+            "Synthetic images of defocused tracer particles with known truth: a challenge in three splits, train and val with \
+             truth, test with images only. Made by microsig {GENERATOR_VERSION}."
+        )
+    }
+
+    /// `datapackage.json` of the public part.
+    pub(super) fn manifest(&self, files: &BTreeMap<String, Fingerprint>) -> String {
+        let resources: Vec<Value> = files.iter().map(|(path, f)| manifest::resource(path, f, &[])).collect();
+        let manifest = json!({
+            "profile": "data-package",
+            "name": format!("{}-challenge", self.name),
+            "title": self.title,
+            "description": self.description(),
+            "version": self.version,
+            "licenses": self.manifest["licenses"],
+            "contributors": self.creators.iter().map(|c| json!({ "title": c, "role": "author" })).collect::<Vec<_>>(),
+            "keywords": KEYWORDS,
+            "microsig": {
+                "generator": "microsig",
+                "generator_version": GENERATOR_VERSION,
+                "splits": ["train", "val", "test"],
+                "commitment_sha256": self.commitment,
+            },
+            "resources": resources,
+        });
+        format!("{manifest:#}\n")
+    }
+
+    /// `croissant.json`: the vocabulary Croissant 1.0 of MLCommons, for loaders of machine-learning data sets.
+    pub(super) fn croissant(&self, archives: &BTreeMap<String, Fingerprint>) -> String {
+        let archive = |(path, f): (&String, &Fingerprint)| {
+            json!({
+                "@type": "cr:FileObject",
+                "@id": path,
+                "name": path,
+                "contentUrl": path,
+                "contentSize": format!("{} B", f.bytes),
+                "encodingFormat": "application/zip",
+                "sha256": f.sha256,
+            })
+        };
+        let mut distribution: Vec<Value> = archives.iter().map(archive).collect();
+        for split in ["train", "val", "test"] {
+            distribution.push(self.images_of(split));
+            if split != "test" {
+                distribution.push(self.tracks_of(split));
+            }
+        }
+        let croissant = json!({
+            "@context": croissant_context(),
+            "@type": "sc:Dataset",
+            "conformsTo": "http://mlcommons.org/croissant/1.0",
+            "name": self.name,
+            "description": self.description(),
+            "license": self.license().1,
+            "version": self.version,
+            "creator": self.creators.iter().map(|c| json!({ "@type": "sc:Person", "name": c })).collect::<Vec<_>>(),
+            "keywords": KEYWORDS,
+            "citeAs": format!("{}: {}, version {}", self.creators.join("; "), self.title, self.version),
+            "distribution": distribution,
+            "recordSet": [self.records("train"), self.records("val")],
+        });
+        format!("{croissant:#}\n")
+    }
+
+    fn images_of(&self, split: &str) -> Value {
+        json!({
+            "@type": "cr:FileSet",
+            "@id": format!("{split}-images"),
+            "name": format!("{split}-images"),
+            "containedIn": { "@id": format!("{}-{split}.zip", self.name) },
+            "encodingFormat": "image/tiff",
+            "includes": "*/images/*.tif",
+        })
+    }
+
+    fn tracks_of(&self, split: &str) -> Value {
+        let name = self.name;
+        json!({
+            "@type": "cr:FileObject",
+            "@id": format!("{split}-tracks"),
+            "name": format!("{split}-tracks"),
+            "containedIn": { "@id": format!("{name}-{split}.zip") },
+            "contentUrl": format!("{name}-{split}/{}", TRACKS.path),
+            "encodingFormat": "text/csv",
+        })
+    }
+
+    /// The table of tracks of a split.
+    fn records(&self, split: &str) -> Value {
+        let fields: Vec<Value> = TRACKS
+            .columns
+            .iter()
+            .map(|c| {
+                json!({
+                    "@type": "cr:Field",
+                    "@id": format!("{split}/{}", c.name),
+                    "name": c.name,
+                    "description": c.description,
+                    "dataType": if c.kind == "integer" { "sc:Integer" } else { "sc:Float" },
+                    "source": {
+                        "fileObject": { "@id": format!("{split}-tracks") },
+                        "extract": { "column": c.name },
+                    },
+                })
+            })
+            .collect();
+        json!({
+            "@type": "cr:RecordSet",
+            "@id": split,
+            "name": split,
+            "description": TRACKS.description,
+            "field": fields,
+        })
+    }
+}
+
+const KEYWORDS: [&str; 6] = [
+    "particle image velocimetry",
+    "particle tracking",
+    "defocusing",
+    "astigmatism",
+    "microfluidics",
+    "benchmark",
+];
+
+/// The context that the specification of Croissant 1.0 asks for.
+fn croissant_context() -> Value {
+    json!({
+        "@language": "en",
+        "@vocab": "https://schema.org/",
+        "citeAs": "cr:citeAs",
+        "column": "cr:column",
+        "conformsTo": "dct:conformsTo",
+        "cr": "http://mlcommons.org/croissant/",
+        "rai": "http://mlcommons.org/croissant/RAI/",
+        "data": { "@id": "cr:data", "@type": "@json" },
+        "dataType": { "@id": "cr:dataType", "@type": "@vocab" },
+        "dct": "http://purl.org/dc/terms/",
+        "examples": { "@id": "cr:examples", "@type": "@json" },
+        "extract": "cr:extract",
+        "field": "cr:field",
+        "fileProperty": "cr:fileProperty",
+        "fileObject": "cr:fileObject",
+        "fileSet": "cr:fileSet",
+        "format": "cr:format",
+        "includes": "cr:includes",
+        "isLiveDataset": "cr:isLiveDataset",
+        "jsonPath": "cr:jsonPath",
+        "key": "cr:key",
+        "md5": "cr:md5",
+        "parentField": "cr:parentField",
+        "path": "cr:path",
+        "recordSet": "cr:recordSet",
+        "references": "cr:references",
+        "regex": "cr:regex",
+        "repeated": "cr:repeated",
+        "replace": "cr:replace",
+        "sc": "https://schema.org/",
+        "separator": "cr:separator",
+        "source": "cr:source",
+        "subField": "cr:subField",
+        "transform": "cr:transform",
+    })
+}

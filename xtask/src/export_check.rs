@@ -1,0 +1,85 @@
+//! Opens what is written for other programs with those programs: image files, exports, a release's metadata.
+
+use std::path::Path;
+use std::process::Command;
+
+use anyhow::{Context, ensure};
+
+use crate::python::Python;
+
+/// The scenario whose dataset is exported; its flow has no steps that the depths of the calibration would not show.
+const SCENARIO: &str = r#"(
+    name: "exported",
+    seed: 3,
+    optics: (pixel_dim_x: 256, pixel_dim_y: 192),
+    motion: flow(field: poiseuille(max_speed_um_s: 600)),
+    particles: (number: count(12)),
+    timing: sequence(frames: 20, dt_s: 0.002),
+)"#;
+
+/// Makes a dataset, exports it in every format, releases it, and runs the scripts in `xtask/python`.
+///
+/// `imagej`: its archive (`ij.jar`), if images are to be opened with it too.
+pub(crate) fn run(out: &Path, imagej: Option<&Path>) -> anyhow::Result<()> {
+    let place = tempfile::tempdir()?;
+    let python = Python::with("export")?;
+
+    let scenario = place.path().join("exported.ron");
+    std::fs::write(&scenario, SCENARIO)?;
+    let (dataset, exports, release) =
+        (place.path().join("dataset"), place.path().join("exports"), place.path().join("release"));
+    std::fs::create_dir(&exports)?;
+    microsig(&["generate", "--quiet", text(&scenario)?, "--out", text(&dataset)?])?;
+    let mut formats = vec!["isbi", "trackpy", "defocustracker", "trackmate-spots", "napari"];
+    if dataset.join("truth/field.csv").exists() {
+        formats.extend(["flo", "openpiv"]);
+    }
+    for format in formats {
+        microsig(&["export", text(&dataset)?, "--format", format, "--out", text(&exports.join(format))?])?;
+    }
+    microsig(&["release", "--quiet", text(&dataset)?, "--out", text(&release)?, "--creator", "Doe, Jane"])?;
+
+    let mut table = String::from("| what | opened with | found |\n|---|---|---|\n");
+    let scale = format!("{}", 6.45 / 10.0);
+    table += &call(python.command("export.py").arg(&dataset).arg(&exports).arg(scale))?;
+    table += &call(python.command("release.py").arg(release.join("public")))?;
+    if let Some(jar) = imagej {
+        let image = dataset.join("images/frame_00000.tif");
+        let show = Path::new(env!("CARGO_MANIFEST_DIR")).join("python/ImageScale.java");
+        let headless = "-Djava.awt.headless=true";
+        table += &call(
+            Command::new("java")
+                .arg(headless)
+                .arg("-cp")
+                .arg(jar)
+                .arg(show)
+                .args([image, dataset.join("images")]),
+        )?;
+    }
+    let readme = format!(
+        "# Exports, images and a release, opened with the programs they are for\n\n\
+         `cargo xtask export-check --out {}` makes a dataset (20 frames of 256 x 192 px, 12 particles in view), exports its truth in \
+         every format, releases it, and opens all with the programs below (versions: `xtask/python/export.txt`). \
+         Coordinates are compared with the truth to 1e-9 px.\n\n{table}",
+        out.display()
+    );
+    std::fs::create_dir_all(out)?;
+    std::fs::write(out.join("README.md"), &readme)?;
+    println!("{readme}");
+    Ok(())
+}
+
+fn text(path: &Path) -> anyhow::Result<&str> {
+    path.to_str().context("a path that is no UTF-8")
+}
+
+fn microsig(arguments: &[&str]) -> anyhow::Result<()> {
+    call(suite::microsig::microsig().args(arguments)).map(drop)
+}
+
+/// Runs a command; gives what it wrote.
+fn call(command: &mut Command) -> anyhow::Result<String> {
+    let output = command.output().with_context(|| format!("{command:?}"))?;
+    ensure!(output.status.success(), "{command:?}:\n{}", String::from_utf8_lossy(&output.stderr));
+    Ok(String::from_utf8(output.stdout)?)
+}
