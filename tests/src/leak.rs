@@ -228,22 +228,25 @@ fn names(path: &str, bytes: &[u8]) -> Vec<String> {
     if path.contains("particles/") && !path.contains("calibration/") {
         found.push("a data file".to_owned());
     }
-    if path.ends_with(".json") || path.ends_with(".csv") {
-        let text = String::from_utf8_lossy(bytes);
-        let words: HashSet<&str> = text.split(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).collect();
-        let told = [
-            "seed",
-            "n_p",
-            "n_ppp",
-            "n_s",
-            "n_visible",
-            "n_rendered",
-            "max_displacement_px",
-            "energy",
-            "motion",
-        ];
-        found.extend(told.into_iter().filter(|t| words.contains(t)).map(|t| format!("`{t}`")));
-    }
+    let text = String::from_utf8_lossy(bytes);
+    let header: Vec<&str> = text.lines().next().unwrap_or_default().split(',').collect();
+    let told = [
+        "seed",
+        "n_p",
+        "n_ppp",
+        "n_s",
+        "n_visible",
+        "n_rendered",
+        "max_displacement_px",
+        "snr",
+        "energy",
+        "motion",
+    ];
+    found.extend(told.into_iter().filter_map(|name| {
+        let is_key = path.ends_with(".json") && text.contains(&format!("\"{name}\":"));
+        let is_column = path.ends_with(".csv") && header.contains(&name);
+        (is_key || is_column).then(|| format!("`{name}`"))
+    }));
     found
 }
 
