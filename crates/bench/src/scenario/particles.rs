@@ -331,8 +331,7 @@ impl Particles {
     pub(super) fn seeding(
         &mut self,
         diameters: Diameters,
-        scale: &Scale,
-        settings: &Settings,
+        (scale, settings): (&Scale, &Settings),
         z_um: (f64, f64),
         stack: impl FnOnce() -> Result<Stack>,
         files: &mut Files<'_>,

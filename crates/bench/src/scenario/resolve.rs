@@ -313,7 +313,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
             let draw = |settings: &Settings| Ok(spec.single_renderer(settings)?);
             let stack = || Stack::measure(draw, &settings, mean_um, depth_range_um, depth_factor);
             let seeding =
-                particles.seeding(diameters, &scale, &settings, z_um, stack, &mut files, &mut problems);
+                particles.seeding(diameters, (&scale, &settings), z_um, stack, &mut files, &mut problems);
             spec.particles = particles;
             seeding
         }
