@@ -1,4 +1,5 @@
 //! The truth of datasets: displacement fields against closed forms, and what the manifest tells against the tables.
+#![allow(clippy::needless_range_loop, reason = "tables are read by columns")]
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
