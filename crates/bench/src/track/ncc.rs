@@ -57,6 +57,14 @@ struct Match {
     cm: f32,
 }
 
+/// Where the walk to a particle begins.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    start: Match,
+    /// The part of the window's sum of squares that the template accounts for.
+    explained: f32,
+}
+
 /// How a window of a frame and a template agree.
 #[derive(Debug, Clone, Copy)]
 struct Agreement {
@@ -80,7 +88,7 @@ impl Stack {
         let mut left = frame.clone();
         let mut found: Vec<Found> = Vec::new();
         for candidate in self.candidates(&frame) {
-            let Some(best) = self.walk(&left, candidate) else { continue };
+            let Some(best) = self.walk(&left, candidate.start) else { continue };
             let template = &self.templates[best.step];
             let here = template.agreement(&left, best.x, best.y, template.radius);
             let before = template.agreement(&frame, best.x, best.y, template.radius).power;
@@ -95,8 +103,9 @@ impl Stack {
         found
     }
 
-    /// Local maxima of the correlation maps of the coarse templates, best first.
-    fn candidates(&self, frame: &Picture) -> Vec<Match> {
+    /// Local maxima of the correlation maps of the coarse templates. First comes what explains most light: a small template
+    /// may fit a piece of a ring well, but the ring's own explains all of it.
+    fn candidates(&self, frame: &Picture) -> Vec<Candidate> {
         let step = self.templates.len().div_ceil(COARSE).max(1);
         let coarse: Vec<usize> = (step / 2..self.templates.len()).step_by(step).collect();
         let margin = coarse.iter().map(|&k| self.templates[k].radius).max().unwrap_or(0);
@@ -110,12 +119,15 @@ impl Stack {
                     let around =
                         |v: usize| map.counts[v * frame.width + x - 1..=v * frame.width + x + 1].iter();
                     if here > LEAST_CM && (y - 1..=y + 1).flat_map(around).all(|other| *other <= here) {
-                        candidates.push(Match { step: k, x: x as isize, y: y as isize, cm: here });
+                        let start = Match { step: k, x: x as isize, y: y as isize, cm: here };
+                        let explained = here * here * maps.power(x, y, self.templates[k].radius) as f32;
+                        candidates.push(Candidate { start, explained });
                     }
                 }
             }
         }
-        candidates.sort_by(|a, b| b.cm.total_cmp(&a.cm).then((a.y, a.x, a.step).cmp(&(b.y, b.x, b.step))));
+        let place = |c: &Candidate| (c.start.y, c.start.x, c.start.step);
+        candidates.sort_by(|a, b| b.explained.total_cmp(&a.explained).then(place(a).cmp(&place(b))));
         candidates
     }
 
@@ -282,6 +294,17 @@ impl<'a> Maps<'a> {
         Maps { frame, width, height, margin, fourier, transformed, sums }
     }
 
+    /// Sum of squares about its mean of the window around a pixel.
+    fn power(&self, x: usize, y: usize, radius: usize) -> f64 {
+        let (left, top) = (x + self.margin - radius, y + self.margin - radius);
+        let (right, bottom) = (left + 2 * radius + 1, top + 2 * radius + 1);
+        let at = |x: usize, y: usize| self.sums[y * (self.width + 1) + x];
+        let corners = [at(right, bottom), at(left, bottom), at(right, top), at(left, top)];
+        let [sum, squares] =
+            std::array::from_fn(|i| corners[0][i] - corners[1][i] - corners[2][i] + corners[3][i]);
+        squares - sum * sum / ((2 * radius + 1) * (2 * radius + 1)) as f64
+    }
+
     /// C_m of a template at every pixel of the frame.
     fn correlation(&self, template: &Template) -> Picture {
         let r = template.radius as isize;
@@ -302,18 +325,9 @@ impl<'a> Maps<'a> {
         }
         self.fourier.transform(&mut plane, Way::Backward, &mut scratch);
         let scale = 1.0 / (self.width * self.height) as f64;
-        let box_sum = |x: usize, y: usize| -> [f64; 2] {
-            let r = template.radius;
-            let at = |x: usize, y: usize| self.sums[y * (self.width + 1) + x];
-            let [a, b, c, d] =
-                [at(x + r + 1, y + r + 1), at(x - r, y + r + 1), at(x + r + 1, y - r), at(x - r, y - r)];
-            std::array::from_fn(|i| a[i] - b[i] - c[i] + d[i])
-        };
         Picture::from_fn((self.frame.width, self.frame.height), |x, y| {
-            let (x, y) = (x + self.margin, y + self.margin);
-            let [sum, squares] = box_sum(x, y);
-            let own = squares - sum * sum / n;
-            let product = f64::from(plane[y * self.width + x].re) * scale;
+            let own = self.power(x, y, template.radius);
+            let product = f64::from(plane[(y + self.margin) * self.width + x + self.margin].re) * scale;
             if own > 0.0 && power > 0.0 { (product / (own * power).sqrt()) as f32 } else { 0.0 }
         })
     }
