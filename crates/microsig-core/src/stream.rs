@@ -131,19 +131,27 @@ enum Source {
 }
 
 impl Source {
-    fn block(&mut self) -> [u32; 4] {
+    /// The next blocks; a block of either source begins where the last one ended.
+    fn fill(&mut self, blocks: &mut [[u32; 4]]) {
         match self {
             Source::Philox { key, counter } => {
-                let block = philox4x32(*counter, *key);
-                counter[0] = counter[0].wrapping_add(1);
-                block
+                let n = blocks.len() as u32;
+                match blocks {
+                    [block] => *block = philox4x32(*counter, *key),
+                    blocks => pulp::Arch::new().dispatch(Philox { key: *key, counter: *counter, blocks }),
+                }
+                counter[0] = counter[0].wrapping_add(n);
             }
             Source::ChaCha(cipher) => {
-                let mut bytes = [0u8; 16];
-                cipher.apply_keystream(&mut bytes);
-                std::array::from_fn(|i| {
-                    u32::from_le_bytes([bytes[4 * i], bytes[4 * i + 1], bytes[4 * i + 2], bytes[4 * i + 3]])
-                })
+                // Four blocks of the cipher at a time.
+                for blocks in blocks.chunks_mut(16) {
+                    let mut bytes = [0u8; 256];
+                    cipher.apply_keystream(&mut bytes[..16 * blocks.len()]);
+                    let (words, _) = bytes.as_chunks::<4>();
+                    for (word, bytes) in blocks.as_flattened_mut().iter_mut().zip(words) {
+                        *word = u32::from_le_bytes(*bytes);
+                    }
+                }
             }
         }
     }
@@ -153,11 +161,22 @@ impl Stream {
     /// The next 32 random bits.
     pub fn next_u32(&mut self) -> u32 {
         if self.used == 4 {
-            self.block = self.source.block();
+            let mut block = [[0; 4]];
+            self.source.fill(&mut block);
+            [self.block] = block;
             self.used = 0;
         }
         self.used += 1;
         self.block[self.used - 1]
+    }
+
+    /// Fills a slice with what [`Stream::next_u32`] would give, many blocks at a time.
+    pub fn fill(&mut self, words: &mut [u32]) {
+        let (rest, words) = words.split_at_mut(words.len().min(4 - self.used));
+        let (blocks, last) = words.as_chunks_mut::<4>();
+        rest.fill_with(|| self.next_u32());
+        self.source.fill(blocks);
+        last.fill_with(|| self.next_u32());
     }
 
     /// The next 64 random bits.
@@ -190,7 +209,27 @@ impl TryRng for Stream {
     }
 }
 
+/// Consecutive blocks of Philox4x32, compiled for every instruction set.
+struct Philox<'a> {
+    key: [u32; 2],
+    counter: [u32; 4],
+    blocks: &'a mut [[u32; 4]],
+}
+
+impl pulp::WithSimd for Philox<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let [first, row, frame, purpose] = self.counter;
+        for (i, block) in self.blocks.iter_mut().enumerate() {
+            *block = philox4x32([first.wrapping_add(i as u32), row, frame, purpose], self.key);
+        }
+    }
+}
+
 /// One block of Philox4x32 with 10 rounds.
+#[inline(always)]
 fn philox4x32(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
     for round in 0..10 {
         if round > 0 {
@@ -222,6 +261,21 @@ mod tests {
             philox4x32([0x243f_6a88, 0x85a3_08d3, 0x1319_8a2e, 0x0370_7344], [0xa409_3822, 0x299f_31d0]),
             [0xd16c_fe09, 0x94fd_cceb, 0x5001_e420, 0x2412_6ea1]
         );
+    }
+
+    #[test]
+    fn filling_gives_the_same_numbers_as_asking_one_by_one() {
+        for streams in [Streams::new(7), Streams::secret([7; 32])] {
+            for (before, n) in [(0, 0), (0, 3), (1, 2), (1, 3), (3, 100), (4, 64), (5, 333)] {
+                let stream = || streams.stream(Purpose::Rays, 1, 2);
+                let (mut filled, mut asked) = (stream(), stream());
+                let mut words = vec![0; n];
+                (0..before).for_each(|_| assert_eq!(filled.next_u32(), asked.next_u32()));
+                filled.fill(&mut words);
+                assert!(words.iter().all(|&word| word == asked.next_u32()), "{before} before {n}");
+                assert_eq!(filled.next_u64(), asked.next_u64(), "after {before} and {n}");
+            }
+        }
     }
 
     #[test]

@@ -95,15 +95,18 @@ impl OpticalSystem {
         for i in 0..=STEPS {
             let q = radius * f64::from(i) / f64::from(STEPS);
             // The two meridional fans hold the extremes: along the columns and along the rows.
-            for (q_x, q_y) in [(q, 0.0), (0.0, q)] {
-                let ray = Ray { q_x: 0.0, q_y: 0.0, p_x: q_x / distance, p_y: q_y / distance };
-                if let Some((x, y)) = self.trace(ray, distance) {
-                    width = width.max(x.abs());
-                    height = height.max(y.abs());
-                }
+            let ray = Ray { q_x: 0.0, q_y: 0.0, p_x: q / distance, p_y: 0.0 };
+            if self.cylinder.is_some()
+                && let Some((x, _)) = self.trace(ray, distance)
+            {
+                width = width.max(x.abs());
+            }
+            let ray = Ray { p_x: 0.0, p_y: ray.p_x, ..ray };
+            if let Some((_, y)) = self.trace(ray, distance) {
+                height = height.max(y.abs());
             }
         }
-        (width, height)
+        if self.cylinder.is_some() { (width, height) } else { (height, height) }
     }
 }
 

@@ -1,26 +1,27 @@
-//! The inner loops: rays of a particle from their source points to pixel numbers, in f32, many at a time.
+//! The inner loop: rays of a particle from their source points to pixels, in f32, many at a time.
 //!
-//! Three stages over a block of rays: turn the candidate directions of each point and bring them to the lens plane;
-//! refract and carry them to the sensor; count. Only + - * / sqrt and comparisons occur, each correctly rounded and never
-//! fused, so that every instruction set gives the same bits.
+//! A direction of the fan is taken with all points that can send it into the lens, one point a lane. Only + - * / sqrt
+//! and comparisons occur, each correctly rounded and never fused, so that every instruction set gives the same bits. The
+//! loops are plain ones that the compiler turns into vector code.
 //!
-//! The refraction is that of `optics` with everything cancelled that cancels. Let d = (1, p) be the ray's direction,
-//! n = (R, -q) and n' = (R, q) the normals of the faces, none of them of unit length, N^2 = R^2 + q^2,
-//! k = (n_l/n_m)^2 - 1 and s = (1 + p^2) N^2. Snell's law in vector form, times |d|, adds to the direction a multiple of
-//! the normal: inside the lens it is (n_m/n_l) (d + G n), G = (sqrt(D^2 + k s) - D) / N^2 with D = d.n = R - q.p, and
-//! behind it d + G n + H n', H = (sqrt(E^2 - k s) - E) / N^2 with E = (d + G n).n' = R + q.p + G (R^2 - q^2). The slopes
-//! behind the lens are therefore (p + (H - G) q) / (1 + R (G + H)): two square roots and two divisions. E^2 < k s is total
-//! reflection.
+//! The refraction is that of `optics` with everything cancelled that cancels. Lengths are in units of the faces' radius.
+//! A ray has the direction d = (w, u, v) and meets the lens at q = Q/w, Q = w e + L (u, v), e being its source point across
+//! the axis and L the distance of that from the lens. The normals of the faces are (w, -Q) and (w, Q), of length N,
+//! N^2 = w^2 + Q^2. Directions have the length 1/sqrt((n_l/n_m)^2 - 1), with which Snell's law in vector form makes of d
+//!
+//! d + G (w, -Q) + H (w, Q),   G = (sqrt(D^2 + N^2) - D) / N^2,   D = w^2 - Q.(u, v),
+//! H = (sqrt(E^2 - N^2) - E) / N^2,   E = w^2 + Q.(u, v) + G (w^2 - Q^2);
+//!
+//! E^2 < N^2 is total reflection. With all fractions brought to the denominator N^4, g = G N^2 and h = H N^4, the slopes
+//! behind the lens are (N^4 (u, v) + I Q) / (w F), I = h - g N^2 and F = N^4 + g N^2 + h. The place on the sensor is a
+//! times q plus b times the slope, the two numbers of the ray transfer matrix behind the lens, one pair for each axis:
+//! (b (N^4 (u, v) + I Q) + a F Q) / (w F). Two square roots and one division for a ray.
 
-use super::fan::Candidates;
-use super::patch::Window;
+use std::ops::Range;
+
+use super::sources::{MAX_LANES, Sources};
+use super::tally::{Frame, Tally};
 use crate::optics::OpticalSystem;
-
-/// Rays in flight: four arrays of this length stay in the first-level cache.
-const BLOCK: usize = 1024;
-
-/// Rays refracted in one stroke: one or more registers of every instruction set.
-const WIDE: usize = 16;
 
 /// 1.5 * 2^23: adding it to a number below 2^22 rounds that to the nearest integer (ties to even, as the original does)
 /// and leaves the integer in the low bits, where a conversion would not be done for many numbers at a time.
@@ -30,317 +31,231 @@ const ROUND_BITS: u32 = ROUND.to_bits();
 /// What the kernel knows of the optics.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Lens {
+    /// Radius of the faces, um: the kernel's unit of length.
+    pub(super) unit_um: f64,
     aperture2: f32,
-    face_radius: f32,
-    face_radius2: f32,
-    /// (n_l/n_m)^2 - 1.
-    index_excess: f32,
-    /// The way behind the lens, um: to the sensor, or to the cylinder and from there on.
-    way: [f32; 2],
-    /// 1 / f_cyl; 0 without a cylinder, which leaves the slope alone.
-    cylinder_power: f32,
-    per_pixel: f32,
+    /// Length of directions.
+    length: f32,
+    /// a along columns and along rows, over b along rows.
+    position: [f32; 2],
+    /// b along columns over b along rows; 0 where a cylinder makes an image of the lens along columns.
+    slope: f32,
+    /// b along rows, px.
+    lever: f32,
 }
 
 impl Lens {
     pub(super) fn new(system: &OpticalSystem, pixel_size: f64) -> Self {
         let objective = &system.objective;
-        let (r, mu, b) = (objective.face_radius, objective.index_ratio, objective.image_distance);
+        let (unit, mu, way) = (objective.face_radius, objective.index_ratio, objective.image_distance);
+        let aperture = objective.aperture_radius / unit;
+        // Behind the lens: a third of the way, a cylinder with this power along columns, the rest.
+        let power = system.cylinder.map_or(0.0, |c| 1.0 / c.focal_length);
+        let kept = 1.0 - 2.0 * way / 3.0 * power;
         Lens {
-            aperture2: (objective.aperture_radius * objective.aperture_radius) as f32,
-            face_radius: r as f32,
-            face_radius2: (r * r) as f32,
-            index_excess: (1.0 / (mu * mu) - 1.0) as f32,
-            way: [(b / 3.0) as f32, (2.0 * b / 3.0) as f32],
-            cylinder_power: system.cylinder.map_or(0.0, |c| (1.0 / c.focal_length) as f32),
-            per_pixel: (1.0 / pixel_size) as f32,
+            unit_um: unit,
+            aperture2: (aperture * aperture) as f32,
+            length: (1.0 / libm::sqrt(1.0 / (mu * mu) - 1.0)) as f32,
+            position: [kept, 1.0].map(|a| (a * unit / way) as f32),
+            slope: (kept / 3.0 + 2.0 / 3.0) as f32,
+            lever: (way / pixel_size) as f32,
         }
     }
 }
 
-/// A source point, ready for the kernel.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Source {
-    /// Position across the axis, um.
-    pub(super) e2: f32,
-    pub(super) e3: f32,
-    /// Way to the lens along the axis, um.
-    pub(super) distance: f32,
-    /// Angle of the fan, 2^32 per turn.
-    pub(super) phase: u32,
-    /// Largest azimuth from the axis that can arrive (`fan::half_turns`).
-    pub(super) reach: u32,
-}
-
-/// Where counts go: a window of the sensor, and the particle's place in it.
-pub(super) struct Target<'a> {
-    pub(super) width: usize,
-    pub(super) height: usize,
-    /// Pixel coordinates of the particle's centre, relative to the window's first pixel.
-    pub(super) x: f32,
-    pub(super) y: f32,
-    /// Counts of the window and, at the end, one for all rays that land elsewhere.
-    pub(super) counts: &'a mut [u32],
-}
-
-impl<'a> Target<'a> {
-    pub(super) fn new(window: &Window, x_px: f64, y_px: f64, counts: &'a mut [u32]) -> Self {
-        Target {
-            width: window.width,
-            height: window.height,
-            x: (x_px - window.x0 as f64) as f32,
-            y: (y_px - window.y0 as f64) as f32,
-            counts,
-        }
-    }
-}
-
-/// Rays on their way; reused from particle to particle.
+/// A direction of the fan and neighbouring sources that can send it into the lens.
 #[derive(Debug, Clone)]
-pub(super) struct Block {
+pub(super) struct Run {
+    pub(super) direction: [f32; 3],
+    pub(super) sources: Range<usize>,
+}
+
+/// Rays in flight; their arrays stay in the first-level cache.
+const BLOCK: usize = 512;
+
+/// Rays on their way, in the symbols of this module; reused from particle to particle.
+#[derive(Debug, Clone)]
+#[repr(align(64))]
+pub(super) struct Rays {
+    w: [f32; BLOCK],
+    u: [f32; BLOCK],
+    v: [f32; BLOCK],
     q_x: [f32; BLOCK],
     q_y: [f32; BLOCK],
-    p_x: [f32; BLOCK],
-    p_y: [f32; BLOCK],
+    /// N^4, N^4 + g N^2 + h, and h - g N^2.
+    n4: [f32; BLOCK],
+    forward: [f32; BLOCK],
+    inward: [f32; BLOCK],
+    /// Numbers whose sign is set if a ray is lost.
+    signs: [u32; BLOCK],
+    places: [u32; BLOCK],
     length: usize,
 }
 
-impl Default for Block {
+impl Default for Rays {
     fn default() -> Self {
         let zero = [0.0; BLOCK];
-        Block { q_x: zero, q_y: zero, p_x: zero, p_y: zero, length: 0 }
+        Rays {
+            w: zero,
+            u: zero,
+            v: zero,
+            q_x: zero,
+            q_y: zero,
+            n4: zero,
+            forward: zero,
+            inward: zero,
+            signs: [0; BLOCK],
+            places: [0; BLOCK],
+            length: 0,
+        }
     }
 }
 
-/// Traces all sources and counts their rays. Gives the farthest landing places from the particle's centre on the two
-/// axes, px, seen among all rays that pass the lens, and the number of rays traced.
+/// Traces the rays of all runs and counts them.
 pub(super) fn trace(
     arch: pulp::Arch,
     lens: &Lens,
-    candidates: &Candidates,
-    sources: &[Source],
-    block: &mut Block,
-    target: &mut Target<'_>,
-) -> Traced {
-    arch.dispatch(Trace { lens, candidates, sources, block, target })
+    sources: &Sources,
+    runs: &[Run],
+    rays: &mut Rays,
+    tally: &mut Tally,
+) {
+    arch.dispatch(Trace { lens, sources, runs, rays, tally });
 }
 
 /// The kernel as an operation that is compiled once for every instruction set.
-struct Trace<'a, 'b> {
+struct Trace<'a> {
     lens: &'a Lens,
-    candidates: &'a Candidates,
-    sources: &'a [Source],
-    block: &'a mut Block,
-    target: &'a mut Target<'b>,
+    sources: &'a Sources,
+    runs: &'a [Run],
+    rays: &'a mut Rays,
+    tally: &'a mut Tally,
 }
 
-impl pulp::WithSimd for Trace<'_, '_> {
-    type Output = Traced;
+impl pulp::WithSimd for Trace<'_> {
+    type Output = ();
 
     // Inlined, with all that it calls, into a function for which the instruction set is switched on.
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) -> Traced {
-        trace_generic(self.lens, self.candidates, self.sources, self.block, self.target)
-    }
-}
-
-/// What a pass of the kernel saw.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Traced {
-    /// Farthest landing place from the particle's centre along columns, px.
-    pub(super) extent_x: f32,
-    /// Likewise along rows.
-    pub(super) extent_y: f32,
-    /// Rays traced.
-    pub(super) rays: u64,
-}
-
-/// Farthest landing places so far, lane by lane: bits of f32 >= 0, which compare like the numbers.
-#[derive(Debug, Clone, Copy, Default)]
-struct Farthest {
-    x: [u32; WIDE],
-    y: [u32; WIDE],
-}
-
-#[inline(always)]
-fn trace_generic(
-    lens: &Lens,
-    candidates: &Candidates,
-    sources: &[Source],
-    block: &mut Block,
-    target: &mut Target<'_>,
-) -> Traced {
-    let mut traced = Traced::default();
-    let mut farthest = Farthest::default();
-    block.length = 0;
-    for source in sources {
-        let mut run = candidates.run(source.phase, source.reach);
-        traced.rays += run.len() as u64;
-        let turn = cos_sin(source.phase);
-        while !run.is_empty() {
-            if block.length == BLOCK {
-                flush(lens, block, target, &mut farthest);
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Trace { lens, sources, runs, rays, tally } = self;
+        rays.length = 0;
+        for run in runs {
+            let mut rest = run.sources.clone();
+            while !rest.is_empty() {
+                if rays.length == BLOCK {
+                    rays.finish(lens, tally);
+                }
+                let n = rest.len().min(BLOCK - rays.length);
+                let direction = run.direction.map(|d| d * lens.length);
+                rays.launch(direction, sources, rest.start..rest.start + n);
+                rest.start += n;
             }
-            let n = run.len().min(BLOCK - block.length);
-            to_lens(source, turn, candidates, run.start, n, block);
-            run.start += n;
+        }
+        rays.finish(lens, tally);
+    }
+}
+
+// One loop a stage: each is short enough for a processor to work on several vectors at a time.
+impl Rays {
+    /// Adds the rays of one direction from a range of sources, carried to the lens plane, and fills the last vector.
+    #[inline(always)]
+    fn launch(&mut self, [d1, d2, v]: [f32; 3], sources: &Sources, range: Range<usize>) {
+        let (first, n) = (range.start, range.len());
+        let full = n.next_multiple_of(MAX_LANES);
+        let (cosine, sine) = (&sources.cosine[first..first + full], &sources.sine[first..first + full]);
+        let (e2, e3) = (&sources.e2[first..first + full], &sources.e3[first..first + full]);
+        let distance = &sources.distance[first..first + full];
+        let block = self.length..self.length + full;
+        let (w_out, u_out) = (&mut self.w[block.clone()], &mut self.u[block.clone()]);
+        let (q_x, q_y) = (&mut self.q_x[block.clone()], &mut self.q_y[block.clone()]);
+        self.v[block].fill(v);
+        for i in 0..full {
+            let w = (d1 * cosine[i] - d2 * sine[i]).abs();
+            let u = d1 * sine[i] + d2 * cosine[i];
+            w_out[i] = w;
+            u_out[i] = u;
+            q_x[i] = w * e2[i] + distance[i] * u;
+            q_y[i] = w * e3[i] + distance[i] * v;
+        }
+        // The rest of the last vector came from sources of other ranges: rays that miss.
+        q_y[n..].fill(f32::INFINITY);
+        self.length += full;
+    }
+
+    /// Takes the rays through both faces of the lens.
+    #[inline(always)]
+    fn refract(&mut self, lens: &Lens) {
+        let n = self.length;
+        let (w, u, v) = (&self.w[..n], &self.u[..n], &self.v[..n]);
+        let (q_x, q_y) = (&self.q_x[..n], &self.q_y[..n]);
+        let (n4_out, signs) = (&mut self.n4[..n], &mut self.signs[..n]);
+        let (forward_out, inward) = (&mut self.forward[..n], &mut self.inward[..n]);
+        let aperture2 = lens.aperture2;
+        for i in 0..n {
+            let (w, u, v, q_x, q_y) = (w[i], u[i], v[i], q_x[i], q_y[i]);
+            let w2 = w * w;
+            let q2 = q_x * q_x + q_y * q_y;
+            let along = q_x * u + q_y * v;
+            let n2 = w2 + q2;
+            let n4 = n2 * n2;
+
+            let first = w2 - along;
+            let g = (first * first + n2).sqrt() - first;
+            let second = n2 * (w2 + along) + g * (w2 - q2);
+            let squared = second * second - n2 * n4;
+            let h = squared.sqrt() - second;
+            let gn2 = g * n2;
+            let forward = n4 + gn2 + h;
+
+            n4_out[i] = n4;
+            forward_out[i] = forward;
+            inward[i] = h - gn2;
+            // Beside the aperture, a face met from behind, or total reflection: one of these is negative.
+            let in_aperture = aperture2 * w2 - q2;
+            signs[i] = in_aperture.to_bits()
+                | first.to_bits()
+                | second.to_bits()
+                | squared.to_bits()
+                | forward.to_bits();
         }
     }
-    // The last block is filled up with rays that miss.
-    let end = block.length.next_multiple_of(WIDE).min(BLOCK);
-    block.q_x[block.length..end].fill(f32::INFINITY);
-    block.length = end;
-    flush(lens, block, target, &mut farthest);
-    let extent = |bits: [u32; WIDE]| f32::from_bits(bits.into_iter().fold(0, u32::max));
-    traced.extent_x = extent(farthest.x);
-    traced.extent_y = extent(farthest.y);
-    traced
-}
 
-/// Turns `n` directions and carries them to the lens plane, at the end of the block.
-#[inline(always)]
-fn to_lens(
-    source: &Source,
-    turn: (f32, f32),
-    candidates: &Candidates,
-    start: usize,
-    n: usize,
-    block: &mut Block,
-) {
-    let (cosine, sine) = turn;
-    let at = block.length;
-    let (d1, d2, d3) = (
-        &candidates.d1[start..start + n],
-        &candidates.d2[start..start + n],
-        &candidates.d3[start..start + n],
-    );
-    let (q_x, q_y) = (&mut block.q_x[at..at + n], &mut block.q_y[at..at + n]);
-    let (p_x, p_y) = (&mut block.p_x[at..at + n], &mut block.p_y[at..at + n]);
-    for i in 0..n {
-        let forward = 1.0 / (d1[i] * cosine - d2[i] * sine).abs();
-        let slope_x = (d1[i] * sine + d2[i] * cosine) * forward;
-        let slope_y = d3[i] * forward;
-        p_x[i] = slope_x;
-        p_y[i] = slope_y;
-        q_x[i] = source.e2 + source.distance * slope_x;
-        q_y[i] = source.e3 + source.distance * slope_y;
-    }
-    block.length += n;
-}
+    /// Takes the rays to their places on the sensor.
+    #[inline(always)]
+    fn land(&mut self, lens: &Lens, frame: &Frame) {
+        let n = self.length;
+        let (w, u, v) = (&self.w[..n], &self.u[..n], &self.v[..n]);
+        let (q_x, q_y) = (&self.q_x[..n], &self.q_y[..n]);
+        let (n4, signs) = (&self.n4[..n], &self.signs[..n]);
+        let (forward, inward) = (&self.forward[..n], &self.inward[..n]);
+        let places = &mut self.places[..n];
+        let Frame { x: x0, y: y0, right, bottom, stride, lost } = *frame;
+        let Lens { position: [ax, ay], slope, lever, .. } = *lens;
+        let rounding = ROUND_BITS.wrapping_mul(stride + 1);
+        for i in 0..n {
+            let (n4, forward, inward) = (n4[i], forward[i], inward[i]);
+            let per = lever / (w[i] * forward);
+            let x = (slope * (n4 * u[i] + inward * q_x[i]) + ax * forward * q_x[i]) * per + x0;
+            let y = (n4 * v[i] + (inward + ay * forward) * q_y[i]) * per + y0;
 
-/// Refracts the rays of a block, carries them to the sensor and counts them.
-#[inline(always)]
-fn flush(lens: &Lens, block: &mut Block, target: &mut Target<'_>, farthest: &mut Farthest) {
-    let Block { q_x, q_y, p_x, p_y, length } = block;
-    // A copy that nothing else can refer to stays in registers.
-    let mut local = *farthest;
-    let lanes = |values: &[f32; BLOCK], i: usize| -> [f32; WIDE] { std::array::from_fn(|k| values[i + k]) };
-    for i in (0..*length).step_by(WIDE) {
-        let (q_x, q_y, p_x, p_y) = (lanes(q_x, i), lanes(q_y, i), lanes(p_x, i), lanes(p_y, i));
-        let pixels = to_sensor(lens, target, &mut local, q_x, q_y, p_x, p_y);
-        for pixel in pixels {
-            target.counts[pixel as usize] += 1;
+            // Into the frame, if beyond the window; what is no number is lost anyway.
+            let x = if x > 0.0 { x } else { 0.0 };
+            let y = if y > 0.0 { y } else { 0.0 };
+            let column = if x < right { x } else { right } + ROUND;
+            let row = if y < bottom { y } else { bottom } + ROUND;
+            let place =
+                row.to_bits().wrapping_mul(stride).wrapping_add(column.to_bits()).wrapping_sub(rounding);
+            places[i] = if (signs[i] as i32) < 0 { lost } else { place };
         }
     }
-    *farthest = local;
-    *length = 0;
-}
 
-/// From the lens plane to pixel numbers of the target, for one set of lanes.
-#[inline(always)]
-fn to_sensor(
-    lens: &Lens,
-    target: &Target<'_>,
-    farthest: &mut Farthest,
-    q_x: [f32; WIDE],
-    q_y: [f32; WIDE],
-    p_x: [f32; WIDE],
-    p_y: [f32; WIDE],
-) -> [u32; WIDE] {
-    let elsewhere = (target.width * target.height) as u32;
-    let (width, height) = (target.width as f32, target.height as f32);
-    let row_length = target.width as u32;
-    let mut pixels = [elsewhere; WIDE];
-
-    for i in 0..WIDE {
-        let (q_x, q_y, p_x, p_y) = (q_x[i], q_y[i], p_x[i], p_y[i]);
-        let q2 = q_x * q_x + q_y * q_y;
-        let p2 = p_x * p_x + p_y * p_y;
-        let qp = q_x * p_x + q_y * p_y;
-        let n2 = lens.face_radius2 + q2;
-        let per_n2 = 1.0 / n2;
-        let ks = lens.index_excess * (n2 + n2 * p2);
-
-        let first = lens.face_radius - qp;
-        let bend1 = ((ks + first * first).sqrt() - first) * per_n2;
-        let second = lens.face_radius + qp + bend1 * (lens.face_radius2 - q2);
-        let squared = second * second - ks;
-        let bend2 = (squared.sqrt() - second) * per_n2;
-
-        let forward = 1.0 + lens.face_radius * (bend1 + bend2);
-        let per_forward = 1.0 / forward;
-        let inward = bend2 - bend1;
-        let (p_x, p_y) = ((p_x + q_x * inward) * per_forward, (p_y + q_y * inward) * per_forward);
-        let (q_x, q_y) = (q_x + lens.way[0] * p_x, q_y + lens.way[0] * p_y);
-        let p_x = p_x - q_x * lens.cylinder_power;
-        let x = (q_x + lens.way[1] * p_x) * lens.per_pixel;
-        let y = (q_y + lens.way[1] * p_y) * lens.per_pixel;
-
-        // Comparisons with NaN (total reflection) are false, so that such a ray is lost.
-        let arrives =
-            (q2 <= lens.aperture2) & (first > 0.0) & (squared >= 0.0) & (second > 0.0) & (forward > 0.0);
-        farthest.x[i] = farthest.x[i].max(if arrives { x.abs().to_bits() } else { 0 });
-        farthest.y[i] = farthest.y[i].max(if arrives { y.abs().to_bits() } else { 0 });
-        let (column, row) = (x + target.x + ROUND, y + target.y + ROUND);
-        let (nearest_column, nearest_row) = (column - ROUND, row - ROUND);
-        let inside = arrives
-            & (nearest_column >= 0.0)
-            & (nearest_column < width)
-            & (nearest_row >= 0.0)
-            & (nearest_row < height);
-        let (column, row) =
-            (column.to_bits().wrapping_sub(ROUND_BITS), row.to_bits().wrapping_sub(ROUND_BITS));
-        let pixel = row.wrapping_mul(row_length).wrapping_add(column);
-        pixels[i] = if inside { pixel } else { elsewhere };
-    }
-    pixels
-}
-
-/// Cosine and sine of an angle given in 2^32 per turn, to 1e-7.
-#[inline(always)]
-fn cos_sin(phase: u32) -> (f32, f32) {
-    // Split off the nearest multiple of a quarter turn; the rest lies within 45 degrees.
-    let quarter = phase.wrapping_add(1 << 29) >> 30;
-    let rest = phase.wrapping_sub(quarter << 30) as i32;
-    let x = rest as f32 * (std::f32::consts::PI / 2_147_483_648.0);
-    let x2 = x * x;
-    // Taylor series; the first neglected terms are x^9/9! = 3e-7 x and x^10/10! = 2e-8 at 45 degrees.
-    let sine =
-        x * (1.0 - x2 * (1.0 / 6.0 - x2 * (1.0 / 120.0 - x2 * (1.0 / 5040.0 - x2 * (1.0 / 362_880.0)))));
-    let cosine = 1.0 - x2 * (0.5 - x2 * (1.0 / 24.0 - x2 * (1.0 / 720.0 - x2 * (1.0 / 40_320.0))));
-    match quarter & 3 {
-        0 => (cosine, sine),
-        1 => (-sine, cosine),
-        2 => (-cosine, -sine),
-        _ => (sine, -cosine),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn cosine_and_sine_of_a_phase() {
-        for step in 0..10_000u32 {
-            let phase = step.wrapping_mul(429_497);
-            let (sine, cosine) =
-                libm::sincos(f64::from(phase) / 4_294_967_296.0 * 2.0 * std::f64::consts::PI);
-            let (c, s) = cos_sin(phase);
-            assert!(
-                (f64::from(c) - cosine).abs() < 2e-7 && (f64::from(s) - sine).abs() < 2e-7,
-                "phase {phase}"
-            );
-        }
+    /// Takes the rays of the block through lens and sensor and counts them; the block is then empty.
+    #[inline(always)]
+    fn finish(&mut self, lens: &Lens, tally: &mut Tally) {
+        self.refract(lens);
+        self.land(lens, &tally.frame());
+        tally.count(&self.places[..self.length]);
+        self.length = 0;
     }
 }

@@ -12,7 +12,9 @@ mod kernel;
 mod patch;
 pub mod rays;
 mod renderer;
+mod sources;
 mod spots;
+mod tally;
 
 pub use expected::ExpectedRenderer;
 pub use gaussian::{GaussianRenderer, Spot};

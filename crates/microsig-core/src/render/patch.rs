@@ -32,15 +32,6 @@ impl Window {
     pub fn area(&self) -> usize {
         self.width * self.height
     }
-
-    /// Whether all of `other` lies in this window.
-    pub(super) fn contains(&self, other: &Window) -> bool {
-        other.area() == 0
-            || (self.x0 <= other.x0
-                && self.y0 <= other.y0
-                && other.x0 + other.width as i64 <= self.x0 + self.width as i64
-                && other.y0 + other.height as i64 <= self.y0 + self.height as i64)
-    }
 }
 
 /// Ray counts of one particle on the sensor pixels it can reach.
@@ -53,16 +44,17 @@ pub struct Patch {
 }
 
 impl Patch {
-    /// Adds the patch times `factor` to row `row` (from 0) of the sensor.
-    pub(super) fn add_row(&self, row: usize, factor: f64, pixels: &mut [f64]) {
-        let line = row as i64 + 1 - self.window.y0;
-        if line < 0 || line >= self.window.height as i64 {
-            return;
-        }
-        let counts = &self.counts[line as usize * self.window.width..][..self.window.width];
-        let first = (self.window.x0 - 1) as usize;
-        for (pixel, &count) in pixels[first..first + self.window.width].iter_mut().zip(counts) {
-            *pixel += factor * f64::from(count);
+    /// Adds the patch times `factor` to a band of the sensor of this width, whose first row has this number (from 0).
+    pub(super) fn add(&self, first_row: usize, factor: f64, band: &mut [f64], width: usize) {
+        let Window { x0, y0, width: columns, height } = self.window;
+        let (left, top) = ((x0 - 1) as usize, (y0 - 1) as usize);
+        let last_row = first_row + band.len() / width;
+        for row in top.max(first_row)..(top + height).min(last_row) {
+            let counts = &self.counts[(row - top) * columns..][..columns];
+            let pixels = &mut band[(row - first_row) * width + left..][..columns];
+            for (pixel, &count) in pixels.iter_mut().zip(counts) {
+                *pixel += factor * f64::from(count);
+            }
         }
     }
 
@@ -83,7 +75,5 @@ mod tests {
         assert_eq!(window(0.0, 9.0), Window { x0: 1, y0: 8, width: 2, height: 1 });
         assert_eq!(window(-5.0, 5.0).area(), 0);
         assert_eq!(window(1e300, -1e300).area(), 0);
-        assert!(window(5.0, 5.0).contains(&Window::around(5.0, 5.0, (1.0, 1.0), (10, 8))));
-        assert!(!window(5.0, 5.0).contains(&window(6.0, 5.0)));
     }
 }

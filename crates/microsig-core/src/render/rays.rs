@@ -5,22 +5,27 @@
 
 use rayon::prelude::*;
 
-use super::fan::{self, Candidates, Fan};
-use super::kernel::{self, Block, Lens, Source, Target};
+use super::fan::Fan;
+use super::kernel::{self, Lens, Rays, Run};
 use super::patch::{Patch, Window};
+use super::sources::Sources;
+use super::tally::Tally;
 use crate::emission::{self, GoldenAzimuths, Point, SpheroidLaw};
 use crate::error::Error;
 use crate::optics::{OpticalSystem, Ray};
-use crate::particle::Particle;
+use crate::particle::{Particle, Spheroid};
 use crate::sensor::Light;
 use crate::settings::Settings;
-use crate::stream::{Purpose, Streams};
+use crate::stream::{Purpose, Stream, Streams};
 
 /// Pixels of patches held at a time while an image is added up: 64 MB.
 const PATCH_PIXELS: usize = 1 << 24;
 
 /// Particles traced before their patches are added.
-const PATCHES: usize = 256;
+const PATCHES: usize = 1024;
+
+/// Rows of pixels to which patches are added at a time.
+const BAND: usize = 64;
 
 /// Draws particles by counting rays.
 #[derive(Debug, Clone)]
@@ -33,15 +38,18 @@ pub struct RayRenderer {
     arch: pulp::Arch,
 }
 
-/// Working memory of one thread.
+/// Working memory of one thread and one renderer.
 #[derive(Debug, Default)]
 pub struct Scratch {
     azimuths: GoldenAzimuths,
+    /// Diameter and form to which `points` belong.
+    shape: Option<(f64, Option<Spheroid>)>,
     points: Vec<Point>,
     phases: Vec<u32>,
-    sources: Vec<Source>,
-    candidates: Candidates,
-    block: Block,
+    sources: Sources,
+    runs: Vec<Run>,
+    rays: Rays,
+    tally: Tally,
 }
 
 /// Which instruction set the kernel uses; all give the same counts.
@@ -135,14 +143,23 @@ impl RayRenderer {
         row: u32,
         scratch: &mut Scratch,
     ) -> Option<Patch> {
-        let window = self.window(particle);
+        let mut stream = streams.stream(purpose, frame, row);
+        self.patch_in(self.window(particle), particle, &mut stream, scratch)
+    }
+
+    fn patch_in(
+        &self,
+        window: Window,
+        particle: &Particle,
+        angles: &mut Stream,
+        scratch: &mut Scratch,
+    ) -> Option<Patch> {
         if window.area() == 0 {
             return None;
         }
         self.shine(particle, scratch);
-        let mut stream = streams.stream(purpose, frame, row);
-        scratch.phases.clear();
-        scratch.phases.extend((0..scratch.points.len()).map(|_| stream.next_u32()));
+        scratch.phases.resize(scratch.points.len(), 0);
+        angles.fill(&mut scratch.phases);
         Some(self.trace(particle, window, scratch).0)
     }
 
@@ -166,41 +183,30 @@ impl RayRenderer {
     pub fn light(&self, particles: &[Particle], streams: &Streams, purpose: Purpose, frame: u32) -> Light {
         let mut light = Light::dark(&self.settings);
         let width = light.width as usize;
+        let windows: Vec<Window> = particles.par_iter().map(|p| self.window(p)).collect();
         let mut first = 0;
         while first < particles.len() {
-            let chunk = self.chunk(&particles[first..]);
-            let patches: Vec<Option<Patch>> = chunk
+            let last = first + fitting(&windows[first..]);
+            let (chunk, windows) = (&particles[first..last], &windows[first..last]);
+            let patches: Vec<(&Particle, Patch)> = chunk
                 .par_iter()
+                .zip(windows)
                 .enumerate()
-                .map_init(Scratch::default, |scratch, (i, particle)| {
-                    self.patch(particle, streams, purpose, frame, (first + i) as u32, scratch)
+                .map_init(Scratch::default, |scratch, (i, (particle, &window))| {
+                    let mut angles = streams.stream(purpose, frame, (first + i) as u32);
+                    self.patch_in(window, particle, &mut angles, scratch).map(|patch| (particle, patch))
                 })
+                .flatten()
                 .collect();
-            // Rows of pixels, not particles, are dealt out to threads: each pixel sees the particles in order.
-            light.values.par_chunks_mut(width).enumerate().with_min_len(64).for_each(|(row, pixels)| {
-                for (patch, particle) in patches.iter().zip(chunk) {
-                    if let Some(patch) = patch {
-                        patch.add_row(row, particle.c_int, pixels);
-                    }
+            // Bands of pixels, not particles, are dealt out to threads: each pixel sees the particles in order.
+            light.values.par_chunks_mut(BAND * width).enumerate().for_each(|(band, pixels)| {
+                for (particle, patch) in &patches {
+                    patch.add(band * BAND, particle.c_int, pixels, width);
                 }
             });
-            first += chunk.len();
+            first = last;
         }
         light
-    }
-
-    /// The first particles whose patches fit the memory set aside for them.
-    fn chunk<'a>(&self, particles: &'a [Particle]) -> &'a [Particle] {
-        let mut pixels = 0;
-        let n = particles
-            .iter()
-            .take(PATCHES)
-            .take_while(|p| {
-                pixels += self.window(p).area();
-                pixels <= PATCH_PIXELS
-            })
-            .count();
-        &particles[..n.max(1)]
     }
 
     /// Where on the sensor a particle's light is expected.
@@ -263,54 +269,54 @@ impl RayRenderer {
         (aperture - step * (missing as f64 - 2.0)).min(aperture)
     }
 
+    /// Puts the particle's shining points into `scratch`; those of the particle before serve again if it had the same shape.
     fn shine(&self, particle: &Particle, scratch: &mut Scratch) {
-        let n = emission::surface_points(&self.settings, particle);
-        emission::shining_points(particle, n, self.law, &mut scratch.azimuths, &mut scratch.points);
-    }
-
-    /// Traces the points and phases in `scratch`; a window that proves too small is widened and traced again.
-    fn trace(&self, particle: &Particle, window: Window, scratch: &mut Scratch) -> (Patch, u64) {
-        let radius = greatest_radius(particle);
-        let aperture = self.useful_aperture(particle);
-        let distance = self.system.objective.object_distance(particle.z_um);
-        self.fan.candidates((aperture + radius) / (distance - radius), &mut scratch.candidates);
-        scratch.sources.clear();
-        scratch.sources.extend(scratch.points.iter().zip(&scratch.phases).map(|(&[e1, e2, e3], &phase)| {
-            let reach = libm::atan((aperture + e2.abs()) / (distance + e1));
-            Source {
-                e2: e2 as f32,
-                e3: e3 as f32,
-                distance: (distance + e1) as f32,
-                phase,
-                reach: fan::half_turns(reach),
-            }
-        }));
-
-        let mut window = window;
-        loop {
-            let mut counts = vec![0u32; window.area() + 1];
-            let mut target = Target::new(&window, particle.x_px, particle.y_px, &mut counts);
-            let traced = kernel::trace(
-                self.arch,
-                &self.lens,
-                &scratch.candidates,
-                &scratch.sources,
-                &mut scratch.block,
-                &mut target,
-            );
-            let needed = Window::around(
-                particle.x_px,
-                particle.y_px,
-                (f64::from(traced.extent_x) + 1.0, f64::from(traced.extent_y) + 1.0),
-                (self.settings.pixel_dim_x, self.settings.pixel_dim_y),
-            );
-            if window.contains(&needed) {
-                counts.truncate(window.area());
-                return (Patch { window, counts }, traced.rays);
-            }
-            window = needed;
+        let shape = Some((particle.d_um, particle.spheroid));
+        if scratch.shape != shape {
+            let n = emission::surface_points(&self.settings, particle);
+            emission::shining_points(particle, n, self.law, &mut scratch.azimuths, &mut scratch.points);
+            scratch.shape = shape;
         }
     }
+
+    /// Traces the points and phases in `scratch`, also giving the number of rays; a window that proves too small is
+    /// widened and the rays are traced again.
+    fn trace(&self, particle: &Particle, window: Window, scratch: &mut Scratch) -> (Patch, u64) {
+        let Scratch { points, phases, sources, runs, rays, tally, .. } = scratch;
+        let radius = greatest_radius(particle);
+        let distance = self.system.objective.object_distance(particle.z_um);
+        sources.place(self.arch, points, phases, distance, 1.0 / self.lens.unit_um);
+        let max_slope = (self.useful_aperture(particle) + radius) / (distance - radius);
+        runs.clear();
+        for candidate in self.fan.candidates(max_slope) {
+            let direction = candidate.direction;
+            let facing = sources.runs(&candidate).into_iter().filter(|run| !run.is_empty());
+            runs.extend(facing.map(|sources| Run { direction, sources }));
+        }
+        let traced = runs.iter().map(|run| run.sources.len() as u64).sum();
+
+        let sensor = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
+        let mut window = window;
+        loop {
+            tally.begin(window, particle.x_px, particle.y_px);
+            kernel::trace(self.arch, &self.lens, sources, runs, rays, tally);
+            if !tally.overflows(sensor) {
+                return (tally.patch(), traced);
+            }
+            let reach = (window.width.max(window.height) * 2) as f64;
+            window = Window::around(particle.x_px, particle.y_px, (reach, reach), sensor);
+        }
+    }
+}
+
+/// How many of the first windows fit the memory set aside for patches, at least one.
+fn fitting(windows: &[Window]) -> usize {
+    let mut pixels = 0;
+    let fits = |window: &&Window| {
+        pixels += window.area();
+        pixels <= PATCH_PIXELS
+    };
+    windows.iter().take(PATCHES).take_while(fits).count().max(1)
 }
 
 /// The farthest a point of the surface can lie from the centre, um.

@@ -1,15 +1,15 @@
 //! Whole-number Gaussian noise.
 
-use crate::stream::Stream;
-
-/// round(N(0, sigma)) by Walker's alias method (Vose 1991): one 64-bit random number a sample.
+/// round(N(0, sigma)) by Walker's alias method (Vose 1991): one random number of 32 bits a sample.
 ///
-/// The probabilities are those of the rounded normal, cut where a tail holds less than 1e-15.
+/// The probabilities are those of the rounded normal, each to 2^-32.
 #[derive(Debug, Clone)]
 pub struct RoundedNormal {
     lowest: i32,
-    /// Per column: the share of 2^32 that stays in the column, and where the rest goes.
-    columns: Vec<(u32, u32)>,
+    /// The first so many bits of a random number choose a column.
+    bits: u32,
+    /// Per column: the share of 2^32 that stays in the column, and the value of the rest.
+    columns: Vec<(u32, i32)>,
 }
 
 impl RoundedNormal {
@@ -18,22 +18,24 @@ impl RoundedNormal {
         // Beyond 16 bit every value clamps to the same count, so the table never grows past that.
         let reach = libm::ceil(8.0 * sigma + 1.0).min(f64::from(1 << 17)) as i32;
         let below = |x: f64| 0.5 * libm::erfc(-x / (sigma * std::f64::consts::SQRT_2));
-        let n = (2 * reach + 1) as usize;
-        let weights: Vec<f64> = (-reach..=reach)
+        // A power of two, so that the bits that choose a column and those that decide within it are independent.
+        let n = ((2 * reach + 1) as usize).next_power_of_two();
+        let mut weights: Vec<f64> = (-reach..=reach)
             .map(|k| {
                 // By symmetry from the lower tail, where differences of erfc keep their digits.
                 let k = -f64::from(k.abs());
                 below(k + 0.5) - below(k - 0.5)
             })
             .collect();
+        weights.resize(n, 0.0);
         let total: f64 = weights.iter().sum();
 
         let mut scaled: Vec<f64> = weights.iter().map(|w| w / total * n as f64).collect();
-        let mut columns = vec![(u32::MAX, 0u32); n];
+        let mut columns = vec![(u32::MAX, 0); n];
         let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..n).partition(|&i| scaled[i] < 1.0);
         while let (Some(&poor), Some(&rich)) = (small.last(), large.last()) {
             small.pop();
-            columns[poor] = ((scaled[poor] * 4_294_967_296.0) as u32, rich as u32);
+            columns[poor] = ((scaled[poor] * 4_294_967_296.0) as u32, rich as i32 - reach);
             scaled[rich] -= 1.0 - scaled[poor];
             if scaled[rich] < 1.0 {
                 large.pop();
@@ -41,17 +43,18 @@ impl RoundedNormal {
             }
         }
         for full in small.into_iter().chain(large) {
-            columns[full] = (u32::MAX, full as u32);
+            columns[full] = (u32::MAX, full as i32 - reach);
         }
-        RoundedNormal { lowest: -reach, columns }
+        RoundedNormal { lowest: -reach, bits: n.ilog2(), columns }
     }
 
-    /// One value, counts.
-    pub fn sample(&self, stream: &mut Stream) -> i32 {
-        let column = (u64::from(stream.next_u32()) * self.columns.len() as u64) >> 32;
-        let (share, alias) = self.columns[column as usize];
-        let chosen = if stream.next_u32() < share { column as u32 } else { alias };
-        self.lowest + chosen as i32
+    /// The value, counts, that a random number of 32 bits stands for.
+    #[inline(always)]
+    pub fn sample(&self, random: u32) -> i32 {
+        let column = random >> (32 - self.bits);
+        // There is a column for every number; without a check that could fail, many are looked up at a time.
+        let (share, rest) = self.columns.get(column as usize).copied().unwrap_or_default();
+        if random << self.bits < share { self.lowest + column as i32 } else { rest }
     }
 }
 
@@ -70,7 +73,7 @@ mod tests {
             let mut histogram = vec![0.0; (2 * reach + 1) as usize];
             let mut stream = Streams::new(3).stream(Purpose::BackgroundNoise, 0, 0);
             for _ in 0..n {
-                let k = noise.sample(&mut stream).clamp(-reach, reach);
+                let k = noise.sample(stream.next_u32()).clamp(-reach, reach);
                 histogram[(k + reach) as usize] += 1.0;
             }
             let below = |x: f64| 0.5 * libm::erfc(-x / (sigma * std::f64::consts::SQRT_2));
