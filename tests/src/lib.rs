@@ -10,8 +10,10 @@ pub mod microsig;
 pub mod npy;
 pub mod reference;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use anyhow::Context;
 use microsig_core::formats::{data_file, settings_file};
 use microsig_core::{Particle, Settings};
 
@@ -43,4 +45,22 @@ pub fn sha256(path: &Path) -> anyhow::Result<String> {
     use sha2::Digest;
     let digest = sha2::Sha256::digest(std::fs::read(path)?);
     Ok(digest.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// SHA-256 of every file below a folder, by its path there.
+pub fn tree(folder: &Path) -> anyhow::Result<BTreeMap<String, String>> {
+    let mut files = BTreeMap::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(next) = folders.pop() {
+        for entry in std::fs::read_dir(&next).with_context(|| next.display().to_string())? {
+            let path = entry?.path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let name = path.strip_prefix(folder)?.to_string_lossy().into_owned();
+                files.insert(name, sha256(&path)?);
+            }
+        }
+    }
+    Ok(files)
 }

@@ -4,10 +4,15 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 
-/// The command, built in the profile of the tests.
+/// The command.
 pub fn microsig() -> Command {
+    Command::new(binary())
+}
+
+/// The command's file, built in the profile of the tests.
+pub fn binary() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
-    Command::new(BINARY.get_or_init(|| {
+    BINARY.get_or_init(|| {
         // Cargo builds the binary of another package only when asked to.
         let mut build = Command::new(env!("CARGO"));
         build.args(["build", "--quiet", "--package", "bench", "--bin", "microsig"]);
@@ -18,7 +23,7 @@ pub fn microsig() -> Command {
         assert!(status.success(), "microsig does not build");
         let test = std::env::current_exe().expect("a test has a path");
         test.ancestors().nth(2).expect("tests lie in target/PROFILE/deps").join("microsig")
-    }))
+    })
 }
 
 /// Runs the command and asserts that it succeeds; gives what it wrote to standard output.

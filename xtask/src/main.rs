@@ -8,10 +8,12 @@ mod gallery;
 mod golden;
 mod leak_search;
 mod peers;
+mod keys;
 mod picture;
 mod process;
 mod python;
 mod reference;
+mod robustness;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -83,6 +85,42 @@ enum Task {
         #[arg(long, default_value = "target/leak-search")]
         out: PathBuf,
     },
+    /// Writes the reference of all keys, docs/scenario.md, and draws what they do.
+    Keys {
+        /// The folder of documents.
+        #[arg(long, default_value = "docs")]
+        out: PathBuf,
+    },
+    /// Kills runs at random moments, resumes them and compares; exit code 1 if one differs.
+    Kill {
+        /// Where kill.md and kill.csv go.
+        #[arg(long, default_value = "target/robustness")]
+        out: PathBuf,
+        /// Kills of each kind of run.
+        #[arg(long, default_value_t = 50)]
+        kills: u32,
+    },
+    /// Lets every verb that writes meet a full disk (needs to be root).
+    Disk {
+        /// Where disk.md goes.
+        #[arg(long, default_value = "target/robustness")]
+        out: PathBuf,
+    },
+    /// Compares the peak memory of a long sequence with that of 100 frames; exit code 1 if it grows.
+    Memory {
+        /// Where memory.md goes.
+        #[arg(long, default_value = "target/robustness")]
+        out: PathBuf,
+        /// Frames of the long sequence.
+        #[arg(long, default_value_t = 10_000)]
+        frames: u32,
+    },
+    /// Runs a sweep as job arrays on a real Slurm of this machine (needs to be root, and Slurm installed).
+    Slurm {
+        /// Where README.md goes.
+        #[arg(long, default_value = "target/slurm")]
+        out: PathBuf,
+    },
     /// Draws the figures of Rossi 2020 with our renderer.
     Figures {
         /// Where the figures, their numbers and README.md go.
@@ -106,6 +144,11 @@ fn main() -> anyhow::Result<ExitCode> {
             export_check::run(&out, imagej.as_deref()).map(|()| ExitCode::SUCCESS)
         }
         Task::LeakSearch { out } => leak_search::run(&out),
+        Task::Keys { out } => keys::run(&out).map(|()| ExitCode::SUCCESS),
+        Task::Kill { out, kills } => robustness::kill::run(&out, kills),
+        Task::Disk { out } => robustness::disk::run(&out),
+        Task::Memory { out, frames } => robustness::memory::run(&out, frames),
+        Task::Slurm { out } => robustness::slurm::run(&out),
         Task::Figures { out } => figures::run(&out).map(|()| ExitCode::SUCCESS),
     }
 }

@@ -267,7 +267,7 @@ pub fn all() -> &'static [(String, Status)] {
 }
 
 /// Where fields are.
-const FIELD: &str = "motion.flow.field";
+pub(super) const FIELD: &str = "motion.flow.field";
 
 /// Fields that change another one.
 const COMPOSITIONS: [&str; 6] = ["scaled", "translated", "rotated", "moving", "modulated", "mirrored"];

@@ -1,13 +1,16 @@
 //! Scenarios: as written ([`spec`]), as read ([`parse()`]), as checked and filled ([`resolve()`]).
 
+pub mod effects;
 mod field;
 mod illumination;
 pub mod keys;
 mod load;
 mod motion;
+mod meanings;
 mod outline;
 mod parse;
 mod particles;
+pub mod reference;
 mod resolve;
 mod set;
 pub mod spec;

@@ -81,6 +81,15 @@ impl Node {
 
     /// Where the value of a path stands, or as much of the path as is written.
     pub(super) fn find<'p>(&self, path: impl IntoIterator<Item = &'p str>) -> usize {
+        self.follow(path).0
+    }
+
+    /// The value of a path.
+    pub(super) fn value<'p>(&self, path: impl IntoIterator<Item = &'p str>) -> Option<&Node> {
+        self.follow(path).1
+    }
+
+    fn follow<'p>(&self, path: impl IntoIterator<Item = &'p str>) -> (usize, Option<&Node>) {
         let (mut node, mut at) = (self, self.span.start);
         for step in path {
             if node.name.as_deref() == Some("Some") {
@@ -99,10 +108,10 @@ impl Node {
             match (node.field(step), item) {
                 (Some(field), _) => (node, at) = (&field.value, field.at),
                 (_, Some(item)) => (node, at) = (item, item.span.start),
-                _ => break,
+                _ => return (at, None),
             }
         }
-        at
+        (at, Some(node))
     }
 
     /// The path to the innermost value around a place, and that value.

@@ -1,0 +1,45 @@
+//! Result files of all trackers: the first byte chooses the format, or leaves it to be recognised.
+#![no_main]
+
+use std::path::PathBuf;
+use std::sync::LazyLock;
+
+use bench::results::{Conventions, Format, Found, read};
+
+static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().unwrap());
+
+const FORMATS: [Option<Format>; 13] = [
+    None,
+    Some(Format::Canonical),
+    Some(Format::Trackpy),
+    Some(Format::TrackmateSpots),
+    Some(Format::TrackmateXml),
+    Some(Format::Isbi),
+    Some(Format::Defocustracker),
+    Some(Format::DefocustrackerAscii),
+    Some(Format::Napari),
+    Some(Format::Field),
+    Some(Format::Openpiv),
+    Some(Format::Pivlab),
+    Some(Format::Flo),
+];
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    let [choice, file @ ..] = bytes else { return };
+    let format = FORMATS[usize::from(*choice) % FORMATS.len()];
+    let extension = ["csv", "txt", "xml", "flo"][usize::from(*choice / 16) % 4];
+    let path: PathBuf = FOLDER.path().join(format!("result.{extension}"));
+    std::fs::write(&path, file).unwrap();
+    let given = Conventions {
+        format,
+        um_per_px: Some(0.645),
+        depth_um: Some((-80.0, 20.0)),
+        height_px: Some(366.0),
+        ..Conventions::default()
+    };
+    if let Ok(Found::Points(points)) = read(&path, &given) {
+        for row in &points.rows {
+            assert!(row.at.x_px.is_finite() && row.at.y_px.is_finite() && row.at.z_um.is_finite());
+        }
+    }
+});

@@ -1,0 +1,19 @@
+//! Sweeps over the template: every case of a sweep that is accepted has a scenario or a reason.
+#![no_main]
+
+use std::sync::LazyLock;
+
+use bench::scenario::{TEMPLATE, parse_sweep};
+
+static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("base.ron"), TEMPLATE).unwrap();
+    folder
+});
+
+libfuzzer_sys::fuzz_target!(|text: &str| {
+    let Ok(sweep) = parse_sweep(text, "fuzz", FOLDER.path()) else { return };
+    for case in sweep.cases.iter().take(3) {
+        let _ = sweep.scenario(case);
+    }
+});

@@ -1,0 +1,205 @@
+//! When things go wrong: killed runs, disks that take no more, damaged datasets. `cargo xtask kill`, `disk` and `memory` are the
+//! long forms of these.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use suite::microsig::{binary, fail, microsig, path, run};
+
+/// One image takes long enough to be interrupted.
+const SCENARIO: &str = r#"(
+    name: "long",
+    optics: (pixel_dim_x: 200, pixel_dim_y: 100, points_per_pixel: 9),
+    motion: flow(field: poiseuille()),
+    particles: (number: count(6)),
+    timing: pairs(count: 40),
+    calibration: none,
+)"#;
+
+fn write(folder: &Path, name: &str, text: &str) -> PathBuf {
+    let path = folder.join(name);
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+fn files_in(folder: &Path) -> usize {
+    std::fs::read_dir(folder).map_or(0, |entries| entries.count())
+}
+
+/// Starts a run, waits until `ready` and kills it; `false` if it ended before.
+fn kill_when(arguments: &[&str], ready: impl Fn() -> bool) -> bool {
+    let mut child = microsig().arg("--quiet").args(arguments).stdout(Stdio::null()).spawn().unwrap();
+    loop {
+        if child.try_wait().unwrap().is_some() {
+            return false;
+        }
+        if ready() {
+            child.kill().unwrap();
+            return !child.wait().unwrap().success();
+        }
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn a_killed_run_is_no_dataset_and_goes_on_to_the_same_bytes() {
+    let place = tempfile::tempdir().unwrap();
+    let scenario = write(place.path(), "scenario.ron", SCENARIO);
+    let (whole, out) = (place.path().join("whole"), place.path().join("out"));
+    run(&["generate", path(&scenario), "--out", path(&whole)]);
+    let expected = suite::tree(&whole).unwrap();
+    let partial = place.path().join("out.partial");
+    let mut interrupted = 0;
+    // The first files, the first images, and later ones; then a run is killed that goes on with another's rest.
+    for images in [0, 1, 34, 50] {
+        let generate = ["generate", path(&scenario), "--out", path(&out), "--resume"];
+        let ready = || partial.is_dir() && files_in(&partial.join("images")) >= images;
+        if kill_when(&generate, ready) {
+            interrupted += 1;
+            assert!(!out.exists() && partial.is_dir(), "{images} images");
+            assert!(fail(1, &["verify", path(&partial)]).contains("unfinished"));
+            let torn = place.path().join("torn");
+            std::fs::rename(&partial, &torn).unwrap();
+            fail(2, &["verify", path(&torn)]);
+            std::fs::rename(&torn, &partial).unwrap();
+        }
+        if images != 34 {
+            run(&generate);
+            assert!(suite::tree(&out).unwrap() == expected, "killed at {images} images");
+            std::fs::remove_dir_all(&out).unwrap();
+        }
+    }
+    // Otherwise this test has tested nothing.
+    assert!(interrupted > 0);
+}
+
+#[test]
+fn killed_shards_of_a_sweep_go_on_to_the_same_bytes() {
+    let place = tempfile::tempdir().unwrap();
+    write(place.path(), "base.ron", &SCENARIO.replace("count: 40", "count: 8"));
+    let sweep = r#"(name: "s", base: "base.ron", axes: [(path: "optics.gain", values: linear(from: 1, to: 4, count: 4))])"#;
+    let sweep = write(place.path(), "sweep.ron", sweep);
+    let (whole, out) = (place.path().join("whole"), place.path().join("out"));
+    run(&["sweep", path(&sweep), "--out", path(&whole)]);
+    let shard = |k: &'static str| ["sweep", path(&sweep), "--out", path(&out), "--resume", "--shard", k];
+    // The first shard makes cases 0 and 2, the second 1 and 3: each is killed within its last case.
+    for (k, case) in [("1/2", "case_00002.partial"), ("2/2", "case_00003.partial")] {
+        let images = out.join(case).join("images");
+        let killed = kill_when(&shard(k), || files_in(&images) > 0);
+        assert_eq!(killed, out.join(case).exists(), "{k}");
+        assert!(!out.join("cases.csv").exists() || !killed);
+    }
+    for k in ["1/2", "2/2"] {
+        run(&shard(k));
+    }
+    assert!(suite::tree(&out).unwrap() == suite::tree(&whole).unwrap());
+}
+
+/// Runs the command with a limit on the size of any file, which is what a full disk looks like to it: a write that fails.
+#[cfg(unix)]
+fn limited(kilobytes: u32, arguments: &[&str]) -> (Option<i32>, String) {
+    let script = format!("trap '' XFSZ; ulimit -f {}; exec \"$@\"", kilobytes * 2);
+    let output =
+        Command::new("sh").args(["-c", &script, "sh"]).arg(binary()).args(arguments).output().unwrap();
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[cfg(unix)]
+#[test]
+fn what_cannot_be_written_is_said_and_leaves_no_result() {
+    let place = tempfile::tempdir().unwrap();
+    let scenario = write(place.path(), "base.ron", &SCENARIO.replace("count: 40", "count: 2"));
+    let sweep = r#"(name: "s", base: "base.ron", axes: [(path: "seed", values: list([1, 2]))])"#;
+    let sweep = write(place.path(), "sweep.ron", sweep);
+    let dataset = place.path().join("dataset");
+    run(&["generate", path(&scenario), "--out", path(&dataset)]);
+    let (settings, particles) = (dataset.join("settings.txt"), dataset.join("particles"));
+    let tracks = dataset.join("truth/tracks.csv");
+    let out = place.path().join("out");
+    let generate = vec!["generate", path(&scenario), "--out", path(&out)];
+    let render = vec!["render", path(&settings), path(&particles), path(&out)];
+    let evaluate = vec!["evaluate", path(&dataset), path(&tracks), "--out", path(&out)];
+    let sweep = vec!["sweep", path(&sweep), "--out", path(&out)];
+    // Images take 40 kB, the tables less.
+    for (arguments, kilobytes) in
+        [(&generate, 16), (&generate, 1), (&render, 16), (&evaluate, 1), (&sweep, 16)]
+    {
+        let (code, message) = limited(kilobytes, arguments);
+        assert_eq!(code, Some(1), "{arguments:?}: {message}");
+        assert!(message.starts_with("error: ") && message.contains("File too large"), "{message}");
+        assert!(message.contains(path(place.path())), "no path: {message}");
+        let finished = std::fs::read_dir(&out).map_or(0, |cases| {
+            cases.flatten().filter(|case| case.path().extension().is_none_or(|e| e != "partial")).count()
+        });
+        assert_eq!(finished, 0, "{arguments:?}");
+        assert!(arguments[0] == "sweep" || !out.exists(), "{arguments:?}");
+        // The rest of an interrupted run goes on once there is room.
+        if arguments[0] == "generate" {
+            run(&[&arguments[..], &["--resume"]].concat());
+            assert!(suite::tree(&out).unwrap() == suite::tree(&dataset).unwrap());
+            std::fs::remove_dir_all(&out).unwrap();
+        }
+    }
+    run(&[&sweep[..], &["--resume"]].concat());
+}
+
+#[test]
+fn verify_finds_a_flipped_bit_in_any_file_and_an_edited_scenario() {
+    let place = tempfile::tempdir().unwrap();
+    let text = r#"(
+        name: "small",
+        optics: (pixel_dim_x: 40, pixel_dim_y: 30, points_per_pixel: 4, settings: "own.txt"),
+        motion: flow(field: poiseuille()),
+        particles: (number: file("places.txt")),
+        boundaries: (z_um: (-30, -20)),
+        timing: pairs(count: 1),
+    )"#;
+    let mut settings = Vec::new();
+    microsig_core::formats::settings_file::write(&mut settings, &microsig_core::Settings::setting1())
+        .unwrap();
+    write(place.path(), "own.txt", &String::from_utf8(settings).unwrap());
+    write(place.path(), "places.txt", "20 15 -25 2\n5 5 -28 2\n");
+    let scenario = write(place.path(), "scenario.ron", text);
+    let dataset = place.path().join("dataset");
+    run(&["generate", path(&scenario), "--out", path(&dataset)]);
+    let whole = suite::tree(&dataset).unwrap();
+    let kinds = ["SHA256SUMS", "README.md", "preview.png", "inputs/own.txt", "calibration/calibration.csv"];
+    assert!(kinds.iter().all(|kind| whole.contains_key(*kind)), "{whole:?}");
+    for (i, file) in whole.keys().enumerate() {
+        let file = dataset.join(file);
+        let good = std::fs::read(&file).unwrap();
+        let mut broken = good.clone();
+        // Another byte and another bit in each file.
+        let at = (i * 7919) % broken.len();
+        broken[at] ^= 1 << (i % 8);
+        std::fs::write(&file, &broken).unwrap();
+        let status =
+            microsig().arg("verify").arg(&dataset).stdout(Stdio::null()).stderr(Stdio::null()).status();
+        assert!(!status.unwrap().success(), "bit {} of byte {at} of {} is flipped", i % 8, file.display());
+        std::fs::write(&file, &good).unwrap();
+    }
+    run(&["verify", path(&dataset), "--regenerate"]);
+
+    // An edit by somebody who makes checksums and manifest agree with it.
+    let file = dataset.join("scenario.ron");
+    let good = std::fs::read_to_string(&file).unwrap();
+    let edited = good.replace("seed: 0", "seed: 1");
+    assert_ne!(good, edited);
+    let old = suite::sha256(&file).unwrap();
+    std::fs::write(&file, edited).unwrap();
+    let reseal = |name: &str, old: &str, new: &str| {
+        let file = dataset.join(name);
+        let text = std::fs::read_to_string(&file).unwrap();
+        assert!(text.contains(old), "{name}");
+        std::fs::write(&file, text.replace(old, new)).unwrap();
+    };
+    let manifest = suite::sha256(&dataset.join("datapackage.json")).unwrap();
+    let new = suite::sha256(&file).unwrap();
+    reseal("SHA256SUMS", &old, &new);
+    reseal("datapackage.json", &old, &new);
+    reseal("SHA256SUMS", &manifest, &suite::sha256(&dataset.join("datapackage.json")).unwrap());
+    run(&["verify", path(&dataset)]);
+    assert!(
+        fail(1, &["verify", path(&dataset), "--regenerate"]).contains("generated again, it has other bytes")
+    );
+}

@@ -1,0 +1,100 @@
+//! The reference of all keys, `docs/scenario.md`, with pictures of what single keys do to the image.
+
+use std::io::BufWriter;
+use std::path::Path;
+
+use anyhow::Context;
+use bench::dataset::manifest::MANIFEST;
+use bench::runner::{GenerateOptions, Progress, generate};
+use bench::scenario::{self, assignment, effects};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{GrayImage, imageops};
+use microsig_core::sensor::Image;
+
+use crate::picture::{quantile, side_by_side, stretch};
+
+/// Screen pixels for one pixel of a picture.
+const ZOOM: u32 = 2;
+
+/// Depths of the particles of the ladder: far below focus, in focus, above; x and y in px, z and diameter in um.
+const PLACES: &str = "30 33 -70 2\n80 33 -25 2\n122 33 15 2\n";
+
+/// Writes the document and its pictures below `docs`.
+pub(crate) fn run(docs: &Path) -> anyhow::Result<()> {
+    let folder = docs.join("scenario");
+    std::fs::create_dir_all(&folder)?;
+    for effect in effects::EFFECTS {
+        let path = folder.join(effect.file());
+        let picture = picture(effect).with_context(|| effect.path)?;
+        let file = BufWriter::new(std::fs::File::create(&path).with_context(|| path.display().to_string())?);
+        // Zoomed rows repeat, which the filter makes nothing of.
+        picture.write_with_encoder(PngEncoder::new_with_quality(
+            file,
+            CompressionType::Best,
+            FilterType::Up,
+        ))?;
+    }
+    let path = docs.join("scenario.md");
+    std::fs::write(&path, scenario::reference::document()?)?;
+    println!("{}: {} pictures", path.display(), effects::EFFECTS.len());
+    Ok(())
+}
+
+/// All pictures of an effect on one grey scale.
+fn picture(effect: &effects::Effect) -> anyhow::Result<GrayImage> {
+    let images: Vec<Image> =
+        effect.pictures.iter().map(|sets| image(effect.scene, sets)).collect::<anyhow::Result<_>>()?;
+    let black = images.iter().map(|i| quantile(i, 0.01)).fold(f64::INFINITY, f64::min);
+    let white = images.iter().map(|i| quantile(i, 0.998)).fold(black + 1.0, f64::max);
+    let tiles: Vec<GrayImage> = images.iter().map(|image| lifted(stretch(image, black, white))).collect();
+    let strip = side_by_side(&tiles);
+    let (width, height) = strip.dimensions();
+    Ok(imageops::resize(&strip, width * ZOOM, height * ZOOM, imageops::FilterType::Nearest))
+}
+
+/// Square roots of the grey levels: rings are far fainter than spots.
+fn lifted(mut picture: GrayImage) -> GrayImage {
+    for pixel in picture.pixels_mut() {
+        pixel.0[0] = (f64::from(pixel.0[0]) * 255.0).sqrt().round() as u8;
+    }
+    picture
+}
+
+/// The first frame of a scene with some values replaced.
+fn image(scene: effects::Scene, sets: &str) -> anyhow::Result<Image> {
+    let place = tempfile::tempdir()?;
+    std::fs::write(place.path().join("places.txt"), PLACES)?;
+    let (size, number) = match scene {
+        effects::Scene::Ladder => ((150, 66), "file(\"places.txt\")"),
+        effects::Scene::Cloud => ((150, 110), "count(14)"),
+    };
+    let text = format!(
+        "(name: \"effect\", seed: 4, optics: (preset: setting1, pixel_dim_x: {}, pixel_dim_y: {}), \
+         motion: flow(field: poiseuille()), particles: (number: {number}), timing: pairs(count: 1), calibration: none)",
+        size.0, size.1
+    );
+    let mut spec = scenario::parse(&text, "effect")?;
+    for set in sets.split(';') {
+        let (path, value) = assignment(set)?;
+        spec = scenario::set(&spec, path, value)?;
+    }
+    let scenario = scenario::resolve(spec, place.path())?;
+    let out = place.path().join("dataset");
+    generate(
+        &scenario,
+        &GenerateOptions { out: out.clone(), force: false, resume: false, progress: Progress::Hidden },
+    )?;
+    anyhow::ensure!(out.join(MANIFEST).is_file(), "a dataset has a manifest");
+    let frame = out.join("images/pair_00000_a.tif");
+    let counts = microsig_core::formats::tiff::read(
+        std::io::BufReader::new(std::fs::File::open(&frame)?),
+        "effect",
+        size,
+    )?;
+    Ok(Image {
+        width: size.0,
+        height: size.1,
+        bits: 16,
+        counts: counts.into_iter().map(|count| count as u16).collect(),
+    })
+}

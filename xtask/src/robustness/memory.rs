@@ -1,0 +1,75 @@
+//! Peak memory of a long sequence against that of a short one: it must not grow with the number of frames.
+
+use std::fmt::Write;
+use std::path::Path;
+use std::process::{Command, ExitCode, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, ensure};
+
+use super::{record, release_build};
+
+const SCENARIO: &str = r#"(
+    name: "long",
+    optics: (pixel_dim_x: 200, pixel_dim_y: 100, points_per_pixel: 4),
+    motion: flow(field: poiseuille()),
+    particles: (number: count(10)),
+    timing: sequence(frames: 100),
+    calibration: none,
+)"#;
+
+/// Largest ratio that is allowed.
+const BAR: f64 = 1.2;
+
+/// Measures both and writes `memory.md`; exit code 1 if the bar is missed.
+pub(crate) fn run(out: &Path, frames: u32) -> anyhow::Result<ExitCode> {
+    let microsig = release_build()?;
+    let place = tempfile::tempdir()?;
+    let scenario = place.path().join("long.ron");
+    std::fs::write(&scenario, SCENARIO)?;
+    let mut text = String::from(
+        "# Memory of long sequences\n\nMade by `cargo xtask memory`: peak resident memory (VmHWM of /proc) of `microsig generate` and \
+         `microsig verify`, images of 200 x 100 px, so that what grows with frames is not hidden by large images.\n\n\
+         | frames | generate, MB | verify, MB | duration of generate, s |\n|---|---|---|---|\n",
+    );
+    let mut peaks = Vec::new();
+    for n in [100, frames] {
+        let dataset = place.path().join(format!("dataset{n}"));
+        let mut generate = Command::new(&microsig);
+        generate.arg("--quiet").arg("generate").arg(&scenario).arg("--out").arg(&dataset);
+        generate.arg("--set").arg(format!("timing.sequence.frames={n}"));
+        let start = Instant::now();
+        let generated = peak_kb(&mut generate)?;
+        let seconds = start.elapsed().as_secs_f64();
+        let mut verify = Command::new(&microsig);
+        let verified = peak_kb(verify.arg("--quiet").arg("verify").arg(&dataset))?;
+        std::fs::remove_dir_all(&dataset)?;
+        let mb = |kb: u64| kb as f64 / 1024.0;
+        writeln!(text, "| {n} | {:.1} | {:.1} | {seconds:.1} |", mb(generated), mb(verified))?;
+        peaks.push([generated as f64, verified as f64]);
+    }
+    let ratios = [peaks[1][0] / peaks[0][0], peaks[1][1] / peaks[0][1]];
+    writeln!(text, "\nRatio: {:.3} (generate), {:.3} (verify); allowed: {BAR}.", ratios[0], ratios[1])?;
+    record(out, "memory.md", &text)?;
+    print!("{text}");
+    Ok(if ratios.iter().all(|&r| r <= BAR) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Runs a command and gives the most memory it had, kB.
+fn peak_kb(command: &mut Command) -> anyhow::Result<u64> {
+    let mut child = command.stdout(Stdio::null()).spawn()?;
+    let status = format!("/proc/{}/status", child.id());
+    let mut peak = 0;
+    // The kernel keeps the high-water mark itself, so the last look before the end is enough.
+    let result = loop {
+        let text = std::fs::read_to_string(&status).context("needs Linux's /proc")?;
+        let mark = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        peak = mark.and_then(|m| m.trim().trim_end_matches(" kB").parse().ok()).unwrap_or(peak);
+        if let Some(result) = child.try_wait()? {
+            break result;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    ensure!(result.success() && peak > 0, "{command:?} failed");
+    Ok(peak)
+}
