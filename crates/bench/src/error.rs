@@ -53,10 +53,16 @@ impl Error {
         move |source| Error::Write { path, source }
     }
 
+    /// Whether the system failed to read or write, as on a full disk.
+    pub fn is_of_the_system(&self) -> bool {
+        matches!(self, Error::Write { .. } | Error::Optics(microsig_core::Error::Io { .. }))
+    }
+
     /// 1: ran, but a check failed or a result could not be written; 2: bad usage or bad input.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Error::Failed(_) | Error::Write { .. } | Error::Optics(microsig_core::Error::Io { .. }) => 1,
+            Error::Failed(_) => 1,
+            error if error.is_of_the_system() => 1,
             Error::Flow(flows::Error::Trajectory { .. }) => 1,
             _ => 2,
         }

@@ -1,4 +1,6 @@
-//! Peak memory of a long sequence against that of a short one: it must not grow with the number of frames.
+//! Peak memory of making a long sequence against that of a short one: it must not grow with the number of frames.
+//!
+//! `verify` holds all checksums at a time, so its memory does grow; it is measured too, but has no bar.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -48,11 +50,14 @@ pub(crate) fn run(out: &Path, frames: u32) -> anyhow::Result<ExitCode> {
         writeln!(text, "| {n} | {:.1} | {:.1} | {seconds:.1} |", mb(generated), mb(verified))?;
         peaks.push([generated as f64, verified as f64]);
     }
-    let ratios = [peaks[1][0] / peaks[0][0], peaks[1][1] / peaks[0][1]];
-    writeln!(text, "\nRatio: {:.3} (generate), {:.3} (verify); allowed: {BAR}.", ratios[0], ratios[1])?;
+    let [generate, verify] = [0, 1].map(|i| peaks[1][i] / peaks[0][i]);
+    writeln!(
+        text,
+        "\nRatio: {generate:.3} (generate; allowed: {BAR}), {verify:.3} (verify, which holds all checksums)."
+    )?;
     record(out, "memory.md", &text)?;
     print!("{text}");
-    Ok(if ratios.iter().all(|&r| r <= BAR) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if generate <= BAR { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Runs a command and gives the most memory it had, kB.

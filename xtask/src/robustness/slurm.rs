@@ -70,7 +70,7 @@ impl Slurm {
              SlurmctldLogFile={}\nSlurmdLogFile={}\n\
              ProctrackType=proctrack/linuxproc\nTaskPlugin=task/none\nMpiDefault=none\nReturnToService=2\n\
              SelectType=select/cons_tres\nSelectTypeParameters=CR_CPU\nSchedulerParameters=batch_sched_delay=0\n\
-             AccountingStorageType=accounting_storage/none\nJobAcctGatherType=jobacct_gather/none\nJobRequeue=1\nKillWait=2\n\
+             AccountingStorageType=accounting_storage/none\nJobAcctGatherType=jobacct_gather/none\nJobRequeue=1\nKillWait=2\nMailProg=/bin/true\n\
              NodeName={host} NodeAddr=127.0.0.1 CPUs={cpus} State=UNKNOWN\n\
              PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP\n",
             at("munge/socket"),
@@ -117,14 +117,14 @@ impl Slurm {
     }
 
     fn wait_for(&self, what: &str, mut ready: impl FnMut(&Self) -> bool) -> anyhow::Result<()> {
-        for _ in 0..600 {
+        for _ in 0..6000 {
             if ready(self) {
                 return Ok(());
             }
             std::thread::sleep(Duration::from_millis(100));
         }
         let log = std::fs::read_to_string(self.folder.path().join("slurmctld.log")).unwrap_or_default();
-        bail!("waited a minute for {what}:\n{log}")
+        bail!("waited ten minutes for {what}:\n{log}")
     }
 }
 
@@ -203,7 +203,7 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
             slurm.says("scontrol", &["requeue", &format!("{job}_1")])?;
         }
         slurm.wait_for("the end of the array", |s| {
-            s.says("squeue", &["-h", "-j", &job]).is_ok_and(|q| q.trim().is_empty())
+            s.says("squeue", &["-h", "-t", "PD,R,CG,S", "-j", &job]).is_ok_and(|q| q.trim().is_empty())
         })?;
         let same = tree(&tasks)? == expected;
         well &= same;

@@ -2,8 +2,6 @@
 //!
 //! Nothing in it depends on date, host, path or commit.
 
-use std::collections::BTreeMap;
-
 use serde_json::{Value, json};
 
 use super::Stem;
@@ -29,27 +27,9 @@ the right along columns, y downward along rows; pixel k covers [k - 0.5, k + 0.5
 the paraxial object plane, growing away from the lens. x_um and y_um are object-space coordinates from the middle of the \
 image, in the directions of x_px and y_px. Frames count from 0.";
 
-/// The manifest of a dataset with these files.
-pub fn manifest(
-    scenario: &Scenario,
-    census: &Census,
-    image: &ParticleImage,
-    files: &BTreeMap<String, Fingerprint>,
-) -> Value {
+/// The manifest of a dataset without its files, which [`entry`] tells of.
+pub fn manifest(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Value {
     let spec = &scenario.spec;
-    let tables = super::tables(scenario);
-    let mut resources: BTreeMap<&String, Value> =
-        files.iter().map(|(path, fingerprint)| (path, resource(path, fingerprint, &tables))).collect();
-    for (frame, n_visible) in (0..).zip(&census.visible_each) {
-        if let Some(resource) = resources.get_mut(&Stem::of(&scenario.recordings, frame).image()) {
-            resource["frame"] = json!(frame);
-            resource["width_px"] = json!(scenario.settings.pixel_dim_x);
-            resource["height_px"] = json!(scenario.settings.pixel_dim_y);
-            resource["bit_depth"] = json!(bit_depth(scenario));
-            resource["n_visible"] = json!(n_visible);
-        }
-    }
-    let resources: Vec<Value> = resources.into_values().collect();
     let title = match spec.description.lines().next() {
         Some(line) if !line.is_empty() => line,
         _ => &spec.name,
@@ -66,7 +46,6 @@ pub fn manifest(
             "path": "https://creativecommons.org/licenses/by/4.0/",
         }],
         "microsig": facts(scenario, census, image),
-        "resources": resources,
     })
 }
 
@@ -204,6 +183,39 @@ fn truth_grid(scenario: &Scenario) -> Value {
 fn spec_sensor(scenario: &Scenario) -> Value {
     // An infinite full well has no number in JSON and becomes null.
     serde_json::to_value(&scenario.spec.sensor).unwrap_or_default()
+}
+
+/// The manifest's entry of a file of a dataset.
+pub(crate) fn entry(
+    scenario: &Scenario,
+    census: &Census,
+    tables: &[Table],
+    path: &str,
+    fingerprint: &Fingerprint,
+) -> Value {
+    let mut resource = resource(path, fingerprint, tables);
+    if let Some((frame, n_visible)) = frame_of(scenario, census, path) {
+        resource["frame"] = json!(frame);
+        resource["width_px"] = json!(scenario.settings.pixel_dim_x);
+        resource["height_px"] = json!(scenario.settings.pixel_dim_y);
+        resource["bit_depth"] = json!(bit_depth(scenario));
+        resource["n_visible"] = json!(n_visible);
+    }
+    resource
+}
+
+/// The frame whose image this is, and its visible particles. Natural order of names is the order of frames.
+fn frame_of<'a>(scenario: &Scenario, census: &'a Census, path: &str) -> Option<(usize, &'a u64)> {
+    let image = |frame: usize| Stem::of(&scenario.recordings, frame as u32).image();
+    let (mut low, mut high) = (0, census.visible_each.len());
+    while low < high {
+        let middle = low + (high - low) / 2;
+        match natord::compare(&image(middle), path) {
+            std::cmp::Ordering::Less => low = middle + 1,
+            _ => high = middle,
+        }
+    }
+    census.visible_each.get(low).filter(|_| image(low) == path).map(|n_visible| (low, n_visible))
 }
 
 /// The manifest's entry of a file, with the columns of those tables.

@@ -15,6 +15,7 @@ pub mod checksums;
 pub mod folder;
 pub mod manifest;
 mod preview;
+mod seal;
 pub mod secret;
 pub mod table;
 pub mod truth;
@@ -22,6 +23,7 @@ pub mod verify;
 
 pub(crate) use card::card;
 pub(crate) use preview::Preview;
+pub(crate) use seal::seal;
 
 use crate::scenario::{Recordings, Scenario};
 use table::Table;

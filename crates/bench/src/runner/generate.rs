@@ -15,9 +15,8 @@ use super::camera::{Camera, TEMPORARY, save};
 use super::progress::Progress;
 use super::recording::Frames;
 use crate::dataset::folder::{Partial, files_below, may_stand, partial_name};
-use crate::dataset::truth::depth::ParticleImage;
 use crate::dataset::truth::{self, Census, TruthWriter};
-use crate::dataset::{Preview, Stem, calibration, card, checksums, manifest, secret};
+use crate::dataset::{Preview, Stem, calibration, card, manifest, seal, secret};
 use crate::error::{Error, Result};
 use crate::scenario::{Scenario, spec, write};
 
@@ -102,7 +101,14 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     let image = truth::depth::write(folder, scenario, &stack)?;
     truth::field::write(folder, scenario, &stack)?;
     write_file("README.md", card(scenario, &census, &image)?.as_bytes())?;
-    seal(folder, scenario, &census, &image)?;
+    if scenario.inputs.is_empty() {
+        let inputs = folder.join("inputs");
+        std::fs::remove_dir(&inputs).map_err(Error::write(&inputs))?;
+    }
+    let tables = crate::dataset::tables(scenario);
+    seal(folder, manifest::manifest(scenario, &census, &image), |path, fingerprint| {
+        manifest::entry(scenario, &census, &tables, path, fingerprint)
+    })?;
     partial.finish(options.force.then_some(manifest::MANIFEST))?;
     Ok(Generated {
         out: options.out.clone(),
@@ -198,27 +204,4 @@ fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options
     bar.finish_and_clear();
     preview.write(&folder.join("preview.png"))?;
     truth.finish()
-}
-
-/// Writes manifest and checksums, which make the folder a dataset.
-fn seal(folder: &Path, scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<()> {
-    if scenario.inputs.is_empty() {
-        let inputs = folder.join("inputs");
-        std::fs::remove_dir(&inputs).map_err(Error::write(&inputs))?;
-    }
-    let own = [manifest::MANIFEST, checksums::SHA256SUMS];
-    let files: Vec<String> =
-        files_below(folder)?.into_iter().filter(|f| !own.contains(&f.as_str())).collect();
-    let mut fingerprints = checksums::fingerprints(folder, &files)?;
-
-    let path = folder.join(manifest::MANIFEST);
-    let json = manifest::manifest(scenario, census, image, &fingerprints);
-    save(&path, |w| {
-        serde_json::to_writer_pretty(&mut *w, &json).map_err(|e| Error::write(&path)(e.into()))?;
-        std::io::Write::write_all(w, b"\n").map_err(Error::write(&path))
-    })?;
-    fingerprints.insert(manifest::MANIFEST.to_owned(), checksums::fingerprint(&path)?);
-    let path = folder.join(checksums::SHA256SUMS);
-    let sums = checksums::write(&fingerprints);
-    save(&path, |w| std::io::Write::write_all(w, sums.as_bytes()).map_err(Error::write(&path)))
 }

@@ -74,13 +74,14 @@ pub fn sweep(sweep: &Sweep, options: &Options) -> Result<Swept> {
             }
         }
     }
-    let bar = options.progress.cases(mine.len() as u64);
+    let (bar, within) = options.progress.cases(mine.len() as u64);
     let mut made = 0;
     for case in mine {
         let out = options.out.join(&case.name);
+        bar.set_message(case.name.clone());
         // A failure may have had a cause that is gone: it is tried again.
         if !(options.resume && out.exists()) {
-            made += usize::from(run(sweep, case, options)?);
+            made += usize::from(run(sweep, case, options, &within)?);
         }
         bar.inc(1);
     }
@@ -91,7 +92,7 @@ pub fn sweep(sweep: &Sweep, options: &Options) -> Result<Swept> {
 }
 
 /// Makes one case; `false` if it failed and its reason was written instead.
-fn run(sweep: &Sweep, case: &Case, options: &Options) -> Result<bool> {
+fn run(sweep: &Sweep, case: &Case, options: &Options, progress: &Progress) -> Result<bool> {
     let out = options.out.join(&case.name);
     let reason = failed(&options.out, case);
     if reason.exists() {
@@ -105,13 +106,13 @@ fn run(sweep: &Sweep, case: &Case, options: &Options) -> Result<bool> {
             let force = options.force || !resume;
             generate(
                 &scenario,
-                &GenerateOptions { out: out.clone(), force, resume, progress: Progress::Hidden },
+                &GenerateOptions { out: out.clone(), force, resume, progress: progress.clone() },
             )
         });
     match generated {
         Ok(_) => Ok(true),
         // A full disk is no property of the case.
-        Err(error @ Error::Write { .. }) => Err(error),
+        Err(error) if error.is_of_the_system() => Err(error),
         Err(error) => {
             if partial.exists() {
                 std::fs::remove_dir_all(&partial).map_err(Error::write(&partial))?;

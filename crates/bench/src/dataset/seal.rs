@@ -1,0 +1,140 @@
+//! Manifest and checksums, which make a folder a dataset. Files go through in small groups: memory does not grow with
+//! their number.
+
+use std::cell::RefCell;
+use std::io::{Seek, SeekFrom, Write};
+use std::path::Path;
+
+use serde::ser::{Error as _, SerializeSeq};
+use serde::{Serialize, Serializer};
+use serde_json::{Map, Value};
+
+use super::checksums::{self, Fingerprint, SHA256SUMS};
+use super::folder::files_below;
+use super::manifest::MANIFEST;
+use crate::error::{Error, Result};
+use crate::runner::save;
+
+/// Files whose fingerprints are in memory at a time.
+const GROUP: usize = 256;
+
+/// Writes both files; `manifest` is the manifest without its resources, `resource` what it tells of a file.
+pub(crate) fn seal(
+    folder: &Path,
+    manifest: Value,
+    resource: impl Fn(&str, &Fingerprint) -> Value,
+) -> Result<()> {
+    let own = [MANIFEST, SHA256SUMS];
+    let mut files = files_below(folder)?;
+    files.retain(|file| !own.contains(&file.as_str()));
+    let Value::Object(head) = manifest else {
+        return Err(Error::input(format!("{MANIFEST}: not an object")));
+    };
+    let (manifest, sums) = (folder.join(MANIFEST), folder.join(SHA256SUMS));
+    save(&sums, |writer| {
+        let sums = Sums { writer: RefCell::new(writer), manifest_at: RefCell::new(None) };
+        save(&manifest, |writer| {
+            let package =
+                Package { head: &head, resources: Resources { folder, files: &files, resource: &resource, sums: &sums } };
+            serde_json::to_writer_pretty(&mut *writer, &package)
+                .map_err(|e| Error::write(&manifest)(e.into()))?;
+            writer.write_all(b"\n").map_err(Error::write(&manifest))
+        })?;
+        let fingerprint = checksums::fingerprint(&manifest)?;
+        sums.finish(&fingerprint).map_err(Error::write(&folder.join(SHA256SUMS)))
+    })
+}
+
+/// The manifest, its resources last.
+#[derive(Serialize)]
+#[serde(bound = "R: Fn(&str, &Fingerprint) -> Value, W: Write + Seek")]
+struct Package<'a, R, W> {
+    #[serde(flatten)]
+    head: &'a Map<String, Value>,
+    resources: Resources<'a, R, W>,
+}
+
+/// The resources of the manifest; each that is written leaves its line in the checksums.
+struct Resources<'a, R, W> {
+    folder: &'a Path,
+    files: &'a [String],
+    resource: &'a R,
+    sums: &'a Sums<'a, W>,
+}
+
+impl<R: Fn(&str, &Fingerprint) -> Value, W: Write + Seek> Serialize for Resources<'_, R, W> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        let mut list = serializer.serialize_seq(Some(self.files.len()))?;
+        for group in self.files.chunks(GROUP) {
+            for (path, fingerprint) in
+                &checksums::fingerprints(self.folder, group).map_err(S::Error::custom)?
+            {
+                list.serialize_element(&(self.resource)(path, fingerprint))?;
+                self.sums.add(path, fingerprint).map_err(S::Error::custom)?;
+            }
+        }
+        list.end()
+    }
+}
+
+/// `SHA256SUMS` in the making: the manifest has its place among the others, and its hash when all others are known.
+struct Sums<'a, W> {
+    writer: RefCell<&'a mut W>,
+    manifest_at: RefCell<Option<u64>>,
+}
+
+impl<W: Write + Seek> Sums<'_, W> {
+    fn add(&self, path: &str, fingerprint: &Fingerprint) -> std::io::Result<()> {
+        if path > MANIFEST {
+            self.leave_place()?;
+        }
+        writeln!(self.writer.borrow_mut(), "{}  {path}", fingerprint.sha256)
+    }
+
+    /// A line for the manifest, as long as it will be.
+    fn leave_place(&self) -> std::io::Result<()> {
+        let mut at = self.manifest_at.borrow_mut();
+        if at.is_none() {
+            let mut writer = self.writer.borrow_mut();
+            *at = Some(writer.stream_position()?);
+            writeln!(writer, "{}  {MANIFEST}", "0".repeat(64))?;
+        }
+        Ok(())
+    }
+
+    fn finish(&self, manifest: &Fingerprint) -> std::io::Result<()> {
+        self.leave_place()?;
+        let mut writer = self.writer.borrow_mut();
+        writer.seek(SeekFrom::Start(self.manifest_at.borrow().unwrap_or_default()))?;
+        write!(writer, "{}", manifest.sha256)?;
+        writer.seek(SeekFrom::End(0)).map(|_| ())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_manifest_has_its_place_among_the_checksums() {
+        let place = tempfile::tempdir().unwrap();
+        for file in ["README.md", "a.csv", "truth.csv"] {
+            std::fs::write(place.path().join(file), file).unwrap();
+        }
+        seal(place.path(), serde_json::json!({ "name": "x" }), |path, f| {
+            serde_json::json!({ "path": path, "bytes": f.bytes })
+        })
+        .unwrap();
+        let text = std::fs::read_to_string(place.path().join(SHA256SUMS)).unwrap();
+        let sums = checksums::read(&text, SHA256SUMS).unwrap();
+        let files: Vec<&str> = text.lines().map(|line| &line[66..]).collect();
+        assert_eq!(files, ["README.md", "a.csv", MANIFEST, "truth.csv"]);
+        for (file, sum) in sums {
+            assert_eq!(checksums::fingerprint(&place.path().join(&file)).unwrap().sha256, sum, "{file}");
+        }
+        let manifest = std::fs::read_to_string(place.path().join(MANIFEST)).unwrap();
+        let whole: Value = serde_json::from_str(&manifest).unwrap();
+        assert_eq!(manifest, serde_json::to_string_pretty(&whole).unwrap() + "\n");
+        assert_eq!(whole["resources"].as_array().unwrap().len(), 3);
+    }
+}
