@@ -50,7 +50,10 @@ fn a_killed_run_is_no_dataset_and_goes_on_to_the_same_bytes() {
     let expected = suite::tree(&whole).unwrap();
     let partial = place.path().join("out.partial");
     let mut interrupted = 0;
-    // The first files, the first images, and later ones; then a run is killed that goes on with another's rest.
+    // Before the first file.
+    std::fs::create_dir_all(partial.join("images")).unwrap();
+    std::fs::write(partial.join(".unfinished-x"), "(name").unwrap();
+    // Among the first files, the first images, and later ones; then a run is killed that goes on with another's rest.
     for images in [0, 1, 34, 50] {
         let generate = ["generate", path(&scenario), "--out", path(&out), "--resume"];
         let ready = || partial.is_dir() && files_in(&partial.join("images")) >= images;

@@ -116,3 +116,15 @@ fn a_case_that_fails_is_a_row_with_its_reason() {
     assert!(message.contains("3 cases failed"));
     assert!(fail(2, &["sweep", path(&sweep), "--out", path(&out)]).contains("exists already"));
 }
+
+#[test]
+fn going_on_after_an_edit_of_the_sweep_is_refused() {
+    let place = tempfile::tempdir().unwrap();
+    let sweep = write(place.path(), SWEEP);
+    let out = place.path().join("out");
+    run(&["sweep", path(&sweep), "--out", path(&out)]);
+    run(&["sweep", path(&sweep), "--out", path(&out), "--resume"]);
+    write(place.path(), &SWEEP.replace("to: 20", "to: 30"));
+    let message = fail(2, &["sweep", path(&sweep), "--out", path(&out), "--resume"]);
+    assert!(message.contains("case_00002: holds another scenario"), "{message}");
+}

@@ -53,6 +53,16 @@ impl Error {
         move |source| Error::Write { path, source }
     }
 
+    /// The same with the whole path of a file that was named by its place in a dataset.
+    pub fn below(self, folder: &Path) -> Self {
+        match self {
+            Error::Write { path, source } if !path.starts_with(folder) => {
+                Error::Write { path: folder.join(path), source }
+            }
+            other => other,
+        }
+    }
+
     /// Whether the system failed to read or write, as on a full disk.
     pub fn is_of_the_system(&self) -> bool {
         matches!(self, Error::Write { .. } | Error::Optics(microsig_core::Error::Io { .. }))

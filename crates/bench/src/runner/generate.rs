@@ -93,9 +93,9 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
 
     let camera = Camera::new(scenario.renderer.clone(), scenario.detector.as_ref(), scenario.streams)?
         .every(scenario.recordings.dt_s());
-    let census = frames(folder, scenario, &camera, options)?;
+    let census = frames(folder, scenario, &camera, options).map_err(|e| e.below(folder))?;
     if scenario.spec.calibration == Some(spec::Calibration::Stack) {
-        calibration::write(folder, scenario, &camera)?;
+        calibration::write(folder, scenario, &camera).map_err(|e| e.below(folder))?;
     }
     let stack = scenario.stack()?;
     let image = truth::depth::write(folder, scenario, &stack)?;
@@ -126,13 +126,10 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
 fn begin(scenario: &str, options: &Options) -> Result<Partial> {
     may_stand(&options.out, options.force.then_some(manifest::MANIFEST))?;
     let left_over = partial_name(&options.out);
-    let same = std::fs::read_to_string(left_over.join("scenario.ron")).is_ok_and(|text| text == scenario);
     if left_over.exists() {
-        if options.resume && !same {
-            return Err(Error::input(format!(
-                "{}: holds another scenario; cannot resume",
-                left_over.display()
-            )));
+        if options.resume && !may_go_on(&left_over, scenario)? {
+            let hint = "holds another scenario; cannot resume";
+            return Err(Error::input(format!("{}: {hint}", left_over.display())));
         }
         if !options.resume {
             if !options.force {
@@ -147,13 +144,22 @@ fn begin(scenario: &str, options: &Options) -> Result<Partial> {
         let path = partial.folder().join(part);
         std::fs::create_dir_all(&path).map_err(Error::write(&path))?;
     }
-    for file in files_below(partial.folder())? {
-        if file.rsplit('/').next().is_some_and(|name| name.starts_with(TEMPORARY)) {
-            let path = partial.folder().join(file);
-            std::fs::remove_file(&path).map_err(Error::write(&path))?;
-        }
+    for file in files_below(partial.folder())?.into_iter().filter(|file| is_temporary(file)) {
+        let path = partial.folder().join(file);
+        std::fs::remove_file(&path).map_err(Error::write(&path))?;
     }
     Ok(partial)
+}
+
+/// Whether an unfinished folder was begun for this scenario; one that was left before its first file may be any's.
+fn may_go_on(folder: &Path, scenario: &str) -> Result<bool> {
+    let is_empty = files_below(folder)?.iter().all(|file| is_temporary(file));
+    let same = || std::fs::read_to_string(folder.join("scenario.ron")).is_ok_and(|text| text == scenario);
+    Ok(is_empty || same())
+}
+
+fn is_temporary(file: &str) -> bool {
+    file.rsplit('/').next().is_some_and(|name| name.starts_with(TEMPORARY))
 }
 
 /// Advances all clouds and draws all frames.

@@ -41,6 +41,15 @@ const fn cloud(path: &'static str, pictures: &'static [&'static str], caption: &
 pub const EFFECTS: &[Effect] = &[
     ladder("optics.preset", &["optics.preset=setting1", "optics.preset=setting1a"], "setting1, setting1a"),
     cloud(
+        "optics.gaussian",
+        &[
+            "optics.gain=3.2",
+            "optics.gaussian=(diameter_px: 2.5, peak_counts: 1000)",
+            "optics.gaussian=(diameter_px: 5, peak_counts: 1000)",
+        ],
+        "none; spots of 2.5 and 5 px",
+    ),
+    cloud(
         "optics.depth_factor",
         &["optics.depth_factor=1", "optics.depth_factor=1.33", "optics.depth_factor=2"],
         "1, 1.33, 2",
