@@ -19,12 +19,17 @@ const ZOOM: u32 = 2;
 /// Depths of the particles of the ladder: far below focus, in focus, above; x and y in px, z and diameter in um.
 const PLACES: &str = "30 33 -70 2\n80 33 -25 2\n122 33 15 2\n";
 
-/// Writes the document and its pictures below `docs`.
-pub(crate) fn run(docs: &Path) -> anyhow::Result<()> {
+/// Writes the document below `docs`, and the pictures that are not there yet, or all of them.
+pub(crate) fn run(docs: &Path, redraw: bool) -> anyhow::Result<()> {
     let folder = docs.join("scenario");
     std::fs::create_dir_all(&folder)?;
-    for effect in effects::EFFECTS {
+    let path = docs.join("scenario.md");
+    std::fs::write(&path, scenario::reference::document()?)?;
+    let wanted = |effect: &&effects::Effect| redraw || !folder.join(effect.file()).exists();
+    let mut drawn = 0;
+    for effect in effects::EFFECTS.iter().filter(wanted) {
         let path = folder.join(effect.file());
+        drawn += 1;
         let picture = picture(effect).with_context(|| effect.path)?;
         let file = BufWriter::new(std::fs::File::create(&path).with_context(|| path.display().to_string())?);
         // Zoomed rows repeat, which the filter makes nothing of.
@@ -34,9 +39,7 @@ pub(crate) fn run(docs: &Path) -> anyhow::Result<()> {
             FilterType::Up,
         ))?;
     }
-    let path = docs.join("scenario.md");
-    std::fs::write(&path, scenario::reference::document()?)?;
-    println!("{}: {} pictures", path.display(), effects::EFFECTS.len());
+    println!("{}: {drawn} pictures drawn", path.display());
     Ok(())
 }
 

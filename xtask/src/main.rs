@@ -90,6 +90,9 @@ enum Task {
         /// The folder of documents.
         #[arg(long, default_value = "docs")]
         out: PathBuf,
+        /// Also draw pictures that are there.
+        #[arg(long)]
+        redraw: bool,
     },
     /// Kills runs at random moments, resumes them and compares; exit code 1 if one differs.
     Kill {
@@ -144,7 +147,7 @@ fn main() -> anyhow::Result<ExitCode> {
             export_check::run(&out, imagej.as_deref()).map(|()| ExitCode::SUCCESS)
         }
         Task::LeakSearch { out } => leak_search::run(&out),
-        Task::Keys { out } => keys::run(&out).map(|()| ExitCode::SUCCESS),
+        Task::Keys { out, redraw } => keys::run(&out, redraw).map(|()| ExitCode::SUCCESS),
         Task::Kill { out, kills } => robustness::kill::run(&out, kills),
         Task::Disk { out } => robustness::disk::run(&out),
         Task::Memory { out, frames } => robustness::memory::run(&out, frames),

@@ -34,8 +34,10 @@ pub(crate) fn seal(
     save(&sums, |writer| {
         let sums = Sums { writer: RefCell::new(writer), manifest_at: RefCell::new(None) };
         save(&manifest, |writer| {
-            let package =
-                Package { head: &head, resources: Resources { folder, files: &files, resource: &resource, sums: &sums } };
+            let package = Package {
+                head: &head,
+                resources: Resources { folder, files: &files, resource: &resource, sums: &sums },
+            };
             serde_json::to_writer_pretty(&mut *writer, &package)
                 .map_err(|e| Error::write(&manifest)(e.into()))?;
             writer.write_all(b"\n").map_err(Error::write(&manifest))
@@ -121,9 +123,11 @@ mod tests {
         for file in ["README.md", "a.csv", "truth.csv"] {
             std::fs::write(place.path().join(file), file).unwrap();
         }
-        seal(place.path(), serde_json::json!({ "name": "x" }), |path, f| {
-            serde_json::json!({ "path": path, "bytes": f.bytes })
-        })
+        seal(
+            place.path(),
+            serde_json::json!({ "name": "x" }),
+            |path, f| serde_json::json!({ "path": path, "bytes": f.bytes }),
+        )
         .unwrap();
         let text = std::fs::read_to_string(place.path().join(SHA256SUMS)).unwrap();
         let sums = checksums::read(&text, SHA256SUMS).unwrap();

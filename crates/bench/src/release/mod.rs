@@ -103,12 +103,12 @@ pub fn release(dataset: &Path, options: &Options) -> Result<Released> {
     whole(dataset)?.zip(&format!("{name}-train"), &archive("train"))?;
 
     let folder = partial.folder().join("val");
-    make(&val, &folder, options.progress)?;
+    make(&val, &folder, options.progress.clone())?;
     whole(&folder)?.zip(&format!("{name}-val"), &archive("val"))?;
     std::fs::remove_dir_all(&folder).map_err(Error::write(&folder))?;
 
     let folder = withheld.join("test");
-    make(&test, &folder, options.progress)?;
+    make(&test, &folder, options.progress.clone())?;
     let truth = withheld.join(format!("{name}-test-truth.zip"));
     let mut kept = Package::default();
     kept.copy_folder(&folder, |path| !path.starts_with("images/"))?;

@@ -328,10 +328,20 @@ pub(super) const MEANINGS: &[(&str, &str, &str)] = &[
     ("render.mode", "", "the renderer"),
     ("render.mode.rays", "", "counts of discrete rays, the method of the paper"),
     ("render.mode.expected", "", "the noise-free limit of many rays"),
-    ("render.tolerance", "", "of `expected`: how far an image may be from the limit of many rays, as a share of its peak"),
+    (
+        "render.tolerance",
+        "",
+        "of `expected`: how far an image may be from the limit of many rays, as a share of its peak",
+    ),
     ("render.spheroids", "", "which points of a spheroid shine"),
     ("render.spheroids.original", "", "as in MicroSIG's program: denser toward the poles"),
     ("render.spheroids.uniform", "", "uniform in area, as the paper describes it"),
+    ("truth", "", "what is written down besides places, sizes and velocities"),
+    (
+        "truth.gradient",
+        "",
+        "whether `truth/tracks.csv` has the velocity gradient at each particle: nine columns more",
+    ),
     ("truth_grid", "", "the true displacement field, `truth/field.csv`"),
     (
         "truth_grid.grid",
