@@ -99,8 +99,8 @@ fn places_in_bodies_and_behind_walls_are_masked() {
     let out = dataset(place.path(), "pillar", rest);
     let field = table(&out.join("truth/field.csv"));
     let mut masked = 0;
-    for i in 0..field["x_px"].len() {
-        let (x, y) = ((field["x_px"][i] - 64.5) * 0.645, (field["y_px"][i] - 48.5) * 0.645);
+    for (i, (x_px, y_px)) in field["x_px"].iter().zip(&field["y_px"]).enumerate() {
+        let (x, y) = ((x_px - 64.5) * 0.645, (y_px - 48.5) * 0.645);
         let z = field["z_um"][i];
         let solid = x * x + y * y < 400.0 || !(-80.0..=20.0).contains(&z);
         assert_eq!(field["mask"][i] == 1.0, solid, "{x} {y} {z}");
@@ -217,8 +217,8 @@ fn the_velocity_half_way_is_along_the_displacement() {
     let out = dataset(place.path(), "vortex", rest);
     let (tracks, moves) = (table(&out.join("truth/tracks.csv")), table(&out.join("truth/displacements.csv")));
     let mut rows = HashMap::new();
-    for k in 0..tracks["track"].len() {
-        rows.insert((tracks["frame"][k] as u32, tracks["track"][k] as u64), k);
+    for (k, (frame, track)) in tracks["frame"].iter().zip(&tracks["track"]).enumerate() {
+        rows.insert((*frame as u32, *track as u64), k);
     }
     let (mut compared, mut at_start) = (0, 0.0f64);
     for k in 0..moves["track"].len() {
