@@ -136,7 +136,11 @@ fn wrong_scenarios_name_what_is_wrong_and_leave_nothing() {
             "pairs(count: 2, exposure_s: 0.01)",
             "timing.pairs.exposure_s = 0.01 (0.01 s in all): expected",
         ),
-        ("name:", "truth_grid: (spacing_px: 16), name:", "valid but not supported yet"),
+        (
+            "name:",
+            "truth_grid: grid(spacing_px: 0), name:",
+            "truth_grid.grid.spacing_px = 0: expected 0.1 to",
+        ),
         ("poiseuille()", "poisseuille()", "did you mean `poiseuille`"),
         ("pixel_dim_x: 90", "pixel_dim_x: 0", "optics.pixel_dim_x = 0: expected a whole number"),
         ("pixel_dim_x: 90", "settings: \"missing.txt\"", "missing.txt"),

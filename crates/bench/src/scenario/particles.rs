@@ -328,7 +328,6 @@ impl Particles {
     }
 
     /// Number and places.
-    #[allow(clippy::too_many_arguments, reason = "a part of `resolve`")]
     pub(super) fn seeding(
         &mut self,
         diameters: Diameters,
