@@ -176,7 +176,8 @@ fn derivatives_are_those_of_the_image() {
             for (pixel, value) in gradient.pixels.iter().zip(&patch.counts) {
                 assert!((pixel[0] - value).abs() < 1e-5 * peak, "{} {value}", pixel[0]);
             }
-            let step = 1e-4;
+            // Small against a pixel, large against the rounding of f32.
+            let step = 1e-3;
             for axis in 0..3 {
                 let moved = |by: f64| {
                     let mut particle = particle;

@@ -35,8 +35,8 @@ pub fn streams(dataset: &Path) -> Result<Option<Streams>> {
     let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
     let digits = text.trim_end().as_bytes();
     let byte = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
-    let key: Option<Vec<u8>> =
-        digits.iter().all(u8::is_ascii_hexdigit).then(|| digits.chunks(2).map(byte).collect()).flatten();
+    let whole = digits.len() == 64 && digits.iter().all(u8::is_ascii_hexdigit);
+    let key: Option<Vec<u8>> = whole.then(|| digits.chunks(2).map(byte).collect()).flatten();
     match key.and_then(|key| <[u8; 32]>::try_from(key).ok()) {
         Some(key) => Ok(Some(Streams::secret(key))),
         None => Err(Error::input(format!("{}: expected 64 hexadecimal digits", path.display()))),

@@ -316,32 +316,20 @@ mod tests {
     fn all_unknown_keys_and_variants_are_named_at_once_with_place_and_suggestion() {
         let text = GOOD
             .replace("max_speed_um_s", "max_sped_um_s: 1, walls_z_um: (0, 1), max_speed_um_s")
-            .replace("name:", "optics: (gian: 3), truth_grid: (), flavour: sweet,\nname:")
+            .replace("name:", "optics: (gian: 3), flavour: sweet,\nname:")
             .replace("timing", "boundaries: (x: opne, bodies: [sphere(radius: 3)], z_mu: (1, 2)), timing")
             .replace("count: 2", "count: two");
         let (code, message) = refuse(&text);
         assert_eq!(code, 2);
         let expected = [
             "s.ron:2:18: unknown key `optics.gian`; did you mean `gain`?",
-            "s.ron:2:28: `truth_grid` is valid but not supported yet",
-            "s.ron:2:44: unknown key `flavour`",
+            "s.ron:2:28: unknown key `flavour`",
             "s.ron:4:40: unknown key `motion.flow.field.poiseuille.max_sped_um_s`; did you mean `max_speed_um_s`?",
             "s.ron:5:25: boundaries.x: unknown variant `opne`: did you mean `open`? expected one of open, wall, periodic",
             "s.ron:5:47: unknown key `boundaries.bodies.0.sphere.radius`; did you mean `radius_um`?",
             "s.ron:5:60: unknown key `boundaries.z_mu`; did you mean `z_um`?",
         ];
         assert_eq!(message.lines().collect::<Vec<_>>(), expected);
-    }
-
-    #[test]
-    fn planned_keys_and_variants_say_so() {
-        for (from, to) in [
-            ("timing:", "truth_grid: (spacing_px: 16), timing:"),
-            ("name:", "render: (mode: expected), name:"),
-        ] {
-            let (code, message) = refuse(&GOOD.replace(from, to));
-            assert!(code == 2 && message.contains("valid but not supported yet"), "{message}");
-        }
     }
 
     #[test]

@@ -169,7 +169,6 @@ mod tests {
     fn wrong_paths_and_values_are_refused() {
         let refuse = |path, value| set(&spec(), path, value).unwrap_err().to_string();
         assert!(refuse("optics.gian", "1").contains("did you mean `gain`?"));
-        assert!(refuse("truth_grid", "1").contains("valid but not supported yet"));
         assert_eq!(refuse("optics.gain", "red"), "optics.gain=red: optics.gain = red: expected a number");
         assert!(refuse("optics.gain", "1, colour: 2").contains("unknown key `optics.colour`"));
         assert!(assignment("seed").is_err());
