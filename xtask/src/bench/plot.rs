@@ -32,6 +32,9 @@ pub(super) fn write(out: &Path, record: &Record) -> anyhow::Result<()> {
         GROWTH.into_iter().filter_map(curve).collect()
     };
     let time = curves(|m| m.usage.cpu_s, true);
+    if time.is_empty() {
+        return Ok(());
+    }
     draw(&out.join("growth.svg"), "CPU time against size, both over the smallest", "CPU time", &time, true)?;
     let memory = curves(|m| m.usage.peak_mb, false);
     draw(&out.join("memory.svg"), "Peak memory against size", "peak memory, MB", &memory, false)
