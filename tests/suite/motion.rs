@@ -173,7 +173,11 @@ fn a_shorter_dataset_is_the_beginning_of_a_longer_one_in_every_mode() {
                 }
             }
             let tracks = |dataset: &Path| std::fs::read_to_string(dataset.join("truth/tracks.csv")).unwrap();
-            assert!(tracks(&long).starts_with(&tracks(&short)), "{kind} {mode}");
+            // Its last frame cannot tell what a particle does on the way to the next one.
+            let last = format!("{},", frames.len() - 1);
+            let known: String =
+                tracks(&short).split_inclusive('\n').filter(|row| !row.starts_with(&last)).collect();
+            assert!(tracks(&long).starts_with(&known), "{kind} {mode}");
         }
     }
 }
