@@ -27,7 +27,7 @@ the right along columns, y downward along rows; pixel k covers [k - 0.5, k + 0.5
 the paraxial object plane, growing away from the lens. x_um and y_um are object-space coordinates from the middle of the \
 image, in the directions of x_px and y_px. Frames count from 0.";
 
-/// The manifest of a dataset without its files, which [`entry`] tells of.
+/// The manifest of a dataset without its files, which `entry` tells of.
 pub fn manifest(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Value {
     let spec = &scenario.spec;
     let title = match spec.description.lines().next() {

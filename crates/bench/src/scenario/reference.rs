@@ -21,7 +21,7 @@ const FIVE_LINES: &str = r#"(name: "mine", motion: flow(field: poiseuille()), ti
 /// The whole of `docs/scenario.md`.
 ///
 /// # Errors
-/// [`Error::Input`] with every key that [`MEANINGS`] lacks or has too many.
+/// [`Error::Input`] with every key that `MEANINGS` lacks or has too many.
 pub fn document() -> Result<String> {
     complete()?;
     let mut text = String::from(HEADER);
