@@ -77,7 +77,7 @@ fn px_per_um(um_per_px: f64) -> Rational {
     Rational { n, d }
 }
 
-/// Reads the scale that [`write`] or ImageJ wrote; `None` if the image has none, or one in other units. `name` is what an
+/// Reads the scale that [`write()`] or ImageJ wrote; `None` if the image has none, or one in other units. `name` is what an
 /// error calls it.
 ///
 /// # Errors

@@ -7,7 +7,7 @@
 //!
 //! In focus means that depth does not matter; whoever wants a light sheet weakens c_int. Of MicroSIG's settings only the
 //! sensor's act (size, pixel_size with magnification, background, gain), not the lens's. Pixels to which a spot would add
-//! less than [`NEGLIGIBLE`] counts are left out.
+//! less than `NEGLIGIBLE` counts are left out.
 
 use rayon::prelude::*;
 
