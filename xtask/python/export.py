@@ -39,11 +39,12 @@ def images():
 def trackpy():
     import trackpy as tp
 
+    tp.quiet()
     tracks = pd.read_csv(exports / "trackpy")
     same(tracks.x + 1, truth.x_px)
     msd = tp.imsd(tracks, mpp=um_per_px, fps=1 / 0.002, max_lagtime=4)
     drift = tp.compute_drift(tracks)
-    linked = tp.link(tracks.drop(columns="particle"), search_range=3, pos_columns=["x", "y"])
+    linked = tp.link(tracks.drop(columns="particle"), search_range=6, pos_columns=["x", "y"])
     row("trackpy", f"trackpy {tp.__version__}: imsd, compute_drift, link", f"{tracks.particle.nunique()} tracks; imsd of lag 1 "
         f"{np.nanmean(msd.iloc[0]):.4g} um^2; drift over {len(drift)} frames; linked anew: {linked.particle.nunique()} tracks")
 
@@ -92,26 +93,28 @@ def napari():
 
 
 def fields():
-    import flowpy
+    import cv2
     import matplotlib
 
     matplotlib.use("Agg")
     from openpiv import tools
 
     nodes = pd.read_csv(dataset / "truth" / "field.csv")
-    nodes = nodes[nodes.z_um.abs() == nodes.z_um.abs().min()]
+    # The plane nearest focus, of two the lower one.
+    near = nodes.z_um[nodes.z_um.abs() == nodes.z_um.abs().min()].min()
+    nodes = nodes[nodes.z_um == near]
     nodes = nodes[nodes["mask"] == 0] if "mask" in nodes else nodes
-    flow = flowpy.flow_read(str(exports / "flo"))
+    flow = cv2.readOpticalFlow(str(exports / "flo"))
     known = np.abs(flow[..., 0]) < 1e9
-    # Nodes on whole pixels can be compared directly, others lie between.
-    whole = nodes[(nodes.x_px % 1 == 0) & (nodes.y_px % 1 == 0)]
-    u = flow[whole.y_px.astype(int) - 1, whole.x_px.astype(int) - 1, 0]
-    if len(whole):
-        assert np.abs(u - whole.central_dx_px).max() < 1e-5
+    # A node may lie between pixels: it is compared with the mean of those around it, the field being almost linear there.
+    around = [(np.floor(nodes.y_px), np.floor(nodes.x_px)), (np.ceil(nodes.y_px), np.ceil(nodes.x_px))]
+    u = np.mean([flow[y.astype(int) - 1, x.astype(int) - 1, 0] for y, x in around], axis=0)
+    inner = np.abs(u) < 1e9
+    assert inner.mean() > 0.6 and np.abs(u - nodes.central_dx_px)[inner].max() < 0.05, np.abs(u - nodes.central_dx_px)[inner].max()
     least, most = np.nanmin(flow[..., 0][known]), np.nanmax(flow[..., 0][known])
     assert least >= nodes.central_dx_px.min() - 1e-4 and most <= nodes.central_dx_px.max() + 1e-4
     version = __import__("importlib.metadata", fromlist=["version"])
-    row(".flo", f"flowpy {version.version('flowpy')}: flow_read", f"{flow.shape}, {known.mean():.1%} known, u from {least:.4f} to {most:.4f} px")
+    row(".flo", f"OpenCV {cv2.__version__}: readOpticalFlow", f"{flow.shape}, {known.mean():.1%} known, u from {least:.4f} to {most:.4f} px")
 
     table = np.loadtxt(exports / "openpiv")
     same(table[table[:, 5] == 0][:, 2], nodes.central_dx_px)

@@ -5,14 +5,15 @@ use std::process::Command;
 
 use anyhow::{Context, ensure};
 
+use crate::process;
 use crate::python::Python;
 
-/// The scenario whose dataset is exported; its flow has no steps that the depths of the calibration would not show.
+/// The scenario whose dataset is exported; its displacements differ from place to place.
 const SCENARIO: &str = r#"(
     name: "exported",
     seed: 3,
     optics: (pixel_dim_x: 256, pixel_dim_y: 192),
-    motion: flow(field: poiseuille(max_speed_um_s: 600)),
+    motion: flow(field: lamb_oseen()),
     particles: (number: count(12)),
     timing: sequence(frames: 20, dt_s: 0.002),
 )"#;
@@ -29,6 +30,8 @@ pub(crate) fn run(out: &Path, imagej: Option<&Path>) -> anyhow::Result<()> {
     let (dataset, exports, release) =
         (place.path().join("dataset"), place.path().join("exports"), place.path().join("release"));
     std::fs::create_dir(&exports)?;
+    let program = process::microsig()?;
+    let microsig = |arguments: &[&str]| call(Command::new(&program).args(arguments)).map(drop);
     microsig(&["generate", "--quiet", text(&scenario)?, "--out", text(&dataset)?])?;
     let mut formats = vec!["isbi", "trackpy", "defocustracker", "trackmate-spots", "napari"];
     if dataset.join("truth/field.csv").exists() {
@@ -71,10 +74,6 @@ pub(crate) fn run(out: &Path, imagej: Option<&Path>) -> anyhow::Result<()> {
 
 fn text(path: &Path) -> anyhow::Result<&str> {
     path.to_str().context("a path that is no UTF-8")
-}
-
-fn microsig(arguments: &[&str]) -> anyhow::Result<()> {
-    call(suite::microsig::microsig().args(arguments)).map(drop)
 }
 
 /// Runs a command; gives what it wrote.
