@@ -1,5 +1,4 @@
 //! A particle is drawn where its label says.
-#![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
 
 use std::f64::consts::PI;
 

@@ -2,7 +2,6 @@
 //!
 //! `data/exact` holds, for eleven particles, the angle of every source point and the original's counts (its mistaken
 //! extra count removed): spheres under settings 1, 1a and 2, at the sensor's edge, in water, and spheroids.
-#![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
 
 use microsig_core::emission::{self, GoldenAzimuths, SpheroidLaw};
 use microsig_core::render::{RayRenderer, exact, rays::InstructionSet, rays::Scratch};

@@ -1,5 +1,4 @@
 //! The renderer `expected` is the mean of what `rays` draws.
-#![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
 
 use bench::evaluate::crlb;
 use microsig_core::emission::SpheroidLaw;

@@ -1,5 +1,4 @@
 //! Fig. 3C and D of the paper: the maximum of a particle's image against depth; and the two foci of an astigmatic one.
-#![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
 
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::{Particle, Settings};

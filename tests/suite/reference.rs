@@ -1,6 +1,5 @@
 //! Images of the original program, all 81 that were measured (`data/optics`): totals, centroids, moments, radii and
 //! variances of each, and pixel by pixel one image of every case.
-#![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
 
 use std::path::Path;
 

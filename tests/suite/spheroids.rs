@@ -1,6 +1,5 @@
 //! Spheroids: the paper's uniform law against geometry, and what both laws must share. That points are uniform in area
 //! is tested where they are made (`emission`); the original's images of spheroids are rows of `reference`.
-#![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
 
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::data_file;
