@@ -9,7 +9,8 @@ use flows::fields as f;
 use flows::grid::{Geometry, Grid};
 use serde::{Deserialize, Serialize};
 
-use super::resolve::{Files, Problems};
+use super::files::Files;
+use super::problems::Problems;
 use crate::error::Result;
 
 /// Path of the field in a scenario.

@@ -5,7 +5,7 @@ use flows::illumination::{Profile, Shape};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::resolve::Problems;
+use super::problems::Problems;
 
 /// Light that differs from place to place and from pulse to pulse; `flows::illumination` has the formulas.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -2,14 +2,18 @@
 
 pub mod effects;
 mod field;
+mod files;
 mod illumination;
 pub mod keys;
 mod load;
 mod meanings;
 mod motion;
+mod optics;
 mod outline;
 mod parse;
 mod particles;
+mod problems;
+mod recorded;
 pub mod reference;
 mod resolve;
 mod set;
@@ -18,10 +22,11 @@ mod sweep;
 mod timing;
 mod truth_grid;
 
+pub use files::Input;
 pub use load::load;
 pub use motion::Mover;
 pub use parse::{compact, parse, write};
-pub use resolve::{Input, Scenario, resolve};
+pub use resolve::{Scenario, resolve};
 pub use set::{assignment, set};
 pub use sweep::{Axis, Case, Combine, Span, Sweep, SweepSpec, Values, parse_sweep};
 pub use timing::Recordings;

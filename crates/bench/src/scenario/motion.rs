@@ -6,7 +6,8 @@ use flows::{Tracks as RecordedTracks, VelocityField};
 use serde::{Deserialize, Serialize};
 
 use super::field::Field;
-use super::resolve::{Files, Problems};
+use super::files::Files;
+use super::problems::Problems;
 use crate::dataset::truth::TRACKS;
 
 /// What moves the particles.

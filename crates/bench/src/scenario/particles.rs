@@ -13,7 +13,8 @@ use microsig_core::Settings;
 use microsig_core::formats::data_file;
 use serde::{Deserialize, Serialize};
 
-use super::resolve::{Files, Problems};
+use super::files::Files;
+use super::problems::Problems;
 use crate::error::Result;
 use crate::light::Stack;
 

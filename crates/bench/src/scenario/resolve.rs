@@ -3,23 +3,25 @@
 //! A [`Scenario`] exists only if it is valid. Its `spec` has every default written out, so that resolving the written
 //! form of it gives the very same scenario.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use flows::scale::Scale;
 use flows::tracks::Kind;
-use flows::{Boundary, Diameters, Domain, Illumination, Scene, Seeding, Shutter, Tracks, VelocityField};
-use glam::DVec3;
+use flows::{Boundary, Domain, Illumination, Scene, Seeding, Shutter, Tracks, VelocityField};
 use microsig_core::formats::data_file::Layout;
-use microsig_core::formats::{settings_file, tiff};
 use microsig_core::render::Renderer;
 use microsig_core::render::expected::{DEFAULT_TOLERANCE, TOLERANCES};
 use microsig_core::sensor::{Detector, Sensor};
 use microsig_core::stream::Streams;
 use microsig_core::{Particle, Settings, Spheroid};
 
+use super::files::{Files, Input};
 use super::motion::Mover;
+use super::optics::{detector, optics};
 use super::particles::Cloud;
-use super::spec::{self, Motion, PairSeeding, Placement, Preset, Spec, Timing};
+use super::problems::Problems;
+use super::recorded::recorded;
+use super::spec::{self, Motion, PairSeeding, Placement, Spec, Timing};
 use super::timing::Recordings;
 use super::truth_grid::{Nodes, TruthGrid};
 use crate::error::{Error, Result};
@@ -27,9 +29,6 @@ use crate::light::{NoiseFree, Stack};
 
 /// Depth range of the default channel, um: 100 um deep, inside the range that Rossi 2020 scans.
 const DEFAULT_Z_UM: (f64, f64) = (-80.0, 20.0);
-
-/// Faults and warnings of single particles that are listed before the rest is left out.
-const MAX_LISTED: usize = 20;
 
 /// A scenario that can be run.
 #[derive(Debug)]
@@ -147,53 +146,6 @@ impl Scenario {
     pub fn truth_grid(&self) -> Option<Nodes> {
         let size_px = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
         self.spec.truth_grid.as_ref()?.nodes(size_px, self.depth_range_um)
-    }
-}
-
-/// A file that the scenario names.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Input {
-    /// Its path in the dataset.
-    pub path: String,
-    /// What it holds.
-    pub bytes: Vec<u8>,
-}
-
-/// The problems found so far; a value is checked and passed on.
-pub(super) struct Problems(Vec<String>);
-
-impl Problems {
-    pub(super) fn any(&self) -> bool {
-        !self.0.is_empty()
-    }
-
-    pub(super) fn new() -> Self {
-        Problems(Vec::new())
-    }
-
-    /// All of them as an error, if there are any.
-    pub(super) fn finish(self) -> Result<()> {
-        if self.0.is_empty() { Ok(()) } else { Err(Error::Input(self.0)) }
-    }
-
-    pub(super) fn add(&mut self, path: &str, value: impl std::fmt::Display, allowed: &str) {
-        self.0.push(format!("{path} = {value}: expected {allowed}"));
-    }
-
-    pub(super) fn range(&mut self, path: &str, value: f64, low: f64, high: f64, allowed: &str) -> f64 {
-        if !(value.is_finite() && value >= low && value <= high) {
-            self.add(path, value, allowed);
-        }
-        value
-    }
-
-    /// The value, or `None` with its problem noted.
-    pub(super) fn of<T>(
-        &mut self,
-        path: &str,
-        result: std::result::Result<T, impl std::fmt::Display>,
-    ) -> Option<T> {
-        result.map_err(|e| self.0.extend(e.to_string().lines().map(|line| format!("{path}: {line}")))).ok()
     }
 }
 
@@ -410,162 +362,12 @@ fn crowding(spec: &Spec, warnings: &mut Vec<String>) {
     }
 }
 
-/// Whether particles of recorded tracks can be drawn, and whether the scenario covers them.
-#[allow(clippy::too_many_arguments, reason = "a part of `resolve`")]
-fn recorded(
-    tracks: &Tracks,
-    diameters: &Diameters,
-    renderer: &Renderer,
-    scale: &Scale,
-    recordings: &Recordings,
-    z_um: (f64, f64),
-    warnings: &mut Vec<String>,
-    problems: &mut Problems,
-) {
-    const KEY: &str = "motion.tracks.file";
-    let (mut wrong, mut drawn_badly, mut beyond, mut late) = (0, 0, 0, 0);
-    for row in tracks.rows() {
-        let at = scale.to_image(row.position);
-        let axis = row.axis.unwrap_or(DVec3::Z).to_array();
-        let spheroid = row.aspect.filter(|e_p| *e_p != 1.0).map(|e_p| Spheroid::from_axis(e_p, axis));
-        for d_um in [row.d_um.unwrap_or(diameters.min()), row.d_um.unwrap_or(diameters.max())] {
-            let particle = Particle { spheroid, ..Particle::sphere(at.x_px, at.y_px, at.z_um, d_um) };
-            let place = |what: String| format!("line {} of the tracks: {what}", row.line);
-            match renderer.check(&particle) {
-                Err(e) if wrong < MAX_LISTED => {
-                    wrong += 1;
-                    problems.0.push(format!("{KEY}: {}", place(e.to_string())));
-                }
-                Ok(Some(warning)) if drawn_badly < MAX_LISTED => {
-                    drawn_badly += 1;
-                    warnings.push(place(warning));
-                }
-                _ => {}
-            }
-        }
-        beyond += usize::from(row.position.z < z_um.0 || row.position.z > z_um.1);
-        late += usize::from(row.frame >= recordings.frames());
-    }
-    problems.0.dedup();
-    if beyond > 0 {
-        warnings.push(format!(
-            "{beyond} rows of the tracks are beyond boundaries.z_um = ({}, {}): they are drawn, but not scored",
-            z_um.0, z_um.1
-        ));
-    }
-    if late > 0 {
-        warnings.push(format!(
-            "{late} rows of the tracks are in frames after the last, {}, and left out",
-            recordings.frames() - 1
-        ));
-    }
-}
-
 /// Names become folder names and identifiers of data packages.
 fn name(name: &str, problems: &mut Problems) {
     let fits = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "._-".contains(c);
     if name.is_empty() || name.len() > 100 || name.starts_with('.') || !name.chars().all(fits) {
         let allowed = "1 to 100 lower-case letters, digits, `.`, `_`, `-`, not starting with a dot";
         problems.add("name", format!("`{name}`"), allowed);
-    }
-}
-
-fn optics(
-    optics: &mut spec::Optics,
-    files: &mut Files<'_>,
-    warnings: &mut Vec<String>,
-    problems: &mut Problems,
-) -> Option<Settings> {
-    if optics.preset.is_some() && optics.settings.is_some() {
-        problems.0.push("optics: expected either `preset` or `settings`, not both".to_owned());
-    }
-    let mut settings = match optics.settings.clone() {
-        Some(file) => {
-            let (path, bytes) = files.read("optics.settings", &file, problems)?;
-            let read = settings_file::read(&bytes[..], &path.display().to_string());
-            let read = problems.of("optics.settings", read)?;
-            warnings.extend(read.warnings);
-            optics.settings = Some(files.keep(&path, bytes));
-            read.settings
-        }
-        // Without preset and file the keys may be all there; what is missing is taken from setting 1.
-        None => match *optics.preset.get_or_insert(Preset::Setting1) {
-            Preset::Setting1 => Settings::setting1(),
-            Preset::Setting1a => Settings::setting1a(),
-            Preset::Setting2 => Settings::setting2(),
-        },
-    };
-    if optics.gaussian.is_some() {
-        // Peaks are counts already; the presets' gains are counts per ray.
-        settings.gain = 1.0;
-    }
-    optics.apply(&mut settings);
-    optics.fill(&settings);
-    let depth_factor = *optics.depth_factor.get_or_insert(1.0);
-    problems.range("optics.depth_factor", depth_factor, 0.1, 10.0, "0.1 to 10");
-    match settings.validate() {
-        Ok(()) => Some(settings),
-        Err(microsig_core::Error::Malformed(faults)) => {
-            problems.0.extend(faults.into_iter().map(|f| format!("optics.{}", f.message)));
-            None
-        }
-        Err(other) => problems.of("optics", Err(other)),
-    }
-}
-
-/// The files that the scenario names.
-pub(super) struct Files<'a> {
-    folder: &'a Path,
-    inputs: Vec<Input>,
-}
-
-impl Files<'_> {
-    /// Reads a file.
-    pub(super) fn read(&self, key: &str, file: &str, problems: &mut Problems) -> Option<(PathBuf, Vec<u8>)> {
-        let path = self.folder.join(file);
-        let bytes = problems.of(key, std::fs::read(&path).map_err(|e| Error::read(&path, e)))?;
-        Some((path, bytes))
-    }
-
-    /// Keeps a file for the dataset and gives its path there; files of one name get numbers.
-    pub(super) fn keep(&mut self, path: &Path, bytes: Vec<u8>) -> String {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let mut copy = format!("inputs/{name}");
-        let mut number = 2;
-        while self.inputs.iter().any(|input| input.path == copy) {
-            copy = format!("inputs/{number}_{name}");
-            number += 1;
-        }
-        self.inputs.push(Input { path: copy.clone(), bytes });
-        copy
-    }
-}
-
-fn detector(
-    sensor: &mut spec::Sensor,
-    settings: &Settings,
-    files: &mut Files<'_>,
-    problems: &mut Problems,
-) -> Option<Detector> {
-    let background = match sensor.background.clone() {
-        None => None,
-        Some(file) => {
-            let (path, bytes) = files.read("sensor.background", &file, problems)?;
-            let size = (settings.pixel_dim_x, settings.pixel_dim_y);
-            let read = tiff::read(std::io::Cursor::new(&bytes), &path.display().to_string(), size);
-            let counts = problems.of("sensor.background", read)?;
-            sensor.background = Some(files.keep(&path, bytes));
-            Some(counts)
-        }
-    };
-    let detector = sensor.detector(background);
-    match detector.validate(settings) {
-        Ok(()) => Some(detector),
-        Err(microsig_core::Error::Malformed(faults)) => {
-            problems.0.extend(faults.into_iter().map(|f| format!("sensor.{}", f.message)));
-            None
-        }
-        Err(other) => problems.of("sensor", Err(other)),
     }
 }
 

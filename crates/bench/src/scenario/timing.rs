@@ -5,7 +5,7 @@ use microsig_core::random::normal;
 use microsig_core::stream::{Purpose, Streams};
 use serde::{Deserialize, Serialize};
 
-use super::resolve::Problems;
+use super::problems::Problems;
 
 /// Most frames of a dataset.
 const MAX_FRAMES: u32 = 10_000_000;

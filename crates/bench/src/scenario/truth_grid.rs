@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::resolve::Problems;
+use super::problems::Problems;
 
 /// The truth of displacement fields.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,0 +1,64 @@
+//! Recorded tracks against the rest of a scenario.
+
+use flows::scale::Scale;
+use flows::{Diameters, Tracks};
+use glam::DVec3;
+use microsig_core::render::Renderer;
+use microsig_core::{Particle, Spheroid};
+
+use super::problems::Problems;
+use super::timing::Recordings;
+
+/// Faults and warnings of single particles that are listed before the rest is left out.
+const MAX_LISTED: usize = 20;
+
+/// Whether particles of recorded tracks can be drawn, and whether the scenario covers them.
+#[allow(clippy::too_many_arguments, reason = "a part of `resolve`")]
+pub(super) fn recorded(
+    tracks: &Tracks,
+    diameters: &Diameters,
+    renderer: &Renderer,
+    scale: &Scale,
+    recordings: &Recordings,
+    z_um: (f64, f64),
+    warnings: &mut Vec<String>,
+    problems: &mut Problems,
+) {
+    const KEY: &str = "motion.tracks.file";
+    let (mut wrong, mut drawn_badly, mut beyond, mut late) = (0, 0, 0, 0);
+    for row in tracks.rows() {
+        let at = scale.to_image(row.position);
+        let axis = row.axis.unwrap_or(DVec3::Z).to_array();
+        let spheroid = row.aspect.filter(|e_p| *e_p != 1.0).map(|e_p| Spheroid::from_axis(e_p, axis));
+        for d_um in [row.d_um.unwrap_or(diameters.min()), row.d_um.unwrap_or(diameters.max())] {
+            let particle = Particle { spheroid, ..Particle::sphere(at.x_px, at.y_px, at.z_um, d_um) };
+            let place = |what: String| format!("line {} of the tracks: {what}", row.line);
+            match renderer.check(&particle) {
+                Err(e) if wrong < MAX_LISTED => {
+                    wrong += 1;
+                    problems.0.push(format!("{KEY}: {}", place(e.to_string())));
+                }
+                Ok(Some(warning)) if drawn_badly < MAX_LISTED => {
+                    drawn_badly += 1;
+                    warnings.push(place(warning));
+                }
+                _ => {}
+            }
+        }
+        beyond += usize::from(row.position.z < z_um.0 || row.position.z > z_um.1);
+        late += usize::from(row.frame >= recordings.frames());
+    }
+    problems.0.dedup();
+    if beyond > 0 {
+        warnings.push(format!(
+            "{beyond} rows of the tracks are beyond boundaries.z_um = ({}, {}): they are drawn, but not scored",
+            z_um.0, z_um.1
+        ));
+    }
+    if late > 0 {
+        warnings.push(format!(
+            "{late} rows of the tracks are in frames after the last, {}, and left out",
+            recordings.frames() - 1
+        ));
+    }
+}
