@@ -1,6 +1,7 @@
 //! End-to-end tests of the workspace, a file for each thing that must hold: `cargo test -p suite NAME::` runs one of them.
 #![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
 
+mod baselines;
 mod centroid;
 mod command;
 mod exact;

@@ -1,6 +1,7 @@
 //! Tasks of the repository: `cargo xtask <task>`.
 #![expect(clippy::print_stdout, reason = "a task tells what it did")]
 
+mod baselines;
 mod bench;
 mod export_check;
 mod figures;
@@ -38,6 +39,12 @@ enum Task {
         /// Only the groups of workloads with this in their name.
         #[arg(long)]
         only: Option<String>,
+    },
+    /// Lets the baseline trackers loose on datasets of growing density and noise, and scores them; some minutes.
+    Baselines {
+        /// Where runs.csv, a plot and README.md go.
+        #[arg(long, default_value = "target/baselines")]
+        out: PathBuf,
     },
     /// Times other generators of in-focus images and ours on the same work.
     Peers {
@@ -135,6 +142,7 @@ enum Task {
 fn main() -> anyhow::Result<ExitCode> {
     match Cli::parse().task {
         Task::Bench { out, only } => bench::main(&out, only.as_deref()).map(|()| ExitCode::SUCCESS),
+        Task::Baselines { out } => baselines::main(&out).map(|()| ExitCode::SUCCESS),
         Task::Peers { out } => peers::main(&out).map(|()| ExitCode::SUCCESS),
         Task::Floor { floor, folder } => floor.run(&folder).map(|()| ExitCode::SUCCESS),
         Task::Pairs { pairs, ppp, diameter_px } => {

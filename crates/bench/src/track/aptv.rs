@@ -21,7 +21,7 @@ const ABOVE_NOISE: f32 = 5.0;
 const LEAST_AREA: usize = 12;
 
 /// Farthest a particle may be from the curve, as part of its mean width.
-const TOLERANCE: f64 = 0.08;
+const TOLERANCE: f64 = 0.12;
 
 /// Points of the stack on each side that smooth one point of the curve.
 const NEIGHBOURS: usize = 2;
@@ -139,8 +139,8 @@ fn smoothed(points: &[(f64, [f64; 4])], i: usize) -> (f64, [f64; 4]) {
 fn blobs(picture: &Picture) -> Vec<Blob> {
     let (w, h) = (picture.width, picture.height);
     let smooth = picture.smoothed(SMOOTH_PX);
-    let level = smooth.median();
-    let threshold = level + (ABOVE_NOISE * smooth.noise()).max(1e-3);
+    let (level, noise) = smooth.background();
+    let threshold = level + (ABOVE_NOISE * noise).max(1e-3);
     let mut open: Vec<bool> = smooth.counts.iter().map(|c| *c > threshold).collect();
     let mut found = Vec::new();
     let mut region = Vec::new();

@@ -6,6 +6,7 @@
 
 mod anchors;
 mod aptv;
+mod fit;
 mod fourier;
 mod link;
 mod ncc;
@@ -14,6 +15,7 @@ mod picture;
 mod piv;
 mod recording;
 mod spots;
+mod templates;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;

@@ -1,335 +1,306 @@
 //! GDPT: depth by correlation with the calibration stack.
 //!
-//! Images of the stack are templates. Maps of their zero-mean normalised cross-correlation C_m with a frame show where
-//! particles may be; each candidate walks to the template and pixel of highest C_m, and parabolas through three values
-//! refine place and depth (Barnkob, Kaehler & Rossi 2015, Lab Chip 15, 3556). What is accepted is taken out of the frame, so
-//! that rings do not answer twice and overlapped particles show.
+//! Images of the stack are templates (Barnkob, Kaehler & Rossi 2015, Lab Chip 15, 3556). Maps of their normalised
+//! cross-correlation with a frame, each pixel weighted by one over the variance of its noise, show where particles may be.
+//! The likeliest comes first: its place, depth and brightness are fitted, and if it is bright enough and like its template
+//! it is taken out of the frame, so that rings do not answer twice and overlapped particles show. In the end every particle
+//! is fitted again with all others taken out.
 
 use rustfft::num_complex::Complex32;
 
 use super::Found;
+use super::fit::{Fit, Scene};
 use super::fourier::{Plane, Way};
-use super::picture::{Picture, Spline, three_points};
+use super::picture::Picture;
 use super::recording::Step;
+use super::templates::Templates;
 
-/// Templates whose whole maps are computed; the walk finds the ones between.
-const COARSE: usize = 9;
+/// Templates whose whole maps are computed.
+const COARSE: usize = 13;
+
+/// A particle is so many standard deviations of the noise bright, all its pixels together.
+const LEAST_SIGNIFICANCE: f64 = 8.0;
 
 /// Least correlation of a particle.
-const LEAST_CM: f32 = 0.5;
+const LEAST_CM: f64 = 0.5;
 
-/// A particle is this many standard deviations of the smoothed noise high.
-const ABOVE_NOISE: f32 = 5.0;
+/// Brightness of particles in units of the calibration's. Bright pieces of large images look like faint small ones.
+const BRIGHTNESS: std::ops::RangeInclusive<f64> = 0.25..=4.0;
 
-/// Light of a window that must be left when what was accepted is taken out, as part of what was there.
-const UNEXPLAINED: f32 = 0.3;
+/// How well templates describe particles while some are still mixed up: light is uncertain by this part.
+const ROUGH: f32 = 0.1;
 
-/// Smoothing of frames and templates, px.
-const SMOOTH_PX: f32 = 1.0;
+/// The same when all are known.
+const FINE: f32 = 0.03;
 
-/// Steps of a walk before it is given up.
-const LONGEST_WALK: usize = 100;
+/// Steps of the stack up and down from where a fit is tried again.
+const OTHER_DEPTHS: [f64; 6] = [-12.0, -8.0, -4.0, 4.0, 8.0, 12.0];
 
-/// A particle image at one depth.
-#[derive(Debug)]
-struct Template {
-    z_um: f64,
-    /// Counts above the background, the particle in the middle.
-    picture: Picture,
-    spline: Spline,
-    /// The image reaches so far from its middle, px.
-    radius: usize,
-    peak: f32,
-}
+/// Two particles nearer than this may be one that was taken for two, px.
+const SAME_PLACE_PX: f64 = 3.0;
 
-/// The templates, by depth.
+/// One particle is as good as two if it accounts for this part of the light.
+const AS_GOOD: f64 = 0.97;
+
+/// Fits are tried from the so many likeliest depths.
+const STARTS: usize = 3;
+
+/// Finds particles like those of a calibration stack.
 #[derive(Debug)]
 pub(super) struct Stack {
-    templates: Vec<Template>,
+    templates: Templates,
 }
 
-/// A template at a pixel of a frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Match {
+/// Where a particle may be.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
     step: usize,
     x: isize,
     y: isize,
-    cm: f32,
-}
-
-/// Where the walk to a particle begins.
-#[derive(Debug, Clone, Copy)]
-struct Candidate {
-    start: Match,
-    /// The part of the window's sum of squares that the template accounts for.
-    explained: f32,
-}
-
-/// How a window of a frame and a template agree.
-#[derive(Debug, Clone, Copy)]
-struct Agreement {
-    cm: f32,
-    /// Brightness of the particle in units of the template's.
-    amplitude: f32,
-    /// Sum of squares of the window about its mean.
-    power: f32,
+    /// By how much it would lower the weighted sum of squares.
+    gained: f32,
 }
 
 impl Stack {
     pub(super) fn new(steps: &[Step]) -> Self {
-        Stack { templates: steps.iter().map(Template::new).collect() }
+        Stack { templates: Templates::new(steps) }
     }
 
     /// The particles of an image.
     pub(super) fn find(&self, picture: &Picture) -> Vec<Found> {
-        let mut frame = picture.smoothed(SMOOTH_PX);
-        let (level, noise) = (frame.median(), frame.noise());
+        let (level, noise) = picture.background();
+        let mut frame = picture.clone();
         frame.counts.iter_mut().for_each(|c| *c -= level);
-        let mut left = frame.clone();
-        let mut found: Vec<Found> = Vec::new();
-        for candidate in self.candidates(&frame) {
-            let Some(best) = self.walk(&left, candidate.start) else { continue };
-            let template = &self.templates[best.step];
-            let here = template.agreement(&left, best.x, best.y, template.radius);
-            let before = template.agreement(&frame, best.x, best.y, template.radius).power;
-            let bright = here.amplitude * template.peak > ABOVE_NOISE * noise;
-            if best.cm < LEAST_CM || !bright || here.power < UNEXPLAINED * before {
-                continue;
-            }
-            let (particle, offset) = self.refined(&left, best);
-            template.take_out(&mut left, here.amplitude, offset);
-            found.push(particle);
+        // Without noise, rounding is left.
+        let dark = noise.powi(2).max(1.0 / 12.0);
+        let rough = weights(&frame, dark, self.templates.gain, ROUGH);
+        let fine = weights(&frame, dark, self.templates.gain, FINE);
+        let scene = Scene { left: frame, weight: rough };
+        let mut search = Search { templates: &self.templates, scene, found: Vec::new() };
+        for candidate in self.candidates(&search.scene) {
+            search.take(candidate);
         }
-        found
+        search.again();
+        search.scene.weight = fine;
+        search.again();
+        let place = |fit: &Fit| Found {
+            x_px: fit.at[0] + 1.0,
+            y_px: fit.at[1] + 1.0,
+            z_um: Some(self.templates.depth_um(fit.step)),
+        };
+        // Particles beyond the edge may light the image; they are not in it.
+        let on_sensor = |fit: &&Fit| {
+            let size = [picture.width, picture.height].map(|n| n as f64);
+            fit.at.iter().zip(size).all(|(c, n)| (-0.5..n - 0.5).contains(c))
+        };
+        search.found.iter().filter(on_sensor).map(place).collect()
     }
 
-    /// Local maxima of the correlation maps of the coarse templates. First comes what explains most light: a small template
-    /// may fit a piece of a ring well, but the ring's own explains all of it.
-    fn candidates(&self, frame: &Picture) -> Vec<Candidate> {
-        let step = self.templates.len().div_ceil(COARSE).max(1);
-        let coarse: Vec<usize> = (step / 2..self.templates.len()).step_by(step).collect();
-        let margin = coarse.iter().map(|&k| self.templates[k].radius).max().unwrap_or(0);
-        let maps = Maps::new(frame, margin);
+    /// Local maxima of the correlation maps of the coarse templates, the likeliest first.
+    fn candidates(&self, scene: &Scene) -> Vec<Candidate> {
+        let stride = self.templates.len().div_ceil(COARSE).max(1);
+        let coarse: Vec<usize> = (stride / 2..self.templates.len()).step_by(stride).collect();
+        let margin = coarse.iter().map(|&k| self.templates.get(k).radius).max().unwrap_or(0);
+        let maps = Maps::new(scene, margin);
+        let (w, h) = (scene.left.width + 2 * margin, scene.left.height + 2 * margin);
         let mut candidates = Vec::new();
-        for k in coarse {
-            let map = maps.correlation(&self.templates[k]);
-            for y in 1..frame.height - 1 {
-                for x in 1..frame.width - 1 {
-                    let here = map.counts[y * frame.width + x];
-                    let around =
-                        |v: usize| map.counts[v * frame.width + x - 1..=v * frame.width + x + 1].iter();
-                    if here > LEAST_CM && (y - 1..=y + 1).flat_map(around).all(|other| *other <= here) {
-                        let start = Match { step: k, x: x as isize, y: y as isize, cm: here };
-                        let explained = here * here * maps.power(x, y, self.templates[k].radius) as f32;
-                        candidates.push(Candidate { start, explained });
+        for step in coarse {
+            let map = maps.gained(&self.templates, step);
+            let least = (LEAST_SIGNIFICANCE * LEAST_SIGNIFICANCE) as f32;
+            for y in 0..h {
+                for x in 0..w {
+                    let gained = map[y * w + x];
+                    let mut around = (y.saturating_sub(1)..(y + 2).min(h))
+                        .flat_map(|v| &map[v * w + x.saturating_sub(1)..v * w + (x + 2).min(w)]);
+                    if gained > least && around.all(|other| *other <= gained) {
+                        let [x, y] = [x, y].map(|c| c as isize - margin as isize);
+                        candidates.push(Candidate { step, x, y, gained });
                     }
                 }
             }
         }
-        let place = |c: &Candidate| (c.start.y, c.start.x, c.start.step);
-        candidates.sort_by(|a, b| b.explained.total_cmp(&a.explained).then(place(a).cmp(&place(b))));
+        let place = |c: &Candidate| (c.y, c.x, c.step);
+        candidates.sort_by(|a, b| b.gained.total_cmp(&a.gained).then(place(a).cmp(&place(b))));
         candidates
-    }
-
-    /// Goes to neighbouring templates and pixels as long as the correlation grows.
-    fn walk(&self, frame: &Picture, start: Match) -> Option<Match> {
-        let mut at = start;
-        for _ in 0..LONGEST_WALK {
-            // Templates are compared over the same window: a smaller one would fit more easily.
-            let steps = at.step.saturating_sub(1)..(at.step + 2).min(self.templates.len());
-            let radius = steps.clone().map(|k| self.templates[k].radius).max()?;
-            let cm = |step: usize, x: isize, y: isize| Match {
-                step,
-                x,
-                y,
-                cm: self.templates[step].agreement(frame, x, y, radius).cm,
-            };
-            let beside = [(1, 0), (-1, 0), (0, 1), (0, -1)].map(|(dx, dy)| cm(at.step, at.x + dx, at.y + dy));
-            let depths = steps.map(|k| cm(k, at.x, at.y));
-            let best = depths.chain(beside).max_by(|a, b| a.cm.total_cmp(&b.cm))?;
-            let here = cm(at.step, at.x, at.y);
-            if best.cm <= here.cm {
-                return Some(here);
-            }
-            at = best;
-        }
-        None
-    }
-
-    /// The particle to a fraction of pixel and step, and its place from the middle of the first pixel.
-    fn refined(&self, frame: &Picture, at: Match) -> (Found, [f32; 2]) {
-        let template = &self.templates[at.step];
-        let cm = |dx: isize, dy: isize| template.agreement(frame, at.x + dx, at.y + dy, template.radius).cm;
-        let x = at.x as f32 + three_points(cm(-1, 0), cm(0, 0), cm(1, 0));
-        let y = at.y as f32 + three_points(cm(0, -1), cm(0, 0), cm(0, 1));
-        let z_um = match (at.step.checked_sub(1), self.templates.get(at.step + 1)) {
-            (Some(below), Some(above)) => {
-                let below = &self.templates[below];
-                let radius = below.radius.max(template.radius).max(above.radius);
-                let [low, middle, high] =
-                    [below, template, above].map(|t| f64::from(t.agreement(frame, at.x, at.y, radius).cm));
-                let curvature = low - 2.0 * middle + high;
-                let step =
-                    if curvature < 0.0 { (0.5 * (low - high) / curvature).clamp(-0.5, 0.5) } else { 0.0 };
-                template.z_um + step * 0.5 * (above.z_um - below.z_um)
-            }
-            // The first and the last image of the stack have a neighbour on one side only.
-            _ => template.z_um,
-        };
-        (Found { x_px: f64::from(x) + 1.0, y_px: f64::from(y) + 1.0, z_um: Some(z_um) }, [x, y])
     }
 }
 
-impl Template {
-    fn new(step: &Step) -> Self {
-        let mut picture = step.picture.smoothed(SMOOTH_PX);
-        let (level, noise) = (picture.median(), picture.noise());
-        picture.counts.iter_mut().for_each(|c| *c -= level);
-        let peak = picture.counts.iter().copied().fold(0.0, f32::max);
-        let (cx, cy) = (step.at[0].round(), step.at[1].round());
-        // Of the pixels that stand out, the farthest but a few, which may be noise.
-        let threshold = (0.1 * peak).max(ABOVE_NOISE * noise);
-        let mut reach: Vec<usize> = (0..picture.counts.len())
-            .filter(|&i| picture.counts[i] > threshold)
-            .map(|i| {
-                let (dx, dy) = ((i % picture.width) as f64 - cx, (i / picture.width) as f64 - cy);
-                dx.abs().max(dy.abs()) as usize
-            })
+/// One over the variance of each pixel: the background's, that of the light itself, and what templates cannot tell of it.
+fn weights(frame: &Picture, dark: f32, gain: f32, error: f32) -> Vec<f32> {
+    let variance = |(here, around): (&f32, &f32)| {
+        let light = here.max(*around).max(0.0);
+        dark + gain * light + (error * light).powi(2)
+    };
+    frame.counts.iter().zip(&frame.smoothed(1.0).counts).map(|both| 1.0 / variance(both)).collect()
+}
+
+/// The search through a frame.
+struct Search<'a> {
+    templates: &'a Templates,
+    scene: Scene,
+    found: Vec<Fit>,
+}
+
+impl Search<'_> {
+    /// Takes a particle out of the frame if there is one.
+    fn take(&mut self, candidate: Candidate) {
+        let Candidate { x, y, .. } = candidate;
+        let now = |step: usize| self.gained(step, x, y);
+        // What was accepted since has explained this one.
+        if now(candidate.step) < 0.5 * f64::from(candidate.gained).min(4.0 * LEAST_SIGNIFICANCE.powi(2)) {
+            return;
+        }
+        let over_depth: Vec<f64> = (0..self.templates.len()).map(now).collect();
+        let at = |k: usize, d: isize| over_depth.get(k.wrapping_add_signed(d)).copied().unwrap_or(0.0);
+        let mut starts: Vec<usize> = (0..over_depth.len())
+            .filter(|&k| at(k, 0) > 0.0 && at(k, 0) >= at(k, -1) && at(k, 0) > at(k, 1))
             .collect();
-        reach.sort_unstable();
-        let farthest = reach.get(reach.len() * 99 / 100).copied().unwrap_or(0);
-        let room = |c: f64, size: usize| (c as usize).min(size - 1 - (c as usize).min(size - 1));
-        let room = room(cx, picture.width).min(room(cy, picture.height));
-        let side = 2 * room + 1;
-        let (left, top) = (cx as usize - room, cy as usize - room);
-        let centred =
-            Picture::from_fn((side, side), |x, y| picture.counts[(top + y) * picture.width + left + x]);
-        let spline = Spline::new(&centred);
-        Template { z_um: step.z_um, picture: centred, spline, radius: (farthest + 3).min(room), peak }
-    }
-
-    /// The template's pixel beside its middle.
-    fn at(&self, dx: isize, dy: isize) -> f32 {
-        let middle = (self.picture.width / 2) as isize;
-        self.picture.counts[((middle + dy) * (2 * middle + 1) + middle + dx) as usize]
-    }
-
-    /// Compares the window of a frame around a pixel with the template; beyond the frame there is background.
-    fn agreement(&self, frame: &Picture, x: isize, y: isize, radius: usize) -> Agreement {
-        let r = radius.min(self.picture.width / 2) as isize;
-        let (w, h) = (frame.width as isize, frame.height as isize);
-        let (mut f, mut t, mut ff, mut tt, mut ft) = (0.0f32, 0.0f32, 0.0f32, 0.0f32, 0.0f32);
-        for dy in -r..=r {
-            let inside = (0..h).contains(&(y + dy));
-            for dx in -r..=r {
-                let value = if inside && (0..w).contains(&(x + dx)) {
-                    frame.counts[((y + dy) * w + x + dx) as usize]
-                } else {
-                    0.0
-                };
-                let own = self.at(dx, dy);
-                f += value;
-                t += own;
-                ff += value * value;
-                tt += own * own;
-                ft += value * own;
-            }
+        starts.sort_by(|a, b| over_depth[*b].total_cmp(&over_depth[*a]));
+        starts.truncate(STARTS);
+        let fits = starts
+            .into_iter()
+            .filter_map(|k| Fit::near(&self.scene, self.templates, [x as f64, y as f64], k as f64));
+        let best = fits.max_by(|a, b| a.gained.total_cmp(&b.gained));
+        if let Some(fit) = best.filter(|fit| self.is_particle(fit)) {
+            let fit = self.at_other_depths(fit);
+            self.scene.add(self.templates, &fit, -1.0);
+            self.found.push(fit);
+            self.unite();
         }
-        let n = ((2 * r + 1) * (2 * r + 1)) as f32;
-        let (vf, vt, cov) = (ff - f * f / n, tt - t * t / n, ft - f * t / n);
-        let cm = if vf > 0.0 && vt > 0.0 { cov / (vf * vt).sqrt() } else { 0.0 };
-        Agreement { cm, amplitude: if vt > 0.0 { cov / vt } else { 0.0 }, power: vf }
     }
 
-    /// Subtracts the particle image from a frame.
-    fn take_out(&self, frame: &mut Picture, amplitude: f32, [x, y]: [f32; 2]) {
-        let r = self.radius as f32;
-        let middle = (self.picture.width / 2) as f32;
-        let span = |c: f32, size: usize| {
-            let from = (c - r).ceil().max(0.0) as usize;
-            from..((c + r).floor() + 1.0).clamp(0.0, size as f32) as usize
+    /// The best of a fit and of fits that begin at depths around it: near the focus there are several that look alike.
+    fn at_other_depths(&self, fit: Fit) -> Fit {
+        let depths = OTHER_DEPTHS.map(|d| fit.step + d).into_iter();
+        let others = depths.filter(|d| (0.0..self.templates.len() as f64).contains(d));
+        let fits = others.filter_map(|step| Fit::near(&self.scene, self.templates, fit.at, step));
+        fits.fold(fit, |best, other| if other.gained > best.gained { other } else { best })
+    }
+
+    /// If one particle explains the last one and another at the same place as well as both do, it takes their place.
+    fn unite(&mut self) {
+        let Some(last) = self.found.pop() else { return };
+        let apart = |f: &Fit| (f.at[0] - last.at[0]).hypot(f.at[1] - last.at[1]);
+        let Some(k) = self.found.iter().position(|f| apart(f) < SAME_PLACE_PX) else {
+            self.found.push(last);
+            return;
         };
-        for v in span(y, frame.height) {
-            for u in span(x, frame.width) {
-                let own = self.spline.at(u as f32 - x + middle, v as f32 - y + middle);
-                frame.counts[v * frame.width + u] -= amplitude * own;
+        let first = self.found[k];
+        self.scene.add(self.templates, &last, 1.0);
+        self.scene.add(self.templates, &first, 1.0);
+        let one = self.at_other_depths(first);
+        if one.gained > AS_GOOD * (first.gained + last.gained) {
+            self.scene.add(self.templates, &one, -1.0);
+            self.found[k] = one;
+        } else {
+            self.scene.add(self.templates, &first, -1.0);
+            self.scene.add(self.templates, &last, -1.0);
+            self.found.push(last);
+        }
+    }
+
+    fn is_particle(&self, fit: &Fit) -> bool {
+        fit.gained > LEAST_SIGNIFICANCE.powi(2) && fit.cm > LEAST_CM && BRIGHTNESS.contains(&fit.amplitude)
+    }
+
+    /// Fits every particle with all others taken out; one that is no longer a particle is dropped for good.
+    fn again(&mut self) {
+        for fit in std::mem::take(&mut self.found) {
+            self.scene.add(self.templates, &fit, 1.0);
+            let better = Fit::near(&self.scene, self.templates, fit.at, fit.step);
+            if let Some(better) = better.filter(|b| self.is_particle(b)) {
+                self.scene.add(self.templates, &better, -1.0);
+                self.found.push(better);
             }
         }
+    }
+
+    /// By how much a template at a pixel lowers the weighted sum of squares of what is left.
+    fn gained(&self, step: usize, x: isize, y: isize) -> f64 {
+        let template = self.templates.get(step);
+        let r = template.radius as isize;
+        let (w, h) = (self.scene.left.width as isize, self.scene.left.height as isize);
+        let (mut own, mut both) = (0.0f32, 0.0f32);
+        for v in (y - r).max(0)..(y + r + 1).min(h) {
+            for u in (x - r).max(0)..(x + r + 1).min(w) {
+                let i = (v * w + u) as usize;
+                let light = template.at(u - x, v - y);
+                let weighted = self.scene.weight[i] * light;
+                own += weighted * light;
+                both += weighted * self.scene.left.counts[i];
+            }
+        }
+        if own > 0.0 && both > 0.0 { f64::from(both * both / own) } else { 0.0 }
     }
 }
 
 /// What all correlation maps of a frame have in common.
-struct Maps<'a> {
-    frame: &'a Picture,
-    width: usize,
-    height: usize,
-    margin: usize,
+struct Maps {
+    /// Of the maps: the frame and a margin on each side, where particles beyond the edge are.
+    size: (usize, usize),
+    /// Of the planes: nothing reaches around.
+    padded: (usize, usize),
     fourier: Plane,
-    /// Transform of the frame, with a margin of background around it.
-    transformed: Vec<Complex32>,
-    /// Sums of counts and of their squares over all pixels above and left, one more than pixels in each direction.
-    sums: Vec<[f64; 2]>,
+    /// Transforms of weighted counts and of weights.
+    weighted: Vec<Complex32>,
+    weights: Vec<Complex32>,
 }
 
-impl<'a> Maps<'a> {
-    fn new(frame: &'a Picture, margin: usize) -> Self {
-        let (width, height) = (frame.width + 2 * margin, frame.height + 2 * margin);
-        let padded = Picture::from_fn((width, height), |x, y| {
-            let (x, y) = (x.wrapping_sub(margin), y.wrapping_sub(margin));
-            if x < frame.width && y < frame.height { frame.counts[y * frame.width + x] } else { 0.0 }
-        });
-        let fourier = Plane::new((width, height));
-        let mut transformed: Vec<Complex32> = padded.counts.iter().map(|c| Complex32::new(*c, 0.0)).collect();
-        fourier.transform(&mut transformed, Way::Forward, &mut fourier.scratch());
-        let mut sums = vec![[0.0; 2]; (width + 1) * (height + 1)];
-        for y in 0..height {
-            let mut row = [0.0; 2];
-            for x in 0..width {
-                let value = f64::from(padded.counts[y * width + x]);
-                row = [row[0] + value, row[1] + value * value];
-                let above = sums[y * (width + 1) + x + 1];
-                sums[(y + 1) * (width + 1) + x + 1] = [above[0] + row[0], above[1] + row[1]];
+impl Maps {
+    fn new(scene: &Scene, margin: usize) -> Self {
+        let frame = (scene.left.width, scene.left.height);
+        let size = (frame.0 + 2 * margin, frame.1 + 2 * margin);
+        let padded = (size.0 + margin, size.1 + margin);
+        let fourier = Plane::new(padded);
+        let mut scratch = fourier.scratch();
+        let mut transformed = |value: &dyn Fn(usize) -> f32| {
+            let mut plane = vec![Complex32::default(); padded.0 * padded.1];
+            for y in 0..frame.1 {
+                for x in 0..frame.0 {
+                    plane[(y + margin) * padded.0 + x + margin].re = value(y * frame.0 + x);
+                }
             }
-        }
-        Maps { frame, width, height, margin, fourier, transformed, sums }
+            fourier.transform(&mut plane, Way::Forward, &mut scratch);
+            plane
+        };
+        let weighted = transformed(&|i| scene.weight[i] * scene.left.counts[i]);
+        let weights = transformed(&|i| scene.weight[i]);
+        Maps { size, padded, fourier, weighted, weights }
     }
 
-    /// Sum of squares about its mean of the window around a pixel.
-    fn power(&self, x: usize, y: usize, radius: usize) -> f64 {
-        let (left, top) = (x + self.margin - radius, y + self.margin - radius);
-        let (right, bottom) = (left + 2 * radius + 1, top + 2 * radius + 1);
-        let at = |x: usize, y: usize| self.sums[y * (self.width + 1) + x];
-        let corners = [at(right, bottom), at(left, bottom), at(right, top), at(left, top)];
-        let [sum, squares] =
-            std::array::from_fn(|i| corners[0][i] - corners[1][i] - corners[2][i] + corners[3][i]);
-        squares - sum * sum / ((2 * radius + 1) * (2 * radius + 1)) as f64
+    /// By how much a template lowers the weighted sum of squares, pixel by pixel.
+    fn gained(&self, templates: &Templates, step: usize) -> Vec<f32> {
+        let both = self.correlated(&self.weighted, templates, step, |light| light);
+        let own = self.correlated(&self.weights, templates, step, |light| light * light);
+        both.iter().zip(own).map(|(b, o)| if *b > 0.0 && o > 0.0 { b * b / o } else { 0.0 }).collect()
     }
 
-    /// C_m of a template at every pixel of the frame.
-    fn correlation(&self, template: &Template) -> Picture {
+    fn correlated(
+        &self,
+        frame: &[Complex32],
+        templates: &Templates,
+        step: usize,
+        value: impl Fn(f32) -> f32,
+    ) -> Vec<f32> {
+        let template = templates.get(step);
         let r = template.radius as isize;
-        let n = ((2 * r + 1) * (2 * r + 1)) as f64;
-        let pixels = || (-r..=r).flat_map(|dy| (-r..=r).map(move |dx| (dx, dy)));
-        let mean = pixels().map(|(dx, dy)| f64::from(template.at(dx, dy))).sum::<f64>() / n;
-        let power = pixels().map(|(dx, dy)| (f64::from(template.at(dx, dy)) - mean).powi(2)).sum::<f64>();
-        let mut plane = vec![Complex32::default(); self.width * self.height];
-        let wrap = |d: isize, size: usize| d.rem_euclid(size as isize) as usize;
-        for (dx, dy) in pixels() {
-            let value = (f64::from(template.at(dx, dy)) - mean) as f32;
-            plane[wrap(dy, self.height) * self.width + wrap(dx, self.width)] = Complex32::new(value, 0.0);
+        let (w, h) = self.padded;
+        let mut plane = vec![Complex32::default(); w * h];
+        for dy in -r..=r {
+            for dx in -r..=r {
+                let (x, y) = (dx.rem_euclid(w as isize) as usize, dy.rem_euclid(h as isize) as usize);
+                plane[y * w + x].re = value(template.at(dx, dy));
+            }
         }
         let mut scratch = self.fourier.scratch();
         self.fourier.transform(&mut plane, Way::Forward, &mut scratch);
-        for (p, f) in plane.iter_mut().zip(&self.transformed) {
+        for (p, f) in plane.iter_mut().zip(frame) {
             *p = p.conj() * f;
         }
         self.fourier.transform(&mut plane, Way::Backward, &mut scratch);
-        let scale = 1.0 / (self.width * self.height) as f64;
-        Picture::from_fn((self.frame.width, self.frame.height), |x, y| {
-            let own = self.power(x, y, template.radius);
-            let product = f64::from(plane[(y + self.margin) * self.width + x + self.margin].re) * scale;
-            if own > 0.0 && power > 0.0 { (product / (own * power).sqrt()) as f32 } else { 0.0 }
-        })
+        let scale = 1.0 / (w * h) as f32;
+        let rows = plane.chunks(w).take(self.size.1);
+        rows.flat_map(|row| row[..self.size.0].iter().map(|p| p.re * scale)).collect()
     }
 }
 

@@ -31,6 +31,28 @@ impl Picture {
         NORMAL * quantile_half(&mut self.counts.iter().map(|c| (c - median).abs()).collect::<Vec<_>>())
     }
 
+    /// Level and standard deviation of the background where particles may cover much of the image: from the darker half of
+    /// what is left when bright pixels are taken out again and again.
+    pub(super) fn background(&self) -> (f32, f32) {
+        let mut kept = self.counts.clone();
+        let (mut level, mut noise) = (self.median(), self.noise());
+        for _ in 0..20 {
+            let limit = level + 2.5 * noise;
+            let before = kept.len();
+            kept.retain(|c| *c <= limit);
+            level = quantile_half(&mut kept);
+            let mut below: Vec<f32> = kept.iter().filter(|c| **c < level).map(|c| level - c).collect();
+            if below.is_empty() {
+                return (level, 0.0);
+            }
+            noise = 1.4826 * quantile_half(&mut below);
+            if kept.len() == before {
+                break;
+            }
+        }
+        (level, noise)
+    }
+
     /// Smoothed by a normal distribution of the given standard deviation, px; beyond the edge the edge goes on.
     pub(super) fn smoothed(&self, sigma_px: f32) -> Picture {
         let half = (3.0 * sigma_px).ceil() as isize;
@@ -88,6 +110,11 @@ impl Spline {
         Spline { coefficients }
     }
 
+    /// The spline's coefficients, pixel by pixel.
+    pub(super) fn coefficients(&self) -> &Picture {
+        &self.coefficients
+    }
+
     /// The value at a place in pixels.
     pub(super) fn at(&self, x: f32, y: f32) -> f32 {
         let c = &self.coefficients;
@@ -105,7 +132,7 @@ impl Spline {
 }
 
 /// Weights of the four coefficients around a place `t` beyond a pixel.
-fn weights(t: f32) -> [f32; 4] {
+pub(super) fn weights(t: f32) -> [f32; 4] {
     let s = 1.0 - t;
     [
         s * s * s / 6.0,
@@ -113,6 +140,12 @@ fn weights(t: f32) -> [f32; 4] {
         2.0 / 3.0 - 0.5 * s * s * (2.0 - s),
         t * t * t / 6.0,
     ]
+}
+
+/// Derivatives of [`weights`].
+pub(super) fn weights_slope(t: f32) -> [f32; 4] {
+    let s = 1.0 - t;
+    [-0.5 * s * s, 0.5 * t * (3.0 * t - 4.0), -0.5 * s * (3.0 * s - 4.0), 0.5 * t * t]
 }
 
 fn mirrored(i: isize, n: usize) -> usize {

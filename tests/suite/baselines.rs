@@ -1,0 +1,132 @@
+//! The baseline trackers from end to end: a dataset is made, tracked and scored, and the scores are as good as they should be.
+
+use std::path::Path;
+
+use serde_json::Value;
+use suite::microsig::{fail, path, run};
+
+/// Some particles on 376 x 240 px behind a lens, mostly well apart.
+fn defocused(preset: &str, count: u32) -> String {
+    format!(
+        r#"(
+            name: "defocused",
+            optics: (preset: {preset}, pixel_dim_x: 376, pixel_dim_y: 240),
+            motion: flow(field: poiseuille(max_speed_um_s: 1290)),
+            particles: (number: count({count})),
+            timing: pairs(count: 3, dt_s: 0.002),
+        )"#
+    )
+}
+
+/// Spots in focus that a vortex moves by up to 3 px.
+fn in_focus(ppp: f64) -> String {
+    format!(
+        r#"(
+            name: "in_focus",
+            optics: (
+                gaussian: (diameter_px: 2.75, reference_um: 1, peak_counts: 1000),
+                pixel_dim_x: 160, pixel_dim_y: 160, background_mean: 100, background_noise: 10,
+            ),
+            motion: flow(field: lamb_oseen(max_speed_um_s: 387, core_radius_um: 20)),
+            particles: (number: ppp({ppp}), diameter_um: constant(1)),
+            boundaries: (z_um: (-5, 5)),
+            timing: pairs(count: 2, dt_s: 0.005),
+        )"#
+    )
+}
+
+fn generate(folder: &Path, scenario: &str) {
+    let file = folder.join("scenario.ron");
+    std::fs::write(&file, scenario).unwrap();
+    run(&["generate", path(&file), "--out", path(&folder.join("dataset")), "--quiet"]);
+}
+
+/// Tracks the dataset of a folder; gives its score.
+fn score(folder: &Path, method: &str) -> Value {
+    score_inside(folder, method, 0)
+}
+
+/// The same without particles nearer to the edge than this, px.
+fn score_inside(folder: &Path, method: &str, border: u32) -> Value {
+    let (dataset, result) = (folder.join("dataset"), folder.join(format!("{method}.csv")));
+    let out = folder.join(format!("score_{method}"));
+    run(&["track", path(&dataset), "--method", method, "--out", path(&result), "--quiet"]);
+    let border = border.to_string();
+    run(&["evaluate", path(&dataset), path(&result), "--border", &border, "--out", path(&out), "--quiet"]);
+    serde_json::from_slice(&std::fs::read(out.join("score.json")).unwrap()).unwrap()
+}
+
+fn number(score: &Value, pointer: &str) -> f64 {
+    score.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("{pointer} in {score}"))
+}
+
+/// Bars for isolated particles: precision, recall, RMS errors along x and y (px), sigma_z/h.
+fn assert_tracks(score: &Value, what: &str, [precision, recall, xy, z]: [f64; 4]) {
+    let detection = |key: &str| number(score, &format!("/detection/{key}"));
+    let got = ["precision", "recall", "rmse_x_px", "rmse_y_px"].map(detection);
+    assert!(got[0] >= precision && got[1] >= recall, "{what}: precision and recall {got:?}");
+    assert!(got[2].max(got[3]) <= xy, "{what}: RMS along x and y {got:?}");
+    let depth = score.pointer("/gdpt/sigma_z_over_h").and_then(Value::as_f64);
+    assert!(depth.is_none_or(|d| d <= z), "{what}: sigma_z/h {depth:?}");
+}
+
+#[test]
+fn ncc_finds_defocused_particles_and_their_depth() {
+    for preset in ["setting1", "setting1a"] {
+        let folder = tempfile::tempdir().unwrap();
+        generate(folder.path(), &defocused(preset, 8));
+        let found = score(folder.path(), "ncc");
+        assert_tracks(&found, preset, [0.9, 0.9, 0.3, 0.015]);
+        assert!(number(&found, "/links/f1") > 0.85, "{preset}: {}", found["links"]);
+    }
+}
+
+#[test]
+fn aptv_finds_astigmatic_particles_and_their_depth() {
+    let folder = tempfile::tempdir().unwrap();
+    generate(folder.path(), &defocused("setting1a", 4));
+    // Widths are known of whole images only.
+    assert_tracks(&score_inside(folder.path(), "aptv", 36), "aptv", [0.9, 0.7, 0.2, 0.015]);
+}
+
+#[test]
+fn spots_finds_particles_in_focus() {
+    let folder = tempfile::tempdir().unwrap();
+    generate(folder.path(), &in_focus(0.003));
+    assert_tracks(&score(folder.path(), "spots"), "spots", [0.98, 0.9, 0.15, 1.0]);
+    let (dataset, out) = (folder.path().join("dataset"), folder.path().join("ncc.csv"));
+    let said = fail(2, &["track", path(&dataset), "--method", "ncc", "--out", path(&out)]);
+    assert!(said.contains("calibration"), "{said}");
+}
+
+#[test]
+fn piv_measures_a_vortex_far_better_than_a_field_of_zeros() {
+    let folder = tempfile::tempdir().unwrap();
+    generate(folder.path(), &in_focus(0.03));
+    let [measured, zeros] = ["piv", "static"].map(|method| score(folder.path(), method));
+    assert!(number(&measured, "/field/aee_px") < 0.2, "{}", measured["field"]["aee_px"]);
+    assert!(number(&measured, "/field/valid_vector_probability") > 0.9);
+    assert!(number(&zeros, "/field/aee_px") > 1.0, "{}", zeros["field"]["aee_px"]);
+}
+
+#[test]
+fn anchors_score_what_they_are_made_of() {
+    let folder = tempfile::tempdir().unwrap();
+    generate(folder.path(), &defocused("setting1", 8));
+    let noisy = score(folder.path(), "truth-noise");
+    let near = |pointer: &str, value: f64| {
+        let got = number(&noisy, pointer);
+        assert!((got - value).abs() < 0.35 * value, "{pointer}: {got}, made with {value}");
+    };
+    near("/detection/rmse_x_px", 0.1);
+    near("/detection/rmse_z_um", 1.0);
+    assert_eq!(number(&noisy, "/detection/recall"), 1.0);
+
+    let off = score(folder.path(), "offset");
+    assert!((number(&off, "/detection/bias_x_px") + 1.0).abs() < 1e-9);
+    assert!(off["warnings"][0].as_str().unwrap().contains("origin"), "{}", off["warnings"]);
+
+    let nothing = score(folder.path(), "empty");
+    assert_eq!(number(&nothing, "/detection/recall"), 0.0);
+    assert!(nothing["detection"]["precision"].is_null());
+}
