@@ -6,14 +6,14 @@ use serde_json::Value;
 use suite::microsig::{fail, path, run};
 
 /// Some particles on 376 x 240 px behind a lens, mostly well apart.
-fn defocused(preset: &str, count: u32) -> String {
+fn defocused(preset: &str, count: u32, pairs: u32) -> String {
     format!(
         r#"(
             name: "defocused",
             optics: (preset: {preset}, pixel_dim_x: 376, pixel_dim_y: 240),
             motion: flow(field: poiseuille(max_speed_um_s: 1290)),
             particles: (number: count({count})),
-            timing: pairs(count: 3, dt_s: 0.002),
+            timing: pairs(count: {pairs}, dt_s: 0.002),
         )"#
     )
 }
@@ -74,7 +74,7 @@ fn assert_tracks(score: &Value, what: &str, [precision, recall, xy, z]: [f64; 4]
 fn ncc_finds_defocused_particles_and_their_depth() {
     for preset in ["setting1", "setting1a"] {
         let folder = tempfile::tempdir().unwrap();
-        generate(folder.path(), &defocused(preset, 8));
+        generate(folder.path(), &defocused(preset, 8, 3));
         let found = score(folder.path(), "ncc");
         assert_tracks(&found, preset, [0.9, 0.9, 0.3, 0.015]);
         assert!(number(&found, "/links/f1") > 0.85, "{preset}: {}", found["links"]);
@@ -84,9 +84,9 @@ fn ncc_finds_defocused_particles_and_their_depth() {
 #[test]
 fn aptv_finds_astigmatic_particles_and_their_depth() {
     let folder = tempfile::tempdir().unwrap();
-    generate(folder.path(), &defocused("setting1a", 4));
+    generate(folder.path(), &defocused("setting1a", 6, 8));
     // Widths are known of whole images only.
-    assert_tracks(&score_inside(folder.path(), "aptv", 36), "aptv", [0.9, 0.7, 0.2, 0.015]);
+    assert_tracks(&score_inside(folder.path(), "aptv", 36), "aptv", [0.9, 0.6, 0.2, 0.01]);
 }
 
 #[test]
@@ -112,7 +112,7 @@ fn piv_measures_a_vortex_far_better_than_a_field_of_zeros() {
 #[test]
 fn anchors_score_what_they_are_made_of() {
     let folder = tempfile::tempdir().unwrap();
-    generate(folder.path(), &defocused("setting1", 8));
+    generate(folder.path(), &defocused("setting1", 8, 3));
     let noisy = score(folder.path(), "truth-noise");
     let near = |pointer: &str, value: f64| {
         let got = number(&noisy, pointer);

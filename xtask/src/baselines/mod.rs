@@ -97,7 +97,9 @@ pub(crate) fn main(out: &Path) -> anyhow::Result<()> {
         generate.arg("generate").arg(scenarios.join(format!("{}.ron", case.scenario)));
         generate.arg("--out").arg(&dataset).args(["--force", "--quiet", "--set"]);
         generate.arg(format!("optics.background_noise={}", case.noise));
-        case.set.iter().for_each(|set| drop(generate.args(["--set", set])));
+        for set in &case.set {
+            generate.args(["--set", set]);
+        }
         run(&mut generate)?;
         let manifest: Value = serde_json::from_slice(&std::fs::read(dataset.join("datapackage.json"))?)?;
         for tracker in case.trackers {
