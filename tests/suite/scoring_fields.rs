@@ -5,6 +5,7 @@ use std::path::Path;
 
 use bench::evaluate::field::FieldScore;
 use bench::evaluate::{Options, evaluate};
+use suite::microsig::{path, run};
 
 /// A lattice of `n` x `n` vectors, 8 px apart.
 fn lattice(n: usize) -> impl Iterator<Item = (f64, f64)> {
@@ -145,6 +146,16 @@ fn a_dataset_s_field_is_scored_pair_by_pair_against_every_truth() {
     assert_eq!((repeated.n_places, repeated.mean_repeats), (30, 2.0));
     assert!((repeated.mean_abs_bias_u_px - 0.02).abs() < ROUNDING && repeated.mean_random_u_px < ROUNDING);
 
+    // The plane is that nearest the particles' focus if the manifest tells it, and that which is asked for before all.
+    assert_eq!(f.plane_um, Some(1.0));
+    let plane = |asked: Option<f64>| {
+        let options = Options { plane_um: asked, ..Options::default() };
+        evaluate(&folder, &result, &options).unwrap().score.field.unwrap().plane_um
+    };
+    let manifest = r#"{"name":"hand-made","microsig":{"particle_image":{"focus_um":-12.0}}}"#;
+    std::fs::write(folder.join("datapackage.json"), manifest).unwrap();
+    assert_eq!((plane(None), plane(Some(0.0)), plane(Some(-4.6))), (Some(-10.0), Some(1.0), Some(-10.0)));
+
     // Without numbers of pairs there is no telling which truth is meant.
     std::fs::write(&result, table(6, |_, _| [1.0, 0.5])).unwrap();
     let warnings = evaluate(&folder, &result, &Options::default()).unwrap().score.warnings;
@@ -173,5 +184,38 @@ fn intervals_hold_their_scores() {
     ] {
         let (value, [low, high]) = (value.unwrap(), interval.unwrap());
         assert!(low < value && value < high && high - low < 0.2 * value, "{value} {low} {high}");
+    }
+}
+
+#[test]
+fn a_generated_dataset_s_own_field_is_scored_perfect_against_each_of_its_truths() {
+    let place = tempfile::tempdir().unwrap();
+    let (scenario, dataset) = (place.path().join("scenario.ron"), place.path().join("dataset"));
+    let text = r#"(
+        name: "fields",
+        optics: (preset: setting1, pixel_dim_x: 96, pixel_dim_y: 80),
+        motion: flow(field: poiseuille(max_speed_um_s: 1290)),
+        particles: (number: count(3)),
+        timing: pairs(count: 1, dt_s: 0.005),
+    )"#;
+    std::fs::write(&scenario, text).unwrap();
+    run(&["generate", path(&scenario), "--out", path(&dataset), "--quiet"]);
+    for kind in ["forward", "central", "weighted"] {
+        let result = place.path().join(format!("{kind}.txt"));
+        let export = ["export", path(&dataset), "--format", "openpiv", "--displacement", kind, "--out"];
+        run(&[&export[..], &[path(&result)]].concat());
+        let score = evaluate(&dataset, &result, &Options::default()).unwrap().score.field.unwrap();
+        // The format holds five digits of displacements of a few px.
+        assert!(score.truths[kind].aee_px.unwrap() < 1e-3, "{kind}: {:?}", score.truths[kind].aee_px);
+        assert!(score.n_reported >= 20 && score.n_outside == 0, "{kind}");
+        // Spherical aberration puts the sharpest images at about -12 um; the nearest plane of five is at -10 um.
+        assert_eq!(score.plane_um, Some(-10.0));
+        // Light from all depths moves differently than the plane does.
+        let other = if kind == "weighted" { "central" } else { "weighted" };
+        assert!(
+            score.truths[other].aee_px.unwrap() > 0.05,
+            "{other} by {kind}: {:?}",
+            score.truths[other].aee_px
+        );
     }
 }

@@ -172,6 +172,22 @@ fn conventions_can_be_stated() {
     assert!(points.notes[0].contains("(0.5, 0.5)") && points.notes[0].contains("y up"), "{:?}", points.notes);
 }
 
+/// Every file that is read, a coordinate or displacement in it as it is written there, and whether it is a field.
+const READ: [(&str, &str, bool); 12] = [
+    ("canonical.csv", "10.3", false),
+    ("trackpy.csv", "9.3", false),
+    ("trackmate_spots.csv", "5.9985", false),
+    ("trackmate_tracks.xml", "5.9985", false),
+    ("isbi2012.xml", "9.3", false),
+    ("defocustracker.csv", "10.3", false),
+    ("defocustracker_ascii.txt", "1.03000e+01", false),
+    ("napari_tracks.csv", "9.4", false),
+    ("field_canonical.csv", "1.16", true),
+    ("openpiv.txt", "1.1600e+00", true),
+    ("pivlab.txt", "1.16", true),
+    ("dense.flo", "", true),
+];
+
 /// Runs the command with no more than 1 GiB of address space; gives exit code and messages.
 fn confined(arguments: &[&str]) -> (Option<i32>, String) {
     let program = microsig().get_program().to_owned();
@@ -188,6 +204,7 @@ fn confined(arguments: &[&str]) -> (Option<i32>, String) {
 fn hostile_files_are_refused_within_a_gigabyte() {
     let place = tempfile::tempdir().unwrap();
     let truth = folder().join("canonical.csv");
+    let field_truth = folder().join("field_canonical.csv");
     let detections = "<detection t=\"0\" x=\"1\" y=\"1\" z=\"0\"/>";
     let flo = |width: i32, height: i32, rest: usize| {
         let mut bytes = b"PIEH".to_vec();
@@ -246,6 +263,34 @@ fn hostile_files_are_refused_within_a_gigabyte() {
         assert_eq!(code, Some(2), "{name}: {message}");
         assert!(message.contains(expected), "{name}: {message}");
         assert!(message.len() < 4000, "{name}: {} bytes of message", message.len());
+    }
+    // In every format: a line of 10 MB, a number beyond any image, any number of bytes cut off, and never a panic.
+    for (name, number, is_field) in READ {
+        let whole = std::fs::read(folder().join(name)).unwrap();
+        let file = place.path().join(name);
+        let run = |bytes: Vec<u8>| {
+            std::fs::write(&file, bytes).unwrap();
+            let known = ["--um-per-px", "0.645", "--depth", "-10", "10", "--threads", "1", "--quiet"];
+            let truth = if is_field { &field_truth } else { &truth };
+            confined(&[&["evaluate", path(truth), path(&file)], &known[..]].concat())
+        };
+        let long = [&whole[..], &vec![b'7'; 10 << 20]].concat();
+        let (code, message) = run(long);
+        let expected = if name.ends_with(".flo") { "bytes" } else { "longer than" };
+        assert_eq!(code, Some(2), "{name} with a long line: {message}");
+        assert!(message.contains(expected) && message.len() < 4000, "{name} with a long line: {message}");
+        if let Ok(text) = std::str::from_utf8(&whole) {
+            assert!(text.contains(number), "{name}");
+            let (code, message) = run(text.replacen(number, "1e308", 1).into_bytes());
+            assert_eq!(code, Some(2), "{name} with 1e308: {message}");
+            assert!(message.contains("308") || message.contains("inf"), "{name} with 1e308: {message}");
+        }
+        for part in 1..8 {
+            let (code, message) = run(whole[..part * whole.len() / 8].to_vec());
+            // What ends between two lines is a shorter table; nothing else is.
+            assert!(code == Some(2) || code == Some(0), "{name}, {part}/8 of it: {code:?} {message}");
+            assert!(!name.ends_with(".flo") || code == Some(2), "{name}, {part}/8 of it: {message}");
+        }
     }
     // A claim of a billion rows costs nothing.
     let claim = format!(

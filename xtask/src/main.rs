@@ -15,6 +15,7 @@ mod process;
 mod python;
 mod reference;
 mod robustness;
+mod scoring;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -44,6 +45,12 @@ enum Task {
     Baselines {
         /// Where runs.csv, a plot and README.md go.
         #[arg(long, default_value = "target/baselines")]
+        out: PathBuf,
+    },
+    /// Times the scores of a million points and of dense frames; exit code 1 if a bar is missed.
+    Scoring {
+        /// Where README.md goes.
+        #[arg(long, default_value = "target/scoring")]
         out: PathBuf,
     },
     /// Times other generators of in-focus images and ours on the same work.
@@ -143,6 +150,9 @@ fn main() -> anyhow::Result<ExitCode> {
     match Cli::parse().task {
         Task::Bench { out, only } => bench::main(&out, only.as_deref()).map(|()| ExitCode::SUCCESS),
         Task::Baselines { out } => baselines::main(&out).map(|()| ExitCode::SUCCESS),
+        Task::Scoring { out } => {
+            scoring::main(&out).map(|met| if met { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+        }
         Task::Peers { out } => peers::main(&out).map(|()| ExitCode::SUCCESS),
         Task::Floor { floor, folder } => floor.run(&folder).map(|()| ExitCode::SUCCESS),
         Task::Pairs { pairs, ppp, diameter_px } => {

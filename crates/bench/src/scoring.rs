@@ -57,6 +57,9 @@ pub(crate) struct Evaluate {
     /// Depth range [default: the dataset's]
     #[arg(long, value_names = ["UM", "UM"], num_args = 2, allow_negative_numbers = true)]
     depth: Option<Vec<f64>>,
+    /// Score a field against the plane of the truth nearest to this depth [default: where particles are sharpest]
+    #[arg(long, value_name = "UM", allow_negative_numbers = true)]
+    plane: Option<f64>,
     /// Report which shift of the whole result would fit best; it is never applied
     #[arg(long)]
     auto_offset: bool,
@@ -173,6 +176,9 @@ pub(crate) fn run_evaluate(arguments: &Evaluate, common: &Common) -> Result<()> 
     if !(0.0..=1e7).contains(&arguments.border) {
         return Err(Error::input(format!("--border {}: expected a number >= 0", arguments.border)));
     }
+    if let Some(plane) = arguments.plane.filter(|z| !z.is_finite()) {
+        return Err(Error::input(format!("--plane {plane}: expected a depth in um")));
+    }
     if arguments.validate_only {
         return validate(arguments, conventions, common);
     }
@@ -188,6 +194,7 @@ pub(crate) fn run_evaluate(arguments: &Evaluate, common: &Common) -> Result<()> 
         dims: arguments.dims,
         isbi_gate_px: arguments.isbi_gate,
         border_px: arguments.border,
+        plane_um: arguments.plane,
         auto_offset: arguments.auto_offset,
         crlb: arguments.crlb,
         seed: common.seed.unwrap_or(0),

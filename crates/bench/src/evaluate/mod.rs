@@ -55,6 +55,8 @@ pub struct Options {
     pub isbi_gate_px: Option<f64>,
     /// Particles this near to the edge of the sensor are not scored, px.
     pub border_px: f64,
+    /// Depth of the plane whose truth fields are scored against, um; `None`: the particles' focus.
+    pub plane_um: Option<f64>,
     /// Whether to look for a shift of the whole result.
     pub auto_offset: bool,
     /// Whether to compute the Cramer-Rao bound of the dataset's optics.
@@ -204,7 +206,8 @@ pub fn evaluate(dataset: &Path, result: &Path, options: &Options) -> Result<Eval
     let mut evaluation = match results::read(result, &given)? {
         Found::Points(points) => particles(&Truth::read(dataset, &given)?, &points, options)?,
         Found::Field(found) => {
-            let field::Scored { score, vectors, warnings } = field::evaluate(dataset, &found, options.seed)?;
+            let field::Scored { score, vectors, warnings } =
+                field::evaluate(dataset, &found, options.plane_um, options.seed)?;
             let definitions = Definitions {
                 assignment: "none",
                 bootstrap_resamples: statistics::RESAMPLES,

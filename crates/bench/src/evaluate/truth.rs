@@ -36,6 +36,8 @@ pub struct Facts {
     pub frames: Option<u32>,
     /// Version of the generator.
     pub generator: Option<String>,
+    /// Where particles are seen sharpest, um.
+    pub focus_um: Option<f64>,
 }
 
 impl Facts {
@@ -208,6 +210,7 @@ pub(crate) fn facts(dataset: &Path) -> Result<Facts> {
         pairs,
         frames: frames.and_then(|f| u32::try_from(f).ok()),
         generator: own["generator_version"].as_str().map(str::to_owned),
+        focus_um: own["particle_image"]["focus_um"].as_f64(),
     })
 }
 

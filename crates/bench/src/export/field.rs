@@ -17,7 +17,8 @@ const UNKNOWN: f32 = 1e10;
 pub(super) fn write(dataset: &Path, options: &Options) -> Result<(Vec<u8>, usize)> {
     let path = dataset.join("truth/field.csv");
     let wanted = options.displacement.name();
-    let (_, grid) = of_dataset(&path)?
+    let (_, grid) = of_dataset(dataset, None)?
+        .named
         .into_iter()
         .find(|(kind, _)| kind == wanted)
         .ok_or_else(|| Error::input(format!("{}: no column {wanted}_dx_px", path.display())))?;

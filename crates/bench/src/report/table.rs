@@ -59,6 +59,9 @@ pub fn table(score: &Score) -> String {
             field.n_reported, field.n_total, field.n_interpolated, field.n_outside
         );
         line(out, "field", &counts);
+        if let Some(z_um) = field.plane_um {
+            line(out, "plane", &format!("truth at z = {z_um} um"));
+        }
         field.truths.iter().for_each(|(name, against)| vectors(out, name, against));
     }
     if let Some(offset) = &score.offset {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::evaluate::truth::facts;
 use crate::results::sheet::{Separator, Sheet};
 use crate::results::{Conventions, Vector, read_field};
 
@@ -98,15 +99,26 @@ pub(super) fn bare(path: &Path) -> Result<Vec<(String, Grid)>> {
     Ok(vec![("truth".to_owned(), Grid::new(&field.vectors))])
 }
 
-/// The truths of a dataset, the first being the main one.
-pub(crate) fn of_dataset(path: &Path) -> Result<Vec<(String, Grid)>> {
+/// The truths of a dataset.
+#[derive(Debug)]
+pub(crate) struct Truths {
+    /// By name; the first is the main one.
+    pub(crate) named: Vec<(String, Grid)>,
+    /// Depth of the plane that they are of, um.
+    pub(crate) plane_um: f64,
+}
+
+/// The truths of a dataset on one of its planes: that nearest to `plane_um`, or else to the particles' focus, or else to 0.
+pub(crate) fn of_dataset(dataset: &Path, plane_um: Option<f64>) -> Result<Truths> {
+    let path = &dataset.join("truth/field.csv");
     if !path.exists() {
         return Err(Error::input(format!(
             "{}: missing; this dataset has no truth of fields (score particles, or give a table of the true field)",
             path.display()
         )));
     }
-    let mut truths = Vec::new();
+    let wanted = plane_um.or(facts(dataset)?.focus_um).unwrap_or(0.0);
+    let mut truths = Truths { named: Vec::new(), plane_um: f64::INFINITY };
     for kind in ["central", "forward", "weighted"] {
         let sheet = Sheet::open(path, Separator::Comma, 1)?;
         let (Some(dx), Some(dy)) =
@@ -118,7 +130,7 @@ pub(crate) fn of_dataset(path: &Path) -> Result<Vec<(String, Grid)>> {
         let (x, y) = (sheet.need("x_px")?, sheet.need("y_px")?);
         let (z, pair, mask) = (sheet.column("z_um"), sheet.column("pair"), sheet.column("mask"));
         let mut nodes: Vec<Vector> = Vec::new();
-        // Of two planes equally near z = 0 the first.
+        // Of two planes equally near the first.
         let mut nearest = f64::INFINITY;
         sheet.rows(|cells| {
             let pair = cells.track(pair)?;
@@ -128,7 +140,7 @@ pub(crate) fn of_dataset(path: &Path) -> Result<Vec<(String, Grid)>> {
                 true => [f64::NAN; 3],
                 false => [cells.number(dx)?, cells.number(dy)?, cells.number_or_nan(dz)?],
             };
-            if z_um.abs() < nearest.abs() {
+            if (z_um - wanted).abs() < (nearest - wanted).abs() {
                 nearest = z_um;
             }
             let at = crate::results::Position { x_px: cells.number(x)?, y_px: cells.number(y)?, z_um };
@@ -137,9 +149,10 @@ pub(crate) fn of_dataset(path: &Path) -> Result<Vec<(String, Grid)>> {
             Ok(())
         })?;
         nodes.retain(|n| n.at.z_um == nearest);
-        truths.push((kind.to_owned(), Grid::new(&nodes)));
+        truths.named.push((kind.to_owned(), Grid::new(&nodes)));
+        truths.plane_um = nearest;
     }
-    if truths.is_empty() {
+    if truths.named.is_empty() {
         return Err(Error::input(format!(
             "{}: no column central_dx_px, forward_dx_px or weighted_dx_px",
             path.display()

@@ -1,7 +1,7 @@
 //! Scores of displacement fields (PIV): every vector against the truth at its place.
 //!
-//! The truth is bilinear between the nodes of `truth/field.csv`; of several planes the one nearest z = 0 is taken. Errors
-//! are result - truth over valid vectors (flag 0); interpolated ones (flag 2) are counted apart. Definitions:
+//! The truth is bilinear between the nodes of `truth/field.csv`; of several planes one is taken, by default that
+//! nearest the particles' focus. Errors are result - truth over valid vectors (flag 0); interpolated ones (flag 2) are counted apart. Definitions:
 //! docs/scoring.md.
 
 mod gradients;
@@ -41,6 +41,8 @@ pub struct FieldScore {
     pub n_interpolated: usize,
     pub n_outside: usize,
     pub data_yield: Option<f64>,
+    /// Depth of the plane whose truth it is, um; null of a bare table.
+    pub plane_um: Option<f64>,
     /// The truth that the other keys of this object's first level refer to.
     pub against: String,
     #[serde(flatten)]
@@ -160,15 +162,16 @@ pub struct Scored {
     pub warnings: Vec<String>,
 }
 
-/// Scores a field against a dataset, or a bare table of a field.
+/// Scores a field against a dataset, on the plane nearest to a depth, or against a bare table of a field.
 ///
 /// # Errors
 /// A truth that is missing or cannot be read.
-pub fn evaluate(dataset: &Path, field: &Field, seed: u64) -> Result<Scored> {
-    let truths = if dataset.is_dir() {
-        grid::of_dataset(&dataset.join("truth/field.csv"))?
+pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64) -> Result<Scored> {
+    let (truths, plane_um) = if dataset.is_dir() {
+        let of_plane = grid::of_dataset(dataset, plane_um)?;
+        (of_plane.named, Some(of_plane.plane_um))
     } else {
-        grid::bare(dataset)?
+        (grid::bare(dataset)?, None)
     };
     let count = |flag: u8| field.vectors.iter().filter(|v| v.flag == flag).count();
     let n_total = field.vectors.len();
@@ -178,6 +181,7 @@ pub fn evaluate(dataset: &Path, field: &Field, seed: u64) -> Result<Scored> {
             n_reported: count(0),
             n_interpolated: count(2),
             data_yield: ratio(count(0) as f64, n_total as f64),
+            plane_um,
             ..FieldScore::default()
         },
         ..Scored::default()
