@@ -1,7 +1,8 @@
 //! `microsig compare`: a leaderboard of several scores, and their curves in one plot.
 //!
 //! Ranked by F1 of detection (fields: probability of a valid vector). A score whose 95 % interval reaches that of the best of
-//! a rank shares the rank: the data do not tell them apart. Localisation stands beside recall, never alone.
+//! a rank shares the rank: the data do not tell them apart; those stand in the order of their errors. Localisation stands
+//! beside recall, never alone.
 
 use std::path::{Path, PathBuf};
 
@@ -118,8 +119,15 @@ pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Compared> {
     }
     scores.sort_by(|a, b| b.0.key().total_cmp(&a.0.key()).then_with(|| a.0.name.cmp(&b.0.name)));
     rank(&mut scores);
+    // Who shares a rank stands in the order of errors.
+    let error = |e: &Entry| e.rmse_xy_px.or(e.aee_px).unwrap_or(f64::INFINITY);
+    scores.sort_by(|(a, _), (b, _)| a.rank.cmp(&b.rank).then(error(a).total_cmp(&error(b))));
     let entries: Vec<Entry> = scores.iter().map(|s| s.0.clone()).collect();
-    let warnings = differences(&scores);
+    let mut warnings = differences(&scores);
+    for (entry, score) in &scores {
+        let own = score["warnings"].as_array().into_iter().flatten().filter_map(Value::as_str);
+        warnings.extend(own.map(|w| format!("{}: {w}", entry.name)));
+    }
     let text = text(&entries, &warnings);
 
     let partial = Partial::anew(out)?;

@@ -9,6 +9,7 @@ mod aptv;
 mod fit;
 mod fourier;
 mod link;
+mod maps;
 mod ncc;
 mod output;
 mod picture;
