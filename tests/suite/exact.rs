@@ -4,7 +4,7 @@
 //! extra count removed): spheres under settings 1, 1a and 2, at the sensor's edge, in water, and spheroids.
 
 use microsig_core::emission::{self, GoldenAzimuths, SpheroidLaw};
-use microsig_core::render::{RayRenderer, exact, rays::InstructionSet, rays::Scratch};
+use microsig_core::render::{InstructionSet, RayRenderer, exact, rays::Scratch};
 use microsig_core::{Particle, Settings};
 
 struct Case {
@@ -81,8 +81,10 @@ fn the_fast_kernel_counts_the_same_rays() {
         assert!(moved * 1000 <= total, "{}: {moved} of {total}", case.name);
         assert!((counts.iter().sum::<i64>() - total).abs() * 10_000 <= total, "{}: total", case.name);
 
-        let baseline = renderer.with_instruction_set(InstructionSet::Baseline);
-        let (same, _) = baseline.patch_with_angles(&case.particle, &case.angles, &mut Scratch::default());
-        assert!(same == patch, "{}: instruction sets disagree", case.name);
+        for set in InstructionSet::available() {
+            let renderer = renderer.clone().with_instruction_set(set);
+            let (same, _) = renderer.patch_with_angles(&case.particle, &case.angles, &mut Scratch::default());
+            assert!(same == patch, "{}: {set} disagrees", case.name);
+        }
     }
 }

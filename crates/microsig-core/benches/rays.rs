@@ -7,7 +7,7 @@ use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use microsig_core::emission::{self, SpheroidLaw};
-use microsig_core::render::{RayRenderer, exact, rays::InstructionSet, rays::Scratch};
+use microsig_core::render::{InstructionSet, RayRenderer, exact, rays::Scratch};
 use microsig_core::stream::{Purpose, Streams};
 use microsig_core::{Particle, Settings};
 
@@ -20,7 +20,7 @@ fn particle_by_rays(c: &mut Criterion) {
     let mut group = c.benchmark_group("particle");
     for (name, settings, particle) in cases {
         let streams = Streams::new(1);
-        for set in [InstructionSet::Best, InstructionSet::Baseline] {
+        for set in InstructionSet::available().into_iter().rev() {
             let renderer =
                 RayRenderer::new(&settings, SpheroidLaw::Original).unwrap().with_instruction_set(set);
             let mut scratch = Scratch::default();
@@ -29,7 +29,7 @@ fn particle_by_rays(c: &mut Criterion) {
             let traced = renderer.patch_with_angles(&particle, &[], &mut scratch).1;
             for (unit, rays) in [("emitted", emitted), ("traced", traced)] {
                 group.throughput(Throughput::Elements(rays));
-                group.bench_function(BenchmarkId::new(format!("{name}, {set:?}"), unit), |b| {
+                group.bench_function(BenchmarkId::new(format!("{name}, {set}"), unit), |b| {
                     let mut row = 0;
                     b.iter(|| {
                         row += 1;

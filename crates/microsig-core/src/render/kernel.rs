@@ -9,18 +9,26 @@
 //! the axis and L the distance of that from the lens. The normals of the faces are (w, -Q) and (w, Q), of length N,
 //! N^2 = w^2 + Q^2. Directions have the length 1/sqrt((n_l/n_m)^2 - 1), with which Snell's law in vector form makes of d
 //!
-//! d + G (w, -Q) + H (w, Q),   G = (sqrt(D^2 + N^2) - D) / N^2,   D = w^2 - Q.(u, v),
+//! d + G (w, -Q) + H (w, Q),   G = (R - D) / N^2,   R = sqrt(D^2 + N^2),   D = w^2 - Q.(u, v),
 //! H = (sqrt(E^2 - N^2) - E) / N^2,   E = w^2 + Q.(u, v) + G (w^2 - Q^2);
 //!
-//! E^2 < N^2 is total reflection. With all fractions brought to the denominator N^4, g = G N^2 and h = H N^4, the slopes
-//! behind the lens are (N^4 (u, v) + I Q) / (w F), I = h - g N^2 and F = N^4 + g N^2 + h. The place on the sensor is a
-//! times q plus b times the slope, the two numbers of the ray transfer matrix behind the lens, one pair for each axis:
-//! (b (N^4 (u, v) + I Q) + a F Q) / (w F). Two square roots and one division for a ray.
+//! E^2 < N^2 is total reflection. With K = N^2 + R - D, the denominators are gone: E N^2 = 2 w^2 K - N^2 R, and with
+//! h = H N^4 the slopes behind the lens are (N^4 (u, v) + (N^4 - N^2 K + h) Q) / (w F), F = N^2 K + h. The place on the
+//! sensor is a times q plus b times the slope, the two numbers of the ray transfer matrix behind the lens, one pair for
+//! each axis. Two square roots and one division for a ray.
+//!
+//! A vector of rays waits long for each root, so three of them are under way at a time, one a stage: at the first face, at
+//! the second, on the sensor. Places are counted some vectors later, which costs nearly nothing beside the arithmetic,
+//! while a place that has just been found is still on its way out of a vector register.
 
 use std::ops::Range;
 
-use super::sources::{MAX_LANES, Sources};
-use super::tally::{Frame, Tally};
+use pulp::Simd;
+
+use super::instructions::InstructionSet;
+use super::lanes::{Floats, Words};
+use super::sources::Sources;
+use super::tally::{self, Frame, Tally};
 use crate::optics::OpticalSystem;
 
 /// 1.5 * 2^23: adding it to a number below 2^22 rounds that to the nearest integer (ties to even, as the original does)
@@ -42,6 +50,8 @@ pub(super) struct Lens {
     slope: f32,
     /// b along rows, px.
     lever: f32,
+    /// Whether a and b of the two axes differ.
+    astigmatic: bool,
 }
 
 impl Lens {
@@ -59,203 +69,209 @@ impl Lens {
             position: [kept, 1.0].map(|a| (a * unit / way) as f32),
             slope: (kept / 3.0 + 2.0 / 3.0) as f32,
             lever: (way / pixel_size) as f32,
+            astigmatic: system.cylinder.is_some(),
         }
+    }
+
+    /// The rays of a direction of the fan, a unit vector, from neighbouring sources.
+    pub(super) fn run(&self, direction: [f32; 3], sources: Range<usize>) -> Run {
+        Run { direction: direction.map(|d| d * self.length), sources }
     }
 }
 
 /// A direction of the fan and neighbouring sources that can send it into the lens.
 #[derive(Debug, Clone)]
 pub(super) struct Run {
-    pub(super) direction: [f32; 3],
-    pub(super) sources: Range<usize>,
+    direction: [f32; 3],
+    sources: Range<usize>,
 }
 
-/// Rays in flight; their arrays stay in the first-level cache.
-const BLOCK: usize = 512;
-
-/// Rays on their way, in the symbols of this module; reused from particle to particle.
-#[derive(Debug, Clone)]
-#[repr(align(64))]
-pub(super) struct Rays {
-    w: [f32; BLOCK],
-    u: [f32; BLOCK],
-    v: [f32; BLOCK],
-    q_x: [f32; BLOCK],
-    q_y: [f32; BLOCK],
-    /// N^4, N^4 + g N^2 + h, and h - g N^2.
-    n4: [f32; BLOCK],
-    forward: [f32; BLOCK],
-    inward: [f32; BLOCK],
-    /// Numbers whose sign is set if a ray is lost.
-    signs: [u32; BLOCK],
-    places: [u32; BLOCK],
-    length: usize,
-}
-
-impl Default for Rays {
-    fn default() -> Self {
-        let zero = [0.0; BLOCK];
-        Rays {
-            w: zero,
-            u: zero,
-            v: zero,
-            q_x: zero,
-            q_y: zero,
-            n4: zero,
-            forward: zero,
-            inward: zero,
-            signs: [0; BLOCK],
-            places: [0; BLOCK],
-            length: 0,
-        }
+impl Run {
+    pub(super) fn rays(&self) -> usize {
+        self.sources.len()
     }
 }
 
-/// Traces the rays of all runs and counts them.
+/// A vector of rays: where its sources begin, and the number of its run.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Volley {
+    source: u32,
+    run: u32,
+}
+
+/// Traces the rays of all runs and counts them. `volleys` is working memory.
 pub(super) fn trace(
-    arch: pulp::Arch,
+    instructions: InstructionSet,
     lens: &Lens,
     sources: &Sources,
     runs: &[Run],
-    rays: &mut Rays,
+    volleys: &mut Vec<Volley>,
     tally: &mut Tally,
 ) {
-    arch.dispatch(Trace { lens, sources, runs, rays, tally });
+    match (runs.is_empty(), lens.astigmatic) {
+        (true, _) => {}
+        (false, false) => instructions.dispatch(Trace::<false> { lens, sources, runs, volleys, tally }),
+        (false, true) => instructions.dispatch(Trace::<true> { lens, sources, runs, volleys, tally }),
+    }
 }
 
 /// The kernel as an operation that is compiled once for every instruction set.
-struct Trace<'a> {
+struct Trace<'a, const ASTIGMATIC: bool> {
     lens: &'a Lens,
     sources: &'a Sources,
     runs: &'a [Run],
-    rays: &'a mut Rays,
+    volleys: &'a mut Vec<Volley>,
     tally: &'a mut Tally,
 }
 
-impl pulp::WithSimd for Trace<'_> {
+/// Number of places found and not yet counted.
+const WAITING: usize = 64;
+
+/// These places; aligned, because a vector that straddles two lines of the cache is stored at half the speed.
+#[repr(align(64))]
+struct Waiting([u32; WAITING]);
+
+/// Stages behind the first.
+const STAGES_BEHIND: usize = 2;
+
+impl<const ASTIGMATIC: bool> pulp::WithSimd for Trace<'_, ASTIGMATIC> {
     type Output = ();
 
-    // Inlined, with all that it calls, into a function for which the instruction set is switched on.
+    // Inlined, with all that it calls, into a function for which the instruction set is switched on. (That is why there
+    // are no closures: they would not be.)
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        let Trace { lens, sources, runs, rays, tally } = self;
-        rays.length = 0;
-        for run in runs {
-            let mut rest = run.sources.clone();
-            while !rest.is_empty() {
-                if rays.length == BLOCK {
-                    rays.finish(lens, tally);
-                }
-                let n = rest.len().min(BLOCK - rays.length);
-                let direction = run.direction.map(|d| d * lens.length);
-                rays.launch(direction, sources, rest.start..rest.start + n);
-                rest.start += n;
-            }
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Trace { lens, sources, runs, volleys, tally } = self;
+        let lanes = S::F32_LANES;
+        // Copies of what is small, which the compiler then knows to stay the same.
+        let lens = *lens;
+        // The last volley of a run goes on into sources of other ranges, whose rays are sure to miss.
+        volleys.clear();
+        for (run, Run { sources, .. }) in runs.iter().enumerate() {
+            let starts = sources.clone().step_by(lanes);
+            volleys.extend(starts.map(|source| Volley { source: source as u32, run: run as u32 }));
         }
-        rays.finish(lens, tally);
+        // Volleys that miss push the last ones through.
+        let blank = Volley { source: sources.number() as u32, run: 0 };
+        volleys.resize(volleys.len() + STAGES_BEHIND + WAITING / lanes, blank);
+
+        let frame = tally.frame();
+        let mut planes = tally.planes();
+        let mut waiting = Waiting([frame.lost; WAITING]);
+        let mut oldest = 0;
+        let vectors = sources.vectors();
+        let mut sent = Sent::new(simd, &lens, vectors, runs, blank);
+        let mut inside = sent.enter();
+        for &volley in volleys.iter() {
+            let places = inside.land::<ASTIGMATIC>(simd, &lens, &frame);
+            inside = sent.enter();
+            sent = Sent::new(simd, &lens, vectors, runs, volley);
+            tally::count(&mut planes, &waiting.0[oldest..oldest + lanes]);
+            places.store(&mut waiting.0, oldest);
+            oldest = (oldest + lanes) % WAITING;
+        }
     }
 }
 
-// One loop a stage: each is short enough for a processor to work on several vectors at a time.
-impl Rays {
-    /// Adds the rays of one direction from a range of sources, carried to the lens plane, and fills the last vector.
+/// Rays at the first face of the lens, in the symbols of this module.
+#[derive(Clone, Copy)]
+struct Sent<S: Simd> {
+    w: Floats<S>,
+    u: Floats<S>,
+    v: Floats<S>,
+    q_x: Floats<S>,
+    q_y: Floats<S>,
+    w2: Floats<S>,
+    n2: Floats<S>,
+    d: Floats<S>,
+    r: Floats<S>,
+    /// Negative for rays that are lost.
+    sign: Words<S>,
+}
+
+/// Rays at the second face.
+#[derive(Clone, Copy)]
+struct Inside<S: Simd> {
+    w: Floats<S>,
+    u: Floats<S>,
+    v: Floats<S>,
+    q_x: Floats<S>,
+    q_y: Floats<S>,
+    n4: Floats<S>,
+    n2_k: Floats<S>,
+    /// E N^2, and the square root of its square less N^6.
+    e: Floats<S>,
+    root: Floats<S>,
+    sign: Words<S>,
+}
+
+impl<S: Simd> Sent<S> {
+    /// The rays of a volley.
     #[inline(always)]
-    fn launch(&mut self, [d1, d2, v]: [f32; 3], sources: &Sources, range: Range<usize>) {
-        let (first, n) = (range.start, range.len());
-        let full = n.next_multiple_of(MAX_LANES);
-        let (cosine, sine) = (&sources.cosine[first..first + full], &sources.sine[first..first + full]);
-        let (e2, e3) = (&sources.e2[first..first + full], &sources.e3[first..first + full]);
-        let distance = &sources.distance[first..first + full];
-        let block = self.length..self.length + full;
-        let (w_out, u_out) = (&mut self.w[block.clone()], &mut self.u[block.clone()]);
-        let (q_x, q_y) = (&mut self.q_x[block.clone()], &mut self.q_y[block.clone()]);
-        self.v[block].fill(v);
-        for i in 0..full {
-            let w = (d1 * cosine[i] - d2 * sine[i]).abs();
-            let u = d1 * sine[i] + d2 * cosine[i];
-            w_out[i] = w;
-            u_out[i] = u;
-            q_x[i] = w * e2[i] + distance[i] * u;
-            q_y[i] = w * e3[i] + distance[i] * v;
-        }
-        // The rest of the last vector came from sources of other ranges: rays that miss.
-        q_y[n..].fill(f32::INFINITY);
-        self.length += full;
+    fn new(simd: S, lens: &Lens, vectors: [&[f32]; 5], runs: &[Run], volley: Volley) -> Self {
+        let [d1, d2, v] = runs[volley.run as usize].direction;
+        let (d1, d2, v) = (Floats::splat(simd, d1), Floats::splat(simd, d2), Floats::splat(simd, v));
+        let first = volley.source as usize;
+        let [cosine, sine, e2, e3, distance] = vectors;
+        let (cosine, sine) = (Floats::load(simd, cosine, first), Floats::load(simd, sine, first));
+        let (e2, e3) = (Floats::load(simd, e2, first), Floats::load(simd, e3, first));
+        let distance = Floats::load(simd, distance, first);
+
+        let w = (d1 * cosine - d2 * sine).abs();
+        let u = d1 * sine + d2 * cosine;
+        let q_x = w * e2 + distance * u;
+        let q_y = w * e3 + distance * v;
+        let w2 = w * w;
+        let q2 = q_x * q_x + q_y * q_y;
+        let n2 = w2 + q2;
+        let d = w2 - (q_x * u + q_y * v);
+        let r = (d * d + n2).sqrt();
+        // Beside the aperture, or a face met from behind.
+        let in_aperture = Floats::splat(simd, lens.aperture2) * w2 - q2;
+        Sent { w, u, v, q_x, q_y, w2, n2, d, r, sign: in_aperture.to_bits() | d.to_bits() }
     }
 
-    /// Takes the rays through both faces of the lens.
+    /// Through the first face.
     #[inline(always)]
-    fn refract(&mut self, lens: &Lens) {
-        let n = self.length;
-        let (w, u, v) = (&self.w[..n], &self.u[..n], &self.v[..n]);
-        let (q_x, q_y) = (&self.q_x[..n], &self.q_y[..n]);
-        let (n4_out, signs) = (&mut self.n4[..n], &mut self.signs[..n]);
-        let (forward_out, inward) = (&mut self.forward[..n], &mut self.inward[..n]);
-        let aperture2 = lens.aperture2;
-        for i in 0..n {
-            let (w, u, v, q_x, q_y) = (w[i], u[i], v[i], q_x[i], q_y[i]);
-            let w2 = w * w;
-            let q2 = q_x * q_x + q_y * q_y;
-            let along = q_x * u + q_y * v;
-            let n2 = w2 + q2;
-            let n4 = n2 * n2;
-
-            let first = w2 - along;
-            let g = (first * first + n2).sqrt() - first;
-            let second = n2 * (w2 + along) + g * (w2 - q2);
-            let squared = second * second - n2 * n4;
-            let h = squared.sqrt() - second;
-            let gn2 = g * n2;
-            let forward = n4 + gn2 + h;
-
-            n4_out[i] = n4;
-            forward_out[i] = forward;
-            inward[i] = h - gn2;
-            // Beside the aperture, a face met from behind, or total reflection: one of these is negative.
-            let in_aperture = aperture2 * w2 - q2;
-            signs[i] = in_aperture.to_bits()
-                | first.to_bits()
-                | second.to_bits()
-                | squared.to_bits()
-                | forward.to_bits();
-        }
+    fn enter(self) -> Inside<S> {
+        let Sent { w, u, v, q_x, q_y, w2, n2, d, r, sign } = self;
+        let n4 = n2 * n2;
+        let k = n2 + (r - d);
+        let e = (w2 + w2) * k - n2 * r;
+        let squared = e * e - n2 * n4;
+        // A face met from behind, or total reflection.
+        let sign = sign | e.to_bits() | squared.to_bits();
+        Inside { w, u, v, q_x, q_y, n4, n2_k: n2 * k, e, root: squared.sqrt(), sign }
     }
+}
 
-    /// Takes the rays to their places on the sensor.
+impl<S: Simd> Inside<S> {
+    /// Through the second face to places on the sensor.
     #[inline(always)]
-    fn land(&mut self, lens: &Lens, frame: &Frame) {
-        let n = self.length;
-        let (w, u, v) = (&self.w[..n], &self.u[..n], &self.v[..n]);
-        let (q_x, q_y) = (&self.q_x[..n], &self.q_y[..n]);
-        let (n4, signs) = (&self.n4[..n], &self.signs[..n]);
-        let (forward, inward) = (&self.forward[..n], &self.inward[..n]);
-        let places = &mut self.places[..n];
-        let Frame { x: x0, y: y0, right, bottom, stride, lost } = *frame;
-        let Lens { position: [ax, ay], slope, lever, .. } = *lens;
-        let rounding = ROUND_BITS.wrapping_mul(stride + 1);
-        for i in 0..n {
-            let (n4, forward, inward) = (n4[i], forward[i], inward[i]);
-            let per = lever / (w[i] * forward);
-            let x = (slope * (n4 * u[i] + inward * q_x[i]) + ax * forward * q_x[i]) * per + x0;
-            let y = (n4 * v[i] + (inward + ay * forward) * q_y[i]) * per + y0;
+    fn land<const ASTIGMATIC: bool>(self, simd: S, lens: &Lens, frame: &Frame) -> Words<S> {
+        let Inside { w, u, v, q_x, q_y, n4, n2_k, e, root, sign } = self;
+        let [a_x, a_y] = lens.position;
+        let (a_x, a_y) = (Floats::splat(simd, a_x), Floats::splat(simd, a_y));
+        let h = root - e;
+        let forward = n2_k + h;
+        let inward = (n4 - n2_k) + h;
+        let per = Floats::splat(simd, lens.lever) / (w * forward);
+        let both = inward + a_y * forward;
+        let x = if ASTIGMATIC {
+            Floats::splat(simd, lens.slope) * (n4 * u + inward * q_x) + a_x * forward * q_x
+        } else {
+            n4 * u + both * q_x
+        };
+        let y = n4 * v + both * q_y;
 
-            // Into the frame, if beyond the window; what is no number is lost anyway.
-            let x = if x > 0.0 { x } else { 0.0 };
-            let y = if y > 0.0 { y } else { 0.0 };
-            let column = if x < right { x } else { right } + ROUND;
-            let row = if y < bottom { y } else { bottom } + ROUND;
-            let place =
-                row.to_bits().wrapping_mul(stride).wrapping_add(column.to_bits()).wrapping_sub(rounding);
-            places[i] = if (signs[i] as i32) < 0 { lost } else { place };
-        }
-    }
-
-    /// Takes the rays of the block through lens and sensor and counts them; the block is then empty.
-    #[inline(always)]
-    fn finish(&mut self, lens: &Lens, tally: &mut Tally) {
-        self.refract(lens);
-        self.land(lens, &tally.frame());
-        tally.count(&self.places[..self.length]);
-        self.length = 0;
+        // Into the frame, if beyond the window.
+        let zero = Floats::splat(simd, 0.0);
+        let x = (x * per + Floats::splat(simd, frame.x)).clamp(zero, Floats::splat(simd, frame.right));
+        let y = (y * per + Floats::splat(simd, frame.y)).clamp(zero, Floats::splat(simd, frame.bottom));
+        let round = Floats::splat(simd, ROUND);
+        let rounding = Words::splat(simd, ROUND_BITS.wrapping_mul(frame.stride + 1));
+        let row = (y + round).to_bits() * Words::splat(simd, frame.stride);
+        let place = row + (x + round).to_bits() - rounding;
+        place.replace_where_negative(sign | forward.to_bits(), Words::splat(simd, frame.lost))
     }
 }

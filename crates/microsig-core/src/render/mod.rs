@@ -8,7 +8,9 @@ pub mod exact;
 pub mod expected;
 mod fan;
 pub mod gaussian;
+mod instructions;
 mod kernel;
+mod lanes;
 mod patch;
 pub mod rays;
 mod renderer;
@@ -18,6 +20,7 @@ mod tally;
 
 pub use expected::ExpectedRenderer;
 pub use gaussian::{GaussianRenderer, Spot};
+pub use instructions::InstructionSet;
 pub use patch::{Patch, Window};
 pub use rays::RayRenderer;
 pub use renderer::Renderer;

@@ -6,7 +6,8 @@
 use rayon::prelude::*;
 
 use super::fan::Fan;
-use super::kernel::{self, Lens, Rays, Run};
+use super::instructions::InstructionSet;
+use super::kernel::{self, Lens, Run, Volley};
 use super::patch::{Patch, Window};
 use super::sources::Sources;
 use super::tally::Tally;
@@ -35,30 +36,21 @@ pub struct RayRenderer {
     law: SpheroidLaw,
     fan: Fan,
     lens: Lens,
-    arch: pulp::Arch,
+    instructions: InstructionSet,
 }
 
 /// Working memory of one thread and one renderer.
 #[derive(Debug, Default)]
 pub struct Scratch {
     azimuths: GoldenAzimuths,
-    /// Diameter and form to which `points` belong.
+    /// Diameter and form to which the points of `sources` belong.
     shape: Option<(f64, Option<Spheroid>)>,
     points: Vec<Point>,
     phases: Vec<u32>,
     sources: Sources,
     runs: Vec<Run>,
-    rays: Rays,
+    volleys: Vec<Volley>,
     tally: Tally,
-}
-
-/// Which instruction set the kernel uses; all give the same counts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum InstructionSet {
-    /// The widest that this processor has.
-    Best,
-    /// What every processor of the target has.
-    Baseline,
 }
 
 impl RayRenderer {
@@ -74,18 +66,14 @@ impl RayRenderer {
             law,
             fan: Fan::new(settings.n_rays),
             lens: Lens::new(&system, settings.pixel_size),
-            arch: pulp::Arch::new(),
+            instructions: InstructionSet::best(),
             settings: settings.clone(),
         })
     }
 
     /// The same renderer with its kernel on another instruction set.
-    pub fn with_instruction_set(mut self, set: InstructionSet) -> Self {
-        self.arch = match set {
-            InstructionSet::Best => pulp::Arch::new(),
-            InstructionSet::Baseline => pulp::Arch::Scalar,
-        };
-        self
+    pub fn with_instruction_set(self, instructions: InstructionSet) -> Self {
+        RayRenderer { instructions, ..self }
     }
 
     /// The settings.
@@ -275,6 +263,7 @@ impl RayRenderer {
         if scratch.shape != shape {
             let n = emission::surface_points(&self.settings, particle);
             emission::shining_points(particle, n, self.law, &mut scratch.azimuths, &mut scratch.points);
+            scratch.sources.set_points(&scratch.points, 1.0 / self.lens.unit_um);
             scratch.shape = shape;
         }
     }
@@ -282,24 +271,23 @@ impl RayRenderer {
     /// Traces the points and phases in `scratch`, also giving the number of rays; a window that proves too small is
     /// widened and the rays are traced again.
     fn trace(&self, particle: &Particle, window: Window, scratch: &mut Scratch) -> (Patch, u64) {
-        let Scratch { points, phases, sources, runs, rays, tally, .. } = scratch;
+        let Scratch { phases, sources, runs, volleys, tally, .. } = scratch;
         let radius = greatest_radius(particle);
         let distance = self.system.objective.object_distance(particle.z_um);
-        sources.place(self.arch, points, phases, distance, 1.0 / self.lens.unit_um);
+        sources.place(self.instructions, phases, (distance / self.lens.unit_um) as f32);
         let max_slope = (self.useful_aperture(particle) + radius) / (distance - radius);
         runs.clear();
         for candidate in self.fan.candidates(max_slope) {
-            let direction = candidate.direction;
             let facing = sources.runs(&candidate).into_iter().filter(|run| !run.is_empty());
-            runs.extend(facing.map(|sources| Run { direction, sources }));
+            runs.extend(facing.map(|sources| self.lens.run(candidate.direction, sources)));
         }
-        let traced = runs.iter().map(|run| run.sources.len() as u64).sum();
+        let traced = runs.iter().map(|run| run.rays() as u64).sum();
 
         let sensor = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
         let mut window = window;
         loop {
             tally.begin(window, particle.x_px, particle.y_px);
-            kernel::trace(self.arch, &self.lens, sources, runs, rays, tally);
+            kernel::trace(self.instructions, &self.lens, sources, runs, volleys, tally);
             if !tally.overflows(sensor) {
                 return (tally.patch(), traced);
             }
@@ -350,8 +338,7 @@ mod tests {
                     let (patch, rays) = renderer.trace(&particle, window, &mut scratch);
                     // The whole aperture, by way of a sensor so large that nothing can miss it.
                     let wide = Settings { pixel_dim_x: 30_000, pixel_dim_y: 30_000, ..settings.clone() };
-                    let mut whole = RayRenderer::new(&wide, SpheroidLaw::Original).unwrap();
-                    whole.arch = renderer.arch;
+                    let whole = RayRenderer::new(&wide, SpheroidLaw::Original).unwrap();
                     let (all, all_rays) = whole.trace(&particle, window, &mut scratch);
                     let inside = |x: i64, y: i64| {
                         let (column, row) = (x - all.window.x0, y - all.window.y0);

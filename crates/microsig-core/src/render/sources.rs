@@ -6,24 +6,27 @@
 use std::ops::Range;
 
 use super::fan::Candidate;
+use super::instructions::InstructionSet;
+use super::lanes::MAX_LANES;
 use crate::emission::Point;
-
-/// The widest vector of any instruction set, in numbers of f32.
-pub(super) const MAX_LANES: usize = 16;
 
 /// Source points, ordered by angle modulo pi to the width of a bucket.
 ///
-/// Behind the last point there are `MAX_LANES` more, which are there to be read and thrown away.
+/// Behind the last point there are `MAX_LANES` more, all of whose rays miss the lens.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sources {
-    /// Angle of the fan, 2^32 per turn, with its cosine and sine.
-    phase: Vec<u32>,
-    pub(super) cosine: Vec<f32>,
-    pub(super) sine: Vec<f32>,
-    /// Position across the axis and distance to the lens along it, in units of the kernel's choice.
-    pub(super) e2: Vec<f32>,
-    pub(super) e3: Vec<f32>,
-    pub(super) distance: Vec<f32>,
+    /// The particle's points in the order they were made, relative to its centre, in units of the kernel's choice: bits of
+    /// f32.
+    surface: Vec<[u32; 3]>,
+    /// The same in order, each with the angle by which its fan is turned, 2^32 per turn: 16 bytes written at once.
+    ordered: Vec<[u32; 4]>,
+    /// Cosine and sine of the angle of the fan.
+    cosine: Vec<f32>,
+    sine: Vec<f32>,
+    /// Position across the axis and distance to the lens along it.
+    e2: Vec<f32>,
+    e3: Vec<f32>,
+    distance: Vec<f32>,
     /// Where each bucket begins, and where the last one ends.
     starts: Vec<u32>,
     /// Angles modulo pi are shifted by so many bits to give a bucket.
@@ -31,24 +34,49 @@ pub(super) struct Sources {
 }
 
 impl Sources {
-    /// Puts `points` in order, whose fans are turned by `phases`. Lengths times `scale` are what the kernel wants;
-    /// `distance` is that from the particle's centre to the lens.
-    pub(super) fn place(
-        &mut self,
-        arch: pulp::Arch,
-        points: &[Point],
-        phases: &[u32],
-        distance: f64,
-        scale: f64,
-    ) {
+    /// Takes the points of another particle. Lengths times `scale` are what the kernel wants.
+    pub(super) fn set_points(&mut self, points: &[Point], scale: f64) {
+        self.surface.clear();
+        self.surface.extend(points.iter().map(|point| point.map(|e| ((e * scale) as f32).to_bits())));
         // One to two points a bucket; a bucket more at either end of a run costs little.
         let bits = points.len().next_power_of_two().ilog2().clamp(2, 16) - 1;
         self.shift = 32 - bits;
-        let bucket = |phase: u32| (phase.wrapping_mul(2) >> self.shift) as usize;
+        self.starts.resize((1 << bits) + 1, 0);
+        let length = points.len() + MAX_LANES;
+        self.ordered.resize(points.len(), [0; 4]);
+        for values in [&mut self.cosine, &mut self.sine, &mut self.e2, &mut self.e3] {
+            values.resize(length, 0.0);
+        }
+        // Points so far away that no ray of theirs meets the lens.
+        self.distance.resize(length, f32::MAX);
+        let behind = points.len()..;
+        self.cosine[behind.clone()].fill(1.0);
+        self.sine[behind.clone()].fill(0.0);
+        self.e2[behind.clone()].fill(0.0);
+        self.e3[behind.clone()].fill(0.0);
+        self.distance[behind].fill(f32::MAX);
+    }
+
+    /// Cosines, sines, e2, e3 and distances, all equally long.
+    #[inline(always)]
+    pub(super) fn vectors(&self) -> [&[f32]; 5] {
+        let length = self.number() + MAX_LANES;
+        [&self.cosine, &self.sine, &self.e2, &self.e3, &self.distance].map(|values| &values[..length])
+    }
+
+    /// Number of points.
+    pub(super) fn number(&self) -> usize {
+        self.surface.len()
+    }
+
+    /// Puts the points in order, whose fans are turned by `phases`. `distance` is that from the particle's centre to the
+    /// lens, in the kernel's unit.
+    pub(super) fn place(&mut self, instructions: InstructionSet, phases: &[u32], distance: f32) {
+        let shift = self.shift;
+        let bucket = |phase: u32| (phase.wrapping_mul(2) >> shift) as usize;
 
         // Counts, one place up; their running sums are where buckets begin.
-        self.starts.clear();
-        self.starts.resize((1 << bits) + 1, 0);
+        self.starts.fill(0);
         for &phase in phases {
             self.starts[bucket(phase) + 1] += 1;
         }
@@ -57,29 +85,21 @@ impl Sources {
             sum += *start;
             *start = sum;
         }
-        let length = points.len() + MAX_LANES;
-        self.phase.resize(length, 0);
-        for values in [&mut self.cosine, &mut self.sine, &mut self.e2, &mut self.e3, &mut self.distance] {
-            values.resize(length, 0.0);
-        }
-        for (&[e1, e2, e3], &phase) in points.iter().zip(phases) {
+        for (&[e1, e2, e3], &phase) in self.surface.iter().zip(phases) {
             let next = &mut self.starts[bucket(phase)];
-            let place = *next as usize;
+            self.ordered[*next as usize] = [e1, e2, e3, phase];
             *next += 1;
-            self.phase[place] = phase;
-            self.e2[place] = (e2 * scale) as f32;
-            self.e3[place] = (e3 * scale) as f32;
-            self.distance[place] = ((distance + e1) * scale) as f32;
         }
         // Filling moved every start to that of the next bucket: move them back.
         self.starts.rotate_right(1);
         self.starts[0] = 0;
-        arch.dispatch(Turns { phase: &self.phase, cosine: &mut self.cosine, sine: &mut self.sine });
+        instructions.dispatch(Spread { sources: self, distance });
     }
 
-    /// The points that can send a candidate direction into the lens, as up to two runs.
+    /// The points that can send a candidate direction into the lens, as up to two runs. The kernel goes on behind a run's
+    /// end to fill a vector: what follows there for `MAX_LANES` points is neither in this run nor in the other.
     pub(super) fn runs(&self, candidate: &Candidate) -> [Range<usize>; 2] {
-        let number = self.starts[self.starts.len() - 1] as usize;
+        let number = self.number();
         let all = [0..number, 0..0];
         if candidate.reach >= 1 << 31 {
             return all;
@@ -90,7 +110,7 @@ impl Sources {
         let (start, end) = (self.starts[first] as usize, self.starts[last + 1] as usize);
         if low <= high {
             [start..end, 0..0]
-        } else if last < first {
+        } else if end + MAX_LANES <= start {
             [start..number, 0..end]
         } else {
             all
@@ -98,20 +118,31 @@ impl Sources {
     }
 }
 
-/// Cosines and sines of phases, compiled once for every instruction set.
-struct Turns<'a> {
-    phase: &'a [u32],
-    cosine: &'a mut [f32],
-    sine: &'a mut [f32],
+/// Ordered points to vectors, compiled once for every instruction set.
+struct Spread<'a> {
+    sources: &'a mut Sources,
+    distance: f32,
 }
 
-impl pulp::WithSimd for Turns<'_> {
+impl pulp::WithSimd for Spread<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
-        for ((&phase, cosine), sine) in self.phase.iter().zip(self.cosine).zip(self.sine) {
+        let Sources { ordered, cosine, sine, e2, e3, distance, .. } = self.sources;
+        let n = ordered.len();
+        let (cosine, sine) = (&mut cosine[..n], &mut sine[..n]);
+        let (e2, e3, distance) = (&mut e2[..n], &mut e3[..n], &mut distance[..n]);
+        // Two loops, because the compiler makes no vectors of a loop that writes five arrays.
+        for ((&[.., phase], cosine), sine) in ordered.iter().zip(cosine).zip(sine) {
             (*cosine, *sine) = cos_sin(phase);
+        }
+        for (((&[toward, across, along, _], distance), e2), e3) in
+            ordered.iter().zip(distance).zip(e2).zip(e3)
+        {
+            *distance = self.distance + f32::from_bits(toward);
+            *e2 = f32::from_bits(across);
+            *e3 = f32::from_bits(along);
         }
     }
 }
@@ -160,7 +191,8 @@ mod tests {
             // A point's number is its e2, so that it can be told where it went.
             let points: Vec<Point> = (0..n).map(|k| [0.0, f64::from(k), 0.0]).collect();
             let mut sources = Sources::default();
-            sources.place(pulp::Arch::new(), &points, &phases, 1.0, 1.0);
+            sources.set_points(&points, 1.0);
+            sources.place(InstructionSet::best(), &phases, 1.0);
             let mut ranges = 0;
             for step in 0..300u32 {
                 let centre = step.wrapping_mul(0x85EB_CA6B);

@@ -7,7 +7,7 @@ use super::patch::{Patch, Window};
 
 /// Copies of all counts that are filled in turn: neighbouring rays often meet in a pixel, and a count must be written
 /// before it can be read again.
-const PLANES: usize = 4;
+pub(super) const PLANES: usize = 4;
 
 /// Places of rays, numbered row by row from the frame's first corner; one more is for those that are lost.
 #[derive(Debug, Clone, Copy, Default)]
@@ -55,20 +55,9 @@ impl Tally {
         self.frame
     }
 
-    /// Counts one ray at each of these places.
-    #[inline(always)]
-    pub(super) fn count(&mut self, places: &[u32]) {
-        let [a, b, c, d] = self.planes.each_mut().map(Vec::as_mut_slice);
-        let (fours, rest) = places.as_chunks::<PLANES>();
-        for &[i, j, k, l] in fours {
-            a[i as usize] += 1;
-            b[j as usize] += 1;
-            c[k as usize] += 1;
-            d[l as usize] += 1;
-        }
-        for &i in rest {
-            a[i as usize] += 1;
-        }
+    /// The copies of all counts, to be filled by [`count`].
+    pub(super) fn planes(&mut self) -> [&mut [u32]; PLANES] {
+        self.planes.each_mut().map(Vec::as_mut_slice)
     }
 
     /// The counts of the window.
@@ -101,6 +90,17 @@ impl Tally {
     }
 }
 
+/// Counts one ray at each of these places, whose number is a multiple of that of the planes.
+#[inline(always)]
+pub(super) fn count([a, b, c, d]: &mut [&mut [u32]; PLANES], places: &[u32]) {
+    for &[i, j, k, l] in places.as_chunks::<PLANES>().0 {
+        a[i as usize] += 1;
+        b[j as usize] += 1;
+        c[k as usize] += 1;
+        d[l as usize] += 1;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -113,7 +113,7 @@ mod tests {
             let mut tally = Tally::default();
             tally.begin(window, 5.0, 4.0);
             assert_eq!((tally.frame.stride, tally.frame.lost), (6, 60));
-            tally.count(&[place]);
+            count(&mut tally.planes(), &[place, 60, 60, 60]);
             (tally.overflows(sensor), tally.patch().total())
         };
         // Corner, above, below: the sensor ends above and below, but not left and right.
@@ -126,7 +126,7 @@ mod tests {
     fn counts_of_all_planes_add_up() {
         let mut tally = Tally::default();
         tally.begin(Window { x0: 1, y0: 1, width: 2, height: 1 }, 1.0, 1.0);
-        tally.count(&[5, 5, 5, 5, 6, 5]);
+        count(&mut tally.planes(), &[5, 5, 5, 5, 6, 5, 12, 12]);
         assert_eq!(tally.patch().counts, [5, 1]);
     }
 }
