@@ -5,6 +5,8 @@
 //! camera's own chain between light and counts.
 
 mod detector;
+#[cfg(target_arch = "x86_64")]
+mod registers;
 mod response;
 mod rounded_normal;
 
@@ -90,8 +92,8 @@ impl Sensor {
         let bits = self.detector.as_ref().map_or(16, |(detector, _)| detector.bits);
         let largest = f64::from((1u32 << bits) - 1);
         let rows = counts.par_chunks_mut(width).zip(light.values.par_chunks(width)).enumerate();
-        let buffer = || vec![0; width];
-        rows.with_min_len(16).for_each_init(buffer, |random, (row, (counts, values))| {
+        let buffers = || (vec![0; width], vec![0; width]);
+        rows.with_min_len(16).for_each_init(buffers, |(random, noise), (row, (counts, values))| {
             let mut stream = streams.stream(purpose, frame, row as u32);
             if let Some((detector, pattern)) = &self.detector {
                 for (column, (count, value)) in counts.iter_mut().zip(values).enumerate() {
@@ -102,10 +104,12 @@ impl Sensor {
                 }
                 return;
             }
-            if self.noise.is_some() {
+            if let Some(law) = &self.noise {
                 stream.fill(random);
+                law.sample_all(random, noise);
             }
-            pulp::Arch::new().dispatch(Row { sensor: self, values, random, counts });
+            // Without noise they are still zero.
+            pulp::Arch::new().dispatch(Row { sensor: self, values, noise, counts });
         });
         Image { width: light.width, height: light.height, bits, counts }
     }
@@ -115,7 +119,7 @@ impl Sensor {
 struct Row<'a> {
     sensor: &'a Sensor,
     values: &'a [f64],
-    random: &'a [u32],
+    noise: &'a [i32],
     counts: &'a mut [u16],
 }
 
@@ -126,22 +130,10 @@ impl pulp::WithSimd for Row<'_> {
     fn with_simd<S: pulp::Simd>(self, _: S) {
         /// 2^52: added to a number of [0, 2^52) it leaves the nearest integer (ties to even) in the low bits.
         const ROUND: f64 = 4_503_599_627_370_496.0;
-        let Row { sensor, values, random, counts } = self;
-        let count = |value: f64, noise: i32| {
-            let level = sensor.gain * value + sensor.background_mean + f64::from(noise);
-            (level.clamp(0.0, 65_535.0) + ROUND).to_bits() as u16
-        };
-        match &sensor.noise {
-            None => {
-                for (out, &value) in counts.iter_mut().zip(values) {
-                    *out = count(value, 0);
-                }
-            }
-            Some(law) => {
-                for ((out, &value), &random) in counts.iter_mut().zip(values).zip(random) {
-                    *out = count(value, law.sample(random));
-                }
-            }
+        let (gain, background) = (self.sensor.gain, self.sensor.background_mean);
+        for ((count, value), noise) in self.counts.iter_mut().zip(self.values).zip(self.noise) {
+            let level = gain * value + background + f64::from(*noise);
+            *count = (level.clamp(0.0, 65_535.0) + ROUND).to_bits() as u16;
         }
     }
 }

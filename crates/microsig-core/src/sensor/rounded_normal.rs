@@ -1,5 +1,11 @@
 //! Whole-number Gaussian noise.
 
+#[cfg(target_arch = "x86_64")]
+use super::registers;
+
+/// Tables are at least this long: the length that is looked up in registers.
+const REGISTERS: usize = 256;
+
 /// round(N(0, sigma)) by Walker's alias method (Vose 1991): one random number of 32 bits a sample.
 ///
 /// The probabilities are those of the rounded normal, each to 2^-32.
@@ -8,8 +14,9 @@ pub struct RoundedNormal {
     lowest: i32,
     /// The first so many bits of a random number choose a column.
     bits: u32,
-    /// Per column: the share of 2^32 that stays in the column, and the value of the rest.
-    columns: Vec<(u32, i32)>,
+    /// Per column, in as many bits as a random number has: the column that its rest goes to, and the least of the other bits
+    /// with which a random number goes there.
+    columns: Vec<u32>,
 }
 
 impl RoundedNormal {
@@ -20,6 +27,7 @@ impl RoundedNormal {
         let below = |x: f64| 0.5 * libm::erfc(-x / (sigma * std::f64::consts::SQRT_2));
         // A power of two, so that the bits that choose a column and those that decide within it are independent.
         let n = ((2 * reach + 1) as usize).next_power_of_two();
+        let bits = n.ilog2();
         let mut weights: Vec<f64> = (-reach..=reach)
             .map(|k| {
                 // By symmetry from the lower tail, where differences of erfc keep their digits.
@@ -31,30 +39,61 @@ impl RoundedNormal {
         let total: f64 = weights.iter().sum();
 
         let mut scaled: Vec<f64> = weights.iter().map(|w| w / total * n as f64).collect();
-        let mut columns = vec![(u32::MAX, 0); n];
+        // A full column goes to itself, and so does one that is full but for less than a random number can tell.
+        let mut columns: Vec<u32> = (0..n as u32).map(|column| column << (32 - bits)).collect();
         let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..n).partition(|&i| scaled[i] < 1.0);
         while let (Some(&poor), Some(&rich)) = (small.last(), large.last()) {
             small.pop();
-            columns[poor] = ((scaled[poor] * 4_294_967_296.0) as u32, rich as i32 - reach);
+            let least = ((scaled[poor] * 4_294_967_296.0) as u32).div_ceil(1 << bits);
+            if least >> (32 - bits) == 0 {
+                columns[poor] = (rich as u32) << (32 - bits) | least;
+            }
             scaled[rich] -= 1.0 - scaled[poor];
             if scaled[rich] < 1.0 {
                 large.pop();
                 small.push(rich);
             }
         }
-        for full in small.into_iter().chain(large) {
-            columns[full] = (u32::MAX, full as i32 - reach);
-        }
-        RoundedNormal { lowest: -reach, bits: n.ilog2(), columns }
+        // No random number chooses what is added to small tables.
+        columns.resize(n.max(REGISTERS), 0);
+        RoundedNormal { lowest: -reach, bits, columns }
     }
 
     /// The value, counts, that a random number of 32 bits stands for.
-    #[inline(always)]
+    #[inline]
     pub fn sample(&self, random: u32) -> i32 {
-        let column = random >> (32 - self.bits);
-        // There is a column for every number; without a check that could fail, many are looked up at a time.
-        let (share, rest) = self.columns.get(column as usize).copied().unwrap_or_default();
-        if random << self.bits < share { self.lowest + column as i32 } else { rest }
+        // There is a column for every number.
+        let column = self.columns.get((random >> (32 - self.bits)) as usize).copied().unwrap_or_default();
+        let stays = random << self.bits < column << self.bits;
+        // Nobody can guess which, and a wrong guess costs more than both.
+        let decided = std::hint::select_unpredictable(stays, random, column);
+        self.lowest + (decided >> (32 - self.bits)) as i32
+    }
+
+    /// The values that many random numbers stand for.
+    pub(super) fn sample_all(&self, random: &[u32], values: &mut [i32]) {
+        let done = self.sample_in_registers(random, values);
+        for (value, &random) in values[done..].iter_mut().zip(&random[done..]) {
+            *value = self.sample(random);
+        }
+    }
+
+    /// Takes as many samples as can be taken many at a time; gives their number.
+    #[cfg(target_arch = "x86_64")]
+    fn sample_in_registers(&self, random: &[u32], values: &mut [i32]) -> usize {
+        let (pulp::Arch::V4(simd), Ok(columns)) = (pulp::Arch::new(), self.columns.as_slice().try_into())
+        else {
+            return 0;
+        };
+        let ((random, _), (values, _)) = (random.as_chunks(), values.as_chunks_mut());
+        let (lowest, bits) = (self.lowest, self.bits);
+        simd.vectorize(registers::Samples { simd, lowest, bits, columns, random, values });
+        random.as_flattened().len()
+    }
+
+    #[cfg(not(target_arch = "x86_64"))]
+    fn sample_in_registers(&self, _: &[u32], _: &mut [i32]) -> usize {
+        0
     }
 }
 
@@ -62,6 +101,21 @@ impl RoundedNormal {
 mod tests {
     use super::*;
     use crate::stream::{Purpose, Streams};
+
+    /// With tables that fit into registers and larger ones, for numbers that fill registers and others.
+    #[test]
+    fn many_samples_are_those_taken_one_by_one() {
+        for sigma in [0.01, 0.3, 5.0, 10.0, 15.7, 15.8, 40.0] {
+            let law = RoundedNormal::new(sigma);
+            for n in [0, 1, 15, 16, 17, 752, 4096] {
+                let mut random = vec![0; n];
+                Streams::new(1).stream(Purpose::BackgroundNoise, 0, n as u32).fill(&mut random);
+                let mut values = vec![0; n];
+                law.sample_all(&random, &mut values);
+                assert!(values.iter().zip(&random).all(|(v, r)| *v == law.sample(*r)), "{sigma}, {n}");
+            }
+        }
+    }
 
     /// Chi-square of a million samples against the probabilities of the rounded normal.
     #[test]

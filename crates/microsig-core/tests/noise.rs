@@ -1,0 +1,137 @@
+//! Statistics of the background noise: its law, and that no image's noise has anything to do with another's.
+//!
+//! All numbers come from fixed seeds. Bars are five standard errors: with some 500 statistics, one right generator in 3,000
+//! would fail.
+
+use microsig_core::Settings;
+use microsig_core::sensor::{Light, Sensor};
+use microsig_core::stream::{Purpose, Streams};
+
+const SIDE: usize = 512;
+const MEAN: f64 = 1000.0;
+const STANDARD_ERRORS: f64 = 5.0;
+
+/// The noise of a dark image of [`SIDE`] rows.
+fn noise(sigma: f64, streams: &Streams, purpose: Purpose, frame: u32) -> Vec<f64> {
+    let settings = Settings {
+        pixel_dim_x: SIDE as u32,
+        pixel_dim_y: SIDE as u32,
+        background_mean: MEAN,
+        background_noise: sigma,
+        ..Settings::setting1()
+    };
+    let image = Sensor::new(&settings).expose(&Light::dark(&settings), streams, purpose, frame);
+    image.counts.iter().map(|&count| f64::from(count) - MEAN).collect()
+}
+
+fn frame(seed: u64, frame: u32) -> Vec<f64> {
+    noise(10.0, &Streams::new(seed), Purpose::BackgroundNoise, frame)
+}
+
+/// Correlation of pixels of `a` with those of `b` that lie `right` columns and `down` rows farther, in standard errors.
+fn correlation(a: &[f64], b: &[f64], right: usize, down: usize) -> f64 {
+    let (mut ab, mut aa, mut bb, mut n) = (0.0, 0.0, 0.0, 0.0);
+    for y in 0..SIDE - down {
+        let (a, b) = (&a[y * SIDE..][..SIDE - right], &b[(y + down) * SIDE + right..]);
+        for (p, q) in a.iter().zip(b) {
+            (ab, aa, bb, n) = (ab + p * q, aa + p * p, bb + q * q, n + 1.0);
+        }
+    }
+    ab / f64::sqrt(aa * bb) * f64::sqrt(n)
+}
+
+/// Moments of a normal number with those of rounding (Sheppard's corrections).
+#[test]
+fn moments_are_those_of_a_rounded_normal_number() {
+    // Up to 6 * 150 = 900 of 1,000 counts are taken away: nothing is clamped.
+    for sigma in [1.0, 5.0, 10.0, 15.5, 40.0, 150.0] {
+        let values = noise(sigma, &Streams::new(3), Purpose::BackgroundNoise, 0);
+        let n = values.len() as f64;
+        let moment = |power: f64| values.iter().map(|v| libm::pow(*v, power)).sum::<f64>() / n;
+        let variance: f64 = sigma * sigma + 1.0 / 12.0;
+        for (name, found, expected, error) in [
+            ("mean", moment(1.0), 0.0, f64::sqrt(variance / n)),
+            ("variance", moment(2.0), variance, variance * f64::sqrt(2.0 / n)),
+            ("skewness", moment(3.0) / (variance * variance.sqrt()), 0.0, f64::sqrt(15.0 / n)),
+            // The fourth cumulant of a uniform error of rounding is -1/120.
+            (
+                "kurtosis",
+                moment(4.0) / (variance * variance),
+                3.0 - 1.0 / 120.0 / (variance * variance),
+                f64::sqrt(96.0 / n),
+            ),
+        ] {
+            assert!(
+                (found - expected).abs() < STANDARD_ERRORS * error,
+                "sigma {sigma}: {name} {found}, expected {expected} +- {error}"
+            );
+        }
+    }
+}
+
+/// Chi-square over all values that are expected 20 times or more, and the tails together.
+#[test]
+fn counts_are_as_frequent_as_rounded_normal_numbers() {
+    for sigma in [0.4, 2.0, 10.0, 40.0] {
+        let values = noise(sigma, &Streams::new(4), Purpose::BackgroundNoise, 1);
+        let n = values.len() as f64;
+        let below = |x: f64| 0.5 * libm::erfc(-x / (sigma * std::f64::consts::SQRT_2));
+        let (mut chi2, mut classes, mut rest) = (0.0, 0.0, (n, n));
+        let mut class = |found: f64, expected: f64| {
+            chi2 += (found - expected) * (found - expected) / expected;
+            classes += 1.0;
+        };
+        let reach = (6.0 * sigma) as i32 + 1;
+        for k in (-reach..=reach).map(f64::from) {
+            let expected = n * (below(k + 0.5) - below(k - 0.5));
+            if expected >= 20.0 {
+                let found = values.iter().filter(|v| **v == k).count() as f64;
+                class(found, expected);
+                rest = (rest.0 - found, rest.1 - expected);
+            }
+        }
+        if rest.1 >= 5.0 {
+            class(rest.0, rest.1);
+        }
+        // Mean and variance of chi-square are its degrees of freedom and twice that.
+        let freedom: f64 = classes - 1.0;
+        let deviation = (chi2 - freedom) / f64::sqrt(2.0 * freedom);
+        assert!(deviation.abs() < STANDARD_ERRORS, "sigma {sigma}: {chi2} for {freedom} degrees of freedom");
+    }
+}
+
+#[test]
+fn neighbours_and_rows_are_uncorrelated() {
+    let image = frame(5, 0);
+    for (right, down) in (0..=8).flat_map(|down| (0..=8).map(move |right| (right, down))).skip(1) {
+        let found = correlation(&image, &image, right, down);
+        assert!(found.abs() < STANDARD_ERRORS, "{right} to the right, {down} down: {found} standard errors");
+    }
+    // However far from each other: the numbers of a row must not come back in another one.
+    let rows: Vec<&[f64]> = image.chunks(SIDE).collect();
+    assert!((1..SIDE).all(|k| rows[..k].iter().all(|row| *row != rows[k])));
+}
+
+/// Also at shifts: where addresses of numbers are added up rather than kept apart, one image is another one moved.
+#[test]
+fn frames_seeds_and_purposes_are_uncorrelated() {
+    let here = frame(7, 3);
+    let calibration = noise(10.0, &Streams::new(7), Purpose::CalibrationNoise, 3);
+    let secret = noise(10.0, &Streams::secret([7; 32]), Purpose::BackgroundNoise, 3);
+    for (what, other) in [
+        ("the next frame", frame(7, 4)),
+        ("256 frames on", frame(7, 259)),
+        ("65,536 frames on", frame(7, 3 + 65_536)),
+        ("the next seed", frame(8, 3)),
+        ("2^32 seeds on", frame(7 + (1 << 32), 3)),
+        ("seed and frame exchanged", frame(3, 7)),
+        ("the calibration stack", calibration),
+        ("secret streams", secret),
+    ] {
+        for (right, down) in (0..=4).flat_map(|down| (0..=4).map(move |right| (right, down))) {
+            for found in [correlation(&here, &other, right, down), correlation(&other, &here, right, down)] {
+                assert!(found.abs() < STANDARD_ERRORS, "{what}, {right} right, {down} down: {found}");
+            }
+        }
+    }
+}
