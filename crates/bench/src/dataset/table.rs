@@ -6,6 +6,8 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
+use microsig_core::formats::number;
+
 use crate::error::{Error, Result};
 
 /// A column of a table.
@@ -102,11 +104,11 @@ impl<W: Write> TableWriter<W> {
     /// Writes numbers into a row; those that are not finite are missing values, empty cells.
     pub fn numbers(&mut self, values: &[f64]) -> Result<()> {
         for value in values {
+            self.cell.clear();
             if value.is_finite() {
-                self.cells(&[value])?;
-            } else {
-                self.cells(&[&""])?;
+                number::push(&mut self.cell, *value);
             }
+            self.writer.write_field(&self.cell).map_err(|e| failed(self.path, e))?;
         }
         Ok(())
     }

@@ -13,6 +13,7 @@
 use std::io::{BufRead, BufReader, Read, Write};
 
 use crate::error::{Error, Fault};
+use crate::formats::number;
 use crate::particle::{Particle, Spheroid};
 
 /// The columns of a data file.
@@ -181,16 +182,21 @@ pub fn write(mut writer: impl Write, particles: &[Particle], layout: Layout) -> 
             "the layout drops columns that are in use",
         ));
     }
+    let mut line = String::new();
     for p in particles {
-        write!(writer, "{} {} {} {}", p.x_px, p.y_px, p.z_um, p.d_um)?;
-        if layout.spheroids {
-            let s = p.spheroid.unwrap_or(Spheroid { e_p: 1.0, alpha_rad: 0.0, beta_rad: 0.0 });
-            write!(writer, " {} {} {}", s.e_p, s.alpha_rad, s.beta_rad)?;
+        line.clear();
+        for (i, value) in [p.x_px, p.y_px, p.z_um, p.d_um].into_iter().enumerate() {
+            line.push_str(if i > 0 { " " } else { "" });
+            number::push(&mut line, value);
         }
-        if layout.c_int {
-            write!(writer, " {}", p.c_int)?;
+        let s = p.spheroid.unwrap_or(Spheroid { e_p: 1.0, alpha_rad: 0.0, beta_rad: 0.0 });
+        let spheroid = layout.spheroids.then_some([s.e_p, s.alpha_rad, s.beta_rad]);
+        for value in spheroid.into_iter().flatten().chain(layout.c_int.then_some(p.c_int)) {
+            line.push(' ');
+            number::push(&mut line, value);
         }
-        writeln!(writer)?;
+        line.push('\n');
+        writer.write_all(line.as_bytes())?;
     }
     Ok(())
 }

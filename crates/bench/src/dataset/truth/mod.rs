@@ -154,12 +154,15 @@ impl<'a> TruthWriter<'a> {
     ) -> Result<()> {
         let shape = particle.spheroid.unwrap_or(Spheroid { e_p: 1.0, alpha_rad: 0.0, beta_rad: 0.0 });
         let at = tracer.position;
-        self.tracks.cells(&[&frame.index, &frame.t_s, &tracer.id])?;
+        self.tracks.cells(&[&frame.index])?;
+        self.tracks.numbers(&[frame.t_s])?;
+        self.tracks.cells(&[&tracer.id])?;
         self.tracks.numbers(&[particle.x_px, particle.y_px, at.z, at.x, at.y, particle.d_um])?;
         self.tracks.numbers(&[shape.e_p, shape.alpha_rad, shape.beta_rad, particle.c_int])?;
         // Unknown for a recorded track that is in this frame only.
         self.tracks.numbers(&tracer.velocity.unwrap_or(DVec3::NAN).to_array())?;
-        self.tracks.cells(&[&u8::from(visible), &u8::from(shines), &light])?;
+        self.tracks.cells(&[&u8::from(visible), &u8::from(shines)])?;
+        self.tracks.numbers(&[light])?;
         self.tracks.numbers(&midway.unwrap_or(DVec3::NAN).to_array())?;
         self.tracks.numbers(&[seen.peak_counts, seen.snr, seen.overlap])?;
         self.tracks.cells(&[&u8::from(seen.saturated)])?;
@@ -236,23 +239,11 @@ impl<'a> TruthWriter<'a> {
             let drift = to.step.map_or(moved, |step| step.drift);
             let (d, d_drift) = (scale.displacement_to_image(moved), scale.displacement_to_image(drift));
             let (visible_a, visible_b) = (self.visible(&start), self.visible(&end));
-            self.displacements.row(&[
-                &pair,
-                &a.index,
-                &b.index,
-                &from.id,
-                &start.x_px,
-                &start.y_px,
-                &from.position.z,
-                &d.dx_px,
-                &d.dy_px,
-                &moved.z,
-                &d_drift.dx_px,
-                &d_drift.dy_px,
-                &drift.z,
-                &u8::from(visible_a),
-                &u8::from(visible_b),
-            ])?;
+            self.displacements.cells(&[&pair, &a.index, &b.index, &from.id])?;
+            self.displacements.numbers(&[start.x_px, start.y_px, from.position.z])?;
+            self.displacements.numbers(&[d.dx_px, d.dy_px, moved.z, d_drift.dx_px, d_drift.dy_px, drift.z])?;
+            self.displacements.cells(&[&u8::from(visible_a), &u8::from(visible_b)])?;
+            self.displacements.end_row()?;
             self.census.displacements += 1;
             if visible_a {
                 // Not hypot: this number is part of the manifest, and std maths differs between machines.
