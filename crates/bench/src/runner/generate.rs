@@ -1,7 +1,7 @@
 //! `microsig generate`: a scenario becomes a dataset.
 //!
-//! Frames go through in batches: clouds are advanced, their data files and truth written, their images drawn in parallel.
-//! Memory does not grow with the number of frames.
+//! Frames go through in batches: while the images of one batch are drawn in parallel, clouds are advanced to the next, their
+//! data files and truth written. Memory does not grow with the number of frames.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -61,7 +61,7 @@ struct Shot {
     particles: Vec<Particle>,
 }
 
-/// Frames in memory at a time.
+/// Frames of a batch; two batches are in memory at a time.
 const BATCH: usize = 32;
 
 /// Makes the dataset.
@@ -169,7 +169,7 @@ fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options
     let mut preview = Preview::new(recordings.frames(), recordings.are_pairs());
     let bar = options.progress.images(u64::from(recordings.frames()));
 
-    let mut draw = |batch: &mut Vec<Shot>| {
+    let mut draw = |batch: &[Shot]| {
         let images: Vec<_> = batch
             .par_iter()
             .map(|shot| {
@@ -188,25 +188,29 @@ fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options
             preview.add(index, &image);
         }
         bar.inc(batch.len() as u64);
-        batch.clear();
         Ok::<(), Error>(())
     };
 
-    let (mut batch, layout) = (Vec::with_capacity(BATCH), scenario.layout);
-    let mut before = None;
-    for frame in Frames::new(scenario)? {
-        let frame = frame?;
-        let particles = truth.frame(&frame, before.as_ref())?;
-        let stem = Stem::of(&recordings, frame.index);
-        let path = folder.join(stem.particles());
-        save(&path, |w| data_file::write(w, &particles, layout).map_err(Error::write(&path)))?;
-        batch.push(Shot { index: frame.index, stem, particles });
-        if batch.len() == BATCH {
-            draw(&mut batch)?;
+    let (mut all, mut before) = (Frames::new(scenario)?, None);
+    let mut prepare = || {
+        let mut batch = Vec::with_capacity(BATCH);
+        for frame in all.by_ref().take(BATCH) {
+            let frame = frame?;
+            let particles = truth.frame(&frame, before.as_ref())?;
+            let stem = Stem::of(&recordings, frame.index);
+            let path = folder.join(stem.particles());
+            save(&path, |w| data_file::write(w, &particles, scenario.layout).map_err(Error::write(&path)))?;
+            batch.push(Shot { index: frame.index, stem, particles });
+            before = Some(frame);
         }
-        before = Some(frame);
+        Ok::<_, Error>(batch)
+    };
+    let mut batch = prepare()?;
+    while !batch.is_empty() {
+        let (drawn, next) = rayon::join(|| draw(&batch), &mut prepare);
+        drawn?;
+        batch = next?;
     }
-    draw(&mut batch)?;
     bar.finish_and_clear();
     preview.write(&folder.join("preview.png"))?;
     truth.finish()

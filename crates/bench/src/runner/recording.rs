@@ -14,7 +14,7 @@ enum Subject<'a> {
 /// A recording in progress.
 enum Recording<'a> {
     OfScene(Box<Sequence<'a>>),
-    OfTracks(Box<dyn Iterator<Item = Frame> + 'a>),
+    OfTracks(Box<dyn Iterator<Item = Frame> + Send + 'a>),
 }
 
 /// The frames of a scenario in their order. After an `Err` it ends.
