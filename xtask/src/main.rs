@@ -7,6 +7,7 @@ mod export_check;
 mod figures;
 mod gallery;
 mod golden;
+mod instructions;
 mod keys;
 mod leak_search;
 mod peers;
@@ -16,6 +17,7 @@ mod python;
 mod reference;
 mod robustness;
 mod scoring;
+mod speed_table;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -40,6 +42,22 @@ enum Task {
         /// Only the groups of workloads with this in their name.
         #[arg(long)]
         only: Option<String>,
+        /// Where workloads write; in memory (/dev/shm) the disk takes no part. Default: below OUT.
+        #[arg(long)]
+        scratch: Option<PathBuf>,
+    },
+    /// Counts the instructions of small runs under valgrind, and compares them with an earlier count; exit code 1 if one has
+    /// grown.
+    Instructions {
+        /// Where counts.csv and README.md go.
+        #[arg(long, default_value = "target/instructions")]
+        out: PathBuf,
+        /// The counts.csv to compare with.
+        #[arg(long)]
+        against: Option<PathBuf>,
+        /// The growth that is let pass.
+        #[arg(long, default_value_t = 0.02)]
+        tolerance: f64,
     },
     /// Lets the baseline trackers loose on datasets of growing density and noise, and scores them; some minutes.
     Baselines {
@@ -58,6 +76,13 @@ enum Task {
         /// Where runs.csv and README.md go.
         #[arg(long, default_value = "target/peers")]
         out: PathBuf,
+    },
+    /// Writes the table of speed in README.md from the records of `bench` and `peers`.
+    SpeedTable {
+        /// The record of `bench`.
+        performance: PathBuf,
+        /// The record of `peers`.
+        peers: PathBuf,
     },
     /// Does one of the things that no program can do faster; `bench` times it.
     #[command(hide = true)]
@@ -148,12 +173,20 @@ enum Task {
 
 fn main() -> anyhow::Result<ExitCode> {
     match Cli::parse().task {
-        Task::Bench { out, only } => bench::main(&out, only.as_deref()).map(|()| ExitCode::SUCCESS),
         Task::Baselines { out } => baselines::main(&out).map(|()| ExitCode::SUCCESS),
         Task::Scoring { out } => {
             scoring::main(&out).map(|met| if met { ExitCode::SUCCESS } else { ExitCode::FAILURE })
         }
+        Task::Bench { out, only, scratch } => {
+            bench::main(&out, only.as_deref(), scratch.as_deref()).map(|()| ExitCode::SUCCESS)
+        }
+        Task::Instructions { out, against, tolerance } => {
+            instructions::run(&out, against.as_deref(), tolerance)
+        }
         Task::Peers { out } => peers::main(&out).map(|()| ExitCode::SUCCESS),
+        Task::SpeedTable { performance, peers } => {
+            speed_table::run(&performance, &peers).map(|()| ExitCode::SUCCESS)
+        }
         Task::Floor { floor, folder } => floor.run(&folder).map(|()| ExitCode::SUCCESS),
         Task::Pairs { pairs, ppp, diameter_px } => {
             peers::ours::draw(pairs, ppp, diameter_px).map(|()| ExitCode::SUCCESS)

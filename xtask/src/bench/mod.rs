@@ -1,8 +1,9 @@
 //! `cargo xtask bench`: what the command costs as a whole process, and what it could cost at best.
 //!
-//! Every workload runs five times, in turns with all others, so that a busy minute of the machine touches all alike; the
-//! medians are kept. The floors (memory, random numbers, files) and the yardstick (a NumPy loop over all rays) take turns with
-//! them. CPU time is that of all threads, user and system, as the system tells it of a finished process.
+//! Every workload runs five times, in turns with all others of its group, so that a busy minute of the machine touches all
+//! alike; the medians are kept. The floors (memory, random numbers, files) and the yardstick (a NumPy loop over all rays) take
+//! turns with the first group. CPU time is that of all threads, user and system, as the system tells it of a finished process.
+//! What is known is written after every group, so that a bench that is ended early leaves a record.
 
 pub(crate) mod floors;
 mod plot;
@@ -48,73 +49,99 @@ struct Record {
     refused: Vec<(String, String)>,
     floors: Vec<(Floor, Usage)>,
     yardstick: Yardstick,
+    /// What it costs to start the command and end it.
+    startup: Usage,
 }
+
+/// Runs of each workload.
+const REPEATS: usize = 5;
+
+/// Starts of the command that are timed.
+const STARTS: usize = 25;
 
 /// What the yardstick said about each of its data files, or why there is none.
 type Yardstick = Result<BTreeMap<&'static str, Value>, String>;
 
 /// Measures and writes `runs.csv`, plots and README.md into a folder. With `only`, workloads of other groups are left out.
-pub(crate) fn main(out: &Path, only: Option<&str>) -> anyhow::Result<()> {
+/// Workloads write below `scratch`; `None`: below `out`.
+pub(crate) fn main(out: &Path, only: Option<&str>, scratch: Option<&Path>) -> anyhow::Result<()> {
     std::fs::create_dir_all(out)?;
     let program = microsig()?;
-    let scratch = tempfile::Builder::new().prefix("bench").tempdir_in(out)?;
-    let workloads: Vec<Workload> = workload::all(scratch.path())?
-        .into_iter()
-        .filter(|w| only.is_none_or(|group| w.group.contains(group)))
-        .collect();
-
     let machine = machine();
+    let scratch = tempfile::Builder::new().prefix("bench").tempdir_in(scratch.unwrap_or(out))?;
+    let scratch = scratch.path();
     let (_, version) = run(Command::new(&program).arg("--version"))?;
-    let python = Python::with("yardstick").map_err(|e| format!("{e:#}"));
-    let mut runs: Vec<Vec<(Usage, Value, f64)>> = workloads.iter().map(|_| Vec::new()).collect();
-    let mut refused = BTreeMap::new();
+    let mut record = Record {
+        machine,
+        version: version.trim().to_owned(),
+        measured: Vec::new(),
+        refused: Vec::new(),
+        floors: Vec::new(),
+        yardstick: Err("it takes part in throughput only".to_owned()),
+        startup: startup(&program)?,
+    };
+    let mut workloads = workload::all(scratch)?;
+    workloads.retain(|w| only.is_none_or(|group| w.group.contains(group)));
+    for group in workloads.chunk_by(|a, b| a.group == b.group) {
+        measure(&program, group, scratch, &mut record)?;
+        report::write(out, &record)?;
+        plot::write(out, &record)?;
+    }
+    println!("{}: {} workloads", out.display(), record.measured.len());
+    Ok(())
+}
+
+/// Measures a group, and with the one of throughput what it is compared with.
+fn measure(program: &Path, group: &[Workload], scratch: &Path, record: &mut Record) -> anyhow::Result<()> {
+    let compared = group.iter().any(|w| w.group == workload::THROUGHPUT);
+    let python = compared.then(|| Python::with("yardstick").map_err(|e| format!("{e:#}")));
+    let mut runs: Vec<Vec<(Usage, Value, f64)>> = group.iter().map(|_| Vec::new()).collect();
     let mut floor_runs: Vec<Vec<Usage>> = vec![Vec::new(); Floor::ALL.len()];
     let mut yardsticks: Vec<Yardstick> = Vec::new();
-    for repeat in 0..5 {
-        for (workload, runs) in workloads.iter().zip(&mut runs) {
-            if repeat >= workload.repeats || refused.contains_key(&workload.name) {
+    for repeat in 0..REPEATS {
+        for (workload, runs) in group.iter().zip(&mut runs).filter(|(w, _)| repeat < w.repeats) {
+            if record.refused.iter().any(|(name, _)| *name == workload.name) {
                 continue;
             }
-            println!("{}/5  {}: {}", repeat + 1, workload.group, workload.name);
-            match time(&program, workload, scratch.path()) {
+            println!("{}/{}  {}: {}", repeat + 1, workload.repeats, workload.group, workload.name);
+            match time(program, workload, scratch) {
                 Ok(result) => runs.push(result),
                 // The one that a version may not know yet; any other failure ends the bench.
                 Err(e) if workload.name == workload::EXPECTED => {
-                    refused.insert(workload.name.clone(), format!("{:#}", e.root_cause()));
+                    record.refused.push((workload.name.clone(), format!("{:#}", e.root_cause())));
                 }
                 Err(e) => return Err(e),
             }
         }
+        let Some(python) = &python else { continue };
         for (floor, runs) in Floor::ALL.into_iter().zip(&mut floor_runs) {
-            runs.push(time_floor(floor, scratch.path())?);
+            runs.push(time_floor(floor, scratch)?);
         }
-        yardsticks.push(python.as_ref().map_err(Clone::clone).and_then(|p| yardstick(p, scratch.path())));
+        yardsticks.push(python.as_ref().map_err(Clone::clone).and_then(|p| yardstick(p, scratch)));
     }
-
-    let measured =
-        workloads.into_iter().zip(runs).filter(|(_, runs)| !runs.is_empty()).map(|(workload, runs)| {
-            let number = |key: &str| runs[0].1[key].as_f64().unwrap_or(f64::NAN);
-            let usages: Vec<Usage> = runs.iter().map(|r| r.0).collect();
-            Measured {
-                images: number("images"),
-                particles: number("particles"),
-                bytes: runs[0].2,
-                usage: middle(&usages),
-                workload,
-            }
+    for (workload, runs) in group.iter().zip(runs).filter(|(_, runs)| !runs.is_empty()) {
+        let number = |key: &str| runs[0].1[key].as_f64().unwrap_or(f64::NAN);
+        let usages: Vec<Usage> = runs.iter().map(|r| r.0).collect();
+        record.measured.push(Measured {
+            images: number("images"),
+            particles: number("particles"),
+            bytes: runs[0].2,
+            usage: middle(&usages),
+            workload: workload.clone(),
         });
-    let record = Record {
-        machine,
-        version: version.trim().to_owned(),
-        measured: measured.collect(),
-        refused: refused.into_iter().collect(),
-        floors: Floor::ALL.into_iter().zip(floor_runs.iter().map(|runs| middle(runs))).collect(),
-        yardstick: middle_yardstick(yardsticks),
-    };
-    report::write(out, &record)?;
-    plot::write(out, &record)?;
-    println!("{}: {} workloads", out.display(), record.measured.len());
+    }
+    if compared {
+        record.floors = Floor::ALL.into_iter().zip(floor_runs.iter().map(|runs| middle(runs))).collect();
+        record.yardstick = middle_yardstick(yardsticks);
+    }
     Ok(())
+}
+
+/// What it takes to be asked for the version.
+fn startup(program: &Path) -> anyhow::Result<Usage> {
+    let starts: anyhow::Result<Vec<Usage>> =
+        (0..STARTS).map(|_| Ok(run(Command::new(program).arg("--version"))?.0)).collect();
+    Ok(middle(&starts?))
 }
 
 /// Runs a workload once; gives what it took, what it said and the bytes it wrote.

@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use super::floors::Floor;
-use super::workload::GROWTH;
+use super::workload::{EXPECTED, EXPECTED_MANY, GROWTH, LONG};
 use super::{Measured, Record, cpu_ms};
 
 /// CPU time of the original program, ms per particle, lowest and highest, as its users measured it elsewhere, and the goal:
@@ -14,6 +14,9 @@ const GOALS: [(&str, [f64; 2], f64); 3] = [
     ("setting 1, several sizes", [27.0, 29.0], 600.0),
     ("setting 2", [170.0, 280.0], 800.0),
 ];
+
+/// Groups with one thread and with two.
+const THREADS: [&str; 2] = ["threads, rays", "threads, gaussian"];
 
 /// Largest growth of CPU time that counts as linear when the size doubles: 10 % more than twice.
 const DOUBLING: f64 = 2.2;
@@ -56,6 +59,7 @@ pub(super) fn write(out: &Path, record: &Record) -> anyhow::Result<()> {
         ])?;
     }
     table.flush()?;
+    summary(out, record)?;
     std::fs::write(out.join("README.md"), readme(out, record)?)?;
     Ok(())
 }
@@ -69,12 +73,15 @@ fn readme(out: &Path, record: &Record) -> Result<String, std::fmt::Error> {
         record.version,
         record.machine
     );
+    kept(&mut text, record)?;
     let ran = |part: &str| record.measured.iter().any(|m| m.workload.group.contains(part));
     if ran("throughput") {
         goals(&mut text, record)?;
         throughput(&mut text, record)?;
     }
-    floors(&mut text, record)?;
+    if !record.floors.is_empty() {
+        floors(&mut text, record)?;
+    }
     if ran("threads") {
         threads(&mut text, record)?;
     }
@@ -85,6 +92,80 @@ fn readme(out: &Path, record: &Record) -> Result<String, std::fmt::Error> {
         large(&mut text, record)?;
     }
     Ok(text)
+}
+
+/// Something that the project promises of whole runs, or aims at.
+struct Promise {
+    what: String,
+    found: f64,
+    unit: &'static str,
+    bar: f64,
+    met: bool,
+}
+
+/// What the project promises, as far as it was measured.
+fn promises(record: &Record) -> Vec<Promise> {
+    let named = |name: &str| record.measured.iter().find(|m| m.workload.name == name);
+    let mut all = Vec::new();
+    let mut add = |what: &str, found: f64, unit: &'static str, bar: f64, met: bool| {
+        all.push(Promise { what: what.to_owned(), found, unit, bar, met });
+    };
+    let started = 1e3 * record.startup.wall_s.max(record.startup.cpu_s);
+    add("start and end of the program", started, " ms", 10.0, started < 10.0);
+    if let Some(m) = named("quickstart.ron") {
+        add("quickstart, CPU time", m.usage.cpu_s, " s", 1.0, m.usage.cpu_s < 1.0);
+    }
+    let steps: Vec<f64> = GROWTH.iter().flat_map(|(name, _)| doublings(record, name)).collect();
+    if !steps.is_empty() {
+        let most = steps.iter().copied().fold(0.0, f64::max);
+        add("factor on CPU time when something doubles, at most", most, "", DOUBLING, most <= DOUBLING);
+    }
+    if let [Some(short), Some(long)] = LONG.map(named) {
+        let growth = long.usage.peak_mb / short.usage.peak_mb;
+        add("memory of 10,000 frames over that of 100", growth, "", 1.2, growth <= 1.2);
+    }
+    if let [Some(few), Some(many)] = [EXPECTED, EXPECTED_MANY].map(named) {
+        let rate = (many.images - few.images) / (many.usage.cpu_s - few.usage.cpu_s);
+        add("images of 500 particles per CPU s, expected, once tables are made", rate, "", 1000.0, rate >= 1e3);
+    }
+    for (name, both) in THREADS.map(|name| (name, group(record, name).collect::<Vec<_>>())) {
+        if let [one, two] = both[..] {
+            let faster = one.usage.wall_s / two.usage.wall_s;
+            let what = format!("a second core makes it faster by: {}", name.trim_start_matches("threads, "));
+            add(&what, faster, "", 1.95, faster >= 1.95);
+        }
+    }
+    all
+}
+
+/// Writes `summary.csv`, from which README.md of the project takes its table.
+fn summary(out: &Path, record: &Record) -> anyhow::Result<()> {
+    let mut table = csv::Writer::from_path(out.join("summary.csv"))?;
+    table.write_record(["what", "measured", "unit", "bar", "met"])?;
+    for Promise { what, found, unit, bar, met } in promises(record) {
+        let met = if met { "yes" } else { "no" };
+        table.write_record([&what, &format!("{found:.4}"), unit, &bar.to_string(), met])?;
+    }
+    Ok(table.flush()?)
+}
+
+fn kept(text: &mut String, record: &Record) -> std::fmt::Result {
+    writeln!(text, "## What must hold, and goals\n\n| | measured | bar | met |\n|---|---|---|---|")?;
+    for Promise { what, found, unit, bar, met } in promises(record) {
+        let met = if met { "yes" } else { "**no**" };
+        writeln!(text, "| {what} | {found:.3}{unit} | {bar}{unit} | {met} |")?;
+    }
+    writeln!(text)
+}
+
+/// Growth of CPU time per doubling, from each size of a group to the next.
+fn doublings(record: &Record, name: &str) -> Vec<f64> {
+    let members: Vec<&Measured> = group(record, name).collect();
+    let step = |w: &[&Measured]| {
+        let doublings = (w[1].workload.size / w[0].workload.size).log2();
+        (w[1].usage.cpu_s / w[0].usage.cpu_s).powf(1.0 / doublings)
+    };
+    members.windows(2).map(step).collect()
 }
 
 fn group<'a>(record: &'a Record, name: &str) -> impl Iterator<Item = &'a Measured> {
@@ -192,7 +273,7 @@ fn threads(text: &mut String, record: &Record) -> std::fmt::Result {
         text,
         "## A second thread\n\n| | wall s, 1 thread | 2 threads | faster by | CPU time grows by |\n|---|---|---|---|---|"
     )?;
-    for name in ["threads, rays", "threads, gaussian"] {
+    for name in THREADS {
         let both: Vec<&Measured> = group(record, name).collect();
         if let [one, two] = both[..] {
             let (a, b) = (&one.usage, &two.usage);
@@ -227,13 +308,7 @@ fn growth(text: &mut String, record: &Record) -> std::fmt::Result {
         let list =
             |of: &dyn Fn(&Measured) -> String| members.iter().map(|m| of(m)).collect::<Vec<_>>().join(", ");
         // Sizes grow by factors of 2 or 4; growth is told per factor of 2.
-        let steps: Vec<f64> = members
-            .windows(2)
-            .map(|w| {
-                let doublings = (w[1].workload.size / w[0].workload.size).log2();
-                (w[1].usage.cpu_s / w[0].usage.cpu_s).powf(1.0 / doublings)
-            })
-            .collect();
+        let steps = doublings(record, name);
         let linear = steps.iter().all(|s| *s <= DOUBLING);
         writeln!(
             text,

@@ -119,7 +119,7 @@ pub(super) fn all(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
 
 /// Images and particles per second in the settings of Table 1, in focus, and without particles.
 fn throughput(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
-    const GROUP: &str = "throughput";
+    const GROUP: &str = THROUGHPUT;
     let setting1 = Rays::new(Settings::setting1(), 20, 100);
     let setting2 = Rays { z_um: (-40.0, 5.0), d_um: (1.0, 1.0), ..Rays::new(Settings::setting2(), 40, 10) };
     let several = Rays { d_um: (1.8, 2.2), ..setting1.clone() };
@@ -136,9 +136,12 @@ fn throughput(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
         all.push(rays.workload(scratch, GROUP, name, f64::from(rays.images))?);
     }
     // The other way of light that `render` knows; a version without it is told so and goes on.
-    let mut expected = Rays::new(Settings::setting1(), 20, 500).workload(scratch, GROUP, EXPECTED, 20.0)?;
-    expected.arguments.extend(["--mode", "expected"].map(str::to_owned));
-    all.push(expected);
+    for (name, images) in [(EXPECTED, FEW), (EXPECTED_MANY, MANY)] {
+        let rays = Rays::new(Settings::setting1(), images, 500);
+        let mut expected = rays.workload(scratch, GROUP, name, f64::from(images))?;
+        expected.arguments.extend(["--mode", "expected"].map(str::to_owned));
+        all.push(expected);
+    }
     all.push(gaussian(
         scratch,
         (GROUP, "gaussian, 512 x 512, 0.03 ppp"),
@@ -158,8 +161,16 @@ fn throughput(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
     Ok(all)
 }
 
-/// Name of the workload that a version without tables cannot run.
+/// The group that is compared with floors and a yardstick.
+pub(super) const THROUGHPUT: &str = "throughput";
+
+/// Names of the workloads that need tables: for few images most of their time goes into making the tables.
 pub(super) const EXPECTED: &str = "setting 1, 500 particles, expected";
+pub(super) const EXPECTED_MANY: &str = "setting 1, 500 particles, expected, many images";
+
+/// Images of either.
+const FEW: u32 = 20;
+const MANY: u32 = 220;
 
 /// The same with more and more of one thing.
 fn growth(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
@@ -196,9 +207,20 @@ fn growth(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
     Ok(all)
 }
 
+/// Two sequences that should take the same memory.
+pub(super) const LONG: [&str; 2] =
+    ["gaussian, 100 frames of 128 x 128 px", "gaussian, 10000 frames of 128 x 128 px"];
+
+fn sequence(scratch: &Path, name: &'static str, frames: u32) -> anyhow::Result<Workload> {
+    let timing = format!("sequence(frames: {frames})");
+    gaussian(scratch, (LARGE, name), f64::from(frames), (128, 0.02), &timing)
+}
+
+const LARGE: &str = "large";
+
 /// Runs that must end, in bounded memory; once each.
 fn large(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
-    const GROUP: &str = "large";
+    const GROUP: &str = LARGE;
     let rays = Rays::new(square(4096), 1, 100_000);
     let ppp = 100_000.0 / (4096.0 * 4096.0);
     let all = vec![
@@ -213,20 +235,8 @@ fn large(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
             (4096, ppp),
             "sequence(frames: 2)",
         )?,
-        gaussian(
-            scratch,
-            (GROUP, "gaussian, 1000 frames of 128 x 128 px"),
-            1e3,
-            (128, 0.02),
-            "sequence(frames: 1000)",
-        )?,
-        gaussian(
-            scratch,
-            (GROUP, "gaussian, 10000 frames of 128 x 128 px"),
-            1e4,
-            (128, 0.02),
-            "sequence(frames: 10000)",
-        )?,
+        sequence(scratch, LONG[0], 100)?,
+        sequence(scratch, LONG[1], 10_000)?,
     ];
     Ok(all.into_iter().map(|workload| Workload { repeats: 1, ..workload }).collect())
 }
