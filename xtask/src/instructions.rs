@@ -69,7 +69,8 @@ fn runs(scratch: &Path) -> anyhow::Result<Vec<Run>> {
     settings_file::write(&mut bytes, &settings)?;
     let file = scratch.join("settings.txt");
     std::fs::write(&file, bytes)?;
-    let row = |k: u32| format!("{} {} {} 2\n", 20 + 37 * k % 211, 20 + 53 * k % 211, f64::from(k * 17 % 80) - 60.0);
+    let row =
+        |k: u32| format!("{} {} {} 2\n", 20 + 37 * k % 211, 20 + 53 * k % 211, f64::from(k * 17 % 80) - 60.0);
     let render = |name: &'static str, images: u32, particles: u32| -> anyhow::Result<Run> {
         let data = scratch.join(name.replace(' ', "_"));
         std::fs::create_dir_all(&data)?;

@@ -126,7 +126,13 @@ fn promises(record: &Record) -> Vec<Promise> {
     }
     if let [Some(few), Some(many)] = [EXPECTED, EXPECTED_MANY].map(named) {
         let rate = (many.images - few.images) / (many.usage.cpu_s - few.usage.cpu_s);
-        add("images of 500 particles per CPU s, expected, once tables are made", rate, "", 1000.0, rate >= 1e3);
+        add(
+            "images of 500 particles per CPU s, expected, once tables are made",
+            rate,
+            "",
+            1000.0,
+            rate >= 1e3,
+        );
     }
     for (name, both) in THREADS.map(|name| (name, group(record, name).collect::<Vec<_>>())) {
         if let [one, two] = both[..] {

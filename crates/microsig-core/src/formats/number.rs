@@ -30,7 +30,8 @@ mod tests {
 
     #[test]
     fn special_numbers_are_written_as_ever() {
-        let (huge, tiny) = ([1e15, 1e16, 1e17, 1.5e300, f64::MAX], [1e-4, 1e-5, 1e-6, 5e-324, f64::MIN_POSITIVE]);
+        let (huge, tiny) =
+            ([1e15, 1e16, 1e17, 1.5e300, f64::MAX], [1e-4, 1e-5, 1e-6, 5e-324, f64::MIN_POSITIVE]);
         let others = [0.0, -0.0, 1.0, -3.0, 0.1, 0.3, 123.25, f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
         for value in huge.into_iter().chain(tiny).chain(others) {
             assert_eq!(pushed(value), value.to_string());

@@ -241,7 +241,14 @@ impl<'a> TruthWriter<'a> {
             let (visible_a, visible_b) = (self.visible(&start), self.visible(&end));
             self.displacements.cells(&[&pair, &a.index, &b.index, &from.id])?;
             self.displacements.numbers(&[start.x_px, start.y_px, from.position.z])?;
-            self.displacements.numbers(&[d.dx_px, d.dy_px, moved.z, d_drift.dx_px, d_drift.dy_px, drift.z])?;
+            self.displacements.numbers(&[
+                d.dx_px,
+                d.dy_px,
+                moved.z,
+                d_drift.dx_px,
+                d_drift.dy_px,
+                drift.z,
+            ])?;
             self.displacements.cells(&[&u8::from(visible_a), &u8::from(visible_b)])?;
             self.displacements.end_row()?;
             self.census.displacements += 1;
