@@ -10,7 +10,8 @@ use microsig_core::stream::{Purpose, Streams};
 
 use suite::tree;
 
-use super::{record, release_build};
+use super::record;
+use crate::process;
 
 const SCENARIO: &str = r#"(
     name: "killed",
@@ -51,7 +52,7 @@ struct Bench {
 
 /// Kills `kills` runs of each kind and writes `kill.md` and `kill.csv`.
 pub(crate) fn run(out: &Path, kills: u32) -> anyhow::Result<ExitCode> {
-    let microsig = release_build()?;
+    let microsig = process::microsig()?;
     let mut text = String::from("# Killed runs\n\nMade by `cargo xtask kill`.\n\n");
     let mut rows = String::from("run,kill,moment_s,left,resumed\n");
     let mut all_well = true;

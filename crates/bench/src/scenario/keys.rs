@@ -1,7 +1,7 @@
-//! Every key of the scenario language, those that work and those that are planned.
+//! Every key of the scenario language.
 //!
 //! A path is the way from the scenario's outermost brackets to the key; variants of an enum are steps of it. The
-//! reader takes suggestions for misspelt keys from here, and tells planned keys from unknown ones.
+//! reader takes suggestions for misspelt keys from here.
 
 /// What a path leads to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -10,13 +10,11 @@ pub enum Status {
     Key,
     /// A variant of the key before it.
     Variant,
-    /// Either of them, part of the language but not built yet.
-    Planned,
 }
 
 use std::sync::LazyLock;
 
-use Status::{Key, Planned, Variant};
+use Status::{Key, Variant};
 use flows::registry;
 
 /// All keys but those of fields, which [`all`] adds.
@@ -292,14 +290,10 @@ fn flat(path: &str) -> String {
     }
 }
 
-/// The status of a path; a key below a planned one is planned too. `None`: no such key.
+/// What a path leads to. `None`: no such key.
 pub fn status(path: &str) -> Option<Status> {
     let path = flat(path);
-    all().iter().find_map(|(key, status)| {
-        let below =
-            *status == Planned && path.strip_prefix(key.as_str()).is_some_and(|rest| rest.starts_with('.'));
-        (*key == path || below).then_some(*status)
-    })
+    all().iter().find(|(key, _)| *key == path).map(|(_, status)| *status)
 }
 
 /// What may follow a path: the keys of a section, or the variants of a key.

@@ -27,15 +27,13 @@ pub(super) struct Fault {
     pub(super) at: usize,
     /// The path of the key, what was found, what is allowed.
     pub(super) message: String,
-    /// Whether it is valid but not built yet.
-    pub(super) planned: bool,
 }
 
 /// Reads a scenario; `name` is what messages call it.
 ///
 /// # Errors
 /// [`Error::Input`] with line and column of everything that is no RON, has the wrong type, or is an unknown key or
-/// variant; [`Error::Unsupported`] if all of them are planned ones.
+/// variant.
 pub fn parse(text: &str, name: &str) -> Result<Spec> {
     read(text).map_err(|faults| {
         failed(faults, |fault| {
@@ -47,12 +45,7 @@ pub fn parse(text: &str, name: &str) -> Result<Spec> {
 
 /// The error of some faults.
 pub(super) fn failed(faults: Vec<Fault>, message: impl Fn(&Fault) -> String) -> Error {
-    let messages = faults.iter().map(message).collect();
-    if faults.iter().all(|fault| fault.planned) {
-        Error::Unsupported(messages)
-    } else {
-        Error::Input(messages)
-    }
+    Error::Input(faults.iter().map(message).collect())
 }
 
 /// The scenario of a text, or all that is wrong with it, in order.
@@ -122,25 +115,24 @@ impl Names<'_> {
             (Some(name), inside) if is_choice => {
                 let variant = joined(path, name);
                 match allowed.iter().find(|(a, _)| a == name) {
-                    Some((_, Status::Planned)) => self.refuse(node, not_yet(&variant), true),
                     Some(_) => self.content(inside, &variant),
                     None => {
                         let choice = choice(name, allowed.iter().map(|(name, _)| *name));
-                        self.refuse(node, format!("{path}: unknown variant `{name}`: {choice}"), false);
+                        self.refuse(node, format!("{path}: unknown variant `{name}`: {choice}"));
                     }
                 }
             }
             (None, Inside::Nothing) if is_choice => {
                 let found = &self.text[node.span.clone()];
                 let choice = choice(found, allowed.iter().map(|(name, _)| *name));
-                self.refuse(node, format!("{path} = {found}: {choice}"), false);
+                self.refuse(node, format!("{path} = {found}: {choice}"));
             }
             (_, inside) => self.content(inside, path),
         }
     }
 
-    fn refuse(&mut self, node: &Node, message: String, planned: bool) {
-        self.faults.push(Fault { at: node.span.start, message, planned });
+    fn refuse(&mut self, node: &Node, message: String) {
+        self.faults.push(Fault { at: node.span.start, message });
         self.refused.push(node.span.clone());
     }
 
@@ -176,11 +168,8 @@ fn joined(path: &str, step: &str) -> String {
 }
 
 fn unknown_key(path: &str, at: usize) -> Fault {
-    if keys::status(path) == Some(Status::Planned) {
-        return Fault { at, message: not_yet(path), planned: true };
-    }
     let hint = keys::suggestion(path).map(|s| format!("; did you mean `{s}`?")).unwrap_or_default();
-    Fault { at, message: format!("unknown key `{path}`{hint}"), planned: false }
+    Fault { at, message: format!("unknown key `{path}`{hint}") }
 }
 
 /// What RON's reader refuses, in the words of scenarios.
@@ -188,7 +177,7 @@ pub(super) fn unreadable(text: &str, root: Option<&Node>, e: &SpannedError) -> F
     use ron::Error as E;
     let at = byte(text, e.span.start);
     let Some(root) = root else {
-        return Fault { at, message: e.code.to_string(), planned: false };
+        return Fault { at, message: e.code.to_string() };
     };
     let (path, node) = root.around(at);
     // What is missing or doubled concerns the section, not the value before it.
@@ -219,7 +208,7 @@ pub(super) fn unreadable(text: &str, root: Option<&Node>, e: &SpannedError) -> F
         E::InvalidValueForType { expected, .. } => found(expected),
         code => in_path(code.to_string()),
     };
-    Fault { at, message, planned: false }
+    Fault { at, message }
 }
 
 fn byte(text: &str, position: ron::error::Position) -> usize {
@@ -233,10 +222,6 @@ fn choice<'a>(found: &str, allowed: impl Iterator<Item = &'a str> + Clone) -> St
     let all = allowed.clone().collect::<Vec<_>>().join(", ");
     let hint = keys::nearest(found, allowed).map(|s| format!("did you mean `{s}`? ")).unwrap_or_default();
     format!("{hint}expected one of {all}")
-}
-
-fn not_yet(path: &str) -> String {
-    format!("`{path}` is valid but not supported yet")
 }
 
 /// Writes a scenario so that [`parse`] reads it back.

@@ -172,7 +172,7 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path) -> Result<Sweep> {
     let mut columns = Vec::new();
     for (i, axis) in spec.axes.iter().enumerate() {
         let place = place_of(&["axes", &i.to_string(), "path"]);
-        if matches!(keys::status(&axis.path), None | Some(keys::Status::Planned)) {
+        if keys::status(&axis.path).is_none() {
             // The same message as for `--set`.
             let refused = set(&base, &axis.path, "()").map_or_else(|e| e.to_string(), |_| String::new());
             problems.push(format!("{place}: axes: {refused}"));
