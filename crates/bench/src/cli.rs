@@ -251,6 +251,9 @@ pub(crate) struct Release {
     /// A value of motion or particles that is another one in the test split; may be given several times
     #[arg(long, value_name = "PATH=VALUE")]
     pub(crate) test_set: Vec<String>,
+    /// Tell the exact times of the test split's frames [default: the nominal ones, without jitter]
+    #[arg(long)]
+    pub(crate) exact_times: bool,
     /// Title of the challenge [default: the dataset's]
     #[arg(long)]
     pub(crate) title: Option<String>,

@@ -233,6 +233,7 @@ fn run_release(arguments: &Release, common: &Common) -> Result<()> {
             val: arguments.val,
             test: arguments.test,
             test_set: arguments.test_set.clone(),
+            exact_times: arguments.exact_times,
             about,
             progress: progress(common),
         },

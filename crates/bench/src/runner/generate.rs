@@ -18,6 +18,7 @@ use crate::dataset::folder::{Partial, files_below, may_stand, partial_name};
 use crate::dataset::truth::{self, Census, TruthWriter};
 use crate::dataset::{Preview, Stem, calibration, card, manifest, seal, secret};
 use crate::error::{Error, Result};
+use crate::scenario::license::LICENSE;
 use crate::scenario::{Scenario, spec, write};
 
 /// How to generate.
@@ -100,6 +101,8 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     let stack = scenario.stack()?;
     let image = truth::depth::write(folder, scenario, &stack)?;
     truth::field::write(folder, scenario, &stack)?;
+    let license = scenario.license.text(&format!("The dataset {}", scenario.spec.name));
+    write_file(LICENSE, license.as_bytes())?;
     write_file("README.md", card(scenario, &census, &image)?.as_bytes())?;
     if scenario.inputs.is_empty() {
         let inputs = folder.join("inputs");

@@ -21,6 +21,7 @@ use flows::registry;
 const KEYS: &[(&str, Status)] = &[
     ("name", Key),
     ("description", Key),
+    ("license", Key),
     ("seed", Key),
     ("optics", Key),
     ("optics.preset", Key),

@@ -65,7 +65,7 @@ const HEADER: &str = "# Every key of a scenario\n\n\
 /// First steps of the paths, title and introduction of each part.
 const SECTIONS: &[(&[&str], &str, &str)] = &[
     (
-        &["name", "description", "seed", "randomness", "random"],
+        &["name", "description", "license", "seed", "randomness", "random"],
         "The scenario itself",
         "What the dataset is called, and where its random numbers come from.",
     ),
