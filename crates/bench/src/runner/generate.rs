@@ -180,17 +180,18 @@ fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options
                 // An image is whole if it is there, so an interrupted run need not draw it again.
                 let wanted = preview.wants(shot.index);
                 if path.exists() && !wanted {
+                    bar.inc(1);
                     return Ok(None);
                 }
                 let image = camera.image(&shot.particles, shot.index);
                 camera.save(&path, &image)?;
+                bar.inc(1);
                 Ok(wanted.then_some((shot.index, image)))
             })
             .collect::<Result<_>>()?;
         for (index, image) in images.into_iter().flatten() {
             preview.add(index, &image);
         }
-        bar.inc(batch.len() as u64);
         Ok::<(), Error>(())
     };
 

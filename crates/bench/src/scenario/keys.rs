@@ -327,7 +327,7 @@ pub fn suggestion(path: &str) -> Option<&'static str> {
 }
 
 /// The word most like `name`, if one is near enough.
-pub(super) fn nearest<'a>(name: &str, words: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+pub fn nearest<'a>(name: &str, words: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let likeness = |word: &str| strsim::jaro_winkler(word, name);
     let near = words.into_iter().map(|word| (likeness(word), word)).filter(|&(likeness, _)| likeness > 0.75);
     near.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, word)| word)

@@ -381,13 +381,15 @@ fn name(name: &str, problems: &mut Problems) {
 }
 
 fn depth(boundaries: &mut spec::Boundaries, problems: &mut Problems) -> ((f64, f64), Boundary) {
-    let z_um = *boundaries.z_um.get_or_insert(DEFAULT_Z_UM);
+    let mut z_um = *boundaries.z_um.get_or_insert(DEFAULT_Z_UM);
     if !(z_um.0.is_finite() && z_um.1.is_finite() && z_um.0 < z_um.1) {
         problems.add(
             "boundaries.z_um",
             format!("({}, {})", z_um.0, z_um.1),
             "two depths in um, the lower one first",
         );
+        // What follows from it need not be said as well.
+        z_um = DEFAULT_Z_UM;
     }
     (z_um, face(*boundaries.z.get_or_insert(spec::Boundary::Wall)))
 }
