@@ -62,7 +62,6 @@ fn row(microsig: &Path, file: &Path) -> anyhow::Result<Row> {
         let (used, _) = process::run(command.args(["--quiet", "verify", "--regenerate"]).arg(dataset))?;
         verify.wall_s += used.wall_s;
         verify.cpu_s += used.cpu_s;
-        verify.peak_mb = verify.peak_mb.max(used.peak_mb);
         images += std::fs::read_dir(dataset.join("images"))?.count();
     }
     let bytes = suite::tree(&out)?
@@ -85,18 +84,17 @@ fn cases(out: &Path) -> anyhow::Result<Vec<PathBuf>> {
 
 fn table(rows: &[Row]) -> String {
     let mut text = String::from(
-        "scenario,datasets,images,bytes,generate_cpu_s,generate_wall_s,peak_mb,verify_cpu_s,verify_wall_s\n",
+        "scenario,datasets,images,bytes,generate_cpu_s,generate_wall_s,verify_cpu_s,verify_wall_s\n",
     );
     for r in rows {
         text += &format!(
-            "{},{},{},{},{:.2},{:.2},{:.1},{:.2},{:.2}\n",
+            "{},{},{},{},{:.2},{:.2},{:.2},{:.2}\n",
             r.name,
             r.datasets,
             r.images,
             r.bytes,
             r.generate.cpu_s,
             r.generate.wall_s,
-            r.generate.peak_mb,
             r.verify.cpu_s,
             r.verify.wall_s
         );
@@ -110,21 +108,20 @@ fn page(rows: &[Row], failures: &[String], machine: &str) -> anyhow::Result<Stri
          generated and then checked with `microsig verify --regenerate`, which makes it again and compares all bytes (of a sweep: \
          every case). CPU time of all threads.\n\n{machine}.\n\n\
          {} of {} files pass.\n\n\
-         | scenario | datasets | images | size, MB | generate, CPU s | peak memory, MB | verify, CPU s |\n\
-         |---|---|---|---|---|---|---|\n",
+         | scenario | datasets | images | size, MB | generate, CPU s | verify, CPU s |\n\
+         |---|---|---|---|---|---|\n",
         rows.len(),
         rows.len() + failures.len()
     );
     for r in rows {
         writeln!(
             text,
-            "| [`{0}`](../../scenarios/{0}.ron) | {1} | {2} | {3:.1} | {4:.1} | {5:.0} | {6:.1} |",
+            "| [`{0}`](../../scenarios/{0}.ron) | {1} | {2} | {3:.1} | {4:.1} | {5:.1} |",
             r.name,
             r.datasets,
             r.images,
             r.bytes as f64 / 1e6,
             r.generate.cpu_s,
-            r.generate.peak_mb,
             r.verify.cpu_s
         )?;
     }

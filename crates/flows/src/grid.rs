@@ -109,8 +109,8 @@ impl Grid {
         let mut start = Vec::new();
         source.by_ref().take(12).read_to_end(&mut start).map_err(broken)?;
         // The reader makes room for a header of any length that the file claims.
-        if let [b'\x93', b'N', b'U', b'M', b'P', b'Y', 2.., _, a, b, c, d] = start[..] {
-            let length = u32::from_le_bytes([a, b, c, d]);
+        if let [0x93, b'N', b'U', b'M', b'P', b'Y', version, _, a, b, c, d] = start[..] {
+            let length = if version < 2 { 0 } else { u32::from_le_bytes([a, b, c, d]) };
             if length > MAX_NPY_HEADER {
                 let allowed = format!("at most {MAX_NPY_HEADER}");
                 return Err(fault("npy", None, format!("a header of {length} bytes"), &allowed));

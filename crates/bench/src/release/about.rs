@@ -108,7 +108,7 @@ impl Facts<'_> {
              `pair, x_px, y_px, dx_px, dy_px, flag` instead (flag 0 valid, 1 invalid, 2 interpolated).\n\n\
              `submission.json` says who and how; leave `coordinate_declaration` as it is, and put the hash of the images you used \
              into `images_sha256`: `grep '  images/' SHA256SUMS | sha256sum`.\n\n\
-             ## Licence\n\n{license}.\n",
+             ## Licence\n\n{license}; see `LICENSE`.\n",
             title = self.title,
             calibration = CALIBRATION.path,
             license = self.license.id,

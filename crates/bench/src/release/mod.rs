@@ -163,13 +163,14 @@ fn publish(public: &Path, about: &about::Facts<'_>) -> Result<()> {
     package.write("README.md", about.readme());
     package.write(LICENSE, about.licence());
     package.write("CITATION.cff", about.citation());
-    package.write(".zenodo.json", about.zenodo());
     package.write("croissant.json", about.croissant(&archives));
     let mut all = archives;
     all.extend(package.fingerprints()?);
     package.write(MANIFEST, about.manifest(&all));
     all.extend(package.fingerprints()?);
     package.write(SHA256SUMS, checksums::write(&all));
+    // For whoever publishes; those who copy `public/*` do not even see it, so it has no checksum.
+    package.write(".zenodo.json", about.zenodo());
     package.unpack(public)
 }
 
