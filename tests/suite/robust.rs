@@ -235,27 +235,25 @@ fn verify_finds_forged_tables_and_scenarios() {
         }
         assert!(verifies(&dataset));
     };
-    let cell = |text: &str| text.replacen(",0.", ",1.", 1);
-
     // Checksums repaired, manifest not.
     let file = dataset.join("truth/displacements.csv");
     let (old, text) = (suite::sha256(&file).unwrap(), std::fs::read_to_string(&file).unwrap());
-    assert_ne!(cell(&text), text);
-    std::fs::write(&file, cell(&text)).unwrap();
+    let changed = text.replacen(",10,", ",11,", 1);
+    assert_ne!(changed, text);
+    std::fs::write(&file, changed).unwrap();
     let sums = std::fs::read_to_string(dataset.join("SHA256SUMS")).unwrap();
     std::fs::write(dataset.join("SHA256SUMS"), sums.replace(&old, &suite::sha256(&file).unwrap())).unwrap();
     assert!(fail(1, &["verify", path(&dataset)]).contains("truth/displacements.csv"));
     restore();
 
     // Both repaired: only making it again tells.
-    for name in
-        ["truth/displacements.csv", "truth/tracks.csv", "truth/field.csv", "calibration/calibration.csv"]
-    {
-        let change = |text: &str| match name {
-            "calibration/calibration.csv" => text.replacen("-30", "-31", 1),
-            _ => cell(text),
-        };
-        forge(&dataset, name, change);
+    for (name, cell, other) in [
+        ("truth/displacements.csv", ",10,", ",11,"),
+        ("truth/tracks.csv", "-0.3225", "-0.4225"),
+        ("truth/field.csv", ",3.6,", ",3.7,"),
+        ("calibration/calibration.csv", "-30", "-31"),
+    ] {
+        forge(&dataset, name, |text| text.replacen(cell, other, 1));
         assert!(verifies(&dataset), "{name}");
         let said = fail(1, &["verify", path(&dataset), "--regenerate"]);
         assert!(said.contains(&format!("{name}: generated again, it has other bytes")), "{said}");
