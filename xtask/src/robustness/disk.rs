@@ -6,8 +6,7 @@ use std::process::{Command, ExitCode};
 
 use anyhow::{Context, ensure};
 
-use super::record;
-use crate::process;
+use super::{record, release_build};
 
 const SCENARIO: &str = r#"(
     name: "full",
@@ -46,7 +45,7 @@ impl Drop for Disk {
 
 /// Fills small disks at many stages of every verb that writes, and writes `disk.md`.
 pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
-    let microsig = process::microsig()?;
+    let microsig = release_build()?;
     let place = tempfile::tempdir()?;
     std::fs::write(place.path().join("base.ron"), SCENARIO)?;
     std::fs::write(place.path().join("sweep.ron"), SWEEP)?;

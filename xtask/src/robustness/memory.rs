@@ -9,8 +9,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, ensure};
 
-use super::record;
-use crate::process;
+use super::{record, release_build};
 
 const SCENARIO: &str = r#"(
     name: "long",
@@ -26,7 +25,7 @@ const BAR: f64 = 1.2;
 
 /// Measures both and writes `memory.md`; exit code 1 if the bar is missed.
 pub(crate) fn run(out: &Path, frames: u32) -> anyhow::Result<ExitCode> {
-    let microsig = process::microsig()?;
+    let microsig = release_build()?;
     let place = tempfile::tempdir()?;
     let scenario = place.path().join("long.ron");
     std::fs::write(&scenario, SCENARIO)?;

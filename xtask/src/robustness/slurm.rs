@@ -10,8 +10,7 @@ use anyhow::{Context, bail, ensure};
 
 use suite::tree;
 
-use super::record;
-use crate::process;
+use super::{record, release_build};
 
 const SCENARIO: &str = r#"(
     name: "base",
@@ -161,7 +160,7 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
         );
         return Ok(ExitCode::FAILURE);
     }
-    let microsig = process::microsig()?;
+    let microsig = release_build()?;
     let place = tempfile::tempdir()?;
     std::fs::write(place.path().join("base.ron"), SCENARIO)?;
     let sweep = place.path().join("sweep.ron");

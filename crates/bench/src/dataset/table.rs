@@ -1,7 +1,7 @@
 //! Tables: one definition of columns serves the header, the rows and the manifest.
 
 use std::borrow::Cow;
-use std::fmt::Display;
+use std::fmt::{Display, Write as _};
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -59,12 +59,82 @@ impl Table {
     }
 }
 
-/// Writes rows of a table as CSV: comma, header, shortest numbers that read back to the same value.
+/// Rows of a table as CSV: comma, shortest numbers that read back to the same value.
+#[derive(Debug)]
+pub struct Rows {
+    path: &'static str,
+    columns: usize,
+    /// Cells of the row that is being written.
+    cells: usize,
+    text: String,
+}
+
+impl Rows {
+    /// No rows of a table.
+    pub fn of(table: &Table) -> Self {
+        Rows { path: table.path, columns: table.columns.len(), cells: 0, text: String::new() }
+    }
+
+    /// Writes part of a row.
+    pub fn cells(&mut self, values: &[&dyn Display]) {
+        for value in values {
+            self.next_cell();
+            let start = self.text.len();
+            // Writing to a string cannot fail.
+            let _ = write!(self.text, "{value}");
+            let cell = &self.text[start..];
+            if cell.contains(['"', ',', '\n', '\r']) {
+                let quoted = format!("\"{}\"", cell.replace('"', "\"\""));
+                self.text.replace_range(start.., &quoted);
+            }
+        }
+    }
+
+    /// Writes numbers into a row; those that are not finite are missing values, empty cells.
+    pub fn numbers(&mut self, values: &[f64]) {
+        for value in values {
+            self.next_cell();
+            if value.is_finite() {
+                number::push(&mut self.text, *value);
+            }
+        }
+    }
+
+    /// Writes numbers without fractions into a row.
+    pub fn whole_numbers(&mut self, values: &[u64]) {
+        for value in values {
+            self.next_cell();
+            number::push_whole(&mut self.text, *value);
+        }
+    }
+
+    fn next_cell(&mut self) {
+        if self.cells > 0 {
+            self.text.push(',');
+        }
+        self.cells += 1;
+    }
+
+    /// Ends a row.
+    ///
+    /// # Errors
+    /// A row that has not one cell per column.
+    pub fn end_row(&mut self) -> Result<()> {
+        self.text.push('\n');
+        let cells = std::mem::take(&mut self.cells);
+        if cells == self.columns {
+            return Ok(());
+        }
+        let message = format!("a row of {cells} cells: expected {}, one per column", self.columns);
+        Err(failed(self.path, std::io::Error::other(message)))
+    }
+}
+
+/// Writes a table as CSV: a header, then [`Rows`].
 #[derive(Debug)]
 pub struct TableWriter<W: Write> {
-    path: &'static str,
-    writer: csv::Writer<W>,
-    cell: String,
+    writer: W,
+    rows: Rows,
 }
 
 impl TableWriter<BufWriter<File>> {
@@ -78,52 +148,86 @@ impl TableWriter<BufWriter<File>> {
 impl<W: Write> TableWriter<W> {
     /// Begins a table with its header.
     pub fn new(table: &Table, writer: W) -> Result<Self> {
-        let mut writer = csv::Writer::from_writer(writer);
-        writer.write_record(table.columns.iter().map(|c| c.name)).map_err(|e| failed(table.path, e))?;
-        Ok(TableWriter { path: table.path, writer, cell: String::new() })
+        let mut writer = TableWriter { writer, rows: Rows::of(table) };
+        table.columns.iter().for_each(|column| writer.rows.cells(&[&column.name]));
+        writer.end_row()?;
+        Ok(writer)
     }
 
     /// Writes a row, one value per column.
     pub fn row(&mut self, values: &[&dyn Display]) -> Result<()> {
-        self.cells(values)?;
+        self.rows.cells(values);
         self.end_row()
     }
 
-    /// Writes part of a row.
-    pub fn cells(&mut self, values: &[&dyn Display]) -> Result<()> {
-        use std::fmt::Write;
-        for value in values {
-            self.cell.clear();
-            // Writing to a string cannot fail.
-            let _ = write!(self.cell, "{value}");
-            self.writer.write_field(&self.cell).map_err(|e| failed(self.path, e))?;
-        }
-        Ok(())
+    /// The row that is being written.
+    pub fn cells(&mut self) -> &mut Rows {
+        &mut self.rows
     }
 
-    /// Writes numbers into a row; those that are not finite are missing values, empty cells.
-    pub fn numbers(&mut self, values: &[f64]) -> Result<()> {
-        for value in values {
-            self.cell.clear();
-            if value.is_finite() {
-                number::push(&mut self.cell, *value);
-            }
-            self.writer.write_field(&self.cell).map_err(|e| failed(self.path, e))?;
-        }
-        Ok(())
-    }
-
-    /// Ends a row; the writer refuses one whose number of cells differs from the header's.
+    /// Ends a row; one whose number of cells differs from the header's is refused.
     pub fn end_row(&mut self) -> Result<()> {
-        self.writer.write_record(None::<&[u8]>).map_err(|e| failed(self.path, e))
+        self.rows.end_row()?;
+        let written = self.writer.write_all(self.rows.text.as_bytes());
+        self.rows.text.clear();
+        written.map_err(|e| failed(self.rows.path, e))
+    }
+
+    /// Writes rows that were made elsewhere.
+    pub fn append(&mut self, rows: &Rows) -> Result<()> {
+        self.writer.write_all(rows.text.as_bytes()).map_err(|e| failed(self.rows.path, e))
     }
 
     /// Ends the table.
     pub fn finish(mut self) -> Result<()> {
-        self.writer.flush().map_err(|e| failed(self.path, csv::Error::from(e)))
+        self.writer.flush().map_err(|e| failed(self.rows.path, e))
     }
 }
 
-fn failed(path: &str, e: csv::Error) -> Error {
-    Error::Write { path: path.into(), source: std::io::Error::other(e) }
+fn failed(path: &str, source: std::io::Error) -> Error {
+    Error::Write { path: path.into(), source }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TABLE: Table = Table::new(
+        "t.csv",
+        "",
+        &[column("a", "string", "", ""), column("b", "number", "", ""), column("c", "integer", "", "")],
+    );
+
+    #[test]
+    fn a_table_reads_back_as_it_was_written() {
+        let mut file = Vec::new();
+        let mut writer = TableWriter::new(&TABLE, &mut file).unwrap();
+        let texts = ["plain", "a, b", "say \"so\"", "two\nlines", ""];
+        for (k, text) in texts.iter().enumerate() {
+            writer.cells().cells(&[text]);
+            writer.cells().numbers(&[0.1 * k as f64]);
+            writer.cells().whole_numbers(&[k as u64]);
+            writer.end_row().unwrap();
+        }
+        let mut more = Rows::of(&TABLE);
+        more.cells(&[&"more"]);
+        more.numbers(&[f64::NAN]);
+        more.whole_numbers(&[u64::MAX]);
+        more.end_row().unwrap();
+        writer.append(&more).unwrap();
+        writer.finish().unwrap();
+        let mut reader = csv::Reader::from_reader(file.as_slice());
+        assert_eq!(reader.headers().unwrap(), vec!["a", "b", "c"]);
+        let rows: Vec<csv::StringRecord> = reader.records().collect::<csv::Result<_>>().unwrap();
+        assert!(texts.iter().zip(&rows).all(|(text, row)| row[0] == **text));
+        assert_eq!(rows[3].get(1), Some("0.30000000000000004"));
+        assert_eq!(rows[5], vec!["more", "", "18446744073709551615"]);
+    }
+
+    #[test]
+    fn rows_of_another_length_are_refused() {
+        let mut writer = TableWriter::new(&TABLE, Vec::new()).unwrap();
+        let message = writer.row(&[&1, &2]).unwrap_err().to_string();
+        assert!(message.contains("t.csv"), "{message}");
+    }
 }

@@ -58,14 +58,15 @@ impl NoiseFree {
         Ok(NoiseFree { settings: settings.clone(), law, depth_factor, stacks })
     }
 
-    /// The light of one particle; empty if none of it falls on the sensor.
-    pub fn patch(&self, particle: &Particle) -> Patch {
+    /// Draws the light of one particle on a patch, which is then as large as it need be; empty if no light falls on the sensor.
+    pub fn draw(&self, particle: &Particle, patch: &mut Patch) {
+        patch.values.clear();
         let distance = |d_um: &f64| (d_um - particle.d_um).abs();
         let nearest = self.stacks.iter().min_by(|a, b| distance(&a.0).total_cmp(&distance(&b.0)));
-        let Some((d_um, stack)) = nearest else { return Patch::default() };
+        let Some((d_um, stack)) = nearest else { return };
         let (spot, peak) = stack.at(particle.z_um * self.depth_factor);
         if spot.peak == 0.0 {
-            return Patch::default();
+            return;
         }
         let factor = particle.c_int * peak / spot.peak * self.points(particle, *d_um);
         let side = 2 * spot.half_px + 1;
@@ -79,12 +80,12 @@ impl NoiseFree {
             visible(particle.x_px, self.settings.pixel_dim_x),
             visible(particle.y_px, self.settings.pixel_dim_y),
         ) else {
-            return Patch::default();
+            return;
         };
-        let width = columns.len();
-        let values =
-            rows.flat_map(|row| &spot.light[row * side..][columns.clone()]).map(|v| factor * v).collect();
-        Patch { corner: (x, y), width, values }
+        (patch.corner, patch.width) = ((x, y), columns.len());
+        for row in rows {
+            patch.values.extend(spot.light[row * side..][columns.clone()].iter().map(|light| factor * light));
+        }
     }
 
     /// Shining points of a particle over those of a sphere of diameter `d_um`.

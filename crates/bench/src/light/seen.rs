@@ -27,9 +27,6 @@ pub struct Seen {
     pub saturated: bool,
 }
 
-/// Patches held at a time.
-const PATCHES: usize = 512;
-
 /// The visibility of every tracer of a frame. Each is a range of `particles`: none if it is not drawn, several rows for a
 /// streak.
 pub fn look(
@@ -40,34 +37,34 @@ pub fn look(
     tracers: &[Range<usize>],
 ) -> Vec<Seen> {
     let width = width as usize;
-    let draw = |tracers: &[Range<usize>]| -> Vec<Patch> {
-        tracers
-            .par_iter()
-            .map(|rows| together(particles[rows.clone()].iter().map(|p| noise_free.patch(p))))
-            .collect()
-    };
-    let mut total = vec![0.0; width * height as usize];
-    let mut kept = Vec::new();
-    for some in tracers.chunks(PATCHES) {
-        kept = draw(some);
-        kept.iter().for_each(|patch| patch.add_to(&mut total, width));
-    }
-    let mut seen = Vec::with_capacity(tracers.len());
-    for some in tracers.chunks(PATCHES) {
-        // The patches of a frame of few particles are still there.
-        if tracers.len() > PATCHES {
-            kept = draw(some);
+    // Drawing a patch takes less time than to make room for it and to find it again.
+    let draw = |rows: &Range<usize>, [patch, part]: &mut [Patch; 2]| {
+        patch.values.clear();
+        match &particles[rows.clone()] {
+            [] => {}
+            [one] => noise_free.draw(one, patch),
+            many => {
+                for particle in many {
+                    noise_free.draw(particle, part);
+                    *patch = std::mem::take(patch).joined(part);
+                }
+            }
         }
-        seen.par_extend(kept.par_iter().map(|patch| Seen::of(patch, &total, width, sensor)));
+    };
+    let (mut total, mut patches) = (vec![0.0; width * height as usize], <[Patch; 2]>::default());
+    for rows in tracers {
+        draw(rows, &mut patches);
+        patches[0].add_to(&mut total, width);
     }
-    seen
+    let see = |patches: &mut [Patch; 2], rows: &Range<usize>| {
+        draw(rows, patches);
+        Seen::of(&patches[0], &total, width, sensor)
+    };
+    tracers.par_iter().with_min_len(TRACERS_PER_TASK).map_init(<[Patch; 2]>::default, see).collect()
 }
 
-/// The sum of patches.
-fn together(mut patches: impl Iterator<Item = Patch>) -> Patch {
-    let Some(first) = patches.next() else { return Patch::default() };
-    patches.fold(first, |sum, patch| sum.joined(&patch))
-}
+/// Fewest tracers that are worth a thread.
+const TRACERS_PER_TASK: usize = 64;
 
 impl Patch {
     /// Indices of the first pixel of each row in an image of a width, and the row's light.
@@ -116,31 +113,67 @@ impl Patch {
 
 impl Seen {
     fn of(patch: &Patch, total: &[f64], width: usize, sensor: &Sensor) -> Self {
-        let (mut peak, mut at) = (0.0, 0);
-        let (mut own, mut shared) = (0.0, 0.0);
-        for (first, light) in patch.rows(width) {
-            for (i, (l, t)) in light.iter().zip(&total[first..]).enumerate() {
-                if *l > peak {
-                    (peak, at) = (*l, first + i);
-                }
-                own += l;
-                // Sums are rounded: nothing is left of the others where there are none.
-                shared += l.min((t - l).max(0.0));
-            }
-        }
+        let sums = patch
+            .rows(width)
+            .fold(Sums::default(), |sums, (first, light)| sums.with(light, &total[first..][..light.len()]));
+        let [peak, brightest] = [sums.peak, sums.brightest].map(|of| of.into_iter().fold(0.0, f64::max));
+        let [own, shared] = [sums.own, sums.shared].map(|of| of.iter().sum::<f64>());
         if own == 0.0 {
             return Seen::default();
         }
+        let at =
+            patch.rows(width).find_map(|(first, light)| Some(first + light.iter().position(|l| *l == peak)?));
         let end = sensor.saturation_counts();
-        let saturated = patch.rows(width).any(|(first, light)| {
-            light.iter().enumerate().any(|(i, l)| {
-                let response = sensor.response(first + i);
-                *l > AREA_SHARE * peak && response.background + response.slope * total[first + i] >= end
-            })
-        });
-        let response = sensor.response(at);
+        let saturated = sensor.may_show(end, brightest)
+            && patch.rows(width).any(|(first, light)| {
+                light.iter().enumerate().any(|(i, l)| {
+                    let response = sensor.response(first + i);
+                    *l > AREA_SHARE * peak && response.background + response.slope * total[first + i] >= end
+                })
+            });
+        let response = sensor.response(at.unwrap_or_default());
         let peak_counts = response.slope * peak;
         Seen { peak_counts, snr: peak_counts / response.background_noise, overlap: shared / own, saturated }
+    }
+}
+
+/// Sums over the pixels of a patch, each in parts that processors add up at a time.
+#[derive(Default)]
+struct Sums {
+    /// The patch's own light, and what others match of it.
+    own: [f64; LANES],
+    shared: [f64; LANES],
+    /// The greatest own light, and the greatest light of all.
+    peak: [f64; LANES],
+    brightest: [f64; LANES],
+}
+
+const LANES: usize = 8;
+
+impl Sums {
+    /// With a row of the patch, which has at most as many pixels as `total`.
+    fn with(mut self, light: &[f64], total: &[f64]) -> Self {
+        let ((light, light_end), (total, total_end)) = (light.as_chunks(), total.as_chunks());
+        light.iter().zip(total).for_each(|(light, total)| self.add(*light, *total));
+        let filled = |end: &[f64]| {
+            let mut lanes = [0.0; LANES];
+            lanes[..end.len()].copy_from_slice(end);
+            lanes
+        };
+        self.add(filled(light_end), filled(total_end));
+        self
+    }
+
+    fn add(&mut self, light: [f64; LANES], total: [f64; LANES]) {
+        for (i, (l, t)) in light.into_iter().zip(total).enumerate() {
+            let less = |a: f64, b: f64| if a < b { a } else { b };
+            let more = |a: f64, b: f64| if a > b { a } else { b };
+            self.own[i] += l;
+            // Sums are rounded: nothing is left of the others where there are none.
+            self.shared[i] += less(l, more(t - l, 0.0));
+            self.peak[i] = more(l, self.peak[i]);
+            self.brightest[i] = more(t, self.brightest[i]);
+        }
     }
 }
 
@@ -194,9 +227,9 @@ mod tests {
     #[test]
     fn rows_of_a_streak_are_one_image() {
         let (a, b) = (patch((1, 1), &[1.0, 2.0, 3.0, 4.0]), patch((2, 0), &[5.0, 6.0, 7.0, 8.0]));
-        let both = together([Patch::default(), a.clone(), b.clone()].into_iter());
+        let both = Patch::default().joined(&a).joined(&b);
         assert_eq!((both.corner, both.width), ((1, 0), 3));
         assert_eq!(both.values, [0.0, 5.0, 6.0, 1.0, 9.0, 8.0, 3.0, 4.0, 0.0]);
-        assert_eq!(together([a, Patch::default()].into_iter()).values, [1.0, 2.0, 3.0, 4.0]);
+        assert_eq!(a.joined(&Patch::default()).values, [1.0, 2.0, 3.0, 4.0]);
     }
 }

@@ -10,7 +10,6 @@ use crate::dataset::calibration::CALIBRATION;
 use crate::dataset::checksums::Fingerprint;
 use crate::dataset::manifest::{self, COORDINATES, GENERATOR_VERSION};
 use crate::dataset::truth::TRACKS;
-use crate::scenario::license::License;
 
 /// Who releases what.
 #[derive(Debug, Clone, Default)]
@@ -31,7 +30,7 @@ pub(super) struct Facts<'a> {
     pub(super) commitment: &'a str,
     creators: Vec<String>,
     version: &'a str,
-    license: License,
+    manifest: &'a Value,
 }
 
 impl About {
@@ -44,12 +43,17 @@ impl About {
             creators => creators.to_vec(),
         };
         let title = self.title.clone().unwrap_or(title);
-        let license = train.scenario.license;
-        Facts { name, title, commitment, creators, version: &self.version, license }
+        Facts { name, title, commitment, creators, version: &self.version, manifest }
     }
 }
 
 impl Facts<'_> {
+    /// Identifier and address of the licence of the data.
+    fn license(&self) -> (&str, &str) {
+        let license = &self.manifest["licenses"][0];
+        (license["name"].as_str().unwrap_or_default(), license["path"].as_str().unwrap_or_default())
+    }
+
     /// `README.md` of the public part.
     pub(super) fn readme(&self) -> String {
         let (name, commitment) = (self.name, self.commitment);
@@ -85,7 +89,7 @@ impl Facts<'_> {
              Made by microsig {GENERATOR_VERSION}; the optical model is that of M. Rossi, Meas. Sci. Technol. 31, 017003 (2020). \
              Licence of the data: {license}, see `LICENSE`. To cite: `CITATION.cff`.\n",
             title = self.title,
-            license = self.license.id,
+            license = self.license().0,
         )
     }
 
@@ -108,10 +112,10 @@ impl Facts<'_> {
              `pair, x_px, y_px, dx_px, dy_px, flag` instead (flag 0 valid, 1 invalid, 2 interpolated).\n\n\
              `submission.json` says who and how; leave `coordinate_declaration` as it is, and put the hash of the images you used \
              into `images_sha256`: `grep '  images/' SHA256SUMS | sha256sum`.\n\n\
-             ## Licence\n\n{license}; see `LICENSE`.\n",
+             ## Licence\n\n{license}.\n",
             title = self.title,
             calibration = CALIBRATION.path,
-            license = self.license.id,
+            license = self.license().0,
         )
     }
 
@@ -138,8 +142,15 @@ impl Facts<'_> {
 
     /// `LICENSE`.
     pub(super) fn licence(&self) -> String {
-        let Facts { title, version, license, .. } = self;
-        license.text(&format!("{title}, version {version}, by {},", self.creators.join("; ")))
+        let (name, path) = self.license();
+        format!(
+            "SPDX-License-Identifier: {name}\n\n\
+             {title}, version {version}, by {creators}.\n\n\
+             The data of this release are licensed under {name}. The text of the licence: {path}\n",
+            title = self.title,
+            version = self.version,
+            creators = self.creators.join("; "),
+        )
     }
 
     /// `CITATION.cff`.
@@ -166,7 +177,7 @@ impl Facts<'_> {
             ),
             title = quoted(&self.title),
             version = quoted(self.version),
-            license = self.license.id,
+            license = self.license().0,
             rossi = quoted("Synthetic image generator for defocusing and astigmatic PIV/PTV"),
         )
     }
@@ -181,7 +192,7 @@ impl Facts<'_> {
             "version": self.version,
             "creators": creators,
             "keywords": KEYWORDS,
-            "license": self.license.id.to_ascii_lowercase(),
+            "license": self.license().0.to_ascii_lowercase(),
             "access_right": "open",
         });
         format!("{zenodo:#}\n")
@@ -203,7 +214,7 @@ impl Facts<'_> {
             "title": self.title,
             "description": self.description(),
             "version": self.version,
-            "licenses": [manifest::license(self.license)],
+            "licenses": self.manifest["licenses"],
             "contributors": self.creators.iter().map(|c| json!({ "title": c, "role": "author" })).collect::<Vec<_>>(),
             "keywords": KEYWORDS,
             "microsig": {
@@ -243,7 +254,7 @@ impl Facts<'_> {
             "conformsTo": "http://mlcommons.org/croissant/1.0",
             "name": self.name,
             "description": self.description(),
-            "license": self.license.url,
+            "license": self.license().1,
             "version": self.version,
             "creator": self.creators.iter().map(|c| json!({ "@type": "sc:Person", "name": c })).collect::<Vec<_>>(),
             "keywords": KEYWORDS,

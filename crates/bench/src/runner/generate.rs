@@ -1,13 +1,14 @@
 //! `microsig generate`: a scenario becomes a dataset.
 //!
-//! Frames go through in batches: while the images of one batch are drawn in parallel, clouds are advanced to the next, their
-//! data files and truth written. Memory does not grow with the number of frames.
+//! Frames go through in batches: while clouds are advanced to the next batch, the images and the truth of one are made in
+//! parallel, each frame by itself. Memory does not grow with the number of frames.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use microsig_core::Particle;
+use flows::Frame;
 use microsig_core::formats::{data_file, settings_file};
+use microsig_core::sensor::Image;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -15,10 +16,9 @@ use super::camera::{Camera, TEMPORARY, save};
 use super::progress::Progress;
 use super::recording::Frames;
 use crate::dataset::folder::{Partial, files_below, may_stand, partial_name};
-use crate::dataset::truth::{self, Census, TruthWriter};
+use crate::dataset::truth::{self, Census, FrameTruth, Truth, TruthWriter};
 use crate::dataset::{Preview, Stem, calibration, card, manifest, seal, secret};
 use crate::error::{Error, Result};
-use crate::scenario::license::LICENSE;
 use crate::scenario::{Scenario, spec, write};
 
 /// How to generate.
@@ -55,15 +55,11 @@ pub struct Generated {
     pub warnings: Vec<String>,
 }
 
-/// A frame that waits to be drawn.
-struct Shot {
-    index: u32,
-    stem: Stem,
-    particles: Vec<Particle>,
-}
+/// Frames that go through at a time: no more than this,
+const FRAMES: usize = 32;
 
-/// Frames of a batch; two batches are in memory at a time.
-const BATCH: usize = 32;
+/// and no more than have so many tracers, for each thread.
+const TRACERS_PER_THREAD: usize = 16_384;
 
 /// Makes the dataset.
 ///
@@ -101,8 +97,6 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     let stack = scenario.stack()?;
     let image = truth::depth::write(folder, scenario, &stack)?;
     truth::field::write(folder, scenario, &stack)?;
-    let license = scenario.license.text(&format!("The dataset {}", scenario.spec.name));
-    write_file(LICENSE, license.as_bytes())?;
     write_file("README.md", card(scenario, &census, &image)?.as_bytes())?;
     if scenario.inputs.is_empty() {
         let inputs = folder.join("inputs");
@@ -168,54 +162,79 @@ fn is_temporary(file: &str) -> bool {
 /// Advances all clouds and draws all frames.
 fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options) -> Result<Census> {
     let recordings = scenario.recordings;
-    let mut truth = TruthWriter::new(folder, scenario, camera.renderer())?;
+    let studio = Studio { folder, scenario, camera, truth: Truth::new(scenario, camera.renderer())? };
+    let mut tables = TruthWriter::create(folder, scenario)?;
     let mut preview = Preview::new(recordings.frames(), recordings.are_pairs());
     let bar = options.progress.images(u64::from(recordings.frames()));
 
-    let mut draw = |batch: &[Shot]| {
-        let images: Vec<_> = batch
-            .par_iter()
-            .map(|shot| {
-                let path = folder.join(shot.stem.image());
-                // An image is whole if it is there, so an interrupted run need not draw it again.
-                let wanted = preview.wants(shot.index);
-                if path.exists() && !wanted {
-                    bar.inc(1);
-                    return Ok(None);
-                }
-                let image = camera.image(&shot.particles, shot.index);
-                camera.save(&path, &image)?;
-                bar.inc(1);
-                Ok(wanted.then_some((shot.index, image)))
-            })
-            .collect::<Result<_>>()?;
-        for (index, image) in images.into_iter().flatten() {
-            preview.add(index, &image);
-        }
-        Ok::<(), Error>(())
-    };
-
-    let (mut all, mut before) = (Frames::new(scenario)?, None);
-    let mut prepare = || {
-        let mut batch = Vec::with_capacity(BATCH);
-        for frame in all.by_ref().take(BATCH) {
-            let frame = frame?;
-            let particles = truth.frame(&frame, before.as_ref())?;
-            let stem = Stem::of(&recordings, frame.index);
-            let path = folder.join(stem.particles());
-            save(&path, |w| data_file::write(w, &particles, scenario.layout).map_err(Error::write(&path)))?;
-            batch.push(Shot { index: frame.index, stem, particles });
-            before = Some(frame);
-        }
-        Ok::<_, Error>(batch)
-    };
-    let mut batch = prepare()?;
+    let mut all = Frames::new(scenario)?;
+    let (mut before, mut batch) = (None, next_batch(&mut all)?);
     while !batch.is_empty() {
-        let (drawn, next) = rayon::join(|| draw(&batch), &mut prepare);
-        drawn?;
+        let take = || {
+            let numbered = batch.par_iter().enumerate();
+            let shots = numbered.map(|(i, frame)| {
+                let before = if i > 0 { batch.get(i - 1) } else { before.as_ref() };
+                studio.take(frame, before, preview.wants(frame.index))
+            });
+            shots.collect::<Result<Vec<Shot>>>()
+        };
+        let (shots, next) = rayon::join(take, || next_batch(&mut all));
+        for shot in shots? {
+            tables.add(&shot.truth)?;
+            if let Some(image) = shot.image {
+                preview.add(shot.index, &image);
+            }
+        }
+        bar.inc(batch.len() as u64);
+        before = batch.pop();
         batch = next?;
     }
     bar.finish_and_clear();
     preview.write(&folder.join("preview.png"))?;
-    truth.finish()
+    tables.finish()
+}
+
+/// The frames that follow, as many as go through at a time.
+fn next_batch(frames: &mut Frames) -> Result<Vec<Frame>> {
+    let (mut batch, mut room) = (Vec::new(), TRACERS_PER_THREAD * rayon::current_num_threads());
+    while batch.len() < FRAMES && room > 0 {
+        let Some(frame) = frames.next().transpose()? else { break };
+        room = room.saturating_sub(frame.tracers.len());
+        batch.push(frame);
+    }
+    Ok(batch)
+}
+
+/// Makes a frame's files.
+struct Studio<'a> {
+    folder: &'a Path,
+    scenario: &'a Scenario,
+    camera: &'a Camera,
+    truth: Truth<'a>,
+}
+
+/// A frame that was taken.
+struct Shot {
+    index: u32,
+    truth: FrameTruth,
+    /// The image, if it is wanted for the preview.
+    image: Option<Image>,
+}
+
+impl Studio<'_> {
+    /// Writes a frame's data file and image; gives its truth.
+    fn take(&self, frame: &Frame, before: Option<&Frame>, wanted: bool) -> Result<Shot> {
+        let (truth, index) = (self.truth.frame(frame, before)?, frame.index);
+        let stem = Stem::of(&self.scenario.recordings, index);
+        let (data, image) = (self.folder.join(stem.particles()), self.folder.join(stem.image()));
+        let layout = self.scenario.layout;
+        save(&data, |w| data_file::write(w, &truth.particles, layout).map_err(Error::write(&data)))?;
+        // An image is whole if it is there, so an interrupted run need not draw it again.
+        if image.exists() && !wanted {
+            return Ok(Shot { index, truth, image: None });
+        }
+        let drawn = self.camera.image(&truth.particles, index);
+        self.camera.save(&image, &drawn)?;
+        Ok(Shot { index, truth, image: wanted.then_some(drawn) })
+    }
 }

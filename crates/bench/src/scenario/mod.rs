@@ -5,7 +5,6 @@ mod field;
 mod files;
 mod illumination;
 pub mod keys;
-pub mod license;
 mod load;
 mod meanings;
 mod motion;

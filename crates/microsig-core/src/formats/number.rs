@@ -7,14 +7,22 @@ use std::fmt::Write;
 /// As [`std::fmt::Display`] does, and several times faster for numbers of common size; but where a value lies half-way between
 /// two such texts, which takes 15 digits and more, the last digit is even, as in JSON.
 pub fn push(text: &mut String, value: f64) {
-    let mut buffer = zmij::Buffer::new();
-    let digits = buffer.format(value);
-    if digits.contains('e') {
+    let whole = value as i32;
+    if f64::from(whole).to_bits() == value.to_bits() {
+        text.push_str(itoa::Buffer::new().format(whole));
+    } else if (1e-5..1e16).contains(&value.abs()) {
+        let mut buffer = zmij::Buffer::new();
+        let digits = buffer.format_finite(value);
+        text.push_str(digits.strip_suffix(".0").unwrap_or(digits));
+    } else {
         // Writing to a string cannot fail.
         let _ = write!(text, "{value}");
-    } else {
-        text.push_str(digits.strip_suffix(".0").unwrap_or(digits));
     }
+}
+
+/// Appends a whole number.
+pub fn push_whole(text: &mut String, value: u64) {
+    text.push_str(itoa::Buffer::new().format(value));
 }
 
 #[cfg(test)]

@@ -43,6 +43,12 @@ impl Sensor {
         }
     }
 
+    /// Whether some pixel may show so many counts on average in so much light; asked before every pixel is.
+    pub fn may_show(&self, counts: f64, light: f64) -> bool {
+        let of_all = self.response(0);
+        self.detector.is_some() || of_all.background + of_all.slope * light >= counts
+    }
+
     /// The counts at which a pixel is saturated: its full well or the end of the scale, whichever comes first.
     pub fn saturation_counts(&self) -> f64 {
         let (bits, well) = self.detector.as_ref().map_or((16, f64::INFINITY), |(detector, _)| {

@@ -70,7 +70,7 @@ pub fn write(folder: &Path, scenario: &Scenario, stack: &Stack) -> Result<Partic
         peaks.push(peak);
         let weight = weights.as_ref().map_or(f64::NAN, |weights| weights[k]);
         // Without noise the ratio is infinite, which is an empty cell.
-        writer.numbers(&[*z_um, peak, peak / noise, spot.area_px, weight])?;
+        writer.cells().numbers(&[*z_um, peak, peak / noise, spot.area_px, weight]);
         writer.end_row()?;
     }
     writer.finish()?;

@@ -142,18 +142,20 @@ pub fn write(folder: &Path, scenario: &Scenario, stack: &Stack) -> Result<()> {
         for (plane, z_um) in nodes.planes_um.iter().enumerate() {
             for (i, column) in columns.iter().enumerate() {
                 let node = &column.planes[plane];
-                writer.cells(&[&pair, &plane, &nodes.x_px[i % across], &nodes.y_px[i / across], z_um])?;
-                writer.numbers(&node.forward)?;
-                writer.numbers(&node.central)?;
+                let row = writer.cells();
+                row.cells(&[&pair, &plane]);
+                row.numbers(&[nodes.x_px[i % across], nodes.y_px[i / across], *z_um]);
+                row.numbers(&node.forward);
+                row.numbers(&node.central);
                 if nodes.weighting != Weighting::None {
-                    writer.numbers(&column.weighted)?;
+                    row.numbers(&column.weighted);
                 }
-                writer.cells(&[&u8::from(node.mask)])?;
+                row.whole_numbers(&[u64::from(node.mask)]);
                 if nodes.window_px.is_some() {
-                    writer.numbers(&node.window)?;
+                    row.numbers(&node.window);
                 }
                 if nodes.backward {
-                    writer.numbers(&node.backward)?;
+                    row.numbers(&node.backward);
                 }
                 writer.end_row()?;
             }

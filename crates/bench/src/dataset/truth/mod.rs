@@ -8,6 +8,7 @@ pub use tables::{DISPLACEMENTS, FRAMES, TRACKS};
 
 use std::fs::File;
 use std::io::BufWriter;
+use std::ops::Range;
 use std::path::Path;
 
 use flows::Scene;
@@ -20,8 +21,7 @@ use microsig_core::{Particle, Spheroid};
 use rayon::prelude::*;
 
 use super::Stem;
-use super::table::Table;
-use super::table::TableWriter;
+use super::table::{Rows, Table, TableWriter};
 use crate::error::Result;
 use crate::light::{NoiseFree, Seen, look};
 use crate::scenario::Scenario;
@@ -60,164 +60,198 @@ pub struct Census {
     pub max_displacement_px: f64,
 }
 
-/// Fewest tracers that are worth a thread.
-const TRACERS_PER_TASK: usize = 64;
+/// Tracers whose rows are made at a time by one thread.
+const TRACERS_PER_TASK: usize = 256;
 
-/// Writes the tables of the truth, frame after frame.
-pub struct TruthWriter<'a> {
+/// What is true of each frame, whatever the others.
+pub struct Truth<'a> {
     scenario: &'a Scenario,
     renderer: &'a Renderer,
-    frames: TableWriter<BufWriter<File>>,
-    tracks: TableWriter<BufWriter<File>>,
-    displacements: TableWriter<BufWriter<File>>,
-    census: Census,
+    tracks: Table,
     scene: Option<Scene<'a>>,
     noise_free: NoiseFree,
     sensor: Sensor,
-    /// Times of the frames of the recording, s.
-    times_s: Vec<f64>,
-    began_s: f64,
 }
 
-impl<'a> TruthWriter<'a> {
-    /// Begins the tables in a dataset's folder.
-    pub fn new(folder: &Path, scenario: &'a Scenario, renderer: &'a Renderer) -> Result<Self> {
-        Ok(TruthWriter {
+/// The truth of a frame.
+pub struct FrameTruth {
+    /// The rows of its data file.
+    pub particles: Vec<Particle>,
+    frame: Rows,
+    tracks: Vec<Rows>,
+    displacements: Vec<Rows>,
+    visible: u64,
+    moved: Moved,
+}
+
+/// Displacements in short.
+#[derive(Clone, Copy, Default)]
+struct Moved {
+    number: u64,
+    /// Of a visible particle in the image plane, px.
+    farthest_px: f64,
+}
+
+/// A tracer on the image.
+struct Sight<'a> {
+    tracer: &'a Tracer,
+    particle: Particle,
+    visible: bool,
+    /// Its rows of the data file.
+    rows: Range<usize>,
+    light: f64,
+}
+
+impl<'a> Truth<'a> {
+    /// The truth of a scenario drawn by a renderer.
+    ///
+    /// # Errors
+    /// Settings that cannot be drawn.
+    pub fn new(scenario: &'a Scenario, renderer: &'a Renderer) -> Result<Self> {
+        Ok(Truth {
             scenario,
             renderer,
-            frames: TableWriter::create(folder, &FRAMES)?,
-            tracks: TableWriter::create(folder, &tracks(scenario))?,
-            displacements: TableWriter::create(folder, &DISPLACEMENTS)?,
-            census: Census::default(),
+            tracks: tracks(scenario),
             scene: scenario.field().map(|field| scenario.scene(field)).transpose()?,
             noise_free: scenario.noise_free()?,
             sensor: scenario.sensor()?,
-            times_s: Vec::new(),
-            began_s: 0.0,
         })
     }
 
-    /// Writes a frame, and its displacements from the frame before it if truth links the two. Gives the rows of its data
-    /// file.
-    pub fn frame(&mut self, frame: &Frame, before: Option<&Frame>) -> Result<Vec<Particle>> {
+    /// The truth of a frame, and its displacements from the frame before it if the two are linked.
+    ///
+    /// # Errors
+    /// A trajectory that cannot be followed.
+    pub fn frame(&self, frame: &Frame, before: Option<&Frame>) -> Result<FrameTruth> {
         let scenario = self.scenario;
-        let (recordings, stem) = (&scenario.recordings, Stem::of(&scenario.recordings, frame.index));
         let energy = self.energy(frame);
         let mut rendered = Vec::new();
-        let mut lights = Vec::with_capacity(frame.tracers.len());
-        let mut rows = Vec::with_capacity(frame.tracers.len());
+        let mut sights = Vec::with_capacity(frame.tracers.len());
         for (i, tracer) in frame.tracers.iter().enumerate() {
-            let first = rendered.len();
-            lights.push(energy * self.rows(tracer, frame.streaks.get(i), energy, &mut rendered));
-            rows.push(first..rendered.len());
+            let (first, particle) = (rendered.len(), particle(tracer, scenario));
+            let light = energy * self.rows(tracer, particle, frame.streaks.get(i), energy, &mut rendered);
+            let (visible, rows) = (self.visible(&particle), first..rendered.len());
+            sights.push(Sight { tracer, particle, visible, rows, light });
         }
         let size_px = (scenario.settings.pixel_dim_x, scenario.settings.pixel_dim_y);
-        let seen = look(&self.noise_free, &self.sensor, size_px, &rendered, &rows);
-        let midway = self.midway(frame)?;
-        let (mut n_rendered, mut n_visible) = (0u32, 0);
-        for (i, tracer) in frame.tracers.iter().enumerate() {
-            let (particle, shines) = (particle(tracer, scenario), !rows[i].is_empty());
-            let visible = self.visible(&particle);
-            n_rendered += u32::from(shines);
-            n_visible += u64::from(visible);
-            self.track(frame, tracer, &particle, (visible, shines, lights[i]), midway[i], seen[i])?;
-        }
-        self.frames.row(&[
+        let rows = sights.iter().map(|sight| sight.rows.clone());
+        let seen = look(&self.noise_free, &self.sensor, size_px, &rendered, &rows.collect::<Vec<_>>());
+        let next_s = self.next_s(frame);
+        let tracks = sights.par_chunks(TRACERS_PER_TASK).zip(seen.par_chunks(TRACERS_PER_TASK));
+        let tracks = tracks.map(|(sights, seen)| {
+            let mut rows = Rows::of(&self.tracks);
+            for (sight, seen) in sights.iter().zip(seen) {
+                self.track(&mut rows, frame, sight, self.midway(sight.tracer, frame, next_s)?, seen)?;
+            }
+            Ok(rows)
+        });
+        let tracks = tracks.collect::<Result<_>>()?;
+        let shining = sights.iter().filter(|sight| !sight.rows.is_empty()).count();
+        let visible = sights.iter().filter(|sight| sight.visible).count();
+        let (displacements, moved) = match (before, scenario.recordings.link_to(frame.index)) {
+            (Some(before), Some(pair)) => self.displacements(pair, before, frame)?,
+            _ => Default::default(),
+        };
+        Ok(FrameTruth {
+            particles: rendered,
+            frame: self.summary(frame, energy, (shining, visible))?,
+            tracks,
+            displacements,
+            visible: visible as u64,
+            moved,
+        })
+    }
+
+    /// The row of frames.csv.
+    fn summary(&self, frame: &Frame, energy: f64, (shining, visible): (usize, usize)) -> Result<Rows> {
+        let recordings = &self.scenario.recordings;
+        let (stem, mut row) = (Stem::of(recordings, frame.index), Rows::of(&FRAMES));
+        row.cells(&[
             &frame.index,
             &recordings.pair(frame.index).map(|(pair, _)| pair.to_string()).unwrap_or_default(),
             &recordings.role(frame.index).map(String::from).unwrap_or_default(),
             &frame.t_s,
             &stem.image(),
             &stem.particles(),
-            &n_rendered,
-            &n_visible,
+            &shining,
+            &visible,
             &energy,
-        ])?;
-        self.census.frames += 1;
-        self.census.visible += n_visible;
-        self.census.visible_each.push(n_visible);
-        if let (Some(before), Some(pair)) = (before, recordings.link_to(frame.index)) {
-            self.displacements(pair, before, frame)?;
-        }
-        Ok(rendered)
+        ]);
+        row.end_row()?;
+        Ok(row)
     }
 
     /// Writes a row of tracks.csv.
     fn track(
-        &mut self,
+        &self,
+        row: &mut Rows,
         frame: &Frame,
-        tracer: &Tracer,
-        particle: &Particle,
-        (visible, shines, light): (bool, bool, f64),
+        sight: &Sight,
         midway: Option<DVec3>,
-        seen: Seen,
+        seen: &Seen,
     ) -> Result<()> {
+        let Sight { tracer, particle, visible, ref rows, light } = *sight;
         let shape = particle.spheroid.unwrap_or(Spheroid { e_p: 1.0, alpha_rad: 0.0, beta_rad: 0.0 });
         let at = tracer.position;
-        self.tracks.cells(&[&frame.index])?;
-        self.tracks.numbers(&[frame.t_s])?;
-        self.tracks.cells(&[&tracer.id])?;
-        self.tracks.numbers(&[particle.x_px, particle.y_px, at.z, at.x, at.y, particle.d_um])?;
-        self.tracks.numbers(&[shape.e_p, shape.alpha_rad, shape.beta_rad, particle.c_int])?;
+        row.whole_numbers(&[u64::from(frame.index)]);
+        row.numbers(&[frame.t_s]);
+        row.whole_numbers(&[tracer.id]);
+        row.numbers(&[particle.x_px, particle.y_px, at.z, at.x, at.y, particle.d_um]);
+        row.numbers(&[shape.e_p, shape.alpha_rad, shape.beta_rad, particle.c_int]);
         // Unknown for a recorded track that is in this frame only.
-        self.tracks.numbers(&tracer.velocity.unwrap_or(DVec3::NAN).to_array())?;
-        self.tracks.cells(&[&u8::from(visible), &u8::from(shines)])?;
-        self.tracks.numbers(&[light])?;
-        self.tracks.numbers(&midway.unwrap_or(DVec3::NAN).to_array())?;
-        self.tracks.numbers(&[seen.peak_counts, seen.snr, seen.overlap])?;
-        self.tracks.cells(&[&u8::from(seen.saturated)])?;
+        row.numbers(&tracer.velocity.unwrap_or(DVec3::NAN).to_array());
+        row.whole_numbers(&[u64::from(visible), u64::from(!rows.is_empty())]);
+        row.numbers(&[light]);
+        row.numbers(&midway.unwrap_or(DVec3::NAN).to_array());
+        row.numbers(&[seen.peak_counts, seen.snr, seen.overlap]);
+        row.whole_numbers(&[u64::from(seen.saturated)]);
         if let Some(field) = self.scenario.field().filter(|_| self.scenario.spec.truth.gradient) {
             // glam stores columns; a row of the gradient is that of one velocity.
-            self.tracks.numbers(&field.gradient(at, frame.t_s).transpose().to_cols_array())?;
+            row.numbers(&field.gradient(at, frame.t_s).transpose().to_cols_array());
         }
-        self.tracks.end_row()
+        row.end_row()
     }
 
-    /// Velocities half-way to the next frame of the pair; none in the last frame, or for recorded tracks.
-    fn midway(&mut self, frame: &Frame) -> Result<Vec<Option<DVec3>>> {
-        let (recordings, streams) = (&self.scenario.recordings, self.scenario.streams);
-        let number = frame.index % recordings.frames_each();
-        if number == 0 {
-            self.times_s = recordings.times_s(frame.index / recordings.frames_each(), streams);
-        }
-        let next_s =
-            self.times_s.get(number as usize + 1).filter(|_| recordings.link_to(frame.index + 1).is_some());
-        let (Some(scene), Some(&next_s)) = (&self.scene, next_s) else {
-            return Ok(vec![None; frame.tracers.len()]);
-        };
-        let found: flows::Result<Vec<_>> = frame
-            .tracers
-            .par_iter()
-            .with_min_len(TRACERS_PER_TASK)
-            .map(|tracer| scene.velocity_midway(tracer, frame.t_s, next_s).map(Some))
-            .collect();
-        Ok(found?)
+    /// When the next frame is taken, s, if truth links the two.
+    fn next_s(&self, frame: &Frame) -> Option<f64> {
+        let (recordings, next) = (&self.scenario.recordings, frame.index + 1);
+        let goes_on = next % recordings.frames_each() != 0 && recordings.link_to(next).is_some();
+        goes_on.then(|| recordings.time_s(next, self.scenario.streams))
+    }
+
+    /// The velocity half-way to the next frame of the pair; none in the last frame, or for recorded tracks.
+    fn midway(&self, tracer: &Tracer, frame: &Frame, next_s: Option<f64>) -> Result<Option<DVec3>> {
+        let (Some(scene), Some(next_s)) = (&self.scene, next_s) else { return Ok(None) };
+        Ok(Some(scene.velocity_midway(tracer, frame.t_s, next_s)?))
     }
 
     /// The factor on the light of a frame. Bleaching begins with the first frame of each recording.
-    fn energy(&mut self, frame: &Frame) -> f64 {
-        let number = frame.index % self.scenario.recordings.frames_each();
-        if number == 0 {
-            self.began_s = frame.t_s;
-        }
-        let (light, streams) = (&self.scenario.illumination, self.scenario.streams);
-        light.energy(frame.index, number, frame.t_s - self.began_s, streams)
+    fn energy(&self, frame: &Frame) -> f64 {
+        let (recordings, streams) = (&self.scenario.recordings, self.scenario.streams);
+        let number = frame.index % recordings.frames_each();
+        let began_s = recordings.time_s(frame.index - number, streams);
+        self.scenario.illumination.energy(frame.index, number, frame.t_s - began_s, streams)
     }
 
     /// Adds a particle's rows of the data file, one for every point of its streak, as far as their light may reach the
     /// sensor. Gives the factor of the illumination at the particle.
-    fn rows(&self, tracer: &Tracer, streak: Option<&Streak>, energy: f64, rows: &mut Vec<Particle>) -> f64 {
+    fn rows(
+        &self,
+        tracer: &Tracer,
+        whole: Particle,
+        streak: Option<&Streak>,
+        energy: f64,
+        rows: &mut Vec<Particle>,
+    ) -> f64 {
         let light = |x: DVec3| self.scenario.illumination.at(x);
         let mut add = |row: Particle| {
             if row.c_int > 0.0 && self.renderer.reaches_sensor(&row) {
                 rows.push(row);
             }
         };
+        let here = light(tracer.position);
         match streak {
-            None => {
-                let whole = particle(tracer, self.scenario);
-                add(Particle { c_int: whole.c_int * energy * light(tracer.position), ..whole });
-            }
+            None => add(Particle { c_int: whole.c_int * energy * here, ..whole }),
             Some(streak) => {
                 for point in &streak.points {
                     let moved = Tracer { position: point.position, axis: point.axis, ..*tracer };
@@ -227,38 +261,47 @@ impl<'a> TruthWriter<'a> {
                 }
             }
         }
-        light(tracer.position)
+        here
     }
 
-    fn displacements(&mut self, pair: u32, a: &Frame, b: &Frame) -> Result<()> {
-        let scale = &self.scenario.scale;
-        for (from, to) in a.links(b) {
-            let (start, end) = (particle(from, self.scenario), particle(to, self.scenario));
-            // The tracer's own account of its way: through a periodic face it goes on where positions jump.
-            let moved = to.step.map_or(to.position - from.position, |step| step.actual);
-            let drift = to.step.map_or(moved, |step| step.drift);
-            let (d, d_drift) = (scale.displacement_to_image(moved), scale.displacement_to_image(drift));
-            let (visible_a, visible_b) = (self.visible(&start), self.visible(&end));
-            self.displacements.cells(&[&pair, &a.index, &b.index, &from.id])?;
-            self.displacements.numbers(&[start.x_px, start.y_px, from.position.z])?;
-            self.displacements.numbers(&[
-                d.dx_px,
-                d.dy_px,
-                moved.z,
-                d_drift.dx_px,
-                d_drift.dy_px,
-                drift.z,
-            ])?;
-            self.displacements.cells(&[&u8::from(visible_a), &u8::from(visible_b)])?;
-            self.displacements.end_row()?;
-            self.census.displacements += 1;
-            if visible_a {
-                // Not hypot: this number is part of the manifest, and std maths differs between machines.
-                let length = (d.dx_px * d.dx_px + d.dy_px * d.dy_px).sqrt();
-                self.census.max_displacement_px = self.census.max_displacement_px.max(length);
+    /// The rows of displacements.csv.
+    fn displacements(&self, pair: u32, a: &Frame, b: &Frame) -> Result<(Vec<Rows>, Moved)> {
+        let links: Vec<_> = a.links(b).collect();
+        let parts = links.par_chunks(TRACERS_PER_TASK).map(|links| {
+            let (mut rows, mut moved) = (Rows::of(&DISPLACEMENTS), Moved::default());
+            for (from, to) in links {
+                self.displacement(&mut rows, &mut moved, (pair, a.index, b.index), from, to)?;
             }
-        }
-        Ok(())
+            Ok((rows, moved))
+        });
+        let parts: Vec<(Rows, Moved)> = parts.collect::<Result<_>>()?;
+        let all = parts.iter().fold(Moved::default(), |all, (_, part)| all.and(*part));
+        Ok((parts.into_iter().map(|(rows, _)| rows).collect(), all))
+    }
+
+    fn displacement(
+        &self,
+        row: &mut Rows,
+        so_far: &mut Moved,
+        (pair, a, b): (u32, u32, u32),
+        from: &Tracer,
+        to: &Tracer,
+    ) -> Result<()> {
+        let scale = &self.scenario.scale;
+        let (start, end) = (particle(from, self.scenario), particle(to, self.scenario));
+        // The tracer's own account of its way: through a periodic face it goes on where positions jump.
+        let moved = to.step.map_or(to.position - from.position, |step| step.actual);
+        let drift = to.step.map_or(moved, |step| step.drift);
+        let (d, d_drift) = (scale.displacement_to_image(moved), scale.displacement_to_image(drift));
+        let (visible_a, visible_b) = (self.visible(&start), self.visible(&end));
+        row.whole_numbers(&[u64::from(pair), u64::from(a), u64::from(b), from.id]);
+        row.numbers(&[start.x_px, start.y_px, from.position.z]);
+        row.numbers(&[d.dx_px, d.dy_px, moved.z, d_drift.dx_px, d_drift.dy_px, drift.z]);
+        row.whole_numbers(&[u64::from(visible_a), u64::from(visible_b)]);
+        // Not hypot: this number is part of the manifest, and std maths differs between machines.
+        let length_px = (d.dx_px * d.dx_px + d.dy_px * d.dy_px).sqrt();
+        *so_far = so_far.and(Moved { number: 1, farthest_px: if visible_a { length_px } else { 0.0 } });
+        row.end_row()
     }
 
     fn visible(&self, particle: &Particle) -> bool {
@@ -266,8 +309,57 @@ impl<'a> TruthWriter<'a> {
         let settings = &self.scenario.settings;
         on(particle.x_px, settings.pixel_dim_x) && on(particle.y_px, settings.pixel_dim_y)
     }
+}
+
+impl Moved {
+    fn and(self, other: Self) -> Self {
+        Moved { number: self.number + other.number, farthest_px: self.farthest_px.max(other.farthest_px) }
+    }
+}
+
+/// Writes the tables of the truth, frame after frame.
+pub struct TruthWriter {
+    frames: TableWriter<BufWriter<File>>,
+    tracks: TableWriter<BufWriter<File>>,
+    displacements: TableWriter<BufWriter<File>>,
+    census: Census,
+}
+
+impl TruthWriter {
+    /// Begins the tables in a dataset's folder.
+    ///
+    /// # Errors
+    /// Writing.
+    pub fn create(folder: &Path, scenario: &Scenario) -> Result<Self> {
+        Ok(TruthWriter {
+            frames: TableWriter::create(folder, &FRAMES)?,
+            tracks: TableWriter::create(folder, &tracks(scenario))?,
+            displacements: TableWriter::create(folder, &DISPLACEMENTS)?,
+            census: Census::default(),
+        })
+    }
+
+    /// Writes the next frame.
+    ///
+    /// # Errors
+    /// Writing.
+    pub fn add(&mut self, truth: &FrameTruth) -> Result<()> {
+        self.frames.append(&truth.frame)?;
+        truth.tracks.iter().try_for_each(|rows| self.tracks.append(rows))?;
+        truth.displacements.iter().try_for_each(|rows| self.displacements.append(rows))?;
+        let (census, Moved { number, farthest_px }) = (&mut self.census, truth.moved);
+        census.frames += 1;
+        census.visible += truth.visible;
+        census.visible_each.push(truth.visible);
+        census.displacements += number;
+        census.max_displacement_px = census.max_displacement_px.max(farthest_px);
+        Ok(())
+    }
 
     /// Ends the tables.
+    ///
+    /// # Errors
+    /// Writing.
     pub fn finish(self) -> Result<Census> {
         self.frames.finish()?;
         self.tracks.finish()?;
