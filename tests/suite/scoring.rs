@@ -242,7 +242,7 @@ fn truncated(truth: &Cloud, result: &Cloud, gate: &Gate) -> Matching {
                 }
             }
         }
-        for pair in heaviest(t.len(), r.len(), &pairs) {
+        for pair in heaviest(t.len(), r.len(), pairs) {
             let (i, j) = (t.start + pair.row as usize, r.start + pair.column as usize);
             (matching.of_truth[i], matching.of_result[j]) = (j as u32, i as u32);
         }

@@ -59,7 +59,7 @@ impl Clear {
                 let (row, column) = (p.truth - t.start as u32, p.result - r.start as u32);
                 rest.push(Pair { row, column, value: p.squared.sqrt() });
             }
-            for p in most_then_cheapest(t.len(), r.len(), &rest) {
+            for p in most_then_cheapest(t.len(), r.len(), rest) {
                 let (i, j) = (t.start + p.row as usize, r.start + p.column as usize);
                 let (track, partner) = (truth.points[i].track as usize, result.points[j].track);
                 let switch = last[track] != NONE && last[track] != partner;

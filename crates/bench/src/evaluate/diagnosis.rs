@@ -38,7 +38,11 @@ pub fn warnings(
     if t.is_empty() || r.is_empty() {
         return Ok(warnings);
     }
-    let (f1, rms) = quality(&t, &r, gate)?;
+    let whole = t.len() == clouds.0.len() && r.len() == clouds.1.len();
+    let (f1, rms) = match (score.f1, score.rmse_xy_px) {
+        (Some(f1), Some(rms)) if whole => (f1, rms),
+        _ => quality(&t, &r, gate)?,
+    };
     let mut tried = |what: String, other: Vec<Loose>| {
         let (other_f1, other_rms) = quality(&t, &Cloud::new(other), gate)?;
         // Better by far, or as good with far smaller errors.

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::assignment::{Pair, heaviest};
 use super::cloud::Cloud;
 use super::statistics::{Bootstrap, Interval, TrackUnits, ratio};
-use super::wide::Wide;
+use super::wide::{Wide, WidePair};
 
 /// The scores; means over the thresholds.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -61,7 +61,7 @@ impl Hota {
         let similarity = |squared: f64| 1.0 - squared.sqrt() / 2.0;
         // Agreement of tracks: a pair counts in a frame as far as no rival is as near.
         let mut shares: Vec<(u64, f64)> = Vec::with_capacity(wide.pairs.len());
-        let key = |p| {
+        let key = |p: &WidePair| {
             let (t, r) = wide.tracks(truth, result, p);
             u64::from(t) << 32 | u64::from(r)
         };
@@ -77,7 +77,6 @@ impl Hota {
                 shares.push((key(p), if all > f64::EPSILON { s / all } else { 0.0 }));
             }
         }
-        let keys_in_order: Vec<u64> = shares.iter().map(|s| s.0).collect();
         // A stable sort keeps frames in order, so sums are the same whatever the order of rows was.
         shares.sort_by_key(|s| s.0);
         let length = |cloud: &Cloud, track: u64| cloud.track(track as usize).len() as f64;
@@ -91,21 +90,24 @@ impl Hota {
             })
             .collect();
         drop(shares);
+        let weight = |p: &WidePair| {
+            let at = agreement.partition_point(|a| a.0 < key(p));
+            agreement[at].1 * similarity(p.squared)
+        };
+        let weights: Vec<f64> = wide.pairs.iter().map(weight).collect();
+        drop(agreement);
 
         let mut matched: Vec<(u64, f64)> = Vec::new();
         for (_, t, r, pairs) in &wide.frames {
-            let weights: Vec<Pair> = wide.pairs[pairs.clone()]
-                .iter()
-                .zip(&keys_in_order[pairs.clone()])
-                .map(|(p, key)| {
-                    let at = agreement.partition_point(|a| a.0 < *key);
-                    let value = agreement[at].1 * similarity(p.squared);
-                    Pair { row: p.truth - t.start as u32, column: p.result - r.start as u32, value }
-                })
-                .collect();
-            for chosen in heaviest(t.len(), r.len(), &weights) {
-                let at = weights.partition_point(|p| (p.row, p.column) < (chosen.row, chosen.column));
-                let p = &wide.pairs[pairs.start + at];
+            let near = &wide.pairs[pairs.clone()];
+            let candidates = near.iter().zip(&weights[pairs.clone()]).map(|(p, value)| Pair {
+                row: p.truth - t.start as u32,
+                column: p.result - r.start as u32,
+                value: *value,
+            });
+            for chosen in heaviest(t.len(), r.len(), candidates.collect()) {
+                let (i, j) = (t.start as u32 + chosen.row, r.start as u32 + chosen.column);
+                let p = &near[near.partition_point(|p| (p.truth, p.result) < (i, j))];
                 matched.push((key(p), similarity(p.squared)));
             }
         }

@@ -32,7 +32,7 @@ impl Identity {
             .chunk_by(|a, b| a == b)
             .map(|same| Pair { row: same[0].0, column: same[0].1, value: same.len() as f64 })
             .collect();
-        let best = heaviest(truth.n_tracks(), result.n_tracks(), &pairs);
+        let best = heaviest(truth.n_tracks(), result.n_tracks(), pairs.clone());
         let idtp = best.iter().map(|p| p.value).sum::<f64>();
         let shared = pairs.iter().map(|p| (p.row, p.column, p.value as usize));
         let mut units = TrackUnits::<2>::new(truth.n_tracks(), result.n_tracks(), shared);

@@ -92,7 +92,7 @@ impl Isbi {
             first += same.len();
         }
         let pairs: Vec<Pair> = candidates.iter().map(|c| c.0).collect();
-        let chosen = heaviest(reference.n_tracks(), result.n_tracks(), &pairs);
+        let chosen = heaviest(reference.n_tracks(), result.n_tracks(), pairs.clone());
 
         let (n_true, n_result) = (reference.n_tracks(), result.n_tracks());
         let mut unpaired: f64 = (0..n_result).map(|t| length(result, t)).sum();

@@ -64,7 +64,7 @@ pub fn optimal(truth: &Cloud, result: &Cloud, gate: &Gate, cost: Cost) -> Result
                     Pair { row: n.truth, column: n.result, value }
                 })
                 .collect();
-            Ok(most_then_cheapest(t.len(), r.len(), &pairs))
+            Ok(most_then_cheapest(t.len(), r.len(), pairs))
         })
         .collect::<Result<_>>()?;
     let mut matching = Matching::empty(truth, result);

@@ -301,20 +301,37 @@ fn page(scores: &[(Entry, Value)], warnings: &[String]) -> Result<String> {
             }
         }
     }
+    type Column = fn(&Entry) -> Option<f64>;
+    let columns: [(&str, Column); 16] = [
+        ("F1", |e| e.f1),
+        ("valid vectors", |e| e.valid_vector_probability),
+        ("95 % from", |e| e.low),
+        ("to", |e| e.high),
+        ("recall", |e| e.recall),
+        ("precision", |e| e.precision),
+        ("RMSE xy, px", |e| e.rmse_xy_px),
+        ("sigma z / h", |e| e.sigma_z_over_h),
+        ("AEE, px", |e| e.aee_px),
+        ("RMS u of inliers, px", |e| e.rms_u_inliers_px),
+        ("link F1", |e| e.link_f1),
+        ("HOTA", |e| e.hota),
+        ("alpha", |e| e.alpha),
+        ("beta", |e| e.beta),
+        ("JSC", |e| e.jsc),
+        ("JSC_theta", |e| e.jsc_theta),
+    ];
+    // Fields and particles have other scores.
+    let columns: Vec<_> =
+        columns.into_iter().filter(|(_, value)| scores.iter().any(|(e, _)| value(e).is_some())).collect();
     let body = html! {
         h1 { "Leaderboard" }
         p.soft { "Ranked by F1 of detection, fields by the probability of a valid vector. Equal ranks: the 95 % intervals of what they are ranked by reach each other. "
             "Errors count found particles only, so read them beside recall." }
         @for warning in warnings { p.warning { (warning) } }
-        div.scroll { table {
-            tr { th { "name" } th { "rank" } th { "F1" } th { "interval" } th { "recall" } th { "precision" }
-                th { "RMSE xy, px" } th { "sigma z / h" } th { "link F1" } th { "HOTA" } th { "alpha" } th { "beta" }
-                th { "JSC" } th { "JSC_theta" } th { "valid" } th { "AEE, px" } }
+        div.scroll { table.board {
+            tr { th { "rank" } th { "name" } @for (name, _) in &columns { th { (name) } } }
             @for (e, _) in scores { tr {
-                td { (e.name) } td { (e.rank) } td { (n(e.f1)) } td { (n(e.low)) " – " (n(e.high)) }
-                td { (n(e.recall)) } td { (n(e.precision)) } td { (n(e.rmse_xy_px)) } td { (n(e.sigma_z_over_h)) }
-                td { (n(e.link_f1)) } td { (n(e.hota)) } td { (n(e.alpha)) } td { (n(e.beta)) } td { (n(e.jsc)) }
-                td { (n(e.jsc_theta)) } td { (n(e.valid_vector_probability)) } td { (n(e.aee_px)) }
+                td { (e.rank) } td { (e.name) } @for (_, value) in &columns { td { (n(value(e))) } }
             } }
         } }
         @if !plots.is_empty() { h2 { "Curves" } div.plots { @for plot in &plots { (plot) } } }

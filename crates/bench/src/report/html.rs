@@ -4,8 +4,9 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::fields;
 use super::plots::{Line, Marks, Words, bars, classes, lines, sensor};
-use super::table::{number, table};
+use super::table::{number, signed, table};
 use crate::error::Result;
+use crate::evaluate::crlb::{BoundBin, Crlb};
 use crate::evaluate::curves::{Bin, Curve};
 use crate::evaluate::detection::{error, per_frame};
 use crate::evaluate::lpt::LENGTHS;
@@ -40,6 +41,9 @@ svg { width: 100%; height: auto; color: var(--ink); }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; } .scroll { overflow-x: auto; }
 th, td { padding: .25rem .8rem; text-align: right; border-bottom: 1px solid var(--grid); }
 th:first-child, td:first-child { text-align: left; white-space: nowrap; }
+.board th, .board td { padding: .25rem .5rem; } .board td { white-space: nowrap; }
+.board th:nth-child(2), .board td:nth-child(2) { text-align: left; }
+@media print { .scroll { overflow: visible; } .board { font-size: 8.5px; } .board th, .board td { padding: .2rem .3rem; } }
 pre { overflow-x: auto; font-size: .82rem; border: 1px solid var(--grid); border-radius: .4rem; padding: .8rem; }
 .warning { border-left: .3rem solid var(--c1); padding: .3rem .8rem; margin: .6rem 0; }
 ";
@@ -118,7 +122,7 @@ pub(super) fn page(evaluation: &Evaluation) -> Result<String> {
             } }
         }
         p.soft { "Definitions: docs/scoring.md of microsig " (score.definitions.versions.microsig)
-            ". Intervals in brackets: 95 %, bootstrap over frames." }
+            ". Intervals in brackets: 95 %, bootstrap." }
     };
     Ok(document(&format!("{} against {}", score.result, score.dataset), &body))
 }
@@ -147,7 +151,7 @@ fn key_numbers(score: &Score) -> Vec<(&'static str, String)> {
         numbers.push(("recall", n(d.recall)));
         numbers.push(("precision", n(d.precision)));
         numbers.push(("RMSE xy, px", n(d.rmse_xy_px)));
-        numbers.push(("bias x, y, px", format!("{}, {}", n(d.bias_x_px), n(d.bias_y_px))));
+        numbers.push(("bias x, y, px", format!("{}, {}", signed(d.bias_x_px), signed(d.bias_y_px))));
     }
     numbers.extend(score.gdpt.as_ref().map(|g| ("sigma z / h", n(g.sigma_z_over_h))));
     numbers.extend(score.links.as_ref().map(|l| ("link F1", n(l.f1))));
@@ -158,7 +162,8 @@ fn key_numbers(score: &Score) -> Vec<(&'static str, String)> {
         numbers.push(("valid vectors", n(f.main.valid_vector_probability)));
         numbers.push(("AEE, px", n(f.main.aee_px)));
         numbers.push(("RMS u of inliers, px", n(f.main.u_inliers.rms_px)));
-        numbers.push(("bias u, px", n(f.main.u.bias_px)));
+        numbers
+            .push(("bias u, v, px", format!("{}, {}", signed(f.main.u.bias_px), signed(f.main.v.bias_px))));
     }
     numbers
 }
@@ -192,23 +197,27 @@ fn particle_plots(score: &Score, of: &Particles) -> Result<Vec<Markup>> {
         let words = Words { x, y: "recall", title: "Recall" };
         let recall = lines(&words, &[line("recall", curve, |b| b.recall)])?;
         plots.push(figure(recall, &format!("Share of particles found, against {x}.")));
+        let bound = score.crlb.as_ref().filter(|_| curve.against == "z_um");
+        let bound = |name: &str, value: fn(&BoundBin) -> Option<f64>| {
+            let points = |b: &Crlb| b.bins.iter().map(|b| (b.z_um, value(b).unwrap_or(f64::NAN))).collect();
+            bound.map(|b| Line { name: name.to_owned(), points: points(b) })
+        };
         let words = Words { x, y: "error, px", title: "Error in the image plane" };
-        let series = [
+        let mut series = vec![
             line("RMS x", curve, |b| b.rms_x_px),
             line("RMS y", curve, |b| b.rms_y_px),
             line("bias x", curve, |b| b.bias_x_px),
             line("bias y", curve, |b| b.bias_y_px),
         ];
+        series.extend(bound("Cramer-Rao bound x", |b| b.crlb_x_px));
+        series.extend(bound("Cramer-Rao bound y", |b| b.crlb_y_px));
         let caption = format!("RMS error and bias in the image plane, against {x}.");
         plots.push(figure_of(lines(&words, &series)?, &names(&series), &caption));
         if of.depth {
             let words = Words { x, y: "error, um", title: "Error in depth" };
             let mut series =
                 vec![line("RMS z", curve, |b| b.rms_z_um), line("bias z", curve, |b| b.bias_z_um)];
-            if let Some(bound) = score.crlb.as_ref().filter(|_| curve.against == "z_um") {
-                let points = bound.bins.iter().map(|b| (b.z_um, b.crlb_z_um.unwrap_or(f64::NAN))).collect();
-                series.push(Line { name: "Cramer-Rao bound".to_owned(), points });
-            }
+            series.extend(bound("Cramer-Rao bound", |b| b.crlb_z_um));
             let caption = format!("RMS error and bias in depth, against {x}.");
             plots.push(figure_of(lines(&words, &series)?, &names(&series), &caption));
         }

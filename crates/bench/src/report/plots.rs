@@ -2,6 +2,7 @@
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::error::{Error, Result};
 
@@ -78,6 +79,13 @@ fn range(values: impl Iterator<Item = f64>, from_zero: bool) -> (f64, f64) {
     (low, high)
 }
 
+/// A number at an axis, without needless zeros.
+fn label(value: &f64) -> String {
+    let text = format!("{value:.6}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
+}
+
 macro_rules! mesh {
     ($chart:expr, $words:expr) => {
         $chart
@@ -90,6 +98,8 @@ macro_rules! mesh {
             .y_desc($words.y)
             .x_labels(8)
             .y_labels(6)
+            .x_label_formatter(&label)
+            .y_label_formatter(&label)
             .draw()
             .map_err(failed)?
     };
@@ -145,7 +155,7 @@ pub(super) fn bars(words: &Words<'_>, bars: &[(f64, f64, f64)]) -> Result<String
     })
 }
 
-/// Groups of bars with names above, two series side by side.
+/// Groups of bars with names below, two series side by side.
 pub(super) fn classes(words: &Words<'_>, names: &[&str], series: [&[usize]; 2]) -> Result<String> {
     let most = series.iter().copied().flatten().copied().max().unwrap_or(0).max(1) as f64;
     draw(words.title, SIZE, |area| {
@@ -165,6 +175,7 @@ pub(super) fn classes(words: &Words<'_>, names: &[&str], series: [&[usize]; 2]) 
             .y_desc(words.y)
             .x_labels(0)
             .y_labels(6)
+            .y_label_formatter(&label)
             .disable_x_mesh()
             .draw()
             .map_err(failed)?;
@@ -177,14 +188,12 @@ pub(super) fn classes(words: &Words<'_>, names: &[&str], series: [&[usize]; 2]) 
             });
             chart.draw_series(bars).map_err(failed)?;
         }
-        let font = ("sans-serif", 13, &INK).into_text_style(area);
-        chart
-            .draw_series(
-                names.iter().enumerate().map(|(i, name)| {
-                    Text::new((*name).to_owned(), (i as f64 + 0.4, 1.03 * most), font.clone())
-                }),
-            )
-            .map_err(failed)?;
+        // Names stand below the axis, outside of the chart.
+        let font = ("sans-serif", 13, &INK).into_text_style(area).pos(Pos::new(HPos::Center, VPos::Top));
+        for (i, name) in names.iter().enumerate() {
+            let (x, y) = chart.backend_coord(&(i as f64 + 0.49, 0.0));
+            area.draw(&Text::new((*name).to_owned(), (x, y + 6), font.clone())).map_err(failed)?;
+        }
         Ok(())
     })
 }

@@ -2,7 +2,9 @@
 
 use std::fmt::Write;
 
+use crate::evaluate::crlb::{BoundBin, Crlb};
 use crate::evaluate::field::{Against, Component};
+use crate::evaluate::statistics::quantile;
 use crate::evaluate::uncertainty::Uncertainty;
 use crate::evaluate::{Score, words};
 
@@ -16,7 +18,7 @@ pub(crate) fn number(value: Option<f64>) -> String {
     }
 }
 
-fn signed(value: Option<f64>) -> String {
+pub(crate) fn signed(value: Option<f64>) -> String {
     value.map_or("-".to_owned(), |v| format!("{v:+.4}"))
 }
 
@@ -136,6 +138,7 @@ fn particles(out: &mut String, score: &Score) {
         );
         line(out, "GDPT", &text);
     }
+    score.crlb.iter().for_each(|bound| bounds(out, bound));
     if let Some(l) = &score.links {
         let text = format!(
             "tp {}  fn {}  fp {}  precision {}  recall {}  F1 {}{}",
@@ -185,7 +188,7 @@ fn particles(out: &mut String, score: &Score) {
     }
     if let Some(l) = &score.lpt {
         let text = format!(
-            "missed {}  ghosts {}  displacement {} px  velocity {} um/s  acceleration {} px  mean length {}  \
+            "missed {}  ghosts {}  displacement {} px  velocity {} um/s  acceleration {} px/frame^2  mean length {}  \
              longest run {}  fragments {}  tracked: mostly {}  partially {}  lost {}",
             n(l.missed),
             n(l.ghost),
@@ -205,6 +208,25 @@ fn particles(out: &mut String, score: &Score) {
         let axes = [("x", &claims.x), ("y", &claims.y), ("z", &claims.z)];
         axes.iter().for_each(|(axis, of)| claimed(out, &format!("claims {axis}"), of.as_ref()));
     }
+}
+
+/// What the optics and the noise would allow: the middle one of all depths.
+fn bounds(out: &mut String, of: &Crlb) {
+    let median = |value: fn(&BoundBin) -> Option<f64>| {
+        let mut values: Vec<f64> = of.bins.iter().filter_map(value).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        number(quantile(&values, 0.5))
+    };
+    let text = format!(
+        "Cramer-Rao bound x {} px  y {} px  z {} um  efficiency x {}  y {}  z {}  (medians over depth)",
+        median(|b| b.crlb_x_px),
+        median(|b| b.crlb_y_px),
+        median(|b| b.crlb_z_um),
+        median(|b| b.efficiency_x),
+        median(|b| b.efficiency_y),
+        median(|b| b.efficiency_z)
+    );
+    line(out, "bound", &text);
 }
 
 /// A line about claimed uncertainties, if there are any.

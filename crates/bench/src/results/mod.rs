@@ -360,6 +360,11 @@ pub fn detect(path: &Path) -> Result<Format> {
     if head.starts_with(b"PIEH") {
         return Ok(Format::Flo);
     }
+    if head.starts_with(b"\x89PNG") {
+        return Err(Error::Unsupported(vec![format!(
+            "{name}: PNG (KITTI flow) files are not supported yet"
+        )]));
+    }
     if head.len() == 4096 && !head.contains(&b'\n') && !head.starts_with(b"<") {
         return Err(Error::input(format!("{name}:1: the first line is longer than 4096 bytes")));
     }
@@ -390,6 +395,16 @@ pub fn detect(path: &Path) -> Result<Format> {
     if first.starts_with('#') && first.contains('x') && first.contains('u') {
         return Ok(Format::Openpiv);
     }
+    // Numbers without a header: OpenPTV begins with the count of its rows, MyPTV has tabs.
+    let numbers = |line: &str| {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        if words.iter().all(|word| word.parse::<f64>().is_ok()) { words.len() } else { 0 }
+    };
+    match (numbers(first), numbers(second)) {
+        (1, 5 | 8) => return later("OpenPTV"),
+        (6.., _) if first.contains('\t') => return later("MyPTV"),
+        _ => {}
+    }
     let columns: Vec<&str> = first.split([',', '\t']).map(|c| c.trim().trim_matches('"')).collect();
     let has = |names: &[&str]| names.iter().all(|n| columns.contains(n));
     match () {
@@ -404,7 +419,7 @@ pub fn detect(path: &Path) -> Result<Format> {
         ))),
         () if has(&["x", "y"]) => Err(Error::input(format!(
             "{name}:1: columns {first:?} have no units: name them frame, track, x_px, y_px, z_um (or x_px, y_px, dx_px, \
-             dy_px of a field), or say --format"
+             dy_px of a field), or say with --format which program wrote them"
         ))),
         () => Err(Error::input(format!("{name}:1: header {:?} fits no format; say --format", shown(first)))),
     }

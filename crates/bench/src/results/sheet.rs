@@ -166,7 +166,10 @@ impl Sheet {
 
     /// Number of a column that must be there.
     pub(crate) fn need(&self, name: &str) -> Result<usize> {
-        self.column(name).ok_or_else(|| Error::input(format!("{}: column {name} is missing", self.name)))
+        self.column(name).ok_or_else(|| {
+            let there = super::shown(&self.header.join(", "));
+            Error::input(format!("{}: column {name} is missing; there are {there}", self.name))
+        })
     }
 
     /// Calls `each` with every row; what it finds wrong is collected.

@@ -29,23 +29,27 @@ fn read(path: &Path, given: &Conventions, mut usual: Usual, root: &str) -> Resul
     let at =
         |position: u64, what: String| Error::input(format!("{}: byte {position}: {what}", path.display()));
     let mut points = Points { has_z: true, ..Points::default() };
-    let mut converter = None;
-    let (mut buffer, mut track, mut inside) = (Vec::new(), -1i64, false);
+    let (mut converter, mut claimed) = (None, None);
+    let (mut buffer, mut track, mut inside, mut whole) = (Vec::new(), -1i64, false, false);
     loop {
         buffer.clear();
         let event = reader.read_event_into(&mut buffer);
         let position = reader.buffer_position();
-        match event.map_err(|e| at(position, e.to_string()))? {
+        let event = event.map_err(|e| at(position, e.to_string()))?;
+        whole |= matches!(&event, Event::Empty(e) if e.name().as_ref() == root);
+        match event {
             Event::DocType(_) => return Err(at(position, "a document type, which is not read".to_owned())),
             Event::Start(e) | Event::Empty(e) if e.name().as_ref() == root => {
                 let units = attribute(&e, "spaceUnits").map_err(|what| at(position, what))?;
                 if units.is_some_and(|u| u.starts_with("pixel")) {
                     usual.unit = Unit::Px;
                 }
+                claimed = attribute(&e, "nTracks").map_err(|what| at(position, what))?;
                 converter = Some(Converter::new(usual, given)?);
             }
             Event::Start(e) if e.name().as_ref() == "particle" => (track, inside) = (track + 1, true),
             Event::End(e) if e.name().as_ref() == "particle" => inside = false,
+            Event::End(e) if e.name().as_ref() == root => whole = true,
             Event::Start(e) | Event::Empty(e) if e.name().as_ref() == "detection" => {
                 let Some(converter) = converter.as_ref().filter(|_| inside) else {
                     return Err(at(position, "a detection outside of a particle".to_owned()));
@@ -68,6 +72,13 @@ fn read(path: &Path, given: &Conventions, mut usual: Usual, root: &str) -> Resul
     }
     let converter =
         converter.ok_or_else(|| Error::input(format!("{}: no element {root}", path.display())))?;
+    if !whole {
+        return Err(at(reader.buffer_position(), format!("the file ends within {root}")));
+    }
+    if let Some(claimed) = claimed.filter(|n| *n != (track + 1).to_string()) {
+        let what = format!("nTracks = {:?}, but {} are in it", shown(&claimed), track + 1);
+        return Err(at(reader.buffer_position(), what));
+    }
     points.notes = converter.notes;
     Ok(points)
 }

@@ -74,7 +74,7 @@ pub(super) fn link(frames: &[Vec<Found>], reach: Reach, pairs: bool) -> Vec<Row>
             candidates[first..].sort_unstable_by_key(|p| p.column);
         }
         let mut of_found: Vec<Option<usize>> = vec![None; found.len()];
-        for pair in heaviest(tracks.len(), found.len(), &candidates) {
+        for pair in heaviest(tracks.len(), found.len(), candidates) {
             of_found[pair.column as usize] = Some(pair.row as usize);
         }
         for (point, track) in found.iter().zip(of_found) {
