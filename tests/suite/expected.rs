@@ -3,9 +3,10 @@
 use bench::evaluate::crlb;
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::random::normal;
+use microsig_core::render::InstructionSet;
 use microsig_core::render::expected::{DEFAULT_TOLERANCE, ExpectedRenderer};
 use microsig_core::stream::{Purpose, Streams};
-use microsig_core::{Particle, Settings};
+use microsig_core::{Particle, Settings, Spheroid};
 use suite::ensemble::Ensemble;
 use suite::expected::Agreement;
 use suite::measure::{Measures, measure};
@@ -40,6 +41,45 @@ fn it_is_the_mean_of_rays() {
 #[test]
 fn it_is_the_mean_of_rays_with_a_cylinder() {
     is_the_mean_of_rays(&Settings::setting1a(), &[-50.0, -13.0, 34.0], 31);
+}
+
+/// A tilted spheroid, by both laws, is the mean of its rays; with the uniform law one of aspect ratio 1 is a sphere.
+#[test]
+fn spheroids_are_the_mean_of_rays() {
+    let settings = Settings { pixel_dim_x: 91, pixel_dim_y: 91, ..Settings::setting1() };
+    let spheroid = |e_p: f64, alpha_rad: f64, beta_rad: f64| Some(Spheroid { e_p, alpha_rad, beta_rad });
+    let cases = [
+        (SpheroidLaw::Original, -30.0, spheroid(3.0, 0.6, 0.9)),
+        (SpheroidLaw::Uniform, -15.0, spheroid(3.0, 0.6, 0.9)),
+        (SpheroidLaw::Original, 20.0, spheroid(0.4, 0.3, 1.2)),
+        (SpheroidLaw::Uniform, -40.0, spheroid(1.0, 0.3, 1.2)),
+    ];
+    for (i, (law, z_um, spheroid)) in cases.into_iter().enumerate() {
+        let renderer = ExpectedRenderer::new(&settings, law, DEFAULT_TOLERANCE).unwrap();
+        let particle = Particle { spheroid, ..Particle::sphere(45.3, 46.1, z_um, 2.0) };
+        assert!(renderer.check(&particle).is_ok());
+        let rays = Ensemble::draw(&settings, &[particle], law, 51 + i as u64, 200).unwrap();
+        let agreement = Agreement::of(&renderer.light(&[particle]).values, &rays, DEFAULT_TOLERANCE);
+        println!("{law:?} z {z_um}: {agreement:?}");
+        assert!(agreement.holds(), "{law:?} z {z_um}: {agreement:?}");
+    }
+}
+
+/// Tables and drawing, on every instruction set that this processor has.
+#[test]
+fn all_instruction_sets_give_the_same_bits() {
+    let tilted = Some(Spheroid { e_p: 2.0, alpha_rad: 0.6, beta_rad: 0.9 });
+    for settings in [Settings::setting1(), Settings::setting1a()] {
+        let settings = Settings { pixel_dim_x: 61, pixel_dim_y: 61, ..settings };
+        let sphere = Particle::sphere(30.3, 31.1, 22.0, 2.0);
+        let particles = [sphere, Particle { spheroid: tilted, ..sphere }];
+        let images: Vec<Vec<u64>> = InstructionSet::available()
+            .into_iter()
+            .map(|set| ExpectedRenderer::on(set, &settings, SpheroidLaw::Original, 1e-2).unwrap())
+            .map(|renderer| renderer.light(&particles).values.into_iter().map(f64::to_bits).collect())
+            .collect();
+        assert!(images.windows(2).all(|pair| pair[0] == pair[1]));
+    }
 }
 
 /// A maximum-likelihood fit of the expected image to itself with independent Gaussian noise, of the variance that the
@@ -118,12 +158,12 @@ fn solve(mut matrix: [[f64; 4]; 4], mut right: [f64; 4]) -> [f64; 4] {
     right
 }
 
-/// Stored mean images of the original behind a spherical lens: all measures within the bars of the ray renderer's test.
+/// Stored mean images of the original: all measures within the bars of the ray renderer's test.
 /// With setting 2 the original's mean keeps a pattern of rows (every source point sends its rays at the same polar angles),
 /// which shows as chi2 per pixel of about 1.3.
 #[test]
 fn images_of_the_original_are_met() {
-    let chosen = ["set1", "set1_dp1", "set1_edge", "set1_nm133", "set2"];
+    let chosen = ["set1", "set1_dp1", "set1_edge", "set1_nm133", "set1a", "set2"];
     let mut pictures = 0;
     let mut failures = Vec::new();
     for case in reference::cases(&suite::data().join("optics")).unwrap() {
@@ -132,8 +172,7 @@ fn images_of_the_original_are_met() {
         pictures += 1;
         let (settings, particles) = (case.settings().unwrap(), case.particles().unwrap());
         let label = format!("{}/{}", case.case, case.name);
-        // A coarser table than the default is made faster, and serves within these bars.
-        let renderer = ExpectedRenderer::new(&settings, SpheroidLaw::Original, 3e-3).unwrap();
+        let renderer = renderer(&settings);
         let light = renderer.light(&particles).values;
         let width = settings.pixel_dim_x as usize;
         let ours = Ensemble {
@@ -147,12 +186,24 @@ fn images_of_the_original_are_met() {
         };
         let checks = case.check_measures(&ours).into_iter().filter(|check| check.quantity != "fano");
         failures.extend(checks.filter(|c| c.used() > 1.0).map(|check| format!("{label}: {check:?}")));
+        let of_original = Ensemble {
+            images: case.images,
+            mean: theirs.clone(),
+            standard_errors: case.standard_errors,
+            ..ours.clone()
+        };
         for check in case.check_image(&ours, &theirs).unwrap() {
             println!("{label}: {check:?}");
-            let allowed = if case.case == "set2" { 0.4 } else { check.allowed };
-            let used = if check.quantity == "chi2" { (check.ours - 1.0) / allowed } else { check.used() };
-            if used > 1.0 {
-                failures.push(format!("{label}: {check:?}"));
+            // chi2 knows of no tolerance: elsewhere than in setting 2, whose error is a pattern, the mean is held to statistics
+            // plus tolerance.
+            let missed = match (check.quantity, case.case.as_str()) {
+                ("chi2", "set2") => check.ours > 1.4,
+                ("chi2", _) => !Agreement::of(&ours.mean, &of_original, DEFAULT_TOLERANCE).holds(),
+                _ => check.used() > 1.0,
+            };
+            if missed {
+                let agreement = Agreement::of(&ours.mean, &of_original, DEFAULT_TOLERANCE);
+                failures.push(format!("{label}: {check:?}, {agreement:?}"));
             }
         }
     }
@@ -164,7 +215,9 @@ fn images_of_the_original_are_met() {
 #[test]
 fn derivatives_are_those_of_the_image() {
     let (round, astigmatic) = (Settings::setting1(), Settings::setting1a());
-    for (settings, cases) in [(round, &[(-61.7, 2.0), (11.3, 1.73)][..]), (astigmatic, &[(-13.0, 2.0)])] {
+    for (settings, cases) in
+        [(round, &[(-61.7, 2.0), (-6.9, 2.0), (11.3, 1.73)][..]), (astigmatic, &[(-13.0, 2.0)])]
+    {
         let renderer = renderer(&settings);
         for &(z_um, d_um) in cases {
             let particle = Particle::sphere(200.31, 150.77, z_um, d_um);
@@ -175,10 +228,9 @@ fn derivatives_are_those_of_the_image() {
             for (pixel, value) in gradient.pixels.iter().zip(&patch.counts) {
                 assert!((pixel[0] - value).abs() < 1e-5 * peak, "{} {value}", pixel[0]);
             }
-            // Small against a pixel, large against the rounding of f32.
+            // Small against a pixel and against a step between planes.
             let step = 1e-3;
-            // Along x and y. Along z single pixels at the rim differ by more, where planes of different reach are blended.
-            for axis in 0..2 {
+            for axis in 0..3 {
                 let moved = |by: f64| {
                     let mut particle = particle;
                     *[&mut particle.x_px, &mut particle.y_px, &mut particle.z_um][axis] += by;
@@ -191,7 +243,7 @@ fn derivatives_are_those_of_the_image() {
                     // As good as the tables' tolerance; both sides use the same coefficients.
                     assert!(
                         (slope - pixel[axis + 1]).abs() < 1e-3 * peak,
-                        "axis {axis}: {slope} {}",
+                        "z {z_um} axis {axis} pixel {i}: {slope} {} of peak {peak}",
                         pixel[axis + 1]
                     );
                 }

@@ -81,6 +81,11 @@ impl RayRenderer {
         &self.settings
     }
 
+    /// Which points of a spheroid shine.
+    pub(super) fn law(&self) -> SpheroidLaw {
+        self.law
+    }
+
     /// Whether this particle can be drawn, and what should be known about its image if so.
     ///
     /// # Errors

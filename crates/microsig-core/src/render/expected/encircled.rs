@@ -6,24 +6,20 @@
 //! integrated as it should be. The far hemisphere's points are turned to the near one (`emission`), so source points are
 //! uniform in area over the hemisphere toward the lens: by Archimedes, uniform in depth.
 
+use super::exposure::Fineness;
 use super::pupil::{Pupil, View, density};
 
 /// Annuli per px.
 pub(super) const RINGS: usize = 32;
 
-/// How finely the integral is done.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Fineness(pub(super) usize);
+/// Spokes, which are pairs of a source point and an azimuth, for a particle whose own image is so wide, px.
+fn spokes(Fineness(fine): Fineness, image_px: f64) -> usize {
+    (fine * 512.0 * (image_px / 3.0).clamp(1.0, 16.0)) as usize
+}
 
-impl Fineness {
-    /// Spokes: pairs of a source point and an azimuth.
-    fn spokes(self) -> usize {
-        512 * self.0
-    }
-    /// Stops on a spoke for an image that reaches so far, px.
-    fn stops(self, reach_px: f64) -> usize {
-        self.0 * (32 + libm::ceil(reach_px.min(64.0)) as usize)
-    }
+/// Stops on a spoke for an image that reaches so far, px.
+fn stops(Fineness(fine): Fineness, reach_px: f64) -> usize {
+    (fine * (32.0 + reach_px.min(500.0))) as usize
 }
 
 /// Light within the radius k / RINGS px, k = 0..=rings, as a share of all light that the particle sends toward the lens
@@ -36,8 +32,8 @@ pub(super) fn encircled(
     fineness: Fineness,
 ) -> Vec<f64> {
     let reach_px = rings as f64 / RINGS as f64;
-    let q_max = useful_radius(pupil, z_um, radius_um, reach_px);
-    let stops = fineness.stops(reach_px);
+    let q_max = pupil.useful_radius(z_um, radius_um, reach_px);
+    let stops = stops(fineness, reach_px);
     let step = q_max / stops as f64;
     let views: Vec<Option<View>> =
         (0..=stops).map(|i| pupil.view(z_um, radius_um, [i as f64 * step, 0.0])).collect();
@@ -48,7 +44,7 @@ pub(super) fn encircled(
     let (mut x, mut y) = (vec![f64::NAN; stops + 1], vec![f64::NAN; stops + 1]);
     let (mut r, mut light) = (vec![0.0; stops + 1], vec![0.0; stops]);
     // A point has no size: every spoke is the same.
-    let spokes = if radius_um == 0.0 { 1 } else { fineness.spokes() };
+    let spokes = if radius_um == 0.0 { 1 } else { spokes(fineness, pupil.image_px(z_um, radius_um)) };
     for spoke in 0..spokes {
         let depth = (spoke as f64 + 0.5) / spokes as f64;
         let azimuth = std::f64::consts::PI * (spoke as f64 * GOLDEN).fract();
@@ -86,39 +82,6 @@ pub(super) fn encircled(
 
 /// The golden ratio less one: its multiples modulo 1 fill the unit interval evenly however many are taken.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
-
-/// The farthest that light of a particle lands from its image's centre, px, on the two axes.
-pub(super) fn reach(pupil: &Pupil, z_um: f64, radius_um: f64) -> [f64; 2] {
-    const STEPS: u32 = 64;
-    let mut reach = [0.0f64; 2];
-    for i in 0..=STEPS {
-        let q = pupil.aperture() * f64::from(i) / f64::from(STEPS);
-        for point in [[q, 0.0], [0.0, q]] {
-            let Some(view) = pupil.view(z_um, radius_um, point) else { continue };
-            for axis in 0..2 {
-                let slope2 =
-                    [view.by_e1, view.by_e2, view.by_e3].iter().map(|d| d[axis] * d[axis]).sum::<f64>();
-                reach[axis] = reach[axis].max(view.landing[axis].abs() + radius_um * libm::sqrt(slope2));
-            }
-        }
-    }
-    reach
-}
-
-/// Radius in the lens plane beyond which no light lands within `reach_px`, um; at most the aperture's.
-fn useful_radius(pupil: &Pupil, z_um: f64, radius_um: f64, reach_px: f64) -> f64 {
-    const STEPS: u32 = 256;
-    let aperture = pupil.aperture();
-    let misses = |q: f64| {
-        pupil.view(z_um, radius_um, [q, 0.0]).is_none_or(|view| {
-            let spread = radius_um * (view.by_e1[0].abs() + view.by_e2[0].abs() + view.by_e3[1].abs());
-            view.landing[0].abs() - spread > reach_px
-        })
-    };
-    let step = aperture / f64::from(STEPS);
-    let missing = (0..STEPS).take_while(|&i| misses(aperture - f64::from(i) * step)).count();
-    (aperture - step * (missing as f64 - 1.0)).min(aperture)
-}
 
 /// Pieces of a line on each side of its point nearest to the axis.
 const PIECES: usize = 4;

@@ -1,29 +1,37 @@
 //! Images in the limit of many rays: no noise of the rays, and derivatives by the particle's place.
 //!
-//! The law is that of `rays` with infinitely many source points and isotropic directions, times (n_rays + 1)/n_rays (the
-//! spiral's own excess over isotropic light): a particle sends N_s (n_rays + 1) rays toward the lens side, and a pixel
-//! gets its share of them. For a sphere this share depends on depth, diameter and the pixel's place relative to the
-//! particle alone, and comes from a table (`block`): behind a spherical lens a radial profile with the few harmonics of
-//! a square pixel (`encircled`, `pixel`), with a cylindrical lens one quadrant of the image (`planar`). Tables are made when
-//! they are first needed, verified against images computed directly while they are made, and shared by all clones of a
-//! renderer; when they grow beyond 512 MB, those that the current image does not need are dropped.
-//!
-//! Left out: spheroids, which [`ExpectedRenderer::check`] refuses.
+//! The law is that of `rays` with isotropic directions and, for spheres, infinitely many source points, times
+//! (n_rays + 1)/n_rays (the spiral's own excess over isotropic light): a particle sends (n_rays + 1) rays from each source
+//! point toward the lens side, and a pixel gets its share of them. Images of spheres depend on depth, diameter and the pixel's
+//! place relative to the particle alone, and come from tables (`block`), which are made when they are first needed, verified
+//! while they are made (`build`), and shared by all clones of a renderer (`tables`); when they grow beyond 512 MB, those that
+//! the current image does not need are dropped. Behind a spherical lens images are round: they are computed as light within
+//! a radius (`encircled`), seen by a square pixel (`pixel`), and drawn from lines along the radius (`draw_round`). With a
+//! cylindrical lens they have two mirror symmetries: a quadrant is computed part by part of the lens (`exposure`, `stamp`) and
+//! drawn from a spline over it (`draw`). A spheroid is computed in the same way, directly and without tables (`spheroid`).
 
 mod block;
+mod build;
 mod draw;
+mod draw_round;
 mod encircled;
+mod exposure;
+mod layout;
 mod pixel;
-mod planar;
 mod pupil;
-mod slopes;
+mod rings;
+mod sheet;
+mod spheroid;
 mod spline;
+mod stamp;
+mod surface;
 mod tables;
 
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::instructions::InstructionSet;
 use super::patch::Window;
 use super::rays::RayRenderer;
 use crate::emission::{self, SpheroidLaw};
@@ -32,10 +40,13 @@ use crate::optics::OpticalSystem;
 use crate::particle::Particle;
 use crate::sensor::Light;
 use crate::settings::Settings;
-use block::{Block, Model};
-use draw::Drawing;
+use block::Block;
+use build::Model;
+use draw::{Canvas, Figure, Sphere};
+use pixel::Pixels;
 use pupil::Pupil;
-use slopes::Sheet;
+use sheet::Sheet;
+use surface::Surface;
 use tables::Tables;
 
 /// Error of an image, unless another is asked for: the root mean square over the pixels' possible places, as a share of
@@ -44,6 +55,9 @@ pub const DEFAULT_TOLERANCE: f64 = 1e-3;
 
 /// The tolerances that tables can be asked for.
 pub const TOLERANCES: std::ops::RangeInclusive<f64> = 1e-4..=0.1;
+
+/// Particles whose images are held at a time.
+const PARTICLES: usize = 1024;
 
 /// Draws particles without the noise of rays.
 ///
@@ -63,7 +77,14 @@ pub const TOLERANCES: std::ops::RangeInclusive<f64> = 1e-4..=0.1;
 #[derive(Debug, Clone)]
 pub struct ExpectedRenderer {
     rays: RayRenderer,
+    instructions: InstructionSet,
     tables: Arc<Tables>,
+}
+
+/// What a particle is drawn from.
+enum Image {
+    Block(Arc<Block>),
+    Patch(Window, Vec<f32>),
 }
 
 /// Expected ray counts of one particle of brightness 1 on the sensor pixels it can reach.
@@ -90,6 +111,19 @@ impl ExpectedRenderer {
     /// # Errors
     /// [`Error::Malformed`] if a setting is out of range, [`Error::Unsupported`] for a tolerance outside [`TOLERANCES`].
     pub fn new(settings: &Settings, law: SpheroidLaw, tolerance: f64) -> Result<Self, Error> {
+        Self::on(InstructionSet::best(), settings, law, tolerance)
+    }
+
+    /// The same with an instruction set of one's choice; all give the same images.
+    ///
+    /// # Errors
+    /// As [`ExpectedRenderer::new`].
+    pub fn on(
+        instructions: InstructionSet,
+        settings: &Settings,
+        law: SpheroidLaw,
+        tolerance: f64,
+    ) -> Result<Self, Error> {
         if !TOLERANCES.contains(&tolerance) {
             return Err(Error::Unsupported(format!(
                 "tolerance = {tolerance}: expected {} to {}, a share of an image's peak",
@@ -103,8 +137,8 @@ impl ExpectedRenderer {
         let [x, y] = [settings.pixel_dim_x, settings.pixel_dim_y].map(|size| f64::from(size) + margin);
         let farthest_px =
             if pupil.system.cylinder.is_some() { [x, y] } else { [libm::sqrt(x * x + y * y); 2] };
-        let model = Model { pupil, tolerance, farthest_px, pixels: Default::default() };
-        Ok(ExpectedRenderer { rays, tables: Arc::new(Tables::new(model)) })
+        let model = Model { pupil, tolerance, farthest_px, pixels: Pixels::default(), instructions };
+        Ok(ExpectedRenderer { rays, instructions, tables: Arc::new(Tables::new(model)) })
     }
 
     /// How far from the sensor a particle may lie, px, if its light falls on it.
@@ -120,12 +154,12 @@ impl ExpectedRenderer {
     /// Whether this particle can be drawn, and what should be known about its image if so.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] as [`RayRenderer::check`], for spheroids, and for a particle so far outside the sensor that
-    /// no table reaches from it to there.
+    /// [`Error::Unsupported`] as [`RayRenderer::check`], and for a sphere so far outside the sensor that no table reaches
+    /// from it to there.
     pub fn check(&self, particle: &Particle) -> Result<Option<String>, Error> {
         let warning = self.rays.check(particle)?;
-        if particle.spheroid.is_some() {
-            return Err(Error::Unsupported("spheroids cannot be drawn as expected images yet".to_owned()));
+        if self.is_spheroid(particle) {
+            return Ok(warning);
         }
         let (settings, margin) = (self.settings(), Self::margin(self.settings()));
         let outside = |at: f64, size: u32| (0.5 - at).max(at - f64::from(size) - 0.5);
@@ -156,25 +190,30 @@ impl ExpectedRenderer {
 
     /// Makes the tables for these particles now rather than when they are drawn.
     pub fn prepare(&self, particles: &[Particle]) {
-        self.blocks(particles.iter());
+        self.tables.blocks(particles.iter().filter(|particle| !self.is_spheroid(particle)));
     }
 
     /// The expected counts of one particle. `None`: none of its light can fall on the sensor.
     pub fn patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
-        let block = self.block(particle);
-        let window = self.window(particle, &block);
+        let image = self.images(std::slice::from_ref(particle)).remove(0);
+        let figure = self.figure(particle, &image, 1.0);
+        let (Figure::Sphere(Sphere { window, .. }) | Figure::Patch { window, .. }) = figure;
         if window.area() == 0 {
             return None;
         }
-        let drawing = self.drawing(particle, &block, 1.0);
         let mut counts = vec![0.0; window.area()];
-        drawing.add_to(&mut counts);
+        let canvas = Canvas { x0: window.x0, y0: window.y0, width: window.width, pixels: &mut counts };
+        draw::draw(self.instructions, std::iter::once(figure), canvas);
         Some(ExpectedPatch { window, counts })
     }
 
-    /// The expected counts of one sphere with their derivatives. `None`: none of its light can fall on the sensor.
+    /// The expected counts of one particle with their derivatives: those of the tables for spheres, differences over half a
+    /// pixel and 1 um for spheroids. `None`: none of its light can fall on the sensor.
     pub fn gradient(&self, particle: &Particle) -> Option<Gradient> {
-        let block = self.block(particle);
+        if self.is_spheroid(particle) {
+            return self.gradient_by_differences(particle);
+        }
+        let block = self.tables.blocks(std::iter::once(particle)).remove(0);
         let window = self.window(particle, &block);
         if window.area() == 0 {
             return None;
@@ -193,21 +232,45 @@ impl ExpectedRenderer {
         Some(Gradient { window, pixels })
     }
 
+    fn gradient_by_differences(&self, particle: &Particle) -> Option<Gradient> {
+        /// Half the distance of the two images of a difference: px, px, um.
+        const STEPS: [f64; 3] = [0.25, 0.25, 0.5];
+        let window = self.spheroid_window(particle);
+        if window.area() == 0 {
+            return None;
+        }
+        let surface = spheroid::surface(self.settings(), self.rays.law(), particle);
+        let at = |axis: usize, by: f64| {
+            let mut place = [particle.x_px, particle.y_px, particle.z_um];
+            place[axis] += by;
+            self.spheroid(&surface, place, window)
+        };
+        let mut pixels: Vec<[f64; 4]> =
+            at(0, 0.0).into_iter().map(|v| [f64::from(v), 0.0, 0.0, 0.0]).collect();
+        for (axis, step) in STEPS.into_iter().enumerate() {
+            for ((pixel, low), high) in pixels.iter_mut().zip(at(axis, -step)).zip(at(axis, step)) {
+                pixel[axis + 1] = f64::from(high - low) / (2.0 * step);
+            }
+        }
+        Some(Gradient { window, pixels })
+    }
+
     /// Adds up the light of all particles of one image.
     pub fn light(&self, particles: &[Particle]) -> Light {
         let mut light = Light::dark(self.settings());
         let width = light.width as usize;
-        let blocks = self.blocks(particles.iter());
-        let drawings: Vec<Drawing> = particles
-            .par_iter()
-            .zip(&blocks)
-            .map(|(particle, block)| self.drawing(particle, block, particle.c_int))
-            .collect();
-        light.values.par_chunks_mut(width).enumerate().with_min_len(64).for_each(|(row, pixels)| {
-            for drawing in &drawings {
-                drawing.add_row(row, pixels);
-            }
-        });
+        // Each thread has a band of rows and all particles in the order of their rows in the data file: no sum depends on
+        // the number of threads.
+        let band = (light.height as usize).div_ceil(rayon::current_num_threads()).max(64);
+        for particles in particles.chunks(PARTICLES) {
+            let images = self.images(particles);
+            light.values.par_chunks_mut(band * width).enumerate().for_each(|(i, pixels)| {
+                let canvas = Canvas { x0: 1, y0: (i * band) as i64 + 1, width, pixels };
+                let figures = particles.iter().zip(&images);
+                let figures = figures.map(|(particle, image)| self.figure(particle, image, particle.c_int));
+                draw::draw(self.instructions, figures, canvas);
+            });
+        }
         light
     }
 
@@ -217,23 +280,58 @@ impl ExpectedRenderer {
         self.tables.state()
     }
 
-    fn blocks<'a>(&self, particles: impl Iterator<Item = &'a Particle>) -> Vec<Arc<Block>> {
-        self.tables.blocks(particles)
+    /// Whether a particle is computed directly. With the uniform law a spheroid of aspect ratio 1 is the sphere.
+    fn is_spheroid(&self, particle: &Particle) -> bool {
+        particle.spheroid.is_some_and(|s| s.e_p != 1.0 || self.rays.law() == SpheroidLaw::Original)
     }
 
-    fn block(&self, particle: &Particle) -> Arc<Block> {
-        self.blocks(std::iter::once(particle)).remove(0)
+    /// What each particle is drawn from.
+    fn images(&self, particles: &[Particle]) -> Vec<Image> {
+        let mut blocks = self.tables.blocks(particles.iter().filter(|p| !self.is_spheroid(p))).into_iter();
+        let patches: Vec<Option<Image>> = particles
+            .par_iter()
+            .map(|particle| {
+                self.is_spheroid(particle).then(|| {
+                    let window = self.spheroid_window(particle);
+                    let surface = spheroid::surface(self.settings(), self.rays.law(), particle);
+                    let place = [particle.x_px, particle.y_px, particle.z_um];
+                    Image::Patch(window, self.spheroid(&surface, place, window))
+                })
+            })
+            .collect();
+        patches.into_iter().filter_map(|patch| patch.or_else(|| blocks.next().map(Image::Block))).collect()
     }
 
-    fn drawing(&self, particle: &Particle, block: &Block, factor: f64) -> Drawing {
-        let place = [particle.x_px, particle.y_px, particle.z_um];
-        let light = factor * self.total(particle);
-        Drawing::new(block, place, 0.5 * particle.d_um, light, self.window(particle, block))
+    fn spheroid(&self, surface: &Surface, place: [f64; 3], window: Window) -> Vec<f32> {
+        if window.area() == 0 {
+            return Vec::new();
+        }
+        spheroid::patch(&self.tables.model, self.settings(), surface, place, window)
     }
 
-    /// The light that a particle sends toward the lens side, in rays.
+    fn spheroid_window(&self, particle: &Particle) -> Window {
+        let sensor = (self.settings().pixel_dim_x, self.settings().pixel_dim_y);
+        Window::around(particle.x_px, particle.y_px, self.image_extent(particle), sensor)
+    }
+
+    fn figure<'a>(&self, particle: &Particle, image: &'a Image, factor: f64) -> Figure<'a> {
+        match image {
+            Image::Patch(window, counts) => Figure::Patch { window: *window, counts, factor },
+            Image::Block(block) => Figure::Sphere(Sphere {
+                block,
+                window: self.window(particle, block),
+                x_px: particle.x_px,
+                y_px: particle.y_px,
+                z_um: particle.z_um,
+                radius_um: 0.5 * particle.d_um,
+                light: factor * self.total(particle),
+            }),
+        }
+    }
+
+    /// The light that a sphere sends toward the lens side, in rays.
     fn total(&self, particle: &Particle) -> f64 {
-        let points = emission::surface_points(self.settings(), particle);
+        let points = emission::sphere_points(self.settings(), particle.d_um);
         points as f64 * (f64::from(self.settings().n_rays) + 1.0)
     }
 

@@ -14,8 +14,14 @@ use super::encircled::RINGS;
 pub(super) const AZIMUTHS: usize = 5;
 
 /// cos (4 order psi) at each azimuth.
-pub(super) fn harmonic(order: usize, azimuth: usize) -> f64 {
+fn harmonic(order: usize, azimuth: usize) -> f64 {
     libm::cos((order * azimuth) as f64 * std::f64::consts::PI / (AZIMUTHS - 1) as f64)
+}
+
+/// Cosine and sine of an azimuth of the samples.
+pub(super) fn direction(azimuth: usize) -> [f64; 2] {
+    let (sine, cosine) = libm::sincos(azimuth as f64 * FRAC_PI_4 / (AZIMUTHS - 1) as f64);
+    [cosine, sine]
 }
 
 /// The harmonics of values at all azimuths (a cosine transform).
@@ -51,8 +57,7 @@ impl Shares {
             let distance = node as f64 / per_px as f64;
             let first = first_ring(distance);
             for azimuth in 0..AZIMUTHS {
-                let (sine, cosine) = libm::sincos(azimuth as f64 * FRAC_PI_4 / (AZIMUTHS - 1) as f64);
-                let centre = [distance * cosine, distance * sine];
+                let centre = direction(azimuth).map(|d| distance * d);
                 let area = |ring: usize| disc_inside(ring as f64 / RINGS as f64, centre);
                 let mut inside = if first == 0 { 0.0 } else { area(first) };
                 shares.push(std::array::from_fn(|i| {

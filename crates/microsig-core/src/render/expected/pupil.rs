@@ -52,7 +52,7 @@ impl Pupil {
     }
 
     /// Where the ray from a source point through the point `q` of the lens lands, px.
-    fn landing(&self, z_um: f64, [e1, e2, e3]: [f64; 3], q: [f64; 2]) -> Option<[f64; 2]> {
+    pub(super) fn landing(&self, z_um: f64, [e1, e2, e3]: [f64; 3], q: [f64; 2]) -> Option<[f64; 2]> {
         let distance = self.distance(z_um) + e1;
         if distance <= 0.0 {
             return None;
@@ -60,6 +60,48 @@ impl Pupil {
         let start = Ray { q_x: e2, q_y: e3, p_x: (q[0] - e2) / distance, p_y: (q[1] - e3) / distance };
         let (x, y) = self.system.trace(start, distance)?;
         Some([x / self.pixel_size, y / self.pixel_size])
+    }
+
+    /// Radius in the lens plane beyond which no light of a particle of this radius lands within `farthest_px` of it, um; at
+    /// most the aperture's. With a cylinder it is the aperture's.
+    pub(super) fn useful_radius(&self, z_um: f64, radius_um: f64, farthest_px: f64) -> f64 {
+        const STEPS: u32 = 256;
+        let aperture = self.aperture();
+        if self.system.cylinder.is_some() {
+            return aperture;
+        }
+        let misses = |q: f64| {
+            self.view(z_um, radius_um, [q, 0.0]).is_none_or(|view| {
+                let spread = radius_um * (view.by_e1[0].abs() + view.by_e2[0].abs() + view.by_e3[1].abs());
+                view.landing[0].abs() - spread > farthest_px
+            })
+        };
+        let step = aperture / f64::from(STEPS);
+        let missing = (0..STEPS).take_while(|&i| misses(aperture - f64::from(i) * step)).count();
+        (aperture - step * (missing as f64 - 1.0)).min(aperture)
+    }
+
+    /// The farthest that light of a particle lands from its image's centre, px, on the two axes.
+    pub(super) fn reach(&self, z_um: f64, radius_um: f64) -> [f64; 2] {
+        const STEPS: u32 = 64;
+        let mut reach = [0.0f64; 2];
+        for i in 0..=STEPS {
+            let q = self.aperture() * f64::from(i) / f64::from(STEPS);
+            for point in [[q, 0.0], [0.0, q]] {
+                let Some(view) = self.view(z_um, radius_um, point) else { continue };
+                for axis in 0..2 {
+                    let slope2 =
+                        [view.by_e1, view.by_e2, view.by_e3].iter().map(|d| d[axis] * d[axis]).sum::<f64>();
+                    reach[axis] = reach[axis].max(view.landing[axis].abs() + radius_um * libm::sqrt(slope2));
+                }
+            }
+        }
+        if self.system.cylinder.is_none() { [reach[0].max(reach[1]); 2] } else { reach }
+    }
+
+    /// Diameter of a particle's own image at this depth, px, apart from all blur.
+    pub(super) fn image_px(&self, z_um: f64, radius_um: f64) -> f64 {
+        2.0 * radius_um * self.system.objective.image_distance / self.distance(z_um) / self.pixel_size
     }
 
     /// Distance from the plane at this depth to the lens, um.

@@ -5,7 +5,8 @@ use std::sync::{Arc, PoisonError, RwLock};
 
 use rayon::prelude::*;
 
-use super::block::{Block, Model, Radii};
+use super::block::Block;
+use super::build::{Model, Radii};
 use crate::particle::Particle;
 
 /// Memory that blocks may take before those that the current image does not need are dropped: 512 MB.
@@ -63,7 +64,7 @@ impl Tables {
     fn build(&self, (depth, small, large): Key) -> Block {
         let (small, large) = (0.5 * f64::from_bits(small), 0.5 * f64::from_bits(large));
         let radii = if small == large { Radii::One(small) } else { Radii::Between(small, large) };
-        Block::new(&self.model, depth as f64 * self.length_um, self.length_um, radii)
+        self.model.block(depth as f64 * self.length_um, self.length_um, radii)
     }
 
     /// The block of each of these spheres; those that are missing are made, in parallel.
