@@ -2,7 +2,7 @@
 //!
 //! F_ij = sum over pixels of (d mu / d theta_i) (d mu / d theta_j) / v, theta = (x, y, z, brightness), sigma_i >=
 //! sqrt((F^-1)_ii); v = background_noise^2 + gain (mu - background) + 1/12, since counts of rays are Poisson and images are
-//! rounded. A property of the dataset's optics and noise: no image of the dataset is looked at. mu and its derivatives are
+//! rounded; a camera adds the noise of its electrons, `mode: expected` has none of rays ([`Noise`]). A property of the dataset's optics and noise: no image of the dataset is looked at. mu and its derivatives are
 //! those of `microsig_core::render::expected`. Overlap, edges and the variance's own dependence on theta are left out.
 
 use std::path::Path;
@@ -10,6 +10,8 @@ use std::path::Path;
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::settings_file;
 use microsig_core::render::ExpectedRenderer;
+use microsig_core::sensor::Sensor;
+use microsig_core::stream::Streams;
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -21,6 +23,7 @@ use crate::dataset::manifest::MANIFEST;
 use crate::dataset::truth::TRACKS;
 use crate::error::{Error, Result};
 use crate::results::sheet::{Separator, Sheet};
+use crate::scenario::spec;
 
 /// Error of the expected images, as a share of their peaks: a bound is wanted to a few percent.
 const TOLERANCE: f64 = 3e-3;
@@ -71,13 +74,14 @@ pub fn of_dataset(dataset: &Path, curves: &[Curve]) -> Result<Option<Crlb>> {
     if settings.gain == 0.0 {
         return Ok(None);
     }
+    let noise = Noise::of_dataset(&settings, &manifest["microsig"])?;
     let renderer = on_large_sensor(&settings)?;
     let bins = curve
         .bins
         .par_iter()
         .map(|bin| {
             let z_um = f64::midpoint(bin.from, bin.to);
-            let bound = bound(&renderer, d_um, z_um / depth_factor)?;
+            let bound = bound(&renderer, &noise, d_um, z_um / depth_factor)?;
             let [x, y, z] = bound.map_or([None; 3], |b| [Some(b[0]), Some(b[1]), Some(b[2] * depth_factor)]);
             let efficiency = |bound: Option<f64>, rms: Option<f64>| {
                 bound.zip(rms).filter(|(_, rms)| *rms > 0.0).map(|(bound, rms)| bound / rms)
@@ -114,7 +118,51 @@ fn median_diameter(tracks: &Path) -> Result<Option<f64>> {
 /// # Errors
 /// Settings or a particle that cannot be drawn.
 pub fn of_particle(settings: &Settings, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
-    bound(&on_large_sensor(settings)?, d_um, z_um)
+    bound(&on_large_sensor(settings)?, &Noise::of_rays(settings), d_um, z_um)
+}
+
+/// How light becomes counts: a pixel with `n` rays has `slope n` counts above the background, with variance
+/// `background + of_light n`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Noise {
+    slope: f64,
+    background: f64,
+    of_light: f64,
+}
+
+/// Variance of rounding.
+const ROUNDING: f64 = 1.0 / 12.0;
+
+impl Noise {
+    /// Of MicroSIG's own sensor.
+    fn of_rays(settings: &Settings) -> Self {
+        let (slope, noise) = (settings.gain, settings.background_noise);
+        Noise { slope, background: noise * noise + ROUNDING, of_light: slope * slope }
+    }
+
+    /// Of a dataset, in the middle of its images; what differs from pixel to pixel is left out.
+    fn of_dataset(settings: &Settings, manifest: &Value) -> Result<Self> {
+        let mut noise = Noise::of_rays(settings);
+        if manifest["renderer"] == "expected" {
+            noise.of_light = 0.0;
+        }
+        let Some(written) = manifest["sensor"]["detector"].as_object() else { return Ok(noise) };
+        // An infinite full well is null, which is the default.
+        let written = written.iter().filter(|(_, v)| !v.is_null()).map(|(k, v)| (k.clone(), v.clone()));
+        let camera: spec::Sensor = serde_json::from_value(Value::Object(written.collect()))
+            .map_err(|e| Error::input(format!("{MANIFEST}: sensor.detector: {e}")))?;
+        let even = spec::Sensor { prnu: 0.0, dsnu_e: 0.0, hot_pixels: None, vignetting: 0.0, ..camera };
+        let sensor = Sensor::with_detector(settings, even.detector(None), &Streams::new(0))?;
+        let response = sensor.response(0);
+        // Rays, then electrons.
+        let rays = if noise.of_light > 0.0 { response.slope * response.slope } else { 0.0 };
+        let shot = if even.shot_noise { response.slope * even.gain_counts_per_e } else { 0.0 };
+        Ok(Noise {
+            slope: response.slope,
+            background: response.background_noise * response.background_noise + ROUNDING,
+            of_light: rays + shot,
+        })
+    }
 }
 
 fn on_large_sensor(settings: &Settings) -> Result<ExpectedRenderer> {
@@ -122,16 +170,15 @@ fn on_large_sensor(settings: &Settings) -> Result<ExpectedRenderer> {
     Ok(ExpectedRenderer::new(&settings, SpheroidLaw::Original, TOLERANCE)?)
 }
 
-fn bound(renderer: &ExpectedRenderer, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
+fn bound(renderer: &ExpectedRenderer, noise: &Noise, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
     let middle = f64::from(SIZE / 2 + 1);
     let particle = Particle::sphere(middle, middle, z_um, d_um);
     renderer.check(&particle)?;
     let Some(image) = renderer.gradient(&particle) else { return Ok(None) };
-    let (gain, noise) = (renderer.settings().gain, renderer.settings().background_noise);
     let mut information = [[0.0; 4]; 4];
     for [counts, by_x, by_y, by_z] in image.pixels {
-        let variance = noise * noise + gain * gain * counts.max(0.0) + 1.0 / 12.0;
-        add(&mut information, &[by_x, by_y, by_z, counts].map(|v| gain * v), variance);
+        let variance = noise.background + noise.of_light * counts.max(0.0);
+        add(&mut information, &[by_x, by_y, by_z, counts].map(|v| noise.slope * v), variance);
     }
     Ok(bounds(&information).map(|b| [b[0], b[1], b[2]]))
 }
@@ -198,6 +245,30 @@ mod tests {
                 (x / closed - 1.0).abs() < 0.02 && (y / closed - 1.0).abs() < 0.02,
                 "{width}: {x} {closed}"
             );
+        }
+    }
+
+    #[test]
+    fn a_camera_adds_the_noise_of_its_electrons() {
+        let settings =
+            Settings { gain: 4.0, background_mean: 100.0, background_noise: 3.0, ..Settings::setting1() };
+        let noise = |manifest: Value| Noise::of_dataset(&settings, &manifest).unwrap();
+        let own = noise(serde_json::json!({ "renderer": "rays", "sensor": { "detector": null } }));
+        assert_eq!(own, Noise { slope: 4.0, background: 9.0 + ROUNDING, of_light: 16.0 });
+        let still = noise(serde_json::json!({ "renderer": "expected", "sensor": { "detector": null } }));
+        assert_eq!(still, Noise { of_light: 0.0, ..own });
+        // 4 counts a ray, 5 photons a count, half of them electrons, 0.2 counts an electron: 10 electrons, 2 counts a ray.
+        let camera = serde_json::json!({ "photons_per_count": 5.0, "quantum_efficiency": 0.5, "shot_noise": true,
+            "read_noise_e": 2.0, "gain_counts_per_e": 0.2, "full_well_e": null, "vignetting": 0.5 });
+        let camera = noise(serde_json::json!({ "renderer": "rays", "sensor": { "detector": camera } }));
+        // 250 electrons of the background and the reading, 0.04 counts^2 each; 10 electrons a ray.
+        let expected = Noise { slope: 2.0, background: 0.04 * 254.0 + 9.0 + ROUNDING, of_light: 4.0 + 0.4 };
+        for (a, b) in [
+            (camera.slope, expected.slope),
+            (camera.background, expected.background),
+            (camera.of_light, expected.of_light),
+        ] {
+            assert!((a - b).abs() < 1e-12, "{camera:?}");
         }
     }
 

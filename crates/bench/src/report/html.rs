@@ -36,14 +36,14 @@ p, li { max-width: 60rem; } .soft { color: var(--soft); }
 .key b { display: block; font-size: 1.35rem; font-variant-numeric: tabular-nums; }
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 28rem), 1fr)); gap: 1.2rem; }
 figure { margin: 0; break-inside: avoid; } figcaption { font-size: .9rem; color: var(--soft); }
-.name { margin-right: 1rem; white-space: nowrap; }
+.name { display: inline-block; margin-right: 1rem; }
 svg { width: 100%; height: auto; color: var(--ink); }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; } .scroll { overflow-x: auto; }
 th, td { padding: .25rem .8rem; text-align: right; border-bottom: 1px solid var(--grid); }
 th:first-child, td:first-child { text-align: left; white-space: nowrap; }
-.board th, .board td { padding: .25rem .5rem; } .board td { white-space: nowrap; }
+.board { font-size: .9rem; } .board th, .board td { padding: .25rem .4rem; } .board td { white-space: nowrap; }
 .board th:nth-child(2), .board td:nth-child(2) { text-align: left; }
-@media print { .scroll { overflow: visible; } .board { font-size: 8.5px; } .board th, .board td { padding: .2rem .3rem; } }
+@media print { .scroll { overflow: visible; } .board { font-size: 10px; } .board th, .board td { padding: .2rem .3rem; } }
 pre { overflow-x: auto; font-size: .82rem; border: 1px solid var(--grid); border-radius: .4rem; padding: .8rem; }
 .warning { border-left: .3rem solid var(--c1); padding: .3rem .8rem; margin: .6rem 0; }
 ";
