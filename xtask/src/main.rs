@@ -42,6 +42,9 @@ enum Task {
         /// Only the groups of workloads with this in their name.
         #[arg(long)]
         only: Option<String>,
+        /// Runs of each workload.
+        #[arg(long, default_value_t = 5)]
+        repeats: usize,
         /// Where workloads write; in memory (/dev/shm) the disk takes no part. Default: below OUT.
         #[arg(long)]
         scratch: Option<PathBuf>,
@@ -177,8 +180,8 @@ fn main() -> anyhow::Result<ExitCode> {
         Task::Scoring { out } => {
             scoring::main(&out).map(|met| if met { ExitCode::SUCCESS } else { ExitCode::FAILURE })
         }
-        Task::Bench { out, only, scratch } => {
-            bench::main(&out, only.as_deref(), scratch.as_deref()).map(|()| ExitCode::SUCCESS)
+        Task::Bench { out, only, repeats, scratch } => {
+            bench::main(&out, only.as_deref(), repeats, scratch.as_deref()).map(|()| ExitCode::SUCCESS)
         }
         Task::Instructions { out, against, tolerance } => {
             instructions::run(&out, against.as_deref(), tolerance)

@@ -1,6 +1,6 @@
 //! `cargo xtask bench`: what the command costs as a whole process, and what it could cost at best.
 //!
-//! Every workload runs five times, in turns with all others of its group, so that a busy minute of the machine touches all
+//! Every workload runs several times, in turns with all others of its group, so that a busy minute of the machine touches all
 //! alike; the medians are kept. The floors (memory, random numbers, files) and the yardstick (a NumPy loop over all rays) take
 //! turns with the first group. CPU time is that of all threads, user and system, as the system tells it of a finished process.
 //! What is known is written after every group, so that a bench that is ended early leaves a record.
@@ -51,10 +51,9 @@ struct Record {
     yardstick: Yardstick,
     /// What it costs to start the command and end it.
     startup: Usage,
+    /// Runs of each workload, but for those that take long.
+    repeats: usize,
 }
-
-/// Runs of each workload.
-const REPEATS: usize = 5;
 
 /// Starts of the command that are timed.
 const STARTS: usize = 25;
@@ -62,9 +61,14 @@ const STARTS: usize = 25;
 /// What the yardstick said about each of its data files, or why there is none.
 type Yardstick = Result<BTreeMap<&'static str, Value>, String>;
 
-/// Measures and writes `runs.csv`, plots and README.md into a folder. With `only`, workloads of other groups are left out.
-/// Workloads write below `scratch`; `None`: below `out`.
-pub(crate) fn main(out: &Path, only: Option<&str>, scratch: Option<&Path>) -> anyhow::Result<()> {
+/// Measures and writes `runs.csv`, plots and README.md into a folder; each workload runs at most `repeats` times. With `only`,
+/// workloads of other groups are left out. Workloads write below `scratch`; `None`: below `out`.
+pub(crate) fn main(
+    out: &Path,
+    only: Option<&str>,
+    repeats: usize,
+    scratch: Option<&Path>,
+) -> anyhow::Result<()> {
     std::fs::create_dir_all(out)?;
     let program = microsig()?;
     let machine = machine();
@@ -79,9 +83,11 @@ pub(crate) fn main(out: &Path, only: Option<&str>, scratch: Option<&Path>) -> an
         floors: Vec::new(),
         yardstick: Err("it takes part in throughput only".to_owned()),
         startup: startup(&program)?,
+        repeats,
     };
     let mut workloads = workload::all(scratch)?;
     workloads.retain(|w| only.is_none_or(|group| w.group.contains(group)));
+    workloads.iter_mut().for_each(|w| w.repeats = w.repeats.min(repeats));
     for group in workloads.chunk_by(|a, b| a.group == b.group) {
         measure(&program, group, scratch, &mut record)?;
         report::write(out, &record)?;
@@ -98,7 +104,7 @@ fn measure(program: &Path, group: &[Workload], scratch: &Path, record: &mut Reco
     let mut runs: Vec<Vec<(Usage, Value, f64)>> = group.iter().map(|_| Vec::new()).collect();
     let mut floor_runs: Vec<Vec<Usage>> = vec![Vec::new(); Floor::ALL.len()];
     let mut yardsticks: Vec<Yardstick> = Vec::new();
-    for repeat in 0..REPEATS {
+    for repeat in 0..record.repeats {
         for (workload, runs) in group.iter().zip(&mut runs).filter(|(w, _)| repeat < w.repeats) {
             if record.refused.iter().any(|(name, _)| *name == workload.name) {
                 continue;

@@ -67,11 +67,12 @@ pub(super) fn write(out: &Path, record: &Record) -> anyhow::Result<()> {
 fn readme(out: &Path, record: &Record) -> Result<String, std::fmt::Error> {
     let mut text = format!(
         "# Speed and memory\n\nMade by `cargo xtask bench --out {}` with {}.\nOn {}.\n\n\
-         Whole runs of the command, noise and files included. Medians of five runs that took turns with all others; CPU time is \
+         Whole runs of the command, noise and files included. Medians of {} runs that took turns with others; CPU time is \
          user and system time of all threads. `runs.csv` has every figure.\n\n",
         out.display(),
         record.version,
-        record.machine
+        record.machine,
+        record.repeats
     );
     kept(&mut text, record)?;
     let ran = |part: &str| record.measured.iter().any(|m| m.workload.group.contains(part));

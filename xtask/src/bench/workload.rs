@@ -71,7 +71,7 @@ impl Rays {
         let path = |p: PathBuf| p.to_string_lossy().into_owned();
         let arguments =
             vec!["render".to_owned(), path(folder.join("settings.txt")), path(folder.join("particles"))];
-        Ok(Workload { group, name: name.to_owned(), size, arguments, threads: 1, repeats: 5 })
+        Ok(Workload { group, name: name.to_owned(), size, arguments, threads: 1, repeats: usize::MAX })
     }
 }
 
@@ -97,7 +97,7 @@ fn gaussian(
     std::fs::create_dir_all(scratch.join("inputs"))?;
     std::fs::write(&file, text)?;
     let arguments = vec!["generate".to_owned(), file.to_string_lossy().into_owned()];
-    Ok(Workload { group, name: name.to_owned(), size, arguments, threads: 1, repeats: 5 })
+    Ok(Workload { group, name: name.to_owned(), size, arguments, threads: 1, repeats: usize::MAX })
 }
 
 /// All workloads; their inputs are written below `scratch`.
@@ -156,7 +156,7 @@ fn throughput(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
         size: 20.0,
         arguments: vec!["generate".to_owned(), quickstart.to_string_lossy().into_owned()],
         threads: 1,
-        repeats: 5,
+        repeats: usize::MAX,
     });
     Ok(all)
 }
