@@ -14,7 +14,7 @@ use microsig_core::stream::{Purpose, Streams};
 pub(crate) enum Floor {
     /// Copies an image of 752 x 366 px in 16 bit.
     Memcpy,
-    /// Makes a row's worth of 32-bit random numbers by Philox4x32-10.
+    /// Makes a 32-bit random number by Philox4x32-10 for every pixel of such an image, row by row.
     Philox,
     /// Writes an image of 752 x 366 px in 16 bit into a file of its own.
     Write,
@@ -22,7 +22,9 @@ pub(crate) enum Floor {
     Nothing,
 }
 
-const PIXELS: usize = 752 * 366;
+const WIDTH: usize = 752;
+const HEIGHT: usize = 366;
+const PIXELS: usize = WIDTH * HEIGHT;
 
 impl Floor {
     pub(super) const ALL: [Floor; 4] = [Floor::Memcpy, Floor::Philox, Floor::Write, Floor::Nothing];
@@ -50,10 +52,11 @@ impl Floor {
             }
             Floor::Philox => {
                 let streams = Streams::new(1);
-                for row in 0..self.images() {
-                    let mut stream = streams.stream(Purpose::BackgroundNoise, 0, row as u32);
-                    let sum = (0..PIXELS).fold(0u32, |sum, _| sum ^ stream.next_u32());
-                    black_box(sum);
+                let mut words = vec![0; WIDTH];
+                for (frame, row) in (0..self.images()).flat_map(|k| (0..HEIGHT).map(move |row| (k, row))) {
+                    let mut stream = streams.stream(Purpose::BackgroundNoise, frame as u32, row as u32);
+                    stream.fill(&mut words);
+                    black_box(&words);
                 }
             }
             Floor::Write => {

@@ -81,7 +81,7 @@ fn draw(path: &Path, title: &str, y_name: &str, curves: &[Curve], proportional: 
     }
     chart
         .configure_series_labels()
-        .position(SeriesLabelPosition::UpperLeft)
+        .position(if proportional { SeriesLabelPosition::UpperLeft } else { SeriesLabelPosition::LowerRight })
         .label_font(("sans-serif", 14))
         .background_style(WHITE.mix(0.9))
         .border_style(RGBColor(180, 180, 180))

@@ -104,12 +104,12 @@ fn gaussian(
 pub(super) fn all(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
     let mut all = throughput(scratch)?;
     for threads in [1, 2] {
-        let rays = Rays::new(Settings::setting1(), 20, 200);
-        let name = format!("rays, {threads} threads");
+        let (rays, name) = (Rays::new(Settings::setting1(), 20, 200), format!("rays, {threads} threads"));
         all.push(Workload { threads, ..rays.workload(scratch, "threads, rays", &name, threads as f64)? });
-        let name = format!("gaussian, {threads} threads");
-        let pairs =
-            gaussian(scratch, ("threads, gaussian", &name), threads as f64, (512, 0.03), "pairs(count: 20)")?;
+    }
+    for threads in [1, 2] {
+        let (group, name) = ("threads, gaussian", format!("gaussian, {threads} threads"));
+        let pairs = gaussian(scratch, (group, &name), threads as f64, (512, 0.03), "pairs(count: 20)")?;
         all.push(Workload { threads, ..pairs });
     }
     all.extend(growth(scratch)?);

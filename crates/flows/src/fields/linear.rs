@@ -272,6 +272,10 @@ pub(crate) fn exponential(matrix: DMat3) -> DMat3 {
 
 /// phi(B) = SUM_k B^k / (k+1)! = INT_0^1 e^(B s) ds.
 fn mean_exponential(matrix: DMat3) -> DMat3 {
+    // What the sum below gives too, to the last bit; uniform flows are the most common.
+    if matrix == DMat3::ZERO {
+        return DMat3::IDENTITY;
+    }
     let size = |m: &DMat3| (0..3).map(|i| m.col(i).abs().element_sum()).fold(0.0, f64::max);
     let mut halved = matrix;
     let mut halvings = 0;
