@@ -40,6 +40,20 @@ fn renderer(settings: &Settings) -> ExpectedRenderer {
         .expect("the tolerance is allowed")
 }
 
+/// What the times below are to be divided by, and what they cost in memory.
+#[expect(clippy::print_stdout, reason = "it belongs to what criterion prints")]
+fn print_sizes(name: &str, renderer: &ExpectedRenderer, particles: &[Particle]) {
+    let lit = |counts: Vec<f64>| counts.into_iter().filter(|&count| count > 0.0).count();
+    let pixels: usize =
+        particles.iter().filter_map(|particle| renderer.patch(particle)).map(|patch| lit(patch.counts)).sum();
+    let (blocks, bytes, error) = renderer.tables();
+    println!(
+        "{name}: {:.0} lit pixels a particle; {blocks} blocks, {:.1} MB, largest error {error:.1e} of the peak",
+        pixels as f64 / particles.len() as f64,
+        bytes as f64 / 1e6
+    );
+}
+
 /// Images of particles at all depths, and at single ones; throughput is in particles.
 fn drawing(c: &mut Criterion) {
     let mut group = c.benchmark_group("expected");
@@ -50,8 +64,14 @@ fn drawing(c: &mut Criterion) {
             renderer.prepare(&particles);
             b.iter(|| renderer.light(black_box(&particles)));
         };
+        let mut told = false;
         group.bench_function(BenchmarkId::new(name, "all depths"), |b| {
-            draw(b, scattered(&settings, depths, d_um))
+            let particles = scattered(&settings, depths, d_um);
+            renderer.prepare(&particles);
+            if !std::mem::replace(&mut told, true) {
+                print_sizes(name, &renderer, &particles);
+            }
+            draw(b, particles);
         });
         for share in [0.0, 0.25, 0.5, 0.75, 1.0] {
             let z_um = depths[0] + share * (depths[1] - depths[0]);
