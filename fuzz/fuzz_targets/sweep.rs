@@ -12,7 +12,7 @@ static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
 });
 
 libfuzzer_sys::fuzz_target!(|text: &str| {
-    let Ok(sweep) = parse_sweep(text, "fuzz", FOLDER.path()) else { return };
+    let Ok(sweep) = parse_sweep(text, "fuzz", FOLDER.path(), None) else { return };
     for case in sweep.cases.iter().take(3) {
         let _ = sweep.scenario(case);
     }

@@ -14,7 +14,8 @@ pub fn binary() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
     BINARY.get_or_init(|| {
         // Cargo builds the binary of another package only when asked to.
-        let mut build = Command::new(env!("CARGO"));
+        let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+        let mut build = Command::new(cargo);
         build.args(["build", "--quiet", "--package", "bench", "--bin", "microsig"]);
         if !cfg!(debug_assertions) {
             build.arg("--release");

@@ -338,7 +338,7 @@ fn the_search_finds_what_is_told() {
     let hidden = |bytes: Vec<u8>| [noise(101), bytes, noise(50)].concat();
     for (file, bytes, expected) in [
         ("tracks.csv", tracks.clone(), "as text"),
-        ("note.txt", format!("the first is at {:.5}", column(3).next().unwrap()).into_bytes(), "as text"),
+        ("note.txt", format!("the first is at {:.9}", column(3).next().unwrap()).into_bytes(), "as text"),
         ("a.bin", hidden(column(3).flat_map(f64::to_le_bytes).collect()), "as f64"),
         ("b.bin", hidden(column(5).flat_map(f64::to_be_bytes).collect()), "as f64"),
         ("c.bin", hidden(column(4).flat_map(|v| (v as f32).to_le_bytes()).collect()), "as f32"),

@@ -146,9 +146,8 @@ fn what_cannot_be_written_is_said_and_leaves_no_result() {
     run(&[&sweep[..], &["--resume"]].concat());
 }
 
-#[test]
-fn verify_finds_a_flipped_bit_in_any_file_and_an_edited_scenario() {
-    let place = tempfile::tempdir().unwrap();
+/// A small dataset with a file of every kind.
+fn small(place: &Path) -> PathBuf {
     let text = r#"(
         name: "small",
         optics: (pixel_dim_x: 40, pixel_dim_y: 30, points_per_pixel: 4, settings: "own.txt"),
@@ -160,49 +159,115 @@ fn verify_finds_a_flipped_bit_in_any_file_and_an_edited_scenario() {
     let mut settings = Vec::new();
     microsig_core::formats::settings_file::write(&mut settings, &microsig_core::Settings::setting1())
         .unwrap();
-    write(place.path(), "own.txt", &String::from_utf8(settings).unwrap());
-    write(place.path(), "places.txt", "20 15 -25 2\n5 5 -28 2\n");
-    let scenario = write(place.path(), "scenario.ron", text);
-    let dataset = place.path().join("dataset");
+    write(place, "own.txt", &String::from_utf8(settings).unwrap());
+    write(place, "places.txt", "20 15 -25 2\n5 5 -28 2\n");
+    let scenario = write(place, "scenario.ron", text);
+    let dataset = place.join("dataset");
     run(&["generate", path(&scenario), "--out", path(&dataset)]);
+    dataset
+}
+
+fn verifies(dataset: &Path) -> bool {
+    let status = microsig().arg("verify").arg(dataset).stdout(Stdio::null()).stderr(Stdio::null()).status();
+    status.unwrap().success()
+}
+
+#[test]
+fn verify_finds_a_flipped_bit_in_any_file_and_files_that_are_missing_or_too_many() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = small(place.path());
     let whole = suite::tree(&dataset).unwrap();
     let kinds = ["SHA256SUMS", "README.md", "preview.png", "inputs/own.txt", "calibration/calibration.csv"];
     assert!(kinds.iter().all(|kind| whole.contains_key(*kind)), "{whole:?}");
+    let refuse = |file: &Path, good: &[u8], at: usize, bit: usize| {
+        let mut broken = good.to_vec();
+        broken[at] ^= 1 << bit;
+        std::fs::write(file, &broken).unwrap();
+        assert!(!verifies(&dataset), "bit {bit} of byte {at} of {} is flipped", file.display());
+        std::fs::write(file, good).unwrap();
+    };
     for (i, file) in whole.keys().enumerate() {
         let file = dataset.join(file);
         let good = std::fs::read(&file).unwrap();
-        let mut broken = good.clone();
         // Another byte and another bit in each file.
-        let at = (i * 7919) % broken.len();
-        broken[at] ^= 1 << (i % 8);
-        std::fs::write(&file, &broken).unwrap();
-        let status =
-            microsig().arg("verify").arg(&dataset).stdout(Stdio::null()).stderr(Stdio::null()).status();
-        assert!(!status.unwrap().success(), "bit {} of byte {at} of {} is flipped", i % 8, file.display());
-        std::fs::write(&file, &good).unwrap();
+        refuse(&file, &good, (i * 7919) % good.len(), i % 8);
+        let aside = place.path().join("aside");
+        std::fs::rename(&file, &aside).unwrap();
+        assert!(!verifies(&dataset), "{} is missing", file.display());
+        std::fs::rename(&aside, &file).unwrap();
+    }
+    // The case of a hexadecimal digit means nothing to `sha256sum`.
+    let sums = dataset.join("SHA256SUMS");
+    let good = std::fs::read(&sums).unwrap();
+    refuse(&sums, &good, good.iter().position(u8::is_ascii_lowercase).unwrap(), 5);
+    for extra in ["notes.txt", "images/pair_00001_a.tif", ".hidden"] {
+        std::fs::write(dataset.join(extra), "x").unwrap();
+        assert!(fail(1, &["verify", path(&dataset)]).contains(extra));
+        std::fs::remove_file(dataset.join(extra)).unwrap();
     }
     run(&["verify", path(&dataset), "--regenerate"]);
+}
 
-    // An edit by somebody who makes checksums and manifest agree with it.
-    let file = dataset.join("scenario.ron");
-    let good = std::fs::read_to_string(&file).unwrap();
-    let edited = good.replace("seed: 0", "seed: 1");
-    assert_ne!(good, edited);
-    let old = suite::sha256(&file).unwrap();
-    std::fs::write(&file, edited).unwrap();
-    let reseal = |name: &str, old: &str, new: &str| {
+/// Changes a file of a dataset, as somebody would who makes checksums and manifest agree with it.
+fn forge(dataset: &Path, name: &str, change: impl Fn(&str) -> String) {
+    let rewrite = |name: &str, change: &dyn Fn(&str) -> String| {
         let file = dataset.join(name);
-        let text = std::fs::read_to_string(&file).unwrap();
-        assert!(text.contains(old), "{name}");
-        std::fs::write(&file, text.replace(old, new)).unwrap();
+        let (old, text) = (suite::sha256(&file).unwrap(), std::fs::read_to_string(&file).unwrap());
+        let changed = change(&text);
+        assert_ne!(text, changed, "{name}");
+        std::fs::write(&file, changed).unwrap();
+        (old, suite::sha256(&file).unwrap())
     };
-    let manifest = suite::sha256(&dataset.join("datapackage.json")).unwrap();
-    let new = suite::sha256(&file).unwrap();
-    reseal("SHA256SUMS", &old, &new);
-    reseal("datapackage.json", &old, &new);
-    reseal("SHA256SUMS", &manifest, &suite::sha256(&dataset.join("datapackage.json")).unwrap());
-    run(&["verify", path(&dataset)]);
+    let (old, new) = rewrite(name, &change);
+    let manifest = rewrite("datapackage.json", &|text| text.replace(&old, &new));
+    rewrite("SHA256SUMS", &|text| text.replace(&old, &new).replace(&manifest.0, &manifest.1));
+}
+
+#[test]
+fn verify_finds_forged_tables_and_scenarios() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = small(place.path());
+    let files = suite::tree(&dataset).unwrap().into_keys().map(|file| dataset.join(file));
+    let whole: Vec<_> = files.map(|file| (std::fs::read(&file).unwrap(), file)).collect();
+    let restore = || {
+        for (bytes, file) in &whole {
+            std::fs::write(file, bytes).unwrap();
+        }
+        assert!(verifies(&dataset));
+    };
+    // Checksums repaired, manifest not.
+    let file = dataset.join("truth/displacements.csv");
+    let (old, text) = (suite::sha256(&file).unwrap(), std::fs::read_to_string(&file).unwrap());
+    let changed = text.replacen(",10,", ",11,", 1);
+    assert_ne!(changed, text);
+    std::fs::write(&file, changed).unwrap();
+    let sums = std::fs::read_to_string(dataset.join("SHA256SUMS")).unwrap();
+    std::fs::write(dataset.join("SHA256SUMS"), sums.replace(&old, &suite::sha256(&file).unwrap())).unwrap();
+    assert!(fail(1, &["verify", path(&dataset)]).contains("truth/displacements.csv"));
+    restore();
+
+    // Both repaired: only making it again tells.
+    for (name, cell, other) in [
+        ("truth/displacements.csv", ",10,", ",11,"),
+        ("truth/tracks.csv", "-0.3225", "-0.4225"),
+        ("truth/field.csv", ",3.6,", ",3.7,"),
+        ("calibration/calibration.csv", "-30", "-31"),
+    ] {
+        forge(&dataset, name, |text| text.replacen(cell, other, 1));
+        assert!(verifies(&dataset), "{name}");
+        let said = fail(1, &["verify", path(&dataset), "--regenerate"]);
+        assert!(said.contains(&format!("{name}: generated again, it has other bytes")), "{said}");
+        restore();
+    }
+    forge(&dataset, "scenario.ron", |text| text.replace("seed: 0", "seed: 1"));
+    assert!(verifies(&dataset));
+    let said = fail(1, &["verify", path(&dataset), "--regenerate"]);
+    assert!(said.contains("generated again, it has other bytes"), "{said}");
+    restore();
+
+    // A cell that is no number, whatever the checksums say.
+    forge(&dataset, "truth/tracks.csv", |text| text.replacen("\n0,", "\nzero,", 1));
     assert!(
-        fail(1, &["verify", path(&dataset), "--regenerate"]).contains("generated again, it has other bytes")
+        fail(1, &["verify", path(&dataset)]).contains("frame = \"zero\": expected a value of type integer")
     );
 }

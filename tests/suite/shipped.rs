@@ -47,6 +47,9 @@ fn every_shipped_scenario_can_be_made_again_byte_for_byte() {
         let is_complete =
             text.starts_with("// Question:") && text.contains("// Expected:") && text.contains("// Cost:");
         assert!(is_complete, "{}", file.display());
+        // A dataset is in the folder of its name unless told otherwise: a sweep must not share its base's.
+        let name = format!("\n    name: \"{}\",\n", file.file_stem().unwrap().to_string_lossy());
+        assert!(text.contains(&name), "{}", file.display());
         if text.contains("axes:") {
             return sweep(place.path(), &file, &text);
         }

@@ -128,3 +128,15 @@ fn going_on_after_an_edit_of_the_sweep_is_refused() {
     let message = fail(2, &["sweep", path(&sweep), "--out", path(&out), "--resume"]);
     assert!(message.contains("case_00002: holds another scenario"), "{message}");
 }
+
+#[test]
+fn a_dataset_is_no_place_for_cases() {
+    let place = tempfile::tempdir().unwrap();
+    let sweep = write(place.path(), SWEEP);
+    let base = place.path().join("base.ron");
+    let out = place.path().join("out");
+    run(&["generate", path(&base), "--out", path(&out)]);
+    let message = fail(2, &["sweep", path(&sweep), "--out", path(&out)]);
+    assert!(message.contains("is a dataset"), "{message}");
+    run(&["verify", path(&out)]);
+}

@@ -7,10 +7,13 @@ use std::process::Command;
 use anyhow::{Context, ensure};
 use serde_json::Value;
 
+use crate::process;
+
 /// Draws all fields into a folder and writes its README.md.
 pub(crate) fn run(out: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(out)?;
-    let list: Value = serde_json::from_str(&microsig(&["flows", "--json"])?)?;
+    let program = process::microsig()?;
+    let list: Value = serde_json::from_str(&said(&program, &["flows", "--json"])?)?;
     let mut text = String::from(
         "# The velocity fields\n\nMade by `cargo xtask gallery`: speed and streamlines of every field's default in the default \
          scene, a channel 100 um deep seen under setting 1. Compositions show an example. `microsig flows NAME` says the same.\n",
@@ -20,7 +23,7 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<()> {
         let field = |key: &str| entry[key].as_str().unwrap_or_default().to_owned();
         let name = field("name");
         let file = out.join(format!("{name}.svg"));
-        microsig(&["flows", &name, "--force", "--plot", file.to_str().context("a path in UTF-8")?])?;
+        said(&program, &["flows", &name, "--force", "--plot", file.to_str().context("a path in UTF-8")?])?;
         writeln!(text, "\n## {name}\n\n`{}`\n\nSource: {}\n", field("formula"), field("source"))?;
         let parameters = entry["parameters"].as_array().map(Vec::as_slice).unwrap_or_default();
         if !parameters.is_empty() {
@@ -38,12 +41,9 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Runs a release build of the command and gives what it says.
-fn microsig(arguments: &[&str]) -> anyhow::Result<String> {
-    let output = Command::new(env!("CARGO"))
-        .args(["run", "--release", "--quiet", "--package", "bench", "--"])
-        .args(arguments)
-        .output()?;
+/// Runs the command and gives what it says.
+fn said(program: &Path, arguments: &[&str]) -> anyhow::Result<String> {
+    let output = Command::new(program).args(arguments).output()?;
     ensure!(output.status.success(), "microsig {arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     Ok(String::from_utf8(output.stdout)?)
 }

@@ -5,9 +5,12 @@ use std::process::Command;
 
 use anyhow::{Context, ensure};
 
+use crate::process;
+
 /// Makes every dataset of the folder and writes the hashes of their SHA256SUMS.
 pub(crate) fn run() -> anyhow::Result<()> {
     let folder = suite::data().join("golden");
+    let program = process::microsig()?;
     let place = tempfile::tempdir()?;
     let mut lines = Vec::new();
     for entry in std::fs::read_dir(&folder)? {
@@ -15,7 +18,7 @@ pub(crate) fn run() -> anyhow::Result<()> {
         if scenario.extension().is_some_and(|e| e == "ron") {
             let name = scenario.file_stem().context("a file has a name")?.to_string_lossy().into_owned();
             let out = place.path().join(&name);
-            generate(&scenario, &out)?;
+            generate(&program, &scenario, &out)?;
             lines.push(format!("{}  {name}\n", suite::sha256(&out.join("SHA256SUMS"))?));
         }
     }
@@ -26,13 +29,9 @@ pub(crate) fn run() -> anyhow::Result<()> {
     Ok(())
 }
 
-fn generate(scenario: &Path, out: &Path) -> anyhow::Result<()> {
-    let status = Command::new(env!("CARGO"))
-        .args(["run", "--release", "--quiet", "--package", "bench", "--", "generate", "--quiet"])
-        .arg(scenario)
-        .arg("--out")
-        .arg(out)
-        .status()?;
+fn generate(program: &Path, scenario: &Path, out: &Path) -> anyhow::Result<()> {
+    let status =
+        Command::new(program).args(["generate", "--quiet"]).arg(scenario).arg("--out").arg(out).status()?;
     ensure!(status.success(), "{} could not be generated", scenario.display());
     Ok(())
 }

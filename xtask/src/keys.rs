@@ -67,13 +67,18 @@ fn lifted(mut picture: GrayImage) -> GrayImage {
 fn image(scene: effects::Scene, sets: &str) -> anyhow::Result<Image> {
     let place = tempfile::tempdir()?;
     std::fs::write(place.path().join("places.txt"), PLACES)?;
-    let (size, number) = match scene {
-        effects::Scene::Ladder => ((150, 66), "file(\"places.txt\")"),
-        effects::Scene::Cloud => ((150, 110), "count(14)"),
+    let (size, particles) = match scene {
+        effects::Scene::Ladder => ((150, 66), "number: file(\"places.txt\")"),
+        effects::Scene::Cloud => ((150, 110), "number: count(14)"),
+        effects::Scene::Dense => ((150, 110), "number: ppp(0.008)"),
+        effects::Scene::Fast => ((150, 110), "number: count(14)"),
     };
+    // Particles of one plane move alike.
+    let range = if scene == effects::Scene::Fast { "(-30, -20)" } else { "(-80, 20)" };
     let text = format!(
         "(name: \"effect\", seed: 4, optics: (preset: setting1, pixel_dim_x: {}, pixel_dim_y: {}), \
-         motion: flow(field: poiseuille()), particles: (number: {number}), timing: pairs(count: 1), calibration: none)",
+         motion: flow(field: poiseuille(walls_z_um: (-80, 20), max_speed_um_s: 1000)), particles: ({particles}), \
+         boundaries: (z_um: {range}), timing: pairs(count: 1, dt_s: 0.1), calibration: none)",
         size.0, size.1
     );
     let mut spec = scenario::parse(&text, "effect")?;

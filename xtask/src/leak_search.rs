@@ -43,6 +43,7 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
         val: None,
         test: None,
         test_set: Vec::new(),
+        exact_times: false,
         about,
         progress: Progress::Hidden,
     };

@@ -17,6 +17,7 @@ mod python;
 mod reference;
 mod robustness;
 mod scoring;
+mod shipped;
 mod speed_table;
 
 use std::path::PathBuf;
@@ -160,6 +161,12 @@ enum Task {
         #[arg(long, default_value_t = 10_000)]
         frames: u32,
     },
+    /// Makes every shipped scenario and sweep at its full size, and again; exit code 1 if one differs.
+    Scenarios {
+        /// Where scenarios.csv and README.md go.
+        #[arg(long, default_value = "target/scenarios")]
+        out: PathBuf,
+    },
     /// Runs a sweep as job arrays on a real Slurm of this machine (needs to be root, and Slurm installed).
     Slurm {
         /// Where README.md goes.
@@ -205,6 +212,7 @@ fn main() -> anyhow::Result<ExitCode> {
         Task::Kill { out, kills } => robustness::kill::run(&out, kills),
         Task::Disk { out } => robustness::disk::run(&out),
         Task::Memory { out, frames } => robustness::memory::run(&out, frames),
+        Task::Scenarios { out } => shipped::run(&out),
         Task::Slurm { out } => robustness::slurm::run(&out),
         Task::Figures { out } => figures::run(&out).map(|()| ExitCode::SUCCESS),
     }

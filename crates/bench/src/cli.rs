@@ -23,6 +23,7 @@ const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("MICROSIG_CO
 
 /// Options of every verb.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Options of every verb")]
 pub(crate) struct Common {
     /// Number of threads; 0 uses all cores
     #[arg(long, global = true, default_value_t = 0, value_name = "N")]
@@ -54,15 +55,9 @@ pub(crate) enum Verb {
     Generate(Generate),
     /// Many datasets over the axes of a sweep
     #[command(
-        after_help = "Example: microsig sweep scenarios/noise_sweep.ron --out sweeps/noise --shard 1/4"
+        after_help = "Example: microsig sweep scenarios/noise_density_sweep.ron --out sweeps/noise --shard 1/4"
     )]
     Sweep(Sweep),
-    /// The velocity fields on offer, or one of them: formula, parameters, units, defaults, source
-    #[command(after_help = "Example: microsig flows lamb_oseen --plot lamb_oseen.svg")]
-    Flows(Flows),
-    /// A commented scenario to start from
-    #[command(after_help = "Example: microsig new mine.ron && microsig generate mine.ron")]
-    New(New),
     /// Check a dataset: checksums, manifest, tables
     #[command(after_help = "Example: microsig verify datasets/quickstart --regenerate")]
     Verify(Verify),
@@ -74,6 +69,9 @@ pub(crate) enum Verb {
         after_help = "Example: microsig evaluate datasets/quickstart result.csv --out scores/mine --report"
     )]
     Evaluate(Evaluate),
+    /// A leaderboard of several scores
+    #[command(after_help = "Example: microsig compare scores/mine scores/theirs --out scores/leaderboard")]
+    Compare(Compare),
     /// The truth of a dataset in another tool's format
     #[command(after_help = "Example: microsig export datasets/quickstart --format trackpy --out truth.csv")]
     Export(Export),
@@ -87,9 +85,12 @@ deadline and verifies against public/commitment.sha256.",
         after_help = "Example: microsig release datasets/quickstart --out challenges/quickstart --creator 'Doe, Jane'"
     )]
     Release(Release),
-    /// A leaderboard of several scores
-    #[command(after_help = "Example: microsig compare scores/mine scores/theirs --out scores/leaderboard")]
-    Compare(Compare),
+    /// The velocity fields on offer, or one of them: formula, parameters, units, defaults, source
+    #[command(after_help = "Example: microsig flows lamb_oseen --plot lamb_oseen.svg")]
+    Flows(Flows),
+    /// A commented scenario to start from
+    #[command(after_help = "Example: microsig new mine.ron && microsig generate mine.ron")]
+    New(New),
 }
 
 /// Arguments of `render`.
@@ -251,6 +252,9 @@ pub(crate) struct Release {
     /// A value of motion or particles that is another one in the test split; may be given several times
     #[arg(long, value_name = "PATH=VALUE")]
     pub(crate) test_set: Vec<String>,
+    /// Tell the exact times of the test split's frames [default: the nominal ones, without jitter]
+    #[arg(long)]
+    pub(crate) exact_times: bool,
     /// Title of the challenge [default: the dataset's]
     #[arg(long)]
     pub(crate) title: Option<String>,

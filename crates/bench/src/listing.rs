@@ -21,7 +21,9 @@ pub(crate) fn run_flows(arguments: &Flows, common: &Common) -> Result<()> {
     };
     let entry = registry::find(name).ok_or_else(|| {
         let names: Vec<&str> = registry::ENTRIES.iter().map(|e| e.name).collect();
-        Error::input(format!("`{name}`: expected one of {}", names.join(", ")))
+        let hint = bench::scenario::keys::nearest(name, names.iter().copied());
+        let hint = hint.map(|hint| format!("did you mean `{hint}`? ")).unwrap_or_default();
+        Error::input(format!("`{name}`: {hint}expected one of {}", names.join(", ")))
     })?;
     if let Some(file) = &arguments.plot {
         if file.exists() && !common.force {

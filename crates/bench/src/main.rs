@@ -112,7 +112,7 @@ fn run_sweep(arguments: &Sweep, common: &Common) -> Result<()> {
     let path = &arguments.sweep;
     let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
     let folder = path.parent().unwrap_or(Path::new("."));
-    let plan = scenario::parse_sweep(&text, &path.display().to_string(), folder)?;
+    let plan = scenario::parse_sweep(&text, &path.display().to_string(), folder, common.seed)?;
     if arguments.list {
         let line = |c: &scenario::Case| {
             let values = plan.spec.axes.iter().zip(&c.values).map(|(a, v)| format!("{}={v}", a.path));
@@ -233,6 +233,7 @@ fn run_release(arguments: &Release, common: &Common) -> Result<()> {
             val: arguments.val,
             test: arguments.test,
             test_set: arguments.test_set.clone(),
+            exact_times: arguments.exact_times,
             about,
             progress: progress(common),
         },

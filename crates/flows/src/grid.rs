@@ -9,6 +9,9 @@ use std::io::{BufRead, Read};
 
 const CHECK: Check = Check("grid");
 
+/// Longest header of a `.npy` file, bytes; version 1 of the format allows no longer one.
+const MAX_NPY_HEADER: u32 = 65_535;
+
 /// Most nodes of all times together.
 pub const MAX_NODES: usize = 50_000_000;
 
@@ -101,9 +104,19 @@ impl Grid {
     }
 
     /// A NumPy array of floats (f4 or f8, C or Fortran order) of the shape (z, y, x, 3) or, with times, (time, z, y, x, 3), in um/s.
-    pub fn from_npy(source: impl Read, geometry: &Geometry) -> Result<Self> {
+    pub fn from_npy(mut source: impl Read, geometry: &Geometry) -> Result<Self> {
         let broken = |error: std::io::Error| fault("npy", None, error.to_string(), "a NumPy array");
-        let file = npyz::NpyFile::new(source).map_err(broken)?;
+        let mut start = Vec::new();
+        source.by_ref().take(12).read_to_end(&mut start).map_err(broken)?;
+        // The reader makes room for a header of any length that the file claims.
+        if let [0x93, b'N', b'U', b'M', b'P', b'Y', version, _, a, b, c, d] = start[..] {
+            let length = if version < 2 { 0 } else { u32::from_le_bytes([a, b, c, d]) };
+            if length > MAX_NPY_HEADER {
+                let allowed = format!("at most {MAX_NPY_HEADER}");
+                return Err(fault("npy", None, format!("a header of {length} bytes"), &allowed));
+            }
+        }
+        let file = npyz::NpyFile::new(start.as_slice().chain(source)).map_err(broken)?;
         let shape: Vec<u64> = file.shape().to_vec();
         let timed = shape.len() == 5;
         if !(4..=5).contains(&shape.len()) || shape.last() != Some(&3) {
@@ -476,6 +489,11 @@ mod tests {
     #[test]
     fn bad_numpy_arrays_are_refused() {
         let read = |file: &[u8]| Grid::from_npy(file, &geometry()).unwrap_err().to_string();
+        // Found by fuzzing: room was made for 4 GB.
+        assert!(
+            read(b"\x93NUMPY\x02\x00\xff\xff\xff\xff{'descr': '<f8'")
+                .contains("a header of 4294967295 bytes")
+        );
         assert!(read(b"hello").contains("npy"));
         let message = read(&npy("<f8", false, "(2, 2)", &[0; 32]));
         assert_eq!(message, "npy: the shape [2, 2]: expected (z, y, x, 3) or (time, z, y, x, 3)");

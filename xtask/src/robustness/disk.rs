@@ -6,7 +6,8 @@ use std::process::{Command, ExitCode};
 
 use anyhow::{Context, ensure};
 
-use super::{record, release_build};
+use super::record;
+use crate::process;
 
 const SCENARIO: &str = r#"(
     name: "full",
@@ -45,7 +46,7 @@ impl Drop for Disk {
 
 /// Fills small disks at many stages of every verb that writes, and writes `disk.md`.
 pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
-    let microsig = release_build()?;
+    let microsig = process::microsig()?;
     let place = tempfile::tempdir()?;
     std::fs::write(place.path().join("base.ron"), SCENARIO)?;
     std::fs::write(place.path().join("sweep.ron"), SWEEP)?;

@@ -10,7 +10,8 @@ use microsig_core::stream::{Purpose, Streams};
 
 use suite::tree;
 
-use super::{record, release_build};
+use super::record;
+use crate::process::{self, median};
 
 const SCENARIO: &str = r#"(
     name: "killed",
@@ -51,9 +52,9 @@ struct Bench {
 
 /// Kills `kills` runs of each kind and writes `kill.md` and `kill.csv`.
 pub(crate) fn run(out: &Path, kills: u32) -> anyhow::Result<ExitCode> {
-    let microsig = release_build()?;
+    let microsig = process::microsig()?;
     let mut text = String::from("# Killed runs\n\nMade by `cargo xtask kill`.\n\n");
-    let mut rows = String::from("run,kill,moment_s,left,resumed\n");
+    let mut rows = String::from("run,kill,run_s,moment_s,left,files,resumed\n");
     let mut all_well = true;
     for (run, what) in [(Run::Generate, "generate"), (Run::Sweep, "sweep in 2 shards")] {
         let bench = Bench { microsig: microsig.clone(), place: tempfile::tempdir()?, run };
@@ -61,7 +62,7 @@ pub(crate) fn run(out: &Path, kills: u32) -> anyhow::Result<ExitCode> {
         all_well &= well == kills;
         writeln!(
             text,
-            "- **{what}**: {kills} kills (SIGKILL), uniform over the {typical:.2} s that an undisturbed run takes; {} left an \
+            "- **{what}**: {kills} kills (SIGKILL), uniform over the {typical:.2} s (median) that an undisturbed run takes just before; {} left an \
              unfinished dataset, {} nothing, {} came after the end. No unfinished dataset passed `verify`, under any name. \
              After `--resume` {well} of {kills} trees were byte-identical to the undisturbed one.",
             counts[1], counts[0], counts[2]
@@ -79,39 +80,43 @@ impl Bench {
         std::fs::write(place.join("base.ron"), SCENARIO)?;
         std::fs::write(place.join("sweep.ron"), SWEEP)?;
         let whole = place.join("whole");
-        let undisturbed = |out: &Path| -> anyhow::Result<f64> {
-            let start = Instant::now();
-            self.finish(out, false)?;
-            Ok(start.elapsed().as_secs_f64())
-        };
-        let mut times = vec![undisturbed(&whole)?];
+        self.finish(&whole, false)?;
         let expected = tree(&whole)?;
-        for i in 0..2 {
-            times.push(undisturbed(&place.join(format!("again{i}")))?);
-        }
-        times.sort_by(f64::total_cmp);
-        let typical = times[1];
+        // The machine may be busier later: the time is taken anew before every tenth kill.
+        let undisturbed = || -> anyhow::Result<f64> {
+            let (out, start) = (place.join("again"), Instant::now());
+            self.finish(&out, false)?;
+            let seconds = start.elapsed().as_secs_f64();
+            ensure!(tree(&out)? == expected, "two undisturbed runs differ");
+            std::fs::remove_dir_all(&out)?;
+            Ok(seconds)
+        };
 
         let mut moments = Streams::new(u64::from(kills)).stream(Purpose::Rays, 0, 0);
-        let (mut well, mut counts) = (0, [0; 3]);
+        let (mut well, mut counts, mut times) = (0, [0; 3], Vec::new());
         for kill in 0..kills {
+            if kill % 10 == 0 {
+                times.push(undisturbed()?);
+            }
+            let typical = times[times.len() - 1];
             let out = place.join("out");
             let moment = moments.uniform() * typical;
             self.kill_after(&out, moment)?;
             let left = self.left(&out)?;
             counts[left as usize] += 1;
+            let files = self.files(&out)?;
             self.nothing_torn_passes(&out)?;
             self.finish(&out, true)?;
             let same = tree(&out)? == expected;
             well += u32::from(same);
             writeln!(
                 rows,
-                "{what},{kill},{moment:.4},{left:?},{}",
+                "{what},{kill},{typical:.3},{moment:.4},{left:?},{files},{}",
                 if same { "identical" } else { "DIFFERENT" }
             )?;
             std::fs::remove_dir_all(&out)?;
         }
-        Ok((well, counts, typical))
+        Ok((well, counts, median(times)))
     }
 
     /// The processes of a run, started.
@@ -177,6 +182,12 @@ impl Bench {
             }
         }
         Ok(found)
+    }
+
+    /// Number of files that a run has left.
+    fn files(&self, out: &Path) -> anyhow::Result<usize> {
+        let (whole, unfinished) = self.datasets(out)?;
+        whole.iter().chain(&unfinished).map(|dataset| Ok(tree(dataset)?.len())).sum()
     }
 
     fn left(&self, out: &Path) -> anyhow::Result<Left> {

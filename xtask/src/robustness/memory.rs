@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, ensure};
 
-use super::{record, release_build};
+use super::record;
+use crate::process;
 
 const SCENARIO: &str = r#"(
     name: "long",
@@ -25,7 +26,7 @@ const BAR: f64 = 1.2;
 
 /// Measures both and writes `memory.md`; exit code 1 if the bar is missed.
 pub(crate) fn run(out: &Path, frames: u32) -> anyhow::Result<ExitCode> {
-    let microsig = release_build()?;
+    let microsig = process::microsig()?;
     let place = tempfile::tempdir()?;
     let scenario = place.path().join("long.ron");
     std::fs::write(&scenario, SCENARIO)?;

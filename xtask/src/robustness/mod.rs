@@ -6,36 +6,9 @@ pub(crate) mod kill;
 pub(crate) mod memory;
 pub(crate) mod slurm;
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::path::Path;
 
-use anyhow::{Context, ensure};
-
-/// The command in release: that of $MICROSIG, or built.
-fn release_build() -> anyhow::Result<PathBuf> {
-    if let Some(path) = std::env::var_os("MICROSIG") {
-        return Ok(path.into());
-    }
-    let output = Command::new(env!("CARGO"))
-        .args([
-            "build",
-            "--release",
-            "--quiet",
-            "--package",
-            "bench",
-            "--bin",
-            "microsig",
-            "--message-format=json",
-        ])
-        .stderr(Stdio::inherit())
-        .output()?;
-    ensure!(output.status.success(), "microsig does not build");
-    String::from_utf8(output.stdout)?
-        .lines()
-        .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
-        .find_map(|message| message["executable"].as_str().map(PathBuf::from))
-        .context("cargo names the binary")
-}
+use anyhow::Context;
 
 /// Writes a record.
 fn record(out: &Path, name: &str, text: &str) -> anyhow::Result<()> {

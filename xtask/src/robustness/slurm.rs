@@ -10,7 +10,8 @@ use anyhow::{Context, bail, ensure};
 
 use suite::tree;
 
-use super::{record, release_build};
+use super::record;
+use crate::process;
 
 const SCENARIO: &str = r#"(
     name: "base",
@@ -160,7 +161,7 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
         );
         return Ok(ExitCode::FAILURE);
     }
-    let microsig = release_build()?;
+    let microsig = process::microsig()?;
     let place = tempfile::tempdir()?;
     std::fs::write(place.path().join("base.ron"), SCENARIO)?;
     let sweep = place.path().join("sweep.ron");

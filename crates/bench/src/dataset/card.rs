@@ -108,8 +108,9 @@ pub(crate) fn card(scenario: &Scenario, census: &Census, image: &ParticleImage) 
          By microsig {GENERATOR_VERSION}, which {method}. {again} makes the same bytes again; \
          `sha256sum -c SHA256SUMS` or `microsig verify` checks them.\n\n\
          ## Licence\n\n\
-         CC BY 4.0.\n",
+         {license}; see `LICENSE`.\n",
         name = spec.name,
+        license = spec.license,
         moved = moved(scenario),
         shone = shone(scenario)?,
         bits = bit_depth(scenario),

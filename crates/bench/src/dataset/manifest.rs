@@ -9,6 +9,7 @@ use super::checksums::Fingerprint;
 use super::table::Table;
 use super::truth::Census;
 use super::truth::depth::ParticleImage;
+use crate::scenario::license::License;
 use crate::scenario::spec::Timing;
 use crate::scenario::{Scenario, Weighting};
 
@@ -40,13 +41,14 @@ pub fn manifest(scenario: &Scenario, census: &Census, image: &ParticleImage) -> 
         "title": title,
         "description": spec.description,
         "version": "1.0.0",
-        "licenses": [{
-            "name": "CC-BY-4.0",
-            "title": "Creative Commons Attribution 4.0",
-            "path": "https://creativecommons.org/licenses/by/4.0/",
-        }],
+        "licenses": [license(scenario.license)],
         "microsig": facts(scenario, census, image),
     })
+}
+
+/// The manifest's entry of a licence.
+pub(crate) fn license(License { id, title, url }: License) -> Value {
+    json!({ "name": id, "title": title, "path": url })
 }
 
 /// Bits of a count.

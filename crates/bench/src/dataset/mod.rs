@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! DATASET/
-//!   datapackage.json  SHA256SUMS  README.md  preview.png
+//!   datapackage.json  SHA256SUMS  README.md  LICENSE  preview.png
 //!   scenario.ron      the scenario with every default written out    inputs/  files it names
 //!   settings.txt      particles/STEM.txt   images/STEM.tif
 //!   truth/            frames.csv, tracks.csv, displacements.csv, field.csv, depth.csv

@@ -35,6 +35,10 @@ pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Ve
         return Err(Error::Failed(vec![format!("{}: unfinished", dataset.display())]));
     }
     let path = dataset.join(SHA256SUMS);
+    if !path.is_file() {
+        let what = if dataset.is_dir() { "no dataset, it has no SHA256SUMS" } else { "no such folder" };
+        return Err(Error::input(format!("{}: {what}", dataset.display())));
+    }
     let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
     let sums = checksums::read(&text, &path.display().to_string())?;
 
@@ -51,6 +55,10 @@ pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Ve
         }
     }
     manifest_agrees(dataset, &fingerprints, &mut failures);
+    // What other programs may read as the same sums is not the same bytes.
+    if failures.is_empty() && checksums::write(&fingerprints) != text {
+        failures.push(format!("{SHA256SUMS}: changed, though its sums are right"));
+    }
     if !failures.is_empty() {
         return Err(Error::Failed(failures));
     }

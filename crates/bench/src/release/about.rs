@@ -10,6 +10,7 @@ use crate::dataset::calibration::CALIBRATION;
 use crate::dataset::checksums::Fingerprint;
 use crate::dataset::manifest::{self, COORDINATES, GENERATOR_VERSION};
 use crate::dataset::truth::TRACKS;
+use crate::scenario::license::License;
 
 /// Who releases what.
 #[derive(Debug, Clone, Default)]
@@ -30,7 +31,7 @@ pub(super) struct Facts<'a> {
     pub(super) commitment: &'a str,
     creators: Vec<String>,
     version: &'a str,
-    manifest: &'a Value,
+    license: License,
 }
 
 impl About {
@@ -43,17 +44,12 @@ impl About {
             creators => creators.to_vec(),
         };
         let title = self.title.clone().unwrap_or(title);
-        Facts { name, title, commitment, creators, version: &self.version, manifest }
+        let license = train.scenario.license;
+        Facts { name, title, commitment, creators, version: &self.version, license }
     }
 }
 
 impl Facts<'_> {
-    /// Identifier and address of the licence of the data.
-    fn license(&self) -> (&str, &str) {
-        let license = &self.manifest["licenses"][0];
-        (license["name"].as_str().unwrap_or_default(), license["path"].as_str().unwrap_or_default())
-    }
-
     /// `README.md` of the public part.
     pub(super) fn readme(&self) -> String {
         let (name, commitment) = (self.name, self.commitment);
@@ -89,7 +85,7 @@ impl Facts<'_> {
              Made by microsig {GENERATOR_VERSION}; the optical model is that of M. Rossi, Meas. Sci. Technol. 31, 017003 (2020). \
              Licence of the data: {license}, see `LICENSE`. To cite: `CITATION.cff`.\n",
             title = self.title,
-            license = self.license().0,
+            license = self.license.id,
         )
     }
 
@@ -112,10 +108,10 @@ impl Facts<'_> {
              `pair, x_px, y_px, dx_px, dy_px, flag` instead (flag 0 valid, 1 invalid, 2 interpolated).\n\n\
              `submission.json` says who and how; leave `coordinate_declaration` as it is, and put the hash of the images you used \
              into `images_sha256`: `grep '  images/' SHA256SUMS | sha256sum`.\n\n\
-             ## Licence\n\n{license}.\n",
+             ## Licence\n\n{license}; see `LICENSE`.\n",
             title = self.title,
             calibration = CALIBRATION.path,
-            license = self.license().0,
+            license = self.license.id,
         )
     }
 
@@ -142,15 +138,8 @@ impl Facts<'_> {
 
     /// `LICENSE`.
     pub(super) fn licence(&self) -> String {
-        let (name, path) = self.license();
-        format!(
-            "SPDX-License-Identifier: {name}\n\n\
-             {title}, version {version}, by {creators}.\n\n\
-             The data of this release are licensed under {name}. The text of the licence: {path}\n",
-            title = self.title,
-            version = self.version,
-            creators = self.creators.join("; "),
-        )
+        let Facts { title, version, license, .. } = self;
+        license.text(&format!("{title}, version {version}, by {},", self.creators.join("; ")))
     }
 
     /// `CITATION.cff`.
@@ -177,7 +166,7 @@ impl Facts<'_> {
             ),
             title = quoted(&self.title),
             version = quoted(self.version),
-            license = self.license().0,
+            license = self.license.id,
             rossi = quoted("Synthetic image generator for defocusing and astigmatic PIV/PTV"),
         )
     }
@@ -192,7 +181,7 @@ impl Facts<'_> {
             "version": self.version,
             "creators": creators,
             "keywords": KEYWORDS,
-            "license": self.license().0.to_ascii_lowercase(),
+            "license": self.license.id.to_ascii_lowercase(),
             "access_right": "open",
         });
         format!("{zenodo:#}\n")
@@ -214,7 +203,7 @@ impl Facts<'_> {
             "title": self.title,
             "description": self.description(),
             "version": self.version,
-            "licenses": self.manifest["licenses"],
+            "licenses": [manifest::license(self.license)],
             "contributors": self.creators.iter().map(|c| json!({ "title": c, "role": "author" })).collect::<Vec<_>>(),
             "keywords": KEYWORDS,
             "microsig": {
@@ -254,7 +243,7 @@ impl Facts<'_> {
             "conformsTo": "http://mlcommons.org/croissant/1.0",
             "name": self.name,
             "description": self.description(),
-            "license": self.license().1,
+            "license": self.license.url,
             "version": self.version,
             "creator": self.creators.iter().map(|c| json!({ "@type": "sc:Person", "name": c })).collect::<Vec<_>>(),
             "keywords": KEYWORDS,

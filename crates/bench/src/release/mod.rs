@@ -38,6 +38,7 @@ use crate::dataset::secret;
 use crate::error::{Error, Result};
 use crate::runner::{GenerateOptions, Progress, generate, save};
 use crate::scenario::Scenario;
+use crate::scenario::license::LICENSE;
 use package::Package;
 use splits::Train;
 
@@ -54,6 +55,8 @@ pub struct Options {
     pub test: Option<u32>,
     /// Values of the scenario that are others in the test split: `path=value`.
     pub test_set: Vec<String>,
+    /// Tell when the frames of the test split were taken, not only when they were meant to be.
+    pub exact_times: bool,
     /// Who releases what.
     pub about: About,
     /// Whether to show bars.
@@ -116,7 +119,9 @@ pub fn release(dataset: &Path, options: &Options) -> Result<Released> {
     let commitment = commit(&withheld.join(SALT), &truth)?;
 
     let about = options.about.of(&train, &commitment);
-    test_split::package(dataset, &folder, &about)?.zip(&format!("{name}-test"), &archive("test"))?;
+    let recordings = (!options.exact_times).then_some(&test.recordings);
+    test_split::package(dataset, &folder, recordings, &about)?
+        .zip(&format!("{name}-test"), &archive("test"))?;
     write(&withheld.join("README.md"), about.withheld().as_bytes())?;
     publish(&public, &about)?;
     partial.finish(options.force.then_some(MARK))?;
@@ -156,15 +161,16 @@ fn publish(public: &Path, about: &about::Facts<'_>) -> Result<()> {
     // As `sha256sum -c` reads it, the archive being its standard input.
     package.write(COMMITMENT, format!("{}  -\n", about.commitment));
     package.write("README.md", about.readme());
-    package.write("LICENSE", about.licence());
+    package.write(LICENSE, about.licence());
     package.write("CITATION.cff", about.citation());
-    package.write(".zenodo.json", about.zenodo());
     package.write("croissant.json", about.croissant(&archives));
     let mut all = archives;
     all.extend(package.fingerprints()?);
     package.write(MANIFEST, about.manifest(&all));
     all.extend(package.fingerprints()?);
     package.write(SHA256SUMS, checksums::write(&all));
+    // For whoever publishes; those who copy `public/*` do not even see it, so it has no checksum.
+    package.write(".zenodo.json", about.zenodo());
     package.unpack(public)
 }
 

@@ -370,8 +370,11 @@ pub fn detect(path: &Path) -> Result<Format> {
     }
     let text = String::from_utf8_lossy(&head);
     let text = text.trim_start_matches('\u{feff}');
-    let later =
-        |what: &str| Err(Error::Unsupported(vec![format!("{name}: {what} files are not supported yet")]));
+    let later = |what: &str| {
+        Err(Error::Unsupported(vec![format!(
+            "{name}: {what} files cannot be read; write a CSV with the columns frame, track, x_px, y_px, z_um"
+        )]))
+    };
     if text.trim_start().starts_with('<') {
         return match () {
             () if text.contains("TrackContestISBI2012") => Ok(Format::Isbi),

@@ -72,7 +72,10 @@ pub(crate) fn save(
 ) -> Result<()> {
     let folder = path.parent().unwrap_or(Path::new("."));
     // A fixed prefix lets a later run recognise what an interrupted one left behind.
-    let file = tempfile::Builder::new().prefix(TEMPORARY).tempfile_in(folder).map_err(Error::write(path))?;
+    let file = tempfile::Builder::new()
+        .prefix(TEMPORARY)
+        .tempfile_in(folder)
+        .map_err(|e| Error::write(path)(bare(e)))?;
     let mut writer = std::io::BufWriter::with_capacity(1 << 20, file.as_file());
     write(&mut writer)?;
     std::io::Write::flush(&mut writer).map_err(Error::write(path))?;
@@ -80,6 +83,15 @@ pub(crate) fn save(
     make_readable(file.as_file()).map_err(Error::write(path))?;
     file.persist(path).map_err(|e| Error::Write { path: path.to_owned(), source: e.error })?;
     Ok(())
+}
+
+/// The system's error in one of `tempfile`, whose text names a file that the user does not know.
+fn bare(error: std::io::Error) -> std::io::Error {
+    let inner = error.get_ref().and_then(|e| e.source()).and_then(|e| e.downcast_ref::<std::io::Error>());
+    match inner.and_then(std::io::Error::raw_os_error) {
+        Some(code) => std::io::Error::from_raw_os_error(code),
+        None => error,
+    }
 }
 
 /// What names of unfinished files begin with.

@@ -19,6 +19,7 @@ use crate::dataset::folder::{Partial, files_below, may_stand, partial_name};
 use crate::dataset::truth::{self, Census, FrameTruth, Truth, TruthWriter};
 use crate::dataset::{Preview, Stem, calibration, card, manifest, seal, secret};
 use crate::error::{Error, Result};
+use crate::scenario::license::LICENSE;
 use crate::scenario::{Scenario, spec, write};
 
 /// How to generate.
@@ -97,6 +98,8 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     let stack = scenario.stack()?;
     let image = truth::depth::write(folder, scenario, &stack)?;
     truth::field::write(folder, scenario, &stack)?;
+    let license = scenario.license.text(&format!("The dataset {}", scenario.spec.name));
+    write_file(LICENSE, license.as_bytes())?;
     write_file("README.md", card(scenario, &census, &image)?.as_bytes())?;
     if scenario.inputs.is_empty() {
         let inputs = folder.join("inputs");
@@ -174,7 +177,9 @@ fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options
             let numbered = batch.par_iter().enumerate();
             let shots = numbered.map(|(i, frame)| {
                 let before = if i > 0 { batch.get(i - 1) } else { before.as_ref() };
-                studio.take(frame, before, preview.wants(frame.index))
+                let shot = studio.take(frame, before, preview.wants(frame.index));
+                bar.inc(1);
+                shot
             });
             shots.collect::<Result<Vec<Shot>>>()
         };
@@ -185,7 +190,6 @@ fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options
                 preview.add(shot.index, &image);
             }
         }
-        bar.inc(batch.len() as u64);
         before = batch.pop();
         batch = next?;
     }

@@ -1,6 +1,6 @@
 //! Progress bars with rate and remaining time, on standard error and only if that is a terminal.
 
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressState, ProgressStyle};
 
 /// Whether progress is shown at all.
 #[derive(Debug, Clone)]
@@ -37,13 +37,30 @@ impl Progress {
             Progress::Bar => ProgressBar::new(n),
             Progress::Below(bars) => bars.add(ProgressBar::new(n)),
         };
-        let style = ProgressStyle::with_template(&format!(
-            "{{bar:40}} {{pos}}/{{len}} {what}  {{msg}}  {{per_sec}}  {{eta}} left"
-        ));
-        if let Ok(style) = style {
-            bar.set_style(style);
+        let template = format!("{{pos}}/{{len}} {what} {{msg}} {{wide_bar}} {{rate}}{{left}}");
+        if let Ok(style) = ProgressStyle::with_template(&template) {
+            bar.set_style(style.with_key("rate", rate).with_key("left", left));
         }
         bar.tick();
         bar
     }
+}
+
+/// Work done in a second; nothing before the first piece is done.
+fn rate(state: &ProgressState, out: &mut dyn std::fmt::Write) {
+    if state.pos() > 0 {
+        // A bar that cannot be drawn is no reason to stop.
+        let _ = match state.per_sec() {
+            rate if rate < 10.0 => write!(out, "{rate:.1}/s, "),
+            rate => write!(out, "{rate:.0}/s, "),
+        };
+    }
+}
+
+/// Remaining time; unknown before the first piece is done.
+fn left(state: &ProgressState, out: &mut dyn std::fmt::Write) {
+    let _ = match state.pos() {
+        0 => write!(out, "time left unknown"),
+        _ => write!(out, "{} left", HumanDuration(state.eta())),
+    };
 }

@@ -47,9 +47,9 @@ impl Shard {
             ));
         };
         let n = number("SLURM_ARRAY_TASK_COUNT", count)?;
-        let k = id.checked_sub(first).filter(|d| step > 0 && d % step == 0).map(|d| d / step + 1);
-        match k.filter(|k| *k <= n) {
-            Some(k) => Ok(Some(Shard { k, n })),
+        let before = id.checked_sub(first).filter(|d| step > 0 && d % step == 0).map(|d| d / step);
+        match before.filter(|before| *before < n) {
+            Some(before) => Ok(Some(Shard { k: before + 1, n })),
             None => Err(Error::input(format!(
                 "SLURM_ARRAY_TASK_ID = {id}: expected a task of {n} from {first} in steps of {step}; use --shard K/N"
             ))),
@@ -95,6 +95,8 @@ mod tests {
         assert_eq!(slurm("1", "1", "7", "1").unwrap(), Some(Shard { k: 1, n: 7 }));
         assert!(slurm("13", "10", "4", "2").is_err());
         assert!(slurm("9", "10", "4", "1").is_err());
+        // Found by fuzzing.
+        assert!(slurm("18446744073709551615", "0", "7", "1").is_err());
         assert_eq!(Shard::of_slurm(|_| None).unwrap(), None);
     }
 }

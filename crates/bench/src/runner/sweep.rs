@@ -62,6 +62,13 @@ const TABLE: &str = "cases.csv";
 /// A case that exists, unless `resume` or `force`; writing.
 pub fn sweep(sweep: &Sweep, options: &Options) -> Result<Swept> {
     let start = Instant::now();
+    // Cases in it would break a dataset of the same name.
+    if options.out.join(MANIFEST).exists() {
+        return Err(Error::input(format!(
+            "{}: is a dataset; a sweep needs a folder of its own",
+            options.out.display()
+        )));
+    }
     std::fs::create_dir_all(&options.out).map_err(Error::write(&options.out))?;
     let mine: Vec<&Case> = sweep.cases.iter().filter(|c| options.shard.has(c.index)).collect();
     if !options.resume && !options.force {

@@ -18,8 +18,12 @@ pub struct Effect {
 pub enum Scene {
     /// Three particles at z = -70, -25 and +15 um side by side.
     Ladder,
-    /// A cloud of many particles in the default channel, all in one plane a little below focus.
+    /// A cloud of particles all over the default channel.
     Cloud,
+    /// A dense cloud of small particles, seen a little below focus.
+    Dense,
+    /// A cloud in one plane a little below focus, in fast flow.
+    Fast,
 }
 
 impl Effect {
@@ -35,6 +39,14 @@ const fn ladder(path: &'static str, pictures: &'static [&'static str], caption: 
 
 const fn cloud(path: &'static str, pictures: &'static [&'static str], caption: &'static str) -> Effect {
     Effect { path, pictures, scene: Scene::Cloud, caption }
+}
+
+const fn lit(path: &'static str, pictures: &'static [&'static str], caption: &'static str) -> Effect {
+    Effect { path, pictures, scene: Scene::Dense, caption }
+}
+
+const fn streaks(path: &'static str, pictures: &'static [&'static str], caption: &'static str) -> Effect {
+    Effect { path, pictures, scene: Scene::Fast, caption }
 }
 
 /// All of them, in the order of the document.
@@ -117,6 +129,42 @@ pub const EFFECTS: &[Effect] = &[
         "optics.cyl_focal_length",
         &["optics.cyl_focal_length=0", "optics.cyl_focal_length=8000", "optics.cyl_focal_length=4000"],
         "0 (none), 8000, 4000 um",
+    ),
+    lit(
+        "illumination.shape.sheet.thickness_um",
+        &[
+            "illumination=()",
+            "illumination=(shape: sheet(thickness_um: 100))",
+            "illumination=(shape: sheet(thickness_um: 40))",
+        ],
+        "uniform light; a sheet 100 and 40 um thick about z = -30 um, across the optical axis",
+    ),
+    lit(
+        "illumination.shape.sheet.normal",
+        &[
+            "illumination=(shape: sheet(thickness_um: 40, normal: (0, 0, 1)))",
+            "illumination=(shape: sheet(thickness_um: 40, normal: (0, 1, 0)))",
+            "illumination=(shape: sheet(thickness_um: 40, normal: (1, 1, 0)))",
+        ],
+        "a sheet 40 um thick with its normal along z, along y, and oblique in the image plane",
+    ),
+    lit(
+        "illumination.shape.beam.waist_um",
+        &[
+            "illumination=(shape: beam(waist_um: 200))",
+            "illumination=(shape: beam(waist_um: 50))",
+            "illumination=(shape: beam(waist_um: 25))",
+        ],
+        "200, 50, 25 um",
+    ),
+    lit(
+        "illumination.ramp_per_um",
+        &[
+            "illumination=()",
+            "illumination=(ramp_per_um: (0.01, 0, 0))",
+            "illumination=(ramp_per_um: (0.02, 0, 0))",
+        ],
+        "0, 0.01, 0.02 per um along x",
     ),
     ladder(
         "sensor.photons_per_count",
@@ -257,6 +305,28 @@ pub const EFFECTS: &[Effect] = &[
             "particles.diameter_um=constant(4);particles.spheroids=(e_p: 4, orientation: random)",
         ],
         "aligned(1, 0, 0), aligned(0, 0, 1), random, with a diameter of 4 um and e_p 4",
+    ),
+    streaks(
+        "timing.pairs.exposure_s",
+        &["timing.pairs.exposure_s=0", "timing.pairs.exposure_s=0.01", "timing.pairs.exposure_s=0.03"],
+        "0, 0.01, 0.03 s, in a flow of up to 1000 um/s",
+    ),
+    streaks(
+        "timing.pairs.flashes",
+        &[
+            "timing.pairs.exposure_s=0",
+            "timing.pairs.flashes=(count: 2, spacing_s: 0.015)",
+            "timing.pairs.flashes=(count: 4, spacing_s: 0.01)",
+        ],
+        "one; two 0.015 s apart; four 0.01 s apart",
+    ),
+    ladder(
+        "render.mode",
+        &[
+            "optics.background_noise=0;optics.gain=16;optics.n_rays=100;render.mode=rays",
+            "optics.background_noise=0;optics.gain=16;optics.n_rays=100;render.mode=expected",
+        ],
+        "rays, expected; 100 rays per point, no background noise",
     ),
     ladder(
         "render.spheroids",

@@ -1,7 +1,7 @@
-//! Every key of the scenario language, those that work and those that are planned.
+//! Every key of the scenario language.
 //!
 //! A path is the way from the scenario's outermost brackets to the key; variants of an enum are steps of it. The
-//! reader takes suggestions for misspelt keys from here, and tells planned keys from unknown ones.
+//! reader takes suggestions for misspelt keys from here.
 
 /// What a path leads to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -10,19 +10,18 @@ pub enum Status {
     Key,
     /// A variant of the key before it.
     Variant,
-    /// Either of them, part of the language but not built yet.
-    Planned,
 }
 
 use std::sync::LazyLock;
 
-use Status::{Key, Planned, Variant};
+use Status::{Key, Variant};
 use flows::registry;
 
 /// All keys but those of fields, which [`all`] adds.
 const KEYS: &[(&str, Status)] = &[
     ("name", Key),
     ("description", Key),
+    ("license", Key),
     ("seed", Key),
     ("optics", Key),
     ("optics.preset", Key),
@@ -292,14 +291,10 @@ fn flat(path: &str) -> String {
     }
 }
 
-/// The status of a path; a key below a planned one is planned too. `None`: no such key.
+/// What a path leads to. `None`: no such key.
 pub fn status(path: &str) -> Option<Status> {
     let path = flat(path);
-    all().iter().find_map(|(key, status)| {
-        let below =
-            *status == Planned && path.strip_prefix(key.as_str()).is_some_and(|rest| rest.starts_with('.'));
-        (*key == path || below).then_some(*status)
-    })
+    all().iter().find(|(key, _)| *key == path).map(|(_, status)| *status)
 }
 
 /// What may follow a path: the keys of a section, or the variants of a key.
@@ -332,7 +327,7 @@ pub fn suggestion(path: &str) -> Option<&'static str> {
 }
 
 /// The word most like `name`, if one is near enough.
-pub(super) fn nearest<'a>(name: &str, words: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+pub fn nearest<'a>(name: &str, words: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let likeness = |word: &str| strsim::jaro_winkler(word, name);
     let near = words.into_iter().map(|word| (likeness(word), word)).filter(|&(likeness, _)| likeness > 0.75);
     near.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, word)| word)

@@ -14,6 +14,9 @@ use crate::error::{Error, Result};
 pub fn load(file: &Path, assignments: &[String], seed: Option<u64>) -> Result<Scenario> {
     let text = std::fs::read_to_string(file).map_err(|e| Error::read(file, e))?;
     let name = file.display().to_string();
+    if outline(&text).is_some_and(|root| root.field("axes").is_some() && root.field("motion").is_none()) {
+        return Err(Error::input(format!("{name}: is a sweep; `microsig sweep {name}` makes its datasets")));
+    }
     let mut spec = parse(&text, &name)?;
     let mut replaced = Vec::new();
     for text in assignments {

@@ -6,6 +6,11 @@
 pub(super) const MEANINGS: &[(&str, &str, &str)] = &[
     ("name", "", "name of the dataset and of its folder: 1 to 100 lower-case letters, digits, `.`, `_`, `-`"),
     ("description", "", "free text for the dataset's card"),
+    (
+        "license",
+        "",
+        "licence of the dataset, in `LICENSE`, card and manifest: `CC-BY-4.0`, `CC-BY-SA-4.0`, `CC-BY-NC-4.0` or `CC0-1.0`",
+    ),
     ("seed", "", "seed of all random numbers, 0 to 2^64 - 1; another seed, another realisation"),
     ("optics", "", "lenses, sensor size, background"),
     (

@@ -5,6 +5,7 @@ mod field;
 mod files;
 mod illumination;
 pub mod keys;
+pub mod license;
 mod load;
 mod meanings;
 mod motion;

@@ -114,6 +114,22 @@ impl Node {
         (at, Some(node))
     }
 
+    /// The innermost field around a place, or only one whose value has brackets.
+    pub(super) fn field_around(&self, at: usize, with_brackets: bool) -> Option<&Field> {
+        match &self.inside {
+            Inside::Nothing => None,
+            Inside::Fields(fields, _) => {
+                let around = fields.iter().find(|f| (f.at..=f.value.span.end).contains(&at))?;
+                let own = Some(around).filter(|f| !with_brackets || f.value.inside != Inside::Nothing);
+                around.value.field_around(at, with_brackets).or(own)
+            }
+            Inside::Items(items, _) => items
+                .iter()
+                .find(|item| (item.span.start..=item.span.end).contains(&at))?
+                .field_around(at, with_brackets),
+        }
+    }
+
     /// The path to the innermost value around a place, and that value.
     pub(super) fn around(&self, at: usize) -> (String, &Node) {
         let (mut node, mut steps) = (self, Vec::new());

@@ -10,7 +10,7 @@ use ron::extensions::Extensions;
 use serde_json::Value;
 
 use super::keys::{self, Status};
-use super::outline::{Inside, Node, line_and_column, outline};
+use super::outline::{Field, Inside, Node, line_and_column, outline};
 use super::spec::Spec;
 use crate::error::{Error, Result};
 
@@ -27,15 +27,13 @@ pub(super) struct Fault {
     pub(super) at: usize,
     /// The path of the key, what was found, what is allowed.
     pub(super) message: String,
-    /// Whether it is valid but not built yet.
-    pub(super) planned: bool,
 }
 
 /// Reads a scenario; `name` is what messages call it.
 ///
 /// # Errors
 /// [`Error::Input`] with line and column of everything that is no RON, has the wrong type, or is an unknown key or
-/// variant; [`Error::Unsupported`] if all of them are planned ones.
+/// variant.
 pub fn parse(text: &str, name: &str) -> Result<Spec> {
     read(text).map_err(|faults| {
         failed(faults, |fault| {
@@ -47,12 +45,7 @@ pub fn parse(text: &str, name: &str) -> Result<Spec> {
 
 /// The error of some faults.
 pub(super) fn failed(faults: Vec<Fault>, message: impl Fn(&Fault) -> String) -> Error {
-    let messages = faults.iter().map(message).collect();
-    if faults.iter().all(|fault| fault.planned) {
-        Error::Unsupported(messages)
-    } else {
-        Error::Input(messages)
-    }
+    Error::Input(faults.iter().map(message).collect())
 }
 
 /// The scenario of a text, or all that is wrong with it, in order.
@@ -63,32 +56,94 @@ pub(super) fn read(text: &str) -> std::result::Result<Spec, Vec<Fault>> {
         names.value(root, "");
     }
     let Names { mut faults, refused, .. } = names;
-    let mut unknown = Vec::new();
-    match deserialize(text, |path| unknown.push(steps(&path))) {
-        Ok(spec) => {
-            let tree = serde_json::to_value(&spec).unwrap_or_default();
-            let paths: Vec<String> = unknown.iter().map(|steps| named(steps, &tree)).collect();
-            for path in paths {
-                let at = root.as_ref().map_or(0, |root| root.find(path.split('.')));
-                // Most are among the faults already; the rest is what the list of keys is vague about.
-                if !faults.iter().any(|fault: &Fault| fault.at == at) {
-                    faults.push(unknown_key(&path, at));
+    // The reader stops at the first value that does not fit: it is given the text without it, to find the next.
+    let mut without: Vec<&Field> = Vec::new();
+    for _ in 0..MAX_FAULTS {
+        let mut unknown = Vec::new();
+        let e = match deserialize(&blanked(text, &without), |path| unknown.push(steps(&path))) {
+            Ok(spec) => {
+                let tree = serde_json::to_value(&spec).unwrap_or_default();
+                let paths: Vec<String> = unknown.iter().map(|steps| named(steps, &tree)).collect();
+                for path in paths {
+                    let at = root.as_ref().map_or(0, |root| root.find(path.split('.')));
+                    // Most are among the faults already; the rest is what the list of keys is vague about.
+                    if !faults.iter().any(|fault: &Fault| fault.at == at) {
+                        faults.push(unknown_key(&path, at));
+                    }
                 }
+                if faults.is_empty() {
+                    return Ok(spec);
+                }
+                break;
             }
-            if faults.is_empty() {
-                return Ok(spec);
-            }
+            Err(e) => e,
+        };
+        let fault = unreadable(text, root.as_ref(), &e);
+        let missing = match &e.code {
+            ron::Error::MissingStructField { field, .. } => Some(*field),
+            _ => None,
+        };
+        let field = root.as_ref().and_then(|root| root.field_around(fault.at, missing.is_some()));
+        // A name that was refused above is the reader's fault too, and what was taken out is missing.
+        let is_refused =
+            refused.iter().any(|span: &Range<usize>| (span.start..=span.end).contains(&fault.at));
+        let is_taken_out = missing.is_some_and(|key| without.iter().any(|field| field.key == key));
+        let goes_on = is_refused
+            || missing.is_some()
+            || is_of_a_value(&e.code)
+            || is_fraction(&e.code, root.as_ref(), fault.at, text);
+        if !is_refused && !is_taken_out && (goes_on || without.is_empty()) {
+            faults.push(fault);
         }
-        // A name that was refused above is the reader's fault too, and it stops there.
-        Err(e) => {
-            let fault = unreadable(text, root.as_ref(), &e);
-            if !refused.iter().any(|span: &Range<usize>| (span.start..=span.end).contains(&fault.at)) {
-                faults.push(fault);
-            }
+        match field {
+            Some(field) if goes_on => without.push(field),
+            _ => break,
         }
     }
     faults.sort_by_key(|fault| fault.at);
     Err(faults)
+}
+
+/// Most faults that are looked for in values.
+const MAX_FAULTS: usize = 50;
+
+/// A text with spaces in the place of some fields: lines and columns of the others stay.
+fn blanked(text: &str, fields: &[&Field]) -> String {
+    let ranges: Vec<Range<usize>> = fields
+        .iter()
+        .map(|field| {
+            let end = field.value.span.end;
+            let after = text[end..].trim_start();
+            field.at..if after.starts_with(',') { text.len() - after.len() + 1 } else { end }
+        })
+        .collect();
+    let is_out = |i: usize| ranges.iter().any(|range| range.contains(&i));
+    text.char_indices().map(|(i, c)| if c != '\n' && is_out(i) { ' ' } else { c }).collect()
+}
+
+/// Whether an error is about one value, not about the brackets around it.
+fn is_of_a_value(code: &ron::Error) -> bool {
+    use ron::Error as E;
+    matches!(
+        code,
+        E::ExpectedFloat
+            | E::ExpectedInteger
+            | E::InvalidIntegerDigit { .. }
+            | E::IntegerOutOfBounds
+            | E::ExpectedBoolean
+            | E::ExpectedString
+            | E::ExpectedStructLike
+            | E::ExpectedNamedStructLike(_)
+            | E::ExpectedArray
+            | E::NoSuchEnumVariant { .. }
+            | E::InvalidValueForType { .. }
+    )
+}
+
+/// Whether the reader stumbles over the point of a number that should be whole.
+fn is_fraction(code: &ron::Error, root: Option<&Node>, at: usize, text: &str) -> bool {
+    let found = root.map_or("", |root| &text[root.around(at).1.span.clone()]);
+    matches!(code, ron::Error::ExpectedComma) && found.parse::<f64>().is_ok()
 }
 
 fn deserialize(
@@ -122,25 +177,24 @@ impl Names<'_> {
             (Some(name), inside) if is_choice => {
                 let variant = joined(path, name);
                 match allowed.iter().find(|(a, _)| a == name) {
-                    Some((_, Status::Planned)) => self.refuse(node, not_yet(&variant), true),
                     Some(_) => self.content(inside, &variant),
                     None => {
                         let choice = choice(name, allowed.iter().map(|(name, _)| *name));
-                        self.refuse(node, format!("{path}: unknown variant `{name}`: {choice}"), false);
+                        self.refuse(node, format!("{path}: unknown variant `{name}`: {choice}"));
                     }
                 }
             }
             (None, Inside::Nothing) if is_choice => {
                 let found = &self.text[node.span.clone()];
                 let choice = choice(found, allowed.iter().map(|(name, _)| *name));
-                self.refuse(node, format!("{path} = {found}: {choice}"), false);
+                self.refuse(node, format!("{path} = {found}: {choice}"));
             }
             (_, inside) => self.content(inside, path),
         }
     }
 
-    fn refuse(&mut self, node: &Node, message: String, planned: bool) {
-        self.faults.push(Fault { at: node.span.start, message, planned });
+    fn refuse(&mut self, node: &Node, message: String) {
+        self.faults.push(Fault { at: node.span.start, message });
         self.refused.push(node.span.clone());
     }
 
@@ -176,11 +230,8 @@ fn joined(path: &str, step: &str) -> String {
 }
 
 fn unknown_key(path: &str, at: usize) -> Fault {
-    if keys::status(path) == Some(Status::Planned) {
-        return Fault { at, message: not_yet(path), planned: true };
-    }
     let hint = keys::suggestion(path).map(|s| format!("; did you mean `{s}`?")).unwrap_or_default();
-    Fault { at, message: format!("unknown key `{path}`{hint}"), planned: false }
+    Fault { at, message: format!("unknown key `{path}`{hint}") }
 }
 
 /// What RON's reader refuses, in the words of scenarios.
@@ -188,7 +239,7 @@ pub(super) fn unreadable(text: &str, root: Option<&Node>, e: &SpannedError) -> F
     use ron::Error as E;
     let at = byte(text, e.span.start);
     let Some(root) = root else {
-        return Fault { at, message: e.code.to_string(), planned: false };
+        return Fault { at, message: e.code.to_string() };
     };
     let (path, node) = root.around(at);
     // What is missing or doubled concerns the section, not the value before it.
@@ -217,9 +268,11 @@ pub(super) fn unreadable(text: &str, root: Option<&Node>, e: &SpannedError) -> F
         E::ExpectedStructLike | E::ExpectedNamedStructLike(_) => found("values in round brackets"),
         E::ExpectedArray => found("a list in square brackets"),
         E::InvalidValueForType { expected, .. } => found(expected),
+        code if is_fraction(code, Some(root), at, text) => found("a whole number"),
+        E::ExpectedComma => in_path("expected a comma or the closing bracket".to_owned()),
         code => in_path(code.to_string()),
     };
-    Fault { at, message, planned: false }
+    Fault { at, message }
 }
 
 fn byte(text: &str, position: ron::error::Position) -> usize {
@@ -233,10 +286,6 @@ fn choice<'a>(found: &str, allowed: impl Iterator<Item = &'a str> + Clone) -> St
     let all = allowed.clone().collect::<Vec<_>>().join(", ");
     let hint = keys::nearest(found, allowed).map(|s| format!("did you mean `{s}`? ")).unwrap_or_default();
     format!("{hint}expected one of {all}")
-}
-
-fn not_yet(path: &str) -> String {
-    format!("`{path}` is valid but not supported yet")
 }
 
 /// Writes a scenario so that [`parse`] reads it back.
@@ -327,7 +376,32 @@ mod tests {
             "s.ron:4:40: unknown key `motion.flow.field.poiseuille.max_sped_um_s`; did you mean `max_speed_um_s`?",
             "s.ron:5:25: boundaries.x: unknown variant `opne`: did you mean `open`? expected one of open, wall, periodic",
             "s.ron:5:47: unknown key `boundaries.bodies.0.sphere.radius`; did you mean `radius_um`?",
+            "s.ron:5:56: boundaries.bodies.0.sphere: `centre_um` is missing",
             "s.ron:5:60: unknown key `boundaries.z_mu`; did you mean `z_um`?",
+            "s.ron:5:95: timing.pairs.count = two: expected a whole number",
+        ];
+        assert_eq!(message.lines().collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn all_values_of_the_wrong_type_are_named_at_once() {
+        let text = GOOD
+            .replace("1000", "fast")
+            .replace(
+                "name: \"test\"",
+                "name: \"\u{b5}\", optics: (gain: \"high\", n_rays: 2.5, preset: setting1)",
+            )
+            .replace("timing:", "seed: -1,\n particles: (c_int: uniform(min: 1)), timing:")
+            .replace("count: 2", "dt_s: soon");
+        let (_, message) = refuse(&text);
+        let expected = [
+            "s.ron:2:34: optics.gain = \"high\": expected a number",
+            "s.ron:2:52: optics.n_rays = 2.5: expected a whole number",
+            "s.ron:3:55: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a number",
+            "s.ron:4:16: seed = -1: expected a whole number that is not negative and not too large",
+            "s.ron:5:35: particles.c_int.uniform: `max` is missing",
+            "s.ron:5:58: timing.pairs.dt_s = soon: expected a number",
+            "s.ron:5:63: timing.pairs: `count` is missing",
         ];
         assert_eq!(message.lines().collect::<Vec<_>>(), expected);
     }

@@ -65,7 +65,7 @@ const HEADER: &str = "# Every key of a scenario\n\n\
 /// First steps of the paths, title and introduction of each part.
 const SECTIONS: &[(&[&str], &str, &str)] = &[
     (
-        &["name", "description", "seed", "randomness", "random"],
+        &["name", "description", "license", "seed", "randomness", "random"],
         "The scenario itself",
         "What the dataset is called, and where its random numbers come from.",
     ),
@@ -126,7 +126,6 @@ fn row(path: &str, status: Status) -> Result<String> {
     let Some((_, unit, meaning)) = MEANINGS.iter().find(|(key, ..)| *key == path) else {
         return Ok(String::new());
     };
-    let planned = if status == Status::Planned { "*Planned, not built yet.* " } else { "" };
     let default = if status == Status::Key { default(path)? } else { String::new() };
     let of_microsig =
         path.strip_prefix("optics.").and_then(|name| SETTINGS.iter().find(|key| key.name == name));
@@ -136,12 +135,7 @@ fn row(path: &str, status: Status) -> Result<String> {
         (None, unit) => unit,
     };
     let allowed = of_microsig.map(|key| format!("; {}", key.allowed)).unwrap_or_default();
-    Ok(format!(
-        "| {} | {unit} | {default} | {planned}{}{} |\n",
-        shown(path, status),
-        cell(meaning),
-        cell(&allowed)
-    ))
+    Ok(format!("| {} | {unit} | {default} | {}{} |\n", shown(path, status), cell(meaning), cell(&allowed)))
 }
 
 fn field_row(path: &str) -> Result<String> {

@@ -16,6 +16,7 @@ use microsig_core::stream::Streams;
 use microsig_core::{Particle, Settings, Spheroid};
 
 use super::files::{Files, Input};
+use super::license::{LICENSES, License};
 use super::motion::Mover;
 use super::optics::{detector, optics};
 use super::particles::Cloud;
@@ -35,6 +36,8 @@ const DEFAULT_Z_UM: (f64, f64) = (-80.0, 20.0);
 pub struct Scenario {
     /// The scenario with every default written out.
     pub spec: Spec,
+    /// The licence of the dataset.
+    pub license: License,
     /// All random numbers: the public streams of `spec.seed`, or secret ones.
     pub streams: Streams,
     /// MicroSIG's settings.
@@ -158,6 +161,11 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let mut warnings = Vec::new();
     let mut files = Files { folder, inputs: Vec::new() };
     name(&spec.name, &mut problems);
+    let license = License::find(&spec.license).unwrap_or_else(|| {
+        let ids = LICENSES.map(|license| license.id).join(", ");
+        problems.add("license", format!("{:?}", spec.license), &format!("one of {ids}"));
+        LICENSES[0]
+    });
     let settings = optics(&mut spec.optics, &mut files, &mut warnings, &mut problems);
     let detector = match (&mut spec.sensor, &settings) {
         (Some(sensor), Some(settings)) => detector(sensor, settings, &mut files, &mut problems),
@@ -284,6 +292,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let Some(domain) = domain else { return Err(Error::Input(problems.0)) };
     problems.finish()?;
     Ok(Scenario {
+        license,
         streams: Streams::new(spec.seed),
         spec,
         settings,
@@ -372,13 +381,15 @@ fn name(name: &str, problems: &mut Problems) {
 }
 
 fn depth(boundaries: &mut spec::Boundaries, problems: &mut Problems) -> ((f64, f64), Boundary) {
-    let z_um = *boundaries.z_um.get_or_insert(DEFAULT_Z_UM);
+    let mut z_um = *boundaries.z_um.get_or_insert(DEFAULT_Z_UM);
     if !(z_um.0.is_finite() && z_um.1.is_finite() && z_um.0 < z_um.1) {
         problems.add(
             "boundaries.z_um",
             format!("({}, {})", z_um.0, z_um.1),
             "two depths in um, the lower one first",
         );
+        // What follows from it need not be said as well.
+        z_um = DEFAULT_Z_UM;
     }
     (z_um, face(*boundaries.z.get_or_insert(spec::Boundary::Wall)))
 }

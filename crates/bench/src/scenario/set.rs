@@ -16,18 +16,12 @@ use crate::error::{Error, Result};
 /// The scenario with the value at `path` replaced.
 ///
 /// # Errors
-/// [`Error::Input`] if there is no such path, or the value does not fit it; [`Error::Unsupported`] if it is planned.
+/// [`Error::Input`] if there is no such path, or the value does not fit it.
 pub fn set(spec: &Spec, path: &str, value: &str) -> Result<Spec> {
     let name = format!("{path}={value}");
-    match keys::status(path) {
-        Some(Status::Planned) => {
-            return Err(Error::Unsupported(vec![format!("{name}: `{path}` is valid but not supported yet")]));
-        }
-        None => {
-            let hint = keys::suggestion(path).map(|s| format!("; did you mean `{s}`?")).unwrap_or_default();
-            return Err(Error::input(format!("{name}: unknown key `{path}`{hint}")));
-        }
-        Some(Status::Key | Status::Variant) => {}
+    if keys::status(path).is_none() {
+        let hint = keys::suggestion(path).map(|s| format!("; did you mean `{s}`?")).unwrap_or_default();
+        return Err(Error::input(format!("{name}: unknown key `{path}`{hint}")));
     }
     let text = write(spec)?;
     let steps: Vec<&str> = path.split('.').collect();

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 pub use super::field::{Changed, Field, Gridded};
 pub use super::illumination::{Beam, Illumination, LightShape, Sheet, SheetProfile};
+use super::license::LICENSES;
 pub use super::motion::{FieldPlacement, Flow, Motion, Tracks};
 pub use super::particles::{
     Brightness, Brownian, Diameter, Number, Obstacle, Orientation, Particles, Placement, Settling, Spheroids,
@@ -27,6 +28,9 @@ pub struct Spec {
     /// What the dataset is for, free text.
     #[serde(default)]
     pub description: String,
+    /// Licence of the dataset, one of [`super::license::LICENSES`].
+    #[serde(default = "license")]
+    pub license: String,
     /// Seed of all random numbers.
     #[serde(default)]
     pub seed: u64,
@@ -61,6 +65,10 @@ pub struct Spec {
     /// The calibration stack; left out, there is one unless all particles are in focus anyway.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration: Option<Calibration>,
+}
+
+fn license() -> String {
+    LICENSES[0].id.to_owned()
 }
 
 impl Spec {

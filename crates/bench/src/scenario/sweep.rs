@@ -130,12 +130,18 @@ pub struct Case {
     pub seed: u64,
 }
 
-/// Reads a sweep and its base scenario; `name` is what messages call it, `folder` where the base is looked for.
+/// Reads a sweep and its base scenario; `name` is what messages call it, `folder` where the base is looked for, `seed`
+/// another seed than the text's.
 ///
 /// # Errors
 /// As for a scenario; also axes without values, of unequal length in a zip, or along paths that do not exist.
-pub fn parse_sweep(text: &str, name: &str, folder: &Path) -> Result<Sweep> {
+pub fn parse_sweep(text: &str, name: &str, folder: &Path, seed: Option<u64>) -> Result<Sweep> {
     let root = outline(text);
+    if root.as_ref().is_some_and(|root| root.field("motion").is_some() && root.field("base").is_none()) {
+        return Err(Error::input(format!(
+            "{name}: is a scenario; `microsig generate {name}` makes its dataset"
+        )));
+    }
     let place = |at: usize| {
         let (line, column) = line_and_column(text, at);
         format!("{name}:{line}:{column}")
@@ -147,10 +153,11 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path) -> Result<Sweep> {
     };
     let mut unknown = Vec::new();
     let mut deserializer = ron::Deserializer::from_str_with_options(text, &options()).map_err(at)?;
-    let spec: SweepSpec =
+    let mut spec: SweepSpec =
         serde_ignored::deserialize(&mut deserializer, |path| unknown.push(path.to_string()))
             .and_then(|spec| deserializer.end().map(|()| spec))
             .map_err(|e| at(deserializer.span_error(e)))?;
+    spec.seed = seed.unwrap_or(spec.seed);
     let unknown_key = |path: &String| {
         let steps: Vec<&str> = path.split('.').collect();
         let key = steps.last().copied().unwrap_or_default();
@@ -172,7 +179,7 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path) -> Result<Sweep> {
     let mut columns = Vec::new();
     for (i, axis) in spec.axes.iter().enumerate() {
         let place = place_of(&["axes", &i.to_string(), "path"]);
-        if matches!(keys::status(&axis.path), None | Some(keys::Status::Planned)) {
+        if keys::status(&axis.path).is_none() {
             // The same message as for `--set`.
             let refused = set(&base, &axis.path, "()").map_or_else(|e| e.to_string(), |_| String::new());
             problems.push(format!("{place}: axes: {refused}"));
@@ -206,7 +213,7 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path) -> Result<Sweep> {
         .map(|(index, (values, repetition))| Case {
             index,
             name: format!("case_{index:05}"),
-            seed: seed(&spec, &values, repetition),
+            seed: seed_of(&spec, &values, repetition),
             values,
             repetition,
         })
@@ -287,7 +294,7 @@ fn combine(columns: &[Vec<String>], how: Combine) -> Option<Vec<Vec<String>>> {
 }
 
 /// The first 64 bits of a hash over what the case is.
-fn seed(spec: &SweepSpec, values: &[String], repetition: u32) -> u64 {
+fn seed_of(spec: &SweepSpec, values: &[String], repetition: u32) -> u64 {
     let mut assignments: Vec<String> =
         spec.axes.iter().zip(values).map(|(axis, value)| format!("{}={value}", axis.path)).collect();
     assignments.sort();
@@ -306,7 +313,7 @@ mod tests {
     fn sweep(text: &str) -> Result<Sweep> {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("base.ron"), BASE).unwrap();
-        parse_sweep(text, "sweep.ron", folder.path())
+        parse_sweep(text, "sweep.ron", folder.path(), None)
     }
 
     const SWEEP: &str = r#"(

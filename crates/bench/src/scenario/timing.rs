@@ -332,15 +332,19 @@ impl Recordings {
 
     /// Time of a frame, s: the middle of its exposure.
     pub fn time_s(&self, frame: u32, streams: Streams) -> f64 {
-        let nominal = match self.timing {
+        self.nominal_s(frame) + self.jitter_s(frame, streams)
+    }
+
+    /// When a frame is meant to be taken, s: without jitter.
+    pub fn nominal_s(&self, frame: u32) -> f64 {
+        match self.timing {
             Timing::Pairs(p) => f64::from(frame / 2) * p.interval_s + f64::from(frame % 2) * p.dt_s,
             Timing::Sequence(s) => f64::from(frame) * s.dt_s,
             Timing::FourPulse(f) => {
                 let within = [0.0, f.dt_s, f.dt_s + f.gap_s, 2.0 * f.dt_s + f.gap_s];
                 f64::from(frame / 4) * f.interval_s + within[(frame % 4) as usize]
             }
-        };
-        nominal + self.jitter_s(frame, streams)
+        }
     }
 
     fn jitter_s(&self, frame: u32, streams: Streams) -> f64 {

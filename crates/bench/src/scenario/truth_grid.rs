@@ -67,7 +67,8 @@ impl Grid {
         let spacing = *self.spacing_px.get_or_insert(if steady { 16.0 } else { 32.0 });
         problems.range("truth_grid.grid.spacing_px", spacing, 0.1, 1e5, "0.1 to 100000 px");
         let nodes = f64::from(size_px.0) * f64::from(size_px.1) / (spacing * spacing);
-        if nodes > MAX_NODES {
+        // A spacing out of range has its message already.
+        if nodes > MAX_NODES && spacing >= 0.1 {
             problems.add("truth_grid.grid.spacing_px", spacing, "at most 10 million nodes");
         }
         match self.planes.get_or_insert(Planes::Even(if steady { 5 } else { 1 })) {
