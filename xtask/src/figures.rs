@@ -1,23 +1,45 @@
-//! `cargo xtask figures`: Fig. 3 and 4 of Rossi 2020 from our own renderer.
+//! `cargo xtask figures`: the pictures of the documentation.
 
-mod maxima;
-mod scenes;
-mod strips;
+mod flows;
+mod keys;
+mod paper;
 
 use std::path::Path;
 
-use anyhow::Context;
+use clap::ValueEnum;
 
-pub(crate) fn run(out: &Path) -> anyhow::Result<()> {
-    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-    strips::draw(out)?;
-    maxima::draw(out)?;
-    scenes::draw(out)?;
-    let command = format!("cargo xtask figures --out {}", out.display());
-    let readme = include_str!("figures/README.md")
-        .replace("{command}", &command)
-        .replace("{version}", env!("CARGO_PKG_VERSION"));
-    std::fs::write(out.join("README.md"), readme)?;
-    println!("{}", out.display());
+/// What there is to draw.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Kind {
+    /// Fig. 3 and 4 of Rossi 2020 with our renderer, into target/figures.
+    Paper,
+    /// The gallery of all velocity fields, docs/flows.
+    Flows,
+    /// The reference of all keys, docs/scenario.md, and what they do to the image.
+    Keys,
+}
+
+impl Kind {
+    /// Where they go unless told otherwise.
+    fn folder(self) -> &'static Path {
+        Path::new(match self {
+            Kind::Paper => "target/figures",
+            Kind::Flows => "docs/flows",
+            Kind::Keys => "docs",
+        })
+    }
+}
+
+/// Draws one kind of figures, or all; `redraw`: also those of keys that are there.
+pub(crate) fn run(kind: Option<Kind>, out: Option<&Path>, redraw: bool) -> anyhow::Result<()> {
+    let kinds = kind.as_ref().map_or(Kind::value_variants(), std::slice::from_ref);
+    for kind in kinds {
+        let out = out.unwrap_or(kind.folder());
+        match kind {
+            Kind::Paper => paper::run(out)?,
+            Kind::Flows => flows::run(out)?,
+            Kind::Keys => keys::run(out, redraw)?,
+        }
+    }
     Ok(())
 }

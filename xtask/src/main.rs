@@ -5,10 +5,8 @@ mod baselines;
 mod bench;
 mod export_check;
 mod figures;
-mod gallery;
 mod golden;
 mod instructions;
-mod keys;
 mod leak_search;
 mod peers;
 mod picture;
@@ -105,12 +103,6 @@ enum Task {
         #[arg(long, default_value_t = 200)]
         images: u32,
     },
-    /// Draws all velocity fields for the documentation.
-    Gallery {
-        /// Where the pictures and README.md go.
-        #[arg(long, default_value = "docs/flows")]
-        out: PathBuf,
-    },
     /// Makes the golden hashes of datasets anew; see "Image bits changed" in CHANGELOG.md.
     Golden,
     /// Opens exports, images and a release with the programs they are for, in a Python environment of its own.
@@ -127,15 +119,6 @@ enum Task {
         /// Where README.md goes.
         #[arg(long, default_value = "target/leak-search")]
         out: PathBuf,
-    },
-    /// Writes the reference of all keys, docs/scenario.md, and draws what they do.
-    Keys {
-        /// The folder of documents.
-        #[arg(long, default_value = "docs")]
-        out: PathBuf,
-        /// Also draw pictures that are there.
-        #[arg(long)]
-        redraw: bool,
     },
     /// Kills runs at random moments, resumes them and compares; exit code 1 if one differs.
     Kill {
@@ -173,11 +156,16 @@ enum Task {
         #[arg(long, default_value = "target/slurm")]
         out: PathBuf,
     },
-    /// Draws the figures of Rossi 2020 with our renderer.
+    /// Draws the pictures of the documentation: the paper's figures, all velocity fields, what the keys of scenarios do.
     Figures {
-        /// Where the figures, their numbers and README.md go.
-        #[arg(long, default_value = "target/figures")]
-        out: PathBuf,
+        /// Only these.
+        kind: Option<figures::Kind>,
+        /// Another folder for them than the documentation's.
+        #[arg(long, requires = "kind")]
+        out: Option<PathBuf>,
+        /// Draw pictures of keys that are there again.
+        #[arg(long)]
+        redraw: bool,
     },
 }
 
@@ -202,18 +190,18 @@ fn main() -> anyhow::Result<ExitCode> {
             peers::ours::draw(pairs, ppp, diameter_px).map(|()| ExitCode::SUCCESS)
         }
         Task::Reference { dir, out, images } => reference::run(&dir, &out, images),
-        Task::Gallery { out } => gallery::run(&out).map(|()| ExitCode::SUCCESS),
         Task::Golden => golden::run().map(|()| ExitCode::SUCCESS),
         Task::ExportCheck { out, imagej } => {
             export_check::run(&out, imagej.as_deref()).map(|()| ExitCode::SUCCESS)
         }
         Task::LeakSearch { out } => leak_search::run(&out),
-        Task::Keys { out, redraw } => keys::run(&out, redraw).map(|()| ExitCode::SUCCESS),
         Task::Kill { out, kills } => robustness::kill::run(&out, kills),
         Task::Disk { out } => robustness::disk::run(&out),
         Task::Memory { out, frames } => robustness::memory::run(&out, frames),
         Task::Scenarios { out } => shipped::run(&out),
         Task::Slurm { out } => robustness::slurm::run(&out),
-        Task::Figures { out } => figures::run(&out).map(|()| ExitCode::SUCCESS),
+        Task::Figures { kind, out, redraw } => {
+            figures::run(kind, out.as_deref(), redraw).map(|()| ExitCode::SUCCESS)
+        }
     }
 }

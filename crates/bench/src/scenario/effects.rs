@@ -1,4 +1,4 @@
-//! What single keys do to the image: the pictures of the reference. `cargo xtask keys` draws them.
+//! What single keys do to the image: the pictures of the reference. `cargo xtask figures keys` draws them.
 
 /// A row of pictures of one scene, each with another value.
 #[derive(Debug, Clone, Copy)]

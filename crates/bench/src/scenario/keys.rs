@@ -326,6 +326,16 @@ pub fn suggestion(path: &str) -> Option<&'static str> {
     near.or_else(elsewhere)
 }
 
+/// What to say of a misspelt path: what was probably meant, else what is allowed there.
+pub fn hint(path: &str) -> String {
+    if let Some(near) = suggestion(path) {
+        return format!("; did you mean `{near}`?");
+    }
+    let parent = path.rsplit_once('.').map_or("", |(parent, _)| parent);
+    let names: Vec<&str> = below(parent).into_iter().map(|(name, _)| name).collect();
+    if names.is_empty() { String::new() } else { format!("; expected one of {}", names.join(", ")) }
+}
+
 /// The word most like `name`, if one is near enough.
 pub fn nearest<'a>(name: &str, words: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let likeness = |word: &str| strsim::jaro_winkler(word, name);
@@ -351,6 +361,16 @@ mod tests {
         assert_eq!(suggestion("particles.number.cuont"), Some("count"));
         assert_eq!(suggestion("particles.zzz"), None);
         assert_eq!(suggestion("particles.background_noise"), Some("optics.background_noise"));
+    }
+
+    #[test]
+    fn what_is_like_no_key_gets_the_keys_of_its_section() {
+        let allowed = "; expected one of speed_um_s, radius_um, axis, moving, centre_um";
+        assert_eq!(hint("motion.flow.field.hill.qqq"), allowed);
+        assert_eq!(hint("motion.flow.field.sum.0.hill.qqq"), allowed);
+        assert_eq!(hint("motion.flow.field.hill.centre"), "; did you mean `centre_um`?");
+        assert!(hint("qqq").starts_with("; expected one of name, description, license, seed"));
+        assert_eq!(hint("name.qqq"), "");
     }
 
     #[test]

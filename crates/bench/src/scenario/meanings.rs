@@ -1,6 +1,6 @@
 //! What every key of the scenario language means: path, unit (if its name and MicroSIG's table do not say it), meaning.
 //!
-//! Fields of `motion.flow.field` are described in `flows::registry`. After a change: `cargo xtask keys`.
+//! Fields of `motion.flow.field` are described in `flows::registry`. After a change: `cargo xtask figures keys`.
 
 /// Path, unit, meaning.
 pub(super) const MEANINGS: &[(&str, &str, &str)] = &[

@@ -230,7 +230,7 @@ fn joined(path: &str, step: &str) -> String {
 }
 
 fn unknown_key(path: &str, at: usize) -> Fault {
-    let hint = keys::suggestion(path).map(|s| format!("; did you mean `{s}`?")).unwrap_or_default();
+    let hint = keys::hint(path);
     Fault { at, message: format!("unknown key `{path}`{hint}") }
 }
 
@@ -372,7 +372,7 @@ mod tests {
         assert_eq!(code, 2);
         let expected = [
             "s.ron:2:18: unknown key `optics.gian`; did you mean `gain`?",
-            "s.ron:2:28: unknown key `flavour`",
+            "s.ron:2:28: unknown key `flavour`; expected one of name, description, license, seed, optics, sensor, motion, particles, boundaries, timing, illumination, render, truth, truth_grid, calibration",
             "s.ron:4:40: unknown key `motion.flow.field.poiseuille.max_sped_um_s`; did you mean `max_speed_um_s`?",
             "s.ron:5:25: boundaries.x: unknown variant `opne`: did you mean `open`? expected one of open, wall, periodic",
             "s.ron:5:47: unknown key `boundaries.bodies.0.sphere.radius`; did you mean `radius_um`?",

@@ -1,7 +1,7 @@
 //! The reference of all keys, for people: unit, default and meaning of each, and pictures of what it changes.
 //!
 //! Which keys there are is said in [`super::keys`]; what they mean is said here. Defaults are not said at all but found:
-//! by filling in a scenario of five lines. `docs/scenario.md` is written from this (`cargo xtask keys`), and a test compares.
+//! by filling in a scenario of five lines. `docs/scenario.md` is written from this (`cargo xtask figures keys`), and a test compares.
 
 use std::path::Path;
 
@@ -54,7 +54,7 @@ pub fn document() -> Result<String> {
 }
 
 const HEADER: &str = "# Every key of a scenario\n\n\
-    Made by `cargo xtask keys`; `microsig new mine.ron` writes a scenario with comments to start from.\n\n\
+    Made by `cargo xtask figures keys`; `microsig new mine.ron` writes a scenario with comments to start from.\n\n\
     Keys are written as paths: `optics.gain` is `optics: (gain: 3.2)` in the file and `--set optics.gain=3.2` on the command \
     line. A step in *italics* is a choice: `particles.number.`*`count`* is `number: count(46)`. A default of \u{2013} means that \
     the thing is not there, *required* that there is none. Five lines are a whole scenario:\n\n\
@@ -108,7 +108,7 @@ fn complete() -> Result<()> {
         match MEANINGS.iter().filter(|(key, ..)| key == path).count() {
             1 => {}
             n => problems.push(format!(
-                "{path}: {n} lines in scenario/meanings.rs: expected 1; then `cargo xtask keys`"
+                "{path}: {n} lines in scenario/meanings.rs: expected 1; then `cargo xtask figures keys`"
             )),
         }
         let first = path.split('.').next().unwrap_or_default();
@@ -283,17 +283,17 @@ fn written(text: &str, path: &str) -> Option<String> {
 mod tests {
     use super::*;
 
-    /// If this fails: a line for each key in scenario/meanings.rs, then `cargo xtask keys`.
+    /// If this fails: a line for each key in scenario/meanings.rs, then `cargo xtask figures keys`.
     #[test]
     fn the_reference_is_that_of_the_keys_there_are() {
         let expected = document().unwrap();
         let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
         let found = std::fs::read_to_string(docs.join("scenario.md")).unwrap();
         let differ = expected.lines().zip(found.lines()).find(|(e, f)| e != f);
-        assert!(expected == found, "docs/scenario.md is old, run `cargo xtask keys`: {differ:?}");
+        assert!(expected == found, "docs/scenario.md is old, run `cargo xtask figures keys`: {differ:?}");
         for effect in EFFECTS {
             let picture = docs.join("scenario").join(effect.file());
-            assert!(picture.is_file(), "{}: run `cargo xtask keys`", picture.display());
+            assert!(picture.is_file(), "{}: run `cargo xtask figures keys`", picture.display());
         }
     }
 }

@@ -20,7 +20,7 @@ use crate::error::{Error, Result};
 pub fn set(spec: &Spec, path: &str, value: &str) -> Result<Spec> {
     let name = format!("{path}={value}");
     if keys::status(path).is_none() {
-        let hint = keys::suggestion(path).map(|s| format!("; did you mean `{s}`?")).unwrap_or_default();
+        let hint = keys::hint(path);
         return Err(Error::input(format!("{name}: unknown key `{path}`{hint}")));
     }
     let text = write(spec)?;

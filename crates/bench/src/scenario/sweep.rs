@@ -162,7 +162,10 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path, seed: Option<u64>) -> 
         let steps: Vec<&str> = path.split('.').collect();
         let key = steps.last().copied().unwrap_or_default();
         let hint = keys::nearest(key, SWEEP_KEYS.iter().copied());
-        let hint = hint.map(|hint| format!("; did you mean `{hint}`?")).unwrap_or_default();
+        let hint = hint.map_or_else(
+            || format!("; expected one of {}", SWEEP_KEYS.join(", ")),
+            |hint| format!("; did you mean `{hint}`?"),
+        );
         format!("{}: unknown key `{path}`{hint}", place_of(&steps))
     };
     let mut problems: Vec<String> = unknown.iter().map(unknown_key).collect();

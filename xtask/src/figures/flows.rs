@@ -10,12 +10,12 @@ use serde_json::Value;
 use crate::process;
 
 /// Draws all fields into a folder and writes its README.md.
-pub(crate) fn run(out: &Path) -> anyhow::Result<()> {
+pub(super) fn run(out: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(out)?;
     let program = process::microsig()?;
     let list: Value = serde_json::from_str(&said(&program, &["flows", "--json"])?)?;
     let mut text = String::from(
-        "# The velocity fields\n\nMade by `cargo xtask gallery`: speed and streamlines of every field's default in the default \
+        "# The velocity fields\n\nMade by `cargo xtask figures flows`: speed and streamlines of every field's default in the default \
          scene, a channel 100 um deep seen under setting 1. Compositions show an example. `microsig flows NAME` says the same.\n",
     );
     let entries = list.as_array().context("microsig flows lists fields")?;

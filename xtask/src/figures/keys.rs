@@ -20,7 +20,7 @@ const ZOOM: u32 = 2;
 const PLACES: &str = "30 33 -70 2\n80 33 -25 2\n122 33 15 2\n";
 
 /// Writes the document below `docs`, and the pictures that are not there yet, or all of them.
-pub(crate) fn run(docs: &Path, redraw: bool) -> anyhow::Result<()> {
+pub(super) fn run(docs: &Path, redraw: bool) -> anyhow::Result<()> {
     let folder = docs.join("scenario");
     std::fs::create_dir_all(&folder)?;
     let path = docs.join("scenario.md");
