@@ -1,6 +1,7 @@
 //! Many images of one scene with independent rays: mean, variance and measures with their standard errors.
 
-use microsig_core::emission::SpheroidLaw;
+use microsig_core::emission::{self, SpheroidLaw};
+use microsig_core::optics::{OpticalSystem, Ray};
 use microsig_core::render::RayRenderer;
 use microsig_core::stream::{Purpose, Streams};
 use microsig_core::{Particle, Settings};
@@ -24,6 +25,9 @@ pub struct Ensemble {
     /// Standard errors of the measures: their spread over single images / sqrt(images).
     pub standard_errors: Measures,
 }
+
+/// Rays that have a stream of random numbers of their own.
+const RAYS_OF_A_BATCH: u64 = 1 << 18;
 
 /// Sums over images. Counts times c_int are multiples of 1/2 in all our cases, so sums are exact in any order.
 #[derive(Clone)]
@@ -85,6 +89,70 @@ impl Ensemble {
             mean,
             variance,
         })
+    }
+
+    /// As many rays as `images` images of a sphere have, from random points of its near half in random directions.
+    ///
+    /// This is the law that the model's regular spirals stand for. Of setting 2 they leave a pattern of rows in the mean of
+    /// however many images, this light does not. Only directions that can meet the aperture are drawn.
+    pub fn of_random_light(settings: &Settings, particle: &Particle, seed: u64, images: u32) -> Self {
+        let system = OpticalSystem::new(settings);
+        let (width, height) = (settings.pixel_dim_x as usize, settings.pixel_dim_y as usize);
+        let (distance, radius) = (system.objective.object_distance(particle.z_um), particle.d_um / 2.0);
+        let slope = (system.objective.aperture_radius + radius) / (distance - radius);
+        let least_cosine = 1.0 / f64::sqrt(1.0 + slope * slope);
+        let an_image =
+            emission::sphere_points(settings, particle.d_um) as f64 * (f64::from(settings.n_rays) + 1.0);
+        let rays = (f64::from(images) * an_image * (1.0 - least_cosine)).round() as u64;
+
+        let streams = Streams::new(seed);
+        let batches = rays.div_ceil(RAYS_OF_A_BATCH);
+        let counts = (0..batches)
+            .into_par_iter()
+            .fold(
+                || vec![0u64; width * height],
+                |mut counts, batch| {
+                    let mut stream = streams.stream(Purpose::Rays, batch as u32, 0);
+                    for _ in 0..RAYS_OF_A_BATCH.min(rays - batch * RAYS_OF_A_BATCH) {
+                        let mut cap = |low: f64| {
+                            let cosine = low + (1.0 - low) * stream.uniform();
+                            let (sine, azimuth) =
+                                (f64::sqrt(1.0 - cosine * cosine), std::f64::consts::TAU * stream.uniform());
+                            [cosine, sine * azimuth.cos(), sine * azimuth.sin()]
+                        };
+                        let ([toward, e2, e3], [d1, d2, d3]) = (cap(0.0), cap(least_cosine));
+                        let ray = Ray { q_x: radius * e2, q_y: radius * e3, p_x: d2 / d1, p_y: d3 / d1 };
+                        let Some((x, y)) = system.trace(ray, distance - radius * toward) else { continue };
+                        let column = (x / settings.pixel_size + particle.x_px).round_ties_even();
+                        let row = (y / settings.pixel_size + particle.y_px).round_ties_even();
+                        if (1.0..=width as f64).contains(&column) && (1.0..=height as f64).contains(&row) {
+                            counts[(row as usize - 1) * width + column as usize - 1] += 1;
+                        }
+                    }
+                    counts
+                },
+            )
+            .reduce(
+                || vec![0; width * height],
+                |mut a, b| {
+                    a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+                    a
+                },
+            );
+        let n = f64::from(images);
+        let mean: Vec<f64> = counts.iter().map(|&c| c as f64 / n).collect();
+        // Rays that are on their own are Poisson.
+        let of_mean = measure(width, &mean);
+        let mut errors = [f64::NAN; Measures::NAMES.len()];
+        errors[0] = (of_mean.total / n).sqrt();
+        Ensemble {
+            images,
+            width,
+            variance: mean.clone(),
+            standard_errors: Measures::from_values(errors),
+            of_mean,
+            mean,
+        }
     }
 
     /// Sum of the pixels' variances over the sum of their means, over pixels whose mean is above 5 counts, as the

@@ -337,6 +337,6 @@ fn formats_that_are_not_read_yet_are_named() {
     ] {
         std::fs::write(&file, head).unwrap();
         let message = read_error(&file);
-        assert!(message.contains(name) && message.contains("not supported yet"), "{message}");
+        assert!(message.contains(name) && message.contains("cannot be read; write a CSV"), "{message}");
     }
 }

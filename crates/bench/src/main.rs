@@ -95,6 +95,8 @@ fn run_generate(arguments: &Generate, common: &Common) -> Result<()> {
         &scenario,
         &GenerateOptions { out, force: common.force, resume: arguments.resume, progress: progress(common) },
     )?;
+    // Those that drawing has added.
+    warn(&generated.warnings[scenario.warnings.len()..], common);
     let text = format!(
         "dataset {}: {} images, {:.1} particles in view on average, {} displacements of up to {:.2} px, in {:.2} s, in {}",
         generated.name,

@@ -2,8 +2,9 @@
 //!
 //! F_ij = sum over pixels of (d mu / d theta_i) (d mu / d theta_j) / v, theta = (x, y, z, brightness), sigma_i >=
 //! sqrt((F^-1)_ii); v = background_noise^2 + gain (mu - background) + 1/12, since counts of rays are Poisson and images are
-//! rounded; a camera adds the noise of its electrons, `mode: expected` has none of rays. A property of the dataset's optics and noise: no image of the dataset is looked at. mu and its derivatives are
-//! those of `microsig_core::render::expected`. Overlap, edges and the variance's own dependence on theta are left out.
+//! rounded; a camera adds the noise of its electrons, `mode: expected` has none of rays. A property of the dataset's optics
+//! and noise: no image of the dataset is looked at. mu and its derivatives are those of `microsig_core::render::expected`.
+//! Overlap, edges and the variance's own dependence on theta are left out.
 
 use std::path::Path;
 

@@ -360,21 +360,19 @@ pub fn detect(path: &Path) -> Result<Format> {
     if head.starts_with(b"PIEH") {
         return Ok(Format::Flo);
     }
+    let later = |what: &str| {
+        Err(Error::Unsupported(vec![format!(
+            "{name}: {what} files cannot be read; write a CSV with the columns frame, track, x_px, y_px, z_um"
+        )]))
+    };
     if head.starts_with(b"\x89PNG") {
-        return Err(Error::Unsupported(vec![format!(
-            "{name}: PNG (KITTI flow) files are not supported yet"
-        )]));
+        return later("PNG (KITTI flow)");
     }
     if head.len() == 4096 && !head.contains(&b'\n') && !head.starts_with(b"<") {
         return Err(Error::input(format!("{name}:1: the first line is longer than 4096 bytes")));
     }
     let text = String::from_utf8_lossy(&head);
     let text = text.trim_start_matches('\u{feff}');
-    let later = |what: &str| {
-        Err(Error::Unsupported(vec![format!(
-            "{name}: {what} files cannot be read; write a CSV with the columns frame, track, x_px, y_px, z_um"
-        )]))
-    };
     if text.trim_start().starts_with('<') {
         return match () {
             () if text.contains("TrackContestISBI2012") => Ok(Format::Isbi),

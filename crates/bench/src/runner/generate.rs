@@ -118,7 +118,7 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
         displacements: census.displacements,
         max_displacement_px: census.max_displacement_px,
         seconds: start.elapsed().as_secs_f64(),
-        warnings: scenario.warnings.clone(),
+        warnings: scenario.warnings.iter().cloned().chain(camera.renderer().shortfall()).collect(),
     })
 }
 

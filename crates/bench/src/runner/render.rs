@@ -119,6 +119,7 @@ pub fn render(options: &Options) -> Result<Rendered> {
     if let Some(partial) = partial {
         partial.finish(None)?;
     }
+    warnings.extend(camera.renderer().shortfall());
     Ok(Rendered {
         out: options.out.clone(),
         images: files.len(),

@@ -61,6 +61,14 @@ impl Renderer {
         }
     }
 
+    /// How the images drawn so far fall short of what was asked for.
+    pub fn shortfall(&self) -> Option<String> {
+        match self {
+            Renderer::Expected(expected) => expected.shortfall(),
+            Renderer::Rays(_) | Renderer::Gaussian(_) => None,
+        }
+    }
+
     /// Half width and half height of a particle's image, px, with some margin.
     pub fn image_extent(&self, particle: &Particle) -> (f64, f64) {
         ask!(self.image_extent(particle))

@@ -280,6 +280,14 @@ impl ExpectedRenderer {
         self.tables.state()
     }
 
+    /// How the tables made so far miss the tolerance, if they do.
+    pub fn shortfall(&self) -> Option<String> {
+        let ((_, _, error), tolerance) = (self.tables(), self.tolerance());
+        (error > tolerance).then(|| {
+            format!("expected images err by up to {error:.1e} of their peaks, more than the tolerance of {tolerance:.1e}")
+        })
+    }
+
     /// Whether a particle is computed directly. With the uniform law a spheroid of aspect ratio 1 is the sphere.
     fn is_spheroid(&self, particle: &Particle) -> bool {
         particle.spheroid.is_some_and(|s| s.e_p != 1.0 || self.rays.law() == SpheroidLaw::Original)
