@@ -90,22 +90,64 @@ pub fn may_stand(path: &Path, replace: Option<&str>) -> Result<()> {
 
 /// All files below a folder, as sorted paths relative to it with `/` between the parts.
 pub fn files_below(folder: &Path) -> Result<Vec<String>> {
-    fn walk(folder: &Path, prefix: &str, files: &mut Vec<String>) -> Result<()> {
-        for entry in std::fs::read_dir(folder).map_err(|e| Error::read(folder, e))? {
-            let entry = entry.map_err(|e| Error::read(folder, e))?;
-            let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
+    Files::below(folder)?.collect()
+}
+
+/// The files below a folder, one after the other in the order of [`files_below`].
+///
+/// Only the names in the folder that is being read, and in those that hold it, are in memory: a dataset has as many files
+/// as frames.
+pub(crate) struct Files {
+    root: PathBuf,
+    /// Folders that are being read, each in the one before it: their paths below the root, and what is still to come.
+    open: Vec<(String, std::vec::IntoIter<String>)>,
+}
+
+impl Files {
+    /// Reads the folder itself; those in it are read when their turn comes.
+    pub(crate) fn below(folder: &Path) -> Result<Self> {
+        let mut files = Files { root: folder.to_owned(), open: Vec::new() };
+        files.enter(String::new())?;
+        Ok(files)
+    }
+
+    fn enter(&mut self, prefix: String) -> Result<()> {
+        let folder = self.root.join(&prefix);
+        let mut names = Vec::new();
+        for entry in std::fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))? {
+            let entry = entry.map_err(|e| Error::read(&folder, e))?;
+            let mut name = entry.file_name().to_string_lossy().into_owned();
+            // With the mark of a folder, names sort as the paths of all that is in it.
             if entry.path().is_dir() {
-                walk(&entry.path(), &format!("{name}/"), files)?;
-            } else {
-                files.push(name);
+                name.push('/');
             }
+            names.push(name);
         }
+        names.sort_unstable();
+        self.open.push((prefix, names.into_iter()));
         Ok(())
     }
-    let mut files = Vec::new();
-    walk(folder, "", &mut files)?;
-    files.sort();
-    Ok(files)
+}
+
+impl Iterator for Files {
+    type Item = Result<String>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            let (prefix, names) = self.open.last_mut()?;
+            let Some(name) = names.next() else {
+                self.open.pop();
+                continue;
+            };
+            let path = format!("{prefix}{name}");
+            if !path.ends_with('/') {
+                return Some(Ok(path));
+            }
+            if let Err(error) = self.enter(path) {
+                return Some(Err(error));
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -132,5 +174,20 @@ mod tests {
 
         let again = Partial::create(&path, true).unwrap();
         assert!(matches!(again.finish(None), Err(Error::Exists(_))));
+    }
+
+    #[test]
+    fn files_come_in_the_order_of_their_paths() {
+        let place = tempfile::tempdir().unwrap();
+        let paths = ["a", "b/c/x", "b/d", "b-", "b.", "b0", "b/c-", "z/y"];
+        for path in paths {
+            let path = place.path().join(path);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, "").unwrap();
+        }
+        std::fs::create_dir(place.path().join("empty")).unwrap();
+        let mut sorted = paths;
+        sorted.sort_unstable();
+        assert_eq!(files_below(place.path()).unwrap(), sorted);
     }
 }

@@ -10,7 +10,7 @@ use serde::{Serialize, Serializer};
 use serde_json::{Map, Value};
 
 use super::checksums::{self, Fingerprint, SHA256SUMS};
-use super::folder::files_below;
+use super::folder::Files;
 use super::manifest::MANIFEST;
 use crate::error::{Error, Result};
 use crate::runner::save;
@@ -24,9 +24,8 @@ pub(crate) fn seal(
     manifest: Value,
     resource: impl Fn(&str, &Fingerprint) -> Value,
 ) -> Result<()> {
-    let own = [MANIFEST, SHA256SUMS];
-    let mut files = files_below(folder)?;
-    files.retain(|file| !own.contains(&file.as_str()));
+    // Begun here, so that the temporary files of the two are not among them.
+    let files = RefCell::new(Files::below(folder)?);
     let Value::Object(head) = manifest else {
         return Err(Error::input(format!("{MANIFEST}: not an object")));
     };
@@ -59,23 +58,32 @@ struct Package<'a, R, W> {
 /// The resources of the manifest; each that is written leaves its line in the checksums.
 struct Resources<'a, R, W> {
     folder: &'a Path,
-    files: &'a [String],
+    files: &'a RefCell<Files>,
     resource: &'a R,
     sums: &'a Sums<'a, W>,
 }
 
 impl<R: Fn(&str, &Fingerprint) -> Value, W: Write + Seek> Serialize for Resources<'_, R, W> {
     fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
-        let mut list = serializer.serialize_seq(Some(self.files.len()))?;
-        for group in self.files.chunks(GROUP) {
+        let mut list = serializer.serialize_seq(None)?;
+        let mut files = self.files.borrow_mut();
+        let own = |file: &Result<String>| {
+            file.as_ref().is_ok_and(|file| [MANIFEST, SHA256SUMS].contains(&file.as_str()))
+        };
+        let mut others = files.by_ref().filter(|file| !own(file));
+        loop {
+            let group: Vec<String> =
+                others.by_ref().take(GROUP).collect::<Result<_>>().map_err(S::Error::custom)?;
+            if group.is_empty() {
+                return list.end();
+            }
             for (path, fingerprint) in
-                &checksums::fingerprints(self.folder, group).map_err(S::Error::custom)?
+                &checksums::fingerprints(self.folder, &group).map_err(S::Error::custom)?
             {
                 list.serialize_element(&(self.resource)(path, fingerprint))?;
                 self.sums.add(path, fingerprint).map_err(S::Error::custom)?;
             }
         }
-        list.end()
     }
 }
 
