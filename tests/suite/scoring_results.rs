@@ -289,6 +289,31 @@ fn mistakes_of_conventions_are_noticed() {
     assert!(offset.f1_without > 0.8);
 }
 
+/// Points of particles that are not scored are dropped anew under every convention that is tried.
+#[test]
+fn a_perfect_result_in_another_convention_is_told_to_be_perfect() {
+    let (mut truth, _) = scene();
+    truth.facts.sensor_px = Some((200.0, 150.0));
+    truth.visible.iter_mut().enumerate().for_each(|(i, visible)| *visible = i % 3 > 0);
+    let perfect = Points { rows: truth.rows.clone(), has_z: true, ..Points::default() };
+    let hinted = |change: &dyn Fn(&mut Row), hint: &str| {
+        let mut changed = perfect.clone();
+        changed.rows.iter_mut().for_each(change);
+        let warnings = scores(&truth, &changed).warnings;
+        let hint = format!("{hint} F1 would be 1.000 instead of ");
+        assert!(warnings.iter().any(|w| w.starts_with(&hint)), "{hint}: {warnings:?}");
+    };
+    hinted(&|r| r.frame += 1, "frames off by one? With --frame-base one more than now");
+    hinted(&|r| std::mem::swap(&mut r.at.x_px, &mut r.at.y_px), "axes swapped? With x and y exchanged");
+    hinted(&|r| r.at.y_px = 151.0 - r.at.y_px, "y upward? With --y up");
+
+    let mut shifted = perfect.clone();
+    shifted.rows.iter_mut().for_each(|r| r.at.x_px += 5.0);
+    let options = Options { auto_offset: true, ..Options::default() };
+    let offset = particles(&truth, &shifted, &options).unwrap().score.offset.unwrap();
+    assert_eq!(offset.f1_without, 1.0, "{offset:?}");
+}
+
 #[test]
 fn degenerate_results_have_null_scores() {
     let (truth, _) = scene();

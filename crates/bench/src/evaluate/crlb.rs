@@ -9,7 +9,7 @@
 use std::path::Path;
 
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::formats::settings_file;
+use microsig_core::formats::{settings_file, tiff};
 use microsig_core::render::ExpectedRenderer;
 use microsig_core::sensor::Sensor;
 use microsig_core::stream::Streams;
@@ -75,7 +75,7 @@ pub fn of_dataset(dataset: &Path, curves: &[Curve]) -> Result<Option<Crlb>> {
     if settings.gain == 0.0 {
         return Ok(None);
     }
-    let noise = Noise::of_dataset(&settings, &manifest["microsig"])?;
+    let noise = Noise::of_dataset(dataset, &settings, &manifest["microsig"])?;
     let renderer = on_large_sensor(&settings)?;
     let bins = curve
         .bins
@@ -141,8 +141,9 @@ impl Noise {
         Noise { slope, background: noise * noise + ROUNDING, of_light: slope * slope }
     }
 
-    /// Of a dataset, in the middle of its images; what differs from pixel to pixel is left out.
-    fn of_dataset(settings: &Settings, manifest: &Value) -> Result<Self> {
+    /// Of a dataset, in the middle of its images; what differs from pixel to pixel is left out, and a background image
+    /// counts with its mean.
+    fn of_dataset(dataset: &Path, settings: &Settings, manifest: &Value) -> Result<Self> {
         let mut noise = Noise::of_rays(settings);
         if manifest["renderer"] == "expected" {
             noise.of_light = 0.0;
@@ -153,7 +154,8 @@ impl Noise {
         let camera: spec::Sensor = serde_json::from_value(Value::Object(written.collect()))
             .map_err(|e| Error::input(format!("{MANIFEST}: sensor.detector: {e}")))?;
         let even = spec::Sensor { prnu: 0.0, dsnu_e: 0.0, hot_pixels: None, vignetting: 0.0, ..camera };
-        let sensor = Sensor::with_detector(settings, even.detector(None), &Streams::new(0))?;
+        let background = even.background.as_ref().map(|file| background(&dataset.join(file), settings));
+        let sensor = Sensor::with_detector(settings, even.detector(background.transpose()?), &Streams::new(0))?;
         let response = sensor.response(0);
         // Rays, then electrons.
         let rays = if noise.of_light > 0.0 { response.slope * response.slope } else { 0.0 };
@@ -164,6 +166,15 @@ impl Noise {
             of_light: rays + shot,
         })
     }
+}
+
+/// The mean of a background image, on every pixel.
+fn background(path: &Path, settings: &Settings) -> Result<Vec<f64>> {
+    let file = std::fs::File::open(path).map_err(|e| Error::read(path, e))?;
+    let size = (settings.pixel_dim_x, settings.pixel_dim_y);
+    let counts = tiff::read(std::io::BufReader::new(file), &path.display().to_string(), size)?;
+    let mean = counts.iter().sum::<f64>() / counts.len() as f64;
+    Ok(vec![mean; counts.len()])
 }
 
 fn on_large_sensor(settings: &Settings) -> Result<ExpectedRenderer> {
@@ -223,6 +234,9 @@ fn bounds<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[f64; N]> {
 
 #[cfg(test)]
 mod tests {
+    use microsig_core::formats::tiff::PixelScale;
+    use microsig_core::sensor::Image;
+
     use super::*;
 
     /// A spot A exp(-r^2 / (2 w^2)) in white noise s: sigma_x = sqrt(2 / pi) s / A px, whatever its width.
@@ -251,18 +265,30 @@ mod tests {
 
     #[test]
     fn a_camera_adds_the_noise_of_its_electrons() {
-        let settings =
-            Settings { gain: 4.0, background_mean: 100.0, background_noise: 3.0, ..Settings::setting1() };
-        let noise = |manifest: Value| Noise::of_dataset(&settings, &manifest).unwrap();
+        let settings = Settings {
+            pixel_dim_x: 4,
+            pixel_dim_y: 2,
+            gain: 4.0,
+            background_mean: 60.0,
+            background_noise: 3.0,
+            ..Settings::setting1()
+        };
+        let dataset = tempfile::tempdir().unwrap();
+        let uneven = Image { width: 4, height: 2, bits: 16, counts: (0..8).map(|i| 5 + 10 * i).collect() };
+        let scale = PixelScale { um_per_px: 1.0, frame_interval_s: None };
+        let file = std::fs::File::create(dataset.path().join("uneven.tif")).unwrap();
+        tiff::write(file, &uneven, &scale, "uneven.tif").unwrap();
+        let noise = |manifest: Value| Noise::of_dataset(dataset.path(), &settings, &manifest).unwrap();
         let own = noise(serde_json::json!({ "renderer": "rays", "sensor": { "detector": null } }));
         assert_eq!(own, Noise { slope: 4.0, background: 9.0 + ROUNDING, of_light: 16.0 });
         let still = noise(serde_json::json!({ "renderer": "expected", "sensor": { "detector": null } }));
         assert_eq!(still, Noise { of_light: 0.0, ..own });
         // 4 counts a ray, 5 photons a count, half of them electrons, 0.2 counts an electron: 10 electrons, 2 counts a ray.
         let camera = serde_json::json!({ "photons_per_count": 5.0, "quantum_efficiency": 0.5, "shot_noise": true,
-            "read_noise_e": 2.0, "gain_counts_per_e": 0.2, "full_well_e": null, "vignetting": 0.5 });
+            "read_noise_e": 2.0, "gain_counts_per_e": 0.2, "full_well_e": null, "vignetting": 0.5,
+            "background": "uneven.tif" });
         let camera = noise(serde_json::json!({ "renderer": "rays", "sensor": { "detector": camera } }));
-        // 250 electrons of the background and the reading, 0.04 counts^2 each; 10 electrons a ray.
+        // 250 electrons of the background, 60 and 40 counts, and the reading, 0.04 counts^2 each; 10 electrons a ray.
         let expected = Noise { slope: 2.0, background: 0.04 * 254.0 + 9.0 + ROUNDING, of_light: 4.0 + 0.4 };
         for (a, b) in [
             (camera.slope, expected.slope),

@@ -33,6 +33,7 @@ use serde::Serialize;
 use crate::dataset::manifest::GENERATOR_VERSION;
 use crate::error::{Error, Result};
 use crate::results::{self, Conventions, Found, Points};
+use diagnosis::Diagnosis;
 use gate::{Edge, Gate, Shape};
 use matching::{Cost, Matching};
 use statistics::Bootstrap;
@@ -256,7 +257,8 @@ pub fn particles(truth: &Truth, points: &Points, options: &Options) -> Result<Ev
     let bootstrap = &Bootstrap { seed: options.seed, pairs: truth.facts.pairs };
     let detection = detection::Detection::of(t, r, &matching, depth, bootstrap);
 
-    let mut warnings = diagnosis::warnings(truth, (t, r), &detection, &gate)?;
+    let diagnosis = Diagnosis::new(truth, points, &gate, !depth, options.border_px);
+    let mut warnings = diagnosis.warnings(&detection)?;
     let beyond = |frames: u32| points.rows.iter().filter(|p| p.frame >= frames).count();
     if let Some(n) = truth.facts.frames.map(beyond).filter(|n| *n > 0) {
         warnings.push(format!(
@@ -268,7 +270,7 @@ pub fn particles(truth: &Truth, points: &Points, options: &Options) -> Result<Ev
     if n_unlinked == points.rows.len() && n_unlinked > 0 {
         warnings.push("no point is linked: scores of tracks take each for a track of its own".to_owned());
     }
-    let offset = if options.auto_offset { diagnosis::offset((t, r), &gate)? } else { None };
+    let offset = if options.auto_offset { diagnosis.offset()? } else { None };
 
     let wide = wide::Wide::new(t, r, &gate)?;
     let isbi_gate = |depth: bool| match gate.z_um {

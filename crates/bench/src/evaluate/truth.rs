@@ -87,6 +87,18 @@ impl Truth {
         tracks(path, facts)
     }
 
+    /// The particles of the frames before one, without their further properties.
+    pub(super) fn before(&self, end: u32) -> Self {
+        let kept = || self.rows.iter().zip(&self.visible).filter(|(row, _)| row.frame < end);
+        Truth {
+            facts: self.facts.clone(),
+            has_z: self.has_z,
+            rows: kept().map(|(row, _)| *row).collect(),
+            visible: kept().map(|(_, visible)| *visible).collect(),
+            ..Truth::default()
+        }
+    }
+
     /// The part that is scored, and the part of a result that is.
     ///
     /// # Errors

@@ -35,21 +35,37 @@ pub(super) struct Fault {
 /// [`Error::Input`] with line and column of everything that is no RON, has the wrong type, or is an unknown key or
 /// variant.
 pub fn parse(text: &str, name: &str) -> Result<Spec> {
-    read(text).map_err(|faults| {
-        failed(faults, |fault| {
-            let (line, column) = line_and_column(text, fault.at);
-            format!("{name}:{line}:{column}: {}", fault.message)
-        })
-    })
+    read(text).whole(|fault| fault.placed(text, name))
 }
 
-/// The error of some faults.
-pub(super) fn failed(faults: Vec<Fault>, message: impl Fn(&Fault) -> String) -> Error {
-    Error::Input(faults.iter().map(message).collect())
+impl Fault {
+    /// The message with the place, in a file of this name.
+    pub(super) fn placed(&self, text: &str, name: &str) -> String {
+        let (line, column) = line_and_column(text, self.at);
+        format!("{name}:{line}:{column}: {}", self.message)
+    }
 }
 
-/// The scenario of a text, or all that is wrong with it, in order.
-pub(super) fn read(text: &str) -> std::result::Result<Spec, Vec<Fault>> {
+/// What is found in a text.
+pub(super) struct Reading {
+    /// The scenario, without what is wrong; `None` if that leaves none.
+    pub(super) spec: Option<Spec>,
+    /// All that is wrong, in order.
+    pub(super) faults: Vec<Fault>,
+}
+
+impl Reading {
+    /// The scenario, if nothing is wrong.
+    pub(super) fn whole(self, message: impl Fn(&Fault) -> String) -> Result<Spec> {
+        match self.spec {
+            Some(spec) if self.faults.is_empty() => Ok(spec),
+            _ => Err(Error::Input(self.faults.iter().map(message).collect())),
+        }
+    }
+}
+
+/// Reads as much of a text as can be read.
+pub(super) fn read(text: &str) -> Reading {
     let root = outline(text);
     let mut names = Names { text, faults: Vec::new(), refused: Vec::new() };
     if let Some(root) = &root {
@@ -57,10 +73,11 @@ pub(super) fn read(text: &str) -> std::result::Result<Spec, Vec<Fault>> {
     }
     let Names { mut faults, refused, .. } = names;
     // The reader stops at the first value that does not fit: it is given the text without it, to find the next.
-    let mut without: Vec<&Field> = Vec::new();
+    let (mut without, mut stand_ins): (Vec<&Field>, Vec<&str>) = (Vec::new(), Vec::new());
+    let mut rest = None;
     for _ in 0..MAX_FAULTS {
         let mut unknown = Vec::new();
-        let e = match deserialize(&blanked(text, &without), |path| unknown.push(steps(&path))) {
+        let e = match deserialize(&amended(text, root.as_ref(), &without, &stand_ins), |path| unknown.push(steps(&path))) {
             Ok(spec) => {
                 let tree = serde_json::to_value(&spec).unwrap_or_default();
                 let paths: Vec<String> = unknown.iter().map(|steps| named(steps, &tree)).collect();
@@ -71,9 +88,7 @@ pub(super) fn read(text: &str) -> std::result::Result<Spec, Vec<Fault>> {
                         faults.push(unknown_key(&path, at));
                     }
                 }
-                if faults.is_empty() {
-                    return Ok(spec);
-                }
+                rest = Some(spec);
                 break;
             }
             Err(e) => e,
@@ -95,21 +110,30 @@ pub(super) fn read(text: &str) -> std::result::Result<Spec, Vec<Fault>> {
         if !is_refused && !is_taken_out && (goes_on || without.is_empty()) {
             faults.push(fault);
         }
-        match field {
-            Some(field) if goes_on => without.push(field),
+        let stand_in = missing.and_then(|key| STAND_INS.iter().find(|(needed, _)| *needed == key));
+        match (stand_in, field) {
+            (Some((_, stand_in)), _) if !stand_ins.contains(stand_in) => stand_ins.push(stand_in),
+            (None, Some(field)) if goes_on => without.push(field),
             _ => break,
         }
     }
     faults.sort_by_key(|fault| fault.at);
-    Err(faults)
+    Reading { spec: rest, faults }
 }
 
 /// Most faults that are looked for in values.
 const MAX_FAULTS: usize = 50;
 
-/// A text with spaces in the place of some fields: lines and columns of the others stay.
-fn blanked(text: &str, fields: &[&Field]) -> String {
-    let ranges: Vec<Range<usize>> = fields
+/// What a scenario cannot be read without, and what stands there while the rest is looked at.
+const STAND_INS: [(&str, &str); 3] = [
+    ("name", "name: \"stand-in\""),
+    ("motion", "motion: flow(field: poiseuille())"),
+    ("timing", "timing: pairs(count: 1)"),
+];
+
+/// A text with spaces in the place of some fields, and with stand-ins: lines and columns of what is kept stay.
+fn amended(text: &str, root: Option<&Node>, without: &[&Field], stand_ins: &[&str]) -> String {
+    let ranges: Vec<Range<usize>> = without
         .iter()
         .map(|field| {
             let end = field.value.span.end;
@@ -118,7 +142,23 @@ fn blanked(text: &str, fields: &[&Field]) -> String {
         })
         .collect();
     let is_out = |i: usize| ranges.iter().any(|range| range.contains(&i));
-    text.char_indices().map(|(i, c)| if c != '\n' && is_out(i) { ' ' } else { c }).collect()
+    // Behind the last field that is kept.
+    let place = root.filter(|_| !stand_ins.is_empty()).and_then(|root| match &root.inside {
+        Inside::Fields(fields, inside) => {
+            let kept = fields.iter().rev().find(|field| !is_out(field.at));
+            Some(kept.map_or((inside.start, ""), |field| (field.value.span.end, ", ")))
+        }
+        _ => None,
+    });
+    let mut amended = String::with_capacity(text.len());
+    for (i, c) in text.char_indices() {
+        if let Some((_, comma)) = place.filter(|(at, _)| *at == i) {
+            amended.push_str(comma);
+            amended.push_str(&stand_ins.join(", "));
+        }
+        amended.push(if c != '\n' && is_out(i) { ' ' } else { c });
+    }
+    amended
 }
 
 /// Whether an error is about one value, not about the brackets around it.

@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use super::keys::{self, Status};
 use super::outline::{Inside, Node, outline};
-use super::parse::{failed, read};
+use super::parse::read;
 use super::spec::Spec;
 use super::write;
 use crate::error::{Error, Result};
@@ -29,7 +29,7 @@ pub fn set(spec: &Spec, path: &str, value: &str) -> Result<Spec> {
     let (span, with) = edit.ok_or_else(|| Error::input(format!("{name}: no such place")))?;
     let new = format!("{}{with}{}", &text[..span.start], &text[span.end..]);
     // Lines of the text that was put together mean nothing to the reader.
-    read(&new).map_err(|faults| failed(faults, |fault| format!("{name}: {}", fault.message)))
+    read(&new).whole(|fault| format!("{name}: {}", fault.message))
 }
 
 /// Splits `path=value`.
