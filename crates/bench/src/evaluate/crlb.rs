@@ -155,7 +155,8 @@ impl Noise {
             .map_err(|e| Error::input(format!("{MANIFEST}: sensor.detector: {e}")))?;
         let even = spec::Sensor { prnu: 0.0, dsnu_e: 0.0, hot_pixels: None, vignetting: 0.0, ..camera };
         let background = even.background.as_ref().map(|file| background(&dataset.join(file), settings));
-        let sensor = Sensor::with_detector(settings, even.detector(background.transpose()?), &Streams::new(0))?;
+        let sensor =
+            Sensor::with_detector(settings, even.detector(background.transpose()?), &Streams::new(0))?;
         let response = sensor.response(0);
         // Rays, then electrons.
         let rays = if noise.of_light > 0.0 { response.slope * response.slope } else { 0.0 };

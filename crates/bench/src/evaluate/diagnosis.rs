@@ -54,7 +54,15 @@ impl<'a> Diagnosis<'a> {
             end = frame.saturating_add(1);
         }
         let is_whole = truth.rows.iter().chain(&result.rows).all(|row| row.frame < end);
-        Diagnosis { truth: truth.before(end), rows: &result.rows, end, is_whole, gate: *gate, flat, border_px }
+        Diagnosis {
+            truth: truth.before(end),
+            rows: &result.rows,
+            end,
+            is_whole,
+            gate: *gate,
+            flat,
+            border_px,
+        }
     }
 
     /// Warnings about a result, from its scores and from trying other conventions.

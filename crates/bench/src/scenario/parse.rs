@@ -77,7 +77,9 @@ pub(super) fn read(text: &str) -> Reading {
     let mut rest = None;
     for _ in 0..MAX_FAULTS {
         let mut unknown = Vec::new();
-        let e = match deserialize(&amended(text, root.as_ref(), &without, &stand_ins), |path| unknown.push(steps(&path))) {
+        let e = match deserialize(&amended(text, root.as_ref(), &without, &stand_ins), |path| {
+            unknown.push(steps(&path))
+        }) {
             Ok(spec) => {
                 let tree = serde_json::to_value(&spec).unwrap_or_default();
                 let paths: Vec<String> = unknown.iter().map(|steps| named(steps, &tree)).collect();
