@@ -16,8 +16,8 @@ pub(super) struct Graph {
     ends: Vec<u32>,
     /// Where the edges of each row that take part end.
     active: Vec<u32>,
-    columns: Vec<u32>,
-    costs: Vec<f64>,
+    pub(super) columns: Vec<u32>,
+    pub(super) costs: Vec<f64>,
 }
 
 impl Graph {
@@ -31,7 +31,7 @@ impl Graph {
         self.active.push(self.columns.len() as u32);
     }
 
-    fn rows(&self) -> usize {
+    pub(super) fn rows(&self) -> usize {
         self.ends.len()
     }
 
@@ -40,7 +40,7 @@ impl Graph {
     }
 
     /// The edges that take part.
-    fn range(&self, row: usize) -> Range<usize> {
+    pub(super) fn range(&self, row: usize) -> Range<usize> {
         self.start(row)..self.active[row] as usize
     }
 
@@ -82,6 +82,9 @@ impl Graph {
 /// Edges of each row that a dense graph is solved with first.
 const CORE: usize = 12;
 
+/// Rows from which on an auction pays.
+const MANY: usize = 100;
+
 /// The column of every row in the cheapest matching that covers all rows, of which one, `cover`, is known.
 pub(super) fn cheapest_cover(mut graph: Graph, columns: usize, cover: &[u32]) -> Vec<u32> {
     if graph.costs.len() > CORE * graph.rows() {
@@ -90,6 +93,10 @@ pub(super) fn cheapest_cover(mut graph: Graph, columns: usize, cover: &[u32]) ->
     // Sums of a path's costs round by less than this.
     let rounding = 1e-12 * graph.costs.iter().fold(0.0f64, |most, c| most.max(c.abs()));
     let mut cheapest = Cheapest::new(&graph, columns);
+    // Where every column must be taken, searches for the last free ones would go far.
+    if graph.rows() == columns && columns >= MANY {
+        cheapest.auction(&graph);
+    }
     cheapest.reduce_rows(&graph);
     loop {
         for row in 0..graph.rows() {
@@ -138,22 +145,22 @@ impl PartialOrd for Distance {
 
 /// A column in the making of a matching.
 #[derive(Clone, Copy)]
-struct Column {
+pub(super) struct Column {
     /// At most 0.
-    potential: f64,
+    pub(super) potential: f64,
     /// How far it is from where a search starts, ...
     distance: f64,
     /// ... and whether that is final.
     done: bool,
     /// The row that has it.
-    row: u32,
+    pub(super) row: u32,
 }
 
 /// A matching in the making, with potentials of columns by which every matched row has its cheapest edge.
-struct Cheapest {
-    at: Vec<Column>,
+pub(super) struct Cheapest {
+    pub(super) at: Vec<Column>,
     /// The edge of each row that is matched.
-    of_row: Vec<u32>,
+    pub(super) of_row: Vec<u32>,
     /// The row and the edge that lead a search to a column.
     came_by: Vec<(u32, u32)>,
 }
@@ -174,12 +181,26 @@ impl Cheapest {
     }
 
     /// What a matched row's edge costs, less its column's potential.
-    fn paid(&self, graph: &Graph, row: usize) -> f64 {
+    pub(super) fn paid(&self, graph: &Graph, row: usize) -> f64 {
         self.offered(graph, self.of_row[row] as usize)
     }
 
+    /// A row's cheapest edges with what they cost, less their columns' potentials; infinity where there is none.
+    pub(super) fn two_cheapest(&self, graph: &Graph, row: usize) -> [(f64, usize); 2] {
+        let (mut first, mut second) = ((f64::INFINITY, usize::MAX), (f64::INFINITY, usize::MAX));
+        for e in graph.range(row) {
+            let cost = self.offered(graph, e);
+            if cost < first.0 {
+                (second, first) = (first, (cost, e));
+            } else if cost < second.0 {
+                second = (cost, e);
+            }
+        }
+        [first, second]
+    }
+
     /// Takes a row's column away.
-    fn release(&mut self, graph: &Graph, row: usize) {
+    pub(super) fn release(&mut self, graph: &Graph, row: usize) {
         let e = std::mem::replace(&mut self.of_row[row], NONE);
         self.at[graph.columns[e as usize] as usize].row = NONE;
     }
@@ -187,7 +208,8 @@ impl Cheapest {
     /// Jonker and Volgenant's augmenting row reduction: a row takes its cheapest column, bidding the difference to its
     /// second cheapest, from whoever had it. It leaves few rows to the searches for shortest paths.
     fn reduce_rows(&mut self, graph: &Graph) {
-        let mut free: Vec<u32> = (0..graph.rows() as u32).rev().collect();
+        let mut free: Vec<u32> =
+            (0..graph.rows() as u32).rev().filter(|&row| self.of_row[row as usize] == NONE).collect();
         for _ in 0..3 {
             let mut waiting = Vec::new();
             // Rows can outbid each other by ever less; searches finish what is left.
@@ -198,15 +220,7 @@ impl Cheapest {
                     continue;
                 }
                 steps -= 1;
-                let (mut first, mut second) = ((f64::INFINITY, usize::MAX), (f64::INFINITY, usize::MAX));
-                for e in graph.range(row as usize) {
-                    let cost = self.offered(graph, e);
-                    if cost < first.0 {
-                        (second, first) = (first, (cost, e));
-                    } else if cost < second.0 {
-                        second = (cost, e);
-                    }
-                }
+                let [first, second] = self.two_cheapest(graph, row as usize);
                 let mut edge = first.1;
                 let owner = self.at[graph.columns[edge] as usize].row;
                 let better = first.0 < second.0;
@@ -394,6 +408,44 @@ impl Into {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_auction_does_not_change_the_optimum() {
+        let mut state = 7u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        for case in 0..30 {
+            // Every third time costs that are often equal, which bids decide by epsilon alone.
+            let (n, levels) = (MANY + case, if case % 3 == 0 { 4.0 } else { 1e9 });
+            let mut graph = Graph::default();
+            for row in 0..n {
+                // A ring, so that all columns can be taken, and edges to others.
+                let mut columns = std::collections::BTreeSet::from([row, (row + 1) % n]);
+                (0..case % 7).for_each(|_| _ = columns.insert((random() * n as f64) as usize));
+                columns.into_iter().for_each(|c| graph.push(c as u32, (random() * levels).floor() / levels));
+                graph.end_row();
+            }
+            let mut searched = Cheapest::new(&graph, n);
+            (0..n).for_each(|row| searched.search(&graph, row));
+            let least: f64 = (0..n).map(|row| graph.costs[searched.of_row[row] as usize]).sum();
+
+            let mut auctioned = Cheapest::new(&graph, n);
+            auctioned.auction(&graph);
+            for row in (0..n).filter(|&row| auctioned.of_row[row] != NONE) {
+                assert_eq!(auctioned.paid(&graph, row), auctioned.two_cheapest(&graph, row)[0].0);
+            }
+            let cover: Vec<u32> = (0..n as u32).collect();
+            let of_row = cheapest_cover(graph.clone(), n, &cover);
+            let cost = |(row, column): (usize, &u32)| {
+                graph.range(row).find(|&e| graph.columns[e] == *column).map(|e| graph.costs[e]).unwrap()
+            };
+            let sum: f64 = of_row.iter().enumerate().map(cost).sum();
+            assert!((sum - least).abs() < 1e-9, "{case}: {sum} {least}");
+            assert_eq!(of_row.iter().collect::<std::collections::BTreeSet<_>>().len(), n);
+        }
+    }
 
     #[test]
     fn dense_graphs_are_solved_as_well_as_whole_ones() {

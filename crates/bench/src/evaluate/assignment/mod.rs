@@ -2,9 +2,11 @@
 //!
 //! A graph of admissible pairs falls into components. In each, a maximum matching splits the vertices by Dulmage and
 //! Mendelsohn into a part with rows to spare, a part with columns to spare and a part without (`cardinality.rs`): no maximum
-//! matching has an edge between them, and in each part one side is matched whole, at the least cost (`cheapest.rs`).
+//! matching has an edge between them, and in each part one side is matched whole, at the least cost (`cheapest.rs`, in the part
+//! without any to spare after an auction, `auction.rs`).
 //! Own code, since crates solve dense matrices only: 50,000 points of a frame would need 20 GB.
 
+mod auction;
 mod cardinality;
 mod cheapest;
 
