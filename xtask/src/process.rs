@@ -73,11 +73,13 @@ pub(crate) fn machine() -> String {
     let rustc = Command::new("rustc").arg("--version").output();
     let rustc = rustc.map(|o| String::from_utf8_lossy(&o.stdout).trim().to_owned()).unwrap_or_default();
     let load = read("/proc/loadavg");
+    // What follows the version is the builder's own.
+    let kernel = read("/proc/sys/kernel/osrelease");
     format!(
         "{}{wide}, {cores} cores, {} {}, {rustc}, default release build; load when it began {}",
         field("model name").unwrap_or_else(|| std::env::consts::ARCH.to_owned()),
         std::env::consts::OS,
-        read("/proc/sys/kernel/osrelease").trim(),
+        kernel.split(['-', '\n']).next().unwrap_or_default(),
         load.split(' ').next().unwrap_or("unknown"),
     )
 }
