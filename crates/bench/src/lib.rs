@@ -14,6 +14,7 @@ pub mod report;
 pub mod results;
 pub mod runner;
 pub mod scenario;
+mod shelf;
 pub mod track;
 
 pub use error::{Error, Result};

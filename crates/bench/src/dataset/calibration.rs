@@ -10,9 +10,10 @@ use microsig_core::sensor::Detector;
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 
-use super::table::{Table, TableWriter, column};
+use super::save;
+use super::table::{Table, TableFile, column};
 use crate::error::{Error, Result};
-use crate::runner::{Camera, save};
+use crate::runner::Camera;
 use crate::scenario::Scenario;
 
 /// One row per image of the stack.
@@ -98,10 +99,10 @@ pub fn write(folder: &Path, scenario: &Scenario, camera: &Camera) -> Result<()> 
         save(&path, |w| {
             data_file::write(w, &[particle], data_file::Layout::of(&[])).map_err(Error::write(&path))
         })?;
-        camera.save(&folder.join(image), &camera.image(&[particle], k as u32))
+        camera.save(&folder.join(image), &camera.image(&[particle], k as u32)).map(drop)
     })?;
 
-    let mut table = TableWriter::create(folder, &CALIBRATION)?;
+    let mut table = TableFile::create(folder, &CALIBRATION)?;
     for (k, z_um) in depths.iter().enumerate() {
         let (p, image, data) = place(k);
         table.row(&[&k, z_um, &p.x_px, &p.y_px, &image, &data])?;

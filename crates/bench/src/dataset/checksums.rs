@@ -1,7 +1,8 @@
 //! `SHA256SUMS`, in the format of `sha256sum`.
 
 use std::collections::BTreeMap;
-use std::io::Read;
+use std::fmt::{self, Write as _};
+use std::io::{Read, Write};
 use std::path::Path;
 
 use rayon::prelude::*;
@@ -12,13 +13,65 @@ use crate::error::{Error, Result};
 /// Name of the file.
 pub const SHA256SUMS: &str = "SHA256SUMS";
 
+/// A SHA-256, shown in hexadecimal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Hash(pub [u8; 32]);
+
+impl fmt::Display for Hash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        const DIGITS: &[u8; 16] = b"0123456789abcdef";
+        let digits = self.0.iter().flat_map(|byte| [byte >> 4, byte & 15]);
+        digits.map(|digit| char::from(DIGITS[usize::from(digit)])).try_for_each(|digit| f.write_char(digit))
+    }
+}
+
 /// Size and SHA-256 of a file.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Fingerprint {
     /// Size, bytes.
     pub bytes: u64,
-    /// SHA-256 in hexadecimal.
-    pub sha256: String,
+    /// SHA-256.
+    pub sha256: Hash,
+}
+
+impl Fingerprint {
+    /// The fingerprint of what a file holds.
+    pub fn of(content: &[u8]) -> Self {
+        Fingerprint { bytes: content.len() as u64, sha256: Hash(Sha256::digest(content).into()) }
+    }
+}
+
+/// A writer that takes the fingerprint of all that goes through it.
+#[derive(Debug)]
+pub struct Hashing<W> {
+    writer: W,
+    hasher: Sha256,
+    bytes: u64,
+}
+
+impl<W> Hashing<W> {
+    /// Before anything is written.
+    pub fn new(writer: W) -> Self {
+        Hashing { writer, hasher: Sha256::new(), bytes: 0 }
+    }
+
+    /// The fingerprint of what was written.
+    pub fn fingerprint(self) -> Fingerprint {
+        Fingerprint { bytes: self.bytes, sha256: Hash(self.hasher.finalize().into()) }
+    }
+}
+
+impl<W: Write> Write for Hashing<W> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let n = self.writer.write(bytes)?;
+        self.hasher.update(&bytes[..n]);
+        self.bytes += n as u64;
+        Ok(n)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.writer.flush()
+    }
 }
 
 /// Takes the fingerprint of a file, reading it piece by piece.
@@ -40,23 +93,15 @@ pub fn fingerprint_after(before: &[u8], path: &Path) -> Result<Fingerprint> {
         hasher.update(&buffer[..n]);
         bytes += n as u64;
     }
-    Ok(Fingerprint { bytes, sha256: hexadecimal(&hasher.finalize()) })
-}
-
-/// SHA-256 of bytes in memory.
-pub fn sha256(bytes: &[u8]) -> String {
-    hexadecimal(&Sha256::digest(bytes))
-}
-
-fn hexadecimal(digest: &[u8]) -> String {
-    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    Ok(Fingerprint { bytes, sha256: Hash(hasher.finalize().into()) })
 }
 
 /// One hash for all images: the SHA-256 of those lines of `SHA256SUMS` that name files in `images/`. In a shell it is
 /// `grep '  images/' SHA256SUMS | sha256sum`.
 pub fn images_digest(sums: &str) -> String {
     let lines = sums.lines().filter(|line| line.contains("  images/"));
-    sha256(lines.map(|line| format!("{line}\n")).collect::<String>().as_bytes())
+    let lines: String = lines.map(|line| format!("{line}\n")).collect();
+    Fingerprint::of(lines.as_bytes()).sha256.to_string()
 }
 
 /// Fingerprints of many files, by path relative to `folder`.

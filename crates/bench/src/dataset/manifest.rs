@@ -2,13 +2,16 @@
 //!
 //! Nothing in it depends on date, host, path or commit.
 
+use std::path::Path;
+
 use serde_json::{Value, json};
 
-use super::Stem;
-use super::checksums::Fingerprint;
+use super::checksums::{Fingerprint, fingerprint};
 use super::table::Table;
 use super::truth::Census;
 use super::truth::depth::ParticleImage;
+use super::{IMAGES, Ledger, Stem};
+use crate::error::Result;
 use crate::scenario::license::License;
 use crate::scenario::spec::Timing;
 use crate::scenario::{Scenario, Weighting};
@@ -187,37 +190,29 @@ fn spec_sensor(scenario: &Scenario) -> Value {
     serde_json::to_value(&scenario.spec.sensor).unwrap_or_default()
 }
 
-/// The manifest's entry of a file of a dataset.
+/// The fingerprint of a file of a dataset and its entry in the manifest; the file is read only if the ledger does not know it.
 pub(crate) fn entry(
     scenario: &Scenario,
-    census: &Census,
+    ledger: &Ledger,
     tables: &[Table],
+    folder: &Path,
     path: &str,
-    fingerprint: &Fingerprint,
-) -> Value {
-    let mut resource = resource(path, fingerprint, tables);
-    if let Some((frame, n_visible)) = frame_of(scenario, census, path) {
-        resource["frame"] = json!(frame);
-        resource["width_px"] = json!(scenario.settings.pixel_dim_x);
-        resource["height_px"] = json!(scenario.settings.pixel_dim_y);
-        resource["bit_depth"] = json!(bit_depth(scenario));
-        resource["n_visible"] = json!(n_visible);
+) -> Result<(Fingerprint, Value)> {
+    let Some(frame) = Stem::frame_of(&scenario.recordings, path) else {
+        let fingerprint = ledger.other(path).map_or_else(|| fingerprint(&folder.join(path)), Ok)?;
+        return Ok((fingerprint, resource(path, &fingerprint, tables)));
+    };
+    let entry = ledger.frame(frame)?;
+    if !path.starts_with(IMAGES) {
+        return Ok((entry.particles, resource(path, &entry.particles, tables)));
     }
-    resource
-}
-
-/// The frame whose image this is, and its visible particles. Natural order of names is the order of frames.
-fn frame_of<'a>(scenario: &Scenario, census: &'a Census, path: &str) -> Option<(usize, &'a u64)> {
-    let image = |frame: usize| Stem::of(&scenario.recordings, frame as u32).image();
-    let (mut low, mut high) = (0, census.visible_each.len());
-    while low < high {
-        let middle = low + (high - low) / 2;
-        match natord::compare(&image(middle), path) {
-            std::cmp::Ordering::Less => low = middle + 1,
-            _ => high = middle,
-        }
-    }
-    census.visible_each.get(low).filter(|_| image(low) == path).map(|n_visible| (low, n_visible))
+    let mut resource = resource(path, &entry.image, tables);
+    resource["frame"] = json!(frame);
+    resource["width_px"] = json!(scenario.settings.pixel_dim_x);
+    resource["height_px"] = json!(scenario.settings.pixel_dim_y);
+    resource["bit_depth"] = json!(bit_depth(scenario));
+    resource["n_visible"] = json!(entry.visible);
+    Ok((entry.image, resource))
 }
 
 /// The manifest's entry of a file, with the columns of those tables.

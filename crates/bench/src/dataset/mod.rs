@@ -12,7 +12,9 @@
 pub mod calibration;
 mod card;
 pub mod checksums;
+mod file;
 pub mod folder;
+mod ledger;
 pub mod manifest;
 mod preview;
 mod seal;
@@ -22,6 +24,8 @@ pub mod truth;
 pub mod verify;
 
 pub(crate) use card::card;
+pub(crate) use file::{TEMPORARY, save, save_bytes};
+pub(crate) use ledger::{FrameEntry, Ledger};
 pub(crate) use preview::Preview;
 pub(crate) use seal::seal;
 
@@ -40,6 +44,10 @@ pub fn tables(scenario: &Scenario) -> Vec<Table> {
         .collect()
 }
 
+/// Where data files and images lie.
+const PARTICLES: &str = "particles/";
+const IMAGES: &str = "images/";
+
 /// Name of a frame's files without extension.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stem {
@@ -53,13 +61,19 @@ impl Stem {
         Stem { name: recordings.stem(frame) }
     }
 
+    /// The frame whose data file or image has this path in the dataset.
+    pub fn frame_of(recordings: &Recordings, path: &str) -> Option<u32> {
+        let of = |folder: &str, extension: &str| path.strip_prefix(folder)?.strip_suffix(extension);
+        recordings.frame_of(of(PARTICLES, ".txt").or_else(|| of(IMAGES, ".tif"))?)
+    }
+
     /// Path of the data file in the dataset.
     pub fn particles(&self) -> String {
-        format!("particles/{}.txt", self.name)
+        format!("{PARTICLES}{}.txt", self.name)
     }
 
     /// Path of the image in the dataset.
     pub fn image(&self) -> String {
-        format!("images/{}.tif", self.name)
+        format!("{IMAGES}{}.tif", self.name)
     }
 }

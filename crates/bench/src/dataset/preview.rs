@@ -6,8 +6,8 @@ use image::GrayImage;
 use image::imageops::{self, FilterType};
 use microsig_core::sensor::Image;
 
+use super::save_bytes;
 use crate::error::{Error, Result};
-use crate::runner::save;
 
 /// Frames on the sheet.
 const FRAMES: u32 = 6;
@@ -19,26 +19,20 @@ const WIDTH: u32 = 376;
 const GAP: u32 = 6;
 
 /// A contact sheet in the making.
+#[derive(Default)]
 pub(crate) struct Preview {
-    chosen: Vec<u32>,
     tiles: Vec<(u32, GrayImage)>,
 }
 
 impl Preview {
-    /// A sheet for a dataset of `frames` frames: the first ones of pairs, or some spread over a sequence.
-    pub(crate) fn new(frames: u32, pairs: bool) -> Self {
+    /// The frames that are shown of `frames` frames: the first ones of pairs, or some spread over a sequence.
+    pub(crate) fn chosen(frames: u32, pairs: bool) -> Vec<u32> {
         let n = frames.min(FRAMES);
-        let chosen = if pairs || frames <= FRAMES {
+        if pairs || frames <= FRAMES {
             (0..n).collect()
         } else {
             (0..n).map(|i| (u64::from(i) * u64::from(frames - 1) / u64::from(n - 1)) as u32).collect()
-        };
-        Preview { chosen, tiles: Vec::new() }
-    }
-
-    /// Whether a frame is on the sheet.
-    pub(crate) fn wants(&self, frame: u32) -> bool {
-        self.chosen.contains(&frame)
+        }
     }
 
     /// Adds a frame.
@@ -70,7 +64,7 @@ impl Preview {
         sheet
             .write_to(&mut bytes, image::ImageFormat::Png)
             .map_err(|e| Error::Write { path: path.to_owned(), source: std::io::Error::other(e) })?;
-        save(path, |w| std::io::Write::write_all(w, bytes.get_ref()).map_err(Error::write(path)))
+        save_bytes(path, bytes.get_ref())
     }
 }
 

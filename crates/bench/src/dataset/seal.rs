@@ -5,6 +5,7 @@ use std::cell::RefCell;
 use std::io::{Seek, SeekFrom, Write};
 use std::path::Path;
 
+use rayon::prelude::*;
 use serde::ser::{Error as _, SerializeSeq};
 use serde::{Serialize, Serializer};
 use serde_json::{Map, Value};
@@ -12,18 +13,15 @@ use serde_json::{Map, Value};
 use super::checksums::{self, Fingerprint, SHA256SUMS};
 use super::folder::Files;
 use super::manifest::MANIFEST;
+use super::save;
 use crate::error::{Error, Result};
-use crate::runner::save;
 
 /// Files whose fingerprints are in memory at a time.
-const GROUP: usize = 256;
+const GROUP: usize = 64;
 
-/// Writes both files; `manifest` is the manifest without its resources, `resource` what it tells of a file.
-pub(crate) fn seal(
-    folder: &Path,
-    manifest: Value,
-    resource: impl Fn(&str, &Fingerprint) -> Value,
-) -> Result<()> {
+/// Writes both files; `manifest` is the manifest without its resources, `entry` gives a file's fingerprint and what the manifest
+/// tells of it.
+pub(crate) fn seal(folder: &Path, manifest: Value, entry: impl Entry) -> Result<()> {
     // Begun here, so that the temporary files of the two are not among them.
     let files = RefCell::new(Files::below(folder)?);
     let Value::Object(head) = manifest else {
@@ -33,10 +31,8 @@ pub(crate) fn seal(
     save(&sums, |writer| {
         let sums = Sums { writer: RefCell::new(writer), manifest_at: RefCell::new(None) };
         save(&manifest, |writer| {
-            let package = Package {
-                head: &head,
-                resources: Resources { folder, files: &files, resource: &resource, sums: &sums },
-            };
+            let package =
+                Package { head: &head, resources: Resources { files: &files, entry: &entry, sums: &sums } };
             serde_json::to_writer_pretty(&mut *writer, &package)
                 .map_err(|e| Error::write(&manifest)(e.into()))?;
             writer.write_all(b"\n").map_err(Error::write(&manifest))
@@ -46,24 +42,28 @@ pub(crate) fn seal(
     })
 }
 
+/// Gives the fingerprint of a file, by its path in the dataset, and its resource in the manifest.
+pub(crate) trait Entry: Fn(&str) -> Result<(Fingerprint, Value)> + Sync {}
+
+impl<F: Fn(&str) -> Result<(Fingerprint, Value)> + Sync> Entry for F {}
+
 /// The manifest, its resources last.
 #[derive(Serialize)]
-#[serde(bound = "R: Fn(&str, &Fingerprint) -> Value, W: Write + Seek")]
-struct Package<'a, R, W> {
+#[serde(bound = "E: Entry, W: Write + Seek")]
+struct Package<'a, E, W> {
     #[serde(flatten)]
     head: &'a Map<String, Value>,
-    resources: Resources<'a, R, W>,
+    resources: Resources<'a, E, W>,
 }
 
 /// The resources of the manifest; each that is written leaves its line in the checksums.
-struct Resources<'a, R, W> {
-    folder: &'a Path,
+struct Resources<'a, E, W> {
     files: &'a RefCell<Files>,
-    resource: &'a R,
+    entry: &'a E,
     sums: &'a Sums<'a, W>,
 }
 
-impl<R: Fn(&str, &Fingerprint) -> Value, W: Write + Seek> Serialize for Resources<'_, R, W> {
+impl<E: Entry, W: Write + Seek> Serialize for Resources<'_, E, W> {
     fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
         let mut list = serializer.serialize_seq(None)?;
         let mut files = self.files.borrow_mut();
@@ -77,11 +77,11 @@ impl<R: Fn(&str, &Fingerprint) -> Value, W: Write + Seek> Serialize for Resource
             if group.is_empty() {
                 return list.end();
             }
-            for (path, fingerprint) in
-                &checksums::fingerprints(self.folder, &group).map_err(S::Error::custom)?
-            {
-                list.serialize_element(&(self.resource)(path, fingerprint))?;
-                self.sums.add(path, fingerprint).map_err(S::Error::custom)?;
+            let entries: Vec<_> = group.par_iter().map(|path| (self.entry)(path)).collect();
+            for (path, entry) in group.iter().zip(entries) {
+                let (fingerprint, resource) = entry.map_err(S::Error::custom)?;
+                list.serialize_element(&resource)?;
+                self.sums.add(path, &fingerprint).map_err(S::Error::custom)?;
             }
         }
     }
@@ -131,18 +131,21 @@ mod tests {
         for file in ["README.md", "a.csv", "truth.csv"] {
             std::fs::write(place.path().join(file), file).unwrap();
         }
-        seal(
-            place.path(),
-            serde_json::json!({ "name": "x" }),
-            |path, f| serde_json::json!({ "path": path, "bytes": f.bytes }),
-        )
+        seal(place.path(), serde_json::json!({ "name": "x" }), |path: &str| {
+            let found = checksums::fingerprint(&place.path().join(path))?;
+            Ok((found, serde_json::json!({ "path": path, "bytes": found.bytes })))
+        })
         .unwrap();
         let text = std::fs::read_to_string(place.path().join(SHA256SUMS)).unwrap();
         let sums = checksums::read(&text, SHA256SUMS).unwrap();
         let files: Vec<&str> = text.lines().map(|line| &line[66..]).collect();
         assert_eq!(files, ["README.md", "a.csv", MANIFEST, "truth.csv"]);
         for (file, sum) in sums {
-            assert_eq!(checksums::fingerprint(&place.path().join(&file)).unwrap().sha256, sum, "{file}");
+            assert_eq!(
+                checksums::fingerprint(&place.path().join(&file)).unwrap().sha256.to_string(),
+                sum,
+                "{file}"
+            );
         }
         let manifest = std::fs::read_to_string(place.path().join(MANIFEST)).unwrap();
         let whole: Value = serde_json::from_str(&manifest).unwrap();

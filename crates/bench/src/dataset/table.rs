@@ -8,6 +8,7 @@ use std::path::Path;
 
 use microsig_core::formats::number;
 
+use super::checksums::{Fingerprint, Hashing};
 use crate::error::{Error, Result};
 
 /// A column of a table.
@@ -59,6 +60,9 @@ impl Table {
     }
 }
 
+/// Typical length of a cell with its comma.
+const CELL_BYTES: usize = 11;
+
 /// Rows of a table as CSV: comma, shortest numbers that read back to the same value.
 #[derive(Debug)]
 pub struct Rows {
@@ -73,6 +77,12 @@ impl Rows {
     /// No rows of a table.
     pub fn of(table: &Table) -> Self {
         Rows { path: table.path, columns: table.columns.len(), cells: 0, text: String::new() }
+    }
+
+    /// No rows of a table yet, with room for so many.
+    pub fn many(table: &Table, rows: usize) -> Self {
+        let text = String::with_capacity(rows * table.columns.len() * CELL_BYTES);
+        Rows { text, ..Rows::of(table) }
     }
 
     /// Writes part of a row.
@@ -137,13 +147,27 @@ pub struct TableWriter<W: Write> {
     rows: Rows,
 }
 
-impl TableWriter<BufWriter<File>> {
+/// A table in a dataset's folder.
+pub type TableFile = TableWriter<BufWriter<Hashing<File>>>;
+
+impl TableFile {
     /// Begins a table in a dataset's folder.
     pub fn create(folder: &Path, table: &Table) -> Result<Self> {
         let path = folder.join(table.path);
-        TableWriter::new(table, BufWriter::new(File::create(&path).map_err(Error::write(&path))?))
+        let file = File::create(&path).map_err(Error::write(&path))?;
+        TableWriter::new(table, BufWriter::with_capacity(BUFFER, Hashing::new(file)))
+    }
+
+    /// Ends the table, and gives the fingerprint of its file.
+    pub fn seal(self) -> Result<Fingerprint> {
+        let path = self.rows.path;
+        let file = self.writer.into_inner().map_err(|e| failed(path, e.into_error()))?;
+        Ok(file.fingerprint())
     }
 }
+
+/// Bytes that are written at a time.
+const BUFFER: usize = 1 << 15;
 
 impl<W: Write> TableWriter<W> {
     /// Begins a table with its header.

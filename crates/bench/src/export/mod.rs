@@ -7,13 +7,12 @@
 mod field;
 mod particles;
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
+use crate::dataset::save_bytes;
 use crate::error::{Error, Result};
-use crate::runner::save;
 
 /// Formats that are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -104,6 +103,6 @@ pub fn export(dataset: &Path, options: &Options) -> Result<Exported> {
             (spots.write(format)?, spots.len(), Some(spots.tracks()))
         }
     };
-    save(out, |w| w.write_all(&bytes).map_err(Error::write(out)))?;
+    save_bytes(out, &bytes)?;
     Ok(Exported { out: out.clone(), rows, tracks })
 }

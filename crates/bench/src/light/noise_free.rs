@@ -1,5 +1,7 @@
 //! The noise-free image of any particle of a dataset, from stacks.
 
+use std::sync::Arc;
+
 use microsig_core::emission::{SpheroidLaw, surface_points};
 use microsig_core::render::Renderer;
 use microsig_core::{Particle, Settings};
@@ -21,8 +23,9 @@ pub struct NoiseFree {
     /// Which points of spheroids shine; `None` where there are no points.
     law: Option<SpheroidLaw>,
     depth_factor: f64,
+    range_um: (f64, f64),
     /// By ascending diameter, um.
-    stacks: Vec<(f64, Stack)>,
+    stacks: Vec<(f64, Arc<Stack>)>,
 }
 
 /// The light of a particle on the pixels it reaches, as in [`microsig_core::sensor::Light`].
@@ -53,9 +56,18 @@ impl NoiseFree {
         let diameter =
             |k: u32| least_um + (greatest_um - least_um) * f64::from(k) / f64::from((n - 1).max(1));
         let stacks = (0..n)
-            .map(|k| Ok((diameter(k), Stack::measure(&draw, settings, diameter(k), range_um, depth_factor)?)))
+            .map(|k| {
+                let stack = Stack::measure(&draw, settings, diameter(k), range_um, depth_factor)?;
+                Ok((diameter(k), Arc::new(stack)))
+            })
             .collect::<Result<_>>()?;
-        Ok(NoiseFree { settings: settings.clone(), law, depth_factor, stacks })
+        Ok(NoiseFree { settings: settings.clone(), law, depth_factor, range_um, stacks })
+    }
+
+    /// The stack of a diameter (um) through a range of physical depths (um), if it is one of those that are here.
+    pub fn stack(&self, d_um: f64, range_um: (f64, f64)) -> Option<Arc<Stack>> {
+        let found = self.stacks.iter().find(|(of_um, _)| *of_um == d_um && self.range_um == range_um);
+        found.map(|(_, stack)| Arc::clone(stack))
     }
 
     /// Draws the light of one particle on a patch, which is then as large as it need be; empty if no light falls on the sensor.

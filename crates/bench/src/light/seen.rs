@@ -28,13 +28,14 @@ pub struct Seen {
 }
 
 /// The visibility of every tracer of a frame. Each is a range of `particles`: none if it is not drawn, several rows for a
-/// streak.
+/// streak. `total` is working memory.
 pub fn look(
     noise_free: &NoiseFree,
     sensor: &Sensor,
     (width, height): (u32, u32),
     particles: &[Particle],
     tracers: &[Range<usize>],
+    total: &mut Vec<f64>,
 ) -> Vec<Seen> {
     let width = width as usize;
     // Drawing a patch takes less time than to make room for it and to find it again.
@@ -51,14 +52,17 @@ pub fn look(
             }
         }
     };
-    let (mut total, mut patches) = (vec![0.0; width * height as usize], <[Patch; 2]>::default());
+    let mut patches = <[Patch; 2]>::default();
+    total.clear();
+    total.resize(width * height as usize, 0.0);
     for rows in tracers {
         draw(rows, &mut patches);
-        patches[0].add_to(&mut total, width);
+        patches[0].add_to(total, width);
     }
+    let total = total.as_slice();
     let see = |patches: &mut [Patch; 2], rows: &Range<usize>| {
         draw(rows, patches);
-        Seen::of(&patches[0], &total, width, sensor)
+        Seen::of(&patches[0], total, width, sensor)
     };
     tracers.par_iter().with_min_len(TRACERS_PER_TASK).map_init(<[Patch; 2]>::default, see).collect()
 }

@@ -227,7 +227,7 @@ impl Facts<'_> {
                 "contentUrl": path,
                 "contentSize": format!("{} B", f.bytes),
                 "encodingFormat": "application/zip",
-                "sha256": f.sha256,
+                "sha256": f.sha256.to_string(),
             })
         };
         let mut distribution: Vec<Value> = archives.iter().map(archive).collect();

@@ -34,9 +34,10 @@ use serde::Serialize;
 use crate::dataset::checksums::{self, SHA256SUMS};
 use crate::dataset::folder::{Partial, may_stand};
 use crate::dataset::manifest::MANIFEST;
+use crate::dataset::save_bytes;
 use crate::dataset::secret;
 use crate::error::{Error, Result};
-use crate::runner::{GenerateOptions, Progress, generate, save};
+use crate::runner::{GenerateOptions, Progress, generate};
 use crate::scenario::Scenario;
 use crate::scenario::license::LICENSE;
 use package::Package;
@@ -122,7 +123,7 @@ pub fn release(dataset: &Path, options: &Options) -> Result<Released> {
     let recordings = (!options.exact_times).then_some(&test.recordings);
     test_split::package(dataset, &folder, recordings, &about)?
         .zip(&format!("{name}-test"), &archive("test"))?;
-    write(&withheld.join("README.md"), about.withheld().as_bytes())?;
+    save_bytes(&withheld.join("README.md"), about.withheld().as_bytes())?;
     publish(&public, &about)?;
     partial.finish(options.force.then_some(MARK))?;
     Ok(Released {
@@ -148,8 +149,8 @@ fn whole(folder: &Path) -> Result<Package> {
 /// Draws a salt and gives the SHA-256 of it and the archive. Without the salt, whoever guesses a truth could check it.
 fn commit(salt: &Path, archive: &Path) -> Result<String> {
     let drawn = secret::draw()?;
-    write(salt, &drawn)?;
-    checksums::fingerprint_after(&drawn, archive).map(|f| f.sha256)
+    save_bytes(salt, &drawn)?;
+    checksums::fingerprint_after(&drawn, archive).map(|f| f.sha256.to_string())
 }
 
 /// Writes what lies beside the archives.
@@ -172,10 +173,6 @@ fn publish(public: &Path, about: &about::Facts<'_>) -> Result<()> {
     // For whoever publishes; those who copy `public/*` do not even see it, so it has no checksum.
     package.write(".zenodo.json", about.zenodo());
     package.unpack(public)
-}
-
-fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    save(path, |w| std::io::Write::write_all(w, bytes).map_err(Error::write(path)))
 }
 
 /// Others on the machine need not see the withheld part.

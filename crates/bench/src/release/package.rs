@@ -11,10 +11,10 @@ use std::path::{Path, PathBuf};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
 
-use crate::dataset::checksums::{Fingerprint, fingerprint, sha256};
+use crate::dataset::checksums::{Fingerprint, fingerprint};
 use crate::dataset::folder::files_below;
+use crate::dataset::{save, save_bytes};
 use crate::error::{Error, Result};
-use crate::runner::save;
 
 /// A file of a package.
 #[derive(Debug)]
@@ -52,7 +52,7 @@ impl Package {
     pub(super) fn fingerprints(&self) -> Result<BTreeMap<String, Fingerprint>> {
         let of = |content: &Content| match content {
             Content::File(path) => fingerprint(path),
-            Content::Bytes(bytes) => Ok(Fingerprint { bytes: bytes.len() as u64, sha256: sha256(bytes) }),
+            Content::Bytes(bytes) => Ok(Fingerprint::of(bytes)),
         };
         self.files.iter().map(|(path, content)| Ok((path.clone(), of(content)?))).collect()
     }
@@ -91,8 +91,7 @@ impl Package {
     pub(super) fn unpack(&self, folder: &Path) -> Result<()> {
         for (path, content) in &self.files {
             if let Content::Bytes(bytes) = content {
-                let path = folder.join(path);
-                save(&path, |w| w.write_all(bytes).map_err(Error::write(&path)))?;
+                save_bytes(&folder.join(path), bytes)?;
             }
         }
         Ok(())

@@ -10,7 +10,7 @@ use microsig_core::stream::Streams;
 use serde_json::Value;
 
 use super::Options;
-use crate::dataset::checksums::sha256;
+use crate::dataset::checksums::Fingerprint;
 use crate::dataset::manifest::{GENERATOR_VERSION, MANIFEST};
 use crate::dataset::secret;
 use crate::dataset::verify::verify;
@@ -129,9 +129,9 @@ fn check(scenario: &Scenario) -> Result<()> {
 
 /// A seed made from another one, of its own for each name.
 pub fn derived_seed(seed: u64, name: &str) -> u64 {
-    let digest = sha256(format!("microsig release\nseed={seed}\n{name}\n").as_bytes());
-    // A digest of 64 digits begins with 16.
-    u64::from_str_radix(&digest[..16], 16).unwrap_or(seed)
+    let digest = Fingerprint::of(format!("microsig release\nseed={seed}\n{name}\n").as_bytes()).sha256;
+    let (first, _) = digest.0.as_chunks();
+    first.first().map_or(seed, |first| u64::from_be_bytes(*first))
 }
 
 /// The scenario with new seeds of its random velocity fields.

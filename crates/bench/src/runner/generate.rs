@@ -12,15 +12,20 @@ use microsig_core::sensor::Image;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::camera::{Camera, TEMPORARY, save};
+use super::camera::Camera;
 use super::progress::Progress;
 use super::recording::Frames;
+use crate::dataset::checksums::{Fingerprint, fingerprint};
 use crate::dataset::folder::{Partial, files_below, may_stand, partial_name};
 use crate::dataset::truth::{self, Census, FrameTruth, Truth, TruthWriter};
-use crate::dataset::{Preview, Stem, calibration, card, manifest, seal, secret};
+use crate::dataset::{
+    FrameEntry, Ledger, Preview, Stem, TEMPORARY, calibration, card, manifest, save_bytes, seal, secret,
+};
 use crate::error::{Error, Result};
+use crate::light::NoiseFree;
 use crate::scenario::license::LICENSE;
 use crate::scenario::{Scenario, spec, write};
+use crate::shelf::Shelf;
 
 /// How to generate.
 #[derive(Debug, Clone)]
@@ -57,10 +62,10 @@ pub struct Generated {
 }
 
 /// Frames that go through at a time: no more than this,
-const FRAMES: usize = 32;
+const FRAMES: usize = 16;
 
 /// and no more than have so many tracers, for each thread.
-const TRACERS_PER_THREAD: usize = 16_384;
+const TRACERS_PER_THREAD: usize = 4_096;
 
 /// Makes the dataset.
 ///
@@ -74,10 +79,7 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     let partial = begin(&text, options)?;
     let folder = partial.folder();
 
-    let write_file = |path: &str, bytes: &[u8]| {
-        let path = folder.join(path);
-        save(&path, |w| std::io::Write::write_all(w, bytes).map_err(Error::write(&path)))
-    };
+    let write_file = |path: &str, bytes: &[u8]| save_bytes(&folder.join(path), bytes);
     write_file("scenario.ron", text.as_bytes())?;
     if let Some(key) = scenario.streams.key() {
         write_file(secret::KEY_FILE, secret::text(&key).as_bytes())?;
@@ -91,11 +93,13 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
 
     let camera = Camera::new(scenario.renderer.clone(), scenario.detector.as_ref(), scenario.streams)?
         .every(scenario.recordings.dt_s());
-    let census = frames(folder, scenario, &camera, options).map_err(|e| e.below(folder))?;
+    let noise_free = scenario.noise_free()?;
+    let (census, ledger) =
+        frames(folder, scenario, &camera, &noise_free, options).map_err(|e| e.below(folder))?;
     if scenario.spec.calibration == Some(spec::Calibration::Stack) {
         calibration::write(folder, scenario, &camera).map_err(|e| e.below(folder))?;
     }
-    let stack = scenario.stack()?;
+    let stack = scenario.stack(&noise_free)?;
     let image = truth::depth::write(folder, scenario, &stack)?;
     truth::field::write(folder, scenario, &stack)?;
     let license = scenario.license.text(&format!("The dataset {}", scenario.spec.name));
@@ -106,8 +110,8 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
         std::fs::remove_dir(&inputs).map_err(Error::write(&inputs))?;
     }
     let tables = crate::dataset::tables(scenario);
-    seal(folder, manifest::manifest(scenario, &census, &image), |path, fingerprint| {
-        manifest::entry(scenario, &census, &tables, path, fingerprint)
+    seal(folder, manifest::manifest(scenario, &census, &image), |path: &str| {
+        manifest::entry(scenario, &ledger, &tables, folder, path)
     })?;
     partial.finish(options.force.then_some(manifest::MANIFEST))?;
     Ok(Generated {
@@ -163,39 +167,74 @@ fn is_temporary(file: &str) -> bool {
 }
 
 /// Advances all clouds and draws all frames.
-fn frames(folder: &Path, scenario: &Scenario, camera: &Camera, options: &Options) -> Result<Census> {
+fn frames(
+    folder: &Path,
+    scenario: &Scenario,
+    camera: &Camera,
+    noise_free: &NoiseFree,
+    options: &Options,
+) -> Result<(Census, Ledger)> {
     let recordings = scenario.recordings;
-    let studio = Studio { folder, scenario, camera, truth: Truth::new(scenario, camera.renderer())? };
-    let mut tables = TruthWriter::create(folder, scenario)?;
-    let mut preview = Preview::new(recordings.frames(), recordings.are_pairs());
+    let truth = Truth::new(scenario, camera.renderer(), noise_free)?;
+    let studio = Studio { folder, scenario, camera, truth, files: Shelf::default() };
+    let mut album = Album {
+        tables: TruthWriter::create(folder, scenario)?,
+        ledger: Ledger::new(),
+        preview: Preview::default(),
+    };
+    let shown = Preview::chosen(recordings.frames(), recordings.are_pairs());
     let bar = options.progress.images(u64::from(recordings.frames()));
 
     let mut all = Frames::new(scenario)?;
-    let (mut before, mut batch) = (None, next_batch(&mut all)?);
+    let (mut before, mut batch, mut taken) = (None, next_batch(&mut all)?, Vec::new());
     while !batch.is_empty() {
         let take = || {
             let numbered = batch.par_iter().enumerate();
             let shots = numbered.map(|(i, frame)| {
                 let before = if i > 0 { batch.get(i - 1) } else { before.as_ref() };
-                let shot = studio.take(frame, before, preview.wants(frame.index));
+                let shot = studio.take(frame, before, shown.contains(&frame.index));
                 bar.inc(1);
                 shot
             });
             shots.collect::<Result<Vec<Shot>>>()
         };
-        let (shots, next) = rayon::join(take, || next_batch(&mut all));
-        for shot in shots? {
-            tables.add(&shot.truth)?;
-            if let Some(image) = shot.image {
-                preview.add(shot.index, &image);
-            }
-        }
+        // What must be done in order, before these frames and after them, is done meanwhile.
+        let meanwhile = || (album.add_all(std::mem::take(&mut taken)), next_batch(&mut all));
+        let ((added, next), shots) = rayon::join(meanwhile, take);
+        added?;
+        taken = shots?;
         before = batch.pop();
         batch = next?;
     }
+    album.add_all(taken)?;
     bar.finish_and_clear();
-    preview.write(&folder.join("preview.png"))?;
-    tables.finish()
+    album.finish(folder)
+}
+
+/// Where the frames go, in their order.
+struct Album {
+    tables: TruthWriter,
+    ledger: Ledger,
+    preview: Preview,
+}
+
+impl Album {
+    fn add_all(&mut self, shots: Vec<Shot>) -> Result<()> {
+        for Shot { index, truth, particles, image, picture } in shots {
+            self.tables.add(&truth)?;
+            self.ledger.add_frame(&FrameEntry { visible: truth.visible, particles, image })?;
+            if let Some(picture) = picture {
+                self.preview.add(index, &picture);
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(mut self, folder: &Path) -> Result<(Census, Ledger)> {
+        self.preview.write(&folder.join("preview.png"))?;
+        let census = self.tables.finish(&mut self.ledger)?;
+        Ok((census, self.ledger))
+    }
 }
 
 /// The frames that follow, as many as go through at a time.
@@ -215,30 +254,37 @@ struct Studio<'a> {
     scenario: &'a Scenario,
     camera: &'a Camera,
     truth: Truth<'a>,
+    files: Shelf<u8>,
 }
 
 /// A frame that was taken.
 struct Shot {
     index: u32,
     truth: FrameTruth,
-    /// The image, if it is wanted for the preview.
-    image: Option<Image>,
+    particles: Fingerprint,
+    image: Fingerprint,
+    /// The image itself, if it is wanted for the preview.
+    picture: Option<Image>,
 }
 
 impl Studio<'_> {
     /// Writes a frame's data file and image; gives its truth.
     fn take(&self, frame: &Frame, before: Option<&Frame>, wanted: bool) -> Result<Shot> {
-        let (truth, index) = (self.truth.frame(frame, before)?, frame.index);
+        let (mut truth, index) = (self.truth.frame(frame, before)?, frame.index);
+        let rows = std::mem::take(&mut truth.particles);
         let stem = Stem::of(&self.scenario.recordings, index);
         let (data, image) = (self.folder.join(stem.particles()), self.folder.join(stem.image()));
-        let layout = self.scenario.layout;
-        save(&data, |w| data_file::write(w, &truth.particles, layout).map_err(Error::write(&data)))?;
+        let mut text = self.files.take();
+        data_file::write(&mut *text, &rows, self.scenario.layout).map_err(Error::write(&data))?;
+        save_bytes(&data, &text)?;
+        let particles = Fingerprint::of(&text);
+        drop(text);
         // An image is whole if it is there, so an interrupted run need not draw it again.
         if image.exists() && !wanted {
-            return Ok(Shot { index, truth, image: None });
+            return Ok(Shot { index, truth, particles, image: fingerprint(&image)?, picture: None });
         }
-        let drawn = self.camera.image(&truth.particles, index);
-        self.camera.save(&image, &drawn)?;
-        Ok(Shot { index, truth, image: wanted.then_some(drawn) })
+        let drawn = self.camera.image(&rows, index);
+        let image = Fingerprint::of(&self.camera.save(&image, &drawn)?);
+        Ok(Shot { index, truth, particles, image, picture: wanted.then_some(drawn) })
     }
 }

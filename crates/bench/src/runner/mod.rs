@@ -9,7 +9,6 @@ mod shard;
 mod sweep;
 
 pub use camera::Camera;
-pub(crate) use camera::save;
 pub use generate::{Generated, Options as GenerateOptions, generate};
 pub use progress::Progress;
 pub use render::{Options as RenderOptions, Rendered, render};

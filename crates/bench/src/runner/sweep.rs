@@ -10,12 +10,12 @@ use std::time::Instant;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::camera::save;
 use super::generate::{Options as GenerateOptions, generate};
 use super::progress::Progress;
 use super::shard::Shard;
 use crate::dataset::folder::partial_name;
 use crate::dataset::manifest::MANIFEST;
+use crate::dataset::save_bytes;
 use crate::error::{Error, Result};
 use crate::scenario::{Case, Sweep, resolve, write};
 
@@ -138,7 +138,7 @@ fn run(sweep: &Sweep, case: &Case, options: &Options, progress: &Progress) -> Re
                 std::fs::remove_dir_all(&partial).map_err(Error::write(&partial))?;
             }
             let text = format!("{error}\n");
-            save(&reason, |w| std::io::Write::write_all(w, text.as_bytes()).map_err(Error::write(&reason)))?;
+            save_bytes(&reason, text.as_bytes())?;
             Ok(false)
         }
     }
@@ -196,8 +196,7 @@ pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
     }
     if done + failures == sweep.cases.len() {
         let bytes = table.into_inner().map_err(|e| unwritable(csv::Error::from(e.into_error())))?;
-        let path = out.join(TABLE);
-        save(&path, |w| std::io::Write::write_all(w, &bytes).map_err(Error::write(&path)))?;
+        save_bytes(&out.join(TABLE), &bytes)?;
     }
     Ok((done, failures))
 }

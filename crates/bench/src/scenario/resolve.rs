@@ -4,6 +4,7 @@
 //! form of it gives the very same scenario.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use flows::scale::Scale;
 use flows::tracks::Kind;
@@ -110,15 +111,18 @@ impl Scenario {
         }
     }
 
-    /// Noise-free images of a sphere of the mean diameter through the depth range.
+    /// Noise-free images of a sphere of the mean diameter through the depth range; they may be among those of all particles.
     ///
     /// # Errors
     /// None for a scenario that could be resolved.
-    pub fn stack(&self) -> Result<Stack> {
+    pub fn stack(&self, noise_free: &NoiseFree) -> Result<Arc<Stack>> {
         let depth_factor = self.spec.optics.depth_factor.unwrap_or(1.0);
-        let d_um = self.seeding.diameters().mean();
+        let (d_um, range_um) = (self.seeding.diameters().mean(), self.depth_range_um);
+        if let Some(stack) = noise_free.stack(d_um, range_um) {
+            return Ok(stack);
+        }
         let draw = |settings: &Settings| Ok(self.spec.single_renderer(settings)?);
-        Stack::measure(draw, &self.settings, d_um, self.depth_range_um, depth_factor)
+        Ok(Arc::new(Stack::measure(draw, &self.settings, d_um, range_um, depth_factor)?))
     }
 
     /// Noise-free images of all particles.

@@ -298,6 +298,20 @@ impl Recordings {
         }
     }
 
+    /// The frame whose files bear a name, without extension.
+    pub fn frame_of(&self, stem: &str) -> Option<u32> {
+        let mut parts = stem.split('_').skip(1);
+        let number: u32 = parts.next()?.parse().ok()?;
+        let role = parts.next().and_then(|role| ["a", "b", "c", "d"].into_iter().position(|r| r == role));
+        let each = match self.timing {
+            Timing::Pairs(_) => 2,
+            Timing::Sequence(_) => 1,
+            Timing::FourPulse(_) => 4,
+        };
+        let frame = number.checked_mul(each)?.checked_add(role.unwrap_or(0) as u32)?;
+        (frame < self.frames() && self.stem(frame) == stem).then_some(frame)
+    }
+
     /// The pair that a frame forms with the frame before it, where truth links the two: A and B of a pair; else any two that
     /// follow each other in a recording, which bear the number of the first.
     pub fn link_to(&self, frame: u32) -> Option<u32> {

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use super::piv::Vector;
+use crate::dataset::save;
 use crate::error::{Error, Result};
-use crate::runner::save;
 
 /// A particle of a result.
 #[derive(Debug, Clone, Copy, PartialEq)]

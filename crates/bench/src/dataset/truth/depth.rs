@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::field;
-use crate::dataset::table::{Table, TableWriter, column};
+use crate::dataset::table::{Table, TableFile, column};
 use crate::error::Result;
 use crate::light::Stack;
 use crate::scenario::{Scenario, Weighting};
@@ -63,7 +63,7 @@ pub fn write(folder: &Path, scenario: &Scenario, stack: &Stack) -> Result<Partic
         let light = stack.depths_um.iter().map(|z_um| scenario.illumination.at(DVec3::Z * *z_um));
         field::normalised(&field::weights(stack, nodes.weighting), light)
     });
-    let mut writer = TableWriter::create(folder, &DEPTH)?;
+    let mut writer = TableFile::create(folder, &DEPTH)?;
     let mut peaks = Vec::with_capacity(stack.spots.len());
     for (k, (z_um, spot)) in stack.depths_um.iter().zip(&stack.spots).enumerate() {
         let peak = counts * spot.peak * scenario.illumination.at(DVec3::Z * *z_um);

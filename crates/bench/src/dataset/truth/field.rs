@@ -15,7 +15,7 @@ use flows::scale::ImagePoint;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::dataset::table::{Column, Table, TableWriter, column};
+use crate::dataset::table::{Column, Table, TableFile, column};
 use crate::error::Result;
 use crate::light::{Spot, Stack};
 use crate::scenario::{Nodes, Scenario, Weighting};
@@ -131,7 +131,7 @@ pub(super) fn normalised(weights: &[f64], light: impl Iterator<Item = f64>) -> V
 pub fn write(folder: &Path, scenario: &Scenario, stack: &Stack) -> Result<()> {
     let (Some(nodes), Some(field)) = (scenario.truth_grid(), scenario.field()) else { return Ok(()) };
     let truth = Truth { scenario, field, nodes: &nodes, stack, weights: weights(stack, nodes.weighting) };
-    let mut writer = TableWriter::create(folder, &table(&nodes))?;
+    let mut writer = TableFile::create(folder, &table(&nodes))?;
     for (pair, interval) in intervals(scenario, field) {
         let pair = pair.map(|pair| pair.to_string()).unwrap_or_default();
         let (across, down) = (nodes.x_px.len(), nodes.y_px.len());

@@ -6,8 +6,6 @@ mod tables;
 
 pub use tables::{DISPLACEMENTS, FRAMES, TRACKS};
 
-use std::fs::File;
-use std::io::BufWriter;
 use std::ops::Range;
 use std::path::Path;
 
@@ -20,11 +18,12 @@ use microsig_core::sensor::Sensor;
 use microsig_core::{Particle, Spheroid};
 use rayon::prelude::*;
 
-use super::Stem;
-use super::table::{Rows, Table, TableWriter};
+use super::table::{Rows, Table, TableFile};
+use super::{Ledger, Stem};
 use crate::error::Result;
 use crate::light::{NoiseFree, Seen, look};
 use crate::scenario::Scenario;
+use crate::shelf::Shelf;
 
 /// The table of tracks with the columns that this scenario asks for.
 pub fn tracks(scenario: &Scenario) -> Table {
@@ -54,8 +53,6 @@ pub struct Census {
     pub visible: u64,
     /// Rows of displacements.csv.
     pub displacements: u64,
-    /// Visible particles of each frame.
-    pub visible_each: Vec<u64>,
     /// Largest displacement of a visible particle in the image plane, px.
     pub max_displacement_px: f64,
 }
@@ -69,8 +66,10 @@ pub struct Truth<'a> {
     renderer: &'a Renderer,
     tracks: Table,
     scene: Option<Scene<'a>>,
-    noise_free: NoiseFree,
+    noise_free: &'a NoiseFree,
     sensor: Sensor,
+    /// The light of all particles of a frame.
+    totals: Shelf<f64>,
 }
 
 /// The truth of a frame.
@@ -80,7 +79,8 @@ pub struct FrameTruth {
     frame: Rows,
     tracks: Vec<Rows>,
     displacements: Vec<Rows>,
-    visible: u64,
+    /// Its visible particles.
+    pub visible: u64,
     moved: Moved,
 }
 
@@ -107,14 +107,15 @@ impl<'a> Truth<'a> {
     ///
     /// # Errors
     /// Settings that cannot be drawn.
-    pub fn new(scenario: &'a Scenario, renderer: &'a Renderer) -> Result<Self> {
+    pub fn new(scenario: &'a Scenario, renderer: &'a Renderer, noise_free: &'a NoiseFree) -> Result<Self> {
         Ok(Truth {
             scenario,
             renderer,
             tracks: tracks(scenario),
             scene: scenario.field().map(|field| scenario.scene(field)).transpose()?,
-            noise_free: scenario.noise_free()?,
+            noise_free,
             sensor: scenario.sensor()?,
+            totals: Shelf::default(),
         })
     }
 
@@ -134,12 +135,14 @@ impl<'a> Truth<'a> {
             sights.push(Sight { tracer, particle, visible, rows, light });
         }
         let size_px = (scenario.settings.pixel_dim_x, scenario.settings.pixel_dim_y);
-        let rows = sights.iter().map(|sight| sight.rows.clone());
-        let seen = look(&self.noise_free, &self.sensor, size_px, &rendered, &rows.collect::<Vec<_>>());
+        let rows: Vec<_> = sights.iter().map(|sight| sight.rows.clone()).collect();
+        let mut total = self.totals.take();
+        let seen = look(self.noise_free, &self.sensor, size_px, &rendered, &rows, &mut total);
+        drop(total);
         let next_s = self.next_s(frame);
         let tracks = sights.par_chunks(TRACERS_PER_TASK).zip(seen.par_chunks(TRACERS_PER_TASK));
         let tracks = tracks.map(|(sights, seen)| {
-            let mut rows = Rows::of(&self.tracks);
+            let mut rows = Rows::many(&self.tracks, sights.len());
             for (sight, seen) in sights.iter().zip(seen) {
                 self.track(&mut rows, frame, sight, self.midway(sight.tracer, frame, next_s)?, seen)?;
             }
@@ -268,7 +271,7 @@ impl<'a> Truth<'a> {
     fn displacements(&self, pair: u32, a: &Frame, b: &Frame) -> Result<(Vec<Rows>, Moved)> {
         let links: Vec<_> = a.links(b).collect();
         let parts = links.par_chunks(TRACERS_PER_TASK).map(|links| {
-            let (mut rows, mut moved) = (Rows::of(&DISPLACEMENTS), Moved::default());
+            let (mut rows, mut moved) = (Rows::many(&DISPLACEMENTS, links.len()), Moved::default());
             for (from, to) in links {
                 self.displacement(&mut rows, &mut moved, (pair, a.index, b.index), from, to)?;
             }
@@ -319,9 +322,9 @@ impl Moved {
 
 /// Writes the tables of the truth, frame after frame.
 pub struct TruthWriter {
-    frames: TableWriter<BufWriter<File>>,
-    tracks: TableWriter<BufWriter<File>>,
-    displacements: TableWriter<BufWriter<File>>,
+    frames: TableFile,
+    tracks: TableFile,
+    displacements: TableFile,
     census: Census,
 }
 
@@ -332,9 +335,9 @@ impl TruthWriter {
     /// Writing.
     pub fn create(folder: &Path, scenario: &Scenario) -> Result<Self> {
         Ok(TruthWriter {
-            frames: TableWriter::create(folder, &FRAMES)?,
-            tracks: TableWriter::create(folder, &tracks(scenario))?,
-            displacements: TableWriter::create(folder, &DISPLACEMENTS)?,
+            frames: TableFile::create(folder, &FRAMES)?,
+            tracks: TableFile::create(folder, &tracks(scenario))?,
+            displacements: TableFile::create(folder, &DISPLACEMENTS)?,
             census: Census::default(),
         })
     }
@@ -350,20 +353,19 @@ impl TruthWriter {
         let (census, Moved { number, farthest_px }) = (&mut self.census, truth.moved);
         census.frames += 1;
         census.visible += truth.visible;
-        census.visible_each.push(truth.visible);
         census.displacements += number;
         census.max_displacement_px = census.max_displacement_px.max(farthest_px);
         Ok(())
     }
 
-    /// Ends the tables.
+    /// Ends the tables and enters them into the ledger.
     ///
     /// # Errors
     /// Writing.
-    pub fn finish(self) -> Result<Census> {
-        self.frames.finish()?;
-        self.tracks.finish()?;
-        self.displacements.finish()?;
+    pub(crate) fn finish(self, ledger: &mut Ledger) -> Result<Census> {
+        ledger.add(FRAMES.path, self.frames.seal()?);
+        ledger.add(TRACKS.path, self.tracks.seal()?);
+        ledger.add(DISPLACEMENTS.path, self.displacements.seal()?);
         Ok(self.census)
     }
 }
