@@ -9,52 +9,82 @@ use std::sync::{Mutex, PoisonError};
 /// Larger buffers are given back to the system: few of them are made, and each weighs.
 const KEPT_BYTES: usize = 1 << 23;
 
-/// Empty buffers that wait for their next use. There are as many as were ever in use at a time.
-#[derive(Debug)]
-pub(crate) struct Shelf<T>(Mutex<Vec<Vec<T>>>);
+/// What can be emptied and filled again.
+pub(crate) trait Buffer: Default {
+    /// Empties it; its memory stays.
+    fn clear(&mut self);
+    /// The memory it holds, bytes.
+    fn held(&self) -> usize;
+}
 
-impl<T> Default for Shelf<T> {
-    fn default() -> Self {
-        Shelf(Mutex::default())
+impl<T> Buffer for Vec<T> {
+    fn clear(&mut self) {
+        self.clear();
+    }
+
+    fn held(&self) -> usize {
+        self.capacity() * size_of::<T>()
     }
 }
 
-impl<T> Shelf<T> {
-    /// An empty buffer.
-    pub(crate) fn take(&self) -> Lent<'_, T> {
-        let buffer = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        Lent { buffer: buffer.unwrap_or_default(), shelf: self }
+impl Buffer for String {
+    fn clear(&mut self) {
+        self.clear();
+    }
+
+    fn held(&self) -> usize {
+        self.capacity()
+    }
+}
+
+/// Empty buffers that wait for their next use. There are as many as were ever in use at a time.
+#[derive(Debug, Default)]
+pub(crate) struct Shelf<B>(Mutex<Vec<B>>);
+
+impl<B: Buffer> Shelf<B> {
+    /// An empty buffer that comes back by itself.
+    pub(crate) fn lend(&self) -> Lent<'_, B> {
+        Lent { buffer: self.take(), shelf: self }
+    }
+
+    /// An empty buffer, to be put back.
+    pub(crate) fn take(&self) -> B {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+    }
+
+    /// Takes back a buffer.
+    pub(crate) fn put_back(&self, mut buffer: B) {
+        if buffer.held() <= KEPT_BYTES {
+            buffer.clear();
+            self.0.lock().unwrap_or_else(PoisonError::into_inner).push(buffer);
+        }
     }
 }
 
 /// A buffer that goes back to its shelf.
 #[derive(Debug)]
-pub(crate) struct Lent<'a, T> {
-    buffer: Vec<T>,
-    shelf: &'a Shelf<T>,
+pub(crate) struct Lent<'a, B: Buffer> {
+    buffer: B,
+    shelf: &'a Shelf<B>,
 }
 
-impl<T> Deref for Lent<'_, T> {
-    type Target = Vec<T>;
+impl<B: Buffer> Deref for Lent<'_, B> {
+    type Target = B;
 
-    fn deref(&self) -> &Vec<T> {
+    fn deref(&self) -> &B {
         &self.buffer
     }
 }
 
-impl<T> DerefMut for Lent<'_, T> {
-    fn deref_mut(&mut self) -> &mut Vec<T> {
+impl<B: Buffer> DerefMut for Lent<'_, B> {
+    fn deref_mut(&mut self) -> &mut B {
         &mut self.buffer
     }
 }
 
-impl<T> Drop for Lent<'_, T> {
+impl<B: Buffer> Drop for Lent<'_, B> {
     fn drop(&mut self) {
-        let mut buffer = std::mem::take(&mut self.buffer);
-        if buffer.capacity() * size_of::<T>() <= KEPT_BYTES {
-            buffer.clear();
-            self.shelf.0.lock().unwrap_or_else(PoisonError::into_inner).push(buffer);
-        }
+        self.shelf.put_back(std::mem::take(&mut self.buffer));
     }
 }
 
@@ -64,12 +94,12 @@ mod tests {
 
     #[test]
     fn buffers_are_used_again_empty_unless_they_are_large() {
-        let shelf = Shelf::<u64>::default();
-        shelf.take().extend(0..1000);
-        let (again, other) = (shelf.take(), shelf.take());
+        let shelf = Shelf::<Vec<u64>>::default();
+        shelf.lend().extend(0..1000);
+        let (again, other) = (shelf.lend(), shelf.lend());
         assert!(again.is_empty() && again.capacity() >= 1000 && other.capacity() == 0);
         drop((again, other));
-        shelf.take().reserve(KEPT_BYTES);
+        shelf.lend().reserve(KEPT_BYTES);
         assert!(shelf.0.lock().unwrap().iter().all(|buffer| buffer.capacity() < KEPT_BYTES));
     }
 }

@@ -60,9 +60,6 @@ impl Table {
     }
 }
 
-/// Typical length of a cell with its comma.
-const CELL_BYTES: usize = 11;
-
 /// Rows of a table as CSV: comma, shortest numbers that read back to the same value.
 #[derive(Debug)]
 pub struct Rows {
@@ -79,10 +76,14 @@ impl Rows {
         Rows { path: table.path, columns: table.columns.len(), cells: 0, text: String::new() }
     }
 
-    /// No rows of a table yet, with room for so many.
-    pub fn many(table: &Table, rows: usize) -> Self {
-        let text = String::with_capacity(rows * table.columns.len() * CELL_BYTES);
+    /// No rows of a table yet; they are written into `text`, which is empty.
+    pub fn on(table: &Table, text: String) -> Self {
         Rows { text, ..Rows::of(table) }
+    }
+
+    /// The rows as text.
+    pub fn into_text(self) -> String {
+        self.text
     }
 
     /// Writes part of a row.

@@ -22,7 +22,7 @@ pub struct Camera {
     streams: Streams,
     rays: Purpose,
     noise: Purpose,
-    files: Shelf<u8>,
+    files: Shelf<Vec<u8>>,
 }
 
 impl Camera {
@@ -65,8 +65,8 @@ impl Camera {
     }
 
     /// Writes an image as TIFF with its scale, and gives the file's bytes.
-    pub(crate) fn save(&self, path: &Path, image: &Image) -> Result<Lent<'_, u8>> {
-        let mut bytes = self.files.take();
+    pub(crate) fn save(&self, path: &Path, image: &Image) -> Result<Lent<'_, Vec<u8>>> {
+        let mut bytes = self.files.lend();
         tiff::write(Cursor::new(&mut *bytes), image, &self.scale, &path.display().to_string())?;
         save_bytes(path, &bytes)?;
         Ok(bytes)

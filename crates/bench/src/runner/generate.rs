@@ -176,8 +176,9 @@ fn frames(
 ) -> Result<(Census, Ledger)> {
     let recordings = scenario.recordings;
     let truth = Truth::new(scenario, camera.renderer(), noise_free)?;
-    let studio = Studio { folder, scenario, camera, truth, files: Shelf::default() };
+    let studio = Studio { folder, scenario, camera, truth: &truth, files: Shelf::default() };
     let mut album = Album {
+        truth: &truth,
         tables: TruthWriter::create(folder, scenario)?,
         ledger: Ledger::new(),
         preview: Preview::default(),
@@ -212,17 +213,19 @@ fn frames(
 }
 
 /// Where the frames go, in their order.
-struct Album {
+struct Album<'a> {
+    truth: &'a Truth<'a>,
     tables: TruthWriter,
     ledger: Ledger,
     preview: Preview,
 }
 
-impl Album {
+impl Album<'_> {
     fn add_all(&mut self, shots: Vec<Shot>) -> Result<()> {
         for Shot { index, truth, particles, image, picture } in shots {
             self.tables.add(&truth)?;
             self.ledger.add_frame(&FrameEntry { visible: truth.visible, particles, image })?;
+            self.truth.put_back(truth);
             if let Some(picture) = picture {
                 self.preview.add(index, &picture);
             }
@@ -253,8 +256,8 @@ struct Studio<'a> {
     folder: &'a Path,
     scenario: &'a Scenario,
     camera: &'a Camera,
-    truth: Truth<'a>,
-    files: Shelf<u8>,
+    truth: &'a Truth<'a>,
+    files: Shelf<Vec<u8>>,
 }
 
 /// A frame that was taken.
@@ -274,7 +277,7 @@ impl Studio<'_> {
         let rows = std::mem::take(&mut truth.particles);
         let stem = Stem::of(&self.scenario.recordings, index);
         let (data, image) = (self.folder.join(stem.particles()), self.folder.join(stem.image()));
-        let mut text = self.files.take();
+        let mut text = self.files.lend();
         data_file::write(&mut *text, &rows, self.scenario.layout).map_err(Error::write(&data))?;
         save_bytes(&data, &text)?;
         let particles = Fingerprint::of(&text);

@@ -430,6 +430,31 @@ mod tests {
     }
 
     #[test]
+    fn frames_are_found_by_their_stems() {
+        for text in
+            ["pairs(count: 3)", "four_pulse(count: 2)", "sequence(frames: 5)", "sequence(frames: 100001)"]
+        {
+            let r = recordings(text).unwrap();
+            assert!((0..r.frames()).all(|frame| r.frame_of(&r.stem(frame)) == Some(frame)));
+            let beyond = r.stem(r.frames());
+            let others = [
+                "",
+                "frame",
+                "frame_0",
+                "frame_000001",
+                "pair_00000",
+                "pair_00000_c",
+                "burst_00000_e",
+                "x_00001",
+            ];
+            assert!(
+                others.into_iter().chain([beyond.as_str()]).all(|stem| r.frame_of(stem).is_none()),
+                "{text}"
+            );
+        }
+    }
+
+    #[test]
     fn jitter_moves_frames_by_its_deviation_and_never_past_each_other() {
         let steady = recordings("sequence(frames: 4000, dt_s: 1)").unwrap().times_s(0, Streams::new(7));
         let uneven =

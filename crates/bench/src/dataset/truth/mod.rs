@@ -69,7 +69,9 @@ pub struct Truth<'a> {
     noise_free: &'a NoiseFree,
     sensor: Sensor,
     /// The light of all particles of a frame.
-    totals: Shelf<f64>,
+    totals: Shelf<Vec<f64>>,
+    /// Texts of rows.
+    texts: Shelf<String>,
 }
 
 /// The truth of a frame.
@@ -116,6 +118,7 @@ impl<'a> Truth<'a> {
             noise_free,
             sensor: scenario.sensor()?,
             totals: Shelf::default(),
+            texts: Shelf::default(),
         })
     }
 
@@ -136,13 +139,13 @@ impl<'a> Truth<'a> {
         }
         let size_px = (scenario.settings.pixel_dim_x, scenario.settings.pixel_dim_y);
         let rows: Vec<_> = sights.iter().map(|sight| sight.rows.clone()).collect();
-        let mut total = self.totals.take();
+        let mut total = self.totals.lend();
         let seen = look(self.noise_free, &self.sensor, size_px, &rendered, &rows, &mut total);
         drop(total);
         let next_s = self.next_s(frame);
         let tracks = sights.par_chunks(TRACERS_PER_TASK).zip(seen.par_chunks(TRACERS_PER_TASK));
         let tracks = tracks.map(|(sights, seen)| {
-            let mut rows = Rows::many(&self.tracks, sights.len());
+            let mut rows = Rows::on(&self.tracks, self.texts.take());
             for (sight, seen) in sights.iter().zip(seen) {
                 self.track(&mut rows, frame, sight, self.midway(sight.tracer, frame, next_s)?, seen)?;
             }
@@ -163,6 +166,15 @@ impl<'a> Truth<'a> {
             visible: visible as u64,
             moved,
         })
+    }
+
+    /// Takes back the truth of a frame that is written: its memory serves another.
+    pub fn put_back(&self, truth: FrameTruth) {
+        truth
+            .tracks
+            .into_iter()
+            .chain(truth.displacements)
+            .for_each(|rows| self.texts.put_back(rows.into_text()));
     }
 
     /// The row of frames.csv.
@@ -271,7 +283,7 @@ impl<'a> Truth<'a> {
     fn displacements(&self, pair: u32, a: &Frame, b: &Frame) -> Result<(Vec<Rows>, Moved)> {
         let links: Vec<_> = a.links(b).collect();
         let parts = links.par_chunks(TRACERS_PER_TASK).map(|links| {
-            let (mut rows, mut moved) = (Rows::many(&DISPLACEMENTS, links.len()), Moved::default());
+            let (mut rows, mut moved) = (Rows::on(&DISPLACEMENTS, self.texts.take()), Moved::default());
             for (from, to) in links {
                 self.displacement(&mut rows, &mut moved, (pair, a.index, b.index), from, to)?;
             }
