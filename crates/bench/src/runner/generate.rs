@@ -62,7 +62,7 @@ pub struct Generated {
 }
 
 /// Frames that go through at a time: no more than this,
-const FRAMES: usize = 16;
+const FRAMES: usize = 8;
 
 /// and no more than have so many tracers, for each thread.
 const TRACERS_PER_THREAD: usize = 4_096;
