@@ -156,11 +156,13 @@ pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
     let (mut done, mut failures) = (0, 0);
     let mut table = csv::Writer::from_writer(Vec::new());
     let unwritable = |e: csv::Error| Error::Write { path: out.join(TABLE), source: std::io::Error::other(e) };
-    let axes = sweep.spec.axes.iter().map(|a| a.path.as_str());
+    // A seed has a column anyway.
+    let axes =
+        || sweep.spec.axes.iter().map(|a| a.path.as_str()).enumerate().filter(|(_, path)| *path != "seed");
     let facts = ["n_p", "n_ppp", "n_s", "max_displacement_px"];
     let header: Vec<&str> = ["case", "dataset", "repetition", "seed"]
         .into_iter()
-        .chain(axes)
+        .chain(axes().map(|(_, path)| path))
         .chain(["status"])
         .chain(facts)
         .chain(["reason"])
@@ -173,12 +175,17 @@ pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
             case.repetition.to_string(),
             case.seed.to_string(),
         ];
-        row.extend(case.values.iter().cloned());
+        row.extend(axes().map(|(i, _)| case.values[i].clone()));
         let (manifest, reason) = (out.join(&case.name).join(MANIFEST), failed(out, case));
         if manifest.exists() {
             let text = std::fs::read_to_string(&manifest).map_err(|e| Error::read(&manifest, e))?;
             let json: Value = serde_json::from_str(&text)
                 .map_err(|e| Error::input(format!("{}: {e}", manifest.display())))?;
+            let found = (json["name"].as_str(), json["microsig"]["seed"].as_u64());
+            if found != (Some(&sweep.name_of(case)), Some(case.seed)) {
+                let hint = format!("expected `{}` with seed {}", sweep.name_of(case), case.seed);
+                return Err(Error::input(format!("{}: is of another sweep; {hint}", manifest.display())));
+            }
             row.push("done".to_owned());
             row.extend(facts.map(|fact| json["microsig"][fact].to_string()));
             row.push(String::new());

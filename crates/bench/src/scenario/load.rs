@@ -108,4 +108,31 @@ mod tests {
         assert_eq!(found.lines().count(), expected.len(), "{found}");
         assert!(found.lines().zip(&expected).all(|(f, e)| f.starts_with(e)), "{found}");
     }
+
+    #[test]
+    fn faults_of_one_section_hide_none_of_another() {
+        let place = tempfile::tempdir().unwrap();
+        let file = place.path().join("s.ron");
+        let text = "(name: \"m\", motion: flow(field: poiseuille()), timing: pairs(count: 1),\n\
+            optics: (n_rays: 0),\n\
+            sensor: (bits: 9),\n\
+            truth_grid: grid(spacing_px: 0),\n\
+            boundaries: (margin_px: -3),\n\
+            render: (mode: expected, tolerance: 5),\n\
+)\n";
+        std::fs::write(&file, text).unwrap();
+        let found = load(&file, &[], None).unwrap_err().to_string();
+        let lines: Vec<&str> = found.lines().collect();
+        let expected = [
+            "optics.n_rays",
+            "sensor.bits",
+            "truth_grid.grid.spacing_px",
+            "boundaries.margin_px",
+            "render.tolerance",
+        ];
+        for (i, key) in expected.iter().enumerate() {
+            let start = format!("{}:{}:", file.display(), i + 2);
+            assert!(lines[i].starts_with(&start) && lines[i].contains(key), "{found}");
+        }
+    }
 }

@@ -34,8 +34,6 @@ pub use timing::Recordings;
 
 pub use truth_grid::{Nodes, Weighting};
 
-pub(crate) use parse::options;
-
 /// A commented scenario to start from: `microsig new` writes it.
 pub const TEMPLATE: &str = include_str!("template.ron");
 

@@ -2,11 +2,13 @@
 
 use microsig_core::Settings;
 use microsig_core::formats::{settings_file, tiff};
-use microsig_core::sensor::Detector;
+use microsig_core::sensor::{Detector, Response, Sensor};
+use microsig_core::stream::Streams;
 
 use super::files::Files;
 use super::problems::Problems;
 use super::spec::{self, Preset};
+use crate::error::Result;
 
 /// The settings; what the scenario left out is filled in.
 pub(super) fn optics(
@@ -52,16 +54,50 @@ pub(super) fn optics(
     }
 }
 
+/// How a camera, or MicroSIG's own sensor, shows light in the middle of the image; a fixed pattern is left out, a
+/// background image counts with its mean.
+pub(super) fn response(settings: &Settings, detector: Option<&Detector>) -> Result<Response> {
+    let pixel = Settings { pixel_dim_x: 1, pixel_dim_y: 1, ..settings.clone() };
+    let sensor = match detector {
+        None => Sensor::new(&pixel),
+        Some(detector) => {
+            let mean = |counts: &Vec<f64>| vec![counts.iter().sum::<f64>() / counts.len() as f64];
+            let background = detector.background.as_ref().map(mean);
+            let even = Detector { prnu: 0.0, dsnu_e: 0.0, hot_pixels: None, background, ..detector.clone() };
+            Sensor::with_detector(&pixel, even, &Streams::new(0))?
+        }
+    };
+    Ok(sensor.response(0))
+}
+
+/// What to say of a background beyond the ends of the scale.
+pub(super) fn clipped(response: &Response, detector: Option<&Detector>) -> Option<String> {
+    let most = f64::from((1u32 << detector.map_or(16, |detector| detector.bits)) - 1);
+    let Response { background, background_noise, .. } = response;
+    let what = match background {
+        b if *b >= most => "saturated without any particle",
+        b if *b < 0.0 => "black where there is little light",
+        _ => return None,
+    };
+    let noise = if *background_noise > 0.0 {
+        format!(" with a noise of {background_noise:.3}")
+    } else {
+        String::new()
+    };
+    Some(format!("the background is {background:.3} counts{noise}, of 0 to {most}: images are {what}"))
+}
+
 /// The camera, with its background image.
 pub(super) fn detector(
     sensor: &mut spec::Sensor,
-    settings: &Settings,
+    settings: Option<&Settings>,
     files: &mut Files<'_>,
     problems: &mut Problems,
 ) -> Option<Detector> {
-    let background = match sensor.background.clone() {
-        None => None,
-        Some(file) => {
+    let background = match (sensor.background.clone(), settings) {
+        // Without settings only what does not depend on them is checked.
+        (None, _) | (_, None) => None,
+        (Some(file), Some(settings)) => {
             let (path, bytes) = files.read("sensor.background", &file, problems)?;
             let size = (settings.pixel_dim_x, settings.pixel_dim_y);
             let read = tiff::read(std::io::Cursor::new(&bytes), &path.display().to_string(), size);
@@ -71,7 +107,7 @@ pub(super) fn detector(
         }
     };
     let detector = sensor.detector(background);
-    match detector.validate(settings) {
+    match detector.validate(settings.unwrap_or(&Settings::setting1())) {
         Ok(()) => Some(detector),
         Err(microsig_core::Error::Malformed(faults)) => {
             problems.0.extend(faults.into_iter().map(|f| format!("sensor.{}", f.message)));

@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use ron::error::SpannedError;
 use ron::extensions::Extensions;
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::keys::{self, Status};
@@ -15,7 +16,7 @@ use super::spec::Spec;
 use crate::error::{Error, Result};
 
 /// How RON is read and written everywhere: `Some` need not be written, nor a variant's inner brackets.
-pub(crate) fn options() -> ron::Options {
+pub(super) fn options() -> ron::Options {
     ron::Options::default().with_default_extension(
         Extensions::IMPLICIT_SOME | Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::UNWRAP_NEWTYPES,
     )
@@ -72,96 +73,115 @@ pub(super) fn read(text: &str) -> Reading {
         names.value(root, "");
     }
     let Names { mut faults, refused, .. } = names;
-    // The reader stops at the first value that does not fit: it is given the text without it, to find the next.
-    let (mut without, mut stand_ins): (Vec<&Field>, Vec<&str>) = (Vec::new(), Vec::new());
-    let mut rest = None;
-    for _ in 0..MAX_FAULTS {
-        let mut unknown = Vec::new();
-        let e = match deserialize(&amended(text, root.as_ref(), &without, &stand_ins), |path| {
-            unknown.push(steps(&path))
-        }) {
-            Ok(spec) => {
-                let tree = serde_json::to_value(&spec).unwrap_or_default();
-                let paths: Vec<String> = unknown.iter().map(|steps| named(steps, &tree)).collect();
-                for path in paths {
-                    let at = root.as_ref().map_or(0, |root| root.find(path.split('.')));
-                    // Most are among the faults already; the rest is what the list of keys is vague about.
-                    if !faults.iter().any(|fault: &Fault| fault.at == at) {
-                        faults.push(unknown_key(&path, at));
-                    }
-                }
-                rest = Some(spec);
-                break;
+    let source = Source { text, root: root.as_ref(), refused, needed: &NEEDED };
+    let spec = source.recover(&mut faults).map(|(spec, unknown)| {
+        let tree = serde_json::to_value(&spec).unwrap_or_default();
+        for steps in &unknown {
+            let path = named(steps, &tree);
+            let at = root.as_ref().map_or(0, |root| root.find(path.split('.')));
+            // Most are among the faults already; the rest is what the list of keys is vague about.
+            if !faults.iter().any(|fault: &Fault| fault.at == at) {
+                faults.push(unknown_key(&path, at));
             }
-            Err(e) => e,
-        };
-        let fault = unreadable(text, root.as_ref(), &e);
-        let missing = match &e.code {
-            ron::Error::MissingStructField { field, .. } => Some(*field),
-            _ => None,
-        };
-        let field = root.as_ref().and_then(|root| root.field_around(fault.at, missing.is_some()));
-        // A name that was refused above is the reader's fault too, and what was taken out is missing.
-        let is_refused =
-            refused.iter().any(|span: &Range<usize>| (span.start..=span.end).contains(&fault.at));
-        let is_taken_out = missing.is_some_and(|key| without.iter().any(|field| field.key == key));
-        let goes_on = is_refused
-            || missing.is_some()
-            || is_of_a_value(&e.code)
-            || is_fraction(&e.code, root.as_ref(), fault.at, text);
-        if !is_refused && !is_taken_out && (goes_on || without.is_empty()) {
-            faults.push(fault);
         }
-        let stand_in = missing.and_then(|key| STAND_INS.iter().find(|(needed, _)| *needed == key));
-        match (stand_in, field) {
-            (Some((_, stand_in)), _) if !stand_ins.contains(stand_in) => stand_ins.push(stand_in),
-            (None, Some(field)) if goes_on => without.push(field),
-            _ => break,
-        }
-    }
+        spec
+    });
     faults.sort_by_key(|fault| fault.at);
-    Reading { spec: rest, faults }
+    Reading { spec, faults }
 }
 
-/// Most faults that are looked for in values.
-const MAX_FAULTS: usize = 50;
-
 /// What a scenario cannot be read without, and what stands there while the rest is looked at.
-const STAND_INS: [(&str, &str); 3] = [
+const NEEDED: [(&str, &str); 3] = [
     ("name", "name: \"stand-in\""),
     ("motion", "motion: flow(field: poiseuille())"),
     ("timing", "timing: pairs(count: 1)"),
 ];
 
-/// A text with spaces in the place of some fields, and with stand-ins: lines and columns of what is kept stay.
-fn amended(text: &str, root: Option<&Node>, without: &[&Field], stand_ins: &[&str]) -> String {
-    let ranges: Vec<Range<usize>> = without
-        .iter()
-        .map(|field| {
-            let end = field.value.span.end;
-            let after = text[end..].trim_start();
-            field.at..if after.starts_with(',') { text.len() - after.len() + 1 } else { end }
-        })
-        .collect();
-    let is_out = |i: usize| ranges.iter().any(|range| range.contains(&i));
-    // Behind the last field that is kept.
-    let place = root.filter(|_| !stand_ins.is_empty()).and_then(|root| match &root.inside {
-        Inside::Fields(fields, inside) => {
-            let kept = fields.iter().rev().find(|field| !is_out(field.at));
-            Some(kept.map_or((inside.start, ""), |field| (field.value.span.end, ", ")))
-        }
-        _ => None,
-    });
-    let mut amended = String::with_capacity(text.len());
-    for (i, c) in text.char_indices() {
-        if let Some((_, comma)) = place.filter(|(at, _)| *at == i) {
-            amended.push_str(comma);
-            amended.push_str(&stand_ins.join(", "));
-        }
-        amended.push(if c != '\n' && is_out(i) { ' ' } else { c });
-    }
-    amended
+/// A text to be read.
+pub(super) struct Source<'a> {
+    pub(super) text: &'a str,
+    pub(super) root: Option<&'a Node>,
+    /// Values that are known to be unreadable.
+    pub(super) refused: Vec<Range<usize>>,
+    /// Fields that it cannot be read without, with stand-ins.
+    pub(super) needed: &'a [(&'a str, &'a str)],
 }
+
+/// The steps of a path; `None` is a variant.
+pub(super) type Steps = Vec<Option<String>>;
+
+impl Source<'_> {
+    /// What the text says, and the fields that nobody read. RON's reader stops at the first value that does not fit: it is
+    /// given the text without it, to find the next. `None` if that leaves nothing to read.
+    pub(super) fn recover<T: DeserializeOwned>(&self, faults: &mut Vec<Fault>) -> Option<(T, Vec<Steps>)> {
+        let (mut without, mut stand_ins): (Vec<&Field>, Vec<&str>) = (Vec::new(), Vec::new());
+        for _ in 0..MAX_FAULTS {
+            let mut unknown = Vec::new();
+            let e = match deserialize(&self.amended(&without, &stand_ins), |path| unknown.push(steps(&path)))
+            {
+                Ok(value) => return Some((value, unknown)),
+                Err(e) => e,
+            };
+            let fault = unreadable(self.text, self.root, &e);
+            let missing = match &e.code {
+                ron::Error::MissingStructField { field, .. } => Some(*field),
+                _ => None,
+            };
+            let field = self.root.and_then(|root| root.field_around(fault.at, missing.is_some()));
+            // A name that was refused is the reader's fault too, and what was taken out is missing.
+            let is_refused = self.refused.iter().any(|span| (span.start..=span.end).contains(&fault.at));
+            let is_taken_out = missing.is_some_and(|key| without.iter().any(|field| field.key == key));
+            let goes_on = is_refused
+                || missing.is_some()
+                || is_of_a_value(&e.code)
+                || is_fraction(&e.code, self.root, fault.at, self.text);
+            if !is_refused && !is_taken_out && (goes_on || without.is_empty()) {
+                faults.push(fault);
+            }
+            let stand_in = missing.and_then(|key| self.needed.iter().find(|(needed, _)| *needed == key));
+            match (stand_in, field) {
+                (Some((_, stand_in)), _) if !stand_ins.contains(stand_in) => stand_ins.push(stand_in),
+                (None, Some(field)) if goes_on => without.push(field),
+                _ => return None,
+            }
+        }
+        None
+    }
+
+    /// The text with spaces in the place of some fields, and with stand-ins: lines and columns of what is kept stay.
+    fn amended(&self, without: &[&Field], stand_ins: &[&str]) -> String {
+        let text = self.text;
+        let ranges: Vec<Range<usize>> = without
+            .iter()
+            .map(|field| {
+                let end = field.value.span.end;
+                let after = text[end..].trim_start();
+                field.at..if after.starts_with(',') { text.len() - after.len() + 1 } else { end }
+            })
+            .collect();
+        let is_out = |i: usize| ranges.iter().any(|range| range.contains(&i));
+        // Behind the last field that is kept.
+        let place = self.root.filter(|_| !stand_ins.is_empty()).and_then(|root| match &root.inside {
+            Inside::Fields(fields, inside) => {
+                let kept = fields.iter().rev().find(|field| !is_out(field.at));
+                Some(kept.map_or((inside.start, ""), |field| (field.value.span.end, ", ")))
+            }
+            _ => None,
+        });
+        let mut amended = String::with_capacity(text.len());
+        for (i, c) in text.char_indices() {
+            if let Some((_, comma)) = place.filter(|(at, _)| *at == i) {
+                amended.push_str(comma);
+                amended.push_str(&stand_ins.join(", "));
+            }
+            amended.push(if c != '\n' && is_out(i) { ' ' } else { c });
+        }
+        amended
+    }
+}
+
+/// Most faults that are looked for in values.
+const MAX_FAULTS: usize = 50;
 
 /// Whether an error is about one value, not about the brackets around it.
 fn is_of_a_value(code: &ron::Error) -> bool {
@@ -185,13 +205,14 @@ fn is_of_a_value(code: &ron::Error) -> bool {
 /// Whether the reader stumbles over the point of a number that should be whole.
 fn is_fraction(code: &ron::Error, root: Option<&Node>, at: usize, text: &str) -> bool {
     let found = root.map_or("", |root| &text[root.around(at).1.span.clone()]);
-    matches!(code, ron::Error::ExpectedComma) && found.parse::<f64>().is_ok()
+    matches!(code, ron::Error::ExpectedComma | ron::Error::ExpectedStructLikeEnd)
+        && found.parse::<f64>().is_ok()
 }
 
-fn deserialize(
+fn deserialize<T: DeserializeOwned>(
     text: &str,
     ignored: impl FnMut(serde_ignored::Path<'_>),
-) -> std::result::Result<Spec, SpannedError> {
+) -> std::result::Result<T, SpannedError> {
     let mut deserializer = ron::Deserializer::from_str_with_options(text, &options())?;
     serde_ignored::deserialize(&mut deserializer, ignored)
         .and_then(|spec| deserializer.end().map(|()| spec))
@@ -277,7 +298,7 @@ fn unknown_key(path: &str, at: usize) -> Fault {
 }
 
 /// What RON's reader refuses, in the words of scenarios.
-pub(super) fn unreadable(text: &str, root: Option<&Node>, e: &SpannedError) -> Fault {
+fn unreadable(text: &str, root: Option<&Node>, e: &SpannedError) -> Fault {
     use ron::Error as E;
     let at = byte(text, e.span.start);
     let Some(root) = root else {
@@ -344,7 +365,7 @@ pub fn compact(part: &impl serde::Serialize) -> Result<String> {
 }
 
 /// The steps of a path; `None` stands for an enum's variant, whose name serde_ignored does not tell.
-fn steps(path: &serde_ignored::Path<'_>) -> Vec<Option<String>> {
+fn steps(path: &serde_ignored::Path<'_>) -> Steps {
     use serde_ignored::Path;
     let (parent, step) = match path {
         Path::Root => return Vec::new(),

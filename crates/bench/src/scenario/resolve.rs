@@ -12,14 +12,14 @@ use flows::{Boundary, Domain, Illumination, Scene, Seeding, Shutter, Tracks, Vel
 use microsig_core::formats::data_file::Layout;
 use microsig_core::render::Renderer;
 use microsig_core::render::expected::{DEFAULT_TOLERANCE, TOLERANCES};
-use microsig_core::sensor::{Detector, Sensor};
+use microsig_core::sensor::{Detector, Response, Sensor};
 use microsig_core::stream::Streams;
 use microsig_core::{Particle, Settings, Spheroid};
 
 use super::files::{Files, Input};
 use super::license::{LICENSES, License};
 use super::motion::Mover;
-use super::optics::{detector, optics};
+use super::optics::{clipped, detector, optics, response};
 use super::particles::Cloud;
 use super::problems::Problems;
 use super::recorded::recorded;
@@ -149,6 +149,14 @@ impl Scenario {
         })
     }
 
+    /// How the camera shows light in the middle of the image, without its fixed pattern.
+    ///
+    /// # Errors
+    /// None for a scenario that could be resolved.
+    pub fn response(&self) -> Result<Response> {
+        response(&self.settings, self.detector.as_ref())
+    }
+
     /// The nodes of the displacement field, if it is written.
     pub fn truth_grid(&self) -> Option<Nodes> {
         let size_px = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
@@ -171,10 +179,8 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         LICENSES[0]
     });
     let settings = optics(&mut spec.optics, &mut files, &mut warnings, &mut problems);
-    let detector = match (&mut spec.sensor, &settings) {
-        (Some(sensor), Some(settings)) => detector(sensor, settings, &mut files, &mut problems),
-        _ => None,
-    };
+    let camera = spec.sensor.as_mut();
+    let detector = camera.and_then(|camera| detector(camera, settings.as_ref(), &mut files, &mut problems));
     let in_focus = spec.optics.gaussian.is_some();
     spec.calibration.get_or_insert(if in_focus { spec::Calibration::None } else { spec::Calibration::Stack });
     let recordings = spec.timing.recordings(&mut problems);
@@ -193,6 +199,18 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         }
     };
 
+    if let Some(margin_px) = spec.boundaries.margin_px {
+        problems.range("boundaries.margin_px", margin_px, 0.0, 1e5, "0 to 100000 px");
+    }
+    let steady = match (&spec.motion, &field) {
+        (Motion::Flow(_), Some(Some(field))) => Some(field.is_steady()),
+        (Motion::Flow(_), _) => Some(true),
+        (Motion::Tracks(_), _) => None,
+    };
+    let size_px = settings.as_ref().map_or((1, 1), |s| (s.pixel_dim_x, s.pixel_dim_y));
+    spec.truth_grid.get_or_insert_with(|| TruthGrid::of(steady)).fill(steady, size_px, &mut problems);
+    mode(&mut spec, &mut problems);
+
     // What follows needs all of the above.
     let (Some(settings), Some(field), Some(diameters), Some(cloud), Some(illumination)) =
         (settings, field, diameters, cloud, illumination)
@@ -203,33 +221,11 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let scale = Scale::new(settings.um_per_px(), settings.pixel_dim_x, settings.pixel_dim_y, depth_factor);
     let Some(scale) = problems.of("optics", scale) else { return Err(Error::Input(problems.0)) };
     let shutter = spec.timing.shutter(scale.um_per_px(), &mut problems);
-    match (spec.render.mode, spec.render.tolerance) {
-        (spec::Mode::Rays, None) => {}
-        (spec::Mode::Rays, Some(tolerance)) => {
-            problems.add(
-                "render.tolerance",
-                tolerance,
-                "nothing: rays have no tolerance, only mode: expected has",
-            );
-        }
-        (spec::Mode::Expected, tolerance) => {
-            let tolerance = *spec.render.tolerance.insert(tolerance.unwrap_or(DEFAULT_TOLERANCE));
-            problems.range(
-                "render.tolerance",
-                tolerance,
-                *TOLERANCES.start(),
-                *TOLERANCES.end(),
-                "0.0001 to 0.1, a share of an image's peak",
-            );
-            if spec.optics.gaussian.is_some() {
-                problems.add("render.mode", "expected", "nothing: Gaussian spots are not the limit of rays");
-            }
-        }
-    }
     let Some(renderer) = problems.of("optics", spec.renderer(&settings)) else {
         return Err(Error::Input(problems.0));
     };
     warnings.extend(renderer.warning());
+    warnings.extend(clipped(&response(&settings, detector.as_ref())?, detector.as_ref()));
     let mover = match (field, &mut spec.motion) {
         (Some(field), _) => Some(Mover::Field(field)),
         (None, Motion::Tracks(tracks)) => {
@@ -252,14 +248,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         }
         largest.min(most)
     });
-    problems.range("boundaries.margin_px", margin_px, 0.0, 1e5, "0 to 100000 px");
     let depth_range_um = lit(z_um, &illumination, &mut problems);
-    let steady = match &mover {
-        Mover::Field(field) => Some(field.is_steady()),
-        Mover::Tracks(_) => None,
-    };
-    let size_px = (settings.pixel_dim_x, settings.pixel_dim_y);
-    spec.truth_grid.get_or_insert_with(|| TruthGrid::of(steady)).fill(steady, size_px, &mut problems);
     let seeding = match &mover {
         Mover::Field(_) => {
             let e_p = spec.particles.spheroids.map_or(1.0, |s| s.e_p);
@@ -315,6 +304,31 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         illumination,
         layout,
     })
+}
+
+/// Checks how particles are drawn.
+fn mode(spec: &mut Spec, problems: &mut Problems) {
+    match (spec.render.mode, spec.render.tolerance) {
+        (spec::Mode::Rays, None) => {}
+        (spec::Mode::Rays, Some(tolerance)) => {
+            let allowed = "nothing: rays have no tolerance, only mode: expected has";
+            problems.add("render.tolerance", tolerance, allowed);
+        }
+        (spec::Mode::Expected, tolerance) => {
+            let tolerance = spec.render.tolerance.insert(tolerance.unwrap_or(DEFAULT_TOLERANCE));
+            let (least, most) = (*TOLERANCES.start(), *TOLERANCES.end());
+            let allowed = "0.0001 to 0.1, a share of an image's peak";
+            if problems.range("render.tolerance", *tolerance, least, most, allowed)
+                != tolerance.clamp(least, most)
+            {
+                // What follows from it need not be said as well.
+                *tolerance = DEFAULT_TOLERANCE;
+            }
+            if spec.optics.gaussian.is_some() {
+                problems.add("render.mode", "expected", "nothing: Gaussian spots are not the limit of rays");
+            }
+        }
+    }
 }
 
 /// The depths that are measured: those of the boundaries as far as a light sheet across the optical axis shines on them.

@@ -10,9 +10,9 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::outline::{line_and_column, outline};
-use super::parse::unreadable;
+use super::parse::Source;
 use super::spec::Spec;
-use super::{keys, options, parse, set};
+use super::{keys, parse, set};
 use crate::error::{Error, Result};
 
 /// What a sweep, its axes and their ranges may say.
@@ -31,8 +31,15 @@ const SWEEP_KEYS: [&str; 12] = [
     "count",
 ];
 
+/// What a sweep cannot be read without, and what stands there while the rest is looked at.
+const NEEDED: [(&str, &str); 3] =
+    [("name", "name: \"stand-in\""), ("base", "base: \"\""), ("axes", "axes: []")];
+
 /// Most cases of a sweep; more is surely a slip.
 const MAX_CASES: usize = 1_000_000;
+
+/// Values of an axis that are tried before any case is run.
+const MOST_TRIED: usize = 1000;
 
 /// A sweep as written.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -147,33 +154,33 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path, seed: Option<u64>) -> 
         format!("{name}:{line}:{column}")
     };
     let place_of = |path: &[&str]| place(root.as_ref().map_or(0, |root| root.find(path.iter().copied())));
-    let at = |e: ron::error::SpannedError| {
-        let fault = unreadable(text, root.as_ref(), &e);
-        Error::input(format!("{}: {}", place(fault.at), fault.message))
-    };
-    let mut unknown = Vec::new();
-    let mut deserializer = ron::Deserializer::from_str_with_options(text, &options()).map_err(at)?;
-    let mut spec: SweepSpec =
-        serde_ignored::deserialize(&mut deserializer, |path| unknown.push(path.to_string()))
-            .and_then(|spec| deserializer.end().map(|()| spec))
-            .map_err(|e| at(deserializer.span_error(e)))?;
+    let mut faults = Vec::new();
+    let source = Source { text, root: root.as_ref(), refused: Vec::new(), needed: &NEEDED };
+    let read = source.recover::<SweepSpec>(&mut faults);
+    let mut problems: Vec<String> = faults.iter().map(|fault| fault.placed(text, name)).collect();
+    let Some((mut spec, unknown)) = read else { return Err(Error::Input(problems)) };
     spec.seed = seed.unwrap_or(spec.seed);
-    let unknown_key = |path: &String| {
-        let steps: Vec<&str> = path.split('.').collect();
+    for steps in unknown {
+        let steps: Vec<&str> = steps.iter().flatten().map(String::as_str).collect();
         let key = steps.last().copied().unwrap_or_default();
         let hint = keys::nearest(key, SWEEP_KEYS.iter().copied());
         let hint = hint.map_or_else(
             || format!("; expected one of {}", SWEEP_KEYS.join(", ")),
             |hint| format!("; did you mean `{hint}`?"),
         );
-        format!("{}: unknown key `{path}`{hint}", place_of(&steps))
-    };
-    let mut problems: Vec<String> = unknown.iter().map(unknown_key).collect();
+        problems.push(format!("{}: unknown key `{}`{hint}", place_of(&steps), steps.join(".")));
+    }
+    // A stand-in is no file.
+    if spec.base.is_empty() && !problems.is_empty() {
+        return Err(Error::Input(problems));
+    }
 
     let base_path = folder.join(&spec.base);
-    let base = std::fs::read_to_string(&base_path).map_err(|e| Error::read(&base_path, e))?;
+    let base = std::fs::read_to_string(&base_path);
+    let base =
+        base.map_err(|e| Error::input(format!("{}: base = {:?}: {e}", place_of(&["base"]), spec.base)))?;
     let base = parse(&base, &base_path.display().to_string())?;
-    if spec.axes.is_empty() {
+    if spec.axes.is_empty() && problems.is_empty() {
         problems.push(format!("{}: axes: expected at least one", place_of(&["axes"])));
     }
     if spec.repetitions == 0 {
@@ -182,13 +189,27 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path, seed: Option<u64>) -> 
     let mut columns = Vec::new();
     for (i, axis) in spec.axes.iter().enumerate() {
         let place = place_of(&["axes", &i.to_string(), "path"]);
-        if keys::status(&axis.path).is_none() {
+        let is_known = keys::status(&axis.path).is_some();
+        if !is_known {
             // The same message as for `--set`.
             let refused = set(&base, &axis.path, "()").map_or_else(|e| e.to_string(), |_| String::new());
             problems.push(format!("{place}: axes: {refused}"));
         }
+        if axis.path == "name" {
+            problems.push(format!(
+                "{place}: axes: name: expected another key, as cases are named after the sweep"
+            ));
+        }
+        if spec.axes[..i].iter().any(|other| other.path == axis.path) {
+            problems.push(format!("{place}: axes: {}: is varied by two axes", axis.path));
+        }
         match axis.values.written() {
-            Ok(values) => columns.push(values),
+            Ok(values) => {
+                // One that does not fit is enough to say; the rest may be many.
+                let refused = values.iter().take(MOST_TRIED).find_map(|v| set(&base, &axis.path, v).err());
+                problems.extend(refused.filter(|_| is_known).map(|e| format!("{place}: axes: {e}")));
+                columns.push(values);
+            }
             Err(problem) => problems.push(format!("{place}: axes: {}: {problem}", axis.path)),
         }
     }
@@ -209,14 +230,23 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path, seed: Option<u64>) -> 
     let combinations = combine(&columns, spec.combine)
         .filter(|c| c.len().saturating_mul(spec.repetitions as usize) <= MAX_CASES)
         .ok_or_else(|| Error::input(format!("{name}: expected at most {MAX_CASES} cases")))?;
-    let cases = combinations
+    let mut distinct = std::collections::BTreeSet::new();
+    if let Some(twice) = combinations.iter().find(|values| !distinct.insert(*values)) {
+        let hint = "expected different cases; `repetitions` makes several of the same";
+        return Err(Error::input(format!(
+            "{}: axes: {} occurs twice: {hint}",
+            place_of(&["axes"]),
+            twice.join(", ")
+        )));
+    }
+    let cases: Vec<Case> = combinations
         .into_iter()
         .flat_map(|values| (0..spec.repetitions).map(move |repetition| (values.clone(), repetition)))
         .enumerate()
         .map(|(index, (values, repetition))| Case {
             index,
             name: format!("case_{index:05}"),
-            seed: seed_of(&spec, &values, repetition),
+            seed: given_seed(&spec, &values).unwrap_or_else(|| seed_of(&spec, &values, repetition)),
             values,
             repetition,
         })
@@ -234,12 +264,14 @@ impl Sweep {
         for (axis, value) in self.spec.axes.iter().zip(&case.values) {
             spec = set(&spec, &axis.path, value)?;
         }
-        spec.name = format!("{}_{}", self.spec.name, case.name);
-        // An axis over the seed itself has the last word.
-        if self.spec.axes.iter().all(|axis| axis.path != "seed") {
-            spec.seed = case.seed;
-        }
+        spec.name = self.name_of(case);
+        spec.seed = case.seed;
         Ok(spec)
+    }
+
+    /// The name that a case's dataset gives itself.
+    pub fn name_of(&self, case: &Case) -> String {
+        format!("{}_{}", self.spec.name, case.name)
     }
 }
 
@@ -261,7 +293,9 @@ impl Values {
                 }
                 i => span.from * (1.0 - share(i)) + span.to * share(i),
             };
-            Ok((0..span.count).map(|i| value(i).to_string()).collect())
+            // Rounding shall not make 9.999999999999998 of 10.
+            let written = |x: f64| format!("{x:.12e}").parse().unwrap_or(x).to_string();
+            Ok((0..span.count).map(|i| written(value(i))).collect())
         };
         match self {
             Values::List(values) if values.is_empty() => Err("expected at least one value".to_owned()),
@@ -294,6 +328,12 @@ fn combine(columns: &[Vec<String>], how: Combine) -> Option<Vec<Vec<String>>> {
             Some(rows)
         }
     }
+}
+
+/// The seed of a case whose axes say it.
+fn given_seed(spec: &SweepSpec, values: &[String]) -> Option<u64> {
+    let axis = spec.axes.iter().position(|axis| axis.path == "seed")?;
+    values[axis].parse().ok()
 }
 
 /// The first 64 bits of a hash over what the case is.
@@ -364,6 +404,43 @@ mod tests {
         let log = SWEEP.replace("list([0, 10, 50])", "log(from: 1, to: 100, count: 3)");
         let middle: f64 = sweep(&log).unwrap().cases[4].values[0].parse().unwrap();
         assert!((middle - 10.0).abs() < 1e-14);
+    }
+
+    #[test]
+    fn all_that_is_wrong_with_a_sweep_is_told_at_once() {
+        let text = "(\n name: 5, repetition: 2,\n base: \"base.ron\",\n combine: zipp,\n axes: [\n\
+            (path: \"optics.gian\", values: list([1])),\n\
+            (path: \"particles.number.count\", values: linear(from: 5, to: 8, count: 3)),\n\
+            (path: \"name\", values: list([\"a\"])),\n\
+            (path: \"seed\", values: list([])),\n],\n)";
+        let found = sweep(text).unwrap_err().to_string();
+        let expected = [
+            "sweep.ron:2:7: name = 5: expected a text",
+            "sweep.ron:4:11: combine: unknown variant `zipp`",
+            "sweep.ron:2:11: unknown key `repetition`; did you mean `repetitions`?",
+            "sweep.ron:6:2: axes: optics.gian=(): unknown key `optics.gian`",
+            "sweep.ron:7:2: axes: particles.number.count=6.5: particles.number.count = 6.5: expected a whole number",
+            "sweep.ron:8:2: axes: name: expected another key",
+            "sweep.ron:9:2: axes: seed: expected at least one value",
+        ];
+        assert_eq!(found.lines().count(), expected.len(), "{found}");
+        assert!(found.lines().zip(&expected).all(|(f, e)| f.starts_with(e)), "{found}");
+    }
+
+    #[test]
+    fn whole_numbers_stay_whole_and_a_seed_is_the_one_given() {
+        let of = |axis: &str| {
+            sweep(&format!("(name: \"s\", base: \"base.ron\", axes: [{axis}])")).map(|s| s.cases)
+        };
+        let cases = of("(path: \"particles.number.count\", values: log(from: 5, to: 20, count: 3))").unwrap();
+        assert_eq!(cases.iter().map(|c| c.values[0].as_str()).collect::<Vec<_>>(), ["5", "10", "20"]);
+        let cases = of("(path: \"seed\", values: list([7, 8]))").unwrap();
+        assert_eq!(cases.iter().map(|c| c.seed).collect::<Vec<_>>(), [7, 8]);
+        let twice = of("(path: \"seed\", values: list([7, 7]))").unwrap_err().to_string();
+        assert!(twice.contains("axes: 7 occurs twice"), "{twice}");
+        let axis = "(path: \"optics.gain\", values: list([1, 2]))";
+        let twice = of(&[axis, axis].join(", ")).unwrap_err().to_string();
+        assert!(twice.contains("optics.gain: is varied by two axes"), "{twice}");
     }
 
     #[test]
