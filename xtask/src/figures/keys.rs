@@ -9,6 +9,7 @@ use bench::runner::{GenerateOptions, Progress, generate};
 use bench::scenario::{self, assignment, effects};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{GrayImage, imageops};
+use microsig_core::formats::tiff;
 use microsig_core::sensor::Image;
 
 use crate::picture::{quantile, side_by_side, stretch};
@@ -63,16 +64,33 @@ fn lifted(mut picture: GrayImage) -> GrayImage {
     picture
 }
 
-/// The first frame of a scene with some values replaced.
+/// A background for the ladder: brighter to the right, with three smudges.
+fn background((width, height): (u32, u32)) -> Image {
+    let smudges = [(20.0, 12.0, 6.0), (75.0, 50.0, 9.0), (130.0, 20.0, 5.0)];
+    let at = |x: f64, y: f64| {
+        let light: f64 = smudges
+            .iter()
+            .map(|(x0, y0, r)| -150.0 * (-((x - x0).powi(2) + (y - y0).powi(2)) / (r * r)).exp())
+            .sum();
+        (200.0 + 2.0 * x + light).round() as u16
+    };
+    let counts = (0..width * height).map(|i| at(f64::from(i % width), f64::from(i / width))).collect();
+    Image { width, height, bits: 16, counts }
+}
+
+/// A frame of a scene with some values replaced.
 fn image(scene: effects::Scene, sets: &str) -> anyhow::Result<Image> {
     let place = tempfile::tempdir()?;
     std::fs::write(place.path().join("places.txt"), PLACES)?;
     let (size, particles) = match scene {
         effects::Scene::Ladder => ((150, 66), "number: file(\"places.txt\")"),
         effects::Scene::Cloud => ((150, 110), "number: count(14)"),
-        effects::Scene::Dense => ((150, 110), "number: ppp(0.008)"),
+        effects::Scene::Dense | effects::Scene::Later => ((150, 110), "number: ppp(0.008)"),
         effects::Scene::Fast => ((150, 110), "number: count(14)"),
     };
+    let file = std::fs::File::create(place.path().join("background.tif"))?;
+    let scale = tiff::PixelScale { um_per_px: 1.0, frame_interval_s: None };
+    tiff::write(file, &background(size), &scale, "background.tif")?;
     // Particles of one plane move alike.
     let range = if scene == effects::Scene::Fast { "(-30, -20)" } else { "(-80, 20)" };
     let text = format!(
@@ -93,12 +111,9 @@ fn image(scene: effects::Scene, sets: &str) -> anyhow::Result<Image> {
         &GenerateOptions { out: out.clone(), force: false, resume: false, progress: Progress::Hidden },
     )?;
     anyhow::ensure!(out.join(MANIFEST).is_file(), "a dataset has a manifest");
-    let frame = out.join("images/pair_00000_a.tif");
-    let counts = microsig_core::formats::tiff::read(
-        std::io::BufReader::new(std::fs::File::open(&frame)?),
-        "effect",
-        size,
-    )?;
+    let role = if scene == effects::Scene::Later { "b" } else { "a" };
+    let frame = out.join(format!("images/pair_00000_{role}.tif"));
+    let counts = tiff::read(std::io::BufReader::new(std::fs::File::open(&frame)?), "effect", size)?;
     Ok(Image {
         width: size.0,
         height: size.1,

@@ -71,6 +71,7 @@ pub(crate) fn card(scenario: &Scenario, census: &Census, image: &ParticleImage) 
         Some(snr) => format!("{snr:.1} (noise-free peak over background noise, median over depth)"),
         None => "no background noise".to_owned(),
     };
+    let best = image.focus_um.map_or_else(String::new, |z_um| format!("; best focus at z = {z_um} um"));
     let field = match scenario.truth_grid() {
         Some(_) => "`truth/field.csv`: the displacement field on a grid. ",
         None => "",
@@ -90,7 +91,7 @@ pub(crate) fn card(scenario: &Scenario, census: &Census, image: &ParticleImage) 
          | particles on the sensor | N_p = {n_p:.1} per frame on average, N_ppp = {n_ppp:.3e} per pixel |\n\
          | area of a particle image | A_pi = {area:.0} px (above 10 % of its peak, mean over depth) |\n\
          | source density | N_S = {n_s:.3} |\n\
-         | signal-to-noise ratio | {snr}; best focus at z = {best_um} um |\n\
+         | signal-to-noise ratio | {snr}{best} |\n\
          | displacement | up to {max:.2} px in the image plane |\n\
          | background | {mean} counts, noise {noise} counts |\n\
          | gates for scoring | 2 px in the image, {gate_z} um in depth; ISBI 5 px |\n\
@@ -117,7 +118,6 @@ pub(crate) fn card(scenario: &Scenario, census: &Census, image: &ParticleImage) 
         n_ppp = n_p / pixels,
         area = image.area_px,
         n_s = n_p * image.area_px / pixels,
-        best_um = image.focus_um,
         gate_z = (high - low) / 10.0,
         width = settings.pixel_dim_x,
         height = settings.pixel_dim_y,
@@ -128,10 +128,15 @@ pub(crate) fn card(scenario: &Scenario, census: &Census, image: &ParticleImage) 
             None => "`microsig verify --regenerate`, with the key in `secret_key.txt`,",
         },
         max = census.max_displacement_px,
-        mean = settings.background_mean,
-        noise = settings.background_noise,
+        mean = thousandths(image.background_counts),
+        noise = thousandths(image.background_noise_counts),
         seed = scenario.streams.seed().map_or_else(|| "none: secret key".to_owned(), |seed| seed.to_string()),
     ))
+}
+
+/// A number of counts as people read it.
+fn thousandths(counts: f64) -> f64 {
+    (counts * 1000.0).round() / 1000.0
 }
 
 /// What the frames are.

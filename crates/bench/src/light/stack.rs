@@ -92,10 +92,14 @@ impl Stack {
         self.spots.iter().map(|spot| spot.area_px).sum::<f64>() / self.spots.len() as f64
     }
 
-    /// The depth whose image has the highest peak, um.
-    pub fn focus_um(&self) -> f64 {
-        let best = self.spots.iter().zip(&self.depths_um).max_by(|a, b| a.0.peak.total_cmp(&b.0.peak));
-        best.map_or(0.0, |(_, z)| *z)
+    /// The depth whose image has the highest peak, um; `None` if all are as high, where all depths are in focus.
+    pub fn focus_um(&self) -> Option<f64> {
+        let peaks = || self.spots.iter().map(|spot| spot.peak);
+        if peaks().all(|peak| peak == self.spots[0].peak) {
+            return None;
+        }
+        let best = peaks().zip(&self.depths_um).max_by(|a, b| a.0.total_cmp(&b.0));
+        best.map(|(_, z)| *z)
     }
 
     /// The image nearest to a physical depth (um), and the peak there, linear between the depths; beyond the ends as at
@@ -210,7 +214,7 @@ mod tests {
             assert!((spot.area_px / area_px - 1.0).abs() < 0.06, "{z}: {}", spot.area_px);
             assert!((at / peak - 0.975).abs() < 0.045, "{z}: {at}");
         }
-        assert_eq!(stack.focus_um(), -12.0);
+        assert_eq!(stack.focus_um(), Some(-12.0));
         // Linear in between.
         let (half, a, b) = (stack.at(-11.0).1, stack.at(-12.0).1, stack.at(-10.0).1);
         assert!((half - 0.5 * (a + b)).abs() < 1e-9 && stack.at(99.0).1 == stack.at(20.0).1);

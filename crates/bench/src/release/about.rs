@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use microsig_core::render::Renderer;
 use serde_json::{Value, json};
 
 use super::splits::Train;
@@ -11,6 +12,7 @@ use crate::dataset::checksums::Fingerprint;
 use crate::dataset::manifest::{self, COORDINATES, GENERATOR_VERSION};
 use crate::dataset::truth::TRACKS;
 use crate::scenario::license::License;
+use crate::scenario::spec::Calibration;
 
 /// Who releases what.
 #[derive(Debug, Clone, Default)]
@@ -32,6 +34,10 @@ pub(super) struct Facts<'a> {
     creators: Vec<String>,
     version: &'a str,
     license: License,
+    /// Whether all particles are in focus, as in ordinary PIV.
+    in_focus: bool,
+    /// Whether there is a calibration stack.
+    calibrated: bool,
 }
 
 impl About {
@@ -45,17 +51,29 @@ impl About {
         };
         let title = self.title.clone().unwrap_or(title);
         let license = train.scenario.license;
-        Facts { name, title, commitment, creators, version: &self.version, license }
+        let calibrated = train.scenario.spec.calibration == Some(Calibration::Stack);
+        let in_focus = matches!(train.scenario.renderer, Renderer::Gaussian(_));
+        Facts { name, title, commitment, creators, version: &self.version, license, in_focus, calibrated }
     }
 }
 
 impl Facts<'_> {
+    fn focus(&self) -> &'static str {
+        if self.in_focus { "all in focus" } else { "out of focus" }
+    }
+
+    fn keywords(&self) -> Vec<&'static str> {
+        let depth = ["defocusing", "astigmatism", "microfluidics"];
+        let of_depth = depth.into_iter().filter(|_| !self.in_focus);
+        ["particle image velocimetry", "particle tracking", "benchmark"].into_iter().chain(of_depth).collect()
+    }
+
     /// `README.md` of the public part.
     pub(super) fn readme(&self) -> String {
         let (name, commitment) = (self.name, self.commitment);
         format!(
             "# {title}\n\n\
-             A challenge for trackers of defocused particles: synthetic images whose truth is known, and withheld for the test \
+             A challenge for {trackers}: synthetic images whose truth is known, and withheld for the test \
              split.\n\n\
              | file | holds |\n|---|---|\n\
              | `{name}-train.zip` | images with their truth, to develop and train with |\n\
@@ -64,8 +82,7 @@ impl Facts<'_> {
              | `{COMMITMENT}` | SHA-256 of a salt and the truth of the test split, published in the end |\n\
              | `datapackage.json`, `croissant.json`, `SHA256SUMS` | the same for programs; `sha256sum -c SHA256SUMS` |\n\n\
              ## Taking part\n\n\
-             1. Unpack the archives. Each has a `README.md` on axes, units and files. All three splits share optics, camera and \
-             the calibration stack in `calibration/`.\n\
+             1. Unpack the archives. Each has a `README.md` on axes, units and files. All three splits share optics{and_calibration}.\n\
              2. Run your tracker on `{name}-test/images/`. `frames.csv` tells the time of each.\n\
              3. Copy `{name}-test/submission/`, put your points into `results.csv` and fill in `submission.json`.\n\
              4. Check it: `microsig evaluate --validate-only {name}-test SUBMISSION`. Send it as a folder or zip archive.\n\n\
@@ -85,20 +102,32 @@ impl Facts<'_> {
              Made by microsig {GENERATOR_VERSION}; the optical model is that of M. Rossi, Meas. Sci. Technol. 31, 017003 (2020). \
              Licence of the data: {license}, see `LICENSE`. To cite: `CITATION.cff`.\n",
             title = self.title,
+            trackers =
+                if self.in_focus { "PIV and particle tracking" } else { "trackers of defocused particles" },
+            and_calibration = if self.calibrated {
+                ", camera and the calibration stack in `calibration/`"
+            } else {
+                " and camera"
+            },
             license = self.license.id,
         )
     }
 
     /// `README.md` of the test split.
     pub(super) fn test_card(&self) -> String {
+        let calibration = format!(
+            "- `calibration/`: one particle scanned through the depth range, the stack of the train split. `{}` tells the \
+             depths.\n",
+            CALIBRATION.path
+        );
+        let calibration = if self.calibrated { calibration.as_str() } else { "" };
         format!(
             "# {title}: test split\n\n\
-             Images of tracer particles, out of focus. The truth is withheld until the deadline of the challenge.\n\n\
+             Images of tracer particles, {focus}. The truth is withheld until the deadline of the challenge.\n\n\
              - `images/`: the frames, 16-bit TIFF (8-bit where the camera has 8); `frames.csv`: number, time and, in pair \
              recordings, pair and role of each.\n\
              - `settings.txt`: optics and sensor as MicroSIG's settings; `datapackage.json`: camera, scale, depth range, times.\n\
-             - `calibration/`: one particle scanned through the depth range, the stack of the train split. \
-             `{calibration}` tells the depths.\n\
+             {calibration}\
              - `submission/`: a template. `microsig evaluate --validate-only . SUBMISSION` checks one without the truth.\n\n\
              ## Axes and units\n\n{COORDINATES}\n\n\
              ## Submitting\n\n\
@@ -110,7 +139,7 @@ impl Facts<'_> {
              into `images_sha256`: `grep '  images/' SHA256SUMS | sha256sum`.\n\n\
              ## Licence\n\n{license}; see `LICENSE`.\n",
             title = self.title,
-            calibration = CALIBRATION.path,
+            focus = self.focus(),
             license = self.license.id,
         )
     }
@@ -180,7 +209,7 @@ impl Facts<'_> {
             "description": format!("<p>{}</p>", self.description()),
             "version": self.version,
             "creators": creators,
-            "keywords": KEYWORDS,
+            "keywords": self.keywords(),
             "license": self.license.id.to_ascii_lowercase(),
             "access_right": "open",
         });
@@ -189,8 +218,9 @@ impl Facts<'_> {
 
     fn description(&self) -> String {
         format!(
-            "Synthetic images of defocused tracer particles with known truth: a challenge in three splits, train and val with \
-             truth, test with images only. Made by microsig {GENERATOR_VERSION}."
+            "Synthetic images of tracer particles, {}, with known truth: a challenge in three splits, train and val with \
+             truth, test with images only. Made by microsig {GENERATOR_VERSION}.",
+            self.focus()
         )
     }
 
@@ -205,7 +235,7 @@ impl Facts<'_> {
             "version": self.version,
             "licenses": [manifest::license(self.license)],
             "contributors": self.creators.iter().map(|c| json!({ "title": c, "role": "author" })).collect::<Vec<_>>(),
-            "keywords": KEYWORDS,
+            "keywords": self.keywords(),
             "microsig": {
                 "generator": "microsig",
                 "generator_version": GENERATOR_VERSION,
@@ -246,7 +276,7 @@ impl Facts<'_> {
             "license": self.license.url,
             "version": self.version,
             "creator": self.creators.iter().map(|c| json!({ "@type": "sc:Person", "name": c })).collect::<Vec<_>>(),
-            "keywords": KEYWORDS,
+            "keywords": self.keywords(),
             "citeAs": format!("{}: {}, version {}", self.creators.join("; "), self.title, self.version),
             "distribution": distribution,
             "recordSet": [self.records("train"), self.records("val")],
@@ -305,15 +335,6 @@ impl Facts<'_> {
         })
     }
 }
-
-const KEYWORDS: [&str; 6] = [
-    "particle image velocimetry",
-    "particle tracking",
-    "defocusing",
-    "astigmatism",
-    "microfluidics",
-    "benchmark",
-];
 
 /// The context that the specification of Croissant 1.0 asks for.
 fn croissant_context() -> Value {

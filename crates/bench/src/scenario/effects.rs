@@ -24,6 +24,8 @@ pub enum Scene {
     Dense,
     /// A cloud in one plane a little below focus, in fast flow.
     Fast,
+    /// The dense cloud in the second frame of a pair, 0.1 s after the first.
+    Later,
 }
 
 impl Effect {
@@ -47,6 +49,10 @@ const fn lit(path: &'static str, pictures: &'static [&'static str], caption: &'s
 
 const fn streaks(path: &'static str, pictures: &'static [&'static str], caption: &'static str) -> Effect {
     Effect { path, pictures, scene: Scene::Fast, caption }
+}
+
+const fn later(path: &'static str, pictures: &'static [&'static str], caption: &'static str) -> Effect {
+    Effect { path, pictures, scene: Scene::Later, caption }
 }
 
 /// All of them, in the order of the document.
@@ -166,6 +172,20 @@ pub const EFFECTS: &[Effect] = &[
         ],
         "0, 0.01, 0.02 per um along x",
     ),
+    later(
+        "illumination.pulse_energies",
+        &[
+            "illumination=(pulse_energies: [1, 1])",
+            "illumination=(pulse_energies: [1, 0.5])",
+            "illumination=(pulse_energies: [1, 0.2])",
+        ],
+        "second frame with energies of 1, 0.5, 0.2",
+    ),
+    later(
+        "illumination.bleaching_s",
+        &["illumination=()", "illumination=(bleaching_s: 0.1)", "illumination=(bleaching_s: 0.05)"],
+        "second frame, 0.1 s after the first: without, 0.1 s, 0.05 s",
+    ),
     ladder(
         "sensor.photons_per_count",
         &[
@@ -245,6 +265,11 @@ pub const EFFECTS: &[Effect] = &[
             "sensor.vignetting=0.8;optics.background_mean=800",
         ],
         "0, 0.4, 0.8, over a background of 800 counts",
+    ),
+    ladder(
+        "sensor.background",
+        &["sensor.offset_counts=0", "sensor.background=\"background.tif\""],
+        "none; an image that is brighter to the right, with three smudges",
     ),
     cloud(
         "particles.number",

@@ -428,6 +428,20 @@ mod tests {
     }
 
     #[test]
+    fn the_document_has_every_key_and_its_example_is_a_sweep() {
+        let document = include_str!("../../../../docs/sweeps.md");
+        for key in SWEEP_KEYS {
+            assert!(
+                document.contains(&format!("`{key}`")) || document.contains(&format!("`axes.{key}`")),
+                "{key}"
+            );
+        }
+        let example = document.split("```").nth(1).and_then(|block| block.strip_prefix("ron")).unwrap();
+        let example = example.replace("../scenarios/quickstart.ron", "base.ron");
+        assert_eq!(sweep(&example).unwrap().cases.len(), 90);
+    }
+
+    #[test]
     fn whole_numbers_stay_whole_and_a_seed_is_the_one_given() {
         let of = |axis: &str| {
             sweep(&format!("(name: \"s\", base: \"base.ron\", axes: [{axis}])")).map(|s| s.cases)

@@ -42,10 +42,12 @@ pub struct ParticleImage {
     pub area_px: f64,
     /// Median over depth of the signal-to-noise ratio; `None` without noise.
     pub snr: Option<f64>,
+    /// The background, counts.
+    pub background_counts: f64,
     /// Standard deviation of the background, counts.
     pub background_noise_counts: f64,
-    /// The depth of the highest peak, um.
-    pub focus_um: f64,
+    /// The depth of the highest peak, um; `None` where all depths are in focus.
+    pub focus_um: Option<f64>,
 }
 
 /// Writes the table into a dataset's folder.
@@ -79,6 +81,7 @@ pub fn write(folder: &Path, scenario: &Scenario, stack: &Stack) -> Result<Partic
         d_um,
         area_px: stack.area_px(),
         snr: (noise > 0.0).then(|| peaks[peaks.len() / 2] / noise),
+        background_counts: response.background,
         background_noise_counts: noise,
         focus_um: stack.focus_um(),
     })
