@@ -71,10 +71,13 @@ impl Preview {
 /// Counts to 8 bit: from the 1 % quantile, black, to the 99.8 % quantile, white. Integer arithmetic, so that the sheet's
 /// bytes are the same everywhere.
 fn stretch(image: &Image) -> GrayImage {
-    let mut sorted = image.counts.clone();
-    sorted.sort_unstable();
-    let quantile = |per_mille: usize| u32::from(sorted[(sorted.len() - 1) * per_mille / 1000]);
-    let (black, white) = (quantile(10), quantile(998).max(quantile(10) + 1));
+    let mut counts = image.counts.clone();
+    let mut quantile = |per_mille: usize| {
+        let rank = (counts.len() - 1) * per_mille / 1000;
+        u32::from(*counts.select_nth_unstable(rank).1)
+    };
+    let black = quantile(10);
+    let white = quantile(998).max(black + 1);
     let grey = |count: &u16| ((u32::from(*count).clamp(black, white) - black) * 255 / (white - black)) as u8;
     let pixels = image.counts.iter().map(grey).collect();
     GrayImage::from_raw(image.width, image.height, pixels).unwrap_or_default()

@@ -117,9 +117,10 @@ impl Patch {
 
 impl Seen {
     fn of(patch: &Patch, total: &[f64], width: usize, sensor: &Sensor) -> Self {
-        let sums = patch
-            .rows(width)
-            .fold(Sums::default(), |sums, (first, light)| sums.with(light, &total[first..][..light.len()]));
+        let mut sums = Sums::default();
+        for (first, light) in patch.rows(width) {
+            sums.add_row(light, &total[first..][..light.len()]);
+        }
         let [peak, brightest] = [sums.peak, sums.brightest].map(|of| of.into_iter().fold(0.0, f64::max));
         let [own, shared] = [sums.own, sums.shared].map(|of| of.iter().sum::<f64>());
         if own == 0.0 {
@@ -155,8 +156,8 @@ struct Sums {
 const LANES: usize = 8;
 
 impl Sums {
-    /// With a row of the patch, which has at most as many pixels as `total`.
-    fn with(mut self, light: &[f64], total: &[f64]) -> Self {
+    /// Adds a row of the patch, which has as many pixels as `total`.
+    fn add_row(&mut self, light: &[f64], total: &[f64]) {
         let ((light, light_end), (total, total_end)) = (light.as_chunks(), total.as_chunks());
         light.iter().zip(total).for_each(|(light, total)| self.add(*light, *total));
         let filled = |end: &[f64]| {
@@ -165,7 +166,6 @@ impl Sums {
             lanes
         };
         self.add(filled(light_end), filled(total_end));
-        self
     }
 
     fn add(&mut self, light: [f64; LANES], total: [f64; LANES]) {

@@ -65,7 +65,7 @@ pub struct Generated {
 const FRAMES: usize = 8;
 
 /// and no more than have so many tracers, for each thread.
-const TRACERS_PER_THREAD: usize = 4_096;
+const TRACERS_PER_THREAD: usize = 8_192;
 
 /// Makes the dataset.
 ///

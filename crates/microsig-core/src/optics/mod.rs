@@ -10,6 +10,7 @@
 //! particle's centre has (e1, e2, e3) = (dz, -dx, -dy).
 
 mod cylinder;
+mod meridional;
 mod objective;
 mod refraction;
 
@@ -18,6 +19,7 @@ pub use objective::Objective;
 pub use refraction::refract;
 
 use crate::settings::Settings;
+use meridional::{Landings, RAYS};
 
 /// Position on a plane across the optical axis, um, and slopes (dimensionless).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,26 +89,17 @@ impl OpticalSystem {
     ///
     /// A working estimate (the renderers check it against the rays they trace), not a bound.
     pub fn image_extent(&self, z_um: f64) -> (f64, f64) {
-        /// Grid steps across the aperture; enough to find the edge of a caustic within 1 %.
-        const STEPS: i32 = 16;
         let distance = self.objective.object_distance(z_um);
         let radius = self.objective.aperture_radius;
-        let (mut width, mut height) = (0.0f64, 0.0f64);
-        for i in 0..=STEPS {
-            let q = radius * f64::from(i) / f64::from(STEPS);
-            // The two meridional fans hold the extremes: along the columns and along the rows.
-            let ray = Ray { q_x: 0.0, q_y: 0.0, p_x: q / distance, p_y: 0.0 };
-            if self.cylinder.is_some()
-                && let Some((x, _)) = self.trace(ray, distance)
-            {
-                width = width.max(x.abs());
-            }
-            let ray = Ray { p_x: 0.0, p_y: ray.p_x, ..ray };
-            if let Some((_, y)) = self.trace(ray, distance) {
-                height = height.max(y.abs());
-            }
-        }
-        if self.cylinder.is_some() { (width, height) } else { (height, height) }
+        // Enough to find the edge of a caustic within 1 %.
+        let slopes = std::array::from_fn(|i| radius * (i + 1) as f64 / RAYS as f64 / distance);
+        let farthest = |along_columns| {
+            let landings = Landings { system: self, along_columns, distance, slopes };
+            pulp::Arch::new().dispatch(landings).into_iter().fold(0.0, f64::max)
+        };
+        // The two meridional fans hold the extremes: along the columns and along the rows.
+        let height = farthest(false);
+        (if self.cylinder.is_some() { farthest(true) } else { height }, height)
     }
 }
 

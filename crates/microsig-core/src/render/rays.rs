@@ -214,7 +214,11 @@ impl RayRenderer {
 
     /// Whether some of a particle's light may fall on the sensor.
     pub fn reaches_sensor(&self, particle: &Particle) -> bool {
-        self.window(particle).area() > 0
+        // Every window holds the pixel of its centre.
+        let on = |x: f64, size: u32| x >= 0.5 && x < f64::from(size) + 0.5;
+        let centre =
+            on(particle.x_px, self.settings.pixel_dim_x) && on(particle.y_px, self.settings.pixel_dim_y);
+        centre || self.window(particle).area() > 0
     }
 
     /// Half width and half height of a particle's image, px, with some margin.
