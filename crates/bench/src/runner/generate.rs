@@ -61,10 +61,10 @@ pub struct Generated {
     pub warnings: Vec<String>,
 }
 
-/// Frames that go through at a time: no more than this,
-const FRAMES: usize = 8;
+/// Frames that go through at a time, for each thread: no more than this,
+const FRAMES_PER_THREAD: usize = 3;
 
-/// and no more than have so many tracers, for each thread.
+/// and no more than have so many tracers.
 const TRACERS_PER_THREAD: usize = 8_192;
 
 /// Makes the dataset.
@@ -242,8 +242,9 @@ impl Album<'_> {
 
 /// The frames that follow, as many as go through at a time.
 fn next_batch(frames: &mut Frames) -> Result<Vec<Frame>> {
-    let (mut batch, mut room) = (Vec::new(), TRACERS_PER_THREAD * rayon::current_num_threads());
-    while batch.len() < FRAMES && room > 0 {
+    let threads = rayon::current_num_threads();
+    let (mut batch, mut room) = (Vec::new(), TRACERS_PER_THREAD * threads);
+    while batch.len() < FRAMES_PER_THREAD * threads && room > 0 {
         let Some(frame) = frames.next().transpose()? else { break };
         room = room.saturating_sub(frame.tracers.len());
         batch.push(frame);
