@@ -154,6 +154,26 @@ fn claimed_uncertainties_are_read_and_unused_columns_named() {
 }
 
 #[test]
+fn velocities_are_read_with_their_unit() {
+    let place = tempfile::tempdir().unwrap();
+    let file = place.path().join("r.csv");
+    let read_with = |header: &str| {
+        std::fs::write(&file, format!("frame,x_px,y_px,{header}\n0,4.5,2,1.5,-2,\n")).unwrap();
+        let up = Conventions { y_up: Some(true), height_px: Some(9.0), ..Conventions::default() };
+        let Found::Points(points) = read(&file, &up).unwrap() else { panic!("no particles") };
+        (format!("{:?}", points.velocities), points.notes)
+    };
+    let (velocities, notes) = read_with("u_um_s,v_um_s,w_um_s");
+    assert_eq!(velocities, "Some(Velocities { unit: UmPerS, rows: [[1.5, 2.0, NaN]] })");
+    assert!(notes.iter().any(|n| n.contains("u_um_s, v_um_s, w_um_s are velocities in um/s")), "{notes:?}");
+    let (velocities, notes) = read_with("vx,vy,vz");
+    assert_eq!(velocities, "Some(Velocities { unit: PerFrame, rows: [[1.5, 2.0, NaN]] })");
+    assert!(notes.iter().any(|n| n.contains("px per frame")), "{notes:?}");
+    std::fs::write(&file, "frame,x_px,y_px,vx,vy\n0,4.5,2,1,inf\n").unwrap();
+    assert!(read_error(&file).contains(":2: inf: expected a velocity"), "{}", read_error(&file));
+}
+
+#[test]
 fn conventions_can_be_stated() {
     let place = tempfile::tempdir().unwrap();
     let file = place.path().join("r.csv");

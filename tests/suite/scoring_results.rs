@@ -86,6 +86,8 @@ fn is_perfect(score: &serde_json::Value) {
         "/clear/id_switches",
         "/gdpt/sigma_z_um",
         "/lpt/displacement_rms_px",
+        "/lpt/velocity_rms_um_s",
+        "/lpt/velocity_rms_z_um_s",
         "/lpt/ghost",
     ] {
         assert_eq!(value(pointer), 0.0, "{pointer}");
@@ -119,6 +121,41 @@ fn the_truth_of_pairs_is_a_perfect_result() {
     let place = tempfile::tempdir().unwrap();
     let dataset = generate(place.path(), PAIRS);
     is_perfect(&evaluated(&[path(&dataset), path(&dataset.join("truth/tracks.csv"))]));
+}
+
+/// The truth's columns of these names, as a result.
+fn columns(tracks: &Path, names: &[&str], out: &Path) {
+    let mut text = names.join(",") + "\n";
+    for row in csv::Reader::from_path(tracks).unwrap().deserialize() {
+        let row: std::collections::BTreeMap<String, String> = row.unwrap();
+        text += &(names.iter().map(|n| row[*n].as_str()).collect::<Vec<_>>().join(",") + "\n");
+    }
+    std::fs::write(out, text).unwrap();
+}
+
+#[test]
+fn velocities_are_those_of_the_times_at_which_frames_were_taken() {
+    let place = tempfile::tempdir().unwrap();
+    let positions = place.path().join("positions.csv");
+    for (timing, even) in [
+        ("four_pulse(count: 2, dt_s: 0.002, gap_s: 0.005, interval_s: 0.1)", false),
+        ("sequence(frames: 8, dt_s: 0.004, jitter_s: 0.0008)", false),
+        ("sequence(frames: 8, dt_s: 0.004)", true),
+    ] {
+        let scenario = VORTEX.replace("sequence(frames: 30, dt_s: 0.005)", timing);
+        let folder = tempfile::tempdir_in(place.path()).unwrap();
+        let dataset = generate(folder.path(), &scenario);
+        let tracks = dataset.join("truth/tracks.csv");
+        is_perfect(&evaluated(&[path(&dataset), path(&tracks)]));
+        columns(&tracks, &["frame", "track", "x_px", "y_px", "z_um"], &positions);
+        let lpt = &evaluated(&[path(&dataset), path(&positions)])["lpt"];
+        assert_eq!(lpt["velocity_from"], "positions");
+        // Differences over a few ms of a turn of 0.1 s; with one time for all steps it would be half of the velocity.
+        assert!(lpt["velocity_rms_relative"].as_f64().unwrap() < 0.15, "{timing}: {lpt}");
+        assert_eq!(lpt["acceleration_rms_px"].is_number(), even, "{timing}: {lpt}");
+        // Times are sums, positions are the same.
+        assert!(lpt["acceleration_rms_relative"].as_f64().unwrap() < 1e-9, "{timing}: {lpt}");
+    }
 }
 
 /// A sequence of particles on straight lines, and a result with noise, misses, ghosts and broken tracks.

@@ -1,19 +1,14 @@
 //! Scores of Lagrangian particle tracking: found, missed and ghost particles, errors of motion, lengths of tracks.
 //!
-//! Displacements are compared over right links, so the finite difference is the same on both sides. Velocities are central
-//! differences of the result (one-sided at the ends of tracks) against the flow's exact velocity; accelerations second
-//! differences against second differences of the truth. After Sciacchitano, Leclaire and Schröder (LPT challenge, 2021);
-//! definitions in docs/scoring.md.
-
-use std::collections::BTreeMap;
+//! After Sciacchitano, Leclaire and Schröder (LPT challenge, 2021); definitions in docs/scoring.md and `motion.rs`.
 
 use serde::Serialize;
 
 use super::cloud::Cloud;
 use super::detection::per_frame;
-use super::links::{right, successors};
 use super::matching::{Matching, NONE};
-use super::statistics::{Bootstrap, Errors, Interval, quantile, ratio};
+use super::motion::{Compared, Motion};
+use super::statistics::{Bootstrap, Interval, quantile, ratio};
 use super::truth::Truth;
 
 /// The scores.
@@ -25,16 +20,8 @@ pub struct Lpt {
     pub missed: Option<f64>,
     pub ghost: Option<f64>,
     pub ghost_of_measured: Option<f64>,
-    pub displacement_rms_px: Option<f64>,
-    pub displacement_bias_x_px: Option<f64>,
-    pub displacement_bias_y_px: Option<f64>,
-    pub displacement_rms_z_um: Option<f64>,
-    /// Derived from positions: no format that is read carries velocities.
-    pub velocity_rms_um_s: Option<f64>,
-    pub velocity_rms_relative: Option<f64>,
-    pub velocity_rms_z_um_s: Option<f64>,
-    pub acceleration_rms_px: Option<f64>,
-    pub acceleration_rms_relative: Option<f64>,
+    #[serde(flatten)]
+    pub motion: Motion,
     /// Mean over true tracks of the longest run followed by one result track, over the track's length.
     pub coverage_longest: Option<f64>,
     /// Result tracks per true track, true tracks per result track (of those with any).
@@ -67,10 +54,8 @@ pub struct Intervals {
     pub displacement_rms_px: Interval,
     pub velocity_rms_um_s: Interval,
     pub acceleration_rms_px: Interval,
+    pub acceleration_rms_um_s2: Interval,
 }
-
-/// Sums by frame: true points, found ones, matches; numbers and squares of errors of displacement, velocity, acceleration.
-type Frames = BTreeMap<u32, [f64; 9]>;
 
 /// Names of the classes of lengths.
 pub const LENGTHS: [&str; 6] = ["1", "2", "3-5", "6-10", "11-20", "> 20"];
@@ -80,124 +65,54 @@ fn class(length: usize) -> usize {
 }
 
 impl Lpt {
-    /// Of a matching; `depth` tells whether z is scored.
+    /// Of a matching; `depth` tells whether z is scored, `reported` are velocities of the rows of the result, um/s.
     pub fn of(
         truth: &Truth,
         clouds: (&Cloud, &Cloud),
         matching: &Matching,
         depth: bool,
+        reported: Option<&[[f64; 3]]>,
         bootstrap: &Bootstrap,
     ) -> Self {
         let (t, r) = clouds;
         let tp = matching.pairs().count() as f64;
         let (n, m) = (t.len() as f64, r.len() as f64);
+        let (motion, mut sums) = Compared { truth, clouds, matching, depth, reported }.motion();
         let mut score = Lpt {
             correct: ratio(tp, n),
             missed: ratio(n - tp, n),
             ghost: ratio(m - tp, n),
             ghost_of_measured: ratio(m - tp, m),
+            motion,
             ..Lpt::default()
         };
-        let mut frames: Frames = per_frame(t, r, matching)
-            .iter()
-            .map(|f| {
-                let [tp, missed, ghosts] = f.counts.map(|n| n as f64);
-                (f.frame, [tp + missed, tp + ghosts, tp, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-            })
-            .collect();
-        score.motion(truth, clouds, matching, depth, &mut frames);
+        let frames = per_frame(t, r, matching).into_iter().map(|f| {
+            let [tp, missed, ghosts] = f.counts.map(|n| n as f64);
+            let [[nd, d], [nv, v], [nb, b], [na, a]] = sums.remove(&f.frame).unwrap_or_default();
+            (f.frame, [tp + missed, tp + ghosts, tp, nd, d, nv, v, nb, b, na, a])
+        });
+        let units = bootstrap.by_frame(frames);
         let root = |squares: f64, n: f64| ratio(squares, n).map(f64::sqrt);
-        let [correct, ghost, displacement_rms_px, velocity_rms_um_s, acceleration_rms_px] = bootstrap
-            .intervals(&bootstrap.by_frame(frames.into_iter()), |&[n, m, tp, nd, d, nv, v, na, a]| {
-                [ratio(tp, n), ratio(m - tp, n), root(d, nd), root(v, nv), root(a, na)]
-            });
-        score.interval =
-            Intervals { correct, ghost, displacement_rms_px, velocity_rms_um_s, acceleration_rms_px };
+        let [
+            correct,
+            ghost,
+            displacement_rms_px,
+            velocity_rms_um_s,
+            acceleration_rms_px,
+            acceleration_rms_um_s2,
+        ] = bootstrap.intervals(&units, |&[n, m, tp, nd, d, nv, v, nb, b, na, a]| {
+            [ratio(tp, n), ratio(m - tp, n), root(d, nd), root(v, nv), root(b, nb), root(a, na)]
+        });
+        score.interval = Intervals {
+            correct,
+            ghost,
+            displacement_rms_px,
+            velocity_rms_um_s,
+            acceleration_rms_px,
+            acceleration_rms_um_s2,
+        };
         score.tracks(clouds, matching);
         score
-    }
-
-    fn motion(
-        &mut self,
-        truth: &Truth,
-        (t, r): (&Cloud, &Cloud),
-        matching: &Matching,
-        depth: bool,
-        of_frames: &mut Frames,
-    ) {
-        let mut note = |frame: u32, kind: usize, error: &[f64]| {
-            let sums = of_frames.entry(frame).or_insert([0.0; 9]);
-            sums[3 + 2 * kind] += 1.0;
-            sums[4 + 2 * kind] += error.iter().map(|e| e * e).sum::<f64>();
-        };
-        let next = successors(t);
-        let moved = |cloud: &Cloud, a: usize, b: usize| {
-            let (p, q) = (&cloud.points[a].at, &cloud.points[b].at);
-            [q.x_px - p.x_px, q.y_px - p.y_px, q.z_um - p.z_um]
-        };
-        let errors: Vec<[f64; 3]> = right(r, matching, &next)
-            .map(|((ta, tb), (ra, rb))| {
-                let (true_, found) = (moved(t, ta, tb), moved(r, ra, rb));
-                let error = [found[0] - true_[0], found[1] - true_[1], found[2] - true_[2]];
-                note(r.points[ra].frame, 0, &error[..2]);
-                error
-            })
-            .collect();
-        let axis = |k: usize| Errors::of(errors.iter().map(move |e| e[k]));
-        let (x, y) = (axis(0), axis(1));
-        self.displacement_rms_px = x.rms.zip(y.rms).map(|(x, y)| (x * x + y * y).sqrt());
-        (self.displacement_bias_x_px, self.displacement_bias_y_px) = (x.bias, y.bias);
-        self.displacement_rms_z_um = axis(2).rms.filter(|_| depth);
-
-        // In the image plane, px per frame and px per frame^2.
-        let flat = |d: [f64; 3], frames: f64| [d[0] / frames, d[1] / frames];
-        let frames =
-            |cloud: &Cloud, a: usize, b: usize| f64::from(cloud.points[b].frame - cloud.points[a].frame);
-        let to_um_s = truth.facts.um_per_px.zip(truth.facts.dt_s).map(|(um, dt)| um / dt);
-        let (mut speed, mut bend, mut upward) = (Sum::default(), Sum::default(), Vec::new());
-        for track in 0..r.n_tracks() {
-            let points = r.track(track);
-            for (k, &i) in points.iter().enumerate().filter(|_| points.len() > 1) {
-                let i = i as usize;
-                let of = matching.of_result[i];
-                let (a, b) =
-                    (points[k.saturating_sub(1)] as usize, points[(k + 1).min(points.len() - 1)] as usize);
-                if of == NONE {
-                    continue;
-                }
-                if let (Some(scale), false) = (to_um_s, truth.velocity_um_s.is_empty()) {
-                    let v = flat(moved(r, a, b), frames(r, a, b)).map(|v| v * scale);
-                    let exact = truth.velocity_um_s[t.points[of as usize].source as usize];
-                    let error = [v[0] - exact[0], v[1] - exact[1]];
-                    speed.add(error, [exact[0], exact[1]]);
-                    note(r.points[i].frame, 1, &error);
-                    let w = moved(r, a, b)[2] / frames(r, a, b) / truth.facts.dt_s.unwrap_or(f64::NAN);
-                    upward.push(w - exact[2]);
-                }
-                // Three consecutive frames, followed on the same particle.
-                let same = |a: usize, b: usize| {
-                    let (p, q) = (matching.of_result[a], matching.of_result[b]);
-                    p != NONE
-                        && q != NONE
-                        && next[p as usize] == q
-                        && r.points[b].frame - r.points[a].frame == 1
-                };
-                if a != i && b != i && same(a, i) && same(i, b) {
-                    let second = |cloud: &Cloud, a, i, b| {
-                        let (d, e) = (moved(cloud, a, i), moved(cloud, i, b));
-                        [e[0] - d[0], e[1] - d[1]]
-                    };
-                    let of = |i: usize| matching.of_result[i] as usize;
-                    let (found, exact) = (second(r, a, i, b), second(t, of(a), of(i), of(b)));
-                    let error = [found[0] - exact[0], found[1] - exact[1]];
-                    bend.add(error, exact);
-                    note(r.points[i].frame, 2, &error);
-                }
-            }
-        }
-        (self.velocity_rms_um_s, self.velocity_rms_relative) = speed.rms();
-        self.velocity_rms_z_um_s = Errors::of(upward.iter().copied()).rms.filter(|_| depth);
-        (self.acceleration_rms_px, self.acceleration_rms_relative) = bend.rms();
     }
 
     fn tracks(&mut self, (t, r): (&Cloud, &Cloud), matching: &Matching) {
@@ -261,25 +176,5 @@ impl Lpt {
         self.mean_length = ratio(lengths.iter().sum(), m);
         lengths.sort_unstable_by(f64::total_cmp);
         self.median_length = quantile(&lengths, 0.5);
-    }
-}
-
-/// Squares of errors and of what they are errors of.
-#[derive(Default)]
-struct Sum {
-    n: f64,
-    errors: f64,
-    exact: f64,
-}
-
-impl Sum {
-    fn add(&mut self, error: [f64; 2], exact: [f64; 2]) {
-        self.n += 1.0;
-        self.errors += error[0] * error[0] + error[1] * error[1];
-        self.exact += exact[0] * exact[0] + exact[1] * exact[1];
-    }
-
-    fn rms(&self) -> (Option<f64>, Option<f64>) {
-        (ratio(self.errors, self.n).map(f64::sqrt), ratio(self.errors, self.exact).map(f64::sqrt))
     }
 }

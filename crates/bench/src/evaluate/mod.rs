@@ -20,6 +20,7 @@ pub mod isbi;
 pub mod links;
 pub mod lpt;
 pub mod matching;
+pub mod motion;
 pub mod neighbours;
 pub mod statistics;
 pub mod truth;
@@ -302,6 +303,10 @@ pub fn particles(truth: &Truth, points: &Points, options: &Options) -> Result<Ev
     }
     let mut assumptions = truth.notes.clone();
     assumptions.extend(points.notes.iter().cloned());
+    let velocities = motion::reported(truth, points).unwrap_or_else(|note| {
+        assumptions.push(note);
+        None
+    });
     let score = Score {
         dataset: truth.facts.name.clone(),
         links: Some(links::Links::of(t, r, &matching, bootstrap)),
@@ -313,7 +318,7 @@ pub fn particles(truth: &Truth, points: &Points, options: &Options) -> Result<Ev
         ctc: Some(ctc::Ctc::of(t, r, &matching)),
         gdpt,
         uncertainty: claims(points, (t, r), &matching, depth),
-        lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth, bootstrap)),
+        lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth, velocities.as_deref(), bootstrap)),
         curves: curves::curves(truth, (t, r), &matching, depth),
         counts: Counts {
             frames: cloud::side_by_side(t, r).len(),

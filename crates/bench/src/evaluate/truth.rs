@@ -4,6 +4,7 @@
 //! scored is a reference track of its own. A result point assigned to a particle that is not scored is dropped with it,
 //! and the result's track is cut there: so `truth/tracks.csv` itself is a perfect result.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde_json::Value;
@@ -12,10 +13,10 @@ use super::cloud::{Cloud, Loose};
 use super::gate::Gate;
 use super::matching::{Cost, NONE, optimal};
 use crate::dataset::manifest::MANIFEST;
-use crate::dataset::truth::TRACKS;
+use crate::dataset::truth::{FRAMES, TRACKS};
 use crate::error::{Error, Result};
 use crate::results::sheet::{Separator, Sheet};
-use crate::results::{Conventions, Points, Row, read_points};
+use crate::results::{Conventions, Points, Row, Speed, read_points};
 
 /// What is known about a measurement beside its particles.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -60,6 +61,8 @@ pub struct Truth {
     pub visible: Vec<bool>,
     /// Velocities, um/s; empty if unknown.
     pub velocity_um_s: Vec<[f64; 3]>,
+    /// When frames were taken, s; empty if unknown.
+    pub times_s: BTreeMap<u32, f64>,
     /// Further properties that recall and errors can be binned by: name, and a value per row.
     pub properties: Vec<(&'static str, Vec<f64>)>,
     /// What should be known about it.
@@ -78,6 +81,10 @@ impl Truth {
         if path.is_dir() {
             let facts = facts(path)?;
             let mut truth = tracks(&path.join(TRACKS.path), facts)?;
+            let frames = path.join(FRAMES.path);
+            if frames.exists() {
+                truth.times_s = times(&frames)?;
+            }
             truth.facts.um_per_px = given.um_per_px.or(truth.facts.um_per_px);
             truth.facts.depth_um = given.depth_um.or(truth.facts.depth_um);
             return Ok(truth);
@@ -85,6 +92,29 @@ impl Truth {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let facts = Facts { name, um_per_px: given.um_per_px, depth_um: given.depth_um, ..Facts::default() };
         tracks(path, facts)
+    }
+
+    /// Time from a frame to a later one, s; `None` if it is unknown.
+    pub fn elapsed_s(&self, from: u32, to: u32) -> Option<f64> {
+        let at = |frame: u32| self.times_s.get(&frame);
+        let elapsed = if self.times_s.is_empty() {
+            self.facts.dt_s.map(|dt_s| dt_s * (f64::from(to) - f64::from(from)))
+        } else {
+            at(from).zip(at(to)).map(|(from, to)| to - from)
+        };
+        elapsed.filter(|t| *t > 0.0)
+    }
+
+    /// Time from each frame to the next, s; `None` if it varies or is unknown.
+    pub fn step_s(&self) -> Option<f64> {
+        if self.times_s.is_empty() {
+            return self.facts.dt_s;
+        }
+        let next_to = |a: u32, b: u32| b == a + 1 && !(self.facts.pairs && a % 2 == 1);
+        let frames = self.times_s.iter().zip(self.times_s.iter().skip(1));
+        let mut steps = frames.filter(|((a, _), (b, _))| next_to(**a, **b)).map(|((_, s), (_, t))| t - s);
+        let first = steps.next()?;
+        steps.all(|step| same_time(step, first)).then_some(first)
     }
 
     /// The particles of the frames before one, without their further properties.
@@ -237,20 +267,22 @@ fn tracks(path: &Path, facts: Facts) -> Result<Truth> {
         )));
     }
     truth.rows = points.rows;
+    truth.velocity_um_s =
+        points.velocities.filter(|v| v.unit == Speed::UmPerS).map(|v| v.rows).unwrap_or_default();
     let n = truth.rows.len();
     let sheet = Sheet::open(path, Separator::Comma, 1)?;
     let (visible, ignore) = (sheet.column("visible"), sheet.column("ignore"));
-    let velocity = ["u_um_s", "v_um_s", "w_um_s"].map(|name| sheet.column(name));
+    let time = sheet.column("t_s");
     let properties: Vec<(&'static str, usize)> =
         PROPERTIES.iter().filter_map(|&name| sheet.column(name).map(|c| (name, c))).collect();
     truth.visible = vec![true; n];
     truth.properties = properties.iter().map(|&(name, _)| (name, Vec::with_capacity(n))).collect();
     let mut row = 0;
-    if visible.is_some() || ignore.is_some() || velocity[0].is_some() || !properties.is_empty() {
+    if visible.is_some() || ignore.is_some() || time.is_some() || !properties.is_empty() {
         sheet.rows(|cells| {
             truth.visible[row] = cells.number_or_nan(visible)? != 0.0 && cells.number_or_nan(ignore)? != 1.0;
-            if let [Some(u), Some(v), Some(w)] = velocity {
-                truth.velocity_um_s.push([cells.number(u)?, cells.number(v)?, cells.number(w)?]);
+            if let Some(time) = time {
+                truth.times_s.insert(truth.rows[row].frame, cells.number(time)?);
             }
             for (values, &(_, column)) in truth.properties.iter_mut().zip(&properties) {
                 values.1.push(cells.number(column)?);
@@ -260,6 +292,23 @@ fn tracks(path: &Path, facts: Facts) -> Result<Truth> {
         })?;
     }
     Ok(truth)
+}
+
+/// Whether two times are the same but for rounding of the sums they come from.
+pub(super) fn same_time(a: f64, b: f64) -> bool {
+    (a - b).abs() <= 1e-6 * a.abs().max(b.abs())
+}
+
+/// When frames were taken.
+fn times(path: &Path) -> Result<BTreeMap<u32, f64>> {
+    let sheet = Sheet::open(path, Separator::Comma, 1)?;
+    let (frame, time) = (sheet.need("frame")?, sheet.need("t_s")?);
+    let mut times = BTreeMap::new();
+    sheet.rows(|cells| {
+        times.insert(cells.number(frame)? as u32, cells.number(time)?);
+        Ok(())
+    })?;
+    Ok(times)
 }
 
 #[cfg(test)]

@@ -187,14 +187,20 @@ fn particles(out: &mut String, score: &Score) {
         line(out, "", &text);
     }
     if let Some(l) = &score.lpt {
+        let m = &l.motion;
+        let acceleration = match m.acceleration_rms_px {
+            None if m.acceleration_rms_um_s2.is_some() => format!("{} um/s^2", n(m.acceleration_rms_um_s2)),
+            px => format!("{} px/frame^2", n(px)),
+        };
         let text = format!(
-            "missed {}  ghosts {}  displacement {} px  velocity {} um/s  acceleration {} px/frame^2  mean length {}  \
+            "missed {}  ghosts {}  displacement {} px  velocity {} um/s{}  acceleration {}  mean length {}  \
              longest run {}  fragments {}  tracked: mostly {}  partially {}  lost {}",
             n(l.missed),
             n(l.ghost),
-            n(l.displacement_rms_px),
-            n(l.velocity_rms_um_s),
-            n(l.acceleration_rms_px),
+            n(m.displacement_rms_px),
+            n(m.velocity_rms_um_s),
+            if m.velocity_from == Some("positions") { " (of positions)" } else { "" },
+            acceleration,
             n(l.mean_length),
             n(l.coverage_longest),
             n(l.fragments_per_truth),

@@ -1,10 +1,10 @@
-//! Our own tables: `frame, track, x_px, y_px, z_um` of particles, `x_px, y_px, dx_px, dy_px [, dz_um], flag [, pair]` of a
+//! Our own tables: `frame, track, x_px, y_px, z_um [, u_um_s, v_um_s, w_um_s]` of particles, `x_px, y_px, dx_px, dy_px [, dz_um], flag [, pair]` of a
 //! field. Columns in any order; more columns do no harm.
 
 use std::path::Path;
 
-use super::sheet::{Separator, Sheet};
-use super::{Conventions, Converter, Field, Origin, Points, Position, Unit, Usual, Vector};
+use super::sheet::{More, Separator, Sheet};
+use super::{Conventions, Converter, Field, Origin, Points, Position, Speed, Unit, Usual, Vector};
 use crate::error::Result;
 
 const PARTICLES: Usual =
@@ -15,6 +15,12 @@ const FIELD: Usual =
 /// Columns of particles that mean something, to the reader or in the truth.
 const COLUMNS: [&str; 8] = ["frame", "track", "x_px", "y_px", "z_um", "sx_px", "sy_px", "sz_um"];
 
+/// Names of velocities along x, y, z, and their units; the first that are there are read.
+const VELOCITIES: [(Speed, [&str; 3], &str); 2] = [
+    (Speed::UmPerS, ["u_um_s", "v_um_s", "w_um_s"], "um/s"),
+    (Speed::PerFrame, ["vx", "vy", "vz"], "px per frame, along z um per frame"),
+];
+
 /// Reads particles.
 ///
 /// # Errors
@@ -24,9 +30,18 @@ pub fn points(path: &Path, given: &Conventions) -> Result<Points> {
     let sheet = Sheet::open(path, Separator::Comma, 1)?;
     let (frame, x, y) = (sheet.need("frame")?, sheet.need("x_px")?, sheet.need("y_px")?);
     let (track, z) = (sheet.column("track"), sheet.column("z_um"));
-    let claims = ["sx_px", "sy_px", "sz_um"].map(|name| sheet.column(name));
-    converter.ignores(&sheet, &COLUMNS);
-    sheet.points(converter, z.is_some(), claims, |cells| {
+    let sigma = ["sx_px", "sy_px", "sz_um"].map(|name| sheet.column(name));
+    let velocity =
+        VELOCITIES.map(|(unit, names, words)| (unit, names, words, names.map(|n| sheet.column(n))));
+    let velocity = velocity.into_iter().find(|(.., columns)| columns[0].and(columns[1]).is_some());
+    let mut used = COLUMNS.to_vec();
+    if let Some((_, names, words, _)) = velocity {
+        converter.notes.push(format!("{} are velocities in {words}", names.join(", ")));
+        used.extend(names);
+    }
+    converter.ignores(&sheet, &used);
+    let more = More { sigma, velocity: velocity.map(|(unit, _, _, columns)| (unit, columns)) };
+    sheet.points(converter, z.is_some(), more, |cells| {
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         Ok((cells.number(frame)?, cells.track(track)?, [cells.number(x)?, cells.number(y)?, z_um]))
     })

@@ -5,7 +5,7 @@
 use std::io::Read;
 use std::path::Path;
 
-use super::sheet::{Separator, Sheet};
+use super::sheet::{More, Separator, Sheet};
 use super::{Conventions, Converter, Origin, Points, Unit, Usual, shown};
 use crate::error::{Error, Result};
 
@@ -54,7 +54,7 @@ fn read(sheet: Sheet, given: &Conventions, scaling: [f64; 3]) -> Result<Points> 
     let mut converter = Converter::new(USUAL, given)?;
     converter.notes.push(format!("Z = 0 is taken as {low} um, Z = 1 as {high} um; id 0 as not tracked"));
     converter.ignores(&sheet, &["fr", names[0], names[1], names[2], "id"]);
-    sheet.points(converter, true, [None; 3], |cells| {
+    sheet.points(converter, true, More::default(), |cells| {
         let id = cells.track(track)?;
         let z_um = low + cells.number(z)? / sz * (high - low);
         let at = [cells.number(x)? / sx, cells.number(y)? / sy, z_um];

@@ -56,12 +56,32 @@ pub struct Points {
     pub lines: Vec<u32>,
     /// Claimed standard uncertainties of every row along x, y (px) and z (um), NaN where none; empty if the file has none.
     pub sigma: Vec<[f64; 3]>,
+    /// Velocities, if the file has any.
+    pub velocities: Option<Velocities>,
     /// Whether there is a depth.
     pub has_z: bool,
     /// Rows that were dropped because a coordinate is missing or NaN.
     pub n_nan: usize,
     /// What the reader took the file to mean.
     pub notes: Vec<String>,
+}
+
+/// Velocities as a file has them, y downward.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Velocities {
+    /// Their unit.
+    pub unit: Speed,
+    /// Of every row along x, y, z; NaN where there is none.
+    pub rows: Vec<[f64; 3]>,
+}
+
+/// A unit of velocities.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Speed {
+    /// um/s.
+    UmPerS,
+    /// px per frame, along z um per frame.
+    PerFrame,
 }
 
 /// A vector of a displacement field.
@@ -206,6 +226,7 @@ pub(crate) struct Converter {
 /// Beyond this a coordinate is no place in an image; squares of it are still far from infinite.
 const LARGEST_PX: f64 = 1e7;
 const LARGEST_UM: f64 = 1e9;
+const LARGEST_SPEED: f64 = 1e12;
 
 impl Converter {
     pub(crate) fn new(usual: Usual, given: &Conventions) -> Result<Self> {
@@ -269,6 +290,14 @@ impl Converter {
     /// A displacement, y downward.
     pub(crate) fn moved(&self, dx: f64, dy: f64) -> [f64; 2] {
         [dx * self.scale, if self.flip_at.is_some() { -dy } else { dy } * self.scale]
+    }
+
+    /// A velocity, y downward.
+    pub(crate) fn velocity(&self, [u, v, w]: [f64; 3]) -> std::result::Result<[f64; 3], String> {
+        match [u, v, w].iter().find(|c| c.abs() > LARGEST_SPEED) {
+            Some(wrong) => Err(format!("{wrong:?}: expected a velocity of at most {LARGEST_SPEED:e}")),
+            None => Ok([u, if self.flip_at.is_some() { -v } else { v }, w]),
+        }
     }
 
     /// Says which columns are not used.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::sheet::{Separator, Sheet};
+use super::sheet::{More, Separator, Sheet};
 use super::{Conventions, Converter, Origin, Points, Unit, Usual};
 use crate::error::Result;
 
@@ -14,7 +14,7 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Points> {
     let (track, frame) = (sheet.need("track_id")?, sheet.need("t")?);
     let (x, y, z) = (sheet.need("x")?, sheet.need("y")?, sheet.column("z"));
     converter.ignores(&sheet, &["track_id", "t", "z", "y", "x"]);
-    sheet.points(converter, z.is_some(), [None; 3], |cells| {
+    sheet.points(converter, z.is_some(), More::default(), |cells| {
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         Ok((cells.number(frame)?, cells.track(Some(track))?, [cells.number(x)?, cells.number(y)?, z_um]))
     })

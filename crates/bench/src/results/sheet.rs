@@ -6,7 +6,7 @@ use std::path::Path;
 
 use csv::{ByteRecord, ReaderBuilder, Trim};
 
-use super::{Converter, Points, Row};
+use super::{Converter, Points, Row, Speed, Velocities};
 use crate::error::{Error, Result};
 
 /// Longest line, or distance between the ends of two tags of XML, bytes.
@@ -210,16 +210,17 @@ impl Sheet {
         self.header.iter().map(String::as_str).filter(|h| !h.is_empty() && !used.contains(h)).collect()
     }
 
-    /// Reads particles: `row` takes the cells of one to frame, track, and x, y, z as the file has them; `claims` are the
-    /// columns with the uncertainties of x, y, z.
+    /// Reads particles: `row` takes the cells of one to frame, track, and x, y, z as the file has them; `more` names the
+    /// columns of what else is known of them.
     pub(crate) fn points(
         self,
         converter: Converter,
         has_z: bool,
-        claims: [Option<usize>; 3],
+        more: More,
         mut row: impl FnMut(&Cells<'_>) -> std::result::Result<(f64, i64, [f64; 3]), String>,
     ) -> Result<Points> {
         let mut points = Points { has_z, ..Points::default() };
+        let (mut velocities, unit) = (Vec::new(), more.velocity.map(|(unit, _)| unit));
         self.rows(|cells| {
             let (frame, track, [x, y, z]) = row(cells)?;
             if frame.is_nan() {
@@ -231,21 +232,37 @@ impl Sheet {
                 Some(at) => {
                     points.rows.push(Row { frame, track, at });
                     points.lines.push(u32::try_from(cells.line).unwrap_or(u32::MAX));
-                    if claims.iter().any(Option::is_some) {
-                        let [x, y, z] = claims.map(|c| cells.number_or_nan(c));
-                        points.sigma.push(converter.claimed([x?, y?, z?])?);
+                    let all = |columns: [Option<usize>; 3]| {
+                        let [x, y, z] = columns.map(|c| cells.number_or_nan(c));
+                        Ok::<_, String>([x?, y?, z?])
+                    };
+                    if more.sigma.iter().any(Option::is_some) {
+                        points.sigma.push(converter.claimed(all(more.sigma)?)?);
+                    }
+                    if let Some((_, columns)) = more.velocity {
+                        velocities.push(converter.velocity(all(columns)?)?);
                     }
                 }
                 None => points.n_nan += 1,
             }
             Ok(())
         })?;
+        points.velocities = unit.map(|unit| Velocities { unit, rows: velocities });
         points.notes = converter.notes;
         if points.n_nan > 0 {
             points.notes.push(format!("{} rows without coordinates were dropped", points.n_nan));
         }
         Ok(points)
     }
+}
+
+/// Columns of what particles may have beside their place: along x, y, z.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct More {
+    /// Claimed uncertainties.
+    pub(crate) sigma: [Option<usize>; 3],
+    /// Velocities and their unit.
+    pub(crate) velocity: Option<(Speed, [Option<usize>; 3])>,
 }
 
 /// The cells of a row.

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use super::sheet::{Separator, Sheet};
+use super::sheet::{More, Separator, Sheet};
 use super::{Conventions, Converter, Origin, Points, Unit, Usual};
 use crate::error::Result;
 
@@ -20,7 +20,7 @@ pub(super) fn spots(path: &Path, given: &Conventions) -> Result<Points> {
     let unit = if units.iter().any(|u| u.contains("pixel")) { Unit::Px } else { Unit::Um };
     let mut converter = Converter::new(Usual { unit, ..USUAL }, given)?;
     converter.ignores(&sheet, &["TRACK_ID", "FRAME", "POSITION_X", "POSITION_Y", "POSITION_Z"]);
-    sheet.points(converter, z.is_some(), [None; 3], |cells| {
+    sheet.points(converter, z.is_some(), More::default(), |cells| {
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         Ok((cells.number(frame)?, cells.track(track)?, [cells.number(x)?, cells.number(y)?, z_um]))
     })

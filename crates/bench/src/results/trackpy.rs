@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use super::sheet::{Separator, Sheet};
+use super::sheet::{More, Separator, Sheet};
 use super::{Conventions, Converter, Origin, Points, Unit, Usual};
 use crate::error::Result;
 
@@ -23,7 +23,7 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Points> {
         converter.notes.push("ep is taken as the uncertainty of x and y".to_owned());
     }
     converter.ignores(&sheet, &["frame", "x", "y", "z", "particle", "ep"]);
-    sheet.points(converter, z.is_some(), [ep, ep, None], |cells| {
+    sheet.points(converter, z.is_some(), More { sigma: [ep, ep, None], ..More::default() }, |cells| {
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         Ok((cells.number(frame)?, cells.track(track)?, [cells.number(x)?, cells.number(y)?, z_um]))
     })

@@ -1,0 +1,308 @@
+//! Errors of motion: displacements, velocities, accelerations.
+//!
+//! Displacements are compared over right links, so the finite difference is the same on both sides. Velocities are those
+//! that the result tells, or else differences of its positions over the times at which frames were taken: the slope, at the
+//! middle one of three points, of the parabola through them, at the ends of tracks of the straight line. They are compared
+//! with the flow's exact velocity. Accelerations are second differences against second differences of the truth.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::cloud::Cloud;
+use super::links::{right, successors};
+use super::matching::{Matching, NONE};
+use super::statistics::{Errors, ratio};
+use super::truth::{Truth, same_time};
+use crate::results::{Points, Speed};
+
+/// The errors.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct Motion {
+    pub displacement_rms_px: Option<f64>,
+    pub displacement_bias_x_px: Option<f64>,
+    pub displacement_bias_y_px: Option<f64>,
+    pub displacement_rms_z_um: Option<f64>,
+    /// `result` where the result tells velocities, `positions` where they are derived from those.
+    pub velocity_from: Option<&'static str>,
+    pub velocity_rms_um_s: Option<f64>,
+    pub velocity_rms_relative: Option<f64>,
+    pub velocity_rms_z_um_s: Option<f64>,
+    pub acceleration_rms_um_s2: Option<f64>,
+    /// px per frame^2; null where steps between frames differ in length.
+    pub acceleration_rms_px: Option<f64>,
+    pub acceleration_rms_relative: Option<f64>,
+}
+
+/// What is compared, in the order of the sums.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Kind {
+    Displacement,
+    Velocity,
+    /// px per frame^2
+    Bend,
+    /// um/s^2
+    Acceleration,
+}
+
+/// By frame and [`Kind`]: numbers of errors and sums of their squares.
+pub(super) type Sums = BTreeMap<u32, [[f64; 2]; 4]>;
+
+/// The velocities that a result tells, um/s; or why they cannot be used.
+///
+/// # Errors
+/// A note.
+pub fn reported<'a>(truth: &Truth, points: &'a Points) -> Result<Option<Cow<'a, [[f64; 3]]>>, String> {
+    let Some(velocities) = &points.velocities else { return Ok(None) };
+    if velocities.unit == Speed::UmPerS {
+        return Ok(Some(Cow::Borrowed(&velocities.rows)));
+    }
+    let derived = "so velocities are derived from positions";
+    let um_per_px = truth.facts.um_per_px.ok_or_else(|| format!("um per px is not known, {derived}"))?;
+    let step_s = truth.step_s().ok_or_else(|| {
+        format!(
+            "the time between frames varies or is not known, {derived}; u_um_s, v_um_s, w_um_s would be read"
+        )
+    })?;
+    let in_um_s = |&[u, v, w]: &[f64; 3]| [u * um_per_px / step_s, v * um_per_px / step_s, w / step_s];
+    Ok(Some(Cow::Owned(velocities.rows.iter().map(in_um_s).collect())))
+}
+
+/// A result beside its truth.
+pub(super) struct Compared<'a> {
+    pub(super) truth: &'a Truth,
+    pub(super) clouds: (&'a Cloud, &'a Cloud),
+    pub(super) matching: &'a Matching,
+    /// Whether z is scored.
+    pub(super) depth: bool,
+    /// Velocities of the rows of the result, um/s.
+    pub(super) reported: Option<&'a [[f64; 3]]>,
+}
+
+impl Compared<'_> {
+    /// All errors, and their sums by frame.
+    pub(super) fn motion(&self) -> (Motion, Sums) {
+        let (mut motion, mut sums) = (Motion::default(), Sums::new());
+        let next = successors(self.clouds.0);
+        self.displacements(&next, &mut motion, &mut sums);
+        self.velocities(&mut motion, &mut sums);
+        self.accelerations(&next, &mut motion, &mut sums);
+        (motion, sums)
+    }
+
+    fn displacements(&self, next: &[u32], motion: &mut Motion, sums: &mut Sums) {
+        let (t, r) = self.clouds;
+        let mut errors: Vec<[f64; 3]> = Vec::new();
+        for ((ta, tb), (ra, rb)) in right(r, self.matching, next) {
+            let error = minus(moved(r, ra, rb), moved(t, ta, tb));
+            add(sums, r.points[ra].frame, Kind::Displacement, &error);
+            errors.push(error);
+        }
+        let axis = |k: usize| Errors::of(errors.iter().map(move |e| e[k]));
+        let (x, y) = (axis(0), axis(1));
+        motion.displacement_rms_px = x.rms.zip(y.rms).map(|(x, y)| (x * x + y * y).sqrt());
+        (motion.displacement_bias_x_px, motion.displacement_bias_y_px) = (x.bias, y.bias);
+        motion.displacement_rms_z_um = axis(2).rms.filter(|_| self.depth);
+    }
+
+    fn velocities(&self, motion: &mut Motion, sums: &mut Sums) {
+        let (t, r) = self.clouds;
+        if self.truth.velocity_um_s.is_empty() {
+            return;
+        }
+        let (mut speed, mut upward) = (Total::default(), Vec::new());
+        for track in 0..r.n_tracks() {
+            let points = r.track(track);
+            for (k, &i) in points.iter().enumerate() {
+                let (i, of) = (i as usize, self.matching.of_result[i as usize]);
+                if of == NONE {
+                    continue;
+                }
+                let found = match self.reported {
+                    Some(reported) => Some(reported[r.points[i].source as usize]),
+                    None => self.slope(points, k),
+                };
+                let exact = self.truth.velocity_um_s[t.points[of as usize].source as usize];
+                let Some(error) = found.map(|v| minus(v, exact)) else { continue };
+                if error[0].is_finite() && error[1].is_finite() {
+                    speed.add(error, exact);
+                    add(sums, r.points[i].frame, Kind::Velocity, &error);
+                }
+                upward.extend(Some(error[2]).filter(|w| w.is_finite()));
+            }
+        }
+        (motion.velocity_rms_um_s, motion.velocity_rms_relative) = speed.rms();
+        motion.velocity_rms_z_um_s = Errors::of(upward.iter().copied()).rms.filter(|_| self.depth);
+        let from = if self.reported.is_some() { "result" } else { "positions" };
+        motion.velocity_from = motion.velocity_rms_um_s.map(|_| from);
+    }
+
+    /// Velocity at a point of a track, from the positions of it and its neighbours, um/s.
+    fn slope(&self, points: &[u32], k: usize) -> Option<[f64; 3]> {
+        let (r, um_per_px) = (self.clouds.1, self.truth.facts.um_per_px?);
+        let over = |a: u32, b: u32| {
+            let s = self.truth.elapsed_s(r.points[a as usize].frame, r.points[b as usize].frame)?;
+            Some((moved(r, a as usize, b as usize).map(|d| d / s), s))
+        };
+        let before = k.checked_sub(1).map(|b| over(points[b], points[k]));
+        let after = points.get(k + 1).map(|&a| over(points[k], a));
+        let [x, y, z] = match (before, after) {
+            (Some(before), Some(after)) => {
+                let ((u, s), (v, t)) = (before?, after?);
+                // The nearer neighbour says more.
+                std::array::from_fn(|k| (u[k] * t + v[k] * s) / (s + t))
+            }
+            (one, other) => one.or(other)??.0,
+        };
+        Some([x * um_per_px, y * um_per_px, z])
+    }
+
+    fn accelerations(&self, next: &[u32], motion: &mut Motion, sums: &mut Sums) {
+        let (t, r) = self.clouds;
+        // Both ends followed on the same particle, in consecutive frames.
+        let joined = |a: u32, b: u32| {
+            let of = |i: u32| self.matching.of_result[i as usize];
+            let is_next = of(a) != NONE && of(b) != NONE && next[of(a) as usize] == of(b);
+            is_next && r.points[b as usize].frame - r.points[a as usize].frame == 1
+        };
+        let (mut bend, mut curve) = (Total::default(), Total::default());
+        let (mut step, mut is_even) = (None, true);
+        for track in 0..r.n_tracks() {
+            for three in r.track(track).windows(3).filter(|w| joined(w[0], w[1]) && joined(w[1], w[2])) {
+                let found = [0, 1, 2].map(|k| three[k] as usize);
+                let exact = found.map(|i| self.matching.of_result[i] as usize);
+                let frame = found.map(|i| r.points[i].frame);
+                let pair = |[s, t]: [f64; 2], of: (&Cloud, [usize; 3])| {
+                    let (a, b) = (moved(of.0, of.1[0], of.1[1]), moved(of.0, of.1[1], of.1[2]));
+                    [0, 1, 2].map(|k| 2.0 * (b[k] / t - a[k] / s) / (s + t))
+                };
+                let mut both = |steps: [f64; 2], total: &mut Total, kind: Kind, scale: f64| {
+                    let exact = pair(steps, (t, exact)).map(|v| v * scale);
+                    let error = minus(pair(steps, (r, found)).map(|v| v * scale), exact);
+                    total.add(error, exact);
+                    add(sums, frame[1], kind, &error);
+                };
+                both([1.0; 2], &mut bend, Kind::Bend, 1.0);
+                let elapsed = |a: usize, b: usize| self.truth.elapsed_s(frame[a], frame[b]);
+                let Some((s, t)) = elapsed(0, 1).zip(elapsed(1, 2)) else { continue };
+                let first = *step.get_or_insert(s);
+                is_even &= same_time(s, first) && same_time(t, first);
+                if let Some(um_per_px) = self.truth.facts.um_per_px {
+                    both([s, t], &mut curve, Kind::Acceleration, um_per_px);
+                }
+            }
+        }
+        if !is_even {
+            bend = Total::default();
+            sums.values_mut().for_each(|of_frame| of_frame[Kind::Bend as usize] = [0.0; 2]);
+        }
+        let ((in_um, relative), (in_px, relative_px)) = (curve.rms(), bend.rms());
+        (motion.acceleration_rms_um_s2, motion.acceleration_rms_px) = (in_um, in_px);
+        motion.acceleration_rms_relative = relative.or(relative_px);
+    }
+}
+
+fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn moved(cloud: &Cloud, a: usize, b: usize) -> [f64; 3] {
+    let (p, q) = (&cloud.points[a].at, &cloud.points[b].at);
+    [q.x_px - p.x_px, q.y_px - p.y_px, q.z_um - p.z_um]
+}
+
+/// Notes an error in the image plane.
+fn add(sums: &mut Sums, frame: u32, kind: Kind, error: &[f64; 3]) {
+    let [n, squares] = &mut sums.entry(frame).or_default()[kind as usize];
+    *n += 1.0;
+    *squares += error[0] * error[0] + error[1] * error[1];
+}
+
+/// Squares of errors in the image plane, and of what they are errors of.
+#[derive(Default)]
+struct Total {
+    n: f64,
+    errors: f64,
+    exact: f64,
+}
+
+impl Total {
+    fn add(&mut self, error: [f64; 3], exact: [f64; 3]) {
+        self.n += 1.0;
+        self.errors += error[0] * error[0] + error[1] * error[1];
+        self.exact += exact[0] * exact[0] + exact[1] * exact[1];
+    }
+
+    fn rms(&self) -> (Option<f64>, Option<f64>) {
+        (ratio(self.errors, self.n).map(f64::sqrt), ratio(self.errors, self.exact).map(f64::sqrt))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluate::gate::Gate;
+    use crate::evaluate::matching::{Cost, optimal};
+    use crate::evaluate::truth::Facts;
+    use crate::results::{Position, Row, Velocities};
+
+    /// x = 100 + 1000 t + 50,000 t^2 px of 2 um at 0, 2, 7 and 9 ms, and what a result with those positions scores.
+    fn burst(result: Points) -> (Motion, Option<String>) {
+        let times = [0.0, 0.002, 0.007, 0.009];
+        let rows: Vec<Row> = (0..4u32)
+            .zip(times)
+            .map(|(frame, t)| {
+                let x_px = 100.0 + 1000.0 * t + 50_000.0 * t * t;
+                Row { frame, track: 0, at: Position { x_px, y_px: 5.0, z_um: 0.0 } }
+            })
+            .collect();
+        let truth = Truth {
+            facts: Facts { um_per_px: Some(2.0), dt_s: Some(0.002), ..Facts::default() },
+            visible: vec![true; 4],
+            velocity_um_s: times.map(|t| [2.0 * (1000.0 + 100_000.0 * t), 0.0, 0.0]).to_vec(),
+            times_s: (0..4).zip(times).collect(),
+            rows: rows.clone(),
+            ..Truth::default()
+        };
+        let points = Points { rows, ..result };
+        let gate = Gate::radial(2.0);
+        let scored = truth.scored(&points, &gate, true, 0.0).unwrap();
+        let matching = &optimal(&scored.truth, &scored.result, &gate, Cost::Squares).unwrap();
+        let (reported, note) = match reported(&truth, &points) {
+            Ok(velocities) => (velocities, None),
+            Err(note) => (None, Some(note)),
+        };
+        let clouds = (&scored.truth, &scored.result);
+        let compared =
+            Compared { truth: &truth, clouds, matching, depth: true, reported: reported.as_deref() };
+        (compared.motion().0, note)
+    }
+
+    #[test]
+    fn steps_of_unequal_length_are_taken_as_long_as_they_are() {
+        let (motion, _) = burst(Points::default());
+        // Exact in the middle; at the ends half a step of 2 ms times 200,000 um/s^2 off.
+        let expected = (2.0 * 200f64.powi(2) / 4.0).sqrt();
+        assert!((motion.velocity_rms_um_s.unwrap() / expected - 1.0).abs() < 1e-9, "{motion:?}");
+        assert_eq!((motion.acceleration_rms_um_s2, motion.acceleration_rms_px), (Some(0.0), None));
+        assert_eq!(motion.velocity_from, Some("positions"));
+    }
+
+    #[test]
+    fn velocities_of_the_result_come_first_and_those_per_frame_need_frames_of_equal_length() {
+        let all = |unit, v| Points {
+            velocities: Some(Velocities { unit, rows: vec![[v, 0.0, f64::NAN]; 4] }),
+            ..Points::default()
+        };
+        let (motion, note) = burst(all(Speed::UmPerS, 2000.0));
+        // 0, 400, 1400 and 1800 um/s less than it is.
+        let expected = (f64::from(400 * 400 + 1400 * 1400 + 1800 * 1800) / 4.0).sqrt();
+        assert!((motion.velocity_rms_um_s.unwrap() / expected - 1.0).abs() < 1e-9, "{motion:?}");
+        assert_eq!((motion.velocity_from, motion.velocity_rms_z_um_s, note), (Some("result"), None, None));
+        let (motion, note) = burst(all(Speed::PerFrame, 2.0));
+        assert!(note.unwrap().contains("the time between frames varies"));
+        assert_eq!(motion.velocity_from, Some("positions"));
+    }
+}
