@@ -1,8 +1,8 @@
 //! `microsig compare`: a leaderboard of several scores, and their curves in one plot.
 //!
-//! Ranked by F1 of detection (fields: probability of a valid vector). A score whose 95 % interval reaches that of the best of
-//! a rank shares the rank: the data do not tell them apart; those stand in the order of their errors. Localisation stands
-//! beside recall, never alone.
+//! Particles are ranked by F1 of detection; where 95 % intervals do not tell scores apart by their errors in the image plane
+//! and in depth, then by F1 of links, then by HOTA. Fields, on a list of their own, by the probability of a valid vector, RMS
+//! error of inliers, AEE. Who is told apart by none of these shares a rank. Localisation stands beside recall, never alone.
 
 use std::path::{Path, PathBuf};
 
@@ -12,15 +12,19 @@ use serde_json::Value;
 
 use super::html::{axis, document, figure_of};
 use super::plots::{Line, Words, lines};
+use super::ranking::{Level, ranks};
+use super::score_file::{self, at};
 use super::table::number;
 use super::{SCORE, rows, save};
 use crate::dataset::folder::Partial;
 use crate::error::{Error, Result};
+use crate::evaluate::statistics::Interval;
 
 /// A line of the leaderboard.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 #[allow(missing_docs)]
 pub struct Entry {
+    /// Among those of its kind.
     pub rank: usize,
     pub name: String,
     pub dataset: String,
@@ -41,48 +45,92 @@ pub struct Entry {
     pub valid_vector_probability: Option<f64>,
     pub aee_px: Option<f64>,
     pub rms_u_inliers_px: Option<f64>,
+    pub rms_v_inliers_px: Option<f64>,
+    pub kind: Kind,
+    /// What it is ranked by, one after the other.
+    #[serde(skip)]
+    levels: Vec<Level>,
+}
+
+/// What was scored.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// Particles.
+    #[default]
+    Particles,
+    /// A displacement field.
+    Field,
 }
 
 impl Entry {
     fn of(name: String, score: &Value) -> Self {
-        let get = |pointer: &str| score.pointer(pointer).and_then(Value::as_f64);
-        let end = |i: usize| {
-            get(&format!("/detection/interval/f1/{i}"))
-                .or_else(|| get(&format!("/field/interval_valid_vector_probability/{i}")))
+        let get = |key: &str| at(score, key).as_f64();
+        let interval = |key: &str| -> Interval {
+            let ends = at(score, key);
+            ends[0].as_f64().zip(ends[1].as_f64()).map(|(low, high)| [low, high])
+        };
+        let rate = |key: &str, of: &str| Level::rate(get(key), interval(of));
+        let error = |key: &str, of: &str| Level::error(get(key), interval(of));
+        let kind = if score["detection"].is_object() { Kind::Particles } else { Kind::Field };
+        let (levels, ends) = match kind {
+            Kind::Particles => (
+                vec![
+                    rate("detection.f1", "detection.interval.f1"),
+                    error("detection.rmse_xy_px", "detection.interval.rmse_xy_px"),
+                    error("gdpt.sigma_z_over_h", "gdpt.interval.sigma_z_over_h"),
+                    rate("links.f1", "links.interval_f1"),
+                    rate("hota.hota", "hota.interval_hota"),
+                ],
+                interval("detection.interval.f1"),
+            ),
+            Kind::Field => {
+                let both = get("field.u_inliers.rms_px").zip(get("field.v_inliers.rms_px"));
+                // At least as wide as that of the sum.
+                let ends = interval("field.interval_rms_u_inliers_px")
+                    .zip(interval("field.interval_rms_v_inliers_px"))
+                    .map(|(u, v)| [u[0].hypot(v[0]), u[1].hypot(v[1])]);
+                (
+                    vec![
+                        rate("field.valid_vector_probability", "field.interval_valid_vector_probability"),
+                        Level::error(both.map(|(u, v)| u.hypot(v)), ends),
+                        error("field.aee_px", "field.interval_aee_px"),
+                    ],
+                    interval("field.interval_valid_vector_probability"),
+                )
+            }
         };
         Entry {
             rank: 0,
             name,
             dataset: score["dataset"].as_str().unwrap_or_default().to_owned(),
-            f1: get("/detection/f1"),
-            low: end(0),
-            high: end(1),
-            recall: get("/detection/recall"),
-            precision: get("/detection/precision"),
-            rmse_xy_px: get("/detection/rmse_xy_px"),
-            sigma_z_over_h: get("/gdpt/sigma_z_over_h"),
-            link_f1: get("/links/f1"),
-            hota: get("/hota/hota"),
-            alpha: get("/isbi/alpha"),
-            beta: get("/isbi/beta"),
-            jsc: get("/isbi/jsc"),
-            jsc_theta: get("/isbi/jsc_theta"),
-            valid_vector_probability: get("/field/valid_vector_probability"),
-            aee_px: get("/field/aee_px"),
-            rms_u_inliers_px: get("/field/u_inliers/rms_px"),
+            f1: get("detection.f1"),
+            low: ends.map(|e| e[0]),
+            high: ends.map(|e| e[1]),
+            recall: get("detection.recall"),
+            precision: get("detection.precision"),
+            rmse_xy_px: get("detection.rmse_xy_px"),
+            sigma_z_over_h: get("gdpt.sigma_z_over_h"),
+            link_f1: get("links.f1"),
+            hota: get("hota.hota"),
+            alpha: get("isbi.alpha"),
+            beta: get("isbi.beta"),
+            jsc: get("isbi.jsc"),
+            jsc_theta: get("isbi.jsc_theta"),
+            valid_vector_probability: get("field.valid_vector_probability"),
+            aee_px: get("field.aee_px"),
+            rms_u_inliers_px: get("field.u_inliers.rms_px"),
+            rms_v_inliers_px: get("field.v_inliers.rms_px"),
+            kind,
+            levels,
         }
-    }
-
-    /// What it is ranked by.
-    fn key(&self) -> f64 {
-        self.f1.or(self.valid_vector_probability).unwrap_or(f64::NEG_INFINITY)
     }
 }
 
 /// What was compared.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Compared {
-    /// The leaderboard, best first.
+    /// The leaderboard, best first: particles, then fields.
     pub entries: Vec<Entry>,
     /// What must be known about it.
     pub warnings: Vec<String>,
@@ -103,9 +151,9 @@ pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Compared> {
     }
     let (mut scores, mut problems) = (Vec::new(), Vec::new());
     for path in paths {
-        match read(path) {
-            Ok(score) => scores.push(score),
-            Err(e) => problems.push(e.to_string()),
+        match score_file::read(path) {
+            Ok(score) => scores.push((Entry::of(name(path), &score), score)),
+            Err(e) => problems.extend(e.to_string().lines().map(str::to_owned)),
         }
     }
     if !problems.is_empty() {
@@ -117,11 +165,7 @@ pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Compared> {
             scores[i].0.name = format!("{} ({})", scores[i].0.name, paths[i].display());
         }
     }
-    scores.sort_by(|a, b| b.0.key().total_cmp(&a.0.key()).then_with(|| a.0.name.cmp(&b.0.name)));
-    rank(&mut scores);
-    // Who shares a rank stands in the order of errors.
-    let error = |e: &Entry| e.rmse_xy_px.or(e.aee_px).unwrap_or(f64::INFINITY);
-    scores.sort_by(|(a, _), (b, _)| a.rank.cmp(&b.rank).then(error(a).total_cmp(&error(b))));
+    let scores = ranked(scores);
     let entries: Vec<Entry> = scores.iter().map(|s| s.0.clone()).collect();
     let mut warnings = differences(&scores);
     for (entry, score) in &scores {
@@ -138,45 +182,56 @@ pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Compared> {
     Ok(Compared { entries, warnings, out: out.to_owned(), text })
 }
 
-fn read(path: &Path) -> Result<(Entry, Value)> {
+/// Folders are named after trackers more often than files are.
+fn name(path: &Path) -> String {
     let file = if path.is_dir() { path.join(SCORE) } else { path.to_owned() };
-    let text = std::fs::read_to_string(&file).map_err(|e| Error::read(&file, e))?;
-    let score: Value =
-        serde_json::from_str(&text).map_err(|e| Error::input(format!("{}: {e}", file.display())))?;
-    if score["definitions"]["versions"].is_null() {
-        return Err(Error::input(format!("{}: no score of microsig evaluate", file.display())));
-    }
-    // Folders are named after trackers more often than files are.
     let folder = file.parent().and_then(Path::file_name).map(|n| n.to_string_lossy().into_owned());
-    let name = folder.filter(|_| file.ends_with(SCORE)).unwrap_or_else(|| file.display().to_string());
-    Ok((Entry::of(name, &score), score))
+    folder.filter(|_| file.ends_with(SCORE)).unwrap_or_else(|| file.display().to_string())
 }
 
-/// Ranks sorted scores; one that cannot be told from the best of a rank shares it.
-fn rank(scores: &mut [(Entry, Value)]) {
-    let mut leader: Option<(usize, Option<f64>)> = None;
-    for (i, (entry, _)) in scores.iter_mut().enumerate() {
-        let tied = leader.and_then(|(_, low)| low).zip(entry.high).is_some_and(|(low, high)| high >= low);
-        if !tied {
-            leader = Some((i + 1, entry.low));
-        }
-        entry.rank = leader.map_or(i + 1, |l| l.0);
+/// The scores of each kind in their order, with their ranks.
+fn ranked(mut scores: Vec<(Entry, Value)>) -> Vec<(Entry, Value)> {
+    scores.sort_by(|a, b| a.0.kind.cmp(&b.0.kind).then_with(|| a.0.name.cmp(&b.0.name)));
+    let mut ranked = Vec::with_capacity(scores.len());
+    for same in scores.chunk_by(|a, b| a.0.kind == b.0.kind) {
+        let levels: Vec<Vec<Level>> = same.iter().map(|s| s.0.levels.clone()).collect();
+        ranked.extend(ranks(&levels).into_iter().map(|(i, rank)| {
+            let (entry, score) = &same[i];
+            (Entry { rank, ..entry.clone() }, score.clone())
+        }));
     }
+    ranked
 }
 
 /// What makes scores incomparable.
 fn differences(scores: &[(Entry, Value)]) -> Vec<String> {
     let mut warnings = Vec::new();
-    for (what, pointer) in [
-        ("datasets", "/dataset"),
-        ("gates", "/definitions/gate"),
-        ("gates of ISBI", "/definitions/isbi_gate_px"),
-        ("numbers of dimensions", "/definitions/dims"),
-        ("borders", "/definitions/border_px"),
-    ] {
-        let first = scores.first().and_then(|s| s.1.pointer(pointer));
-        if scores.iter().any(|s| s.1.pointer(pointer) != first) {
-            warnings.push(format!("the scores are of different {what}: their order means little"));
+    let differ =
+        |scores: &[(Entry, Value)], key: &str| scores.iter().any(|s| at(&s.1, key) != at(&scores[0].1, key));
+    // The truth itself tells datasets apart that have one name; scores of old have only that.
+    let hashed = scores.iter().all(|s| at(&s.1, "definitions.truth_sha256").is_string());
+    if differ(scores, if hashed { "definitions.truth_sha256" } else { "dataset" }) {
+        let mut names: Vec<&str> = scores.iter().map(|s| s.0.dataset.as_str()).collect();
+        names.sort_unstable();
+        names.dedup();
+        let what = match names[..] {
+            [one] => format!("of different datasets, all named {one} (other seeds or other particles)"),
+            _ => format!("of different datasets ({})", names.join(", ")),
+        };
+        warnings.push(format!("the scores are {what}: their order means little"));
+    }
+    for same in scores.chunk_by(|a, b| a.0.kind == b.0.kind) {
+        for (what, key) in [
+            ("gates", "definitions.gate"),
+            ("gates of ISBI", "definitions.isbi_gate_px"),
+            ("numbers of dimensions", "definitions.dims"),
+            ("borders", "definitions.border_px"),
+            ("planes", "field.plane_um"),
+            ("true fields", "field.against"),
+        ] {
+            if differ(same, key) {
+                warnings.push(format!("the scores are of different {what}: their order means little"));
+            }
         }
     }
     warnings
@@ -185,20 +240,21 @@ fn differences(scores: &[(Entry, Value)]) -> Vec<String> {
 /// The leaderboard in 80 columns.
 fn text(entries: &[Entry], warnings: &[String]) -> String {
     let n = number;
-    let tied = |e: &Entry| entries.iter().filter(|o| o.rank == e.rank).count() > 1;
+    let tied = |e: &Entry| entries.iter().filter(|o| (o.kind, o.rank) == (e.kind, e.rank)).count() > 1;
     let rank = |e: &Entry| format!("{}{}", e.rank, if tied(e) { "=" } else { "" });
     let name = |e: &Entry| {
         let name: String = e.name.chars().take(14).collect();
         if name.len() < e.name.len() { name + "~" } else { name }
     };
     let mut lines = Vec::new();
-    if entries.iter().any(|e| e.f1.is_some()) {
+    let of = |kind: Kind| entries.iter().filter(move |e| e.kind == kind);
+    if of(Kind::Particles).count() > 0 {
         lines.push(format!(
             "{:<4} {:<15} {:>6}  {:<16} {:>6} {:>6} {:>6} {:>6} {:>6}",
             "rank", "name", "F1", "95 %", "recall", "xy px", "z / h", "links", "HOTA"
         ));
         let short = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4}"));
-        lines.extend(entries.iter().filter(|e| e.f1.is_some()).map(|e| {
+        lines.extend(of(Kind::Particles).map(|e| {
             format!(
                 "{:<4} {:<15} {:>6}  {:<16} {:>6} {:>6} {:>6} {:>6} {:>6}",
                 rank(e),
@@ -213,24 +269,26 @@ fn text(entries: &[Entry], warnings: &[String]) -> String {
             )
         }));
     }
-    if entries.iter().any(|e| e.aee_px.is_some()) {
+    if of(Kind::Field).count() > 0 {
         lines.push(format!(
-            "{:<4} {:<15} {:>8}  {:<16} {:>8} {:>12}",
-            "rank", "name", "valid", "95 %", "AEE px", "RMS u in px"
+            "{:<4} {:<15} {:>8}  {:<16} {:>9} {:>8}",
+            "rank", "name", "valid", "95 %", "RMS in px", "AEE px"
         ));
-        lines.extend(entries.iter().filter(|e| e.aee_px.is_some()).map(|e| {
+        lines.extend(of(Kind::Field).map(|e| {
             format!(
-                "{:<4} {:<15} {:>8}  {:<16} {:>8} {:>12}",
+                "{:<4} {:<15} {:>8}  {:<16} {:>9} {:>8}",
                 rank(e),
                 name(e),
                 n(e.valid_vector_probability),
                 e.low.zip(e.high).map_or("-".to_owned(), |(l, h)| format!("[{l:.4}, {h:.4}]")),
-                n(e.aee_px),
-                n(e.rms_u_inliers_px)
+                n(e.rms_u_inliers_px.zip(e.rms_v_inliers_px).map(|(u, v)| u.hypot(v))),
+                n(e.aee_px)
             )
         }));
     }
-    lines.push("=: 95 % intervals of what ranks reach each other.".to_owned());
+    lines.push(
+        "=: no 95 % interval tells them apart (F1, errors, links, HOTA; fields: valid, RMS, AEE).".to_owned(),
+    );
     lines.extend(warnings.iter().map(|w| format!("WARNING {w}")));
     lines.join("\n")
 }
@@ -302,7 +360,7 @@ fn page(scores: &[(Entry, Value)], warnings: &[String]) -> Result<String> {
         }
     }
     type Column = fn(&Entry) -> Option<f64>;
-    let columns: [(&str, Column); 16] = [
+    let columns: [(&str, Column); 17] = [
         ("F1", |e| e.f1),
         ("valid vectors", |e| e.valid_vector_probability),
         ("95 % from", |e| e.low),
@@ -313,6 +371,7 @@ fn page(scores: &[(Entry, Value)], warnings: &[String]) -> Result<String> {
         ("sigma z / h", |e| e.sigma_z_over_h),
         ("AEE, px", |e| e.aee_px),
         ("RMS u of inliers, px", |e| e.rms_u_inliers_px),
+        ("RMS v of inliers, px", |e| e.rms_v_inliers_px),
         ("link F1", |e| e.link_f1),
         ("HOTA", |e| e.hota),
         ("alpha", |e| e.alpha),
@@ -320,39 +379,25 @@ fn page(scores: &[(Entry, Value)], warnings: &[String]) -> Result<String> {
         ("JSC", |e| e.jsc),
         ("JSC_theta", |e| e.jsc_theta),
     ];
-    // Fields and particles have other scores.
-    let columns: Vec<_> =
-        columns.into_iter().filter(|(_, value)| scores.iter().any(|(e, _)| value(e).is_some())).collect();
     let body = html! {
         h1 { "Leaderboard" }
-        p.soft { "Ranked by F1 of detection, fields by the probability of a valid vector. Equal ranks: the 95 % intervals of what they are ranked by reach each other. "
-            "Errors count found particles only, so read them beside recall." }
+        p.soft { "Particles are ranked by F1 of detection, then by errors in the image plane and in depth, F1 of links, HOTA; \
+            fields by the probability of a valid vector, then RMS error of inliers, AEE. What the 95 % intervals of one do not \
+            tell apart the next one may; equal ranks are told apart by none. Errors count found particles only, so read them \
+            beside recall." }
         @for warning in warnings { p.warning { (warning) } }
-        div.scroll { table.board {
-            tr { th { "rank" } th { "name" } @for (name, _) in &columns { th { (name) } } }
-            @for (e, _) in scores { tr {
-                td { (e.rank) } td { (e.name) } @for (_, value) in &columns { td { (n(value(e))) } }
+        @for same in scores.chunk_by(|a, b| a.0.kind == b.0.kind) {
+            h2 { (match same[0].0.kind { Kind::Particles => "Particles", Kind::Field => "Fields" }) }
+            // Fields and particles have other scores.
+            @let columns: Vec<_> = columns.iter().filter(|(_, value)| same.iter().any(|(e, _)| value(e).is_some())).collect();
+            div.scroll { table.board {
+                tr { th { "rank" } th { "name" } @for (name, _) in &columns { th { (name) } } }
+                @for (e, _) in same { tr {
+                    td { (e.rank) } td { (e.name) } @for (_, value) in &columns { td { (n(value(e))) } }
+                } }
             } }
-        } }
+        }
         @if !plots.is_empty() { h2 { "Curves" } div.plots { @for plot in &plots { (plot) } } }
     };
     Ok(document("Leaderboard", &body))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn scores_that_intervals_do_not_tell_apart_share_a_rank() {
-        let entry = |f1: f64, half: f64| {
-            let score = serde_json::json!({ "detection": { "f1": f1, "interval": { "f1": [f1 - half, f1 + half] } } });
-            (Entry::of(f1.to_string(), &score), score)
-        };
-        let mut scores = vec![entry(0.9, 0.02), entry(0.87, 0.02), entry(0.85, 0.02), entry(0.84, 0.02)];
-        rank(&mut scores);
-        // The third does not reach the first, so it begins a rank of its own, which the fourth shares.
-        let ranks: Vec<usize> = scores.iter().map(|s| s.0.rank).collect();
-        assert_eq!(ranks, [1, 1, 3, 3]);
-    }
 }

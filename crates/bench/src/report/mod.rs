@@ -4,6 +4,8 @@ mod compare;
 mod fields;
 mod html;
 mod plots;
+mod ranking;
+mod score_file;
 mod table;
 
 use std::path::{Path, PathBuf};
