@@ -237,6 +237,22 @@ fn a_submission_is_checked_without_the_truth_and_scored_with_it() {
 }
 
 #[test]
+fn a_test_split_says_that_its_truth_is_withheld() {
+    let c = &*CHALLENGE;
+    let place = tempfile::tempdir().unwrap();
+    let result = submission(place.path(), &images_sha256()).join("results.csv");
+    let out = place.path().join("out");
+    for arguments in [
+        vec!["evaluate", path(&c.test), path(&result)],
+        vec!["export", path(&c.test), "--format", "isbi", "--out", path(&out)],
+        vec!["export", path(&c.test), "--format", "flo", "--out", path(&out)],
+    ] {
+        let message = fail(2, &arguments);
+        assert!(message.contains("a test split, whose truth is withheld"), "{message}");
+    }
+}
+
+#[test]
 fn a_wrong_submission_is_told_what_and_where() {
     let c = &*CHALLENGE;
     let place = tempfile::tempdir().unwrap();

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use bench::evaluate::field::FieldScore;
 use bench::evaluate::{Options, evaluate};
-use suite::microsig::{path, run};
+use suite::microsig::{fail, path, run};
 
 /// A lattice of `n` x `n` vectors, 8 px apart.
 fn lattice(n: usize) -> impl Iterator<Item = (f64, f64)> {
@@ -160,6 +160,94 @@ fn a_dataset_s_field_is_scored_pair_by_pair_against_every_truth() {
     std::fs::write(&result, table(6, |_, _| [1.0, 0.5])).unwrap();
     let warnings = evaluate(&folder, &result, &Options::default()).unwrap().score.warnings;
     assert!(warnings.iter().any(|w| w.contains("image pair")), "{warnings:?}");
+}
+
+/// Replaces the manifest of [`dataset`].
+fn tell(folder: &Path, facts: &str) {
+    let manifest = format!(r#"{{"name":"hand-made","microsig":{facts}}}"#);
+    std::fs::write(folder.join("datapackage.json"), manifest).unwrap();
+}
+
+#[test]
+fn a_plane_without_fluid_is_not_taken_unless_it_is_asked_for() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = place.path().join("dataset");
+    dataset(&folder);
+    let field = folder.join("truth/field.csv");
+    let masked = |depths: &[&str]| {
+        let text = std::fs::read_to_string(&field).unwrap();
+        let row = |line: &str| match depths.contains(&line.split(',').nth(4).unwrap()) {
+            true => format!("{}1\n", &line[..line.len() - 1]),
+            false => format!("{line}\n"),
+        };
+        std::fs::write(&field, text.lines().map(row).collect::<String>()).unwrap();
+    };
+    masked(&["-10"]);
+    tell(&folder, r#"{"particle_image":{"focus_um":-12.0}}"#);
+    let result = place.path().join("result.csv");
+    std::fs::write(&result, table(6, |_, _| [1.0, 0.5])).unwrap();
+    let of = |plane_um: Option<f64>| evaluate(&folder, &result, &Options { plane_um, ..Options::default() });
+    assert_eq!(of(None).unwrap().score.field.unwrap().plane_um, Some(1.0));
+    let message = of(Some(-9.0)).unwrap_err().to_string();
+    assert!(message.contains("z = -10 um is masked everywhere; there is fluid at z = 1 um"), "{message}");
+    let out = place.path().join("field.txt");
+    let export = ["export", path(&folder), "--format", "openpiv", "--pair", "0", "--out", path(&out)];
+    assert!(run(&export).contains("30 "), "30 of 36 nodes are not masked");
+    masked(&["1"]);
+    assert!(of(None).unwrap_err().to_string().contains("no plane has a node that is not masked"));
+    assert!(fail(2, &[&export[..], &["--force"]].concat()).contains("no plane has a node"));
+}
+
+#[test]
+fn where_all_depths_are_seen_alike_their_mean_is_the_truth() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = place.path().join("dataset");
+    dataset(&folder);
+    tell(&folder, r#"{"depth_range_um":[-5,1],"particle_image":{"focus_um":null}}"#);
+    let result = place.path().join("result.csv");
+    std::fs::write(&result, "pair,x_px,y_px,dx_px,dy_px\n0,13,13,1,0.5\n").unwrap();
+    let scored = |plane_um: Option<f64>| {
+        let score = evaluate(&folder, &result, &Options { plane_um, ..Options::default() }).unwrap().score;
+        let field = score.field.unwrap();
+        (field.against, field.plane_um.unwrap(), score.assumptions.iter().any(|a| a.contains("seen alike")))
+    };
+    // The middle of the depth range is nearer to the plane at 1 um.
+    assert_eq!(scored(None), ("weighted".to_owned(), 1.0, true));
+    assert_eq!(scored(Some(-8.0)), ("central".to_owned(), -10.0, false));
+}
+
+#[test]
+fn image_pairs_that_are_not_there_are_told() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = place.path().join("dataset");
+    dataset(&folder);
+    // A steady field is the truth of all pairs, but of no more than there are.
+    let field = folder.join("truth/field.csv");
+    let text = std::fs::read_to_string(&field).unwrap();
+    let steady = text.lines().filter(|l| !l.starts_with("1,")).map(|l| match l.strip_prefix("0,") {
+        Some(rest) => format!(",{rest}\n"),
+        None => format!("{l}\n"),
+    });
+    std::fs::write(&field, steady.collect::<String>()).unwrap();
+    let result = place.path().join("result.csv");
+    std::fs::write(&result, "pair,x_px,y_px,dx_px,dy_px\n1,13,13,1,0.5\n2,13,13,1,0.5\n99,13,13,1,0.5\n")
+        .unwrap();
+    for (timing, lost, named) in [
+        (r#"{"mode":"pairs","pairs":2}"#, 2, "(2, 99)"),
+        (r#"{"mode":"sequence","frames":4}"#, 1, "(99)"),
+        (r#"{"mode":"four_pulse","frames":8}"#, 1, "(99)"),
+    ] {
+        tell(&folder, &format!(r#"{{"timing":{timing}}}"#));
+        let score = evaluate(&folder, &result, &Options::default()).unwrap().score;
+        assert_eq!(score.field.unwrap().n_outside, lost, "{timing}");
+        let expected = format!("{lost} vectors are of image pairs that the dataset does not have {named}");
+        assert!(score.warnings.contains(&expected), "{timing}: {:?}", score.warnings);
+        let message = fail(2, &["evaluate", path(&folder), path(&result), "--validate-only"]);
+        assert!(message.contains("result.csv:4: pair = 99: the dataset has no such"), "{message}");
+        let out = place.path().join("out.flo");
+        let export = ["export", path(&folder), "--format", "openpiv", "--out", path(&out), "--pair"];
+        assert!(fail(2, &[&export[..], &["99"]].concat()).contains("no pair 99"));
+    }
 }
 
 #[test]

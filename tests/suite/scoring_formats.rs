@@ -148,7 +148,7 @@ fn claimed_uncertainties_are_read_and_unused_columns_named() {
         "{points:?}"
     );
     std::fs::write(&file, "frame,track,x_px,y_px,sx_px\n0,1,4.5,2,-0.1\n").unwrap();
-    assert!(read_error(&file).contains(":2: -0.1: expected an uncertainty"), "{}", read_error(&file));
+    assert!(read_error(&file).contains(":2: sx_px = -0.1: expected an uncertainty"), "{}", read_error(&file));
     std::fs::write(&file, "frame,track,x_px,y_px\n0,1,4.5,2\n1,1,2,2\n0,1,3,3\n").unwrap();
     assert!(read_error(&file).contains(":4: track 1 is twice in frame 0"), "{}", read_error(&file));
 }
@@ -170,7 +170,38 @@ fn velocities_are_read_with_their_unit() {
     assert_eq!(velocities, "Some(Velocities { unit: PerFrame, rows: [[1.5, 2.0, NaN]] })");
     assert!(notes.iter().any(|n| n.contains("px per frame")), "{notes:?}");
     std::fs::write(&file, "frame,x_px,y_px,vx,vy\n0,4.5,2,1,inf\n").unwrap();
-    assert!(read_error(&file).contains(":2: inf: expected a velocity"), "{}", read_error(&file));
+    assert!(read_error(&file).contains(":2: vy = inf: expected a velocity"), "{}", read_error(&file));
+}
+
+#[test]
+fn rows_without_coordinates_are_told_with_their_lines() {
+    let place = tempfile::tempdir().unwrap();
+    let file = place.path().join("r.csv");
+    let rows = "0,,5,2,1,0\n0,0,nan,2,1,0\n0,0,4,2,1,0\n0,0,,2,1,0\n";
+    for (header, dropped) in [("frame,track,x_px,y_px,a,b\n", 2), ("pair,dy_px,x_px,y_px,dx_px,b\n", 2)] {
+        std::fs::write(&file, format!("{header}{rows}")).unwrap();
+        let (n, notes) = match read(&file, &Conventions::default()).unwrap() {
+            Found::Points(p) => (p.n_nan, p.notes),
+            Found::Field(f) => (f.n_nan, f.notes),
+        };
+        let expected = "2 rows without coordinates were dropped (lines 3, 5)";
+        assert!(n == dropped && notes.iter().any(|n| n == expected), "{n} {notes:?}");
+    }
+    // The challenge trims what is missing at the ends of tracks and drops tracks in which something is missing.
+    let detection = |t: u32, x: &str| format!("<detection t=\"{t}\" x=\"{x}\" y=\"1\" z=\"0\"/>");
+    let track = |xs: [&str; 3]| {
+        let all: String = (0..).zip(xs).map(|(t, x)| detection(t, x)).collect();
+        format!("<particle>{all}</particle>")
+    };
+    let tracks = [["NaN", "2", "3"], ["4", "NaN", "5"], ["6", "7", "8"]].map(track).concat();
+    let text = format!("<root><TrackContestISBI2012>{tracks}</TrackContestISBI2012></root>");
+    std::fs::write(&file, text).unwrap();
+    let Found::Points(points) = read(&file, &Conventions::default()).unwrap() else { panic!("no particles") };
+    let kept: Vec<(i64, f64)> = points.rows.iter().map(|r| (r.track, r.at.x_px)).collect();
+    assert_eq!(kept, [(0, 3.0), (0, 4.0), (2, 7.0), (2, 8.0), (2, 9.0)]);
+    assert_eq!(points.n_nan, 4);
+    let note = "4 detections without coordinates were dropped, with all of 1 tracks";
+    assert!(points.notes.iter().any(|n| n.starts_with(note)), "{:?}", points.notes);
 }
 
 #[test]
@@ -272,6 +303,8 @@ fn hostile_files_are_refused_within_a_gigabyte() {
         ("field.csv", b"x_px,y_px,dx_px,dy_px\n1,1,1e308,0\n".to_vec(), ":2: 1e308: "),
         ("flag.csv", b"x_px,y_px,dx_px,dy_px,flag\n1,1,1,0,7\n".to_vec(), ":2: flag = 7"),
         ("openpiv.txt", b"# x\ty\tu\tv\tflags\tmask\n1 1 x 0 0 0\n".to_vec(), ":2: u = \"x\""),
+        ("openpiv7.txt", b"# x\ty\tu\tv\tflags\tmask\n1 1 1 0 7 0\n".to_vec(), ":2: flags = 7"),
+        ("same.csv", b"frame,track,x_px,y_px,x_px\n0,0,1,1,2\n".to_vec(), "column x_px is there twice"),
         ("pivlab.txt", b"PIVlab\nFRAME\nx [mm],y [mm],u [mm/s],v [mm/s]\n1,1,1,1\n".to_vec(), ":3: "),
         ("binary.csv", vec![0xff; 4000], "fits no format"),
     ];
@@ -358,5 +391,7 @@ fn formats_that_are_not_read_yet_are_named() {
         std::fs::write(&file, head).unwrap();
         let message = read_error(&file);
         assert!(message.contains(name) && message.contains("cannot be read; write a CSV"), "{message}");
+        // Of fields are those of DaVis and KITTI.
+        assert_eq!(message.contains("dx_px"), ["DaVis", "KITTI"].contains(&name), "{message}");
     }
 }

@@ -139,7 +139,7 @@ fn velocities_are_those_of_the_times_at_which_frames_were_taken() {
     let positions = place.path().join("positions.csv");
     for (timing, even) in [
         ("four_pulse(count: 2, dt_s: 0.002, gap_s: 0.005, interval_s: 0.1)", false),
-        ("sequence(frames: 8, dt_s: 0.004, jitter_s: 0.0008)", false),
+        ("sequence(frames: 8, dt_s: 0.004, jitter_s: 0.0004)", false),
         ("sequence(frames: 8, dt_s: 0.004)", true),
     ] {
         let scenario = VORTEX.replace("sequence(frames: 30, dt_s: 0.005)", timing);
@@ -352,6 +352,43 @@ fn a_perfect_result_in_another_convention_is_told_to_be_perfect() {
 }
 
 #[test]
+fn what_does_not_fit_a_dataset_is_told() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), PAIRS);
+    let result = place.path().join("result.csv");
+    std::fs::write(&result, "frame,track,x_px,y_px\n1,0,5,5\n8,0,5,5\n").unwrap();
+    let message = fail(2, &["evaluate", path(&dataset), path(&result), "--validate-only"]);
+    assert!(message.contains("result.csv:3: frame = 8: expected 0 to 7"), "{message}");
+    let bad = |more: &[&str]| fail(2, &[&["evaluate", path(&dataset), path(&result)], more].concat());
+    let message = bad(&["--depth", "10", "-10"]);
+    assert!(message.contains("--depth 10 -10: expected two depths in um, the lower one first"), "{message}");
+    assert!(bad(&["--border", "1e9"]).contains("--border 1000000000: expected 0 to 1e7 px"));
+    let bare = fail(2, &["evaluate", path(&result), path(&result), "--border", "3"]);
+    assert!(bare.contains("not known from a bare table"), "{bare}");
+
+    let partial = place.path().join("dataset.partial");
+    std::fs::rename(&dataset, &partial).unwrap();
+    let tracks = partial.join("truth/tracks.csv");
+    for arguments in [
+        vec!["evaluate", path(&partial), path(&tracks)],
+        vec!["export", path(&partial), "--format", "isbi", "--out", path(&result), "--force"],
+    ] {
+        let message = fail(2, &arguments);
+        assert!(message.contains("dataset.partial: unfinished; microsig generate --resume"), "{message}");
+    }
+}
+
+#[test]
+fn a_reader_that_reads_no_further_is_no_error() {
+    // Closed at once: the other end of the pipe is gone before anything is written.
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let child = suite::microsig::microsig().arg("flows").stdout(writer).output().unwrap();
+    let said = String::from_utf8_lossy(&child.stderr);
+    assert!(child.status.success() && said.is_empty(), "{:?} {said}", child.status);
+}
+
+#[test]
 fn degenerate_results_have_null_scores() {
     let (truth, _) = scene();
     let nothing = scores(&truth, &Points { has_z: true, ..Points::default() });
@@ -362,9 +399,11 @@ fn degenerate_results_have_null_scores() {
     );
     let isbi = nothing.isbi.unwrap();
     assert_eq!((isbi.alpha, isbi.beta, isbi.rmse), (Some(0.0), Some(0.0), None));
+    assert!(isbi.alpha.is_some_and(f64::is_sign_positive) && isbi.beta.is_some_and(f64::is_sign_positive));
 
     let none = Truth { has_z: true, ..Truth::default() };
     let both = scores(&none, &Points::default());
+    assert!(both.warnings.iter().any(|w| w.contains("nothing was missed")), "{:?}", both.warnings);
     let d = both.detection.unwrap();
     assert_eq!((d.precision, d.recall, d.f1, d.jaccard), (None, None, None, None));
     assert_eq!(
@@ -429,4 +468,80 @@ fn an_evaluation_leaves_files_that_can_be_compared() {
     for name in ["leaderboard.csv", "curves.csv", "leaderboard.html"] {
         assert!(board.join(name).is_file(), "{name}");
     }
+}
+
+#[test]
+fn a_comparison_knows_datasets_by_their_truth_and_ranks_fields_apart() {
+    let place = tempfile::tempdir().unwrap();
+    let (scenario, seven) = (place.path().join("vortex.ron"), place.path().join("seven"));
+    let dataset = generate(place.path(), VORTEX);
+    std::fs::write(&scenario, VORTEX).unwrap();
+    run(&["generate", path(&scenario), "--out", path(&seven), "--seed", "7", "--quiet"]);
+    let score = |dataset: &Path, result: &Path, name: &str| {
+        let out = place.path().join(name);
+        run(&["evaluate", path(dataset), path(result), "--out", path(&out), "--quiet"]);
+        out
+    };
+    let field = place.path().join("field.txt");
+    run(&["export", path(&dataset), "--format", "openpiv", "--pair", "0", "--out", path(&field)]);
+    let particles = score(&dataset, &dataset.join("truth/tracks.csv"), "particles");
+    let vectors = score(&dataset, &field, "vectors");
+    let other = score(&seven, &seven.join("truth/tracks.csv"), "other");
+    let compared = |scores: &[&Path], out: &str| -> serde_json::Value {
+        let out = place.path().join(out);
+        let scores: Vec<&str> = scores.iter().map(|s| path(s)).collect();
+        let said = run(&[&["compare"], &scores[..], &["--out", path(&out), "--json", "--quiet"]].concat());
+        serde_json::from_str(&said).unwrap()
+    };
+    let both = compared(&[&vectors, &particles], "both");
+    assert_eq!(both["warnings"].as_array().map(Vec::len), Some(0), "{both}");
+    let line = |i: usize| (both["entries"][i]["kind"].clone(), both["entries"][i]["rank"].clone());
+    assert_eq!((line(0), line(1)), (("particles".into(), 1.into()), ("field".into(), 1.into())));
+    let page = std::fs::read_to_string(place.path().join("both/leaderboard.html")).unwrap();
+    assert!(page.contains("<h2>Particles</h2>") && page.contains("<h2>Fields</h2>"));
+    let seeds = compared(&[&particles, &other], "seeds");
+    let warned = seeds["warnings"].as_array().into_iter().flatten().filter_map(|w| w.as_str());
+    assert_eq!(warned.filter(|w| w.contains("different datasets, all named vortex")).count(), 1, "{seeds}");
+
+    let file = particles.join("score.json");
+    let text = std::fs::read_to_string(&file).unwrap().replacen("\"f1\": 1.0", "\"f1\": 2.0", 1);
+    std::fs::write(&file, text).unwrap();
+    let message = fail(2, &["compare", path(&file), "--out", path(&place.path().join("never"))]);
+    assert!(message.contains("score.json: detection.f1 = 2.0: expected from 0 to 1"), "{message}");
+}
+
+#[test]
+fn gaussian_spots_have_a_bound_of_x_and_y_but_not_of_z() {
+    let place = tempfile::tempdir().unwrap();
+    let scenario = r#"(
+        name: "spots",
+        optics: (gaussian: (diameter_px: 6, peak_counts: 500), pixel_dim_x: 90, pixel_dim_y: 70, background_noise: 5),
+        motion: flow(field: poiseuille()),
+        particles: (number: count(20)),
+        timing: pairs(count: 1),
+    )"#;
+    let dataset = generate(place.path(), scenario);
+    let tracks = dataset.join("truth/tracks.csv");
+    let flat = place.path().join("flat.csv");
+    columns(&tracks, &["frame", "track", "x_px", "y_px"], &flat);
+    // 20 bins over depth; one of a result without.
+    for (result, bins) in [(&tracks, 20), (&flat, 1)] {
+        let score = evaluated(&[path(&dataset), path(result), "--crlb"]);
+        let all = score["crlb"]["bins"].as_array().unwrap();
+        assert_eq!(all.len(), bins);
+        for bin in all {
+            // Noise of 5 counts and of rounding, and a peak of 500: sqrt(2 / pi) s / A; pixels are a fourth of a spot's width.
+            let expected = (2.0 / std::f64::consts::PI).sqrt() * (25.0f64 + 1.0 / 12.0).sqrt() / 500.0;
+            let x = bin["crlb_x_px"].as_f64().unwrap();
+            assert!((x / expected - 1.0).abs() < 0.05 && bin["crlb_z_um"].is_null(), "{x} {expected}");
+        }
+    }
+    let field = place.path().join("field.txt");
+    run(&["export", path(&dataset), "--format", "openpiv", "--out", path(&field)]);
+    let score = evaluated(&[path(&dataset), path(&field), "--crlb"]);
+    assert_eq!(score["crlb"], serde_json::Value::Null);
+    assert!(
+        score["warnings"].to_string().contains("no Cramer-Rao bound: there is none of fields"),
+        "{score}"
+    );
 }

@@ -277,5 +277,9 @@ fn report(text: &str, result: &impl Serialize, common: &Common) -> Result<()> {
     } else {
         text.to_owned()
     };
-    writeln!(std::io::stdout().lock(), "{line}").map_err(Error::write(Path::new("standard output")))
+    match writeln!(std::io::stdout().lock(), "{line}") {
+        // Whoever reads no further, as `head`, has all that is wanted.
+        Err(e) if e.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+        written => written.map_err(Error::write(Path::new("standard output"))),
+    }
 }

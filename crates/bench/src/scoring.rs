@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use bench::evaluate::gate::Shape;
+use bench::evaluate::truth::Facts;
 use bench::evaluate::{Options, evaluate};
 use bench::release::{self, SubmissionFiles, Validated};
 use bench::results::{self, Conventions, Format, Found, Origin};
@@ -136,8 +137,10 @@ impl Evaluate {
         let depth_um = match self.depth.as_deref() {
             Some(&[low, high]) if low < high && high - low <= 1e9 => Some((low, high)),
             Some(wrong) => {
+                let given: Vec<String> = wrong.iter().map(f64::to_string).collect();
                 return Err(Error::input(format!(
-                    "--depth {wrong:?}: expected the lower depth, then the higher"
+                    "--depth {}: expected two depths in um, the lower one first, at most 1e9 um apart",
+                    given.join(" ")
                 )));
             }
             None => None,
@@ -174,7 +177,7 @@ impl Evaluate {
 pub(crate) fn run_evaluate(arguments: &Evaluate, common: &Common) -> Result<()> {
     let conventions = arguments.conventions()?;
     if !(0.0..=1e7).contains(&arguments.border) {
-        return Err(Error::input(format!("--border {}: expected a number >= 0", arguments.border)));
+        return Err(Error::input(format!("--border {}: expected 0 to 1e7 px", arguments.border)));
     }
     if let Some(plane) = arguments.plane.filter(|z| !z.is_finite()) {
         return Err(Error::input(format!("--plane {plane}: expected a depth in um")));
@@ -241,7 +244,12 @@ fn validate(arguments: &Evaluate, mut given: Conventions, common: &Common) -> Re
     if arguments.dataset.is_dir() {
         given = bench::evaluate::truth::conventions(&arguments.dataset, given)?;
     }
-    let (kind, rows, n_nan, notes) = match results::read(&arguments.result, &given)? {
+    let found = results::read(&arguments.result, &given)?;
+    let beyond = Facts::of(&arguments.dataset, &given)?.beyond(&arguments.result, &found);
+    if !beyond.is_empty() {
+        return Err(Error::Input(beyond));
+    }
+    let (kind, rows, n_nan, notes) = match found {
         Found::Points(p) => ("particles", p.rows.len(), p.n_nan, p.notes),
         Found::Field(f) => ("vectors", f.vectors.len(), f.n_nan, f.notes),
     };

@@ -2,8 +2,9 @@
 //!
 //! F_ij = sum over pixels of (d mu / d theta_i) (d mu / d theta_j) / v, theta = (x, y, z, brightness), sigma_i >=
 //! sqrt((F^-1)_ii); v = background_noise^2 + gain (mu - background) + 1/12, since counts of rays are Poisson and images are
-//! rounded; a camera adds the noise of its electrons, `mode: expected` has none of rays. A property of the dataset's optics
-//! and noise: no image of the dataset is looked at. mu and its derivatives are those of `microsig_core::render::expected`.
+//! rounded; a camera adds the noise of its electrons, `mode: expected` and Gaussian spots have none of rays. A property of the dataset's optics
+//! and noise: no image of the dataset is looked at. mu and its derivatives are those of `microsig_core::render::expected`,
+//! of Gaussian spots their integrals over pixels, which tell nothing of z.
 //! Overlap, edges and the variance's own dependence on theta are left out.
 
 use std::path::Path;
@@ -18,13 +19,15 @@ use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::curves::Curve;
+use super::Score;
+use super::curves::Bin;
+use super::detection::Detection;
 use super::statistics::quantile;
 use crate::dataset::manifest::MANIFEST;
 use crate::dataset::truth::TRACKS;
 use crate::error::{Error, Result};
 use crate::results::sheet::{Separator, Sheet};
-use crate::scenario::spec;
+use crate::scenario::{parse, spec};
 
 /// Error of the expected images, as a share of their peaks: a bound is wanted to a few percent.
 const TOLERANCE: f64 = 3e-3;
@@ -53,12 +56,15 @@ pub struct BoundBin {
     pub efficiency_z: Option<f64>,
 }
 
-/// The bound in every bin of a dataset's curve over depth. `None` for data without depth, in focus or with `gain` 0.
+/// The bound of a dataset in every bin of a score's curve over depth; of spots that are all in focus without such a curve,
+/// in one bin. `Err` holds why there is none.
 ///
 /// # Errors
 /// A dataset whose settings cannot be read.
-pub fn of_dataset(dataset: &Path, curves: &[Curve]) -> Result<Option<Crlb>> {
-    let Some(curve) = curves.iter().find(|c| c.against == "z_um") else { return Ok(None) };
+pub fn of_dataset(dataset: &Path, score: &Score) -> Result<std::result::Result<Crlb, &'static str>> {
+    if score.detection.is_none() {
+        return Ok(Err("there is none of fields"));
+    }
     let path = dataset.join("settings.txt");
     let file = std::fs::File::open(&path).map_err(|e| Error::read(&path, e))?;
     let settings = settings_file::read(file, &path.display().to_string())?.settings;
@@ -66,51 +72,123 @@ pub fn of_dataset(dataset: &Path, curves: &[Curve]) -> Result<Option<Crlb>> {
     let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
     let manifest: Value =
         serde_json::from_str(&text).map_err(|e| Error::input(format!("{}: {e}", path.display())))?;
-    // Where all particles are in focus, images tell nothing of depth.
-    if manifest["microsig"]["renderer"] == "gaussian" {
-        return Ok(None);
-    }
-    let depth_factor = manifest["microsig"]["depth_factor"].as_f64().filter(|f| *f > 0.0).unwrap_or(1.0);
-    let Some(d_um) = median_diameter(&dataset.join(TRACKS.path))? else { return Ok(None) };
+    let manifest = &manifest["microsig"];
     if settings.gain == 0.0 {
-        return Ok(None);
+        return Ok(Err("images of gain 0 are empty"));
     }
-    let noise = Noise::of_dataset(dataset, &settings, &manifest["microsig"])?;
+    let Some([d_um, c_int]) = medians(&dataset.join(TRACKS.path))? else {
+        return Ok(Err("there are no particles with a diameter"));
+    };
+    let noise = Noise::of_dataset(dataset, &settings, manifest)?;
+    let curve = score.curves.iter().find(|c| c.against == "z_um");
+    if manifest["renderer"] == "gaussian" {
+        let Some(spot) = gaussian(dataset)? else { return Ok(Err("the scenario does not tell its spots")) };
+        let bound = of_spot(spot, &noise, d_um, c_int);
+        let all = curve.map_or_else(|| vec![whole(score, manifest)], |curve| curve.bins.clone());
+        let bound = bound.map_or([None; 3], |[x, y]| [Some(x), Some(y), None]);
+        return Ok(Ok(Crlb { d_um, bins: all.iter().map(|bin| bin_of(bin, bound)).collect() }));
+    }
+    let Some(curve) = curve else { return Ok(Err("truth and result must both have a depth")) };
+    let depth_factor = manifest["depth_factor"].as_f64().filter(|f| *f > 0.0).unwrap_or(1.0);
     let renderer = on_large_sensor(&settings)?;
-    let bins = curve
-        .bins
-        .par_iter()
-        .map(|bin| {
-            let z_um = f64::midpoint(bin.from, bin.to);
-            let bound = bound(&renderer, &noise, d_um, z_um / depth_factor)?;
-            let [x, y, z] = bound.map_or([None; 3], |b| [Some(b[0]), Some(b[1]), Some(b[2] * depth_factor)]);
-            let efficiency = |bound: Option<f64>, rms: Option<f64>| {
-                bound.zip(rms).filter(|(_, rms)| *rms > 0.0).map(|(bound, rms)| bound / rms)
-            };
-            Ok(BoundBin {
-                z_um,
-                crlb_x_px: x,
-                crlb_y_px: y,
-                crlb_z_um: z,
-                efficiency_x: efficiency(x, bin.rms_x_px),
-                efficiency_y: efficiency(y, bin.rms_y_px),
-                efficiency_z: efficiency(z, bin.rms_z_um),
-            })
-        })
-        .collect::<Result<_>>()?;
-    Ok(Some(Crlb { d_um, bins }))
+    let bins = curve.bins.par_iter().map(|bin| {
+        let bound = bound(&renderer, &noise, d_um, f64::midpoint(bin.from, bin.to) / depth_factor)?;
+        let bound = bound.map_or([None; 3], |b| [Some(b[0]), Some(b[1]), Some(b[2] * depth_factor)]);
+        Ok(bin_of(bin, bound))
+    });
+    Ok(Ok(Crlb { d_um, bins: bins.collect::<Result<_>>()? }))
 }
 
-fn median_diameter(tracks: &Path) -> Result<Option<f64>> {
+/// A bound beside what a result reached.
+fn bin_of(bin: &Bin, [x, y, z]: [Option<f64>; 3]) -> BoundBin {
+    let efficiency = |bound: Option<f64>, rms: Option<f64>| {
+        bound.zip(rms).filter(|(_, rms)| *rms > 0.0).map(|(bound, rms)| bound / rms)
+    };
+    BoundBin {
+        z_um: f64::midpoint(bin.from, bin.to),
+        crlb_x_px: x,
+        crlb_y_px: y,
+        crlb_z_um: z,
+        efficiency_x: efficiency(x, bin.rms_x_px),
+        efficiency_y: efficiency(y, bin.rms_y_px),
+        efficiency_z: efficiency(z, bin.rms_z_um),
+    }
+}
+
+/// All depths in one bin, of results that have none.
+fn whole(score: &Score, manifest: &Value) -> Bin {
+    let end = |i: usize| manifest["depth_range_um"][i].as_f64().unwrap_or(0.0);
+    let rms = |of: fn(&Detection) -> Option<f64>| score.detection.as_ref().and_then(of);
+    Bin {
+        from: end(0),
+        to: end(1),
+        rms_x_px: rms(|d| d.rmse_x_px),
+        rms_y_px: rms(|d| d.rmse_y_px),
+        ..Bin::default()
+    }
+}
+
+/// Median diameter (um) and brightness of the particles; `None` without a diameter.
+fn medians(tracks: &Path) -> Result<Option<[f64; 2]>> {
     let sheet = Sheet::open(tracks, Separator::Comma, 1)?;
-    let d = sheet.need("d_um")?;
-    let mut diameters = Vec::new();
+    let (d, c_int) = (sheet.need("d_um")?, sheet.column("c_int"));
+    let (mut diameters, mut brightness) = (Vec::new(), Vec::new());
     sheet.rows(|cells| {
         diameters.push(cells.number(d)?);
+        brightness.push(c_int.map_or(Ok(1.0), |c| cells.number(c))?);
         Ok(())
     })?;
-    diameters.sort_unstable_by(f64::total_cmp);
-    Ok(quantile(&diameters, 0.5).filter(|d| d.is_finite() && *d > 0.0))
+    let middle = |mut values: Vec<f64>| {
+        values.sort_unstable_by(f64::total_cmp);
+        quantile(&values, 0.5).filter(|v| v.is_finite() && *v > 0.0)
+    };
+    Ok(middle(diameters).zip(middle(brightness)).map(|(d, c)| [d, c]))
+}
+
+/// The spots of a dataset whose particles are all in focus.
+fn gaussian(dataset: &Path) -> Result<Option<spec::Gaussian>> {
+    let path = dataset.join("scenario.ron");
+    let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
+    Ok(parse(&text, &path.display().to_string())?.optics.gaussian)
+}
+
+/// Places of a spot within a pixel along each axis: small spots are found better here than there.
+const PLACES: usize = 8;
+
+/// The bound of a Gaussian spot that pixels integrate: sigma of x and y, px, RMS over places within a pixel. Brightness is
+/// unknown; depth changes nothing, so nothing is known of it.
+fn of_spot(spot: spec::Gaussian, noise: &Noise, d_um: f64, c_int: f64) -> Option<[f64; 2]> {
+    // exp(-8 r^2 / d^2) = exp(-r^2 / (2 w^2))
+    let w = spot.diameter_px * spot.reference_um.map_or(1.0, |reference| d_um / reference) / 4.0;
+    let peak = spot.peak_counts * c_int;
+    let half = (6.0 * w).ceil() as i32 + 1;
+    let root = std::f64::consts::SQRT_2 * w;
+    let density = |x: f64| libm::exp(-x * x / (2.0 * w * w));
+    // Of each pixel along an axis: the integral over it, and its derivative by the spot's place.
+    let axis = |place: f64| -> Vec<[f64; 2]> {
+        let pixel = |k: i32| {
+            let (a, b) = (f64::from(k) - 0.5 - place, f64::from(k) + 0.5 - place);
+            let integral =
+                w * (0.5 * std::f64::consts::PI).sqrt() * (libm::erf(b / root) - libm::erf(a / root));
+            [integral, density(a) - density(b)]
+        };
+        (-half..=half).map(pixel).collect()
+    };
+    let places: Vec<Vec<[f64; 2]>> =
+        (0..PLACES).map(|k| axis((k as f64 + 0.5) / PLACES as f64 - 0.5)).collect();
+    let mut squares = [0.0; 2];
+    for (columns, rows) in places.iter().flat_map(|c| places.iter().map(move |r| (c, r))) {
+        let mut information = [[0.0; 3]; 3];
+        for ([y, by_y], [x, by_x]) in rows.iter().flat_map(|r| columns.iter().map(move |c| (r, c))) {
+            let counts = peak * x * y;
+            let slopes = [peak * by_x * y, peak * x * by_y, counts].map(|v| noise.slope * v);
+            add(&mut information, &slopes, noise.background + noise.of_light * counts);
+        }
+        let [x, y, _] = bounds(&information)?;
+        squares[0] += x * x;
+        squares[1] += y * y;
+    }
+    Some(squares.map(|s| (s / (PLACES * PLACES) as f64).sqrt()))
 }
 
 /// The bound for a sphere at MicroSIG's depth `z_um`, in the middle of a sensor large enough: sigma of x, y (px), z (um).
@@ -145,7 +223,8 @@ impl Noise {
     /// counts with its mean.
     fn of_dataset(dataset: &Path, settings: &Settings, manifest: &Value) -> Result<Self> {
         let mut noise = Noise::of_rays(settings);
-        if manifest["renderer"] == "expected" {
+        // Neither expected images nor spots are drawn ray by ray.
+        if manifest["renderer"] != "rays" {
             noise.of_light = 0.0;
         }
         let Some(written) = manifest["sensor"]["detector"].as_object() else { return Ok(noise) };
@@ -262,6 +341,23 @@ mod tests {
                 "{width}: {x} {closed}"
             );
         }
+    }
+
+    /// Pixels much smaller than a spot of peak A = slope 500 change nothing; those as large as it take away from it.
+    #[test]
+    fn a_spot_that_pixels_integrate_has_nearly_the_bound_of_the_closed_form() {
+        let noise = Noise { slope: 2.0, background: 100.0 + ROUNDING, of_light: 0.0 };
+        let of = |diameter_px: f64, reference_um: Option<f64>| {
+            let spot = spec::Gaussian { diameter_px, reference_um, peak_counts: 1000.0 };
+            of_spot(spot, &noise, 2.0, 0.5).unwrap()
+        };
+        let closed = noise.background.sqrt() / 1000.0 * (2.0 / std::f64::consts::PI).sqrt();
+        let [x, y] = of(12.0, None);
+        assert!((x / closed - 1.0).abs() < 0.02 && (y / x - 1.0).abs() < 1e-9, "{x} {closed}");
+        assert_eq!(of(8.0, Some(4.0)), of(4.0, None));
+        let small = of(2.0, None)[0] / closed;
+        assert!(small > 1.02 && small < 2.0, "{small}");
+        assert_eq!(of_spot(spec::Gaussian::default(), &Noise { slope: 0.0, ..noise }, 2.0, 1.0), None);
     }
 
     #[test]

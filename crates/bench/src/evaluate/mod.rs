@@ -38,7 +38,7 @@ use diagnosis::Diagnosis;
 use gate::{Edge, Gate, Shape};
 use matching::{Cost, Matching};
 use statistics::Bootstrap;
-use truth::{Scored, Truth};
+use truth::{Facts, Scored, Truth};
 
 /// How to score; `None`: as the dataset says.
 #[derive(Debug, Clone, Default)]
@@ -152,6 +152,9 @@ pub struct Offset {
 #[derive(Debug, Clone, Default, Serialize)]
 #[allow(missing_docs)]
 pub struct Definitions {
+    /// Name of the dataset, and the SHA-256 of its true particles: what tells datasets apart.
+    pub dataset: String,
+    pub truth_sha256: Option<String>,
     pub gate: Option<Gate>,
     pub dims: u8,
     pub assignment: &'static str,
@@ -207,20 +210,27 @@ pub fn evaluate(dataset: &Path, result: &Path, options: &Options) -> Result<Eval
     let name = result.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut evaluation = match results::read(result, &given)? {
         Found::Points(points) => particles(&Truth::read(dataset, &given)?, &points, options)?,
+        Found::Field(_) if options.border_px > 0.0 => {
+            return Err(Error::input("--border: leaves out particles near the edge; the result is a field"));
+        }
         Found::Field(found) => {
-            let field::Scored { score, vectors, warnings } =
+            let field::Scored { score, vectors, notes, warnings } =
                 field::evaluate(dataset, &found, options.plane_um, options.seed)?;
+            let facts = Facts::of(dataset, &given)?;
             let definitions = Definitions {
+                dataset: facts.name.clone(),
+                truth_sha256: facts.sha256,
                 assignment: "none",
                 bootstrap_resamples: statistics::RESAMPLES,
                 bootstrap_seed: options.seed,
-                versions: Versions { microsig: GENERATOR_VERSION, dataset_generator: None },
+                versions: Versions { microsig: GENERATOR_VERSION, dataset_generator: facts.generator },
                 ..Definitions::default()
             };
             let counts = Counts { n_nan: found.n_nan, ..Counts::default() };
             let score = Score {
+                dataset: facts.name,
                 field: Some(score),
-                assumptions: found.notes,
+                assumptions: [found.notes, notes].concat(),
                 warnings,
                 definitions,
                 counts,
@@ -231,14 +241,14 @@ pub fn evaluate(dataset: &Path, result: &Path, options: &Options) -> Result<Eval
     };
     let score = &mut evaluation.score;
     score.result = name;
-    if score.dataset.is_empty() {
-        score.dataset = dataset.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    }
     if options.crlb {
         if !dataset.is_dir() {
             return Err(Error::input("--crlb: a bare table of the truth does not tell the optics"));
         }
-        score.crlb = crlb::of_dataset(dataset, &score.curves)?;
+        match crlb::of_dataset(dataset, score)? {
+            Ok(bound) => score.crlb = Some(bound),
+            Err(why) => score.warnings.push(format!("no Cramer-Rao bound: {why}")),
+        }
     }
     Ok(evaluation)
 }
@@ -248,6 +258,9 @@ pub fn evaluate(dataset: &Path, result: &Path, options: &Options) -> Result<Eval
 /// # Errors
 /// Options that do not fit; a gate that is too wide.
 pub fn particles(truth: &Truth, points: &Points, options: &Options) -> Result<Evaluation> {
+    if options.border_px > 0.0 && truth.facts.sensor_px.is_none() {
+        return Err(Error::input("--border: the size of the images is not known from a bare table"));
+    }
     let depth = dimensions(truth, points, options)?;
     let gate = gate(truth, depth, options)?;
     let h = truth.facts.depth_h_um();
@@ -270,6 +283,12 @@ pub fn particles(truth: &Truth, points: &Points, options: &Options) -> Result<Ev
     let n_unlinked = points.rows.iter().filter(|p| p.track < 0).count();
     if n_unlinked == points.rows.len() && n_unlinked > 0 {
         warnings.push("no point is linked: scores of tracks take each for a track of its own".to_owned());
+    }
+    if t.is_empty() && r.is_empty() {
+        warnings.push(
+            "neither truth nor result has a particle that is scored: nothing was missed, rates are null"
+                .to_owned(),
+        );
     }
     let offset = if options.auto_offset { diagnosis.offset()? } else { None };
 
@@ -333,6 +352,8 @@ pub fn particles(truth: &Truth, points: &Points, options: &Options) -> Result<Ev
         },
         offset: offset.map(|(shift, f1_without)| Offset { x_px: shift[0], y_px: shift[1], f1_without }),
         definitions: Definitions {
+            dataset: truth.facts.name.clone(),
+            truth_sha256: truth.facts.sha256.clone(),
             gate: Some(gate),
             dims: if depth { 3 } else { 2 },
             assignment: "lap-maxcard-d2",

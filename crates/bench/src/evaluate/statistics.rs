@@ -6,7 +6,8 @@ use serde::Serialize;
 
 /// `a / b`, or `None` for nothing by nothing.
 pub fn ratio(a: f64, b: f64) -> Option<f64> {
-    (b > 0.0).then(|| a / b)
+    // An empty sum is -0.
+    (b > 0.0).then(|| a / b + 0.0)
 }
 
 /// Bias, random and total error: rms^2 = bias^2 + random^2.
@@ -42,6 +43,9 @@ pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
 /// A 95 % interval; null where it is undefined.
 pub type Interval = Option<[f64; 2]>;
 
+/// Fewer units than this tell nothing of their spread.
+const FEWEST: usize = 5;
+
 /// Resamples of a bootstrap.
 pub const RESAMPLES: usize = 1000;
 
@@ -69,13 +73,13 @@ impl Bootstrap {
     }
 
     /// Percentile intervals (95 %) of statistics under resampling of units, which hold `N` sums each. `None` for fewer
-    /// than two units, or where a statistic is undefined in a resample.
+    /// than five units, or where a statistic is undefined in a resample.
     pub fn intervals<const N: usize, const M: usize>(
         &self,
         units: &[[f64; N]],
         statistics: impl Fn(&[f64; N]) -> [Option<f64>; M],
     ) -> [Interval; M] {
-        if units.len() < 2 {
+        if units.len() < FEWEST {
             return [None; M];
         }
         let mut blocks = vec![[0.0; N]; units.len().min(BLOCKS)];
@@ -173,7 +177,10 @@ mod tests {
         let [low, high] = interval.unwrap();
         // 1000 resamples know a 2.5 % quantile to about 0.1 standard errors.
         assert!((low - 0.451).abs() < 0.006 && (high - 0.549).abs() < 0.006, "{low} {high}");
-        assert_eq!(bootstrap.intervals(&units[..1], |s| [Some(s[0])]), [None]);
+        // Of four units 1 in 256 resamples is one unit four times: no 95 % interval is to be had from them.
+        assert_eq!(bootstrap.intervals(&units[..4], |s| [Some(s[0])]), [None]);
+        assert!(bootstrap.intervals(&units[..5], |s| [Some(s[0])])[0].is_some());
+        assert_eq!(ratio(-0.0, 1.0).map(f64::to_bits), Some(0));
         // 20,000 units in 2000 blocks: the standard error of their mean is still 0.5 / sqrt(20000) = 0.0035.
         let coin =
             |i: u32| f64::from(i.wrapping_mul(2_654_435_761).rotate_left(11).wrapping_mul(0x9e37_79b1) >> 31);

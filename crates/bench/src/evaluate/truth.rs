@@ -12,17 +12,21 @@ use serde_json::Value;
 use super::cloud::{Cloud, Loose};
 use super::gate::Gate;
 use super::matching::{Cost, NONE, optimal};
+use crate::dataset::checksums::fingerprint;
+use crate::dataset::folder::is_partial;
 use crate::dataset::manifest::MANIFEST;
 use crate::dataset::truth::{FRAMES, TRACKS};
 use crate::error::{Error, Result};
-use crate::results::sheet::{Separator, Sheet};
-use crate::results::{Conventions, Points, Row, Speed, read_points};
+use crate::results::sheet::{Separator, Sheet, shorten};
+use crate::results::{Conventions, Found, Points, Row, Speed, read_points};
 
 /// What is known about a measurement beside its particles.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Facts {
     /// Name of the dataset; the table's file name if it is bare.
     pub name: String,
+    /// SHA-256 of the dataset's truth/tracks.csv as its manifest tells it, or of the bare table.
+    pub sha256: Option<String>,
     /// Object-space length of a pixel, um.
     pub um_per_px: Option<f64>,
     /// Least and greatest depth, um.
@@ -37,11 +41,88 @@ pub struct Facts {
     pub frames: Option<u32>,
     /// Version of the generator.
     pub generator: Option<String>,
+    /// Whether frames come in bursts of four: there is no image pair from one burst to the next.
+    pub bursts: bool,
     /// Where particles are seen sharpest, um.
     pub focus_um: Option<f64>,
+    /// Whether all depths are seen alike.
+    pub is_all_in_focus: bool,
+    /// Whether this is a test split, whose truth only its organisers have.
+    pub is_withheld: bool,
 }
 
 impl Facts {
+    /// Of a dataset or a bare table; what is given comes first.
+    ///
+    /// # Errors
+    /// A manifest or table that cannot be read.
+    pub fn of(path: &Path, given: &Conventions) -> Result<Self> {
+        let told = if path.is_dir() {
+            facts(path)?
+        } else {
+            Facts {
+                name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+                sha256: Some(fingerprint(path)?.sha256.to_string()),
+                ..Facts::default()
+            }
+        };
+        let um_per_px = given.um_per_px.or(told.um_per_px);
+        Ok(Facts { um_per_px, depth_um: given.depth_um.or(told.depth_um), ..told })
+    }
+
+    /// Whether frames make an image pair of this number.
+    pub fn has_pair(&self, pair: u32) -> bool {
+        let Some(frames) = self.frames else { return true };
+        if self.pairs {
+            return pair < frames / 2;
+        }
+        pair.saturating_add(1) < frames && !(self.bursts && pair % 4 == 3)
+    }
+
+    /// The rows of a result in frames, or of image pairs, that there are not: what is wrong, with lines.
+    pub fn beyond(&self, path: &Path, found: &Found) -> Vec<String> {
+        // A file that is wrong all over needs no full list.
+        const MOST: usize = 100;
+        let place = |lines: &[u32], i: usize| match lines.get(i) {
+            Some(line) => format!("{}:{line}", path.display()),
+            None => path.display().to_string(),
+        };
+        let frames = self.frames.unwrap_or(u32::MAX);
+        let mut wrong: Vec<String> = match found {
+            Found::Points(points) => {
+                let rows = points.rows.iter().enumerate().filter(|(_, row)| row.frame >= frames);
+                let what =
+                    |frame: u32| format!("frame = {frame}: expected 0 to {}", frames.saturating_sub(1));
+                rows.take(MOST)
+                    .map(|(i, row)| format!("{}: {}", place(&points.lines, i), what(row.frame)))
+                    .collect()
+            }
+            Found::Field(field) => {
+                let pairs = field.vectors.iter().enumerate().filter_map(|(i, v)| Some((i, v.pair?)));
+                let wrong = pairs.filter(|(_, pair)| !self.has_pair(*pair)).take(MOST);
+                let what = |pair: u32| format!("pair = {pair}: the dataset has no such image pair");
+                wrong.map(|(i, pair)| format!("{}: {}", place(&field.lines, i), what(pair))).collect()
+            }
+        };
+        shorten(&mut wrong);
+        wrong
+    }
+
+    /// Refuses what needs the truth of a test split.
+    ///
+    /// # Errors
+    /// Says that it is withheld.
+    pub(crate) fn needs_truth(&self, dataset: &Path) -> Result<()> {
+        if self.is_withheld {
+            return Err(Error::input(format!(
+                "{}: a test split, whose truth is withheld: only its organisers have it; \
+                 evaluate --validate-only checks a result without it",
+                dataset.display()
+            )));
+        }
+        Ok(())
+    }
+
     /// The depth range, um; `None` if it is unknown or empty.
     pub fn depth_h_um(&self) -> Option<f64> {
         self.depth_um.map(|(low, high)| high - low).filter(|h| *h > 0.0)
@@ -78,19 +159,16 @@ impl Truth {
     /// # Errors
     /// Files that cannot be read or do not hold what they should.
     pub fn read(path: &Path, given: &Conventions) -> Result<Self> {
+        let facts = Facts::of(path, given)?;
         if path.is_dir() {
-            let facts = facts(path)?;
+            facts.needs_truth(path)?;
             let mut truth = tracks(&path.join(TRACKS.path), facts)?;
             let frames = path.join(FRAMES.path);
             if frames.exists() {
                 truth.times_s = times(&frames)?;
             }
-            truth.facts.um_per_px = given.um_per_px.or(truth.facts.um_per_px);
-            truth.facts.depth_um = given.depth_um.or(truth.facts.depth_um);
             return Ok(truth);
         }
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let facts = Facts { name, um_per_px: given.um_per_px, depth_um: given.depth_um, ..Facts::default() };
         tracks(path, facts)
     }
 
@@ -232,6 +310,12 @@ pub fn conventions(dataset: &Path, given: Conventions) -> Result<Conventions> {
 
 /// Reads what a dataset's manifest tells.
 pub(crate) fn facts(dataset: &Path) -> Result<Facts> {
+    if is_partial(dataset) {
+        return Err(Error::input(format!(
+            "{}: unfinished; microsig generate --resume (or sweep --resume) goes on with it",
+            dataset.display()
+        )));
+    }
     let path = dataset.join(MANIFEST);
     let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
     let manifest: Value =
@@ -244,6 +328,7 @@ pub(crate) fn facts(dataset: &Path) -> Result<Facts> {
     let frames = if pairs { timing["pairs"].as_u64().map(|p| 2 * p) } else { timing["frames"].as_u64() };
     Ok(Facts {
         name: manifest["name"].as_str().unwrap_or("dataset").to_owned(),
+        sha256: hash(&manifest),
         um_per_px: positive(&own["um_per_px"]),
         depth_um: both(own["depth_range_um"][0].as_f64(), own["depth_range_um"][1].as_f64())
             .filter(|(l, h)| l <= h),
@@ -252,8 +337,17 @@ pub(crate) fn facts(dataset: &Path) -> Result<Facts> {
         pairs,
         frames: frames.and_then(|f| u32::try_from(f).ok()),
         generator: own["generator_version"].as_str().map(str::to_owned),
+        bursts: timing["mode"] == "four_pulse",
         focus_um: own["particle_image"]["focus_um"].as_f64(),
+        is_all_in_focus: own["particle_image"].get("focus_um").is_some_and(Value::is_null),
+        is_withheld: own["truth"] == "withheld",
     })
+}
+
+/// The hash of the true particles, which nobody needs to read again for it.
+fn hash(manifest: &Value) -> Option<String> {
+    let of = manifest["resources"].as_array()?.iter().find(|r| r["path"] == TRACKS.path)?;
+    Some(of["hash"].as_str()?.trim_start_matches("sha256:").to_owned())
 }
 
 fn tracks(path: &Path, facts: Facts) -> Result<Truth> {

@@ -6,8 +6,7 @@ use std::path::Path;
 
 use super::{Format, Options};
 use crate::error::{Error, Result};
-use crate::evaluate::field::grid::{Grid, of_dataset};
-use crate::evaluate::truth::facts;
+use crate::evaluate::field::grid::{Grid, Truths, of_dataset};
 use crate::results::{Position, Vector};
 
 /// What Middlebury's format has for an unknown component.
@@ -17,27 +16,34 @@ const UNKNOWN: f32 = 1e10;
 pub(super) fn write(dataset: &Path, options: &Options) -> Result<(Vec<u8>, usize)> {
     let path = dataset.join("truth/field.csv");
     let wanted = options.displacement.name();
-    let (_, grid) = of_dataset(dataset, None)?
-        .named
+    let Truths { named, plane_um, facts, .. } = of_dataset(dataset, None)?;
+    let (_, grid) = named
         .into_iter()
         .find(|(kind, _)| kind == wanted)
         .ok_or_else(|| Error::input(format!("{}: no column {wanted}_dx_px", path.display())))?;
     if grid.needs_pairs() && options.pair.is_none() {
         return Err(Error::input(format!("{}: the field changes with time; give --pair N", path.display())));
     }
-    if let Some(pair) = options.pair.filter(|p| !grid.has_pair(*p)) {
+    if let Some(pair) = options.pair.filter(|p| !grid.has_pair(*p) || !facts.has_pair(*p)) {
         return Err(Error::input(format!("{}: no pair {pair}", path.display())));
     }
     let known = |x_px: f64, y_px: f64| {
         let at = Position { x_px, y_px, z_um: 0.0 };
         grid.at(&Vector { pair: options.pair, at, ..Vector::default() })
     };
-    if options.format == Format::Openpiv {
-        return Ok(openpiv(&grid, known));
+    let (bytes, n) = if options.format == Format::Openpiv {
+        openpiv(&grid, known)
+    } else {
+        let size = facts.sensor_px;
+        let (width, height) =
+            size.ok_or_else(|| Error::input("the manifest lacks the size of the sensor"))?;
+        flo(width as u32, height as u32, known)
+    };
+    if n == 0 {
+        let what = format!("no vector of the {wanted} field is known at z = {plane_um} um");
+        return Err(Error::input(format!("{}: {what}", path.display())));
     }
-    let size = facts(dataset)?.sensor_px;
-    let (width, height) = size.ok_or_else(|| Error::input("the manifest lacks the size of the sensor"))?;
-    Ok(flo(width as u32, height as u32, known))
+    Ok((bytes, n))
 }
 
 /// Rows from top to bottom, little endian.

@@ -9,7 +9,6 @@ use serde_json::json;
 use crate::dataset::checksums::{SHA256SUMS, images_digest};
 use crate::error::{Error, Result};
 use crate::evaluate::truth::conventions;
-use crate::results::sheet::{Separator, Sheet, shorten};
 use crate::results::{self, Conventions, Format, Found};
 
 /// Name of the file with the points or vectors.
@@ -218,14 +217,11 @@ fn particles_or_vectors(
             return Ok(None);
         }
     };
-    let (kind, rows, n_nan, counter) = match &found {
-        Found::Points(p) => ("particles", p.rows.len(), p.n_nan, "frame"),
-        Found::Field(f) => ("vectors", f.vectors.len(), f.n_nan, "pair"),
+    let (kind, rows, n_nan) = match &found {
+        Found::Points(p) => ("particles", p.rows.len(), p.n_nan),
+        Found::Field(f) => ("vectors", f.vectors.len(), f.n_nan),
     };
-    let count = facts.frames.map(|n| if counter == "pair" && facts.pairs { n / 2 } else { n });
-    let mut beyond = beyond(path, counter, count.unwrap_or(u32::MAX))?;
-    shorten(&mut beyond);
-    problems.append(&mut beyond);
+    problems.extend(facts.beyond(path, &found));
     let mut warnings = Vec::new();
     if n_nan > 0 {
         warnings.push(format!("{n_nan} rows have no coordinates and do not count"));
@@ -256,19 +252,4 @@ fn particles_or_vectors(
         }
     }
     Ok(Some((kind, rows, warnings)))
-}
-
-/// The lines whose frame or pair the split does not have.
-fn beyond(path: &Path, counter: &str, count: u32) -> Result<Vec<String>> {
-    let sheet = Sheet::open(path, Separator::Comma, 1)?;
-    let Some(column) = sheet.column(counter) else { return Ok(Vec::new()) };
-    let outside = sheet.rows(|cells| match cells.number_or_nan(Some(column))? {
-        n if n >= f64::from(count) => Err(format!("{counter} = {n}: expected 0 to {}", count - 1)),
-        _ => Ok(()),
-    });
-    match outside {
-        Ok(()) => Ok(Vec::new()),
-        Err(Error::Input(lines)) => Ok(lines),
-        Err(other) => Err(other),
-    }
 }

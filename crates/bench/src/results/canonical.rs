@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use super::sheet::{More, Separator, Sheet};
-use super::{Conventions, Converter, Field, Origin, Points, Position, Speed, Unit, Usual, Vector};
+use super::{Conventions, Converter, Dropped, Field, Origin, Points, Position, Speed, Unit, Usual, Vector};
 use crate::error::Result;
 
 const PARTICLES: Usual =
@@ -59,7 +59,7 @@ pub fn field(path: &Path, given: &Conventions) -> Result<Field> {
     let column = |name| sheet.column(name);
     let (z, dz, flag, pair) = (column("z_um"), column("dz_um"), column("flag"), column("pair"));
     let (sx, sy) = (column("sx_px"), column("sy_px"));
-    let mut field = Field::default();
+    let (mut field, mut dropped) = (Field::default(), Dropped::default());
     sheet.rows(|cells| {
         let pair = match cells.number_or_nan(pair)? {
             p if p.is_nan() => None,
@@ -67,7 +67,7 @@ pub fn field(path: &Path, given: &Conventions) -> Result<Field> {
         };
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         let Some(at) = converter.place(cells.number(x)?, cells.number(y)?, z_um)? else {
-            field.n_nan += 1;
+            dropped.at(cells.line);
             return Ok(());
         };
         let [dx, dy] = converter.moved(cells.number(dx)?, cells.number(dy)?);
@@ -78,9 +78,11 @@ pub fn field(path: &Path, given: &Conventions) -> Result<Field> {
         let moved = [dx, dy, cells.number_or_nan(dz)?];
         let sigma = [cells.number_or_nan(sx)?, cells.number_or_nan(sy)?];
         field.vectors.push(vector(pair, at, moved, flag, sigma)?);
+        field.lines.push(u32::try_from(cells.line).unwrap_or(u32::MAX));
         Ok(())
     })?;
     field.notes = converter.notes;
+    field.n_nan = dropped.told(&mut field.notes);
     Ok(field)
 }
 

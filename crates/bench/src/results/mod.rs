@@ -104,6 +104,8 @@ pub struct Vector {
 pub struct Field {
     /// The vectors; of invalid ones displacements may be NaN.
     pub vectors: Vec<Vector>,
+    /// Line of the file of every vector; empty if the reader does not tell.
+    pub lines: Vec<u32>,
     /// Rows that were dropped because a position is missing.
     pub n_nan: usize,
     /// What the reader took the file to mean.
@@ -223,6 +225,34 @@ pub(crate) struct Converter {
     pub(crate) notes: Vec<String>,
 }
 
+/// Rows that were dropped because a coordinate is missing.
+#[derive(Debug, Default)]
+pub(crate) struct Dropped {
+    n: usize,
+    first: Vec<u64>,
+}
+
+impl Dropped {
+    /// One more.
+    pub(crate) fn at(&mut self, line: u64) {
+        self.n += 1;
+        if self.first.len() < 5 {
+            self.first.push(line);
+        }
+    }
+
+    /// How many, with a note if there are any.
+    pub(crate) fn told(self, notes: &mut Vec<String>) -> usize {
+        if self.n > 0 {
+            let lines: Vec<String> = self.first.iter().map(u64::to_string).collect();
+            let more = if self.n > lines.len() { ", ..." } else { "" };
+            let lines = format!("lines {}{more}", lines.join(", "));
+            notes.push(format!("{} rows without coordinates were dropped ({lines})", self.n));
+        }
+        self.n
+    }
+}
+
 /// Beyond this a coordinate is no place in an image; squares of it are still far from infinite.
 const LARGEST_PX: f64 = 1e7;
 const LARGEST_UM: f64 = 1e9;
@@ -292,10 +322,13 @@ impl Converter {
         [dx * self.scale, if self.flip_at.is_some() { -dy } else { dy } * self.scale]
     }
 
-    /// A velocity, y downward.
-    pub(crate) fn velocity(&self, [u, v, w]: [f64; 3]) -> std::result::Result<[f64; 3], String> {
-        match [u, v, w].iter().find(|c| c.abs() > LARGEST_SPEED) {
-            Some(wrong) => Err(format!("{wrong:?}: expected a velocity of at most {LARGEST_SPEED:e}")),
+    /// A velocity, of columns of these names, y downward.
+    pub(crate) fn velocity(&self, told: [f64; 3], names: [&str; 3]) -> std::result::Result<[f64; 3], String> {
+        let [u, v, w] = told;
+        match told.iter().zip(names).find(|(c, _)| c.abs() > LARGEST_SPEED) {
+            Some((c, name)) => {
+                Err(format!("{name} = {c:?}: expected a velocity of at most {LARGEST_SPEED:e}"))
+            }
             None => Ok([u, if self.flip_at.is_some() { -v } else { v }, w]),
         }
     }
@@ -310,12 +343,13 @@ impl Converter {
         }
     }
 
-    /// Claimed uncertainties: of x and y in px, of z as it is.
-    pub(crate) fn claimed(&self, [sx, sy, sz]: [f64; 3]) -> std::result::Result<[f64; 3], String> {
-        let claimed = [sx * self.scale, sy * self.scale, sz];
-        match claimed.iter().find(|s| **s < 0.0 || **s > LARGEST_UM) {
-            Some(wrong) => Err(format!("{wrong:?}: expected an uncertainty from 0 to {LARGEST_UM:e}")),
-            None => Ok(claimed),
+    /// Claimed uncertainties, of columns of these names: of x and y in px, of z as it is.
+    pub(crate) fn claimed(&self, told: [f64; 3], names: [&str; 3]) -> std::result::Result<[f64; 3], String> {
+        match told.iter().zip(names).find(|(s, _)| **s < 0.0 || **s > LARGEST_UM) {
+            Some((s, name)) => {
+                Err(format!("{name} = {s:?}: expected an uncertainty from 0 to {LARGEST_UM:e}"))
+            }
+            None => Ok([told[0] * self.scale, told[1] * self.scale, told[2]]),
         }
     }
 }
@@ -389,13 +423,14 @@ pub fn detect(path: &Path) -> Result<Format> {
     if head.starts_with(b"PIEH") {
         return Ok(Format::Flo);
     }
-    let later = |what: &str| {
-        Err(Error::Unsupported(vec![format!(
-            "{name}: {what} files cannot be read; write a CSV with the columns frame, track, x_px, y_px, z_um"
-        )]))
+    let instead = |what: &str, columns: &str| {
+        let message = format!("{name}: {what} files cannot be read; write a CSV with the columns {columns}");
+        Err(Error::Unsupported(vec![message]))
     };
+    let later = |what: &str| instead(what, "frame, track, x_px, y_px, z_um");
+    let later_field = |what: &str| instead(what, "x_px, y_px, dx_px, dy_px, flag [, pair]");
     if head.starts_with(b"\x89PNG") {
-        return later("PNG (KITTI flow)");
+        return later_field("PNG (KITTI flow)");
     }
     if head.len() == 4096 && !head.contains(&b'\n') && !head.starts_with(b"<") {
         return Err(Error::input(format!("{name}:1: the first line is longer than 4096 bytes")));
@@ -420,7 +455,10 @@ pub fn detect(path: &Path) -> Result<Format> {
         return Ok(Format::DefocustrackerAscii);
     }
     if first.trim_start().to_ascii_lowercase().starts_with("title") {
-        return later(if second.contains("PartID") { "LPT/DA" } else { "DaVis (Tecplot)" });
+        return match second.contains("PartID") {
+            true => later("LPT/DA"),
+            false => later_field("DaVis (Tecplot)"),
+        };
     }
     if first.starts_with('#') && first.contains('x') && first.contains('u') {
         return Ok(Format::Openpiv);

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::canonical::vector;
 use super::sheet::{Separator, Sheet};
-use super::{Conventions, Converter, Field, Origin, Unit, Usual};
+use super::{Conventions, Converter, Dropped, Field, Origin, Unit, Usual};
 use crate::error::Result;
 
 // OpenPIV's coordinates are centres of interrogation windows, counted from the image's corner in whole pixels.
@@ -16,10 +16,10 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
     let sheet = Sheet::open(path, Separator::Space, 1)?;
     let (x, y, u, v) = (sheet.need("x")?, sheet.need("y")?, sheet.need("u")?, sheet.need("v")?);
     let (flag, mask) = (sheet.column("flags"), sheet.column("mask"));
-    let mut field = Field::default();
+    let (mut field, mut dropped) = (Field::default(), Dropped::default());
     sheet.rows(|cells| {
         let Some(at) = converter.place(cells.number(x)?, cells.number(y)?, 0.0)? else {
-            field.n_nan += 1;
+            dropped.at(cells.line);
             return Ok(());
         };
         let [dx, dy] = converter.moved(cells.number(u)?, cells.number(v)?);
@@ -28,11 +28,13 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
             _ if masked => 1,
             2.0 => 2,
             1.0 => 1,
-            _ => 0,
+            f if f == 0.0 || f.is_nan() => 0,
+            f => return Err(format!("flags = {f}: expected 0 (valid), 1 (invalid) or 2 (interpolated)")),
         };
         field.vectors.push(vector(None, at, [dx, dy, f64::NAN], flag, [f64::NAN; 2])?);
         Ok(())
     })?;
     field.notes = converter.notes;
+    field.n_nan = dropped.told(&mut field.notes);
     Ok(field)
 }

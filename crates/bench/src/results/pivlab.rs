@@ -8,7 +8,7 @@ use std::path::Path;
 
 use super::canonical::vector;
 use super::sheet::{Separator, Sheet};
-use super::{Conventions, Converter, Field, Origin, Unit, Usual, shown};
+use super::{Conventions, Converter, Dropped, Field, Origin, Unit, Usual, shown};
 use crate::error::{Error, Result};
 
 const USUAL: Usual = Usual { name: "PIVlab", origin: Origin::Center1, frame_base: 0, unit: Unit::Px };
@@ -76,10 +76,10 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
     let (x, y, u, v) = (need("x", length)?, need("y", length)?, need("u", speed)?, need("v", speed)?);
     let kind = names.iter().position(|n| n == "Vector type [-]");
     let sheet = Sheet::open(path, separator, index as u64 + 1)?.named(names);
-    let mut field = Field::default();
+    let (mut field, mut dropped) = (Field::default(), Dropped::default());
     sheet.rows(|cells| {
         let Some(at) = converter.place(cells.number(x)? / per_px, cells.number(y)? / per_px, 0.0)? else {
-            field.n_nan += 1;
+            dropped.at(cells.line);
             return Ok(());
         };
         let [dx, dy] = converter.moved(cells.number(u)? / per_frame, cells.number(v)? / per_frame);
@@ -92,5 +92,6 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
         Ok(())
     })?;
     field.notes = converter.notes;
+    field.n_nan = dropped.told(&mut field.notes);
     Ok(field)
 }

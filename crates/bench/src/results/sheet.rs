@@ -1,12 +1,14 @@
 //! Text tables: bounded lines and rows, columns by name, problems with their line numbers.
 
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
 use csv::{ByteRecord, ReaderBuilder, Trim};
 
-use super::{Converter, Points, Row, Speed, Velocities};
+use super::{Converter, Dropped, Points, Row, Speed, Velocities};
 use crate::error::{Error, Result};
 
 /// Longest line, or distance between the ends of two tags of XML, bytes.
@@ -75,6 +77,8 @@ pub(crate) struct Sheet {
     waiting: Option<(u64, ByteRecord)>,
     rows: usize,
     problems: Vec<String>,
+    /// Columns that were asked for and are there more than once.
+    twice: RefCell<BTreeSet<String>>,
 }
 
 impl Sheet {
@@ -93,8 +97,15 @@ impl Sheet {
             Separator::Space => Source::Space(BufReader::new(file), 0),
         };
         let name = path.display().to_string();
-        let mut sheet =
-            Sheet { name, header: Vec::new(), source, waiting: None, rows: 0, problems: Vec::new() };
+        let mut sheet = Sheet {
+            name,
+            header: Vec::new(),
+            source,
+            waiting: None,
+            rows: 0,
+            problems: Vec::new(),
+            twice: RefCell::default(),
+        };
         let mut record = ByteRecord::new();
         for _ in 0..header_line {
             if sheet.record(&mut record)?.is_none() {
@@ -161,7 +172,12 @@ impl Sheet {
 
     /// Number of a column, if it is there.
     pub(crate) fn column(&self, name: &str) -> Option<usize> {
-        self.header.iter().position(|h| h == name)
+        let mut found = self.header.iter().enumerate().filter(|(_, h)| *h == name);
+        let first = found.next();
+        if found.next().is_some() {
+            self.twice.borrow_mut().insert(name.to_owned());
+        }
+        first.map(|(i, _)| i)
     }
 
     /// Number of a column that must be there.
@@ -180,6 +196,11 @@ impl Sheet {
         mut self,
         mut each: impl FnMut(&Cells<'_>) -> std::result::Result<(), String>,
     ) -> Result<()> {
+        let twice = self.twice.take();
+        if !twice.is_empty() {
+            let message = |column: &String| format!("{}: column {column} is there twice", self.name);
+            return Err(Error::Input(twice.iter().map(message).collect()));
+        }
         let mut record = ByteRecord::new();
         while let Some(line) = self.record(&mut record)? {
             self.rows += 1;
@@ -219,12 +240,12 @@ impl Sheet {
         more: More,
         mut row: impl FnMut(&Cells<'_>) -> std::result::Result<(f64, i64, [f64; 3]), String>,
     ) -> Result<Points> {
-        let mut points = Points { has_z, ..Points::default() };
+        let (mut points, mut dropped) = (Points { has_z, ..Points::default() }, Dropped::default());
         let (mut velocities, unit) = (Vec::new(), more.velocity.map(|(unit, _)| unit));
         self.rows(|cells| {
             let (frame, track, [x, y, z]) = row(cells)?;
             if frame.is_nan() {
-                points.n_nan += 1;
+                dropped.at(cells.line);
                 return Ok(());
             }
             let frame = converter.frame(frame)?;
@@ -237,21 +258,19 @@ impl Sheet {
                         Ok::<_, String>([x?, y?, z?])
                     };
                     if more.sigma.iter().any(Option::is_some) {
-                        points.sigma.push(converter.claimed(all(more.sigma)?)?);
+                        points.sigma.push(converter.claimed(all(more.sigma)?, cells.names(more.sigma))?);
                     }
                     if let Some((_, columns)) = more.velocity {
-                        velocities.push(converter.velocity(all(columns)?)?);
+                        velocities.push(converter.velocity(all(columns)?, cells.names(columns))?);
                     }
                 }
-                None => points.n_nan += 1,
+                None => dropped.at(cells.line),
             }
             Ok(())
         })?;
         points.velocities = unit.map(|unit| Velocities { unit, rows: velocities });
         points.notes = converter.notes;
-        if points.n_nan > 0 {
-            points.notes.push(format!("{} rows without coordinates were dropped", points.n_nan));
-        }
+        points.n_nan = dropped.told(&mut points.notes);
         Ok(points)
     }
 }
@@ -285,6 +304,11 @@ impl Cells<'_> {
         }
         let hint = if text.contains(',') { " with a decimal point, not a comma" } else { "" };
         Err(format!("{} = {:?}: expected a number{hint}", self.header[column], super::shown(text)))
+    }
+
+    /// Names of columns, empty of those that are missing.
+    fn names(&self, columns: [Option<usize>; 3]) -> [&str; 3] {
+        columns.map(|c| c.map_or("", |c| self.header[c].as_str()))
     }
 
     /// A number of a column that may be missing, NaN then.

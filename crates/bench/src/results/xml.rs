@@ -10,20 +10,21 @@ use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
 use super::sheet::{Bounded, MAX_ROWS};
-use super::{Conventions, Converter, Origin, Points, Row, Unit, Usual, shown};
+use super::{Conventions, Converter, Origin, Points, Position, Row, Unit, Usual, shown};
 use crate::error::{Error, Result};
 
 pub(super) fn trackmate(path: &Path, given: &Conventions) -> Result<Points> {
     let usual = Usual { name: "TrackMate tracks", origin: Origin::Center0, frame_base: 0, unit: Unit::Um };
-    read(path, given, usual, "Tracks")
+    read(path, given, usual, "Tracks", false)
 }
 
 pub(super) fn isbi(path: &Path, given: &Conventions) -> Result<Points> {
     let usual = Usual { name: "ISBI tracks", origin: Origin::Center0, frame_base: 0, unit: Unit::Px };
-    read(path, given, usual, "TrackContestISBI2012")
+    // The challenge's readers trim NaN from the ends of tracks and drop tracks that have some inside.
+    read(path, given, usual, "TrackContestISBI2012", true)
 }
 
-fn read(path: &Path, given: &Conventions, mut usual: Usual, root: &str) -> Result<Points> {
+fn read(path: &Path, given: &Conventions, mut usual: Usual, root: &str, trims: bool) -> Result<Points> {
     let file = File::open(path).map_err(|e| Error::read(path, e))?;
     let mut reader = Reader::from_reader(BufReader::new(Bounded::new(file, b'>')));
     let at =
@@ -31,6 +32,8 @@ fn read(path: &Path, given: &Conventions, mut usual: Usual, root: &str) -> Resul
     let mut points = Points { has_z: true, ..Points::default() };
     let (mut converter, mut claimed) = (None, None);
     let (mut buffer, mut track, mut inside, mut whole) = (Vec::new(), -1i64, false, false);
+    // Of the particle that is being read: its first row, and the frames in which it has no place.
+    let (mut first, mut holes, mut torn) = (0, Vec::new(), 0);
     loop {
         buffer.clear();
         let event = reader.read_event_into(&mut buffer);
@@ -47,17 +50,32 @@ fn read(path: &Path, given: &Conventions, mut usual: Usual, root: &str) -> Resul
                 claimed = attribute(&e, "nTracks").map_err(|what| at(position, what))?;
                 converter = Some(Converter::new(usual, given)?);
             }
-            Event::Start(e) if e.name().as_ref() == "particle" => (track, inside) = (track + 1, true),
-            Event::End(e) if e.name().as_ref() == "particle" => inside = false,
+            Event::Start(e) if e.name().as_ref() == "particle" => {
+                (track, inside, first) = (track + 1, true, points.rows.len());
+                holes.clear();
+            }
+            Event::End(e) if e.name().as_ref() == "particle" => {
+                inside = false;
+                let whole = points.rows.split_off(first);
+                let span = whole.iter().map(|r| r.frame).min().zip(whole.iter().map(|r| r.frame).max());
+                let is_inner = |hole: &u32| span.is_some_and(|(first, last)| (first..=last).contains(hole));
+                points.n_nan += holes.len();
+                if trims && holes.iter().any(is_inner) {
+                    points.n_nan += whole.len();
+                    torn += 1;
+                } else {
+                    points.rows.extend(whole);
+                }
+            }
             Event::End(e) if e.name().as_ref() == root => whole = true,
             Event::Start(e) | Event::Empty(e) if e.name().as_ref() == "detection" => {
                 let Some(converter) = converter.as_ref().filter(|_| inside) else {
                     return Err(at(position, "a detection outside of a particle".to_owned()));
                 };
-                let row = detection(&e, converter, track).map_err(|what| at(position, what))?;
-                match row {
-                    Some(row) => points.rows.push(row),
-                    None => points.n_nan += 1,
+                let (frame, place) = detection(&e, converter).map_err(|what| at(position, what))?;
+                match place {
+                    Some(at) => points.rows.push(Row { frame, track, at }),
+                    None => holes.push(frame),
                 }
                 if points.rows.len() > MAX_ROWS {
                     return Err(at(position, format!("more than {MAX_ROWS} detections")));
@@ -80,21 +98,29 @@ fn read(path: &Path, given: &Conventions, mut usual: Usual, root: &str) -> Resul
         return Err(at(reader.buffer_position(), what));
     }
     points.notes = converter.notes;
+    if points.n_nan > 0 {
+        let tracks = if torn > 0 {
+            format!(", with all of {torn} tracks that have some inside")
+        } else {
+            String::new()
+        };
+        points.notes.push(format!("{} detections without coordinates were dropped{tracks}", points.n_nan));
+    }
     Ok(points)
 }
 
+/// Frame and place; `None`: a coordinate is NaN.
 fn detection(
     e: &BytesStart<'_>,
     converter: &Converter,
-    track: i64,
-) -> std::result::Result<Option<Row>, String> {
+) -> std::result::Result<(u32, Option<Position>), String> {
     let number = |name: &str| {
         let text = attribute(e, name)?.ok_or_else(|| format!("a detection without {name}"))?;
         text.parse::<f64>().map_err(|_| format!("{name} = {:?}: expected a number", shown(&text)))
     };
     let frame = converter.frame(number("t")?)?;
     let at = converter.place(number("x")?, number("y")?, number("z")?)?;
-    Ok(at.map(|at| Row { frame, track, at }))
+    Ok((frame, at))
 }
 
 fn attribute(e: &BytesStart<'_>, name: &str) -> std::result::Result<Option<String>, String> {

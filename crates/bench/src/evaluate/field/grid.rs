@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::evaluate::truth::facts;
+use crate::evaluate::truth::{Facts, facts};
 use crate::results::sheet::{Separator, Sheet};
 use crate::results::{Conventions, Vector, read_field};
 
@@ -106,10 +106,20 @@ pub(crate) struct Truths {
     pub(crate) named: Vec<(String, Grid)>,
     /// Depth of the plane that they are of, um.
     pub(crate) plane_um: f64,
+    /// What is known about the dataset.
+    pub(crate) facts: Facts,
+    /// Why this plane and this main truth, if that needs words.
+    pub(crate) note: Option<String>,
 }
 
-/// The truths of a dataset on one of its planes: that nearest to `plane_um`, or else to the particles' focus, or else to 0.
+/// The truths of a dataset on one of its planes: that nearest to `plane_um`, or else, of those that are not masked
+/// everywhere, that nearest to the particles' focus, or to the middle of the depth range if no depth is seen sharper than
+/// others, or to 0 if nothing is known of it.
+///
+/// Where all depths are seen alike, correlation sees their mean, so the depth-weighted truth is the main one.
 pub(crate) fn of_dataset(dataset: &Path, plane_um: Option<f64>) -> Result<Truths> {
+    let facts = facts(dataset)?;
+    facts.needs_truth(dataset)?;
     let path = &dataset.join("truth/field.csv");
     if !path.exists() {
         return Err(Error::input(format!(
@@ -117,48 +127,97 @@ pub(crate) fn of_dataset(dataset: &Path, plane_um: Option<f64>) -> Result<Truths
             path.display()
         )));
     }
-    let wanted = plane_um.or(facts(dataset)?.focus_um).unwrap_or(0.0);
-    let mut truths = Truths { named: Vec::new(), plane_um: f64::INFINITY };
-    for kind in ["central", "forward", "weighted"] {
-        let sheet = Sheet::open(path, Separator::Comma, 1)?;
-        let (Some(dx), Some(dy)) =
-            (sheet.column(&format!("{kind}_dx_px")), sheet.column(&format!("{kind}_dy_px")))
-        else {
-            continue;
-        };
-        let dz = sheet.column(&format!("{kind}_dz_um"));
-        let (x, y) = (sheet.need("x_px")?, sheet.need("y_px")?);
-        let (z, pair, mask) = (sheet.column("z_um"), sheet.column("pair"), sheet.column("mask"));
-        let mut nodes: Vec<Vector> = Vec::new();
-        // Of two planes equally near the first.
-        let mut nearest = f64::INFINITY;
-        sheet.rows(|cells| {
-            let pair = cells.track(pair)?;
-            let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
-            let masked = cells.number_or_nan(mask)? == 1.0;
+    let middle = facts.depth_um.map(|(low, high)| f64::midpoint(low, high)).filter(|_| facts.is_all_in_focus);
+    let chosen = choose(path, plane_um, facts.focus_um.or(middle).unwrap_or(0.0))?;
+    let by_depth = facts.is_all_in_focus && plane_um.is_none();
+    let kinds = match by_depth {
+        true => ["weighted", "central", "forward"],
+        false => ["central", "forward", "weighted"],
+    };
+    let named = on_plane(path, chosen, kinds)?;
+    let note = match named.first() {
+        None => {
+            return Err(Error::input(format!(
+                "{}: no values in columns central_dx_px, forward_dx_px or weighted_dx_px on the plane z = {chosen} um",
+                path.display()
+            )));
+        }
+        Some((main, _)) if by_depth => Some(format!(
+            "all depths are seen alike: scored first against the {main} truth; planes have that at z = {chosen} um"
+        )),
+        _ => None,
+    };
+    Ok(Truths { named, plane_um: chosen, facts, note })
+}
+
+/// The plane of a table of fields nearest to a depth. Of two equally near the first.
+fn choose(path: &Path, asked: Option<f64>, otherwise: f64) -> Result<f64> {
+    let sheet = Sheet::open(path, Separator::Comma, 1)?;
+    let (z, mask) = (sheet.column("z_um"), sheet.column("mask"));
+    // Depths in the order of the file, and whether a node there is not masked.
+    let mut planes: Vec<(f64, bool)> = Vec::new();
+    sheet.rows(|cells| {
+        let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
+        let is_fluid = cells.number_or_nan(mask)? != 1.0;
+        match planes.iter_mut().rev().find(|p| p.0 == z_um) {
+            Some(plane) => plane.1 |= is_fluid,
+            None => planes.push((z_um, is_fluid)),
+        }
+        Ok(())
+    })?;
+    let wanted = asked.unwrap_or(otherwise);
+    let nearest = |planes: &mut dyn Iterator<Item = &(f64, bool)>| {
+        planes.min_by(|a, b| (a.0 - wanted).abs().total_cmp(&(b.0 - wanted).abs())).copied()
+    };
+    let chosen = match asked {
+        Some(_) => nearest(&mut planes.iter()),
+        None => nearest(&mut planes.iter().filter(|p| p.1)),
+    };
+    match chosen {
+        Some((z_um, true)) => Ok(z_um),
+        Some((z_um, false)) => {
+            let fluid: Vec<String> = planes.iter().filter(|p| p.1).map(|p| format!("{}", p.0)).collect();
+            Err(Error::input(format!(
+                "{}: the plane z = {z_um} um is masked everywhere; there is fluid at z = {} um",
+                path.display(),
+                if fluid.is_empty() { "no".to_owned() } else { fluid.join(", ") }
+            )))
+        }
+        None => Err(Error::input(format!("{}: no plane has a node that is not masked", path.display()))),
+    }
+}
+
+/// The kinds of truth that have values on a plane, in this order.
+fn on_plane(path: &Path, plane_um: f64, kinds: [&str; 3]) -> Result<Vec<(String, Grid)>> {
+    let sheet = Sheet::open(path, Separator::Comma, 1)?;
+    let (x, y) = (sheet.need("x_px")?, sheet.need("y_px")?);
+    let (z, pair, mask) = (sheet.column("z_um"), sheet.column("pair"), sheet.column("mask"));
+    let columns = kinds.map(|kind| {
+        ["dx_px", "dy_px", "dz_um"].map(|component| sheet.column(&format!("{kind}_{component}")))
+    });
+    let mut nodes: [Vec<Vector>; 3] = Default::default();
+    sheet.rows(|cells| {
+        let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
+        if z_um != plane_um {
+            return Ok(());
+        }
+        let at = crate::results::Position { x_px: cells.number(x)?, y_px: cells.number(y)?, z_um };
+        let pair = u32::try_from(cells.track(pair)?).ok();
+        let masked = cells.number_or_nan(mask)? == 1.0;
+        for (nodes, [dx, dy, dz]) in nodes.iter_mut().zip(columns) {
             let moved = match masked {
                 true => [f64::NAN; 3],
-                false => [cells.number(dx)?, cells.number(dy)?, cells.number_or_nan(dz)?],
+                false => [cells.number_or_nan(dx)?, cells.number_or_nan(dy)?, cells.number_or_nan(dz)?],
             };
-            if (z_um - wanted).abs() < (nearest - wanted).abs() {
-                nearest = z_um;
-            }
-            let at = crate::results::Position { x_px: cells.number(x)?, y_px: cells.number(y)?, z_um };
-            let pair = u32::try_from(pair).ok();
             nodes.push(Vector { pair, at, moved, flag: u8::from(masked), sigma: [f64::NAN; 2] });
-            Ok(())
-        })?;
-        nodes.retain(|n| n.at.z_um == nearest);
-        truths.named.push((kind.to_owned(), Grid::new(&nodes)));
-        truths.plane_um = nearest;
-    }
-    if truths.named.is_empty() {
-        return Err(Error::input(format!(
-            "{}: no column central_dx_px, forward_dx_px or weighted_dx_px",
-            path.display()
-        )));
-    }
-    Ok(truths)
+        }
+        Ok(())
+    })?;
+    let with_values = kinds
+        .iter()
+        .zip(nodes)
+        .filter(|(_, nodes)| nodes.iter().any(|n| n.moved[0].is_finite() && n.moved[1].is_finite()));
+    Ok(with_values.map(|(kind, nodes)| ((*kind).to_owned(), Grid::new(&nodes))).collect())
 }
 
 #[cfg(test)]

@@ -1,7 +1,6 @@
 //! Scores of displacement fields (PIV): every vector against the truth at its place.
 //!
-//! The truth is bilinear between the nodes of `truth/field.csv`; of several planes one is taken, by default that
-//! nearest the particles' focus. Errors are result - truth over valid vectors (flag 0); interpolated ones (flag 2) are counted apart. Definitions:
+//! The truth is bilinear between the nodes of `truth/field.csv`; of several planes one is taken (`grid.rs`). Errors are result - truth over valid vectors (flag 0); interpolated ones (flag 2) are counted apart. Definitions:
 //! docs/scoring.md.
 
 mod gradients;
@@ -17,6 +16,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::statistics::{Bootstrap, Errors, Interval, quantile, ratio};
+use super::truth::Facts;
 use super::uncertainty::Uncertainty;
 use crate::error::Result;
 use crate::results::{Field, Vector};
@@ -158,6 +158,8 @@ pub struct Scored {
     pub score: FieldScore,
     /// Valid and interpolated vectors beside their main truth.
     pub vectors: Vec<Compared>,
+    /// What the truth was taken to be, if that needs words.
+    pub notes: Vec<String>,
     /// What looks like a mistake of conventions.
     pub warnings: Vec<String>,
 }
@@ -167,12 +169,13 @@ pub struct Scored {
 /// # Errors
 /// A truth that is missing or cannot be read.
 pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64) -> Result<Scored> {
-    let (truths, plane_um) = if dataset.is_dir() {
+    let (truths, plane_um, facts, note) = if dataset.is_dir() {
         let of_plane = grid::of_dataset(dataset, plane_um)?;
-        (of_plane.named, Some(of_plane.plane_um))
+        (of_plane.named, Some(of_plane.plane_um), of_plane.facts, of_plane.note)
     } else {
-        (grid::bare(dataset)?, None)
+        (grid::bare(dataset)?, None, Facts::default(), None)
     };
+    let is_there = |v: &Vector| v.pair.is_none_or(|pair| facts.has_pair(pair));
     let count = |flag: u8| field.vectors.iter().filter(|v| v.flag == flag).count();
     let n_total = field.vectors.len();
     let mut scored = Scored {
@@ -184,10 +187,11 @@ pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64)
             plane_um,
             ..FieldScore::default()
         },
+        notes: note.into_iter().collect(),
         ..Scored::default()
     };
     for (i, (name, grid)) in truths.iter().enumerate() {
-        let known = field.vectors.iter().filter(|v| v.flag != 1);
+        let known = field.vectors.iter().filter(|v| v.flag != 1 && is_there(v));
         let compared: Vec<Compared> =
             known.filter_map(|v| Some(Compared { found: *v, exact: grid.at(v)? })).collect();
         let against = Against::of(&compared, &field.vectors, seed);
@@ -199,6 +203,19 @@ pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64)
             scored.vectors = compared;
         }
         scored.score.truths.insert(name.clone(), against);
+    }
+    let mut unknown: Vec<u32> =
+        field.vectors.iter().filter(|v| !is_there(v)).filter_map(|v| v.pair).collect();
+    if !unknown.is_empty() {
+        let n = unknown.len();
+        unknown.sort_unstable();
+        unknown.dedup();
+        let first: Vec<String> = unknown.iter().take(5).map(u32::to_string).collect();
+        let more = if unknown.len() > 5 { ", ..." } else { "" };
+        let pairs = format!("{}{more}", first.join(", "));
+        scored
+            .warnings
+            .push(format!("{n} vectors are of image pairs that the dataset does not have ({pairs})"));
     }
     Ok(scored)
 }
