@@ -34,6 +34,7 @@ mod error;
 pub mod formats;
 pub mod optics;
 mod particle;
+mod philox;
 pub mod random;
 pub mod render;
 pub mod sensor;

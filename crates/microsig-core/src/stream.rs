@@ -12,6 +12,8 @@ use chacha20::ChaCha20;
 use chacha20::cipher::{KeyIvInit, StreamCipher};
 use rand_core::{Infallible, TryRng};
 
+use crate::philox;
+
 /// What a random stream is used for; the numbers are part of the address and never change meaning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
@@ -137,8 +139,8 @@ impl Source {
             Source::Philox { key, counter } => {
                 let n = blocks.len() as u32;
                 match blocks {
-                    [block] => *block = philox4x32(*counter, *key),
-                    blocks => pulp::Arch::new().dispatch(Philox { key: *key, counter: *counter, blocks }),
+                    [block] => *block = philox::block(*counter, *key),
+                    blocks => philox::fill(*counter, *key, blocks),
                 }
                 counter[0] = counter[0].wrapping_add(n);
             }
@@ -209,59 +211,9 @@ impl TryRng for Stream {
     }
 }
 
-/// Consecutive blocks of Philox4x32, compiled for every instruction set.
-struct Philox<'a> {
-    key: [u32; 2],
-    counter: [u32; 4],
-    blocks: &'a mut [[u32; 4]],
-}
-
-impl pulp::WithSimd for Philox<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        let [first, row, frame, purpose] = self.counter;
-        for (i, block) in self.blocks.iter_mut().enumerate() {
-            *block = philox4x32([first.wrapping_add(i as u32), row, frame, purpose], self.key);
-        }
-    }
-}
-
-/// One block of Philox4x32 with 10 rounds.
-#[inline(always)]
-fn philox4x32(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
-    for round in 0..10 {
-        if round > 0 {
-            key[0] = key[0].wrapping_add(0x9E37_79B9);
-            key[1] = key[1].wrapping_add(0xBB67_AE85);
-        }
-        let product0 = 0xD251_1F53 * u64::from(counter[0]);
-        let product1 = 0xCD9E_8D57 * u64::from(counter[2]);
-        counter = [
-            (product1 >> 32) as u32 ^ counter[1] ^ key[0],
-            product1 as u32,
-            (product0 >> 32) as u32 ^ counter[3] ^ key[1],
-            product0 as u32,
-        ];
-    }
-    counter
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// The known answers published with the Random123 library.
-    #[test]
-    fn philox_gives_the_published_blocks() {
-        assert_eq!(philox4x32([0; 4], [0; 2]), [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8]);
-        assert_eq!(philox4x32([!0; 4], [!0; 2]), [0x408f_276d, 0x41c8_3b0e, 0xa20b_c7c6, 0x6d54_51fd]);
-        assert_eq!(
-            philox4x32([0x243f_6a88, 0x85a3_08d3, 0x1319_8a2e, 0x0370_7344], [0xa409_3822, 0x299f_31d0]),
-            [0xd16c_fe09, 0x94fd_cceb, 0x5001_e420, 0x2412_6ea1]
-        );
-    }
 
     #[test]
     fn filling_gives_the_same_numbers_as_asking_one_by_one() {

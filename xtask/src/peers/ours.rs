@@ -4,7 +4,7 @@ use std::hint::black_box;
 
 use microsig_core::render::{GaussianRenderer, Spot};
 use microsig_core::sensor::Sensor;
-use microsig_core::stream::{Purpose, Streams};
+use microsig_core::stream::{Purpose, Stream, Streams};
 use microsig_core::{Particle, Settings};
 
 /// Edge of an image, px.
@@ -24,38 +24,40 @@ pub(crate) fn draw(pairs: u32, ppp: f64, diameter_px: f64) -> anyhow::Result<()>
     let renderer = GaussianRenderer::new(&settings, spot)?;
     let sensor = Sensor::new(&settings);
     let streams = Streams::new(1);
-    let side = f64::from(SIDE);
-    let n = (ppp * side * side).round() as usize;
+    let n = (ppp * f64::from(SIDE * SIDE)).round() as usize;
     let vortex = Grid::vortex();
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     one.install(|| {
+        let (mut words, mut particles) = (vec![0; 4 * n], Vec::with_capacity(n));
         for pair in 0..pairs {
-            let mut stream = streams.stream(Purpose::Seeding, pair, 0);
-            let mut within = |low: f64, high: f64| low + (high - low) * stream.uniform();
-            let first: Vec<Particle> = (0..n)
-                .map(|_| {
-                    let (x, y) = (within(0.5, side + 0.5), within(0.5, side + 0.5));
-                    Particle { c_int: within(0.2, 1.0), ..Particle::sphere(x, y, 0.0, within(0.91, 1.09)) }
-                })
-                .collect();
-            let second: Vec<Particle> = first
-                .iter()
-                .map(|p| {
-                    let [dx, dy] = vortex.at(p.x_px, p.y_px);
-                    Particle { x_px: p.x_px + dx, y_px: p.y_px + dy, ..*p }
-                })
-                .collect();
-            for (particles, frame) in [(first, 2 * pair), (second, 2 * pair + 1)] {
-                let light = renderer.light(&particles);
-                black_box(sensor.expose(&light, &streams, Purpose::BackgroundNoise, frame));
+            scatter(streams.stream(Purpose::Seeding, pair, 0), &mut words, &mut particles);
+            let noise = Purpose::BackgroundNoise;
+            black_box(renderer.image(&particles, &sensor, &streams, noise, 2 * pair));
+            for particle in &mut particles {
+                let [dx, dy] = vortex.at(particle.x_px as f32, particle.y_px as f32);
+                particle.x_px += f64::from(dx);
+                particle.y_px += f64::from(dy);
             }
+            black_box(renderer.image(&particles, &sensor, &streams, noise, 2 * pair + 1));
         }
     });
     Ok(())
 }
 
-/// Displacements on pixel centres, px, between which they are linear, as the peer takes them.
-struct Grid(Vec<[f64; 2]>);
+/// Particles at random, each from four random numbers of 32 bits: as many as the peer draws, and as fine.
+fn scatter(mut stream: Stream, words: &mut [u32], particles: &mut Vec<Particle>) {
+    stream.fill(words);
+    particles.clear();
+    particles.extend(words.as_chunks().0.iter().map(|numbers: &[u32; 4]| {
+        let [x, y, size, brightness] = numbers.map(|number| f64::from(number) / 4_294_967_296.0);
+        let at = |share: f64| 0.5 + f64::from(SIDE) * share;
+        let c_int = 0.2 + 0.8 * brightness;
+        Particle { c_int, ..Particle::sphere(at(x), at(y), 0.0, 0.91 + 0.18 * size) }
+    }));
+}
+
+/// Displacements on pixel centres, px, between which they are linear, as the peer takes them: in f32.
+struct Grid(Vec<[f32; 2]>);
 
 impl Grid {
     /// A vortex in the middle of the image, as in the peers' scripts.
@@ -65,22 +67,21 @@ impl Grid {
             let (x, y) = (f64::from(k % SIDE + 1) - middle, f64::from(k / SIDE + 1) - middle);
             let r2 = x * x + y * y + 1e-9;
             let turn = (1.0 - (-r2 / (93.0 * 93.0)).exp()) / r2 * 500.0;
-            [-y * turn, x * turn]
+            [(-y * turn) as f32, (x * turn) as f32]
         };
         Grid((0..SIDE * SIDE).map(displacement).collect())
     }
 
-    fn at(&self, x_px: f64, y_px: f64) -> [f64; 2] {
-        let last = f64::from(SIDE - 2);
+    fn at(&self, x_px: f32, y_px: f32) -> [f32; 2] {
+        let last = (SIDE - 2) as f32;
         let (x, y) = ((x_px - 1.0).clamp(0.0, last + 1.0), (y_px - 1.0).clamp(0.0, last + 1.0));
-        let (column, row) = (x.floor().min(last), y.floor().min(last));
-        let (right, down) = (x - column, y - row);
-        let corner =
-            |dx: usize, dy: usize| self.0[(row as usize + dy) * SIDE as usize + column as usize + dx];
-        let (a, b, c, d) = (corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1));
-        [0, 1].map(|i| {
-            (a[i] * (1.0 - right) + b[i] * right) * (1.0 - down)
-                + (c[i] * (1.0 - right) + d[i] * right) * down
-        })
+        // Converting a number that is not negative rounds it down.
+        let (column, row) = (x.min(last) as usize, y.min(last) as usize);
+        let (right, down) = (x - column as f32, y - row as f32);
+        let upper = row * SIDE as usize + column;
+        let lower = upper + SIDE as usize;
+        let ([a, b], [c, d]) = ([self.0[upper], self.0[upper + 1]], [self.0[lower], self.0[lower + 1]]);
+        let between = |from: f32, to: f32, share: f32| from + (to - from) * share;
+        [0, 1].map(|i| between(between(a[i], b[i], right), between(c[i], d[i], right), down))
     }
 }

@@ -12,10 +12,11 @@ mod instructions;
 mod kernel;
 mod lanes;
 mod patch;
+mod placing;
 pub mod rays;
 mod renderer;
 mod sources;
-mod spots;
+mod strokes;
 mod tally;
 
 pub use expected::ExpectedRenderer;

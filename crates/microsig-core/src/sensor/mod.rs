@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::settings::Settings;
-use crate::stream::{Purpose, Streams};
+use crate::stream::{Purpose, Stream, Streams};
 use detector::FixedPattern;
 
 /// A grey image of 8 to 16 bit, rows from top to bottom.
@@ -87,31 +87,96 @@ impl Sensor {
 
     /// The image of `light`, with the noise of `frame` from the streams of `purpose`.
     pub fn expose(&self, light: &Light, streams: &Streams, purpose: Purpose, frame: u32) -> Image {
-        let mut counts = vec![0u16; light.values.len()];
         let width = light.width as usize;
-        let bits = self.detector.as_ref().map_or(16, |(detector, _)| detector.bits);
-        let largest = f64::from((1u32 << bits) - 1);
-        let rows = counts.par_chunks_mut(width).zip(light.values.par_chunks(width)).enumerate();
-        let buffers = || (vec![0; width], vec![0; width]);
-        rows.with_min_len(16).for_each_init(buffers, |(random, noise), (row, (counts, values))| {
-            let mut stream = streams.stream(purpose, frame, row as u32);
-            if let Some((detector, pattern)) = &self.detector {
-                for (column, (count, value)) in counts.iter_mut().zip(values).enumerate() {
-                    let ideal = self.gain * value + self.background_mean;
-                    let level = detector.respond(ideal, pattern.at(row * width + column), &mut stream);
-                    let noise = self.noise.as_ref().map_or(0, |noise| noise.sample(stream.next_u32()));
-                    *count = libm::rint(level + f64::from(noise)).clamp(0.0, largest) as u16;
+        self.image((light.width, light.height), |counts| {
+            let rows = counts.par_chunks_mut(width).zip(light.values.par_chunks(width)).enumerate();
+            rows.with_min_len(16).for_each_init(
+                || Buffers::new(width),
+                |buffers, (row, (counts, values))| {
+                    let stream = streams.stream(purpose, frame, row as u32);
+                    self.expose_row(row, values, stream, buffers, counts);
+                },
+            );
+        })
+    }
+
+    /// The same image of light that is made while it is exposed: `make` is called with the first row, from 0, of each band of
+    /// `rows` rows (the last one may have fewer) and writes what light falls on all of the band's pixels. The size is width and
+    /// height, px.
+    pub fn expose_bands(
+        &self,
+        (width, height): (u32, u32),
+        rows: usize,
+        streams: &Streams,
+        purpose: Purpose,
+        frame: u32,
+        make: impl Fn(usize, &mut [f64]) + Sync,
+    ) -> Image {
+        let columns = width as usize;
+        self.image((width, height), |counts| {
+            let bands = counts.par_chunks_mut(rows * columns).enumerate();
+            let buffers = || (vec![0.0; rows * columns], Buffers::new(columns));
+            bands.for_each_init(buffers, |(light, buffers), (band, counts)| {
+                let (first, light) = (band * rows, &mut light[..counts.len()]);
+                make(first, light);
+                let of_rows = counts.chunks_exact_mut(columns).zip(light.chunks_exact(columns));
+                for (row, (counts, values)) in (first..).zip(of_rows) {
+                    let stream = streams.stream(purpose, frame, row as u32);
+                    self.expose_row(row, values, stream, buffers, counts);
                 }
-                return;
+            });
+        })
+    }
+
+    fn image(&self, (width, height): (u32, u32), fill: impl FnOnce(&mut [u16])) -> Image {
+        let mut counts = vec![0; width as usize * height as usize];
+        fill(&mut counts);
+        Image {
+            width,
+            height,
+            bits: self.detector.as_ref().map_or(16, |(detector, _)| detector.bits),
+            counts,
+        }
+    }
+
+    fn expose_row(
+        &self,
+        row: usize,
+        values: &[f64],
+        mut stream: Stream,
+        buffers: &mut Buffers,
+        counts: &mut [u16],
+    ) {
+        if let Some((detector, pattern)) = &self.detector {
+            let largest = f64::from((1u32 << detector.bits) - 1);
+            for (column, (count, value)) in counts.iter_mut().zip(values).enumerate() {
+                let ideal = self.gain * value + self.background_mean;
+                let pixel = pattern.at(row * values.len() + column);
+                let level = detector.respond(ideal, pixel, &mut stream);
+                let noise = self.noise.as_ref().map_or(0, |noise| noise.sample(stream.next_u32()));
+                *count = libm::rint(level + f64::from(noise)).clamp(0.0, largest) as u16;
             }
-            if let Some(law) = &self.noise {
-                stream.fill(random);
-                law.sample_all(random, noise);
-            }
-            // Without noise they are still zero.
-            pulp::Arch::new().dispatch(Row { sensor: self, values, noise, counts });
-        });
-        Image { width: light.width, height: light.height, bits, counts }
+            return;
+        }
+        let Buffers { random, noise } = buffers;
+        if let Some(law) = &self.noise {
+            stream.fill(random);
+            law.sample_all(random, noise);
+        }
+        // Without noise they are still zero.
+        pulp::Arch::new().dispatch(Row { sensor: self, values, noise, counts });
+    }
+}
+
+/// Random numbers and noise of a row.
+struct Buffers {
+    random: Vec<u32>,
+    noise: Vec<i32>,
+}
+
+impl Buffers {
+    fn new(width: usize) -> Self {
+        Buffers { random: vec![0; width], noise: vec![0; width] }
     }
 }
 

@@ -40,13 +40,19 @@ impl pulp::NullaryFnOnce for Samples<'_> {
             let number = f._mm512_srlv_epi32(random, others);
             let bit = |bit: u32| f._mm512_test_epi32_mask(number, all(1 << bit));
             // The five lowest bits of a column's number find it in a pair of registers, each further one halves the pairs.
-            let of32: [__m512i; 8] =
-                from_fn(|k| f._mm512_permutex2var_epi32(table[2 * k], number, table[2 * k + 1]));
-            let of64: [__m512i; 4] =
+            let find =
+                |pair: usize| f._mm512_permutex2var_epi32(table[2 * pair], number, table[2 * pair + 1]);
+            let of32: [__m512i; 4] = from_fn(find);
+            let of64: [__m512i; 2] =
                 from_fn(|k| f._mm512_mask_blend_epi32(bit(5), of32[2 * k], of32[2 * k + 1]));
-            let of128: [__m512i; 2] =
-                from_fn(|k| f._mm512_mask_blend_epi32(bit(6), of64[2 * k], of64[2 * k + 1]));
-            let column = f._mm512_mask_blend_epi32(bit(7), of128[0], of128[1]);
+            let mut column = f._mm512_mask_blend_epi32(bit(6), of64[0], of64[1]);
+            if self.bits > 7 {
+                let of32: [__m512i; 4] = from_fn(|k| find(4 + k));
+                let of64: [__m512i; 2] =
+                    from_fn(|k| f._mm512_mask_blend_epi32(bit(5), of32[2 * k], of32[2 * k + 1]));
+                let others = f._mm512_mask_blend_epi32(bit(6), of64[0], of64[1]);
+                column = f._mm512_mask_blend_epi32(bit(7), column, others);
+            }
             let share = |word| f._mm512_sllv_epi32(word, bits);
             let stays = f._mm512_cmplt_epu32_mask(share(random), share(column));
             let decided = f._mm512_mask_blend_epi32(stays, column, random);
