@@ -26,7 +26,7 @@ pub(crate) fn draw(pairs: u32, ppp: f64, diameter_px: f64) -> anyhow::Result<()>
     let streams = Streams::new(1);
     let n = (ppp * f64::from(SIDE * SIDE)).round() as usize;
     let vortex = Grid::vortex();
-    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build()?;
     one.install(|| {
         let (mut words, mut particles) = (vec![0; 4 * n], Vec::with_capacity(n));
         for pair in 0..pairs {
@@ -48,7 +48,7 @@ pub(crate) fn draw(pairs: u32, ppp: f64, diameter_px: f64) -> anyhow::Result<()>
 fn scatter(mut stream: Stream, words: &mut [u32], particles: &mut Vec<Particle>) {
     stream.fill(words);
     particles.clear();
-    particles.extend(words.as_chunks().0.iter().map(|numbers: &[u32; 4]| {
+    particles.extend(words.as_chunks::<4>().0.iter().map(|numbers| {
         let [x, y, size, brightness] = numbers.map(|number| f64::from(number) / 4_294_967_296.0);
         let at = |share: f64| 0.5 + f64::from(SIDE) * share;
         let c_int = 0.2 + 0.8 * brightness;
