@@ -193,6 +193,13 @@ fn a_plane_without_fluid_is_not_taken_unless_it_is_asked_for() {
     let out = place.path().join("field.txt");
     let export = ["export", path(&folder), "--format", "openpiv", "--pair", "0", "--out", path(&out)];
     assert!(run(&export).contains("30 "), "30 of 36 nodes are not masked");
+    // It marks the masked ones as invalid, which is no loss: nothing could be measured there.
+    let text = std::fs::read_to_string(&field).unwrap();
+    let first = text.lines().filter(|l| !l.starts_with("1,")).map(|l| format!("{l}\n"));
+    std::fs::write(&field, first.collect::<String>()).unwrap();
+    let score = evaluate(&folder, &out, &Options::default()).unwrap().score.field.unwrap();
+    assert_eq!((score.n_total, score.n_reported), (36, 30));
+    assert_eq!((score.main.valid_vector_probability, score.main.aee_px), (Some(1.0), Some(0.0)));
     masked(&["1"]);
     assert!(of(None).unwrap_err().to_string().contains("no plane has a node that is not masked"));
     assert!(fail(2, &[&export[..], &["--force"]].concat()).contains("no plane has a node"));

@@ -96,7 +96,7 @@ pub struct Against {
     pub angular_error_deg: Option<f64>,
     pub outlier_threshold_px: f64,
     pub outlier_fraction: Option<f64>,
-    /// Valid and within 1 px (0.5 px), of all vectors of the result.
+    /// Valid and within 1 px (0.5 px), of all vectors of the result that there is a truth of.
     pub valid_vector_probability: Option<f64>,
     pub valid_vector_probability_strict: Option<f64>,
     /// Slope of the measured displacement's variation over the true one's.
@@ -191,10 +191,13 @@ pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64)
         ..Scored::default()
     };
     for (i, (name, grid)) in truths.iter().enumerate() {
-        let known = field.vectors.iter().filter(|v| v.flag != 1 && is_there(v));
-        let compared: Vec<Compared> =
-            known.filter_map(|v| Some(Compared { found: *v, exact: grid.at(v)? })).collect();
-        let against = Against::of(&compared, &field.vectors, seed);
+        // Where there is no truth, as in a body, nothing can be asked for.
+        let there = field.vectors.iter().filter(|v| is_there(v));
+        let asked: Vec<Compared> =
+            there.filter_map(|v| Some(Compared { found: *v, exact: grid.at(v)? })).collect();
+        let compared: Vec<Compared> = asked.iter().copied().filter(|c| c.found.flag != 1).collect();
+        let asked: Vec<Vector> = asked.into_iter().map(|c| c.found).collect();
+        let against = Against::of(&compared, &asked, seed);
         if i == 0 {
             let valid = compared.iter().filter(|c| c.found.flag == 0).count();
             scored.score.n_outside = scored.score.n_reported - valid;
@@ -240,7 +243,7 @@ fn warnings(compared: &[Compared], score: &FieldScore, grid: &grid::Grid) -> Vec
 }
 
 impl Against {
-    /// Of vectors beside their truth, and all vectors of the result.
+    /// Of vectors beside their truth, and all vectors of the result that there is a truth of.
     fn of(compared: &[Compared], vectors: &[Vector], seed: u64) -> Self {
         let all: Vec<Compared> = compared.iter().copied().filter(|c| c.found.flag == 0).collect();
         let all = all.as_slice();
