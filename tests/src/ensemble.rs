@@ -91,19 +91,20 @@ impl Ensemble {
         })
     }
 
-    /// As many rays as `images` images of a sphere have, from random points of its near half in random directions.
+    /// As many images of a sphere as have about so many rays, from random points of its near half in random directions.
     ///
-    /// This is the law that the model's regular spirals stand for. Of setting 2 they leave a pattern of rows in the mean of
-    /// however many images, this light does not. Only directions that can meet the aperture are drawn.
-    pub fn of_random_light(settings: &Settings, particle: &Particle, seed: u64, images: u32) -> Self {
+    /// This is the law that the model's regular spirals stand for. They leave a pattern of rows in the mean of however many
+    /// images, this light does not. Only directions that can meet the aperture are drawn.
+    pub fn of_random_light(settings: &Settings, particle: &Particle, seed: u64, rays: u64) -> Self {
         let system = OpticalSystem::new(settings);
         let (width, height) = (settings.pixel_dim_x as usize, settings.pixel_dim_y as usize);
         let (distance, radius) = (system.objective.object_distance(particle.z_um), particle.d_um / 2.0);
         let slope = (system.objective.aperture_radius + radius) / (distance - radius);
         let least_cosine = 1.0 / f64::sqrt(1.0 + slope * slope);
-        let an_image =
-            emission::sphere_points(settings, particle.d_um) as f64 * (f64::from(settings.n_rays) + 1.0);
-        let rays = (f64::from(images) * an_image * (1.0 - least_cosine)).round() as u64;
+        let points = emission::sphere_points(settings, particle.d_um) as f64;
+        let an_image = points * (f64::from(settings.n_rays) + 1.0) * (1.0 - least_cosine);
+        let images = (rays as f64 / an_image).ceil() as u32;
+        let rays = (f64::from(images) * an_image).round() as u64;
 
         let streams = Streams::new(seed);
         let batches = rays.div_ceil(RAYS_OF_A_BATCH);

@@ -17,30 +17,53 @@ fn renderer(settings: &Settings) -> ExpectedRenderer {
 }
 
 /// A sensor of 141 x 141 px; the last particle is cut by its edge.
-fn is_the_mean_of_rays(settings: &Settings, depths: &[f64], seed: u64) {
+fn on_a_small_sensor(
+    settings: &Settings,
+    d_um: f64,
+    depths: &[f64],
+    seed: u64,
+    mean: impl Fn(&Settings, &Particle, u64) -> Ensemble,
+) {
     let settings = Settings { pixel_dim_x: 141, pixel_dim_y: 141, ..settings.clone() };
     let renderer = renderer(&settings);
     let mut places = Streams::new(seed).stream(Purpose::Seeding, 0, 0);
     for (i, &z_um) in depths.iter().enumerate() {
         let x = if i + 1 == depths.len() { 1.0 } else { 70.0 };
-        let particle = Particle::sphere(x + places.uniform(), 70.0 + places.uniform(), z_um, 2.0);
-        let rays =
-            Ensemble::draw(&settings, &[particle], SpheroidLaw::Original, seed + i as u64, 200).unwrap();
+        let particle = Particle::sphere(x + places.uniform(), 70.0 + places.uniform(), z_um, d_um);
+        let rays = mean(&settings, &particle, seed + i as u64);
         let expected = renderer.light(&[particle]).values;
         let agreement = Agreement::of(&expected, &rays, DEFAULT_TOLERANCE);
         println!("z {z_um}: {agreement:?}");
         assert!(agreement.holds(), "z {z_um}: {agreement:?}");
     }
+    // A check of tables with a cylinder that is stricter than this one finds up to 1.8 tolerances.
+    assert!(settings.cyl_focal_length != 0.0 || renderer.shortfall().is_none(), "{:?}", renderer.shortfall());
+}
+
+fn mean_of_rays(settings: &Settings, particle: &Particle, seed: u64) -> Ensemble {
+    Ensemble::draw(settings, &[*particle], SpheroidLaw::Original, seed, 200).unwrap()
 }
 
 #[test]
 fn it_is_the_mean_of_rays() {
-    is_the_mean_of_rays(&Settings::setting1(), &[-75.0, -50.0, -13.0, 12.0, 34.0], 21);
+    on_a_small_sensor(&Settings::setting1(), 2.0, &[-75.0, -50.0, -13.0, 12.0, 34.0], 21, mean_of_rays);
 }
 
 #[test]
 fn it_is_the_mean_of_rays_with_a_cylinder() {
-    is_the_mean_of_rays(&Settings::setting1a(), &[-50.0, -13.0, 34.0], 31);
+    on_a_small_sensor(&Settings::setting1a(), 2.0, &[-70.0, -50.0, -13.0, 12.0, 34.0], 31, mean_of_rays);
+}
+
+/// Rings larger than the sensor. In setting 2 the regular spirals of `rays` leave a pattern of rows in any mean.
+#[test]
+fn it_is_the_mean_of_random_light() {
+    on_a_small_sensor(
+        &Settings::setting2(),
+        1.0,
+        &[-35.0, -20.0, -6.0, -0.5, 3.0],
+        41,
+        |settings, p, seed| Ensemble::of_random_light(settings, p, seed, 1_000_000),
+    );
 }
 
 /// A tilted spheroid, by both laws, is the mean of its rays; with the uniform law one of aspect ratio 1 is a sphere.
@@ -224,9 +247,12 @@ fn derivatives_are_those_of_the_image() {
             let gradient = renderer.gradient(&particle).unwrap();
             let patch = renderer.patch(&particle).unwrap();
             let peak = patch.counts.iter().copied().fold(0.0, f64::max);
-            // f32 sums of some hundred terms.
+            // Round images are drawn from straight pieces of 1/32 px, whose curvature is left out: a part of the tolerance;
+            // others by the same spline in f32.
+            let drawn = if settings.cyl_focal_length == 0.0 { 4e-4 } else { 1e-5 };
             for (pixel, value) in gradient.pixels.iter().zip(&patch.counts) {
-                assert!((pixel[0] - value).abs() < 1e-5 * peak, "{} {value}", pixel[0]);
+                let error = (pixel[0] - value).abs() / peak;
+                assert!(error < drawn, "z {z_um}: {} {value}: {error:.1e}", pixel[0]);
             }
             // Small against a pixel and against a step between planes.
             let step = 1e-3;

@@ -69,14 +69,7 @@ enum Task {
         out: PathBuf,
     },
     /// Compares expected images with the mean of very many images of rays; exit code 1 if one differs.
-    Expected {
-        /// Where agreement.csv, pictures and README.md go.
-        #[arg(long, default_value = "target/expected")]
-        out: PathBuf,
-        /// Images of rays of each place.
-        #[arg(long, default_value_t = 10_000)]
-        images: u32,
-    },
+    Expected(expected::Comparison),
     /// Times the scores of a million points and of dense frames; exit code 1 if a bar is missed.
     Scoring {
         /// Where README.md goes.
@@ -188,7 +181,7 @@ fn main() -> anyhow::Result<ExitCode> {
         Task::Bench { out, only, repeats, scratch } => {
             bench::main(&out, only.as_deref(), repeats, scratch.as_deref()).map(|()| ExitCode::SUCCESS)
         }
-        Task::Expected { out, images } => expected::run(&out, images),
+        Task::Expected(comparison) => expected::run(&comparison),
         Task::Instructions { out, against, tolerance } => {
             instructions::run(&out, against.as_deref(), tolerance)
         }

@@ -123,7 +123,8 @@ impl Model {
                 let step_px = 1.0 / rings.per_px(z_um);
                 let fixed = libm::ceil(rings.columns as f64 * step_px * FIXED_PER_PX as f64) as usize + 2;
                 let annuli = (fixed / FIXED_PER_PX + 2) * encircled::RINGS;
-                let encircled = encircled::encircled(&self.pupil, z_um, radius_um, annuli, fineness);
+                let encircled =
+                    encircled::encircled(&self.pupil, z_um, radius_um, annuli, fineness, self.instructions);
                 let mut at_fixed = self.pixels.integrate(&encircled, FIXED_PER_PX, fixed);
                 at_fixed
                     .chunks_mut(fixed)

@@ -115,12 +115,10 @@ impl Brush {
             return;
         }
         match &sphere.block.form {
-            Form::Round(rings) => match rings.orders {
+            Form::Round(rings) => match rings.orders.div_ceil(2) {
                 1 => self.round.add::<1>(sphere, rings, canvas),
                 2 => self.round.add::<2>(sphere, rings, canvas),
-                3 => self.round.add::<3>(sphere, rings, canvas),
-                4 => self.round.add::<4>(sphere, rings, canvas),
-                _ => self.round.add::<5>(sphere, rings, canvas),
+                _ => self.round.add::<3>(sphere, rings, canvas),
             },
             Form::Quadrant(layout) => self.add_quadrant(sphere, layout, canvas),
         }

@@ -21,6 +21,13 @@ pub(super) struct View {
     pub(super) by_e3: [f64; 2],
 }
 
+impl View {
+    /// Places move by at most so much along columns when the source moves by one, px/um.
+    pub(super) fn slope(&self) -> f64 {
+        self.by_e1[0].abs() + self.by_e2[0].abs() + self.by_e3[1].abs()
+    }
+}
+
 /// Optics and the scale of the sensor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pupil {
@@ -71,10 +78,8 @@ impl Pupil {
             return aperture;
         }
         let misses = |q: f64| {
-            self.view(z_um, radius_um, [q, 0.0]).is_none_or(|view| {
-                let spread = radius_um * (view.by_e1[0].abs() + view.by_e2[0].abs() + view.by_e3[1].abs());
-                view.landing[0].abs() - spread > farthest_px
-            })
+            self.view(z_um, radius_um, [q, 0.0])
+                .is_none_or(|view| view.landing[0].abs() - radius_um * view.slope() > farthest_px)
         };
         let step = aperture / f64::from(STEPS);
         let missing = (0..STEPS).take_while(|&i| misses(aperture - f64::from(i) * step)).count();
@@ -117,6 +122,7 @@ impl Pupil {
 
 /// The share of isotropic light over the half space that a point at `distance` in front of a plane sends through each
 /// unit of its area at the in-plane offset squared `offset2`: cos / (2 pi r^2), 1/um^2.
+#[inline(always)]
 pub(super) fn density(distance: f64, offset2: f64) -> f64 {
     let r2 = distance * distance + offset2;
     distance / (r2 * r2.sqrt() * (2.0 * std::f64::consts::PI))
