@@ -14,7 +14,6 @@ pub mod report;
 pub mod results;
 pub mod runner;
 pub mod scenario;
-mod shelf;
 pub mod track;
 
 pub use error::{Error, Result};

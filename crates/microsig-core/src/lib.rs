@@ -39,6 +39,7 @@ pub mod random;
 pub mod render;
 pub mod sensor;
 mod settings;
+pub mod shelf;
 pub mod stream;
 
 pub use error::{Error, Fault};

@@ -11,7 +11,7 @@ use microsig_core::stream::{Purpose, Streams};
 
 use crate::dataset::save_bytes;
 use crate::error::Result;
-use crate::shelf::{Lent, Shelf};
+use microsig_core::shelf::{Lent, Shelf};
 
 /// Renderer, sensor and random streams: all that turns particles into an image.
 #[derive(Debug)]

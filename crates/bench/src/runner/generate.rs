@@ -25,7 +25,7 @@ use crate::error::{Error, Result};
 use crate::light::NoiseFree;
 use crate::scenario::license::LICENSE;
 use crate::scenario::{Scenario, spec, write};
-use crate::shelf::Shelf;
+use microsig_core::shelf::Shelf;
 
 /// How to generate.
 #[derive(Debug, Clone)]

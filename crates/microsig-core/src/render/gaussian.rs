@@ -13,12 +13,13 @@ use rayon::prelude::*;
 
 use super::instructions::InstructionSet;
 use super::patch::Window;
-use super::placing::Spots;
+use super::placing::{self, Spots};
 use super::strokes::Band;
 use crate::error::{Error, Fault};
 use crate::particle::Particle;
 use crate::sensor::{Image, Light, Sensor};
 use crate::settings::Settings;
+use crate::shelf::Shelf;
 use crate::stream::{Purpose, Streams};
 
 /// Counts: what a spot gives to any one pixel that is left out is less. Half a count is not reached before ten tails meet.
@@ -97,6 +98,9 @@ pub struct GaussianRenderer {
     spot: Spot,
     look: Look,
     instructions: InstructionSet,
+    /// Working memory, kept from image to image.
+    spots: Shelf<Vec<placing::Spot>>,
+    sums: Shelf<Vec<f32>>,
 }
 
 impl GaussianRenderer {
@@ -126,6 +130,8 @@ impl GaussianRenderer {
                 spot,
                 look,
                 instructions: InstructionSet::best(),
+                spots: Shelf::default(),
+                sums: Shelf::default(),
             })
         } else {
             Err(Error::Malformed(faults))
@@ -189,15 +195,15 @@ impl GaussianRenderer {
         self.window(particle).area() > 0
     }
 
-    fn spots(&self, particles: &[Particle]) -> Spots {
+    fn spots(&self, particles: &[Particle]) -> Spots<'_> {
         let sensor = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
-        Spots::new(particles, self.look, sensor, self.instructions)
+        Spots::new(particles, self.look, sensor, self.instructions, &self.spots)
     }
 
     /// The light of the rows from `first` on.
-    fn band(&self, spots: &Spots, first: usize, pixels: &mut [f64]) {
+    fn band(&self, spots: &Spots<'_>, first: usize, pixels: &mut [f64]) {
         let width = self.settings.pixel_dim_x as usize;
-        self.instructions.dispatch(Band { spots, width, first, pixels });
+        self.instructions.dispatch(Band { spots, width, first, pixels, shelf: &self.sums });
     }
 
     /// Adds up the light of all particles of one image: each pixel sees them in the order of their first rows, in steps of

@@ -4,6 +4,7 @@ use super::gaussian::Look;
 use super::instructions::InstructionSet;
 use super::strokes::{SHORT, STROKE};
 use crate::particle::Particle;
+use crate::shelf::{Lent, Shelf};
 
 /// Spots are sorted by bands of so many rows: those that follow each other light pixels that are still at hand.
 const BUCKET: usize = 8;
@@ -45,36 +46,39 @@ impl Spot {
 }
 
 /// The spots of an image that light its sensor, by the bucket of their first row, then in the order of their particles.
-#[derive(Debug, Default)]
-pub(super) struct Spots {
-    spots: Vec<Spot>,
+#[derive(Debug)]
+pub(super) struct Spots<'a> {
+    spots: Lent<'a, Vec<Spot>>,
     /// Where each bucket ends.
     ends: Vec<u32>,
     /// Rows of the tallest spot.
     tallest: usize,
 }
 
-impl Spots {
+impl<'a> Spots<'a> {
     pub(super) fn new(
         particles: &[Particle],
         look: Look,
         sensor: (u32, u32),
         instructions: InstructionSet,
+        shelf: &'a Shelf<Vec<Spot>>,
     ) -> Self {
-        let mut placed = vec![Spot::default(); particles.len()];
+        let mut placed = shelf.lend();
+        placed.resize(particles.len(), Spot::default());
         let n = instructions.dispatch(Placing { particles, look, sensor, placed: &mut placed });
         placed.truncate(n);
         // A counting sort; it keeps the order within a bucket.
         let mut ends = vec![0; (sensor.1 as usize).div_ceil(BUCKET) + 1];
-        for spot in &placed {
+        for spot in placed.iter() {
             ends[spot.top as usize / BUCKET + 1] += 1;
         }
         for bucket in 1..ends.len() {
             ends[bucket] += ends[bucket - 1];
         }
         let tallest = placed.iter().map(|spot| spot.rows).max().unwrap_or_default() as usize;
-        let mut spots = vec![Spot::default(); placed.len()];
-        for spot in placed {
+        let mut spots = shelf.lend();
+        spots.resize(placed.len(), Spot::default());
+        for &spot in placed.iter() {
             // Where its bucket begins, which moves on to where it ends.
             let next = &mut ends[spot.top as usize / BUCKET];
             spots[*next as usize] = spot;

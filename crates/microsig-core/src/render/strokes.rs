@@ -6,6 +6,7 @@
 use std::array::from_fn;
 
 use super::placing::{Spot, Spots};
+use crate::shelf::{Lent, Shelf};
 
 /// Edges of pixels in a stroke: one or more registers of every instruction set.
 const LANES: usize = 8;
@@ -33,13 +34,15 @@ type Profile = [f32; LANES];
 
 /// A band of the sensor's rows, and the spots whose light falls on it or elsewhere.
 pub(super) struct Band<'a> {
-    pub(super) spots: &'a Spots,
+    pub(super) spots: &'a Spots<'a>,
     /// Width of the sensor, px.
     pub(super) width: usize,
     /// The first row of the band, from 0.
     pub(super) first: usize,
     /// The band's pixels, row by row; whatever they hold is replaced.
     pub(super) pixels: &'a mut [f64],
+    /// Memory for sums.
+    pub(super) shelf: &'a Shelf<Vec<f32>>,
 }
 
 impl pulp::WithSimd for Band<'_> {
@@ -48,8 +51,8 @@ impl pulp::WithSimd for Band<'_> {
     // Inlined, with all that it calls, into a function for which the instruction set is switched on.
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
-        let Band { spots, width, first, pixels } = self;
-        let mut panels = Panels::new(width, first, pixels.len() / width);
+        let Band { spots, width, first, pixels, shelf } = self;
+        let mut panels = Panels::new(width, first, pixels.len() / width, shelf);
         let mut batch =
             Batch { spots: [Spot::default(); BATCH / 2], taken: 0, profiles: [0.0; BATCH * LANES], made: 0 };
         for spot in spots.near(first..panels.end) {
@@ -109,7 +112,7 @@ impl Batch {
 
     /// Makes all profiles and adds the spots.
     #[inline(always)]
-    fn finish(&mut self, panels: &mut Panels) {
+    fn finish(&mut self, panels: &mut Panels<'_>) {
         // Two strokes at a time are the widest register of any instruction set.
         let pairs = self.profiles[..self.made.next_multiple_of(2) * LANES].as_chunks_mut::<{ 2 * LANES }>().0;
         for pair in pairs {
@@ -131,8 +134,8 @@ impl Batch {
 }
 
 /// Sums of a band, in panels of columns: each row by row, and [`STROKE`] rows more.
-struct Panels {
-    sums: Vec<f32>,
+struct Panels<'a> {
+    sums: Lent<'a, Vec<f32>>,
     /// Numbers of a panel.
     size: usize,
     /// Rows of the band.
@@ -141,10 +144,12 @@ struct Panels {
     width: usize,
 }
 
-impl Panels {
-    fn new(width: usize, first: usize, rows: usize) -> Self {
+impl<'a> Panels<'a> {
+    fn new(width: usize, first: usize, rows: usize, shelf: &'a Shelf<Vec<f32>>) -> Self {
         let size = (rows + STROKE) * STRIDE;
-        Panels { sums: vec![0.0; width.div_ceil(PANEL) * size], size, first, end: first + rows, width }
+        let mut sums = shelf.lend();
+        sums.resize(width.div_ceil(PANEL) * size, 0.0);
+        Panels { sums, size, first, end: first + rows, width }
     }
 
     /// Adds a spot by its profiles, those across before those down.

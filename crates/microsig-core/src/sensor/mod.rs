@@ -18,6 +18,7 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::settings::Settings;
+use crate::shelf::Shelf;
 use crate::stream::{Purpose, Stream, Streams};
 use detector::FixedPattern;
 
@@ -61,6 +62,8 @@ pub struct Sensor {
     background_noise: f64,
     noise: Option<RoundedNormal>,
     detector: Option<(Detector, FixedPattern)>,
+    /// Memory for light that is exposed where it is made, kept from image to image.
+    bands: Shelf<Vec<f64>>,
 }
 
 impl Sensor {
@@ -72,6 +75,7 @@ impl Sensor {
             background_noise: settings.background_noise,
             noise: (settings.background_noise > 0.0).then(|| RoundedNormal::new(settings.background_noise)),
             detector: None,
+            bands: Shelf::default(),
         }
     }
 
@@ -115,7 +119,11 @@ impl Sensor {
         let columns = width as usize;
         self.image((width, height), |counts| {
             let bands = counts.par_chunks_mut(rows * columns).enumerate();
-            let buffers = || (vec![0.0; rows * columns], Buffers::new(columns));
+            let buffers = || {
+                let mut light = self.bands.lend();
+                light.resize(rows * columns, 0.0);
+                (light, Buffers::new(columns))
+            };
             bands.for_each_init(buffers, |(light, buffers), (band, counts)| {
                 let (first, light) = (band * rows, &mut light[..counts.len()]);
                 make(first, light);

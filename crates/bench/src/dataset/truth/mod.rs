@@ -23,7 +23,7 @@ use super::{Ledger, Stem};
 use crate::error::Result;
 use crate::light::{NoiseFree, Seen, look};
 use crate::scenario::Scenario;
-use crate::shelf::Shelf;
+use microsig_core::shelf::Shelf;
 
 /// The table of tracks with the columns that this scenario asks for.
 pub fn tracks(scenario: &Scenario) -> Table {

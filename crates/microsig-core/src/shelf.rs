@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 const KEPT_BYTES: usize = 1 << 23;
 
 /// What can be emptied and filled again.
-pub(crate) trait Buffer: Default {
+pub trait Buffer: Default {
     /// Empties it; its memory stays.
     fn clear(&mut self);
     /// The memory it holds, bytes.
@@ -38,22 +38,35 @@ impl Buffer for String {
 }
 
 /// Empty buffers that wait for their next use. There are as many as were ever in use at a time.
-#[derive(Debug, Default)]
-pub(crate) struct Shelf<B>(Mutex<Vec<B>>);
+#[derive(Debug)]
+pub struct Shelf<B>(Mutex<Vec<B>>);
+
+impl<B> Default for Shelf<B> {
+    fn default() -> Self {
+        Shelf(Mutex::new(Vec::new()))
+    }
+}
+
+/// A copy of what has a shelf begins with an empty one.
+impl<B> Clone for Shelf<B> {
+    fn clone(&self) -> Self {
+        Shelf::default()
+    }
+}
 
 impl<B: Buffer> Shelf<B> {
     /// An empty buffer that comes back by itself.
-    pub(crate) fn lend(&self) -> Lent<'_, B> {
+    pub fn lend(&self) -> Lent<'_, B> {
         Lent { buffer: self.take(), shelf: self }
     }
 
     /// An empty buffer, to be put back.
-    pub(crate) fn take(&self) -> B {
+    pub fn take(&self) -> B {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
     }
 
     /// Takes back a buffer.
-    pub(crate) fn put_back(&self, mut buffer: B) {
+    pub fn put_back(&self, mut buffer: B) {
         if buffer.held() <= KEPT_BYTES {
             buffer.clear();
             self.0.lock().unwrap_or_else(PoisonError::into_inner).push(buffer);
@@ -63,7 +76,7 @@ impl<B: Buffer> Shelf<B> {
 
 /// A buffer that goes back to its shelf.
 #[derive(Debug)]
-pub(crate) struct Lent<'a, B: Buffer> {
+pub struct Lent<'a, B: Buffer> {
     buffer: B,
     shelf: &'a Shelf<B>,
 }
