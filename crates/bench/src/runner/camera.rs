@@ -60,8 +60,16 @@ impl Camera {
 
     /// The image of one frame; the particles are the rows of its data file, in their order.
     pub fn image(&self, particles: &[Particle], frame: u32) -> Image {
-        let light = self.renderer.light(particles, &self.streams, self.rays, frame);
-        self.sensor.expose(&light, &self.streams, self.noise, frame)
+        match &self.renderer {
+            // The same image, without memory for the light of all of it.
+            Renderer::Gaussian(spots) => {
+                spots.image(particles, &self.sensor, &self.streams, self.noise, frame)
+            }
+            renderer => {
+                let light = renderer.light(particles, &self.streams, self.rays, frame);
+                self.sensor.expose(&light, &self.streams, self.noise, frame)
+            }
+        }
     }
 
     /// Writes an image as TIFF with its scale, and gives the file's bytes.
