@@ -65,8 +65,11 @@ impl Camera {
             Renderer::Gaussian(spots) => {
                 spots.image(particles, &self.sensor, &self.streams, self.noise, frame)
             }
-            renderer => {
-                let light = renderer.light(particles, &self.streams, self.rays, frame);
+            Renderer::Expected(expected) => {
+                expected.image(particles, &self.sensor, &self.streams, self.noise, frame)
+            }
+            Renderer::Rays(rays) => {
+                let light = rays.light(particles, &self.streams, self.rays, frame);
                 self.sensor.expose(&light, &self.streams, self.noise, frame)
             }
         }

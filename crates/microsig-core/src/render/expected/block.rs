@@ -46,20 +46,18 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// The planes around a depth and a radius: four of one radius after the other.
-    pub(super) fn around(&self, z_um: f64, radius_um: f64) -> impl Iterator<Item = Neighbour<'_>> {
+    /// The planes around a depth and a radius: four of each size that the radius lies between.
+    pub(super) fn around(&self, z_um: f64, radius_um: f64) -> impl Iterator<Item = [Neighbour<'_>; 4]> {
         let length = self.form.length();
         let steps = (z_um - self.start_um) / self.step_um;
         let first = (steps.max(0.0) as usize).min(self.planes - 4);
         let (weights, slopes) = spline::basis(steps - first as f64);
         let sizes = spline::lagrange(&self.radii, radius_um);
-        sizes.into_iter().enumerate().flat_map(move |(size, (of_size, _))| {
-            let start = size * self.planes + first;
-            let planes = self.coefficients[start * length..(start + 4) * length].chunks_exact(length);
-            planes.enumerate().map(move |(i, coefficients)| Neighbour {
+        sizes.into_iter().enumerate().map(move |(size, (of_size, _))| {
+            std::array::from_fn(|i| Neighbour {
                 weight: of_size * weights[i],
                 by_z: of_size * slopes[i] / self.step_um,
-                coefficients,
+                coefficients: &self.coefficients[(size * self.planes + first + i) * length..][..length],
             })
         })
     }

@@ -39,7 +39,10 @@ pub(super) enum Radii {
 }
 
 /// Nodes per px that a quadrant may have.
-const MOST_PER_PX: usize = 8;
+const DENSITIES: [usize; 4] = [1, 2, 4, 8];
+/// Nodes per px, and numbers of a plane, up to which round images are drawn faster from a quadrant than along the radius.
+const DENSEST_ROUND: usize = 2;
+const LARGEST_ROUND: usize = 1 << 16;
 /// Steps of depth that a block begins with, and the most it may have.
 const STEPS: usize = 4;
 const MOST_STEPS: usize = 64;
@@ -67,13 +70,18 @@ enum Nodes {
     Quadrant(Quadrant),
 }
 
+impl Quadrant {
+    /// Twice as many nodes per axis.
+    fn computed(self) -> Quadrant {
+        Quadrant { per_px: 2 * self.per_px, columns: 2 * self.columns, rows: 2 * self.rows }
+    }
+}
+
 impl Nodes {
     fn finer(self) -> Nodes {
         match self {
             Nodes::Round(rings) => Nodes::Round(rings.finer()),
-            Nodes::Quadrant(Quadrant { per_px, columns, rows }) => {
-                Nodes::Quadrant(Quadrant { per_px: 2 * per_px, columns: 2 * columns, rows: 2 * rows })
-            }
+            Nodes::Quadrant(quadrant) => Nodes::Quadrant(quadrant.computed()),
         }
     }
 
@@ -121,22 +129,18 @@ impl Model {
             Nodes::Round(rings) if beyond => vec![0.0; rings.columns * AZIMUTHS],
             Nodes::Round(rings) => {
                 let step_px = 1.0 / rings.per_px(z_um);
-                let fixed = libm::ceil(rings.columns as f64 * step_px * FIXED_PER_PX as f64) as usize + 2;
-                let annuli = (fixed / FIXED_PER_PX + 2) * encircled::RINGS;
-                let encircled =
-                    encircled::encircled(&self.pupil, z_um, radius_um, annuli, fineness, self.instructions);
-                let mut at_fixed = self.pixels.integrate(&encircled, FIXED_PER_PX, fixed);
-                at_fixed
-                    .chunks_mut(fixed)
-                    .flat_map(|azimuth| {
-                        spline::even_spline(azimuth, Degree::Three);
-                        let at =
-                            |k: usize| spline::evaluate(azimuth, k as f64 * step_px * FIXED_PER_PX as f64);
-                        (0..rings.columns).map(at).collect::<Vec<_>>()
-                    })
+                let reach_px = rings.columns as f64 * step_px;
+                let azimuths = self.azimuths(z_um, radius_um, reach_px, fineness);
+                let places = (0..rings.columns).map(|k| k as f64 * step_px * FIXED_PER_PX as f64);
+                azimuths
+                    .iter()
+                    .flat_map(|azimuth| places.clone().map(|place| spline::evaluate(azimuth, place)))
                     .collect()
             }
             Nodes::Quadrant(Quadrant { columns, rows, .. }) if beyond => vec![0.0; columns * rows],
+            Nodes::Quadrant(quadrant) if self.is_round() => {
+                self.round_quadrant(z_um, radius_um, quadrant, fineness)
+            }
             Nodes::Quadrant(Quadrant { per_px, columns, rows }) => {
                 let surface = Surface::sphere(radius_um, POINTS);
                 let grid = Grid::about(per_px, columns, rows);
@@ -145,6 +149,49 @@ impl Model {
                 exposure::fold(&values, columns, rows)
             }
         }
+    }
+
+    /// A round image along the radius, at each azimuth of the samples: cubic splines on [`FIXED_PER_PX`] nodes per px.
+    fn azimuths(&self, z_um: f64, radius_um: f64, reach_px: f64, fineness: Fineness) -> Vec<Vec<f64>> {
+        let nodes = libm::ceil(reach_px * FIXED_PER_PX as f64) as usize + 2;
+        let annuli = (nodes / FIXED_PER_PX + 2) * encircled::RINGS;
+        let encircled =
+            encircled::encircled(&self.pupil, z_um, radius_um, annuli, fineness, self.instructions);
+        let values = self.pixels.integrate(&encircled, FIXED_PER_PX, nodes);
+        let spline = |azimuth: &[f64]| {
+            let mut azimuth = azimuth.to_vec();
+            spline::even_spline(&mut azimuth, Degree::Three);
+            azimuth
+        };
+        values.chunks(nodes).map(spline).collect()
+    }
+
+    /// The same on the nodes of a quadrant.
+    fn round_quadrant(&self, z_um: f64, radius_um: f64, quadrant: Quadrant, fineness: Fineness) -> Vec<f64> {
+        let Quadrant { per_px, columns, rows } = quadrant;
+        let step_px = 1.0 / per_px as f64;
+        let reach_px = step_px * libm::hypot(columns as f64, rows as f64);
+        let orders = pixel::orders(&self.azimuths(z_um, radius_um, reach_px, fineness));
+        let at = |column: usize, row: usize| {
+            let (x, y) = (column as f64 * step_px, row as f64 * step_px);
+            let r2 = x * x + y * y;
+            let place = libm::sqrt(r2) * FIXED_PER_PX as f64;
+            let cross = if r2 > 0.0 { x * y / r2 } else { 0.0 };
+            let cos4 = 1.0 - 8.0 * cross * cross;
+            // Clenshaw's sum of the orders.
+            let (low, sum) = orders.iter().rev().fold((0.0, 0.0), |(after, next), order| {
+                (next, spline::evaluate(order, place) + 2.0 * cos4 * next - after)
+            });
+            sum - cos4 * low
+        };
+        (0..rows)
+            .flat_map(|row| {
+                (0..columns).map({
+                    let at = &at;
+                    move |column| at(column, row)
+                })
+            })
+            .collect()
     }
 
     /// The block of these spheres at the depths from `start_um` to `start_um + length_um`.
@@ -198,12 +245,7 @@ impl Attempt<'_> {
             let more = self.model.reach(z_um, large);
             (0..2).for_each(|axis| reach_px[axis] = reach_px[axis].max(more[axis]));
         }
-        let nodes = if self.model.is_round() {
-            let reach = |z_um: f64| self.model.reach(z_um, large)[0];
-            Nodes::Round(Rings::new(self.start_um, self.length_um, self.model.farthest_px[0], reach))
-        } else {
-            Nodes::Quadrant(self.quadrant(small, reach_px))
-        };
+        let nodes = self.nodes(small, large, reach_px);
         let (mut planes, steps) = self.planes(small, nodes);
         let radii = match radii {
             Radii::One(radius) => vec![radius],
@@ -227,23 +269,38 @@ impl Attempt<'_> {
         block
     }
 
-    /// A quadrant with nodes so dense that the spline nearest to its values, half as many per axis, meets them.
-    fn quadrant(&self, radius_um: f64, reach_px: [f64; 2]) -> Quadrant {
-        let mut per_px = 1;
-        loop {
-            let stored = self.model.quadrant(reach_px, per_px);
-            let Quadrant { columns, rows, .. } = stored;
-            let quadrant = Quadrant { per_px: 2 * per_px, columns: 2 * columns, rows: 2 * rows };
-            if per_px >= MOST_PER_PX {
-                return quadrant;
+    /// Where images are computed: on a quadrant with nodes so dense that the spline nearest to its values, half as many per
+    /// axis, meets them, or along the radius if the image is round and that would take too many.
+    fn nodes(&self, small: f64, large: f64, reach_px: [f64; 2]) -> Nodes {
+        let round = self.model.is_round();
+        let (densest, largest) =
+            if round { (DENSEST_ROUND, LARGEST_ROUND) } else { (usize::MAX, usize::MAX) };
+        let quadrants = DENSITIES.into_iter().map(|per_px| self.model.quadrant(reach_px, per_px));
+        let quadrants = quadrants.filter(|q| q.per_px <= densest && q.columns * q.rows <= largest);
+        let mut last = None;
+        for quadrant in quadrants.map(Quadrant::computed) {
+            if self.is_met(small, quadrant) {
+                return Nodes::Quadrant(quadrant);
             }
-            let values = self.sample(self.middle(), radius_um, Nodes::Quadrant(quadrant));
-            let plane = spline::fit_plane(&values, columns);
-            if deviation(&spline::plane_at_half_nodes(&plane, columns), &values) <= self.part {
-                return quadrant;
-            }
-            per_px *= 2;
+            last = Some(quadrant);
         }
+        let reach = |z_um: f64| self.model.reach(z_um, large)[0];
+        let rings = || Rings::new(self.start_um, self.length_um, self.model.farthest_px[0], reach);
+        last.filter(|_| !round).map_or_else(|| Nodes::Round(rings()), Nodes::Quadrant)
+    }
+
+    /// Whether its spline is near enough in the middle of the range of depths, and within the tolerance at both ends, which
+    /// images are between.
+    fn is_met(&self, radius_um: f64, quadrant: Quadrant) -> bool {
+        let columns = quadrant.columns / 2;
+        [(0.5, self.part), (0.0, self.model.tolerance), (1.0, self.model.tolerance)].into_iter().all(
+            |(share, allowed)| {
+                let z_um = self.start_um + share * self.length_um;
+                let values = self.sample(z_um, radius_um, Nodes::Quadrant(quadrant));
+                let plane = spline::fit_plane(&values, columns);
+                deviation(&spline::plane_at_half_nodes(&plane, columns), &values) <= allowed
+            },
+        )
     }
 
     /// Planes of one sphere before they are splines in depth, from [`AROUND`] before the range on.
@@ -347,7 +404,7 @@ impl Attempt<'_> {
             }
             Nodes::Quadrant(Quadrant { per_px, columns, rows }) => {
                 let (per_px, columns, rows) = (per_px / 2, columns / 2, rows / 2);
-                let layout = Layout::new(per_px, columns, &lit_columns(&splines, columns, rows));
+                let layout = Layout::new(per_px, columns, rows);
                 let mut coefficients = vec![0.0f32; splines.len() * layout.length()];
                 for (plane, out) in splines.iter().zip(coefficients.chunks_mut(layout.length())) {
                     for (line, out) in plane.chunks(columns).zip(out.chunks_mut(layout.row())) {
@@ -395,24 +452,8 @@ fn round_spline(values: &[f64], columns: usize) -> Vec<f64> {
         .collect()
 }
 
-/// For each row of quadrants, the columns before the dark.
-fn lit_columns(planes: &[Vec<f64>], columns: usize, rows: usize) -> Vec<usize> {
-    (0..rows)
-        .map(|row| {
-            let last = |plane: &Vec<f64>| {
-                let dark = DARK * peak(plane);
-                plane[row * columns..][..columns].iter().rposition(|v| v.abs() > dark)
-            };
-            planes.iter().filter_map(last).max().map_or(0, |column| column + 1)
-        })
-        .collect()
-}
-
 /// Planes before the range and behind it that a spline through planes needs.
 const AROUND: usize = 3;
-
-/// Light on a node, as a share of the peak, that is none.
-const DARK: f64 = 1e-6;
 
 /// From values at equal steps to coefficients of the cubic spline: 1 - d2/6 + (d2/6)^2 with d2 the second difference,
 /// which is exact but for (d2/6)^3.

@@ -1,45 +1,67 @@
-//! Drawing round images: every pixel finds its place along the radius.
+//! Drawing round images along their radius.
 //!
-//! Planes are blended into one line of coefficients for each order of the azimuth. From these a record is made for every half
-//! node: the value and the slope of the orders 0 and 4, and as many records more as there are orders. A pixel reads the
-//! record next to its place, all at once, and follows the slopes from there.
+//! Planes are blended into one line of coefficients for each order of the azimuth, and these become the quadratic of each node.
+//! Every pixel finds its node; the quadratics of many pixels are then fetched one by one, and summed side by side. Only + and *
+//! in a fixed order occur, never fused, and roots and quotients, which are exact: every instruction set gives the same bits.
 
 use super::draw::{Canvas, Sphere};
-use super::layout::LANES;
 use super::rings::Rings;
 use crate::render::patch::Window;
 
 /// Added to a number below 2^22 and taken away again it leaves the nearest whole one.
 const WHOLE: f32 = 8_388_608.0;
 
-/// Records per node.
-const PER_NODE: usize = 2;
+/// Pixels whose quadratics are fetched before they are summed: all that belongs to them stays in the nearest cache.
+const BATCH: usize = 512;
 
-/// Values and slopes, per record, of two orders of the azimuth: value and slope of the lower one, then of the higher.
-type Record = [f32; 4];
+/// Pixels of a row whose nodes are found at a time.
+const LANES: usize = 8;
+
+/// Numbers of pixels in a batch are multiples of it.
+const STRIP: usize = 64;
+
+type Group = [f32; LANES];
+
+/// Around a node: the value there, its slope and half its curvature, per node.
+type Quadratic = [f32; 4];
 
 /// Working memory.
 #[derive(Default)]
 pub(super) struct RoundBrush {
     /// Coefficients by order: that of node 1, which stands before node 0 as its mirror image, those of all nodes, and dark
-    /// ones behind the last; for the last order a dark one, if their number is odd.
+    /// ones behind the last.
     lines: Vec<f32>,
-    /// Records along the radius, those of all pairs of orders side by side.
-    records: Vec<Record>,
+    /// By order and node.
+    quadratics: Vec<Quadratic>,
+    batch: Batch,
+}
+
+/// Some pixels, in groups along their rows.
+#[derive(Default)]
+struct Batch {
+    /// Where each row's groups begin on the canvas, and how many there are.
+    rows: Vec<(usize, usize)>,
+    nodes: Vec<[u32; LANES]>,
+    /// How far beyond their nodes pixels lie, in nodes.
+    beyond: Vec<Group>,
+    /// cos 4 psi.
+    cos4: Vec<Group>,
+    /// Their quadratics of one order.
+    near: Vec<Quadratic>,
+    /// Sums of this order and those above it, and of those above it alone.
+    sums: Vec<f32>,
+    above: Vec<f32>,
 }
 
 impl RoundBrush {
-    /// Draws a sphere with so many pairs of orders.
     #[inline(always)]
-    pub(super) fn add<const PAIRS: usize>(&mut self, sphere: &Sphere, rings: &Rings, canvas: &mut Canvas) {
+    pub(super) fn add(&mut self, sphere: &Sphere, rings: &Rings, canvas: &mut Canvas) {
         let rows = canvas.rows(&sphere.window);
-        self.blend::<PAIRS>(sphere, rings);
-        self.records.resize(PAIRS * (PER_NODE * (rings.columns + 2) + 1), Record::default());
-        let records = self.records.as_chunks_mut::<PAIRS>().0;
-        record(&self.lines, records);
-        let per_px = PER_NODE as f64 * rings.per_px(sphere.z_um);
-        // From here on all is dark.
-        let last = records.len() - 1;
+        self.blend(sphere, rings);
+        self.solve(rings.orders);
+        let per_px = rings.per_px(sphere.z_um);
+        // From the last node on all is dark.
+        let last = rings.columns + 1;
         let reach = last as f64 / per_px;
         let Window { x0, width, .. } = sphere.window;
         for y in rows {
@@ -50,119 +72,119 @@ impl RoundBrush {
             let end =
                 (libm::floor(sphere.x_px + half) as i64 + 1 - x0).clamp(start as i64, width as i64) as usize;
             let dx = ((x0 + start as i64) as f64 - sphere.x_px) as f32;
-            let pixels = &mut canvas.row(&sphere.window, y)[start..end];
-            let row = Row { dx, dy: dy as f32, per_px: per_px as f32, last: last as f32 };
-            row.add(records, pixels);
+            let first = canvas.first(&sphere.window, y) + start;
+            let pixels = end - start;
+            self.batch.rows.push((first, pixels.div_ceil(LANES)));
+            for done in (0..pixels).step_by(LANES) {
+                let place = [dx + done as f32, dy as f32];
+                self.batch.push(place, (pixels - done) as f32, per_px as f32, last as f32);
+            }
+            if self.batch.nodes.len() * LANES >= BATCH {
+                self.batch.draw(&self.quadratics, last + 1, rings.orders, canvas.pixels);
+            }
         }
+        self.batch.draw(&self.quadratics, last + 1, rings.orders, canvas.pixels);
     }
 
     /// Blends the planes' coefficients.
     #[inline(always)]
-    fn blend<const PAIRS: usize>(&mut self, sphere: &Sphere, rings: &Rings) {
+    fn blend(&mut self, sphere: &Sphere, rings: &Rings) {
         let (columns, length) = (rings.columns, rings.columns + 4);
         self.lines.clear();
-        self.lines.resize(2 * PAIRS * length, 0.0);
-        let mut planes = sphere.block.around(sphere.z_um, sphere.radius_um);
-        while let (Some(a), Some(b), Some(c), Some(d)) =
-            (planes.next(), planes.next(), planes.next(), planes.next())
-        {
-            let four = [a, b, c, d];
-            let w = [0, 1, 2, 3].map(|i| (four[i].weight * sphere.light) as f32);
-            for (order, line) in self.lines.chunks_exact_mut(length).take(rings.orders).enumerate() {
-                let [a, b, c, d] = [0, 1, 2, 3].map(|i| &four[i].coefficients[order * columns..][..columns]);
-                let line = &mut line[1..=columns];
-                for ((((out, a), b), c), d) in line.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+        self.lines.resize(rings.orders * length, 0.0);
+        for four in sphere.block.around(sphere.z_um, sphere.radius_um) {
+            let w: [f32; 4] = std::array::from_fn(|i| (four[i].weight * sphere.light) as f32);
+            for (order, line) in self.lines.chunks_exact_mut(length).enumerate() {
+                let of_order = order * columns..(order + 1) * columns;
+                let a = &four[0].coefficients[of_order.clone()];
+                let b = &four[1].coefficients[of_order.clone()];
+                let c = &four[2].coefficients[of_order.clone()];
+                let d = &four[3].coefficients[of_order];
+                for ((((out, a), b), c), d) in line[1..=columns].iter_mut().zip(a).zip(b).zip(c).zip(d) {
                     *out += (w[0] * a + w[1] * b) + (w[2] * c + w[3] * d);
                 }
             }
         }
         self.lines.chunks_exact_mut(length).for_each(|line| line[0] = line[2]);
     }
-}
 
-/// Makes records from lines of coefficients.
-#[inline(always)]
-fn record<const PAIRS: usize>(lines: &[f32], records: &mut [[Record; PAIRS]]) {
-    let length = lines.len() / (2 * PAIRS);
-    for (pair, lines) in lines.chunks_exact(2 * length).enumerate() {
-        let (low, high) = lines.split_at(length);
-        let near = low.windows(3).zip(high.windows(3));
-        for (records, (low, high)) in records.as_chunks_mut::<PER_NODE>().0.iter_mut().zip(near) {
-            let [low, high] = [low, high].map(|near| tangents([near[0], near[1], near[2]]));
-            records[0][pair] = [low[0][0], low[0][1], high[0][0], high[0][1]];
-            records[1][pair] = [low[1][0], low[1][1], high[1][0], high[1][1]];
-        }
-    }
-    if let Some(dark) = records.last_mut() {
-        *dark = [Record::default(); PAIRS];
-    }
-}
-
-/// Value and slope, per record, of a quadratic spline at the node of the second of three coefficients, and half way to the
-/// next node.
-#[inline(always)]
-fn tangents([a, b, c]: [f32; 3]) -> [[f32; 2]; 2] {
-    // With a twelfth of the curvature's part at the ends, straight lines have the middles of the curve.
-    let curvature = (a - 2.0 * b + c) * (1.0 / 96.0);
-    [[0.125 * (a + c) + 0.75 * b + curvature, 0.25 * (c - a)], [0.5 * (b + c), 0.5 * (c - b)]]
-}
-
-/// A row of pixels.
-struct Row {
-    /// The first pixel's place relative to the sphere, px.
-    dx: f32,
-    dy: f32,
-    /// Records per px, and the number of the last, which is dark.
-    per_px: f32,
-    last: f32,
-}
-
-impl Row {
+    /// Makes the quadratics of nodes from coefficients.
     #[inline(always)]
-    fn add<const PAIRS: usize>(&self, records: &[[Record; PAIRS]], pixels: &mut [f64]) {
-        let (full, rest) = pixels.as_chunks_mut::<LANES>();
-        for (k, pixels) in full.iter_mut().enumerate() {
-            let light = self.light(records, k);
-            for i in 0..LANES {
-                pixels[i] += f64::from(light[i]);
+    fn solve(&mut self, orders: usize) {
+        let length = self.lines.len() / orders;
+        self.quadratics.resize(orders * (length - 2), Quadratic::default());
+        let of_orders = self.quadratics.chunks_exact_mut(length - 2);
+        for (line, out) in self.lines.chunks_exact(length).zip(of_orders) {
+            for (out, near) in out.iter_mut().zip(line.windows(3)) {
+                let ends = near[0] + near[2];
+                *out = [0.125 * ends + 0.75 * near[1], 0.5 * (near[2] - near[0]), 0.5 * ends - near[1], 0.0];
             }
         }
-        if !rest.is_empty() {
-            let light = self.light(records, full.len());
-            rest.iter_mut().zip(light).for_each(|(pixel, light)| *pixel += f64::from(light));
-        }
     }
+}
 
-    /// f0(r) + f4(r) cos 4 psi + ... of a run of pixels.
+impl Batch {
+    /// Finds the nodes of a group of pixels of which the first lies at (`dx`, `dy`) from the sphere, px. Those beyond the
+    /// first so many are dark.
     #[inline(always)]
-    fn light<const PAIRS: usize>(&self, records: &[[Record; PAIRS]], run: usize) -> [f32; LANES] {
-        let (mut nodes, mut beyond, mut cos4) = ([0u32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
-        let dx = self.dx + (run * LANES) as f32;
+    fn push(&mut self, [dx, dy]: [f32; 2], pixels: f32, per_px: f32, last: f32) {
+        let (mut nodes, mut beyond, mut cos4) = ([0; LANES], Group::default(), Group::default());
         for i in 0..LANES {
             let x = dx + i as f32;
-            let r2 = x * x + self.dy * self.dy;
-            let place = r2.sqrt() * self.per_px;
-            let place = if place < self.last { place } else { self.last };
+            let r2 = x * x + dy * dy;
+            let place = r2.sqrt() * per_px;
+            let place = if place < last && (i as f32) < pixels { place } else { last };
             let whole = place + WHOLE;
             nodes[i] = whole.to_bits() & 0x007F_FFFF;
             beyond[i] = place - (whole - WHOLE);
-            let cross = x * self.dy / if r2 > f32::MIN_POSITIVE { r2 } else { f32::MIN_POSITIVE };
+            let cross = x * dy / if r2 > f32::MIN_POSITIVE { r2 } else { f32::MIN_POSITIVE };
             cos4[i] = 1.0 - 8.0 * cross * cross;
         }
-        let near = nodes.map(|node| records[node as usize]);
-        let mut light = [0.0; LANES];
-        for i in 0..LANES {
-            let at = |order: usize| {
-                let record = near[i][order / 2];
-                record[2 * (order % 2)] + beyond[i] * record[2 * (order % 2) + 1]
-            };
-            // Clenshaw's sum of the orders.
-            let (mut next, mut after) = (at(2 * PAIRS - 1), 0.0);
-            for order in (1..2 * PAIRS - 1).rev() {
-                (next, after) = (at(order) + 2.0 * cos4[i] * next - after, next);
-            }
-            light[i] = at(0) + cos4[i] * next - after;
+        self.nodes.push(nodes);
+        self.beyond.push(beyond);
+        self.cos4.push(cos4);
+    }
+
+    /// Adds f0(r) + f4(r) cos 4 psi + ... to the pixels, and forgets them.
+    #[inline(always)]
+    fn draw(&mut self, quadratics: &[Quadratic], per_order: usize, orders: usize, pixels: &mut [f32]) {
+        // Loops over whole strips have no rest.
+        while !self.nodes.len().is_multiple_of(STRIP / LANES) {
+            self.nodes.push([per_order as u32 - 1; LANES]);
+            self.beyond.push(Group::default());
+            self.cos4.push(Group::default());
         }
-        light
+        let n = self.nodes.len() * LANES;
+        for sums in [&mut self.sums, &mut self.above] {
+            sums.clear();
+            sums.resize(n, 0.0);
+        }
+        self.near.resize(n, Quadratic::default());
+        let (beyond, cos4) = (self.beyond.as_flattened(), self.cos4.as_flattened());
+        for (order, of_order) in quadratics.chunks_exact(per_order).enumerate().take(orders).rev() {
+            for (near, &node) in self.near.iter_mut().zip(self.nodes.as_flattened()) {
+                *near = of_order[node as usize];
+            }
+            // Clenshaw's sum of the orders: for the last one cos 4 psi counts once.
+            let twice = if order == 0 { 1.0 } else { 2.0 };
+            let places = self.near.iter().zip(beyond).zip(cos4);
+            for ((sum, above), ((q, t), cos4)) in self.sums.iter_mut().zip(&mut self.above).zip(places) {
+                let next = (q[0] + t * (q[1] + t * q[2])) + twice * cos4 * *sum - *above;
+                *above = *sum;
+                *sum = next;
+            }
+        }
+        let mut sums = self.sums.as_chunks::<LANES>().0.iter();
+        for (first, groups) in self.rows.drain(..) {
+            let pixels = pixels[first..].as_chunks_mut::<LANES>().0;
+            for (pixels, sums) in pixels[..groups].iter_mut().zip(&mut sums) {
+                for i in 0..LANES {
+                    pixels[i] += sums[i];
+                }
+            }
+        }
+        self.nodes.clear();
+        self.beyond.clear();
+        self.cos4.clear();
     }
 }

@@ -4,7 +4,10 @@
 //! row of nodes is stored phase by phase, and each phase as a run that neighbouring pixels read side by side.
 
 /// Numbers that are worked on at a time; runs are whole multiples of it.
-pub(super) const LANES: usize = 8;
+pub(super) const LANES: usize = 16;
+
+/// So many numbers.
+pub(super) type Group = [f32; LANES];
 
 /// A quadrant of nodes, the axes included.
 #[derive(Debug, Clone, PartialEq)]
@@ -14,35 +17,12 @@ pub(super) struct Layout {
     pub(super) rows: usize,
     /// Nodes of one phase in a row.
     pub(super) run: usize,
-    /// Of each row, and some dark ones behind: how much of a run is read, a multiple of [`LANES`].
-    lit: Vec<usize>,
 }
 
-/// Rows of the dark behind the last that a spline may ask for.
-pub(super) const MARGIN: usize = 3;
-
 impl Layout {
-    /// The layout of a quadrant whose rows have so many columns before the dark begins.
-    pub(super) fn new(per_px: usize, columns: usize, lit_columns: &[usize]) -> Layout {
-        let runs: Vec<usize> =
-            lit_columns.iter().map(|n| n.div_ceil(per_px).next_multiple_of(LANES)).collect();
-        // Four neighbouring rows are read together, as far as the longest of them is lit.
-        let lit = (0..runs.len() + MARGIN)
-            .map(|row| {
-                runs[row.saturating_sub(MARGIN).min(runs.len())..(row + MARGIN + 1).min(runs.len())]
-                    .iter()
-                    .copied()
-            })
-            .map(|near| near.max().unwrap_or(0))
-            .collect();
-        let run = columns.div_ceil(per_px).next_multiple_of(LANES);
-        Layout { per_px, rows: runs.len(), run, lit }
-    }
-
-    /// How much of a run of this row is read.
-    #[inline(always)]
-    pub(super) fn lit(&self, row: usize) -> usize {
-        self.lit.get(row).copied().unwrap_or(0)
+    /// The layout of a quadrant of so many columns and rows before the dark begins.
+    pub(super) fn new(per_px: usize, columns: usize, rows: usize) -> Layout {
+        Layout { per_px, rows, run: columns.div_ceil(per_px).next_multiple_of(LANES) }
     }
 
     /// Numbers of a row.

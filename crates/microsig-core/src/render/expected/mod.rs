@@ -5,14 +5,16 @@
 //! point toward the lens side, and a pixel gets its share of them. Images of spheres depend on depth, diameter and the pixel's
 //! place relative to the particle alone, and come from tables (`block`), which are made when they are first needed, verified
 //! while they are made (`build`), and shared by all clones of a renderer (`tables`); when they grow beyond 512 MB, those that
-//! the current image does not need are dropped. Behind a spherical lens images are round: they are computed as light within
-//! a radius (`encircled`), seen by a square pixel (`pixel`), and drawn from lines along the radius (`draw_round`). With a
-//! cylindrical lens they have two mirror symmetries: a quadrant is computed part by part of the lens (`exposure`, `stamp`) and
-//! drawn from a spline over it (`draw`). A spheroid is computed in the same way, directly and without tables (`spheroid`).
+//! the current image does not need are dropped. With a cylindrical lens images have two mirror symmetries: a quadrant is computed
+//! part by part of the lens (`exposure`, `stamp`) and drawn from a spline over it (`draw_quadrant`). Behind a spherical lens
+//! images are round: they are computed as light within a radius (`encircled`), seen by a square pixel (`pixel`), and drawn from a
+//! quadrant as well if few nodes are enough, along the radius (`draw_round`) if rims are sharp or rings large. A spheroid
+//! is computed in the same way, directly and without tables (`spheroid`).
 
 mod block;
 mod build;
 mod draw;
+mod draw_quadrant;
 mod draw_round;
 mod encircled;
 mod exposure;
@@ -38,8 +40,10 @@ use crate::emission::{self, SpheroidLaw};
 use crate::error::Error;
 use crate::optics::OpticalSystem;
 use crate::particle::Particle;
-use crate::sensor::Light;
+use crate::sensor::{Image, Light, Sensor};
 use crate::settings::Settings;
+use crate::shelf::{Lent, Shelf};
+use crate::stream::{Purpose, Streams};
 use block::Block;
 use build::Model;
 use draw::{Canvas, Figure, Sphere};
@@ -55,6 +59,9 @@ pub const DEFAULT_TOLERANCE: f64 = 1e-3;
 
 /// The tolerances that tables can be asked for.
 pub const TOLERANCES: std::ops::RangeInclusive<f64> = 1e-4..=0.1;
+
+/// Rows that are exposed at a time, and the fewest that a thread draws.
+const BAND: usize = 64;
 
 /// Particles whose images are held at a time.
 const PARTICLES: usize = 1024;
@@ -79,10 +86,12 @@ pub struct ExpectedRenderer {
     rays: RayRenderer,
     instructions: InstructionSet,
     tables: Arc<Tables>,
+    /// Working memory, kept from image to image.
+    canvases: Shelf<Vec<f32>>,
 }
 
 /// What a particle is drawn from.
-enum Image {
+enum Template {
     Block(Arc<Block>),
     Patch(Window, Vec<f32>),
 }
@@ -138,7 +147,12 @@ impl ExpectedRenderer {
         let farthest_px =
             if pupil.system.cylinder.is_some() { [x, y] } else { [libm::sqrt(x * x + y * y); 2] };
         let model = Model { pupil, tolerance, farthest_px, pixels: Pixels::default(), instructions };
-        Ok(ExpectedRenderer { rays, instructions, tables: Arc::new(Tables::new(model)) })
+        Ok(ExpectedRenderer {
+            rays,
+            instructions,
+            tables: Arc::new(Tables::new(model)),
+            canvases: Shelf::default(),
+        })
     }
 
     /// How far from the sensor a particle may lie, px, if its light falls on it.
@@ -201,9 +215,12 @@ impl ExpectedRenderer {
         if window.area() == 0 {
             return None;
         }
-        let mut counts = vec![0.0; window.area()];
-        let canvas = Canvas { x0: window.x0, y0: window.y0, width: window.width, pixels: &mut counts };
+        let stride = draw::stride(window.width);
+        let mut pixels = vec![0.0; window.height * stride];
+        let canvas = Canvas { x0: window.x0, y0: window.y0, stride, pixels: &mut pixels };
         draw::draw(self.instructions, std::iter::once(figure), canvas);
+        let mut counts = vec![0.0; window.area()];
+        draw::copy(&pixels, window.width, &mut counts);
         Some(ExpectedPatch { window, counts })
     }
 
@@ -258,20 +275,47 @@ impl ExpectedRenderer {
     /// Adds up the light of all particles of one image.
     pub fn light(&self, particles: &[Particle]) -> Light {
         let mut light = Light::dark(self.settings());
-        let width = light.width as usize;
+        draw::copy(&self.canvas(particles), light.width as usize, &mut light.values);
+        light
+    }
+
+    /// The image that `sensor`, one of these settings, makes of [`ExpectedRenderer::light`], faster: without memory for this
+    /// light.
+    pub fn image(
+        &self,
+        particles: &[Particle],
+        sensor: &Sensor,
+        streams: &Streams,
+        purpose: Purpose,
+        frame: u32,
+    ) -> Image {
+        let canvas = self.canvas(particles);
+        let (columns, rows) = (self.settings().pixel_dim_x, self.settings().pixel_dim_y);
+        let stride = draw::stride(columns as usize);
+        sensor.expose_bands((columns, rows), BAND, streams, purpose, frame, |first, light| {
+            draw::copy(&canvas[first * stride..], columns as usize, light);
+        })
+    }
+
+    /// Draws all particles of one image.
+    fn canvas(&self, particles: &[Particle]) -> Lent<'_, Vec<f32>> {
+        let stride = draw::stride(self.settings().pixel_dim_x as usize);
+        let rows = self.settings().pixel_dim_y as usize;
+        let mut canvas = self.canvases.lend();
+        canvas.resize(rows * stride, 0.0);
         // Each thread has a band of rows and all particles in the order of their rows in the data file: no sum depends on
         // the number of threads.
-        let band = (light.height as usize).div_ceil(rayon::current_num_threads()).max(64);
+        let band = rows.div_ceil(rayon::current_num_threads()).max(BAND);
         for particles in particles.chunks(PARTICLES) {
             let images = self.images(particles);
-            light.values.par_chunks_mut(band * width).enumerate().for_each(|(i, pixels)| {
-                let canvas = Canvas { x0: 1, y0: (i * band) as i64 + 1, width, pixels };
+            canvas.par_chunks_mut(band * stride).enumerate().for_each(|(i, pixels)| {
+                let canvas = Canvas { x0: 1, y0: (i * band) as i64 + 1, stride, pixels };
                 let figures = particles.iter().zip(&images);
                 let figures = figures.map(|(particle, image)| self.figure(particle, image, particle.c_int));
                 draw::draw(self.instructions, figures, canvas);
             });
         }
-        light
+        canvas
     }
 
     /// Number of blocks of the tables, their memory in bytes, and the largest error found in any of them as a share of
@@ -294,20 +338,20 @@ impl ExpectedRenderer {
     }
 
     /// What each particle is drawn from.
-    fn images(&self, particles: &[Particle]) -> Vec<Image> {
+    fn images(&self, particles: &[Particle]) -> Vec<Template> {
         let mut blocks = self.tables.blocks(particles.iter().filter(|p| !self.is_spheroid(p))).into_iter();
-        let patches: Vec<Option<Image>> = particles
+        let patches: Vec<Option<Template>> = particles
             .par_iter()
             .map(|particle| {
                 self.is_spheroid(particle).then(|| {
                     let window = self.spheroid_window(particle);
                     let surface = spheroid::surface(self.settings(), self.rays.law(), particle);
                     let place = [particle.x_px, particle.y_px, particle.z_um];
-                    Image::Patch(window, self.spheroid(&surface, place, window))
+                    Template::Patch(window, self.spheroid(&surface, place, window))
                 })
             })
             .collect();
-        patches.into_iter().filter_map(|patch| patch.or_else(|| blocks.next().map(Image::Block))).collect()
+        patches.into_iter().filter_map(|patch| patch.or_else(|| blocks.next().map(Template::Block))).collect()
     }
 
     fn spheroid(&self, surface: &Surface, place: [f64; 3], window: Window) -> Vec<f32> {
@@ -322,10 +366,12 @@ impl ExpectedRenderer {
         Window::around(particle.x_px, particle.y_px, self.image_extent(particle), sensor)
     }
 
-    fn figure<'a>(&self, particle: &Particle, image: &'a Image, factor: f64) -> Figure<'a> {
+    fn figure<'a>(&self, particle: &Particle, image: &'a Template, factor: f64) -> Figure<'a> {
         match image {
-            Image::Patch(window, counts) => Figure::Patch { window: *window, counts, factor },
-            Image::Block(block) => Figure::Sphere(Sphere {
+            Template::Patch(window, counts) => {
+                Figure::Patch { window: *window, counts, factor: factor as f32 }
+            }
+            Template::Block(block) => Figure::Sphere(Sphere {
                 block,
                 window: self.window(particle, block),
                 x_px: particle.x_px,

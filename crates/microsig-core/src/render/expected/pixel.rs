@@ -33,6 +33,17 @@ pub(super) fn harmonics(values: [f64; AZIMUTHS]) -> [f64; AZIMUTHS] {
     })
 }
 
+/// The harmonics of lines at all azimuths, node by node: a line for each order.
+pub(super) fn orders(azimuths: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let nodes = azimuths.first().map_or(0, Vec::len);
+    let mut orders = vec![vec![0.0; nodes]; AZIMUTHS];
+    for node in 0..nodes {
+        let of_node = harmonics(std::array::from_fn(|azimuth| azimuths[azimuth][node]));
+        orders.iter_mut().zip(of_node).for_each(|(order, value)| order[node] = value);
+    }
+    orders
+}
+
 /// Rings that a pixel touches: its diagonal, and one at each end.
 const TOUCHED: usize = 48;
 

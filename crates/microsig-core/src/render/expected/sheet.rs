@@ -17,7 +17,7 @@ impl<'a> Sheet<'a> {
     pub(super) fn new(block: &'a Block, z_um: f64, radius_um: f64) -> Self {
         let form = &block.form;
         let (mut value, mut by_z) = (vec![0.0; form.length()], vec![0.0; form.length()]);
-        for plane in block.around(z_um, radius_um) {
+        for plane in block.around(z_um, radius_um).flatten() {
             for ((v, d), &c) in value.iter_mut().zip(&mut by_z).zip(plane.coefficients) {
                 *v += plane.weight * f64::from(c);
                 *d += plane.by_z * f64::from(c);

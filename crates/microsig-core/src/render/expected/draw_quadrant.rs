@@ -1,0 +1,246 @@
+//! Drawing images with two mirror symmetries from the spline over one of their quadrants.
+//!
+//! Planes are blended into lines: rows of nodes, joined with their mirror image. A line gives the spline's values at the columns
+//! of pixels, which all see the same phases of the nodes, so that a value is four products of runs of memory; four rows of
+//! such values make a row of pixels, likewise. Only + and * in a fixed order occur, never fused, so that every instruction set
+//! gives the same bits. Numbers come in whole groups and every loop of a sphere has the same length: what that wastes at the
+//! corners is less than what branches cost that a processor does not foresee.
+
+use super::draw::{Canvas, Sphere};
+use super::layout::{Group, LANES, Layout};
+use super::spline;
+use crate::render::patch::Window;
+
+/// Dark groups before a line and behind it: the last group of pixels may reach beyond the nodes.
+const BEFORE: usize = 1;
+const BEHIND: usize = 2;
+
+/// Groups of columns that are drawn at a time.
+const PANEL: usize = 4;
+
+/// Working memory.
+#[derive(Default)]
+pub(super) struct QuadrantBrush {
+    /// Rows of nodes, phase by phase.
+    nodes: Vec<f32>,
+    /// Rows of nodes: for each phase the mirror image and the row itself.
+    lines: Vec<f32>,
+    /// Values at the columns of a panel, by row of nodes; a dark row behind the last.
+    values: Vec<Group>,
+}
+
+impl QuadrantBrush {
+    #[inline(always)]
+    pub(super) fn add(&mut self, sphere: &Sphere, layout: &Layout, canvas: &mut Canvas) {
+        let Window { x0, width, .. } = sphere.window;
+        let pixel_rows = canvas.rows(&sphere.window);
+        let down = Axis::new(pixel_rows.start, sphere.y_px, layout.per_px);
+        let across = Across::new(&Axis::new(x0, sphere.x_px, layout.per_px), layout);
+        let count = (pixel_rows.end - pixel_rows.start) as usize;
+        let rows = down.nodes(count, layout);
+        self.blend(sphere, layout, &rows, across.line);
+
+        let first = canvas.first(&sphere.window, pixel_rows.start);
+        for panel in (0..width.div_ceil(LANES)).step_by(PANEL) {
+            let pixels = &mut canvas.pixels[first + panel * LANES..];
+            let left = (width - panel * LANES).min(PANEL * LANES);
+            let panel = Panel {
+                across: &across,
+                down: &down,
+                rows: &rows,
+                per_px: layout.per_px,
+                start: panel * LANES,
+                mask: std::array::from_fn(|i| if (left - 1) / LANES * LANES + i < left { 1.0 } else { 0.0 }),
+                stride: canvas.stride,
+                count,
+            };
+            match left.div_ceil(LANES) {
+                1 => panel.draw::<1>(&self.lines, &mut self.values, pixels),
+                2 => panel.draw::<2>(&self.lines, &mut self.values, pixels),
+                3 => panel.draw::<3>(&self.lines, &mut self.values, pixels),
+                _ => panel.draw::<PANEL>(&self.lines, &mut self.values, pixels),
+            }
+        }
+    }
+
+    /// Makes lines of these rows of nodes from the planes around a sphere.
+    #[inline(always)]
+    fn blend(&mut self, sphere: &Sphere, layout: &Layout, rows: &std::ops::Range<usize>, line: usize) {
+        let of_rows = rows.start * layout.row()..rows.end * layout.row();
+        self.nodes.resize(of_rows.len(), 0.0);
+        for (size, four) in sphere.block.around(sphere.z_um, sphere.radius_um).enumerate() {
+            let weights: [f32; 4] = std::array::from_fn(|i| (four[i].weight * sphere.light) as f32);
+            let a = &four[0].coefficients[of_rows.clone()];
+            let b = &four[1].coefficients[of_rows.clone()];
+            let c = &four[2].coefficients[of_rows.clone()];
+            let d = &four[3].coefficients[of_rows.clone()];
+            let planes = a.iter().zip(b).zip(c.iter().zip(d));
+            let sums = planes.map(|((a, b), (c, d))| {
+                (weights[0] * a + weights[1] * b) + (weights[2] * c + weights[3] * d)
+            });
+            if size == 0 {
+                self.nodes.iter_mut().zip(sums).for_each(|(node, sum)| *node = sum);
+            } else {
+                self.nodes.iter_mut().zip(sums).for_each(|(node, sum)| *node += sum);
+            }
+        }
+        self.lines.resize(rows.len() * layout.per_px * line, 0.0);
+        let nodes = self.nodes.as_chunks().0;
+        match layout.run / LANES {
+            1 => join_all::<1>(nodes, &mut self.lines, layout.per_px),
+            2 => join_all::<2>(nodes, &mut self.lines, layout.per_px),
+            3 => join_all::<3>(nodes, &mut self.lines, layout.per_px),
+            4 => join_all::<4>(nodes, &mut self.lines, layout.per_px),
+            run => {
+                let of_rows = nodes.chunks_exact(layout.per_px * run);
+                for (nodes, lines) in of_rows.zip(self.lines.chunks_exact_mut(layout.per_px * line)) {
+                    let of_phases = nodes.chunks_exact(run).enumerate();
+                    of_phases.for_each(|(phase, nodes)| join(nodes, lines, line, phase));
+                }
+            }
+        }
+    }
+}
+
+/// [`join`] for all phases and rows whose runs have this number of groups: short loops of known length are unrolled.
+#[inline(always)]
+fn join_all<const RUN: usize>(nodes: &[Group], lines: &mut [f32], per_px: usize) {
+    let line = (BEFORE + BEHIND + 2 * RUN) * LANES;
+    let of_rows = nodes.as_chunks::<RUN>().0.chunks_exact(per_px);
+    for (nodes, lines) in of_rows.zip(lines.chunks_exact_mut(per_px * line)) {
+        for (phase, nodes) in nodes.iter().enumerate() {
+            join(nodes, lines, line, phase);
+        }
+    }
+}
+
+/// Puts a phase of a row of nodes and its mirror image in their places, and the dark around them.
+#[inline(always)]
+fn join(nodes: &[Group], lines: &mut [f32], line: usize, phase: usize) {
+    let run = nodes.len();
+    // Node -n of phase p is node n of the phase that completes p; that of phase 0 has the axis for itself.
+    let mirrored = if phase == 0 { 1 } else { lines.len() - phase * line } + BEFORE * LANES;
+    let left = lines[mirrored..][..run * LANES].as_chunks_mut::<LANES>().0;
+    for (out, nodes) in left.iter_mut().rev().zip(nodes) {
+        let mut group = *nodes;
+        group.reverse();
+        *out = group;
+    }
+    let right = lines[phase * line..][..line].as_chunks_mut::<LANES>().0;
+    right[BEFORE - 1] = Group::default();
+    for (out, nodes) in right[BEFORE + run..].iter_mut().zip(nodes) {
+        *out = *nodes;
+    }
+    // No loop over these: of two groups it would become a call.
+    right[BEFORE + 2 * run] = Group::default();
+    right[BEFORE + 2 * run + BEHIND - 1] = Group::default();
+}
+
+#[inline(always)]
+fn weigh(weights: &[f32; 4], a: &Group, b: &Group, c: &Group, d: &Group) -> Group {
+    let mut sum = Group::default();
+    for i in 0..LANES {
+        sum[i] = (weights[0] * a[i] + weights[1] * b[i]) + (weights[2] * c[i] + weights[3] * d[i]);
+    }
+    sum
+}
+
+/// How pixels see the nodes of an axis: all of them in the same way, each `per_px` nodes further than the one before.
+struct Axis {
+    /// The node before the first pixel, counted from the sphere.
+    cell: isize,
+    /// Of the four nodes around each pixel.
+    weights: [f32; 4],
+}
+
+impl Axis {
+    fn new(first: i64, sphere_px: f64, per_px: usize) -> Axis {
+        let place = (first as f64 - sphere_px) * per_px as f64;
+        let cell = libm::floor(place);
+        Axis { cell: cell as isize, weights: spline::basis(place - cell).0.map(|w| w as f32) }
+    }
+
+    /// The rows of nodes that so many rows of pixels see; beyond the axis lies the mirror image.
+    fn nodes(&self, pixels: usize, layout: &Layout) -> std::ops::Range<usize> {
+        let (first, last) = (self.cell - 1, self.cell + 2 + ((pixels - 1) * layout.per_px) as isize);
+        let crosses = first <= 0 && 0 <= last;
+        let nearest = if crosses { 0 } else { first.unsigned_abs().min(last.unsigned_abs()) };
+        let end = (first.unsigned_abs().max(last.unsigned_abs()) + 1).min(layout.rows);
+        nearest.min(end)..end
+    }
+}
+
+/// How the columns of a window see lines.
+struct Across {
+    /// Numbers of a phase in a line.
+    line: usize,
+    /// Where in a line the four nodes around the first column lie; around others, as many places behind that.
+    starts: [usize; 4],
+    weights: [f32; 4],
+}
+
+impl Across {
+    fn new(axis: &Axis, layout: &Layout) -> Across {
+        let line = (BEFORE + BEHIND) * LANES + 2 * layout.run;
+        let (middle, per_px) = ((BEFORE * LANES + layout.run) as isize, layout.per_px as isize);
+        let starts = [-1, 0, 1, 2].map(|k| {
+            let node = axis.cell + k;
+            node.rem_euclid(per_px) as usize * line + (middle + node.div_euclid(per_px)) as usize
+        });
+        Across { line, starts, weights: axis.weights }
+    }
+}
+
+/// Some columns of a window.
+struct Panel<'a> {
+    across: &'a Across,
+    down: &'a Axis,
+    /// Rows of nodes that there are lines of.
+    rows: &'a std::ops::Range<usize>,
+    per_px: usize,
+    /// The first column.
+    start: usize,
+    /// Which columns of the last group are in the window: 1, others 0.
+    mask: Group,
+    /// Numbers from a row of pixels to the next, and how many rows there are.
+    stride: usize,
+    count: usize,
+}
+
+impl Panel<'_> {
+    /// Adds the spline's values to so many groups of columns.
+    #[inline(always)]
+    fn draw<const GROUPS: usize>(&self, lines: &[f32], values: &mut Vec<Group>, pixels: &mut [f32]) {
+        values.resize((self.rows.len() + 1) * GROUPS, Group::default());
+        let values = values.as_chunks_mut::<GROUPS>().0;
+        let dark = self.rows.len();
+        values[dark] = [Group::default(); GROUPS];
+
+        let Across { line, starts, weights } = *self.across;
+        for (values, lines) in values.iter_mut().zip(lines.chunks_exact(self.per_px * line)) {
+            let at = |start: usize| &lines[start + self.start..].as_chunks::<LANES>().0[..GROUPS];
+            let (a, b, c, d) = (at(starts[0]), at(starts[1]), at(starts[2]), at(starts[3]));
+            for group in 0..GROUPS {
+                values[group] = weigh(&weights, &a[group], &b[group], &c[group], &d[group]);
+            }
+            for (value, mask) in values[GROUPS - 1].iter_mut().zip(self.mask) {
+                *value *= mask;
+            }
+        }
+
+        let weights = self.down.weights;
+        // Of each row of nodes; those behind the last are dark.
+        let at = |node: isize| &values[(node.unsigned_abs() - self.rows.start).min(dark)];
+        for (row, pixels) in pixels.chunks_mut(self.stride).take(self.count).enumerate() {
+            let cell = self.down.cell + (row * self.per_px) as isize;
+            let (a, b, c, d) = (at(cell - 1), at(cell), at(cell + 1), at(cell + 2));
+            let pixels = &mut pixels.as_chunks_mut::<LANES>().0[..GROUPS];
+            for group in 0..GROUPS {
+                let light = weigh(&weights, &a[group], &b[group], &c[group], &d[group]);
+                for (pixel, light) in pixels[group].iter_mut().zip(light) {
+                    *pixel += light;
+                }
+            }
+        }
+    }
+}
