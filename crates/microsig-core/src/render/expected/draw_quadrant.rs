@@ -16,7 +16,7 @@ const BEFORE: usize = 1;
 const BEHIND: usize = 2;
 
 /// Groups of columns that are drawn at a time.
-const PANEL: usize = 4;
+const PANEL: usize = 8;
 
 /// Working memory.
 #[derive(Default)]
@@ -26,7 +26,7 @@ pub(super) struct QuadrantBrush {
     /// Rows of nodes: for each phase the mirror image and the row itself.
     lines: Vec<f32>,
     /// Values at the columns of a panel, by row of nodes; a dark row behind the last.
-    values: Vec<Group>,
+    values: Vec<f32>,
 }
 
 impl QuadrantBrush {
@@ -58,6 +58,10 @@ impl QuadrantBrush {
                 1 => panel.draw::<1>(&self.lines, &mut self.values, pixels),
                 2 => panel.draw::<2>(&self.lines, &mut self.values, pixels),
                 3 => panel.draw::<3>(&self.lines, &mut self.values, pixels),
+                4 => panel.draw::<4>(&self.lines, &mut self.values, pixels),
+                5 => panel.draw::<5>(&self.lines, &mut self.values, pixels),
+                6 => panel.draw::<6>(&self.lines, &mut self.values, pixels),
+                7 => panel.draw::<7>(&self.lines, &mut self.values, pixels),
                 _ => panel.draw::<PANEL>(&self.lines, &mut self.values, pixels),
             }
         }
@@ -91,6 +95,7 @@ impl QuadrantBrush {
             2 => join_all::<2>(nodes, &mut self.lines, layout.per_px),
             3 => join_all::<3>(nodes, &mut self.lines, layout.per_px),
             4 => join_all::<4>(nodes, &mut self.lines, layout.per_px),
+            5 => join_all::<5>(nodes, &mut self.lines, layout.per_px),
             run => {
                 let of_rows = nodes.chunks_exact(layout.per_px * run);
                 for (nodes, lines) in of_rows.zip(self.lines.chunks_exact_mut(layout.per_px * line)) {
@@ -134,6 +139,11 @@ fn join(nodes: &[Group], lines: &mut [f32], line: usize, phase: usize) {
     // No loop over these: of two groups it would become a call.
     right[BEFORE + 2 * run] = Group::default();
     right[BEFORE + 2 * run + BEHIND - 1] = Group::default();
+}
+
+#[inline(always)]
+fn groups(numbers: &[f32]) -> &[Group] {
+    numbers.as_chunks().0
 }
 
 #[inline(always)]
@@ -208,37 +218,44 @@ struct Panel<'a> {
 }
 
 impl Panel<'_> {
-    /// Adds the spline's values to so many groups of columns.
+    /// Adds the spline's values to so many groups of columns. Both loops over numbers have a length that the compiler knows; each
+    /// is written in the form of which it makes vector code.
     #[inline(always)]
-    fn draw<const GROUPS: usize>(&self, lines: &[f32], values: &mut Vec<Group>, pixels: &mut [f32]) {
-        values.resize((self.rows.len() + 1) * GROUPS, Group::default());
-        let values = values.as_chunks_mut::<GROUPS>().0;
+    fn draw<const GROUPS: usize>(&self, lines: &[f32], values: &mut Vec<f32>, pixels: &mut [f32]) {
+        let columns = GROUPS * LANES;
+        values.resize((self.rows.len() + 1) * columns, 0.0);
         let dark = self.rows.len();
-        values[dark] = [Group::default(); GROUPS];
+        values[dark * columns..].fill(0.0);
 
         let Across { line, starts, weights } = *self.across;
-        for (values, lines) in values.iter_mut().zip(lines.chunks_exact(self.per_px * line)) {
-            let at = |start: usize| &lines[start + self.start..].as_chunks::<LANES>().0[..GROUPS];
-            let (a, b, c, d) = (at(starts[0]), at(starts[1]), at(starts[2]), at(starts[3]));
-            for group in 0..GROUPS {
-                values[group] = weigh(&weights, &a[group], &b[group], &c[group], &d[group]);
+        let of_rows = values.chunks_exact_mut(columns).zip(lines.chunks_exact(self.per_px * line));
+        for (values, lines) in of_rows {
+            let a = &lines[starts[0] + self.start..][..columns];
+            let b = &lines[starts[1] + self.start..][..columns];
+            let c = &lines[starts[2] + self.start..][..columns];
+            let d = &lines[starts[3] + self.start..][..columns];
+            for i in 0..columns {
+                values[i] = (weights[0] * a[i] + weights[1] * b[i]) + (weights[2] * c[i] + weights[3] * d[i]);
             }
-            for (value, mask) in values[GROUPS - 1].iter_mut().zip(self.mask) {
+            for (value, mask) in values[columns - LANES..].iter_mut().zip(self.mask) {
                 *value *= mask;
             }
         }
 
         let weights = self.down.weights;
         // Of each row of nodes; those behind the last are dark.
-        let at = |node: isize| &values[(node.unsigned_abs() - self.rows.start).min(dark)];
+        let at = |node: isize| {
+            let row = (node.unsigned_abs() - self.rows.start).min(dark);
+            &values[row * columns..][..columns]
+        };
         for (row, pixels) in pixels.chunks_mut(self.stride).take(self.count).enumerate() {
             let cell = self.down.cell + (row * self.per_px) as isize;
             let (a, b, c, d) = (at(cell - 1), at(cell), at(cell + 1), at(cell + 2));
-            let pixels = &mut pixels.as_chunks_mut::<LANES>().0[..GROUPS];
-            for group in 0..GROUPS {
+            let (a, b, c, d) = (groups(a), groups(b), groups(c), groups(d));
+            for (group, pixels) in pixels[..columns].as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
                 let light = weigh(&weights, &a[group], &b[group], &c[group], &d[group]);
-                for (pixel, light) in pixels[group].iter_mut().zip(light) {
-                    *pixel += light;
+                for i in 0..LANES {
+                    pixels[i] += light[i];
                 }
             }
         }

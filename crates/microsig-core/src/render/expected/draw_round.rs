@@ -5,6 +5,7 @@
 //! in a fixed order occur, never fused, and roots and quotients, which are exact: every instruction set gives the same bits.
 
 use super::draw::{Canvas, Sphere};
+use super::layout::{Group, LANES};
 use super::rings::Rings;
 use crate::render::patch::Window;
 
@@ -14,13 +15,8 @@ const WHOLE: f32 = 8_388_608.0;
 /// Pixels whose quadratics are fetched before they are summed: all that belongs to them stays in the nearest cache.
 const BATCH: usize = 512;
 
-/// Pixels of a row whose nodes are found at a time.
-const LANES: usize = 8;
-
 /// Numbers of pixels in a batch are multiples of it.
 const STRIP: usize = 64;
-
-type Group = [f32; LANES];
 
 /// Around a node: the value there, its slope and half its curvature, per node.
 type Quadratic = [f32; 4];

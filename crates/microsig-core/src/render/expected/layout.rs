@@ -4,7 +4,7 @@
 //! row of nodes is stored phase by phase, and each phase as a run that neighbouring pixels read side by side.
 
 /// Numbers that are worked on at a time; runs are whole multiples of it.
-pub(super) const LANES: usize = 16;
+pub(super) const LANES: usize = 8;
 
 /// So many numbers.
 pub(super) type Group = [f32; LANES];
