@@ -538,6 +538,14 @@ fn gaussian_spots_have_a_bound_of_x_and_y_but_not_of_z() {
     }
     let field = place.path().join("field.txt");
     run(&["export", path(&dataset), "--format", "openpiv", "--out", path(&field)]);
+    // Options of the other kind of results are refused, not ignored.
+    let of_particles = [&["--gate-xy", "3"][..], &["--dims", "2"], &["--border", "4"], &["--auto-offset"]];
+    for option in of_particles {
+        let said = fail(2, &[&["evaluate", path(&dataset), path(&field)], option].concat());
+        assert!(said.contains(&format!("{}: is for results that are particles", option[0])), "{said}");
+    }
+    let said = fail(2, &["evaluate", path(&dataset), path(&tracks), "--plane", "0"]);
+    assert!(said.contains("--plane: is for results that are fields"), "{said}");
     let score = evaluated(&[path(&dataset), path(&field), "--crlb"]);
     assert_eq!(score["crlb"], serde_json::Value::Null);
     assert!(

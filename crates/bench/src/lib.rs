@@ -1,7 +1,8 @@
 //! Benchmark datasets for PIV and PTV with defocused and astigmatic particle images: made, checked and measured.
 //!
 //! The `microsig` command is a thin layer over this library: [`scenario`] says what is wanted, [`runner`] does it,
-//! [`dataset`] knows how it lies on disk, [`track`] has baseline trackers, [`results`] reads what trackers write, [`evaluate`] scores it, [`report`] shows it.
+//! [`dataset`] knows how it lies on disk, [`track`] has baseline trackers, [`results`] reads what trackers write,
+//! [`evaluate`] scores it, [`report`] shows it.
 
 pub mod dataset;
 pub mod error;

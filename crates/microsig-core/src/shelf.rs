@@ -1,7 +1,7 @@
 //! Buffers that are used again.
 //!
-//! Memory that is asked for and given back frame after frame, by several threads and in many sizes, is never quite given back by
-//! allocators: a long run would take more than a short one. It also costs the time to clear new pages.
+//! Memory that is asked for and given back frame after frame, by several threads and in many sizes, is never quite given
+//! back by allocators: a long run would take more than a short one. It also costs the time to clear new pages.
 
 use std::ops::{Deref, DerefMut};
 use std::sync::{Mutex, PoisonError};

@@ -19,8 +19,8 @@ use crate::error::{Error, Result};
 /// Files whose fingerprints are in memory at a time.
 const GROUP: usize = 64;
 
-/// Writes both files; `manifest` is the manifest without its resources, `entry` gives a file's fingerprint and what the manifest
-/// tells of it.
+/// Writes both files; `manifest` is the manifest without its resources, `entry` gives a file's fingerprint and what the
+/// manifest tells of it.
 pub(crate) fn seal(folder: &Path, manifest: Value, entry: impl Entry) -> Result<()> {
     // Begun here, so that the temporary files of the two are not among them.
     let files = RefCell::new(Files::below(folder)?);

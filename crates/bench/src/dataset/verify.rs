@@ -12,7 +12,7 @@ use super::manifest::MANIFEST;
 use super::secret;
 use crate::error::{Error, Result};
 use crate::runner::{GenerateOptions, Progress, generate};
-use crate::scenario::{parse, resolve, write};
+use crate::scenario::{self, write};
 
 /// What was verified.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -145,9 +145,7 @@ fn table_disagrees(path: &Path, schema: &Value) -> Option<String> {
 
 /// The scenario resolves to itself and, if asked for, makes the same bytes again.
 fn scenario_agrees(dataset: &Path, regenerate: Option<Progress>, sums: &str) -> Result<()> {
-    let path = dataset.join("scenario.ron");
-    let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
-    let mut scenario = resolve(parse(&text, &path.display().to_string())?, dataset)?;
+    let (mut scenario, text) = scenario::of_dataset(dataset)?;
     if let Some(streams) = secret::streams(dataset)? {
         scenario.streams = streams;
     }

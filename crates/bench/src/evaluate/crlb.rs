@@ -2,32 +2,29 @@
 //!
 //! F_ij = sum over pixels of (d mu / d theta_i) (d mu / d theta_j) / v, theta = (x, y, z, brightness), sigma_i >=
 //! sqrt((F^-1)_ii); v = background_noise^2 + gain (mu - background) + 1/12, since counts of rays are Poisson and images are
-//! rounded; a camera adds the noise of its electrons, `mode: expected` and Gaussian spots have none of rays. A property of the dataset's optics
-//! and noise: no image of the dataset is looked at. mu and its derivatives are those of `microsig_core::render::expected`,
-//! of Gaussian spots their integrals over pixels, which tell nothing of z.
-//! Overlap, edges and the variance's own dependence on theta are left out.
+//! rounded; a camera adds the noise of its electrons, `mode: expected` and Gaussian spots have none of rays. A property of
+//! the dataset's optics and noise, as its scenario tells them, and of a particle of median diameter and brightness: no image of
+//! the dataset is looked at. mu and its derivatives are those of `microsig_core::render::expected`, of Gaussian spots
+//! their integrals over pixels, which tell nothing of z. Overlap, edges and the variance's own dependence on theta are left
+//! out.
 
 use std::path::Path;
 
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::formats::{settings_file, tiff};
-use microsig_core::render::ExpectedRenderer;
-use microsig_core::sensor::Sensor;
-use microsig_core::stream::Streams;
+use microsig_core::render::{ExpectedRenderer, Renderer};
+use microsig_core::sensor::Response;
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 use serde::Serialize;
-use serde_json::Value;
 
 use super::Score;
 use super::curves::Bin;
 use super::detection::Detection;
 use super::statistics::quantile;
-use crate::dataset::manifest::MANIFEST;
 use crate::dataset::truth::TRACKS;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::results::sheet::{Separator, Sheet};
-use crate::scenario::{parse, spec};
+use crate::scenario::{self, Scenario, spec};
 
 /// Error of the expected images, as a share of their peaks: a bound is wanted to a few percent.
 const TOLERANCE: f64 = 3e-3;
@@ -65,32 +62,25 @@ pub fn of_dataset(dataset: &Path, score: &Score) -> Result<std::result::Result<C
     if score.detection.is_none() {
         return Ok(Err("there is none of fields"));
     }
-    let path = dataset.join("settings.txt");
-    let file = std::fs::File::open(&path).map_err(|e| Error::read(&path, e))?;
-    let settings = settings_file::read(file, &path.display().to_string())?.settings;
-    let path = dataset.join(MANIFEST);
-    let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
-    let manifest: Value =
-        serde_json::from_str(&text).map_err(|e| Error::input(format!("{}: {e}", path.display())))?;
-    let manifest = &manifest["microsig"];
-    if settings.gain == 0.0 {
+    let (scenario, _) = scenario::of_dataset(dataset)?;
+    if scenario.settings.gain == 0.0 {
         return Ok(Err("images of gain 0 are empty"));
     }
     let Some([d_um, c_int]) = medians(&dataset.join(TRACKS.path))? else {
         return Ok(Err("there are no particles with a diameter"));
     };
-    let noise = Noise::of_dataset(dataset, &settings, manifest)?;
+    let noise = Noise::of(&scenario, c_int)?;
     let curve = score.curves.iter().find(|c| c.against == "z_um");
-    if manifest["renderer"] == "gaussian" {
-        let Some(spot) = gaussian(dataset)? else { return Ok(Err("the scenario does not tell its spots")) };
-        let bound = of_spot(spot, &noise, d_um, c_int);
-        let all = curve.map_or_else(|| vec![whole(score, manifest)], |curve| curve.bins.clone());
+    if let Some(spot) = scenario.spec.optics.gaussian {
+        let bound = of_spot(spot, &noise, d_um);
+        let all =
+            curve.map_or_else(|| vec![whole(score, scenario.depth_range_um)], |curve| curve.bins.clone());
         let bound = bound.map_or([None; 3], |[x, y]| [Some(x), Some(y), None]);
         return Ok(Ok(Crlb { d_um, bins: all.iter().map(|bin| bin_of(bin, bound)).collect() }));
     }
     let Some(curve) = curve else { return Ok(Err("truth and result must both have a depth")) };
-    let depth_factor = manifest["depth_factor"].as_f64().filter(|f| *f > 0.0).unwrap_or(1.0);
-    let renderer = on_large_sensor(&settings)?;
+    let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+    let renderer = on_large_sensor(&scenario.settings)?;
     let bins = curve.bins.par_iter().map(|bin| {
         let bound = bound(&renderer, &noise, d_um, f64::midpoint(bin.from, bin.to) / depth_factor)?;
         let bound = bound.map_or([None; 3], |b| [Some(b[0]), Some(b[1]), Some(b[2] * depth_factor)]);
@@ -116,16 +106,9 @@ fn bin_of(bin: &Bin, [x, y, z]: [Option<f64>; 3]) -> BoundBin {
 }
 
 /// All depths in one bin, of results that have none.
-fn whole(score: &Score, manifest: &Value) -> Bin {
-    let end = |i: usize| manifest["depth_range_um"][i].as_f64().unwrap_or(0.0);
+fn whole(score: &Score, (from, to): (f64, f64)) -> Bin {
     let rms = |of: fn(&Detection) -> Option<f64>| score.detection.as_ref().and_then(of);
-    Bin {
-        from: end(0),
-        to: end(1),
-        rms_x_px: rms(|d| d.rmse_x_px),
-        rms_y_px: rms(|d| d.rmse_y_px),
-        ..Bin::default()
-    }
+    Bin { from, to, rms_x_px: rms(|d| d.rmse_x_px), rms_y_px: rms(|d| d.rmse_y_px), ..Bin::default() }
 }
 
 /// Median diameter (um) and brightness of the particles; `None` without a diameter.
@@ -145,22 +128,14 @@ fn medians(tracks: &Path) -> Result<Option<[f64; 2]>> {
     Ok(middle(diameters).zip(middle(brightness)).map(|(d, c)| [d, c]))
 }
 
-/// The spots of a dataset whose particles are all in focus.
-fn gaussian(dataset: &Path) -> Result<Option<spec::Gaussian>> {
-    let path = dataset.join("scenario.ron");
-    let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
-    Ok(parse(&text, &path.display().to_string())?.optics.gaussian)
-}
-
 /// Places of a spot within a pixel along each axis: small spots are found better here than there.
 const PLACES: usize = 8;
 
 /// The bound of a Gaussian spot that pixels integrate: sigma of x and y, px, RMS over places within a pixel. Brightness is
 /// unknown; depth changes nothing, so nothing is known of it.
-fn of_spot(spot: spec::Gaussian, noise: &Noise, d_um: f64, c_int: f64) -> Option<[f64; 2]> {
+fn of_spot(spot: spec::Gaussian, noise: &Noise, d_um: f64) -> Option<[f64; 2]> {
     // exp(-8 r^2 / d^2) = exp(-r^2 / (2 w^2))
     let w = spot.diameter_px * spot.reference_um.map_or(1.0, |reference| d_um / reference) / 4.0;
-    let peak = spot.peak_counts * c_int;
     let half = (6.0 * w).ceil() as i32 + 1;
     let root = std::f64::consts::SQRT_2 * w;
     let density = |x: f64| libm::exp(-x * x / (2.0 * w * w));
@@ -180,8 +155,9 @@ fn of_spot(spot: spec::Gaussian, noise: &Noise, d_um: f64, c_int: f64) -> Option
     for (columns, rows) in places.iter().flat_map(|c| places.iter().map(move |r| (c, r))) {
         let mut information = [[0.0; 3]; 3];
         for ([y, by_y], [x, by_x]) in rows.iter().flat_map(|r| columns.iter().map(move |c| (r, c))) {
-            let counts = peak * x * y;
-            let slopes = [peak * by_x * y, peak * x * by_y, counts].map(|v| noise.slope * v);
+            let counts = spot.peak_counts * x * y;
+            let slopes =
+                [spot.peak_counts * by_x * y, spot.peak_counts * x * by_y, counts].map(|v| noise.slope * v);
             add(&mut information, &slopes, noise.background + noise.of_light * counts);
         }
         let [x, y, _] = bounds(&information)?;
@@ -219,42 +195,18 @@ impl Noise {
         Noise { slope, background: noise * noise + ROUNDING, of_light: slope * slope }
     }
 
-    /// Of a dataset, in the middle of its images; what differs from pixel to pixel is left out, and a background image
-    /// counts with its mean.
-    fn of_dataset(dataset: &Path, settings: &Settings, manifest: &Value) -> Result<Self> {
-        let mut noise = Noise::of_rays(settings);
-        // Neither expected images nor spots are drawn ray by ray.
-        if manifest["renderer"] != "rays" {
-            noise.of_light = 0.0;
-        }
-        let Some(written) = manifest["sensor"]["detector"].as_object() else { return Ok(noise) };
-        // An infinite full well is null, which is the default.
-        let written = written.iter().filter(|(_, v)| !v.is_null()).map(|(k, v)| (k.clone(), v.clone()));
-        let camera: spec::Sensor = serde_json::from_value(Value::Object(written.collect()))
-            .map_err(|e| Error::input(format!("{MANIFEST}: sensor.detector: {e}")))?;
-        let even = spec::Sensor { prnu: 0.0, dsnu_e: 0.0, hot_pixels: None, vignetting: 0.0, ..camera };
-        let background = even.background.as_ref().map(|file| background(&dataset.join(file), settings));
-        let sensor =
-            Sensor::with_detector(settings, even.detector(background.transpose()?), &Streams::new(0))?;
-        let response = sensor.response(0);
-        // Rays, then electrons.
-        let rays = if noise.of_light > 0.0 { response.slope * response.slope } else { 0.0 };
-        let shot = if even.shot_noise { response.slope * even.gain_counts_per_e } else { 0.0 };
-        Ok(Noise {
-            slope: response.slope,
-            background: response.background_noise * response.background_noise + ROUNDING,
-            of_light: rays + shot,
-        })
+    /// Of a scenario's particles of this brightness, in the middle of its images; what differs from pixel to pixel is left
+    /// out, and a background image counts with its mean.
+    fn of(scenario: &Scenario, c_int: f64) -> Result<Self> {
+        let Response { slope, background_noise, .. } = scenario.response()?;
+        // A brighter particle has rays of more counts, not more rays.
+        let slope = slope * c_int;
+        // Rays, then electrons. Neither expected images nor spots are drawn ray by ray.
+        let rays = if matches!(scenario.renderer, Renderer::Rays(_)) { slope * slope } else { 0.0 };
+        let camera = scenario.detector.as_ref().filter(|detector| detector.shot_noise);
+        let shot = camera.map_or(0.0, |detector| slope * detector.gain_counts_per_e);
+        Ok(Noise { slope, background: background_noise * background_noise + ROUNDING, of_light: rays + shot })
     }
-}
-
-/// The mean of a background image, on every pixel.
-fn background(path: &Path, settings: &Settings) -> Result<Vec<f64>> {
-    let file = std::fs::File::open(path).map_err(|e| Error::read(path, e))?;
-    let size = (settings.pixel_dim_x, settings.pixel_dim_y);
-    let counts = tiff::read(std::io::BufReader::new(file), &path.display().to_string(), size)?;
-    let mean = counts.iter().sum::<f64>() / counts.len() as f64;
-    Ok(vec![mean; counts.len()])
 }
 
 fn on_large_sensor(settings: &Settings) -> Result<ExpectedRenderer> {
@@ -314,10 +266,11 @@ fn bounds<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[f64; N]> {
 
 #[cfg(test)]
 mod tests {
-    use microsig_core::formats::tiff::PixelScale;
+    use microsig_core::formats::tiff::{self, PixelScale};
     use microsig_core::sensor::Image;
 
     use super::*;
+    use crate::scenario::{parse, resolve};
 
     /// A spot A exp(-r^2 / (2 w^2)) in white noise s: sigma_x = sqrt(2 / pi) s / A px, whatever its width.
     #[test]
@@ -343,13 +296,13 @@ mod tests {
         }
     }
 
-    /// Pixels much smaller than a spot of peak A = slope 500 change nothing; those as large as it take away from it.
+    /// Pixels much smaller than a spot of peak A = slope 1000 change nothing; those as large as it take away from it.
     #[test]
     fn a_spot_that_pixels_integrate_has_nearly_the_bound_of_the_closed_form() {
-        let noise = Noise { slope: 2.0, background: 100.0 + ROUNDING, of_light: 0.0 };
+        let noise = Noise { slope: 1.0, background: 100.0 + ROUNDING, of_light: 0.0 };
         let of = |diameter_px: f64, reference_um: Option<f64>| {
             let spot = spec::Gaussian { diameter_px, reference_um, peak_counts: 1000.0 };
-            of_spot(spot, &noise, 2.0, 0.5).unwrap()
+            of_spot(spot, &noise, 2.0).unwrap()
         };
         let closed = noise.background.sqrt() / 1000.0 * (2.0 / std::f64::consts::PI).sqrt();
         let [x, y] = of(12.0, None);
@@ -357,42 +310,42 @@ mod tests {
         assert_eq!(of(8.0, Some(4.0)), of(4.0, None));
         let small = of(2.0, None)[0] / closed;
         assert!(small > 1.02 && small < 2.0, "{small}");
-        assert_eq!(of_spot(spec::Gaussian::default(), &Noise { slope: 0.0, ..noise }, 2.0, 1.0), None);
+        assert_eq!(of_spot(spec::Gaussian::default(), &Noise { slope: 0.0, ..noise }, 2.0), None);
     }
 
     #[test]
     fn a_camera_adds_the_noise_of_its_electrons() {
-        let settings = Settings {
-            pixel_dim_x: 4,
-            pixel_dim_y: 2,
-            gain: 4.0,
-            background_mean: 60.0,
-            background_noise: 3.0,
-            ..Settings::setting1()
-        };
         let dataset = tempfile::tempdir().unwrap();
         let uneven = Image { width: 4, height: 2, bits: 16, counts: (0..8).map(|i| 5 + 10 * i).collect() };
         let scale = PixelScale { um_per_px: 1.0, frame_interval_s: None };
         let file = std::fs::File::create(dataset.path().join("uneven.tif")).unwrap();
         tiff::write(file, &uneven, &scale, "uneven.tif").unwrap();
-        let noise = |manifest: Value| Noise::of_dataset(dataset.path(), &settings, &manifest).unwrap();
-        let own = noise(serde_json::json!({ "renderer": "rays", "sensor": { "detector": null } }));
+        let noise = |more: &str, c_int: f64| {
+            let text = format!(
+                r#"(name: "four", motion: flow(field: poiseuille()), timing: pairs(count: 1),
+                    particles: (number: count(1)), optics: (preset: setting1, pixel_dim_x: 4, pixel_dim_y: 2,
+                    gain: 4, background_mean: 60, background_noise: 3), {more})"#
+            );
+            Noise::of(&resolve(parse(&text, "s.ron").unwrap(), dataset.path()).unwrap(), c_int).unwrap()
+        };
+        let own = noise("", 1.0);
         assert_eq!(own, Noise { slope: 4.0, background: 9.0 + ROUNDING, of_light: 16.0 });
-        let still = noise(serde_json::json!({ "renderer": "expected", "sensor": { "detector": null } }));
-        assert_eq!(still, Noise { of_light: 0.0, ..own });
+        assert_eq!(noise("", 0.5), Noise { slope: 2.0, of_light: 4.0, ..own });
+        assert_eq!(noise("render: (mode: expected)", 1.0), Noise { of_light: 0.0, ..own });
         // 4 counts a ray, 5 photons a count, half of them electrons, 0.2 counts an electron: 10 electrons, 2 counts a ray.
-        let camera = serde_json::json!({ "photons_per_count": 5.0, "quantum_efficiency": 0.5, "shot_noise": true,
-            "read_noise_e": 2.0, "gain_counts_per_e": 0.2, "full_well_e": null, "vignetting": 0.5,
-            "background": "uneven.tif" });
-        let camera = noise(serde_json::json!({ "renderer": "rays", "sensor": { "detector": camera } }));
+        let camera = r#"sensor: (photons_per_count: 5, quantum_efficiency: 0.5, shot_noise: true, read_noise_e: 2,
+            gain_counts_per_e: 0.2, vignetting: 0.5, background: Some("uneven.tif"))"#;
         // 250 electrons of the background, 60 and 40 counts, and the reading, 0.04 counts^2 each; 10 electrons a ray.
-        let expected = Noise { slope: 2.0, background: 0.04 * 254.0 + 9.0 + ROUNDING, of_light: 4.0 + 0.4 };
-        for (a, b) in [
-            (camera.slope, expected.slope),
-            (camera.background, expected.background),
-            (camera.of_light, expected.of_light),
-        ] {
-            assert!((a - b).abs() < 1e-12, "{camera:?}");
+        for (c_int, slope, of_light) in [(1.0, 2.0, 4.0 + 0.4), (0.5, 1.0, 1.0 + 0.2)] {
+            let camera = noise(camera, c_int);
+            let expected = Noise { slope, background: 0.04 * 254.0 + 9.0 + ROUNDING, of_light };
+            for (a, b) in [
+                (camera.slope, expected.slope),
+                (camera.background, expected.background),
+                (camera.of_light, expected.of_light),
+            ] {
+                assert!((a - b).abs() < 1e-12, "{camera:?}");
+            }
         }
     }
 

@@ -93,23 +93,16 @@ impl Lpt {
         });
         let units = bootstrap.by_frame(frames);
         let root = |squares: f64, n: f64| ratio(squares, n).map(f64::sqrt);
-        let [
-            correct,
-            ghost,
-            displacement_rms_px,
-            velocity_rms_um_s,
-            acceleration_rms_px,
-            acceleration_rms_um_s2,
-        ] = bootstrap.intervals(&units, |&[n, m, tp, nd, d, nv, v, nb, b, na, a]| {
+        let ends = bootstrap.intervals(&units, |&[n, m, tp, nd, d, nv, v, nb, b, na, a]| {
             [ratio(tp, n), ratio(m - tp, n), root(d, nd), root(v, nv), root(b, nb), root(a, na)]
         });
         score.interval = Intervals {
-            correct,
-            ghost,
-            displacement_rms_px,
-            velocity_rms_um_s,
-            acceleration_rms_px,
-            acceleration_rms_um_s2,
+            correct: ends[0],
+            ghost: ends[1],
+            displacement_rms_px: ends[2],
+            velocity_rms_um_s: ends[3],
+            acceleration_rms_px: ends[4],
+            acceleration_rms_um_s2: ends[5],
         };
         score.tracks(clouds, matching);
         score

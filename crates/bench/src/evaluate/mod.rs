@@ -67,6 +67,24 @@ pub struct Options {
     pub seed: u64,
 }
 
+impl Options {
+    /// The first option given that is of the other kind of results.
+    fn of_others(&self, field: bool) -> Option<&'static str> {
+        let of_particles = [
+            ("--gate", self.shape.is_some()),
+            ("--gate-xy", self.gate_xy_px.is_some()),
+            ("--gate-z", self.gate_z_um.is_some()),
+            ("--dims", self.dims.is_some()),
+            ("--isbi-gate", self.isbi_gate_px.is_some()),
+            ("--border", self.border_px > 0.0),
+            ("--auto-offset", self.auto_offset),
+        ];
+        let of_fields = [("--plane", self.plane_um.is_some())];
+        let others = if field { &of_particles[..] } else { &of_fields[..] };
+        others.iter().find(|(_, given)| *given).map(|(name, _)| *name)
+    }
+}
+
 /// The gate of the image plane if nobody asks for another, px.
 pub const GATE_XY_PX: f64 = 2.0;
 /// The gate of the ISBI scores, px.
@@ -208,11 +226,14 @@ pub fn evaluate(dataset: &Path, result: &Path, options: &Options) -> Result<Eval
         given = truth::conventions(dataset, given)?;
     }
     let name = result.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let mut evaluation = match results::read(result, &given)? {
+    let found = results::read(result, &given)?;
+    let is_field = matches!(found, Found::Field(_));
+    if let Some(option) = options.of_others(is_field) {
+        let [of, is] = if is_field { ["particles", "a field"] } else { ["fields", "particles"] };
+        return Err(Error::input(format!("{option}: is for results that are {of}; this one is {is}")));
+    }
+    let mut evaluation = match found {
         Found::Points(points) => particles(&Truth::read(dataset, &given)?, &points, options)?,
-        Found::Field(_) if options.border_px > 0.0 => {
-            return Err(Error::input("--border: leaves out particles near the edge; the result is a field"));
-        }
         Found::Field(found) => {
             let field::Scored { score, vectors, notes, warnings } =
                 field::evaluate(dataset, &found, options.plane_um, options.seed)?;

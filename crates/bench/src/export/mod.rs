@@ -1,8 +1,8 @@
 //! `microsig export`: the truth of a dataset in other programs' formats.
 //!
 //! What is exported is what is scored (`evaluate::truth`): visible particles inside the depth range, each contiguous visible
-//! run with a number of its own. So an export, read back and evaluated, scores perfectly. Coordinates, units and first frame are
-//! those of the format; [`crate::results`] says the same for reading.
+//! run with a number of its own. So an export, read back and evaluated, scores perfectly. Coordinates, units and first
+//! frame are those of the format; [`crate::results`] says the same for reading.
 
 mod field;
 mod particles;

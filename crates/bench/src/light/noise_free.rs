@@ -15,8 +15,8 @@ const DIAMETERS: u32 = 5;
 /// Draws single particles without noise, as far as single values per particle need it.
 ///
 /// The image is the one of the stack that is nearest in depth and diameter, moved by whole pixels and scaled to the peak at
-/// the particle's depth (linear between depths) and to its number of source points. So the peak is that of a particle centred on a pixel.
-/// A spheroid is drawn as a sphere with its number of shining points.
+/// the particle's depth (linear between depths) and to its number of source points. So the peak is that of a particle
+/// centred on a pixel. A spheroid is drawn as a sphere with its number of shining points.
 #[derive(Debug, Clone)]
 pub struct NoiseFree {
     settings: Settings,

@@ -1,8 +1,8 @@
 //! Noise-free images of one particle over depth.
 //!
-//! Of Gaussian spots the image itself; of rays the mean of images of a sphere that is centred on a pixel. Such an image is symmetric (left and right, top and bottom;
-//! without a cylindrical lens also about its diagonals), so the mean is taken over its mirror images too: of 32 images it
-//! then has the noise of 128 or 256.
+//! Of Gaussian spots the image itself; of rays the mean of images of a sphere that is centred on a pixel. Such an image is
+//! symmetric (left and right, top and bottom; without a cylindrical lens also about its diagonals), so the mean is taken
+//! over its mirror images too: of 32 images it then has the noise of 128 or 256.
 
 use microsig_core::render::Renderer;
 use microsig_core::render::rays::Scratch;

@@ -17,7 +17,7 @@ use crate::dataset::verify::verify;
 use crate::error::{Error, Result};
 use crate::runner::Progress;
 use crate::scenario::spec::{Motion, Number, Spec, Timing};
-use crate::scenario::{Scenario, assignment, parse, resolve, set};
+use crate::scenario::{self, Scenario, assignment, resolve, set};
 
 /// What may differ between the public scenario and that of the test split: what participants are not told anyway.
 const HIDDEN: [&str; 2] = ["motion.", "particles."];
@@ -50,9 +50,7 @@ impl Train {
                 dataset.display()
             )));
         }
-        let path = dataset.join("scenario.ron");
-        let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
-        let scenario = resolve(parse(&text, &path.display().to_string())?, dataset)?;
+        let (scenario, _) = scenario::of_dataset(dataset)?;
         check(&scenario)?;
         Ok(Train { scenario, manifest })
     }
@@ -146,7 +144,7 @@ fn reseeded(mut spec: Spec, mut draw: impl FnMut() -> Result<u64>) -> Result<Spe
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::compact;
+    use crate::scenario::{compact, parse};
 
     #[test]
     fn every_random_field_gets_a_seed_of_its_own() {

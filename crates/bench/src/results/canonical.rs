@@ -1,5 +1,5 @@
-//! Our own tables: `frame, track, x_px, y_px, z_um [, u_um_s, v_um_s, w_um_s]` of particles, `x_px, y_px, dx_px, dy_px [, dz_um], flag [, pair]` of a
-//! field. Columns in any order; more columns do no harm.
+//! Our own tables: `frame, track, x_px, y_px, z_um [, u_um_s, v_um_s, w_um_s]` of particles, `x_px, y_px, dx_px, dy_px [,
+//! dz_um], flag [, pair]` of a field. Columns in any order; more columns do no harm.
 
 use std::path::Path;
 

@@ -7,11 +7,11 @@ use microsig_core::Particle;
 use microsig_core::formats::tiff::{self, PixelScale};
 use microsig_core::render::Renderer;
 use microsig_core::sensor::{Detector, Image, Sensor};
+use microsig_core::shelf::{Lent, Shelf};
 use microsig_core::stream::{Purpose, Streams};
 
 use crate::dataset::save_bytes;
 use crate::error::Result;
-use microsig_core::shelf::{Lent, Shelf};
 
 /// Renderer, sensor and random streams: all that turns particles into an image.
 #[derive(Debug)]

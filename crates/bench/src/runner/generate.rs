@@ -9,6 +9,7 @@ use std::time::Instant;
 use flows::Frame;
 use microsig_core::formats::{data_file, settings_file};
 use microsig_core::sensor::Image;
+use microsig_core::shelf::Shelf;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -24,8 +25,7 @@ use crate::dataset::{
 use crate::error::{Error, Result};
 use crate::light::NoiseFree;
 use crate::scenario::license::LICENSE;
-use crate::scenario::{Scenario, spec, write};
-use microsig_core::shelf::Shelf;
+use crate::scenario::{SCENARIO, Scenario, spec, write};
 
 /// How to generate.
 #[derive(Debug, Clone)]
@@ -80,7 +80,7 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     let folder = partial.folder();
 
     let write_file = |path: &str, bytes: &[u8]| save_bytes(&folder.join(path), bytes);
-    write_file("scenario.ron", text.as_bytes())?;
+    write_file(SCENARIO, text.as_bytes())?;
     if let Some(key) = scenario.streams.key() {
         write_file(secret::KEY_FILE, secret::text(&key).as_bytes())?;
     }
@@ -158,7 +158,7 @@ fn begin(scenario: &str, options: &Options) -> Result<Partial> {
 /// Whether an unfinished folder was begun for this scenario; one that was left before its first file may be any's.
 fn may_go_on(folder: &Path, scenario: &str) -> Result<bool> {
     let is_empty = files_below(folder)?.iter().all(|file| is_temporary(file));
-    let same = || std::fs::read_to_string(folder.join("scenario.ron")).is_ok_and(|text| text == scenario);
+    let same = || std::fs::read_to_string(folder.join(SCENARIO)).is_ok_and(|text| text == scenario);
     Ok(is_empty || same())
 }
 

@@ -17,7 +17,7 @@ use crate::dataset::folder::partial_name;
 use crate::dataset::manifest::MANIFEST;
 use crate::dataset::save_bytes;
 use crate::error::{Error, Result};
-use crate::scenario::{Case, Sweep, resolve, write};
+use crate::scenario::{Case, SCENARIO, Sweep, resolve, write};
 
 /// How to sweep.
 #[derive(Debug, Clone)]
@@ -103,7 +103,7 @@ pub fn sweep(sweep: &Sweep, options: &Options) -> Result<Swept> {
 /// A case that is done is skipped only if it is the sweep's own, not one of the sweep before an edit.
 fn is_of(sweep: &Sweep, case: &Case, options: &Options, out: &Path) -> Result<()> {
     let scenario = resolve(sweep.scenario(case)?, &options.inputs)?;
-    let text = std::fs::read_to_string(out.join("scenario.ron")).unwrap_or_default();
+    let text = std::fs::read_to_string(out.join(SCENARIO)).unwrap_or_default();
     if text == write(&scenario.spec)? {
         return Ok(());
     }

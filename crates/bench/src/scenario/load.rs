@@ -3,10 +3,13 @@
 use std::path::Path;
 
 use super::outline::{Node, outline};
-use super::parse::{Fault, Reading, read};
+use super::parse::{Fault, Reading, parse, read};
 use super::resolve::{Scenario, resolve};
 use super::{assignment, keys, set};
 use crate::error::{Error, Result};
+
+/// The resolved scenario in a dataset's folder.
+pub const SCENARIO: &str = "scenario.ron";
 
 /// The scenario of a file, some of its values replaced: by assignments `path=value`, and by another seed.
 ///
@@ -55,6 +58,17 @@ pub fn load(file: &Path, assignments: &[String], seed: Option<u64>) -> Result<Sc
     }
     let placed = faults.iter().map(|fault| fault.placed(&text, &name));
     Err(Error::Input(placed.chain(elsewhere).collect()))
+}
+
+/// The scenario of a dataset, and its text.
+///
+/// # Errors
+/// A file that is missing; [`Error::Input`] for one that another version wrote.
+pub fn of_dataset(dataset: &Path) -> Result<(Scenario, String)> {
+    let path = dataset.join(SCENARIO);
+    let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
+    let scenario = resolve(parse(&text, &path.display().to_string())?, dataset)?;
+    Ok((scenario, text))
 }
 
 /// Where the value whose path a message begins with stands in the file, and whether it is there or only its section is.

@@ -24,7 +24,7 @@ mod timing;
 mod truth_grid;
 
 pub use files::Input;
-pub use load::load;
+pub use load::{SCENARIO, load, of_dataset};
 pub use motion::Mover;
 pub use parse::{compact, parse, write};
 pub use resolve::{Scenario, resolve};

@@ -1,7 +1,8 @@
 //! The reference of all keys, for people: unit, default and meaning of each, and pictures of what it changes.
 //!
 //! Which keys there are is said in [`super::keys`]; what they mean is said here. Defaults are not said at all but found:
-//! by filling in a scenario of five lines. `docs/scenario.md` is written from this (`cargo xtask figures keys`), and a test compares.
+//! by filling in a scenario of five lines. `docs/scenario.md` is written from this (`cargo xtask figures keys`), and a test
+//! compares.
 
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! Rays in a plane through the optical axis, many at a time.
 //!
-//! The arithmetic is that of [`OpticalSystem::trace`] with all terms left out that are zero there, so places are the same to the last
-//! bit; a test compares. Written as plain loops that the compiler turns into vector code.
+//! The arithmetic is that of [`OpticalSystem::trace`] with all terms left out that are zero there, so places are the same
+//! to the last bit; a test compares. Written as plain loops that the compiler turns into vector code.
 
 use super::{Objective, OpticalSystem};
 

@@ -1,6 +1,7 @@
 //! From light to counts.
 //!
-//! MicroSIG's own sensor is gain, background, Gaussian noise and rounding to 16 bit: I = gain sum_i c_int_i counts_i + background_mean + round(N(0, background_noise)), rounded and clamped to
+//! MicroSIG's own sensor is gain, background, Gaussian noise and rounding to 16 bit: I = gain sum_i c_int_i counts_i +
+//! background_mean + round(N(0, background_noise)), rounded and clamped to
 //! [0, 65535]. The original truncates and wraps (-5 becomes 65531), which is a bug and is not followed. A [`Detector`] puts a
 //! camera's own chain between light and counts.
 

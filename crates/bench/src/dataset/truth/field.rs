@@ -4,8 +4,8 @@
 //! all depths at once: D = sum w(z) D(z) / sum w(z), D(z) the central displacement. A particle's share in the correlation
 //! falls with its blur; Olsen & Adrian (Exp. Fluids 29 (2000) S166) derive it for Gaussian images, where it is the squared
 //! peak. Here w is measured from noise-free images of the dataset's own optics ([`crate::light::Stack`]): the squared peak, or
-//! the curvature of the autocorrelation at its top, times the square of the illumination there. Particles are taken as equally dense
-//! at all depths.
+//! the curvature of the autocorrelation at its top, times the square of the illumination there. Particles are taken as
+//! equally dense at all depths.
 
 use std::path::Path;
 

@@ -15,6 +15,7 @@ use flows::sequence::{Frame, Tracer};
 use glam::DVec3;
 use microsig_core::render::Renderer;
 use microsig_core::sensor::Sensor;
+use microsig_core::shelf::Shelf;
 use microsig_core::{Particle, Spheroid};
 use rayon::prelude::*;
 
@@ -23,7 +24,6 @@ use super::{Ledger, Stem};
 use crate::error::Result;
 use crate::light::{NoiseFree, Seen, look};
 use crate::scenario::Scenario;
-use microsig_core::shelf::Shelf;
 
 /// The table of tracks with the columns that this scenario asks for.
 pub fn tracks(scenario: &Scenario) -> Table {

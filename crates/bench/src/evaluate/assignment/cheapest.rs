@@ -409,13 +409,25 @@ impl Into {
 mod tests {
     use super::*;
 
-    #[test]
-    fn an_auction_does_not_change_the_optimum() {
-        let mut state = 7u64;
-        let mut random = || {
+    /// Knuth's linear congruences, from 0 to 1.
+    fn congruences(mut state: u64) -> impl FnMut() -> f64 {
+        move || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1u64 << 53) as f64
+        }
+    }
+
+    /// Costs of an assignment, by row.
+    fn sum(graph: &Graph, of_row: &[u32]) -> f64 {
+        let cost = |(row, column): (usize, &u32)| {
+            graph.range(row).find(|&e| graph.columns[e] == *column).map(|e| graph.costs[e]).unwrap()
         };
+        of_row.iter().enumerate().map(cost).sum()
+    }
+
+    #[test]
+    fn an_auction_does_not_change_the_optimum() {
+        let mut random = congruences(7);
         for case in 0..30 {
             // Every third time costs that are often equal, which bids decide by epsilon alone.
             let (n, levels) = (MANY + case, if case % 3 == 0 { 4.0 } else { 1e9 });
@@ -438,10 +450,7 @@ mod tests {
             }
             let cover: Vec<u32> = (0..n as u32).collect();
             let of_row = cheapest_cover(graph.clone(), n, &cover);
-            let cost = |(row, column): (usize, &u32)| {
-                graph.range(row).find(|&e| graph.columns[e] == *column).map(|e| graph.costs[e]).unwrap()
-            };
-            let sum: f64 = of_row.iter().enumerate().map(cost).sum();
+            let sum = sum(&graph, &of_row);
             assert!((sum - least).abs() < 1e-9, "{case}: {sum} {least}");
             assert_eq!(of_row.iter().collect::<std::collections::BTreeSet<_>>().len(), n);
         }
@@ -449,12 +458,7 @@ mod tests {
 
     #[test]
     fn dense_graphs_are_solved_as_well_as_whole_ones() {
-        // Knuth's linear congruences.
-        let mut state = 1u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1u64 << 53) as f64
-        };
+        let mut random = congruences(1);
         for case in 0..200 {
             let mut graph = Graph::default();
             for row in 0..60 {
@@ -470,10 +474,7 @@ mod tests {
             let least: f64 = whole.of_row.iter().map(|e| graph.costs[*e as usize]).sum();
             let alone: Vec<u32> = (70..130).collect();
             let of_row = cheapest_cover(graph.clone(), 130, &alone);
-            let cost = |(row, column): (usize, &u32)| {
-                graph.range(row).find(|&e| graph.columns[e] == *column).map(|e| graph.costs[e]).unwrap()
-            };
-            let sum: f64 = of_row.iter().enumerate().map(cost).sum();
+            let sum = sum(&graph, &of_row);
             assert!((sum - least).abs() < 1e-9, "{sum} {least}");
             let used: std::collections::BTreeSet<u32> = of_row.iter().copied().collect();
             assert_eq!(used.len(), 60);

@@ -1,7 +1,7 @@
 //! Scores of displacement fields (PIV): every vector against the truth at its place.
 //!
-//! The truth is bilinear between the nodes of `truth/field.csv`; of several planes one is taken (`grid.rs`). Errors are result - truth over valid vectors (flag 0); interpolated ones (flag 2) are counted apart. Definitions:
-//! docs/scoring.md.
+//! The truth is bilinear between the nodes of `truth/field.csv`; of several planes one is taken (`grid.rs`). Errors are
+//! result - truth over valid vectors (flag 0); interpolated ones (flag 2) are counted apart. Definitions: docs/scoring.md.
 
 mod gradients;
 pub(crate) mod grid;

@@ -1,10 +1,10 @@
 //! Drawing images with two mirror symmetries from the spline over one of their quadrants.
 //!
-//! Planes are blended into lines: rows of nodes, joined with their mirror image. A line gives the spline's values at the columns
-//! of pixels, which all see the same phases of the nodes, so that a value is four products of runs of memory; four rows of
-//! such values make a row of pixels, likewise. Only + and * in a fixed order occur, never fused, so that every instruction set
-//! gives the same bits. Numbers come in whole groups and every loop of a sphere has the same length: what that wastes at the
-//! corners is less than what branches cost that a processor does not foresee.
+//! Planes are blended into lines: rows of nodes, joined with their mirror image. A line gives the spline's values at the
+//! columns of pixels, which all see the same phases of the nodes, so that a value is four products of runs of memory; four
+//! rows of such values make a row of pixels, likewise. Only + and * in a fixed order occur, never fused, so that every
+//! instruction set gives the same bits. Numbers come in whole groups and every loop of a sphere has the same length: what
+//! that wastes at the corners is less than what branches cost that a processor does not foresee.
 
 use super::draw::{Canvas, Sphere};
 use super::layout::{Group, LANES, Layout};
@@ -218,8 +218,8 @@ struct Panel<'a> {
 }
 
 impl Panel<'_> {
-    /// Adds the spline's values to so many groups of columns. Both loops over numbers have a length that the compiler knows; each
-    /// is written in the form of which it makes vector code.
+    /// Adds the spline's values to so many groups of columns. Both loops over numbers have a length that the compiler
+    /// knows; each is written in the form of which it makes vector code.
     #[inline(always)]
     fn draw<const GROUPS: usize>(&self, lines: &[f32], values: &mut Vec<f32>, pixels: &mut [f32]) {
         let columns = GROUPS * LANES;

@@ -5,11 +5,11 @@
 //! point toward the lens side, and a pixel gets its share of them. Images of spheres depend on depth, diameter and the pixel's
 //! place relative to the particle alone, and come from tables (`block`), which are made when they are first needed, verified
 //! while they are made (`build`), and shared by all clones of a renderer (`tables`); when they grow beyond 512 MB, those that
-//! the current image does not need are dropped. With a cylindrical lens images have two mirror symmetries: a quadrant is computed
-//! part by part of the lens (`exposure`, `stamp`) and drawn from a spline over it (`draw_quadrant`). Behind a spherical lens
-//! images are round: they are computed as light within a radius (`encircled`), seen by a square pixel (`pixel`), and drawn from a
-//! quadrant as well if few nodes are enough, along the radius (`draw_round`) if rims are sharp or rings large. A spheroid
-//! is computed in the same way, directly and without tables (`spheroid`).
+//! the current image does not need are dropped. With a cylindrical lens images have two mirror symmetries: a quadrant is
+//! computed part by part of the lens (`exposure`, `stamp`) and drawn from a spline over it (`draw_quadrant`). Behind a
+//! spherical lens images are round: they are computed as light within a radius (`encircled`), seen by a square pixel
+//! (`pixel`), and drawn from a quadrant as well if few nodes are enough, along the radius (`draw_round`) if rims are sharp
+//! or rings large. A spheroid is computed in the same way, directly and without tables (`spheroid`).
 
 mod block;
 mod build;
