@@ -72,7 +72,9 @@ pub(crate) fn main(
     std::fs::create_dir_all(out)?;
     let program = microsig()?;
     let machine = machine();
-    let scratch = tempfile::Builder::new().prefix("bench").tempdir_in(scratch.unwrap_or(out))?;
+    let place = scratch.unwrap_or(out);
+    std::fs::create_dir_all(place)?;
+    let scratch = tempfile::Builder::new().prefix("bench").tempdir_in(place)?;
     let scratch = scratch.path();
     let (_, version) = run(Command::new(&program).arg("--version"))?;
     let mut record = Record {
