@@ -119,6 +119,13 @@ fn an_interrupted_run_goes_on_with_resume_only() {
     run(&[&arguments[..], &["--resume"]].concat());
     assert_eq!(std::fs::read_to_string(dataset.join("SHA256SUMS")).unwrap(), sums);
     run(&["verify", path(&dataset)]);
+    // A job that is started again when all is done.
+    let said = run(&[&arguments[..], &["--resume"]].concat());
+    assert!(said.contains("is there already"), "{said}");
+    let other = write(place.path(), "other.ron", &SCENARIO.replace("count(4)", "count(3)"));
+    let message = fail(2, &["generate", path(&other), "--out", path(&dataset), "--resume"]);
+    assert!(message.contains("another scenario; cannot resume"), "{message}");
+    assert_eq!(std::fs::read_to_string(dataset.join("SHA256SUMS")).unwrap(), sums);
 
     std::fs::rename(&dataset, &partial).unwrap();
     let other = write(place.path(), "other.ron", &SCENARIO.replace("count(4)", "count(5)"));

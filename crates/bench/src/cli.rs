@@ -142,7 +142,7 @@ pub(crate) struct Generate {
     /// Replace a value of the scenario, written as in the file; may be given several times
     #[arg(long, value_name = "PATH=VALUE")]
     pub(crate) set: Vec<String>,
-    /// Go on with an interrupted run
+    /// Go on with an interrupted run; a dataset that is finished is left as it is
     #[arg(long)]
     pub(crate) resume: bool,
 }

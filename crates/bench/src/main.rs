@@ -13,7 +13,7 @@ use std::process::ExitCode;
 use bench::dataset::verify::verify;
 use bench::release::{About, Options as ReleaseOptions, release};
 use bench::runner::{
-    GenerateOptions, Progress, RenderOptions, Shard, SweepOptions, collect, generate, render, sweep,
+    GenerateOptions, Progress, RenderOptions, Shard, SweepOptions, collect, generate, is_made, render, sweep,
 };
 use bench::{Error, Result, export, scenario};
 use clap::Parser;
@@ -91,6 +91,10 @@ fn run_generate(arguments: &Generate, common: &Common) -> Result<()> {
     let scenario = scenario::load(&arguments.scenario, &arguments.set, common.seed)?;
     warn(&scenario.warnings, common);
     let out = arguments.out.clone().unwrap_or_else(|| Path::new("datasets").join(&scenario.spec.name));
+    if arguments.resume && !common.force && is_made(&scenario, &out)? {
+        let text = format!("dataset {} is there already, in {}", scenario.spec.name, out.display());
+        return report(&text, &serde_json::json!({ "name": scenario.spec.name, "out": out }), common);
+    }
     let generated = generate(
         &scenario,
         &GenerateOptions { out, force: common.force, resume: arguments.resume, progress: progress(common) },

@@ -126,6 +126,22 @@ pub fn generate(scenario: &Scenario, options: &Options) -> Result<Generated> {
     })
 }
 
+/// Whether a finished dataset of this scenario is in a folder: there is nothing to go on with.
+///
+/// # Errors
+/// A dataset of another scenario.
+pub fn is_made(scenario: &Scenario, out: &Path) -> Result<bool> {
+    if !out.join(manifest::MANIFEST).is_file() {
+        return Ok(false);
+    }
+    let text = std::fs::read_to_string(out.join(SCENARIO)).unwrap_or_default();
+    if text == write(&scenario.spec)? {
+        return Ok(true);
+    }
+    let hint = "holds another scenario; cannot resume; --force replaces it";
+    Err(Error::input(format!("{}: {hint}", out.display())))
+}
+
 /// Makes the unfinished folder, or takes up that of an interrupted run of the same scenario.
 fn begin(scenario: &str, options: &Options) -> Result<Partial> {
     may_stand(&options.out, options.force.then_some(manifest::MANIFEST))?;

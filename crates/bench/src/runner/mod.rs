@@ -9,7 +9,7 @@ mod shard;
 mod sweep;
 
 pub use camera::Camera;
-pub use generate::{Generated, Options as GenerateOptions, generate};
+pub use generate::{Generated, Options as GenerateOptions, generate, is_made};
 pub use progress::Progress;
 pub use render::{Options as RenderOptions, Rendered, render};
 pub use shard::Shard;

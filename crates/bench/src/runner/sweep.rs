@@ -10,14 +10,14 @@ use std::time::Instant;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::generate::{Options as GenerateOptions, generate};
+use super::generate::{Options as GenerateOptions, generate, is_made};
 use super::progress::Progress;
 use super::shard::Shard;
 use crate::dataset::folder::partial_name;
 use crate::dataset::manifest::MANIFEST;
 use crate::dataset::save_bytes;
 use crate::error::{Error, Result};
-use crate::scenario::{Case, SCENARIO, Sweep, resolve, write};
+use crate::scenario::{Case, Sweep, resolve};
 
 /// How to sweep.
 #[derive(Debug, Clone)]
@@ -87,9 +87,8 @@ pub fn sweep(sweep: &Sweep, options: &Options) -> Result<Swept> {
         let out = options.out.join(&case.name);
         bar.set_message(case.name.clone());
         // A failure may have had a cause that is gone: it is tried again.
-        if options.resume && out.exists() {
-            is_of(sweep, case, options, &out)?;
-        } else {
+        let is_done = || is_made(&resolve(sweep.scenario(case)?, &options.inputs)?, &out);
+        if !(options.resume && out.exists() && is_done()?) {
             made += usize::from(run(sweep, case, options, &within)?);
         }
         bar.inc(1);
@@ -98,17 +97,6 @@ pub fn sweep(sweep: &Sweep, options: &Options) -> Result<Swept> {
     let (done, failed) = collect(sweep, &options.out)?;
     let cases = sweep.cases.len();
     Ok(Swept { out: options.out.clone(), cases, done, failed, made, seconds: start.elapsed().as_secs_f64() })
-}
-
-/// A case that is done is skipped only if it is the sweep's own, not one of the sweep before an edit.
-fn is_of(sweep: &Sweep, case: &Case, options: &Options, out: &Path) -> Result<()> {
-    let scenario = resolve(sweep.scenario(case)?, &options.inputs)?;
-    let text = std::fs::read_to_string(out.join(SCENARIO)).unwrap_or_default();
-    if text == write(&scenario.spec)? {
-        return Ok(());
-    }
-    let hint = "holds another scenario than this case; cannot resume; --force replaces it";
-    Err(Error::input(format!("{}: {hint}", out.display())))
 }
 
 /// Makes one case; `false` if it failed and its reason was written instead.
