@@ -2,8 +2,9 @@
 //!
 //! A block depends on nothing but settings, tolerance and its place, so it has the same bytes whoever asks first. Steps of
 //! depth are halved until the spline through planes meets the planes between; in a quadrant, so are the steps between
-//! nodes, until the spline nearest to twice as many values meets them. At last an image half way between two planes is
-//! computed more finely than the planes were and on twice as many nodes, and the block's is held against it.
+//! nodes, until the spline nearest to twice as many values meets them. How finely the images themselves are computed is
+//! found before. At last an image half way between two planes is computed more finely than the planes were and on twice as
+//! many nodes, and the block's is held against it.
 
 use rayon::prelude::*;
 
@@ -49,8 +50,8 @@ const MOST_STEPS: usize = 64;
 /// Nodes of the radius, at first and at most.
 const SIZES: usize = 4;
 const MOST_SIZES: usize = 8;
-/// How often a block that misses the tolerance is made, each time more finely.
-const ATTEMPTS: usize = 2;
+/// How often images are computed more finely than at first.
+const FINER: usize = 2;
 /// Source points of a sphere.
 const POINTS: usize = 2048;
 
@@ -196,19 +197,43 @@ impl Model {
 
     /// The block of these spheres at the depths from `start_um` to `start_um + length_um`.
     pub(super) fn block(&self, start_um: f64, length_um: f64, radii: Radii) -> Block {
-        let mut fineness = 2.0 * (1e-3 / self.tolerance).clamp(0.3, 4.0);
+        let (Radii::One(small) | Radii::Between(small, _)) = radii;
+        let Fineness(mut fineness) = self.fineness(start_um + 0.5 * length_um, small);
         let mut part = 0.75 * self.tolerance;
         let mut attempts = 0;
         loop {
             let attempt = Attempt { model: self, start_um, length_um, fineness: Fineness(fineness), part };
             let block = attempt.block(radii);
             attempts += 1;
-            if block.error <= self.tolerance || attempts == ATTEMPTS {
-                return block;
+            // More nodes make every image slower to draw, so they come last.
+            match attempts {
+                _ if block.error <= self.tolerance => return block,
+                1 => fineness *= 1.5,
+                2 => part *= 0.6,
+                _ => return block,
+            }
+        }
+    }
+
+    /// How finely images about this depth are to be computed, whatever they are stored on: until half as much again changes
+    /// little.
+    fn fineness(&self, z_um: f64, radius_um: f64) -> Fineness {
+        let mut fineness = 2.0 * (1e-3 / self.tolerance).clamp(0.3, 4.0);
+        // Round images are computed closely enough.
+        if self.is_round() {
+            return Fineness(fineness);
+        }
+        let nodes = Nodes::Quadrant(self.quadrant(self.reach(z_um, radius_um), 1).computed());
+        let mut image = self.sample(z_um, radius_um, nodes, Fineness(fineness));
+        for _ in 0..FINER {
+            let finer = self.sample(z_um, radius_um, nodes, Fineness(1.5 * fineness));
+            if deviation(&image, &finer) <= 0.4 * self.tolerance {
+                break;
             }
             fineness *= 1.5;
-            part *= 0.6;
+            image = finer;
         }
+        Fineness(fineness)
     }
 }
 
