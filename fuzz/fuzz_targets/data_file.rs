@@ -1,4 +1,4 @@
-//! MicroSIG's data file in its four layouts. What is read is written and read again.
+//! MicroSIG's data file in its four layouts: writing and reading again gives the same particles.
 #![no_main]
 
 use microsig_core::formats::data_file::{self, Layout};

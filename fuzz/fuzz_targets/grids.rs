@@ -1,16 +1,17 @@
-//! Gridded velocities: the first byte chooses .npy, .csv or .vtk. A grid that is accepted makes a field that can be asked.
+//! Gridded velocities: the first byte selects .npy, .csv or .vtk. An accepted grid gives a field that can be
+//! evaluated.
 #![no_main]
 
 use flows::VelocityField;
 use flows::fields::{Gridded, Interpolation};
-use flows::grid::{Geometry, Grid};
+use flows::velocity_grid::{GridGeometry, VelocityGrid};
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let [choice, file @ ..] = bytes else { return };
     let grid = match choice % 3 {
-        0 => Grid::from_npy(file, &Geometry::default()),
-        1 => Grid::from_csv(file),
-        _ => Grid::from_vtk(file),
+        0 => VelocityGrid::from_npy(file, &GridGeometry::default()),
+        1 => VelocityGrid::from_csv(file),
+        _ => VelocityGrid::from_vtk(file),
     };
     let Ok(grid) = grid else { return };
     let interpolation = if choice & 64 == 0 { Interpolation::Tricubic } else { Interpolation::Trilinear };

@@ -1,10 +1,10 @@
-//! Result files of all trackers: the first byte chooses the format, or leaves it to be recognised.
+//! Result files of all trackers: the first byte selects the format or its detection.
 #![no_main]
 
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
-use bench::results::{Conventions, Format, Found, read};
+use bench::results::{Conventions, Format, TrackerResult, read};
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().unwrap());
 
@@ -37,7 +37,7 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
         height_px: Some(366.0),
         ..Conventions::default()
     };
-    if let Ok(Found::Points(points)) = read(&path, &given) {
+    if let Ok(TrackerResult::Points(points)) = read(&path, &given) {
         for row in &points.rows {
             assert!(row.at.x_px.is_finite() && row.at.y_px.is_finite() && row.at.z_um.is_finite());
         }

@@ -1,4 +1,4 @@
-//! Scenarios: what can be read can be written and read again, and resolving it is an error or a scenario.
+//! Scenarios: a parsed scenario can be written and read again, and it resolves to a scenario or an error.
 #![no_main]
 
 use std::path::Path;
@@ -10,7 +10,7 @@ libfuzzer_sys::fuzz_target!(|text: &str| {
     let written = write(&spec).unwrap();
     // NaN is not equal to itself, so the text is compared.
     assert_eq!(write(&parse(&written, "written").unwrap()).unwrap(), written);
-    // A field may ask for much work (a sum of many waves); short texts are enough to find mistakes.
+    // Some fields are expensive (a sum of many waves); short texts suffice to find errors.
     if text.len() < 2000 {
         let _ = resolve(spec, Path::new("/nonexistent"));
     }

@@ -1,4 +1,4 @@
-//! MicroSIG's settings file. What is read is written and read again.
+//! MicroSIG's settings file: writing and reading again gives the same settings.
 #![no_main]
 
 use microsig_core::formats::settings_file;

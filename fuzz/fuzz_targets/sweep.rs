@@ -1,13 +1,13 @@
-//! Sweeps over the template: every case of a sweep that is accepted has a scenario or a reason.
+//! Sweeps over the template: every case of an accepted sweep has a scenario or an error.
 #![no_main]
 
 use std::sync::LazyLock;
 
-use bench::scenario::{TEMPLATE, parse_sweep};
+use bench::scenario::{parse_sweep, template};
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
     let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("base.ron"), TEMPLATE).unwrap();
+    std::fs::write(folder.path().join("base.ron"), template().unwrap()).unwrap();
     folder
 });
 

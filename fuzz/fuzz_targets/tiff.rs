@@ -1,4 +1,4 @@
-//! Grey TIFF images: the first two bytes are the size that is expected.
+//! Grayscale TIFF images: the first two bytes are the expected size.
 #![no_main]
 
 use std::io::Cursor;

@@ -1,8 +1,9 @@
-//! Many images of one scene with independent rays: mean, variance and measures with their standard errors.
+//! Ensemble of images of one scene with independent rays: mean, variance, and measures with standard errors.
 
 use microsig_core::emission::{self, SpheroidLaw};
 use microsig_core::optics::{OpticalSystem, Ray};
 use microsig_core::render::RayRenderer;
+use microsig_core::render::Render;
 use microsig_core::stream::{Purpose, Streams};
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
@@ -26,10 +27,10 @@ pub struct Ensemble {
     pub standard_errors: Measures,
 }
 
-/// Rays that have a stream of random numbers of their own.
+/// Number of rays per random stream.
 const RAYS_OF_A_BATCH: u64 = 1 << 18;
 
-/// Sums over images. Counts times c_int are multiples of 1/2 in all our cases, so sums are exact in any order.
+/// Sums over images. Counts times c_int are multiples of 1/2 in all cases, so sums are exact in any order.
 #[derive(Clone)]
 struct Sums {
     first: Vec<f64>,
@@ -37,7 +38,7 @@ struct Sums {
 }
 
 impl Ensemble {
-    /// Draws frames 0 to `images` - 1 of these particles.
+    /// Renders frames 0 to `images` - 1 of these particles.
     pub fn draw(
         settings: &Settings,
         particles: &[Particle],
@@ -91,10 +92,12 @@ impl Ensemble {
         })
     }
 
-    /// As many images of a sphere as have about so many rays, from random points of its near half in random directions.
+    /// Images of a sphere with about `rays` rays in total, from random points of its near half in random
+    /// directions.
     ///
-    /// This is the law that the model's regular spirals stand for. They leave a pattern of rows in the mean of however many
-    /// images, this light does not. Only directions that can meet the aperture are drawn.
+    /// This is the distribution that the regular spirals of the model approximate. The spirals leave a row
+    /// pattern in the mean of any number of images, random rays do not. Only directions that can reach the
+    /// aperture are drawn.
     pub fn of_random_light(settings: &Settings, particle: &Particle, seed: u64, rays: u64) -> Self {
         let system = OpticalSystem::new(settings);
         let (width, height) = (settings.pixel_dim_x as usize, settings.pixel_dim_y as usize);
@@ -142,7 +145,7 @@ impl Ensemble {
             );
         let n = f64::from(images);
         let mean: Vec<f64> = counts.iter().map(|&c| c as f64 / n).collect();
-        // Rays that are on their own are Poisson.
+        // Counts of independent rays are Poisson distributed.
         let of_mean = measure(width, &mean);
         let mut errors = [f64::NAN; Measures::NAMES.len()];
         errors[0] = (of_mean.total / n).sqrt();
@@ -156,8 +159,8 @@ impl Ensemble {
         }
     }
 
-    /// Sum of the pixels' variances over the sum of their means, over pixels whose mean is above 5 counts, as the
-    /// original's was measured.
+    /// Fano factor: sum of the pixel variances over the sum of their means, over pixels with a mean above 5
+    /// counts, as measured for the original.
     pub fn fano(&self) -> f64 {
         let lit = || self.mean.iter().zip(&self.variance).filter(|(m, _)| **m > 5.0);
         lit().map(|(_, v)| v).sum::<f64>() / lit().map(|(m, _)| m).sum::<f64>()

@@ -1,20 +1,21 @@
-//! An expected image beside the mean of many ray images.
+//! Comparison of an expected image with the mean of many ray-traced images.
 
 use crate::ensemble::Ensemble;
 
-/// How far an expected image is from a mean, in units of what is allowed.
+/// Differences between an expected image and a mean, in units of the tolerance.
 #[derive(Debug, Clone, Copy)]
 pub struct Agreement {
-    /// Total counts: the relative difference, in units of 0.1 % and 4 standard errors.
+    /// Relative difference of total counts, in units of 0.1 % plus 4 standard errors.
     pub total: f64,
-    /// The largest difference of a pixel, in units of 4 tolerances and 5 standard errors.
+    /// Largest difference of a pixel, in units of 4 tolerances plus 5 standard errors.
     pub worst: f64,
-    /// Root mean square difference beyond the statistical error over all lit pixels, in units of the tolerance.
+    /// Root mean square difference beyond the statistical error over all lit pixels, in units of the
+    /// tolerance.
     pub rms: f64,
 }
 
 impl Agreement {
-    /// Compares; `tolerance` is the expected image's, as a share of the peak.
+    /// Compares both; `tolerance` is that of the expected image, relative to the peak.
     pub fn of(expected: &[f64], rays: &Ensemble, tolerance: f64) -> Agreement {
         let images = f64::from(rays.images);
         let peak = expected.iter().copied().fold(0.0, f64::max);
@@ -22,7 +23,8 @@ impl Agreement {
         let (ours, theirs) = (sum(expected), sum(&rays.mean));
         let (mut worst, mut squares, mut noise, mut noise_squares, mut lit) = (0.0f64, 0.0, 0.0, 0.0, 0.0);
         for (&a, &b) in expected.iter().zip(&rays.mean) {
-            // Counts of a pixel are nearly Poisson (Fano factor 0.84 to 1); none at all still leaves one in doubt.
+            // Counts of a pixel are nearly Poisson distributed (Fano factor 0.84 to 1); without counts the
+            // uncertainty is one.
             let variance = (a.max(b) + 1.0 / images) / images;
             worst = worst.max((a - b).abs() / (4.0 * tolerance * peak + 5.0 * variance.sqrt()));
             if a > 0.0 || b > 0.0 {
@@ -41,7 +43,7 @@ impl Agreement {
         }
     }
 
-    /// Whether all is within what is allowed.
+    /// Whether all differences are within the tolerance.
     pub fn holds(&self) -> bool {
         self.total <= 1.0 && self.worst <= 1.0 && self.rms <= 1.0
     }

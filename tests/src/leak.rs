@@ -1,9 +1,9 @@
-//! Does the public part of a test split tell its truth? A search by someone who knows the truth, and so can tell.
+//! Searches the public part of a test split for its (known) truth.
 //!
-//! Searched for, in the decompressed bytes of every file: numbers of the truth as text (rounded ones too) and as f32 and f64 of
-//! either byte order; keys and seeds as text and as u64; names that only the truth has; orders and columns that go with depth,
-//! track or number of particles. Random numbers that follow from a small seed are looked for by [`guess_by_noise`] and
-//! [`guess_by_place`].
+//! The decompressed bytes of every file are searched for numbers of the truth as text (also rounded) and as
+//! f32 and f64 of either byte order; keys and seeds as text and as u64; names that occur in the truth only;
+//! row orders and columns that correlate with depth, track or number of particles. [`guess_by_noise`] and
+//! [`guess_by_place`] search for small seeds.
 
 use std::collections::{BTreeMap, HashSet};
 use std::io::Read;
@@ -11,7 +11,7 @@ use std::path::Path;
 
 use anyhow::{Context, ensure};
 use microsig_core::Settings;
-use microsig_core::sensor::{Light, Sensor};
+use microsig_core::sensor::{Light, NoiseRounding, Sensor};
 use microsig_core::stream::{Purpose, Streams};
 use rayon::prelude::*;
 
@@ -41,23 +41,23 @@ struct Particle {
     z_um: f64,
 }
 
-/// What nobody may learn from the package.
+/// Secrets that the package must not reveal.
 #[derive(Debug)]
 pub struct Known {
-    /// Numbers with so many digits that they do not occur by chance, sorted.
+    /// Numbers with enough digits not to occur by chance, sorted.
     numbers: Vec<f64>,
     particles: Vec<Particle>,
     visible: Vec<f64>,
-    /// Seeds, and the key in pieces of eight bytes.
+    /// Seeds, and the key in blocks of eight bytes.
     words: Vec<u64>,
     texts: Vec<String>,
 }
 
-/// Digits of a number that is no coincidence.
+/// Number of digits that excludes a coincidence.
 const DIGITS: usize = 7;
 
 impl Known {
-    /// Reads the withheld dataset; `seeds` are those that have to do with it.
+    /// Reads the withheld dataset; `seeds` are the related ones.
     pub fn of(dataset: &Path, seeds: &[u64]) -> anyhow::Result<Self> {
         let mut known = Known {
             numbers: Vec::new(),
@@ -96,7 +96,7 @@ impl Known {
         Ok(known)
     }
 
-    /// All that the files tell.
+    /// All secrets found in the files.
     pub fn told_by(&self, files: &Files) -> Vec<String> {
         let mut found = Vec::new();
         for (path, bytes) in files {
@@ -133,7 +133,7 @@ impl Known {
             let Ok(value) = token.parse::<f64>() else { continue };
             let decimals =
                 token.split_once('.').map_or(0, |(_, d)| d.bytes().take_while(u8::is_ascii_digit).count());
-            // Half a unit of the last digit: rounded numbers are told too.
+            // Half a unit of the last digit: finds rounded numbers too.
             let near = 0.5000001 * 10f64.powi(-(decimals as i32));
             let next = self.numbers.partition_point(|n| *n < value - near);
             if self.numbers.get(next).is_some_and(|n| *n <= value + near) {
@@ -152,7 +152,8 @@ impl Known {
             let bits = self.numbers.iter().map(|n| ((n * factor) as f32).to_bits());
             bits.flat_map(|w| [w, w.swap_bytes()]).collect()
         };
-        // Four bytes may be equal by chance, so they are compared with numbers that are nobody's.
+        // Four bytes may match by chance, so the number of matches is compared with that of unrelated
+        // numbers.
         let (true_singles, others) = (singles(1.0), singles(1.000_123));
         let mut hits = [0usize; 4];
         for window in bytes.windows(8) {
@@ -178,7 +179,7 @@ impl Known {
         found
     }
 
-    /// Rows in the order of depth or track; columns that go with the number of particles in a frame.
+    /// Rows in the order of depth or track; columns that correlate with the number of particles in a frame.
     fn by_order(&self, bytes: &[u8]) -> Vec<String> {
         let mut found = Vec::new();
         let table = rows(bytes);
@@ -186,7 +187,7 @@ impl Known {
             .iter()
             .filter_map(|row| {
                 let (frame, x, y) = (*row.get("frame")? as u32, *row.get("x_px")?, *row.get("y_px")?);
-                // Places may be rounded or a little off.
+                // Positions may be rounded or slightly off.
                 let is_it =
                     |p: &&Particle| p.frame == frame && (p.x_px - x).abs() < 0.5 && (p.y_px - y).abs() < 0.5;
                 self.particles.iter().find(is_it).copied()
@@ -205,7 +206,7 @@ impl Known {
         if table.len() == self.visible.len() && table.len() >= 8 {
             for name in table[0].keys() {
                 let column: Vec<f64> = table.iter().filter_map(|row| row.get(name).copied()).collect();
-                // Numbers and times of frames grow whatever the particles do.
+                // Frame numbers and times increase in any case.
                 let grows = column.windows(2).all(|w| w[0] < w[1]);
                 if column.len() == table.len()
                     && !grows
@@ -219,12 +220,12 @@ impl Known {
     }
 }
 
-/// Names that only the truth has.
+/// Names that occur in the truth only.
 fn names(path: &str, bytes: &[u8]) -> Vec<String> {
     let mut found = Vec::new();
     let secret = ["truth/", "scenario", "secret", "salt", "preview", "inputs/"].into_iter();
     found.extend(secret.filter(|s| path.contains(s)).map(|s| format!("{s} in the name of a file")));
-    // The particle of the calibration stack is where the table says.
+    // The calibration stack's particle is public.
     if path.contains("particles/") && !path.contains("calibration/") {
         found.push("a data file".to_owned());
     }
@@ -256,7 +257,7 @@ fn digits(token: &str) -> usize {
     all.trim_start_matches('0').len()
 }
 
-/// The numbers of a table by the names of their columns.
+/// The rows of a table: numbers by column name.
 fn rows(bytes: &[u8]) -> Vec<BTreeMap<String, f64>> {
     let mut reader = csv::ReaderBuilder::new().flexible(true).from_reader(bytes);
     let header: Vec<String> =
@@ -284,19 +285,21 @@ pub fn spearman(a: &[f64], b: &[f64]) -> f64 {
     if aa * bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
 }
 
-/// Whether a rank correlation is four standard errors away from none (Fisher's transformation; Fieller et al. 1957).
+/// Whether a rank correlation differs from zero by four standard errors (Fisher's transformation; Fieller et
+/// al. 1957).
 fn is_no_chance(rho: f64, n: usize) -> bool {
     n >= 8 && rho.clamp(-1.0, 1.0).abs().atanh() * ((n as f64 - 3.0) / 1.06).sqrt() > 4.0
 }
 
-/// The first of the seeds whose background noise is that of an image (the first frame of a dataset).
+/// The first seed whose background noise matches an image (the first frame of a dataset).
 pub fn guess_by_noise(settings: &Settings, counts: &[f64], seeds: std::ops::Range<u64>) -> Option<u64> {
-    // The noise of a row begins at its left end, so the corner of an image has the noise of a small sensor.
+    // The noise of a row starts at its left end, so the corner of an image has the noise of a smaller sensor.
     let (width, height) = (settings.pixel_dim_x.min(32), settings.pixel_dim_y.min(24));
     let corner = Settings { pixel_dim_x: width, pixel_dim_y: height, ..settings.clone() };
-    let sensor = Sensor::new(&corner);
+    let sensor = Sensor::new(&corner).with_rounding(NoiseRounding::AfterSum);
     let dark = Light::dark(&corner);
-    // Differences of neighbours: particles are smooth where they are not bright, and bright places are clipped.
+    // Differences between neighbors: particle images are smooth except where they are bright, and bright
+    // pixels are clipped.
     let most = 4.0 * settings.background_noise;
     let steps = |rows: &[f64], stride: usize| -> Vec<f64> {
         let row =
@@ -307,7 +310,7 @@ pub fn guess_by_noise(settings: &Settings, counts: &[f64], seeds: std::ops::Rang
     seeds.into_par_iter().find_any(|&seed| {
         let guess = sensor.expose(&dark, &Streams::new(seed), Purpose::BackgroundNoise, 0);
         let guess: Vec<f64> = guess.counts.iter().map(|c| f64::from(*c)).collect();
-        // Steps of other noise correlate by 0.04 (one standard error for the 700 pixels of a corner).
+        // Unrelated noise correlates by 0.04 (one standard error for the 700 pixels of the corner).
         correlation(&steps(&guess, width as usize), &seen) > 0.3
     })
 }
@@ -320,7 +323,7 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
     if aa * bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
 }
 
-/// The first of the seeds from which the scenario makes the first place of the truth.
+/// The first seed with which the scenario gives the first position of the truth.
 pub fn guess_by_place(dataset: &Path, seeds: std::ops::Range<u64>) -> anyhow::Result<Option<u64>> {
     let path = dataset.join("scenario.ron");
     let spec = bench::scenario::parse(&std::fs::read_to_string(&path)?, &path.display().to_string())?;
@@ -330,7 +333,7 @@ pub fn guess_by_place(dataset: &Path, seeds: std::ops::Range<u64>) -> anyhow::Re
     let scene = scenario.scene(scenario.field().context("a velocity field")?)?;
     let times = scenario.recordings.times_s(0, Streams::new(0));
     Ok(seeds.into_par_iter().find_any(|&seed| {
-        let start = flows::Start::default();
+        let start = flows::RecordingStart::default();
         let frame =
             scene.record(&times[..1], Streams::new(seed), start).ok().and_then(|mut s| s.next()?.ok());
         frame

@@ -1,14 +1,22 @@
-//! What the end-to-end tests share: reference data and the measures that images are compared by.
+//! Shared code of the end-to-end tests: reference data, measures for comparing images, checks of the
+//! repository.
 
 pub mod ensemble;
 pub mod error_map;
 pub mod expected;
+pub mod golden;
 pub mod leak;
 pub mod maxima;
 pub mod measure;
 pub mod microsig;
+pub mod modules;
 pub mod npy;
+pub mod picture;
+pub mod process;
+pub mod python;
 pub mod reference;
+pub mod template;
+pub mod web;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -42,12 +50,16 @@ pub fn counts(path: &Path) -> anyhow::Result<Vec<f64>> {
 
 /// SHA-256 of a file, in hexadecimal.
 pub fn sha256(path: &Path) -> anyhow::Result<String> {
-    use sha2::Digest;
-    let digest = sha2::Sha256::digest(std::fs::read(path)?);
-    Ok(digest.iter().map(|byte| format!("{byte:02x}")).collect())
+    Ok(sha256_of(&std::fs::read(path)?))
 }
 
-/// SHA-256 of every file below a folder, by its path there.
+/// SHA-256 of bytes, in hexadecimal.
+pub fn sha256_of(bytes: &[u8]) -> String {
+    use sha2::Digest;
+    sha2::Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// SHA-256 of every file below a folder, by relative path.
 pub fn tree(folder: &Path) -> anyhow::Result<BTreeMap<String, String>> {
     let mut files = BTreeMap::new();
     let mut folders = vec![folder.to_owned()];

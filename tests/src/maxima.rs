@@ -4,6 +4,7 @@ use std::path::Path;
 
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::render::RayRenderer;
+use microsig_core::render::Render;
 use microsig_core::sensor::Sensor;
 use microsig_core::stream::{Purpose, Streams};
 use microsig_core::{Particle, Settings};
@@ -44,7 +45,8 @@ pub fn read(path: &Path) -> anyhow::Result<Vec<Maximum>> {
     Ok(curve)
 }
 
-/// Our curve: a particle on the pixel centre in the middle of the sensor, with background and noise.
+/// The curve by microsig: a particle at a pixel center in the middle of the sensor, with background and
+/// noise.
 pub fn curve(
     settings: &Settings,
     d_um: f64,
@@ -79,7 +81,7 @@ pub fn curve(
     Ok(maxima)
 }
 
-/// Depth of the peak, um: the vertex of the parabola through the highest value and its two neighbours.
+/// Depth of the peak, um: the vertex of the parabola through the highest value and its two neighbors.
 pub fn peak(curve: &[Maximum]) -> f64 {
     let highest = (1..curve.len() - 1).max_by(|&i, &j| curve[i].mean.total_cmp(&curve[j].mean)).unwrap_or(1);
     let [left, top, right] = [curve[highest - 1].mean, curve[highest].mean, curve[highest + 1].mean];

@@ -1,23 +1,23 @@
-//! Measures of an image of one particle.
+//! Measures of a particle image.
 
-/// Total, centroid, central second moments and the radii that hold half and nine tenths of the light.
+/// Total, centroid, central second moments and the radii that contain 50 and 90 % of the light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measures {
     /// Sum of all pixels, counts.
     pub total: f64,
-    /// Centroid, px, first pixel centre = 1.
+    /// Centroid along x, px; first pixel center = 1.
     pub cx: f64,
-    /// Centroid along rows, px.
+    /// Centroid along y, px.
     pub cy: f64,
-    /// Second moment along columns, px^2.
+    /// Central second moment along x, px^2.
     pub mxx: f64,
-    /// Second moment along rows, px^2.
+    /// Central second moment along y, px^2.
     pub myy: f64,
-    /// Mixed second moment, px^2.
+    /// Mixed central second moment, px^2.
     pub mxy: f64,
-    /// Radius about the centroid with half of the light, px.
+    /// Radius about the centroid that contains 50 % of the light, px.
     pub r50: f64,
-    /// Radius with nine tenths of the light, px.
+    /// Radius about the centroid that contains 90 % of the light, px.
     pub r90: f64,
 }
 
@@ -90,7 +90,7 @@ mod tests {
         }
         let m = measure(5, &values);
         assert_eq!((m.total, m.cx, m.cy, m.mxx, m.myy, m.mxy), (8.0, 2.5, 2.5, 0.25, 0.25, 0.0));
-        // All four pixels lie at sqrt(0.5); half of the light is inside exactly there.
+        // All four pixels have the distance sqrt(0.5), at which exactly half of the light is inside.
         assert!((m.r50 - 0.5f64.sqrt()).abs() < 1e-9);
     }
 }

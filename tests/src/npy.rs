@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, bail};
 use npyz::{DType, NpyFile, Order, TypeChar};
 
-/// An array of one or two dimensions, rows first.
+/// An array of one or two dimensions in row-major order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Array {
     /// Rows and columns; one row for a vector.

@@ -1,4 +1,4 @@
-//! Our images against those of the original program: one row of `summary.csv` at a time.
+//! Comparison of images with those of the original program, one row of `summary.csv` at a time.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -24,12 +24,12 @@ pub struct Case {
     pub of_mean: Measures,
     /// Their standard errors.
     pub standard_errors: Measures,
-    /// Variance over mean of its pixels.
+    /// Fano factor: variance over mean of its pixels.
     pub fano: f64,
     folder: PathBuf,
 }
 
-/// One number of ours beside the original's.
+/// A quantity of our image and of the original's.
 #[derive(Debug, Clone)]
 pub struct Check {
     /// What is compared.
@@ -43,7 +43,7 @@ pub struct Check {
 }
 
 impl Check {
-    /// The difference in units of what is allowed; at most 1 if the check holds.
+    /// The difference in units of the tolerance; at most 1 if the check passes.
     pub fn used(&self) -> f64 {
         (self.ours - self.theirs).abs() / self.allowed
     }
@@ -79,17 +79,18 @@ pub fn cases(folder: &Path) -> anyhow::Result<Vec<Case>> {
 }
 
 impl Case {
-    /// The settings it was drawn with.
+    /// The settings of the image.
     pub fn settings(&self) -> anyhow::Result<Settings> {
         crate::settings(&self.folder.join("settings.txt"))
     }
 
-    /// The particles it shows.
+    /// The particles in the image.
     pub fn particles(&self) -> anyhow::Result<Vec<Particle>> {
         crate::particles(&self.folder.join(format!("{}.txt", self.name)))
     }
 
-    /// The original's mean image, counts, where it is stored (as `_mean.npy`, or as the sum `_sum.npy` of its images).
+    /// The original's mean image, counts, where it is stored (as `_mean.npy`, or as the sum `_sum.npy` of its
+    /// images).
     pub fn mean_image(&self) -> anyhow::Result<Option<Vec<f64>>> {
         let file = |suffix: &str| self.folder.join(format!("{}{suffix}", self.name));
         if file("_mean.npy").exists() {
@@ -102,18 +103,19 @@ impl Case {
         Ok(None)
     }
 
-    /// Draws our images of the case. Random numbers differ from row to row, so that rows fail independently.
+    /// Renders images of the case. Random numbers differ between rows, so that rows fail independently.
     pub fn draw(&self, images: u32) -> anyhow::Result<Ensemble> {
         let label = format!("{}/{}", self.case, self.name);
         let seed = label.bytes().fold(1u64, |seed, byte| seed.wrapping_mul(1_000_003) ^ u64::from(byte));
         Ensemble::draw(&self.settings()?, &self.particles()?, SpheroidLaw::Original, seed, images)
     }
 
-    /// Our scalars beside the original's.
+    /// Compares the scalar measures.
     ///
-    /// Bars: total 0.5 %; centroid 0.01 px; second moments 1 % (the mixed one, which vanishes for round images, 1 % of
-    /// the root of the product of the other two); radii 1 % or 0.08 px, whichever is more; each plus 3 combined
-    /// standard errors. Variance over mean: 0.1; its own statistical error is 0.01 to 0.04 (few bright pixels, 20 images).
+    /// Tolerances: total 0.5 %; centroid 0.01 px; second moments 1 % (the mixed one, which vanishes for round
+    /// images, 1 % of the root of the product of the other two); radii 1 % or 0.08 px, whichever is more;
+    /// each plus 3 combined standard errors. Variance over mean: 0.1; its own statistical error is 0.01 to
+    /// 0.04 (few bright pixels, 20 images).
     pub fn check_measures(&self, ours: &Ensemble) -> Vec<Check> {
         let t = &self.of_mean;
         let bars = [
@@ -141,13 +143,14 @@ impl Case {
         checks
     }
 
-    /// Our mean image beside the original's.
+    /// Compares the mean images.
     ///
-    /// `rms`: root mean square difference over the lit pixels beyond the spread of both means; at most 0.5 % of the
-    /// peak, where the mean square may exceed that by 3 standard errors of its own (of few bright pixels it is not known
-    /// better). `chi2`: mean of the squared difference in units of the spread, 1 where the laws are equal. We model the
-    /// spread with one ratio of variance to mean, `fano`, for all pixels of an image, while dim pixels have 1: so it may
-    /// be up to 1/fano (times c_int, which scales both), and 4 standard deviations of chi-square more.
+    /// `rms`: root mean square difference over the lit pixels beyond the statistical error of both means; at
+    /// most 0.5 % of the peak, plus 3 standard errors of the mean square (which is uncertain if there are few
+    /// bright pixels). `chi2`: mean squared difference in units of the variance, 1 for equal distributions.
+    /// The variance is modeled with a single Fano factor for all pixels of an image, while that of dim pixels
+    /// is 1: chi2 may therefore be up to 1/fano (times c_int, which scales both) plus 4 standard deviations
+    /// of chi-square.
     pub fn check_image(&self, ours: &Ensemble, theirs: &[f64]) -> anyhow::Result<Vec<Check>> {
         let comparison = self.compare(ours, theirs);
         let peak = theirs.iter().copied().fold(0.0, f64::max);
@@ -172,7 +175,8 @@ impl Case {
     fn compare(&self, ours: &Ensemble, theirs: &[f64]) -> Comparison {
         let (mut squares, mut expected, mut expected_squares, mut lit) = (0.0, 0.0, 0.0, 0.0);
         let (mut chi2, mut degrees_of_freedom) = (0.0, 0.0);
-        // Pixels of few counts are not normal: neighbours of a row are pooled until they hold 10 counts in all images.
+        // Pixels with few counts are not normally distributed: neighbors in a row are pooled until they have
+        // 10 counts in all images.
         let (mut pooled_difference, mut pooled_mean) = (0.0, 0.0);
         let images = f64::from(ours.images + self.images);
         for (&a, &b) in ours.mean.iter().zip(theirs) {
@@ -200,7 +204,8 @@ impl Case {
         }
     }
 
-    /// The differences of the mean images in units of their spread, pixel by pixel; 0 where both are dark.
+    /// Differences of the mean images in units of their standard deviation, for each pixel; 0 where both are
+    /// dark.
     pub fn differences(&self, ours: &Ensemble, theirs: &[f64]) -> Vec<f64> {
         ours.mean
             .iter()
@@ -212,20 +217,21 @@ impl Case {
             .collect()
     }
 
-    /// The best estimate of a pixel's expectation if both have the same.
+    /// The best estimate of a pixel's expectation, assumed equal for both.
     fn pooled_mean(&self, ours: &Ensemble, a: f64, b: f64) -> f64 {
         let (n, k) = (f64::from(ours.images), f64::from(self.images));
         (n * a + k * b) / (n + k)
     }
 
-    /// Variance of the difference of the two means: that of a pixel is the original's fano times its expectation.
+    /// Variance of the difference of the two means; the variance of a pixel is the original's Fano factor
+    /// times its expectation.
     fn spread(&self, ours: &Ensemble, mean: f64) -> f64 {
         self.fano * mean * (1.0 / f64::from(ours.images) + 1.0 / f64::from(self.images))
     }
 }
 
 struct Comparison {
-    /// Mean square difference beyond the spread, counts^2.
+    /// Mean square difference beyond the statistical error, counts^2.
     excess: f64,
     /// Its standard error.
     excess_error: f64,

@@ -1,11 +1,12 @@
-//! The baseline trackers from end to end: a dataset is made, tracked and scored, and the scores are as good as they should be.
+//! End-to-end tests of the baseline trackers: a dataset is generated, tracked and scored, and the scores must
+//! reach limits.
 
 use std::path::Path;
 
 use serde_json::Value;
 use suite::microsig::{fail, path, run};
 
-/// Some particles on 376 x 240 px behind a lens, mostly well apart.
+/// Defocused particles on 376 x 240 px, mostly isolated.
 fn defocused(preset: &str, count: u32, pairs: u32) -> String {
     format!(
         r#"(
@@ -18,7 +19,7 @@ fn defocused(preset: &str, count: u32, pairs: u32) -> String {
     )
 }
 
-/// Spots in focus that a vortex moves by up to 3 px.
+/// In-focus particles displaced by a vortex by up to 3 px.
 fn in_focus(ppp: f64) -> String {
     format!(
         r#"(
@@ -41,12 +42,12 @@ fn generate(folder: &Path, scenario: &str) {
     run(&["generate", path(&file), "--out", path(&folder.join("dataset")), "--quiet"]);
 }
 
-/// Tracks the dataset of a folder; gives its score.
+/// Tracks the dataset of a folder and returns the score.
 fn score(folder: &Path, method: &str) -> Value {
     score_inside(folder, method, 0)
 }
 
-/// The same without particles nearer to the edge than this, px.
+/// The same without particles closer than `border` px to the edge.
 fn score_inside(folder: &Path, method: &str, border: u32) -> Value {
     let (dataset, result) = (folder.join("dataset"), folder.join(format!("{method}.csv")));
     let out = folder.join(format!("score_{method}"));
@@ -60,7 +61,7 @@ fn number(score: &Value, pointer: &str) -> f64 {
     score.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("{pointer} in {score}"))
 }
 
-/// Bars for isolated particles: precision, recall, RMS errors along x and y (px), sigma_z/h.
+/// Limits for isolated particles: precision, recall, RMS errors along x and y (px), sigma_z/h.
 fn assert_tracks(score: &Value, what: &str, [precision, recall, xy, z]: [f64; 4]) {
     let detection = |key: &str| number(score, &format!("/detection/{key}"));
     let got = ["precision", "recall", "rmse_x_px", "rmse_y_px"].map(detection);
@@ -76,8 +77,33 @@ fn ncc_finds_defocused_particles_and_their_depth() {
         let folder = tempfile::tempdir().unwrap();
         generate(folder.path(), &defocused(preset, 8, 3));
         let found = score(folder.path(), "ncc");
-        assert_tracks(&found, preset, [0.9, 0.9, 0.3, 0.015]);
+        assert_tracks(&found, preset, [0.9, 0.9, 0.15, 0.012]);
         assert!(number(&found, "/links/f1") > 0.85, "{preset}: {}", found["links"]);
+    }
+}
+
+#[test]
+fn mle_is_more_precise_and_gives_the_same_bytes_for_any_number_of_threads() {
+    for preset in ["setting1", "setting1a"] {
+        let folder = tempfile::tempdir().unwrap();
+        generate(folder.path(), &defocused(preset, 8, 2));
+        assert_tracks(&score(folder.path(), "mle"), preset, [0.9, 0.9, 0.1, 0.006]);
+    }
+    let folder = tempfile::tempdir().unwrap();
+    generate(folder.path(), &defocused("setting1", 4, 2));
+    let dataset = folder.path().join("dataset");
+    for method in ["ncc", "mle"] {
+        let results = ["1", "2", "7"].map(|threads| {
+            let out = folder.path().join(format!("{method}_{threads}.csv"));
+            let run_with = ["--out", path(&out), "--threads", threads, "--json"];
+            let said = run(&[&["track", path(&dataset), "--method", method][..], &run_with].concat());
+            let said: Value = serde_json::from_str(&said).unwrap();
+            let [mean, slowest] =
+                ["seconds_per_frame", "slowest_frame_seconds"].map(|key| number(&said, &format!("/{key}")));
+            assert!(0.0 < mean && mean <= slowest, "{said}");
+            std::fs::read(out).unwrap()
+        });
+        assert!(results.iter().all(|r| *r == results[0]), "{method}");
     }
 }
 
@@ -85,7 +111,7 @@ fn ncc_finds_defocused_particles_and_their_depth() {
 fn aptv_finds_astigmatic_particles_and_their_depth() {
     let folder = tempfile::tempdir().unwrap();
     generate(folder.path(), &defocused("setting1a", 6, 8));
-    // Widths are known of whole images only.
+    // Widths can be measured for complete particle images only.
     assert_tracks(&score_inside(folder.path(), "aptv", 36), "aptv", [0.9, 0.6, 0.2, 0.01]);
 }
 
@@ -129,4 +155,40 @@ fn anchors_score_what_they_are_made_of() {
     let nothing = score(folder.path(), "empty");
     assert_eq!(number(&nothing, "/detection/recall"), 0.0);
     assert!(nothing["detection"]["precision"].is_null());
+}
+
+#[test]
+fn wrong_calibration_stacks_and_options_are_named_not_panicked_on() {
+    let folder = tempfile::tempdir().unwrap();
+    generate(folder.path(), &defocused("setting1", 2, 1));
+    let (dataset, out) = (folder.path().join("dataset"), folder.path().join("out.csv"));
+    let table = dataset.join("calibration/calibration.csv");
+    let whole = std::fs::read_to_string(&table).unwrap();
+    // The third data row, with another depth or position.
+    let changed = |column: usize, value: &str| {
+        let mut lines: Vec<String> = whole.lines().map(str::to_owned).collect();
+        let mut cells: Vec<&str> = lines[3].split(',').collect();
+        cells[column] = value;
+        lines[3] = cells.join(",");
+        std::fs::write(&table, lines.join("\n")).unwrap();
+    };
+    for method in ["ncc", "aptv"] {
+        let command = ["track", path(&dataset), "--method", method, "--out", path(&out)];
+        for (column, name, value) in
+            [(1, "z_um", "NaN"), (2, "x_px", "1000"), (3, "y_px", "-4"), (2, "x_px", "inf")]
+        {
+            changed(column, value);
+            let said = fail(2, &command);
+            assert!(said.contains("calibration.csv:4: ") && said.contains(name), "{method}: {said}");
+            assert!(!out.exists());
+        }
+        // Off-center but inside: only makes templates smaller.
+        changed(2, "12");
+        run(&[&command[..], &["--quiet"]].concat());
+        std::fs::remove_file(&out).unwrap();
+    }
+    let far = ["track", path(&dataset), "--method", "empty", "--out", path(&out), "--max-displacement"];
+    let said = fail(2, &[&far[..], &["0"]].concat());
+    assert!(said.contains("--max-displacement 0: expected 0.001 to 100000 px"), "{said}");
+    run(&[&far[..], &["2000", "--quiet"]].concat());
 }

@@ -1,4 +1,4 @@
-//! A particle is drawn where its label says.
+//! The centroid of a particle image is at the true position.
 
 use std::f64::consts::PI;
 
@@ -16,7 +16,7 @@ const BINS: usize = 8;
 fn offsets_vanish(settings: &Settings) {
     let renderer = RayRenderer::new(settings, SpheroidLaw::Original).unwrap();
     let mut positions = Streams::new(6).stream(Purpose::Seeding, 0, 0);
-    // Around the middle of 752 x 366 px no image (half width at most 45 px) reaches the edge.
+    // In the middle of 752 x 366 px no particle image (half width at most 45 px) reaches the edge.
     let particles: Vec<Particle> = (0..PARTICLES / 2)
         .flat_map(|_| {
             let [x, y, x2, y2, z] = [(); 5].map(|()| positions.uniform());
@@ -30,8 +30,9 @@ fn offsets_vanish(settings: &Settings) {
         .par_iter()
         .enumerate()
         .map_init(Scratch::default, |scratch, (i, particle)| {
-            // Half a turn mirrors all directions of a fan in x, so in a pair of particles the scatter of x cancels but
-            // for the pixels; the mean is then known to 0.00002 px in x, and to 0.0002 px in y, where it is not needed.
+            // A rotation by 180 degrees mirrors all directions of a fan in x, so in a pair of particles the
+            // scatter in x cancels except for pixelation: the mean is known to 0.00002 px in x, and to 0.0002
+            // px in y.
             let mut stream = streams.stream(Purpose::Rays, 0, i as u32 / 2);
             let half_turn = (i % 2) as f64 * PI;
             let angles: Vec<f64> = (0..points).map(|_| 2.0 * PI * stream.uniform() + half_turn).collect();
@@ -54,10 +55,12 @@ fn offsets_vanish(settings: &Settings) {
     let mean = |f: &dyn Fn(&(f64, f64)) -> f64| offsets.iter().map(f).sum::<f64>() / n;
     let (x, y) = (mean(&|o| o.0), mean(&|o| o.1));
     println!("mean offset {x:.5}, {y:.5} px");
-    // What is left in x is the model's own: the 1087 points of a 2 um sphere's spiral lie 0.0012 um off its centre.
+    // The remainder in x is a property of the model: the 1087 points of a 2 um sphere's spiral have a
+    // centroid 0.0012 um off its center.
     assert!(x.abs() < 0.002 && y.abs() < 0.002, "mean offset {x}, {y} px");
 
-    // A particle drawn at the nearest pixel centre would pass so far; it may not depend on the sub-pixel position either.
+    // So far, a particle rendered at the nearest pixel center would pass; the offset must not depend on the
+    // sub-pixel position either.
     let bin = |v: f64| ((v - v.floor()) * BINS as f64) as usize;
     let mut bins = [[(0.0, 0.0); BINS]; 2];
     for (particle, offset) in particles.iter().zip(&offsets) {
@@ -68,7 +71,8 @@ fn offsets_vanish(settings: &Settings) {
     }
     let worst = bins.iter().flatten().map(|(sum, n)| (sum / n).abs()).fold(0.0, f64::max);
     println!("largest mean offset of a sub-pixel bin {worst:.5} px");
-    // 0.004 px is the bar of a single position. 1250 particles a bin that scatter by 0.02 px: standard error 0.0006 px.
+    // The tolerance of a single position is 0.004 px. 1250 particles per bin with a scatter of 0.02 px:
+    // standard error 0.0006 px.
     assert!(worst < 0.004, "mean offset {worst} px in one of the bins of sub-pixel position");
 }
 

@@ -1,8 +1,8 @@
-//! The command as users meet it: good runs, wrong inputs, nothing half-written.
+//! The command line: successful runs, invalid input, no incomplete output.
 
 use std::path::{Path, PathBuf};
 
-use suite::microsig::{fail, path, run};
+use suite::microsig::{fail, microsig, path, run};
 
 const SCENARIO: &str = r#"(
     name: "small",
@@ -25,7 +25,7 @@ fn generate(folder: &Path, text: &str) -> PathBuf {
     out
 }
 
-/// Every path in a folder, to see that nothing was left behind.
+/// Every path in a folder, to check that nothing is left behind.
 fn listing(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> =
         std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
@@ -42,7 +42,7 @@ fn a_dataset_verifies_and_can_be_made_again() {
     assert_eq!(result["regenerated"], true);
     assert_eq!(listing(place.path()), ["dataset", "scenario.ron"]);
 
-    // The written scenario is the scenario: from it, in place, the same dataset is made.
+    // The scenario stored in a dataset reproduces it.
     let again = place.path().join("again");
     run(&["generate", path(&dataset.join("scenario.ron")), "--out", path(&again)]);
     let sums = |d: &Path| std::fs::read_to_string(d.join("SHA256SUMS")).unwrap();
@@ -84,7 +84,7 @@ fn nothing_is_overwritten_without_force() {
     assert!(fail(2, &arguments).contains("exists already"));
     run(&[&arguments[..], &["--force"]].concat());
 
-    // A folder that is no dataset is never removed, whatever is asked for.
+    // A folder that is not a dataset is never removed.
     let own = place.path().join("own");
     std::fs::create_dir(&own).unwrap();
     write(&own, "thesis.txt", "three years of work");
@@ -99,38 +99,108 @@ fn nothing_is_overwritten_without_force() {
     run(&[&arguments[..], &["--force"]].concat());
 }
 
+/// Kills a run after some images; returns its unfinished folder.
+fn killed(scenario: &Path, dataset: &Path) -> PathBuf {
+    let partial = dataset.with_added_extension("partial");
+    let mut run = microsig()
+        .args(["generate", path(scenario), "--out", path(dataset), "--threads", "1", "--quiet"])
+        .spawn()
+        .unwrap();
+    let images = || std::fs::read_dir(partial.join("images")).map_or(0, Iterator::count);
+    while images() < 4 && run.try_wait().unwrap().is_none() {
+        std::thread::yield_now();
+    }
+    run.kill().unwrap();
+    assert!(!run.wait().unwrap().success(), "the run was over before it was killed");
+    partial
+}
+
 #[test]
 fn an_interrupted_run_goes_on_with_resume_only() {
     let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), SCENARIO);
-    let sums = std::fs::read_to_string(dataset.join("SHA256SUMS")).unwrap();
-    // As a killed run leaves it: unfinished name, some images, half-written files, no checksums.
-    let partial = place.path().join("dataset.partial");
-    std::fs::rename(&dataset, &partial).unwrap();
-    for file in ["SHA256SUMS", "datapackage.json", "images/pair_00001_b.tif", "truth/tracks.csv"] {
-        std::fs::remove_file(partial.join(file)).unwrap();
-    }
+    let text = SCENARIO.replace("count: 2", "count: 60");
+    let scenario = write(place.path(), "scenario.ron", &text);
+    let (whole, dataset) = (place.path().join("whole"), place.path().join("dataset"));
+    run(&["generate", path(&scenario), "--out", path(&whole)]);
+    let sums = |d: &Path| std::fs::read_to_string(d.join("SHA256SUMS")).unwrap();
+
+    let partial = killed(&scenario, &dataset);
+    // As after a power failure: truncated files, among them a finished image.
     write(&partial, "images/.unfinished-x1", "half");
     write(&partial, "truth/tracks.csv", "frame,t_");
-
-    let scenario = place.path().join("scenario.ron");
+    write(&partial, "images/pair_00000_a.tif", "");
     let arguments = ["generate", path(&scenario), "--out", path(&dataset)];
     assert!(fail(2, &arguments).contains("--resume"));
-    run(&[&arguments[..], &["--resume"]].concat());
-    assert_eq!(std::fs::read_to_string(dataset.join("SHA256SUMS")).unwrap(), sums);
-    run(&["verify", path(&dataset)]);
-    // A job that is started again when all is done.
-    let said = run(&[&arguments[..], &["--resume"]].concat());
-    assert!(said.contains("is there already"), "{said}");
-    let other = write(place.path(), "other.ron", &SCENARIO.replace("count(4)", "count(3)"));
-    let message = fail(2, &["generate", path(&other), "--out", path(&dataset), "--resume"]);
-    assert!(message.contains("another scenario; cannot resume"), "{message}");
-    assert_eq!(std::fs::read_to_string(dataset.join("SHA256SUMS")).unwrap(), sums);
+    let resumed = [&arguments[..], &["--resume"]].concat();
 
-    std::fs::rename(&dataset, &partial).unwrap();
-    let other = write(place.path(), "other.ron", &SCENARIO.replace("count(4)", "count(5)"));
+    // A foreign file stops the run and is named; it is neither included nor removed.
+    let notes = write(&partial, "images/notes.txt", "mine");
+    for arguments in [&resumed, &[&arguments[..], &["--force"]].concat()] {
+        let message = fail(2, arguments);
+        assert!(message.contains("images/notes.txt") && notes.exists(), "{message}");
+    }
+    std::fs::remove_file(notes).unwrap();
+    let other = write(place.path(), "other.ron", &text.replace("count(4)", "count(5)"));
     let message = fail(2, &["generate", path(&other), "--out", path(&dataset), "--resume"]);
     assert!(message.contains("another scenario"), "{message}");
+
+    run(&resumed);
+    assert_eq!(sums(&dataset), sums(&whole));
+    run(&["verify", path(&dataset)]);
+    // A job that is restarted when everything is complete.
+    let said = run(&resumed);
+    assert!(said.contains("is there already"), "{said}");
+    let message = fail(2, &["generate", path(&other), "--out", path(&dataset), "--resume"]);
+    assert!(message.contains("another scenario; cannot resume"), "{message}");
+    assert_eq!(sums(&dataset), sums(&whole));
+    assert_eq!(listing(place.path()), ["dataset", "other.ron", "scenario.ron", "whole"]);
+}
+
+/// Two concurrent runs into one folder: the second is told who holds the lock, and the dataset is complete.
+#[test]
+fn two_runs_never_write_one_folder() {
+    let place = tempfile::tempdir().unwrap();
+    let scenario = write(place.path(), "scenario.ron", &SCENARIO.replace("count: 2", "count: 8"));
+    let whole = place.path().join("whole");
+    run(&["generate", path(&scenario), "--out", path(&whole), "--quiet"]);
+    let sums = |d: &Path| std::fs::read_to_string(d.join("SHA256SUMS")).unwrap();
+    let out = place.path().join("out");
+    for (trial, second) in ["--resume", "--force", "--resume", "--force"].into_iter().enumerate() {
+        let start = |option: &str| {
+            microsig()
+                .args(["generate", path(&scenario), "--out", path(&out), "--quiet", "--threads", "1", option])
+                .stdout(std::process::Stdio::null())
+                .stderr(std::process::Stdio::piped())
+                .spawn()
+                .unwrap()
+        };
+        let first = start("--force");
+        std::thread::sleep(std::time::Duration::from_millis(7 * trial as u64));
+        let outputs = [start(second), first].map(|run| run.wait_with_output().unwrap());
+        assert!(outputs.iter().any(|output| output.status.success()));
+        for output in outputs.iter().filter(|output| !output.status.success()) {
+            let message = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(2), "{message}");
+            let told = message.contains("is writing it") || message.contains("exists already");
+            assert!(told, "{message}");
+        }
+        run(&["verify", path(&out)]);
+        assert_eq!(sums(&out), sums(&whole));
+    }
+    assert_eq!(listing(place.path()), ["out", "scenario.ron", "whole"]);
+}
+
+#[test]
+fn the_command_tells_its_version_and_completes_itself() {
+    let said: serde_json::Value = serde_json::from_str(&run(&["--version", "--json"])).unwrap();
+    assert_eq!(
+        (said["name"].as_str(), said["version"].as_str()),
+        (Some("microsig"), Some(env!("CARGO_PKG_VERSION")))
+    );
+    for shell in ["bash", "zsh", "fish"] {
+        assert!(run(&["completions", shell]).contains("generate"), "{shell}");
+    }
+    assert!(fail(2, &["flows", "--threads", "65536"]).contains("65536 is not in 0..=1024"));
 }
 
 #[test]
@@ -146,7 +216,7 @@ fn wrong_scenarios_name_what_is_wrong_and_leave_nothing() {
         (
             "name:",
             "truth_grid: grid(spacing_px: 0), name:",
-            "truth_grid.grid.spacing_px = 0: expected 0.1 to",
+            "truth_grid.grid.spacing_px = 0: expected a number, 0.1 to 100000 px",
         ),
         ("poiseuille()", "poisseuille()", "did you mean `poiseuille`"),
         ("pixel_dim_x: 90", "pixel_dim_x: 0", "optics.pixel_dim_x = 0: expected a whole number"),
@@ -227,7 +297,7 @@ fn render_takes_what_the_formats_allow() {
     microsig_core::formats::settings_file::write(&mut bytes, &small).unwrap();
     let data = place.path().join("data");
     std::fs::create_dir(&data).unwrap();
-    // The settings file may lie among the data files.
+    // The settings file may be in the folder of the data files.
     let settings = write(&data, "settings.txt", &(String::from_utf8(bytes).unwrap() + "lamp = 3\n"));
     write(&data, "a10.txt", "25;20;-30;2;0.5\n");
     write(&data, "a9.txt", "# nobody\n");
@@ -269,7 +339,7 @@ fn the_truth_agrees_with_itself_and_with_the_data_files() {
             assert_eq!((particle.x_px, particle.y_px), (number(track, "x_px"), number(track, "y_px")));
             assert_eq!(particle.z_um, number(track, "z_um"));
         }
-        // Exactly the wanted number in view in each first frame.
+        // Exactly the requested number in view in each first frame.
         if frame["role"] == "a" {
             assert_eq!(frame["n_visible"], "4");
         }
@@ -279,7 +349,7 @@ fn the_truth_agrees_with_itself_and_with_the_data_files() {
         let find =
             |frame: &str| tracks.iter().find(|t| t["frame"] == d[frame] && t["track"] == d["track"]).unwrap();
         let (a, b) = (find("frame_a"), find("frame_b"));
-        // 1e-9 px is the rounding of coordinates of some hundred px.
+        // 1e-9 px: rounding of coordinates of some hundred px.
         assert!((number(b, "x_px") - number(a, "x_px") - number(d, "dx_px")).abs() < 1e-9);
         assert_eq!((number(d, "dy_px"), number(d, "dz_um")), (0.0, 0.0));
         // Plane Poiseuille flow between -80 and 20 um, 1290 um/s in the middle, 0.645 um per px, 4 ms.

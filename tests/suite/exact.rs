@@ -1,7 +1,8 @@
-//! With the original's own random angles we count the original's rays, to the last one.
+//! With the original's random angles, the ray counts equal the original's exactly.
 //!
-//! `data/exact` holds, for eleven particles, the angle of every source point and the original's counts (its mistaken
-//! extra count removed): spheres under settings 1, 1a and 2, at the sensor's edge, in water, and spheroids.
+//! `data/exact` has, for eleven particles, the angle of every source point and the original's counts (without
+//! its erroneous extra count): spheres in settings 1, 1a and 2, at the sensor edge and in water, and
+//! spheroids.
 
 use microsig_core::emission::{self, GoldenAzimuths, SpheroidLaw};
 use microsig_core::render::{InstructionSet, RayRenderer, exact, rays::Scratch};
@@ -60,9 +61,9 @@ fn the_f64_kernel_gives_the_originals_counts_to_the_last_ray() {
     }
 }
 
-/// The fast kernel rounds to f32, which moves a ray that lands on the border of two pixels: 1-3 of 30,000 in setting 1
-/// and 17-41 of 100,000 in setting 2 were found in a trial; we allow 1 in 2,000. A ray that is left out or counted twice
-/// would change the total by far more than the rays at the rim of the aperture do.
+/// The fast kernel rounds to f32, which moves rays that land on the border of two pixels: 1-3 of 30,000 in
+/// setting 1 and 17-41 of 100,000 in setting 2 in a trial; 1 in 2,000 is allowed. Rays that are omitted or
+/// counted twice would change the total by far more than rays at the rim of the aperture.
 #[test]
 fn the_fast_kernel_counts_the_same_rays() {
     for case in cases() {

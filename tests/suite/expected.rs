@@ -1,10 +1,11 @@
-//! The renderer `expected` is the mean of what `rays` draws.
+//! The renderer `expected` gives the mean of the images by `rays`.
 
 use bench::evaluate::crlb;
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::random::normal;
-use microsig_core::render::InstructionSet;
-use microsig_core::render::expected::{DEFAULT_TOLERANCE, ExpectedRenderer, Gradient};
+use microsig_core::render::Render;
+use microsig_core::render::expected::{ExpectedRenderer, Gradient};
+use microsig_core::render::{ImageStreams, InstructionSet};
 use microsig_core::sensor::Sensor;
 use microsig_core::stream::{Purpose, Streams};
 use microsig_core::{Particle, Settings, Spheroid};
@@ -13,8 +14,11 @@ use suite::expected::Agreement;
 use suite::measure::{Measures, measure};
 use suite::reference;
 
+/// Tolerance of the expected images, finer than the default.
+const TOLERANCE: f64 = 1e-3;
+
 fn renderer(settings: &Settings) -> ExpectedRenderer {
-    ExpectedRenderer::new(settings, SpheroidLaw::Original, DEFAULT_TOLERANCE).unwrap()
+    ExpectedRenderer::new(settings, SpheroidLaw::Original, TOLERANCE).unwrap()
 }
 
 /// A sensor of 141 x 141 px; the last particle is cut by its edge.
@@ -33,7 +37,7 @@ fn on_a_small_sensor(
         let particle = Particle::sphere(x + places.uniform(), 70.0 + places.uniform(), z_um, d_um);
         let rays = mean(&settings, &particle, seed + i as u64);
         let expected = renderer.light(&[particle]).values;
-        let agreement = Agreement::of(&expected, &rays, DEFAULT_TOLERANCE);
+        let agreement = Agreement::of(&expected, &rays, TOLERANCE);
         println!("z {z_um}: {agreement:?}");
         assert!(agreement.holds(), "z {z_um}: {agreement:?}");
     }
@@ -54,7 +58,8 @@ fn it_is_the_mean_of_rays_with_a_cylinder() {
     on_a_small_sensor(&Settings::setting1a(), 2.0, &[-70.0, -50.0, -13.0, 12.0, 34.0], 31, mean_of_rays);
 }
 
-/// Rings larger than the sensor. In setting 2 the regular spirals of `rays` leave a pattern of rows in any mean.
+/// Includes rings larger than the sensor. In setting 2 the regular spirals of `rays` leave a row pattern in
+/// any mean.
 #[test]
 fn it_is_the_mean_of_random_light() {
     on_a_small_sensor(
@@ -66,7 +71,8 @@ fn it_is_the_mean_of_random_light() {
     );
 }
 
-/// A tilted spheroid, by both laws, is the mean of its rays; with the uniform law one of aspect ratio 1 is a sphere.
+/// The expected image of a tilted spheroid is the mean of its rays for both laws; with the uniform law a
+/// spheroid of aspect ratio 1 is a sphere.
 #[test]
 fn spheroids_are_the_mean_of_rays() {
     let settings = Settings { pixel_dim_x: 91, pixel_dim_y: 91, ..Settings::setting1() };
@@ -78,23 +84,23 @@ fn spheroids_are_the_mean_of_rays() {
         (SpheroidLaw::Uniform, -40.0, spheroid(1.0, 0.3, 1.2)),
     ];
     for (i, (law, z_um, spheroid)) in cases.into_iter().enumerate() {
-        let renderer = ExpectedRenderer::new(&settings, law, DEFAULT_TOLERANCE).unwrap();
+        let renderer = ExpectedRenderer::new(&settings, law, TOLERANCE).unwrap();
         let particle = Particle { spheroid, ..Particle::sphere(45.3, 46.1, z_um, 2.0) };
         assert!(renderer.check(&particle).is_ok());
         let rays = Ensemble::draw(&settings, &[particle], law, 51 + i as u64, 200).unwrap();
-        let agreement = Agreement::of(&renderer.light(&[particle]).values, &rays, DEFAULT_TOLERANCE);
+        let agreement = Agreement::of(&renderer.light(&[particle]).values, &rays, TOLERANCE);
         println!("{law:?} z {z_um}: {agreement:?}");
         assert!(agreement.holds(), "{law:?} z {z_um}: {agreement:?}");
     }
 }
 
-/// Tables and drawing, on every instruction set that this processor has.
+/// Tables and rendering, with every instruction set of this processor.
 #[test]
 fn all_instruction_sets_give_the_same_bits() {
     let tilted = Some(Spheroid { e_p: 2.0, alpha_rad: 0.6, beta_rad: 0.9 });
     for settings in [Settings::setting1(), Settings::setting1a()] {
         let settings = Settings { pixel_dim_x: 61, pixel_dim_y: 61, ..settings };
-        // Round images are drawn in two ways.
+        // Round images are rendered in two ways.
         let sphere = Particle::sphere(30.3, 31.1, 22.0, 2.0);
         let before_focus = Particle { z_um: -45.0, ..sphere };
         let particles = [sphere, before_focus, Particle { spheroid: tilted, ..sphere }];
@@ -107,7 +113,8 @@ fn all_instruction_sets_give_the_same_bits() {
     }
 }
 
-/// Wherever a particle lies, next to the sensor too, and however the sensor is dealt out to threads, what is drawn is the table.
+/// For any position, also outside the sensor, and any distribution over threads, the rendered image equals
+/// the table.
 #[test]
 fn what_is_drawn_is_the_table_everywhere_on_the_sensor() {
     let depths = [-70.0, -6.9, 12.2, 39.0];
@@ -135,7 +142,7 @@ fn what_is_drawn_is_the_table_everywhere_on_the_sensor() {
         }
         let peak = sum.iter().copied().fold(0.0, f64::max);
         let light = renderer.light(&particles);
-        // Nothing beyond the windows either.
+        // No light outside the windows.
         for (i, (light, sum)) in light.values.iter().zip(&sum).enumerate() {
             assert!(
                 (light - sum).abs() < 2e-5 * peak,
@@ -149,13 +156,22 @@ fn what_is_drawn_is_the_table_everywhere_on_the_sensor() {
             assert!(light == pool.install(|| renderer.light(&particles)), "{threads} threads");
         }
         let (sensor, streams) = (Sensor::new(&settings), Streams::new(3));
-        let image = renderer.image(&particles, &sensor, &streams, Purpose::BackgroundNoise, 5);
+        let image = renderer.image(
+            &particles,
+            &sensor,
+            ImageStreams {
+                streams: &streams,
+                rays: Purpose::Rays,
+                noise: Purpose::BackgroundNoise,
+                frame: 5,
+            },
+        );
         assert!(image == sensor.expose(&light, &streams, Purpose::BackgroundNoise, 5));
     }
 }
 
-/// A maximum-likelihood fit of the expected image to itself with independent Gaussian noise, of the variance that the
-/// bound assumes, is as good as the bound says.
+/// A maximum-likelihood fit of the expected image to itself, with independent Gaussian noise of the variance
+/// assumed by the bound, reaches the bound.
 #[test]
 fn a_maximum_likelihood_fit_reaches_the_bound() {
     let settings = Settings { pixel_dim_x: 101, pixel_dim_y: 101, ..Settings::setting1() };
@@ -181,7 +197,7 @@ fn a_maximum_likelihood_fit_reaches_the_bound() {
             let model = renderer.gradient(&particle).unwrap();
             let (mut normal_matrix, mut right) = ([[0.0; 4]; 4], [0.0; 4]);
             for (i, pixel) in model.pixels.iter().enumerate() {
-                // The window moves with the particle; beyond it there is no light.
+                // The window moves with the particle; there is no light outside it.
                 let x = model.window.x0 + (i % model.window.width) as i64 - image.window.x0;
                 let y = model.window.y0 + (i / model.window.width) as i64 - image.window.y0;
                 if x < 0 || y < 0 || x >= image.window.width as i64 || y >= image.window.height as i64 {
@@ -209,12 +225,13 @@ fn a_maximum_likelihood_fit_reaches_the_bound() {
     for (square, bound) in squares.into_iter().zip(bound) {
         let efficiency = bound / (square / f64::from(draws)).sqrt();
         println!("bound {bound:.5}, efficiency {efficiency:.3}");
-        // A standard deviation from 500 draws has a standard error of 3.2 %; three of them on top of 0.9 to 1.
+        // A standard deviation from 500 draws has a standard error of 3.2 %; three of them beyond the range
+        // 0.9 to 1.
         assert!((0.9 - 0.1..1.0 + 0.1).contains(&efficiency), "efficiency {efficiency}");
     }
 }
 
-/// Gauss's elimination of a positive definite system.
+/// Solves a positive definite system by Gaussian elimination.
 fn solve(mut matrix: [[f64; 4]; 4], mut right: [f64; 4]) -> [f64; 4] {
     for i in 0..4 {
         for j in i + 1..4 {
@@ -230,9 +247,9 @@ fn solve(mut matrix: [[f64; 4]; 4], mut right: [f64; 4]) -> [f64; 4] {
     right
 }
 
-/// Stored mean images of the original: all measures within the bars of the ray renderer's test.
-/// With setting 2 the original's mean keeps a pattern of rows (every source point sends its rays at the same polar angles),
-/// which shows as chi2 per pixel of about 1.3.
+/// Stored mean images of the original: all measures are within the tolerances of the ray renderer's test. In
+/// setting 2 the original's mean has a row pattern (every source point emits rays at the same polar angles),
+/// which gives a chi2 per pixel of about 1.3.
 #[test]
 fn images_of_the_original_are_met() {
     let chosen = ["set1", "set1_dp1", "set1_edge", "set1_nm133", "set1a", "set2"];
@@ -248,7 +265,7 @@ fn images_of_the_original_are_met() {
         let light = renderer.light(&particles).values;
         let width = settings.pixel_dim_x as usize;
         let ours = Ensemble {
-            // Ours has no statistical error.
+            // The expected image has no statistical error.
             images: 1_000_000,
             width,
             of_mean: measure(width, &light),
@@ -266,15 +283,15 @@ fn images_of_the_original_are_met() {
         };
         for check in case.check_image(&ours, &theirs).unwrap() {
             println!("{label}: {check:?}");
-            // chi2 knows of no tolerance: elsewhere than in setting 2, whose error is a pattern, the mean is held to statistics
-            // plus tolerance.
+            // chi2 has no tolerance of its own: except in setting 2, whose error is a pattern, the mean is
+            // compared within statistics plus tolerance.
             let missed = match (check.quantity, case.case.as_str()) {
                 ("chi2", "set2") => check.ours > 1.4,
-                ("chi2", _) => !Agreement::of(&ours.mean, &of_original, DEFAULT_TOLERANCE).holds(),
+                ("chi2", _) => !Agreement::of(&ours.mean, &of_original, TOLERANCE).holds(),
                 _ => check.used() > 1.0,
             };
             if missed {
-                let agreement = Agreement::of(&ours.mean, &of_original, DEFAULT_TOLERANCE);
+                let agreement = Agreement::of(&ours.mean, &of_original, TOLERANCE);
                 failures.push(format!("{label}: {check:?}, {agreement:?}"));
             }
         }
@@ -283,7 +300,8 @@ fn images_of_the_original_are_met() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// Derivatives against differences of images; the sizes cover a table of its own and one interpolated between sizes.
+/// Compares derivatives with differences of images, for a size with its own table and for one interpolated
+/// between sizes.
 #[test]
 fn derivatives_are_those_of_the_image() {
     let (round, astigmatic) = (Settings::setting1(), Settings::setting1a());
@@ -296,11 +314,11 @@ fn derivatives_are_those_of_the_image() {
             let gradient = renderer.gradient(&particle).unwrap();
             let patch = renderer.patch(&particle).unwrap();
             let peak = patch.counts.iter().copied().fold(0.0, f64::max);
-            // The same splines in f32: sums of some hundred terms.
+            // The same splines in f32: rounding of sums of some hundred terms.
             for (pixel, value) in gradient.pixels.iter().zip(&patch.counts) {
                 assert!((pixel[0] - value).abs() < 1e-5 * peak, "z {z_um}: {} {value}", pixel[0]);
             }
-            // Small against a pixel and against a step between planes.
+            // Small compared with a pixel and with the spacing of planes.
             let step = 1e-3;
             for axis in 0..3 {
                 let moved = |by: f64| {
@@ -324,11 +342,10 @@ fn derivatives_are_those_of_the_image() {
     }
 }
 
-/// Differences over half a pixel and 1 um, as the tables' derivatives of a sphere are but for what lies between.
+/// Finite differences over half a pixel and 1 um.
 #[test]
 fn derivatives_of_spheroids_move_the_image_as_its_particle_moves() {
-    let renderer =
-        ExpectedRenderer::new(&Settings::setting1(), SpheroidLaw::Uniform, DEFAULT_TOLERANCE).unwrap();
+    let renderer = ExpectedRenderer::new(&Settings::setting1(), SpheroidLaw::Uniform, TOLERANCE).unwrap();
     let sphere = Particle::sphere(200.31, 150.77, -33.0, 2.0);
     let nearly = Particle { spheroid: Some(Spheroid::from_axis(1.0005, [1.0, 0.0, 0.0])), ..sphere };
     let (of_sphere, of_nearly) = (renderer.gradient(&sphere).unwrap(), renderer.gradient(&nearly).unwrap());
@@ -347,7 +364,7 @@ fn derivatives_of_spheroids_move_the_image_as_its_particle_moves() {
         assert!(worst < 0.1, "axis {axis}: {worst}");
     }
 
-    // The centroid moves with the particle, and no light comes or goes.
+    // The centroid moves with the particle, and the total light is constant.
     let rod = Particle { spheroid: Some(Spheroid::from_axis(4.0, [0.6, 0.5, 0.3])), d_um: 3.0, ..sphere };
     let gradient = renderer.gradient(&rod).unwrap();
     let total: f64 = gradient.pixels.iter().map(|pixel| pixel[0]).sum();

@@ -1,4 +1,4 @@
-//! Exports of the truth: read back and evaluated, each format scores perfectly.
+//! Exports of the truth, read back and evaluated, have a perfect score in each format.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ const PAIRS: &str = r#"(
     calibration: none,
 )"#;
 
-/// Particles leave the image and come back on the other side under the same number.
+/// Particles leave the image and reenter on the other side with the same number.
 const SEQUENCE: &str = r#"(
     name: "sequence",
     optics: (pixel_dim_x: 100, pixel_dim_y: 80),
@@ -49,7 +49,7 @@ fn exported_particles_score_perfectly() {
         let dataset = generate(place.path(), name, scenario);
         let own = score(&dataset, &dataset.join("truth/tracks.csv"));
         if name == "sequence" {
-            // Otherwise this scenario tests nothing that the other one does not.
+            // Otherwise this scenario tests nothing new.
             let tracks = csv::Reader::from_path(dataset.join("truth/tracks.csv")).unwrap().into_records();
             let all: std::collections::BTreeSet<String> = tracks.map(|r| r.unwrap()[2].to_owned()).collect();
             assert!(own["counts"]["tracks_truth"].as_u64().unwrap() > all.len() as u64);
@@ -71,7 +71,7 @@ fn exported_particles_score_perfectly() {
                 "/clear/mota",
                 "/identity/idf1",
             ] {
-                // Coordinates are rounded once or twice on the way: 1e-13 px, over gates of some px.
+                // Coordinates are rounded once or twice: 1e-13 px relative to gates of some px.
                 assert!((number(key) - 1.0).abs() < 1e-9, "{name} {format} {key}: {}", number(key));
             }
             assert!(number("/detection/rmse_xy_px") < 1e-10, "{name} {format}");
@@ -126,7 +126,7 @@ fn an_export_is_what_the_format_says() {
     near(row[4], (first[3] - 1.0) * 0.645);
     near(row[9], 1.0);
 
-    // Nothing is overwritten; what is no dataset is told.
+    // Nothing is overwritten; a folder that is not a dataset is refused.
     let out = dataset.with_extension("trackpy");
     assert!(
         fail(2, &["export", path(&dataset), "--format", "trackpy", "--out", path(&out)]).contains("exists")
@@ -134,7 +134,7 @@ fn an_export_is_what_the_format_says() {
     let other = place.path().join("none");
     assert!(
         fail(2, &["export", path(&other), "--format", "napari", "--out", path(&other)])
-            .contains("dataset's folder")
+            .contains("expected the folder of a dataset")
     );
 }
 
@@ -163,14 +163,14 @@ fn exported_fields_score_perfectly() {
     let dataset = generate(place.path(), "pairs", PAIRS);
     let table = dataset.join("truth/field.csv");
     std::fs::write(&table, field(&[None])).unwrap();
-    // Middlebury's numbers have 24 bits: 1e-7 of some px.
+    // Middlebury's format has 24-bit mantissas: 1e-7 of some px.
     for (format, bar, vectors) in [("flo", 1e-6, 140.0 * 100.0), ("openpiv", 1e-12, 15.0 * 11.0)] {
         let score = score(&dataset, &exported(&dataset, format, &[]));
         let number = |key: &str| score.pointer(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
         assert!(number("/field/aee_px") < bar, "{format}: {}", number("/field/aee_px"));
         assert_eq!(score["field"]["against"], "central", "{format}");
         assert_eq!((number("/field/n_outside"), number("/field/outlier_fraction")), (0.0, 0.0), "{format}");
-        // All but the masked corner and, in the dense field, what the cells that touch it hold.
+        // All except the masked corner and, in the dense field, the cells that touch it.
         let reported = number("/field/n_reported");
         assert!(reported < vectors && reported > 0.97 * vectors, "{format}: {reported} of {vectors}");
         let forward = self::score(&dataset, &exported(&dataset, format, &["--displacement", "forward"]));

@@ -1,30 +1,30 @@
-//! The bytes of datasets: the same for any number of threads, build profile and CPU feature mask, and the same as ever.
+//! The bytes of datasets are the same for any number of threads, build profile and CPU feature mask, and
+//! equal the stored ones.
 //!
-//! `data/golden/golden.txt` holds the SHA-256 of each dataset's SHA256SUMS. `cargo xtask golden` makes it anew, with a
-//! release build; a change of it is an entry under "Image bits changed" in CHANGELOG.md.
+//! `cargo xtask golden` writes `data/golden/golden.txt` with a release build; a change needs an entry under
+//! "Image bits changed" or "Dataset bytes changed" in CHANGELOG.md, and a new version.
 
 use std::collections::BTreeMap;
 
+use suite::golden::{Golden, Hashes};
 use suite::microsig::{microsig, path, run};
-
-fn golden() -> BTreeMap<String, String> {
-    let text = std::fs::read_to_string(suite::data().join("golden/golden.txt")).unwrap();
-    let entry =
-        |line: &str| line.split_once("  ").map(|(hash, name)| (name.to_owned(), hash.to_owned())).unwrap();
-    text.lines().map(entry).collect()
-}
 
 #[test]
 fn datasets_have_the_bytes_they_always_had() {
     let place = tempfile::tempdir().unwrap();
-    let golden = golden();
+    let golden = Golden::read().unwrap();
     assert_eq!(
-        golden.keys().collect::<Vec<_>>(),
+        golden.version,
+        env!("CARGO_PKG_VERSION"),
+        "run `cargo xtask golden` after a change of version"
+    );
+    assert_eq!(
+        golden.datasets.keys().collect::<Vec<_>>(),
         ["bursts", "expected", "fields", "pairs", "rods", "sequence", "setting2", "spots", "tracks"]
     );
-    // glibc picks other versions of its maths functions when these features are hidden from it.
+    // glibc selects other versions of its math functions if these features are masked.
     let masked = Some("glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2,-AVX2_Usable");
-    for (name, hash) in golden {
+    for (name, hashes) in golden.datasets {
         let scenario = suite::data().join(format!("golden/{name}.ron"));
         for (threads, mask) in [("1", None), ("2", None), ("7", None), ("2", masked)] {
             let out = place.path().join(format!("{name}-{threads}-{}", mask.is_some()));
@@ -35,10 +35,26 @@ fn datasets_have_the_bytes_they_always_had() {
             command.args(["generate", path(&scenario), "--out", path(&out), "--threads", threads]);
             let output = command.output().unwrap();
             assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-            let sums = suite::sha256(&out.join("SHA256SUMS")).unwrap();
-            assert_eq!(sums, hash, "{name} with {threads} threads, mask {mask:?}: see {}", out.display());
+            let made = Hashes::of(&out).unwrap();
+            assert_eq!(made, hashes, "{name} with {threads} threads, mask {mask:?}: see {}", out.display());
         }
     }
+}
+
+#[test]
+fn a_released_version_keeps_its_bytes_and_one_under_development_may_change_them() {
+    let golden = |version: &str, images: &str, files: &str| {
+        let hashes = Hashes { images: images.to_owned(), files: files.to_owned() };
+        Golden { version: version.to_owned(), datasets: BTreeMap::from([("pairs".to_owned(), hashes)]) }
+    };
+    let before = golden("1.0.0", "a", "b");
+    assert_eq!(before.refusal(&before), None);
+    let said = before.refusal(&golden("1.0.0", "c", "d")).unwrap();
+    assert!(said.contains("images: pairs; only other files: )"), "{said}");
+    let said = before.refusal(&golden("1.0.0", "a", "d")).unwrap();
+    assert!(said.contains("images: ; only other files: pairs)"), "{said}");
+    assert_eq!(before.refusal(&golden("1.1.0", "c", "d")), None);
+    assert_eq!(golden("1.1.0-dev", "a", "b").refusal(&golden("1.1.0-dev", "c", "d")), None);
 }
 
 #[test]
@@ -57,12 +73,12 @@ fn rendering_a_datasets_own_data_files_gives_its_images() {
         let images = place.path().join(format!("{name}-images"));
         run(&["generate", path(&scenario), "--out", path(&dataset)]);
         let (settings, particles) = (dataset.join("settings.txt"), dataset.join("particles"));
-        run(&["render", path(&settings), path(&particles), path(&images), "--seed", seed]);
+        run(&["render", path(&settings), path(&particles), path(&images), "--seed", seed, "--round-once"]);
         let mut compared = 0;
         for entry in std::fs::read_dir(dataset.join("images")).unwrap() {
             let image = entry.unwrap().path();
             let again = images.join(image.file_name().unwrap());
-            // Counts: a dataset's image files tell the time between frames too.
+            // Compares counts only: image files of a dataset also contain the frame interval.
             assert!(suite::counts(&image).unwrap() == suite::counts(&again).unwrap(), "{}", again.display());
             compared += 1;
         }

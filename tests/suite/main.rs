@@ -1,14 +1,17 @@
-//! End-to-end tests of the workspace, a file for each thing that must hold: `cargo test -p suite NAME::` runs one of them.
+//! End-to-end tests of the workspace, one file per subject: `cargo test -p suite NAME::` runs one of them.
 #![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
 
 mod baselines;
 mod centroid;
+mod challenge;
 mod command;
 mod exact;
 mod expected;
 mod export;
 mod golden;
+mod house;
 mod maxima;
+mod microscope;
 mod motion;
 mod reference;
 mod release;
@@ -16,8 +19,12 @@ mod robust;
 mod scoring;
 mod scoring_fields;
 mod scoring_formats;
+mod scoring_hints;
+mod scoring_keys;
+mod scoring_mutations;
 mod scoring_results;
 mod shipped;
 mod spheroids;
 mod sweep;
 mod truth;
+mod web;

@@ -1,4 +1,5 @@
-//! Fig. 3C and D of the paper: the maximum of a particle's image against depth; and the two foci of an astigmatic one.
+//! Fig. 3C and D of the paper: the maximum of a particle image against depth; and the two foci of an
+//! astigmatic image.
 
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::{Particle, Settings};
@@ -28,9 +29,9 @@ fn compare(settings: &Settings, d_um: f64, reference: &str, peak_within_um: f64)
          errors; peak {our_peak:.2} and {their_peak:.2} um"
     );
     assert!(images >= 0.95, "single images agree at {images} of the depths");
-    // With the spread of 10 images for a standard error, 1.5 % of depths lie outside 3 of them by chance.
+    // With standard errors estimated from 10 images, 1.5 % of depths lie outside 3 standard errors by chance.
     assert!(means >= 0.95, "means agree at {means} of the depths");
-    // 61 or 46 depths: standard error 0.15.
+    // The mean over 61 or 46 depths has a standard error of 0.15.
     assert!(bias.abs() < 0.6, "ours differ by {bias} standard errors on average");
     assert!((our_peak - their_peak).abs() < peak_within_um, "peak at {our_peak}, theirs at {their_peak} um");
 }
@@ -45,7 +46,7 @@ fn maxima_of_setting_2_follow_figure_3d() {
     compare(&Settings::setting2(), 1.0, "fig3d.csv", 1.0);
 }
 
-/// With the cylinder the image is long along one axis, then, 20 um on, along the other.
+/// With the cylindrical lens the image is elongated along one axis and, 20 um farther, along the other.
 #[test]
 fn an_astigmatic_image_changes_its_direction_once_between_its_foci() {
     let settings = Settings { pixel_dim_x: 121, pixel_dim_y: 121, ..Settings::setting1a() };
@@ -53,7 +54,7 @@ fn an_astigmatic_image_changes_its_direction_once_between_its_foci() {
         .step_by(2)
         .map(|z| {
             let particle = Particle::sphere(61.0, 61.0, f64::from(z), 2.0);
-            // The moments of one image are good to 0.2 %, and lines differ by factors.
+            // The moments of one image are accurate to 0.2 %, and those along the two axes differ by factors.
             let image = Ensemble::draw(&settings, &[particle], SpheroidLaw::Original, 1, 4).unwrap();
             (f64::from(z), image.of_mean.mxx, image.of_mean.myy)
         })
@@ -63,7 +64,7 @@ fn an_astigmatic_image_changes_its_direction_once_between_its_foci() {
     };
     let (focus_x, focus_y) = (index_of_least(&|m| m.1), index_of_least(&|m| m.2));
     println!("narrowest in x at z = {} um, in y at {} um", moments[focus_x].0, moments[focus_y].0);
-    // A converging cylinder brings the object plane of x nearer to the lens.
+    // A converging cylindrical lens moves the object plane of x toward the lens.
     assert!(focus_x < focus_y);
     let between = &moments[focus_x..=focus_y];
     let changes = between.windows(2).filter(|w| (w[0].1 > w[0].2) != (w[1].1 > w[1].2)).count();

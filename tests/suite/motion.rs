@@ -1,4 +1,4 @@
-//! Motion, timing and light, end to end: what scenarios say against what data files, truth and images hold.
+//! End-to-end tests of motion, timing and illumination: scenarios against data files, truth and images.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -27,7 +27,7 @@ fn generate(folder: &Path, name: &str, sections: &str) -> PathBuf {
     out
 }
 
-/// The rows of a table by name of column.
+/// The rows of a table, by column name.
 fn table(file: &Path) -> Vec<HashMap<String, String>> {
     csv::Reader::from_path(file).unwrap().deserialize().map(Result::unwrap).collect()
 }
@@ -41,9 +41,9 @@ fn image(dataset: &Path, stem: &str) -> Measures {
 }
 
 #[test]
-fn a_streak_is_centred_on_the_particle_and_as_long_as_its_path() {
+fn a_streak_is_centered_on_the_particle_and_as_long_as_its_path() {
     let place = tempfile::tempdir().unwrap();
-    // 12 and 5 um a frame; in the middle of the sensor in frame 1.
+    // 12 and 5 um per frame; at the center of the sensor in frame 1.
     let mut rows = "frame,track,x_um,y_um,z_um\n".to_owned();
     for frame in 0..3 {
         let t = f64::from(frame) - 1.0;
@@ -60,23 +60,24 @@ fn a_streak_is_centred_on_the_particle_and_as_long_as_its_path() {
     let blurred = generate(place.path(), "blurred", &sections(", exposure_s: 0.008"));
     let (a, b) = (image(&sharp, "frame_00001"), image(&blurred, "frame_00001"));
     let truth = &table(&blurred.join("truth/tracks.csv"))[1];
-    // The centroid of some ten thousand rays in a spot of 2.7 px: some hundredths of a pixel at most.
+    // The centroid of some ten thousand rays in an image of 2.7 px: a few hundredths of a pixel at most.
     for m in [&a, &b] {
         assert!((m.cx - number(truth, "x_px")).abs() < 0.05, "{m:?}");
         assert!((m.cy - number(truth, "y_px")).abs() < 0.05, "{m:?}");
     }
     assert_eq!((number(truth, "u_um_s"), number(truth, "v_um_s")), (1200.0, 500.0));
-    // The light is the same, and a line of length l adds the variance l^2 / 12: 14.9 px along x, 6.2 px along y.
+    // The total light is the same, and a streak of length l adds the variance l^2 / 12: 14.9 px along x, 6.2
+    // px along y.
     assert!((b.total / a.total - 1.0).abs() < 0.01, "{} {}", a.total, b.total);
     let (lx, ly) = (9.6 / 0.645, 4.0 / 0.645);
     assert!((b.mxx - a.mxx - lx * lx / 12.0).abs() < 0.3, "{} {}", a.mxx, b.mxx);
     assert!((b.myy - a.myy - ly * ly / 12.0).abs() < 0.2, "{} {}", a.myy, b.myy);
     assert!((b.mxy - a.mxy - lx * ly / 12.0).abs() < 0.2, "{} {}", a.mxy, b.mxy);
-    // 16.1 px in pieces of a quarter: 65, so 64 rows that share the light.
+    // 16.1 px in steps of a quarter pixel: 64 rows that share the light.
     let particles = suite::particles(&blurred.join("particles/frame_00001.txt")).unwrap();
     assert_eq!(particles.len(), 64);
     assert!((particles.iter().map(|p| p.c_int).sum::<f64>() - 1.0).abs() < 1e-12);
-    // MicroSIG's own renderer makes the same image of them.
+    // `microsig render` gives the same image from these data files.
     let again = place.path().join("again");
     let (settings, data) = (blurred.join("settings.txt"), blurred.join("particles"));
     run(&["render", path(&settings), path(&data), path(&again)]);
@@ -102,7 +103,7 @@ fn the_truth_of_a_dataset_is_a_table_of_tracks_that_makes_it_again() {
             (suite::particles(&flow.join(&file)).unwrap(), suite::particles(&again.join(&file)).unwrap());
         assert_eq!(a.len(), b.len());
         for (a, b) in a.iter().zip(&b) {
-            // Through um and back.
+            // Rounding of the conversion to um and back.
             assert!((a.x_px - b.x_px).abs() < 1e-10 && (a.y_px - b.y_px).abs() < 1e-10);
             assert_eq!((a.z_um, a.d_um, a.c_int), (b.z_um, b.d_um, b.c_int));
         }
@@ -115,13 +116,13 @@ fn the_truth_of_a_dataset_is_a_table_of_tracks_that_makes_it_again() {
     }
     assert!(again.join("inputs/tracks.csv").exists());
     run(&["verify", path(&again), "--regenerate"]);
-    // What is above all a perfect result stays one.
+    // The truth is still a perfect result.
     let truth = again.join("truth/tracks.csv");
     let score = run(&["evaluate", path(&again), path(&truth), "--json"]);
     assert!(score.contains("\"f1\": 1.0") || score.contains("\"f1\":1.0"), "{score}");
 }
 
-/// Every mode with all that varies from frame to frame, and a key that makes it longer.
+/// Every timing mode with everything that varies between frames, and a key that lengthens it.
 const MODES: [(&str, &str, &str, u32); 4] = [
     (
         "continuing",
@@ -173,7 +174,7 @@ fn a_shorter_dataset_is_the_beginning_of_a_longer_one_in_every_mode() {
                 }
             }
             let tracks = |dataset: &Path| std::fs::read_to_string(dataset.join("truth/tracks.csv")).unwrap();
-            // Its last frame cannot tell what a particle does on the way to the next one.
+            // The last frame has no displacement to a next one.
             let last = format!("{},", frames.len() - 1);
             let known: String =
                 tracks(&short).split_inclusive('\n').filter(|row| !row.starts_with(&last)).collect();
@@ -190,7 +191,7 @@ fn pairs_of_a_continuing_cloud_link_a_to_b_only_and_their_light_is_in_the_data_f
         "pairs",
         "motion: flow(field: uniform(velocity_um_s: (100, 0, 0))), particles: (number: count(12)), \
          timing: pairs(count: 3, interval_s: 0.02, seeding: continuing), \
-         illumination: (shape: sheet(profile: top_hat, thickness_um: 50, centre_um: (0, 0, -40)), pulse_energies: [1, 0.8])",
+         illumination: (shape: sheet(profile: top_hat, thickness_um: 50, center_um: (0, 0, -40)), pulse_energies: [1, 0.8])",
     );
     let tracks = table(&out.join("truth/tracks.csv"));
     let in_frame = |frame: &str| {
@@ -222,14 +223,14 @@ fn pairs_of_a_continuing_cloud_link_a_to_b_only_and_their_light_is_in_the_data_f
             assert_eq!(row.c_int, number(truth, "c_int") * number(truth, "light"));
             assert_eq!(number(truth, "light"), number(frame, "energy"));
         }
-        // Outside the sheet there is no light, whether on the sensor or not.
+        // Outside the light sheet there is no light, on the sensor or not.
         for row in unlit.iter().filter(|r| r["visible"] == "1") {
             dark += 1;
             assert!(number(row, "light") == 0.0 && !(-65.0..=-15.0).contains(&number(row, "z_um")));
         }
     }
     assert!(dark > 10, "{dark}");
-    // What is dark is not asked for: the depth range of the measurement is that of the sheet.
+    // Dark particles are not scored: the depth range of the measurement is that of the light sheet.
     let manifest = std::fs::read_to_string(out.join("datapackage.json")).unwrap();
     let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap();
     assert_eq!(manifest["microsig"]["depth_range_um"], serde_json::json!([-65.0, -15.0]));
@@ -270,7 +271,7 @@ fn a_placed_field_is_the_field_moved_and_turned() {
     assert_eq!(velocity("home", ""), [1000.0, 0.0, 0.0]);
     let turned = velocity("turned", ", placement: (angle_rad: 1.5707963267948966)");
     assert!(turned[0].abs() < 1e-9 && (turned[1] - 1000.0).abs() < 1e-9, "{turned:?}");
-    // A quarter of the depth off the middle a parabola has three quarters of its height.
+    // At a quarter of the depth from the middle a parabola has three quarters of its maximum.
     let moved = velocity("moved", ", placement: (offset_um: (0, 0, 25))");
     assert!((moved[0] - 750.0).abs() < 1e-9, "{moved:?}");
 }
@@ -307,12 +308,12 @@ fn wrong_motion_timing_and_light_name_what_is_wrong_and_leave_nothing() {
         (
             "poiseuille()",
             "poiseuille(), placement: (axis: (0, 0, 0))",
-            "motion.flow.placement: rotated: axis",
+            "motion.flow.placement.axis = [0.0, 0.0, 0.0]: expected a vector other than zero",
         ),
         (
             "poiseuille()",
             "poiseuille(), placement: (offset_um: (0, NaN, 0))",
-            "motion.flow.placement: translated: offset_um",
+            "motion.flow.placement.offset_um.1 = NaN: expected a finite number",
         ),
         ("poiseuille()", "womersley(frequency_hz: 1e6, viscosity_um2_s: 1)", "womersley"),
         ("poiseuille()", "duct(walls_z_um: (20, -80))", "walls_z_um"),
@@ -323,18 +324,18 @@ fn wrong_motion_timing_and_light_name_what_is_wrong_and_leave_nothing() {
         (
             "pairs(count: 1)",
             "pairs(count: 1), illumination: (pulse_energies: [])",
-            "illumination: illumination: pulse_energies",
+            "illumination.pulse_energies = 0 values: expected 1 to",
         ),
         ("pairs(count: 1)", "pairs(count: 1), illumination: (bleaching_s: -1)", "bleaching_s = -1"),
         (
             "pairs(count: 1)",
-            "pairs(count: 1), illumination: (shape: sheet(thickness_um: 5, centre_um: (0, 0, 90)))",
+            "pairs(count: 1), illumination: (shape: sheet(thickness_um: 5, center_um: (0, 0, 90)))",
             "illumination.shape.sheet = 87.5 to 92.5 um: expected a sheet that crosses the depth range",
         ),
         (
             "count(2))",
-            "file(\"inside.txt\")), boundaries: (bodies: [sphere(centre_um: (0, 0, -30), radius_um: 20)])",
-            "a place outside all bodies",
+            "file(\"inside.txt\")), boundaries: (bodies: [sphere(center_um: (0, 0, -30), radius_um: 20)])",
+            "off the walls of the flow and outside all bodies",
         ),
     ] {
         let file = write(place.path(), "wrong.ron", &scenario("wrong", &good.replace(from, to)));
@@ -345,7 +346,8 @@ fn wrong_motion_timing_and_light_name_what_is_wrong_and_leave_nothing() {
     }
 }
 
-/// The axis of a rod at the point of rest of a simple shear u = g y turns by Jeffery's law, and so does its image.
+/// The axis of a rod at the stagnation point of a simple shear u = g y rotates by Jeffery's law, and so does
+/// its image.
 #[test]
 fn a_rod_in_shear_turns_in_its_images_as_jeffery_says() {
     const RATE: f64 = 40.0;
@@ -356,7 +358,7 @@ fn a_rod_in_shear_turns_in_its_images_as_jeffery_says() {
     let out = generate(
         place.path(),
         "rod",
-        "motion: flow(field: shear(rate_per_s: 40, along: x, across: y, centre_um: (0, 0, -25))), \
+        "motion: flow(field: shear(rate_per_s: 40, along: x, across: y, center_um: (0, 0, -25))), \
          particles: (number: file(\"one.txt\"), diameter_um: constant(5), \
                      spheroids: (e_p: 3, orientation: aligned(0, 1, 0))), \
          timing: sequence(frames: 20, dt_s: 0.02)",
@@ -365,7 +367,7 @@ fn a_rod_in_shear_turns_in_its_images_as_jeffery_says() {
     for frame in 0..20 {
         let m = image(&out, &format!("frame_{frame:05}"));
         assert!((m.cx - 51.0).abs() < 0.3 && (m.cy - 41.0).abs() < 0.3, "it stays: {m:?}");
-        // The angle of the long axis of the image from y towards x.
+        // The angle of the long axis of the image from y toward x.
         let seen = 0.5 * (2.0 * m.mxy).atan2(m.myy - m.mxx);
         // tan phi = e tan(g t / (e + 1/e)), phi from the direction of the gradient.
         let turn = RATE * DT_S * f64::from(frame) / (E_P + 1.0 / E_P);
@@ -375,7 +377,8 @@ fn a_rod_in_shear_turns_in_its_images_as_jeffery_says() {
         worst = worst.max(off.abs());
         turned = turned.max(phi);
     }
-    // More than half a turn; moments of some ten thousand rays give the axis of a rod of 23 px within 0.05 degrees (measured).
+    // More than half a turn; the moments of some ten thousand rays give the axis of a rod of 23 px to 0.05
+    // degrees (measured).
     assert!(turned > 3.0, "{turned}");
     assert!(worst < 0.3_f64.to_radians(), "{} degrees", worst.to_degrees());
 }

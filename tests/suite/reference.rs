@@ -1,5 +1,5 @@
-//! Images of the original program, all 81 that were measured (`data/optics`): totals, centroids, moments, radii and
-//! variances of each, and pixel by pixel one image of every case.
+//! Comparison with all 81 measured images of the original program (`data/optics`): totals, centroids,
+//! moments, radii and variances, and for one image of every case pixel by pixel.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use microsig_core::stream::{Purpose, Streams};
 use suite::reference::{self, Check};
 use suite::{error_map, measure::Measures};
 
-/// Twice the original's 50 images or more: our own statistical error is then the smaller part.
+/// At least twice the original's 50 images, so that its statistical error dominates.
 const IMAGES: u32 = 100;
 
 #[test]
@@ -47,14 +47,14 @@ fn every_image_of_the_original_is_met() {
     for (check, label) in &worst {
         println!("{:6} uses {:.2} of its bar at most, in {label}", check.quantity, check.used());
     }
-    // Every case folder has one image.
+    // One image for every case.
     assert_eq!(pictures, 15);
     assert_eq!(worst.len(), Measures::NAMES.len() + 3);
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// The original gives equal particles of one image the same rays (the spread of its two-particle total is twice that
-/// of one particle). We do not: no two particles share their noise.
+/// The original uses the same rays for equal particles of an image (the standard deviation of its
+/// two-particle total is twice that of one particle). In microsig no two particles share their noise.
 #[test]
 fn equal_particles_of_an_image_have_rays_of_their_own() {
     let cases = reference::cases(&suite::data().join("optics")).unwrap();
@@ -83,6 +83,7 @@ fn equal_particles_of_an_image_have_rays_of_their_own() {
             variance += ((pair[0][i] - mean[0]).powi(2) + (pair[1][i] - mean[1]).powi(2)) / 2.0;
         }
     }
-    // Standard error 1 / sqrt(200 images x about 50 independent bright pixels) = 0.01; shared rays would give 1.
+    // Standard error 1 / sqrt(200 images x about 50 independent bright pixels) = 0.01; shared rays would give
+    // a correlation of one.
     assert!((covariance / variance).abs() < 0.05, "correlation {}", covariance / variance);
 }

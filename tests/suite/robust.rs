@@ -1,12 +1,12 @@
-//! When things go wrong: killed runs, disks that take no more, damaged datasets. `cargo xtask kill`, `disk` and `memory` are the
-//! long forms of these.
+//! Robustness: killed runs, full disks, damaged datasets. `cargo xtask kill`, `disk` and `memory` are the
+//! long versions.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use suite::microsig::{binary, fail, microsig, path, run};
 
-/// One image takes long enough to be interrupted.
+/// Each image takes long enough for an interruption.
 const SCENARIO: &str = r#"(
     name: "long",
     optics: (pixel_dim_x: 200, pixel_dim_y: 100, points_per_pixel: 9),
@@ -53,7 +53,7 @@ fn a_killed_run_is_no_dataset_and_goes_on_to_the_same_bytes() {
     // Before the first file.
     std::fs::create_dir_all(partial.join("images")).unwrap();
     std::fs::write(partial.join(".unfinished-x"), "(name").unwrap();
-    // Among the first files, the first images, and later ones; then a run is killed that goes on with another's rest.
+    // During the first files, the first images, and later; then a resumed run is killed.
     for images in [0, 1, 34, 50] {
         let generate = ["generate", path(&scenario), "--out", path(&out), "--resume"];
         let ready = || partial.is_dir() && files_in(&partial.join("images")) >= images;
@@ -72,7 +72,7 @@ fn a_killed_run_is_no_dataset_and_goes_on_to_the_same_bytes() {
             std::fs::remove_dir_all(&out).unwrap();
         }
     }
-    // Otherwise this test has tested nothing.
+    // Otherwise nothing was tested.
     assert!(interrupted > 0);
 }
 
@@ -85,7 +85,7 @@ fn killed_shards_of_a_sweep_go_on_to_the_same_bytes() {
     let (whole, out) = (place.path().join("whole"), place.path().join("out"));
     run(&["sweep", path(&sweep), "--out", path(&whole)]);
     let shard = |k: &'static str| ["sweep", path(&sweep), "--out", path(&out), "--resume", "--shard", k];
-    // The first shard makes cases 0 and 2, the second 1 and 3: each is killed within its last case.
+    // The first shard generates cases 0 and 2, the second 1 and 3: each is killed during its last case.
     for (k, case) in [("1/2", "case_00002.partial"), ("2/2", "case_00003.partial")] {
         let images = out.join(case).join("images");
         let killed = kill_when(&shard(k), || files_in(&images) > 0);
@@ -98,7 +98,7 @@ fn killed_shards_of_a_sweep_go_on_to_the_same_bytes() {
     assert!(suite::tree(&out).unwrap() == suite::tree(&whole).unwrap());
 }
 
-/// Runs the command with a limit on the size of any file, which is what a full disk looks like to it: a write that fails.
+/// Runs the command with a limit on file size, which acts like a full disk: a write fails.
 #[cfg(unix)]
 fn limited(kilobytes: u32, arguments: &[&str]) -> (Option<i32>, String) {
     let script = format!("trap '' XFSZ; ulimit -f {}; exec \"$@\"", kilobytes * 2);
@@ -136,7 +136,7 @@ fn what_cannot_be_written_is_said_and_leaves_no_result() {
         });
         assert_eq!(finished, 0, "{arguments:?}");
         assert!(arguments[0] == "sweep" || !out.exists(), "{arguments:?}");
-        // The rest of an interrupted run goes on once there is room.
+        // The interrupted run continues once there is space.
         if arguments[0] == "generate" {
             run(&[&arguments[..], &["--resume"]].concat());
             assert!(suite::tree(&out).unwrap() == suite::tree(&dataset).unwrap());
@@ -146,7 +146,7 @@ fn what_cannot_be_written_is_said_and_leaves_no_result() {
     run(&[&sweep[..], &["--resume"]].concat());
 }
 
-/// A small dataset with a file of every kind.
+/// A small dataset with every kind of file.
 fn small(place: &Path) -> PathBuf {
     let text = r#"(
         name: "small",
@@ -189,14 +189,14 @@ fn verify_finds_a_flipped_bit_in_any_file_and_files_that_are_missing_or_too_many
     for (i, file) in whole.keys().enumerate() {
         let file = dataset.join(file);
         let good = std::fs::read(&file).unwrap();
-        // Another byte and another bit in each file.
+        // Changes a different byte and bit in each file.
         refuse(&file, &good, (i * 7919) % good.len(), i % 8);
         let aside = place.path().join("aside");
         std::fs::rename(&file, &aside).unwrap();
         assert!(!verifies(&dataset), "{} is missing", file.display());
         std::fs::rename(&aside, &file).unwrap();
     }
-    // The case of a hexadecimal digit means nothing to `sha256sum`.
+    // `sha256sum` ignores the case of hexadecimal digits.
     let sums = dataset.join("SHA256SUMS");
     let good = std::fs::read(&sums).unwrap();
     refuse(&sums, &good, good.iter().position(u8::is_ascii_lowercase).unwrap(), 5);
@@ -208,7 +208,7 @@ fn verify_finds_a_flipped_bit_in_any_file_and_files_that_are_missing_or_too_many
     run(&["verify", path(&dataset), "--regenerate"]);
 }
 
-/// Changes a file of a dataset, as somebody would who makes checksums and manifest agree with it.
+/// Changes a file of a dataset and updates checksums and manifest accordingly.
 fn forge(dataset: &Path, name: &str, change: impl Fn(&str) -> String) {
     let rewrite = |name: &str, change: &dyn Fn(&str) -> String| {
         let file = dataset.join(name);
@@ -235,7 +235,7 @@ fn verify_finds_forged_tables_and_scenarios() {
         }
         assert!(verifies(&dataset));
     };
-    // Checksums repaired, manifest not.
+    // Checksums updated, manifest not.
     let file = dataset.join("truth/displacements.csv");
     let (old, text) = (suite::sha256(&file).unwrap(), std::fs::read_to_string(&file).unwrap());
     let changed = text.replacen(",10,", ",11,", 1);
@@ -246,7 +246,7 @@ fn verify_finds_forged_tables_and_scenarios() {
     assert!(fail(1, &["verify", path(&dataset)]).contains("truth/displacements.csv"));
     restore();
 
-    // Both repaired: only making it again tells.
+    // Both updated: only regeneration detects the change.
     for (name, cell, other) in [
         ("truth/displacements.csv", ",10,", ",11,"),
         ("truth/tracks.csv", "-0.3225", "-0.4225"),
@@ -265,7 +265,7 @@ fn verify_finds_forged_tables_and_scenarios() {
     assert!(said.contains("generated again, it has other bytes"), "{said}");
     restore();
 
-    // A cell that is no number, whatever the checksums say.
+    // A cell that is not a number, with valid checksums.
     forge(&dataset, "truth/tracks.csv", |text| text.replacen("\n0,", "\nzero,", 1));
     assert!(
         fail(1, &["verify", path(&dataset)]).contains("frame = \"zero\": expected a value of type integer")

@@ -1,11 +1,11 @@
-//! Scores against reference programs, case by case: counts are equal, values agree to 1e-9.
+//! Comparison of scores with reference programs: counts are equal, values agree to 1e-9.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use bench::evaluate::assignment::{Pair, heaviest};
+use bench::evaluate::assignment::{Pair, max_weight_matching};
+use bench::evaluate::candidates::Candidates;
 use bench::evaluate::clear::Clear;
-use bench::evaluate::cloud::{Cloud, Loose, Position, side_by_side};
 use bench::evaluate::ctc::Ctc;
 use bench::evaluate::detection::Detection;
 use bench::evaluate::gate::{Edge, Gate};
@@ -16,11 +16,11 @@ use bench::evaluate::isbi::Isbi;
 use bench::evaluate::links::Links;
 use bench::evaluate::matching::{Cost, Matching, NONE, optimal};
 use bench::evaluate::statistics::Bootstrap;
-use bench::evaluate::wide::Wide;
-use bench::evaluate::{Options, evaluate};
-use bench::results::{Conventions, Row, read_points};
+use bench::evaluate::track_set::{Position, TrackSet, UnsortedPoint, side_by_side};
+use bench::evaluate::{EvaluateOptions, evaluate};
+use bench::results::{Conventions, TrackRow, read_points};
 
-/// Files hold 12 decimals, and sums of a few hundred numbers round at 1e-13.
+/// Files have 12 decimals, and rounding errors of sums of a few hundred numbers are 1e-13.
 const TOLERANCE: f64 = 1e-9;
 
 fn folder() -> PathBuf {
@@ -38,18 +38,18 @@ fn value(record: &Record, key: &str) -> f64 {
     record[key].parse().unwrap_or_else(|_| panic!("{key} = {:?}", record[key]))
 }
 
-fn cloud(rows: &[Row], flat: bool) -> Cloud {
-    let loose = |(i, r): (usize, &Row)| Loose {
+fn cloud(rows: &[TrackRow], flat: bool) -> TrackSet {
+    let loose = |(i, r): (usize, &TrackRow)| UnsortedPoint {
         frame: r.frame,
         track: (r.track >= 0).then_some((r.track, 0)),
         at: if flat { Position { z_um: 0.0, ..r.at } } else { r.at },
         source: i as u32,
     };
-    Cloud::new(rows.iter().enumerate().map(loose).collect())
+    TrackSet::new(rows.iter().enumerate().map(loose).collect())
 }
 
-/// Truth, result and gate of a reference row.
-fn case(record: &Record) -> (Cloud, Cloud, Gate, String) {
+/// Truth, result, gate and name of a reference row.
+fn case(record: &Record) -> (TrackSet, TrackSet, Gate, String) {
     let name = &record["case"];
     let flat = record["dims"].starts_with('2');
     let size = value(record, "gate");
@@ -61,7 +61,7 @@ fn case(record: &Record) -> (Cloud, Cloud, Gate, String) {
     (read("gt"), read("pred"), gate, format!("{name} {} gate {size}", record["dims"]))
 }
 
-/// Compares a score with a reference, which is NaN where it is undefined.
+/// Compares a score with a reference, which is NaN if undefined.
 fn check(what: &str, ours: Option<f64>, theirs: f64, problems: &mut Vec<String>) {
     let same = match ours {
         Some(v) => (v - theirs).abs() <= TOLERANCE,
@@ -82,7 +82,8 @@ fn isbi_scores_are_those_of_the_challenges_own_program() {
     for record in table("isbi_reference.csv") {
         let (truth, result, gate, name) = case(&record);
         let ours = Isbi::of(&truth, &result, &gate, &Bootstrap::default()).unwrap();
-        // Named differences: the reference gives 0 where nothing is matched, or NaN where nothing is true; we give null.
+        // Documented difference: the reference gives 0 without matches, or NaN without truth; microsig gives
+        // null.
         let nothing = ours.tp == 0;
         let scores = [
             ("alpha", ours.alpha),
@@ -92,8 +93,8 @@ fn isbi_scores_are_those_of_the_challenges_own_program() {
             ("rmse", ours.rmse.or(nothing.then_some(0.0))),
             ("min_dist", ours.min_distance.or(nothing.then_some(0.0))),
         ];
-        // The reference's spread is NaN where rounding makes a mean of squares less than the squared mean, and its greatest
-        // distance leaves out the first one whenever that is also the least so far.
+        // The reference's standard deviation is NaN if rounding makes the mean square less than the squared
+        // mean, and its maximum distance omits the first one if that is also the minimum so far.
         let spread = value(&record, "std_dist");
         if !spread.is_nan() {
             let ours = ours.std_distance.or(nothing.then_some(0.0));
@@ -128,7 +129,7 @@ fn detection_and_links_are_those_of_the_reference() {
         let l = Links::of(&truth, &result, &matching, &Bootstrap::default());
         let rmse = d.rmse_xy_px.zip(d.rmse_z_um).map(|(xy, z)| (xy * xy + z * z).sqrt());
         let f = |n: usize| Some(n as f64);
-        // The reference's F1 of nothing at all is 0; recall without truth is NaN there and null here.
+        // The reference's F1 without truth and result is 0; recall without truth is NaN there and null here.
         for (key, ours) in [
             ("det_tp", f(d.tp)),
             ("det_fn", f(d.missed)),
@@ -156,12 +157,12 @@ fn clear_and_identity_are_those_of_motmetrics() {
     let mut problems = Vec::new();
     for record in table("motmetrics.csv") {
         let (truth, result, gate, name) = case(&record);
-        let wide = Wide::new(&truth, &result, &gate).unwrap();
-        let c = Clear::of(&truth, &result, &wide, gate.xy_px, &Bootstrap::default());
-        let i = Identity::of(&truth, &result, &wide, &Bootstrap::default());
+        let candidates = Candidates::new(&truth, &result, &gate).unwrap();
+        let c = Clear::of(&truth, &result, &candidates, gate.xy_px, &Bootstrap::default());
+        let i = Identity::of(&truth, &result, &candidates, &Bootstrap::default());
         let f = |n: usize| Some(n as f64);
         for (key, ours) in [
-            // Named difference: without truth MOTA is minus infinity there and null here.
+            // Documented difference: without truth MOTA is minus infinity there and null here.
             ("mota", c.mota.or(truth.is_empty().then_some(f64::NEG_INFINITY))),
             ("motp", c.motp),
             ("num_matches", f(c.matches)),
@@ -194,12 +195,13 @@ fn hota_and_identity_are_those_of_trackeval() {
     let mut problems = Vec::new();
     for record in table("trackeval.csv") {
         let (truth, result, gate, name) = case(&record);
-        // TrackEval's rule at the gate itself: a pair belongs together.
+        // In TrackEval, a pair exactly at the gate matches.
         let gate = gate.with_edge(Edge::Closed);
-        let wide = Wide::new(&truth, &result, &gate).unwrap();
-        let h = Hota::of(&truth, &result, &wide, &Bootstrap::default());
-        let i = Identity::of(&truth, &result, &wide, &Bootstrap::default());
-        // Named difference: TrackEval calls the localisation of nothing perfect, and rates of nothing 0; we give null.
+        let candidates = Candidates::new(&truth, &result, &gate).unwrap();
+        let h = Hota::of(&truth, &result, &candidates, &Bootstrap::default());
+        let i = Identity::of(&truth, &result, &candidates, &Bootstrap::default());
+        // Documented difference: without matches TrackEval's localization is 1 and its rates are 0; microsig
+        // gives null.
         let loca = |v: Option<f64>| v.or(Some(1.0));
         let zero = |v: Option<f64>| v.or(Some(0.0));
         for (key, ours) in [
@@ -229,8 +231,9 @@ fn hota_and_identity_are_those_of_trackeval() {
     done(problems);
 }
 
-/// traccuracy's pairing: an unmatched point costs the gate, so that one good pair may be preferred to two mediocre ones.
-fn truncated(truth: &Cloud, result: &Cloud, gate: &Gate) -> Matching {
+/// traccuracy's pairing: an unmatched point costs the gate, so one good pair may be preferred to two mediocre
+/// ones.
+fn truncated(truth: &TrackSet, result: &TrackSet, gate: &Gate) -> Matching {
     let mut matching = Matching { of_truth: vec![NONE; truth.len()], of_result: vec![NONE; result.len()] };
     for (_, t, r) in side_by_side(truth, result) {
         let mut pairs = Vec::new();
@@ -242,7 +245,7 @@ fn truncated(truth: &Cloud, result: &Cloud, gate: &Gate) -> Matching {
                 }
             }
         }
-        for pair in heaviest(t.len(), r.len(), pairs) {
+        for pair in max_weight_matching(t.len(), r.len(), pairs) {
             let (i, j) = (t.start + pair.row as usize, r.start + pair.column as usize);
             (matching.of_truth[i], matching.of_result[j]) = (j as u32, i as u32);
         }
@@ -282,7 +285,7 @@ fn nodes_edges_and_tra_are_those_of_traccuracy() {
         }
     }
     done(problems);
-    // With our own rule most cases are paired alike; docs/scoring.md names the difference.
+    // With microsig's rule most cases have the same pairs; docs/scoring.md describes the difference.
     assert!((50..60).contains(&same_pairing), "{same_pairing}");
 }
 
@@ -290,11 +293,11 @@ fn nodes_edges_and_tra_are_those_of_traccuracy() {
 fn gdpt_errors_and_curves_are_those_of_defocustracker() {
     let read = |name: &str| {
         let mut reader = csv::Reader::from_path(folder().join("gdpt").join(name)).unwrap();
-        let rows: Vec<Row> = reader
+        let rows: Vec<TrackRow> = reader
             .deserialize()
             .map(|r: Result<(u32, f64, f64, f64), _>| {
                 let (frame, x_px, y_px, z_um) = r.unwrap();
-                Row { frame, track: -1, at: Position { x_px, y_px, z_um } }
+                TrackRow { frame, track: -1, at: Position { x_px, y_px, z_um } }
             })
             .collect();
         cloud(&rows, false)
@@ -352,7 +355,7 @@ fn field_metrics_are_those_of_the_reference() {
     let paths = ["truth.csv", "result.csv"].map(|name| place.path().join(name));
     std::fs::write(&paths[0], truth).unwrap();
     std::fs::write(&paths[1], result).unwrap();
-    let score = evaluate(&paths[0], &paths[1], &Options::default()).unwrap().score.field.unwrap();
+    let score = evaluate(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score.field.unwrap();
     let a = &score.main;
     let text = std::fs::read_to_string(folder().join("piv/metrics.json")).unwrap();
     let theirs: serde_json::Value = serde_json::from_str(&text).unwrap();

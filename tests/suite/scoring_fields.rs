@@ -1,13 +1,13 @@
-//! Scores of displacement fields on fields whose scores are known by hand.
+//! Scores of displacement fields with known errors.
 
 use std::f64::consts::PI;
 use std::path::Path;
 
 use bench::evaluate::field::FieldScore;
-use bench::evaluate::{Options, evaluate};
+use bench::evaluate::{EvaluateOptions, evaluate};
 use suite::microsig::{fail, path, run};
 
-/// A lattice of `n` x `n` vectors, 8 px apart.
+/// A grid of `n` x `n` vectors with a spacing of 8 px.
 fn lattice(n: usize) -> impl Iterator<Item = (f64, f64)> {
     (0..n * n).map(move |k| (8.0 * (k % n) as f64 + 5.0, 8.0 * (k / n) as f64 + 5.0))
 }
@@ -27,16 +27,17 @@ fn score(truth: &str, result: &str) -> (FieldScore, Vec<String>) {
     let paths = ["truth.csv", "result.csv"].map(|name| place.path().join(name));
     std::fs::write(&paths[0], truth).unwrap();
     std::fs::write(&paths[1], result).unwrap();
-    let score = evaluate(&paths[0], &paths[1], &Options::default()).unwrap().score;
+    let score = evaluate(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score;
     (score.field.unwrap(), score.warnings)
 }
 
-/// Sums of a few hundred products of numbers below 100.
+/// Rounding of sums of a few hundred products of numbers below 100.
 const ROUNDING: f64 = 1e-10;
 
 #[test]
 fn errors_of_gradients_are_those_of_linear_fields() {
-    // u = 0.02 x - 0.03 y, v = 0.05 x + 0.01 y; the result has a vorticity of 0.01 and a divergence of 0.004 more.
+    // u = 0.02 x - 0.03 y, v = 0.05 x + 0.01 y; the result has an additional vorticity of 0.01 and divergence
+    // of 0.004.
     let exact = |x: f64, y: f64| [0.02 * x - 0.03 * y, 0.05 * x + 0.01 * y];
     let found = |x: f64, y: f64| {
         let [u, v] = exact(x, y);
@@ -50,7 +51,7 @@ fn errors_of_gradients_are_those_of_linear_fields() {
         ("true vorticity", g.true_vorticity_rms, 0.08),
         ("divergence", g.divergence_rms, 0.004),
         ("true divergence", g.true_divergence_rms, 0.03),
-        // The added rotation strains nothing: e11 = e22 = 0.002.
+        // The added rotation has no strain: e11 = e22 = 0.002.
         ("strain", g.strain_rms, 0.002 * 2f64.sqrt()),
         (
             "true strain",
@@ -66,7 +67,7 @@ fn errors_of_gradients_are_those_of_linear_fields() {
 fn the_response_to_a_wave_is_what_is_left_of_its_amplitude() {
     let n = 64;
     let length = 8.0 * n as f64;
-    // Waves of 2, 5, 10, 20 periods; a filter leaves 1 / (1 + (k / 10)^2) of each.
+    // Waves of 2, 5, 10, 20 periods; a filter attenuates each by 1 / (1 + (k / 10)^2).
     let periods = [2.0, 5.0, 10.0, 20.0];
     let left = |k: f64| 1.0 / (1.0 + (k / 10.0).powi(2));
     let wave = |share: &dyn Fn(f64) -> f64, x: f64| -> f64 {
@@ -82,16 +83,18 @@ fn the_response_to_a_wave_is_what_is_left_of_its_amplitude() {
     for k in periods {
         let wave = &u.waves[k as usize - 1];
         assert!((wave.wavelength_px - length / k).abs() < ROUNDING);
-        // Hann's window spreads a wave over its two neighbours only, which hold none of the others here.
+        // A Hann window spreads a wave over its two neighboring bins only, which contain none of the others
+        // here.
         assert!((wave.response.unwrap() - left(k)).abs() < 1e-9, "{k}: {wave:?}");
         assert!((wave.found_power_px3 / wave.true_power_px3 - left(k).powi(2)).abs() < 1e-9);
     }
-    // Parseval: powers integrate to the variance, 4 waves of 1.5^2 / 2, as far as windows weigh all phases alike.
+    // Parseval: power densities integrate to the variance, 4 waves of 1.5^2 / 2, if the window weights all
+    // phases equally.
     let variance: f64 = u.waves.iter().map(|w| w.true_power_px3 / length).sum();
     assert!((variance / (4.0 * 1.125) - 1.0).abs() < 0.02, "{variance}");
     // 0.8 is crossed between 2 and 5 periods + window (0.96, 0.8), 0.5 at 10 periods.
     assert!(u.wavelength_50_px.is_some_and(|w| (w / (length / 10.0) - 1.0).abs() < 0.1), "{u:?}");
-    // Along y nothing varies, so there is no response.
+    // There is no variation along y, hence no response.
     let v = spectra.iter().find(|s| s.component == "u" && s.along == "y").unwrap();
     assert!(v.waves.iter().all(|w| w.response.is_none()) && v.wavelength_50_px.is_none());
 }
@@ -133,12 +136,12 @@ fn a_dataset_s_field_is_scored_pair_by_pair_against_every_truth() {
     }
     let result = place.path().join("result.csv");
     std::fs::write(&result, &text).unwrap();
-    let score = evaluate(&folder, &result, &Options::default()).unwrap().score;
+    let score = evaluate(&folder, &result, &EvaluateOptions::default()).unwrap().score;
     let f = score.field.unwrap();
-    // One of six columns is masked: its vectors have no truth.
+    // One of six columns is masked, so its vectors have no truth.
     assert_eq!((f.n_total, f.n_reported, f.n_outside, f.against.as_str()), (72, 72, 12, "central"));
     let bias = |kind: &str| f.truths[kind].u.bias_px.unwrap();
-    // On the plane nearest focus u = 1.01 and 2.02 px; the errors are 0.02, 0.02 - 0.1 and 0.02 + 0.2 u.
+    // On the plane nearest to focus u = 1.01 and 2.02 px; the errors are 0.02, 0.02 - 0.1 and 0.02 + 0.2 u.
     assert!((bias("central") - 0.02).abs() < ROUNDING);
     assert!((bias("forward") + 0.08).abs() < ROUNDING);
     assert!((bias("weighted") - (0.02 + 0.2 * 1.515)).abs() < ROUNDING);
@@ -146,19 +149,19 @@ fn a_dataset_s_field_is_scored_pair_by_pair_against_every_truth() {
     assert_eq!((repeated.n_places, repeated.mean_repeats), (30, 2.0));
     assert!((repeated.mean_abs_bias_u_px - 0.02).abs() < ROUNDING && repeated.mean_random_u_px < ROUNDING);
 
-    // The plane is that nearest the particles' focus if the manifest tells it, and that which is asked for before all.
+    // The plane is the requested one, or else the one nearest to best focus if the manifest has it.
     assert_eq!(f.plane_um, Some(1.0));
     let plane = |asked: Option<f64>| {
-        let options = Options { plane_um: asked, ..Options::default() };
+        let options = EvaluateOptions { plane_um: asked, ..EvaluateOptions::default() };
         evaluate(&folder, &result, &options).unwrap().score.field.unwrap().plane_um
     };
     let manifest = r#"{"name":"hand-made","microsig":{"particle_image":{"focus_um":-12.0}}}"#;
     std::fs::write(folder.join("datapackage.json"), manifest).unwrap();
     assert_eq!((plane(None), plane(Some(0.0)), plane(Some(-4.6))), (Some(-10.0), Some(1.0), Some(-10.0)));
 
-    // Without numbers of pairs there is no telling which truth is meant.
+    // Without pair numbers the truth is ambiguous.
     std::fs::write(&result, table(6, |_, _| [1.0, 0.5])).unwrap();
-    let warnings = evaluate(&folder, &result, &Options::default()).unwrap().score.warnings;
+    let warnings = evaluate(&folder, &result, &EvaluateOptions::default()).unwrap().score.warnings;
     assert!(warnings.iter().any(|w| w.contains("image pair")), "{warnings:?}");
 }
 
@@ -186,18 +189,20 @@ fn a_plane_without_fluid_is_not_taken_unless_it_is_asked_for() {
     tell(&folder, r#"{"particle_image":{"focus_um":-12.0}}"#);
     let result = place.path().join("result.csv");
     std::fs::write(&result, table(6, |_, _| [1.0, 0.5])).unwrap();
-    let of = |plane_um: Option<f64>| evaluate(&folder, &result, &Options { plane_um, ..Options::default() });
+    let of = |plane_um: Option<f64>| {
+        evaluate(&folder, &result, &EvaluateOptions { plane_um, ..EvaluateOptions::default() })
+    };
     assert_eq!(of(None).unwrap().score.field.unwrap().plane_um, Some(1.0));
     let message = of(Some(-9.0)).unwrap_err().to_string();
     assert!(message.contains("z = -10 um is masked everywhere; there is fluid at z = 1 um"), "{message}");
     let out = place.path().join("field.txt");
     let export = ["export", path(&folder), "--format", "openpiv", "--pair", "0", "--out", path(&out)];
     assert!(run(&export).contains("30 "), "30 of 36 nodes are not masked");
-    // It marks the masked ones as invalid, which is no loss: nothing could be measured there.
+    // It marks the masked vectors as invalid, which does not matter: they have no truth.
     let text = std::fs::read_to_string(&field).unwrap();
     let first = text.lines().filter(|l| !l.starts_with("1,")).map(|l| format!("{l}\n"));
     std::fs::write(&field, first.collect::<String>()).unwrap();
-    let score = evaluate(&folder, &out, &Options::default()).unwrap().score.field.unwrap();
+    let score = evaluate(&folder, &out, &EvaluateOptions::default()).unwrap().score.field.unwrap();
     assert_eq!((score.n_total, score.n_reported), (36, 30));
     assert_eq!((score.main.valid_vector_probability, score.main.aee_px), (Some(1.0), Some(0.0)));
     masked(&["1"]);
@@ -214,11 +219,17 @@ fn where_all_depths_are_seen_alike_their_mean_is_the_truth() {
     let result = place.path().join("result.csv");
     std::fs::write(&result, "pair,x_px,y_px,dx_px,dy_px\n0,13,13,1,0.5\n").unwrap();
     let scored = |plane_um: Option<f64>| {
-        let score = evaluate(&folder, &result, &Options { plane_um, ..Options::default() }).unwrap().score;
+        let score = evaluate(&folder, &result, &EvaluateOptions { plane_um, ..EvaluateOptions::default() })
+            .unwrap()
+            .score;
         let field = score.field.unwrap();
-        (field.against, field.plane_um.unwrap(), score.assumptions.iter().any(|a| a.contains("seen alike")))
+        (
+            field.against,
+            field.plane_um.unwrap(),
+            score.assumptions.iter().any(|a| a.contains("equally sharp")),
+        )
     };
-    // The middle of the depth range is nearer to the plane at 1 um.
+    // The center of the depth range is nearer to the plane at 1 um.
     assert_eq!(scored(None), ("weighted".to_owned(), 1.0, true));
     assert_eq!(scored(Some(-8.0)), ("central".to_owned(), -10.0, false));
 }
@@ -228,7 +239,7 @@ fn image_pairs_that_are_not_there_are_told() {
     let place = tempfile::tempdir().unwrap();
     let folder = place.path().join("dataset");
     dataset(&folder);
-    // A steady field is the truth of all pairs, but of no more than there are.
+    // A steady field is the truth of all existing pairs.
     let field = folder.join("truth/field.csv");
     let text = std::fs::read_to_string(&field).unwrap();
     let steady = text.lines().filter(|l| !l.starts_with("1,")).map(|l| match l.strip_prefix("0,") {
@@ -245,7 +256,7 @@ fn image_pairs_that_are_not_there_are_told() {
         (r#"{"mode":"four_pulse","frames":8}"#, 1, "(99)"),
     ] {
         tell(&folder, &format!(r#"{{"timing":{timing}}}"#));
-        let score = evaluate(&folder, &result, &Options::default()).unwrap().score;
+        let score = evaluate(&folder, &result, &EvaluateOptions::default()).unwrap().score;
         assert_eq!(score.field.unwrap().n_outside, lost, "{timing}");
         let expected = format!("{lost} vectors are of image pairs that the dataset does not have {named}");
         assert!(score.warnings.contains(&expected), "{timing}: {:?}", score.warnings);
@@ -266,7 +277,7 @@ fn a_field_with_y_upward_is_noticed() {
 
 #[test]
 fn intervals_hold_their_scores() {
-    // Errors of a fixed pattern, so that there is something to resample.
+    // A fixed pattern of errors, for resampling.
     let noise = |x: f64, y: f64| 0.3 * (12.9898 * x + 78.233 * y).sin();
     let exact = |x: f64, y: f64| [0.01 * x, 0.01 * y];
     let found = |x: f64, y: f64| [exact(x, y)[0] + noise(x, y), exact(x, y)[1] + noise(y, x)];
@@ -299,13 +310,14 @@ fn a_generated_dataset_s_own_field_is_scored_perfect_against_each_of_its_truths(
         let result = place.path().join(format!("{kind}.txt"));
         let export = ["export", path(&dataset), "--format", "openpiv", "--displacement", kind, "--out"];
         run(&[&export[..], &[path(&result)]].concat());
-        let score = evaluate(&dataset, &result, &Options::default()).unwrap().score.field.unwrap();
-        // The format holds five digits of displacements of a few px.
+        let score = evaluate(&dataset, &result, &EvaluateOptions::default()).unwrap().score.field.unwrap();
+        // The format has five digits for displacements of a few px.
         assert!(score.truths[kind].aee_px.unwrap() < 1e-3, "{kind}: {:?}", score.truths[kind].aee_px);
         assert!(score.n_reported >= 20 && score.n_outside == 0, "{kind}");
-        // Spherical aberration puts the sharpest images at about -12 um; the nearest plane of five is at -10 um.
+        // Because of spherical aberration best focus is at about -12 um; the nearest of five planes is at -10
+        // um.
         assert_eq!(score.plane_um, Some(-10.0));
-        // Light from all depths moves differently than the plane does.
+        // The average over depth differs from the displacement of the plane.
         let other = if kind == "weighted" { "central" } else { "weighted" };
         assert!(
             score.truths[other].aee_px.unwrap() > 0.05,

@@ -1,10 +1,11 @@
-//! The same result in many formats gives the same scores; hostile files give clear errors within little memory.
+//! The same result in many formats gives the same scores; malicious files give clear errors with little
+//! memory.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use bench::evaluate::{Options, Score, evaluate};
-use bench::results::{Conventions, Found, Origin, read};
+use bench::evaluate::{EvaluateOptions, Score, evaluate};
+use bench::results::{Conventions, Origin, TrackerResult, read};
 use suite::microsig::{fail, microsig, path, run};
 
 fn folder() -> PathBuf {
@@ -16,11 +17,11 @@ fn given() -> Conventions {
 }
 
 fn score(result: &str, dims: u8) -> Score {
-    let options = Options { conventions: given(), dims: Some(dims), ..Options::default() };
+    let options = EvaluateOptions { conventions: given(), dims: Some(dims), ..EvaluateOptions::default() };
     evaluate(&folder().join("canonical.csv"), &folder().join(result), &options).unwrap().score
 }
 
-/// Six digits of DefocusTracker's text file and three of TrackMate's lengths stay below this.
+/// Above the rounding of DefocusTracker's text file (six digits) and TrackMate's lengths (three digits).
 const TOLERANCE_PX: f64 = 1e-3;
 
 #[test]
@@ -51,10 +52,10 @@ fn every_format_of_particles_scores_as_the_canonical_one() {
 #[test]
 fn every_format_of_fields_holds_the_canonical_one() {
     let field = |file: &str| match read(&folder().join(file), &given()).unwrap() {
-        Found::Field(field) => field.vectors,
-        Found::Points(_) => panic!("{file}: particles"),
+        TrackerResult::Field(field) => field.vectors,
+        TrackerResult::Points(_) => panic!("{file}: particles"),
     };
-    let sorted = |mut vectors: Vec<bench::results::Vector>| {
+    let sorted = |mut vectors: Vec<bench::results::FlowVector>| {
         vectors.sort_by(|a, b| (a.at.y_px, a.at.x_px).partial_cmp(&(b.at.y_px, b.at.x_px)).unwrap());
         vectors
     };
@@ -64,9 +65,9 @@ fn every_format_of_fields_holds_the_canonical_one() {
         let vectors = sorted(field(file));
         assert_eq!(vectors.len(), 20, "{file}");
         for (a, b) in canonical.iter().zip(&vectors) {
-            // float32 of the dense flow.
+            // Rounding of float32 in the dense flow.
             let close = |k: usize| (a.moved[k] - b.moved[k]).abs() < 1e-6;
-            // A dense flow has a vector per pixel and knows no flags; PIVlab marks what it replaced.
+            // A dense flow has a vector per pixel and no flags; PIVlab marks replaced vectors.
             let flag = match file {
                 "dense.flo" => 0,
                 "pivlab.txt" => 2 * a.flag,
@@ -77,8 +78,11 @@ fn every_format_of_fields_holds_the_canonical_one() {
         }
     }
     let truth = folder().join("field_canonical.csv");
-    let score =
-        evaluate(&truth, &folder().join("openpiv.txt"), &Options::default()).unwrap().score.field.unwrap();
+    let score = evaluate(&truth, &folder().join("openpiv.txt"), &EvaluateOptions::default())
+        .unwrap()
+        .score
+        .field
+        .unwrap();
     assert_eq!((score.n_total, score.n_reported, score.n_outside), (20, 19, 0));
     // OpenPIV writes five digits.
     assert!(score.main.aee_px.unwrap() < 1e-4);
@@ -91,8 +95,8 @@ fn pivlab_files_are_read_whatever_separates_their_columns_and_whatever_their_uni
         let file = place.path().join(name);
         std::fs::write(&file, text).unwrap();
         match read(&file, &Conventions::default()).unwrap() {
-            Found::Field(field) => (field.vectors, field.notes),
-            Found::Points(_) => panic!("{name}: particles"),
+            TrackerResult::Field(field) => (field.vectors, field.notes),
+            TrackerResult::Points(_) => panic!("{name}: particles"),
         }
     };
     let text = std::fs::read_to_string(folder().join("pivlab.txt")).unwrap();
@@ -101,7 +105,7 @@ fn pivlab_files_are_read_whatever_separates_their_columns_and_whatever_their_uni
     for (name, separator) in [("tabs.txt", "\t"), ("spaces.txt", " ")] {
         let table = lines[2..].join("\r\n").replace(',', separator);
         let (read, _) = vectors(name, &format!("{}\r\n{}\r\n{table}\r\n", lines[0], lines[1]));
-        // Invalid displacements are NaN and never equal.
+        // Invalid displacements are NaN, which is not equal to itself.
         assert_eq!(format!("{read:?}"), format!("{commas:?}"), "{name}");
     }
     let mut calibrated = format!(
@@ -118,7 +122,7 @@ fn pivlab_files_are_read_whatever_separates_their_columns_and_whatever_their_uni
     let (read, notes) = vectors("calibrated.txt", &calibrated);
     assert!(notes.iter().any(|n| n.contains("6.45e-7 m per px")), "{notes:?}");
     for (a, b) in commas.iter().zip(&read) {
-        // Products and quotients of numbers below 100 round at 1e-14.
+        // Rounding errors of products and quotients of numbers below 100 are 1e-14.
         let same = |p: f64, q: f64| (p.is_nan() && q.is_nan()) || (p - q).abs() < 1e-12;
         assert!(same(a.at.x_px, b.at.x_px) && same(a.moved[0], b.moved[0]) && same(a.moved[1], b.moved[1]));
         assert_eq!(a.flag, b.flag);
@@ -139,10 +143,14 @@ fn claimed_uncertainties_are_read_and_unused_columns_named() {
     let file = place.path().join("r.csv");
     std::fs::write(&file, "frame,track,x_px,y_px,sx_px,sz_um,cm\n0,1,4.5,2,0.1,,0.9\n0,2,5.5,2,0.2,3,0.8\n")
         .unwrap();
-    let Found::Points(points) = read(&file, &Conventions::default()).unwrap() else { panic!("no particles") };
+    let TrackerResult::Points(points) = read(&file, &Conventions::default()).unwrap() else {
+        panic!("no particles")
+    };
     assert_eq!(format!("{:?}", points.sigma), "[[0.1, NaN, NaN], [0.2, NaN, 3.0]]");
     assert!(points.notes.iter().any(|n| n == "columns not used: cm"), "{:?}", points.notes);
-    let Found::Points(points) = read(&folder().join("trackpy.csv"), &given()).unwrap() else { panic!() };
+    let TrackerResult::Points(points) = read(&folder().join("trackpy.csv"), &given()).unwrap() else {
+        panic!()
+    };
     assert!(
         points.notes.iter().any(|n| n.contains("columns not used: ") && n.contains("mass")),
         "{points:?}"
@@ -150,7 +158,7 @@ fn claimed_uncertainties_are_read_and_unused_columns_named() {
     std::fs::write(&file, "frame,track,x_px,y_px,sx_px\n0,1,4.5,2,-0.1\n").unwrap();
     assert!(read_error(&file).contains(":2: sx_px = -0.1: expected an uncertainty"), "{}", read_error(&file));
     std::fs::write(&file, "frame,track,x_px,y_px\n0,1,4.5,2\n1,1,2,2\n0,1,3,3\n").unwrap();
-    assert!(read_error(&file).contains(":4: track 1 is twice in frame 0"), "{}", read_error(&file));
+    assert!(read_error(&file).contains(":4: track 1 appears twice in frame 0"), "{}", read_error(&file));
 }
 
 #[test]
@@ -160,7 +168,7 @@ fn velocities_are_read_with_their_unit() {
     let read_with = |header: &str| {
         std::fs::write(&file, format!("frame,x_px,y_px,{header}\n0,4.5,2,1.5,-2,\n")).unwrap();
         let up = Conventions { y_up: Some(true), height_px: Some(9.0), ..Conventions::default() };
-        let Found::Points(points) = read(&file, &up).unwrap() else { panic!("no particles") };
+        let TrackerResult::Points(points) = read(&file, &up).unwrap() else { panic!("no particles") };
         (format!("{:?}", points.velocities), points.notes)
     };
     let (velocities, notes) = read_with("u_um_s,v_um_s,w_um_s");
@@ -181,13 +189,14 @@ fn rows_without_coordinates_are_told_with_their_lines() {
     for (header, dropped) in [("frame,track,x_px,y_px,a,b\n", 2), ("pair,dy_px,x_px,y_px,dx_px,b\n", 2)] {
         std::fs::write(&file, format!("{header}{rows}")).unwrap();
         let (n, notes) = match read(&file, &Conventions::default()).unwrap() {
-            Found::Points(p) => (p.n_nan, p.notes),
-            Found::Field(f) => (f.n_nan, f.notes),
+            TrackerResult::Points(p) => (p.n_nan, p.notes),
+            TrackerResult::Field(f) => (f.n_nan, f.notes),
         };
         let expected = "2 rows without coordinates were dropped (lines 3, 5)";
         assert!(n == dropped && notes.iter().any(|n| n == expected), "{n} {notes:?}");
     }
-    // The challenge trims what is missing at the ends of tracks and drops tracks in which something is missing.
+    // The challenge trims missing points at the ends of tracks and drops tracks with missing points in
+    // between.
     let detection = |t: u32, x: &str| format!("<detection t=\"{t}\" x=\"{x}\" y=\"1\" z=\"0\"/>");
     let track = |xs: [&str; 3]| {
         let all: String = (0..).zip(xs).map(|(t, x)| detection(t, x)).collect();
@@ -196,7 +205,9 @@ fn rows_without_coordinates_are_told_with_their_lines() {
     let tracks = [["NaN", "2", "3"], ["4", "NaN", "5"], ["6", "7", "8"]].map(track).concat();
     let text = format!("<root><TrackContestISBI2012>{tracks}</TrackContestISBI2012></root>");
     std::fs::write(&file, text).unwrap();
-    let Found::Points(points) = read(&file, &Conventions::default()).unwrap() else { panic!("no particles") };
+    let TrackerResult::Points(points) = read(&file, &Conventions::default()).unwrap() else {
+        panic!("no particles")
+    };
     let kept: Vec<(i64, f64)> = points.rows.iter().map(|r| (r.track, r.at.x_px)).collect();
     assert_eq!(kept, [(0, 3.0), (0, 4.0), (2, 7.0), (2, 8.0), (2, 9.0)]);
     assert_eq!(points.n_nan, 4);
@@ -216,14 +227,14 @@ fn conventions_can_be_stated() {
         frame_base: Some(1),
         ..Conventions::default()
     };
-    let Found::Points(points) = read(&file, &given).unwrap() else { panic!("no particles") };
+    let TrackerResult::Points(points) = read(&file, &given).unwrap() else { panic!("no particles") };
     assert_eq!((points.rows.len(), points.n_nan, points.has_z), (1, 1, false));
     let row = points.rows[0];
     assert_eq!((row.frame, row.track, row.at.x_px, row.at.y_px), (0, -1, 5.0, 98.5));
     assert!(points.notes[0].contains("(0.5, 0.5)") && points.notes[0].contains("y up"), "{:?}", points.notes);
 }
 
-/// Every file that is read, a coordinate or displacement in it as it is written there, and whether it is a field.
+/// Every readable file, a coordinate or displacement as written in it, and whether it is a field.
 const READ: [(&str, &str, bool); 12] = [
     ("canonical.csv", "10.3", false),
     ("trackpy.csv", "9.3", false),
@@ -239,7 +250,7 @@ const READ: [(&str, &str, bool); 12] = [
     ("dense.flo", "", true),
 ];
 
-/// Runs the command with no more than 1 GiB of address space; gives exit code and messages.
+/// Runs the command with 1 GiB of address space; returns exit code and standard error.
 fn confined(arguments: &[&str]) -> (Option<i32>, String) {
     let program = microsig().get_program().to_owned();
     let output = Command::new("bash")
@@ -251,12 +262,10 @@ fn confined(arguments: &[&str]) -> (Option<i32>, String) {
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
-#[test]
-fn hostile_files_are_refused_within_a_gigabyte() {
-    let place = tempfile::tempdir().unwrap();
-    let truth = folder().join("canonical.csv");
-    let field_truth = folder().join("field_canonical.csv");
-    let detections = "<detection t=\"0\" x=\"1\" y=\"1\" z=\"0\"/>";
+const DETECTIONS: &str = "<detection t=\"0\" x=\"1\" y=\"1\" z=\"0\"/>";
+
+/// Names, contents, and what the message says.
+fn hostile_files() -> Vec<(&'static str, Vec<u8>, &'static str)> {
     let flo = |width: i32, height: i32, rest: usize| {
         let mut bytes = b"PIEH".to_vec();
         bytes.extend(width.to_le_bytes());
@@ -266,15 +275,19 @@ fn hostile_files_are_refused_within_a_gigabyte() {
     };
     let bomb = "<?xml version=\"1.0\"?><!DOCTYPE a [<!ENTITY a \"aaaaaaaaaa\"><!ENTITY b \"&a;&a;&a;&a;\">]>\
                 <Tracks><particle><detection t=\"&b;\" x=\"1\" y=\"1\" z=\"0\"/></particle></Tracks>";
-    let cases: Vec<(&str, Vec<u8>, &str)> = vec![
+    vec![
         ("large.csv", b"frame,track,x_px,y_px\n0,0,1e308,1\n".to_vec(), ":2: x = 1e308"),
         ("infinite.csv", b"frame,track,x_px,y_px\n0,0,inf,1\n".to_vec(), ":2: x = inf"),
         ("frame.csv", b"frame,track,x_px,y_px\n1e300,0,1,1\n".to_vec(), ":2: frame = 1e300"),
         ("frame2.csv", b"frame,track,x_px,y_px\n0.5,0,1,1\n".to_vec(), ":2: frame = 0.5"),
         ("track.csv", b"frame,track,x_px,y_px\n0,1e300,1,1\n".to_vec(), ":2: track = 1"),
-        ("twice.csv", b"frame,track,x_px,y_px\n0,3,1,1\n0,3,2,2\n".to_vec(), "track 3 is twice in frame 0"),
+        (
+            "twice.csv",
+            b"frame,track,x_px,y_px\n0,3,1,1\n0,3,2,2\n".to_vec(),
+            "track 3 appears twice in frame 0",
+        ),
         ("comma.csv", b"frame,track,x_px,y_px\n0,3,1,5,2,5\n".to_vec(), "decimal commas"),
-        ("semicolon.csv", b"frame;track;x_px;y_px\n0;3;1,5;2,5\n".to_vec(), "semicolons"),
+        ("semicolon.csv", b"frame;track;x_px;y_px\n0;3;1,5;2,5\n".to_vec(), "separated by semicolons"),
         ("empty.csv", Vec::new(), "empty"),
         ("names.csv", b"frame,track,x,y\n0,3,1,5\n".to_vec(), "have no units"),
         (
@@ -286,14 +299,14 @@ fn hostile_files_are_refused_within_a_gigabyte() {
         ("claim.flo", flo(i32::MAX, i32::MAX, 0), "2147483647 x 2147483647 px"),
         ("short.flo", flo(100, 100, 79_999), "need 80012 bytes; the file has 80011"),
         ("negative.flo", flo(-1, 5, 40), "-1 x 5 px"),
-        ("header.flo", b"PIEH\x01".to_vec(), "no header"),
+        ("header.flo", b"PIEH\x01".to_vec(), "shorter than the header"),
         ("bomb.xml", bomb.as_bytes().to_vec(), "document type"),
         (
             "long.xml",
             [b"<Tracks><particle><detection t=\"".to_vec(), vec![b'1'; 10 << 20]].concat(),
             "a tag or text is longer",
         ),
-        ("open.xml", format!("<Tracks><particle>{detections}").into_bytes(), "open.xml"),
+        ("open.xml", format!("<Tracks><particle>{DETECTIONS}").into_bytes(), "open.xml"),
         ("unclosed.xml", b"<Tracks><particle><detection t=\"1\"".to_vec(), "unclosed.xml"),
         (
             "words.xml",
@@ -304,11 +317,18 @@ fn hostile_files_are_refused_within_a_gigabyte() {
         ("flag.csv", b"x_px,y_px,dx_px,dy_px,flag\n1,1,1,0,7\n".to_vec(), ":2: flag = 7"),
         ("openpiv.txt", b"# x\ty\tu\tv\tflags\tmask\n1 1 x 0 0 0\n".to_vec(), ":2: u = \"x\""),
         ("openpiv7.txt", b"# x\ty\tu\tv\tflags\tmask\n1 1 1 0 7 0\n".to_vec(), ":2: flags = 7"),
-        ("same.csv", b"frame,track,x_px,y_px,x_px\n0,0,1,1,2\n".to_vec(), "column x_px is there twice"),
+        ("same.csv", b"frame,track,x_px,y_px,x_px\n0,0,1,1,2\n".to_vec(), "column x_px appears twice"),
         ("pivlab.txt", b"PIVlab\nFRAME\nx [mm],y [mm],u [mm/s],v [mm/s]\n1,1,1,1\n".to_vec(), ":3: "),
         ("binary.csv", vec![0xff; 4000], "fits no format"),
-    ];
-    for (name, bytes, expected) in cases {
+    ]
+}
+
+#[test]
+fn hostile_files_are_refused_within_a_gigabyte() {
+    let place = tempfile::tempdir().unwrap();
+    let truth = folder().join("canonical.csv");
+    let field_truth = folder().join("field_canonical.csv");
+    for (name, bytes, expected) in hostile_files() {
         let file = place.path().join(name);
         std::fs::write(&file, bytes).unwrap();
         let arguments = ["evaluate", path(&truth), path(&file), "--um-per-px", "0.645", "--threads", "1"];
@@ -317,7 +337,7 @@ fn hostile_files_are_refused_within_a_gigabyte() {
         assert!(message.contains(expected), "{name}: {message}");
         assert!(message.len() < 4000, "{name}: {} bytes of message", message.len());
     }
-    // In every format: a line of 10 MB, a number beyond any image, any number of bytes cut off, and never a panic.
+    // In every format: a line of 10 MB, an implausibly large number, truncation at any byte; never a panic.
     for (name, number, is_field) in READ {
         let whole = std::fs::read(folder().join(name)).unwrap();
         let file = place.path().join(name);
@@ -340,14 +360,14 @@ fn hostile_files_are_refused_within_a_gigabyte() {
         }
         for part in 1..8 {
             let (code, message) = run(whole[..part * whole.len() / 8].to_vec());
-            // What ends between two lines is a shorter table; nothing else is.
+            // Only a file truncated between two lines is a valid, shorter table.
             assert!(code == Some(2) || code == Some(0), "{name}, {part}/8 of it: {code:?} {message}");
             assert!(!name.ends_with(".flo") || code == Some(2), "{name}, {part}/8 of it: {message}");
         }
     }
-    // A claim of a billion rows costs nothing and is not believed.
+    // A header that claims a billion rows is refused without allocating memory.
     let claim = format!(
-        "<Tracks nTracks=\"1000000000\"><particle nSpots=\"1000000000\">{detections}</particle></Tracks>"
+        "<Tracks nTracks=\"1000000000\"><particle nSpots=\"1000000000\">{DETECTIONS}</particle></Tracks>"
     );
     let file = place.path().join("claim.xml");
     std::fs::write(&file, claim).unwrap();
@@ -391,7 +411,7 @@ fn formats_that_are_not_read_yet_are_named() {
         std::fs::write(&file, head).unwrap();
         let message = read_error(&file);
         assert!(message.contains(name) && message.contains("cannot be read; write a CSV"), "{message}");
-        // Of fields are those of DaVis and KITTI.
+        // DaVis and KITTI are formats of fields.
         assert_eq!(message.contains("dx_px"), ["DaVis", "KITTI"].contains(&name), "{message}");
     }
 }

@@ -1,14 +1,15 @@
-//! What must hold of scores whatever the tracker: perfection of the truth, invariance, warnings, files.
+//! General properties of scores: the truth is perfect, invariance, warnings, files.
 
 use std::path::{Path, PathBuf};
 
-use bench::evaluate::truth::{Facts, Truth};
-use bench::evaluate::{Options, Score, particles};
-use bench::results::{Points, Position, Row};
+use crate::scoring_hints::{scene, scores};
+use bench::evaluate::EvaluateOptions;
+use bench::evaluate::truth::TrueParticles;
+use bench::results::{Points, TrackRow};
 use proptest::prelude::*;
 use suite::microsig::{fail, path, run};
 
-/// Fast circles about the middle of a small image: many particles leave it at the corners and come back.
+/// Fast rotation about the center of a small image: many particles leave it at the corners and return.
 const VORTEX: &str = r#"(
     name: "vortex",
     optics: (pixel_dim_x: 150, pixel_dim_y: 110, n_rays: 50),
@@ -74,7 +75,7 @@ fn is_perfect(score: &serde_json::Value) {
         one(pointer);
     }
     let value = |pointer: &str| score.pointer(pointer).and_then(serde_json::Value::as_f64).unwrap();
-    // Sums over 19 thresholds.
+    // Rounding of sums over 19 thresholds.
     for pointer in ["/hota/hota", "/hota/deta", "/hota/assa", "/hota/loca"] {
         assert!((value(pointer) - 1.0).abs() < 1e-12, "{pointer} {}", value(pointer));
     }
@@ -102,7 +103,7 @@ fn the_truth_is_a_perfect_result_where_particles_leave_and_come_back() {
     let tracks = dataset.join("truth/tracks.csv");
     let score = evaluated(&[path(&dataset), path(&tracks)]);
     is_perfect(&score);
-    // It really happens: some particle is seen, not seen, and seen again.
+    // Checks the premise: some particle is visible, invisible, and visible again.
     let header = csv::Reader::from_path(&tracks).unwrap().headers().unwrap().clone();
     let column = |name: &str| header.iter().position(|h| h == name).unwrap();
     let (track, visible) = (column("track"), column("visible"));
@@ -123,7 +124,7 @@ fn the_truth_of_pairs_is_a_perfect_result() {
     is_perfect(&evaluated(&[path(&dataset), path(&dataset.join("truth/tracks.csv"))]));
 }
 
-/// The truth's columns of these names, as a result.
+/// Writes these columns of the truth as a result.
 fn columns(tracks: &Path, names: &[&str], out: &Path) {
     let mut text = names.join(",") + "\n";
     for row in csv::Reader::from_path(tracks).unwrap().deserialize() {
@@ -150,52 +151,13 @@ fn velocities_are_those_of_the_times_at_which_frames_were_taken() {
         columns(&tracks, &["frame", "track", "x_px", "y_px", "z_um"], &positions);
         let lpt = &evaluated(&[path(&dataset), path(&positions)])["lpt"];
         assert_eq!(lpt["velocity_from"], "positions");
-        // Differences over a few ms of a turn of 0.1 s; with one time for all steps it would be half of the velocity.
+        // Finite differences over a few ms of a rotation period of 0.1 s; with equal time steps the error
+        // would be half of the velocity.
         assert!(lpt["velocity_rms_relative"].as_f64().unwrap() < 0.15, "{timing}: {lpt}");
         assert_eq!(lpt["acceleration_rms_px"].is_number(), even, "{timing}: {lpt}");
-        // Times are sums, positions are the same.
+        // Rounding of times; positions are the same.
         assert!(lpt["acceleration_rms_relative"].as_f64().unwrap() < 1e-9, "{timing}: {lpt}");
     }
-}
-
-/// A sequence of particles on straight lines, and a result with noise, misses, ghosts and broken tracks.
-fn scene() -> (Truth, Points) {
-    let (mut rows, mut found) = (Vec::new(), Vec::new());
-    let mut state = 1u64;
-    let mut random = move || {
-        // Knuth's linear congruences: any noise will do.
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 53) as f64
-    };
-    for track in 0..40i64 {
-        let (x0, y0, z) = (10.0 + 180.0 * random(), 10.0 + 130.0 * random(), -20.0 + 40.0 * random());
-        let (u, v) = (4.0 * random() - 2.0, 4.0 * random() - 2.0);
-        for frame in 0..12u32 {
-            let t = f64::from(frame);
-            let at = Position { x_px: x0 + u * t, y_px: y0 + v * t, z_um: z };
-            rows.push(Row { frame, track, at });
-            if random() < 0.9 {
-                let mut noise = || 0.6 * (random() - 0.5);
-                let at =
-                    Position { x_px: at.x_px + noise(), y_px: at.y_px + noise(), z_um: at.z_um + noise() };
-                found.push(Row { frame, track: if frame > 7 { track + 100 } else { track }, at });
-            }
-            if random() < 0.1 {
-                let at = Position { x_px: 200.0 * random(), y_px: 150.0 * random(), z_um: 0.0 };
-                found.push(Row { frame, track: -1, at });
-            }
-        }
-    }
-    let facts = Facts { depth_um: Some((-20.0, 20.0)), ..Facts::default() };
-    let visible = vec![true; rows.len()];
-    (
-        Truth { facts, rows, has_z: true, visible, ..Truth::default() },
-        Points { rows: found, has_z: true, ..Points::default() },
-    )
-}
-
-fn scores(truth: &Truth, points: &Points) -> Score {
-    particles(truth, points, &Options::default()).unwrap().score
 }
 
 proptest! {
@@ -205,15 +167,15 @@ proptest! {
         let (truth, points) = scene();
         let expected = serde_json::to_string(&scores(&truth, &points)).unwrap();
         let key = |i: usize| (i as u64 + 1).wrapping_mul(seed | 1).rotate_left(23);
-        let shuffled = |rows: &[Row]| {
+        let shuffled = |rows: &[TrackRow]| {
             let mut order: Vec<usize> = (0..rows.len()).collect();
             order.sort_by_key(|&i| key(i));
             order.iter().map(|&i| {
                 let r = rows[i];
-                Row { track: if r.track < 0 { -1 } else { (200 - r.track) * step + 7 }, ..r }
-            }).collect::<Vec<Row>>()
+                TrackRow { track: if r.track < 0 { -1 } else { (200 - r.track) * step + 7 }, ..r }
+            }).collect::<Vec<TrackRow>>()
         };
-        let truth = Truth { rows: shuffled(&truth.rows), ..truth };
+        let truth = TrueParticles { rows: shuffled(&truth.rows), ..truth };
         let points = Points { rows: shuffled(&points.rows), ..points };
         prop_assert_eq!(serde_json::to_string(&scores(&truth, &points)).unwrap(), expected);
     }
@@ -255,12 +217,13 @@ fn scores_lie_within_their_intervals() {
 #[test]
 fn claims_are_compared_with_errors() {
     let (truth, points) = scene();
-    // Errors are even over +-0.3 px: a standard deviation of 0.173 px. z is claimed half as uncertain as it is.
+    // Errors are uniform over +-0.3 px: a standard deviation of 0.173 px. The claimed uncertainty of z is
+    // half of the true one.
     let sigma = 0.6 / 12f64.sqrt();
     let claimed = Points { sigma: vec![[sigma, f64::NAN, sigma / 2.0]; points.rows.len()], ..points };
     let claims = scores(&truth, &claimed).uncertainty.unwrap();
     let (x, z) = (claims.x.unwrap(), claims.z.unwrap());
-    // 430 errors: 3.4 % of a standard deviation; 1 / sqrt 3 of them within one, all within two.
+    // 430 errors give a standard deviation to 3.4 %; 1 / sqrt 3 of them are within one, all within two.
     assert!((x.ratio.unwrap() - 1.0).abs() < 0.1 && (z.ratio.unwrap() - 2.0).abs() < 0.2, "{x:?} {z:?}");
     assert!((x.coverage_1s.unwrap() - 0.577).abs() < 0.08 && x.coverage_2s == Some(1.0), "{x:?}");
     assert_eq!((claims.y, x.bins.len()), (None, 10));
@@ -273,7 +236,7 @@ fn recall_is_binned_by_what_the_truth_tells_of_a_particle() {
     let (mut truth, mut result) =
         ("frame,track,x_px,y_px,snr,overlap\n".to_owned(), "frame,track,x_px,y_px\n".to_owned());
     for i in 0..100 {
-        // Faint particles are missed; overlap does not matter.
+        // Faint particles are missed; overlap has no effect.
         let (x, snr) = (10 * i, i / 10);
         truth += &format!("0,{i},{x},5,{snr},{}\n", f64::from(i % 10) / 10.0);
         if snr >= 3 {
@@ -282,73 +245,13 @@ fn recall_is_binned_by_what_the_truth_tells_of_a_particle() {
     }
     std::fs::write(&paths[0], truth).unwrap();
     std::fs::write(&paths[1], result).unwrap();
-    let score = bench::evaluate::evaluate(&paths[0], &paths[1], &Options::default()).unwrap().score;
+    let score = bench::evaluate::evaluate(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score;
     let recalls = |against: &str| -> Vec<f64> {
         let curve = score.curves.iter().find(|c| c.against == against).unwrap();
         curve.bins.iter().map(|b| b.recall.unwrap()).collect()
     };
     assert_eq!(recalls("snr"), [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
     assert!(recalls("overlap").iter().all(|r| (r - 0.7).abs() < 1e-12), "{:?}", recalls("overlap"));
-}
-
-#[test]
-fn mistakes_of_conventions_are_noticed() {
-    let (truth, points) = scene();
-    let warned = |change: &dyn Fn(&mut Row), expected: &str| {
-        let mut changed = points.clone();
-        changed.rows.iter_mut().for_each(change);
-        let warnings = scores(&truth, &changed).warnings;
-        assert!(warnings.iter().any(|w| w.contains(expected)), "{expected}: {warnings:?}");
-    };
-    assert_eq!(scores(&truth, &points).warnings, Vec::<String>::new());
-    for shift in [-1.0, -0.5, 0.5, 1.0] {
-        warned(
-            &|r| {
-                r.at.x_px += shift;
-                r.at.y_px += shift;
-            },
-            "origin mismatch?",
-        );
-    }
-    warned(&|r| r.frame += 1, "frames off by one?");
-    warned(&|r| std::mem::swap(&mut r.at.x_px, &mut r.at.y_px), "axes swapped?");
-    warned(&|r| r.track = -1, "no point is linked");
-
-    let mut shifted = points.clone();
-    shifted.rows.iter_mut().for_each(|r| {
-        r.at.x_px += 4.0;
-        r.at.y_px -= 3.0;
-    });
-    let options = Options { auto_offset: true, ..Options::default() };
-    let offset = particles(&truth, &shifted, &options).unwrap().score.offset.unwrap();
-    // 400 errors of 0.17 px standard deviation: 0.01 px; chance neighbours add a little.
-    assert!((offset.x_px - 4.0).abs() < 0.05 && (offset.y_px + 3.0).abs() < 0.05, "{offset:?}");
-    assert!(offset.f1_without > 0.8);
-}
-
-/// Points of particles that are not scored are dropped anew under every convention that is tried.
-#[test]
-fn a_perfect_result_in_another_convention_is_told_to_be_perfect() {
-    let (mut truth, _) = scene();
-    truth.facts.sensor_px = Some((200.0, 150.0));
-    truth.visible.iter_mut().enumerate().for_each(|(i, visible)| *visible = i % 3 > 0);
-    let perfect = Points { rows: truth.rows.clone(), has_z: true, ..Points::default() };
-    let hinted = |change: &dyn Fn(&mut Row), hint: &str| {
-        let mut changed = perfect.clone();
-        changed.rows.iter_mut().for_each(change);
-        let warnings = scores(&truth, &changed).warnings;
-        let hint = format!("{hint} F1 would be 1.000 instead of ");
-        assert!(warnings.iter().any(|w| w.starts_with(&hint)), "{hint}: {warnings:?}");
-    };
-    hinted(&|r| r.frame += 1, "frames off by one? With --frame-base one more than now");
-    hinted(&|r| std::mem::swap(&mut r.at.x_px, &mut r.at.y_px), "axes swapped? With x and y exchanged");
-    hinted(&|r| r.at.y_px = 151.0 - r.at.y_px, "y upward? With --y up");
-
-    let mut shifted = perfect.clone();
-    shifted.rows.iter_mut().for_each(|r| r.at.x_px += 5.0);
-    let options = Options { auto_offset: true, ..Options::default() };
-    let offset = particles(&truth, &shifted, &options).unwrap().score.offset.unwrap();
-    assert_eq!(offset.f1_without, 1.0, "{offset:?}");
 }
 
 #[test]
@@ -364,7 +267,7 @@ fn what_does_not_fit_a_dataset_is_told() {
     assert!(message.contains("--depth 10 -10: expected two depths in um, the lower one first"), "{message}");
     assert!(bad(&["--border", "1e9"]).contains("--border 1000000000: expected 0 to 1e7 px"));
     let bare = fail(2, &["evaluate", path(&result), path(&result), "--border", "3"]);
-    assert!(bare.contains("not known from a bare table"), "{bare}");
+    assert!(bare.contains("a bare table does not contain"), "{bare}");
 
     let partial = place.path().join("dataset.partial");
     std::fs::rename(&dataset, &partial).unwrap();
@@ -380,7 +283,7 @@ fn what_does_not_fit_a_dataset_is_told() {
 
 #[test]
 fn a_reader_that_reads_no_further_is_no_error() {
-    // Closed at once: the other end of the pipe is gone before anything is written.
+    // The reading end of the pipe is closed before anything is written.
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
     let child = suite::microsig::microsig().arg("flows").stdout(writer).output().unwrap();
@@ -401,7 +304,7 @@ fn degenerate_results_have_null_scores() {
     assert_eq!((isbi.alpha, isbi.beta, isbi.rmse), (Some(0.0), Some(0.0), None));
     assert!(isbi.alpha.is_some_and(f64::is_sign_positive) && isbi.beta.is_some_and(f64::is_sign_positive));
 
-    let none = Truth { has_z: true, ..Truth::default() };
+    let none = TrueParticles { has_z: true, ..TrueParticles::default() };
     let both = scores(&none, &Points::default());
     assert!(both.warnings.iter().any(|w| w.contains("nothing was missed")), "{:?}", both.warnings);
     let d = both.detection.unwrap();
@@ -449,7 +352,7 @@ fn an_evaluation_leaves_files_that_can_be_compared() {
     }
     let html = std::fs::read_to_string(b.join("report.html")).unwrap();
     assert!(html.contains("<svg") && !html.contains("<script") && !html.contains("src="));
-    // The one address in it is the name of SVG's language.
+    // The only URL is the SVG namespace.
     assert_eq!(html.matches("http").count(), html.matches("http://www.w3.org/2000/svg").count());
 
     let score: serde_json::Value =
@@ -524,13 +427,14 @@ fn gaussian_spots_have_a_bound_of_x_and_y_but_not_of_z() {
     let tracks = dataset.join("truth/tracks.csv");
     let flat = place.path().join("flat.csv");
     columns(&tracks, &["frame", "track", "x_px", "y_px"], &flat);
-    // 20 bins over depth; one of a result without.
+    // 20 bins over depth; a single bin for a result without depth.
     for (result, bins) in [(&tracks, 20), (&flat, 1)] {
         let score = evaluated(&[path(&dataset), path(result), "--crlb"]);
         let all = score["crlb"]["bins"].as_array().unwrap();
         assert_eq!(all.len(), bins);
         for bin in all {
-            // Noise of 5 counts and of rounding, and a peak of 500: sqrt(2 / pi) s / A; pixels are a fourth of a spot's width.
+            // Noise of 5 counts plus rounding and a peak of 500: sqrt(2 / pi) s / A; the pixel size is a
+            // quarter of the image width.
             let expected = (2.0 / std::f64::consts::PI).sqrt() * (25.0f64 + 1.0 / 12.0).sqrt() / 500.0;
             let x = bin["crlb_x_px"].as_f64().unwrap();
             assert!((x / expected - 1.0).abs() < 0.05 && bin["crlb_z_um"].is_null(), "{x} {expected}");
@@ -549,7 +453,7 @@ fn gaussian_spots_have_a_bound_of_x_and_y_but_not_of_z() {
     let score = evaluated(&[path(&dataset), path(&field), "--crlb"]);
     assert_eq!(score["crlb"], serde_json::Value::Null);
     assert!(
-        score["warnings"].to_string().contains("no Cramer-Rao bound: there is none of fields"),
+        score["warnings"].to_string().contains("no Cramer-Rao bound: it is defined for particles only"),
         "{score}"
     );
 }

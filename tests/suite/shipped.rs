@@ -1,5 +1,5 @@
-//! Every scenario and sweep in `scenarios/` can be run, verifies, and can be made again byte for byte: on small images of few
-//! frames.
+//! Every scenario and sweep in `scenarios/` runs, verifies, and is reproducible byte for byte, on small
+//! images with few frames.
 
 use std::path::{Path, PathBuf};
 
@@ -18,11 +18,11 @@ fn shipped() -> Vec<PathBuf> {
     files
 }
 
-/// What makes a scenario small, whatever it is about.
+/// Assignments that make a scenario small.
 fn smaller(text: &str) -> Vec<&'static str> {
     let code: String = text.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
-    // Particles that keep a distance need room.
-    let (width, height) = match code.contains("apart") {
+    // Particles with a minimum distance need space, and a cylinder needs a view beyond it.
+    let (width, height) = match code.contains("apart") || code.contains("stokes_cylinder") {
         true => ("optics.pixel_dim_x=240", "optics.pixel_dim_y=160"),
         false => ("optics.pixel_dim_x=64", "optics.pixel_dim_y=48"),
     };
@@ -47,7 +47,7 @@ fn every_shipped_scenario_can_be_made_again_byte_for_byte() {
         let is_complete =
             text.starts_with("// Question:") && text.contains("// Expected:") && text.contains("// Cost:");
         assert!(is_complete, "{}", file.display());
-        // A dataset is in the folder of its name unless told otherwise: a sweep must not share its base's.
+        // By default the folder has the name of the dataset, so a sweep must not have the name of its base.
         let name = format!("\n    name: \"{}\",\n", file.file_stem().unwrap().to_string_lossy());
         assert!(text.contains(&name), "{}", file.display());
         if text.contains("axes:") {
@@ -62,7 +62,7 @@ fn every_shipped_scenario_can_be_made_again_byte_for_byte() {
     });
 }
 
-/// A sweep of the same cases over a small base: its first and last case are made again.
+/// Runs a sweep with the same cases over a small base, and regenerates its first and last case.
 fn sweep(place: &Path, file: &Path, text: &str) {
     let base = text.split("base: \"").nth(1).and_then(|rest| rest.split('"').next()).unwrap();
     let whole = file.with_file_name(base);

@@ -1,8 +1,9 @@
-//! Spheroids: the paper's uniform law against geometry, and what both laws must share. That points are uniform in area
-//! is tested where they are made (`emission`); the original's images of spheroids are rows of `reference`.
+//! Spheroids: the uniform law of the paper against geometry, and the properties common to both laws.
+//! `emission` tests that points are uniform in area; `reference` includes the original's images of spheroids.
 
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::data_file;
+use microsig_core::render::Render;
 use microsig_core::render::{RayRenderer, rays::Scratch};
 use microsig_core::stream::{Purpose, Stream, Streams};
 use microsig_core::{Particle, Settings, Spheroid};
@@ -27,8 +28,8 @@ fn random_axis(stream: &mut Stream) -> [f64; 3] {
     [sine * azimuth.cos(), sine * azimuth.sin(), cosine]
 }
 
-/// Twenty axes whose tilt out of the image plane is at most 60 degrees. Nearer the optical axis a spheroid looks round
-/// and its image has no direction that one degree could be asked of.
+/// Twenty axes tilted by at most 60 degrees out of the image plane. Nearer to the optical axis the image of a
+/// spheroid is round and its direction undefined.
 fn twenty_axes() -> Vec<[f64; 3]> {
     let mut stream = Streams::new(20).stream(Purpose::Seeding, 0, 0);
     std::iter::repeat_with(|| random_axis(&mut stream)).filter(|n| n[2].abs() < 0.866).take(20).collect()
@@ -46,8 +47,8 @@ fn a_uniform_spheroid_of_aspect_one_gives_the_spheres_counts() {
     assert!(spheres.iter().sum::<f64>() > 10_000.0);
 }
 
-/// Surface of a spheroid over that of the sphere of its equatorial diameter: rings of the surface of revolution added up,
-/// independent of the closed forms in `emission`.
+/// Surface area of a spheroid relative to a sphere of its equatorial diameter, by summing rings,
+/// independently of the closed forms in `emission`.
 fn area_ratio(e_p: f64) -> f64 {
     let rings = 10_000;
     let ring = |i: i32| {
@@ -57,8 +58,9 @@ fn area_ratio(e_p: f64) -> f64 {
     e_p * (0..rings).map(ring).sum::<f64>() / f64::from(rings)
 }
 
-/// Very small particles with very many points: then all points see the lens under the same angle (a point 0.25 um nearer
-/// of 355 um has 0.14 % more light; a particle of 2 um and aspect 3 that stands upright is 0.5 % off for that reason).
+/// Very small particles with many points, so that the lens subtends the same angle from all points (a point
+/// 0.25 um nearer at 355 um has 0.14 % more light; an upright particle of 2 um and aspect ratio 3 differs by
+/// 0.5 % for this reason).
 #[test]
 fn the_total_is_proportional_to_the_area() {
     let settings = Settings { points_per_pixel: 18e3, ..small_sensor() };
@@ -78,9 +80,10 @@ fn the_total_is_proportional_to_the_area() {
         for (row, e_p) in [0.2, 0.5, 0.8, 1.0, 1.3, 2.0, 3.0, 5.0].into_iter().enumerate() {
             let particle = spheroid(-30.0, d_um, e_p, random_axis(&mut stream));
             let ratio = total(&particle, row as u32) / sphere / area_ratio(e_p);
-            // 4 x 10,900 points: the total scatters by 0.01 % (stratified rays); the depth above is at most 0.13 %
-            // for e_p = 5. `original` lights about half of the points: its plane, fitted to four points, misses the
-            // centre a little, and over all orientations 0.491 to 0.509 of this many shine (of 1100 points 0.47 to 0.53).
+            // 4 x 10,900 points: the total scatters by 0.01 % (stratified rays); the depth effect above is at
+            // most 0.13 % for e_p = 5. With `original` about half of the points emit light: its plane, fitted
+            // to four points, is slightly off center, and over all orientations 0.491 to 0.509 of the points
+            // emit (0.47 to 0.53 for 1100 points).
             let (expected, allowed) = match law {
                 SpheroidLaw::Uniform => (1.0, 0.002),
                 SpheroidLaw::Original => (0.5, 0.02),
@@ -99,11 +102,11 @@ fn images_point_where_the_axis_does() {
         for (e_p, d_um) in [(3.0, 6.0), (0.3, 12.0)] {
             let mut worst: f64 = 0.0;
             for (i, axis) in twenty_axes().into_iter().enumerate() {
-                // Near the smallest image, so that blur hides little of the shape.
+                // Near best focus, so that blur hides little of the shape.
                 let particle = spheroid(-25.0, d_um, e_p, axis);
                 let image = Ensemble::draw(&settings, &[particle], law, 100 + i as u64, 8).unwrap().of_mean;
                 let long_axis = 0.5 * (2.0 * image.mxy).atan2(image.mxx - image.myy);
-                // A rod's image is long along its axis, a disc's across it.
+                // The image of a rod is elongated along its axis, that of a disc across it.
                 let expected =
                     axis[1].atan2(axis[0]) + if e_p > 1.0 { 0.0 } else { 0.5 * std::f64::consts::PI };
                 let off = (2.0 * (long_axis - expected)).sin().asin() / 2.0;
@@ -111,24 +114,27 @@ fn images_point_where_the_axis_does() {
                 worst = worst.max(off.abs().to_degrees());
             }
             println!("{law:?} e_p {e_p}: {worst:.3} degrees at most");
-            // The statistical error is 0.1 degrees; the original's lit half is not quite symmetric to the axis.
+            // The statistical error is 0.1 degrees; the original's emitting half is not exactly symmetric
+            // about the axis.
             assert!(worst < 1.0, "{law:?} e_p {e_p}: {worst} degrees");
         }
     }
 }
 
-/// On the lens side of the focus the nearer end of a spheroid is the more blurred one, beyond the focus the farther one.
-/// The mixed third moment <s t^2>, s along the image of the spheroid toward its nearer end, t across, is positive
-/// if the image is wider there. An axis mirrored in any one coordinate turns its sign.
+/// On the lens side of the focus the nearer end of a spheroid is more blurred, beyond the focus the farther
+/// end. The mixed third moment <s t^2>, with s along the image of the spheroid toward its nearer end and t
+/// across, is positive if the image is wider there. Mirroring the axis in any one coordinate changes its
+/// sign.
 #[test]
 fn the_nearer_end_is_the_right_one() {
     let settings = small_sensor();
     for law in LAWS {
         for (e_p, d_um) in [(3.0, 6.0), (0.3, 12.0)] {
-            // Axes that lie neither in the image plane nor near the optical axis, in all four quadrants.
+            // Axes neither in the image plane nor near the optical axis, in all four quadrants.
             for (i, azimuth) in [0.3f64, 1.9, 3.7, 5.2].into_iter().enumerate() {
                 let axis = [0.75 * azimuth.cos(), 0.75 * azimuth.sin(), -0.66];
-                // n_z < 0: a rod's end at +n is the nearer one. A disc's nearest rim lies opposite: it is square to n.
+                // n_z < 0: the end of a rod at +n is the nearer one. The nearest rim of a disc is opposite,
+                // since the disc is normal to n.
                 let toward = if e_p > 1.0 { azimuth } else { azimuth + std::f64::consts::PI };
                 let wider_at_the_nearer_end = |z_um: f64| {
                     let particle = spheroid(z_um, d_um, e_p, axis);
@@ -142,7 +148,7 @@ fn the_nearer_end_is_the_right_one() {
                         skew += v * s * t * t / m.total;
                         across += v * t * t / m.total;
                     }
-                    // In units of the image's own size.
+                    // Normalized by the size of the image.
                     skew / across.powf(1.5)
                 };
                 let (lens_side, beyond) = (wider_at_the_nearer_end(-70.0), wider_at_the_nearer_end(20.0));
@@ -155,8 +161,9 @@ fn the_nearer_end_is_the_right_one() {
     }
 }
 
-/// How far the laws differ, from an independent trial program: a rod of aspect 3 along y is 17 % smaller in myy at
-/// z = -30 um and 8 % at +20 um with `uniform` (the original crowds its points at the tips).
+/// Differences between the laws, from an independent program: with `uniform`, myy of a rod of aspect ratio 3
+/// along y is 17 % smaller at z = -30 um and 8 % at +20 um (the original has a higher density of points at
+/// the tips).
 #[test]
 fn the_two_laws_differ_as_much_as_they_should() {
     let settings = small_sensor();
@@ -166,7 +173,7 @@ fn the_two_laws_differ_as_much_as_they_should() {
             Ensemble::draw(&settings, &[particle], law, 3, 8).unwrap().of_mean.myy
         });
         println!("z {z_um}: {:.4}", uniform / original);
-        // The trial's numbers are given to 1 %; the statistical error is 0.1 %.
+        // The reference values are given to 1 %; the statistical error is 0.1 %.
         assert!((uniform / original - ratio).abs() < 0.01, "z {z_um}: {}", uniform / original);
     }
 }

@@ -1,4 +1,4 @@
-//! Sweeps: shards, wherever they ran, give the tree of one run; a case that fails is a row.
+//! Sweeps: shards give the same files as one run, wherever they ran; a failed case is a row of the table.
 
 use std::path::{Path, PathBuf};
 
@@ -58,14 +58,14 @@ fn shards_and_slurm_tasks_give_the_tree_of_one_run() {
     assert!(expected.iter().any(|(name, _)| name == "cases.csv"));
     assert_eq!(expected.iter().filter(|(name, _)| name.ends_with("SHA256SUMS")).count(), 6);
 
-    // Seven shards of six cases, the last first; one of them has nothing to do.
+    // Seven shards of six cases, in reverse order; one of them is empty.
     let shards = place.path().join("shards");
     for k in (1..=7).rev() {
         run(&["sweep", path(&sweep), "--out", path(&shards), "--shard", &format!("{k}/7")]);
     }
     assert!(tree(&shards) == expected, "7 shards");
 
-    // Two tasks of a job array, each in a folder of its own, put together and collected.
+    // Two tasks of a job array in separate folders, merged and collected.
     let together = place.path().join("together");
     std::fs::create_dir(&together).unwrap();
     for task in ["10", "12"] {
@@ -99,7 +99,7 @@ fn shards_and_slurm_tasks_give_the_tree_of_one_run() {
 #[test]
 fn a_case_that_fails_is_a_row_with_its_reason() {
     let place = tempfile::tempdir().unwrap();
-    let sweep = write(place.path(), &SWEEP.replace("[count(2), ppp(0.001)]", "[count(2), ppp(7)]"));
+    let sweep = write(place.path(), &SWEEP.replace("[count(2), ppp(0.001)]", "[count(2), per_um3(1000)]"));
     let out = place.path().join("out");
     assert!(fail(1, &["sweep", path(&sweep), "--out", path(&out)]).contains("3 cases failed"));
     let mut table = csv::Reader::from_path(out.join("cases.csv")).unwrap();
@@ -111,10 +111,10 @@ fn a_case_that_fails_is_a_row_with_its_reason() {
     for (i, row) in rows.iter().enumerate() {
         let fails = i % 2 == 1;
         assert_eq!(&row[status], if fails { "failed" } else { "done" });
-        assert_eq!(row[reason].contains("particles.number.ppp = 7"), fails);
+        assert_eq!(row[reason].contains("expected number of particles"), fails);
     }
 
-    // Going on tries what failed again and leaves the rest alone.
+    // Resuming retries failed cases and leaves the others unchanged.
     let message = fail(1, &["sweep", path(&sweep), "--out", path(&out), "--resume"]);
     assert!(message.contains("3 cases failed"));
     assert!(fail(2, &["sweep", path(&sweep), "--out", path(&out)]).contains("exists already"));

@@ -1,4 +1,4 @@
-//! The truth of datasets: displacement fields against closed forms, and what the manifest tells against the tables.
+//! The truth of datasets: displacement fields against closed forms, and the manifest against the tables.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use suite::microsig::{path, run};
 
-/// A dataset of a scenario whose optics are small: 128 x 96 px, and what is left of it open to the test.
+/// A dataset with a sensor of 128 x 96 px and the other sections given by the test.
 fn dataset(place: &Path, name: &str, rest: &str) -> PathBuf {
     let scenario = place.join(format!("{name}.ron"));
     let out = place.join(name);
@@ -20,7 +20,7 @@ fn dataset(place: &Path, name: &str, rest: &str) -> PathBuf {
     out
 }
 
-/// A table's columns by name; empty cells are NaN.
+/// The columns of a table by name; empty cells are NaN.
 fn table(file: &Path) -> HashMap<String, Vec<f64>> {
     let mut reader = csv::Reader::from_path(file).unwrap();
     let names: Vec<String> = reader.headers().unwrap().iter().map(str::to_owned).collect();
@@ -51,13 +51,14 @@ fn in_uniform_flow_all_definitions_agree_and_a_steady_flow_is_written_once() {
     for kind in ["forward", "central", "weighted", "window", "backward"] {
         for (axis, expected) in [("dx_px", 2.0), ("dy_px", -1.0), ("dz_um", 0.2)] {
             let column = &field[&format!("{kind}_{axis}")];
-            // Rounding of positions of 100 um.
+            // Rounding error of positions of 100 um.
             assert!(column.iter().all(|d| (d - expected).abs() < 1e-12), "{kind}_{axis}: {}", column[0]);
         }
     }
 }
 
-/// Plane Poiseuille flow of 10 px: D(z) = 40 s (1 - s) px, and its mean with the weights of depth.csv.
+/// Plane Poiseuille flow with a maximum of 10 px: D(z) = 40 s (1 - s) px, and its mean with the weights of
+/// depth.csv.
 #[test]
 fn the_depth_weighted_mean_of_poiseuille_flow_is_that_of_a_quadrature() {
     let place = tempfile::tempdir().unwrap();
@@ -68,7 +69,7 @@ fn the_depth_weighted_mean_of_poiseuille_flow_is_that_of_a_quadrature() {
     for (z, dx) in field["z_um"].iter().zip(&field["central_dx_px"]) {
         assert!((dx - profile(*z)).abs() < 1e-10, "{z}: {dx}");
     }
-    // The squared peaks, linear between the depths, on a grid ten times finer.
+    // The squared peaks, interpolated linearly, on a grid ten times finer.
     let (z, peak) = (&depth["z_um"], &depth["peak_counts"]);
     let (mut sum, mut weights) = (0.0, 0.0);
     for k in 0..z.len() - 1 {
@@ -80,10 +81,10 @@ fn the_depth_weighted_mean_of_poiseuille_flow_is_that_of_a_quadrature() {
         }
     }
     for dx in &field["weighted_dx_px"] {
-        // The trapezoidal rule on steps of h = 2 um errs by D'' h^2 / 12 = 2.7e-3 px at most.
+        // The error of the trapezoidal rule with h = 2 um is at most D'' h^2 / 12 = 2.7e-3 px.
         assert!((dx - sum / weights).abs() < 2.7e-3, "{dx} {}", sum / weights);
     }
-    // It is the flow near the focus that counts, not the mean of the channel.
+    // The weighted displacement is that near the focus, not the mean over the channel.
     assert!((field["weighted_dx_px"][0] - 20.0 / 3.0).abs() > 0.5);
     let total: f64 = depth["weight"].iter().sum();
     assert!((total - 1.0).abs() < 1e-12);
@@ -93,7 +94,7 @@ fn the_depth_weighted_mean_of_poiseuille_flow_is_that_of_a_quadrature() {
 fn places_in_bodies_and_behind_walls_are_masked() {
     let place = tempfile::tempdir().unwrap();
     let rest = "motion: flow(field: uniform(velocity_um_s: (100, 0, 0))), particles: (number: count(2)), \
-                boundaries: (bodies: [cylinder(centre_um: (0, 0), radius_um: 20)]), timing: pairs(count: 1), \
+                boundaries: (bodies: [cylinder(center_um: (0, 0), radius_um: 20)]), timing: pairs(count: 1), \
                 truth_grid: grid(planes: at_um([-90, -30, 0, 25]))";
     let out = dataset(place.path(), "pillar", rest);
     let field = table(&out.join("truth/field.csv"));
@@ -106,11 +107,12 @@ fn places_in_bodies_and_behind_walls_are_masked() {
         assert_eq!(field["central_dx_px"][i].is_nan(), solid);
         masked += u32::from(solid);
     }
-    // 8 x 6 nodes on each of two planes outside, and those of the pillar on the two inside.
+    // 8 x 6 nodes on each of two planes outside the channel, and those in the pillar on the two planes
+    // inside.
     assert!(masked > 96 && masked < 150, "{masked}");
 }
 
-/// The canonical field made of the central truth scores without error against it, and not against the others.
+/// A result made from the central truth has no error against it, but against the others.
 #[test]
 fn evaluate_reads_every_definition_of_the_field() {
     let place = tempfile::tempdir().unwrap();
@@ -134,12 +136,13 @@ fn evaluate_reads_every_definition_of_the_field() {
     let truths = &score["field"]["truths"];
     let aee = |kind: &str| truths[kind]["aee_px"].as_f64().unwrap();
     assert!(aee("central") < 1e-9, "{}", aee("central"));
-    // 20 px around vortices of 93 px: forward is some pixels off; depth-weighted is of another depth of the channel.
+    // Displacements of 20 px around vortices of 93 px: forward differs by some pixels; depth-weighted is that
+    // of another depth.
     assert!(aee("forward") > 1.0 && aee("weighted") > 0.2, "{truths}");
     assert_eq!(score["field"]["against"], "central");
 }
 
-/// As many particles as N_S asks for, and the manifest's numbers hang together.
+/// The number of particles corresponds to N_S, and the numbers of the manifest are consistent.
 #[test]
 fn particles_cover_the_share_of_the_sensor_that_n_s_says() {
     let place = tempfile::tempdir().unwrap();
@@ -153,7 +156,7 @@ fn particles_cover_the_share_of_the_sensor_that_n_s_says() {
     assert!((number("a_pi_px") - area).abs() < 1e-9 * area);
     assert!((number("n_s") - number("n_p") * area / pixels).abs() < 1e-12);
     assert!((number("n_ppp") - number("n_p") / pixels).abs() < 1e-12);
-    // A Poisson number in each of 40 pairs: four standard deviations of their mean.
+    // Poisson-distributed numbers in 40 pairs: four standard errors of their mean.
     let expected = 0.5 * pixels / area;
     assert!(
         (number("n_p") - expected).abs() < 4.0 * (expected / 40.0).sqrt(),
@@ -163,17 +166,18 @@ fn particles_cover_the_share_of_the_sensor_that_n_s_says() {
 
     let mut snr = depth["snr"].clone();
     snr.sort_unstable_by(f64::total_cmp);
-    // JSON numbers are read to the last digit but one.
+    // JSON numbers are read to within one unit of the last digit.
     assert!((facts["snr"]["value"].as_f64().unwrap() / snr[25] - 1.0).abs() < 1e-14);
     // Setting 1: 10 counts of noise.
     assert!((depth["peak_counts"][0] / depth["snr"][0] - 10.0).abs() < 1e-9);
 }
 
-/// Visibility of particles: isolated ones have the peak of depth.csv, close ones overlap, and scores are binned by both.
+/// Visibility of particles: isolated ones have the peak of depth.csv, close ones overlap, and scores are
+/// binned by SNR and overlap.
 #[test]
 fn tracks_tell_how_visible_every_particle_is() {
     let place = tempfile::tempdir().unwrap();
-    // Two at one place, one by itself, one beyond the edge, one far away.
+    // Two close to each other, one isolated, one at the edge.
     std::fs::write(place.path().join("places.txt"), "40 48 0 2\n42 48 0 2\n90 48 -12 2\n128 20 -30 2\n")
         .unwrap();
     let rest = "motion: flow(field: poiseuille()), particles: (number: file(\"places.txt\")), \
@@ -186,12 +190,12 @@ fn tracks_tell_how_visible_every_particle_is() {
         assert!((first("peak_counts", k) / depth["peak_counts"][at(z)] - 1.0).abs() < 1e-9, "{k}");
         assert!((first("snr", k) * 10.0 - first("peak_counts", k)).abs() < 1e-9);
     }
-    // 2 px apart and as wide as 9 px: most of the light is shared, by both alike but for the edge of pixels.
+    // 2 px apart with a width of 9 px: most of the light overlaps, equally for both except for pixelation.
     assert!(first("overlap", 0) > 0.4 && (first("overlap", 0) - first("overlap", 1)).abs() < 0.01);
     assert!(first("overlap", 2) < 0.01);
     assert!(tracks["saturated"].iter().all(|s| *s == 0.0));
 
-    // du/dz of plane Poiseuille flow, and a velocity that does not change on the way.
+    // du/dz of plane Poiseuille flow, and a velocity that is constant along the path.
     for k in 0..4 {
         let z = first("z_um", k);
         let slope = 4.0 * 1290.0 / 100.0 * (1.0 - 2.0 * (z + 80.0) / 100.0);
@@ -208,7 +212,8 @@ fn tracks_tell_how_visible_every_particle_is() {
     assert_eq!(score["detection"]["f1"], 1.0);
 }
 
-/// On the circles of a vortex the velocity half-way is that of the middle of the arc: along the chord, to third order.
+/// On the circular paths of a vortex the velocity half-way is that at the middle of the arc: parallel to the
+/// chord.
 #[test]
 fn the_velocity_half_way_is_along_the_displacement() {
     let place = tempfile::tempdir().unwrap();
@@ -228,11 +233,12 @@ fn the_velocity_half_way_is_along_the_displacement() {
             let (u, v) = (tracks[u][row], tracks[v][row]);
             (u * dy - v * dx) / (u.hypot(v) * dx.hypot(dy))
         };
-        // The motion is a circle, but for the integration's 1e-10 um.
+        // The path is a circle up to the integration error of 1e-10 um.
         assert!(turn("u_mid_um_s", "v_mid_um_s").abs() < 1e-7);
         at_start = at_start.max(turn("u_um_s", "v_um_s").abs());
         compared += 1;
     }
-    // The velocity at the start is not: the fastest turn by 10 px on 23 px, so that half of it is 0.2 rad.
+    // The velocity at the start is not: the fastest particles move 10 px on a radius of 23 px, half of which
+    // is 0.2 rad.
     assert!(compared > 20 && at_start > 0.05, "{compared} {at_start}");
 }

@@ -1,36 +1,40 @@
-//! `cargo xtask figures`: the pictures of the documentation.
+//! `cargo xtask figures`: the figures of the documentation.
 
 mod flows;
 mod keys;
+mod microscope;
 mod paper;
 
 use std::path::Path;
 
 use clap::ValueEnum;
 
-/// What there is to draw.
+/// Kinds of figures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Kind {
-    /// Fig. 3 and 4 of Rossi 2020 with our renderer, into target/figures.
+    /// Figures 3 and 4 of Rossi (2020), into target/figures.
     Paper,
     /// The gallery of all velocity fields, docs/flows.
     Flows,
-    /// The reference of all keys, docs/scenario.md, and what they do to the image.
+    /// The reference of all keys, docs/scenario.md, with pictures of their effects.
     Keys,
+    /// Renderers side by side and a preview of optics, docs/microscope.
+    Microscope,
 }
 
 impl Kind {
-    /// Where they go unless told otherwise.
+    /// Default output folder.
     fn folder(self) -> &'static Path {
         Path::new(match self {
             Kind::Paper => "target/figures",
             Kind::Flows => "docs/flows",
             Kind::Keys => "docs",
+            Kind::Microscope => "docs/microscope",
         })
     }
 }
 
-/// Draws one kind of figures, or all; `redraw`: also those of keys that are there.
+/// Draws one kind of figures, or all; with `redraw`, also existing pictures of keys.
 pub(crate) fn run(kind: Option<Kind>, out: Option<&Path>, redraw: bool) -> anyhow::Result<()> {
     let kinds = kind.as_ref().map_or(Kind::value_variants(), std::slice::from_ref);
     for kind in kinds {
@@ -39,6 +43,7 @@ pub(crate) fn run(kind: Option<Kind>, out: Option<&Path>, redraw: bool) -> anyho
             Kind::Paper => paper::run(out)?,
             Kind::Flows => flows::run(out)?,
             Kind::Keys => keys::run(out, redraw)?,
+            Kind::Microscope => microscope::run(out)?,
         }
     }
     Ok(())

@@ -1,31 +1,37 @@
-//! Golden hashes: what the datasets of `tests/data/golden` are, byte for byte, made with a release build.
+//! `cargo xtask golden`: stores the hashes of the datasets of `tests/data/golden`, generated with a release
+//! build.
 
 use std::path::Path;
 use std::process::Command;
 
 use anyhow::{Context, ensure};
+use suite::golden::{Golden, Hashes};
 
-use crate::process;
+use suite::process;
 
-/// Makes every dataset of the folder and writes the hashes of their SHA256SUMS.
+/// Generates every dataset of the folder and stores its hashes; refuses changed bytes for a released version.
 pub(crate) fn run() -> anyhow::Result<()> {
-    let folder = suite::data().join("golden");
     let program = process::microsig()?;
     let place = tempfile::tempdir()?;
-    let mut lines = Vec::new();
-    for entry in std::fs::read_dir(&folder)? {
+    let before = Golden::read()?;
+    let mut now = Golden { version: env!("CARGO_PKG_VERSION").to_owned(), ..Golden::default() };
+    for entry in std::fs::read_dir(Golden::folder())? {
         let scenario = entry?.path();
         if scenario.extension().is_some_and(|e| e == "ron") {
             let name = scenario.file_stem().context("a file has a name")?.to_string_lossy().into_owned();
             let out = place.path().join(&name);
             generate(&program, &scenario, &out)?;
-            lines.push(format!("{}  {name}\n", suite::sha256(&out.join("SHA256SUMS"))?));
+            now.datasets.insert(name, Hashes::of(&out)?);
         }
     }
-    lines.sort_by(|a, b| a[64..].cmp(&b[64..]));
-    let path = folder.join("golden.txt");
-    std::fs::write(&path, lines.concat())?;
-    println!("{}: {} hashes", path.display(), lines.len());
+    if let Some(refusal) = before.refusal(&now) {
+        anyhow::bail!(refusal);
+    }
+    let (images, others) = before.changed(&now);
+    now.write()?;
+    println!("{} datasets of version {}, {} before", now.datasets.len(), now.version, before.version);
+    println!("image bits changed: {}", images.join(", "));
+    println!("only other files changed: {}", others.join(", "));
     Ok(())
 }
 

@@ -1,19 +1,20 @@
-//! The search for leaks in a challenge, in full: what `tests/suite/release.rs` does in short.
+//! The full search for leaks in a challenge; `tests/suite/release.rs` has a short version.
 
 use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::Instant;
 
-use bench::release::{About, Options, derived_seed, release};
+use bench::release::{Publication, ReleaseOptions, derived_seed, release};
 use bench::runner::{GenerateOptions, Progress, generate};
 use bench::scenario::{parse, resolve};
 use suite::leak::{Known, guess_by_noise, guess_by_place, unzip};
+use suite::template::fill;
 
 const SEEDS: std::ops::Range<u64> = 0..1 << 20;
 /// Seed of the public dataset: large, so that it cannot occur by chance.
 const SEED: u64 = 8_246_017_395_284_410_067;
-/// Seed of the test split that is drawn as it must not be.
+/// Public seed of the leaky test split.
 const LEAKY: u64 = 987_654;
 
 fn scenario(seed: u64) -> String {
@@ -23,7 +24,7 @@ fn scenario(seed: u64) -> String {
     )
 }
 
-/// Attacks a test split as it is released, and one from a public seed.
+/// Searches a released test split, and one generated from a public seed.
 pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
     let place = tempfile::tempdir()?;
     let make = |name: &str, seed: u64| -> anyhow::Result<std::path::PathBuf> {
@@ -36,8 +37,8 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
     };
     let dataset = make("dataset", SEED)?;
     let challenge = place.path().join("challenge");
-    let about = About { version: "1".to_owned(), ..About::default() };
-    let options = Options {
+    let about = Publication { version: "1".to_owned(), ..Publication::default() };
+    let options = ReleaseOptions {
         out: challenge.clone(),
         force: false,
         val: None,
@@ -93,13 +94,14 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
         }
     }
     let verdict = if wrong.is_empty() { "As expected." } else { "NOT AS EXPECTED." };
-    let readme = format!(
-        "# Search for leaks in a challenge\n\n\
-         `cargo xtask leak-search --out {}` makes a small challenge (8 frames of 120 x 90 px, 12 particles in view) and \
-         plays someone who knows its truth. The second test split is drawn from the public seed {LEAKY}, as a release \
-         never does, to see that the search finds something.\n\n{table}\n{verdict} {}\n",
-        out.display(),
-        wrong.join("; ")
+    let readme = fill(
+        include_str!("leak_search.md"),
+        &[
+            ("out", &out.display().to_string()),
+            ("seed", &LEAKY.to_string()),
+            ("table", &table),
+            ("verdict", &format!("{verdict} {}", wrong.join("; "))),
+        ],
     );
     std::fs::create_dir_all(out)?;
     std::fs::write(out.join("README.md"), &readme)?;

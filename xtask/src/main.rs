@@ -3,21 +3,13 @@
 
 mod baselines;
 mod bench;
-mod expected;
-mod export_check;
 mod figures;
 mod golden;
-mod instructions;
 mod leak_search;
-mod peers;
-mod picture;
-mod process;
-mod python;
-mod reference;
+mod man;
 mod robustness;
-mod scoring;
 mod shipped;
-mod speed_table;
+mod wrap;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -34,139 +26,143 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Task {
-    /// Measures speed and memory of whole runs of the command, against floors and a yardstick; some 20 minutes.
+    /// Measures speed and memory of whole runs, compared with lower limits and a yardstick; about 20 minutes.
     Bench {
-        /// Where runs.csv, plots and README.md go.
+        /// Output folder of runs.csv, plots and README.md.
         #[arg(long, default_value = "target/bench")]
         out: PathBuf,
-        /// Only the groups of workloads with this in their name.
+        /// Only groups whose name contains this text.
         #[arg(long)]
         only: Option<String>,
         /// Runs of each workload.
         #[arg(long, default_value_t = 5)]
         repeats: usize,
-        /// Where workloads write; in memory (/dev/shm) the disk takes no part. Default: below OUT.
+        /// Folder for the output of workloads, for example /dev/shm to exclude the disk. Default: below OUT.
         #[arg(long)]
         scratch: Option<PathBuf>,
     },
-    /// Counts the instructions of small runs under valgrind, and compares them with an earlier count; exit code 1 if one has
-    /// grown.
+    /// Counts instructions of small runs with valgrind and compares them with earlier counts; exit code 1 if
+    /// one has grown.
     Instructions {
-        /// Where counts.csv and README.md go.
+        /// Output folder of counts.csv and README.md.
         #[arg(long, default_value = "target/instructions")]
         out: PathBuf,
         /// The counts.csv to compare with.
         #[arg(long)]
         against: Option<PathBuf>,
-        /// The growth that is let pass.
+        /// Allowed relative growth.
         #[arg(long, default_value_t = 0.02)]
         tolerance: f64,
     },
-    /// Lets the baseline trackers loose on datasets of growing density and noise, and scores them; some minutes.
+    /// Scores the baseline trackers on datasets of increasing density and noise; some minutes.
     Baselines {
-        /// Where runs.csv, a plot and README.md go.
+        /// Output folder of runs.csv, a plot and README.md.
         #[arg(long, default_value = "target/baselines")]
         out: PathBuf,
     },
-    /// Compares expected images with the mean of very many images of rays; exit code 1 if one differs.
-    Expected(expected::Comparison),
-    /// Times the scores of a million points and of dense frames; exit code 1 if a bar is missed.
+    /// Times the scoring of a million points and of dense frames; exit code 1 if a limit is exceeded.
     Scoring {
         /// Where README.md goes.
         #[arg(long, default_value = "target/scoring")]
         out: PathBuf,
     },
-    /// Times other generators of in-focus images and ours on the same work.
+    /// Times microsig and other generators of in-focus images on the same task.
     Peers {
-        /// Where runs.csv and README.md go.
+        /// Output folder of runs.csv and README.md.
         #[arg(long, default_value = "target/peers")]
         out: PathBuf,
     },
-    /// Writes the table of speed in README.md from the records of `bench` and `peers`.
-    SpeedTable {
-        /// The record of `bench`.
-        performance: PathBuf,
-        /// The record of `peers`.
-        peers: PathBuf,
-    },
-    /// Does one of the things that no program can do faster; `bench` times it.
+    /// Runs one of the lower limits; timed by `bench`.
     #[command(hide = true)]
-    Floor { floor: bench::floors::Floor, folder: PathBuf },
-    /// Draws in-focus image pairs in memory; `peers` times it.
+    Floor { floor: bench::floors::LowerLimit, folder: PathBuf },
+    /// Renders in-focus image pairs in memory; timed by `peers`.
     #[command(hide = true)]
     Pairs { pairs: u32, ppp: f64, diameter_px: f64 },
-    /// Compares our images with all images of the original in a folder; exit code 1 if a bar is missed.
-    Reference {
-        /// Folder with summary.csv and a folder of settings, data files and mean images for each case.
-        dir: PathBuf,
-        /// Where checks.csv and README.md go.
-        #[arg(long, default_value = "target/reference")]
-        out: PathBuf,
-        /// Images to average for each case.
-        #[arg(long, default_value_t = 200)]
-        images: u32,
-    },
-    /// Makes the golden hashes of datasets anew; see "Image bits changed" in CHANGELOG.md.
+    /// Updates the golden hashes of datasets; see "Image bits changed" in CHANGELOG.md.
     Golden,
-    /// Opens exports, images and a release with the programs they are for, in a Python environment of its own.
-    ExportCheck {
-        /// Where README.md goes.
-        #[arg(long, default_value = "target/export-check")]
-        out: PathBuf,
-        /// ImageJ's archive, to open images with it (needs `java`, a JDK).
-        #[arg(long, value_name = "ij.jar")]
-        imagej: Option<PathBuf>,
-    },
-    /// Tries to find out the truth of a test split: all seeds of 20 bits, all numbers of the truth; exit code 1 if it does.
+    /// Searches a test split for its truth: all 20-bit seeds, all numbers of the truth; exit code 1 if
+    /// something is found.
     LeakSearch {
         /// Where README.md goes.
         #[arg(long, default_value = "target/leak-search")]
         out: PathBuf,
     },
-    /// Kills runs at random moments, resumes them and compares; exit code 1 if one differs.
+    /// Writes the manual pages of the command.
+    Man {
+        /// Output folder.
+        #[arg(long, default_value = "target/man")]
+        out: PathBuf,
+    },
+    /// Kills runs at random times, resumes them and compares; exit code 1 if one differs.
     Kill {
-        /// Where kill.md and kill.csv go.
+        /// Output folder of kill.md and kill.csv.
         #[arg(long, default_value = "target/robustness")]
         out: PathBuf,
-        /// Kills of each kind of run.
+        /// Number of kills for each kind of run.
         #[arg(long, default_value_t = 50)]
         kills: u32,
     },
-    /// Lets every verb that writes meet a full disk (needs to be root).
+    /// Starts pairs of runs into one folder with random offsets, for every verb that writes a folder; exit
+    /// code 1 if a folder is incomplete.
+    Robustness {
+        /// Output folder of pairs.md.
+        #[arg(long, default_value = "target/robustness")]
+        out: PathBuf,
+        /// Number of pairs for each verb.
+        #[arg(long, default_value_t = 200)]
+        pairs: u32,
+        /// Seed of the offsets.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+    },
+    /// Runs every verb that writes on a full disk (needs root).
     Disk {
-        /// Where disk.md goes.
+        /// Output folder of disk.md.
         #[arg(long, default_value = "target/robustness")]
         out: PathBuf,
     },
     /// Compares the peak memory of a long sequence with that of 100 frames; exit code 1 if it grows.
     Memory {
-        /// Where memory.md goes.
+        /// Output folder of memory.md.
         #[arg(long, default_value = "target/robustness")]
         out: PathBuf,
         /// Frames of the long sequence.
         #[arg(long, default_value_t = 10_000)]
         frames: u32,
     },
-    /// Makes every shipped scenario and sweep at its full size, and again; exit code 1 if one differs.
+    /// Generates every shipped scenario and sweep twice at full size; exit code 1 if one differs.
     Scenarios {
-        /// Where scenarios.csv and README.md go.
+        /// Output folder of scenarios.csv and README.md.
         #[arg(long, default_value = "target/scenarios")]
         out: PathBuf,
     },
-    /// Runs a sweep as job arrays on a real Slurm of this machine (needs to be root, and Slurm installed).
+    /// Tests `microsig view` in Chromium by Playwright (tests/web); installs what is missing: Chromium and
+    /// Node.js by apt-get (needs to be root then), Playwright by npm.
+    WebTest {
+        /// Make screenshots of all pages in this folder instead.
+        #[arg(long, value_name = "DIR")]
+        shots: Option<PathBuf>,
+    },
+    /// Wraps comments at the width of code, in files and in all Rust files below folders.
+    Wrap {
+        #[arg(required = true)]
+        paths: Vec<PathBuf>,
+    },
+    /// Runs a sweep as job arrays on a real single-machine Slurm (needs root and an installed Slurm).
     Slurm {
         /// Where README.md goes.
         #[arg(long, default_value = "target/slurm")]
         out: PathBuf,
     },
-    /// Draws the pictures of the documentation: the paper's figures, all velocity fields, what the keys of scenarios do.
+    /// Draws the figures of the documentation: those of the paper, all velocity fields, the effects of
+    /// scenario keys.
     Figures {
-        /// Only these.
+        /// Kind of figures; default all.
         kind: Option<figures::Kind>,
-        /// Another folder for them than the documentation's.
+        /// Output folder; default that of the documentation.
         #[arg(long, requires = "kind")]
         out: Option<PathBuf>,
-        /// Draw pictures of keys that are there again.
+        /// Redraw existing pictures of keys.
         #[arg(long)]
         redraw: bool,
     },
@@ -176,33 +172,31 @@ fn main() -> anyhow::Result<ExitCode> {
     match Cli::parse().task {
         Task::Baselines { out } => baselines::main(&out).map(|()| ExitCode::SUCCESS),
         Task::Scoring { out } => {
-            scoring::main(&out).map(|met| if met { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+            bench::scoring::main(&out).map(|met| if met { ExitCode::SUCCESS } else { ExitCode::FAILURE })
         }
         Task::Bench { out, only, repeats, scratch } => {
             bench::main(&out, only.as_deref(), repeats, scratch.as_deref()).map(|()| ExitCode::SUCCESS)
         }
-        Task::Expected(comparison) => expected::run(&comparison),
         Task::Instructions { out, against, tolerance } => {
-            instructions::run(&out, against.as_deref(), tolerance)
+            bench::instructions::run(&out, against.as_deref(), tolerance)
         }
-        Task::Peers { out } => peers::main(&out).map(|()| ExitCode::SUCCESS),
-        Task::SpeedTable { performance, peers } => {
-            speed_table::run(&performance, &peers).map(|()| ExitCode::SUCCESS)
-        }
+        Task::Peers { out } => bench::peers::main(&out).map(|()| ExitCode::SUCCESS),
         Task::Floor { floor, folder } => floor.run(&folder).map(|()| ExitCode::SUCCESS),
         Task::Pairs { pairs, ppp, diameter_px } => {
-            peers::ours::draw(pairs, ppp, diameter_px).map(|()| ExitCode::SUCCESS)
+            bench::peers::microsig::draw(pairs, ppp, diameter_px).map(|()| ExitCode::SUCCESS)
         }
-        Task::Reference { dir, out, images } => reference::run(&dir, &out, images),
         Task::Golden => golden::run().map(|()| ExitCode::SUCCESS),
-        Task::ExportCheck { out, imagej } => {
-            export_check::run(&out, imagej.as_deref()).map(|()| ExitCode::SUCCESS)
-        }
         Task::LeakSearch { out } => leak_search::run(&out),
+        Task::Man { out } => man::run(&out).map(|()| ExitCode::SUCCESS),
         Task::Kill { out, kills } => robustness::kill::run(&out, kills),
+        Task::Robustness { out, pairs, seed } => robustness::pairs::run(&out, pairs, seed),
         Task::Disk { out } => robustness::disk::run(&out),
         Task::Memory { out, frames } => robustness::memory::run(&out, frames),
         Task::Scenarios { out } => shipped::run(&out),
+        Task::WebTest { shots } => {
+            suite::web::run(&suite::process::microsig()?, shots.as_deref()).map(|()| ExitCode::SUCCESS)
+        }
+        Task::Wrap { paths } => wrap::run(&paths).map(|()| ExitCode::SUCCESS),
         Task::Slurm { out } => robustness::slurm::run(&out),
         Task::Figures { kind, out, redraw } => {
             figures::run(kind, out.as_deref(), redraw).map(|()| ExitCode::SUCCESS)

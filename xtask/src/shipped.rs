@@ -1,4 +1,5 @@
-//! Every scenario and sweep of `scenarios/` at its full size: generated, verified, made again, and what that took.
+//! `cargo xtask scenarios`: generates and verifies every scenario and sweep of `scenarios/` at full size, and
+//! records the cost.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -6,9 +7,9 @@ use std::process::{Command, ExitCode};
 
 use anyhow::Context;
 
-use crate::process::{self, Usage, machine};
+use suite::process::{self, Usage, machine};
 
-/// What became of a file.
+/// Results for one file.
 struct Row {
     name: String,
     datasets: usize,
@@ -18,7 +19,7 @@ struct Row {
     verify: Usage,
 }
 
-/// Makes all, one after the other on all cores, and writes `scenarios.csv` and `README.md`.
+/// Runs all files sequentially, each on all cores, and writes `scenarios.csv` and `README.md`.
 pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
     let microsig = process::microsig()?;
     let mut files = Vec::new();
@@ -104,8 +105,8 @@ fn table(rows: &[Row]) -> String {
 
 fn page(rows: &[Row], failures: &[String], machine: &str) -> anyhow::Result<String> {
     let mut text = format!(
-        "# What the shipped scenarios cost\n\nMade by `cargo xtask scenarios`: every file of `scenarios/` at its full size, \
-         generated and then checked with `microsig verify --regenerate`, which makes it again and compares all bytes (of a sweep: \
+        "# Cost of the shipped scenarios\n\nMade by `cargo xtask scenarios`: every file of `scenarios/` at its full size, \
+         generated and then checked with `microsig verify --regenerate`, which generates it again and compares all bytes (for a sweep: \
          every case). CPU time of all threads.\n\n{machine}.\n\n\
          {} of {} files pass.\n\n\
          | scenario | datasets | images | size, MB | generate, CPU s | verify, CPU s |\n\

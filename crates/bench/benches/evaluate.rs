@@ -4,12 +4,13 @@
 
 use std::hint::black_box;
 
-use bench::evaluate::cloud::{Cloud, Loose};
 use bench::evaluate::gate::Gate;
 use bench::evaluate::matching::{Cost, greedy, optimal};
-use bench::evaluate::truth::{Facts, Truth};
-use bench::evaluate::{Options, particles};
-use bench::results::{Points, Position, Row};
+use bench::evaluate::measurement::RecordingFacts;
+use bench::evaluate::track_set::{TrackSet, UnsortedPoint};
+use bench::evaluate::truth::TrueParticles;
+use bench::evaluate::{EvaluateOptions, particles};
+use bench::results::{Points, Position, TrackRow};
 use criterion::{Criterion, criterion_group, criterion_main};
 
 /// Numbers in [0, 1) by Knuth's linear congruences.
@@ -21,31 +22,32 @@ fn random() -> impl FnMut() -> f64 {
     }
 }
 
-/// Particles that drift over a square of `side` px, and where a tracker with errors of up to `error` px finds them.
-fn scene(n: usize, frames: u32, side: f64, error: f64) -> (Vec<Row>, Vec<Row>) {
+/// Particles that drift over a square of `side` px, and where a tracker with errors of up to `error` px finds
+/// them.
+fn scene(n: usize, frames: u32, side: f64, error: f64) -> (Vec<TrackRow>, Vec<TrackRow>) {
     let mut random = random();
     let (mut truth, mut found) = (Vec::new(), Vec::new());
     for track in 0..n as i64 {
         let (x0, y0, z_um) = (side * random(), side * random(), 80.0 * random() - 60.0);
         for frame in 0..frames {
             let at = Position { x_px: x0 + 0.5 * f64::from(frame), y_px: y0, z_um };
-            truth.push(Row { frame, track, at });
+            truth.push(TrackRow { frame, track, at });
             let mut noise = || error * (2.0 * random() - 1.0);
             let at = Position { x_px: at.x_px + noise(), y_px: at.y_px + noise(), z_um: at.z_um + noise() };
-            found.push(Row { frame, track, at });
+            found.push(TrackRow { frame, track, at });
         }
     }
     (truth, found)
 }
 
-fn cloud(rows: &[Row]) -> Cloud {
-    let loose = |(i, r): (usize, &Row)| Loose {
+fn cloud(rows: &[TrackRow]) -> TrackSet {
+    let loose = |(i, r): (usize, &TrackRow)| UnsortedPoint {
         frame: r.frame,
         track: Some((r.track, 0)),
         at: r.at,
         source: i as u32,
     };
-    Cloud::new(rows.iter().enumerate().map(loose).collect())
+    TrackSet::new(rows.iter().enumerate().map(loose).collect())
 }
 
 fn matching(c: &mut Criterion) {
@@ -62,10 +64,16 @@ fn matching(c: &mut Criterion) {
 
 fn whole(c: &mut Criterion) {
     let (rows, found) = scene(2000, 50, 1000.0, 0.5);
-    let facts = Facts { depth_um: Some((-60.0, 20.0)), ..Facts::default() };
-    let truth = Truth { visible: vec![true; rows.len()], rows, facts, has_z: true, ..Truth::default() };
+    let facts = RecordingFacts { depth_um: Some((-60.0, 20.0)), ..RecordingFacts::default() };
+    let truth = TrueParticles {
+        visible: vec![true; rows.len()],
+        rows,
+        facts,
+        has_z: true,
+        ..TrueParticles::default()
+    };
     let points = Points { rows: found, has_z: true, ..Points::default() };
-    let options = Options::default();
+    let options = EvaluateOptions::default();
     let mut group = c.benchmark_group("evaluate");
     group.sample_size(10);
     group.bench_function("100,000 points in 50 frames", |b| {

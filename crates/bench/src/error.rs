@@ -1,6 +1,8 @@
-//! What can go wrong, and the exit code that tells it.
+//! Errors of the `microsig` command and their exit codes.
 
 use std::path::{Path, PathBuf};
+
+use crate::problem::Problem;
 
 /// An error of the `microsig` command.
 #[derive(Debug, thiserror::Error)]
@@ -8,52 +10,82 @@ pub enum Error {
     /// Input that cannot be used: one message per problem.
     #[error("{}", .0.join("\n"))]
     Input(Vec<String>),
-    /// Input that is valid but not built yet: one message per key or option.
+    /// A scenario or sweep that cannot be used: every problem, with its position in the file.
+    #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
+    Problems(Vec<Problem>),
+    /// Valid input that is not implemented: one message per key or option.
     #[error("{}", .0.join("\n"))]
     Unsupported(Vec<String>),
-    /// Something stands where a result should go.
+    /// The output path exists.
     #[error("{} exists already; --force replaces it", .0.display())]
     Exists(PathBuf),
-    /// The program ran, but what it checked does not hold: one message per failure.
+    /// Another process is writing this folder.
+    #[error("{}: {owner} is writing it", path.display())]
+    Busy {
+        /// The folder.
+        path: PathBuf,
+        /// Process and host that hold the lock.
+        owner: String,
+    },
+    /// The program ran, but a check failed: one message per failure.
     #[error("{}", .0.join("\n"))]
     Failed(Vec<String>),
-    /// Writing failed.
+    /// The work was ended from outside before it was done.
+    #[error("interrupted")]
+    Interrupted,
+    /// An input cannot be read.
     #[error("{}: {source}", path.display())]
-    Write {
+    Read {
         /// The file or folder.
         path: PathBuf,
         /// The system's reason.
         source: std::io::Error,
     },
-    /// The optical model or one of its files.
+    /// Writing failed.
+    #[error("{}: {source}", path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// Error reported by the operating system.
+        source: std::io::Error,
+    },
+    /// An error of the optical model or of one of its files.
     #[error(transparent)]
     Optics(#[from] microsig_core::Error),
-    /// A flow, its seeding or a trajectory.
+    /// An error of a flow, its seeding or a trajectory.
     #[error(transparent)]
     Flow(#[from] flows::Error),
 }
 
-/// What this crate's functions return.
+/// Result type of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// One problem of the input.
+    /// An input error with a single message.
     pub fn input(message: impl Into<String>) -> Self {
         Error::Input(vec![message.into()])
     }
 
-    /// An input that cannot be read.
-    pub fn read(path: &Path, source: std::io::Error) -> Self {
-        Error::input(format!("{}: {source}", path.display()))
+    /// One message per problem; problems in a scenario file show the line with a caret.
+    pub fn messages(&self) -> Vec<String> {
+        match self {
+            Error::Problems(problems) => problems.iter().map(Problem::rendered).collect(),
+            other => other.to_string().lines().map(str::to_owned).collect(),
+        }
     }
 
-    /// For `map_err`: writing to `path` failed.
+    /// An input file that cannot be read.
+    pub fn read(path: &Path, source: std::io::Error) -> Self {
+        Error::Read { path: path.to_owned(), source }
+    }
+
+    /// For `map_err`: wraps an I/O error of writing to `path`.
     pub fn write(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.to_owned();
         move |source| Error::Write { path, source }
     }
 
-    /// The same with the whole path of a file that was named by its place in a dataset.
+    /// The same error with a path relative to a dataset completed by the dataset's folder.
     pub fn below(self, folder: &Path) -> Self {
         match self {
             Error::Write { path, source } if !path.starts_with(folder) => {
@@ -63,15 +95,23 @@ impl Error {
         }
     }
 
-    /// Whether the system failed to read or write, as on a full disk.
+    /// Whether the cause lies outside the request, such as a full disk or another process.
     pub fn is_of_the_system(&self) -> bool {
-        matches!(self, Error::Write { .. } | Error::Optics(microsig_core::Error::Io { .. }))
+        matches!(
+            self,
+            Error::Write { .. }
+                | Error::Busy { .. }
+                | Error::Interrupted
+                | Error::Optics(microsig_core::Error::Io { .. })
+        )
     }
 
-    /// 1: ran, but a check failed or a result could not be written; 2: bad usage or bad input.
+    /// Exit code: 1 if the program ran but a check failed or a result could not be written, 2 for bad usage
+    /// or bad input.
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Failed(_) => 1,
+            Error::Busy { .. } => 2,
             error if error.is_of_the_system() => 1,
             Error::Flow(flows::Error::Trajectory { .. }) => 1,
             _ => 2,

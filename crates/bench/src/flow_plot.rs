@@ -1,8 +1,8 @@
-//! A picture of a velocity field: its speed in a plane of the default scene, and streamlines.
+//! Plot of a velocity field: speed in a plane of the default scene, and streamlines.
 
 use base64::Engine;
 use flows::VelocityField;
-use flows::registry::{Entry, Plane};
+use flows::registry::{FieldEntry, PlotPlane};
 use flows::{Axis, Region};
 use glam::DVec3;
 use image::RgbImage;
@@ -10,31 +10,31 @@ use plotters::prelude::*;
 
 use crate::error::{Error, Result};
 
-/// The default scene: what setting 1 sees of a channel 100 um deep, um.
+/// The default scene, um: field of view of setting 1 in a channel 100 um deep.
 const SCENE: (DVec3, DVec3) = (DVec3::new(-242.0, -118.0, -80.0), DVec3::new(242.0, 118.0, 20.0));
 
 /// Cells of the speed map along the longer side.
 const CELLS: u32 = 160;
-/// Seeds of streamlines along the longer side.
+/// Streamline seeds along the longer side.
 const SEEDS: u32 = 13;
-/// Points of a streamline in either direction.
+/// Steps of a streamline: a quarter of this number in each direction.
 const STEPS: u32 = 120;
 
-/// The picture as SVG, at time 0.
+/// The plot at time 0 as SVG.
 ///
 /// # Errors
-/// [`Error::Flow`] if the field's default instance cannot be made.
-pub fn svg(entry: &Entry) -> Result<String> {
+/// [`Error::Flow`] if the field's default instance cannot be built.
+pub fn svg(entry: &FieldEntry) -> Result<String> {
     let field = (entry.make)()?;
     let mut text = String::new();
     let map =
         draw(entry, field.as_ref(), &mut text).map_err(|e| Error::input(format!("{}: {e}", entry.name)))?;
     map.put_into(&text)
-        .ok_or_else(|| Error::input(format!("{}: the picture of its speed has no place", entry.name)))
+        .ok_or_else(|| Error::input(format!("{}: the placeholder of the speed map is missing", entry.name)))
 }
 
-/// The two axes of a plane: along the picture and down it.
-fn axes(plane: Plane) -> (Axis, Axis) {
+/// The horizontal and the vertical axis of a plot plane.
+fn axes(plane: PlotPlane) -> (Axis, Axis) {
     match plane.across {
         Axis::X => (Axis::Y, Axis::Z),
         Axis::Y => (Axis::X, Axis::Z),
@@ -52,7 +52,7 @@ fn name(axis: Axis) -> &'static str {
 
 type Drawn<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-fn draw(entry: &Entry, field: &dyn VelocityField, text: &mut String) -> Drawn<SpeedMap> {
+fn draw(entry: &FieldEntry, field: &dyn VelocityField, text: &mut String) -> Drawn<SpeedMap> {
     let plane = entry.plane;
     let (right, down) = axes(plane);
     let scene = Region::new(SCENE.0, SCENE.1)?;
@@ -93,7 +93,8 @@ fn draw(entry: &Entry, field: &dyn VelocityField, text: &mut String) -> Drawn<Sp
 
     let map = SpeedMap::new(field, &at, (u0, u1), (v0, v1), bottom < top);
     let fastest = map.fastest;
-    // A stand-in that the picture of the speed replaces: plotters draws thousands of rectangles where one image does.
+    // Placeholder for the speed map, which replaces it as one embedded image: plotters would write thousands
+    // of rectangles.
     chart.draw_series(std::iter::once(Rectangle::new([(u0, v0), (u1, v1)], STAND_IN.filled())))?;
 
     let seeds_down = (f64::from(SEEDS) * (v1 - v0) / (u1 - u0)).ceil().max(5.0) as u32;
@@ -112,15 +113,15 @@ fn draw(entry: &Entry, field: &dyn VelocityField, text: &mut String) -> Drawn<Sp
             }
         }
     }
-    colour_key(&key, fastest, height)?;
+    color_key(&key, fastest, height)?;
     root.present()?;
     Ok(map)
 }
 
-/// A colour that nothing else in the picture has.
+/// Placeholder color that occurs nowhere else in the plot.
 const STAND_IN: RGBColor = RGBColor(1, 2, 3);
 
-/// The speed in a plane, as an image.
+/// Speed in a plane, as an image.
 struct SpeedMap {
     pixels: RgbImage,
     fastest: f64,
@@ -140,7 +141,7 @@ impl SpeedMap {
             let j = if upward { rows - 1 - j } else { j };
             field.velocity(at(u0 + du * (f64::from(i) + 0.5), v0 + dv * (f64::from(j) + 0.5)), 0.0).length()
         };
-        // Singular points would make everything else pale.
+        // The 99.5 % quantile sets the scale: near singular points the speed diverges.
         let mut speeds: Vec<f64> = (0..rows)
             .flat_map(|j| (0..CELLS).map(move |i| (i, j)))
             .map(|(i, j)| speed(i, j))
@@ -157,7 +158,7 @@ impl SpeedMap {
         SpeedMap { pixels, fastest }
     }
 
-    /// The SVG with the stand-in replaced.
+    /// The SVG with the placeholder replaced by the speed map.
     fn put_into(&self, svg: &str) -> Option<String> {
         let mark = svg.find("fill=\"#010203\"")?;
         let start = svg[..mark].rfind("<rect")?;
@@ -178,7 +179,7 @@ impl SpeedMap {
     }
 }
 
-/// A line along the in-plane velocity, a short way back and forth from a seed.
+/// A short streamline of the in-plane velocity, in both directions from a seed.
 fn streamline(
     field: &dyn VelocityField,
     (right, down): (Axis, Axis),
@@ -196,7 +197,7 @@ fn streamline(
         let mut line = Vec::new();
         let mut x = seed;
         for _ in 0..STEPS / 4 {
-            // The midpoint rule is plenty for a picture.
+            // The midpoint rule is accurate enough for a plot.
             let next = direction(x)
                 .and_then(|d| direction(x + d * (0.5 * sign * step)))
                 .map(|d| x + d * (sign * step))
@@ -233,7 +234,7 @@ fn arrow(line: &[(f64, f64)], size: f64) -> impl Iterator<Item = Vec<(f64, f64)>
         .into_iter()
 }
 
-fn colour_key(
+fn color_key(
     area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
     fastest: f64,
     height: u32,
@@ -242,8 +243,8 @@ fn colour_key(
     let n = 60;
     for i in 0..n {
         let y = |i: i32| bottom - (bottom - top) * i / n;
-        let colour = shade((f64::from(i) + 0.5) / f64::from(n));
-        area.draw(&Rectangle::new([(5, y(i + 1)), (23, y(i))], colour.filled()))?;
+        let color = shade((f64::from(i) + 0.5) / f64::from(n));
+        area.draw(&Rectangle::new([(5, y(i + 1)), (23, y(i))], color.filled()))?;
     }
     let style = ("sans-serif", 12).into_font();
     for (share, y) in [(0.0, bottom), (0.5, (top + bottom) / 2), (1.0, top)] {
@@ -261,7 +262,8 @@ fn colour_key(
     Ok(())
 }
 
-/// From white over blue-green to dark blue: equal steps look equal, and grey printers keep the order.
+/// Color map from white over blue-green to dark blue: roughly perceptually uniform, and monotonic in
+/// grayscale.
 fn shade(share: f64) -> RGBColor {
     const STOPS: [(f64, f64, f64); 4] =
         [(255.0, 255.0, 255.0), (178.0, 216.0, 216.0), (66.0, 146.0, 198.0), (8.0, 64.0, 129.0)];

@@ -1,5 +1,6 @@
-//! Nanoseconds per particle and step of every field, and the two clouds whose cost is bounded: 1000 particles over one frame of
-//! Lamb-Oseen and of 200 Kraichnan modes (100,000 particles over 100 frames are 10,000 times as much).
+//! Time per particle and step of every field, and the cost of the two reference clouds: 1000 particles over
+//! one frame of a Lamb-Oseen vortex and of 200 Kraichnan modes (100,000 particles over 100 frames cost 10,000
+//! times as much).
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use flows::integrate::advance;

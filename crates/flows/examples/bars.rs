@@ -1,8 +1,8 @@
-//! What advection costs, in CPU time of one core: `cargo run --release -p flows --example bars`.
+//! Cost of advection in CPU time on one core: `cargo run --release -p flows --example bars`.
 //!
-//! 100,000 particles over 100 frames of 5 ms of a Lamb-Oseen vortex and of Kraichnan's 200 modes, no files; then every field of
-//! the registry, in ns per particle and frame. CPU time is that of the thread as the Linux scheduler counts it, so that other
-//! work on the machine hardly counts; elsewhere it is the time on the clock.
+//! 100,000 particles over 100 frames of 5 ms in a Lamb-Oseen vortex and in 200 Kraichnan modes, without file
+//! output; then every field of the registry, in ns per particle and frame. On Linux the time is the CPU time
+//! of the thread from the scheduler, hardly affected by other load; elsewhere it is wall-clock time.
 #![expect(clippy::print_stdout, reason = "an example that reports")]
 
 use std::time::Instant;
@@ -21,14 +21,14 @@ fn points(number: u32) -> Vec<DVec3> {
     (0..number).map(|i| view.at(unit(f64::from(i)))).collect()
 }
 
-/// Time that this thread has been computing, s.
+/// CPU time of this thread, s; wall-clock time since `start` where it is not available.
 fn cpu_s(start: Instant) -> f64 {
     let counted = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let ns = counted.and_then(|text| text.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()));
     ns.map_or(start.elapsed().as_secs_f64(), |ns| ns * 1e-9)
 }
 
-/// Moves the points over some frames; gives the CPU time, s.
+/// Advects the points over `frames` frames and returns the CPU time, s.
 fn run(field: &dyn VelocityField, points: &mut [DVec3], frames: u32) -> Result<f64> {
     let start = Instant::now();
     let before = cpu_s(start);
@@ -54,7 +54,7 @@ fn main() -> Result<()> {
         let variants = entry.variants.iter().map(|(v, make)| (format!("{}: {v}", entry.name), *make));
         for (name, make) in all.chain(variants) {
             let field = make()?;
-            // The scheduler counts in ticks of some ms.
+            // The scheduler's clock advances in ticks of a few ms.
             let (mut seconds, mut runs) = (0.0, 0.0);
             let start = Instant::now();
             let before = cpu_s(start);

@@ -1,73 +1,101 @@
-//! Brownian motion and settling of small spheres.
+//! Brownian motion and settling of small spheres and spheroids.
 //!
-//! Diffusion coefficients of Stokes and Einstein: D = kB T / (3 pi mu d) for translation, D_r = kB T / (pi mu d^3) for rotation
-//! (Berg, Random Walks in Biology, chapters 2 and 6). A step of time h is half a drift, the whole noise, half a drift (Strang's splitting): in
-//! a shear g the variance along the flow, 2 D t (1 + (g t)^2 / 3), comes out with 1/3 - 1/(12 n^2) for n steps. Noise is reflected at walls by
-//! folding, which is exact in law. Spheroids diffuse like spheres of their diameter; hindrance near walls is left out.
+//! A diffusion coefficient is kB T over a friction coefficient (Einstein): for a sphere D = kB T / (3 pi mu
+//! d) for translation and D_r = kB T / (pi mu d^3) for rotation (Berg, Random Walks in Biology, chapters 2
+//! and 6). A spheroid diffuses with Perrin's coefficients along and across its axis ([`SpheroidFriction`]),
+//! and its axis turns with the D_r of tumbling. A step of duration h consists of half the drift, the Brownian
+//! step, and half the drift (Strang splitting); the Brownian step of a spheroid consists of half the
+//! rotation, the translation, and half the rotation. In a simple shear of rate g the variance along the flow,
+//! 2 D t (1 + (g t)^2 / 3), is reproduced with 1/3 - 1/(12 n^2) in place of 1/3 for n steps. Hindered
+//! diffusion near walls is neglected.
 //!
-//! A sphere settles at drho g d^2 / (18 mu) (Stokes).
+//! A sphere settles at drho g d^2 / (18 mu) (Stokes). The friction of a spheroid differs along and across its
+//! axis, so that it also drifts sideways when it settles.
 
-use crate::error::{Check, Result};
+use crate::error::{ParameterCheck, Result};
+use crate::friction::SpheroidFriction;
+use crate::liquid::Liquid;
 use glam::DVec3;
 use microsig_core::random::normal;
 use microsig_core::stream::Stream;
 use std::f64::consts::PI;
 
-const BROWNIAN: Check = Check("brownian");
-const SETTLING: Check = Check("settling");
+const BROWNIAN: ParameterCheck = ParameterCheck("brownian");
+const SETTLING: ParameterCheck = ParameterCheck("settling");
 
-/// Boltzmann's constant, J/K, times 1e18: with diameters in um it gives um^2/s and 1/s.
-const BOLTZMANN: f64 = 1.380_649e-23 * 1e18;
 /// Standard gravity, m/s^2.
 const GRAVITY: f64 = 9.806_65;
-/// Most steps a frame.
+/// Maximum number of Brownian steps per frame interval.
 const MAX_SUBSTEPS: u32 = 10_000;
 
-/// Thermal motion in a liquid.
+/// Brownian motion in a liquid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Brownian {
-    /// kB T / mu.
-    agitation: f64,
+    /// kB T / mu, um^3/s.
+    kt_over_viscosity: f64,
     substeps: u32,
 }
 
 impl Brownian {
-    /// Motion at a temperature (K, > 0; 298.15) in a liquid of a dynamic viscosity (Pa s, > 0; water 0.89e-3), in `substeps` steps from
-    /// frame to frame (1 to 10000; 2 are enough unless the shear times the time between frames exceeds 0.1).
-    pub fn new(temperature_k: f64, viscosity_pa_s: f64, substeps: u32) -> Result<Self> {
-        BROWNIAN.positive("temperature_k", temperature_k)?;
-        BROWNIAN.positive("viscosity_pa_s", viscosity_pa_s)?;
+    /// Brownian motion with `substeps` steps per frame interval (1 to 10000; 2 are sufficient unless shear
+    /// rate times frame interval exceeds 0.1).
+    pub fn new(liquid: &Liquid, substeps: u32) -> Result<Self> {
+        let kt_over_viscosity = liquid.checked()?.kt_over_viscosity();
+        BROWNIAN.positive("temperature_k over viscosity_pa_s", kt_over_viscosity)?;
         if !(1..=MAX_SUBSTEPS).contains(&substeps) {
             return Err(BROWNIAN.fault("substeps", substeps, "1 to 10000"));
         }
-        Ok(Brownian { agitation: BOLTZMANN * temperature_k / viscosity_pa_s, substeps })
+        Ok(Brownian { kt_over_viscosity, substeps })
     }
 
-    /// Steps from frame to frame.
+    /// Number of Brownian steps per frame interval.
     pub fn substeps(&self) -> u32 {
         self.substeps
     }
 
-    /// Coefficient of translation of a sphere of diameter `d_um`, um^2/s.
+    /// Translational diffusion coefficient of a sphere of diameter `d_um` (um), um^2/s. For a spheroid of
+    /// that equatorial diameter, divide by `along` or `across` of [`SpheroidFriction`].
     pub fn diffusion(&self, d_um: f64) -> f64 {
-        self.agitation / (3.0 * PI * d_um)
+        self.kt_over_viscosity / (3.0 * PI * d_um)
     }
 
-    /// Coefficient of rotation, rad^2/s.
+    /// Rotational diffusion coefficient of a sphere of diameter `d_um` (um), rad^2/s. For a spheroid of that
+    /// equatorial diameter, divide by `tumbling` of [`SpheroidFriction`].
     pub fn rotational_diffusion(&self, d_um: f64) -> f64 {
-        self.agitation / (PI * d_um * d_um * d_um)
+        self.kt_over_viscosity / (PI * d_um * d_um * d_um)
     }
 
-    /// A random displacement over a time `h` (s, > 0), um.
-    pub(crate) fn kick(&self, d_um: f64, h: f64, stream: &mut Stream) -> DVec3 {
+    /// A random displacement (um) over a time `h` (s, > 0) of a particle with symmetry axis `axis`.
+    pub(crate) fn random_displacement(
+        &self,
+        d_um: f64,
+        friction: &SpheroidFriction,
+        axis: DVec3,
+        h: f64,
+        stream: &mut Stream,
+    ) -> DVec3 {
         let xi = DVec3::new(normal(stream), normal(stream), normal(stream));
-        xi * libm::sqrt(2.0 * self.diffusion(d_um) * h)
+        let length = libm::sqrt(2.0 * self.diffusion(d_um) * h);
+        if friction.is_sphere() {
+            return xi * length;
+        }
+        let (along, across) = (length / libm::sqrt(friction.along), length / libm::sqrt(friction.across));
+        xi * across + axis * (axis.dot(xi) * (along - across))
     }
 
-    /// An axis after a random rotation over a time `h` (s, > 0): along a great circle by a normal angle of two components.
-    pub(crate) fn turn(&self, axis: DVec3, d_um: f64, h: f64, stream: &mut Stream) -> DVec3 {
+    /// `axis` after a random rotation over a time `h` (s, > 0): along a great circle, by an angle vector with
+    /// two normally distributed components.
+    pub(crate) fn random_rotation(
+        &self,
+        axis: DVec3,
+        d_um: f64,
+        friction: &SpheroidFriction,
+        h: f64,
+        stream: &mut Stream,
+    ) -> DVec3 {
         let xi = DVec3::new(normal(stream), normal(stream), normal(stream));
-        let way = (xi - axis * axis.dot(xi)) * libm::sqrt(2.0 * self.rotational_diffusion(d_um) * h);
+        let diffusion = self.rotational_diffusion(d_um) / friction.tumbling;
+        let way = (xi - axis * axis.dot(xi)) * libm::sqrt(2.0 * diffusion * h);
         let angle = way.length();
         if angle == 0.0 {
             return axis;
@@ -77,29 +105,41 @@ impl Brownian {
     }
 }
 
-/// Sinking, or rising, of particles of another density than the liquid.
+/// Settling or rising of particles whose density differs from that of the liquid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settling {
-    /// Velocity of a sphere of 1 um, um/s.
+    /// Settling velocity of a sphere 1 um in diameter, um/s.
     unit: DVec3,
 }
 
 impl Settling {
-    /// Settling with a difference of densities (kg/m^3, particle less liquid; polystyrene in water 50) in a liquid of a dynamic viscosity
-    /// (Pa s, > 0), gravity being along `direction` (any length but zero; (0, 0, -1) is toward the lens, from below).
-    pub fn new(density_difference_kg_m3: f64, viscosity_pa_s: f64, direction: DVec3) -> Result<Self> {
+    /// Settling with a density difference (kg/m^3, particle minus liquid; 50 for polystyrene in water) and
+    /// gravity along `direction` (any non-zero length; (0, 0, -1) points toward the lens, as in an inverted
+    /// microscope).
+    pub fn new(density_difference_kg_m3: f64, liquid: &Liquid, direction: DVec3) -> Result<Self> {
         SETTLING.finite("density_difference_kg_m3", density_difference_kg_m3)?;
-        SETTLING.positive("viscosity_pa_s", viscosity_pa_s)?;
+        let viscosity = liquid.checked()?.viscosity_pa_s;
         let down = SETTLING.finite_vector("direction", direction)?.try_normalize();
         let down = down.ok_or_else(|| SETTLING.fault("direction", direction, "a vector other than zero"))?;
         // d^2 in um^2 is 1e-12 m^2, and 1 m/s is 1e6 um/s.
-        let speed = density_difference_kg_m3 * GRAVITY / (18.0 * viscosity_pa_s) * 1e-6;
-        Ok(Settling { unit: down * speed })
+        let speed = density_difference_kg_m3 * GRAVITY / (18.0 * viscosity) * 1e-6;
+        Ok(Settling { unit: down * SETTLING.finite("density_difference_kg_m3 over viscosity_pa_s", speed)? })
     }
 
-    /// Velocity of a sphere through the liquid, um/s.
-    pub fn velocity(&self, d_um: f64) -> DVec3 {
-        self.unit * (d_um * d_um)
+    /// Settling velocity relative to the liquid (um/s) of a particle of equatorial diameter `d_um` (um) with
+    /// symmetry axis `axis` (unit vector).
+    pub fn velocity(&self, d_um: f64, friction: &SpheroidFriction, axis: DVec3) -> DVec3 {
+        let sphere = self.unit * (d_um * d_um);
+        if friction.is_sphere() {
+            return sphere;
+        }
+        let along = axis * axis.dot(sphere);
+        (along / friction.along + (sphere - along) / friction.across) * friction.aspect
+    }
+
+    /// The largest settling speed over all orientations of the axis, um/s.
+    pub(crate) fn max_speed(&self, d_um: f64, friction: &SpheroidFriction) -> f64 {
+        self.unit.length() * (d_um * d_um) * friction.aspect / friction.along.min(friction.across)
     }
 }
 
@@ -109,7 +149,7 @@ mod tests {
     use microsig_core::stream::{Purpose, Streams};
 
     fn water() -> Brownian {
-        Brownian::new(298.15, 0.89e-3, 2).unwrap()
+        Brownian::new(&Liquid::default(), 2).unwrap()
     }
 
     #[test]
@@ -118,9 +158,11 @@ mod tests {
             assert!((water().diffusion(d) / translation - 1.0).abs() < 3e-4, "{}", water().diffusion(d));
             assert!((water().rotational_diffusion(d) / rotation - 1.0).abs() < 4e-3);
         }
-        let settling = Settling::new(50.0, 0.89e-3, DVec3::NEG_Z).unwrap();
+        let settling = Settling::new(50.0, &Liquid::default(), DVec3::NEG_Z).unwrap();
         for (d, speed) in [(2.0, 0.1225), (1.0, 0.0306), (0.5, 0.00765)] {
-            assert!((settling.velocity(d).z / -speed - 1.0).abs() < 2e-3);
+            assert!(
+                (settling.velocity(d, &SpheroidFriction::SPHERE, DVec3::X).z / -speed - 1.0).abs() < 2e-3
+            );
         }
     }
 
@@ -133,24 +175,51 @@ mod tests {
             let mut stream = Streams::new(4).stream(Purpose::Brownian, 0, row);
             let mut axis = DVec3::X;
             for _ in 0..40 {
-                axis = water().turn(axis, 1.0, time / 40.0, &mut stream);
+                axis =
+                    water().random_rotation(axis, 1.0, &SpheroidFriction::SPHERE, time / 40.0, &mut stream);
             }
             cosines += axis.x / 20_000.0;
             squares += axis.x * axis.x / 20_000.0;
         }
         let decay = water().rotational_diffusion(1.0) * time;
-        // Standard errors at most 0.7 / 141 and 0.3 / 141; the splitting is off by (2 D_r h)^2 a step, 1e-3 in all.
+        // Standard errors are at most 0.7 / 141 and 0.3 / 141; the splitting error is (2 D_r h)^2 per step,
+        // 1e-3 in total.
         assert!((cosines - libm::exp(-2.0 * decay)).abs() < 0.02, "{cosines}");
         assert!((0.5 * (3.0 * squares - 1.0) - libm::exp(-6.0 * decay)).abs() < 0.02, "{squares}");
     }
 
     #[test]
-    fn impossible_liquids_are_refused() {
-        let message = Brownian::new(-1.0, 1e-3, 2).unwrap_err().to_string();
-        assert_eq!(message, "brownian: temperature_k = -1: expected a finite number > 0");
-        assert!(Brownian::new(300.0, 1e-3, 0).is_err());
+    fn rods_diffuse_and_settle_as_perrin_says() {
+        // d 1 um, e_p 3 in water: D_r 0.2093 /s, D 0.3494 and 0.2841 um^2/s.
+        let rod = SpheroidFriction::new(3.0);
+        let rotation = water().rotational_diffusion(1.0) / rod.tumbling;
+        let (along, across) = (water().diffusion(1.0) / rod.along, water().diffusion(1.0) / rod.across);
+        assert!((rotation / 0.2095 - 1.0).abs() < 2e-3, "{rotation}");
         assert!(
-            Settling::new(50.0, 1e-3, DVec3::ZERO).is_err() && Settling::new(50.0, 0.0, DVec3::X).is_err()
+            (along / 0.3494 - 1.0).abs() < 2e-3 && (across / 0.2841 - 1.0).abs() < 2e-3,
+            "{along} {across}"
         );
+        let settling = Settling::new(50.0, &Liquid::default(), DVec3::NEG_Z).unwrap();
+        let sphere = settling.velocity(1.0, &SpheroidFriction::SPHERE, DVec3::X).z;
+        // The weight is three times that of the sphere: relative to it, a rod falls at 3 / 1.4045 end-on and
+        // 3 / 1.7276 broadside.
+        let falls = |axis: DVec3| settling.velocity(1.0, &rod, axis);
+        assert!((falls(DVec3::Z).z / sphere - 2.1360).abs() < 1e-3, "{}", falls(DVec3::Z).z / sphere);
+        assert!((falls(DVec3::X).z / sphere - 1.7365).abs() < 1e-3);
+        // At 45 degrees it drifts sideways, toward its lower end.
+        let oblique = falls(DVec3::new(1.0, 0.0, -1.0).normalize());
+        assert!(
+            (oblique.x / -sphere - 0.5 * (2.1360 - 1.7365)).abs() < 1e-3 && oblique.y == 0.0,
+            "{oblique}"
+        );
+        assert!(settling.max_speed(1.0, &rod) >= falls(DVec3::Z).length());
+    }
+
+    #[test]
+    fn impossible_motions_are_refused() {
+        let water = Liquid::default();
+        assert!(Brownian::new(&Liquid { temperature_k: -1.0, ..water }, 2).is_err());
+        assert!(Brownian::new(&water, 0).unwrap_err().to_string().contains("substeps = 0"));
+        assert!(Settling::new(50.0, &water, DVec3::ZERO).is_err());
     }
 }

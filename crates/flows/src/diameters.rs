@@ -1,21 +1,21 @@
 //! Diameters of tracer particles.
 
-use crate::error::{Check, Result};
+use crate::error::{ParameterCheck, Result};
 use microsig_core::random::normal;
 use microsig_core::stream::Stream;
 use std::f64::consts::{PI, SQRT_2};
 
-const CHECK: Check = Check("diameters");
+const CHECK: ParameterCheck = ParameterCheck("diameters");
 
-/// The least share of a normal distribution that its limits may leave: below it redrawing takes too long.
+/// Smallest fraction of a distribution that may lie within its limits; below it redrawing takes too long.
 const MIN_SHARE: f64 = 1e-3;
 
 /// A distribution of diameters, um.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Diameters(Kind);
+pub struct Diameters(DiameterDistribution);
 
 #[derive(Debug, Clone, PartialEq)]
-enum Kind {
+enum DiameterDistribution {
     Equal(f64),
     Uniform {
         min: f64,
@@ -27,36 +27,36 @@ enum Kind {
         min: f64,
         max: f64,
     },
-    /// Mean and standard deviation of ln d.
+    /// `mean` and `sd` are those of ln d.
     Lognormal {
         mean: f64,
         sd: f64,
         min: f64,
         max: f64,
     },
-    /// Diameters and the sums of their weights so far; the last is 1.
+    /// Diameters with their cumulative weights; the last is 1.
     List(Vec<(f64, f64)>),
 }
 
 impl Diameters {
-    /// All equal, um, > 0.
+    /// All diameters equal, um, > 0.
     pub fn equal(diameter: f64) -> Result<Self> {
-        Ok(Diameters(Kind::Equal(CHECK.positive("diameter_um", diameter)?)))
+        Ok(Diameters(DiameterDistribution::Equal(CHECK.positive("diameter_um", diameter)?)))
     }
 
     /// Uniform between `min` and `max`, um, 0 < min <= max.
     pub fn uniform(min: f64, max: f64) -> Result<Self> {
         check_limits(min, max)?;
-        Ok(Diameters(Kind::Uniform { min, max }))
+        Ok(Diameters(DiameterDistribution::Uniform { min, max }))
     }
 
-    /// Normal, um, restricted to `min`..`max` by drawing again (never by clipping, which would heap particles up at the
-    /// limits); the limits must leave at least a thousandth of the distribution.
+    /// Normal distribution (um) truncated to `min`..`max` by redrawing (not by clipping, which would
+    /// accumulate particles at the limits); at least 0.1 % of the distribution must lie within the limits.
     pub fn normal(mean: f64, sd: f64, min: f64, max: f64) -> Result<Self> {
         CHECK.positive("mean_um", mean)?;
         CHECK.positive("sd_um", sd)?;
         check_limits(min, max)?;
-        let kind = Kind::Normal { mean, sd, min, max };
+        let kind = DiameterDistribution::Normal { mean, sd, min, max };
         let share = cumulative((max - mean) / sd) - cumulative((min - mean) / sd);
         if share < MIN_SHARE {
             let value = format!("{min}..{max}");
@@ -65,8 +65,8 @@ impl Diameters {
         Ok(Diameters(kind))
     }
 
-    /// Lognormal, um, restricted like [`Diameters::normal`]: `mean` and `sd` are those of the diameter, not of its logarithm, before it is
-    /// restricted.
+    /// Lognormal distribution (um), truncated like [`Diameters::normal`]; `mean` and `sd` are those of the
+    /// diameter, not of its logarithm, before truncation.
     pub fn lognormal(mean: f64, sd: f64, min: f64, max: f64) -> Result<Self> {
         CHECK.positive("mean_um", mean)?;
         CHECK.positive("sd_um", sd)?;
@@ -79,10 +79,11 @@ impl Diameters {
             let value = format!("{min}..{max}");
             return Err(CHECK.fault("min_um..max_um", value, "limits that leave 0.1 % of the distribution"));
         }
-        Ok(Diameters(Kind::Lognormal { mean: mu, sd: sigma, min, max }))
+        Ok(Diameters(DiameterDistribution::Lognormal { mean: mu, sd: sigma, min, max }))
     }
 
-    /// One of some diameters (um, > 0), each with a probability in proportion to its weight (> 0).
+    /// A discrete distribution: pairs of a diameter (um, > 0) and its weight (> 0); probabilities are
+    /// proportional to the weights.
     pub fn list(weighted: &[(f64, f64)]) -> Result<Self> {
         let mut total = 0.0;
         for (diameter, weight) in weighted {
@@ -98,27 +99,27 @@ impl Diameters {
             sum += weight / total;
             (*diameter, sum)
         });
-        Ok(Diameters(Kind::List(list.collect())))
+        Ok(Diameters(DiameterDistribution::List(list.collect())))
     }
 
-    /// A diameter, um.
+    /// A random diameter, um.
     pub fn draw(&self, stream: &mut Stream) -> f64 {
         match self.0 {
-            Kind::Lognormal { mean, sd, min, max } => loop {
+            DiameterDistribution::Lognormal { mean, sd, min, max } => loop {
                 let diameter = libm::exp(mean + sd * normal(stream));
                 if (min..=max).contains(&diameter) {
                     break diameter;
                 }
             },
-            Kind::List(ref list) => {
+            DiameterDistribution::List(ref list) => {
                 let u = stream.uniform();
-                // Rounding may leave the last sum below u.
+                // Rounding may make the last cumulative weight less than u.
                 let at = list.partition_point(|(_, sum)| *sum <= u).min(list.len() - 1);
                 list[at].0
             }
-            Kind::Equal(diameter) => diameter,
-            Kind::Uniform { min, max } => min + (max - min) * stream.uniform(),
-            Kind::Normal { mean, sd, min, max } => loop {
+            DiameterDistribution::Equal(diameter) => diameter,
+            DiameterDistribution::Uniform { min, max } => min + (max - min) * stream.uniform(),
+            DiameterDistribution::Normal { mean, sd, min, max } => loop {
                 let diameter = mean + sd * normal(stream);
                 if (min..=max).contains(&diameter) {
                     break diameter;
@@ -127,21 +128,21 @@ impl Diameters {
         }
     }
 
-    /// The mean of the distribution as drawn, um.
+    /// The mean of the truncated distribution, um.
     pub fn mean(&self) -> f64 {
         match self.0 {
-            Kind::Equal(diameter) => diameter,
-            Kind::Uniform { min, max } => 0.5 * (min + max),
-            Kind::Normal { mean, sd, min, max } => {
+            DiameterDistribution::Equal(diameter) => diameter,
+            DiameterDistribution::Uniform { min, max } => 0.5 * (min + max),
+            DiameterDistribution::Normal { mean, sd, min, max } => {
                 let (low, high) = ((min - mean) / sd, (max - mean) / sd);
                 mean + sd * (density(low) - density(high)) / (cumulative(high) - cumulative(low))
             }
-            Kind::Lognormal { mean, sd, min, max } => {
+            DiameterDistribution::Lognormal { mean, sd, min, max } => {
                 let (low, high) = ((libm::log(min) - mean) / sd, (libm::log(max) - mean) / sd);
                 let share = cumulative(high) - cumulative(low);
                 libm::exp(mean + 0.5 * sd * sd) * (cumulative(high - sd) - cumulative(low - sd)) / share
             }
-            Kind::List(ref list) => {
+            DiameterDistribution::List(ref list) => {
                 let mut before = 0.0;
                 let terms = list.iter().map(|(diameter, sum)| {
                     let weight = sum - before;
@@ -156,18 +157,26 @@ impl Diameters {
     /// The largest diameter that can be drawn, um.
     pub fn max(&self) -> f64 {
         match self.0 {
-            Kind::Equal(diameter) => diameter,
-            Kind::Uniform { max, .. } | Kind::Normal { max, .. } | Kind::Lognormal { max, .. } => max,
-            Kind::List(ref list) => list.iter().map(|(diameter, _)| *diameter).fold(0.0, f64::max),
+            DiameterDistribution::Equal(diameter) => diameter,
+            DiameterDistribution::Uniform { max, .. }
+            | DiameterDistribution::Normal { max, .. }
+            | DiameterDistribution::Lognormal { max, .. } => max,
+            DiameterDistribution::List(ref list) => {
+                list.iter().map(|(diameter, _)| *diameter).fold(0.0, f64::max)
+            }
         }
     }
 
     /// The smallest diameter that can be drawn, um.
     pub fn min(&self) -> f64 {
         match self.0 {
-            Kind::Equal(diameter) => diameter,
-            Kind::Uniform { min, .. } | Kind::Normal { min, .. } | Kind::Lognormal { min, .. } => min,
-            Kind::List(ref list) => list.iter().map(|(diameter, _)| *diameter).fold(f64::INFINITY, f64::min),
+            DiameterDistribution::Equal(diameter) => diameter,
+            DiameterDistribution::Uniform { min, .. }
+            | DiameterDistribution::Normal { min, .. }
+            | DiameterDistribution::Lognormal { min, .. } => min,
+            DiameterDistribution::List(ref list) => {
+                list.iter().map(|(diameter, _)| *diameter).fold(f64::INFINITY, f64::min)
+            }
         }
     }
 }
@@ -212,10 +221,13 @@ mod tests {
             // Standard error: at most 0.58 / 200 = 0.0029.
             assert!((mean - kind.mean()).abs() < 4.0 * 0.0029, "{kind:?}: {mean}");
             assert!(draws.iter().all(|d| *d > 0.0 && *d <= kind.max()));
-            // Clipping would heap up the 34 % of the normal distribution below 1.8.
+            // Clipping would put the 34 % of the normal distribution below 1.8 at the limit.
             let least = draws.iter().copied().fold(f64::INFINITY, f64::min);
             let at_least = draws.iter().filter(|d| **d == least).count();
-            assert!(at_least == 1 || matches!(kind.0, Kind::Equal(_) | Kind::List(_)));
+            assert!(
+                at_least == 1
+                    || matches!(kind.0, DiameterDistribution::Equal(_) | DiameterDistribution::List(_))
+            );
             assert!(least >= kind.min());
         }
     }

@@ -1,25 +1,27 @@
 //! The box that holds the tracers, and its faces.
 //!
-//! Walls keep the centre of a particle at least its radius away. So that a cloud is uniform over the room that is left
-//! to it, whatever the size of its particles, points uniform in the whole box are *squeezed*: mapped linearly, along
-//! walled axes only, onto that room. Fields are expected to be tangential to walls.
+//! Walls keep the center of a particle at least one radius away. So that the cloud is uniform over the volume
+//! accessible to centers, whatever the particle size, points uniform in the whole box are *squeezed*: mapped
+//! linearly, along walled axes only, onto the accessible volume. Fields are expected to be tangential at
+//! walls.
 
-use crate::error::{Check, Result};
+use crate::error::{ParameterCheck, Result};
 use crate::region::{Axis, Region};
 use glam::DVec3;
 
-/// What happens at the two faces of the box across one axis.
+/// Boundary condition at the two faces of the box normal to one axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Boundary {
-    /// Particles leave, and others enter.
+    /// Particles leave and enter through the faces.
     Open,
-    /// Centres stay a radius away.
+    /// Solid walls: particle centers stay one radius away.
     Wall,
-    /// What leaves through one face comes in through the other; the field should repeat itself likewise.
+    /// A particle that leaves through one face enters through the other; the field should have the same
+    /// period.
     Periodic,
 }
 
-/// An axis-aligned box in object space, um, with its faces.
+/// An axis-aligned box in object space, um, with a boundary condition for each pair of faces.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Domain {
     region: Region,
@@ -27,7 +29,7 @@ pub struct Domain {
 }
 
 impl Domain {
-    /// The box with what its faces across x, y and z are.
+    /// The box with the boundary conditions of its faces normal to x, y and z.
     pub fn new(region: Region, boundaries: [Boundary; 3]) -> Self {
         Domain { region, boundaries }
     }
@@ -37,33 +39,35 @@ impl Domain {
         &self.region
     }
 
-    /// What the faces across an axis are.
+    /// The boundary condition of the faces normal to an axis.
     pub fn boundary(&self, axis: Axis) -> Boundary {
         self.boundaries[axis as usize]
     }
 
-    /// Whether a point has passed an open face.
+    /// Whether a point (um) is outside the box across an open face; true for NaN coordinates along open axes.
     pub fn is_beyond_open_face(&self, x: DVec3) -> bool {
         self.axes(Boundary::Open).any(|axis| {
             let (low, high, at) = self.edge(axis, x);
-            // Written so that NaN is beyond.
+            // The negated form is also true for NaN.
             !(at >= low && at < high)
         })
     }
 
-    /// The room for centres of particles of a radius, um; an error naming the diameter if there is none.
+    /// The part of the box accessible to the centers of particles of `radius` (um); an error naming the
+    /// diameter if they do not fit between the walls.
     pub fn room(&self, radius: f64) -> Result<Region> {
         let room = self.axes(Boundary::Wall).try_fold(self.region, |room, axis| {
             let (low, high, _) = self.edge(axis, DVec3::ZERO);
             room.with_edge(axis, low + radius, high - radius)
         });
         room.ok_or_else(|| {
-            Check("domain").fault("diameter_um", 2.0 * radius, "less than the distance of the walls")
+            ParameterCheck("domain").fault("diameter_um", 2.0 * radius, "less than the distance of the walls")
         })
     }
 
-    /// A point moved to the nearest place where a particle of this radius does not touch a wall.
-    pub fn keep_off_walls(&self, mut x: DVec3, radius: f64) -> DVec3 {
+    /// The nearest point (um) to `x` (um) at which a particle of `radius` (um) does not overlap a wall of the
+    /// box.
+    pub fn push_out_of_walls(&self, mut x: DVec3, radius: f64) -> DVec3 {
         for axis in self.axes(Boundary::Wall) {
             let (low, high, at) = self.edge(axis, x);
             x[axis as usize] = at.min(high - radius).max(low + radius);
@@ -71,35 +75,36 @@ impl Domain {
         x
     }
 
-    /// A point beyond a wall reflected there, as often as it takes, so that a particle of this radius stays inside. A uniform density stays uniform
-    /// under a random step with reflection.
+    /// `x` (um) reflected at the walls of the box, repeatedly if necessary, so that a particle of `radius`
+    /// (um) stays inside. Random steps with reflection keep a uniform density uniform.
     pub(crate) fn reflect(&self, mut x: DVec3, radius: f64) -> DVec3 {
         for axis in self.axes(Boundary::Wall) {
             let (low, high, at) = self.edge(axis, x);
             let (low, room) = (low + radius, high - low - 2.0 * radius);
             let turns = (at - low) / (2.0 * room);
-            // The way along there and back again.
+            // Position folded into one trip from the low wall to the high one and back.
             let way = (turns - libm::floor(turns)) * 2.0 * room;
             x[axis as usize] = low + way.min(2.0 * room - way).clamp(0.0, room);
         }
         x
     }
 
-    /// A point beyond a periodic face brought back by whole periods.
+    /// A point (um) outside periodic faces moved back into the box by whole periods.
     pub(crate) fn wrap(&self, mut x: DVec3) -> DVec3 {
         for axis in self.axes(Boundary::Periodic) {
             let (low, high, at) = self.edge(axis, x);
             if at < low || at >= high {
                 let period = high - low;
                 let inside = at - libm::floor((at - low) / period) * period;
-                // Rounding may end on the upper face itself.
+                // Rounding may give the upper face itself, which is not in the box.
                 x[axis as usize] = if inside < high { inside.max(low) } else { low };
             }
         }
         x
     }
 
-    /// A point of the box mapped linearly onto the room for centres of this radius.
+    /// A point of the box mapped linearly onto the volume accessible to centers of particles of `radius`
+    /// (um).
     pub(crate) fn squeeze(&self, mut x: DVec3, radius: f64) -> DVec3 {
         for axis in self.axes(Boundary::Wall) {
             let (low, high, at) = self.edge(axis, x);
@@ -108,17 +113,17 @@ impl Domain {
         x
     }
 
-    /// `region` lengthened to the whole box along walled axes.
+    /// `region` extended to the whole box along walled axes.
     pub(crate) fn extend_to_walls(&self, region: &Region) -> Region {
         self.axes(Boundary::Wall).fold(*region, |region, axis| {
             let (low, high, _) = self.edge(axis, DVec3::ZERO);
-            // The edge of a region is never empty.
+            // An edge of a region always has a positive length.
             region.with_edge(axis, low, high).unwrap_or(region)
         })
     }
 
-    /// The part of the box within `depth` (um) of an open face, as boxes that do not overlap and that reach from wall to
-    /// wall.
+    /// The part of the box within `depth` (um) of an open face, as non-overlapping boxes that extend from
+    /// wall to wall.
     pub fn inflow_slabs(&self, depth: f64) -> Vec<Region> {
         let mut slabs = Vec::new();
         let mut core = self.region;
@@ -141,7 +146,7 @@ impl Domain {
         Axis::ALL.into_iter().filter(move |axis| boundaries[*axis as usize] == boundary)
     }
 
-    /// Both ends of the box along an axis, and the coordinate of a point.
+    /// Lower and upper end of the box along an axis, and the coordinate of `x` on it, um.
     fn edge(&self, axis: Axis, x: DVec3) -> (f64, f64, f64) {
         let i = axis as usize;
         (self.region.min()[i], self.region.max()[i], x[i])
@@ -189,7 +194,7 @@ mod tests {
     #[test]
     fn walls_keep_a_radius_of_distance() {
         let domain = channel();
-        let z = |z: f64| domain.keep_off_walls(DVec3::new(900.0, 0.0, z), 1.5).z;
+        let z = |z: f64| domain.push_out_of_walls(DVec3::new(900.0, 0.0, z), 1.5).z;
         assert_eq!([z(-99.0), z(-79.0), z(0.0), z(19.9)], [-78.5, -78.5, 0.0, 18.5]);
         assert_eq!(domain.squeeze(DVec3::new(7.0, 8.0, -80.0), 1.5), DVec3::new(7.0, 8.0, -78.5));
         assert_eq!(domain.squeeze(DVec3::new(7.0, 8.0, -30.0), 1.5), DVec3::new(7.0, 8.0, -30.0));

@@ -1,13 +1,13 @@
-//! Exact derivatives of formulas: forward-mode differentiation.
+//! Exact derivatives of formulas by forward-mode automatic differentiation.
 //!
-//! A field written once for any [`Real`] gives its velocity with f64 and its gradient with [`Dual`], a number that carries
-//! its three derivatives along (Griewank & Walther, Evaluating Derivatives, chapter 3). There is no second formula to get
-//! wrong, and no truncation error.
+//! A field written once for any [`Real`] gives its velocity with f64 and its gradient with [`Dual`], a dual
+//! number with three partial derivatives (Griewank & Walther, Evaluating Derivatives, chapter 3). There is no
+//! second formula to maintain, and no truncation error.
 
 use glam::{DMat3, DVec3};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// What a formula needs of a number.
+/// The arithmetic that formulas use, for plain and for dual numbers.
 pub(crate) trait Real:
     Copy
     + Add<Output = Self>
@@ -20,14 +20,14 @@ pub(crate) trait Real:
     + Mul<f64, Output = Self>
     + Div<f64, Output = Self>
 {
-    /// A number that depends on nothing.
+    /// A constant: all its derivatives are zero.
     fn constant(value: f64) -> Self;
 
     /// The number without its derivatives.
     fn value(self) -> f64;
 
     /// A function of this number, with its derivative.
-    fn map(self, function: impl Fn(f64) -> f64, slope: impl Fn(f64) -> f64) -> Self;
+    fn map(self, function: impl Fn(f64) -> f64, derivative: impl Fn(f64) -> f64) -> Self;
 
     fn sin(self) -> Self {
         self.map(libm::sin, libm::cos)
@@ -67,50 +67,53 @@ impl Real for f64 {
         self
     }
 
-    fn map(self, function: impl Fn(f64) -> f64, _slope: impl Fn(f64) -> f64) -> Self {
+    fn map(self, function: impl Fn(f64) -> f64, _derivative: impl Fn(f64) -> f64) -> Self {
         function(self)
     }
 }
 
-/// A number and its derivatives along x, y and z.
+/// A dual number: a value and its partial derivatives with respect to x, y and z.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Dual {
     value: f64,
-    slope: DVec3,
+    gradient: DVec3,
 }
 
 impl Real for Dual {
     fn constant(value: f64) -> Self {
-        Dual { value, slope: DVec3::ZERO }
+        Dual { value, gradient: DVec3::ZERO }
     }
 
     fn value(self) -> f64 {
         self.value
     }
 
-    fn map(self, function: impl Fn(f64) -> f64, slope: impl Fn(f64) -> f64) -> Self {
-        Dual { value: function(self.value), slope: self.slope * slope(self.value) }
+    fn map(self, function: impl Fn(f64) -> f64, derivative: impl Fn(f64) -> f64) -> Self {
+        Dual { value: function(self.value), gradient: self.gradient * derivative(self.value) }
     }
 }
 
 impl Add for Dual {
     type Output = Self;
     fn add(self, other: Self) -> Self {
-        Dual { value: self.value + other.value, slope: self.slope + other.slope }
+        Dual { value: self.value + other.value, gradient: self.gradient + other.gradient }
     }
 }
 
 impl Sub for Dual {
     type Output = Self;
     fn sub(self, other: Self) -> Self {
-        Dual { value: self.value - other.value, slope: self.slope - other.slope }
+        Dual { value: self.value - other.value, gradient: self.gradient - other.gradient }
     }
 }
 
 impl Mul for Dual {
     type Output = Self;
     fn mul(self, other: Self) -> Self {
-        Dual { value: self.value * other.value, slope: self.slope * other.value + other.slope * self.value }
+        Dual {
+            value: self.value * other.value,
+            gradient: self.gradient * other.value + other.gradient * self.value,
+        }
     }
 }
 
@@ -118,14 +121,14 @@ impl Div for Dual {
     type Output = Self;
     fn div(self, other: Self) -> Self {
         let value = self.value / other.value;
-        Dual { value, slope: (self.slope - other.slope * value) / other.value }
+        Dual { value, gradient: (self.gradient - other.gradient * value) / other.value }
     }
 }
 
 impl Neg for Dual {
     type Output = Self;
     fn neg(self) -> Self {
-        Dual { value: -self.value, slope: -self.slope }
+        Dual { value: -self.value, gradient: -self.gradient }
     }
 }
 
@@ -146,18 +149,18 @@ impl Sub<f64> for Dual {
 impl Mul<f64> for Dual {
     type Output = Self;
     fn mul(self, other: f64) -> Self {
-        Dual { value: self.value * other, slope: self.slope * other }
+        Dual { value: self.value * other, gradient: self.gradient * other }
     }
 }
 
 impl Div<f64> for Dual {
     type Output = Self;
     fn div(self, other: f64) -> Self {
-        Dual { value: self.value / other, slope: self.slope / other }
+        Dual { value: self.value / other, gradient: self.gradient / other }
     }
 }
 
-/// A velocity field as a formula of the position.
+/// A velocity field written as a formula that is generic over the number type.
 pub(crate) trait Formula {
     /// The velocity at a point (um) and time (s), um/s.
     fn formula<S: Real>(&self, x: [S; 3], t: f64) -> [S; 3];
@@ -169,14 +172,14 @@ pub(crate) trait Formula {
 
     /// [`crate::VelocityField::gradient`].
     fn jacobian(&self, x: DVec3, t: f64) -> DMat3 {
-        let seeds = std::array::from_fn(|i| Dual { value: x[i], slope: DVec3::AXES[i] });
-        let [u, v, w] = self.formula(seeds, t).map(|component| component.slope);
-        // Each is a row.
+        let seeds = std::array::from_fn(|i| Dual { value: x[i], gradient: DVec3::AXES[i] });
+        let [u, v, w] = self.formula(seeds, t).map(|component| component.gradient);
+        // Each of the three is a row of the gradient.
         DMat3::from_cols(u, v, w).transpose()
     }
 }
 
-/// The methods `velocity` and `gradient` of a [`crate::VelocityField`] that is a [`Formula`].
+/// Implements `velocity` and `gradient` of a [`crate::VelocityField`] by its [`Formula`].
 macro_rules! by_formula {
     () => {
         fn velocity(&self, x: glam::DVec3, t: f64) -> glam::DVec3 {
@@ -211,7 +214,7 @@ mod tests {
             DVec3::new(x / z, -0.5 * libm::sin(x) * libm::sin(y), libm::sinh(y)),
             DVec3::new(-x * y / (z * z), -0.25 / libm::sqrt(z), 2.0 * libm::log(z) / z),
         );
-        // Rounding of numbers near 1.
+        // Rounding errors of numbers near 1.
         assert!(gradient.abs_diff_eq(expected, 1e-15), "{gradient} {expected}");
         assert_eq!(Mixed.value(DVec3::new(x, y, z), 1.0).x, x * y / z + 1.0);
     }

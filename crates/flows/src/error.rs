@@ -1,10 +1,11 @@
-//! What can go wrong in this crate.
+//! The errors of this crate, and checks of parameters.
 
 use glam::DVec3;
 
 /// An error of a flow, its seeding or its trajectories.
 ///
-/// A field without a closed-form trajectory is no error: it is a `None`, and the integrator takes over.
+/// A field without closed-form trajectories is not an error: its flow map is `None`, and trajectories are
+/// integrated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
     /// A parameter outside its range.
@@ -19,22 +20,23 @@ pub enum Error {
         /// The allowed range in words.
         allowed: String,
     },
-    /// A file that is not what it should be.
+    /// Malformed input data.
     #[error("{format}{}: {found}: expected {expected}", .line.map(|line| format!(", line {line}")).unwrap_or_default())]
     Data {
         /// The format that was read.
         format: &'static str,
-        /// Where, if it has lines.
+        /// Line number from 1, if the format has lines.
         line: Option<usize>,
         /// What was found.
         found: String,
         /// What was expected.
         expected: String,
     },
-    /// Valid parts that do not fit together.
+    /// Parts that are valid by themselves but cannot be combined.
     #[error("{0}")]
     Misuse(String),
-    /// A trajectory that cannot be followed to its end: the velocity is not finite or the steps become too small.
+    /// A trajectory that cannot be integrated to its end: the velocity is not finite, or the steps become too
+    /// small or too many.
     #[error("trajectory at ({}, {}, {}) um, t = {t_s} s: {reason}", .at_um.x, .at_um.y, .at_um.z)]
     Trajectory {
         /// Where it stopped, um.
@@ -46,15 +48,15 @@ pub enum Error {
     },
 }
 
-/// What this crate's functions return.
+/// Result with the error of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
 /// Checks of the parameters of one field or one part of the scene, which it names in its errors.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Check(pub(crate) &'static str);
+pub(crate) struct ParameterCheck(pub(crate) &'static str);
 
-impl Check {
-    /// The error of a parameter; for rules that the other checks do not know.
+impl ParameterCheck {
+    /// The error for a parameter, for rules that none of the other checks covers.
     pub(crate) fn fault(&self, parameter: &'static str, value: impl ToString, allowed: &str) -> Error {
         Error::Parameter { owner: self.0, parameter, value: value.to_string(), allowed: allowed.to_owned() }
     }
@@ -108,14 +110,14 @@ mod tests {
 
     #[test]
     fn a_fault_names_owner_parameter_value_and_range() {
-        let fault = Check("lamb_oseen").positive("core_radius_um", -3.5).unwrap_err();
+        let fault = ParameterCheck("lamb_oseen").positive("core_radius_um", -3.5).unwrap_err();
         assert_eq!(fault.to_string(), "lamb_oseen: core_radius_um = -3.5: expected a finite number > 0");
         for value in [0.0, f64::NAN, f64::INFINITY] {
-            assert!(Check("f").positive("p", value).is_err());
+            assert!(ParameterCheck("f").positive("p", value).is_err());
         }
-        assert!(Check("f").not_negative("p", 0.0).is_ok());
-        assert!(Check("f").not_negative("p", -1e-300).is_err());
-        assert!(Check("f").finite("p", f64::NEG_INFINITY).is_err());
-        assert!(Check("f").finite_vector("p", DVec3::new(0.0, f64::NAN, 0.0)).is_err());
+        assert!(ParameterCheck("f").not_negative("p", 0.0).is_ok());
+        assert!(ParameterCheck("f").not_negative("p", -1e-300).is_err());
+        assert!(ParameterCheck("f").finite("p", f64::NEG_INFINITY).is_err());
+        assert!(ParameterCheck("f").finite_vector("p", DVec3::new(0.0, f64::NAN, 0.0)).is_err());
     }
 }

@@ -1,33 +1,37 @@
-//! Displacements at fixed places: the truth that a PIV result is compared with.
+//! Displacements at fixed positions: the ground truth for PIV results.
 //!
-//! Which displacement belongs to a place X and an interval from t0 to t1 is a matter of definition, and in curved flow the
-//! definitions differ by more than a good method's error (with Phi the flow map and tm = (t0 + t1) / 2):
+//! The displacement at a position X over an interval from t0 to t1 can be defined in several ways, and in
+//! curved flow the definitions differ by more than the error of a good method. With Phi the flow map and tm =
+//! (t0 + t1) / 2:
 //!
-//! - [`forward`]: Phi(t0 -> t1)(X) - X, of the fluid that is at X in the first image; what a correlation that deforms the
-//!   second image alone finds.
+//! - [`forward`]: Phi(t0 -> t1)(X) - X, of the fluid that is at X in the first image; measured by a
+//!   correlation that deforms the second image only.
 //! - [`backward`]: X - Phi(t1 -> t0)(X), of the fluid that is at X in the second image.
-//! - [`central`]: Phi(tm -> t1)(X) - Phi(tm -> t0)(X), of the fluid that is at X half way; what window deformation shared
-//!   equally by both images finds (Wereley & Meinhart, Exp. Fluids 31 (2001) 258, compare forward and central schemes).
+//! - [`central`]: Phi(tm -> t1)(X) - Phi(tm -> t0)(X), of the fluid that is at X at mid-time; measured by
+//!   symmetric deformation of both images (Wereley & Meinhart, Exp. Fluids 31 (2001) 258, compare forward and
+//!   central schemes).
 //!
-//! All follow the fluid: walls and bodies act through the field alone, random motion has no part.
+//! All three follow the fluid: walls and bodies act through the field only, and Brownian motion is excluded.
 
 use crate::error::Result;
 use crate::field::VelocityField;
 use crate::integrate::advance;
 use glam::DVec3;
 
-/// The displacement (um) from `t0` to `t1` (s) of the fluid that is at `x` (um) at `t0`. `Err` if its trajectory meets a
-/// velocity that is not finite.
+/// The displacement (um) from `t0` to `t1` (s) of the fluid that is at `x` (um) at `t0`. `Err` if its
+/// trajectory meets a velocity that is not finite.
 pub fn forward<F: VelocityField + ?Sized>(field: &F, x: DVec3, (t0, t1): (f64, f64)) -> Result<DVec3> {
     Ok(advance(field, x, t0, t1)? - x)
 }
 
-/// The same of the fluid that is at `x` at `t1`.
+/// The displacement (um) from `t0` to `t1` (s) of the fluid that is at `x` (um) at `t1`. Errors as for
+/// [`forward`].
 pub fn backward<F: VelocityField + ?Sized>(field: &F, x: DVec3, (t0, t1): (f64, f64)) -> Result<DVec3> {
     Ok(x - advance(field, x, t1, t0)?)
 }
 
-/// The same of the fluid that is at `x` half way.
+/// The displacement (um) from `t0` to `t1` (s) of the fluid that is at `x` (um) at mid-time. Errors as for
+/// [`forward`].
 pub fn central<F: VelocityField + ?Sized>(field: &F, x: DVec3, (t0, t1): (f64, f64)) -> Result<DVec3> {
     let middle = f64::midpoint(t0, t1);
     Ok(advance(field, x, middle, t1)? - advance(field, x, middle, t0)?)
@@ -45,12 +49,12 @@ mod tests {
         for displacement in
             [forward(&field, x, interval), backward(&field, x, interval), central(&field, x, interval)]
         {
-            // Rounding of 1e-2 s at t = 1 s.
+            // Rounding errors of 1e-2 s at t = 1 s.
             assert!((displacement.unwrap() - DVec3::new(3.0, -2.0, 0.5)).length() < 1e-12);
         }
     }
 
-    /// 20 px per frame in vortices of 200 um, beside numbers from an independent integration (four digits of them).
+    /// 20 px per frame in vortices of 200 um, against four digits from an independent integration.
     #[test]
     fn definitions_part_in_a_vortex() {
         let um_per_px = 0.645;

@@ -1,38 +1,40 @@
-//! What a velocity field can be asked.
+//! The interface of a velocity field.
 //!
-//! Positions in um, times in s, velocities in um/s, gradients in 1/s. Axes: x = image columns (right), y = image rows
-//! (down), z = optical axis, growing away from the lens. The axes are right-handed; because y points down, a rotation
-//! with positive z vorticity looks clockwise on the screen.
+//! Positions in um, times in s, velocities in um/s, gradients in 1/s. Axes: x = image columns (right), y =
+//! image rows (down), z = optical axis, growing away from the lens. The axes are right-handed; because y
+//! points down, a rotation with positive z vorticity looks clockwise on the screen.
 
 use crate::region::Region;
+use crate::wall::{Wall, push_off};
 use glam::{DMat3, DVec3};
 use std::fmt::Debug;
+use std::sync::Arc;
 
 /// A velocity field u(x, t), steady or not.
 ///
-/// Fields are total: they answer at every finite point, also inside walls (where they rest) and, with values that
-/// are not finite, at singular points. A trajectory that meets such a value ends in [`crate::Error::Trajectory`].
+/// The velocity is defined at every finite point: inside walls it is that of the wall, at singular points it
+/// is not finite. A trajectory that reaches such a point ends in [`crate::Error::Trajectory`].
 pub trait VelocityField: Send + Sync + Debug {
     /// The velocity at `x` (um) and `t` (s), um/s.
     fn velocity(&self, x: DVec3, t: f64) -> DVec3;
 
     /// The velocity gradient G_ij = du_i/dx_j at `x` (um) and `t` (s), 1/s.
     ///
-    /// glam stores columns: column j is the derivative of u along x_j, so `gradient(x, t) * dx` is the difference of
-    /// velocity over a small `dx`, and G_ij is `.col(j)[i]`. At a jump of the gradient the value of either side may be
-    /// given. The default is [`differences`].
+    /// glam stores columns: column j is the derivative of u along x_j, so `gradient(x, t) * dx` is the
+    /// velocity difference over a small `dx`, and G_ij is `.col(j)[i]`. Where the gradient jumps, either
+    /// one-sided value may be returned. The default is [`differences`].
     fn gradient(&self, x: DVec3, t: f64) -> DMat3 {
         differences(self, x, t)
     }
 
-    /// Where the fluid element that is at `x` at `t0` is at `t1` (earlier or later), um, exact up to rounding;
-    /// `None` if the field knows no closed form.
+    /// Position (um) at `t1` (s, earlier or later) of the fluid element that is at `x` (um) at `t0` (s),
+    /// exact up to rounding; `None` if the field has no closed form.
     fn flow_map(&self, _x: DVec3, _t0: f64, _t1: f64) -> Option<DVec3> {
         None
     }
 
-    /// A quantity that stays the same along every trajectory, in a unit of the field's choice; `None` if the field
-    /// knows none.
+    /// A quantity that is constant along every trajectory, in a unit that the field chooses; `None` if the
+    /// field has none.
     fn invariant(&self, _x: DVec3, _t: f64) -> Option<f64> {
         None
     }
@@ -40,39 +42,53 @@ pub trait VelocityField: Send + Sync + Debug {
     /// Whether div u = 0 everywhere, so that a uniform cloud of tracers stays uniform.
     fn is_divergence_free(&self) -> bool;
 
-    /// Whether the velocity does not depend on time. `false` is always a safe answer.
+    /// Whether the velocity is independent of time. `false` is always safe.
     fn is_steady(&self) -> bool {
         false
     }
 
     /// An upper bound of the speed in `region` between `t0` and `t1` (in either order), um/s.
     ///
-    /// It decides how far inside an open face new particles can appear, so it must never be too small; too large only
-    /// costs time. Infinity is allowed.
+    /// It bounds how far inside an open face new particles can appear, so it must never be too small; a
+    /// larger bound only costs time. Infinity is allowed.
     fn max_speed(&self, region: &Region, t0: f64, t1: f64) -> f64;
 
-    /// The longest step (s) an integrator may take from `x` at `t` without the danger of jumping over a surface where
-    /// the gradient is discontinuous; `None` if the field is smooth. The usual choice is the greater of 2 % of the radius of the
-    /// surface and the distance from it, over the speed.
+    /// The longest time step (s) that an integrator may take from `x` at `t` without stepping over a surface
+    /// where the gradient is discontinuous; `None` if the field is smooth. Usually max(distance from the
+    /// surface, 2 % of its radius) / speed.
     fn step_limit(&self, _x: DVec3, _t: f64) -> Option<f64> {
         None
     }
 
-    /// The place nearest to `x` at which the field's own surfaces hold a particle of a radius (um) at `t`; `x` itself
-    /// where it has none, as most fields. The surface of a drop that dries pushes particles down.
-    fn confine(&self, x: DVec3, _t: f64, _radius: f64) -> DVec3 {
-        x
+    /// The nearest to `x` (um) of the field's own walls at `t` (s); `None` everywhere if the field has no
+    /// walls. Fluid is where the clearance is >= 0, and the velocity there never crosses the wall. A
+    /// clearance never exceeds three times the true distance from the wall.
+    fn wall(&self, _x: DVec3, _t: f64) -> Option<Wall> {
+        None
+    }
+
+    /// The position (um) nearest to `x` (um) at which a particle of `radius` (um) does not overlap the
+    /// field's own walls at `t` (s); `x` itself, bit for bit, if it overlaps none.
+    fn confine(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {
+        push_off(|x| self.wall(x, t), x, radius)
+    }
+
+    /// The velocity field that particles of diameter `d_um` (um) follow, if a force such as the acoustic
+    /// radiation force moves them relative to the fluid; `None` if all particles follow the fluid.
+    fn for_diameter(&self, _d_um: f64) -> Option<Arc<dyn VelocityField>> {
+        None
     }
 }
 
 /// Step of [`differences`], um.
 ///
-/// The truncation error relative to u/L is about (h/L)^4 / 30, the rounding error 1e-16 L/h: below 1e-9 for all lengths
-/// L of a flow from 4 um to 1 mm.
+/// The truncation error relative to u/L is about (h/L)^4 / 30, the rounding error 1e-16 L/h: below 1e-9 for
+/// flow length scales L from 4 um to 1 mm.
 const DIFFERENCE_STEP_UM: f64 = 0.05;
 
-/// The gradient of `field` by fourth-order central differences, for fields that have no formula and to test those
-/// that have: (-u(x+2h) + 8 u(x+h) - 8 u(x-h) + u(x-2h)) / 12h. Meaningless within 0.1 um of a jump.
+/// The gradient of `field` by fourth-order central differences, for fields without an analytic gradient and
+/// to test analytic ones: (-u(x+2h) + 8 u(x+h) - 8 u(x-h) + u(x-2h)) / 12h. Meaningless within 0.1 um of a
+/// jump.
 pub fn differences<F: VelocityField + ?Sized>(field: &F, x: DVec3, t: f64) -> DMat3 {
     let along = |axis: DVec3| {
         let u = |steps: f64| field.velocity(x + axis * (steps * DIFFERENCE_STEP_UM), t);

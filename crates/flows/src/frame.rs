@@ -1,40 +1,69 @@
-//! Tracers at one time, and their ways between two.
+//! Tracers in a frame, and their displacements between frames.
 
-use crate::exposure::Streak;
 use glam::DVec3;
 
 /// A tracer particle at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tracer {
-    /// Its name, never given to another particle.
+    /// Unique id, never reused.
     pub id: u64,
-    /// The centre, um.
+    /// Position of the center, um.
     pub position: DVec3,
     /// Diameter, um.
     pub d_um: f64,
-    /// Length along the axis over length across it; 1 for a sphere.
+    /// Aspect ratio: length along the symmetry axis over length across it; 1 for a sphere.
     pub aspect: f64,
     /// Direction of the axis, of length 1.
     pub axis: DVec3,
-    /// Factor on the light of a particle of its size.
+    /// Brightness factor relative to a particle of its size.
     pub c_int: f64,
-    /// Velocity of its centre, um/s; of a frame with an exposure the mean over it. `None` only for a recorded track that
-    /// is in no frame beside this one.
+    /// Velocity of the center, um/s; with a finite exposure, the mean over the exposure. `None` only for a
+    /// recorded track that is present in neither the previous nor the next frame.
     pub velocity: Option<DVec3>,
-    /// How it came here from the frame before; `None` for a newcomer.
+    /// Displacement from the previous frame; `None` for a new tracer.
     pub step: Option<Displacement>,
 }
 
-/// The way of a tracer between two frames, um.
+/// Displacement of a tracer between two frames, um.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Displacement {
-    /// The whole way, noise included; through a periodic face it goes on, where positions jump.
+    /// Total displacement, including Brownian motion; continuous across periodic faces, where positions jump.
     pub actual: DVec3,
-    /// What flow and settling alone would have done.
+    /// Displacement by flow and settling alone.
     pub drift: DVec3,
 }
 
-/// The cloud at one time.
+/// The points that represent a particle that moves while the shutter is open.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Streak {
+    /// Points in order of time.
+    pub points: Vec<StreakPoint>,
+    /// Fraction of the light of one flash that each point carries.
+    pub share: f64,
+}
+
+/// A point of a streak.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StreakPoint {
+    /// Position of the particle center, um.
+    pub position: DVec3,
+    /// Direction of the axis, of length 1.
+    pub axis: DVec3,
+}
+
+/// First frame number and first id of a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RecordingStart {
+    /// Number of the recording; recordings of one dataset are seeded independently.
+    pub recording: u32,
+    /// Dataset-wide number of its first frame.
+    pub first_frame: u32,
+    /// Id of its first tracer, at most 2^53; the next recording of the dataset continues at
+    /// [`crate::Sequence::next_id`].
+    pub first_id: u64,
+}
+
+/// The tracer cloud at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// Number of the frame in the dataset.
@@ -43,16 +72,16 @@ pub struct Frame {
     pub t_s: f64,
     /// The tracers in the domain, by ascending id.
     pub tracers: Vec<Tracer>,
-    /// What each tracer leaves on the image; empty if the exposure is instantaneous.
+    /// The streak of each tracer, in the same order; empty if the exposure is instantaneous.
     pub streaks: Vec<Streak>,
 }
 
 impl Frame {
-    /// The tracers that are also in a later frame of the same recording, each with itself there.
+    /// The tracers that are also in a later frame of the same recording, paired with their state there.
     pub fn links<'a>(&'a self, later: &'a Frame) -> impl Iterator<Item = (&'a Tracer, &'a Tracer)> {
         let mut rest = later.tracers.as_slice();
         self.tracers.iter().filter_map(move |tracer| {
-            // Both ascend: what is skipped here was born in between.
+            // Both lists ascend by id: tracers skipped here entered in between.
             rest = &rest[rest.partition_point(|other| other.id < tracer.id)..];
             rest.first().filter(|other| other.id == tracer.id).map(|other| (tracer, other))
         })

@@ -1,22 +1,26 @@
-//! Light on the particles: a factor on the brightness of each, by where it is and by the pulse.
+//! Illumination: a factor on the brightness of each particle that depends on its position and on the light
+//! pulse.
 //!
-//! A light sheet of thickness T about a plane at distance s (Gaussian: exp(-8 s^2 / T^2), T being the width at e^-2 of the
-//! middle; super-Gaussian of order n: exp(-2 |2 s / T|^n), Gaussian for n = 2; top hat: 1 within T, 0 beyond). A Gaussian
-//! beam along an axis, I = (w0 / w)^2 exp(-2 r^2 / w^2), w = w0 sqrt(1 + (s / sR)^2) at the distance s from its waist (Saleh &
-//! Teich, Fundamentals of Photonics, 3.1), r from its axis. Any of them times a ramp 1 + g . (x - c), nowhere below zero. A
-//! pulse has an energy of its own, and bleaching dims all particles by exp(-t / tau) since the recording began.
+//! A light sheet of thickness T at the distance s from its middle plane: Gaussian, exp(-8 s^2 / T^2), where T
+//! is the full width at e^-2 of the peak; super-Gaussian of order n, exp(-2 |2 s / T|^n), which is Gaussian
+//! for n = 2; top hat, 1 for |s| <= T/2 and 0 beyond. A Gaussian beam along an axis, I = (w0 / w)^2 exp(-2
+//! r^2 / w^2), w = w0 sqrt(1 + (s / sR)^2) at the distance s from its waist (Saleh & Teich, Fundamentals of
+//! Photonics, 3.1), r from its axis. Each can be multiplied by a linear ramp max(0, 1 + g . x), with x from
+//! the middle of the image. Each pulse has its own energy, and photobleaching dims all particles by exp(-t /
+//! tau), t being the time since the start of the recording.
 
-use crate::error::{Check, Result};
+use crate::error::{ParameterCheck, Result};
 use glam::DVec3;
 use microsig_core::random::normal;
 use microsig_core::stream::{Purpose, Streams};
 
-const CHECK: Check = Check("illumination");
+const CHECK: ParameterCheck = ParameterCheck("illumination");
 
-/// The largest relative standard deviation of the energy of a pulse: beyond it redrawing those below zero shifts the mean.
+/// Largest relative standard deviation of the pulse energy; above it, redrawing negative energies shifts the
+/// mean noticeably.
 const MAX_JITTER: f64 = 0.3;
 
-/// The light of a recording.
+/// The illumination of a recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Illumination {
     shape: Shape,
@@ -26,31 +30,31 @@ pub struct Illumination {
     bleaching_s: f64,
 }
 
-/// How light is spread over space.
+/// Spatial distribution of the light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shape {
-    /// The same everywhere.
+    /// Uniform light.
     Uniform,
     /// A light sheet.
     Sheet {
-        /// How it falls off.
+        /// Profile across the sheet.
         profile: Profile,
-        /// A point of its middle plane, um.
-        centre: DVec3,
-        /// Across it, of length 1.
+        /// A point on its middle plane, um.
+        center: DVec3,
+        /// Unit normal of the sheet.
         normal: DVec3,
-        /// Its thickness, um: between the places of e^-2 of the middle, or between the edges of a top hat.
+        /// Thickness, um: full width at e^-2 of the peak, or between the edges of a top hat.
         thickness: f64,
     },
     /// A Gaussian beam.
     Beam {
-        /// The middle of its waist, um.
-        centre: DVec3,
-        /// Its direction, of length 1.
+        /// Center of the waist, um.
+        center: DVec3,
+        /// Unit vector along the beam.
         axis: DVec3,
-        /// Radius of the waist, where light is e^-2 of the middle, um.
+        /// Waist radius w0, at e^-2 of the intensity on the axis, um.
         waist: f64,
-        /// Distance from the waist at which its section has doubled, um; infinite for a parallel beam.
+        /// Rayleigh length sR, at which the cross-section has doubled, um; infinite for a parallel beam.
         rayleigh: f64,
     },
 }
@@ -67,7 +71,7 @@ pub enum Profile {
 }
 
 impl Default for Illumination {
-    /// The same everywhere and always.
+    /// Uniform and constant, factor 1.
     fn default() -> Self {
         Illumination {
             shape: Shape::Uniform,
@@ -85,8 +89,8 @@ fn direction(parameter: &'static str, v: DVec3) -> Result<DVec3> {
 }
 
 impl Shape {
-    /// A light sheet; `centre` and `thickness` (> 0) in um, `normal` of any length but zero.
-    pub fn sheet(profile: Profile, centre: DVec3, normal: DVec3, thickness: f64) -> Result<Self> {
+    /// A light sheet; `center` and `thickness` (> 0) in um, `normal` of any length but zero.
+    pub fn sheet(profile: Profile, center: DVec3, normal: DVec3, thickness: f64) -> Result<Self> {
         if let Profile::SuperGaussian(order) = profile
             && !(1.0..=100.0).contains(&order)
         {
@@ -94,19 +98,20 @@ impl Shape {
         }
         Ok(Shape::Sheet {
             profile,
-            centre: CHECK.finite_vector("sheet.centre_um", centre)?,
+            center: CHECK.finite_vector("sheet.center_um", center)?,
             normal: direction("sheet.normal", normal)?,
             thickness: CHECK.positive("sheet.thickness_um", thickness)?,
         })
     }
 
-    /// A Gaussian beam; `centre`, `waist` (> 0) and `rayleigh` (> 0, infinite allowed) in um, `axis` of any length but zero.
-    pub fn beam(centre: DVec3, axis: DVec3, waist: f64, rayleigh: f64) -> Result<Self> {
+    /// A Gaussian beam; `center`, `waist` (> 0) and `rayleigh` (> 0, infinite allowed) in um, `axis` of any
+    /// length but zero.
+    pub fn beam(center: DVec3, axis: DVec3, waist: f64, rayleigh: f64) -> Result<Self> {
         if rayleigh.is_nan() || rayleigh <= 0.0 {
             return Err(CHECK.fault("beam.rayleigh_um", rayleigh, "a length > 0"));
         }
         Ok(Shape::Beam {
-            centre: CHECK.finite_vector("beam.centre_um", centre)?,
+            center: CHECK.finite_vector("beam.center_um", center)?,
             axis: direction("beam.axis", axis)?,
             waist: CHECK.positive("beam.waist_um", waist)?,
             rayleigh,
@@ -116,16 +121,16 @@ impl Shape {
     fn at(&self, x: DVec3) -> f64 {
         match *self {
             Shape::Uniform => 1.0,
-            Shape::Sheet { profile, centre, normal, thickness } => {
-                let s = 2.0 * (x - centre).dot(normal).abs() / thickness;
+            Shape::Sheet { profile, center, normal, thickness } => {
+                let s = 2.0 * (x - center).dot(normal).abs() / thickness;
                 match profile {
                     Profile::Gaussian => libm::exp(-2.0 * s * s),
                     Profile::TopHat => f64::from(u8::from(s <= 1.0)),
                     Profile::SuperGaussian(order) => libm::exp(-2.0 * libm::pow(s, order)),
                 }
             }
-            Shape::Beam { centre, axis, waist, rayleigh } => {
-                let way = x - centre;
+            Shape::Beam { center, axis, waist, rayleigh } => {
+                let way = x - center;
                 let along = way.dot(axis);
                 let across = (way - axis * along).length_squared();
                 let spread = 1.0 + (along / rayleigh) * (along / rayleigh);
@@ -136,18 +141,19 @@ impl Shape {
 }
 
 impl Illumination {
-    /// Light of a shape.
+    /// Constant illumination of this shape.
     pub fn new(shape: Shape) -> Self {
         Illumination { shape, ..Illumination::default() }
     }
 
-    /// With a ramp: the factor 1 + `per_um` . (x - middle of the image), at least 0.
+    /// With a linear ramp: the factor max(0, 1 + `per_um` . x), `per_um` in 1/um, x from the middle of the
+    /// image.
     pub fn with_ramp(self, per_um: DVec3) -> Result<Self> {
         Ok(Illumination { ramp_per_um: CHECK.finite_vector("ramp_per_um", per_um)?, ..self })
     }
 
-    /// With energies (>= 0) of the frames of a recording, in their order and again from the first after the last, that fluctuate normally with
-    /// a relative standard deviation `jitter` (0 to 0.3).
+    /// With pulse energies (dimensionless factors >= 0), one per frame and repeated cyclically, that
+    /// fluctuate normally with a relative standard deviation `jitter` (0 to 0.3).
     pub fn with_pulses(self, energies: Vec<f64>, jitter: f64) -> Result<Self> {
         if energies.is_empty() {
             return Err(CHECK.fault("pulse_energies", "[]", "one energy or more"));
@@ -161,7 +167,8 @@ impl Illumination {
         Ok(Illumination { pulse_energies: energies, energy_jitter: jitter, ..self })
     }
 
-    /// With bleaching: all particles dim by exp(-t / `tau_s`), `tau_s` > 0, t being the time since the recording began.
+    /// With photobleaching: all particles dim by exp(-t / `tau_s`), `tau_s` > 0, t being the time since the
+    /// start of the recording.
     pub fn with_bleaching(self, tau_s: f64) -> Result<Self> {
         if tau_s.is_nan() || tau_s <= 0.0 {
             return Err(CHECK.fault("bleaching_s", tau_s, "a time > 0"));
@@ -169,12 +176,13 @@ impl Illumination {
         Ok(Illumination { bleaching_s: tau_s, ..self })
     }
 
-    /// The factor of the place `x` (um).
+    /// The factor at the position `x` (um).
     pub fn at(&self, x: DVec3) -> f64 {
         self.shape.at(x) * (1.0 + self.ramp_per_um.dot(x)).max(0.0)
     }
 
-    /// The factor of a frame: of number `frame` in the dataset, `number` in its recording, `t_s` after that began.
+    /// The factor of a frame: pulse energy, its fluctuation and bleaching. `frame` is its number in the
+    /// dataset, `number` its number in the recording, `t_s` the time (s) since the start of the recording.
     pub fn energy(&self, frame: u32, number: u32, t_s: f64, streams: Streams) -> f64 {
         let nominal = self.pulse_energies[number as usize % self.pulse_energies.len()];
         let mut stream = streams.stream(Purpose::PulseEnergy, frame, 0);
@@ -190,11 +198,12 @@ impl Illumination {
         nominal * fluctuating * libm::exp(-t_s / self.bleaching_s)
     }
 
-    /// The depths between which there is light, if it is a sheet across the optical axis, um.
+    /// The depths (z, um) of the two faces of a light sheet normal to the optical axis; `None` for any other
+    /// illumination.
     pub fn depths(&self) -> Option<(f64, f64)> {
         match self.shape {
-            Shape::Sheet { centre, normal, thickness, .. } if normal.z.abs() == 1.0 => {
-                Some((centre.z - 0.5 * thickness, centre.z + 0.5 * thickness))
+            Shape::Sheet { center, normal, thickness, .. } if normal.z.abs() == 1.0 => {
+                Some((center.z - 0.5 * thickness, center.z + 0.5 * thickness))
             }
             _ => None,
         }
@@ -230,7 +239,7 @@ mod tests {
     fn a_beam_keeps_its_power_in_every_section() {
         let beam = Shape::beam(DVec3::new(5.0, 0.0, 0.0), DVec3::Z, 30.0, 80.0).unwrap();
         let power = |z: f64| {
-            // Rings of 0.1 um out to where exp(-2 r^2 / w^2) is below 1e-10.
+            // Rings 0.1 um wide out to where exp(-2 r^2 / w^2) is below 1e-10.
             let rings = (0..2000).map(|i| 0.1 * (f64::from(i) + 0.5));
             rings.map(|r| r * beam.at(DVec3::new(5.0, r, z))).sum::<f64>()
         };

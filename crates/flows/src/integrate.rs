@@ -1,38 +1,42 @@
-//! Trajectories: dx/dt = u(x, t), by the field's closed form or by integration.
+//! Trajectories dx/dt = u(x, t), by the field's closed form or by numerical integration.
 //!
-//! The integrator is DOPRI5(4), the fifth-order Runge-Kutta pair of Dormand and Prince (J. Comput. Appl. Math. 6 (1980)
-//! 19) with local extrapolation and step control after Hairer, Norsett & Wanner, Solving Ordinary Differential
-//! Equations I, sections II.4 and II.5. The error of a step is measured as a length, and its relative tolerance against
-//! the distance covered since the start, not against the coordinates: a trajectory does not depend on where the origin
-//! lies or how the axes are turned.
+//! The integrator is DOPRI5(4), the fifth-order Runge-Kutta pair of Dormand and Prince (J. Comput. Appl.
+//! Math. 6 (1980)
+//! 19) with local extrapolation and step control after Hairer, Norsett & Wanner, Solving Ordinary
+//!     Differential
+//! Equations I, sections II.4 and II.5. The error of a step is a length, and its relative tolerance refers to
+//! the distance from the starting point, not to the coordinates: a trajectory does not depend on the position
+//! of the origin or the orientation of the axes.
 
 use crate::error::{Error, Result};
 use crate::field::VelocityField;
 use glam::DVec3;
 
-/// Error that one integration step may make, um: `absolute_um + relative * distance covered`.
+/// Error allowed per integration step, um: `absolute_um` + `relative` * distance from the starting point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tolerance {
-    /// Share of the distance covered since the start, dimensionless.
+    /// Error relative to the distance from the starting point, dimensionless.
     pub relative: f64,
-    /// Length, um.
+    /// Absolute error, um.
     pub absolute_um: f64,
 }
 
 impl Default for Tolerance {
-    /// 1e-10 and 1e-10 um: over 100 frames of 20 px about 5e-8 px.
+    /// 1e-10 and 1e-10 um: an error of about 5e-8 px over 100 frames of 20 px.
     fn default() -> Self {
         Tolerance { relative: 1e-10, absolute_um: 1e-10 }
     }
 }
 
-/// Steps tried before a trajectory is given up.
+/// Maximum number of steps tried for one trajectory.
 const MAX_STEPS: u32 = 1_000_000;
-/// Length of the first step as a share of the time in which the velocity changes by its own size.
+/// First step as a fraction of the time scale in which the velocity changes by its own magnitude.
 const FIRST_STEP: f64 = 0.05;
 
-/// Where the fluid element that is at `x` (um) at `t0` (s) is at `t1` (earlier or later): by the closed form if the
-/// field has one, else by [`integrate`] at the default tolerance. `Err` if it meets a velocity that is not finite.
+/// Position (um) at `t1` (s, earlier or later) of the fluid element that is at `x` (um) at `t0` (s): by the
+/// closed form if the field has one, otherwise by [`integrate`] with the default tolerance.
+/// [`Error::Trajectory`] if the trajectory meets a velocity that is not finite, or its steps become too small
+/// or too many.
 pub fn advance<F: VelocityField + ?Sized>(field: &F, x: DVec3, t0: f64, t1: f64) -> Result<DVec3> {
     match field.flow_map(x, t0, t1) {
         Some(end) if end.is_finite() => Ok(end),
@@ -41,7 +45,8 @@ pub fn advance<F: VelocityField + ?Sized>(field: &F, x: DVec3, t0: f64, t1: f64)
     }
 }
 
-/// The same by DOPRI5(4), whether or not the field has a closed form.
+/// Position (um) at `t1` (s) of the fluid element that is at `start` (um) at `t0` (s), always by DOPRI5(4),
+/// even if the field has a closed form. Errors as for [`advance`].
 pub fn integrate<F: VelocityField + ?Sized>(
     field: &F,
     start: DVec3,
@@ -65,7 +70,7 @@ pub fn integrate<F: VelocityField + ?Sized>(
         if let Some(limit) = limit.filter(|limit| *limit > 0.0) {
             h = h.clamp(-limit, limit);
         }
-        // A last step a little longer is better than a tiny one after it.
+        // Stretching the last step by up to 1 % avoids a tiny step after it.
         let last = (t1 - t).abs() <= 1.01 * h.abs();
         let h_now = if last { t1 - t } else { h };
         let t_next = if last { t1 } else { t + h_now };
@@ -83,7 +88,7 @@ pub fn integrate<F: VelocityField + ?Sized>(
             h = h_now * (0.9 * libm::pow(error, -0.2)).clamp(0.2, growth);
             growth = 5.0;
         } else {
-            // A step that is not finite has an error of NaN: try a much shorter one.
+            // A step with a non-finite result has a NaN error: try a much shorter one.
             let shrink = if error.is_finite() { 0.9 * libm::pow(error, -0.2) } else { 0.1 };
             h = h_now * shrink.clamp(0.1, 0.9);
             growth = 1.0;
@@ -92,10 +97,12 @@ pub fn integrate<F: VelocityField + ?Sized>(
     stop(x, t, "it needs more than 1000000 steps")
 }
 
-/// Shortest first step as a share of the way: a field that is at rest just now must not stop the clock.
+/// Lower bound of the first step as a fraction of the time span, needed where the velocity is momentarily
+/// zero.
 const LEAST_FIRST_STEP: f64 = 1e-4;
 
-/// A share of the time scale on which the velocity changes along the path, seen over a thousandth of the way.
+/// The first step (s): a fraction of the time scale on which the velocity changes along the path, estimated
+/// over a thousandth of the time span.
 fn first_step<F: VelocityField + ?Sized>(field: &F, x: DVec3, t: f64, span: f64, u: DVec3) -> f64 {
     let probe = 1e-3 * span;
     let change = (field.velocity(x + u * probe, t + probe) - u).length();
@@ -107,13 +114,13 @@ fn first_step<F: VelocityField + ?Sized>(field: &F, x: DVec3, t: f64, span: f64,
     }
 }
 
-/// One step of the pair.
+/// One step of the Dormand-Prince pair.
 struct Step {
-    /// Position at the end, fifth order.
+    /// Position at the end of the step, fifth order, um.
     x: DVec3,
-    /// Velocity at the end: the last stage, and the first of the next step.
+    /// Velocity at the end of the step, um/s: the last stage, which is also the first stage of the next step.
     velocity: DVec3,
-    /// Difference between the solutions of fifth and fourth order.
+    /// Difference between the fifth-order and the fourth-order solution, um.
     error: DVec3,
 }
 
@@ -144,8 +151,10 @@ impl Step {
         Step { x: end, velocity: k7, error: error * h }
     }
 
-    /// The same step in two halves. Over a surface where the gradient jumps the estimate of a step can vanish by chance (when the
-    /// surface is met at 83 % of the way, for example) while its error does not: the difference between whole and halves counts too.
+    /// The same step in two halves. Across a surface where the gradient jumps, the error estimate of a step
+    /// can vanish although the error does not (for example when the surface is crossed at 83 % of the step);
+    /// the error is therefore the larger of the estimate and the difference between the full step and the two
+    /// half steps.
     fn halved<F: VelocityField + ?Sized>(self, field: &F, x: DVec3, t: f64, h: f64, k1: DVec3) -> Step {
         let first = Step::take(field, x, t, 0.5 * h, k1);
         let second = Step::take(field, first.x, t + 0.5 * h, 0.5 * h, first.velocity);
@@ -161,7 +170,7 @@ mod tests {
     use crate::region::Region;
     use std::sync::atomic::{AtomicU32, Ordering};
 
-    /// A field from a function, with a limit on the step and a count of its evaluations.
+    /// A field given by a function, with a step limit and a counter of its evaluations.
     #[derive(Debug)]
     struct Test {
         velocity: fn(DVec3, f64) -> DVec3,
@@ -221,7 +230,7 @@ mod tests {
             let tolerance = Tolerance { relative: exponent, absolute_um: exponent };
             let end = integrate(&swing(), swing_exact(0.0), 0.0, 5.0, tolerance).unwrap();
             let error = (end - swing_exact(5.0)).length();
-            // Some tens of steps of at most 40 um times the tolerance, errors partly cancelling.
+            // Some tens of steps with errors of at most 40 um times the tolerance, which partly cancel.
             assert!(error < allowed, "{exponent:e}: {error:e}");
             let back = integrate(&swing(), end, 5.0, 0.0, tolerance).unwrap();
             assert!((back - swing_exact(0.0)).length() < 2.0 * allowed);
@@ -233,7 +242,8 @@ mod tests {
         let limited = Test { limit: Some(0.01), ..Test::new(|_, _| DVec3::X) };
         let end = integrate(&limited, DVec3::ZERO, 0.0, 1.0, Tolerance::default()).unwrap();
         assert!((end.x - 1.0).abs() < 1e-14);
-        // 100 steps of 6 evaluations, and of 12 for their halves; free, the step would be the whole way.
+        // 100 steps of 6 evaluations each and 12 for the half steps; without the limit one step would cover
+        // the whole span.
         assert!(limited.calls.load(Ordering::Relaxed) > 1700);
         let free = Test::new(|_, _| DVec3::X);
         integrate(&free, DVec3::ZERO, 0.0, 1.0, Tolerance::default()).unwrap();
@@ -245,13 +255,14 @@ mod tests {
         // v = max(x, 0) on a path x = t - 1: y = (t - 1)^2 / 2 from t = 1 on.
         let kink = Test::new(|x, _| DVec3::new(1.0, x.x.max(0.0), 0.0));
         let end = integrate(&kink, DVec3::new(-1.0, 0.0, 0.0), 0.0, 3.0, Tolerance::default()).unwrap();
-        // The step over the kink is controlled to 4e-10 um; the paths on both sides are polynomials.
+        // The error of the step across the kink is controlled to 4e-10 um; the paths on both sides are
+        // polynomials.
         assert!((end.y - 2.0).abs() < 1e-8, "{end}");
     }
 
     #[test]
     fn a_flow_that_turns_round_is_followed() {
-        // At rest at the start, up to rounding; x = sin t - 1.
+        // The velocity is zero at the start, up to rounding; x = sin t - 1.
         let pendulum = Test::new(|_, t| DVec3::X * libm::cos(t));
         let start = std::f64::consts::FRAC_PI_2;
         let end = integrate(&pendulum, DVec3::ZERO, start, start + 3.0, Tolerance::default()).unwrap();

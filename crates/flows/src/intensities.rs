@@ -1,20 +1,21 @@
-//! Brightness of tracers: a factor on the light that MicroSIG gives a particle of its size.
+//! Brightness of tracers: a factor on the light that MicroSIG's model gives a particle of that size.
 
-use crate::error::{Check, Result};
+use crate::error::{ParameterCheck, Result};
 use microsig_core::random::normal;
 use microsig_core::stream::Stream;
 
-const CHECK: Check = Check("intensities");
+const CHECK: ParameterCheck = ParameterCheck("intensities");
 
-/// A normal distribution must leave this many standard deviations above zero: else redrawing takes too long.
+/// Largest standard deviation of the normal distribution in units of its mean; above it redrawing takes too
+/// long.
 const MAX_SPREAD: f64 = 10.0;
 
 /// A distribution of the factor c_int, dimensionless, >= 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Intensities(Kind);
+pub struct Intensities(IntensityDistribution);
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Kind {
+enum IntensityDistribution {
     Equal(f64),
     Uniform { min: f64, max: f64 },
     Normal { mean: f64, sd: f64 },
@@ -24,14 +25,14 @@ enum Kind {
 impl Default for Intensities {
     /// All 1.
     fn default() -> Self {
-        Intensities(Kind::Equal(1.0))
+        Intensities(IntensityDistribution::Equal(1.0))
     }
 }
 
 impl Intensities {
-    /// All equal, >= 0.
+    /// All factors equal, >= 0.
     pub fn equal(factor: f64) -> Result<Self> {
-        Ok(Intensities(Kind::Equal(CHECK.not_negative("factor", factor)?)))
+        Ok(Intensities(IntensityDistribution::Equal(CHECK.not_negative("factor", factor)?)))
     }
 
     /// Uniform between `min` and `max`, 0 <= min <= max.
@@ -41,48 +42,51 @@ impl Intensities {
         if min > max {
             return Err(CHECK.fault("max", max, &format!("a number >= min = {min}")));
         }
-        Ok(Intensities(Kind::Uniform { min, max }))
+        Ok(Intensities(IntensityDistribution::Uniform { min, max }))
     }
 
-    /// Normal about `mean` (> 0) with the standard deviation `sd` (>= 0, at most 10 `mean`), restricted to positive factors by drawing again.
+    /// Normal distribution with `mean` (> 0) and standard deviation `sd` (0 to 10 `mean`), truncated to
+    /// positive factors by redrawing.
     pub fn normal(mean: f64, sd: f64) -> Result<Self> {
         CHECK.positive("mean", mean)?;
         CHECK.not_negative("sd", sd)?;
         if sd > MAX_SPREAD * mean {
             return Err(CHECK.fault("sd", sd, &format!("at most 10 mean = {}", MAX_SPREAD * mean)));
         }
-        Ok(Intensities(Kind::Normal { mean, sd }))
+        Ok(Intensities(IntensityDistribution::Normal { mean, sd }))
     }
 
-    /// (d / `reference`)^`exponent`, the reference in um (> 0), on top of what the renderer makes of the size.
+    /// The factor (d / `reference`)^`exponent`, `reference` in um (> 0), in addition to the renderer's own
+    /// dependence on size.
     pub fn power_of_diameter(reference: f64, exponent: f64) -> Result<Self> {
         CHECK.positive("reference_um", reference)?;
         CHECK.finite("exponent", exponent)?;
-        Ok(Intensities(Kind::Power { reference, exponent }))
+        Ok(Intensities(IntensityDistribution::Power { reference, exponent }))
     }
 
-    /// The factor in the middle of the distribution, for a particle of diameter `d_um`.
+    /// A typical factor (the center of the distribution before truncation) for a particle of diameter `d_um`
+    /// (um).
     pub fn typical(&self, d_um: f64) -> f64 {
         match self.0 {
-            Kind::Equal(factor) => factor,
-            Kind::Uniform { min, max } => f64::midpoint(min, max),
-            Kind::Normal { mean, .. } => mean,
-            Kind::Power { reference, exponent } => libm::pow(d_um / reference, exponent),
+            IntensityDistribution::Equal(factor) => factor,
+            IntensityDistribution::Uniform { min, max } => f64::midpoint(min, max),
+            IntensityDistribution::Normal { mean, .. } => mean,
+            IntensityDistribution::Power { reference, exponent } => libm::pow(d_um / reference, exponent),
         }
     }
 
-    /// The factor of a particle of diameter `d_um`.
+    /// A random factor for a particle of diameter `d_um` (um).
     pub fn draw(&self, d_um: f64, stream: &mut Stream) -> f64 {
         match self.0 {
-            Kind::Equal(factor) => factor,
-            Kind::Uniform { min, max } => min + (max - min) * stream.uniform(),
-            Kind::Normal { mean, sd } => loop {
+            IntensityDistribution::Equal(factor) => factor,
+            IntensityDistribution::Uniform { min, max } => min + (max - min) * stream.uniform(),
+            IntensityDistribution::Normal { mean, sd } => loop {
                 let factor = mean + sd * normal(stream);
                 if factor > 0.0 {
                     break factor;
                 }
             },
-            Kind::Power { reference, exponent } => libm::pow(d_um / reference, exponent),
+            IntensityDistribution::Power { reference, exponent } => libm::pow(d_um / reference, exponent),
         }
     }
 }
@@ -108,7 +112,7 @@ mod tests {
             assert!((found - mean).abs() <= 4.0 * sd / 141.0 + 1e-12, "{kind:?}: {found}");
             assert!((libm::sqrt(variance) - sd).abs() <= 4.0 * sd / 200.0 + 1e-7, "{kind:?}: {variance}");
         }
-        // Never negative, even where half the distribution is.
+        // Always positive, even if almost half of the distribution before truncation is negative.
         let wide = Intensities::normal(0.1, 1.0).unwrap();
         assert!((0..1000).all(|_| wide.draw(1.0, &mut stream) > 0.0));
     }

@@ -1,12 +1,14 @@
-//! Orientation of spheroids: how they lie at first, and Jeffery's equation along their path.
+//! Orientation of spheroids: initial distributions, and Jeffery's equation along the path.
 //!
-//! The axis n of a spheroid of aspect ratio e (length along the axis over length across it) obeys (Jeffery, Proc. R. Soc. A 102
-//! (1922) 161) dn/dt = O n + L (E n - n (n . E n)), L = (e^2 - 1) / (e^2 + 1), O and E the antisymmetric and the symmetric part of the velocity
-//! gradient. It is linear in disguise: n = q / |q| with dq/dt = (O + L E) q. Over a step q is multiplied by the exponential of the fourth-order
-//! Magnus expansion with two Gauss points (Blanes et al., Physics Reports 470 (2009) 151, section 5), which is exact in a constant gradient;
-//! steps are halved until the halves agree. In simple shear g the axis turns with the period (2 pi / g) (e + 1/e).
+//! The symmetry axis n of a spheroid of aspect ratio e (length along the axis over length across it) obeys
+//! dn/dt = O n + L (E n - n (n . E n)) (Jeffery, Proc. R. Soc. A 102 (1922) 161), where O and E are the
+//! antisymmetric and symmetric parts of the velocity gradient and L = (e^2 - 1) / (e^2 + 1). The equation is
+//! equivalent to a linear one: n = q / |q| with dq/dt = (O + L E) q. Over a step q is multiplied by the
+//! exponential of the fourth-order Magnus expansion with two Gauss points (Blanes et al., Physics Reports 470
+//! (2009) 151, section 5), which is exact in a constant gradient; a step is halved until it agrees with its
+//! two halves. In simple shear of rate g the axis rotates with the period (2 pi / g) (e + 1/e).
 
-use crate::error::{Check, Error, Result};
+use crate::error::{Error, ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::fields::exponential;
 use crate::integrate::advance;
@@ -15,15 +17,15 @@ use microsig_core::random::normal;
 use microsig_core::stream::Stream;
 use std::f64::consts::PI;
 
-const CHECK: Check = Check("orientation");
+const CHECK: ParameterCheck = ParameterCheck("orientation");
 
-/// Largest difference between a step and its halves, rad.
+/// Largest difference between a step and its two halves, rad.
 const TOLERANCE: f64 = 1e-9;
-/// Most halvings of a step from frame to frame.
+/// Maximum number of times a frame interval is halved.
 const MAX_HALVINGS: u32 = 20;
 
-/// The direction of the axis of a spheroid of aspect ratio `aspect` (> 0) that is at `x` (um) with the direction `axis` at `t0` (s), when it has
-/// been carried by the flow until `t1`.
+/// The axis at `t1` (s) of a spheroid of aspect ratio `aspect` (> 0) that is at `x` (um) with the axis `axis`
+/// (unit vector) at `t0` (s) and is advected by the flow. Errors as for [`advance`].
 pub fn carry<F: VelocityField + ?Sized>(
     field: &F,
     x: DVec3,
@@ -38,7 +40,8 @@ pub fn carry<F: VelocityField + ?Sized>(
     refine(field, x, axis, shape, (t0, t1), whole, MAX_HALVINGS)
 }
 
-/// `axis` after an interval, over which a single step turns it by `whole`.
+/// `axis` after an interval for which a single step gives `whole`; the interval is halved until the result
+/// has converged.
 fn refine<F: VelocityField + ?Sized>(
     field: &F,
     x: DVec3,
@@ -63,7 +66,7 @@ fn refine<F: VelocityField + ?Sized>(
     refine(field, half_way, axis, shape, (middle, t1), second, halvings - 1)
 }
 
-/// The matrix that turns q over one step.
+/// The matrix that propagates q over one step.
 fn turn<F: VelocityField + ?Sized>(field: &F, x: DVec3, shape: f64, t0: f64, t1: f64) -> Result<DMat3> {
     let h = t1 - t0;
     let root = libm::sqrt(3.0) / 6.0;
@@ -78,49 +81,50 @@ fn turn<F: VelocityField + ?Sized>(field: &F, x: DVec3, shape: f64, t0: f64, t1:
     Ok(exponential((first + second) * (0.5 * h) + commutator * (0.5 * root * h * h)))
 }
 
-/// How the axes of spheroids lie at first.
+/// Distribution of the initial orientations of spheroids.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Orientations(Kind);
+pub struct Orientations(OrientationDistribution);
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Kind {
+enum OrientationDistribution {
     Random,
     Aligned(DVec3),
     VonMisesFisher(DVec3, f64),
 }
 
 impl Orientations {
-    /// Every direction is equally likely.
+    /// Isotropic: all directions are equally likely.
     pub fn random() -> Self {
-        Orientations(Kind::Random)
+        Orientations(OrientationDistribution::Random)
     }
 
-    /// All along one direction, of any length but zero.
+    /// All axes along one direction (any non-zero length).
     pub fn aligned(direction: DVec3) -> Result<Self> {
-        Ok(Orientations(Kind::Aligned(unit(direction)?)))
+        Ok(Orientations(OrientationDistribution::Aligned(unit(direction)?)))
     }
 
-    /// About a mean direction with density proportional to exp(kappa cos), kappa > 0 and at most 1e6 (Fisher, Proc. R. Soc. A 217
-    /// (1953) 295); the angle from the mean is about 1 / sqrt(kappa) rad.
+    /// Von Mises-Fisher distribution about a mean direction, with density proportional to exp(kappa
+    /// cos(angle)), 0 < kappa <= 1e6 (Fisher, Proc. R. Soc. A 217 (1953) 295); the angle from the mean is
+    /// about 1 / sqrt(kappa) rad.
     pub fn von_mises_fisher(mean: DVec3, kappa: f64) -> Result<Self> {
         if !(kappa > 0.0 && kappa <= 1e6) {
             return Err(CHECK.fault("kappa", kappa, "a number > 0, at most 1e6"));
         }
-        Ok(Orientations(Kind::VonMisesFisher(unit(mean)?, kappa)))
+        Ok(Orientations(OrientationDistribution::VonMisesFisher(unit(mean)?, kappa)))
     }
 
-    /// A direction, of length 1.
+    /// A random direction (unit vector).
     pub fn draw(&self, stream: &mut Stream) -> DVec3 {
         match self.0 {
-            Kind::Random => loop {
+            OrientationDistribution::Random => loop {
                 let xi = DVec3::new(normal(stream), normal(stream), normal(stream));
                 if let Some(direction) = xi.try_normalize() {
                     break direction;
                 }
             },
-            Kind::Aligned(direction) => direction,
-            Kind::VonMisesFisher(mean, kappa) => {
-                // The cosine by inversion: 1 + ln(u + (1 - u) e^(-2 kappa)) / kappa.
+            OrientationDistribution::Aligned(direction) => direction,
+            OrientationDistribution::VonMisesFisher(mean, kappa) => {
+                // The cosine of the angle, by inversion: 1 + ln(u + (1 - u) e^(-2 kappa)) / kappa.
                 let u = 1.0 - stream.uniform();
                 let cos = (1.0 + libm::log(u + (1.0 - u) * libm::exp(-2.0 * kappa)) / kappa).max(-1.0);
                 let sin = libm::sqrt((1.0 - cos * cos).max(0.0));
@@ -145,7 +149,8 @@ pub struct Spheroids {
 }
 
 impl Spheroids {
-    /// Spheroids of an aspect ratio (length along the axis over length across it, 0.01 to 100; 1 is a sphere, whose axis does not turn).
+    /// Spheroids of one aspect ratio (length along the axis over length across it, 0.01 to 100; 1 is a
+    /// sphere, whose axis is not rotated).
     pub fn new(aspect: f64, orientations: Orientations) -> Result<Self> {
         if !(0.01..=100.0).contains(&aspect) {
             return Err(CHECK.fault("aspect_ratio", aspect, "a number from 0.01 to 100"));
@@ -167,19 +172,20 @@ mod tests {
         for aspect in [0.2, 1.0, 3.0, 10.0] {
             let period = 2.0 * PI / 12.9 * (aspect + 1.0 / aspect);
             let start = DVec3::new(0.3, 0.8, 0.4).normalize();
-            // In 50 frames: errors of single steps would add up.
+            // Over 50 frames, so that errors of single steps would accumulate.
             let carried = |time: f64| {
                 (0..50).fold(start, |axis, k| {
                     let (t0, t1) = (time * f64::from(k) / 50.0, time * f64::from(k + 1) / 50.0);
                     carry(&field, DVec3::Y, axis, aspect, t0, t1).unwrap()
                 })
             };
-            // A period within 1e-6: the axis is back as far as it turns in 1e-6 of it, at most 2 pi e.
+            // After one period the axis has returned to its start.
             assert!((carried(period) - start).length() < 1e-9, "{aspect}");
-            // n and -n are the same rod, half a period is a whole turn of the rod in the plane only.
+            // After half a period the in-plane components are reversed; n and -n are the same rod only in the
+            // plane of shear.
             let half = carried(0.5 * period);
             assert!((half - DVec3::new(-start.x, -start.y, start.z)).length() < 1e-9, "{aspect}: {half}");
-            // Half-way through it is not there: the test would see a frozen axis.
+            // After a quarter period it has not returned: a constant axis would fail here.
             assert!((carried(0.25 * period) - start).length() > 0.1);
         }
     }
@@ -201,9 +207,9 @@ mod tests {
         let n = (0..20_000)
             .map(|k| h * f64::from(k))
             .fold(start, |n, t| n + rate(n + rate(n, t) * (0.5 * h), t + 0.5 * h) * h);
-        // The midpoint rule errs by (h g)^2 g t / 24 = 1e-9; the steps here by 1e-9 each.
+        // The error of the midpoint rule is (h g)^2 g t / 24 = 1e-9, that of the steps under test 1e-9 each.
         assert!((end - n).length() < 1e-8, "{}", (end - n).length());
-        // And back.
+        // Backward in time.
         let there = field.flow_map(x, 0.0, 0.05).unwrap();
         assert!((carry(&field, there, end, aspect, 0.05, 0.0).unwrap() - start).length() < 1e-7);
     }

@@ -1,13 +1,13 @@
-//! Parameters of fields: structs whose defaults, ranges and descriptions are written in one place.
+//! Parameters of fields: structs declared together with their defaults, ranges and descriptions.
 
-/// A parameter as a user sees it.
+/// Description of a parameter, as shown to users.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Parameter {
-    /// Its name, with its unit as suffix (none: dimensionless).
+    /// Name, with the unit as suffix (no suffix: dimensionless).
     pub name: &'static str,
-    /// The default as it stands in the source; see [`Parameter::default_text`].
+    /// Default as a Rust expression; see [`Parameter::default_text`].
     pub default: &'static str,
-    /// The allowed range in words.
+    /// Allowed range in words.
     pub range: &'static str,
     meaning: &'static str,
 }
@@ -22,13 +22,13 @@ impl Parameter {
         Parameter { name, default, range, meaning }
     }
 
-    /// What it means, in one line.
+    /// Meaning in one line.
     pub fn meaning(&self) -> &'static str {
         self.meaning.trim()
     }
 
-    /// The default as it is written in a scenario: numbers as they are, choices in snake_case, points in parentheses; what the depth range of a scenario
-    /// decides in words.
+    /// The default in scenario syntax: enum variants in snake_case, vectors in parentheses; "by depth range"
+    /// for a default that is derived from the depth range of the scenario.
     pub fn default_text(&self) -> String {
         let choice = |text: &str| {
             let name = text.rsplit("::").next().unwrap_or(text).trim();
@@ -51,23 +51,32 @@ impl Parameter {
     }
 }
 
-/// Declares the parameters of a field: a struct of public fields, its `Default`, and the table `PARAMETERS` of the
-/// same names, defaults, ranges and meanings.
+/// Declares the parameters of a field: a struct of public fields, its `Default`, and the table `PARAMETERS`
+/// of the same names, defaults, ranges and meanings. `#[alias = "..."]` names the key used by older
+/// scenarios, which is still accepted.
 macro_rules! params {
     (
         $(#[$attribute:meta])*
         $name:ident {
-            $(#[doc = $meaning:literal] $field:ident: $type:ty = $default:expr, $range:literal;)*
+            $(
+                #[doc = $meaning:literal]
+                $(#[alias = $alias:literal])?
+                $field:ident: $type:ty = $default:expr, $range:literal;
+            )*
         }
     ) => {
         $(#[$attribute])*
         #[derive(Debug, Clone, PartialEq)]
         #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
+        #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
         pub struct $name {
             $(
                 #[doc = $meaning]
                 ///
                 #[doc = concat!("Default `", stringify!($default), "`; ", $range, ".")]
+                $(#[cfg_attr(feature = "serde", serde(alias = $alias))])?
+                #[cfg_attr(feature = "schema", schemars(description = $meaning, extend("x-range" = $range)))]
+                $(#[cfg_attr(feature = "schema", schemars(extend("x-formerly" = [$alias])))])?
                 pub $field: $type,
             )*
         }

@@ -1,11 +1,12 @@
-//! Axes and axis-aligned boxes of object space.
+//! Axes and axis-aligned boxes in object space.
 
-use crate::error::{Check, Result};
+use crate::error::{ParameterCheck, Result};
 use glam::DVec3;
 
 /// A coordinate axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Axis {
     /// Image columns, to the right.
     X,
@@ -25,7 +26,8 @@ impl Axis {
     }
 }
 
-/// An axis-aligned box, um, of positive volume: points with `min` <= x < `max`, so that touching boxes share no point.
+/// An axis-aligned box, um, of positive volume: points with `min` <= x < `max`, so that touching boxes share
+/// no point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Region {
     min: DVec3,
@@ -35,7 +37,7 @@ pub struct Region {
 impl Region {
     /// The box between two corners, um; every coordinate of `min` must be less than that of `max`.
     pub fn new(min: DVec3, max: DVec3) -> Result<Self> {
-        let check = Check("region");
+        let check = ParameterCheck("region");
         check.finite_vector("min_um", min)?;
         check.finite_vector("max_um", max)?;
         if min.cmplt(max).all() {
@@ -45,12 +47,12 @@ impl Region {
         }
     }
 
-    /// The corner of the least coordinates, um.
+    /// The corner with the smallest coordinates, um.
     pub fn min(&self) -> DVec3 {
         self.min
     }
 
-    /// The corner of the greatest coordinates, um; not a point of the box.
+    /// The corner with the largest coordinates, um; not itself a point of the box.
     pub fn max(&self) -> DVec3 {
         self.max
     }
@@ -65,7 +67,7 @@ impl Region {
         self.size().element_product()
     }
 
-    /// Whether a point belongs to the box.
+    /// Whether a point (um) is in the box.
     pub fn contains(&self, x: DVec3) -> bool {
         x.cmpge(self.min).all() && x.cmplt(self.max).all()
     }
@@ -83,17 +85,18 @@ impl Region {
         })
     }
 
-    /// The greatest distance of a point of the box from `center` along each axis, um.
+    /// Along each axis, the greatest distance between `center` and a point of the box, um.
     pub(crate) fn reach(&self, center: DVec3) -> DVec3 {
         (self.min - center).abs().max((self.max - center).abs())
     }
 
-    /// The least distance of a point of the box from `center` along each axis, um; 0 if the box spans it.
+    /// Along each axis, the smallest distance between `center` and a point of the box, um; 0 if the box spans
+    /// `center`.
     pub(crate) fn clearance(&self, center: DVec3) -> DVec3 {
         (center.clamp(self.min, self.max) - center).abs()
     }
 
-    /// The smallest box that holds the images of the corners, and with them, if `map` is affine, the image of the box.
+    /// The bounding box of the mapped corners; it contains the image of the whole box if `map` is affine.
     pub(crate) fn mapped(&self, map: impl Fn(DVec3) -> DVec3) -> Region {
         let images = self.corners().map(map);
         let min = images.into_iter().reduce(DVec3::min).unwrap_or(self.min);
@@ -101,12 +104,12 @@ impl Region {
         Region { min, max }
     }
 
-    /// The box with `margin` (um) more on every side.
+    /// The box enlarged by `margin` (um) on every side.
     pub(crate) fn grown(&self, margin: f64) -> Region {
         Region { min: self.min - margin, max: self.max + margin }
     }
 
-    /// The smallest box that holds both.
+    /// The smallest box that contains both boxes.
     pub(crate) fn joined(&self, other: &Region) -> Region {
         Region { min: self.min.min(other.min), max: self.max.max(other.max) }
     }

@@ -1,23 +1,23 @@
-//! From image coordinates to object space and back: the one place where px and um meet.
+//! Conversion between image coordinates (px) and object space (um); no other module of this crate uses px.
 //!
-//! x = (x_px - (width + 1) / 2) um_per_px, likewise y: the centre of the sensor is the origin, the centre of the
-//! top-left pixel is (1, 1) px, rows go down, and the sensor covers 0.5 <= x_px < width + 0.5. The depth of a MicroSIG data
-//! file is the physical depth divided by `depth_factor`.
+//! x = (x_px - (width + 1) / 2) um_per_px, likewise y: the center of the sensor is the origin, the center of
+//! the top-left pixel is (1, 1) px, rows go down, and the sensor covers 0.5 <= x_px < width + 0.5. The depth
+//! of a MicroSIG data file is the physical depth divided by `depth_factor`.
 
-use crate::error::{Check, Result};
+use crate::error::{ParameterCheck, Result};
 use crate::region::Region;
 use glam::DVec3;
 
-const CHECK: Check = Check("scale");
+const CHECK: ParameterCheck = ParameterCheck("scale");
 
 /// A point in the coordinates of MicroSIG's data files.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImagePoint {
-    /// Column, px; 1 is the centre of the first.
+    /// Column, px; 1 is the center of the first column.
     pub x_px: f64,
-    /// Row, px, downward; 1 is the centre of the first.
+    /// Row, px, downward; 1 is the center of the first row.
     pub y_px: f64,
-    /// Depth as written in the data file, um, growing away from the lens.
+    /// Depth as written in the data file, um, positive away from the lens.
     pub z_um: f64,
 }
 
@@ -32,7 +32,7 @@ pub struct ImageVector {
     pub dz_um: f64,
 }
 
-/// The scale of a sensor.
+/// Size of a sensor and its scale in object space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
     um_per_px: f64,
@@ -42,8 +42,9 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// The scale of a sensor of `width` x `height` px on which one pixel shows `um_per_px`; `depth_factor` is physical
-    /// depth over depth in the data file (1 in air, about the refractive index for a dry objective over a liquid).
+    /// The scale of a sensor of `width` x `height` px, each pixel covering `um_per_px` (um) in object space;
+    /// `depth_factor` is physical depth over depth in the data file (1 in air, about the refractive index for
+    /// a dry objective imaging into a liquid). All must be > 0.
     pub fn new(um_per_px: f64, width: u32, height: u32, depth_factor: f64) -> Result<Self> {
         CHECK.positive("um_per_px", um_per_px)?;
         CHECK.positive("width_px", f64::from(width))?;
@@ -52,12 +53,12 @@ impl Scale {
         Ok(Scale { um_per_px, width, height, depth_factor })
     }
 
-    /// Length that one pixel shows, um.
+    /// Pixel size in object space, um.
     pub fn um_per_px(&self) -> f64 {
         self.um_per_px
     }
 
-    /// A point of the image as a point of object space, um.
+    /// The point of object space (um) of an image point.
     pub fn to_object(&self, point: ImagePoint) -> DVec3 {
         let center = self.center_px();
         DVec3::new(
@@ -67,7 +68,7 @@ impl Scale {
         )
     }
 
-    /// A point of object space (um) as a point of the image.
+    /// The image point of a point of object space (um).
     pub fn to_image(&self, x: DVec3) -> ImagePoint {
         let center = self.center_px();
         ImagePoint {
@@ -77,7 +78,7 @@ impl Scale {
         }
     }
 
-    /// A displacement in object space (um) as one in the image.
+    /// The image displacement of a displacement in object space (um).
     pub fn displacement_to_image(&self, displacement: DVec3) -> ImageVector {
         ImageVector {
             dx_px: displacement.x / self.um_per_px,
@@ -86,8 +87,8 @@ impl Scale {
         }
     }
 
-    /// What the sensor sees between two physical depths (um), the sensor being enlarged by `margin_px` on all sides.
-    /// `Err` if that is no box.
+    /// The region of object space imaged between two physical depths (um), enlarged laterally by `margin_px`
+    /// (px) on all sides. `Err` if it has no volume.
     pub fn view(&self, z_min: f64, z_max: f64, margin_px: f64) -> Result<Region> {
         let half = DVec3::new(f64::from(self.width), f64::from(self.height), 0.0) * 0.5 + margin_px;
         let half = half * self.um_per_px;
@@ -109,12 +110,12 @@ mod tests {
     }
 
     #[test]
-    fn the_centre_of_the_sensor_is_the_origin() {
+    fn the_center_of_the_sensor_is_the_origin() {
         let center = setting1(1.0).to_object(ImagePoint { x_px: 376.5, y_px: 183.5, z_um: 7.0 });
         assert_eq!(center, DVec3::new(0.0, 0.0, 7.0));
         let corner = setting1(1.0).to_object(ImagePoint { x_px: 0.5, y_px: 0.5, z_um: -80.0 });
         let view = setting1(1.0).view(-80.0, 20.0, 0.0).unwrap();
-        // The field of 485.0 x 236.1 um; rounding.
+        // The field of view is 485.0 x 236.1 um, up to rounding.
         assert!((corner - view.min()).length() < 1e-12);
         assert!((view.size() - DVec3::new(485.04, 236.07, 100.0)).length() < 1e-12);
         let wide = setting1(1.0).view(-80.0, 20.0, 40.0).unwrap();
@@ -143,7 +144,7 @@ mod tests {
         fn there_and_back(x in -500.0..500.0, y in -500.0..500.0, z in -100.0..100.0, factor in 0.5..2.0) {
             let x = DVec3::new(x, y, z);
             let back = setting1(factor).to_object(setting1(factor).to_image(x));
-            // A few roundings of 1000 px.
+            // A few rounding errors of 1000 px.
             prop_assert!((back - x).length() < 1e-12);
         }
     }

@@ -1,29 +1,24 @@
-//! Special functions that libm has not.
+//! Special functions that libm lacks.
+
+use microsig_core::quadrature::GAUSS_LEGENDRE_8;
 
 /// Euler's constant.
 const EULER_GAMMA: f64 = 0.577_215_664_901_532_9;
 
-/// Positive nodes and weights of the Gauss-Legendre rule with 8 points on [-1, 1], Abramowitz & Stegun table 25.4.
-const GAUSS: [(f64, f64); 4] = [
-    (0.183_434_642_495_649_8, 0.362_683_783_378_362),
-    (0.525_532_409_916_329, 0.313_706_645_877_887_3),
-    (0.796_666_477_413_626_7, 0.222_381_034_453_374_47),
-    (0.960_289_856_497_536_2, 0.101_228_536_290_376_26),
-];
-
-/// The mean of a function over an interval by 8 Gauss points: exact for polynomials of degree 15.
+/// The mean of a function over an interval by 8-point Gauss-Legendre quadrature, exact for polynomials up to
+/// degree 15.
 pub fn gauss_mean(low: f64, high: f64, function: impl Fn(f64) -> f64) -> f64 {
     let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
     let at = |node: f64| function(middle + half * node);
-    0.5 * GAUSS.iter().map(|(node, weight)| weight * (at(-node) + at(*node))).sum::<f64>()
+    0.5 * GAUSS_LEGENDRE_8.iter().map(|(node, weight)| weight * (at(-node) + at(*node))).sum::<f64>()
 }
 
 /// The exponential integral E1(x) = integral from x to infinity of e^-t / t dt, for x >= 0; infinite at 0.
 ///
-/// Relative error below 2e-14, absolute below 1e-15 for x > 0.1 (tested against 30-digit values). Up to x = 2 the
-/// series E1 = -gamma - ln x - SUM (-x)^k / (k k!), Abramowitz & Stegun 5.1.11, whose terms do not yet cancel much;
-/// above it the continued fraction e^-x / (x+1 - 1/(x+3 - 4/(x+5 - ...))), A&S 5.1.22 in its even part, from a depth
-/// at which it has converged upwards.
+/// Relative error below 2e-14, absolute below 1e-15 for x > 0.1 (tested against 30-digit values). Up to x = 2
+/// the series E1 = -gamma - ln x - SUM (-x)^k / (k k!), Abramowitz & Stegun 5.1.11, where cancellation is
+/// still mild; above it the continued fraction e^-x / (x+1 - 1/(x+3 - 4/(x+5 - ...))), the even part of A&S
+/// 5.1.22, evaluated backward from a depth at which it has converged.
 pub fn exponential_integral(x: f64) -> f64 {
     if x <= 2.0 {
         let mut power = 1.0;
@@ -36,7 +31,7 @@ pub fn exponential_integral(x: f64) -> f64 {
         }
         sum - EULER_GAMMA - libm::log(x)
     } else {
-        // The error falls as exp(-4 sqrt(x depth)).
+        // The truncation error decays as exp(-4 sqrt(x depth)).
         let depth = (100.0 / x) as u32 + 5;
         let mut tail = x + f64::from(2 * depth + 1);
         for k in (1..=depth).rev() {
@@ -47,7 +42,7 @@ pub fn exponential_integral(x: f64) -> f64 {
     }
 }
 
-/// (1 - e^-q) / q, without cancellation; 1 at q = 0.
+/// (1 - e^-q) / q for q >= 0, without cancellation; 1 at q = 0.
 pub fn mean_decay(q: f64) -> f64 {
     if q < 1e-300 { 1.0 } else { -libm::expm1(-q) / q }
 }
@@ -91,7 +86,8 @@ mod tests {
         ];
         for (x, expected) in table {
             let error = exponential_integral(x) / expected - 1.0;
-            // The series at x = 2 sums terms of size 2 to 0.05 with 1e-16 each.
+            // At x = 2 the terms of the series, of size up to 2 with rounding errors of 1e-16, add up to
+            // 0.05.
             assert!(error.abs() < 2e-14, "E1({x}) is off by {error:e}");
         }
         assert_eq!(exponential_integral(0.0), f64::INFINITY);
@@ -120,11 +116,12 @@ mod tests {
             let difference = (8.0 * (mean_decay(q + h) - mean_decay(q - h)) - mean_decay(q + 2.0 * h)
                 + mean_decay(q - 2.0 * h))
                 / (12.0 * h);
-            // Rounding 1e-16 / h = 1e-12 at q = 1e-3; truncation h^4/30 times the fifth derivative: less.
+            // Rounding 1e-16 / h = 1e-12 at q = 1e-3; truncation h^4/30 times the fifth derivative is
+            // smaller.
             assert!((mean_decay_slope(q) - difference).abs() < 1e-11, "{q}");
         }
         assert_eq!(mean_decay_slope(0.0), -0.5);
-        // Series and formula on the two sides of 1: the formula cancels 0.37 against 0.63.
+        // Series and formula meet at 1, where the formula subtracts 0.63 from 0.37.
         assert!((mean_decay_slope(1.0) - (2.0 * libm::exp(-1.0) - 1.0)).abs() < 1e-15);
     }
 

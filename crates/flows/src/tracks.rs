@@ -1,79 +1,81 @@
-//! Recorded tracks instead of a flow: where each particle is in each frame, from a table.
+//! Recorded tracks instead of a flow: the position of each particle in each frame, read from a table.
 //!
-//! A CSV table with a header; columns are found by name, in any order. `frame` and `track` are whole numbers >= 0, frames
-//! counting as those of the dataset. Positions are `x_um, y_um, z_um` in object space (origin in the middle of the image) or
-//! `x_px, y_px, z_um` in the image (first pixel's centre 1, z physical); where both are there, those in um count. Optional:
-//! `d_um`; `c_int`; `e_p` with the axis, as `axis_x, axis_y, axis_z` (any length) or as `alpha_rad, beta_rad` of MicroSIG;
-//! `u_um_s, v_um_s, w_um_s`. An empty cell of an optional column is a value that is not there. So the table of tracks of a dataset is
-//! itself a table of recorded tracks.
+//! The table is CSV with a header; columns are identified by name, in any order. `frame` (the frame number in
+//! the dataset) and `track` are integers >= 0. Positions are `x_um, y_um, z_um` in object space (origin in
+//! the middle of the image) or `x_px, y_px, z_um` in the image (the center of the first pixel is 1, z is
+//! physical depth); if both are present, those in um are used. Optional columns: `d_um`; `c_int`; `e_p` with
+//! the axis, as `axis_x, axis_y, axis_z` (any non-zero length) or as MicroSIG's `alpha_rad, beta_rad`;
+//! `u_um_s, v_um_s, w_um_s`. An empty cell of an optional column means that the value is missing. The track
+//! table of a generated dataset has this format.
 //!
-//! Where the table has no velocities they are the slope, at the frame, of the parabola through the places of the track in
-//! the frame before, this one and the next (central differences where times are even); at an end of a track, or beside
-//! a gap, the difference to the one neighbour there is. Between frames and during an exposure particles go straight on.
+//! Velocities that the table does not give are the slope, at the frame, of the parabola through the positions
+//! of the track in the previous, this and the next frame (central differences for equal time steps); at an
+//! end of a track or beside a gap, the difference to the one adjacent frame. Between frames and during an
+//! exposure particles move on straight lines.
 
 use crate::diameters::Diameters;
 use crate::error::{Error, Result};
 use crate::exposure::Shutter;
-use crate::frame::{Displacement, Frame, Tracer};
+use crate::frame::{Displacement, Frame, RecordingStart, Tracer};
 use crate::intensities::Intensities;
 use crate::orientation::Spheroids;
 use crate::scale::{ImagePoint, Scale};
-use crate::sequence::Start;
+
 use glam::DVec3;
 use microsig_core::Spheroid;
 use microsig_core::stream::{Purpose, Streams};
 use std::collections::BTreeSet;
 use std::io::BufRead;
 
-/// Most rows of a table.
+/// Maximum number of rows of a table.
 const MAX_ROWS: usize = 50_000_000;
 
-/// Faults listed before the reader gives up.
+/// Number of errors after which reading stops.
 const MAX_FAULTS: usize = 20;
 
-/// Greatest number of a track, 2^53: it stays whole in every format.
+/// Largest track number, 2^53: up to here integers are exact in f64, and so in every file format.
 const MAX_TRACK: f64 = 9_007_199_254_740_992.0;
 
-/// Tracks of particles, by frame and number.
+/// Recorded particle tracks.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Tracks {
-    /// In the order of frames, and of tracks within.
-    rows: Vec<Row>,
+pub struct RecordedTracks {
+    /// Sorted by frame, then by track.
+    rows: Vec<TrackRow>,
     unused: Vec<String>,
     units: &'static str,
 }
 
-/// A particle in a frame.
+/// One particle in one frame: a row of the table. `None`: not given.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Row {
-    /// Number of the frame in the dataset.
+pub struct TrackRow {
+    /// Frame number in the dataset.
     pub frame: u32,
-    /// Number of the track.
+    /// Track number.
     pub track: u64,
-    /// The centre, um.
+    /// Position of the center, um.
     pub position: DVec3,
     /// Diameter, um.
     pub d_um: Option<f64>,
-    /// Factor on the light of a particle of its size.
+    /// Brightness factor relative to a particle of its size.
     pub c_int: Option<f64>,
-    /// Length along the axis over length across it.
+    /// Aspect ratio: length along the symmetry axis over length across it.
     pub aspect: Option<f64>,
-    /// Direction of the axis, of length 1.
+    /// Unit vector along the symmetry axis.
     pub axis: Option<DVec3>,
     /// Velocity, um/s.
     pub velocity: Option<DVec3>,
-    /// Line of the file.
+    /// Line number in the file.
     pub line: usize,
 }
 
-/// What particles are where the table does not say.
+/// Distributions of the particle properties that the table does not give.
 #[derive(Debug, Clone, Copy)]
-pub struct Kind<'a> {
-    /// Diameters, drawn by the number of the track.
+pub struct ParticleDefaults<'a> {
+    /// Diameters, drawn from the random stream of the track number.
     pub diameters: &'a Diameters,
-    /// Factors on brightness, drawn by the number of the track.
+    /// Brightness factors, drawn from the random stream of the track number.
     pub intensities: Intensities,
-    /// Shape and directions of axes, drawn by the number of the track: they stay as they are.
+    /// Aspect ratio and orientations, drawn from the random stream of the track number and constant in time.
     pub spheroids: Option<Spheroids>,
 }
 
@@ -91,7 +93,7 @@ const OPTIONAL: [&str; 11] = [
     "w_um_s",
 ];
 
-/// Columns of the table: where each that is known stands.
+/// Positions of the known columns in the table.
 struct Columns {
     frame: usize,
     track: usize,
@@ -126,7 +128,7 @@ impl Columns {
         if place.is_none() {
             faults.push(fault(1, found(), "x_um, y_um and z_um, or x_px, y_px and z_um"));
         }
-        // Half an axis would be taken for none.
+        // An incomplete group would otherwise be ignored silently.
         for group in [&OPTIONAL[3..6], &OPTIONAL[6..8], &OPTIONAL[8..11]] {
             let there = group.iter().filter(|name| column(name).is_some()).count();
             if there != 0 && there != group.len() {
@@ -145,7 +147,7 @@ impl Columns {
         Ok((Columns { frame, track, place, in_px: um.is_none(), optional, count: names.len() }, unused))
     }
 
-    fn row(&self, text: &str, line: usize, scale: &Scale) -> Result<Row> {
+    fn row(&self, text: &str, line: usize, scale: &Scale) -> Result<TrackRow> {
         let cells: Vec<&str> = text.split(',').map(str::trim).collect();
         if cells.len() != self.count {
             let expected = format!("{}, as in the header", self.count);
@@ -168,7 +170,7 @@ impl Columns {
         let finite = |i: usize| optional(i, "a finite number", &|_| true);
         let [x, y, z] = [place(0)?, place(1)?, place(2)?];
         let position = if self.in_px {
-            // The file's depth is physical, unlike that of a data file.
+            // The depth in the table is physical, unlike that in a MicroSIG data file.
             scale.to_object(ImagePoint { x_px: x, y_px: y, z_um: 0.0 }).with_z(z)
         } else {
             DVec3::new(x, y, z)
@@ -189,7 +191,7 @@ impl Columns {
             [Some(u), Some(v), Some(w)] => Some(DVec3::new(u, v, w)),
             _ => None,
         };
-        Ok(Row {
+        Ok(TrackRow {
             frame: whole("frame", self.frame, f64::from(u32::MAX - 1))? as u32,
             track: whole("track", self.track, MAX_TRACK)? as u64,
             position,
@@ -203,8 +205,8 @@ impl Columns {
     }
 }
 
-impl Tracks {
-    /// Reads a table; `scale` turns px into um. `Err` lists up to 20 faults with their lines.
+impl RecordedTracks {
+    /// Reads a table; `scale` converts px to um. `Err` lists up to 20 errors with their lines.
     pub fn from_csv(source: impl BufRead, scale: &Scale) -> std::result::Result<Self, Vec<Error>> {
         let mut lines = source.lines().enumerate();
         let header = match lines.next() {
@@ -246,11 +248,11 @@ impl Tracks {
             return Err(faults);
         }
         let units = if columns.in_px { "px" } else { "um" };
-        Ok(Tracks { rows, unused, units })
+        Ok(RecordedTracks { rows, unused, units })
     }
 
-    /// All rows, in the order of frames, and of tracks within.
-    pub fn rows(&self) -> &[Row] {
+    /// All rows, sorted by frame, then by track.
+    pub fn rows(&self) -> &[TrackRow] {
         &self.rows
     }
 
@@ -259,47 +261,48 @@ impl Tracks {
         self.rows.iter().map(|row| row.track).collect::<BTreeSet<_>>().len()
     }
 
-    /// Columns of the table that mean nothing here.
+    /// Names of columns that are not recognized and were ignored.
     pub fn unused_columns(&self) -> &[String] {
         &self.unused
     }
 
-    /// Unit of x and y that was read: um or px.
+    /// Unit of x and y in the table: "um" or "px".
     pub fn units(&self) -> &'static str {
         self.units
     }
 
-    fn of_frame(&self, frame: u32) -> &[Row] {
+    fn of_frame(&self, frame: u32) -> &[TrackRow] {
         let first = self.rows.partition_point(|row| row.frame < frame);
         let rest = &self.rows[first..];
         &rest[..rest.partition_point(|row| row.frame == frame)]
     }
 
-    /// The frames of a recording that begins with frame `start.first_frame` and has frames at `times_s` (s, increasing). If the
-    /// recording only stops, and would have another frame at `next_s`, the velocities of its last know that frame too: a shorter
-    /// recording is the beginning of a longer one.
+    /// The frames of a recording that starts with frame number `start.first_frame` and has frames at
+    /// `times_s` (s, increasing). If the tracks continue after the recording, `next_s` is the time of the
+    /// next frame, which is used for the velocities of the last one: a shorter recording is then the
+    /// beginning of a longer one.
     pub fn record<'a>(
         &'a self,
         mut times_s: Vec<f64>,
         next_s: Option<f64>,
-        kind: Kind<'a>,
+        kind: ParticleDefaults<'a>,
         shutter: Option<Shutter>,
         streams: Streams,
-        start: Start,
+        start: RecordingStart,
     ) -> impl Iterator<Item = Frame> + 'a {
         let frames = times_s.len();
         times_s.extend(next_s);
         (0..frames).map(move |k| {
             let index = start.first_frame + k as u32;
-            let near = |step: i64| -> (&[Row], f64) {
+            let near = |step: i64| -> (&[TrackRow], f64) {
                 let time = usize::try_from(k as i64 + step).ok().and_then(|k| times_s.get(k));
                 time.map_or((&[][..], 0.0), |t| (self.of_frame((i64::from(index) + step) as u32), *t))
             };
             let (before, now, after) = (near(-1), near(0), near(1));
-            let find = |rows: &'a [Row], track: u64| {
+            let find = |rows: &'a [TrackRow], track: u64| {
                 rows.binary_search_by_key(&track, |row| row.track).ok().map(|i| rows[i].position)
             };
-            let tracer = |row: &Row| {
+            let tracer = |row: &TrackRow| {
                 let (last, next) = (find(before.0, row.track), find(after.0, row.track));
                 let slope = |x: DVec3, t: f64| (x - row.position) / (t - now.1);
                 let velocity = match (last, next) {
@@ -326,8 +329,8 @@ impl Tracks {
     }
 }
 
-/// What the table says of a particle, and what its number makes of the rest.
-fn particle(row: &Row, kind: &Kind<'_>, streams: Streams) -> Tracer {
+/// The tracer of a row; missing properties are drawn from the random streams of the track number.
+fn particle(row: &TrackRow, kind: &ParticleDefaults<'_>, streams: Streams) -> Tracer {
     let stream = |purpose| streams.stream(purpose, 0, row.track as u32);
     let d_um = row.d_um.unwrap_or_else(|| kind.diameters.draw(&mut stream(Purpose::Diameter)));
     let drawn_axis = || kind.spheroids.map(|s| s.orientations.draw(&mut stream(Purpose::Orientation)));

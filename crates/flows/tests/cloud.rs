@@ -1,17 +1,19 @@
-//! Clouds in open domains: uniform for ever, and the same whatever the machine does.
+//! Clouds in open domains stay uniform, and do not depend on the number of threads.
 #![expect(clippy::print_stdout, reason = "the measured numbers, for `--nocapture`")]
 
 use flows::fields::{Kraichnan, KraichnanParams, LambOseen, Linear, Poiseuille};
-use flows::{Boundary, Diameters, Domain, Frame, Region, Scene, Seeding, Start, VelocityField};
+use flows::{
+    Boundary, Diameters, Domain, FluidRegion, Frame, RecordingStart, Region, Scene, Seeding, VelocityField,
+};
 use glam::{DVec2, DVec3};
 use microsig_core::stream::Streams;
 use std::collections::HashSet;
 
-/// Slowest to fastest: 0 to 14.835 um (23 px of 0.645 um) a frame.
+/// Displacements range from 0 to 14.835 um (23 px of 0.645 um) per frame.
 const FASTEST_UM: f64 = 23.0 * 0.645;
 const DT_S: f64 = 0.01;
 
-/// The sensor's view with a margin, in the default channel.
+/// The field of view of the sensor with a margin, in the default channel.
 fn domain(boundaries: [Boundary; 3]) -> Domain {
     let region = Region::new(DVec3::new(-280.0, -150.0, -80.0), DVec3::new(280.0, 150.0, 20.0)).unwrap();
     Domain::new(region, boundaries)
@@ -24,6 +26,12 @@ fn channel() -> Domain {
 /// 16800 particles on average.
 fn seeding() -> Seeding {
     Seeding::poisson(1e-3, Diameters::equal(2.0).unwrap()).unwrap()
+}
+
+/// Particles per um^3.
+fn density(seeding: &Seeding, domain: &Domain) -> f64 {
+    let rest = Linear::uniform(DVec3::ZERO).unwrap();
+    seeding.density(&FluidRegion::new(&rest, domain, &[]), 0.0).unwrap()
 }
 
 fn poiseuille() -> Poiseuille {
@@ -42,16 +50,17 @@ fn record(
     seed: u64,
 ) -> Vec<Frame> {
     let scene = Scene::new(field, domain, seeding).unwrap();
-    let sequence = scene.record(&times(frames), Streams::new(seed), Start::default()).unwrap();
+    let sequence = scene.record(&times(frames), Streams::new(seed), RecordingStart::default()).unwrap();
     sequence.map(Result::unwrap).collect()
 }
 
-/// Chi-square of the numbers in equal bins along an axis against a Poisson process of the given expected total.
+/// Chi-square of the counts in equal bins along an axis against a Poisson process with the given expected
+/// total.
 fn chi_square(positions: &[DVec3], room: &Region, axis: usize, bins: usize, expected: f64) -> f64 {
     let mut counts = vec![0.0; bins];
     for x in positions {
         let place = (x[axis] - room.min()[axis]) / room.size()[axis];
-        // A centre may lie exactly at its distance from the upper wall.
+        // A center may be exactly one radius from the upper wall.
         counts[((place * bins as f64) as usize).min(bins - 1)] += 1.0;
     }
     let mean = expected / bins as f64;
@@ -59,7 +68,7 @@ fn chi_square(positions: &[DVec3], room: &Region, axis: usize, bins: usize, expe
 }
 
 const BINS: usize = 20;
-/// Exceeded with probability 1e-5 by chi-square of 20 degrees of freedom (the total is free too).
+/// Exceeded with probability 1e-5 by chi-square with 20 degrees of freedom (the total is random too).
 const LIMIT: f64 = 59.0;
 
 fn positions(frame: &Frame) -> Vec<DVec3> {
@@ -69,11 +78,11 @@ fn positions(frame: &Frame) -> Vec<DVec3> {
 /// Worst chi-square over the axes.
 fn worst_profile(positions: &[DVec3], domain: &Domain, seeding: &Seeding) -> f64 {
     let room = domain.room(1.0).unwrap();
-    let expected = seeding.density(domain).unwrap() * domain.region().volume();
+    let expected = density(seeding, domain) * domain.region().volume();
     (0..3).map(|axis| chi_square(positions, &room, axis, BINS, expected)).fold(0.0, f64::max)
 }
 
-/// Some frames of a long recording, without keeping the others.
+/// Selected frames of a long recording, without storing the others.
 fn snapshots(
     field: &dyn VelocityField,
     domain: &Domain,
@@ -83,7 +92,7 @@ fn snapshots(
 ) -> Vec<Frame> {
     let scene = Scene::new(field, domain, seeding).unwrap();
     let last = indices.iter().copied().max().unwrap();
-    let sequence = scene.record(&times(last + 1), Streams::new(seed), Start::default()).unwrap();
+    let sequence = scene.record(&times(last + 1), Streams::new(seed), RecordingStart::default()).unwrap();
     sequence.map(Result::unwrap).filter(|frame| indices.contains(&frame.index)).collect()
 }
 
@@ -95,7 +104,7 @@ fn a_channel_flow_stays_uniform_over_400_frames() {
         let chi = worst_profile(&positions(frame), &domain, &seeding);
         println!("frame {}: {} tracers, chi-square {chi:.1}", frame.index, frame.tracers.len());
         assert!(chi < LIMIT, "frame {}: {chi}", frame.index);
-        let expected = seeding.density(&domain).unwrap() * domain.region().volume();
+        let expected = density(&seeding, &domain) * domain.region().volume();
         let number = frame.tracers.len() as f64;
         // A Poisson number; 4.5 standard deviations.
         assert!(
@@ -104,14 +113,14 @@ fn a_channel_flow_stays_uniform_over_400_frames() {
             frame.index
         );
     }
-    // All but the slowest layers have been replaced more than once, so it is the inflow that is seen here.
+    // All but the slowest layers have been replaced more than once: the cloud consists of inflow.
     let survivors = frames[0].links(&frames[4]).count();
     assert!(survivors < frames[0].tracers.len() / 10, "{survivors}");
 }
 
 #[test]
 fn naive_reseeding_would_fail_the_same_test() {
-    // Leavers come in again at x = min, at a random place of the inflow face.
+    // Leavers are reinserted at x = min, at a random position on the inflow face.
     let (domain, seeding, field) = (channel(), seeding(), poiseuille());
     let mut cloud = positions(&record(&field, &domain, &seeding, 1, 1)[0]);
     let room = domain.room(1.0).unwrap();
@@ -141,7 +150,7 @@ fn no_inflow_would_fail_the_same_test() {
 fn vortices_and_strains_stay_uniform_too() {
     let open = domain([Boundary::Open; 3]);
     let center = DVec3::new(10.0, 20.0, -30.0);
-    // Corners, all faces at once, inflow through every one; the vortex decays to a tenth meanwhile.
+    // Inflow through all faces at once, corners included; the vortex decays to a tenth meanwhile.
     let cases: [(&str, Box<dyn VelocityField>, &Domain); 4] = [
         ("rotation", Box::new(Linear::rotation(DVec3::new(0.5, 1.0, 3.0), center).unwrap()), &open),
         ("uniaxial strain", Box::new(Linear::uniaxial_strain(2.0, flows::Axis::X, center).unwrap()), &open),
@@ -162,12 +171,12 @@ fn vortices_and_strains_stay_uniform_too() {
     }
 }
 
-/// Seeds its own cloud: a field without walls or symmetry, unsteady, in a box open on all sides.
+/// An unsteady field without walls or symmetry, in a box open on all sides.
 #[test]
 fn a_turbulent_field_keeps_its_cloud_uniform_over_100_frames() {
     let open = domain([Boundary::Open; 3]);
     let seeding = Seeding::poisson(1.2e-4, Diameters::equal(2.0).unwrap()).unwrap();
-    // One block of modes; 4 um a frame along each axis, so that most particles are replaced.
+    // One block of modes; 4 um per frame along each axis, so that most particles are replaced.
     let params =
         KraichnanParams { rms_speed_um_s: 400.0, modes: 16, unsteadiness: 0.2, ..KraichnanParams::default() };
     let field = Kraichnan::new(&params).unwrap();
@@ -187,7 +196,7 @@ fn a_turbulent_field_keeps_its_cloud_uniform_over_100_frames() {
 fn ids_are_never_used_again() {
     let (domain, seeding, field) = (channel(), seeding(), poiseuille());
     let scene = Scene::new(&field, &domain, &seeding).unwrap();
-    let start = Start { recording: 3, first_frame: 6, first_id: 1000 };
+    let start = RecordingStart { recording: 3, first_frame: 6, first_id: 1000 };
     let mut sequence = scene.record(&times(20), Streams::new(5), start).unwrap();
     let (mut gone, mut alive) = (HashSet::new(), HashSet::new());
     let mut index = 6;
@@ -203,8 +212,8 @@ fn ids_are_never_used_again() {
         alive = now;
     }
     assert!(!gone.is_empty() && index == 26);
-    // The next recording begins where this one ended, and is another cloud.
-    let next = Start { recording: 4, first_frame: 26, first_id: sequence.next_id() };
+    // The next recording continues the ids of this one with an independent cloud.
+    let next = RecordingStart { recording: 4, first_frame: 26, first_id: sequence.next_id() };
     let fresh = scene.record(&times(2), Streams::new(5), next).unwrap().next().unwrap().unwrap();
     assert_eq!(fresh.tracers[0].id, next.first_id);
     let old = scene.record(&times(1), Streams::new(5), start).unwrap().next().unwrap().unwrap();
@@ -239,7 +248,7 @@ fn displacements_are_those_of_the_flow() {
     let mut links = 0;
     for (now, next) in frames[0].links(&frames[1]) {
         let expected = field.velocity(now.position, 0.0) * DT_S;
-        // Rounding of coordinates of 280 um.
+        // Rounding errors of coordinates of 280 um.
         assert!((next.position - now.position - expected).length() < 1e-12);
         links += 1;
     }

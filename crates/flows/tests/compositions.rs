@@ -6,7 +6,7 @@ use flows::fields::{
     Scaled, ScaledParams, Sum, Translated, TranslatedParams,
 };
 use flows::integrate::{Tolerance, advance, integrate};
-use flows::registry::{ENTRIES, Make};
+use flows::registry::{ENTRIES, FieldConstructor};
 use flows::{Axis, Result, VelocityField};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -14,14 +14,14 @@ use rayon::prelude::*;
 const DT_S: f64 = 0.005;
 
 type Inner = Box<dyn VelocityField>;
-/// What the formula gives of an inner field.
+/// The velocity that the formula gives for an inner field.
 type Formula = fn(&dyn VelocityField, DVec3, f64) -> DVec3;
 
-const CENTRE: DVec3 = DVec3::new(10.0, -5.0, -30.0);
+const CENTER: DVec3 = DVec3::new(10.0, -5.0, -30.0);
 const AXIS: DVec3 = DVec3::new(1.0, -2.0, 3.0);
 const DRIFT: DVec3 = DVec3::new(300.0, -100.0, 50.0);
 
-/// Rodrigues' formula, not the quaternion of the code under test.
+/// Rodrigues' formula; the code under test uses a quaternion.
 fn turn(v: DVec3, angle: f64) -> DVec3 {
     let (sin, cos) = libm::sincos(angle);
     let axis = AXIS.normalize();
@@ -49,23 +49,23 @@ fn compositions() -> [Case; 7] {
         (
             "scaled",
             |f| {
-                let centre_um = CENTRE.to_array();
-                boxed(Scaled::new(f, &ScaledParams { velocity_factor: -0.5, length_factor: 1.5, centre_um }))
+                let center_um = CENTER.to_array();
+                boxed(Scaled::new(f, &ScaledParams { velocity_factor: -0.5, length_factor: 1.5, center_um }))
             },
-            |f, x, t| f.velocity(CENTRE + (x - CENTRE) / 1.5, t) * -0.5,
+            |f, x, t| f.velocity(CENTER + (x - CENTER) / 1.5, t) * -0.5,
         ),
         (
             "translated",
-            |f| boxed(Translated::new(f, &TranslatedParams { offset_um: CENTRE.to_array() })),
-            |f, x, t| f.velocity(x - CENTRE, t),
+            |f| boxed(Translated::new(f, &TranslatedParams { offset_um: CENTER.to_array() })),
+            |f, x, t| f.velocity(x - CENTER, t),
         ),
         (
             "rotated",
             |f| {
-                let (axis, centre_um) = (AXIS.to_array(), CENTRE.to_array());
-                boxed(Rotated::new(f, &RotatedParams { axis, angle_rad: 0.8, centre_um }))
+                let (axis, center_um) = (AXIS.to_array(), CENTER.to_array());
+                boxed(Rotated::new(f, &RotatedParams { axis, angle_rad: 0.8, center_um }))
             },
-            |f, x, t| turn(f.velocity(CENTRE + turn(x - CENTRE, -0.8), t), 0.8),
+            |f, x, t| turn(f.velocity(CENTER + turn(x - CENTER, -0.8), t), 0.8),
         ),
         (
             "moving",
@@ -92,7 +92,7 @@ fn compositions() -> [Case; 7] {
     ]
 }
 
-/// Places in the middle of the view, away from the surfaces of drops, and times.
+/// Positions in the middle of the view, away from the surfaces of drops, and times.
 fn samples() -> impl Iterator<Item = (DVec3, f64)> {
     (0..24).map(f64::from).map(|i| {
         let unit = DVec3::new(i * 0.819_172 % 1.0, i * 0.671_044 % 1.0, i * 0.549_700 % 1.0) - 0.5;
@@ -102,7 +102,7 @@ fn samples() -> impl Iterator<Item = (DVec3, f64)> {
 
 #[test]
 fn compositions_of_all_fields_are_what_their_formulas_say() {
-    let mut inner: Vec<(&str, Make)> = Vec::new();
+    let mut inner: Vec<(&str, FieldConstructor)> = Vec::new();
     for entry in ENTRIES {
         inner.push((entry.name, entry.make));
         inner.extend(entry.variants.iter().map(|(_, make)| (entry.name, *make)));
@@ -118,10 +118,11 @@ fn compositions_of_all_fields_are_what_their_formulas_say() {
                 let composed = make_composed(make().unwrap());
                 for (x, t) in samples() {
                     let error = (composed.velocity(x, t) - formula(field.as_ref(), x, t)).length() / speed;
-                    // Coordinates of 300 um rounded, over lengths of some um in which fields change.
+                    // Rounding errors of coordinates of 300 um over the length scales of the fields, a few
+                    // um.
                     assert!(error < 1e-11, "{composition} of {name} at {x}: {error:e}");
                     off = off.max(error);
-                    // The drying drop is singular at its rim, which compositions move into the view.
+                    // The drying drop is singular at its contact line, which compositions move into the view.
                     if *name == "coffee_ring" || composed.flow_map(x, t, t + DT_S).is_none() {
                         continue;
                     }

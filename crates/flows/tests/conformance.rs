@@ -1,11 +1,12 @@
-//! Every field of the registry against what it claims, in one table: fields x checks.
+//! Every field of the registry against its claimed properties, in one table of fields x checks.
 //!
-//! A check that does not apply to a field says why in the table. `cargo test -p flows --test conformance -- --nocapture` prints it.
+//! Where a check does not apply to a field, the table gives the reason. `cargo test -p flows --test
+//! conformance -- --nocapture` prints it.
 #![expect(clippy::print_stdout, reason = "the table of fields x checks, for `--nocapture`")]
 
 use flows::fields::{Rotated, RotatedParams, Translated, TranslatedParams};
 use flows::integrate::{Tolerance, advance, integrate};
-use flows::registry::{ENTRIES, Make};
+use flows::registry::{ENTRIES, FieldConstructor};
 use flows::{Region, VelocityField, field};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -18,28 +19,29 @@ const UM_PER_PX: f64 = 0.645;
 struct Case {
     name: &'static str,
     variant: &'static str,
-    make: Make,
+    make: FieldConstructor,
     field: Box<dyn VelocityField>,
-    /// Places where there is fluid, and times.
+    /// Positions in the fluid (um), and times (s).
     samples: Vec<(DVec3, f64)>,
     /// Largest element of the gradient at the samples, 1/s.
     gradient: f64,
-    /// Greatest speed at the samples, um/s.
+    /// Maximum speed at the samples, um/s.
     speed: f64,
 }
 
-/// [`integrate`], or a place that fails every check.
+/// [`integrate`], or NaN, which fails every check.
 fn follow(field: &dyn VelocityField, x: DVec3, t0: f64, t1: f64, tolerance: Tolerance) -> DVec3 {
     integrate(field, x, t0, t1, tolerance).unwrap_or(DVec3::NAN)
 }
 
-/// What a check found: a value and its limit, or why it does not apply.
+/// Result of a check: a value and its limit, or the reason why it does not apply.
 type Finding = Result<(f64, f64), &'static str>;
 
 impl Case {
-    fn new(name: &'static str, variant: &'static str, make: Make) -> Case {
+    fn new(name: &'static str, variant: &'static str, make: FieldConstructor) -> Case {
         let field = make().unwrap();
-        let samples: Vec<_> = all_samples().filter(|(x, t)| has_fluid(name, *x, *t)).collect();
+        let fluid = |x: DVec3, t: f64| has_fluid(field.as_ref(), name, x, t);
+        let samples: Vec<_> = all_samples().filter(|(x, t)| fluid(*x, *t)).collect();
         let gradient = worst(samples.iter().map(|(x, t)| size(&field.gradient(*x, *t))));
         let speed = worst(samples.iter().map(|(x, t)| field.velocity(*x, *t).length()));
         Case { name, variant, make, field, samples, gradient, speed }
@@ -67,45 +69,46 @@ fn cases() -> Vec<Case> {
     all.map(|(name, variant, make)| Case::new(name, variant, make)).collect()
 }
 
-/// The view of the default sensor and channel, walls left out by more than the reach of the differences.
+/// The view of the default sensor and channel without a layer at the walls that is thicker than the stencil
+/// of the differences.
 fn view() -> Region {
     Region::new(DVec3::new(-240.0, -117.0, -79.0), DVec3::new(240.0, 117.0, 19.0)).unwrap()
 }
 
-/// Points that fill the view evenly, and times.
+/// Points that cover the view evenly, and times.
 fn all_samples() -> impl Iterator<Item = (DVec3, f64)> {
-    // Multiples of irrational numbers that are not related.
+    // A quasi-random sequence: multiples of rationally independent numbers.
     (0..200).map(f64::from).map(|i| {
         let unit = DVec3::new(i * 0.819_172 % 1.0, i * 0.671_044 % 1.0, i * 0.549_700 % 1.0);
         (view().at(unit), i * DT_S)
     })
 }
 
-/// Whether there is fluid at a place, and all the way a path may go from it in a frame.
-fn has_fluid(name: &str, x: DVec3, t: f64) -> bool {
-    let share = 1.0 - x.truncate().length_squared() / 40_000.0;
-    match name {
-        // A micrometre below the surface of the cap.
-        "toroidal_drop" => x.z < -80.0 + 60.0 * share - 1.0,
-        // The surface comes down; the rim deposits.
-        "coffee_ring" => x.z < -80.0 + 60.0 * share * (1.0 - (t + 0.01) / 5.0) - 1.0 && share > 0.06,
-        // A micrometre from the edge of the data, where the gradient jumps.
-        "gridded" => x.x > -239.0,
-        _ => true,
-    }
+/// Whether a point is in the fluid, at least a micrometer from any wall, and stays there on the path of one
+/// frame.
+fn has_fluid(field: &dyn VelocityField, name: &str, x: DVec3, t: f64) -> bool {
+    let clear = |t: f64| field.wall(x, t).is_none_or(|wall| wall.clearance_um >= 1.0);
+    clear(t)
+        && match name {
+            // The surface descends; tracers are deposited at the contact line.
+            "coffee_ring" => clear(t + 0.01) && x.truncate().length_squared() < 0.94 * 40_000.0,
+            // A micrometer from the edge of the data, where the gradient is discontinuous.
+            "gridded" => x.x > -239.0,
+            _ => true,
+        }
 }
 
-/// Whether the differences reach over a surface where the gradient jumps.
+/// Whether the stencil of the differences crosses a surface where the gradient is discontinuous.
 fn is_near_jump(case: &Case, x: DVec3) -> bool {
     match (case.name, case.variant) {
         ("rankine", _) => (x.truncate().length() - 40.0).abs() < 0.2,
-        // Faces of the cells, every 10 um.
+        // Cell faces, every 10 um.
         ("gridded", "trilinear") => (x / 10.0 - (x / 10.0).round()).abs().min_element() < 0.02,
         _ => false,
     }
 }
 
-/// The greatest of the values, and 0 of none; a NaN counts as infinite.
+/// The maximum of the values, 0 if there are none; NaN counts as infinity.
 fn worst(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(0.0, |worst, value| if value.is_nan() { f64::INFINITY } else { worst.max(value) })
 }
@@ -126,17 +129,17 @@ fn divergence(case: &Case) -> Finding {
     if case.gradient == 0.0 {
         return Ok((0.0, 1e-8));
     }
-    // Terms of the gradient cancel to rounding.
+    // The terms of the trace cancel up to rounding.
     Ok((case.over_samples(|x, t| trace(&case.field.gradient(x, t)).abs()) / case.gradient, 1e-8))
 }
 
-/// A field that claims divergence but has none would hide from the tests of uniform clouds.
+/// A divergence-free field that does not claim to be one would be skipped by the tests of uniform clouds.
 fn claimed_divergence(case: &Case) -> Finding {
     if case.field.is_divergence_free() {
         return Err("claims none");
     }
     let found = case.over_samples(|x, t| trace(&case.field.gradient(x, t)).abs());
-    // Sources have it in their cores only, which samples may miss.
+    // Sources have divergence in their cores only, which the samples may miss.
     let core = trace(&case.field.gradient(DVec3::new(3.0, 2.0, -28.0), 0.0)).abs();
     Ok((if found.max(core) > 1e-3 { 0.0 } else { f64::INFINITY }, 0.0))
 }
@@ -187,7 +190,8 @@ fn half_steps(case: &Case) -> Finding {
         return Err("no closed form");
     }
     let map = |x, t0, t1| case.field.flow_map(x, t0, t1).unwrap_or(DVec3::NAN);
-    // The flow map is a group; 1e-11 um is rounding of 300 um with some factors, 1e-10 that of Womersley's series at 40.
+    // Flow maps form a group. Rounding errors are a few times those of 300 um, 1e-11 um, and 1e-10 um for
+    // Womersley's series at Wo = 40.
     Ok((
         case.over_samples(|x, t| {
             let half = map(x, t, t + 0.5 * DT_S);
@@ -197,7 +201,7 @@ fn half_steps(case: &Case) -> Finding {
     ))
 }
 
-/// Over 100 frames by the integrator, also where a closed form is known.
+/// Over 100 frames by numerical integration, also where a closed form is known.
 fn invariant(case: &Case) -> Finding {
     let (x, t) = case.samples[0];
     if case.field.invariant(x, t).is_none() {
@@ -213,7 +217,8 @@ fn invariant(case: &Case) -> Finding {
             at = follow(field, at, t, t + DT_S, Tolerance::default());
         }
         let (first, last) = (value(*x, *t), value(at, t + 100.0 * DT_S));
-        // Samples may lie almost on a zero of the invariant: there relative to a hundredth of its greatest value.
+        // Samples may be almost at a zero of the invariant: there the error is relative to a hundredth of its
+        // maximum.
         (last - first).abs() / first.abs().max(1e-2 * greatest)
     });
     Ok((worst(paths), 1e-8))
@@ -243,17 +248,18 @@ fn displacement(case: &Case) -> Finding {
     ))
 }
 
-/// The field moved and turned, at places moved and turned, gives what it gives at home, moved and turned.
+/// A translated and rotated field gives, at translated and rotated positions, the translated and rotated
+/// result.
 fn placement(case: &Case) -> Finding {
     let (params, offset) = (
-        RotatedParams { axis: [1.0, -2.0, 3.0], angle_rad: 0.8, centre_um: [30.0, 0.0, 0.0] },
+        RotatedParams { axis: [1.0, -2.0, 3.0], angle_rad: 0.8, center_um: [30.0, 0.0, 0.0] },
         DVec3::new(50.0, -20.0, 7.0),
     );
     let turned = Rotated::new((case.make)().unwrap(), &params).unwrap();
     let placed =
         Translated::new(Box::new(turned), &TranslatedParams { offset_um: offset.to_array() }).unwrap();
-    // Rodrigues' formula, not the quaternion of the code under test.
-    let (axis, center) = (DVec3::from_array(params.axis).normalize(), DVec3::from_array(params.centre_um));
+    // Rodrigues' formula; the code under test uses a quaternion.
+    let (axis, center) = (DVec3::from_array(params.axis).normalize(), DVec3::from_array(params.center_um));
     let (sin, cos) = libm::sincos(params.angle_rad);
     let turn = |v: DVec3| v * cos + axis.cross(v) * sin + axis * (axis.dot(v) * (1.0 - cos));
     let place = |x: DVec3| center + turn(x - center) + offset;
@@ -271,7 +277,8 @@ fn placement(case: &Case) -> Finding {
                 (None, None) => 0.0,
                 _ => f64::INFINITY,
             };
-            // Rounding of coordinates is amplified by gradients; a path may be integrated in other steps, to 1e-7 um.
+            // Rounding errors of coordinates are amplified by gradients; a path may be integrated in
+            // different steps, to 1e-7 um.
             (speed / case.speed.max(1.0)).max(stretch / case.gradient.max(1.0)).max(0.1 * path).max(kept)
         }),
         1e-8,
@@ -299,28 +306,26 @@ fn speed_bound(case: &Case) -> Finding {
     ))
 }
 
-/// Where there is fluid nothing is held away, to the last bit: seeding asks this.
+/// Positions in the fluid are not changed by `confine`, bit for bit: seeding relies on this.
 fn confinement(case: &Case) -> Finding {
-    if case.variant == "drop" {
-        return Err("has a surface");
-    }
     Ok((case.over_samples(|x, t| (case.field.confine(x, t, 0.5) - x).length()), 0.0))
 }
 
-/// How much larger the bound over the view is than the greatest speed seen there; only printed.
+/// Ratio of the speed bound over the view to the maximum speed at the samples; only printed.
 fn slack(case: &Case) -> Finding {
     Ok((case.field.max_speed(&view(), 0.0, 1.0) / case.speed.max(1e-300), f64::INFINITY))
 }
 
-/// A condition at a wall.
+/// A boundary condition at a wall.
 enum Condition {
     /// The velocity is that of the wall, um/s.
     NoSlip(DVec3),
-    /// Nothing flows along this normal.
+    /// The velocity along this normal is zero.
     NoFlux(DVec3),
 }
 
-/// Points on circles: of a radius about an axis through a centre, at the given cosines of latitude, just outside or inside.
+/// Points on circles of a radius about an axis through a center, at the given cosines of latitude, just
+/// outside or inside.
 fn sphere(center: DVec3, radius: f64) -> Vec<(DVec3, DVec3)> {
     (0..60)
         .map(f64::from)
@@ -338,7 +343,7 @@ fn walls(case: &Case) -> Finding {
     use Condition::{NoFlux, NoSlip};
     const INSIDE: f64 = 1.0 - 1e-14;
     let rest = |points: Vec<DVec3>| points.into_iter().map(|x| (x, NoSlip(DVec3::ZERO))).collect::<Vec<_>>();
-    // Points on floor and ceiling, and on the side walls of a width.
+    // Points on floor and ceiling, and on side walls at a distance of `width`.
     let plates: Vec<DVec3> =
         all_samples().take(40).flat_map(|(x, _)| [x.with_z(-80.0), x.with_z(20.0)]).collect();
     let sides = |half: f64| -> Vec<DVec3> {
@@ -411,13 +416,14 @@ fn walls(case: &Case) -> Finding {
             NoFlux(normal) => u.dot(normal).abs() / speed,
         }
     }));
-    // The series of the duct leaves 3e-8 at the side walls; elsewhere it is rounding, at Womersley number 40 amplified by 1e4.
+    // The truncation error of the duct's series is 3e-8 at the side walls; elsewhere there are rounding
+    // errors only, amplified by 1e4 at a Womersley number of 40.
     Ok((value, if case.name == "duct" { 1e-7 } else { 1e-10 }))
 }
 
 type Check = fn(&Case) -> Finding;
 
-/// The title of a column, and the check.
+/// Column titles and checks.
 const CHECKS: &[(&str, Check)] = &[
     ("div u / |G|", divergence),
     ("div if claimed", claimed_divergence),
@@ -468,14 +474,14 @@ fn every_field_keeps_every_promise() {
 
 #[test]
 fn closed_forms_hold_over_long_times() {
-    // A hundred frames: 700 um of path, 1e-10 um a step and more, errors partly cancelling.
+    // 100 frames: a path of 700 um with errors of 1e-10 um and more per step, which partly cancel.
     let tolerance = Tolerance { relative: 1e-12, absolute_um: 1e-12 };
     for case in cases() {
         let value = worst(case.samples.iter().step_by(4).filter_map(|(x, t)| {
             let end = t + 100.0 * DT_S;
             let closed = case.field.flow_map(*x, *t, end)?;
             let exact = follow(case.field.as_ref(), *x, *t, end, tolerance);
-            // Strained coordinates grow by e^5: errors are compared with the distance.
+            // Coordinates grow by e^5 in strain: errors are relative to the distance.
             Some((closed - exact).length() / (exact - *x).length().max(100.0) * 100.0)
         }));
         assert!(value < 1e-6, "{}: {value:e}", case.title());

@@ -2,13 +2,18 @@
 
 use flows::fields::{LambOseen, Linear};
 use flows::{
-    Boundary, Brownian, Diameters, Domain, Frame, Orientations, Region, Scene, Seeding, Shutter, Spheroids,
-    Start, VelocityField,
+    Boundary, Brownian, Diameters, Domain, Frame, Liquid, Orientations, RecordingStart, Region, Scene,
+    Seeding, Shutter, Spheroids, VelocityField,
 };
 use glam::{DVec2, DVec3};
 use microsig_core::stream::Streams;
 
 const PIECE_UM: f64 = 0.25 * 0.645;
+
+/// Water with a different viscosity, Pa s.
+fn liquid(viscosity_pa_s: f64) -> Liquid {
+    Liquid { viscosity_pa_s, ..Liquid::default() }
+}
 
 fn domain() -> Domain {
     let region = Region::new(DVec3::new(-100.0, -100.0, -80.0), DVec3::new(100.0, 100.0, 20.0)).unwrap();
@@ -19,7 +24,7 @@ fn record(field: &dyn VelocityField, shutter: Shutter, frames: u32, adorn: fn(Sc
     let (domain, seeding) = (domain(), Seeding::poisson(2e-5, Diameters::equal(2.0).unwrap()).unwrap());
     let scene = adorn(Scene::new(field, &domain, &seeding).unwrap().with_shutter(shutter));
     let times: Vec<f64> = (0..frames).map(|k| 0.01 * f64::from(k)).collect();
-    scene.record(&times, Streams::new(3), Start::default()).unwrap().map(Result::unwrap).collect()
+    scene.record(&times, Streams::new(3), RecordingStart::default()).unwrap().map(Result::unwrap).collect()
 }
 
 fn centroid(frame: &Frame, i: usize) -> DVec3 {
@@ -36,7 +41,7 @@ fn a_streak_has_its_middle_at_the_particle_and_a_point_every_quarter_pixel() {
         frames[1].tracers.iter().enumerate().filter(|(_, t)| (-78.0..18.0).contains(&t.position.z))
     {
         let streak = &frames[1].streaks[i];
-        // 500 um/s over 4 ms are 2 um, 12.4 pieces of a quarter of 0.645 um; depth does not count.
+        // 500 um/s over 4 ms is 2 um, 12.4 times a quarter of 0.645 um; motion along z does not count.
         assert_eq!(streak.points.len(), 13);
         assert!((streak.share - 1.0 / 13.0).abs() < 1e-16);
         assert!((centroid(&frames[1], i) - tracer.position).length() < 1e-12);
@@ -64,7 +69,7 @@ fn a_streak_follows_a_curved_path() {
             let exact = field.flow_map(tracer.position, 0.0, t).unwrap();
             assert!((point.position - exact).length() < 1e-8);
         }
-        // The mean over the exposure is the chord over the time, shorter than the arc.
+        // The mean velocity over the exposure is the chord over the time; the chord is shorter than the arc.
         let [first, last] = [-0.004, 0.004].map(|t| field.flow_map(tracer.position, 0.0, t).unwrap());
         assert!((tracer.velocity.unwrap() - (last - first) / 0.008).length() < 1e-6);
     }
@@ -76,12 +81,12 @@ fn flashes_lie_symmetrically_about_the_time_of_the_frame() {
     let frames = record(&field, Shutter::new(0.0, 3, 0.002, PIECE_UM).unwrap(), 1, |scene| scene);
     let (tracer, streak) = (&frames[0].tracers[0], &frames[0].streaks[0]);
     let places: Vec<f64> = streak.points.iter().map(|p| p.position.x - tracer.position.x).collect();
-    // Each flash has its full light.
+    // Each flash emits its full light.
     assert_eq!((streak.share, places.len()), (1.0, 3));
     assert!((places[0] + 2.0).abs() < 1e-9 && places[1].abs() < 1e-9 && (places[2] - 2.0).abs() < 1e-9);
     let open = record(&field, Shutter::new(0.001, 2, 0.004, PIECE_UM).unwrap(), 1, |scene| scene);
     let streak = &open[0].streaks[0];
-    // 1 um a flash: 7 points each.
+    // 1 um per flash: 7 points each.
     assert_eq!((streak.points.len(), streak.share), (14, 1.0 / 7.0));
     assert!((centroid(&open[0], 0) - open[0].tracers[0].position).length() < 1e-9);
 }
@@ -89,9 +94,10 @@ fn flashes_lie_symmetrically_about_the_time_of_the_frame() {
 #[test]
 fn thermal_motion_blurs_a_streak_by_its_law() {
     let field = Linear::uniform(DVec3::ZERO).unwrap();
-    // In a liquid a thousand times thinner than water, to see it at 2 um.
+    // In a liquid with a thousandth of the viscosity of water, so that Brownian motion of 2 um particles is
+    // visible.
     fn brownian(scene: Scene) -> Scene {
-        scene.with_brownian(Brownian::new(298.15, 1e-6, 1).unwrap())
+        scene.with_brownian(Brownian::new(&liquid(1e-6), 1).unwrap())
     }
     let frames = record(&field, Shutter::new(0.01, 1, 0.0, PIECE_UM).unwrap(), 8, brownian);
     let (mut squares, mut n) = (0.0, 0.0);
@@ -105,8 +111,8 @@ fn thermal_motion_blurs_a_streak_by_its_law() {
         }
     }
     let k = frames[0].streaks[0].points.len() as f64;
-    let d = Brownian::new(298.15, 1e-6, 1).unwrap().diffusion(2.0);
-    // The last of K points is half the exposure, less half a K-th of it, after the middle.
+    let d = Brownian::new(&liquid(1e-6), 1).unwrap().diffusion(2.0);
+    // The last of K points is (1/2 - 1/(2K)) of the exposure after its middle.
     let expected = 2.0 * d * 0.01 * (0.5 - 0.5 / k);
     let relative = squares / n / expected - 1.0;
     assert!(relative.abs() < 4.0 * (2.0_f64 / n).sqrt(), "{relative}, {n}");
@@ -115,7 +121,7 @@ fn thermal_motion_blurs_a_streak_by_its_law() {
 #[test]
 fn exposure_changes_no_path_and_neither_threads_nor_length_change_exposure() {
     fn adorn(scene: Scene) -> Scene {
-        let scene = scene.with_brownian(Brownian::new(298.15, 0.89e-3, 2).unwrap());
+        let scene = scene.with_brownian(Brownian::new(&liquid(0.89e-3), 2).unwrap());
         scene.with_spheroids(Spheroids::new(3.0, Orientations::random()).unwrap())
     }
     let field = LambOseen::from_max_speed(DVec2::ZERO, 3000.0, 40.0, 4e4).unwrap();
@@ -132,7 +138,7 @@ fn exposure_changes_no_path_and_neither_threads_nor_length_change_exposure() {
         assert!(b.streaks.is_empty());
         assert!(a.tracers.iter().zip(&b.tracers).all(|(a, b)| a.position == b.position && a.axis == b.axis));
     }
-    // Points of a rod turn on the way.
+    // The axis of a rod turns along the streak.
     assert!(long[0].streaks.iter().all(|s| s.points.iter().all(|p| (p.axis.length() - 1.0).abs() < 1e-12)));
     assert!(
         long[0].streaks.iter().any(|s| (s.points[0].axis - s.points.last().unwrap().axis).length() > 0.01)

@@ -1,4 +1,4 @@
-//! Tracers that do more than follow the flow: they diffuse, settle, turn, meet bodies and pass periodic faces.
+//! Tracers with additional physics: diffusion, settling, rotation, bodies and periodic faces.
 #![expect(clippy::print_stdout, reason = "the measured numbers, for `--nocapture`")]
 
 use flows::fields::{
@@ -6,8 +6,8 @@ use flows::fields::{
     PoiseuilleParams, Source, SourceParams,
 };
 use flows::{
-    Axis, Body, Boundary, Brownian, Diameters, Domain, Frame, Intensities, Orientations, Region, Scene,
-    Seeding, Settling, Spheroids, Start, VelocityField,
+    Axis, Body, Boundary, Brownian, Diameters, Domain, Frame, Intensities, Liquid, Orientations,
+    RecordingStart, Region, Scene, Seeding, Settling, SpheroidFriction, Spheroids, VelocityField,
 };
 use glam::{DVec2, DVec3};
 use microsig_core::stream::Streams;
@@ -27,8 +27,13 @@ fn seeding() -> Seeding {
     Seeding::poisson(1e-3, Diameters::equal(1.0).unwrap()).unwrap()
 }
 
+/// Water with a different viscosity, Pa s.
+fn liquid(viscosity_pa_s: f64) -> Liquid {
+    Liquid { viscosity_pa_s, ..Liquid::default() }
+}
+
 fn water(substeps: u32) -> Brownian {
-    Brownian::new(298.15, 0.89e-3, substeps).unwrap()
+    Brownian::new(&liquid(0.89e-3), substeps).unwrap()
 }
 
 fn rest() -> Linear {
@@ -40,10 +45,10 @@ fn times(frames: u32, dt_s: f64) -> Vec<f64> {
 }
 
 fn frames(scene: &Scene, times: &[f64], seed: u64) -> Vec<Frame> {
-    scene.record(times, Streams::new(seed), Start::default()).unwrap().map(Result::unwrap).collect()
+    scene.record(times, Streams::new(seed), RecordingStart::default()).unwrap().map(Result::unwrap).collect()
 }
 
-/// Chi-square of the numbers in 20 equal bins along an axis against `expected` in all.
+/// Chi-square of the counts in 20 equal bins along an axis against `expected` in total.
 fn chi_square(frame: &Frame, room: &Region, axis: usize, expected: f64) -> f64 {
     let mut counts = [0.0; 20];
     for tracer in &frame.tracers {
@@ -81,7 +86,7 @@ fn tracers_at_rest_diffuse_by_2dt_on_every_axis() {
                 step.actual[axis] * step.actual[axis]
             });
             let ratio = squares.sum::<f64>() / count as f64 / expected;
-            // The variance of a square of a normal number is 2.
+            // The variance of the square of a standard normal number is 2.
             assert!((ratio - 1.0).abs() < 4.0 * (2.0 / count as f64).sqrt(), "axis {axis}: {ratio}");
         }
     }
@@ -93,7 +98,8 @@ fn tracers_at_rest_diffuse_by_2dt_on_every_axis() {
 
 #[test]
 fn shear_and_diffusion_act_together() {
-    // g t = 10 in 20 steps: var x = 2 D t (1 + (g t)^2 (1/3 - 1/(12 n^2))); 40000 tracers in a box so large that none meets a face.
+    // g t = 10 in 20 steps: var x = 2 D t (1 + (g t)^2 (1/3 - 1/(12 n^2))); 40000 tracers in a box so large
+    // that none reaches a face.
     let (rate, time) = (1.0, 10.0);
     let field = Linear::shear(rate, Axis::X, Axis::Z, DVec3::ZERO).unwrap();
     let region = Region::new(DVec3::splat(-1e4), DVec3::splat(1e4)).unwrap();
@@ -119,8 +125,8 @@ fn shear_and_diffusion_act_together() {
 #[test]
 fn diffusing_clouds_stay_uniform_between_walls_and_at_open_faces() {
     let seeding = seeding();
-    // Much diffusion: 7 um a frame, so that faces and walls are felt.
-    let hot = Brownian::new(298.15, 1e-5 * 0.89e-3, 2).unwrap();
+    // Strong diffusion of 7 um per frame, so that many tracers reach faces and walls.
+    let hot = Brownian::new(&liquid(1e-5 * 0.89e-3), 2).unwrap();
     let still = rest();
     let channel =
         Poiseuille::from_params(&PoiseuilleParams { max_speed_um_s: 1500.0, ..Default::default() }).unwrap();
@@ -160,12 +166,12 @@ fn turbulence_keeps_a_cloud_uniform() {
 fn settling_adds_its_velocity_and_keeps_the_cloud_uniform() {
     let (domain, field) = (domain([Open; 3]), rest());
     let seeding = Seeding::poisson(1e-3, Diameters::uniform(1.0, 3.0).unwrap()).unwrap();
-    // Iron: 2 um sinks by 16 um/s.
-    let settling = Settling::new(6800.0, 0.89e-3, DVec3::NEG_Z).unwrap();
+    // Iron: particles of 2 um settle at 16 um/s.
+    let settling = Settling::new(6800.0, &liquid(0.89e-3), DVec3::NEG_Z).unwrap();
     let scene = Scene::new(&field, &domain, &seeding).unwrap().with_settling(settling);
     let frames = frames(&scene, &times(11, 0.2), 4);
     for (now, next) in frames[0].links(&frames[1]) {
-        let expected = settling.velocity(now.d_um) * 0.2;
+        let expected = settling.velocity(now.d_um, &SpheroidFriction::SPHERE, DVec3::X) * 0.2;
         assert!((next.position - now.position - expected).length() < 1e-11);
         assert!((next.step.unwrap().drift - expected).length() < 1e-11);
     }
@@ -187,12 +193,44 @@ fn rods_turn_along_their_paths() {
         let expected = DVec3::new(libm::sin(phi), libm::cos(phi), 0.0);
         assert!((last.axis - expected).length() < 1e-9, "{}", last.axis);
     }
-    // With noise they spread.
-    let hot = Brownian::new(298.15, 1e-2 * 0.89e-3, 2).unwrap();
+    // With Brownian motion the orientations spread.
+    let hot = Brownian::new(&liquid(1e-3 * 0.89e-3), 2).unwrap();
     let frames = self::frames(&scene.with_brownian(hot), &times(3, DT_S), 5);
     let mean =
         frames[2].tracers.iter().map(|tracer| tracer.axis).sum::<DVec3>() / frames[2].tracers.len() as f64;
     assert!(mean.length() < 0.2 && frames[2].tracers.iter().all(|t| (t.axis.length() - 1.0).abs() < 1e-12));
+}
+
+/// Rods diffuse faster along their initial direction than across it until they have turned (Han et al.,
+/// Science 314 (2006) 626, in three dimensions): <dx^2> = 2 D t + (4/3) dD (1 - e^(-6 Dr t)) / (6 Dr), <dy^2>
+/// with -2/3, and the mean axis e^(-2 Dr t).
+#[test]
+fn rods_diffuse_as_perrin_says() {
+    let domain = domain([Wall; 3]);
+    let seeding = Seeding::poisson(5e-3, Diameters::equal(1.0).unwrap()).unwrap();
+    let (field, hot, time) = (rest(), Brownian::new(&liquid(1e-2 * 0.89e-3), 2).unwrap(), 0.005);
+    let spheroids = Spheroids::new(3.0, Orientations::aligned(DVec3::X).unwrap()).unwrap();
+    let scene = Scene::new(&field, &domain, &seeding).unwrap().with_spheroids(spheroids).with_brownian(hot);
+    let frames = frames(&scene, &times(2, time), 12);
+    let (mut axis, mut squares, mut number) = (0.0, DVec3::ZERO, 0.0);
+    // Away from walls, where reflection shortens displacements.
+    for (first, last) in frames[0].links(&frames[1]).filter(|(first, _)| first.position.z.abs() < 15.0) {
+        axis += last.axis.x;
+        squares += (last.position - first.position) * (last.position - first.position);
+        number += 1.0;
+    }
+    // Friction relative to the sphere: 1.4045 along, 1.7276 across, 7.0222 for tumbling (Perrin 1936).
+    let (along, across) = (hot.diffusion(1.0) / 1.4045, hot.diffusion(1.0) / 1.7276);
+    let (turning, mean) = (hot.rotational_diffusion(1.0) / 7.0222, (along + 2.0 * across) / 3.0);
+    let memory = (along - across) * (1.0 - libm::exp(-6.0 * turning * time)) / (6.0 * turning);
+    let expected = [4.0 / 3.0, -2.0 / 3.0, -2.0 / 3.0].map(|share| 2.0 * mean * time + share * memory);
+    println!("{number} rods: {} of {expected:?}, axis {}", squares / number, axis / number);
+    for i in 0..3 {
+        // 4.5 standard errors of a variance of n normal numbers, sqrt(2 / n) each.
+        assert!((squares[i] / number / expected[i] - 1.0).abs() < 4.5 * (2.0_f64 / number).sqrt(), "{i}");
+    }
+    // The error of two steps is (D_r h)^2.
+    assert!((axis / number - libm::exp(-2.0 * turning * time)).abs() < 0.01, "{}", axis / number);
 }
 
 #[test]
@@ -202,7 +240,7 @@ fn bodies_stay_free_and_the_rest_uniform() {
     let bodies = [Body::cylinder(DVec2::ZERO, 60.0).unwrap()];
     for brownian in [None, Some(water(1))] {
         let seeding = seeding();
-        let mut scene = Scene::new(&field, &domain, &seeding).unwrap().with_bodies(&bodies);
+        let mut scene = Scene::new(&field, &domain, &seeding).unwrap().with_bodies(&bodies).unwrap();
         if let Some(brownian) = brownian {
             scene = scene.with_brownian(brownian);
         }
@@ -211,7 +249,7 @@ fn bodies_stay_free_and_the_rest_uniform() {
             let nearest =
                 frame.tracers.iter().map(|t| t.position.truncate().length()).fold(f64::INFINITY, f64::min);
             assert!(nearest >= 60.5 - 1e-9, "{nearest}");
-            // Quadrants and the density outside.
+            // The density outside the body, in each quadrant.
             let free = 6e6 - PI * 60.5 * 60.5 * 100.0;
             for (sx, sy) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
                 let inside = |x: DVec3| x.x * sx > 0.0 && x.y * sy > 0.0;
@@ -221,10 +259,10 @@ fn bodies_stay_free_and_the_rest_uniform() {
             }
         }
     }
-    // A count in view is what is in it beside the bodies.
+    // A count in view is the number of particles in the view, outside the bodies.
     let view = Region::new(DVec3::new(-70.0, -70.0, -80.0), DVec3::new(70.0, 70.0, 20.0)).unwrap();
     let seeding = Seeding::count_in_view(300, view, Diameters::equal(1.0).unwrap());
-    let scene = Scene::new(&field, &domain, &seeding).unwrap().with_bodies(&bodies);
+    let scene = Scene::new(&field, &domain, &seeding).unwrap().with_bodies(&bodies).unwrap();
     let first = &frames(&scene, &[0.0], 7)[0];
     assert_eq!(first.tracers.iter().filter(|tracer| view.contains(tracer.position)).count(), 300);
 }
@@ -235,12 +273,12 @@ fn a_drain_takes_what_falls_into_it() {
     let params = SourceParams { core_speed_um_s: -2000.0, ..Default::default() };
     let field = Source::new(&params).unwrap();
     let bodies = [Body::cylinder(DVec2::ZERO, 20.0).unwrap().draining()];
-    let scene = Scene::new(&field, &domain, &seeding).unwrap().with_bodies(&bodies);
+    let scene = Scene::new(&field, &domain, &seeding).unwrap().with_bodies(&bodies).unwrap();
     let frames = frames(&scene, &times(11, DT_S), 8);
     for frame in &frames {
         assert!(frame.tracers.iter().all(|tracer| tracer.position.truncate().length() >= 20.0));
     }
-    // 2 pi 20 um * 2000 um/s * 0.1 s * 100 um at 1e-3 per um^3 are drained, from within 91.7 um.
+    // 2 pi 20 um * 2000 um/s * 0.1 s * 100 um at 1e-3 per um^3 are drained, from radii up to 91.7 um.
     let gone = frames[0].tracers.len() - frames[0].links(&frames[10]).count();
     assert!((gone as f64 - 2513.3).abs() < 4.0 * 50.2, "{gone}");
 }
@@ -254,7 +292,7 @@ fn periodic_faces_give_new_names_or_keep_them() {
     let renamed = frames(&scene, &times(11, DT_S), 9);
     let kept = frames(&scene.keeping_ids(), &times(11, DT_S), 9);
     for (a, b) in renamed.iter().zip(&kept) {
-        // The same cloud under other names.
+        // The same cloud with different ids.
         let sorted = |frame: &Frame| {
             let mut places: Vec<[u64; 3]> =
                 frame.tracers.iter().map(|t| t.position.to_array().map(f64::to_bits)).collect();
@@ -290,8 +328,9 @@ fn with_everything_on_threads_and_run_length_change_nothing() {
     let scene = Scene::new(&field, &domain, &seeding)
         .unwrap()
         .with_bodies(&bodies)
+        .unwrap()
         .with_brownian(water(2))
-        .with_settling(Settling::new(50.0, 0.89e-3, DVec3::NEG_Z).unwrap())
+        .with_settling(Settling::new(50.0, &liquid(0.89e-3), DVec3::NEG_Z).unwrap())
         .with_spheroids(Spheroids::new(3.0, orientations).unwrap())
         .with_intensities(Intensities::normal(1.0, 0.2).unwrap());
     let with = |threads: usize, count: u32| {
@@ -301,7 +340,7 @@ fn with_everything_on_threads_and_run_length_change_nothing() {
     let one = with(1, 4);
     assert_eq!(with(7, 4), one);
     assert_eq!(with(2, 3), one[..3]);
-    // What belongs to a tracer stays with it.
+    // A tracer keeps its properties.
     for (a, b) in one[0].links(&one[3]) {
         assert_eq!((a.d_um, a.c_int, a.aspect), (b.d_um, b.c_int, b.aspect));
         assert_ne!(a.axis, b.axis);

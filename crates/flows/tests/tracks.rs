@@ -1,42 +1,45 @@
-//! Recorded tracks: what is read, what follows from it, and what is refused.
+//! Recorded tracks: reading, derived quantities, and rejected input.
 
 use flows::scale::Scale;
-use flows::tracks::Kind;
-use flows::{Diameters, Frame, Intensities, Orientations, Shutter, Spheroids, Start, Tracks};
+use flows::tracks::ParticleDefaults;
+use flows::{
+    Diameters, Frame, Intensities, Orientations, RecordedTracks, RecordingStart, Shutter, Spheroids,
+};
 use glam::DVec3;
 use microsig_core::stream::Streams;
 
-/// 101 x 51 px of 0.5 um: the middle of the image is (51, 26) px.
+/// 101 x 51 px of 0.5 um: the center of the image is at (51, 26) px.
 fn scale() -> Scale {
     Scale::new(0.5, 101, 51, 1.33).unwrap()
 }
 
-fn read(text: &str) -> Result<Tracks, Vec<String>> {
-    Tracks::from_csv(text.as_bytes(), &scale())
+fn read(text: &str) -> Result<RecordedTracks, Vec<String>> {
+    RecordedTracks::from_csv(text.as_bytes(), &scale())
         .map_err(|faults| faults.iter().map(ToString::to_string).collect())
 }
 
 fn record(text: &str, times_s: &[f64], shutter: Option<Shutter>) -> Vec<Frame> {
     let diameters = Diameters::uniform(1.0, 3.0).unwrap();
-    let kind = Kind {
+    let kind = ParticleDefaults {
         diameters: &diameters,
         intensities: Intensities::uniform(0.5, 1.5).unwrap(),
         spheroids: Some(Spheroids::new(2.0, Orientations::random()).unwrap()),
     };
     let tracks = read(text).unwrap();
-    let frames = tracks.record(times_s.to_vec(), None, kind, shutter, Streams::new(5), Start::default());
+    let frames =
+        tracks.record(times_s.to_vec(), None, kind, shutter, Streams::new(5), RecordingStart::default());
     frames.collect()
 }
 
 #[test]
 fn positions_may_be_in_um_or_in_px_in_any_order_of_columns() {
     let um = read("frame,track,x_um,y_um,z_um\n0,7,1,-2,-30\n").unwrap();
-    // Depth is physical in both, whatever the depth factor.
+    // z is physical depth in both formats, whatever the depth factor.
     let px = read("z_um, track ,y_px,x_px,frame\n-30,7,22,53,0\n").unwrap();
     assert_eq!(um.rows()[0].position, DVec3::new(1.0, -2.0, -30.0));
     assert_eq!(px.rows()[0].position, um.rows()[0].position);
     assert_eq!((um.units(), px.units()), ("um", "px"));
-    // A dataset's own table has both: object space counts.
+    // The track table of a dataset has both: coordinates in object space are used.
     let both = read("frame,track,x_px,y_px,z_um,x_um,y_um,seen\n0,1,0,0,5,10,20,yes\n").unwrap();
     assert_eq!(both.rows()[0].position, DVec3::new(10.0, 20.0, 5.0));
     assert_eq!(both.unused_columns(), ["seen"]);
@@ -44,7 +47,8 @@ fn positions_may_be_in_um_or_in_px_in_any_order_of_columns() {
 
 #[test]
 fn velocities_are_slopes_of_parabolas_and_at_ends_and_gaps_differences() {
-    // x = 3 + 4 t - 2 t^2 at uneven times; track 9 is there in frames 0, 1 and 3, track 4 in frame 2 alone.
+    // x = 3 + 4 t - 2 t^2 at unequally spaced times; track 9 is in frames 0, 1 and 3, track 4 in frame 2
+    // only.
     let times: [f64; 4] = [0.0, 0.5, 2.0, 3.0];
     let x = |t: f64| 3.0 + 4.0 * t - 2.0 * t * t;
     let mut text = "frame,track,x_um,y_um,z_um\n".to_owned();
@@ -64,7 +68,7 @@ fn velocities_are_slopes_of_parabolas_and_at_ends_and_gaps_differences() {
     assert_eq!(velocity(3, 1), Some(x(3.0) - x(2.0)));
     assert_eq!((velocity(0, 9), velocity(1, 9), velocity(3, 9)), (Some(2.0), Some(2.0), None));
     assert_eq!(velocity(2, 4), None);
-    // A gap is no link, and what comes back is the same track.
+    // There is no link across a gap; after it the track continues.
     assert_eq!(frames[1].links(&frames[2]).count(), 1);
     let steps: Vec<bool> = frames[3].tracers.iter().map(|tracer| tracer.step.is_some()).collect();
     assert_eq!(steps, [true, false]);
@@ -91,34 +95,35 @@ fn what_the_file_says_counts_and_the_rest_is_drawn_by_the_number_of_the_track() 
 fn a_recording_begins_where_it_should_and_frames_may_be_empty() {
     let text = "frame,track,x_um,y_um,z_um\n4,1,0,0,0\n5,1,1,0,0\n7,1,2,0,0\n";
     let diameters = Diameters::equal(2.0).unwrap();
-    let kind = Kind { diameters: &diameters, intensities: Intensities::default(), spheroids: None };
+    let kind =
+        ParticleDefaults { diameters: &diameters, intensities: Intensities::default(), spheroids: None };
     let tracks = read(text).unwrap();
-    let start = Start { recording: 2, first_frame: 4, first_id: 0 };
+    let start = RecordingStart { recording: 2, first_frame: 4, first_id: 0 };
     let frames: Vec<Frame> =
         tracks.record(vec![2.0, 2.5, 3.0], None, kind, None, Streams::new(1), start).collect();
     let numbers: Vec<(u32, usize)> = frames.iter().map(|f| (f.index, f.tracers.len())).collect();
     assert_eq!(numbers, [(4, 1), (5, 1), (6, 0)]);
-    // The frame before belongs to another recording.
+    // The previous frame belongs to another recording.
     assert!(frames[0].tracers[0].step.is_none());
     assert_eq!(frames[0].tracers[0].velocity, Some(DVec3::X * 2.0));
-    // One that only stops is the beginning of a longer one.
+    // A recording that ends earlier is the beginning of a longer one.
     let shorter: Vec<Frame> =
         tracks.record(vec![2.0], Some(2.5), kind, None, Streams::new(1), start).collect();
     assert_eq!(shorter[..], frames[..1]);
 }
 
 #[test]
-fn streaks_of_tracks_are_straight_and_centred() {
+fn streaks_of_tracks_are_straight_and_centerd() {
     let text = "frame,track,x_um,y_um,z_um\n0,1,0,0,0\n1,1,4,3,0\n0,2,9,9,9\n";
     let shutter = Shutter::new(0.5, 1, 0.0, 0.25).unwrap();
     let frames = record(text, &[0.0, 1.0], Some(shutter));
     let streak = &frames[0].streaks[0];
-    // 5 um/s over 0.5 s are 2.5 um: 10 pieces of 0.25 um.
+    // 5 um/s over 0.5 s is 2.5 um: 10 points 0.25 um apart.
     assert_eq!((streak.points.len(), streak.share), (10, 0.1));
     let mean = streak.points.iter().map(|p| p.position).sum::<DVec3>() / 10.0;
     assert!(mean.length() < 1e-15);
     assert!((streak.points[9].position - DVec3::new(0.9, 0.675, 0.0)).length() < 1e-12);
-    // One that is there once does not move.
+    // A track with a single point does not move.
     assert_eq!(frames[0].streaks[1].points.len(), 1);
 }
 
@@ -150,7 +155,7 @@ fn faults_name_their_lines_all_at_once() {
     }
     let axis = faults("frame,track,x_um,y_um,z_um,axis_x,axis_y,axis_z\n0,1,0,0,0,0,0,0\n");
     assert!(axis.contains("line 2: an axis of length 0"));
-    // A file of noise does not fill the screen.
+    // The number of errors reported for garbage input is limited.
     let noise = "frame,track,x_um,y_um,z_um\n".to_owned() + &"?\n".repeat(1000);
     assert_eq!(read(&noise).unwrap_err().len(), 20);
 }

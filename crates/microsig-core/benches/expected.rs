@@ -1,4 +1,4 @@
-//! Cost of one expected image: drawing a particle from tables that are made, and making tables.
+//! Cost of expected images: drawing particles from existing tables, and building tables.
 //!
 //! Run with `cargo bench -p microsig-core --bench expected`.
 
@@ -14,7 +14,7 @@ use microsig_core::{Particle, Settings};
 /// Particles of one image.
 const PARTICLES: usize = 500;
 
-/// Settings, the depths of its plots in the paper, and a diameter, um.
+/// Name, settings, range of depths in the paper's plots (um), and diameter (um).
 fn cases() -> [(&'static str, Settings, [f64; 2], f64); 3] {
     [
         ("setting 1", Settings::setting1(), [-80.0, 40.0], 2.0),
@@ -40,7 +40,7 @@ fn renderer(settings: &Settings) -> ExpectedRenderer {
         .expect("the tolerance is allowed")
 }
 
-/// What the times below are to be divided by, and what they cost in memory.
+/// Prints the quantities by which the times below are to be divided, and the memory of the tables.
 #[expect(clippy::print_stdout, reason = "it belongs to what criterion prints")]
 fn print_sizes(name: &str, renderer: &ExpectedRenderer, particles: &[Particle]) {
     let lit = |counts: Vec<f64>| counts.into_iter().filter(|&count| count > 0.0).count();
@@ -54,7 +54,7 @@ fn print_sizes(name: &str, renderer: &ExpectedRenderer, particles: &[Particle]) 
     );
 }
 
-/// Images of particles at all depths, and at single ones; throughput is in particles.
+/// Images of particles at all depths, and at single depths; throughput is in particles.
 fn drawing(c: &mut Criterion) {
     let mut group = c.benchmark_group("expected");
     group.throughput(Throughput::Elements(PARTICLES as u64));
@@ -84,7 +84,7 @@ fn drawing(c: &mut Criterion) {
     group.finish();
 }
 
-/// Tables of all depths.
+/// Building the tables for all depths.
 fn tables(c: &mut Criterion) {
     let mut group = c.benchmark_group("tables");
     group.sample_size(10);

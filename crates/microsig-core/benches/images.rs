@@ -1,15 +1,15 @@
-//! Cost of what every image takes, however few particles it holds, and of Gaussian spots, on one thread.
+//! Cost per image independent of the number of particles, and of Gaussian spots, on one thread.
 //!
 //! Run with `cargo bench -p microsig-core --bench images`.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use microsig_core::formats::tiff::{self, PixelScale};
-use microsig_core::render::{GaussianRenderer, Spot};
+use microsig_core::render::{GaussianRenderer, GaussianSpot};
 use microsig_core::sensor::{Light, Sensor};
 use microsig_core::stream::{Purpose, Streams};
 use microsig_core::{Particle, Settings};
 
-/// Noise, gain and rounding of an image of setting 1, and its file in memory.
+/// Noise, gain and rounding of an image of setting 1, and encoding its file in memory.
 fn exposure(c: &mut Criterion) {
     let settings = Settings::setting1();
     let light = Light::dark(&settings);
@@ -43,12 +43,12 @@ fn exposure(c: &mut Criterion) {
     group.finish();
 }
 
-/// Spots on 512 x 512 px, with peaks of 50 to 250 counts and diameters that differ by 9 %.
+/// Spots on 512 x 512 px, with peaks of 50 to 250 counts and diameters varying by 9 %.
 fn spots(c: &mut Criterion) {
     let settings = Settings { pixel_dim_x: 512, pixel_dim_y: 512, gain: 1.0, ..Settings::setting1() };
     let mut group = c.benchmark_group("spots, 512 x 512 px");
     for (ppp, diameter_px) in [(0.0, 2.75), (0.03, 2.75), (0.05, 4.2)] {
-        let spot = Spot { diameter_px, reference_um: Some(1.0), peak_counts: 250.0 };
+        let spot = GaussianSpot { diameter_px, reference_um: Some(1.0), peak_counts: 250.0 };
         let renderer = GaussianRenderer::new(&settings, spot).unwrap();
         let mut stream = Streams::new(1).stream(Purpose::Seeding, 0, 0);
         let mut within = |low: f64, high: f64| low + (high - low) * stream.uniform();
@@ -67,7 +67,7 @@ fn spots(c: &mut Criterion) {
     group.finish();
 }
 
-/// Everything on this thread.
+/// Runs all benchmarks on this thread.
 fn all(c: &mut Criterion) {
     rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build_global().unwrap();
     exposure(c);

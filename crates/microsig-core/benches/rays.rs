@@ -1,7 +1,7 @@
-//! Cost of one particle by counting rays: per particle, per emitted ray, per traced ray.
+//! Cost of one particle with the ray-counting renderer: per particle, per emitted ray, per traced ray.
 //!
-//! Run with `cargo bench -p microsig-core`. Throughput is reported twice: elements of `emitted` are all rays that the
-//! particle's points send toward the lens side, elements of `traced` only those that the kernel had to follow.
+//! Run with `cargo bench -p microsig-core`. Throughput is reported twice: elements of `emitted` are all rays
+//! that the source points emit toward the lens side, elements of `traced` only those that the kernel traces.
 
 use std::hint::black_box;
 
@@ -42,7 +42,7 @@ fn particle_by_rays(c: &mut Criterion) {
     group.finish();
 }
 
-/// The same particle ray by ray in f64: what the fast kernel saves.
+/// The same particle traced ray by ray in f64, for comparison.
 fn particle_exact(c: &mut Criterion) {
     let settings = Settings { pixel_dim_x: 121, pixel_dim_y: 121, ..Settings::setting1() };
     let particle = Particle::sphere(61.3, 60.8, -30.0, 2.0);

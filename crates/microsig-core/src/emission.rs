@@ -1,36 +1,38 @@
-//! The light a particle sends out: points on its surface and the fan of rays of each point.
+//! Light emission by a particle: source points on its surface, and a fan of rays from each point.
 //!
-//! Points lie on golden-angle spirals: point k has the azimuth k 2 pi (1 - 1/phi), phi = (1 + sqrt 5)/2, and the polar
-//! cosines descend in equal steps. The internal axes (e1, e2, e3) are those of `optics`: e1 points away from the lens;
-//! the polar axis of both spirals is e3; azimuths run from +e1 toward +e2.
+//! Points lie on golden-angle spirals: point k has the azimuth k 2 pi (1 - 1/phi), phi = (1 + sqrt 5)/2, and
+//! the polar cosines decrease in equal steps. The internal axes (e1, e2, e3) are those of `optics`: e1 points
+//! away from the lens; the polar axis of both spirals is e3; azimuths run from +e1 toward +e2.
 //!
-//! The directions of a point are a spiral of n_rays + 2 without its poles, turned about e3 by a random angle of the
-//! point's own and mirrored toward the lens. These angles are the only randomness of the rays. Directions are thus
-//! isotropic over the half space toward the lens, not Lambertian and not about the local normal, and totals are
-//! (n_rays + 1)/n_rays of ideal isotropic emission.
+//! The ray directions of a source point are a spiral of n_rays + 2 points without its poles, rotated about e3
+//! by a random angle per source point and reflected into the half space toward the lens. These angles are the
+//! only random element of the rays. Emission is thus isotropic over the half space toward the lens, not
+//! Lambertian and not about the local surface normal; its total is (n_rays + 1)/n_rays of ideal isotropic
+//! emission.
 
 use crate::particle::{Particle, Spheroid};
 use crate::settings::Settings;
 
-/// A point on a particle's surface relative to its centre, um, in internal axes.
+/// A point on a particle's surface relative to its center, um, in internal axes.
 pub type Point = [f64; 3];
 
-/// Which points of a spheroid shine.
+/// Selection of the source points of a spheroid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SpheroidLaw {
-    /// MicroSIG's own: a stretched sphere spiral (the tips are over-populated), of which the points on the lens side of
-    /// a plane fitted to four extreme points shine, about half of them.
+    /// As in the MicroSIG program: a stretched sphere spiral (too dense at the tips); the points on the lens
+    /// side of a plane fitted to four extreme points emit, about half of them.
     #[default]
     Original,
-    /// The paper's words: points uniform in area, and of each pair of points mirrored at the centre the one whose
-    /// surface faces the lens shines. With e_p = 1 this is the sphere.
+    /// As described in the paper: points uniform in area; of each pair of points mirrored at the center, the
+    /// one whose surface normal faces the lens emits. With e_p = 1 this is the sphere.
     Uniform,
 }
 
-/// Most source points a particle may have: 16.7 million, far beyond any use, keeps memory bounded.
+/// Maximum number of source points of a particle (16.7 million, far beyond any practical need); bounds
+/// memory.
 pub const MAX_POINTS: usize = 1 << 24;
 
-/// Cosines and sines of the golden-angle azimuths k 2 pi (1 - 1/phi), grown as far as they are needed.
+/// Cosines and sines of the golden-angle azimuths k 2 pi (1 - 1/phi), extended on demand.
 #[derive(Debug, Clone, Default)]
 pub struct GoldenAzimuths {
     cos_sin: Vec<(f64, f64)>,
@@ -60,10 +62,10 @@ pub fn sphere_points(settings: &Settings, d_um: f64) -> usize {
     libm::rint(number) as usize
 }
 
-/// Surface of a spheroid over that of the sphere with its equatorial diameter.
+/// Surface area of a spheroid over that of the sphere with its equatorial diameter.
 pub fn area_ratio(e_p: f64) -> f64 {
     let eccentricity = libm::sqrt((1.0 - if e_p > 1.0 { 1.0 / (e_p * e_p) } else { e_p * e_p }).max(0.0));
-    // Below this the two formulas lose digits, while the ratio is (1 + 2 e_p) / 3 to 1e-9.
+    // Below this eccentricity both formulas lose digits, while (1 + 2 e_p) / 3 is accurate to 1e-9.
     if eccentricity < 1e-4 {
         (1.0 + 2.0 * e_p) / 3.0
     } else if e_p > 1.0 {
@@ -73,7 +75,7 @@ pub fn area_ratio(e_p: f64) -> f64 {
     }
 }
 
-/// Number of points on the surface of a particle (of a spheroid only about half of them shine).
+/// Number of points on the surface of a particle (only about half of those of a spheroid emit).
 pub fn surface_points(settings: &Settings, particle: &Particle) -> usize {
     let sphere = sphere_points(settings, particle.d_um);
     match particle.spheroid {
@@ -82,7 +84,7 @@ pub fn surface_points(settings: &Settings, particle: &Particle) -> usize {
     }
 }
 
-/// The shining points of a particle with `n` points on its surface, in the order that random angles are dealt out.
+/// The source points of a particle with `n` points on its surface, in the order of their random angles.
 pub fn shining_points(
     particle: &Particle,
     n: usize,
@@ -101,7 +103,7 @@ pub fn shining_points(
     }
 }
 
-/// Polar cosine of point k of n: from +1 to -1, poles included.
+/// Polar cosine of point k of n, from +1 to -1, poles included.
 fn polar_cosine(k: usize, n: usize) -> f64 {
     if n < 2 { 1.0 } else { 1.0 - 2.0 * k as f64 / (n - 1) as f64 }
 }
@@ -111,7 +113,8 @@ fn spiral_point(cosine: f64, (cos_azimuth, sin_azimuth): (f64, f64)) -> Point {
     [sine * cos_azimuth, sine * sin_azimuth, cosine]
 }
 
-/// Half of the sphere shines; points on the far half are turned about e3 to the near one.
+/// Source points of a sphere: points on the far hemisphere are rotated about e3 to the hemisphere facing the
+/// lens.
 fn sphere(radius: f64, azimuths: &[(f64, f64)], points: &mut Vec<Point>) {
     points.extend(azimuths.iter().enumerate().map(|(k, &azimuth)| {
         let [e1, e2, e3] = spiral_point(polar_cosine(k, azimuths.len()), azimuth);
@@ -120,7 +123,8 @@ fn sphere(radius: f64, azimuths: &[(f64, f64)], points: &mut Vec<Point>) {
     }));
 }
 
-/// MicroSIG's spheroid: the sphere's spiral stretched along its axis and rotated; the points below a plane shine.
+/// Source points of MicroSIG's spheroid: the spiral of the sphere, stretched along its axis and rotated; the
+/// points on the lens side of a plane emit.
 fn stretched_spiral(radius: f64, spheroid: &Spheroid, azimuths: &[(f64, f64)], points: &mut Vec<Point>) {
     let rotation = Rotation::new(spheroid);
     points.extend(azimuths.iter().enumerate().map(|(k, &azimuth)| {
@@ -132,8 +136,8 @@ fn stretched_spiral(radius: f64, spheroid: &Spheroid, azimuths: &[(f64, f64)], p
     }
 }
 
-/// The plane e1 = c0 e2 + c1 e3 + c2 fitted by least squares to the points with smallest and largest e2 and e3 (the
-/// first of equals), which lie near the rim that separates the lens side from the far side.
+/// The plane e1 = c0 e2 + c1 e3 + c2 fitted by least squares to the points with smallest and largest e2 and
+/// e3 (the first of ties), which are near the silhouette that separates the lens side from the far side.
 fn silhouette_plane(points: &[Point]) -> Option<[f64; 3]> {
     let extreme = |axis: usize, sign: f64| {
         points.iter().copied().reduce(|best, p| if sign * p[axis] > sign * best[axis] { p } else { best })
@@ -146,7 +150,7 @@ fn silhouette_plane(points: &[Point]) -> Option<[f64; 3]> {
     let (s22, s33, s23) = (sum(1, m2, 1, m2), sum(2, m3, 2, m3), sum(1, m2, 2, m3));
     let (s12, s13) = (sum(0, m1, 1, m2), sum(0, m1, 2, m3));
     let determinant = s22 * s33 - s23 * s23;
-    // With one or two points there is no plane; all of them shine.
+    // One or two points do not define a plane; all of them emit.
     if determinant <= 0.0 {
         return None;
     }
@@ -155,7 +159,8 @@ fn silhouette_plane(points: &[Point]) -> Option<[f64; 3]> {
     Some([c0, c1, m1 - c0 * m2 - c1 * m3])
 }
 
-/// Points uniform in area; of each point and its mirror image through the centre the one facing the lens shines.
+/// Source points uniform in area; of each point and its mirror image through the center, the one facing the
+/// lens emits.
 fn area_uniform(radius: f64, spheroid: &Spheroid, azimuths: &[(f64, f64)], points: &mut Vec<Point>) {
     let rotation = Rotation::new(spheroid);
     let axial = AxialDistribution::new(spheroid.e_p);
@@ -168,7 +173,7 @@ fn area_uniform(radius: f64, spheroid: &Spheroid, azimuths: &[(f64, f64)], point
     }));
 }
 
-/// Turns the long axis from e3 to its place: by beta about e2, then by alpha about e3.
+/// Rotates the symmetry axis from e3 to its orientation: by beta about e2, then by alpha about e3.
 struct Rotation {
     sin_a: f64,
     cos_a: f64,
@@ -193,8 +198,8 @@ impl Rotation {
     }
 }
 
-/// Where along the axis the surface of a spheroid lies: u in [-1, 1] (in semi-axes) with the density
-/// sqrt(1 + (1/e^2 - 1) u^2).
+/// Distribution of the surface area of a spheroid along its axis: density sqrt(1 + (1/e^2 - 1) u^2) for u in
+/// [-1, 1], in units of the semi-axis.
 struct AxialDistribution {
     /// 1/e^2 - 1: negative for prolate spheroids.
     k2: f64,
@@ -216,7 +221,7 @@ impl AxialDistribution {
     /// Twice the integral of the density from 0 to u; odd in u.
     fn integral(&self, u: f64) -> f64 {
         let k = libm::sqrt(self.k2.abs());
-        // Nearly a sphere: the density is 1 + k2 u^2 / 2 to k2^2 / 8.
+        // Nearly a sphere: the density is 1 + k2 u^2 / 2 with an error of k2^2 / 8.
         if k < 1e-4 {
             return 2.0 * u + self.k2 * u * u * u / 3.0;
         }
@@ -224,12 +229,13 @@ impl AxialDistribution {
         u * self.density(u) + inverse / k
     }
 
-    /// The u below which the share (1 + s)/2 of the surface lies, s in [-1, 1].
+    /// The u below which the fraction (1 + s)/2 of the surface lies, s in [-1, 1].
     fn quantile(&self, s: f64) -> f64 {
         let target = s * self.total;
         let (mut low, mut high) = (-1.0, 1.0);
         let mut u = s;
-        // Newton with a bracket: the integral is monotone, so each step either converges or halves the bracket.
+        // Newton's method with a bracket: the integral is monotonic, so each step either converges or halves
+        // the bracket.
         for _ in 0..60 {
             let excess = self.integral(u) - target;
             if excess > 0.0 {
@@ -248,13 +254,32 @@ impl AxialDistribution {
     }
 }
 
-/// Directions of a fan before it is turned: (e1, e2, e3) of the spiral of n_rays + 2 points without its poles.
+/// Directions of a fan before its random rotation: unit vectors (e1, e2, e3) of the spiral of n_rays + 2
+/// points without its poles.
 pub fn fan(n_rays: u32) -> impl Iterator<Item = [f64; 3]> {
     let n = n_rays as usize + 2;
     (1..n - 1).map(move |j| {
         let (sine, cosine) = libm::sincos(golden_azimuth(j));
         spiral_point(polar_cosine(j, n), (cosine, sine))
     })
+}
+
+/// Relative excess of the mean light that fans of `n_rays` rays emit into the aperture, compared with
+/// (n_rays + 1)/n_rays times that of isotropic emission, for the in-focus point on the axis.
+///
+/// All fans have the same polar cosines; a direction with the polar sine s is within an aperture of half
+/// angle theta for a fraction (2/pi) acos(cos theta / s) of all rotation angles. Few directions sample this
+/// coarsely: the excess decreases as (n_rays NA)^-1.5.
+pub fn aperture_excess(n_rays: u32, numerical_aperture: f64) -> f64 {
+    let cosine = libm::sqrt(1.0 - numerical_aperture * numerical_aperture);
+    let n = n_rays as usize + 2;
+    let passing = |j: usize| {
+        let c = polar_cosine(j, n);
+        let ratio = cosine / libm::sqrt(1.0 - c * c);
+        if ratio < 1.0 { std::f64::consts::FRAC_2_PI * libm::acos(ratio) } else { 0.0 }
+    };
+    let passed: f64 = (1..n - 1).map(passing).sum();
+    passed / ((f64::from(n_rays) + 1.0) * (1.0 - cosine)) - 1.0
 }
 
 #[cfg(test)]
@@ -273,6 +298,25 @@ mod tests {
         Particle { spheroid, ..Particle::sphere(0.0, 0.0, 0.0, d_um) }
     }
 
+    /// The fraction of rays within the aperture over random rotations of one fan.
+    #[test]
+    fn few_rays_send_another_amount_of_light_into_an_aperture() {
+        for (n_rays, na) in [(10, 0.3), (59, 0.13), (100, 0.3)] {
+            let cosine = libm::sqrt(1.0 - na * na);
+            let (turns, mut passed) = (20_000, 0);
+            for turn in 0..turns {
+                let (sine, cosine_turn) =
+                    libm::sincos(std::f64::consts::TAU * (f64::from(turn) + 0.5) / f64::from(turns));
+                let toward = |[e1, e2, _]: &[f64; 3]| (e1 * cosine_turn - e2 * sine).abs();
+                passed += fan(n_rays).filter(|direction| toward(direction) > cosine).count();
+            }
+            let mean = passed as f64 / f64::from(turns);
+            let excess = mean / (f64::from(n_rays + 1) * (1.0 - cosine)) - 1.0;
+            assert!((excess - aperture_excess(n_rays, na)).abs() < 1e-3, "{n_rays} {na}: {excess}");
+        }
+        assert!(aperture_excess(500, 0.3).abs() < 1e-3 && aperture_excess(59, 0.13).abs() > 0.02);
+    }
+
     #[test]
     fn a_sphere_has_the_programs_number_of_points_and_all_face_the_lens() {
         let sphere = points(&Particle::sphere(0.0, 0.0, 0.0, 2.0), SpheroidLaw::Original);
@@ -285,7 +329,7 @@ mod tests {
 
     #[test]
     fn the_area_ratio_is_smooth_through_the_sphere() {
-        // The surface of revolution by the midpoint rule, against the closed forms.
+        // The area of the surface of revolution by the midpoint rule, against the closed forms.
         for e_p in [3.0, 1.2, 0.5, 0.1] {
             let steps = 100_000;
             let slope = |i: i32| {
@@ -310,7 +354,7 @@ mod tests {
         }
     }
 
-    /// Equal bins of area along the axis hold equal numbers of points.
+    /// Bins of equal area contain equal numbers of points.
     #[test]
     fn uniform_points_are_uniform_in_area() {
         for e_p in [3.0, 0.3, 1.001] {
@@ -319,7 +363,8 @@ mod tests {
             let (mut azimuths, mut points) = (GoldenAzimuths::default(), Vec::new());
             shining_points(&particle, n, SpheroidLaw::Uniform, &mut azimuths, &mut points);
             assert_eq!(points.len(), n);
-            // At beta = 0 the axis is e3; cut the surface into slabs and cells of azimuth (the lens side: half of them).
+            // At beta = 0 the axis is e3; cut the surface into slabs and cells of azimuth (the lens side:
+            // half of them).
             let (slabs, sectors) = (20, 8);
             let mut counts = vec![0.0; slabs * sectors];
             // Area from the equator to u by Simpson's rule, independent of the closed form under test.
@@ -348,7 +393,8 @@ mod tests {
             }
             let expected = n as f64 / (slabs * sectors) as f64;
             let chi2: f64 = counts.iter().map(|c| (c - expected) * (c - expected) / expected).sum();
-            // 159 degrees of freedom, 99.9 % quantile 219; a spiral lies far below, the stretched law far above.
+            // 159 degrees of freedom, 99.9 % quantile 219; a spiral is far below, the stretched spiral far
+            // above.
             assert!(chi2 < 219.0, "e_p {e_p}: chi2 {chi2}");
         }
     }

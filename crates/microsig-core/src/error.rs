@@ -1,15 +1,15 @@
-//! What can go wrong in this crate, in four classes.
+//! The errors of this crate, in four classes.
 
 use std::fmt;
 
-/// One fault of an input text: where it is, what was found and what is allowed.
+/// One error in an input text: its location, what was found and what is allowed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fault {
     /// Name of the input as the caller gave it, normally a path.
     pub source_name: String,
-    /// Line, counted from 1; `None` where the fault is not on a line (a missing key, say).
+    /// Line, counted from 1; `None` if the error is not on a line (for example a missing key).
     pub line: Option<usize>,
-    /// Column of the table, counted from 1, where the fault is in one.
+    /// Column of the table, counted from 1, if the error is in a column.
     pub column: Option<usize>,
     /// What was found and what is allowed.
     pub message: String,
@@ -30,16 +30,16 @@ impl fmt::Display for Fault {
 
 /// An error of the optical model or of its file formats.
 ///
-/// A ray that misses the lens is no error: it is a `None`.
+/// A ray that misses the lens is not an error; it is represented by `None`.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A text that does not follow its format, or a value out of its range; every fault found in it.
+    /// Text that violates its format, or values out of range; all errors found.
     #[error("{}", join(.0))]
     Malformed(Vec<Fault>),
     /// Valid input that the optical model cannot draw.
     #[error("{0}")]
     Unsupported(String),
-    /// A call whose arguments do not fit together.
+    /// A call with inconsistent arguments.
     #[error("{0}")]
     Misuse(String),
     /// Reading or writing failed.
@@ -47,13 +47,13 @@ pub enum Error {
     Io {
         /// Name of the input or output as the caller gave it.
         name: String,
-        /// The system's reason.
+        /// The error of the operating system.
         source: std::io::Error,
     },
 }
 
 impl Error {
-    /// An I/O error with the name of what was read or written.
+    /// An I/O error with the name of the input or output.
     pub fn io(name: &str, source: std::io::Error) -> Self {
         Error::Io { name: name.to_owned(), source }
     }

@@ -1,17 +1,18 @@
-//! MicroSIG's optical model: images of defocused and astigmatic tracer particles by tracing rays.
+//! MicroSIG's optical model: ray-traced images of defocused and astigmatic tracer particles.
 //!
-//! The model is that of M. Rossi, "Synthetic image generator for defocusing and astigmatic PIV/PTV", Meas. Sci.
-//! Technol. 31 (2020) 017003, with what its published program does where the paper is silent.
+//! The model is that of M. Rossi, "Synthetic image generator for defocusing and astigmatic PIV/PTV", Meas.
+//! Sci. Technol. 31 (2020) 017003, and, where the paper does not specify the details, that of its published
+//! program.
 //!
 //! # Axes and units
-//! Image coordinates are px: the centre of the top-left pixel is (1, 1), x points right along columns, y points down
-//! along rows. Depth z is um, zero in the paraxial object plane, and grows away from the lens. Angles are rad,
-//! intensities counts. A particle at (x, y) is drawn with its centroid at (x, y).
+//! Image coordinates are px: the center of the top-left pixel is (1, 1), x points right along columns, y
+//! points down along rows. Depth z is in um, zero in the paraxial object plane, and positive away from the
+//! lens. Angles are in rad, intensities in counts. The image of a particle at (x, y) is centered on (x, y).
 //!
 //! # Example
 //! ```
 //! use microsig_core::emission::SpheroidLaw;
-//! use microsig_core::render::RayRenderer;
+//! use microsig_core::render::{RayRenderer, Render};
 //! use microsig_core::sensor::Sensor;
 //! use microsig_core::stream::{Purpose, Streams};
 //! use microsig_core::{Particle, Settings};
@@ -35,11 +36,12 @@ pub mod formats;
 pub mod optics;
 mod particle;
 mod philox;
+pub mod pool;
+pub mod quadrature;
 pub mod random;
 pub mod render;
 pub mod sensor;
 mod settings;
-pub mod shelf;
 pub mod stream;
 
 pub use error::{Error, Fault};

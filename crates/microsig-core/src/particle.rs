@@ -1,16 +1,16 @@
-//! A tracer particle as the image generator sees it.
+//! A tracer particle as input of the image generator.
 
 /// A spherical or spheroidal tracer particle in MicroSIG's coordinates.
 ///
-/// `x_px` and `y_px` are image coordinates (the centre of the top-left pixel is (1, 1), y points down);
-/// `z_um` is the depth, zero in the paraxial object plane and growing away from the lens.
+/// `x_px` and `y_px` are image coordinates (the center of the top-left pixel is (1, 1), y points down);
+/// `z_um` is the depth, zero in the paraxial object plane and positive away from the lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Particle {
-    /// Horizontal image coordinate of the centre, px.
+    /// Horizontal image coordinate of the center, px.
     pub x_px: f64,
-    /// Vertical image coordinate of the centre, px, downward.
+    /// Vertical image coordinate of the center, px, downward.
     pub y_px: f64,
-    /// Depth, um, growing away from the lens.
+    /// Depth, um, positive away from the lens.
     pub z_um: f64,
     /// Diameter (equatorial diameter of a spheroid), um, > 0.
     pub d_um: f64,
@@ -39,7 +39,8 @@ pub struct Spheroid {
 }
 
 impl Spheroid {
-    /// The symmetry axis in lab coordinates (x right, y down, z away from the lens), a unit vector up to sign.
+    /// The symmetry axis in lab coordinates (x right, y down, z away from the lens), a unit vector up to
+    /// sign.
     ///
     /// At alpha = beta = 0 the axis lies along image y, not along the optical axis.
     pub fn axis(&self) -> [f64; 3] {

@@ -1,6 +1,6 @@
 //! Philox4x32-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC'11).
 
-/// What the key grows by from round to round.
+/// Increments of the key from round to round.
 const WEYL: [u32; 2] = [0x9E37_79B9, 0xBB67_AE85];
 
 const MULTIPLIERS: [u32; 2] = [0xD251_1F53, 0xCD9E_8D57];
@@ -44,7 +44,7 @@ pub(crate) fn fill(counter: [u32; 4], key: [u32; 2], blocks: &mut [[u32; 4]]) {
     arch.dispatch(Blocks { counter, key, blocks });
 }
 
-/// Blocks in a loop of which the compiler makes vectors.
+/// Blocks in a loop that the compiler vectorizes.
 struct Blocks<'a> {
     counter: [u32; 4],
     key: [u32; 2],
@@ -63,7 +63,8 @@ impl pulp::WithSimd for Blocks<'_> {
     }
 }
 
-/// Blocks whose words lie in 64 bits each, of which the upper half is not looked at: a product is its own lower word.
+/// Blocks whose 32-bit words are held in 64-bit lanes whose upper half is ignored, so that a product needs no
+/// extraction of its lower word.
 #[cfg(target_arch = "x86_64")]
 mod avx512 {
     use std::arch::x86_64::__m512i;
@@ -74,7 +75,7 @@ mod avx512 {
 
     /// Blocks of a vector.
     const LANES: usize = 8;
-    /// Vectors under way at a time: a round is a chain of slow steps.
+    /// Number of vectors processed concurrently, to hide the latency of a round.
     const VECTORS: usize = 4;
 
     pub(super) struct Groups<'a> {
@@ -143,7 +144,7 @@ mod tests {
     #[test]
     fn many_blocks_are_those_made_one_by_one() {
         for n in [0, 1, 7, 16, 17, 33, 100] {
-            // The number of a block wraps.
+            // The block number wraps around.
             let counter = [u32::MAX - 20, 7, 8, 9];
             let mut blocks = vec![[0; 4]; n];
             fill(counter, [3, 4], &mut blocks);

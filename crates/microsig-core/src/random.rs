@@ -1,17 +1,18 @@
-//! Random numbers of other distributions, from the uniform numbers of a stream and libm alone, so that their bytes are
-//! the same everywhere.
+//! Random numbers with other distributions, computed from uniform numbers by libm only, so that they are
+//! bit-identical on all machines.
 
 use crate::stream::Stream;
 use std::f64::consts::PI;
 
-/// The largest mean that [`poisson`] is meant for.
+/// The largest mean for which [`poisson`] is accurate.
 pub const MAX_POISSON_MEAN: f64 = 1e7;
 
-/// A Poisson number of the given mean (0 to [`MAX_POISSON_MEAN`]).
+/// A Poisson-distributed number with the given mean (0 to [`MAX_POISSON_MEAN`]).
 ///
-/// Below 10 the number of uniform factors until their product falls below e^-mean; above it the transformed rejection
-/// PTRS of Hormann, "The transformed rejection method for generating Poisson random variables", Insurance: Mathematics
-/// and Economics 12 (1993) 39. Both are exact up to rounding.
+/// Below a mean of 10 it counts uniform factors until their product is less than e^-mean; above, the
+/// transformed rejection method PTRS of Hormann is used, "The transformed rejection method for generating
+/// Poisson random variables", Insurance: Mathematics and Economics 12 (1993) 39. Both are exact up to
+/// rounding.
 pub fn poisson(stream: &mut Stream, mean: f64) -> u64 {
     if mean < 10.0 {
         let floor = libm::exp(-mean);
@@ -32,7 +33,7 @@ pub fn poisson(stream: &mut Stream, mean: f64) -> u64 {
         let v = stream.uniform();
         let edge = 0.5 - u.abs();
         let k = libm::floor((2.0 * a / edge + b) * u + mean + 0.43);
-        // Most numbers lie where the hat touches the distribution and need no logarithm.
+        // Most numbers are in the squeeze region, where no logarithm is needed.
         if edge >= 0.07 && v <= v_inner {
             return k as u64;
         }
@@ -46,8 +47,8 @@ pub fn poisson(stream: &mut Stream, mean: f64) -> u64 {
     }
 }
 
-/// A normal number of mean 0 and standard deviation 1 (Box and Muller, Ann. Math. Stat. 29 (1958) 610), from two uniform
-/// ones.
+/// A normally distributed number with mean 0 and standard deviation 1, from two uniform numbers (Box and
+/// Muller, Ann. Math. Stat. 29 (1958) 610).
 pub fn normal(stream: &mut Stream) -> f64 {
     // 1 - u is never 0.
     let radius = libm::sqrt(-2.0 * libm::log(1.0 - stream.uniform()));
@@ -63,8 +64,8 @@ mod tests {
         Streams::new(11).stream(Purpose::Seeding, 0, row)
     }
 
-    /// Chi-square of `draws` Poisson numbers against the distribution, over classes of expectation >= 20, with the
-    /// number of classes.
+    /// Chi-square of `draws` Poisson numbers against the distribution, over classes of expectation >= 20,
+    /// with the number of classes.
     fn chi_square(mean: f64, draws: u32) -> (f64, u32) {
         let mut stream = stream(mean as u32);
         let mut counts = vec![0.0; (mean + 10.0 * libm::sqrt(mean) + 20.0) as usize];
@@ -78,7 +79,7 @@ mod tests {
             seen += count;
             expected += share;
             rest -= share;
-            // The last class takes the tail.
+            // The last class includes the tail.
             if expected >= 20.0 && rest >= 20.0 {
                 chi += (seen - expected) * (seen - expected) / expected;
                 (classes, seen, expected) = (classes + 1, 0.0, 0.0);
@@ -92,7 +93,8 @@ mod tests {
         for mean in [0.3, 4.0, 9.99, 10.0, 47.0, 1000.0] {
             let (chi, classes) = chi_square(mean, 100_000);
             let freedom = f64::from(classes - 1);
-            // Chi-square of n degrees has variance 2n; 4.5 standard deviations and the skewness at small n.
+            // Chi-square with n degrees of freedom has the variance 2n; 4.5 standard deviations, and a margin
+            // for the skewness at small n.
             let limit = freedom + 4.5 * libm::sqrt(2.0 * freedom) + 8.0;
             assert!(freedom >= 2.0 && chi < limit, "mean {mean}: {chi} for {freedom}");
         }

@@ -2,14 +2,15 @@
 
 use crate::error::{Error, Fault};
 
-/// MicroSIG's settings, with the names of its settings file.
+/// MicroSIG's settings; fields have the names used in its settings file.
 ///
-/// A value of this type may break a rule (a magnification of -1, say); [`Settings::validate`] names all that do.
+/// Values may be out of range (for example a magnification of -1); [`Settings::validate`] reports all that
+/// are.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// M, dimensionless, > 0.
+    /// Magnification M, dimensionless, > 0.
     pub magnification: f64,
-    /// NA, in (0, 1): the model has no immersion objectives.
+    /// Numerical aperture NA, in (0, 1): immersion objectives are not modeled.
     pub numerical_aperture: f64,
     /// Focal length of the virtual thin spherical lens, um, > 0 (350 is recommended).
     pub focal_length: f64,
@@ -17,7 +18,7 @@ pub struct Settings {
     pub ri_medium: f64,
     /// Refractive index of the lens, > `ri_medium`.
     pub ri_lens: f64,
-    /// Edge of a square pixel, um, > 0.
+    /// Edge length of a square pixel on the sensor, um, > 0.
     pub pixel_size: f64,
     /// Width of the sensor, px.
     pub pixel_dim_x: u32,
@@ -65,12 +66,12 @@ fn rays(v: f64) -> bool {
     v >= 1.0 && v <= f64::from(MAX_RAYS) && v.fract() == 0.0
 }
 
-/// Largest sensor edge, px; keeps an absurd settings file from asking for all the memory there is.
+/// Largest width or height of a sensor, px; bounds the memory that a settings file can demand.
 const MAX_SIZE: u32 = 32_768;
 /// Largest number of rays per source point.
 const MAX_RAYS: u32 = 1_000_000;
 
-/// The settings in the order of Table 1 of Rossi 2020, which is also the order they are written in.
+/// The settings in the order of Table 1 of Rossi 2020, in which they are also written.
 pub const KEYS: [Key; 14] = [
     Key { name: "magnification", unit: "", allowed: "a number > 0", in_range: positive },
     Key {
@@ -111,7 +112,7 @@ impl Settings {
         Self::from_values([63.0, 0.75, 350.0, 1.0, 1.5, 6.45, 141.0, 141.0, 52.0, 5.0, 12.0, 250.0, 1.1, 0.0])
     }
 
-    /// Settings from their values in the order of [`KEYS`]. Whole-number settings are truncated.
+    /// Settings from their values in the order of [`KEYS`]. Integer settings are truncated.
     pub fn from_values(v: [f64; 14]) -> Self {
         Settings {
             magnification: v[0],
@@ -151,19 +152,23 @@ impl Settings {
         ]
     }
 
-    /// Every value outside its range.
+    /// Checks all values.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] with every value out of range.
     pub fn validate(&self) -> Result<(), Error> {
         let faults = check(&self.values(), |_| ("settings".to_owned(), None));
         if faults.is_empty() { Ok(()) } else { Err(Error::Malformed(faults)) }
     }
 
-    /// Object-space length of one pixel, um.
+    /// Pixel size in object space, um.
     pub fn um_per_px(&self) -> f64 {
         self.pixel_size / self.magnification
     }
 }
 
-/// The faults of a set of values in the order of [`KEYS`]; `place` tells source and line of a key's index.
+/// The errors in a set of values in the order of [`KEYS`]; `place` returns source and line of the key with an
+/// index.
 pub(crate) fn check(values: &[f64; 14], place: impl Fn(usize) -> (String, Option<usize>)) -> Vec<Fault> {
     let mut faults = Vec::new();
     let mut fault = |index: usize, allowed: &str| {

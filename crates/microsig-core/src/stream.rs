@@ -1,12 +1,13 @@
-//! Random numbers by address.
+//! Counter-based random numbers, identified by an address.
 //!
-//! Every stream is found by (family, purpose, frame, row): whoever asks for an address, on whichever thread and in
-//! whichever order, gets the same numbers. There are two kinds of families:
+//! Every stream has an address (family, purpose, frame, row) that determines its numbers, independently of
+//! threads and order of use. There are two kinds of families:
 //!
-//! - **public**, of a seed of 64 bits: Philox4x32-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3",
-//!   SC'11). The seed is its key, and the address with a block counter is its counter, so no two addresses share a block.
-//! - **secret**, of a key of 256 bits: ChaCha20 (RFC 8439) with the address as its nonce. Whoever knows some of the
-//!   numbers, as one does of an image's noise where no particle is, learns nothing of the others.
+//! - **public**, from a 64-bit seed: Philox4x32-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2,
+//!   3", SC'11). The seed is the key, and the address with a block number is the counter, so that no two
+//!   addresses share a block.
+//! - **secret**, from a 256-bit key: ChaCha20 (RFC 8439) with the address as nonce. Knowledge of some of the
+//!   numbers, such as the noise of an image where there is no particle, reveals nothing about the others.
 
 use chacha20::ChaCha20;
 use chacha20::cipher::{KeyIvInit, StreamCipher};
@@ -14,7 +15,7 @@ use rand_core::{Infallible, TryRng};
 
 use crate::philox;
 
-/// What a random stream is used for; the numbers are part of the address and never change meaning.
+/// Purpose of a random stream. The discriminants are part of the address and never change their meaning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Purpose {
@@ -32,20 +33,23 @@ pub enum Purpose {
     CalibrationNoise = 6,
     /// Brownian steps of a tracer; frame = the later frame of the step, row = low 32 bits of its id.
     Brownian = 7,
-    /// First orientation of a spheroid; row = low 32 bits of its id.
+    /// Initial orientation of a spheroid; row = low 32 bits of its id.
     Orientation = 8,
     /// Brightness of a tracer; row = low 32 bits of its id.
     Intensity = 9,
-    /// What differs from pixel to pixel of a camera for ever; frame = 0, row = pixel row.
+    /// Fixed-pattern noise of a camera; frame = 0, row = pixel row.
     FixedPattern = 10,
     /// Energy of a light pulse; row = 0.
     PulseEnergy = 16,
-    /// Jitter of the time of a frame; row = 0.
+    /// Timing jitter of a frame; row = 0.
     Timing = 17,
     /// Brownian steps of a tracer while the shutter is open; row = low 32 bits of its id.
     Exposure = 18,
-    /// Diameter of a particle of a recorded track; row = low 32 bits of its number.
+    /// Diameter of a particle of a recorded track; row = low 32 bits of the track number.
     Diameter = 19,
+    /// Quantities that vary between the samples of a training stream; frame = low 32 bits of the sample
+    /// number, row = hash of the path of the varied key.
+    Variation = 20,
 }
 
 /// A family of random streams.
@@ -66,7 +70,7 @@ impl Streams {
         Streams { family: Family::Public(seed) }
     }
 
-    /// The streams of a secret key, which nobody can find by trying.
+    /// The streams of a secret 256-bit key, which cannot be found by exhaustive search.
     pub fn secret(key: [u8; 32]) -> Self {
         Streams { family: Family::Secret(key) }
     }
@@ -87,7 +91,7 @@ impl Streams {
         }
     }
 
-    /// The stream at an address, at its beginning.
+    /// The stream at an address, positioned at its start.
     pub fn stream(&self, purpose: Purpose, frame: u32, row: u32) -> Stream {
         let source = match self.family {
             Family::Public(seed) => Source::Philox {
@@ -108,7 +112,7 @@ impl Streams {
 
 impl std::fmt::Debug for Streams {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        // A key must not find its way into a message.
+        // A secret key must not appear in messages.
         match self.family {
             Family::Public(seed) => write!(f, "Streams::new({seed})"),
             Family::Secret(_) => f.write_str("Streams::secret(..)"),
@@ -128,12 +132,12 @@ pub struct Stream {
 #[derive(Debug)]
 enum Source {
     Philox { key: [u32; 2], counter: [u32; 4] },
-    // Boxed: public streams, of which there is one per particle, stay small.
+    // Boxed, so that public streams, one per particle, stay small.
     ChaCha(Box<ChaCha20>),
 }
 
 impl Source {
-    /// The next blocks; a block of either source begins where the last one ended.
+    /// The next blocks of four words.
     fn fill(&mut self, blocks: &mut [[u32; 4]]) {
         match self {
             Source::Philox { key, counter } => {
@@ -172,7 +176,8 @@ impl Stream {
         self.block[self.used - 1]
     }
 
-    /// Fills a slice with what [`Stream::next_u32`] would give, many blocks at a time.
+    /// Fills a slice with the numbers that repeated calls of [`Stream::next_u32`] would give, many blocks at
+    /// a time.
     pub fn fill(&mut self, words: &mut [u32]) {
         let (rest, words) = words.split_at_mut(words.len().min(4 - self.used));
         let (blocks, last) = words.as_chunks_mut::<4>();
@@ -186,7 +191,7 @@ impl Stream {
         u64::from(self.next_u32()) | u64::from(self.next_u32()) << 32
     }
 
-    /// A number uniform in [0, 1), a multiple of 2^-53.
+    /// A uniform random number in [0, 1), a multiple of 2^-53.
     pub fn uniform(&mut self) -> f64 {
         (self.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
@@ -247,8 +252,8 @@ mod tests {
         assert_eq!(numbers[0], first(Purpose::Rays, 0, 0));
     }
 
-    /// Keystream of the all-zero key and nonce (draft-nir-cfrg-chacha20-poly1305-06, appendix A.1, test vectors 1 and 2), and
-    /// the address as RFC 8439 lays out a nonce.
+    /// Keystream of the all-zero key and nonce (draft-nir-cfrg-chacha20-poly1305-06, appendix A.1, test
+    /// vectors 1 and 2), and the address as RFC 8439 lays out a nonce.
     #[test]
     fn secret_streams_are_the_published_keystream() {
         let zero = ChaCha20::new(&[0; 32].into(), &[0; 12].into());

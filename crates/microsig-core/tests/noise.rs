@@ -1,7 +1,8 @@
-//! Statistics of the background noise: its law, and that no image's noise has anything to do with another's.
+//! Statistics of the background noise: its distribution, and the independence of the noise of different
+//! images.
 //!
-//! All numbers come from fixed seeds. Bars are five standard errors: with some 500 statistics, one right generator in 3,000
-//! would fail.
+//! All seeds are fixed. Limits are five standard errors: with about 500 statistics, one correct generator in
+//! 3,000 would fail.
 
 use microsig_core::Settings;
 use microsig_core::sensor::{Light, Sensor};
@@ -28,7 +29,8 @@ fn frame(seed: u64, frame: u32) -> Vec<f64> {
     noise(10.0, &Streams::new(seed), Purpose::BackgroundNoise, frame)
 }
 
-/// Correlation of pixels of `a` with those of `b` that lie `right` columns and `down` rows farther, in standard errors.
+/// Correlation of the pixels of `a` with those of `b` shifted by `right` columns and `down` rows, in standard
+/// errors.
 fn correlation(a: &[f64], b: &[f64], right: usize, down: usize) -> f64 {
     let (mut ab, mut aa, mut bb, mut n) = (0.0, 0.0, 0.0, 0.0);
     for y in 0..SIDE - down {
@@ -40,10 +42,10 @@ fn correlation(a: &[f64], b: &[f64], right: usize, down: usize) -> f64 {
     ab / f64::sqrt(aa * bb) * f64::sqrt(n)
 }
 
-/// Moments of a normal number with those of rounding (Sheppard's corrections).
+/// Moments of a normal distribution with Sheppard's corrections for rounding.
 #[test]
 fn moments_are_those_of_a_rounded_normal_number() {
-    // Up to 6 * 150 = 900 of 1,000 counts are taken away: nothing is clamped.
+    // Noise subtracts at most 6 * 150 = 900 of 1,000 counts: nothing is clamped.
     for sigma in [1.0, 5.0, 10.0, 15.5, 40.0, 150.0] {
         let values = noise(sigma, &Streams::new(3), Purpose::BackgroundNoise, 0);
         let n = values.len() as f64;
@@ -53,7 +55,7 @@ fn moments_are_those_of_a_rounded_normal_number() {
             ("mean", moment(1.0), 0.0, f64::sqrt(variance / n)),
             ("variance", moment(2.0), variance, variance * f64::sqrt(2.0 / n)),
             ("skewness", moment(3.0) / (variance * variance.sqrt()), 0.0, f64::sqrt(15.0 / n)),
-            // The fourth cumulant of a uniform error of rounding is -1/120.
+            // The fourth cumulant of a uniform rounding error is -1/120.
             (
                 "kurtosis",
                 moment(4.0) / (variance * variance),
@@ -69,7 +71,7 @@ fn moments_are_those_of_a_rounded_normal_number() {
     }
 }
 
-/// Chi-square over all values that are expected 20 times or more, and the tails together.
+/// Chi-square over all values with an expectation of 20 or more, with the tails merged.
 #[test]
 fn counts_are_as_frequent_as_rounded_normal_numbers() {
     for sigma in [0.4, 2.0, 10.0, 40.0] {
@@ -101,18 +103,19 @@ fn counts_are_as_frequent_as_rounded_normal_numbers() {
 }
 
 #[test]
-fn neighbours_and_rows_are_uncorrelated() {
+fn neighbors_and_rows_are_uncorrelated() {
     let image = frame(5, 0);
     for (right, down) in (0..=8).flat_map(|down| (0..=8).map(move |right| (right, down))).skip(1) {
         let found = correlation(&image, &image, right, down);
         assert!(found.abs() < STANDARD_ERRORS, "{right} to the right, {down} down: {found} standard errors");
     }
-    // However far from each other: the numbers of a row must not come back in another one.
+    // No two rows of an image have the same noise, however far apart they are.
     let rows: Vec<&[f64]> = image.chunks(SIDE).collect();
     assert!((1..SIDE).all(|k| rows[..k].iter().all(|row| *row != rows[k])));
 }
 
-/// Also at shifts: where addresses of numbers are added up rather than kept apart, one image is another one moved.
+/// Shifts are tested too: if the parts of an address were added instead of kept separate, one image would be
+/// a shifted copy of another.
 #[test]
 fn frames_seeds_and_purposes_are_uncorrelated() {
     let here = frame(7, 3);

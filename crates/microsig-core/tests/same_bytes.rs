@@ -1,7 +1,7 @@
-//! Counts of rays are the same whatever does the work: every instruction set of this processor, any number of threads.
+//! Ray counts do not depend on the instruction set or the number of threads.
 
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::render::{InstructionSet, RayRenderer, rays::Scratch};
+use microsig_core::render::{InstructionSet, RayRenderer, Render, rays::Scratch};
 use microsig_core::stream::{Purpose, Streams};
 use microsig_core::{Particle, Settings, Spheroid};
 
@@ -9,7 +9,8 @@ fn spheroid(particle: Particle, e_p: f64, alpha_rad: f64, beta_rad: f64) -> Part
     Particle { spheroid: Some(Spheroid { e_p, alpha_rad, beta_rad }), ..particle }
 }
 
-/// Spheres and spheroids, in focus and far from it, at the sensor's edge, and with fewer points than a vector has lanes.
+/// Spheres and spheroids, in focus and far out of focus, at the edge of the sensor, and with fewer points
+/// than a vector has lanes.
 #[test]
 fn every_instruction_set_counts_the_same_rays() {
     let sets = InstructionSet::available();
@@ -63,8 +64,8 @@ fn every_instruction_set_counts_the_same_rays() {
     assert!(rays > 1_000_000, "only {rays} rays were counted at all");
 }
 
-/// One large image, in more than one batch of particles, on 1, 2 and 7 threads; and its light is that of its patches,
-/// added in the order of rows.
+/// One large image, with more than one batch of particles, on 1, 2 and 7 threads; its light is the sum of its
+/// patches in the order of rows.
 #[test]
 fn threads_share_out_one_image_without_a_trace() {
     let settings = Settings {

@@ -1,4 +1,4 @@
-//! What the baseline trackers find in datasets of known density, noise and optics.
+//! `cargo xtask baselines`: scores of the baseline trackers for different densities, noise levels and optics.
 
 mod plot;
 
@@ -9,12 +9,12 @@ use std::process::Command;
 use anyhow::Context;
 use serde_json::Value;
 
-use crate::process::{machine, microsig, run};
+use suite::process::{machine, microsig, run};
 
-/// Where the standing text of the record is.
+/// Template of the record.
 const TEXT: &str = include_str!("README.md");
 
-/// A dataset and who is let loose on it.
+/// A dataset and the trackers to run on it.
 struct Case {
     group: &'static str,
     scenario: &'static str,
@@ -45,13 +45,13 @@ impl Scored {
     }
 }
 
-/// Number of particles in the frames of 752 x 366 px behind a defocused lens.
+/// Numbers of defocused particles in frames of 752 x 366 px.
 const COUNTS: [u32; 5] = [12, 46, 92, 150, 230];
 
 fn cases() -> Vec<Case> {
     let defocused = [
-        ("spherical", "quickstart", &["ncc"][..]),
-        ("astigmatic", "quickstart_astigmatic", &["ncc", "aptv"][..]),
+        ("spherical", "quickstart", &["ncc", "mle"][..]),
+        ("astigmatic", "quickstart_astigmatic", &["ncc", "mle", "aptv"][..]),
     ];
     let mut cases = Vec::new();
     for (group, scenario, trackers) in defocused {
@@ -146,7 +146,7 @@ fn track(
     })
 }
 
-/// The first value of this name in a tree.
+/// The first value with this key in a JSON tree.
 fn find<'a>(tree: &'a Value, key: &str) -> Option<&'a Value> {
     match tree {
         Value::Object(map) => map.get(key).or_else(|| map.values().find_map(|v| find(v, key))),
@@ -155,7 +155,7 @@ fn find<'a>(tree: &'a Value, key: &str) -> Option<&'a Value> {
     }
 }
 
-/// Columns of runs.csv beyond those that name the case, and where they are in score.json.
+/// Score columns of runs.csv and their paths in score.json.
 const COLUMNS: [(&str, &str); 20] = [
     ("precision", "/detection/precision"),
     ("recall", "/detection/recall"),

@@ -1,4 +1,4 @@
-//! Precision, recall and depth error over density, drawn.
+//! Plot of precision, recall and depth error against density.
 
 use std::path::Path;
 
@@ -6,14 +6,16 @@ use plotters::prelude::*;
 
 use super::Scored;
 
-/// The curves: group, tracker, its name and colour.
-const CURVES: [(&str, &str, &str, RGBColor); 3] = [
+/// The curves: group, tracker, label and color.
+const CURVES: [(&str, &str, &str, RGBColor); 5] = [
     ("spherical", "ncc", "ncc, spherical lens", RGBColor(0, 90, 181)),
+    ("spherical", "mle", "mle, spherical lens", RGBColor(120, 60, 160)),
     ("astigmatic", "ncc", "ncc, astigmatic", RGBColor(220, 80, 0)),
+    ("astigmatic", "mle", "mle, astigmatic", RGBColor(180, 150, 0)),
     ("astigmatic", "aptv", "aptv, astigmatic", RGBColor(0, 130, 80)),
 ];
 
-/// The panels: what is over density, where it is in score.json, in which unit, and up to where.
+/// The panels: label, path in score.json, unit factor, and upper limit.
 const PANELS: [(&str, &str, f64, f64); 3] = [
     ("precision", "/detection/precision", 1.0, 1.0),
     ("recall", "/detection/recall", 1.0, 1.0),
@@ -42,10 +44,10 @@ pub(super) fn write(out: &Path, scored: &[Scored]) -> anyhow::Result<()> {
             .light_line_style(WHITE)
             .bold_line_style(RGBColor(225, 225, 225))
             .draw()?;
-        for (group, tracker, label, colour) in CURVES {
-            // Less noise is the full colour, more the pale one.
+        for (group, tracker, label, color) in CURVES {
+            // Low noise in full color, high noise pale.
             for (noise, shade) in [(10.0, 1.0), (50.0, 0.45)] {
-                let style = colour.mix(shade).stroke_width(2);
+                let style = color.mix(shade).stroke_width(2);
                 let chosen =
                     scored.iter().filter(|s| s.group == group && s.tracker == tracker && s.noise == noise);
                 let points = chosen.filter_map(|s| Some((s.n_s, (unit * s.value(pointer)?).min(top))));

@@ -1,25 +1,29 @@
-//! `cargo xtask bench`: what the command costs as a whole process, and what it could cost at best.
+//! `cargo xtask bench`: run time and memory of the command as a whole process, compared with lower limits.
 //!
-//! Every workload runs several times, in turns with all others of its group, so that a busy minute of the machine touches all
-//! alike; the medians are kept. The floors (memory, random numbers, files) and the yardstick (a NumPy loop over all rays) take
-//! turns with the first group. CPU time is that of all threads, user and system, as the system tells it of a finished process.
-//! What is known is written after every group, so that a bench that is ended early leaves a record.
+//! Every workload runs several times, interleaved with the others of its group, so that load on the machine
+//! affects all alike; medians are reported. The floors (memory, random numbers, files) and the yardstick (a
+//! NumPy loop over all rays) are interleaved with the first group. CPU time is user and system time of all
+//! threads, as reported by the system for a finished process. Results are written after every group, so that
+//! an interrupted benchmark leaves a record.
 
 pub(crate) mod floors;
+pub(crate) mod instructions;
+pub(crate) mod peers;
 mod plot;
 mod report;
+pub(crate) mod scoring;
 mod workload;
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::Context;
 use serde_json::Value;
 
-use crate::process::{Usage, machine, median, microsig, run};
-use crate::python::Python;
-use floors::Floor;
+use floors::LowerLimit;
+use suite::process::{Usage, machine, median, microsig, run};
+use suite::python::Python;
 use workload::Workload;
 
 /// A timed workload.
@@ -40,29 +44,35 @@ fn middle(runs: &[Usage]) -> Usage {
     }
 }
 
-/// Everything that was measured.
+/// All measurements.
 struct Record {
     machine: String,
     version: String,
     measured: Vec<Measured>,
-    /// Workloads that this version cannot run, and what it says.
+    /// Workloads that this version cannot run, with the error message.
     refused: Vec<(String, String)>,
-    floors: Vec<(Floor, Usage)>,
+    floors: Vec<(LowerLimit, Usage)>,
     yardstick: Yardstick,
-    /// What it costs to start the command and end it.
+    /// Cost of starting and ending the command.
     startup: Usage,
-    /// Runs of each workload, but for those that take long.
+    /// Runs of each workload, except long ones.
     repeats: usize,
 }
 
-/// Starts of the command that are timed.
+/// Folder of the sources and Python scripts of this module.
+fn sources() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("src/bench")
+}
+
+/// Number of timed starts of the command.
 const STARTS: usize = 25;
 
-/// What the yardstick said about each of its data files, or why there is none.
+/// Results of the yardstick for each of its data files, or the reason why it was not run.
 type Yardstick = Result<BTreeMap<&'static str, Value>, String>;
 
-/// Measures and writes `runs.csv`, plots and README.md into a folder; each workload runs at most `repeats` times. With `only`,
-/// workloads of other groups are left out. Workloads write below `scratch`; `None`: below `out`.
+/// Measures and writes `runs.csv`, plots and README.md into a folder; each workload runs at most `repeats`
+/// times. With `only`, other groups are skipped. Workloads write below `scratch`, or below `out` if it is
+/// `None`.
 pub(crate) fn main(
     out: &Path,
     only: Option<&str>,
@@ -99,12 +109,14 @@ pub(crate) fn main(
     Ok(())
 }
 
-/// Measures a group, and with the one of throughput what it is compared with.
+/// Measures a group; for the throughput group also floors and yardstick.
 fn measure(program: &Path, group: &[Workload], scratch: &Path, record: &mut Record) -> anyhow::Result<()> {
     let compared = group.iter().any(|w| w.group == workload::THROUGHPUT);
-    let python = compared.then(|| Python::with("yardstick").map_err(|e| format!("{e:#}")));
+    let python = compared.then(|| {
+        Python::with("yardstick", &sources().join("yardstick_requirements.txt")).map_err(|e| format!("{e:#}"))
+    });
     let mut runs: Vec<Vec<(Usage, Value, f64)>> = group.iter().map(|_| Vec::new()).collect();
-    let mut floor_runs: Vec<Vec<Usage>> = vec![Vec::new(); Floor::ALL.len()];
+    let mut floor_runs: Vec<Vec<Usage>> = vec![Vec::new(); LowerLimit::ALL.len()];
     let mut yardsticks: Vec<Yardstick> = Vec::new();
     for repeat in 0..record.repeats {
         for (workload, runs) in group.iter().zip(&mut runs).filter(|(w, _)| repeat < w.repeats) {
@@ -114,7 +126,7 @@ fn measure(program: &Path, group: &[Workload], scratch: &Path, record: &mut Reco
             println!("{}/{}  {}: {}", repeat + 1, workload.repeats, workload.group, workload.name);
             match time(program, workload, scratch) {
                 Ok(result) => runs.push(result),
-                // The one that a version may not know yet; any other failure ends the bench.
+                // Older versions lack this mode; any other failure ends the benchmark.
                 Err(e) if workload.name == workload::EXPECTED => {
                     record.refused.push((workload.name.clone(), format!("{:#}", e.root_cause())));
                 }
@@ -122,7 +134,7 @@ fn measure(program: &Path, group: &[Workload], scratch: &Path, record: &mut Reco
             }
         }
         let Some(python) = &python else { continue };
-        for (floor, runs) in Floor::ALL.into_iter().zip(&mut floor_runs) {
+        for (floor, runs) in LowerLimit::ALL.into_iter().zip(&mut floor_runs) {
             runs.push(time_floor(floor, scratch)?);
         }
         yardsticks.push(python.as_ref().map_err(Clone::clone).and_then(|p| yardstick(p, scratch)));
@@ -139,20 +151,20 @@ fn measure(program: &Path, group: &[Workload], scratch: &Path, record: &mut Reco
         });
     }
     if compared {
-        record.floors = Floor::ALL.into_iter().zip(floor_runs.iter().map(|runs| middle(runs))).collect();
+        record.floors = LowerLimit::ALL.into_iter().zip(floor_runs.iter().map(|runs| middle(runs))).collect();
         record.yardstick = middle_yardstick(yardsticks);
     }
     Ok(())
 }
 
-/// What it takes to be asked for the version.
+/// Cost of `microsig --version`.
 fn startup(program: &Path) -> anyhow::Result<Usage> {
     let starts: anyhow::Result<Vec<Usage>> =
         (0..STARTS).map(|_| Ok(run(Command::new(program).arg("--version"))?.0)).collect();
     Ok(middle(&starts?))
 }
 
-/// Runs a workload once; gives what it took, what it said and the bytes it wrote.
+/// Runs a workload once; returns usage, JSON output and the number of bytes written.
 fn time(program: &Path, workload: &Workload, scratch: &Path) -> anyhow::Result<(Usage, Value, f64)> {
     let out = scratch.join("out");
     let mut command = Command::new(program);
@@ -178,7 +190,7 @@ fn bytes_below(folder: &Path) -> std::io::Result<f64> {
     Ok(bytes)
 }
 
-fn time_floor(floor: Floor, scratch: &Path) -> anyhow::Result<Usage> {
+fn time_floor(floor: LowerLimit, scratch: &Path) -> anyhow::Result<Usage> {
     let folder = scratch.join("floor");
     std::fs::create_dir_all(&folder)?;
     let name = clap::ValueEnum::to_possible_value(&floor).context("a floor has a name")?;
@@ -188,7 +200,7 @@ fn time_floor(floor: Floor, scratch: &Path) -> anyhow::Result<Usage> {
     Ok(usage)
 }
 
-/// The yardstick on the first particles of the workloads of the goals.
+/// Runs the yardstick on the first particles of the workloads with goals.
 fn yardstick(python: &Python, scratch: &Path) -> Yardstick {
     const PARTICLES: [(&str, usize); 3] =
         [("setting 1, one size", 20), ("setting 1, several sizes", 20), ("setting 2", 3)];
@@ -198,12 +210,14 @@ fn yardstick(python: &Python, scratch: &Path) -> Yardstick {
         let data = scratch.join("yardstick.txt");
         std::fs::write(&data, rows.lines().take(particles).collect::<Vec<_>>().join("\n"))?;
         let settings = folder.join("settings.txt");
-        Ok(python.run("yardstick.py", &[&settings.to_string_lossy(), &data.to_string_lossy()])?.1)
+        Ok(python
+            .run(&sources().join("yardstick.py"), &[&settings.to_string_lossy(), &data.to_string_lossy()])?
+            .1)
     };
     PARTICLES.into_iter().map(|(name, n)| Ok((name, run(name, n).map_err(|e| format!("{e:#}"))?))).collect()
 }
 
-/// Of several results for a data file the one with the middle time.
+/// The result with the median time for each data file.
 fn middle_yardstick(results: Vec<Yardstick>) -> Yardstick {
     let results: Vec<BTreeMap<&'static str, Value>> = results.into_iter().collect::<Result<_, String>>()?;
     let names: Vec<&'static str> = results.first().into_iter().flat_map(|r| r.keys().copied()).collect();

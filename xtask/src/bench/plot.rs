@@ -1,4 +1,4 @@
-//! Growth of cost, drawn.
+//! Plots of the growth of run time and memory.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use plotters::prelude::*;
 use super::workload::GROWTH;
 use super::{Measured, Record};
 
-const COLOURS: [RGBColor; 5] = [
+const COLORS: [RGBColor; 5] = [
     RGBColor(0, 90, 181),
     RGBColor(220, 80, 0),
     RGBColor(0, 130, 80),
@@ -73,11 +73,11 @@ fn draw(path: &Path, title: &str, y_name: &str, curves: &[Curve], proportional: 
             .label("proportional")
             .legend(|(x, y)| PathElement::new([(x, y), (x + 24, y)], BLACK.mix(0.4)));
     }
-    for ((name, points), colour) in curves.iter().zip(COLOURS) {
+    for ((name, points), color) in curves.iter().zip(COLORS) {
         chart
-            .draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(2)).point_size(3))?
+            .draw_series(LineSeries::new(points.iter().copied(), color.stroke_width(2)).point_size(3))?
             .label(name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 24, y)], colour.stroke_width(2)));
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 24, y)], color.stroke_width(2)));
     }
     chart
         .configure_series_labels()

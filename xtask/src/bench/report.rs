@@ -1,24 +1,24 @@
-//! `runs.csv` and README.md of the bench.
+//! Writes `runs.csv` and README.md of the benchmark.
 
 use std::fmt::Write;
 use std::path::Path;
 
-use super::floors::Floor;
+use super::floors::LowerLimit;
 use super::workload::{EXPECTED, EXPECTED_MANY, GROWTH, LONG};
 use super::{Measured, Record, cpu_ms};
 
-/// CPU time of the original program, ms per particle, lowest and highest, as its users measured it elsewhere, and the goal:
-/// how many times faster we want to be.
+/// CPU time of the original program, ms per particle (minimum and maximum, measured by its users on other
+/// machines), and the speed-up that is the goal.
 const GOALS: [(&str, [f64; 2], f64); 3] = [
     ("setting 1, one size", [7.5, 8.5], 200.0),
     ("setting 1, several sizes", [27.0, 29.0], 600.0),
     ("setting 2", [170.0, 280.0], 800.0),
 ];
 
-/// Groups with one thread and with two.
+/// Groups that are run with one and two threads.
 const THREADS: [&str; 2] = ["threads, rays", "threads, gaussian"];
 
-/// Largest growth of CPU time that counts as linear when the size doubles: 10 % more than twice.
+/// Greatest growth of CPU time per doubling of the size that counts as linear: 10 % above 2.
 const DOUBLING: f64 = 2.2;
 
 pub(super) fn write(out: &Path, record: &Record) -> anyhow::Result<()> {
@@ -59,7 +59,6 @@ pub(super) fn write(out: &Path, record: &Record) -> anyhow::Result<()> {
         ])?;
     }
     table.flush()?;
-    summary(out, record)?;
     std::fs::write(out.join("README.md"), readme(out, record)?)?;
     Ok(())
 }
@@ -67,14 +66,14 @@ pub(super) fn write(out: &Path, record: &Record) -> anyhow::Result<()> {
 fn readme(out: &Path, record: &Record) -> Result<String, std::fmt::Error> {
     let mut text = format!(
         "# Speed and memory\n\nMade by `cargo xtask bench --out {}` with {}.\nOn {}.\n\n\
-         Whole runs of the command, noise and files included. Medians of {} runs that took turns with others; CPU time is \
+         Whole runs of the command, including noise and files. Medians of {} interleaved runs; CPU time is \
          user and system time of all threads. `runs.csv` has every figure.\n\n",
         out.display(),
         record.version,
         record.machine,
         record.repeats
     );
-    kept(&mut text, record)?;
+    requirements_table(&mut text, record)?;
     let ran = |part: &str| record.measured.iter().any(|m| m.workload.group.contains(part));
     if ran("throughput") {
         goals(&mut text, record)?;
@@ -95,77 +94,60 @@ fn readme(out: &Path, record: &Record) -> Result<String, std::fmt::Error> {
     Ok(text)
 }
 
-/// Something that the project promises of whole runs, or aims at.
-struct Promise {
+/// A requirement or goal for whole runs.
+struct Requirement {
     what: String,
     found: f64,
     unit: &'static str,
     bar: f64,
-    met: bool,
+    is_met: bool,
 }
 
-/// What the project promises, as far as it was measured.
-fn promises(record: &Record) -> Vec<Promise> {
+/// Requirements and goals, as far as they were measured.
+fn requirements(record: &Record) -> Vec<Requirement> {
     let named = |name: &str| record.measured.iter().find(|m| m.workload.name == name);
     let mut all = Vec::new();
-    let mut add = |what: &str, found: f64, unit: &'static str, bar: f64, met: bool| {
-        all.push(Promise { what: what.to_owned(), found, unit, bar, met });
+    let mut add = |what: &str, found: f64, unit: &'static str, bar: f64, is_met: bool| {
+        all.push(Requirement { what: what.to_owned(), found, unit, bar, is_met });
     };
     let started = 1e3 * record.startup.wall_s.max(record.startup.cpu_s);
-    add("start and end of the program", started, " ms", 10.0, started < 10.0);
+    add("starting and ending the program", started, " ms", 10.0, started < 10.0);
     if let Some(m) = named("quickstart.ron") {
         add("quickstart, CPU time", m.usage.cpu_s, " s", 1.0, m.usage.cpu_s < 1.0);
     }
     let steps: Vec<f64> = GROWTH.iter().flat_map(|(name, _)| doublings(record, name)).collect();
     if !steps.is_empty() {
         let most = steps.iter().copied().fold(0.0, f64::max);
-        add("factor on CPU time when something doubles, at most", most, "", DOUBLING, most <= DOUBLING);
+        add("greatest growth of CPU time when the size doubles", most, "", DOUBLING, most <= DOUBLING);
     }
     if let [Some(short), Some(long)] = LONG.map(named) {
         let growth = long.usage.peak_mb / short.usage.peak_mb;
-        add("memory of 10,000 frames over that of 100", growth, "", 1.2, growth <= 1.2);
+        add("memory of 10,000 frames relative to 100", growth, "", 1.2, growth <= 1.2);
     }
     if let [Some(few), Some(many)] = [EXPECTED, EXPECTED_MANY].map(named) {
         let rate = (many.images - few.images) / (many.usage.cpu_s - few.usage.cpu_s);
-        add(
-            "images of 500 particles per CPU s, expected, once tables are made",
-            rate,
-            "",
-            1000.0,
-            rate >= 1e3,
-        );
+        add("images of 500 particles per CPU s, expected, excluding tables", rate, "", 1000.0, rate >= 1e3);
     }
     for (name, both) in THREADS.map(|name| (name, group(record, name).collect::<Vec<_>>())) {
         if let [one, two] = both[..] {
             let faster = one.usage.wall_s / two.usage.wall_s;
-            let what = format!("a second core makes it faster by: {}", name.trim_start_matches("threads, "));
+            let what = format!("speed-up by a second core: {}", name.trim_start_matches("threads, "));
             add(&what, faster, "", 1.95, faster >= 1.95);
         }
     }
     all
 }
 
-/// Writes `summary.csv`, from which README.md of the project takes its table.
-fn summary(out: &Path, record: &Record) -> anyhow::Result<()> {
-    let mut table = csv::Writer::from_path(out.join("summary.csv"))?;
-    table.write_record(["what", "measured", "unit", "bar", "met"])?;
-    for Promise { what, found, unit, bar, met } in promises(record) {
-        let met = if met { "yes" } else { "no" };
-        table.write_record([&what, &format!("{found:.4}"), unit, &bar.to_string(), met])?;
-    }
-    Ok(table.flush()?)
-}
-
-fn kept(text: &mut String, record: &Record) -> std::fmt::Result {
-    writeln!(text, "## What must hold, and goals\n\n| | measured | bar | met |\n|---|---|---|---|")?;
-    for Promise { what, found, unit, bar, met } in promises(record) {
-        let met = if met { "yes" } else { "**no**" };
+fn requirements_table(text: &mut String, record: &Record) -> std::fmt::Result {
+    writeln!(text, "## Requirements and goals\n\n| | measured | bar | met |\n|---|---|---|---|")?;
+    for Requirement { what, found, unit, bar, is_met } in requirements(record) {
+        let met = if is_met { "yes" } else { "**no**" };
         writeln!(text, "| {what} | {found:.3}{unit} | {bar}{unit} | {met} |")?;
     }
     writeln!(text)
 }
 
-/// Growth of CPU time per doubling, from each size of a group to the next.
+/// Growth of CPU time per doubling, between consecutive sizes of a group.
 fn doublings(record: &Record, name: &str) -> Vec<f64> {
     let members: Vec<&Measured> = group(record, name).collect();
     let step = |w: &[&Measured]| {
@@ -183,10 +165,10 @@ fn goals(text: &mut String, record: &Record) -> std::fmt::Result {
     writeln!(
         text,
         "## Against the yardstick and the original\n\n\
-         The yardstick is `xtask/python/yardstick.py`, a NumPy loop that traces every ray of every particle and counts the \
-         original's rays to the last one (`yardstick.py --check tests/data/exact`); it ran in turns with ours. The original's \
-         times are its users' figures from another machine: ratios to them are orders of magnitude. In one size it shares one \
-         light field between all particles, which neither ours nor the yardstick does.\n"
+         The yardstick is `xtask/src/bench/yardstick.py`, a NumPy loop that traces every ray of every particle and reproduces the \
+         original's counts exactly (`yardstick.py --check tests/data/exact`); its runs were interleaved. The original's \
+         times were reported by its users on other machines, so ratios to them are orders of magnitude. For particles of one size it uses one \
+         light field for all particles, which neither microsig nor the yardstick does.\n"
     )?;
     let yardstick = match &record.yardstick {
         Ok(results) => results,
@@ -194,8 +176,8 @@ fn goals(text: &mut String, record: &Record) -> std::fmt::Result {
     };
     writeln!(
         text,
-        "| CPU ms per particle | ours, all included | yardstick | ours is faster by | original, stated | yardstick over original | \
-         ours is faster than the original by | goal |\n|---|---|---|---|---|---|---|---|"
+        "| CPU ms per particle | microsig, everything included | yardstick | speed-up | original, stated | yardstick over original | \
+         speed-up over the original | goal |\n|---|---|---|---|---|---|---|---|"
     )?;
     for (name, [low, high], goal) in GOALS {
         let Some(ours) = group(record, "throughput").find(|m| m.workload.name == name) else { continue };
@@ -246,18 +228,18 @@ fn throughput(text: &mut String, record: &Record) -> std::fmt::Result {
 }
 
 fn floors(text: &mut String, record: &Record) -> std::fmt::Result {
-    let nothing = record.floors.iter().find(|f| f.0 == Floor::Nothing).map_or(0.0, |f| f.1.cpu_s);
-    let ms = |wanted: Floor| {
+    let nothing = record.floors.iter().find(|f| f.0 == LowerLimit::Nothing).map_or(0.0, |f| f.1.cpu_s);
+    let ms = |wanted: LowerLimit| {
         let found = record.floors.iter().find(|f| f.0 == wanted);
         found.map_or(f64::NAN, |(floor, usage)| 1e3 * (usage.cpu_s - nothing) / floor.images() as f64)
     };
     let pixels = 752.0 * 366.0;
-    let (copy, words, file) = (ms(Floor::Memcpy), ms(Floor::Philox), ms(Floor::Write));
+    let (copy, words, file) = (ms(LowerLimit::Memcpy), ms(LowerLimit::Philox), ms(LowerLimit::Write));
     let floor = copy + words + file;
     writeln!(
         text,
-        "## Floors\n\nFor one image of 752 x 366 px in 16 bit, CPU time on one thread: a copy in memory {:.4} ms ({:.1} GB/s), a \
-         Philox word per pixel, as our streams give it, {words:.3} ms ({:.2} ns each), a raw file {file:.3} ms ({:.2} GB/s).",
+        "## Floors\n\nFor one image of 752 x 366 px in 16 bit, CPU time on one thread: a memory copy {:.4} ms ({:.1} GB/s), a \
+         Philox word per pixel, as in microsig's streams, {words:.3} ms ({:.2} ns each), a raw file {file:.3} ms ({:.2} GB/s).",
         copy,
         2.0 * pixels / copy / 1e6,
         1e6 * words / pixels,
@@ -267,7 +249,7 @@ fn floors(text: &mut String, record: &Record) -> std::fmt::Result {
         let ours = 1e3 * empty.usage.cpu_s / empty.images;
         writeln!(
             text,
-            "An image without particles takes {ours:.3} ms: {:.1} times the floor of {floor:.3} ms (a copy, a Philox word a pixel \
+            "An image without particles takes {ours:.3} ms: {:.1} times the floor of {floor:.3} ms (a copy, a Philox word per pixel \
              for its noise, a raw file).",
             ours / floor
         )?;
@@ -278,7 +260,7 @@ fn floors(text: &mut String, record: &Record) -> std::fmt::Result {
 fn threads(text: &mut String, record: &Record) -> std::fmt::Result {
     writeln!(
         text,
-        "## A second thread\n\n| | wall s, 1 thread | 2 threads | faster by | CPU time grows by |\n|---|---|---|---|---|"
+        "## A second thread\n\n| | wall s, 1 thread | 2 threads | speed-up | growth of CPU time |\n|---|---|---|---|---|"
     )?;
     for name in THREADS {
         let both: Vec<&Measured> = group(record, name).collect();
@@ -297,7 +279,7 @@ fn threads(text: &mut String, record: &Record) -> std::fmt::Result {
     }
     writeln!(
         text,
-        "\nWall time means little if the machine had other work; the load when the bench began is told above.\n"
+        "\nWall times are unreliable if the machine had other load; the load at the start is given above.\n"
     )
 }
 
@@ -314,7 +296,7 @@ fn growth(text: &mut String, record: &Record) -> std::fmt::Result {
         }
         let list =
             |of: &dyn Fn(&Measured) -> String| members.iter().map(|m| of(m)).collect::<Vec<_>>().join(", ");
-        // Sizes grow by factors of 2 or 4; growth is told per factor of 2.
+        // Sizes grow by factors of 2 or 4; the growth is per factor of 2.
         let steps = doublings(record, name);
         let linear = steps.iter().all(|s| *s <= DOUBLING);
         writeln!(

@@ -1,4 +1,4 @@
-//! What is timed: runs of the `microsig` command, each as a user would type it.
+//! The timed workloads: runs of the `microsig` command as a user would type them.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -9,18 +9,18 @@ use microsig_core::{Settings, formats::settings_file};
 /// A run of the command.
 #[derive(Debug, Clone)]
 pub(super) struct Workload {
-    /// Workloads that are compared with each other.
+    /// Group of workloads that are compared with each other.
     pub(super) group: &'static str,
     pub(super) name: String,
-    /// How large it is, in the unit of its group; growth is measured over it.
+    /// Size in the unit of its group, for measuring growth.
     pub(super) size: f64,
-    /// The arguments without output folder.
+    /// Arguments without the output folder.
     pub(super) arguments: Vec<String>,
     pub(super) threads: usize,
     pub(super) repeats: usize,
 }
 
-/// What a group's sizes count, for groups over which growth is measured.
+/// The groups for which growth is measured, and the units of their sizes.
 pub(super) const GROWTH: [(&str, &str); 5] = [
     ("particles, rays", "particles"),
     ("particles, gaussian", "particles"),
@@ -29,7 +29,7 @@ pub(super) const GROWTH: [(&str, &str); 5] = [
     ("frames, gaussian", "frames"),
 ];
 
-/// Light by rays, in depths that Rossi 2020 scans.
+/// Ray-traced images over the depths of Rossi (2020).
 #[derive(Debug, Clone)]
 struct Rays {
     settings: Settings,
@@ -44,7 +44,7 @@ impl Rays {
         Rays { settings, images, particles, z_um: (-80.0, 40.0), d_um: (2.0, 2.0) }
     }
 
-    /// Writes settings and data files, and gives the run that renders them.
+    /// Writes settings and data files, and returns the workload that renders them.
     fn workload(
         &self,
         scratch: &Path,
@@ -75,12 +75,12 @@ impl Rays {
     }
 }
 
-/// The settings of the first rows of `data` with other values.
+/// Setting 1 with a square sensor of this side, px.
 fn square(side: u32) -> Settings {
     Settings { pixel_dim_x: side, pixel_dim_y: side, ..Settings::setting1() }
 }
 
-/// A dataset of in-focus spots, with truth and all.
+/// Generates a complete dataset of in-focus Gaussian images.
 fn gaussian(
     scratch: &Path,
     (group, name): (&'static str, &str),
@@ -117,7 +117,7 @@ pub(super) fn all(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
     Ok(all)
 }
 
-/// Images and particles per second in the settings of Table 1, in focus, and without particles.
+/// Throughput for the settings of Table 1, for in-focus images, and without particles.
 fn throughput(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
     const GROUP: &str = THROUGHPUT;
     let setting1 = Rays::new(Settings::setting1(), 20, 100);
@@ -135,7 +135,7 @@ fn throughput(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
     ] {
         all.push(rays.workload(scratch, GROUP, name, f64::from(rays.images))?);
     }
-    // The other way of light that `render` knows; a version without it is told so and goes on.
+    // The mode `expected`; versions without it are reported as such.
     for (name, images) in [(EXPECTED, FEW), (EXPECTED_MANY, MANY)] {
         let rays = Rays::new(Settings::setting1(), images, 500);
         let mut expected = rays.workload(scratch, GROUP, name, f64::from(images))?;
@@ -161,18 +161,18 @@ fn throughput(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
     Ok(all)
 }
 
-/// The group that is compared with floors and a yardstick.
+/// The group that is compared with floors and yardstick.
 pub(super) const THROUGHPUT: &str = "throughput";
 
-/// Names of the workloads that need tables: for few images most of their time goes into making the tables.
+/// Workloads that need tables; with few images most of the time is spent on building tables.
 pub(super) const EXPECTED: &str = "setting 1, 500 particles, expected";
 pub(super) const EXPECTED_MANY: &str = "setting 1, 500 particles, expected, many images";
 
-/// Images of either.
+/// Numbers of images of these workloads.
 const FEW: u32 = 20;
 const MANY: u32 = 220;
 
-/// The same with more and more of one thing.
+/// Workloads with increasing sizes.
 fn growth(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
     let mut all = Vec::new();
     for particles in [50, 100, 200, 400] {
@@ -207,7 +207,7 @@ fn growth(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
     Ok(all)
 }
 
-/// Two sequences that should take the same memory.
+/// Two sequences that should need the same memory.
 pub(super) const LONG: [&str; 2] =
     ["gaussian, 100 frames of 128 x 128 px", "gaussian, 10000 frames of 128 x 128 px"];
 
@@ -218,7 +218,7 @@ fn sequence(scratch: &Path, name: &'static str, frames: u32) -> anyhow::Result<W
 
 const LARGE: &str = "large";
 
-/// Runs that must end, in bounded memory; once each.
+/// Large runs with bounded memory; once each.
 fn large(scratch: &Path) -> anyhow::Result<Vec<Workload>> {
     const GROUP: &str = LARGE;
     let rays = Rays::new(square(4096), 1, 100_000);

@@ -1,4 +1,4 @@
-//! The gallery of velocity fields in the documentation: every field that `microsig flows` lists, drawn by it.
+//! The gallery of velocity fields in the documentation: a plot by `microsig flows` of every field.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -7,7 +7,7 @@ use std::process::Command;
 use anyhow::{Context, ensure};
 use serde_json::Value;
 
-use crate::process;
+use suite::process;
 
 /// Draws all fields into a folder and writes its README.md.
 pub(super) fn run(out: &Path) -> anyhow::Result<()> {
@@ -41,7 +41,7 @@ pub(super) fn run(out: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Runs the command and gives what it says.
+/// Runs the command and returns its standard output.
 fn said(program: &Path, arguments: &[&str]) -> anyhow::Result<String> {
     let output = Command::new(program).args(arguments).output()?;
     ensure!(output.status.success(), "microsig {arguments:?}: {}", String::from_utf8_lossy(&output.stderr));

@@ -1,4 +1,4 @@
-//! The reference of all keys, `docs/scenario.md`, with pictures of what single keys do to the image.
+//! The reference of all keys, `docs/scenario.md`, with pictures of the effects of single keys.
 
 use std::io::BufWriter;
 use std::path::Path;
@@ -6,34 +6,35 @@ use std::path::Path;
 use anyhow::Context;
 use bench::dataset::manifest::MANIFEST;
 use bench::runner::{GenerateOptions, Progress, generate};
-use bench::scenario::{self, assignment, effects};
+use bench::scenario::{self, Picture, Scene, assignment};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{GrayImage, imageops};
 use microsig_core::formats::tiff;
 use microsig_core::sensor::Image;
 
-use crate::picture::{quantile, side_by_side, stretch};
+use suite::picture::{quantile, side_by_side, stretch};
 
-/// Screen pixels for one pixel of a picture.
+/// Magnification of pictures: screen pixels per pixel.
 const ZOOM: u32 = 2;
 
-/// Depths of the particles of the ladder: far below focus, in focus, above; x and y in px, z and diameter in um.
+/// Particles of the scene `Ladder` far below, in, and above focus: x and y in px, z and diameter in um.
 const PLACES: &str = "30 33 -70 2\n80 33 -25 2\n122 33 15 2\n";
 
-/// Writes the document below `docs`, and the pictures that are not there yet, or all of them.
+/// Writes the document below `docs`, and missing pictures, or all with `redraw`.
 pub(super) fn run(docs: &Path, redraw: bool) -> anyhow::Result<()> {
     let folder = docs.join("scenario");
     std::fs::create_dir_all(&folder)?;
     let path = docs.join("scenario.md");
-    std::fs::write(&path, scenario::reference::document()?)?;
-    let wanted = |effect: &&effects::Effect| redraw || !folder.join(effect.file()).exists();
+    let pictures = Picture::list(&std::fs::read_to_string(folder.join("pictures.ron"))?)?;
+    std::fs::write(&path, scenario::document(&pictures)?)?;
+    let wanted = |picture: &&Picture| redraw || !folder.join(picture.file()).exists();
     let mut drawn = 0;
-    for effect in effects::EFFECTS.iter().filter(wanted) {
-        let path = folder.join(effect.file());
+    for wanted in pictures.iter().filter(wanted) {
+        let path = folder.join(wanted.file());
         drawn += 1;
-        let picture = picture(effect).with_context(|| effect.path)?;
+        let picture = picture(wanted).with_context(|| wanted.key.clone())?;
         let file = BufWriter::new(std::fs::File::create(&path).with_context(|| path.display().to_string())?);
-        // Zoomed rows repeat, which the filter makes nothing of.
+        // The filter `Up` compresses the repeated rows of magnified pictures.
         picture.write_with_encoder(PngEncoder::new_with_quality(
             file,
             CompressionType::Best,
@@ -44,10 +45,10 @@ pub(super) fn run(docs: &Path, redraw: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// All pictures of an effect on one grey scale.
-fn picture(effect: &effects::Effect) -> anyhow::Result<GrayImage> {
+/// All images of a picture with a common gray scale.
+fn picture(picture: &Picture) -> anyhow::Result<GrayImage> {
     let images: Vec<Image> =
-        effect.pictures.iter().map(|sets| image(effect.scene, sets)).collect::<anyhow::Result<_>>()?;
+        picture.images.iter().map(|sets| image(picture.scene, sets)).collect::<anyhow::Result<_>>()?;
     let black = images.iter().map(|i| quantile(i, 0.01)).fold(f64::INFINITY, f64::min);
     let white = images.iter().map(|i| quantile(i, 0.998)).fold(black + 1.0, f64::max);
     let tiles: Vec<GrayImage> = images.iter().map(|image| lifted(stretch(image, black, white))).collect();
@@ -56,7 +57,7 @@ fn picture(effect: &effects::Effect) -> anyhow::Result<GrayImage> {
     Ok(imageops::resize(&strip, width * ZOOM, height * ZOOM, imageops::FilterType::Nearest))
 }
 
-/// Square roots of the grey levels: rings are far fainter than spots.
+/// Takes the square root of gray levels, since rings are much fainter than focused images.
 fn lifted(mut picture: GrayImage) -> GrayImage {
     for pixel in picture.pixels_mut() {
         pixel.0[0] = (f64::from(pixel.0[0]) * 255.0).sqrt().round() as u8;
@@ -64,7 +65,7 @@ fn lifted(mut picture: GrayImage) -> GrayImage {
     picture
 }
 
-/// A background for the ladder: brighter to the right, with three smudges.
+/// A background image: brighter to the right, with three dark spots.
 fn background((width, height): (u32, u32)) -> Image {
     let smudges = [(20.0, 12.0, 6.0), (75.0, 50.0, 9.0), (130.0, 20.0, 5.0)];
     let at = |x: f64, y: f64| {
@@ -78,21 +79,21 @@ fn background((width, height): (u32, u32)) -> Image {
     Image { width, height, bits: 16, counts }
 }
 
-/// A frame of a scene with some values replaced.
-fn image(scene: effects::Scene, sets: &str) -> anyhow::Result<Image> {
+/// A frame of a scene with some keys changed.
+fn image(scene: Scene, sets: &str) -> anyhow::Result<Image> {
     let place = tempfile::tempdir()?;
     std::fs::write(place.path().join("places.txt"), PLACES)?;
     let (size, particles) = match scene {
-        effects::Scene::Ladder => ((150, 66), "number: file(\"places.txt\")"),
-        effects::Scene::Cloud => ((150, 110), "number: count(14)"),
-        effects::Scene::Dense | effects::Scene::Later => ((150, 110), "number: ppp(0.008)"),
-        effects::Scene::Fast => ((150, 110), "number: count(14)"),
+        Scene::Ladder => ((150, 66), "number: file(\"places.txt\")"),
+        Scene::Channel => ((150, 110), "number: count(14)"),
+        Scene::Dense | Scene::Later => ((150, 110), "number: ppp(0.008)"),
+        Scene::Fast => ((150, 110), "number: count(14)"),
     };
     let file = std::fs::File::create(place.path().join("background.tif"))?;
     let scale = tiff::PixelScale { um_per_px: 1.0, frame_interval_s: None };
     tiff::write(file, &background(size), &scale, "background.tif")?;
-    // Particles of one plane move alike.
-    let range = if scene == effects::Scene::Fast { "(-30, -20)" } else { "(-80, 20)" };
+    // A thin range of depths, so that all particles move alike.
+    let range = if scene == Scene::Fast { "(-30, -20)" } else { "(-80, 20)" };
     let text = format!(
         "(name: \"effect\", seed: 4, optics: (preset: setting1, pixel_dim_x: {}, pixel_dim_y: {}), \
          motion: flow(field: poiseuille(walls_z_um: (-80, 20), max_speed_um_s: 1000)), particles: ({particles}), \
@@ -111,7 +112,7 @@ fn image(scene: effects::Scene, sets: &str) -> anyhow::Result<Image> {
         &GenerateOptions { out: out.clone(), force: false, resume: false, progress: Progress::Hidden },
     )?;
     anyhow::ensure!(out.join(MANIFEST).is_file(), "a dataset has a manifest");
-    let role = if scene == effects::Scene::Later { "b" } else { "a" };
+    let role = if scene == Scene::Later { "b" } else { "a" };
     let frame = out.join(format!("images/pair_00000_{role}.tif"));
     let counts = tiff::read(std::io::BufReader::new(std::fs::File::open(&frame)?), "effect", size)?;
     Ok(Image {

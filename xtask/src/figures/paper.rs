@@ -1,4 +1,4 @@
-//! Fig. 3 and 4 of Rossi 2020 from our own renderer.
+//! Figures 3 and 4 of Rossi (2020), reproduced.
 
 mod maxima;
 mod scenes;
@@ -8,7 +8,7 @@ use std::path::Path;
 
 use anyhow::Context;
 
-/// Draws them into a folder, with their numbers and README.md.
+/// Draws the figures into a folder, with their data and README.md.
 pub(super) fn run(out: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     strips::draw(out)?;

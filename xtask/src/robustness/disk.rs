@@ -1,4 +1,4 @@
-//! A disk that is full: a clear message, exit code 1, and nothing under the final name.
+//! Full disks: a clear message, exit code 1, and nothing incomplete under a final name.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use std::process::{Command, ExitCode};
 use anyhow::{Context, ensure};
 
 use super::record;
-use crate::process;
+use suite::process;
 
 const SCENARIO: &str = r#"(
     name: "full",
@@ -39,12 +39,12 @@ impl Disk {
 
 impl Drop for Disk {
     fn drop(&mut self) {
-        // What stays mounted is named by `mount`; nothing more can be done here.
+        // Best effort.
         let _ = Command::new("umount").arg(self.0.path()).status();
     }
 }
 
-/// Fills small disks at many stages of every verb that writes, and writes `disk.md`.
+/// Runs every verb that writes on disks that fill up at different stages, and writes `disk.md`.
 pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
     let microsig = process::microsig()?;
     let place = tempfile::tempdir()?;
@@ -65,7 +65,7 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
     let (tracks, score) = (format!("{dataset}/truth/tracks.csv"), path("score"));
     plain(&["evaluate", &dataset, &tracks, "--out", &score, "--report"])?;
 
-    // Arguments before the folder they write, and a folder that is the whole of it.
+    // Verb, arguments before the output folder, and a complete output folder.
     let verbs: [(&str, Vec<&str>, String); 4] = [
         ("generate", vec!["generate", &base, "--out"], dataset.clone()),
         ("sweep", vec!["sweep", &sweep_file, "--out"], sweep.clone()),
@@ -73,8 +73,8 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
         ("evaluate", vec!["evaluate", &dataset, &tracks, "--report", "--out"], score.clone()),
     ];
     let mut text = String::from(
-        "# Full disks\n\nMade by `cargo xtask disk`: the output goes to a tmpfs that is too small by more or less, so that it is \
-         full at every stage.\n\n| verb | needs | sizes of the disk, kB | exit code | message (of the last) | left behind |\n\
+        "# Full disks\n\nMade by `cargo xtask disk`: the output goes to tmpfs file systems that are too small by different amounts, so that they are \
+         full at different stages.\n\n| verb | needs | sizes of the disk, kB | exit code | message (of the last) | left behind |\n\
          |---|---|---|---|---|---|\n",
     );
     for (verb, arguments, whole) in verbs {
@@ -107,20 +107,20 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
             left.join(", ")
         )?;
     }
-    text += "\nNothing stood under its final name that was not whole (finished cases of the sweep pass `verify`).\n";
+    text += "\nNothing incomplete had its final name (finished cases of the sweep pass `verify`).\n";
     record(out, "disk.md", &text)?;
     print!("{text}");
     Ok(ExitCode::SUCCESS)
 }
 
-/// What is left on the disk; anything with a final name must be whole.
+/// What is left on the disk; anything with a final name must be complete.
 fn behind(microsig: &Path, disk: &Path, verb: &str) -> anyhow::Result<Vec<String>> {
     let names = |folder: &Path| -> anyhow::Result<Vec<PathBuf>> {
         Ok(std::fs::read_dir(folder)?.map(|e| e.map(|e| e.path())).collect::<Result<_, _>>()?)
     };
     let mut found = names(disk)?;
     if verb == "sweep" {
-        // The sweep's own folder is no result; its cases are.
+        // The results of a sweep are its cases, not its folder.
         let cases = disk.join("out");
         found = if cases.is_dir() { names(&cases)? } else { Vec::new() };
     }
@@ -135,7 +135,7 @@ fn behind(microsig: &Path, disk: &Path, verb: &str) -> anyhow::Result<Vec<String
     Ok(if left.is_empty() { vec!["nothing".to_owned()] } else { left })
 }
 
-/// What `du` says, kB.
+/// Disk usage by `du`, kB.
 fn size_kb(folder: &Path) -> anyhow::Result<u64> {
     let output = Command::new("du").arg("-sk").arg(folder).output()?;
     let text = String::from_utf8(output.stdout)?;

@@ -1,4 +1,4 @@
-//! Runs that are killed at random moments and then resumed: do they end as if nothing had happened?
+//! Kills runs at random times and resumes them: the result must be identical to that of an undisturbed run.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use microsig_core::stream::{Purpose, Streams};
 use suite::tree;
 
 use super::record;
-use crate::process::{self, median};
+use suite::process::{self, median};
 
 const SCENARIO: &str = r#"(
     name: "killed",
@@ -29,14 +29,14 @@ const SWEEP: &str = r#"(
     ],
 )"#;
 
-/// What is killed: a dataset in one process, or a sweep in two shards at a time.
+/// Kinds of runs: a dataset in one process, or a sweep in two concurrent shards.
 #[derive(Clone, Copy, PartialEq)]
 enum Run {
     Generate,
     Sweep,
 }
 
-/// What a kill left behind.
+/// State after a kill.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum Left {
     Nothing,
@@ -62,7 +62,7 @@ pub(crate) fn run(out: &Path, kills: u32) -> anyhow::Result<ExitCode> {
         all_well &= well == kills;
         writeln!(
             text,
-            "- **{what}**: {kills} kills (SIGKILL), uniform over the {typical:.2} s (median) that an undisturbed run takes just before; {} left an \
+            "- **{what}**: {kills} kills (SIGKILL), uniform over the run time of an undisturbed run measured just before (median {typical:.2} s); {} left an \
              unfinished dataset, {} nothing, {} came after the end. No unfinished dataset passed `verify`, under any name. \
              After `--resume` {well} of {kills} trees were byte-identical to the undisturbed one.",
             counts[1], counts[0], counts[2]
@@ -82,7 +82,7 @@ impl Bench {
         let whole = place.join("whole");
         self.finish(&whole, false)?;
         let expected = tree(&whole)?;
-        // The machine may be busier later: the time is taken anew before every tenth kill.
+        // The load of the machine may change: the run time is measured again before every tenth kill.
         let undisturbed = || -> anyhow::Result<f64> {
             let (out, start) = (place.join("again"), Instant::now());
             self.finish(&out, false)?;
@@ -139,7 +139,7 @@ impl Bench {
     }
 
     fn finish(&self, out: &Path, resume: bool) -> anyhow::Result<()> {
-        // What was whole already is no run to resume.
+        // A complete dataset needs no resuming.
         if resume && self.run == Run::Generate && out.exists() {
             return Ok(());
         }
@@ -155,7 +155,7 @@ impl Bench {
         let mut children = self.start(out, false)?;
         std::thread::sleep(Duration::from_secs_f64(moment_s).saturating_sub(start.elapsed()));
         for child in &mut children {
-            // SIGKILL; an error only says that it has ended already.
+            // SIGKILL; fails if the process has already ended.
             let _ = child.kill();
         }
         for mut child in children {
@@ -164,7 +164,7 @@ impl Bench {
         Ok(())
     }
 
-    /// Datasets below `out` that have their name, and those that do not yet.
+    /// Finished and unfinished datasets below `out`.
     fn datasets(&self, out: &Path) -> anyhow::Result<(Vec<PathBuf>, Vec<PathBuf>)> {
         let folder = match self.run {
             Run::Generate => out.parent().context("a folder")?,
@@ -184,7 +184,7 @@ impl Bench {
         Ok(found)
     }
 
-    /// Number of files that a run has left.
+    /// Number of files left by a run.
     fn files(&self, out: &Path) -> anyhow::Result<usize> {
         let (whole, unfinished) = self.datasets(out)?;
         whole.iter().chain(&unfinished).map(|dataset| Ok(tree(dataset)?.len())).sum()
@@ -203,7 +203,8 @@ impl Bench {
         })
     }
 
-    /// Whatever has its name passes `verify`; what has not does not, nor does it under another name unless it is whole.
+    /// Checks that finished datasets pass `verify`, and that unfinished ones do not, not even under another
+    /// name, unless they are complete.
     fn nothing_torn_passes(&self, out: &Path) -> anyhow::Result<()> {
         let passes = |dataset: &Path| -> anyhow::Result<bool> {
             let mut verify = Command::new(&self.microsig);

@@ -1,6 +1,6 @@
-//! Peak memory of making a long sequence against that of a short one: it must not grow with the number of frames.
+//! Peak memory for a long sequence compared with a short one: it must not grow with the number of frames.
 //!
-//! `verify` holds all checksums at a time, so its memory does grow; it is measured too, but has no bar.
+//! `verify` holds all checksums in memory, which therefore grows; it is measured, but has no limit.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, ensure};
 
 use super::record;
-use crate::process;
+use suite::process;
 
 const SCENARIO: &str = r#"(
     name: "long",
@@ -21,10 +21,10 @@ const SCENARIO: &str = r#"(
     calibration: none,
 )"#;
 
-/// Largest ratio that is allowed.
+/// Greatest allowed ratio.
 const BAR: f64 = 1.2;
 
-/// Measures both and writes `memory.md`; exit code 1 if the bar is missed.
+/// Measures both and writes `memory.md`; exit code 1 if the limit is exceeded.
 pub(crate) fn run(out: &Path, frames: u32) -> anyhow::Result<ExitCode> {
     let microsig = process::microsig()?;
     let place = tempfile::tempdir()?;
@@ -32,7 +32,7 @@ pub(crate) fn run(out: &Path, frames: u32) -> anyhow::Result<ExitCode> {
     std::fs::write(&scenario, SCENARIO)?;
     let mut text = String::from(
         "# Memory of long sequences\n\nMade by `cargo xtask memory`: peak resident memory (VmHWM of /proc) of `microsig generate` and \
-         `microsig verify`, images of 200 x 100 px, so that what grows with frames is not hidden by large images.\n\n\
+         `microsig verify`, with images of 200 x 100 px, which are small enough not to hide growth with the number of frames.\n\n\
          | frames | generate, MB | verify, MB | duration of generate, s |\n|---|---|---|---|\n",
     );
     let mut peaks = Vec::new();
@@ -61,12 +61,12 @@ pub(crate) fn run(out: &Path, frames: u32) -> anyhow::Result<ExitCode> {
     Ok(if generate <= BAR { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Runs a command and gives the most memory it had, kB.
+/// Runs a command and returns its peak memory, kB.
 fn peak_kb(command: &mut Command) -> anyhow::Result<u64> {
     let mut child = command.stdout(Stdio::null()).spawn()?;
     let status = format!("/proc/{}/status", child.id());
     let mut peak = 0;
-    // The kernel keeps the high-water mark itself, so the last look before the end is enough.
+    // The kernel keeps the high-water mark, so the last reading before the end suffices.
     let result = loop {
         let text = std::fs::read_to_string(&status).context("needs Linux's /proc")?;
         let mark = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));

@@ -1,9 +1,10 @@
-//! What happens when things go wrong: killed runs, full disks, long sequences, a cluster's scheduler. Each task writes its
-//! record, with the exact commands, into a folder of `results/`.
+//! Robustness: killed runs, full disks, long sequences, a cluster scheduler. Each task writes a record, with
+//! the exact commands, for `results/`.
 
 pub(crate) mod disk;
 pub(crate) mod kill;
 pub(crate) mod memory;
+pub(crate) mod pairs;
 pub(crate) mod slurm;
 
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! A sweep as a job array on a real Slurm of one machine: controller, node and munge are started in a temporary folder,
-//! used, and stopped again. Needs Debian's `slurmctld slurmd slurm-client munge`, and root.
+//! A sweep as a job array on a real single-machine Slurm: controller, node daemon and munge are started in a
+//! temporary folder and stopped afterwards. Needs Debian's `slurmctld slurmd slurm-client munge`, and root.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use anyhow::{Context, bail, ensure};
 use suite::tree;
 
 use super::record;
-use crate::process;
+use suite::process;
 
 const SCENARIO: &str = r#"(
     name: "base",
@@ -30,10 +30,10 @@ const SWEEP: &str = r#"(
     repetitions: 2,
 )"#;
 
-/// The array script that users are given.
+/// The job array script for users.
 const SCRIPT: &str = "scripts/microsig-array.sbatch";
 
-/// A Slurm of this machine alone, stopped when it is dropped.
+/// A single-machine Slurm, stopped on drop.
 struct Slurm {
     folder: tempfile::TempDir,
     daemons: Vec<Child>,
@@ -41,7 +41,7 @@ struct Slurm {
 
 impl Drop for Slurm {
     fn drop(&mut self) {
-        // Jobs first, the authentication they need last.
+        // Jobs first, authentication last.
         let _ = self.command("scancel").args(["--user", "root"]).status();
         for daemon in self.daemons.iter_mut().rev() {
             let _ = Command::new("kill").arg(daemon.id().to_string()).status();
@@ -57,7 +57,7 @@ impl Slurm {
         for name in ["state", "spool", "munge"] {
             std::fs::create_dir(folder.path().join(name))?;
         }
-        // munge refuses keys and sockets in folders that others may write.
+        // munge refuses keys and sockets in folders that are writable by others.
         private(folder.path(), 0o755)?;
         std::fs::write(at("munge/key"), suite::sha256(Path::new("/proc/self/exe"))?)?;
         private(Path::new(&at("munge/key")), 0o600)?;
@@ -138,7 +138,7 @@ fn private(path: &Path, mode: u32) -> anyhow::Result<()> {
     Ok(std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode))?)
 }
 
-/// What is not installed.
+/// Programs that are not installed.
 fn missing() -> Vec<&'static str> {
     let found = |program: &&str| {
         let mut folders = std::env::var("PATH").unwrap_or_default();
@@ -151,7 +151,7 @@ fn missing() -> Vec<&'static str> {
         .collect()
 }
 
-/// Runs the array, once undisturbed and once with a task that is sent back to the queue, and writes `README.md`.
+/// Runs job arrays, undisturbed and with a requeued task, and writes `README.md`.
 pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
     let missing = missing();
     if !missing.is_empty() {
@@ -199,7 +199,7 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
         ensure!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
         let job = String::from_utf8(said.stdout)?.trim().to_owned();
         if disturbed {
-            // In the middle of a case: some are done, one is being made.
+            // During a case: some are complete, one is in progress.
             slurm.wait_for("a case in the making", |_| partial_case(&tasks))?;
             slurm.says("scontrol", &["requeue", &format!("{job}_1")])?;
         }
@@ -208,11 +208,7 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
         })?;
         let same = tree(&tasks)? == expected;
         well &= same;
-        let how = if disturbed {
-            ", task 1 sent back to the queue (`scontrol requeue`) while it made a case"
-        } else {
-            ""
-        };
+        let how = if disturbed { ", task 1 requeued (`scontrol requeue`) during a case" } else { "" };
         writeln!(
             text,
             "## `sbatch --array={array}`{how}\n\n{} files, {}.\n\n```text\n{}```\n",
@@ -232,7 +228,7 @@ fn partial_case(folder: &Path) -> bool {
         .is_ok_and(|entries| entries.flatten().any(|e| e.path().extension().is_some_and(|e| e == "partial")))
 }
 
-/// What the tasks said.
+/// Output of the tasks.
 fn logs(folder: &Path, place: &Path) -> anyhow::Result<String> {
     let mut files: Vec<PathBuf> =
         std::fs::read_dir(folder)?.map(|e| e.map(|e| e.path())).collect::<Result<_, _>>()?;

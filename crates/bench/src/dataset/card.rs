@@ -1,69 +1,36 @@
 //! The dataset card, `README.md` of a dataset.
 
-use super::manifest::{COORDINATES, GENERATOR_VERSION, bit_depth};
+use std::path::Path;
+
+use super::manifest::{COORDINATES, GENERATOR_VERSION, ScoringGates, WaveFacts, bit_depth, waves};
 use super::truth::Census;
 use super::truth::depth::ParticleImage;
 use crate::error::Result;
 use crate::scenario::spec::{PairSeeding, Timing};
-use crate::scenario::{Mover, Scenario, compact};
-use microsig_core::render::{Renderer, Spot};
+use crate::scenario::{MotionSource, Scenario, compact};
+use crate::storage::save_bytes;
+use microsig_core::render::Description;
 
-/// What the card says of the optics.
-struct Optics {
-    focus: &'static str,
-    optics: String,
-    method: &'static str,
+/// Name of the card.
+const CARD: &str = "README.md";
+
+/// Writes the card into a dataset's folder.
+pub(crate) fn write(
+    folder: &Path,
+    scenario: &Scenario,
+    census: &Census,
+    image: &ParticleImage,
+) -> Result<()> {
+    save_bytes(&folder.join(CARD), text(scenario, census, image)?.as_bytes())
 }
 
-impl Optics {
-    fn of(renderer: &Renderer) -> Self {
-        let settings = renderer.settings();
-        let m = settings.magnification;
-        match renderer {
-            Renderer::Rays(_) | Renderer::Expected(_) => {
-                let cylinder = match settings.cyl_focal_length {
-                    0.0 => "no cylindrical lens".to_owned(),
-                    f => format!("a cylindrical lens of {f} um"),
-                };
-                Optics {
-                    focus: "out of focus",
-                    optics: format!("M {m}, NA {}, {cylinder}", settings.numerical_aperture),
-                    method: match renderer {
-                        Renderer::Expected(_) => {
-                            "computes what rays from each particle through the lens give on average (model: M. Rossi, \
-                             Meas. Sci. Technol. 31, 017003, 2020)"
-                        }
-                        _ => {
-                            "traces rays from points on each particle through the lens (model: M. Rossi, Meas. Sci. \
-                             Technol. 31, 017003, 2020)"
-                        }
-                    },
-                }
-            }
-            Renderer::Gaussian(gaussian) => {
-                let Spot { diameter_px, reference_um, peak_counts } = gaussian.spot();
-                let of = reference_um.map(|d| format!(" for particles of {d} um, others in proportion"));
-                Optics {
-                    focus: "all in focus",
-                    optics: format!(
-                        "M {m}; Gaussian spots, e^-2 diameter {diameter_px} px{}, peak {peak_counts} counts times c_int",
-                        of.unwrap_or_default()
-                    ),
-                    method: "integrates a Gaussian spot over the pixels around each particle, whatever its depth. \
-                             `settings.txt` and `particles/` tell sensor and places in MicroSIG's formats, but MicroSIG would \
-                             make other images of them, out of focus",
-                }
-            }
-        }
-    }
-}
-
-/// The text of the card.
-pub(crate) fn card(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<String> {
+fn text(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<String> {
     let (spec, settings) = (&scenario.spec, &scenario.settings);
     let (low, high) = scenario.depth_range_um;
+    let gates = ScoringGates::over(high - low);
     let what = frames(scenario);
-    let Optics { focus, optics, method } = Optics::of(&scenario.renderer);
+    let Description { optics, method } = scenario.renderer.description();
+    let focus = if scenario.renderer.depends_on_depth() { "out of focus" } else { "all in focus" };
     let motion = compact(&spec.motion)?;
     let n_p = census.visible as f64 / f64::from(census.frames.max(1));
     let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
@@ -71,7 +38,9 @@ pub(crate) fn card(scenario: &Scenario, census: &Census, image: &ParticleImage) 
         Some(snr) => format!("{snr:.1} (noise-free peak over background noise, median over depth)"),
         None => "no background noise".to_owned(),
     };
-    let best = image.focus_um.map_or_else(String::new, |z_um| format!("; best focus at z = {z_um} um"));
+    let best = image
+        .focus_um
+        .map_or_else(String::new, |z_um| format!("; best focus at z = {} um", thousandths(z_um)));
     let field = match scenario.truth_grid() {
         Some(_) => "`truth/field.csv`: the displacement field on a grid. ",
         None => "",
@@ -86,6 +55,7 @@ pub(crate) fn card(scenario: &Scenario, census: &Census, image: &ParticleImage) 
          | | |\n|---|---|\n\
          | image | {width} x {height} px, {bits} bit, {um_per_px} um per px |\n\
          | optics | {optics} |\n\
+         {light}\
          | depth range | {low} to {high} um |\n\
          | depth factor (physical depth over depth in `particles/`) | {depth_factor} |\n\
          | particles on the sensor | N_p = {n_p:.1} per frame on average, N_ppp = {n_ppp:.3e} per pixel |\n\
@@ -94,7 +64,7 @@ pub(crate) fn card(scenario: &Scenario, census: &Census, image: &ParticleImage) 
          | signal-to-noise ratio | {snr}{best} |\n\
          | displacement | up to {max:.2} px in the image plane |\n\
          | background | {mean} counts, noise {noise} counts |\n\
-         | gates for scoring | 2 px in the image, {gate_z} um in depth; ISBI 5 px |\n\
+         | gates for scoring | {gate_xy} px in the image, {gate_z} um in depth; ISBI {gate_isbi} px |\n\
          | seed | {seed} |\n\n\
          Motion: `{motion}`.{moved}\n\n\
          {shone}\
@@ -112,13 +82,16 @@ pub(crate) fn card(scenario: &Scenario, census: &Census, image: &ParticleImage) 
          {license}; see `LICENSE`.\n",
         name = spec.name,
         license = spec.license,
+        light = waves(scenario).map_or_else(String::new, |waves| light(&waves)),
         moved = moved(scenario),
         shone = shone(scenario)?,
         bits = bit_depth(scenario),
         n_ppp = n_p / pixels,
         area = image.area_px,
         n_s = n_p * image.area_px / pixels,
-        gate_z = (high - low) / 10.0,
+        gate_xy = gates.xy_px,
+        gate_z = gates.z_um,
+        gate_isbi = gates.isbi_px,
         width = settings.pixel_dim_x,
         height = settings.pixel_dim_y,
         um_per_px = scenario.scale.um_per_px(),
@@ -134,9 +107,20 @@ pub(crate) fn card(scenario: &Scenario, census: &Census, image: &ParticleImage) 
     ))
 }
 
-/// A number of counts as people read it.
-fn thousandths(counts: f64) -> f64 {
-    (counts * 1000.0).round() / 1000.0
+/// The row of light and objective of images by wave optics.
+fn light(waves: &WaveFacts) -> String {
+    let WaveFacts { wavelength_um, bandwidth_um, emission, lens, airy_radius_px, pupil, layers, .. } = waves;
+    let layers = if layers.is_null() { "" } else { ", layers in front of it" };
+    let pupil = if pupil.is_null() { "" } else { ", mask or aberrations in its pupil" };
+    format!(
+        "| light | {wavelength_um} um, band of {bandwidth_um} um, from each particle's {emission} |\n\
+         | objective | {lens}{layers}{pupil}; Airy radius {airy_radius_px:.2} px |\n"
+    )
+}
+
+/// A number as people read it.
+fn thousandths(number: f64) -> f64 {
+    (number * 1000.0).round() / 1000.0
 }
 
 /// What the frames are.
@@ -160,7 +144,7 @@ fn frames(scenario: &Scenario) -> String {
 /// What velocity and place mean in the truth, where it needs saying.
 fn moved(scenario: &Scenario) -> String {
     let mut text = String::new();
-    if let Mover::Tracks(tracks) = &scenario.mover {
+    if let MotionSource::Tracks(tracks) = &scenario.motion {
         text += &format!(
             " {} tracks, read in {}. Velocities that the file does not give are the slope of the parabola through a track's \
              places in the frame before, this one and the next; at its ends and beside gaps the difference to the one \

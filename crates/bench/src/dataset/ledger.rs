@@ -1,7 +1,7 @@
 //! What is known of a dataset's files once they are written, so that nothing is read again to be hashed.
 //!
-//! There are as many images and data files as frames: what is known of them goes through a temporary file, so that memory does
-//! not grow with their number.
+//! There are as many images and data files as frames: what is known of them goes through a temporary file, so
+//! that memory does not grow with their number.
 
 use std::collections::BTreeMap;
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -9,8 +9,8 @@ use std::sync::{Mutex, PoisonError};
 
 use tempfile::SpooledTempFile;
 
-use super::checksums::{Fingerprint, Hash};
 use crate::error::{Error, Result};
+use crate::storage::checksums::{Fingerprint, Hash};
 
 /// What is known of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -10,31 +10,28 @@
 //! ```
 
 pub mod calibration;
-mod card;
-pub mod checksums;
-mod file;
-pub mod folder;
+mod camera;
+pub(crate) mod card;
+mod copy;
 mod ledger;
 pub mod manifest;
 mod preview;
-mod seal;
 pub mod secret;
-pub mod table;
+pub(crate) mod source;
 pub mod truth;
-pub mod verify;
 
-pub(crate) use card::card;
-pub(crate) use file::{TEMPORARY, save, save_bytes};
+pub use camera::Camera;
+pub use copy::copy;
 pub(crate) use ledger::{FrameEntry, Ledger};
 pub(crate) use preview::Preview;
-pub(crate) use seal::seal;
 
 use crate::scenario::{Recordings, Scenario};
-use table::Table;
+use crate::tables::Table;
+use crate::tables::truth::{DISPLACEMENTS, FRAMES};
 
 /// The tables that a dataset of this scenario can hold.
 pub fn tables(scenario: &Scenario) -> Vec<Table> {
-    use truth::{DISPLACEMENTS, FRAMES, depth::DEPTH, field, tracks};
+    use truth::{depth::DEPTH, field, tracks};
     let grid = scenario.truth_grid();
     [&FRAMES, &DISPLACEMENTS, &DEPTH, &calibration::CALIBRATION]
         .into_iter()

@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use image::GrayImage;
-use image::imageops::{self, FilterType};
+use image::imageops;
 use microsig_core::sensor::Image;
 
-use super::save_bytes;
 use crate::error::{Error, Result};
+use crate::storage::save_bytes;
 
 /// Frames on the sheet.
 const FRAMES: u32 = 6;
@@ -37,12 +37,8 @@ impl Preview {
 
     /// Adds a frame.
     pub(crate) fn add(&mut self, frame: u32, image: &Image) {
-        let tile = imageops::resize(
-            &stretch(image),
-            WIDTH,
-            (WIDTH * image.height / image.width).max(1),
-            FilterType::Triangle,
-        );
+        let height = (WIDTH * image.height / image.width).max(1);
+        let tile = imageops::thumbnail(&stretch(image), WIDTH, height);
         self.tiles.push((frame, tile));
     }
 
@@ -68,8 +64,8 @@ impl Preview {
     }
 }
 
-/// Counts to 8 bit: from the 1 % quantile, black, to the 99.8 % quantile, white. Integer arithmetic, so that the sheet's
-/// bytes are the same everywhere.
+/// Counts to 8 bit: from the 1 % quantile, black, to the 99.8 % quantile, white. Integer arithmetic, so that
+/// the sheet's bytes are the same everywhere.
 fn stretch(image: &Image) -> GrayImage {
     let mut counts = image.counts.clone();
     let mut quantile = |per_mille: usize| {
@@ -78,7 +74,7 @@ fn stretch(image: &Image) -> GrayImage {
     };
     let black = quantile(10);
     let white = quantile(998).max(black + 1);
-    let grey = |count: &u16| ((u32::from(*count).clamp(black, white) - black) * 255 / (white - black)) as u8;
-    let pixels = image.counts.iter().map(grey).collect();
+    let gray = |count: &u16| ((u32::from(*count).clamp(black, white) - black) * 255 / (white - black)) as u8;
+    let pixels = image.counts.iter().map(gray).collect();
     GrayImage::from_raw(image.width, image.height, pixels).unwrap_or_default()
 }

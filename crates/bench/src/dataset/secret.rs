@@ -1,5 +1,5 @@
-//! The key of a dataset whose random numbers are secret, a file of the dataset. It lies beside the truth and is withheld
-//! and published with it: with the key anybody can make the same bytes again.
+//! The key of a dataset whose random numbers are secret, a file of the dataset. It lies beside the truth and
+//! is withheld and published with it: with the key anybody can make the same bytes again.
 
 use std::path::Path;
 

@@ -1,67 +1,88 @@
-//! The Cramer-Rao bound: the least standard deviation with which any unbiased method can find an isolated particle.
+//! The Cramér-Rao bound: the least standard deviation of any unbiased estimate of an isolated particle's
+//! position.
 //!
-//! F_ij = sum over pixels of (d mu / d theta_i) (d mu / d theta_j) / v, theta = (x, y, z, brightness), sigma_i >=
-//! sqrt((F^-1)_ii); v = background_noise^2 + gain (mu - background) + 1/12, since counts of rays are Poisson and images are
-//! rounded; a camera adds the noise of its electrons, `mode: expected` and Gaussian spots have none of rays. A property of
-//! the dataset's optics and noise, as its scenario tells them, and of a particle of median diameter and brightness: no image of
-//! the dataset is looked at. mu and its derivatives are those of `microsig_core::render::expected`, of Gaussian spots
-//! their integrals over pixels, which tell nothing of z. Overlap, edges and the variance's own dependence on theta are left
-//! out.
+//! F_ij = sum over pixels of (d mu / d theta_i) (d mu / d theta_j) / v, theta = (x, y, z, brightness),
+//! sigma_i >= sqrt((F^-1)_ii); v = background_noise^2 + gain (mu - background) + 1/12, because ray counts are
+//! Poisson distributed and images are rounded to integers. A detector model adds its shot noise; `mode:
+//! expected` and Gaussian particle images have no ray noise. The bound depends on the scenario's optics and
+//! noise and on a particle of median diameter and brightness; no image is read. mu and its derivatives come
+//! from `microsig_core::render::expected`, with `mode: waves` from `microsig_core::render::waves`; for
+//! Gaussian particle images they are integrals over pixels, independent of z. Overlap, image edges and the
+//! dependence of v on theta are neglected.
 
 use std::path::Path;
 
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::render::{ExpectedRenderer, Renderer};
+use microsig_core::render::expected::Gradient;
+use microsig_core::render::{ExpectedRenderer, Render, RendererSpec, WavesRenderer};
 use microsig_core::sensor::Response;
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use super::Score;
-use super::curves::Bin;
+use super::curves::{Bin, Curve};
 use super::detection::Detection;
 use super::statistics::quantile;
-use crate::dataset::truth::TRACKS;
 use crate::error::Result;
-use crate::results::sheet::{Separator, Sheet};
+use crate::results::sheet::{Separator, TextTable};
 use crate::scenario::{self, Scenario, spec};
+use crate::tables::truth::TRACKS;
 
-/// Error of the expected images, as a share of their peaks: a bound is wanted to a few percent.
+/// Error of the expected images relative to their peaks; the bound is needed to a few percent.
 const TOLERANCE: f64 = 3e-3;
-/// Edge of a sensor that holds all images; beyond it an image is so faint that nobody would look for it.
+/// Edge of a square sensor that contains every usable particle image, px; wider images are too faint to
+/// detect.
 const SIZE: u32 = 801;
 
-/// The bound over depth.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
+/// Cramer-Rao bound of an isolated particle over depth (`--crlb`).
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Crlb {
+    /// Particle diameter: the median of the dataset.
+    #[schemars(range(min = 0.0))]
     pub d_um: f64,
+    /// One entry per bin of the curve over z.
     pub bins: Vec<BoundBin>,
 }
 
-/// The bound in the middle of a bin, and what a result reached there.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
+/// The bound at the center of a depth bin, and the efficiency of the result there.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct BoundBin {
+    /// Depth.
     pub z_um: f64,
+    /// Cramer-Rao bound of the standard deviation of x.
+    #[schemars(range(min = 0.0))]
     pub crlb_x_px: Option<f64>,
+    /// Cramer-Rao bound of the standard deviation of y.
+    #[schemars(range(min = 0.0))]
     pub crlb_y_px: Option<f64>,
+    /// Cramer-Rao bound of the standard deviation of z.
+    #[schemars(range(min = 0.0))]
     pub crlb_z_um: Option<f64>,
-    /// Bound over the RMS error.
+    /// crlb_x_px / RMS error of x.
+    #[schemars(range(min = 0.0))]
     pub efficiency_x: Option<f64>,
+    /// crlb_y_px / RMS error of y.
+    #[schemars(range(min = 0.0))]
     pub efficiency_y: Option<f64>,
+    /// crlb_z_um / RMS error of z.
+    #[schemars(range(min = 0.0))]
     pub efficiency_z: Option<f64>,
 }
 
-/// The bound of a dataset in every bin of a score's curve over depth; of spots that are all in focus without such a curve,
-/// in one bin. `Err` holds why there is none.
+/// The bound of a dataset in every bin of the curve over depth; for Gaussian particle images without such a
+/// curve, in a single bin. The inner `Err` says why there is no bound.
 ///
 /// # Errors
 /// A dataset whose settings cannot be read.
-pub fn of_dataset(dataset: &Path, score: &Score) -> Result<std::result::Result<Crlb, &'static str>> {
-    if score.detection.is_none() {
-        return Ok(Err("there is none of fields"));
-    }
+pub fn of_dataset(
+    dataset: &Path,
+    detection: Option<&Detection>,
+    curves: &[Curve],
+) -> Result<std::result::Result<Crlb, &'static str>> {
+    let Some(detection) = detection else { return Ok(Err("it is defined for particles only")) };
     let (scenario, _) = scenario::of_dataset(dataset)?;
     if scenario.settings.gain == 0.0 {
         return Ok(Err("images of gain 0 are empty"));
@@ -70,26 +91,26 @@ pub fn of_dataset(dataset: &Path, score: &Score) -> Result<std::result::Result<C
         return Ok(Err("there are no particles with a diameter"));
     };
     let noise = Noise::of(&scenario, c_int)?;
-    let curve = score.curves.iter().find(|c| c.against == "z_um");
+    let curve = curves.iter().find(|c| c.against == "z_um");
     if let Some(spot) = scenario.spec.optics.gaussian {
         let bound = of_spot(spot, &noise, d_um);
         let all =
-            curve.map_or_else(|| vec![whole(score, scenario.depth_range_um)], |curve| curve.bins.clone());
+            curve.map_or_else(|| vec![whole(detection, scenario.depth_range_um)], |curve| curve.bins.clone());
         let bound = bound.map_or([None; 3], |[x, y]| [Some(x), Some(y), None]);
         return Ok(Ok(Crlb { d_um, bins: all.iter().map(|bin| bin_of(bin, bound)).collect() }));
     }
     let Some(curve) = curve else { return Ok(Err("truth and result must both have a depth")) };
     let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
-    let renderer = on_large_sensor(&scenario.settings)?;
+    let model = ImageModel::of(&scenario)?;
     let bins = curve.bins.par_iter().map(|bin| {
-        let bound = bound(&renderer, &noise, d_um, f64::midpoint(bin.from, bin.to) / depth_factor)?;
+        let bound = bound(&model, &noise, d_um, f64::midpoint(bin.from, bin.to) / depth_factor)?;
         let bound = bound.map_or([None; 3], |b| [Some(b[0]), Some(b[1]), Some(b[2] * depth_factor)]);
         Ok(bin_of(bin, bound))
     });
     Ok(Ok(Crlb { d_um, bins: bins.collect::<Result<_>>()? }))
 }
 
-/// A bound beside what a result reached.
+/// The bound [x px, y px, z um] of a bin, and the efficiency of the result there.
 fn bin_of(bin: &Bin, [x, y, z]: [Option<f64>; 3]) -> BoundBin {
     let efficiency = |bound: Option<f64>, rms: Option<f64>| {
         bound.zip(rms).filter(|(_, rms)| *rms > 0.0).map(|(bound, rms)| bound / rms)
@@ -105,15 +126,14 @@ fn bin_of(bin: &Bin, [x, y, z]: [Option<f64>; 3]) -> BoundBin {
     }
 }
 
-/// All depths in one bin, of results that have none.
-fn whole(score: &Score, (from, to): (f64, f64)) -> Bin {
-    let rms = |of: fn(&Detection) -> Option<f64>| score.detection.as_ref().and_then(of);
-    Bin { from, to, rms_x_px: rms(|d| d.rmse_x_px), rms_y_px: rms(|d| d.rmse_y_px), ..Bin::default() }
+/// One bin over all depths, for results without depth.
+fn whole(detection: &Detection, (from, to): (f64, f64)) -> Bin {
+    Bin { from, to, rms_x_px: detection.rmse_x_px, rms_y_px: detection.rmse_y_px, ..Bin::default() }
 }
 
-/// Median diameter (um) and brightness of the particles; `None` without a diameter.
+/// Median diameter (um) and brightness of the particles; `None` if diameters are unknown.
 fn medians(tracks: &Path) -> Result<Option<[f64; 2]>> {
-    let sheet = Sheet::open(tracks, Separator::Comma, 1)?;
+    let sheet = TextTable::open(tracks, Separator::Comma, 1)?;
     let (d, c_int) = (sheet.need("d_um")?, sheet.column("c_int"));
     let (mut diameters, mut brightness) = (Vec::new(), Vec::new());
     sheet.rows(|cells| {
@@ -128,18 +148,19 @@ fn medians(tracks: &Path) -> Result<Option<[f64; 2]>> {
     Ok(middle(diameters).zip(middle(brightness)).map(|(d, c)| [d, c]))
 }
 
-/// Places of a spot within a pixel along each axis: small spots are found better here than there.
+/// Sub-pixel positions along each axis over which the bound is averaged: for small spots it depends on them.
 const PLACES: usize = 8;
 
-/// The bound of a Gaussian spot that pixels integrate: sigma of x and y, px, RMS over places within a pixel. Brightness is
-/// unknown; depth changes nothing, so nothing is known of it.
+/// The bound of a pixel-integrated Gaussian particle image: sigma of x and y, px, RMS over sub-pixel
+/// positions. Brightness is estimated too; the image does not depend on depth.
 fn of_spot(spot: spec::Gaussian, noise: &Noise, d_um: f64) -> Option<[f64; 2]> {
     // exp(-8 r^2 / d^2) = exp(-r^2 / (2 w^2))
     let w = spot.diameter_px * spot.reference_um.map_or(1.0, |reference| d_um / reference) / 4.0;
     let half = (6.0 * w).ceil() as i32 + 1;
     let root = std::f64::consts::SQRT_2 * w;
     let density = |x: f64| libm::exp(-x * x / (2.0 * w * w));
-    // Of each pixel along an axis: the integral over it, and its derivative by the spot's place.
+    // For each pixel along an axis: the integral over it, and its derivative with respect to the spot's
+    // position.
     let axis = |place: f64| -> Vec<[f64; 2]> {
         let pixel = |k: i32| {
             let (a, b) = (f64::from(k) - 0.5 - place, f64::from(k) + 0.5 - place);
@@ -167,16 +188,16 @@ fn of_spot(spot: spec::Gaussian, noise: &Noise, d_um: f64) -> Option<[f64; 2]> {
     Some(squares.map(|s| (s / (PLACES * PLACES) as f64).sqrt()))
 }
 
-/// The bound for a sphere at MicroSIG's depth `z_um`, in the middle of a sensor large enough: sigma of x, y (px), z (um).
-/// `None` if the image does not determine them.
+/// The bound for a sphere at depth `z_um` (as in MicroSIG's data files), centered on a sufficiently large
+/// sensor: sigma of x, y (px), z (um). `None` if the Fisher information is singular.
 ///
 /// # Errors
-/// Settings or a particle that cannot be drawn.
+/// Settings or a particle that cannot be rendered.
 pub fn of_particle(settings: &Settings, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
-    bound(&on_large_sensor(settings)?, &Noise::of_rays(settings), d_um, z_um)
+    bound(&ImageModel::of_rays(settings)?, &Noise::of_rays(settings), d_um, z_um)
 }
 
-/// How light becomes counts: a pixel with `n` rays has `slope n` counts above the background, with variance
+/// Camera response: a pixel with `n` rays has `slope n` counts above the background, with variance
 /// `background + of_light n`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Noise {
@@ -185,40 +206,79 @@ struct Noise {
     of_light: f64,
 }
 
-/// Variance of rounding.
+/// Variance of rounding to integers, counts^2.
 const ROUNDING: f64 = 1.0 / 12.0;
 
 impl Noise {
-    /// Of MicroSIG's own sensor.
+    /// MicroSIG's own sensor model.
     fn of_rays(settings: &Settings) -> Self {
         let (slope, noise) = (settings.gain, settings.background_noise);
         Noise { slope, background: noise * noise + ROUNDING, of_light: slope * slope }
     }
 
-    /// Of a scenario's particles of this brightness, in the middle of its images; what differs from pixel to pixel is left
-    /// out, and a background image counts with its mean.
+    /// A scenario's sensor for particles of brightness `c_int` at the image center; variation between pixels
+    /// is neglected, and a background image is replaced by its mean.
     fn of(scenario: &Scenario, c_int: f64) -> Result<Self> {
         let Response { slope, background_noise, .. } = scenario.response()?;
         // A brighter particle has rays of more counts, not more rays.
         let slope = slope * c_int;
-        // Rays, then electrons. Neither expected images nor spots are drawn ray by ray.
-        let rays = if matches!(scenario.renderer, Renderer::Rays(_)) { slope * slope } else { 0.0 };
+        // Ray noise, then shot noise. Expected and Gaussian images have no ray noise.
+        let rays = if scenario.renderer.has_ray_noise() { slope * slope } else { 0.0 };
         let camera = scenario.detector.as_ref().filter(|detector| detector.shot_noise);
         let shot = camera.map_or(0.0, |detector| slope * detector.gain_counts_per_e);
         Ok(Noise { slope, background: background_noise * background_noise + ROUNDING, of_light: rays + shot })
     }
 }
 
-fn on_large_sensor(settings: &Settings) -> Result<ExpectedRenderer> {
-    let settings = Settings { pixel_dim_x: SIZE, pixel_dim_y: SIZE, ..settings.clone() };
-    Ok(ExpectedRenderer::new(&settings, SpheroidLaw::Original, TOLERANCE)?)
+/// Noise-free images with their derivatives, on a sensor large enough.
+enum ImageModel {
+    Rays(Box<ExpectedRenderer>),
+    Waves(Box<WavesRenderer>),
 }
 
-fn bound(renderer: &ExpectedRenderer, noise: &Noise, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
+impl ImageModel {
+    /// Of MicroSIG's own rays.
+    fn of_rays(settings: &Settings) -> Result<Self> {
+        let renderer = ExpectedRenderer::new(&large(settings), SpheroidLaw::Original, TOLERANCE)?;
+        Ok(ImageModel::Rays(Box::new(renderer)))
+    }
+
+    /// Of a scenario with optics.
+    fn of(scenario: &Scenario) -> Result<Self> {
+        match scenario.spec.renderer() {
+            RendererSpec::Waves { optics, .. } => {
+                let renderer = WavesRenderer::new(&large(&scenario.settings), &optics, TOLERANCE)?;
+                Ok(ImageModel::Waves(Box::new(renderer)))
+            }
+            _ => ImageModel::of_rays(&scenario.settings),
+        }
+    }
+
+    fn renderer(&self) -> &dyn Render {
+        match self {
+            ImageModel::Rays(renderer) => renderer.as_ref(),
+            ImageModel::Waves(renderer) => renderer.as_ref(),
+        }
+    }
+
+    fn gradient(&self, particle: &Particle) -> Option<Gradient> {
+        match self {
+            ImageModel::Rays(renderer) => renderer.gradient(particle),
+            ImageModel::Waves(renderer) => renderer.gradient(particle),
+        }
+    }
+}
+
+/// The same settings with a sensor that holds all images.
+fn large(settings: &Settings) -> Settings {
+    Settings { pixel_dim_x: SIZE, pixel_dim_y: SIZE, ..settings.clone() }
+}
+
+fn bound(model: &ImageModel, noise: &Noise, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
     let middle = f64::from(SIZE / 2 + 1);
     let particle = Particle::sphere(middle, middle, z_um, d_um);
-    renderer.check(&particle)?;
-    let Some(image) = renderer.gradient(&particle) else { return Ok(None) };
+    model.renderer().check(&particle)?;
+    let Some(image) = model.gradient(&particle) else { return Ok(None) };
     let mut information = [[0.0; 4]; 4];
     for [counts, by_x, by_y, by_z] in image.pixels {
         let variance = noise.background + noise.of_light * counts.max(0.0);
@@ -227,14 +287,14 @@ fn bound(renderer: &ExpectedRenderer, noise: &Noise, d_um: f64, z_um: f64) -> Re
     Ok(bounds(&information).map(|b| [b[0], b[1], b[2]]))
 }
 
-/// Adds a pixel with these derivatives to the information.
+/// Adds one pixel to the Fisher information.
 fn add<const N: usize>(information: &mut [[f64; N]; N], slopes: &[f64; N], variance: f64) {
     for (row, a) in information.iter_mut().zip(slopes) {
         row.iter_mut().zip(slopes).for_each(|(f, b)| *f += a * b / variance);
     }
 }
 
-/// sqrt of the diagonal of the inverse; `None` if the matrix is not positive definite.
+/// Square roots of the diagonal of the inverse; `None` if the matrix is not positive definite.
 fn bounds<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[f64; N]> {
     // Cholesky: F = L L^T, and (F^-1)_ii = |column i of L^-1|^2.
     let mut l = [[0.0; N]; N];
@@ -272,7 +332,7 @@ mod tests {
     use super::*;
     use crate::scenario::{parse, resolve};
 
-    /// A spot A exp(-r^2 / (2 w^2)) in white noise s: sigma_x = sqrt(2 / pi) s / A px, whatever its width.
+    /// A spot A exp(-r^2 / (2 w^2)) in white noise s: sigma_x = sqrt(2 / pi) s / A px, for any width w.
     #[test]
     fn a_gaussian_spot_has_the_bound_of_the_closed_form() {
         for width in [1.5f64, 2.0, 4.0] {
@@ -288,7 +348,7 @@ mod tests {
             }
             let [x, y, _] = bounds(&information).unwrap();
             let closed = noise / amplitude * (2.0 / std::f64::consts::PI).sqrt();
-            // 2 % of issue: sampling a spot of 1.5 px on pixels is exact to far better.
+            // 2 % is required; the sampling error of a spot with w = 1.5 px is far smaller.
             assert!(
                 (x / closed - 1.0).abs() < 0.02 && (y / closed - 1.0).abs() < 0.02,
                 "{width}: {x} {closed}"
@@ -296,7 +356,8 @@ mod tests {
         }
     }
 
-    /// Pixels much smaller than a spot of peak A = slope 1000 change nothing; those as large as it take away from it.
+    /// Pixel integration has no effect on a spot much larger than a pixel, and raises the bound of a small
+    /// one.
     #[test]
     fn a_spot_that_pixels_integrate_has_nearly_the_bound_of_the_closed_form() {
         let noise = Noise { slope: 1.0, background: 100.0 + ROUNDING, of_light: 0.0 };
@@ -332,10 +393,12 @@ mod tests {
         assert_eq!(own, Noise { slope: 4.0, background: 9.0 + ROUNDING, of_light: 16.0 });
         assert_eq!(noise("", 0.5), Noise { slope: 2.0, of_light: 4.0, ..own });
         assert_eq!(noise("render: (mode: expected)", 1.0), Noise { of_light: 0.0, ..own });
-        // 4 counts a ray, 5 photons a count, half of them electrons, 0.2 counts an electron: 10 electrons, 2 counts a ray.
+        // 4 counts per ray, 5 photons per count, quantum efficiency 0.5, 0.2 counts per electron: 10
+        // electrons and 2 counts per ray.
         let camera = r#"sensor: (photons_per_count: 5, quantum_efficiency: 0.5, shot_noise: true, read_noise_e: 2,
             gain_counts_per_e: 0.2, vignetting: 0.5, background: Some("uneven.tif"))"#;
-        // 250 electrons of the background, 60 and 40 counts, and the reading, 0.04 counts^2 each; 10 electrons a ray.
+        // Background of 60 + 40 counts = 250 electrons, plus a read noise of 2^2 electrons^2, at 0.04
+        // counts^2 each; 10 electrons per ray.
         for (c_int, slope, of_light) in [(1.0, 2.0, 4.0 + 0.4), (0.5, 1.0, 1.0 + 0.2)] {
             let camera = noise(camera, c_int);
             let expected = Noise { slope, background: 0.04 * 254.0 + 9.0 + ROUNDING, of_light };

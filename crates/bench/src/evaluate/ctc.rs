@@ -1,41 +1,56 @@
 //! TRA, DET and LNK of the Cell Tracking Challenge (Matula et al., PLoS ONE 10, e0144959, 2015), for points.
 //!
-//! AOGM = 10 FN + 1 FP + 1 ED + 1.5 EA: what it costs to edit the result into the truth, where ED are links between matched
-//! points that are no true link, EA true links without one of the result. Points are matched one to one, so nothing is to be
-//! split, and particles do not divide. TRA = 1 - min(AOGM, AOGM0) / AOGM0 with AOGM0 the cost of the truth itself; DET has
-//! the points alone, LNK the links. Missed points weigh so much that TRA hardly sees identities: never rank by it.
+//! AOGM = 10 FN + 1 FP + 1 ED + 1.5 EA is the cost of editing the result into the truth: ED counts links
+//! between matched points that are not true links, EA true links missing from the result. Points are matched
+//! one to one, so there is nothing to split, and particles do not divide. TRA = 1 - min(AOGM, AOGM0) / AOGM0,
+//! where AOGM0 is the cost of creating the truth from nothing; DET uses the points alone, LNK the links
+//! alone. Missed points dominate TRA, which is therefore insensitive to identity errors and unsuitable for
+//! ranking.
 
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use super::cloud::Cloud;
-use super::links::{right, successors};
+use super::links::{correct_links, successors};
 use super::matching::{Matching, NONE};
 use super::statistics::ratio;
+use super::track_set::TrackSet;
 
-/// The scores.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
+/// Cell Tracking Challenge (Matula et al., PLoS ONE 10, e0144959, 2015), for points without divisions.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Ctc {
+    /// 1 - min(AOGM, AOGM0) / AOGM0, AOGM0 the cost of creating the truth.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub tra: Option<f64>,
+    /// The same with the costs of nodes (points) alone.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub det: Option<f64>,
+    /// The same with the costs of edges (links) alone.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub lnk: Option<f64>,
+    /// 10 fn_nodes + fp_nodes + fp_edges + 1.5 fn_edges.
+    #[schemars(range(min = 0.0))]
     pub aogm: f64,
+    /// True points without a match.
     pub fn_nodes: usize,
+    /// Result points without a match.
     pub fp_nodes: usize,
+    /// True links that no result link reproduces.
     pub fn_edges: usize,
+    /// Result links between matched points that are not true links.
     pub fp_edges: usize,
 }
 
 impl Ctc {
-    /// Of a matching.
-    pub fn of(truth: &Cloud, result: &Cloud, matching: &Matching) -> Self {
+    /// Scores a matching.
+    pub fn of(truth: &TrackSet, result: &TrackSet, matching: &Matching) -> Self {
         let tp = matching.pairs().count();
-        let right = right(result, matching, &successors(truth)).count();
+        let correct = correct_links(result, matching, &successors(truth)).count();
         let matched = |i: u32| matching.of_result[i as usize] != NONE;
         let between_matched = result.links().filter(|&(a, b)| matched(a) && matched(b)).count();
         let (n, links) = (truth.len(), truth.links().count());
         let (fn_nodes, fp_nodes) = (n - tp, result.len() - tp);
-        let (fn_edges, fp_edges) = (links - right, between_matched - right);
+        let (fn_edges, fp_edges) = (links - correct, between_matched - correct);
         let nodes = 10.0 * fn_nodes as f64 + fp_nodes as f64;
         let edges = fp_edges as f64 + 1.5 * fn_edges as f64;
         let (all_nodes, all_edges) = (10.0 * n as f64, 1.5 * links as f64);

@@ -1,51 +1,84 @@
-//! Recall and errors against depth, distance of the nearest neighbour, and what else the truth tells of a particle.
+//! Recall and errors as functions of depth, distance to the nearest neighbor, SNR and overlap.
 
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use super::cloud::Cloud;
 use super::detection::error;
 use super::matching::{Matching, NONE};
-use super::neighbours::Grid;
+use super::neighbors::CellGrid;
 use super::statistics::{Errors, ratio};
-use super::truth::Truth;
+use super::track_set::TrackSet;
+use super::truth::TrueParticles;
 
-/// A curve: one row per bin.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// Recall and errors in bins of a property of the true particles.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Curve {
-    /// What it is drawn against, with its unit.
+    /// The property: z_um, neighbor_px (distance to the nearest neighbor), snr or overlap.
     pub against: String,
-    /// The bins.
+    /// The bins, in ascending order.
     pub bins: Vec<Bin>,
 }
 
-/// A bin of a curve; errors are null where nothing was found.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
+/// One bin of a curve; errors are null where nothing was found.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Bin {
+    /// Lower edge of the bin, in the unit of the property.
     pub from: f64,
+    /// Upper edge of the bin; null if it is open.
+    #[serde(deserialize_with = "super::statistics::or_infinite")]
+    #[schemars(with = "Option<f64>")]
     pub to: f64,
+    /// True particles in the bin.
     pub n_true: usize,
+    /// Of these, the matched ones.
     pub tp: usize,
+    /// tp / n_true.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub recall: Option<f64>,
+    /// Mean error of x.
     pub bias_x_px: Option<f64>,
+    /// Standard deviation of the error of x.
+    #[schemars(range(min = 0.0))]
     pub random_x_px: Option<f64>,
+    /// RMS error of x.
+    #[schemars(range(min = 0.0))]
     pub rms_x_px: Option<f64>,
+    /// Mean error of y.
     pub bias_y_px: Option<f64>,
+    /// Standard deviation of the error of y.
+    #[schemars(range(min = 0.0))]
     pub random_y_px: Option<f64>,
+    /// RMS error of y.
+    #[schemars(range(min = 0.0))]
     pub rms_y_px: Option<f64>,
+    /// Mean error of z.
     pub bias_z_um: Option<f64>,
+    /// Standard deviation of the error of z.
+    #[schemars(range(min = 0.0))]
     pub random_z_um: Option<f64>,
+    /// RMS error of z.
+    #[schemars(range(min = 0.0))]
     pub rms_z_um: Option<f64>,
 }
+
+/// Name of the curve over the distance to the nearest neighbor; `neighbour_px` in files of version 0.1.
+pub const NEIGHBOR_PX: &str = "neighbor_px";
 
 /// Bins over depth.
 const DEPTH_BINS: usize = 20;
 
-/// Neighbours are looked for this far, px.
+/// Largest distance at which neighbors are searched for, px.
 const FARTHEST_PX: f64 = 60.0;
 
-/// All curves that the truth allows.
-pub fn curves(truth: &Truth, clouds: (&Cloud, &Cloud), matching: &Matching, depth: bool) -> Vec<Curve> {
+/// All curves for which the truth has the values; `depth` says whether z is scored.
+pub fn curves(
+    truth: &TrueParticles,
+    clouds: (&TrackSet, &TrackSet),
+    matching: &Matching,
+    depth: bool,
+) -> Vec<Curve> {
     let t = clouds.0;
     let mut curves = Vec::new();
     let equal = |low: f64, high: f64, n: usize| -> Vec<f64> {
@@ -62,7 +95,7 @@ pub fn curves(truth: &Truth, clouds: (&Cloud, &Cloud), matching: &Matching, dept
     let mut edges =
         vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 13.0, 16.0, 20.0, 25.0, 30.0, 40.0, FARTHEST_PX];
     edges.push(f64::INFINITY);
-    add("neighbour_px", &neighbours(t), &edges);
+    add(NEIGHBOR_PX, &neighbors(t), &edges);
     for (name, values) in &truth.properties {
         let of: Vec<f64> = t.points.iter().map(|p| values[p.source as usize]).collect();
         let finite = of.iter().copied().filter(|v| v.is_finite());
@@ -74,13 +107,13 @@ pub fn curves(truth: &Truth, clouds: (&Cloud, &Cloud), matching: &Matching, dept
     curves
 }
 
-/// Distance of every point's nearest neighbour in its frame, px; infinite beyond [`FARTHEST_PX`].
-fn neighbours(cloud: &Cloud) -> Vec<f64> {
+/// Distance from every point to its nearest neighbor in the same frame, px; infinite beyond [`FARTHEST_PX`].
+fn neighbors(cloud: &TrackSet) -> Vec<f64> {
     let mut distances = Vec::with_capacity(cloud.len());
     for (_, range) in &cloud.frames {
         let points = &cloud.points[range.clone()];
-        // Search near first: in dense frames the far search would see everybody.
-        let grids = [4.0, 16.0, FARTHEST_PX].map(|reach| (reach, Grid::new(points, reach)));
+        // Small radii first: in dense frames a search with the full radius would visit every point.
+        let grids = [4.0, 16.0, FARTHEST_PX].map(|reach| (reach, CellGrid::new(points, reach)));
         for i in 0..points.len() {
             let found = grids.iter().find_map(|(reach, grid)| grid.nearest_other(i, *reach));
             distances.push(found.unwrap_or(f64::INFINITY));
@@ -90,7 +123,7 @@ fn neighbours(cloud: &Cloud) -> Vec<f64> {
 }
 
 fn binned(
-    (t, r): (&Cloud, &Cloud),
+    (t, r): (&TrackSet, &TrackSet),
     matching: &Matching,
     values: &[f64],
     edges: &[f64],

@@ -1,54 +1,102 @@
-//! Detection and localisation: which particles were found, and how well (docs/scoring.md).
+//! Detection and localization scores (docs/scoring.md).
 
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use super::cloud::Cloud;
 use super::matching::Matching;
 use super::statistics::{Bootstrap, Errors, Interval, quantile, ratio};
+use super::track_set::TrackSet;
 
-/// Counts and errors over all frames.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
+/// Detection and localization over all frames; matched pairs by assignment A1.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Detection {
+    /// True positives: matched pairs.
     pub tp: usize,
+    /// False negatives: true particles without a match.
     #[serde(rename = "fn")]
     pub missed: usize,
+    /// False positives (ghosts): result points without a match.
     pub fp: usize,
+    /// TP / (TP + FP); null without results.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub precision: Option<f64>,
+    /// TP / (TP + FN); null without truth.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub recall: Option<f64>,
+    /// 2 TP / (2 TP + FP + FN).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub f1: Option<f64>,
+    /// TP / (TP + FP + FN).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub jaccard: Option<f64>,
+    /// Root mean square distance of matched pairs in the image plane.
+    #[schemars(range(min = 0.0))]
     pub rmse_xy_px: Option<f64>,
+    /// Root mean square error of x, over matched pairs: rmse^2 = bias^2 + random^2.
+    #[schemars(range(min = 0.0))]
     pub rmse_x_px: Option<f64>,
+    /// Root mean square error of y.
+    #[schemars(range(min = 0.0))]
     pub rmse_y_px: Option<f64>,
+    /// Root mean square error of z; null if depth is not scored.
+    #[schemars(range(min = 0.0))]
     pub rmse_z_um: Option<f64>,
+    /// Mean error of x, result - truth.
     pub bias_x_px: Option<f64>,
+    /// Mean error of y, result - truth.
     pub bias_y_px: Option<f64>,
+    /// Mean error of z, result - truth.
     pub bias_z_um: Option<f64>,
+    /// Standard deviation of the error of x about its mean (over n, not n - 1).
+    #[schemars(range(min = 0.0))]
     pub random_x_px: Option<f64>,
+    /// Standard deviation of the error of y about its mean.
+    #[schemars(range(min = 0.0))]
     pub random_y_px: Option<f64>,
+    /// Standard deviation of the error of z about its mean.
+    #[schemars(range(min = 0.0))]
     pub random_z_um: Option<f64>,
+    /// Median distance of matched pairs in the image plane.
+    #[schemars(range(min = 0.0))]
     pub p50_xy_px: Option<f64>,
+    /// 95 % quantile of the distance of matched pairs in the image plane.
+    #[schemars(range(min = 0.0))]
     pub p95_xy_px: Option<f64>,
-    /// 95 % intervals of the bootstrap over frames, or over pairs of frames in pair recordings.
-    pub interval: Intervals,
+    /// 95 % bootstrap intervals, resampling frames (image pairs in pair recordings).
+    pub interval: DetectionIntervals,
 }
 
-/// 95 % intervals.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
-pub struct Intervals {
+/// 95 % bootstrap intervals of detection scores.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct DetectionIntervals {
+    /// Of precision.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub precision: Interval,
+    /// Of recall.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub recall: Interval,
+    /// Of F1.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub f1: Interval,
+    /// Of the Jaccard index.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub jaccard: Interval,
+    /// Of rmse_xy_px.
+    #[schemars(inner(range(min = 0.0)))]
     pub rmse_xy_px: Interval,
+    /// Of rmse_z_um.
+    #[schemars(inner(range(min = 0.0)))]
     pub rmse_z_um: Interval,
+    /// Of bias_x_px.
     pub bias_x_px: Interval,
+    /// Of bias_y_px.
     pub bias_y_px: Interval,
 }
 
-/// Precision, recall, F1 and Jaccard index of counts, as docs/scoring.md defines them in degenerate cases.
+/// Precision, recall, F1 and Jaccard index from counts of TP, FN and FP; `None` where docs/scoring.md leaves
+/// them undefined.
 pub fn rates(tp: f64, missed: f64, fp: f64) -> [Option<f64>; 4] {
     [
         ratio(tp, tp + fp),
@@ -58,28 +106,29 @@ pub fn rates(tp: f64, missed: f64, fp: f64) -> [Option<f64>; 4] {
     ]
 }
 
-/// Error of a matched pair: result - truth along x, y (px) and z (um).
-pub fn error(truth: &Cloud, result: &Cloud, pair: (usize, usize)) -> [f64; 3] {
+/// Error of a matched pair (indices of the true and the result point): result - truth along x, y (px) and z
+/// (um).
+pub fn error(truth: &TrackSet, result: &TrackSet, pair: (usize, usize)) -> [f64; 3] {
     let (t, r) = (&truth.points[pair.0].at, &result.points[pair.1].at);
     [r.x_px - t.x_px, r.y_px - t.y_px, r.z_um - t.z_um]
 }
 
-/// Counts of one frame.
+/// Counts and sums of errors of one frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct FrameCounts {
-    /// Frame.
+    /// Number of the frame.
     pub frame: u32,
-    /// Found, missed and ghost particles.
+    /// TP, FN and FP.
     pub counts: [usize; 3],
-    /// Sums of dx^2, dy^2 and dz^2 over found particles.
+    /// Sums of dx^2, dy^2 (px^2) and dz^2 (um^2) over matched pairs.
     pub axes: [f64; 3],
-    /// Sums of dx and dy.
+    /// Sums of dx and dy over matched pairs, px.
     pub sums: [f64; 2],
 }
 
-/// Counts per frame.
-pub fn per_frame(truth: &Cloud, result: &Cloud, matching: &Matching) -> Vec<FrameCounts> {
-    super::cloud::side_by_side(truth, result)
+/// Counts and sums of errors of every frame with a true or a result point.
+pub fn per_frame(truth: &TrackSet, result: &TrackSet, matching: &Matching) -> Vec<FrameCounts> {
+    super::track_set::side_by_side(truth, result)
         .into_iter()
         .map(|(frame, t, r)| {
             let mut row = FrameCounts { frame, ..FrameCounts::default() };
@@ -99,10 +148,10 @@ pub fn per_frame(truth: &Cloud, result: &Cloud, matching: &Matching) -> Vec<Fram
 }
 
 impl Detection {
-    /// Of a matching; `depth` tells whether z is scored.
+    /// Scores a matching; `depth` says whether z is scored.
     pub fn of(
-        truth: &Cloud,
-        result: &Cloud,
+        truth: &TrackSet,
+        result: &TrackSet,
         matching: &Matching,
         depth: bool,
         bootstrap: &Bootstrap,
@@ -147,7 +196,7 @@ impl Detection {
             random_z_um: z.random,
             p50_xy_px: quantile(&distances, 0.5),
             p95_xy_px: quantile(&distances, 0.95),
-            interval: Intervals {
+            interval: DetectionIntervals {
                 precision: i_precision,
                 recall: i_recall,
                 f1: i_f1,

@@ -1,15 +1,17 @@
-//! When a detection may belong to a particle.
+//! Gates: which result points may be matched to which particles.
 //!
-//! A pair is admissible iff D < 1, strictly, where D is the distance in units of the gate: sqrt(dx^2 + dy^2) / eps_xy
-//! (radial), sqrt((dx^2 + dy^2) / eps_xy^2 + dz^2 / eps_z^2) (ellipsoid), max(|dx| / eps_xy, |dy| / eps_xy,
+//! A pair is admissible iff D < 1, strictly, where D is the distance in units of the gate: sqrt(dx^2 + dy^2)
+//! / eps_xy (radial), sqrt((dx^2 + dy^2) / eps_xy^2 + dz^2 / eps_z^2) (ellipsoid), max(|dx| / eps_xy, |dy| /
+//! eps_xy,
 //! |dz| / eps_z) (box). Other programs include the boundary (TrackEval, DefocusTracker): see [`Edge`].
 
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use super::cloud::Position;
+use super::track_set::Position;
 
-/// The shape of a gate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+/// Shape of a gate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Shape {
     /// Distance in the image plane; depth does not matter.
@@ -21,26 +23,28 @@ pub enum Shape {
 }
 
 /// Whether a pair exactly at the gate is admissible.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Edge {
-    /// It is not (our rule, that of ISBI and of the LPT challenge).
+    /// It is not (microsig's own rule, and that of the ISBI and LPT challenges).
     Open,
-    /// It is (DefocusTracker, TrackEval).
+    /// It is, as in DefocusTracker and TrackEval.
     Closed,
 }
 
-/// A gate.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+/// A matching gate: its shape, size and boundary rule.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Gate {
-    /// Its shape.
+    /// Shape of the gate.
     pub shape: Shape,
-    /// Its radius or half width in the image plane, px, > 0.
+    /// Radius or half width in the image plane.
+    #[schemars(range(min = 0.0))]
     pub xy_px: f64,
-    /// Its half height, um, > 0; infinite if depth does not matter.
-    #[serde(serialize_with = "finite")]
+    /// Half height along z; null (infinite) if depth does not matter.
+    #[serde(serialize_with = "finite", deserialize_with = "super::statistics::or_infinite")]
+    #[schemars(with = "Option<f64>")]
     pub z_um: f64,
-    /// Whether a pair at the gate is admissible.
+    /// Whether a pair exactly at the gate is admissible.
     pub edge: Edge,
 }
 
@@ -48,29 +52,40 @@ fn finite<S: serde::Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::
     value.is_finite().then_some(*value).serialize(serializer)
 }
 
+impl std::fmt::Display for Gate {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.shape {
+            Shape::Radial => write!(f, "radial {} px", self.xy_px),
+            Shape::Ellipsoid => write!(f, "ellipsoid {} px, {} um", self.xy_px, self.z_um),
+            Shape::Box => write!(f, "box {} px, {} um", self.xy_px, self.z_um),
+        }
+    }
+}
+
 impl Gate {
-    /// A circle in the image plane.
+    /// A circle in the image plane of this radius, px, with an open boundary.
     pub fn radial(xy_px: f64) -> Self {
         Gate { shape: Shape::Radial, xy_px, z_um: f64::INFINITY, edge: Edge::Open }
     }
 
-    /// An ellipsoid.
+    /// An ellipsoid of these semi-axes, px and um, with an open boundary.
     pub fn ellipsoid(xy_px: f64, z_um: f64) -> Self {
         Gate { shape: Shape::Ellipsoid, xy_px, z_um, edge: Edge::Open }
     }
 
-    /// The same gate with its boundary in or out.
+    /// The same gate with an open or closed boundary.
     pub fn with_edge(self, edge: Edge) -> Self {
         Gate { edge, ..self }
     }
 
-    /// D^2 of a pair.
+    /// Squared distance D^2 of a pair in units of the gate.
     pub fn squared(&self, a: &Position, b: &Position) -> f64 {
         let (dx, dy, dz) = (b.x_px - a.x_px, b.y_px - a.y_px, b.z_um - a.z_um);
         let (xy2, z2) = (self.xy_px * self.xy_px, self.z_um * self.z_um);
         match self.shape {
             Shape::Radial => (dx * dx + dy * dy) / xy2,
-            // With equal gates one division, so that a pair exactly at the gate gives exactly 1.
+            // If both semi-axes are equal, a single division: a pair exactly on the boundary then gives
+            // exactly 1.
             Shape::Ellipsoid if self.xy_px == self.z_um => (dx * dx + dy * dy + dz * dz) / xy2,
             Shape::Ellipsoid => (dx * dx + dy * dy) / xy2 + dz * dz / z2,
             Shape::Box => (dx * dx / xy2).max(dy * dy / xy2).max(dz * dz / z2),
@@ -81,7 +96,7 @@ impl Gate {
     pub fn admits(&self, squared: f64) -> bool {
         match self.edge {
             Edge::Open => squared < 1.0,
-            // TrackEval's and DefocusTracker's inclusive rules let rounding pass.
+            // TrackEval and DefocusTracker tolerate rounding errors at the boundary.
             Edge::Closed => squared <= 1.0 + 1e-12,
         }
     }

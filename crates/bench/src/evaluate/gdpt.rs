@@ -1,82 +1,136 @@
-//! Scores of defocus particle tracking (Barnkob and Rossi, Exp. Fluids 61:110, 2020; DefocusTracker's `compare_true`).
+//! Scores of defocus particle tracking (Barnkob and Rossi, Exp. Fluids 61:110, 2020; DefocusTracker's
+//! `compare_true`).
 //!
-//! Points are matched greedily by distance in the image plane among those in a closed box (A2). sigma is the root of the
-//! mean square error, about zero: bias is part of it. phi = matched / true particles. Local curves: nodes at equal steps
-//! of Z = (z - z_0) / h, windows of one step to either side; ghosts lie where they were measured.
+//! Points within a closed box are matched greedily by their distance in the image plane (A2). sigma is the
+//! RMS error about zero, so it includes bias. phi = matched / true particles. Local curves: equally spaced
+//! nodes of Z = (z - z_0) / h, with windows of one step to either side; ghosts are counted at their measured
+//! depth.
 
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use super::cloud::Cloud;
 use super::detection::{error, per_frame};
 use super::gate::{Edge, Gate, Shape};
 use super::matching::{NONE, greedy};
 use super::statistics::{Bootstrap, Errors, Interval, ratio};
+use super::track_set::TrackSet;
 use crate::error::Result;
 
-/// Nodes of the local curves.
+/// Number of nodes of the local curves.
 pub const NODES: usize = 21;
 
-/// The scores.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
+/// General defocusing particle tracking (Barnkob and Rossi, Exp. Fluids 61, 110, 2020); assignment A2, closed
+/// box gate.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Gdpt {
+    /// Half width of the box in x and y.
+    #[schemars(range(min = 0.0))]
     pub gate_xy_px: f64,
+    /// Half height of the box in z.
+    #[schemars(range(min = 0.0))]
     pub gate_z_um: f64,
+    /// Matched pairs.
     pub tp: usize,
+    /// True particles without a match.
     #[serde(rename = "fn")]
     pub missed: usize,
+    /// Result points without a match.
     pub fp: usize,
+    /// Relative number of measured particles: matched / true particles.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub phi: Option<f64>,
+    /// TP / (TP + FP).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub precision: Option<f64>,
+    /// Root mean square error of x about zero; includes bias.
+    #[schemars(range(min = 0.0))]
     pub sigma_x_px: Option<f64>,
+    /// Root mean square error of y about zero.
+    #[schemars(range(min = 0.0))]
     pub sigma_y_px: Option<f64>,
+    /// Root mean square error of z about zero.
+    #[schemars(range(min = 0.0))]
     pub sigma_z_um: Option<f64>,
+    /// sigma_z over the measurement depth h.
+    #[schemars(range(min = 0.0))]
     pub sigma_z_over_h: Option<f64>,
+    /// Mean error of x.
     pub bias_x_px: Option<f64>,
+    /// Mean error of y.
     pub bias_y_px: Option<f64>,
+    /// Mean error of z.
     pub bias_z_um: Option<f64>,
-    /// Share of particles, matched in the image plane alone, that are more than h/10 off in depth.
+    /// Share of particles with |dz| > h / 10, among those matched in the image plane alone.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub rate_outlier: Option<f64>,
-    /// 95 % intervals under resampling of frames.
-    pub interval: Intervals,
-    /// Local curves.
-    pub curve: Vec<Node>,
+    /// 95 % bootstrap intervals, resampling frames.
+    pub interval: GdptIntervals,
+    /// Local curves at 21 depths Z = (z - z_0) / h, windows of +- 1/20.
+    pub curve: Vec<DepthNode>,
 }
 
-/// 95 % intervals.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
-pub struct Intervals {
+/// 95 % bootstrap intervals of GDPT scores.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct GdptIntervals {
+    /// Of phi.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub phi: Interval,
+    /// Of precision.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub precision: Interval,
+    /// Of sigma_x_px.
+    #[schemars(inner(range(min = 0.0)))]
     pub sigma_x_px: Interval,
+    /// Of sigma_y_px.
+    #[schemars(inner(range(min = 0.0)))]
     pub sigma_y_px: Interval,
+    /// Of sigma_z_um.
+    #[schemars(inner(range(min = 0.0)))]
     pub sigma_z_um: Interval,
+    /// Of sigma_z_over_h.
+    #[schemars(inner(range(min = 0.0)))]
     pub sigma_z_over_h: Interval,
 }
 
-/// A node of the local curves.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
-pub struct Node {
+/// Local scores at one depth.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct DepthNode {
+    /// Depth of the node over h.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub z_over_h: f64,
+    /// True particles in the window.
     pub n_true: usize,
+    /// Of these, the matched ones.
     pub tp: usize,
+    /// tp / n_true.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub recall: Option<f64>,
+    /// tp / (tp + ghosts measured in the window).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub precision: Option<f64>,
+    /// RMS error of x.
+    #[schemars(range(min = 0.0))]
     pub sigma_x_px: Option<f64>,
+    /// RMS error of y.
+    #[schemars(range(min = 0.0))]
     pub sigma_y_px: Option<f64>,
+    /// RMS error of z.
+    #[schemars(range(min = 0.0))]
     pub sigma_z_um: Option<f64>,
 }
 
 impl Gdpt {
-    /// Of truth and result with depth; `range` is the least and greatest depth.
+    /// Scores a result with depth. Arguments: half width (px) and half height (um) of the box, and the depth
+    /// range (um).
     ///
     /// # Errors
-    /// A gate that is too wide.
+    /// A gate so wide that a frame has too many pairs.
     pub fn of(
-        truth: &Cloud,
-        result: &Cloud,
+        truth: &TrackSet,
+        result: &TrackSet,
         (xy_px, z_um): (f64, f64),
         range: (f64, f64),
         bootstrap: &Bootstrap,
@@ -106,12 +160,12 @@ impl Gdpt {
         let flat = greedy(truth, result, &Gate { z_um: f64::INFINITY, ..gate })?;
         let wrong = flat.pairs().filter(|&p| error(truth, result, p)[2].abs() > h / 10.0).count();
 
-        let share = |cloud: &Cloud, i: usize| (cloud.points[i].at.z_um - low) / h;
+        let share = |cloud: &TrackSet, i: usize| (cloud.points[i].at.z_um - low) / h;
         let step = 1.0 / (NODES - 1) as f64;
         let curve = (0..NODES)
             .map(|k| {
                 let node = k as f64 * step;
-                // Depths on the edge of a window belong to it, whatever rounding says.
+                // Windows include their edges; the tolerance absorbs rounding errors.
                 let inside = |z: f64| (z - node).abs() <= step + 1e-12;
                 let n_true = (0..truth.len()).filter(|&i| inside(share(truth, i))).count();
                 let fp = (0..result.len())
@@ -120,7 +174,7 @@ impl Gdpt {
                 let local: Vec<[f64; 3]> = errors.iter().filter(|e| inside(e.0)).map(|e| e.1).collect();
                 let axis = |k: usize| Errors::of(local.iter().map(move |e| e[k])).rms;
                 let tp = local.len();
-                Node {
+                DepthNode {
                     z_over_h: node,
                     n_true,
                     tp,
@@ -148,7 +202,7 @@ impl Gdpt {
             bias_y_px: y.bias,
             bias_z_um: z.bias,
             rate_outlier: ratio(wrong as f64, flat.pairs().count() as f64),
-            interval: Intervals { phi, precision, sigma_x_px, sigma_y_px, sigma_z_um, sigma_z_over_h },
+            interval: GdptIntervals { phi, precision, sigma_x_px, sigma_y_px, sigma_z_um, sigma_z_over_h },
             curve,
         })
     }

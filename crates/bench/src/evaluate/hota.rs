@@ -1,45 +1,74 @@
-//! HOTA: detection and association in one number (Luiten et al., IJCV 129, 2021), as TrackEval 1.3 computes it.
+//! HOTA: detection and association in one number (Luiten et al., IJCV 129, 2021), as TrackEval 1.3 computes
+//! it.
 //!
-//! Similarity S = max(0, 1 - d / D0) with D0 = 2 gates, so that S = 0.5 at the gate. In every frame the pairs maximise
-//! sum A S, where A tells how well two tracks agree over all frames; at every threshold a = 0.05 ... 0.95 those with S >= a
-//! count. HOTA = mean over a of sqrt(DetA AssA).
+//! Similarity S = max(0, 1 - d / D0) with D0 = 2 gates, so that S = 0.5 at the gate. In every frame the
+//! matching maximizes sum A S, where A is the agreement of two tracks over all frames; at each threshold a =
+//! 0.05, 0.10, ..., 0.95 the pairs with S >= a count as matches. HOTA = mean over a of sqrt(DetA AssA).
 
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use super::assignment::{Pair, heaviest};
-use super::cloud::Cloud;
+use super::assignment::{Pair, max_weight_matching};
+use super::candidates::{CandidatePair, Candidates};
 use super::statistics::{Bootstrap, Interval, TrackUnits, ratio};
-use super::wide::{Wide, WidePair};
+use super::track_set::TrackSet;
 
-/// The scores; means over the thresholds.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
+/// Higher order tracking accuracy (Luiten et al., IJCV 129, 2021), as TrackEval 1.3 computes it; means over
+/// 19 thresholds.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Hota {
+    /// Mean over thresholds of sqrt(DetA AssA).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub hota: Option<f64>,
+    /// Detection accuracy, TP / (TP + FN + FP).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub deta: Option<f64>,
+    /// Association accuracy, mean over TP of TPA / (TPA + FNA + FPA).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub assa: Option<f64>,
+    /// Detection recall.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub detre: Option<f64>,
+    /// Detection precision.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub detpr: Option<f64>,
+    /// Association recall.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub assre: Option<f64>,
+    /// Association precision.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub asspr: Option<f64>,
+    /// Localization accuracy: mean similarity of TP, 1 - d / (2 gates).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub loca: Option<f64>,
-    /// HOTA at the least threshold, where localisation matters least.
+    /// HOTA at the lowest threshold, 0.05.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub hota_0: Option<f64>,
+    /// LocA at the lowest threshold.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub loca_0: Option<f64>,
-    /// HOTA at every threshold.
+    /// HOTA at the thresholds 0.05, 0.10, ..., 0.95.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub curve: Vec<f64>,
-    /// 95 % intervals under resampling of tracks.
+    /// 95 % bootstrap interval of HOTA, resampling tracks.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub interval_hota: Interval,
+    /// 95 % bootstrap interval of DetA.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub interval_deta: Interval,
+    /// 95 % bootstrap interval of AssA.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub interval_assa: Interval,
 }
 
 const THRESHOLDS: usize = 19;
 
-/// Sums of a unit: points of truth and result; per threshold, matches and their sum of A.
+/// Sums of a resampling unit: points of truth and result; for each threshold, matches and their summed
+/// association score.
 const SUMS: usize = 1 + 2 * THRESHOLDS;
 
-/// HOTA, DetA and AssA of sums.
+/// HOTA, DetA and AssA from the sums of a resample.
 fn means(sums: &[f64; SUMS]) -> [Option<f64>; 3] {
     let (mut hota, mut deta, mut assa) = (0.0, 0.0, 0.0);
     for k in 0..THRESHOLDS {
@@ -52,65 +81,88 @@ fn means(sums: &[f64; SUMS]) -> [Option<f64>; 3] {
     [hota, deta, assa].map(|sum| Some(sum / THRESHOLDS as f64))
 }
 
+/// Similarity of a pair from its D^2: 1 at zero distance, 0.5 at the gate.
+fn similarity(squared: f64) -> f64 {
+    1.0 - squared.sqrt() / 2.0
+}
+
+/// True and result track of a pair, packed into one integer.
+fn key(truth: &TrackSet, result: &TrackSet, candidates: &Candidates, pair: &CandidatePair) -> u64 {
+    let (t, r) = candidates.tracks(truth, result, pair);
+    u64::from(t) << 32 | u64::from(r)
+}
+
+/// Numbers of points of the two tracks of a [`key`].
+fn lengths(truth: &TrackSet, result: &TrackSet, key: u64) -> (f64, f64) {
+    let length = |set: &TrackSet, track: u64| set.track(track as usize).len() as f64;
+    (length(truth, key >> 32), length(result, key & 0xffff_ffff))
+}
+
+/// Agreement of pairs of tracks over all frames (TrackEval's global alignment score), sorted by [`key`].
+fn agreement(truth: &TrackSet, result: &TrackSet, candidates: &Candidates) -> Vec<(u64, f64)> {
+    // In each frame a pair's similarity is normalized by the similarities of all competing pairs.
+    let mut shares: Vec<(u64, f64)> = Vec::with_capacity(candidates.pairs.len());
+    let key = |p: &CandidatePair| key(truth, result, candidates, p);
+    for (_, t, r, pairs) in &candidates.frames {
+        let (mut of_truth, mut of_result) = (vec![0.0; t.len()], vec![0.0; r.len()]);
+        for p in &candidates.pairs[pairs.clone()] {
+            of_truth[p.truth as usize - t.start] += similarity(p.squared);
+            of_result[p.result as usize - r.start] += similarity(p.squared);
+        }
+        for p in &candidates.pairs[pairs.clone()] {
+            let s = similarity(p.squared);
+            let all = of_truth[p.truth as usize - t.start] + of_result[p.result as usize - r.start] - s;
+            shares.push((key(p), if all > f64::EPSILON { s / all } else { 0.0 }));
+        }
+    }
+    // The stable sort keeps the order of frames, so sums do not depend on the order of rows.
+    shares.sort_by_key(|s| s.0);
+    shares
+        .chunk_by(|a, b| a.0 == b.0)
+        .map(|same| {
+            let sum: f64 = same.iter().map(|s| s.1).sum();
+            let (n, m) = lengths(truth, result, same[0].0);
+            (same[0].0, sum / (n + m - sum))
+        })
+        .collect()
+}
+
+/// The matches of all frames, which maximize the sum of agreement times similarity: [`key`] and similarity.
+fn matched(truth: &TrackSet, result: &TrackSet, candidates: &Candidates) -> Vec<(u64, f64)> {
+    let agreement = agreement(truth, result, candidates);
+    let key = |p: &CandidatePair| key(truth, result, candidates, p);
+    let weight = |p: &CandidatePair| {
+        let at = agreement.partition_point(|a| a.0 < key(p));
+        agreement[at].1 * similarity(p.squared)
+    };
+    let weights: Vec<f64> = candidates.pairs.iter().map(weight).collect();
+    drop(agreement);
+
+    let mut matched: Vec<(u64, f64)> = Vec::new();
+    for (_, t, r, pairs) in &candidates.frames {
+        let near = &candidates.pairs[pairs.clone()];
+        let candidates = near.iter().zip(&weights[pairs.clone()]).map(|(p, value)| Pair {
+            row: p.truth - t.start as u32,
+            column: p.result - r.start as u32,
+            value: *value,
+        });
+        for chosen in max_weight_matching(t.len(), r.len(), candidates.collect()) {
+            let (i, j) = (t.start as u32 + chosen.row, r.start as u32 + chosen.column);
+            let p = &near[near.partition_point(|p| (p.truth, p.result) < (i, j))];
+            matched.push((key(p), similarity(p.squared)));
+        }
+    }
+    matched
+}
+
 impl Hota {
-    /// Of the pairs within twice the gate.
-    pub fn of(truth: &Cloud, result: &Cloud, wide: &Wide, bootstrap: &Bootstrap) -> Self {
+    /// Scores the candidate pairs within twice the gate.
+    pub fn of(truth: &TrackSet, result: &TrackSet, candidates: &Candidates, bootstrap: &Bootstrap) -> Self {
         if truth.is_empty() && result.is_empty() {
             return Hota::default();
         }
-        let similarity = |squared: f64| 1.0 - squared.sqrt() / 2.0;
-        // Agreement of tracks: a pair counts in a frame as far as no rival is as near.
-        let mut shares: Vec<(u64, f64)> = Vec::with_capacity(wide.pairs.len());
-        let key = |p: &WidePair| {
-            let (t, r) = wide.tracks(truth, result, p);
-            u64::from(t) << 32 | u64::from(r)
-        };
-        for (_, t, r, pairs) in &wide.frames {
-            let (mut of_truth, mut of_result) = (vec![0.0; t.len()], vec![0.0; r.len()]);
-            for p in &wide.pairs[pairs.clone()] {
-                of_truth[p.truth as usize - t.start] += similarity(p.squared);
-                of_result[p.result as usize - r.start] += similarity(p.squared);
-            }
-            for p in &wide.pairs[pairs.clone()] {
-                let s = similarity(p.squared);
-                let all = of_truth[p.truth as usize - t.start] + of_result[p.result as usize - r.start] - s;
-                shares.push((key(p), if all > f64::EPSILON { s / all } else { 0.0 }));
-            }
-        }
-        // A stable sort keeps frames in order, so sums are the same whatever the order of rows was.
-        shares.sort_by_key(|s| s.0);
-        let length = |cloud: &Cloud, track: u64| cloud.track(track as usize).len() as f64;
-        let lengths = |key: u64| (length(truth, key >> 32), length(result, key & 0xffff_ffff));
-        let agreement: Vec<(u64, f64)> = shares
-            .chunk_by(|a, b| a.0 == b.0)
-            .map(|same| {
-                let sum: f64 = same.iter().map(|s| s.1).sum();
-                let (n, m) = lengths(same[0].0);
-                (same[0].0, sum / (n + m - sum))
-            })
-            .collect();
-        drop(shares);
-        let weight = |p: &WidePair| {
-            let at = agreement.partition_point(|a| a.0 < key(p));
-            agreement[at].1 * similarity(p.squared)
-        };
-        let weights: Vec<f64> = wide.pairs.iter().map(weight).collect();
-        drop(agreement);
-
-        let mut matched: Vec<(u64, f64)> = Vec::new();
-        for (_, t, r, pairs) in &wide.frames {
-            let near = &wide.pairs[pairs.clone()];
-            let candidates = near.iter().zip(&weights[pairs.clone()]).map(|(p, value)| Pair {
-                row: p.truth - t.start as u32,
-                column: p.result - r.start as u32,
-                value: *value,
-            });
-            for chosen in heaviest(t.len(), r.len(), candidates.collect()) {
-                let (i, j) = (t.start as u32 + chosen.row, r.start as u32 + chosen.column);
-                let p = &near[near.partition_point(|p| (p.truth, p.result) < (i, j))];
-                matched.push((key(p), similarity(p.squared)));
-            }
-        }
+        let lengths = |key: u64| lengths(truth, result, key);
+        let mut matched = matched(truth, result, candidates);
         matched.sort_by_key(|m| m.0);
 
         let same_pairs = || matched.chunk_by(|a, b| a.0 == b.0);
@@ -143,7 +195,7 @@ impl Hota {
             any |= tp > 0.0;
             let per_tp = |sum: f64| if tp > 0.0 { sum / tp } else { 0.0 };
             let deta = tp / (n + m - tp).max(1.0);
-            // TrackEval takes the localisation of nothing as perfect.
+            // TrackEval defines LocA without matches as 1.
             let loca = if tp > 0.0 { total / tp } else { 1.0 };
             let hota = (deta * per_tp(assa)).sqrt();
             if k == 0 {

@@ -1,38 +1,52 @@
-//! IDF1: how well one global pairing of true and result tracks explains the result (Ristani et al., ECCV workshops 2016).
+//! IDF1: how well one global pairing of true and result tracks explains the result (Ristani et al., ECCV
+//! Workshops, 2016).
 //!
-//! IDTP = greatest sum, over a one-to-one pairing of tracks, of the frames in which a pair of tracks is within the gate.
+//! IDTP is the greatest number of frames, over all one-to-one pairings of tracks, in which paired tracks are
+//! within the gate.
 
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use super::assignment::{Pair, heaviest};
-use super::cloud::Cloud;
+use super::assignment::{Pair, max_weight_matching};
+use super::candidates::Candidates;
 use super::statistics::{Bootstrap, Interval, TrackUnits, ratio};
-use super::wide::Wide;
+use super::track_set::TrackSet;
 
-/// The scores of identity.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
+/// Identity scores (Ristani et al., ECCV workshops, 2016): the best one-to-one pairing of whole tracks.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Identity {
+    /// 2 IDTP / (true points + result points).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub idf1: Option<f64>,
+    /// IDTP / result points.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub idp: Option<f64>,
+    /// IDTP / true points.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub idr: Option<f64>,
+    /// Frames in which paired tracks are within the gate.
     pub idtp: usize,
+    /// Result points - IDTP.
     pub idfp: usize,
+    /// True points - IDTP.
     pub idfn: usize,
-    /// 95 % interval under resampling of tracks.
+    /// 95 % bootstrap interval of IDF1, resampling tracks.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub interval_idf1: Interval,
 }
 
 impl Identity {
-    /// Of the pairs within the gate.
-    pub fn of(truth: &Cloud, result: &Cloud, wide: &Wide, bootstrap: &Bootstrap) -> Self {
-        let mut tracks: Vec<(u32, u32)> = wide.admitted().map(|p| wide.tracks(truth, result, p)).collect();
+    /// Scores the pairs within the gate.
+    pub fn of(truth: &TrackSet, result: &TrackSet, candidates: &Candidates, bootstrap: &Bootstrap) -> Self {
+        let mut tracks: Vec<(u32, u32)> =
+            candidates.admitted().map(|p| candidates.tracks(truth, result, p)).collect();
         tracks.sort_unstable();
         let pairs: Vec<Pair> = tracks
             .chunk_by(|a, b| a == b)
             .map(|same| Pair { row: same[0].0, column: same[0].1, value: same.len() as f64 })
             .collect();
-        let best = heaviest(truth.n_tracks(), result.n_tracks(), pairs.clone());
+        let best = max_weight_matching(truth.n_tracks(), result.n_tracks(), pairs.clone());
         let idtp = best.iter().map(|p| p.value).sum::<f64>();
         let shared = pairs.iter().map(|p| (p.row, p.column, p.value as usize));
         let mut units = TrackUnits::<2>::new(truth.n_tracks(), result.n_tracks(), shared);

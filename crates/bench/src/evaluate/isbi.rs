@@ -1,81 +1,109 @@
-//! The scores of the ISBI Particle Tracking Challenge (Chenouard et al., Nat. Methods 11, 281, 2014, Suppl. Note 3).
+//! The scores of the ISBI Particle Tracking Challenge (Chenouard et al., Nat. Methods 11, 281, 2014, Suppl.
+//! Note 3).
 //!
-//! Tracks are runs of frames; holes of a reference are filled by interpolation, holes of a candidate never match. With gate
-//! eps the distance of two tracks is the sum, over frames in which at least one exists, of min(d, eps) (eps where only one
-//! exists). References are paired with candidates, or with nothing at eps times their length, at the least total D (A3).
-//! alpha = 1 - D / D0, D0 = D with nothing paired; beta = (D0 - D) / (D0 + P), P = eps times the length of unpaired
-//! candidates. Agrees with the authors' own program to 1e-9 (tests/suite/scoring.rs); there RMSE is 0 and alpha NaN where
-//! nothing is matched or true, here both are null.
+//! A track spans all frames from its first to its last point; gaps in a reference (true) track are filled by
+//! interpolation, gaps in a candidate (result) track never match. With gate eps, the distance of two tracks
+//! is the sum of min(d, eps) over the frames in which at least one exists (eps where only one does).
+//! References are paired with candidates, or with dummy tracks at a cost of eps times their length, such that
+//! the total D is least (A3). alpha = 1 - D / D0, where D0 is D with nothing paired; beta = (D0 - D) / (D0 +
+//! P), where P is eps times the total length of unpaired candidates. Agrees with the authors' program to 1e-9
+//! (tests/suite/scoring.rs), except that its RMSE is 0 without a match and its alpha NaN without truth; here
+//! both are null.
 
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use super::assignment::{Pair, heaviest};
-use super::cloud::{Cloud, Loose, Position, side_by_side};
+use super::assignment::{Pair, max_weight_matching};
 use super::gate::Gate;
-use super::matching::too_many;
-use super::neighbours::near;
+use super::matching::check_pair_count;
+use super::neighbors::neighbor_pairs;
 use super::statistics::{Bootstrap, Interval, TrackUnits, ratio};
+use super::track_set::{Position, TrackSet, UnsortedPoint, side_by_side};
 use crate::error::Result;
 
-/// The scores.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
+/// ISBI Particle Tracking Challenge (Chenouard et al., Nat. Methods 11, 281, 2014, Suppl. Note 3); assignment
+/// A3.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Isbi {
     /// 2 or 3: whether depth counts.
     pub dims: u8,
+    /// Gate eps.
+    #[schemars(range(min = 0.0))]
     pub gate_px: f64,
+    /// 1 - D / D0: normalized track distance, without a penalty for ghost tracks.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub alpha: Option<f64>,
+    /// (D0 - D) / (D0 + P): alpha with a penalty for ghost tracks.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub beta: Option<f64>,
+    /// Jaccard index of points of paired tracks.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub jsc: Option<f64>,
+    /// Jaccard index of tracks.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub jsc_theta: Option<f64>,
-    /// Of matched points, px (with depth: depth in units of the gate times its width).
+    /// Root mean square distance of matched points, px (with depth: z scaled by gate_xy / gate_z).
+    #[schemars(range(min = 0.0))]
     pub rmse: Option<f64>,
+    /// Smallest of these distances.
+    #[schemars(range(min = 0.0))]
     pub min_distance: Option<f64>,
+    /// Largest of these distances.
+    #[schemars(range(min = 0.0))]
     pub max_distance: Option<f64>,
+    /// Standard deviation of these distances.
+    #[schemars(range(min = 0.0))]
     pub std_distance: Option<f64>,
+    /// Matched points in paired tracks.
     pub tp: usize,
+    /// Points of true tracks, including filled gaps, without a match.
     #[serde(rename = "fn")]
     pub missed: usize,
+    /// Result points without a match.
     pub fp: usize,
+    /// Paired tracks.
     pub tp_tracks: usize,
+    /// True tracks without a partner.
     pub fn_tracks: usize,
+    /// Result tracks without a partner.
     pub fp_tracks: usize,
-    /// 95 % intervals under resampling of tracks.
-    pub interval: Intervals,
+    /// 95 % bootstrap intervals, resampling tracks.
+    pub interval: IsbiIntervals,
 }
 
-/// 95 % intervals.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
-pub struct Intervals {
+/// 95 % bootstrap intervals of ISBI scores.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct IsbiIntervals {
+    /// Of alpha.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub alpha: Interval,
+    /// Of beta.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub beta: Interval,
+    /// Of JSC.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub jsc: Interval,
+    /// Of JSC_theta.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub jsc_theta: Interval,
+    /// Of RMSE.
+    #[schemars(inner(range(min = 0.0)))]
     pub rmse: Interval,
 }
 
 impl Isbi {
-    /// Of truth and result; the gate is radial (2-D) or an ellipsoid (3-D).
+    /// Scores a result; the gate is radial (2-D) or an ellipsoid (3-D).
     ///
     /// # Errors
-    /// A gate that is too wide.
-    pub fn of(truth: &Cloud, result: &Cloud, gate: &Gate, bootstrap: &Bootstrap) -> Result<Self> {
+    /// A gate so wide that a frame has too many pairs.
+    pub fn of(truth: &TrackSet, result: &TrackSet, gate: &Gate, bootstrap: &Bootstrap) -> Result<Self> {
         let filled = fill_holes(truth, result);
         let reference = filled.as_ref().unwrap_or(truth);
-        // All points of all pairs of tracks that lie within the gate: tracks and distance.
-        let mut points: Vec<(u32, u32, f64)> = Vec::new();
-        for (frame, t, r) in side_by_side(reference, result) {
-            let found = near(&reference.points[t.clone()], &result.points[r.clone()], gate, 1.0);
-            too_many(points.len() + found.len(), frame, gate)?;
-            points.extend(found.iter().map(|n| {
-                let track = |cloud: &Cloud, first: usize, i: u32| cloud.points[first + i as usize].track;
-                (track(reference, t.start, n.truth), track(result, r.start, n.result), n.squared.sqrt())
-            }));
-        }
-        points.sort_by_key(|p| (p.0, p.1));
-        // In units of eps from here on.
-        let length = |cloud: &Cloud, track: usize| {
+        let points = within_gate(reference, result, gate)?;
+        // Distances are in units of eps from here on.
+        let length = |cloud: &TrackSet, track: usize| {
             let (first, last) = cloud.span(track);
             (last - first + 1) as f64
         };
@@ -92,13 +120,13 @@ impl Isbi {
             first += same.len();
         }
         let pairs: Vec<Pair> = candidates.iter().map(|c| c.0).collect();
-        let chosen = heaviest(reference.n_tracks(), result.n_tracks(), pairs.clone());
+        let chosen = max_weight_matching(reference.n_tracks(), result.n_tracks(), pairs.clone());
 
         let (n_true, n_result) = (reference.n_tracks(), result.n_tracks());
         let mut unpaired: f64 = (0..n_result).map(|t| length(result, t)).sum();
         let mut distances = Vec::new();
-        // Sums of tracks: gain, frames of references, frames of unpaired candidates, TP, all points, tracks either way,
-        // pairs, squared distances.
+        // Sums per track: gain, frames of references, frames of unpaired candidates, TP, union of points,
+        // union of tracks, pairs, squared distances.
         let chosen_pairs = chosen.iter().map(|p| (p.row, p.column, 1));
         let mut units = TrackUnits::<8>::new(n_true, n_result, chosen_pairs);
         for track in 0..n_true {
@@ -113,7 +141,8 @@ impl Isbi {
             *all += result.track(track).len() as f64;
             *tracks += 1.0;
         }
-        // As in the authors' program: a paired candidate's virtual points beyond the reference's ends count as real ones.
+        // As in the authors' program, interpolated points of a paired candidate beyond the ends of its
+        // reference count as ghosts.
         let mut virtual_ghosts = 0;
         for pair in &chosen {
             let at = pairs.partition_point(|p| (p.row, p.column) < (pair.row, pair.column));
@@ -125,7 +154,7 @@ impl Isbi {
             virtual_ghosts += ghosts;
             let squares: f64 = same.iter().map(|p| (p.2 * gate.xy_px).powi(2)).sum();
             let tp = same.len() as f64;
-            // Points and tracks that are paired were counted on both sides.
+            // Paired points and tracks were counted twice.
             let more = [pair.value, 0.0, -length(result, column), tp, ghosts as f64 - tp, -1.0, 1.0, squares];
             units.of_truth(pair.row as usize).iter_mut().zip(more).for_each(|(s, m)| *s += m);
         }
@@ -165,37 +194,53 @@ impl Isbi {
             tp_tracks: paired,
             fn_tracks: n_true - paired,
             fp_tracks: n_result - paired,
-            interval: Intervals { alpha, beta, jsc, jsc_theta, rmse },
+            interval: IsbiIntervals { alpha, beta, jsc, jsc_theta, rmse },
         })
     }
 }
 
-/// Frames in holes of a track that lie outside of a span.
-fn holes_outside(cloud: &Cloud, track: usize, (first, last): (i64, i64)) -> usize {
+/// Pairs of points within the gate: true track, result track, distance in units of the gate; sorted by
+/// tracks.
+fn within_gate(reference: &TrackSet, result: &TrackSet, gate: &Gate) -> Result<Vec<(u32, u32, f64)>> {
+    let mut points: Vec<(u32, u32, f64)> = Vec::new();
+    for (frame, t, r) in side_by_side(reference, result) {
+        let found = neighbor_pairs(&reference.points[t.clone()], &result.points[r.clone()], gate, 1.0);
+        check_pair_count(points.len() + found.len(), frame, gate)?;
+        points.extend(found.iter().map(|n| {
+            let track = |cloud: &TrackSet, first: usize, i: u32| cloud.points[first + i as usize].track;
+            (track(reference, t.start, n.truth), track(result, r.start, n.result), n.squared.sqrt())
+        }));
+    }
+    points.sort_by_key(|p| (p.0, p.1));
+    Ok(points)
+}
+
+/// Number of frames in gaps of a track that lie outside a span of frames.
+fn holes_outside(cloud: &TrackSet, track: usize, (first, last): (i64, i64)) -> usize {
     let frame = |i: u32| i64::from(cloud.points[i as usize].frame);
     let outside = |(from, to): (i64, i64)| {
-        // Frames from..to of a hole, less those within the span.
+        // Frames from..to of a gap, minus those within the span.
         let inside = (to.min(last + 1) - from.max(first)).max(0);
         (to - from - inside).max(0) as usize
     };
     cloud.track(track).windows(2).map(|w| outside((frame(w[0]) + 1, frame(w[1])))).sum()
 }
 
-/// The truth with virtual points, on straight lines, in those frames of holes in which there are results. `None` if no
-/// track has a hole.
-fn fill_holes(truth: &Cloud, result: &Cloud) -> Option<Cloud> {
+/// The truth with gaps filled by linear interpolation, in those frames that have result points. `None` if no
+/// track has a gap.
+fn fill_holes(truth: &TrackSet, result: &TrackSet) -> Option<TrackSet> {
     let holes =
         truth.links().any(|(a, b)| truth.points[b as usize].frame - truth.points[a as usize].frame > 1);
     if !holes {
         return None;
     }
-    let loose = |p: &super::cloud::Point| Loose {
+    let loose = |p: &super::track_set::Point| UnsortedPoint {
         frame: p.frame,
         track: Some((i64::from(p.track), 0)),
         at: p.at,
         source: p.source,
     };
-    let mut points: Vec<Loose> = truth.points.iter().map(loose).collect();
+    let mut points: Vec<UnsortedPoint> = truth.points.iter().map(loose).collect();
     for (a, b) in truth.links() {
         let (a, b) = (&truth.points[a as usize], &truth.points[b as usize]);
         let from = result.frames.partition_point(|f| f.0 <= a.frame);
@@ -207,8 +252,8 @@ fn fill_holes(truth: &Cloud, result: &Cloud) -> Option<Cloud> {
                 y_px: between(a.at.y_px, b.at.y_px),
                 z_um: between(a.at.z_um, b.at.z_um),
             };
-            points.push(Loose { frame: *frame, at, ..loose(a) });
+            points.push(UnsortedPoint { frame: *frame, at, ..loose(a) });
         }
     }
-    Some(Cloud::new(points))
+    Some(TrackSet::new(points))
 }

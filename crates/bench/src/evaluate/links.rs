@@ -1,42 +1,57 @@
-//! Links: does the result follow the same particle from one of its points to the next?
+//! Link scores: whether consecutive points of a result track belong to the same particle.
 //!
-//! A result link (two consecutive points of a result track) is right iff both ends are matched and the matched truth
-//! points are consecutive in one truth track.
+//! A result link (two consecutive points of a result track) is correct if and only if both ends are matched
+//! and the matched true points are consecutive in one true track.
 
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use super::cloud::Cloud;
 use super::detection::rates;
 use super::matching::{Matching, NONE};
 use super::statistics::{Bootstrap, Interval};
+use super::track_set::TrackSet;
 
-/// Counts and rates over all links.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
+/// Links: pairs of consecutive points of a track.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Links {
+    /// Result links whose ends are matched to consecutive points of one true track.
     pub tp: usize,
+    /// Result links that are not correct.
     pub fp: usize,
+    /// True links that no result link reproduces.
     #[serde(rename = "fn")]
     pub missed: usize,
+    /// TP / (TP + FP).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub precision: Option<f64>,
+    /// TP / (TP + FN).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub recall: Option<f64>,
+    /// 2 TP / (2 TP + FP + FN).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub f1: Option<f64>,
-    /// 95 % intervals under resampling of frames.
+    /// 95 % bootstrap interval of precision, resampling frames.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub interval_precision: Interval,
+    /// 95 % bootstrap interval of recall.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub interval_recall: Interval,
+    /// 95 % bootstrap interval of F1.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub interval_f1: Interval,
 }
 
-/// The truth's successor of every point, or [`NONE`].
-pub fn successors(truth: &Cloud) -> Vec<u32> {
+/// Index of the next point of the same track for every point, or [`NONE`].
+pub fn successors(truth: &TrackSet) -> Vec<u32> {
     let mut next = vec![NONE; truth.len()];
     truth.links().for_each(|(a, b)| next[a as usize] = b);
     next
 }
 
-/// The links of the result that are right: truth's points and result's points.
-pub fn right<'a>(
-    result: &'a Cloud,
+/// The correct links of the result: (indices of true points, indices of result points).
+pub fn correct_links<'a>(
+    result: &'a TrackSet,
     matching: &'a Matching,
     next: &'a [u32],
 ) -> impl Iterator<Item = ((usize, usize), (usize, usize))> + 'a {
@@ -48,18 +63,19 @@ pub fn right<'a>(
 }
 
 impl Links {
-    /// Of a matching.
-    pub fn of(truth: &Cloud, result: &Cloud, matching: &Matching, bootstrap: &Bootstrap) -> Self {
+    /// Scores the links of a matching.
+    pub fn of(truth: &TrackSet, result: &TrackSet, matching: &Matching, bootstrap: &Bootstrap) -> Self {
         let next = successors(truth);
-        let tp = right(result, matching, &next).count();
+        let tp = correct_links(result, matching, &next).count();
         let (n, m) = (truth.links().count(), result.links().count());
         let (missed, fp) = (n - tp, m - tp);
         let [precision, recall, f1, _] = rates(tp as f64, missed as f64, fp as f64);
-        // Links belong to the frame they begin in.
-        let frame = |cloud: &Cloud, i: usize| cloud.points[i].frame;
+        // A link belongs to the frame in which it begins.
+        let frame = |cloud: &TrackSet, i: usize| cloud.points[i].frame;
         let true_ones = truth.links().map(|(a, _)| (frame(truth, a as usize), [0.0, 1.0, 0.0]));
         let found = result.links().map(|(a, _)| (frame(result, a as usize), [0.0, 0.0, 1.0]));
-        let good = right(result, matching, &next).map(|(_, (a, _))| (frame(result, a), [1.0, 0.0, 0.0]));
+        let good =
+            correct_links(result, matching, &next).map(|(_, (a, _))| (frame(result, a), [1.0, 0.0, 0.0]));
         let units = bootstrap.by_frame(true_ones.chain(found).chain(good));
         let [interval_precision, interval_recall, interval_f1] =
             bootstrap.intervals(&units, |&[tp, n, m]| {

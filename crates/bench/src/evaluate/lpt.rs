@@ -1,63 +1,102 @@
-//! Scores of Lagrangian particle tracking: found, missed and ghost particles, errors of motion, lengths of tracks.
+//! Scores of Lagrangian particle tracking: correct, missed and ghost particles, errors of velocity and
+//! acceleration, track lengths.
 //!
-//! After Sciacchitano, Leclaire and Schröder (LPT challenge, 2021); definitions in docs/scoring.md and `motion.rs`.
+//! After Sciacchitano, Leclaire and Schröder (LPT challenge, 2021); definitions in docs/scoring.md and
+//! `motion.rs`.
 
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use super::cloud::Cloud;
 use super::detection::per_frame;
 use super::matching::{Matching, NONE};
-use super::motion::{Compared, Motion};
+use super::motion::{Motion, TrackComparison};
 use super::statistics::{Bootstrap, Interval, quantile, ratio};
-use super::truth::Truth;
+use super::track_set::TrackSet;
+use super::truth::TrueParticles;
 
-/// The scores.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
+/// Lagrangian particle tracking (Sciacchitano, Leclaire and Schroeder, LPT challenge, 2021).
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Lpt {
-    /// TP, FN and FP over true particles; FP over measured ones.
+    /// TP / true particles.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub correct: Option<f64>,
+    /// FN / true particles.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub missed: Option<f64>,
+    /// FP / true particles; may exceed 1.
+    #[schemars(range(min = 0.0))]
     pub ghost: Option<f64>,
+    /// FP / result points.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub ghost_of_measured: Option<f64>,
+    /// Errors of displacement, velocity and acceleration.
     #[serde(flatten)]
     pub motion: Motion,
-    /// Mean over true tracks of the longest run followed by one result track, over the track's length.
+    /// Mean over true tracks of the longest run of points followed by one result track, divided by the length
+    /// of the true track.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub coverage_longest: Option<f64>,
-    /// Result tracks per true track, true tracks per result track (of those with any).
+    /// Result tracks per true track, over true tracks with any match.
+    #[schemars(range(min = 0.0))]
     pub fragments_per_truth: Option<f64>,
+    /// True tracks per result track, over result tracks with any match.
+    #[schemars(range(min = 0.0))]
     pub truths_per_result: Option<f64>,
-    /// Shares of true tracks with at least 80 %, 20 to 80 %, at most 20 % of their points matched.
+    /// Share of true tracks with at least 80 % of their points matched.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub mostly_tracked: Option<f64>,
+    /// Share of true tracks with 20 to 80 % of their points matched.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub partially_tracked: Option<f64>,
+    /// Share of true tracks with at most 20 % of their points matched.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub mostly_lost: Option<f64>,
-    /// Share of result tracks that are one whole true track and nothing else.
+    /// Share of result tracks that reproduce one complete true track and nothing else.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub strict: Option<f64>,
-    /// Mean share of a result track's points that lie on its main true track.
+    /// Mean share of a result track's points that belong to its majority true track.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub purity: Option<f64>,
+    /// Mean number of points of result tracks.
+    #[schemars(range(min = 0.0))]
     pub mean_length: Option<f64>,
+    /// Median number of points of result tracks.
+    #[schemars(range(min = 0.0))]
     pub median_length: Option<f64>,
     /// Result tracks of 1, 2, 3-5, 6-10, 11-20, > 20 points.
     pub lengths: [usize; 6],
-    /// True tracks likewise.
+    /// True tracks of 1, 2, 3-5, 6-10, 11-20, > 20 points.
     pub true_lengths: [usize; 6],
-    /// 95 % intervals under resampling of frames.
-    pub interval: Intervals,
+    /// 95 % bootstrap intervals, resampling frames.
+    pub interval: LptIntervals,
 }
 
-/// 95 % intervals.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
-pub struct Intervals {
+/// 95 % bootstrap intervals of LPT scores.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct LptIntervals {
+    /// Of correct.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub correct: Interval,
+    /// Of ghost.
+    #[schemars(inner(range(min = 0.0)))]
     pub ghost: Interval,
+    /// Of displacement_rms_px.
+    #[schemars(inner(range(min = 0.0)))]
     pub displacement_rms_px: Interval,
+    /// Of velocity_rms_um_s.
+    #[schemars(inner(range(min = 0.0)))]
     pub velocity_rms_um_s: Interval,
+    /// Of acceleration_rms_px.
+    #[schemars(inner(range(min = 0.0)))]
     pub acceleration_rms_px: Interval,
+    /// Of acceleration_rms_um_s2.
+    #[schemars(inner(range(min = 0.0)))]
     pub acceleration_rms_um_s2: Interval,
 }
 
-/// Names of the classes of lengths.
+/// Labels of the track-length classes, in points.
 pub const LENGTHS: [&str; 6] = ["1", "2", "3-5", "6-10", "11-20", "> 20"];
 
 fn class(length: usize) -> usize {
@@ -65,10 +104,11 @@ fn class(length: usize) -> usize {
 }
 
 impl Lpt {
-    /// Of a matching; `depth` tells whether z is scored, `reported` are velocities of the rows of the result, um/s.
+    /// Scores a matching; `depth` says whether z is scored, `reported` holds the velocities of the rows of
+    /// the result, um/s.
     pub fn of(
-        truth: &Truth,
-        clouds: (&Cloud, &Cloud),
+        truth: &TrueParticles,
+        clouds: (&TrackSet, &TrackSet),
         matching: &Matching,
         depth: bool,
         reported: Option<&[[f64; 3]]>,
@@ -77,7 +117,7 @@ impl Lpt {
         let (t, r) = clouds;
         let tp = matching.pairs().count() as f64;
         let (n, m) = (t.len() as f64, r.len() as f64);
-        let (motion, mut sums) = Compared { truth, clouds, matching, depth, reported }.motion();
+        let (motion, mut sums) = TrackComparison { truth, clouds, matching, depth, reported }.motion();
         let mut score = Lpt {
             correct: ratio(tp, n),
             missed: ratio(n - tp, n),
@@ -96,7 +136,7 @@ impl Lpt {
         let ends = bootstrap.intervals(&units, |&[n, m, tp, nd, d, nv, v, nb, b, na, a]| {
             [ratio(tp, n), ratio(m - tp, n), root(d, nd), root(v, nv), root(b, nb), root(a, na)]
         });
-        score.interval = Intervals {
+        score.interval = LptIntervals {
             correct: ends[0],
             ghost: ends[1],
             displacement_rms_px: ends[2],
@@ -108,7 +148,7 @@ impl Lpt {
         score
     }
 
-    fn tracks(&mut self, (t, r): (&Cloud, &Cloud), matching: &Matching) {
+    fn tracks(&mut self, (t, r): (&TrackSet, &TrackSet), matching: &Matching) {
         let partner = |i: u32| {
             let of = matching.of_truth[i as usize];
             (of != NONE).then(|| r.points[of as usize].track)

@@ -1,27 +1,27 @@
-//! Which result point is which particle: frame by frame, optimal (A1) or greedy (A2).
+//! Matching of result points to particles in every frame: optimal (A1) or greedy (A2).
 
 use rayon::prelude::*;
 
-use super::assignment::{Pair, most_then_cheapest};
-use super::cloud::{Cloud, side_by_side};
+use super::assignment::{Pair, max_cardinality_min_cost};
 use super::gate::Gate;
-use super::neighbours::{MAX_PAIRS, near};
+use super::neighbors::{MAX_PAIRS, neighbor_pairs};
+use super::track_set::{TrackSet, side_by_side};
 use crate::error::{Error, Result};
 
-/// No partner.
+/// Marks a point without a match.
 pub const NONE: u32 = u32::MAX;
 
-/// A one-to-one matching of two clouds.
+/// A one-to-one matching of true and result points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matching {
-    /// The result point of every truth point, or [`NONE`].
+    /// Index of the result point matched to every true point, or [`NONE`].
     pub of_truth: Vec<u32>,
-    /// The truth point of every result point, or [`NONE`].
+    /// Index of the true point matched to every result point, or [`NONE`].
     pub of_result: Vec<u32>,
 }
 
 impl Matching {
-    fn empty(truth: &Cloud, result: &Cloud) -> Self {
+    fn empty(truth: &TrackSet, result: &TrackSet) -> Self {
         Matching { of_truth: vec![NONE; truth.len()], of_result: vec![NONE; result.len()] }
     }
 
@@ -30,41 +30,41 @@ impl Matching {
         self.of_result[result] = truth as u32;
     }
 
-    /// The pairs: indices of truth and result, in order of truth.
+    /// The matched pairs: indices of the true and the result point, in the order of true points.
     pub fn pairs(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
         self.of_truth.iter().enumerate().filter(|(_, r)| **r != NONE).map(|(t, r)| (t, *r as usize))
     }
 }
 
-/// What an assignment minimises among those with the most pairs.
+/// What is minimized among the assignments with the most pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cost {
-    /// The sum of squared distances: our rule, `lap-maxcard-d2`.
+    /// The sum of squared distances, `lap-maxcard-d2`: microsig's own rule.
     Squares,
-    /// The sum of distances, as motmetrics has it.
+    /// The sum of distances, as in motmetrics.
     Distances,
 }
 
-/// A1: per frame as many admissible pairs as possible, then the least cost.
+/// A1: in each frame the most admissible pairs and, among such assignments, the least cost.
 ///
 /// # Errors
-/// A gate so wide that a frame has more pairs than memory should hold.
-pub fn optimal(truth: &Cloud, result: &Cloud, gate: &Gate, cost: Cost) -> Result<Matching> {
+/// A gate so wide that a frame has more than [`MAX_PAIRS`] pairs.
+pub fn optimal(truth: &TrackSet, result: &TrackSet, gate: &Gate, cost: Cost) -> Result<Matching> {
     let frames: Vec<_> =
         side_by_side(truth, result).into_iter().filter(|(_, t, r)| !t.is_empty() && !r.is_empty()).collect();
     let chosen: Vec<Vec<Pair>> = frames
         .par_iter()
         .map(|(frame, t, r)| {
-            let near = near(&truth.points[t.clone()], &result.points[r.clone()], gate, 1.0);
-            too_many(near.len(), *frame, gate)?;
-            let pairs: Vec<Pair> = near
+            let neighbors = neighbor_pairs(&truth.points[t.clone()], &result.points[r.clone()], gate, 1.0);
+            check_pair_count(neighbors.len(), *frame, gate)?;
+            let pairs: Vec<Pair> = neighbors
                 .iter()
                 .map(|n| {
                     let value = if cost == Cost::Squares { n.squared } else { n.squared.sqrt() };
                     Pair { row: n.truth, column: n.result, value }
                 })
                 .collect();
-            Ok(most_then_cheapest(t.len(), r.len(), pairs))
+            Ok(max_cardinality_min_cost(t.len(), r.len(), pairs))
         })
         .collect::<Result<_>>()?;
     let mut matching = Matching::empty(truth, result);
@@ -76,18 +76,18 @@ pub fn optimal(truth: &Cloud, result: &Cloud, gate: &Gate, cost: Cost) -> Result
     Ok(matching)
 }
 
-/// A2: per frame, again and again the pair that is nearest in the image plane, among those that the gate admits.
+/// A2: in each frame, repeatedly takes the pair nearest in the image plane among those that the gate admits.
 /// DefocusTracker's `compare_true` does this with a closed box as gate.
 ///
 /// # Errors
 /// As [`optimal`].
-pub fn greedy(truth: &Cloud, result: &Cloud, gate: &Gate) -> Result<Matching> {
+pub fn greedy(truth: &TrackSet, result: &TrackSet, gate: &Gate) -> Result<Matching> {
     let mut matching = Matching::empty(truth, result);
     for (frame, t, r) in side_by_side(truth, result) {
         let (a, b) = (&truth.points[t.clone()], &result.points[r.clone()]);
-        let near = near(a, b, gate, 1.0);
-        too_many(near.len(), frame, gate)?;
-        let mut order: Vec<(f64, u32, u32)> = near
+        let neighbors = neighbor_pairs(a, b, gate, 1.0);
+        check_pair_count(neighbors.len(), frame, gate)?;
+        let mut order: Vec<(f64, u32, u32)> = neighbors
             .iter()
             .map(|n| {
                 let (p, q) = (&a[n.truth as usize].at, &b[n.result as usize].at);
@@ -105,8 +105,8 @@ pub fn greedy(truth: &Cloud, result: &Cloud, gate: &Gate) -> Result<Matching> {
     Ok(matching)
 }
 
-/// An error if a frame has too many pairs.
-pub(super) fn too_many(pairs: usize, frame: u32, gate: &Gate) -> Result<()> {
+/// Refuses a gate with which a frame has too many pairs.
+pub(super) fn check_pair_count(pairs: usize, frame: u32, gate: &Gate) -> Result<()> {
     if pairs <= MAX_PAIRS {
         return Ok(());
     }

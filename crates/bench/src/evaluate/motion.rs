@@ -1,44 +1,63 @@
-//! Errors of motion: displacements, velocities, accelerations.
+//! Errors of displacements, velocities and accelerations.
 //!
-//! Displacements are compared over right links, so the finite difference is the same on both sides. Velocities are those
-//! that the result tells, or else differences of its positions over the times at which frames were taken: the slope, at the
-//! middle one of three points, of the parabola through them, at the ends of tracks of the straight line. They are compared
-//! with the flow's exact velocity. Accelerations are second differences against second differences of the truth.
+//! Displacements are compared over correct links, so both sides are the same finite difference. Velocities
+//! are those reported by the result, or else derived from its positions and the times of frames: at an
+//! interior point the slope of the parabola through it and its two neighbors, at the ends of tracks the slope
+//! of the straight line. They are compared with the exact velocity of the flow. Accelerations are second
+//! differences, compared with second differences of the truth.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use super::cloud::Cloud;
-use super::links::{right, successors};
+use super::links::{correct_links, successors};
 use super::matching::{Matching, NONE};
 use super::statistics::{Errors, ratio};
-use super::truth::{Truth, same_time};
-use crate::results::{Points, Speed};
+use super::track_set::TrackSet;
+use super::truth::{TrueParticles, same_time};
+use crate::results::{Points, VelocityUnit};
 
-/// The errors.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
+/// Errors of displacements, velocities and accelerations.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Motion {
+    /// RMS error of the displacement in the image plane, over correct links.
+    #[schemars(range(min = 0.0))]
     pub displacement_rms_px: Option<f64>,
+    /// Mean error of the displacement in x.
     pub displacement_bias_x_px: Option<f64>,
+    /// Mean error of the displacement in y.
     pub displacement_bias_y_px: Option<f64>,
+    /// RMS error of the displacement in z.
+    #[schemars(range(min = 0.0))]
     pub displacement_rms_z_um: Option<f64>,
-    /// `result` where the result tells velocities, `positions` where they are derived from those.
-    pub velocity_from: Option<&'static str>,
+    /// result: velocities reported by the result; positions: finite differences of its positions.
+    pub velocity_from: Option<String>,
+    /// RMS error of the in-plane velocity against the flow's exact velocity, over matched points.
+    #[schemars(range(min = 0.0))]
     pub velocity_rms_um_s: Option<f64>,
+    /// velocity_rms_um_s over the RMS of the true velocity.
+    #[schemars(range(min = 0.0))]
     pub velocity_rms_relative: Option<f64>,
+    /// RMS error of the velocity in z.
+    #[schemars(range(min = 0.0))]
     pub velocity_rms_z_um_s: Option<f64>,
+    /// RMS error of the in-plane acceleration: second differences of result and truth.
+    #[schemars(range(min = 0.0))]
     pub acceleration_rms_um_s2: Option<f64>,
-    /// px per frame^2; null where steps between frames differ in length.
+    /// The same in px per frame^2; null where the time steps differ.
+    #[schemars(range(min = 0.0))]
     pub acceleration_rms_px: Option<f64>,
+    /// RMS error of the acceleration over the RMS of the true acceleration.
+    #[schemars(range(min = 0.0))]
     pub acceleration_rms_relative: Option<f64>,
 }
 
-/// What is compared, in the order of the sums.
+/// Quantities whose errors are summed, in the order of [`Sums`].
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Kind {
+pub(super) enum MotionQuantity {
     Displacement,
     Velocity,
     /// px per frame^2
@@ -47,33 +66,60 @@ pub(super) enum Kind {
     Acceleration,
 }
 
-/// By frame and [`Kind`]: numbers of errors and sums of their squares.
+/// For every frame and [`MotionQuantity`]: number of errors and sum of their squares.
 pub(super) type Sums = BTreeMap<u32, [[f64; 2]; 4]>;
 
-/// The velocities that a result tells, um/s; or why they cannot be used.
+/// The velocities reported by a result, um/s, one per row; `None` if it reports none.
 ///
 /// # Errors
-/// A note.
-pub fn reported<'a>(truth: &Truth, points: &'a Points) -> Result<Option<Cow<'a, [[f64; 3]]>>, String> {
+/// The reason why the reported velocities cannot be used.
+pub fn reported<'a>(
+    truth: &TrueParticles,
+    points: &'a Points,
+) -> Result<Option<Cow<'a, [[f64; 3]]>>, String> {
     let Some(velocities) = &points.velocities else { return Ok(None) };
-    if velocities.unit == Speed::UmPerS {
+    if velocities.unit == VelocityUnit::UmPerS {
         return Ok(Some(Cow::Borrowed(&velocities.rows)));
     }
     let derived = "so velocities are derived from positions";
-    let um_per_px = truth.facts.um_per_px.ok_or_else(|| format!("um per px is not known, {derived}"))?;
+    let um_per_px = truth.facts.um_per_px.ok_or_else(|| format!("um per px is unknown, {derived}"))?;
     let step_s = truth.step_s().ok_or_else(|| {
         format!(
-            "the time between frames varies or is not known, {derived}; u_um_s, v_um_s, w_um_s would be read"
+            "the time between frames varies or is unknown, {derived}; columns u_um_s, v_um_s, w_um_s are read as um/s"
         )
     })?;
     let in_um_s = |&[u, v, w]: &[f64; 3]| [u * um_per_px / step_s, v * um_per_px / step_s, w / step_s];
     Ok(Some(Cow::Owned(velocities.rows.iter().map(in_um_s).collect())))
 }
 
-/// A result beside its truth.
-pub(super) struct Compared<'a> {
-    pub(super) truth: &'a Truth,
-    pub(super) clouds: (&'a Cloud, &'a Cloud),
+/// Velocity along x of every result point, um/s, as reported or from differences of positions; NaN for ghosts
+/// and where it is undefined.
+pub fn found_u(
+    truth: &TrueParticles,
+    clouds: (&TrackSet, &TrackSet),
+    matching: &Matching,
+    reported: Option<&[[f64; 3]]>,
+) -> Vec<f64> {
+    let compared = TrackComparison { truth, clouds, matching, depth: false, reported };
+    let r = clouds.1;
+    let mut u = vec![f64::NAN; r.len()];
+    for track in 0..r.n_tracks() {
+        let points = r.track(track);
+        for (k, &i) in points.iter().enumerate().filter(|(_, i)| matching.of_result[**i as usize] != NONE) {
+            let found = match reported {
+                Some(reported) => Some(reported[r.points[i as usize].source as usize]),
+                None => compared.slope(points, k),
+            };
+            u[i as usize] = found.map_or(f64::NAN, |v| v[0]);
+        }
+    }
+    u
+}
+
+/// A matched result and its truth.
+pub(super) struct TrackComparison<'a> {
+    pub(super) truth: &'a TrueParticles,
+    pub(super) clouds: (&'a TrackSet, &'a TrackSet),
     pub(super) matching: &'a Matching,
     /// Whether z is scored.
     pub(super) depth: bool,
@@ -81,8 +127,8 @@ pub(super) struct Compared<'a> {
     pub(super) reported: Option<&'a [[f64; 3]]>,
 }
 
-impl Compared<'_> {
-    /// All errors, and their sums by frame.
+impl TrackComparison<'_> {
+    /// All errors, and their sums for each frame.
     pub(super) fn motion(&self) -> (Motion, Sums) {
         let (mut motion, mut sums) = (Motion::default(), Sums::new());
         let next = successors(self.clouds.0);
@@ -95,9 +141,9 @@ impl Compared<'_> {
     fn displacements(&self, next: &[u32], motion: &mut Motion, sums: &mut Sums) {
         let (t, r) = self.clouds;
         let mut errors: Vec<[f64; 3]> = Vec::new();
-        for ((ta, tb), (ra, rb)) in right(r, self.matching, next) {
+        for ((ta, tb), (ra, rb)) in correct_links(r, self.matching, next) {
             let error = minus(moved(r, ra, rb), moved(t, ta, tb));
-            add(sums, r.points[ra].frame, Kind::Displacement, &error);
+            add(sums, r.points[ra].frame, MotionQuantity::Displacement, &error);
             errors.push(error);
         }
         let axis = |k: usize| Errors::of(errors.iter().map(move |e| e[k]));
@@ -128,7 +174,7 @@ impl Compared<'_> {
                 let Some(error) = found.map(|v| minus(v, exact)) else { continue };
                 if error[0].is_finite() && error[1].is_finite() {
                     speed.add(error, exact);
-                    add(sums, r.points[i].frame, Kind::Velocity, &error);
+                    add(sums, r.points[i].frame, MotionQuantity::Velocity, &error);
                 }
                 upward.extend(Some(error[2]).filter(|w| w.is_finite()));
             }
@@ -136,10 +182,10 @@ impl Compared<'_> {
         (motion.velocity_rms_um_s, motion.velocity_rms_relative) = speed.rms();
         motion.velocity_rms_z_um_s = Errors::of(upward.iter().copied()).rms.filter(|_| self.depth);
         let from = if self.reported.is_some() { "result" } else { "positions" };
-        motion.velocity_from = motion.velocity_rms_um_s.map(|_| from);
+        motion.velocity_from = motion.velocity_rms_um_s.map(|_| from.to_owned());
     }
 
-    /// Velocity at a point of a track, from the positions of it and its neighbours, um/s.
+    /// Velocity at point `k` of a track from its position and its neighbors', um/s.
     fn slope(&self, points: &[u32], k: usize) -> Option<[f64; 3]> {
         let (r, um_per_px) = (self.clouds.1, self.truth.facts.um_per_px?);
         let over = |a: u32, b: u32| {
@@ -151,7 +197,7 @@ impl Compared<'_> {
         let [x, y, z] = match (before, after) {
             (Some(before), Some(after)) => {
                 let ((u, s), (v, t)) = (before?, after?);
-                // The nearer neighbour says more.
+                // Slope of the parabola through three points: the shorter interval has the larger weight.
                 std::array::from_fn(|k| (u[k] * t + v[k] * s) / (s + t))
             }
             (one, other) => one.or(other)??.0,
@@ -161,7 +207,7 @@ impl Compared<'_> {
 
     fn accelerations(&self, next: &[u32], motion: &mut Motion, sums: &mut Sums) {
         let (t, r) = self.clouds;
-        // Both ends followed on the same particle, in consecutive frames.
+        // Whether two result points follow one particle in consecutive frames.
         let joined = |a: u32, b: u32| {
             let of = |i: u32| self.matching.of_result[i as usize];
             let is_next = of(a) != NONE && of(b) != NONE && next[of(a) as usize] == of(b);
@@ -174,29 +220,29 @@ impl Compared<'_> {
                 let found = [0, 1, 2].map(|k| three[k] as usize);
                 let exact = found.map(|i| self.matching.of_result[i] as usize);
                 let frame = found.map(|i| r.points[i].frame);
-                let pair = |[s, t]: [f64; 2], of: (&Cloud, [usize; 3])| {
+                let pair = |[s, t]: [f64; 2], of: (&TrackSet, [usize; 3])| {
                     let (a, b) = (moved(of.0, of.1[0], of.1[1]), moved(of.0, of.1[1], of.1[2]));
                     [0, 1, 2].map(|k| 2.0 * (b[k] / t - a[k] / s) / (s + t))
                 };
-                let mut both = |steps: [f64; 2], total: &mut Total, kind: Kind, scale: f64| {
+                let mut both = |steps: [f64; 2], total: &mut Total, kind: MotionQuantity, scale: f64| {
                     let exact = pair(steps, (t, exact)).map(|v| v * scale);
                     let error = minus(pair(steps, (r, found)).map(|v| v * scale), exact);
                     total.add(error, exact);
                     add(sums, frame[1], kind, &error);
                 };
-                both([1.0; 2], &mut bend, Kind::Bend, 1.0);
+                both([1.0; 2], &mut bend, MotionQuantity::Bend, 1.0);
                 let elapsed = |a: usize, b: usize| self.truth.elapsed_s(frame[a], frame[b]);
                 let Some((s, t)) = elapsed(0, 1).zip(elapsed(1, 2)) else { continue };
                 let first = *step.get_or_insert(s);
                 is_even &= same_time(s, first) && same_time(t, first);
                 if let Some(um_per_px) = self.truth.facts.um_per_px {
-                    both([s, t], &mut curve, Kind::Acceleration, um_per_px);
+                    both([s, t], &mut curve, MotionQuantity::Acceleration, um_per_px);
                 }
             }
         }
         if !is_even {
             bend = Total::default();
-            sums.values_mut().for_each(|of_frame| of_frame[Kind::Bend as usize] = [0.0; 2]);
+            sums.values_mut().for_each(|of_frame| of_frame[MotionQuantity::Bend as usize] = [0.0; 2]);
         }
         let ((in_um, relative), (in_px, relative_px)) = (curve.rms(), bend.rms());
         (motion.acceleration_rms_um_s2, motion.acceleration_rms_px) = (in_um, in_px);
@@ -208,19 +254,19 @@ fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-fn moved(cloud: &Cloud, a: usize, b: usize) -> [f64; 3] {
+fn moved(cloud: &TrackSet, a: usize, b: usize) -> [f64; 3] {
     let (p, q) = (&cloud.points[a].at, &cloud.points[b].at);
     [q.x_px - p.x_px, q.y_px - p.y_px, q.z_um - p.z_um]
 }
 
-/// Notes an error in the image plane.
-fn add(sums: &mut Sums, frame: u32, kind: Kind, error: &[f64; 3]) {
+/// Adds an error in the image plane.
+fn add(sums: &mut Sums, frame: u32, kind: MotionQuantity, error: &[f64; 3]) {
     let [n, squares] = &mut sums.entry(frame).or_default()[kind as usize];
     *n += 1.0;
     *squares += error[0] * error[0] + error[1] * error[1];
 }
 
-/// Squares of errors in the image plane, and of what they are errors of.
+/// Sums of squared in-plane errors and of squared in-plane true values.
 #[derive(Default)]
 struct Total {
     n: f64,
@@ -245,26 +291,27 @@ mod tests {
     use super::*;
     use crate::evaluate::gate::Gate;
     use crate::evaluate::matching::{Cost, optimal};
-    use crate::evaluate::truth::Facts;
-    use crate::results::{Position, Row, Velocities};
+    use crate::evaluate::measurement::RecordingFacts;
+    use crate::results::{Position, TrackRow, Velocities};
 
-    /// x = 100 + 1000 t + 50,000 t^2 px of 2 um at 0, 2, 7 and 9 ms, and what a result with those positions scores.
+    /// Scores a result at the true positions x = 100 + 1000 t + 50,000 t^2 px, at 2 um/px and t = 0, 2, 7, 9
+    /// ms.
     fn burst(result: Points) -> (Motion, Option<String>) {
         let times = [0.0, 0.002, 0.007, 0.009];
-        let rows: Vec<Row> = (0..4u32)
+        let rows: Vec<TrackRow> = (0..4u32)
             .zip(times)
             .map(|(frame, t)| {
                 let x_px = 100.0 + 1000.0 * t + 50_000.0 * t * t;
-                Row { frame, track: 0, at: Position { x_px, y_px: 5.0, z_um: 0.0 } }
+                TrackRow { frame, track: 0, at: Position { x_px, y_px: 5.0, z_um: 0.0 } }
             })
             .collect();
-        let truth = Truth {
-            facts: Facts { um_per_px: Some(2.0), dt_s: Some(0.002), ..Facts::default() },
+        let truth = TrueParticles {
+            facts: RecordingFacts { um_per_px: Some(2.0), dt_s: Some(0.002), ..RecordingFacts::default() },
             visible: vec![true; 4],
             velocity_um_s: times.map(|t| [2.0 * (1000.0 + 100_000.0 * t), 0.0, 0.0]).to_vec(),
             times_s: (0..4).zip(times).collect(),
             rows: rows.clone(),
-            ..Truth::default()
+            ..TrueParticles::default()
         };
         let points = Points { rows, ..result };
         let gate = Gate::radial(2.0);
@@ -276,18 +323,18 @@ mod tests {
         };
         let clouds = (&scored.truth, &scored.result);
         let compared =
-            Compared { truth: &truth, clouds, matching, depth: true, reported: reported.as_deref() };
+            TrackComparison { truth: &truth, clouds, matching, depth: true, reported: reported.as_deref() };
         (compared.motion().0, note)
     }
 
     #[test]
     fn steps_of_unequal_length_are_taken_as_long_as_they_are() {
         let (motion, _) = burst(Points::default());
-        // Exact in the middle; at the ends half a step of 2 ms times 200,000 um/s^2 off.
+        // Exact at interior points; at both ends the error is half a step of 2 ms times 200,000 um/s^2.
         let expected = (2.0 * 200f64.powi(2) / 4.0).sqrt();
         assert!((motion.velocity_rms_um_s.unwrap() / expected - 1.0).abs() < 1e-9, "{motion:?}");
         assert_eq!((motion.acceleration_rms_um_s2, motion.acceleration_rms_px), (Some(0.0), None));
-        assert_eq!(motion.velocity_from, Some("positions"));
+        assert_eq!(motion.velocity_from.as_deref(), Some("positions"));
     }
 
     #[test]
@@ -296,13 +343,16 @@ mod tests {
             velocities: Some(Velocities { unit, rows: vec![[v, 0.0, f64::NAN]; 4] }),
             ..Points::default()
         };
-        let (motion, note) = burst(all(Speed::UmPerS, 2000.0));
-        // 0, 400, 1400 and 1800 um/s less than it is.
+        let (motion, note) = burst(all(VelocityUnit::UmPerS, 2000.0));
+        // Errors of 0, 400, 1400 and 1800 um/s.
         let expected = (f64::from(400 * 400 + 1400 * 1400 + 1800 * 1800) / 4.0).sqrt();
         assert!((motion.velocity_rms_um_s.unwrap() / expected - 1.0).abs() < 1e-9, "{motion:?}");
-        assert_eq!((motion.velocity_from, motion.velocity_rms_z_um_s, note), (Some("result"), None, None));
-        let (motion, note) = burst(all(Speed::PerFrame, 2.0));
+        assert_eq!(
+            (motion.velocity_from.as_deref(), motion.velocity_rms_z_um_s, note),
+            (Some("result"), None, None)
+        );
+        let (motion, note) = burst(all(VelocityUnit::PerFrame, 2.0));
         assert!(note.unwrap().contains("the time between frames varies"));
-        assert_eq!(motion.velocity_from, Some("positions"));
+        assert_eq!(motion.velocity_from.as_deref(), Some("positions"));
     }
 }

@@ -1,28 +1,28 @@
-//! Ratios, errors and their bootstrap intervals.
+//! Ratios, error statistics and bootstrap intervals.
 
 use rand::rngs::Xoshiro256PlusPlus;
 use rand::{Rng, SeedableRng};
-use serde::Serialize;
+use serde::{Deserialize, Deserializer};
 
-/// `a / b`, or `None` for nothing by nothing.
+/// `a / b`, or `None` unless `b` is positive.
 pub fn ratio(a: f64, b: f64) -> Option<f64> {
-    // An empty sum is -0.
+    // + 0.0 turns -0 (the sum of an empty iterator) into 0.
     (b > 0.0).then(|| a / b + 0.0)
 }
 
-/// Bias, random and total error: rms^2 = bias^2 + random^2.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+/// Bias, random error and RMS error: rms^2 = bias^2 + random^2.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Errors {
-    /// Mean.
+    /// Mean of the errors.
     pub bias: Option<f64>,
-    /// Standard deviation about the mean (over n, not n - 1).
+    /// Standard deviation about the mean (divisor n, not n - 1).
     pub random: Option<f64>,
-    /// Root of the mean square.
+    /// Root mean square.
     pub rms: Option<f64>,
 }
 
 impl Errors {
-    /// Of these errors.
+    /// Statistics of these errors; all `None` if there are none.
     pub fn of(errors: impl Iterator<Item = f64> + Clone) -> Self {
         let (n, sum, squares) =
             errors.clone().fold((0.0, 0.0, 0.0), |(n, s, q), e| (n + 1.0, s + e, q + e * e));
@@ -32,7 +32,7 @@ impl Errors {
     }
 }
 
-/// The quantile of sorted values, linear between them.
+/// Quantile `share` (0 to 1) of sorted values, with linear interpolation; `None` without values.
 pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     let last = sorted.len().checked_sub(1)?;
     let at = share * last as f64;
@@ -40,29 +40,37 @@ pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     Some(low + (high - low) * at.fract())
 }
 
-/// A 95 % interval; null where it is undefined.
+/// Reads null as infinity, which JSON cannot represent.
+///
+/// # Errors
+/// A value that is neither a number nor null.
+pub(super) fn or_infinite<'de, D: Deserializer<'de>>(source: D) -> Result<f64, D::Error> {
+    Ok(Option::<f64>::deserialize(source)?.unwrap_or(f64::INFINITY))
+}
+
+/// A 95 % interval [low, high]; null if undefined.
 pub type Interval = Option<[f64; 2]>;
 
-/// Fewer units than this tell nothing of their spread.
+/// Smallest number of resampling units for an interval.
 const FEWEST: usize = 5;
 
-/// Resamples of a bootstrap.
+/// Number of bootstrap resamples.
 pub const RESAMPLES: usize = 1000;
 
-/// Units beyond this number are merged into blocks, which leaves the spread of sums as it is.
+/// More units than this are merged into blocks, which leaves the variance of sums unchanged.
 const BLOCKS: usize = 2000;
 
-/// A bootstrap: which frames are resampled together, and its random numbers.
+/// A bootstrap: its seed, and which frames are resampled together.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Bootstrap {
-    /// Seed.
+    /// Seed of the random numbers.
     pub seed: u64,
-    /// Whether two frames make a pair, which shows the same particles twice.
+    /// Whether two frames make an image pair: they show the same particles and are resampled together.
     pub pairs: bool,
 }
 
 impl Bootstrap {
-    /// The sums of every unit of frames, from those of single frames in any order.
+    /// Sums of every resampling unit (frame or image pair), from the sums of frames in any order.
     pub fn by_frame<const N: usize>(&self, frames: impl Iterator<Item = (u32, [f64; N])>) -> Vec<[f64; N]> {
         let mut units = std::collections::BTreeMap::new();
         for (frame, sums) in frames {
@@ -72,8 +80,8 @@ impl Bootstrap {
         units.into_values().collect()
     }
 
-    /// Percentile intervals (95 %) of statistics under resampling of units, which hold `N` sums each. `None` for fewer
-    /// than five units, or where a statistic is undefined in a resample.
+    /// 95 % percentile intervals of `M` statistics of the `N` sums of resampled units. `None` for fewer than
+    /// five units, or if a statistic is undefined in any resample.
     pub fn intervals<const N: usize, const M: usize>(
         &self,
         units: &[[f64; N]],
@@ -111,8 +119,8 @@ fn add<const N: usize>(sums: &mut [f64; N], more: &[f64; N]) {
     sums.iter_mut().zip(more).for_each(|(s, m)| *s += m);
 }
 
-/// Sums by track: those of a true track and of the result tracks that mostly follow it make a unit, since their errors
-/// come together; a result track that follows none is a unit of its own.
+/// Resampling units made of tracks: a true track and the result tracks that mostly follow it are one unit,
+/// since their errors are correlated; a result track that follows no true track is a unit of its own.
 #[derive(Debug)]
 pub struct TrackUnits<const N: usize> {
     n_truth: usize,
@@ -121,7 +129,7 @@ pub struct TrackUnits<const N: usize> {
 }
 
 impl<const N: usize> TrackUnits<N> {
-    /// From the numbers of points that true and result tracks share.
+    /// Builds the units from (true track, result track, number of shared points).
     pub fn new(n_truth: usize, n_result: usize, shared: impl Iterator<Item = (u32, u32, usize)>) -> Self {
         let own = |r: usize| (n_truth + r) as u32;
         let mut of_result: Vec<u32> = (0..n_result).map(own).collect();
@@ -134,7 +142,7 @@ impl<const N: usize> TrackUnits<N> {
         TrackUnits { n_truth, of_result, sums: vec![[0.0; N]; n_truth + n_result] }
     }
 
-    /// Sums of a true track.
+    /// Sums of the unit of a true track.
     pub fn of_truth(&mut self, track: usize) -> &mut [f64; N] {
         &mut self.sums[track]
     }
@@ -144,7 +152,7 @@ impl<const N: usize> TrackUnits<N> {
         &mut self.sums[self.of_result[track] as usize]
     }
 
-    /// The units that there are.
+    /// Sums of all units.
     pub fn finish(self) -> Vec<[f64; N]> {
         let own = |i: usize| i < self.n_truth || self.of_result[i - self.n_truth] as usize == i;
         (0..self.sums.len()).filter(|&i| own(i)).map(|i| self.sums[i]).collect()
@@ -175,9 +183,9 @@ mod tests {
         let bootstrap = Bootstrap { seed: 1, pairs: false };
         let [interval] = bootstrap.intervals(&units, |s| [Some(s[0] / 400.0)]);
         let [low, high] = interval.unwrap();
-        // 1000 resamples know a 2.5 % quantile to about 0.1 standard errors.
+        // With 1000 resamples the 2.5 % quantile is uncertain by about 0.1 standard errors.
         assert!((low - 0.451).abs() < 0.006 && (high - 0.549).abs() < 0.006, "{low} {high}");
-        // Of four units 1 in 256 resamples is one unit four times: no 95 % interval is to be had from them.
+        // Four units are too few for a 95 % interval: 1 in 256 resamples draws the same unit four times.
         assert_eq!(bootstrap.intervals(&units[..4], |s| [Some(s[0])]), [None]);
         assert!(bootstrap.intervals(&units[..5], |s| [Some(s[0])])[0].is_some());
         assert_eq!(ratio(-0.0, 1.0).map(f64::to_bits), Some(0));
@@ -187,7 +195,7 @@ mod tests {
         let many: Vec<[f64; 1]> = (0..20_000).map(|i| [coin(i)]).collect();
         let [interval] = bootstrap.intervals(&many, |s| [Some(s[0] / 20_000.0)]);
         let [low, high] = interval.unwrap();
-        // 2000 blocks know their spread to 2 %, 1000 resamples its quantiles to 5 %.
+        // 2000 blocks give the standard deviation to 2 %, 1000 resamples its quantiles to 5 %.
         assert!(((high - low) / (2.0 * 1.96 * 0.003_54) - 1.0).abs() < 0.15, "{low} {high}");
     }
 

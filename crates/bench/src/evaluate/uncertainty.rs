@@ -1,39 +1,50 @@
-//! Whether claimed uncertainties are true: coverage, ratio, and errors over ten classes of the claim (Sciacchitano, Meas.
-//! Sci. Technol. 30, 092001, 2019).
+//! Calibration of claimed uncertainties: coverage, ratio, and RMS error in ten classes of claimed uncertainty
+//! (Sciacchitano, Meas. Sci. Technol. 30, 092001, 2019).
 
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use super::statistics::ratio;
 
-/// Of one component; null without claims.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
+/// Calibration of claimed standard uncertainties U (Sciacchitano, Meas. Sci. Technol. 30, 092001, 2019).
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Uncertainty {
-    /// Errors with a claim.
+    /// Number of errors with a claimed uncertainty.
     pub n: usize,
-    /// Shares of |e| <= U and <= 2 U: 68.3 % and 95.4 % of normal errors.
+    /// Share of |e| <= U; 0.683 for normal errors.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub coverage_1s: Option<f64>,
+    /// Share of |e| <= 2 U; 0.954 for normal errors.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub coverage_2s: Option<f64>,
-    /// rms(e) / rms(U): 1 if calibrated, more if claims are too bold.
+    /// rms(e) / rms(U): 1 if calibrated, above 1 if claims are too small.
+    #[schemars(range(min = 0.0))]
     pub ratio: Option<f64>,
-    /// Tenths of the errors, from the least claim to the greatest.
-    pub bins: Vec<Claimed>,
+    /// Ten classes of equal size, in ascending order of U.
+    pub bins: Vec<UncertaintyBin>,
 }
 
-/// Errors of similar claims.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
-pub struct Claimed {
+/// Errors with similar claimed uncertainties.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct UncertaintyBin {
+    /// Number of errors in the class.
     pub n: usize,
+    /// RMS of the claimed uncertainties.
+    #[schemars(range(min = 0.0))]
     pub claimed_rms: f64,
+    /// RMS of the error.
+    #[schemars(range(min = 0.0))]
     pub error_rms: f64,
 }
 
-/// Classes of the claim.
+/// Number of classes.
 const BINS: usize = 10;
 
 impl Uncertainty {
-    /// Of errors and their claimed standard uncertainties, in the same unit; NaN claims are left out. `None` without any.
+    /// Calibration of (error, claimed standard uncertainty) pairs in the same unit; NaN values are skipped.
+    /// `None` if none remain.
     pub fn of(errors: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
         let mut claims: Vec<(f64, f64)> = errors.filter(|(e, u)| e.is_finite() && u.is_finite()).collect();
         claims.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -49,7 +60,7 @@ impl Uncertainty {
             .map(|part| {
                 let (e, u) = squares(part);
                 let n = part.len();
-                Claimed { n, claimed_rms: root(u, n), error_rms: root(e, n) }
+                UncertaintyBin { n, claimed_rms: root(u, n), error_rms: root(e, n) }
             })
             .collect();
         (n > 0).then(|| Uncertainty {
@@ -68,7 +79,8 @@ mod tests {
 
     #[test]
     fn honest_claims_cover_and_bold_ones_do_not() {
-        // Errors spread evenly over [-u sqrt 3, u sqrt 3] have the standard deviation u: 1 / sqrt 3 of them within u.
+        // Errors uniform on [-u sqrt 3, u sqrt 3] have standard deviation u; a share of 1 / sqrt 3 is within
+        // u.
         let errors = |boldness: f64| {
             (0..10_000).map(move |i| {
                 let u = 0.1 + 0.1 * f64::from(i % 10);

@@ -1,22 +1,22 @@
-//! The true displacement field in the formats of PIV programs: bilinear between the nodes of `truth/field.csv`, as it is
-//! scored.
+//! Export of the true displacement field to the formats of PIV programs, interpolated bilinearly between the
+//! nodes of `truth/field.csv` as in scoring.
 
 use std::fmt::Write;
 use std::path::Path;
 
-use super::{Format, Options};
+use super::{ExportFormat, ExportOptions};
 use crate::error::{Error, Result};
-use crate::evaluate::field::grid::{Grid, Truths, of_dataset};
-use crate::results::{Position, Vector};
+use crate::evaluate::field::true_field::{TrueField, TrueFields, of_dataset};
+use crate::results::{FlowVector, Position};
 
-/// What Middlebury's format has for an unknown component.
+/// Value of an unknown component in Middlebury's format.
 const UNKNOWN: f32 = 1e10;
 
-/// The file's bytes, and how many vectors of it are known.
-pub(super) fn write(dataset: &Path, options: &Options) -> Result<(Vec<u8>, usize)> {
+/// The contents of the file, and the number of known vectors.
+pub(super) fn write(dataset: &Path, options: &ExportOptions) -> Result<(Vec<u8>, usize)> {
     let path = dataset.join("truth/field.csv");
     let wanted = options.displacement.name();
-    let Truths { named, plane_um, facts, .. } = of_dataset(dataset, None)?;
+    let TrueFields { named, plane_um, facts, .. } = of_dataset(dataset, None)?;
     let (_, grid) = named
         .into_iter()
         .find(|(kind, _)| kind == wanted)
@@ -29,9 +29,9 @@ pub(super) fn write(dataset: &Path, options: &Options) -> Result<(Vec<u8>, usize
     }
     let known = |x_px: f64, y_px: f64| {
         let at = Position { x_px, y_px, z_um: 0.0 };
-        grid.at(&Vector { pair: options.pair, at, ..Vector::default() })
+        grid.at(&FlowVector { pair: options.pair, at, ..FlowVector::default() })
     };
-    let (bytes, n) = if options.format == Format::Openpiv {
+    let (bytes, n) = if options.format == ExportFormat::Openpiv {
         openpiv(&grid, known)
     } else {
         let size = facts.sensor_px;
@@ -46,7 +46,7 @@ pub(super) fn write(dataset: &Path, options: &Options) -> Result<(Vec<u8>, usize
     Ok((bytes, n))
 }
 
-/// Rows from top to bottom, little endian.
+/// Middlebury's `.flo`: rows from top to bottom, float32, little endian.
 fn flo(width: u32, height: u32, known: impl Fn(f64, f64) -> Option<[f64; 3]>) -> (Vec<u8>, usize) {
     let mut bytes = b"PIEH".to_vec();
     bytes.extend(width.to_le_bytes());
@@ -64,8 +64,8 @@ fn flo(width: u32, height: u32, known: impl Fn(f64, f64) -> Option<[f64; 3]>) ->
     (bytes, n)
 }
 
-/// Tabs, as `openpiv.tools.save` writes them; nodes without fluid are masked.
-fn openpiv(grid: &Grid, known: impl Fn(f64, f64) -> Option<[f64; 3]>) -> (Vec<u8>, usize) {
+/// OpenPIV's tab-separated text file as written by `openpiv.tools.save`; nodes outside the fluid are masked.
+fn openpiv(grid: &TrueField, known: impl Fn(f64, f64) -> Option<[f64; 3]>) -> (Vec<u8>, usize) {
     let (mut text, mut n) = ("# x\ty\tu\tv\tflags\tmask\n".to_owned(), 0);
     let (columns, rows) = grid.nodes();
     for (&y, &x) in rows.iter().flat_map(|y| columns.iter().map(move |x| (y, x))) {

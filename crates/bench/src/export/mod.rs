@@ -1,31 +1,33 @@
 //! `microsig export`: the truth of a dataset in other programs' formats.
 //!
-//! What is exported is what is scored (`evaluate::truth`): visible particles inside the depth range, each contiguous visible
-//! run with a number of its own. So an export, read back and evaluated, scores perfectly. Coordinates, units and first
-//! frame are those of the format; [`crate::results`] says the same for reading.
+//! The scored particles are exported (`evaluate::truth`): those visible and inside the depth range, with a
+//! separate track number for each uninterrupted visible section. An exported file, read back and evaluated,
+//! therefore has a perfect score. Coordinates, units and first frame follow the format, as in the readers of
+//! [`crate::results`].
 
 mod field;
 mod particles;
 
 use std::path::{Path, PathBuf};
 
+use clap::ValueEnum;
 use serde::Serialize;
 
-use crate::dataset::save_bytes;
 use crate::error::{Error, Result};
+use crate::storage::{may_write, save_result};
 
-/// Formats that are written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
-    /// XML of the ISBI challenge: px, first pixel's centre at 0; z in um.
+/// Export formats.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ExportFormat {
+    /// XML of the ISBI challenge: px, first pixel's center at 0; z in um.
     Isbi,
-    /// trackpy's data frame as CSV: px, first pixel's centre at 0; z in um.
+    /// trackpy's data frame as CSV: px, first pixel's center at 0; z in um.
     Trackpy,
     /// DefocusTracker's table as CSV: px from 1, Z in [0, 1] over the depth range, frames from 1.
     Defocustracker,
-    /// TrackMate's table of spots: um, first pixel's centre at 0.
+    /// TrackMate's table of spots: um, first pixel's center at 0.
     TrackmateSpots,
-    /// napari's tracks as CSV: px, first pixel's centre at 0; z in um.
+    /// napari's tracks as CSV: px, first pixel's center at 0; z in um.
     Napari,
     /// Middlebury's dense flow: a vector for each pixel.
     Flo,
@@ -33,19 +35,19 @@ pub enum Format {
     Openpiv,
 }
 
-/// Which true displacement field is exported.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Kinds of true displacement fields.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Displacement {
-    /// Of what is at the place half-way in time.
+    /// Displacement of the fluid element that is at the node half-way between the two frames.
     Central,
-    /// Of what is at the place in the first frame.
+    /// Displacement of the fluid element that is at the node in the first frame.
     Forward,
-    /// The central one averaged over depth.
+    /// The central displacement averaged over depth.
     Weighted,
 }
 
 impl Displacement {
-    /// Its name in `truth/field.csv`.
+    /// Prefix of its columns in `truth/field.csv`.
     pub fn name(self) -> &'static str {
         match self {
             Displacement::Central => "central",
@@ -55,46 +57,45 @@ impl Displacement {
     }
 }
 
-/// How to export.
+/// Options of an export.
 #[derive(Debug, Clone)]
-pub struct Options {
-    /// The format.
-    pub format: Format,
-    /// The file.
+pub struct ExportOptions {
+    /// Output format.
+    pub format: ExportFormat,
+    /// Path of the output file.
     pub out: PathBuf,
-    /// Image pair of a field that changes with time.
+    /// Image pair, for a field that changes with time.
     pub pair: Option<u32>,
-    /// Which field.
+    /// Kind of displacement field.
     pub displacement: Displacement,
-    /// Replace what exists.
+    /// Whether to replace an existing file.
     pub force: bool,
 }
 
 /// What was exported.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Exported {
-    /// The file.
+    /// Path of the output file.
     pub out: PathBuf,
-    /// Points or vectors.
+    /// Number of points or vectors.
     pub rows: usize,
-    /// Tracks; `None` of a field.
+    /// Number of tracks; `None` for a field.
     pub tracks: Option<usize>,
 }
 
-/// Writes the truth of a dataset in another program's format. The file appears whole or not at all.
+/// Writes the truth of a dataset in another program's format. The file is written atomically.
 ///
 /// # Errors
-/// A dataset whose truth is missing or lacks what the format needs; a file that exists, unless `force`; writing.
-pub fn export(dataset: &Path, options: &Options) -> Result<Exported> {
+/// A dataset whose truth is missing or lacks what the format needs; an existing file, unless `force`; an I/O
+/// error.
+pub fn export(dataset: &Path, options: &ExportOptions) -> Result<Exported> {
     let out = &options.out;
-    if out.exists() && !options.force {
-        return Err(Error::Exists(out.clone()));
-    }
+    may_write(out, options.force)?;
     if !dataset.is_dir() {
-        return Err(Error::input(format!("{}: expected a dataset's folder", dataset.display())));
+        return Err(Error::input(format!("{}: expected the folder of a dataset", dataset.display())));
     }
     let (bytes, rows, tracks) = match options.format {
-        Format::Flo | Format::Openpiv => {
+        ExportFormat::Flo | ExportFormat::Openpiv => {
             let (bytes, rows) = field::write(dataset, options)?;
             (bytes, rows, None)
         }
@@ -103,6 +104,6 @@ pub fn export(dataset: &Path, options: &Options) -> Result<Exported> {
             (spots.write(format)?, spots.len(), Some(spots.tracks()))
         }
     };
-    save_bytes(out, &bytes)?;
+    save_result(out, options.force, &bytes)?;
     Ok(Exported { out: out.clone(), rows, tracks })
 }

@@ -1,16 +1,17 @@
-//! Particles in the formats of tracking programs.
+//! Export of particles to the formats of tracking programs.
 
 use std::fmt::Write;
 use std::path::Path;
 
-use super::Format;
-use crate::dataset::truth::TRACKS;
+use super::ExportFormat;
 use crate::error::{Error, Result};
-use crate::evaluate::truth::{Facts, Truth};
-use crate::results::sheet::{Separator, Sheet};
+use crate::evaluate::measurement::RecordingFacts;
+use crate::evaluate::truth::TrueParticles;
+use crate::results::sheet::{Separator, TextTable};
 use crate::results::{Conventions, Position};
+use crate::tables::truth::TRACKS;
 
-/// A true particle in a frame.
+/// A true particle in one frame.
 #[derive(Debug, Clone, Copy)]
 struct Spot {
     frame: u32,
@@ -18,22 +19,22 @@ struct Spot {
     t_s: f64,
     at: Position,
     d_um: f64,
-    /// Displacement to the next frame of its run; NaN in the last.
+    /// Displacement to the next frame of its section (px, px, um); NaN in the last.
     step: [f64; 3],
 }
 
-/// The scored truth, in the order of runs and frames.
+/// The scored true particles, sorted by section and frame.
 #[derive(Debug)]
 pub(super) struct Spots {
     spots: Vec<Spot>,
-    facts: Facts,
+    facts: RecordingFacts,
 }
 
 impl Spots {
     /// Reads the truth of a dataset.
     pub(super) fn read(dataset: &Path) -> Result<Self> {
-        let truth = Truth::read(dataset, &Conventions::default())?;
-        let sheet = Sheet::open(&dataset.join(TRACKS.path), Separator::Comma, 1)?;
+        let truth = TrueParticles::read(dataset, &Conventions::default())?;
+        let sheet = TextTable::open(&dataset.join(TRACKS.path), Separator::Comma, 1)?;
         let (t_s, d_um) = (sheet.need("t_s")?, sheet.need("d_um")?);
         let mut more = Vec::with_capacity(truth.rows.len());
         sheet.rows(|cells| {
@@ -64,38 +65,38 @@ impl Spots {
         self.runs().count()
     }
 
-    /// The runs, each a slice of one track in the order of frames.
+    /// The uninterrupted sections of tracks, each in the order of frames.
     fn runs(&self) -> impl Iterator<Item = &[Spot]> {
         self.spots.chunk_by(|a, b| a.track == b.track)
     }
 
-    /// In the order in which most tables are kept: frame after frame.
+    /// The particles sorted by frame, as most tables are.
     fn by_frame(&self) -> Vec<&Spot> {
         let mut spots: Vec<&Spot> = self.spots.iter().collect();
         spots.sort_by_key(|s| (s.frame, s.track));
         spots
     }
 
-    /// The file's bytes.
-    pub(super) fn write(&self, format: Format) -> Result<Vec<u8>> {
+    /// The contents of the file.
+    pub(super) fn write(&self, format: ExportFormat) -> Result<Vec<u8>> {
         let mut text = String::new();
         // Writing to a string cannot fail.
         let written = match format {
-            Format::Isbi => self.isbi(&mut text),
-            Format::Trackpy => self.trackpy(&mut text),
-            Format::Napari => self.napari(&mut text),
-            Format::Defocustracker => {
+            ExportFormat::Isbi => self.isbi(&mut text),
+            ExportFormat::Trackpy => self.trackpy(&mut text),
+            ExportFormat::Napari => self.napari(&mut text),
+            ExportFormat::Defocustracker => {
                 let range = self.facts.depth_um.filter(|(low, high)| low < high);
                 let range = range
                     .ok_or_else(|| self.missing("a depth range, which DefocusTracker's Z is a share of"))?;
                 self.defocustracker(&mut text, range)
             }
-            Format::TrackmateSpots => {
+            ExportFormat::TrackmateSpots => {
                 let um_per_px =
                     self.facts.um_per_px.ok_or_else(|| self.missing("um_per_px, for TrackMate's um"))?;
                 self.trackmate(&mut text, um_per_px)
             }
-            Format::Flo | Format::Openpiv => Ok(()),
+            ExportFormat::Flo | ExportFormat::Openpiv => Ok(()),
         };
         written.map_err(|e| Error::input(e.to_string()))?;
         Ok(text.into_bytes())
@@ -105,7 +106,7 @@ impl Spots {
         Error::input(format!("{}: the manifest lacks {what}", self.facts.name))
     }
 
-    /// The challenge's XML as Icy and TrackMate read it; signal-to-noise ratio and density are words there.
+    /// The challenge's XML as read by Icy and TrackMate; its `snr` and `density` are free text.
     fn isbi(&self, out: &mut String) -> std::fmt::Result {
         let name = &self.facts.name;
         writeln!(out, "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<root>")?;
@@ -121,7 +122,7 @@ impl Spots {
         writeln!(out, "</TrackContestISBI2012>\n</root>")
     }
 
-    /// Columns that trackpy's functions ask for; it knows no units, so z is what it is in the truth, um.
+    /// The columns required by trackpy, which has no units: z stays in um.
     fn trackpy(&self, out: &mut String) -> std::fmt::Result {
         writeln!(out, "y,x,z,frame,particle")?;
         for Spot { frame, track, at, .. } in self.by_frame() {
@@ -130,7 +131,7 @@ impl Spots {
         Ok(())
     }
 
-    /// Sorted by track and time, as the layer wants it.
+    /// Sorted by track and time, as required by napari's tracks layer.
     fn napari(&self, out: &mut String) -> std::fmt::Result {
         writeln!(out, "track_id,t,z,y,x")?;
         for Spot { frame, track, at, .. } in &self.spots {
@@ -139,7 +140,7 @@ impl Spots {
         Ok(())
     }
 
-    /// The table of a dataset: id 0 means not tracked, so ids begin with 1; cm is the similarity of a perfect match.
+    /// DefocusTracker's dataset table: id 0 means not tracked, so ids begin at 1; cm = 1 is a perfect match.
     fn defocustracker(&self, out: &mut String, (low, high): (f64, f64)) -> std::fmt::Result {
         writeln!(out, "fr,X,Y,Z,DX,DY,DZ,id,cm")?;
         for Spot { frame, track, at, step, .. } in self.by_frame() {
@@ -165,7 +166,8 @@ impl Spots {
     }
 }
 
-/// Gives each contiguous run a number: the first run of a track keeps the track's, later ones have numbers that no track has.
+/// Numbers the uninterrupted sections of tracks: the first section keeps the track's number, later ones get
+/// unused numbers.
 fn number_runs(spots: &mut [Spot], pairs: bool) {
     let mut next = spots.iter().map(|s| s.track).max().unwrap_or(-1) + 1;
     let mut before: Option<(usize, i64)> = None;

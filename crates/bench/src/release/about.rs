@@ -1,33 +1,33 @@
-//! What is said about a release: for people, for citation, for archives, for programs that load data sets.
+//! Texts that describe a release: README files, license, citation, and metadata for archives and data
+//! loaders.
 
 use std::collections::BTreeMap;
 
-use microsig_core::render::Renderer;
 use serde_json::{Value, json};
 
 use super::splits::Train;
 use super::{COMMITMENT, SALT};
 use crate::dataset::calibration::CALIBRATION;
-use crate::dataset::checksums::Fingerprint;
 use crate::dataset::manifest::{self, COORDINATES, GENERATOR_VERSION};
-use crate::dataset::truth::TRACKS;
 use crate::scenario::license::License;
 use crate::scenario::spec::Calibration;
+use crate::storage::checksums::Fingerprint;
+use crate::tables::truth::TRACKS;
 
-/// Who releases what.
+/// Bibliographic data of a release.
 #[derive(Debug, Clone, Default)]
-pub struct About {
-    /// Title of the challenge; `None`: the dataset's.
+pub struct Publication {
+    /// Title of the challenge; `None` for the title of the dataset.
     pub title: Option<String>,
-    /// Who is cited, `Family, Given` or a group's name; empty: the organisers.
+    /// Authors to cite, as `Family, Given` or the name of a group; if empty, "The organizers of NAME".
     pub creators: Vec<String>,
     /// Version of the challenge.
     pub version: String,
 }
 
-/// All that the texts say.
+/// The facts from which the texts are made.
 #[derive(Debug)]
-pub(super) struct Facts<'a> {
+pub(super) struct ReleaseTexts<'a> {
     pub(super) name: &'a str,
     pub(super) title: String,
     pub(super) commitment: &'a str,
@@ -36,28 +36,37 @@ pub(super) struct Facts<'a> {
     license: License,
     /// Whether all particles are in focus, as in ordinary PIV.
     in_focus: bool,
-    /// Whether there is a calibration stack.
+    /// Whether the dataset has a calibration stack.
     calibrated: bool,
 }
 
-impl About {
-    /// With what the dataset says.
-    pub(super) fn of<'a>(&'a self, train: &'a Train, commitment: &'a str) -> Facts<'a> {
+impl Publication {
+    /// Completes the bibliographic data with facts of the dataset.
+    pub(super) fn of<'a>(&'a self, train: &'a Train, commitment: &'a str) -> ReleaseTexts<'a> {
         let (name, manifest) = (train.scenario.spec.name.as_str(), &train.manifest);
-        let title = manifest["title"].as_str().unwrap_or(name).to_owned();
+        let title = if manifest.title.is_empty() { name.to_owned() } else { manifest.title.clone() };
         let creators = match self.creators.as_slice() {
-            [] => vec![format!("The organisers of {name}")],
+            [] => vec![format!("The organizers of {name}")],
             creators => creators.to_vec(),
         };
         let title = self.title.clone().unwrap_or(title);
         let license = train.scenario.license;
-        let calibrated = train.scenario.spec.calibration == Some(Calibration::Stack);
-        let in_focus = matches!(train.scenario.renderer, Renderer::Gaussian(_));
-        Facts { name, title, commitment, creators, version: &self.version, license, in_focus, calibrated }
+        let calibrated = train.scenario.spec.calibration.is_some_and(|stack| stack != Calibration::None);
+        let in_focus = !train.scenario.renderer.depends_on_depth();
+        ReleaseTexts {
+            name,
+            title,
+            commitment,
+            creators,
+            version: &self.version,
+            license,
+            in_focus,
+            calibrated,
+        }
     }
 }
 
-impl Facts<'_> {
+impl ReleaseTexts<'_> {
     fn focus(&self) -> &'static str {
         if self.in_focus { "all in focus" } else { "out of focus" }
     }
@@ -76,31 +85,31 @@ impl Facts<'_> {
              A challenge for {trackers}: synthetic images whose truth is known, and withheld for the test \
              split.\n\n\
              | file | holds |\n|---|---|\n\
-             | `{name}-train.zip` | images with their truth, to develop and train with |\n\
-             | `{name}-val.zip` | the same scenario drawn anew, with truth, to choose parameters with |\n\
-             | `{name}-test.zip` | drawn from a secret key, images only, to be scored on; template for submissions |\n\
-             | `{COMMITMENT}` | SHA-256 of a salt and the truth of the test split, published in the end |\n\
-             | `datapackage.json`, `croissant.json`, `SHA256SUMS` | the same for programs; `sha256sum -c SHA256SUMS` |\n\n\
+             | `{name}-train.zip` | images with truth, for development and training |\n\
+             | `{name}-val.zip` | the same scenario with other random numbers, with truth, for choosing parameters |\n\
+             | `{name}-test.zip` | generated with a secret key: images only, for scoring; template for submissions |\n\
+             | `{COMMITMENT}` | SHA-256 of a salt and the truth of the test split, which are published after the deadline |\n\
+             | `datapackage.json`, `croissant.json`, `SHA256SUMS` | metadata and checksums; `sha256sum -c SHA256SUMS` checks all files |\n\n\
              ## Taking part\n\n\
              1. Unpack the archives. Each has a `README.md` on axes, units and files. All three splits share optics{and_calibration}.\n\
-             2. Run your tracker on `{name}-test/images/`. `frames.csv` tells the time of each.\n\
+             2. Run your tracker on `{name}-test/images/`. `frames.csv` has their times.\n\
              3. Copy `{name}-test/submission/`, put your points into `results.csv` and fill in `submission.json`.\n\
              4. Check it: `microsig evaluate --validate-only {name}-test SUBMISSION`. Send it as a folder or zip archive.\n\n\
-             On train and val you can score yourself: `microsig evaluate {name}-val results.csv`. The scores of the test split \
-             are the same ones.\n\n\
+             On train and val you can score yourself: `microsig evaluate {name}-val results.csv`. The test split is scored \
+             in the same way.\n\n\
              ## The truth of the test split\n\n\
-             It was made before the first result came in: `{COMMITMENT}` holds the SHA-256 of `{SALT}` followed by \
+             It was fixed before the first submission: `{COMMITMENT}` holds the SHA-256 of `{SALT}` followed by \
              `{name}-test-truth.zip`. Both are published after the deadline. Then\n\n\
              ```sh\n\
-             cat {SALT} {name}-test-truth.zip | sha256sum -c {COMMITMENT}      # the truth is the one promised\n\
+             cat {SALT} {name}-test-truth.zip | sha256sum -c {COMMITMENT}      # the truth is the committed one\n\
              unzip {name}-test-truth.zip -d revealed\n\
              cp -r {name}-test/images revealed/{name}-test/\n\
              microsig verify revealed/{name}-test --regenerate          # images and truth follow from scenario and key\n\
              ```\n\n\
-             The promise: `{commitment}`.\n\n\
-             ## Source and licence\n\n\
+             The commitment: `{commitment}`.\n\n\
+             ## Source and license\n\n\
              Made by microsig {GENERATOR_VERSION}; the optical model is that of M. Rossi, Meas. Sci. Technol. 31, 017003 (2020). \
-             Licence of the data: {license}, see `LICENSE`. To cite: `CITATION.cff`.\n",
+             License of the data: {license}, see `LICENSE`. To cite: `CITATION.cff`.\n",
             title = self.title,
             trackers =
                 if self.in_focus { "PIV and particle tracking" } else { "trackers of defocused particles" },
@@ -116,7 +125,7 @@ impl Facts<'_> {
     /// `README.md` of the test split.
     pub(super) fn test_card(&self) -> String {
         let calibration = format!(
-            "- `calibration/`: one particle scanned through the depth range, the stack of the train split. `{}` tells the \
+            "- `calibration/`: one particle scanned through the depth range, the stack of the train split. `{}` has the \
              depths.\n",
             CALIBRATION.path
         );
@@ -132,12 +141,12 @@ impl Facts<'_> {
              ## Axes and units\n\n{COORDINATES}\n\n\
              ## Submitting\n\n\
              `results.csv` has a row per particle and frame: `frame, track, x_px, y_px, z_um`, and if you have them `d_um`, \
-             `quality`, `sx_px`, `sy_px`, `sz_um` (claimed standard uncertainties). `track` is the same number for the same \
-             particle in other frames; -1 or empty if it is not linked. `z_um` may be left out. Results of PIV have the columns \
+             `quality`, `sx_px`, `sy_px`, `sz_um` (claimed standard uncertainties). `track` identifies a particle \
+             in all frames; -1 or empty if it is not linked. `z_um` may be left out. Results of PIV have the columns \
              `pair, x_px, y_px, dx_px, dy_px, flag` instead (flag 0 valid, 1 invalid, 2 interpolated).\n\n\
-             `submission.json` says who and how; leave `coordinate_declaration` as it is, and put the hash of the images you used \
+             `submission.json` describes team and method; leave `coordinate_declaration` unchanged, and put the hash of the images you used \
              into `images_sha256`: `grep '  images/' SHA256SUMS | sha256sum`.\n\n\
-             ## Licence\n\n{license}; see `LICENSE`.\n",
+             ## License\n\n{license}; see `LICENSE`.\n",
             title = self.title,
             focus = self.focus(),
             license = self.license.id,
@@ -149,13 +158,13 @@ impl Facts<'_> {
         let name = self.name;
         format!(
             "# {title}: withheld until the deadline\n\n\
-             `test/` is the test split as a whole dataset; whoever has `test/secret_key.txt` can make its truth.\n\n\
+             `test/` is the complete test split; anyone with `test/secret_key.txt` can generate its truth.\n\n\
              Score a submission (folder or zip archive):\n\n\
              ```sh\n\
              microsig evaluate test SUBMISSION --out scores/TEAM --report\n\
              microsig compare scores/* --out scores/leaderboard\n\
              ```\n\n\
-             After the deadline publish `{SALT}` and `{name}-test-truth.zip`. They keep the promise of \
+             After the deadline publish `{SALT}` and `{name}-test-truth.zip`. They match the commitment in \
              `../public/{COMMITMENT}`:\n\n\
              ```sh\n\
              cat {SALT} {name}-test-truth.zip | sha256sum -c ../public/{COMMITMENT}\n\
@@ -166,14 +175,14 @@ impl Facts<'_> {
     }
 
     /// `LICENSE`.
-    pub(super) fn licence(&self) -> String {
-        let Facts { title, version, license, .. } = self;
+    pub(super) fn license_text(&self) -> String {
+        let ReleaseTexts { title, version, license, .. } = self;
         license.text(&format!("{title}, version {version}, by {},", self.creators.join("; ")))
     }
 
     /// `CITATION.cff`.
     pub(super) fn citation(&self) -> String {
-        // Strings of JSON are strings of YAML.
+        // A JSON string is a valid YAML string.
         let quoted = |text: &str| Value::from(text).to_string();
         let authors: String = self
             .creators
@@ -226,7 +235,8 @@ impl Facts<'_> {
 
     /// `datapackage.json` of the public part.
     pub(super) fn manifest(&self, files: &BTreeMap<String, Fingerprint>) -> String {
-        let resources: Vec<Value> = files.iter().map(|(path, f)| manifest::resource(path, f, &[])).collect();
+        let resources: Vec<manifest::Resource> =
+            files.iter().map(|(path, f)| manifest::resource(path, f, &[])).collect();
         let manifest = json!({
             "profile": "data-package",
             "name": format!("{}-challenge", self.name),
@@ -247,7 +257,8 @@ impl Facts<'_> {
         format!("{manifest:#}\n")
     }
 
-    /// `croissant.json`: the vocabulary Croissant 1.0 of MLCommons, for loaders of machine-learning data sets.
+    /// `croissant.json`: metadata in the Croissant 1.0 vocabulary of MLCommons, for machine-learning data
+    /// loaders.
     pub(super) fn croissant(&self, archives: &BTreeMap<String, Fingerprint>) -> String {
         let archive = |(path, f): (&String, &Fingerprint)| {
             json!({
@@ -307,7 +318,7 @@ impl Facts<'_> {
         })
     }
 
-    /// The table of tracks of a split.
+    /// The record set of a split's table of tracks.
     fn records(&self, split: &str) -> Value {
         let fields: Vec<Value> = TRACKS
             .columns
@@ -336,7 +347,7 @@ impl Facts<'_> {
     }
 }
 
-/// The context that the specification of Croissant 1.0 asks for.
+/// The JSON-LD context required by the Croissant 1.0 specification.
 fn croissant_context() -> Value {
     json!({
         "@language": "en",

@@ -1,103 +1,112 @@
-//! `microsig release`: a dataset becomes a challenge, a public part with images and a withheld part with the truth of the
-//! test split.
+//! `microsig release`: turns a dataset into a challenge with a public part (images) and a withheld part
+//! (truth of the test split).
 //!
 //! ```text
-//! OUT/public/      to be published as it is, all files side by side
+//! OUT/public/      to be published unchanged, all files in one folder
 //!   NAME-train.zip  NAME-val.zip      datasets with their truth
 //!   NAME-test.zip                     images, calibration and a template for submissions, no truth
-//!   commitment.sha256                 SHA-256 of salt and truth archive: the truth cannot be changed afterwards
+//!   commitment.sha256                 SHA-256 of salt and truth archive: the truth cannot be changed later
 //!   README.md LICENSE CITATION.cff .zenodo.json croissant.json datapackage.json SHA256SUMS
 //! OUT/withheld/    to be kept until the deadline
-//!   test/                             the test split as a whole dataset, with its secret key: submissions are scored on it
-//!   NAME-test-truth.zip  salt.bin     what is published in the end
-//!   README.md                         what to do with it
+//!   test/                             the complete test split with its secret key, for scoring submissions
+//!   NAME-test-truth.zip  salt.bin     to be published after the deadline
+//!   README.md                         instructions
 //! ```
 //!
-//! What a participant must not learn about the test split never enters its package: files and manifest keys are listed
-//! here one by one, not copied but for some. docs/challenge.md says what else is done and why.
+//! The package of the test split is built from lists of allowed files and manifest keys rather than by
+//! removing secret ones, so that nothing secret can slip in. docs/challenge.md describes the other
+//! precautions and their reasons.
 
 mod about;
+mod overlap;
 mod package;
 mod splits;
 mod submission;
 mod test_split;
 
-pub use about::About;
+pub use about::Publication;
 pub use splits::derived_seed;
-pub use submission::{Files as SubmissionFiles, Submission, Validated, validate};
+pub use submission::{Submission, SubmissionFiles, Validated, limits, validate};
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde::Serialize;
 
-use crate::dataset::checksums::{self, SHA256SUMS};
-use crate::dataset::folder::{Partial, may_stand};
 use crate::dataset::manifest::MANIFEST;
-use crate::dataset::save_bytes;
 use crate::dataset::secret;
 use crate::error::{Error, Result};
 use crate::runner::{GenerateOptions, Progress, generate};
 use crate::scenario::Scenario;
 use crate::scenario::license::LICENSE;
+use crate::storage::checksums::{self, SHA256SUMS};
+use crate::storage::folder::{Partial, check_replaceable};
+use crate::storage::save_bytes;
 use package::Package;
 use splits::Train;
 
-/// How to release.
+/// Options of a release.
 #[derive(Debug, Clone)]
-pub struct Options {
+pub struct ReleaseOptions {
     /// The release's folder.
     pub out: PathBuf,
-    /// Replace a release of that name.
+    /// Whether to replace an existing release.
     pub force: bool,
-    /// Pairs or frames of the validation split; `None`: as many as the dataset has.
+    /// Number of pairs or frames of the validation split; `None`: as many as the dataset has.
     pub val: Option<u32>,
-    /// Pairs or frames of the test split; `None`: as many as the dataset has.
+    /// Number of pairs or frames of the test split; `None`: as many as the dataset has.
     pub test: Option<u32>,
-    /// Values of the scenario that are others in the test split: `path=value`.
+    /// Scenario values to change in the test split: `path=value`.
     pub test_set: Vec<String>,
-    /// Tell when the frames of the test split were taken, not only when they were meant to be.
+    /// Whether to publish the exact times of the test split's frames, including jitter, instead of the
+    /// nominal ones.
     pub exact_times: bool,
-    /// Who releases what.
-    pub about: About,
-    /// Whether to show bars.
+    /// Bibliographic data.
+    pub about: Publication,
+    /// Progress display.
     pub progress: Progress,
 }
 
-/// What was released.
+/// Summary of a release.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Released {
     /// The release's folder.
     pub out: PathBuf,
     /// Name of the challenge.
     pub name: String,
-    /// Images of train, val and test.
+    /// Number of images of train, val and test.
     pub images: [u32; 3],
     /// SHA-256 of salt and truth archive.
     pub commitment: String,
+    /// What participants are scored on: particles, and fields unless the train split reveals the velocity
+    /// field of the test split.
+    pub scored: Vec<&'static str>,
+    /// Warnings to read before publication.
+    pub warnings: Vec<String>,
     /// Duration, s.
     pub seconds: f64,
 }
 
-/// Name of the commitment's file.
+/// Name of the commitment file.
 pub const COMMITMENT: &str = "commitment.sha256";
-/// Name of the salt's file.
+/// Name of the salt file.
 pub const SALT: &str = "salt.bin";
-/// The file that tells a release from other folders.
+/// File by which a folder is recognized as a release.
 const MARK: &str = "public/commitment.sha256";
 
-/// Makes the release. It appears whole or not at all.
+/// Creates the release, atomically.
 ///
 /// # Errors
-/// A dataset that does not verify or cannot hide its truth; a release that stands in the way; writing.
-pub fn release(dataset: &Path, options: &Options) -> Result<Released> {
+/// A dataset that does not verify or whose truth cannot be hidden; an existing release, unless `force`; an
+/// I/O error.
+pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Released> {
     let start = Instant::now();
-    may_stand(&options.out, options.force.then_some(MARK))?;
+    check_replaceable(&options.out, options.force.then_some(MARK))?;
     let train = Train::open(dataset)?;
     let (val, test) = (train.val(dataset, options)?, train.test(dataset, options)?);
     let name = &train.scenario.spec.name;
 
-    let partial = Partial::anew(&options.out)?;
+    let partial = Partial::start(&options.out)?;
     let (public, withheld) = (partial.folder().join("public"), partial.folder().join("withheld"));
     std::fs::create_dir(&public).map_err(Error::write(&public))?;
     std::fs::create_dir(&withheld).map_err(Error::write(&withheld))?;
@@ -113,6 +122,11 @@ pub fn release(dataset: &Path, options: &Options) -> Result<Released> {
 
     let folder = withheld.join("test");
     make(&test, &folder, options.progress.clone())?;
+    let scored = compare(dataset, &folder)?;
+    if !scored.contains(&"fields") {
+        let text = "The train split reveals the velocity field of the test split: submissions of fields are refused.\n";
+        save_bytes(&withheld.join(submission::PARTICLES_ONLY), text.as_bytes())?;
+    }
     let truth = withheld.join(format!("{name}-test-truth.zip"));
     let mut kept = Package::default();
     kept.copy_folder(&folder, |path| !path.starts_with("images/"))?;
@@ -121,18 +135,44 @@ pub fn release(dataset: &Path, options: &Options) -> Result<Released> {
 
     let about = options.about.of(&train, &commitment);
     let recordings = (!options.exact_times).then_some(&test.recordings);
-    test_split::package(dataset, &folder, recordings, &about)?
+    test_split::package(dataset, &folder, recordings, &scored, &about)?
         .zip(&format!("{name}-test"), &archive("test"))?;
     save_bytes(&withheld.join("README.md"), about.withheld().as_bytes())?;
     publish(&public, &about)?;
     partial.finish(options.force.then_some(MARK))?;
+    let mut warnings = Vec::new();
+    if !scored.contains(&"fields") {
+        warnings.push(
+            "the train split reveals the velocity field of the test split, which does not depend on random numbers: submissions of fields are \
+             refused; --test-set can give the test split another flow"
+                .to_owned(),
+        );
+    }
     Ok(Released {
         out: options.out.clone(),
         name: name.clone(),
+        scored,
+        warnings,
         images: [&train.scenario, &val, &test].map(|s| s.recordings.frames()),
         commitment,
         seconds: start.elapsed().as_secs_f64(),
     })
+}
+
+/// Decides what is scored, from a comparison of the truths of train and test: if they share more than
+/// statistics, a challenge can be solved without the images.
+fn compare(train: &Path, test: &Path) -> Result<Vec<&'static str>> {
+    if let Some(shared) = overlap::particles(train, test)?.filter(overlap::Shared::is_beyond_chance) {
+        return Err(Error::input(format!(
+            "{}: {:.1} % of the particles of the test split coincide with particles of the train split, {:.1} % would by chance: \
+             the seeding hardly depends on random numbers, so train reveals the truth of test; use a random seeding, or \
+             --test-set particles.seeding...",
+            train.display(),
+            100.0 * shared.found,
+            100.0 * shared.by_chance
+        )));
+    }
+    Ok(if overlap::field(train, test)? { vec!["particles"] } else { vec!["particles", "fields"] })
 }
 
 fn make(scenario: &Scenario, out: &Path, progress: Progress) -> Result<()> {
@@ -146,23 +186,24 @@ fn whole(folder: &Path) -> Result<Package> {
     Ok(package)
 }
 
-/// Draws a salt and gives the SHA-256 of it and the archive. Without the salt, whoever guesses a truth could check it.
+/// Draws a salt and returns the SHA-256 of salt and archive. Without a salt, a guessed truth could be
+/// verified.
 fn commit(salt: &Path, archive: &Path) -> Result<String> {
     let drawn = secret::draw()?;
     save_bytes(salt, &drawn)?;
     checksums::fingerprint_after(&drawn, archive).map(|f| f.sha256.to_string())
 }
 
-/// Writes what lies beside the archives.
-fn publish(public: &Path, about: &about::Facts<'_>) -> Result<()> {
+/// Writes the files that accompany the archives.
+fn publish(public: &Path, about: &about::ReleaseTexts<'_>) -> Result<()> {
     let mut archives = Package::default();
     archives.copy_folder(public, |_| true)?;
     let archives = archives.fingerprints()?;
     let mut package = Package::default();
-    // As `sha256sum -c` reads it, the archive being its standard input.
+    // In the format of `sha256sum -c`, with salt and archive on standard input.
     package.write(COMMITMENT, format!("{}  -\n", about.commitment));
     package.write("README.md", about.readme());
-    package.write(LICENSE, about.licence());
+    package.write(LICENSE, about.license_text());
     package.write("CITATION.cff", about.citation());
     package.write("croissant.json", about.croissant(&archives));
     let mut all = archives;
@@ -170,12 +211,12 @@ fn publish(public: &Path, about: &about::Facts<'_>) -> Result<()> {
     package.write(MANIFEST, about.manifest(&all));
     all.extend(package.fingerprints()?);
     package.write(SHA256SUMS, checksums::write(&all));
-    // For whoever publishes; those who copy `public/*` do not even see it, so it has no checksum.
+    // For the publisher only; `cp public/*` skips hidden files, so it has no checksum.
     package.write(".zenodo.json", about.zenodo());
     package.unpack(public)
 }
 
-/// Others on the machine need not see the withheld part.
+/// Hides the withheld part from other users of the machine.
 #[cfg(unix)]
 fn keep_private(folder: &Path) -> Result<()> {
     use std::os::unix::fs::PermissionsExt;

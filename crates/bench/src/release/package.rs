@@ -1,7 +1,7 @@
-//! What a split holds before it is an archive: paths and their contents, hashed and zipped.
+//! The contents of an archive: paths and files, which are hashed and zipped.
 //!
-//! The same contents give the same archive: entries are sorted, have one date (1 January 1980, zip's first) and one mode,
-//! and are compressed by the same code everywhere.
+//! Archives are reproducible: entries are sorted, have a fixed date (1 January 1980, the earliest in zip) and
+//! mode, and are compressed by the same code on every platform.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -11,36 +11,36 @@ use std::path::{Path, PathBuf};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
 
-use crate::dataset::checksums::{Fingerprint, fingerprint};
-use crate::dataset::folder::files_below;
-use crate::dataset::{save, save_bytes};
 use crate::error::{Error, Result};
+use crate::storage::checksums::{Fingerprint, fingerprint};
+use crate::storage::folder::files_below;
+use crate::storage::{save, save_bytes};
 
-/// A file of a package.
+/// Contents of a file of a package.
 #[derive(Debug)]
 enum Content {
     File(PathBuf),
     Bytes(Vec<u8>),
 }
 
-/// Files by their paths.
+/// Files by path in the archive.
 #[derive(Debug, Default)]
 pub(super) struct Package {
     files: BTreeMap<String, Content>,
 }
 
 impl Package {
-    /// Adds a file that is written here.
+    /// Adds a file with these contents.
     pub(super) fn write(&mut self, path: &str, bytes: impl Into<Vec<u8>>) {
         self.files.insert(path.to_owned(), Content::Bytes(bytes.into()));
     }
 
-    /// Adds a file that lies on disk.
+    /// Adds a file from disk.
     pub(super) fn copy(&mut self, path: &str, from: PathBuf) {
         self.files.insert(path.to_owned(), Content::File(from));
     }
 
-    /// Adds those files of a folder whose paths are wanted.
+    /// Adds the files of a folder whose relative paths satisfy `wanted`.
     pub(super) fn copy_folder(&mut self, folder: &Path, wanted: impl Fn(&str) -> bool) -> Result<()> {
         for path in files_below(folder)?.into_iter().filter(|p| wanted(p)) {
             self.copy(&path, folder.join(&path));
@@ -48,7 +48,7 @@ impl Package {
         Ok(())
     }
 
-    /// Sizes and hashes of all files.
+    /// Sizes and hashes of all files, by path.
     pub(super) fn fingerprints(&self) -> Result<BTreeMap<String, Fingerprint>> {
         let of = |content: &Content| match content {
             Content::File(path) => fingerprint(path),
@@ -57,7 +57,7 @@ impl Package {
         self.files.iter().map(|(path, content)| Ok((path.clone(), of(content)?))).collect()
     }
 
-    /// Writes all files into a zip archive, below a folder of its own.
+    /// Writes all files into a zip archive, below the folder `root`.
     pub(super) fn zip(&self, root: &str, out: &Path) -> Result<()> {
         save(out, |writer| {
             let failed = |e: zip::result::ZipError| Error::write(out)(e.into());
@@ -87,7 +87,7 @@ impl Package {
         })
     }
 
-    /// Writes the files that were not copied into a folder.
+    /// Writes the files added by [`Package::write`] into a folder.
     pub(super) fn unpack(&self, folder: &Path) -> Result<()> {
         for (path, content) in &self.files {
             if let Content::Bytes(bytes) = content {

@@ -1,32 +1,31 @@
-//! Train, val and test of a challenge: the same scenario, other random numbers.
+//! The splits of a challenge (train, val, test): the same scenario with different random numbers.
 //!
-//! Train is the dataset as it is. Val is drawn from a public seed made from the dataset's, so that anybody can make it
-//! again. Test is drawn from a secret key. Velocity fields that are random themselves get a realisation of their own in
-//! each split.
+//! Train is the dataset itself. Val uses a public seed derived from the dataset's, so that anybody can
+//! regenerate it. Test uses a secret key. Random velocity fields get an independent realization in each
+//! split.
 
 use std::path::Path;
 
 use microsig_core::stream::Streams;
-use serde_json::Value;
 
-use super::Options;
-use crate::dataset::checksums::Fingerprint;
-use crate::dataset::manifest::{GENERATOR_VERSION, MANIFEST};
+use super::ReleaseOptions;
+use crate::dataset::manifest::{GENERATOR_VERSION, Manifest};
 use crate::dataset::secret;
-use crate::dataset::verify::verify;
 use crate::error::{Error, Result};
 use crate::runner::Progress;
+use crate::runner::verify;
 use crate::scenario::spec::{Motion, Number, Spec, Timing};
 use crate::scenario::{self, Scenario, assignment, resolve, set};
+use crate::storage::checksums::Fingerprint;
 
-/// What may differ between the public scenario and that of the test split: what participants are not told anyway.
+/// Sections of the scenario that may differ in the test split; they are withheld from participants.
 const HIDDEN: [&str; 2] = ["motion.", "particles."];
 
-/// A dataset that a challenge can be made from.
+/// A dataset from which a challenge is made.
 #[derive(Debug)]
 pub(super) struct Train {
     pub(super) scenario: Scenario,
-    pub(super) manifest: Value,
+    pub(super) manifest: Manifest,
 }
 
 impl Train {
@@ -35,15 +34,12 @@ impl Train {
         verify(dataset, false, Progress::Hidden)?;
         if secret::streams(dataset)?.is_some() {
             return Err(Error::input(format!(
-                "{}: is made from a secret key, so it is no public dataset",
+                "{}: was generated with a secret key, so it is not a public dataset",
                 dataset.display()
             )));
         }
-        let path = dataset.join(MANIFEST);
-        let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
-        let manifest: Value =
-            serde_json::from_str(&text).map_err(|e| Error::input(format!("{}: {e}", path.display())))?;
-        let version = manifest["microsig"]["generator_version"].as_str().unwrap_or("another version");
+        let manifest = Manifest::read(dataset)?;
+        let version = manifest.microsig.generator_version.as_deref().unwrap_or("another version");
         if version != GENERATOR_VERSION {
             return Err(Error::input(format!(
                 "{}: made by microsig {version}, this is {GENERATOR_VERSION}; generate it again",
@@ -56,7 +52,7 @@ impl Train {
     }
 
     /// The scenario of the validation split.
-    pub(super) fn val(&self, dataset: &Path, options: &Options) -> Result<Scenario> {
+    pub(super) fn val(&self, dataset: &Path, options: &ReleaseOptions) -> Result<Scenario> {
         let spec = self.sized(options.val)?;
         let seed = derived_seed(spec.seed, "val");
         let mut draws = 0;
@@ -71,18 +67,18 @@ impl Train {
     }
 
     /// The scenario of the test split, with a new secret key.
-    pub(super) fn test(&self, dataset: &Path, options: &Options) -> Result<Scenario> {
+    pub(super) fn test(&self, dataset: &Path, options: &ReleaseOptions) -> Result<Scenario> {
         let mut spec = self.sized(options.test)?;
         for assigned in &options.test_set {
             let (path, value) = assignment(assigned)?;
             if !HIDDEN.iter().any(|part| path.starts_with(part)) {
                 return Err(Error::input(format!(
-                    "--test-set {assigned}: expected a key of motion or particles; participants are told all others"
+                    "--test-set {assigned}: expected a key of motion or particles; all other keys are known to participants"
                 )));
             }
             spec = set(&spec, path, value)?;
         }
-        // Participants calibrate with the stack of the train split; a secret one would be of no use.
+        // Participants calibrate with the stack of the train split, so the test split has none.
         spec = set(&spec, "calibration", "none")?;
         let mut spec = reseeded(spec, || {
             let [a, b, c, d, e, f, g, h, ..] = secret::draw()?;
@@ -96,7 +92,7 @@ impl Train {
         Ok(scenario)
     }
 
-    /// The scenario with another number of pairs or frames.
+    /// The scenario with `count` pairs or frames.
     fn sized(&self, count: Option<u32>) -> Result<Spec> {
         let spec = &self.scenario.spec;
         let Some(count) = count else { return Ok(spec.clone()) };
@@ -108,11 +104,11 @@ impl Train {
     }
 }
 
-/// Refuses scenarios whose truth is no secret, whatever the random numbers.
+/// Refuses scenarios whose truth does not depend on random numbers.
 fn check(scenario: &Scenario) -> Result<()> {
     let known = |what: &str| {
         Err(Error::input(format!(
-            "{}: {what}, so the train split would tell the truth of the test split",
+            "{}: {what}, so the train split would reveal the truth of the test split",
             scenario.spec.name
         )))
     };
@@ -125,14 +121,14 @@ fn check(scenario: &Scenario) -> Result<()> {
     }
 }
 
-/// A seed made from another one, of its own for each name.
+/// A seed derived from another one, different for each name.
 pub fn derived_seed(seed: u64, name: &str) -> u64 {
     let digest = Fingerprint::of(format!("microsig release\nseed={seed}\n{name}\n").as_bytes()).sha256;
     let (first, _) = digest.0.as_chunks();
     first.first().map_or(seed, |first| u64::from_be_bytes(*first))
 }
 
-/// The scenario with new seeds of its random velocity fields.
+/// The scenario with new seeds for its random velocity fields.
 fn reseeded(mut spec: Spec, mut draw: impl FnMut() -> Result<u64>) -> Result<Spec> {
     match &mut spec.motion {
         Motion::Flow(flow) => flow.field.reseed(&mut draw)?,

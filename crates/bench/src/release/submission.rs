@@ -1,4 +1,5 @@
-//! Submissions: a folder or zip archive with `results.csv` and `submission.json`, checked without the truth.
+//! Submissions: folders or zip archives with `results.csv` and `submission.json`, validated without the
+//! truth.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -6,52 +7,64 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::dataset::checksums::{SHA256SUMS, images_digest};
 use crate::error::{Error, Result};
-use crate::evaluate::truth::conventions;
-use crate::results::{self, Conventions, Format, Found};
+use crate::evaluate::measurement::{self, of_manifest};
+use crate::results::{self, Conventions, Format, Limits, TrackerResult};
+use crate::storage::TemporaryFolder;
+use crate::storage::checksums::{SHA256SUMS, images_digest};
+use crate::storage::input;
 
 /// Name of the file with the points or vectors.
 pub(super) const RESULTS: &str = "results.csv";
-/// Name of the file about them.
+/// Name of the file with the metadata.
 pub(super) const SUBMISSION: &str = "submission.json";
 
-/// The template of `results.csv`.
+/// Template of `results.csv`: its header.
 pub(super) const RESULTS_HEADER: &str = "frame,track,x_px,y_px,z_um\n";
 
-/// What every team declares, so that nobody is scored in other coordinates than meant.
-const DECLARATION: &str = "x_px to the right and y_px downward, centre of the top-left pixel at (1, 1); z_um physical depth in \
+/// Coordinate convention that every team declares.
+const DECLARATION: &str = "x_px to the right and y_px downward, center of the top-left pixel at (1, 1); z_um physical depth in \
 um, growing away from the lens; frames from 0";
 
-/// Most bytes that are unpacked of an archive.
-const LARGEST: u64 = 4 << 30;
+/// The largest `submission.json`, bytes.
+const LARGEST_ABOUT: u64 = 1 << 20;
 
 /// `submission.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Submission {
-    /// Who.
+    /// Name of the team.
     pub team: String,
-    /// Which method.
+    /// Name of the method.
     pub method: String,
-    /// Which version of it.
+    /// Version of the method.
     pub version: String,
-    /// Its parameters, in whatever form.
+    /// Parameters of the method, in any form.
     pub params: serde_json::Map<String, serde_json::Value>,
-    /// How long it took for the whole split, s.
+    /// Run time for the whole split, s.
     pub runtime_s: Option<f64>,
-    /// On which machine.
+    /// Hardware used.
     pub hardware: String,
-    /// The coordinates of `results.csv`; only those of the template are accepted.
+    /// Coordinate convention of `results.csv`; must be the text of the template.
     pub coordinate_declaration: String,
-    /// SHA-256 of the images that were used: `grep '  images/' SHA256SUMS | sha256sum`.
+    /// SHA-256 of the list of images used: `grep ' images/' SHA256SUMS | sha256sum`.
     pub images_sha256: String,
-    /// Anything else.
+    /// Further remarks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub notes: Option<String>,
 }
 
-/// The template of `submission.json`.
+impl Submission {
+    /// Parses `submission.json`.
+    ///
+    /// # Errors
+    /// Invalid JSON, unknown or missing keys, wrong types.
+    pub fn parse(text: &str) -> std::result::Result<Self, serde_json::Error> {
+        serde_json::from_str(text)
+    }
+}
+
+/// Template of `submission.json`.
 pub(super) fn template() -> String {
     let template = json!({
         "team": "",
@@ -66,61 +79,65 @@ pub(super) fn template() -> String {
     format!("{template:#}\n")
 }
 
-/// What was validated.
+/// A valid submission.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Validated {
-    /// What the submission says about itself.
+    /// The contents of `submission.json`.
     pub submission: Submission,
     /// `particles` or `vectors`.
     pub kind: &'static str,
-    /// Rows with coordinates.
+    /// Number of rows with coordinates.
     pub rows: usize,
-    /// What is allowed, but perhaps not meant.
+    /// Valid but suspicious properties.
     pub warnings: Vec<String>,
 }
 
-/// A submission's files; an archive's are unpacked and removed again.
+/// The files of a submission; archives are unpacked into a temporary folder.
 #[derive(Debug)]
-pub struct Files {
+pub struct SubmissionFiles {
     folder: PathBuf,
-    _unpacked: Option<tempfile::TempDir>,
+    _unpacked: Option<TemporaryFolder>,
 }
 
-impl Files {
-    /// Whether this is a submission, not a result alone.
+impl SubmissionFiles {
+    /// Whether the path is a submission (folder or zip archive) rather than a result file.
     pub fn are_at(path: &Path) -> bool {
         path.is_dir() || path.extension().is_some_and(|e| e.eq_ignore_ascii_case("zip"))
     }
 
-    /// Finds the two files.
+    /// Opens a submission.
     ///
     /// # Errors
-    /// An archive that is none, too large, or lacks them.
-    pub fn open(path: &Path) -> Result<Self> {
+    /// An archive that is invalid, exceeds `limits` or lacks one of the files; links and devices anywhere in
+    /// it.
+    pub fn open(path: &Path, limits: Limits) -> Result<Self> {
         if path.is_dir() {
-            return Ok(Files { folder: path.to_owned(), _unpacked: None });
+            only_regular(path)?;
+            return Ok(SubmissionFiles { folder: path.to_owned(), _unpacked: None });
         }
         let wrong = |what: String| Error::input(format!("{}: {what}", path.display()));
-        let file = std::fs::File::open(path).map_err(|e| Error::read(path, e))?;
-        let mut archive = zip::ZipArchive::new(file).map_err(|e| wrong(e.to_string()))?;
-        let place = tempfile::tempdir().map_err(Error::write(&std::env::temp_dir()))?;
-        for name in [RESULTS, SUBMISSION] {
-            // At the top, or in the one folder that archives of folders have.
+        let mut archive = zip::ZipArchive::new(input::open(path)?).map_err(|e| wrong(e.to_string()))?;
+        let place = TemporaryFolder::new()?;
+        for (name, most) in [(RESULTS, limits.bytes), (SUBMISSION, LARGEST_ABOUT)] {
+            // At the top level, or one folder below it.
             let is_it = |n: &str| n == name || n.split_once('/').is_some_and(|(_, rest)| rest == name);
             let at = (0..archive.len())
                 .find(|&i| archive.name_for_index(i).is_some_and(|n| n.is_ok_and(|n| is_it(&n))));
             let Some(at) = at else { return Err(wrong(format!("has no {name}"))) };
             let entry = archive.by_index(at).map_err(|e| wrong(e.to_string()))?;
+            if entry.is_symlink() {
+                return Err(wrong(format!("{name} is a symbolic link; expected a regular file")));
+            }
             let out = place.path().join(name);
             let mut file = std::fs::File::create(&out).map_err(Error::write(&out))?;
-            // The size that an archive states may be wrong.
-            let n =
-                std::io::copy(&mut entry.take(LARGEST + 1), &mut file).map_err(|e| wrong(e.to_string()))?;
-            if n > LARGEST {
-                return Err(wrong(format!("{name} is larger than {LARGEST} bytes")));
+            // The size stated in the archive is not trusted.
+            let n = std::io::copy(&mut entry.take(most.saturating_add(1)), &mut file)
+                .map_err(|e| wrong(e.to_string()))?;
+            if n > most {
+                return Err(wrong(format!("{name} is larger than {most} bytes, the limit for this dataset")));
             }
         }
-        Ok(Files { folder: place.path().to_owned(), _unpacked: Some(place) })
+        Ok(SubmissionFiles { folder: place.path().to_owned(), _unpacked: Some(place) })
     }
 
     /// The file with the points or vectors.
@@ -133,11 +150,51 @@ impl Files {
     }
 }
 
-/// Checks a submission against a test split, whose truth is not needed. Paths in messages are those in the submission.
+/// Maximum number of entries in the folder of a submission.
+const MOST_ENTRIES: usize = 10_000;
+
+/// Refuses links, pipes and devices anywhere below a folder: a link could point to the truth.
+fn only_regular(folder: &Path) -> Result<()> {
+    let (mut folders, mut n) = (vec![folder.to_owned()], 0);
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))? {
+            let path = entry.map_err(|e| Error::read(&folder, e))?.path();
+            let kind = std::fs::symlink_metadata(&path).map_err(|e| Error::read(&path, e))?.file_type();
+            n += 1;
+            if n > MOST_ENTRIES {
+                let what = format!("{}: more than {MOST_ENTRIES} files in a submission", folder.display());
+                return Err(Error::input(what));
+            }
+            match kind {
+                kind if kind.is_dir() => folders.push(path),
+                kind if kind.is_file() => {}
+                kind => {
+                    let what = if kind.is_symlink() { "a symbolic link" } else { "a pipe, device or socket" };
+                    let path = path.display();
+                    return Err(Error::input(format!(
+                        "{path}: {what}; a submission holds regular files only"
+                    )));
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Limits on the size of results for a test split.
 ///
 /// # Errors
-/// [`Error::Input`] with all that is wrong, with line numbers.
-pub fn validate(test: &Path, files: &Files) -> Result<Validated> {
+/// A split that is unreadable.
+pub fn limits(test: &Path) -> Result<Limits> {
+    measurement::limits(test, &of_manifest(test)?)
+}
+
+/// Validates a submission for a test split, without the truth. Messages contain paths relative to the
+/// submission.
+///
+/// # Errors
+/// [`Error::Input`] with every problem, with line numbers.
+pub fn validate(test: &Path, files: &SubmissionFiles) -> Result<Validated> {
     let mut problems = Vec::new();
     let submission = about(test, &files.about(), &mut problems)?;
     let found = particles_or_vectors(test, &files.results(), &mut problems)?;
@@ -154,13 +211,16 @@ pub fn validate(test: &Path, files: &Files) -> Result<Validated> {
 
 fn about(test: &Path, path: &Path, problems: &mut Vec<String>) -> Result<Option<Submission>> {
     let sums = test.join(SHA256SUMS);
-    let sums = std::fs::read_to_string(&sums).map_err(|e| Error::read(&sums, e))?;
-    let read = std::fs::read_to_string(path).map_err(|e| e.to_string());
-    let parsed = read.and_then(|text| serde_json::from_str::<Submission>(&text).map_err(|e| e.to_string()));
+    let sums = input::read_text(&sums)?;
+    let text = input::open_unlinked(path).and_then(|file| input::text_of(path, file, LARGEST_ABOUT));
+    let parsed = match text {
+        Ok(text) => Submission::parse(&text).map_err(|e| format!("{}: {e}", path.display())),
+        Err(e) => Err(e.to_string()),
+    };
     let submission = match parsed {
         Ok(submission) => submission,
         Err(e) => {
-            problems.push(format!("{}: {e}", path.display()));
+            problems.push(e);
             return Ok(None);
         }
     };
@@ -180,7 +240,8 @@ fn about(test: &Path, path: &Path, problems: &mut Vec<String>) -> Result<Option<
     if !submission.runtime_s.is_none_or(|s| s >= 0.0 && s.is_finite()) {
         wrong("runtime_s", "a time >= 0 s, or null");
     }
-    if submission.coordinate_declaration != DECLARATION {
+    // Templates of version 0.1 had the British spelling.
+    if submission.coordinate_declaration.replace("centre", "center") != DECLARATION {
         wrong("coordinate_declaration", &format!("the template's text: {DECLARATION:?}"));
     }
     if submission.images_sha256 != images_digest(&sums) {
@@ -192,14 +253,24 @@ fn about(test: &Path, path: &Path, problems: &mut Vec<String>) -> Result<Option<
     Ok(Some(submission))
 }
 
-/// Reads the result as it will be read for scoring, and checks what can be checked without the truth.
+/// Marker file in the withheld part: only particles are scored.
+pub(super) const PARTICLES_ONLY: &str = "particles_only.txt";
+
+fn is_marked(test: &Path) -> bool {
+    test.canonicalize()
+        .ok()
+        .and_then(|test| Some(test.parent()?.join(PARTICLES_ONLY).exists()))
+        .unwrap_or(false)
+}
+
+/// Reads the result as for scoring, and performs all checks that do not need the truth.
 fn particles_or_vectors(
     test: &Path,
     path: &Path,
     problems: &mut Vec<String>,
 ) -> Result<Option<(&'static str, usize, Vec<String>)>> {
-    let known = conventions(test, Conventions::default())?;
-    let facts = crate::evaluate::truth::facts(test)?;
+    let facts = of_manifest(test)?;
+    let known = Conventions { limits: limits(test)?, ..facts.conventions(Conventions::default()) };
     let read = results::detect(path).and_then(|format| match format {
         Format::Canonical | Format::Field => {
             results::read(path, &Conventions { format: Some(format), ..known })
@@ -218,30 +289,36 @@ fn particles_or_vectors(
         }
     };
     let (kind, rows, n_nan) = match &found {
-        Found::Points(p) => ("particles", p.rows.len(), p.n_nan),
-        Found::Field(f) => ("vectors", f.vectors.len(), f.n_nan),
+        TrackerResult::Points(p) => ("particles", p.rows.len(), p.n_nan),
+        TrackerResult::Field(f) => ("vectors", f.vectors.len(), f.n_nan),
     };
+    if matches!(found, TrackerResult::Field(_)) && (facts.is_for_particles_only || is_marked(test)) {
+        problems.push(format!(
+            "{}: vectors; this challenge scores particles only, because the train split reveals its velocity field",
+            path.display()
+        ));
+    }
     problems.extend(facts.beyond(path, &found));
     let mut warnings = Vec::new();
     if n_nan > 0 {
-        warnings.push(format!("{n_nan} rows have no coordinates and do not count"));
+        warnings.push(format!("{n_nan} rows without coordinates are ignored"));
     }
-    if let (Found::Points(points), Some((width, height))) = (&found, facts.sensor_px) {
+    if let (TrackerResult::Points(points), Some((width, height))) = (&found, facts.sensor_px) {
         let on = |v: f64, size: f64| v >= 0.5 && v < size + 0.5;
         let off = points.rows.iter().filter(|r| !(on(r.at.x_px, width) && on(r.at.y_px, height))).count();
         if off > 0 {
-            warnings.push(format!("{off} points lie beyond the edge of the image"));
+            warnings.push(format!("{off} points lie outside the image"));
         }
         let deep = |z: f64| facts.depth_um.is_some_and(|(low, high)| !(low..=high).contains(&z));
         let n_deep = points.rows.iter().filter(|r| points.has_z && deep(r.at.z_um)).count();
         if n_deep > 0 {
-            warnings.push(format!("{n_deep} points lie outside of the depth range"));
+            warnings.push(format!("{n_deep} points lie outside the depth range"));
         }
         if !points.has_z {
-            warnings.push("no z_um: only scores in the image plane".to_owned());
+            warnings.push("no z_um: scored in the image plane only".to_owned());
         }
         if points.rows.iter().all(|r| r.track < 0) {
-            warnings.push("no point is linked: no scores of tracks".to_owned());
+            warnings.push("no point is linked: track scores are not meaningful".to_owned());
         }
         let mut seen: Vec<u32> = points.rows.iter().map(|r| r.frame).collect();
         seen.sort_unstable();

@@ -1,36 +1,20 @@
-//! The public part of the test split: images, what a measurement would know about them, and a template for submissions.
+//! The public part of the test split: images, the facts known in a measurement, and a template for
+//! submissions.
 
 use std::path::Path;
 
-use serde_json::{Map, Value, json};
-
-use super::about::Facts;
+use super::about::ReleaseTexts;
 use super::package::Package;
 use super::submission;
 use crate::dataset::calibration::CALIBRATION;
-use crate::dataset::checksums::{self, SHA256SUMS};
-use crate::dataset::manifest::{self, MANIFEST};
-use crate::dataset::truth::FRAMES;
+use crate::dataset::manifest::{self, MANIFEST, Manifest, Resource, TableSchema};
 use crate::error::{Error, Result};
 use crate::scenario::Recordings;
 use crate::scenario::license::LICENSE;
+use crate::storage::checksums::{self, SHA256SUMS};
+use crate::tables::truth::FRAMES;
 
-/// What the manifest tells about the measurement: nothing that was counted or measured in the truth, no seed.
-const TOLD: [&str; 11] = [
-    "generator",
-    "generator_version",
-    "layout_version",
-    "um_per_px",
-    "depth_factor",
-    "sensor",
-    "renderer",
-    "depth_range_um",
-    "depth_range_h_um",
-    "coordinates",
-    "scoring_gates",
-];
-
-/// The same of its timing.
+/// Timing keys that are published: none that are derived from the truth, and no seed.
 const TIMING: [&str; 11] = [
     "mode",
     "pairs",
@@ -45,19 +29,20 @@ const TIMING: [&str; 11] = [
     "jitter_s",
 ];
 
-/// Columns of the truth's table of frames that are no truth.
+/// Published columns of the table of frames.
 const COLUMNS: [&str; 5] = ["frame", "pair", "role", "t_s", "image"];
 
-/// Path of the table of frames.
+/// Path of the table of frames in the public test split.
 pub(super) const FRAMES_PATH: &str = "frames.csv";
 
-/// Packs the split. `train` is the public dataset, whose calibration stack serves all splits; `test` the withheld one.
-/// With `nominal` its frames have the times that were meant, without the jitter of each.
+/// Packs the split. `train` is the public dataset, whose calibration stack serves all splits; `test` is the
+/// withheld dataset. With `nominal`, frames have their nominal times, without jitter.
 pub(super) fn package(
     train: &Path,
     test: &Path,
     nominal: Option<&Recordings>,
-    about: &Facts<'_>,
+    scored: &[&'static str],
+    about: &ReleaseTexts<'_>,
 ) -> Result<Package> {
     let mut package = Package::default();
     package.copy_folder(test, |path| path.starts_with("images/"))?;
@@ -66,50 +51,65 @@ pub(super) fn package(
     let images = checksums::images_digest(&checksums::write(&package.fingerprints()?));
     package.write(FRAMES_PATH, frames(test, nominal)?);
     package.write("README.md", about.test_card());
-    package.write(LICENSE, about.licence());
+    package.write(LICENSE, about.license_text());
     package.write("submission/results.csv", submission::RESULTS_HEADER);
     package.write("submission/submission.json", submission::template());
 
     let fingerprints = package.fingerprints()?;
-    let path = test.join(MANIFEST);
-    let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
-    let whole: Value =
-        serde_json::from_str(&text).map_err(|e| Error::input(format!("{}: {e}", path.display())))?;
-    let chosen = |from: &Value, keys: &[&str]| -> Map<String, Value> {
-        keys.iter().filter_map(|&key| Some((key.to_owned(), from.get(key)?.clone()))).collect()
-    };
-    let mut told = chosen(&whole["microsig"], &TOLD);
-    told.insert("timing".to_owned(), Value::Object(chosen(&whole["microsig"]["timing"], &TIMING)));
-    told.insert("split".to_owned(), json!("test"));
-    told.insert("truth".to_owned(), json!("withheld"));
-    told.insert("images_sha256".to_owned(), json!(images));
-    told.insert("commitment_sha256".to_owned(), json!(about.commitment));
+    let whole = Manifest::read(test)?;
     let tables = [CALIBRATION.clone()];
-    let mut resources: Vec<Value> = fingerprints
+    let mut resources: Vec<Resource> = fingerprints
         .iter()
         .map(|(path, fingerprint)| manifest::resource(path, fingerprint, &tables))
         .collect();
-    for table in resources.iter_mut().filter(|r| r["path"] == FRAMES_PATH) {
-        table["profile"] = json!("tabular-data-resource");
-        table["description"] = json!(FRAMES.description);
-        table["schema"] = schema(&whole, nominal.is_some());
+    for table in resources.iter_mut().filter(|r| r.path == FRAMES_PATH) {
+        table.profile = Some("tabular-data-resource".to_owned());
+        table.description = Some(FRAMES.description.to_owned());
+        table.schema = Some(schema(&whole, nominal.is_some()));
     }
-    let manifest = json!({
-        "profile": "data-package",
-        "name": format!("{}-test", about.name),
-        "title": format!("{}: test split", about.title),
-        "description": "Images whose truth is withheld; README.md says what to do with them.",
-        "version": whole["version"],
-        "licenses": whole["licenses"],
-        "microsig": told,
-        "resources": resources,
-    });
-    package.write(MANIFEST, format!("{manifest:#}\n"));
+    let manifest = Manifest {
+        profile: whole.profile.clone(),
+        name: format!("{}-test", about.name),
+        title: format!("{}: test split", about.title),
+        description: "Images whose truth is withheld; README.md says what to do with them.".to_owned(),
+        version: whole.version.clone(),
+        licenses: whole.licenses.clone(),
+        microsig: told(whole.microsig, &images, scored, about),
+        resources,
+    };
+    let manifest = serde_json::to_string_pretty(&manifest).map_err(|e| Error::input(e.to_string()))?;
+    package.write(MANIFEST, manifest + "\n");
     package.write(SHA256SUMS, checksums::write(&package.fingerprints()?));
     Ok(package)
 }
 
-/// The table of frames without what the truth tells.
+/// Published facts of the manifest: none that are derived from the truth, and no seed.
+fn told(whole: manifest::Facts, images: &str, scored: &[&str], about: &ReleaseTexts<'_>) -> manifest::Facts {
+    let mut timing = whole.timing;
+    timing.0.retain(|key, _| TIMING.contains(&key.as_str()));
+    manifest::Facts {
+        generator: whole.generator,
+        generator_version: whole.generator_version,
+        layout_version: whole.layout_version,
+        timing,
+        um_per_px: whole.um_per_px,
+        depth_factor: whole.depth_factor,
+        sensor: whole.sensor,
+        renderer: whole.renderer,
+        depth_range_um: whole.depth_range_um,
+        depth_range_h_um: whole.depth_range_h_um,
+        coordinates: whole.coordinates,
+        scoring_gates: whole.scoring_gates,
+        split: Some("test".to_owned()),
+        truth: Some("withheld".to_owned()),
+        scored: Some(scored.iter().map(|&what| what.to_owned()).collect()),
+        images_sha256: Some(images.to_owned()),
+        commitment_sha256: Some(about.commitment.to_owned()),
+        ..manifest::Facts::default()
+    }
+}
+
+/// The table of frames with its published columns.
 fn frames(test: &Path, nominal: Option<&Recordings>) -> Result<Vec<u8>> {
     let path = test.join(FRAMES.path);
     let failed = |e: csv::Error| Error::input(format!("{}: {e}", path.display()));
@@ -131,14 +131,12 @@ fn frames(test: &Path, nominal: Option<&Recordings>) -> Result<Vec<u8>> {
     writer.into_inner().map_err(|e| failed(e.into_error().into()))
 }
 
-/// The manifest's entry of a table with those columns only that are told.
-fn schema(whole: &Value, nominal: bool) -> Value {
-    let tables = whole["resources"].as_array().into_iter().flatten();
-    let fields = tables.filter(|r| r["path"] == FRAMES.path).flat_map(|r| r["schema"]["fields"].as_array());
-    let told = |f: &&Value| COLUMNS.iter().any(|name| f["name"] == *name);
-    let mut fields: Vec<Value> = fields.flatten().filter(told).cloned().collect();
-    for field in fields.iter_mut().filter(|field| nominal && field["name"] == "t_s") {
-        field["description"] = json!("nominal time of the middle of the exposure, without jitter");
+/// The table schema with the published columns only.
+fn schema(whole: &Manifest, nominal: bool) -> TableSchema {
+    let mut schema = whole.resource(FRAMES.path).and_then(|r| r.schema.clone()).unwrap_or_default();
+    schema.fields.retain(|field| COLUMNS.contains(&field.name.as_str()));
+    for field in schema.fields.iter_mut().filter(|field| nominal && field.name == "t_s") {
+        field.description = "nominal time of the middle of the exposure, without jitter".to_owned();
     }
-    json!({ "fields": fields, "missingValues": [""] })
+    schema
 }

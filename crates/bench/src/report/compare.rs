@@ -1,142 +1,41 @@
-//! `microsig compare`: a leaderboard of several scores, and their curves in one plot.
+//! `microsig compare`: a leaderboard of several scores, their curves in common plots, and scores against the
+//! parameters of a sweep.
 //!
-//! Particles are ranked by F1 of detection; where 95 % intervals do not tell scores apart by their errors in the image plane
-//! and in depth, then by F1 of links, then by HOTA. Fields, on a list of their own, by the probability of a valid vector, RMS
-//! error of inliers, AEE. Who is told apart by none of these shares a rank. Localisation stands beside recall, never alone.
+//! Particles are ranked by detection F1; if 95 % intervals overlap, by the errors in the image plane and in
+//! depth, then by link F1, then by HOTA. Fields are ranked separately, by valid-vector probability, RMS error
+//! of inliers, then AEE. Scores that no criterion separates share a rank. Errors are always shown together
+//! with recall.
 
 use std::path::{Path, PathBuf};
 
-use maud::html;
+use maud::{Markup, html};
 use serde::Serialize;
 use serde_json::Value;
 
-use super::html::{axis, document, figure_of};
-use super::plots::{Line, Words, lines};
-use super::ranking::{Level, ranks};
-use super::score_file::{self, at};
+use super::figure::{figure_of, names};
+use super::files::SCORE;
+use super::leaderboard::{Entry, ResultKind, axis_text, caution, ranked, text};
+use super::page::document;
+use super::particle_plots::axis;
+use super::plots::{AxisLabels, Series, lines};
+use super::score_file;
 use super::table::number;
-use super::{SCORE, rows, save};
-use crate::dataset::folder::Partial;
 use crate::error::{Error, Result};
-use crate::evaluate::statistics::Interval;
+use crate::evaluate::Score;
+use crate::evaluate::curves::Bin;
+use crate::storage::folder::Partial;
+use crate::storage::save_bytes;
 
-/// A line of the leaderboard.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
-pub struct Entry {
-    /// Among those of its kind.
-    pub rank: usize,
-    pub name: String,
-    pub dataset: String,
-    pub f1: Option<f64>,
-    /// Interval of what it is ranked by.
-    pub low: Option<f64>,
-    pub high: Option<f64>,
-    pub recall: Option<f64>,
-    pub precision: Option<f64>,
-    pub rmse_xy_px: Option<f64>,
-    pub sigma_z_over_h: Option<f64>,
-    pub link_f1: Option<f64>,
-    pub hota: Option<f64>,
-    pub alpha: Option<f64>,
-    pub beta: Option<f64>,
-    pub jsc: Option<f64>,
-    pub jsc_theta: Option<f64>,
-    pub valid_vector_probability: Option<f64>,
-    pub aee_px: Option<f64>,
-    pub rms_u_inliers_px: Option<f64>,
-    pub rms_v_inliers_px: Option<f64>,
-    pub kind: Kind,
-    /// What it is ranked by, one after the other.
-    #[serde(skip)]
-    levels: Vec<Level>,
-}
-
-/// What was scored.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Kind {
-    /// Particles.
-    #[default]
-    Particles,
-    /// A displacement field.
-    Field,
-}
-
-impl Entry {
-    fn of(name: String, score: &Value) -> Self {
-        let get = |key: &str| at(score, key).as_f64();
-        let interval = |key: &str| -> Interval {
-            let ends = at(score, key);
-            ends[0].as_f64().zip(ends[1].as_f64()).map(|(low, high)| [low, high])
-        };
-        let rate = |key: &str, of: &str| Level::rate(get(key), interval(of));
-        let error = |key: &str, of: &str| Level::error(get(key), interval(of));
-        let kind = if score["detection"].is_object() { Kind::Particles } else { Kind::Field };
-        let (levels, ends) = match kind {
-            Kind::Particles => (
-                vec![
-                    rate("detection.f1", "detection.interval.f1"),
-                    error("detection.rmse_xy_px", "detection.interval.rmse_xy_px"),
-                    error("gdpt.sigma_z_over_h", "gdpt.interval.sigma_z_over_h"),
-                    rate("links.f1", "links.interval_f1"),
-                    rate("hota.hota", "hota.interval_hota"),
-                ],
-                interval("detection.interval.f1"),
-            ),
-            Kind::Field => {
-                let both = get("field.u_inliers.rms_px").zip(get("field.v_inliers.rms_px"));
-                // At least as wide as that of the sum.
-                let ends = interval("field.interval_rms_u_inliers_px")
-                    .zip(interval("field.interval_rms_v_inliers_px"))
-                    .map(|(u, v)| [u[0].hypot(v[0]), u[1].hypot(v[1])]);
-                (
-                    vec![
-                        rate("field.valid_vector_probability", "field.interval_valid_vector_probability"),
-                        Level::error(both.map(|(u, v)| u.hypot(v)), ends),
-                        error("field.aee_px", "field.interval_aee_px"),
-                    ],
-                    interval("field.interval_valid_vector_probability"),
-                )
-            }
-        };
-        Entry {
-            rank: 0,
-            name,
-            dataset: score["dataset"].as_str().unwrap_or_default().to_owned(),
-            f1: get("detection.f1"),
-            low: ends.map(|e| e[0]),
-            high: ends.map(|e| e[1]),
-            recall: get("detection.recall"),
-            precision: get("detection.precision"),
-            rmse_xy_px: get("detection.rmse_xy_px"),
-            sigma_z_over_h: get("gdpt.sigma_z_over_h"),
-            link_f1: get("links.f1"),
-            hota: get("hota.hota"),
-            alpha: get("isbi.alpha"),
-            beta: get("isbi.beta"),
-            jsc: get("isbi.jsc"),
-            jsc_theta: get("isbi.jsc_theta"),
-            valid_vector_probability: get("field.valid_vector_probability"),
-            aee_px: get("field.aee_px"),
-            rms_u_inliers_px: get("field.u_inliers.rms_px"),
-            rms_v_inliers_px: get("field.v_inliers.rms_px"),
-            kind,
-            levels,
-        }
-    }
-}
-
-/// What was compared.
+/// The result of a comparison.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Compared {
+pub struct Comparison {
     /// The leaderboard, best first: particles, then fields.
     pub entries: Vec<Entry>,
-    /// What must be known about it.
+    /// Caveats for reading the leaderboard.
     pub warnings: Vec<String>,
-    /// The folder.
+    /// Output folder.
     pub out: PathBuf,
-    /// It as text.
+    /// The leaderboard as text.
     #[serde(skip)]
     pub text: String,
 }
@@ -144,15 +43,52 @@ pub struct Compared {
 /// Compares scores and writes `leaderboard.csv`, `curves.csv` and `leaderboard.html`.
 ///
 /// # Errors
-/// Files that are no scores; a folder that exists unless `force`; writing.
-pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Compared> {
+/// Files that are not scores; an existing folder, unless `force`; an I/O error.
+pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Comparison> {
     if out.exists() && !force {
         return Err(Error::Exists(out.to_owned()));
     }
+    let Ranking { scores, entries, warnings, text } = ranking(&named(paths)?);
+    let partial = Partial::start(out)?;
+    save_bytes(&partial.folder().join("leaderboard.csv"), &leaderboard_csv(&entries)?)?;
+    save_bytes(&partial.folder().join("curves.csv"), &curves_csv(&scores)?)?;
+    save_bytes(&partial.folder().join("leaderboard.html"), page(&scores, &warnings)?.as_bytes())?;
+    partial.finish(force.then_some("leaderboard.csv"))?;
+    Ok(Comparison { entries, warnings, out: out.to_owned(), text })
+}
+
+/// Scores in their order.
+#[derive(Debug, Clone)]
+pub struct Ranking {
+    /// The leaderboard, best first: particles, then fields.
+    pub entries: Vec<Entry>,
+    /// What must be known about it.
+    pub warnings: Vec<String>,
+    /// It as text.
+    pub text: String,
+    scores: Vec<(Entry, Score)>,
+}
+
+/// Ranks scores, each with its name.
+pub fn ranking(scores: &[(String, Score)]) -> Ranking {
+    let of = |(name, score): &(String, Score)| (Entry::of(name.clone(), score), score.clone());
+    let scores = ranked(scores.iter().map(of).collect());
+    let entries: Vec<Entry> = scores.iter().map(|s| s.0.clone()).collect();
+    let mut warnings = differences(&scores);
+    warnings.extend(entries.iter().filter_map(caution));
+    for (entry, score) in &scores {
+        warnings.extend(score.warnings.iter().map(|w| format!("{}: {w}", entry.name)));
+    }
+    let text = text(&entries, &warnings);
+    Ranking { entries, warnings, text, scores }
+}
+
+/// Reads scores and names them after their folders.
+fn named(paths: &[PathBuf]) -> Result<Vec<(String, Score)>> {
     let (mut scores, mut problems) = (Vec::new(), Vec::new());
     for path in paths {
         match score_file::read(path) {
-            Ok(score) => scores.push((Entry::of(name(path), &score), score)),
+            Ok(score) => scores.push((name(path), score)),
             Err(e) => problems.extend(e.to_string().lines().map(str::to_owned)),
         }
     }
@@ -160,57 +96,48 @@ pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Compared> {
         return Err(Error::Input(problems));
     }
     for i in 1..scores.len() {
-        // Folders of the same name in different places are different trackers.
-        if scores[..i].iter().any(|s| s.0.name == scores[i].0.name) {
-            scores[i].0.name = format!("{} ({})", scores[i].0.name, paths[i].display());
+        // Folders of the same name in different locations are different trackers.
+        if scores[..i].iter().any(|s: &(String, Score)| s.0 == scores[i].0) {
+            scores[i].0 = format!("{} ({})", scores[i].0, paths[i].display());
         }
     }
-    let scores = ranked(scores);
-    let entries: Vec<Entry> = scores.iter().map(|s| s.0.clone()).collect();
-    let mut warnings = differences(&scores);
-    for (entry, score) in &scores {
-        let own = score["warnings"].as_array().into_iter().flatten().filter_map(Value::as_str);
-        warnings.extend(own.map(|w| format!("{}: {w}", entry.name)));
-    }
-    let text = text(&entries, &warnings);
-
-    let partial = Partial::anew(out)?;
-    rows(&partial.folder().join("leaderboard.csv"), entries.iter())?;
-    rows(&partial.folder().join("curves.csv"), curve_rows(&scores).into_iter())?;
-    save(&partial.folder().join("leaderboard.html"), page(&scores, &warnings)?.as_bytes())?;
-    partial.finish(force.then_some("leaderboard.csv"))?;
-    Ok(Compared { entries, warnings, out: out.to_owned(), text })
+    Ok(scores)
 }
 
-/// Folders are named after trackers more often than files are.
+/// Name of a score: that of its folder, which is usually named after the tracker. Folders of sweep cases are
+/// named after the case, so the parent folder is prepended.
 fn name(path: &Path) -> String {
     let file = if path.is_dir() { path.join(SCORE) } else { path.to_owned() };
-    let folder = file.parent().and_then(Path::file_name).map(|n| n.to_string_lossy().into_owned());
-    folder.filter(|_| file.ends_with(SCORE)).unwrap_or_else(|| file.display().to_string())
-}
-
-/// The scores of each kind in their order, with their ranks.
-fn ranked(mut scores: Vec<(Entry, Value)>) -> Vec<(Entry, Value)> {
-    scores.sort_by(|a, b| a.0.kind.cmp(&b.0.kind).then_with(|| a.0.name.cmp(&b.0.name)));
-    let mut ranked = Vec::with_capacity(scores.len());
-    for same in scores.chunk_by(|a, b| a.0.kind == b.0.kind) {
-        let levels: Vec<Vec<Level>> = same.iter().map(|s| s.0.levels.clone()).collect();
-        ranked.extend(ranks(&levels).into_iter().map(|(i, rank)| {
-            let (entry, score) = &same[i];
-            (Entry { rank, ..entry.clone() }, score.clone())
-        }));
+    let text = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned());
+    let folder = file.parent().filter(|_| file.ends_with(SCORE));
+    let Some(own) = folder.and_then(text) else { return file.display().to_string() };
+    match folder.and_then(Path::parent).and_then(text) {
+        Some(above) if own.starts_with("case_") => format!("{above}/{own}"),
+        _ => own,
     }
-    ranked
 }
 
-/// What makes scores incomparable.
-fn differences(scores: &[(Entry, Value)]) -> Vec<String> {
+/// Name of the tracker: the name of the score without the sweep case.
+fn tracker(entry: &Entry) -> String {
+    if entry.axes.is_empty() {
+        return entry.name.clone();
+    }
+    let parts = entry.name.split(['/', '-', '.']).filter(|part| !part.starts_with("case_"));
+    let name = parts.collect::<Vec<_>>().join("-");
+    if name.is_empty() { "result".to_owned() } else { name }
+}
+
+/// Warnings about differences that make scores incomparable.
+fn differences(scores: &[(Entry, Score)]) -> Vec<String> {
     let mut warnings = Vec::new();
-    let differ =
-        |scores: &[(Entry, Value)], key: &str| scores.iter().any(|s| at(&s.1, key) != at(&scores[0].1, key));
-    // The truth itself tells datasets apart that have one name; scores of old have only that.
-    let hashed = scores.iter().all(|s| at(&s.1, "definitions.truth_sha256").is_string());
-    if differ(scores, if hashed { "definitions.truth_sha256" } else { "dataset" }) {
+    fn differ<T: PartialEq>(scores: &[(Entry, Score)], of: impl Fn(&Score) -> T) -> bool {
+        scores.iter().any(|s| of(&s.1) != of(&scores[0].1))
+    }
+    // The hash of the truth distinguishes datasets of the same name; old scores have the name only.
+    let hashed = scores.iter().all(|s| s.1.definitions.truth_sha256.is_some());
+    let truth = |s: &Score| if hashed { s.definitions.truth_sha256.clone() } else { Some(s.dataset.clone()) };
+    let are_cases = scores.iter().all(|s| !s.0.axes.is_empty());
+    if !are_cases && differ(scores, truth) {
         let mut names: Vec<&str> = scores.iter().map(|s| s.0.dataset.as_str()).collect();
         names.sort_unstable();
         names.dedup();
@@ -218,186 +145,229 @@ fn differences(scores: &[(Entry, Value)]) -> Vec<String> {
             [one] => format!("of different datasets, all named {one} (other seeds or other particles)"),
             _ => format!("of different datasets ({})", names.join(", ")),
         };
-        warnings.push(format!("the scores are {what}: their order means little"));
+        warnings.push(format!("the scores are {what}: their ranks are not comparable"));
     }
     for same in scores.chunk_by(|a, b| a.0.kind == b.0.kind) {
-        for (what, key) in [
-            ("gates", "definitions.gate"),
-            ("gates of ISBI", "definitions.isbi_gate_px"),
-            ("numbers of dimensions", "definitions.dims"),
-            ("borders", "definitions.border_px"),
-            ("planes", "field.plane_um"),
-            ("true fields", "field.against"),
+        let field = |s: &Score| s.field.as_ref().map(|f| (f.plane_um, f.against.clone()));
+        for (what, differs) in [
+            ("gates", differ(same, |s| s.definitions.gate)),
+            ("gates of ISBI", differ(same, |s| s.definitions.isbi_gate_px)),
+            ("numbers of dimensions", differ(same, |s| s.definitions.dims)),
+            ("borders", differ(same, |s| s.definitions.border_px)),
+            ("planes", differ(same, |s| field(s).map(|f| f.0))),
+            ("true fields", differ(same, |s| field(s).map(|f| f.1))),
         ] {
-            if differ(same, key) {
-                warnings.push(format!("the scores are of different {what}: their order means little"));
+            if differs {
+                warnings.push(format!(
+                    "the scores are based on different {what}: their ranks are not comparable"
+                ));
             }
         }
     }
     warnings
 }
 
-/// The leaderboard in 80 columns.
-fn text(entries: &[Entry], warnings: &[String]) -> String {
-    let n = number;
-    let tied = |e: &Entry| entries.iter().filter(|o| (o.kind, o.rank) == (e.kind, e.rank)).count() > 1;
-    let rank = |e: &Entry| format!("{}{}", e.rank, if tied(e) { "=" } else { "" });
-    let name = |e: &Entry| {
-        let name: String = e.name.chars().take(14).collect();
-        if name.len() < e.name.len() { name + "~" } else { name }
-    };
-    let mut lines = Vec::new();
-    let of = |kind: Kind| entries.iter().filter(move |e| e.kind == kind);
-    if of(Kind::Particles).count() > 0 {
-        lines.push(format!(
-            "{:<4} {:<15} {:>6}  {:<16} {:>6} {:>6} {:>6} {:>6} {:>6}",
-            "rank", "name", "F1", "95 %", "recall", "xy px", "z / h", "links", "HOTA"
-        ));
-        let short = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4}"));
-        lines.extend(of(Kind::Particles).map(|e| {
-            format!(
-                "{:<4} {:<15} {:>6}  {:<16} {:>6} {:>6} {:>6} {:>6} {:>6}",
-                rank(e),
-                name(e),
-                short(e.f1),
-                e.low.zip(e.high).map_or("-".to_owned(), |(l, h)| format!("[{l:.4}, {h:.4}]")),
-                short(e.recall),
-                short(e.rmse_xy_px),
-                short(e.sigma_z_over_h),
-                short(e.link_f1),
-                short(e.hota)
-            )
-        }));
-    }
-    if of(Kind::Field).count() > 0 {
-        lines.push(format!(
-            "{:<4} {:<15} {:>8}  {:<16} {:>9} {:>8}",
-            "rank", "name", "valid", "95 %", "RMS in px", "AEE px"
-        ));
-        lines.extend(of(Kind::Field).map(|e| {
-            format!(
-                "{:<4} {:<15} {:>8}  {:<16} {:>9} {:>8}",
-                rank(e),
-                name(e),
-                n(e.valid_vector_probability),
-                e.low.zip(e.high).map_or("-".to_owned(), |(l, h)| format!("[{l:.4}, {h:.4}]")),
-                n(e.rms_u_inliers_px.zip(e.rms_v_inliers_px).map(|(u, v)| u.hypot(v))),
-                n(e.aee_px)
-            )
-        }));
-    }
-    lines.push(
-        "=: no 95 % interval tells them apart (F1, errors, links, HOTA; fields: valid, RMS, AEE).".to_owned(),
-    );
-    lines.extend(warnings.iter().map(|w| format!("WARNING {w}")));
-    lines.join("\n")
+/// Escapes text for spreadsheets: cells that begin like a formula are quoted, control characters are
+/// replaced.
+pub(super) fn cell(text: &str) -> String {
+    let shown: String = text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
+    if shown.starts_with(['=', '+', '-', '@']) { format!("'{shown}") } else { shown }
 }
 
-#[derive(Serialize)]
-struct CurveRow {
-    name: String,
-    against: String,
-    from: Option<f64>,
-    to: Option<f64>,
-    recall: Option<f64>,
-    rms_x_px: Option<f64>,
-    rms_y_px: Option<f64>,
-    rms_z_um: Option<f64>,
+fn unwritable(e: impl std::fmt::Display) -> Error {
+    Error::input(format!("table: {e}"))
 }
 
-fn curve_rows(scores: &[(Entry, Value)]) -> Vec<CurveRow> {
-    let mut rows = Vec::new();
+/// The leaderboard as CSV: the fields of an entry, then the parameters of sweeps.
+fn leaderboard_csv(entries: &[Entry]) -> Result<Vec<u8>> {
+    let mut axes: Vec<&String> = entries.iter().flat_map(|e| e.axes.keys()).collect();
+    axes.sort_unstable();
+    axes.dedup();
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for (i, entry) in entries.iter().enumerate() {
+        let Value::Object(columns) = serde_json::to_value(entry).map_err(unwritable)? else { continue };
+        if i == 0 {
+            writer
+                .write_record(columns.keys().cloned().chain(axes.iter().map(|a| cell(a))))
+                .map_err(unwritable)?;
+        }
+        let of = |value: &Value| match value {
+            Value::Null => String::new(),
+            Value::String(text) => cell(text),
+            number => number.to_string(),
+        };
+        let values = axes.iter().map(|axis| entry.axes.get(*axis).map_or(String::new(), of));
+        writer.write_record(columns.values().map(of).chain(values)).map_err(unwritable)?;
+    }
+    writer.into_inner().map_err(unwritable)
+}
+
+/// The curves of all scores as CSV. Open bin edges and undefined errors are empty cells.
+fn curves_csv(scores: &[(Entry, Score)]) -> Result<Vec<u8>> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let header = ["name", "against", "from", "to", "recall", "rms_x_px", "rms_y_px", "rms_z_um"];
+    writer.write_record(header).map_err(unwritable)?;
     for (entry, score) in scores {
-        for curve in score["curves"].as_array().into_iter().flatten() {
-            for bin in curve["bins"].as_array().into_iter().flatten() {
-                rows.push(CurveRow {
-                    name: entry.name.clone(),
-                    against: curve["against"].as_str().unwrap_or_default().to_owned(),
-                    from: bin["from"].as_f64(),
-                    to: bin["to"].as_f64(),
-                    recall: bin["recall"].as_f64(),
-                    rms_x_px: bin["rms_x_px"].as_f64(),
-                    rms_y_px: bin["rms_y_px"].as_f64(),
-                    rms_z_um: bin["rms_z_um"].as_f64(),
-                });
+        for curve in &score.curves {
+            for b in &curve.bins {
+                let numbers = [Some(b.from), Some(b.to), b.recall, b.rms_x_px, b.rms_y_px, b.rms_z_um];
+                let numbers =
+                    numbers.map(|v| v.filter(|v| v.is_finite()).map_or(String::new(), |v| format!("{v:?}")));
+                let row = [cell(&entry.name), cell(&curve.against)].into_iter().chain(numbers);
+                writer.write_record(row).map_err(unwritable)?;
             }
         }
     }
-    rows
+    writer.into_inner().map_err(unwritable)
 }
 
-fn page(scores: &[(Entry, Value)], warnings: &[String]) -> Result<String> {
-    let n = number;
-    let rows = curve_rows(scores);
-    let mut against: Vec<&str> = rows.iter().map(|r| r.against.as_str()).collect();
+/// A column of the leaderboard.
+type Column = fn(&Entry) -> Option<f64>;
+
+const COLUMNS: [(&str, Column); 19] = [
+    ("F1", |e| e.f1),
+    ("valid vectors", |e| e.valid_vector_probability),
+    ("95 % from", |e| e.low),
+    ("to", |e| e.high),
+    ("recall", |e| e.recall),
+    ("precision", |e| e.precision),
+    ("RMSE xy, px", |e| e.rmse_xy_px),
+    ("bias x, px", |e| e.bias_x_px),
+    ("bias y, px", |e| e.bias_y_px),
+    ("sigma z / h", |e| e.sigma_z_over_h),
+    ("AEE, px", |e| e.aee_px),
+    ("RMS u of inliers, px", |e| e.rms_u_inliers_px),
+    ("RMS v of inliers, px", |e| e.rms_v_inliers_px),
+    ("link F1", |e| e.link_f1),
+    ("HOTA", |e| e.hota),
+    ("alpha", |e| e.alpha),
+    ("beta", |e| e.beta),
+    ("JSC", |e| e.jsc),
+    ("JSC_theta", |e| e.jsc_theta),
+];
+
+/// A plot of several series; `None` if no series has points.
+fn plot_of(x: &str, y: &str, mut series: Vec<Series>) -> Result<Option<Markup>> {
+    // Scores of the other kind have no points and are left out of the legend.
+    series.retain(Series::has_points);
+    if series.is_empty() {
+        return Ok(None);
+    }
+    let svg = lines(&AxisLabels { x, y, title: y }, &series)?;
+    let mut caption = format!("{y} against {x}.");
+    caption[..1].make_ascii_uppercase();
+    Ok(Some(figure_of(svg, &names(&series), &caption)))
+}
+
+/// The curves of all scores, one plot for each property and quantity.
+fn curve_plots(scores: &[(Entry, Score)]) -> Result<Vec<Markup>> {
+    let mut against: Vec<&str> =
+        scores.iter().flat_map(|s| s.1.curves.iter().map(|c| c.against.as_str())).collect();
     against.sort_unstable();
     against.dedup();
+    type Quantity = fn(&Bin) -> Option<f64>;
+    let quantities: [(&str, Quantity); 3] =
+        [("recall", |b| b.recall), ("RMS error x, px", |b| b.rms_x_px), ("RMS error z, um", |b| b.rms_z_um)];
     let mut plots = Vec::new();
-    type Value = fn(&CurveRow) -> Option<f64>;
-    let values: [(&str, Value); 3] =
-        [("recall", |r| r.recall), ("RMS error x, px", |r| r.rms_x_px), ("RMS error z, um", |r| r.rms_z_um)];
     for x in against {
-        for (y, value) in values {
-            let series: Vec<Line> = scores
-                .iter()
-                .map(|(entry, _)| Line {
-                    name: entry.name.clone(),
-                    points: rows
-                        .iter()
-                        .filter(|r| r.name == entry.name && r.against == x)
-                        .filter_map(|r| Some((f64::midpoint(r.from?, r.to?), value(r).unwrap_or(f64::NAN))))
-                        .collect(),
-                })
-                .collect();
-            if series.iter().any(|l| l.points.iter().any(|p| p.1.is_finite())) {
-                let x = axis(x);
-                let svg = lines(&Words { x, y, title: y }, &series)?;
-                let names: Vec<&str> = series.iter().map(|l| l.name.as_str()).collect();
-                let mut caption = format!("{y} against {x}.");
-                caption[..1].make_ascii_uppercase();
-                plots.push(figure_of(svg, &names, &caption));
-            }
+        for (y, value) in quantities {
+            let series = scores.iter().map(|(entry, score)| {
+                let bins = score.curves.iter().filter(|c| c.against == x).flat_map(|c| &c.bins);
+                let closed = bins.filter(|b| b.to.is_finite());
+                let points =
+                    closed.map(|b| (f64::midpoint(b.from, b.to), value(b).unwrap_or(f64::NAN))).collect();
+                Series::new(&entry.name, points)
+            });
+            plots.extend(plot_of(axis(x), y, series.collect())?);
         }
     }
-    type Column = fn(&Entry) -> Option<f64>;
-    let columns: [(&str, Column); 17] = [
-        ("F1", |e| e.f1),
-        ("valid vectors", |e| e.valid_vector_probability),
-        ("95 % from", |e| e.low),
-        ("to", |e| e.high),
-        ("recall", |e| e.recall),
-        ("precision", |e| e.precision),
-        ("RMSE xy, px", |e| e.rmse_xy_px),
-        ("sigma z / h", |e| e.sigma_z_over_h),
-        ("AEE, px", |e| e.aee_px),
-        ("RMS u of inliers, px", |e| e.rms_u_inliers_px),
-        ("RMS v of inliers, px", |e| e.rms_v_inliers_px),
-        ("link F1", |e| e.link_f1),
-        ("HOTA", |e| e.hota),
-        ("alpha", |e| e.alpha),
-        ("beta", |e| e.beta),
-        ("JSC", |e| e.jsc),
-        ("JSC_theta", |e| e.jsc_theta),
+    Ok(plots)
+}
+
+/// Scores against each parameter of a sweep, with a line for every tracker and every combination of the other
+/// parameters.
+fn axis_plots(scores: &[(Entry, Score)]) -> Result<Vec<Markup>> {
+    let mut axes: Vec<&String> = scores.iter().flat_map(|s| s.0.axes.keys()).collect();
+    axes.sort_unstable();
+    axes.dedup();
+    let quantities: [(&str, Column, bool); 9] = [
+        ("F1", |e| e.f1, true),
+        ("recall", |e| e.recall, false),
+        ("RMSE xy, px", |e| e.rmse_xy_px, false),
+        ("sigma z / h", |e| e.sigma_z_over_h, false),
+        ("link F1", |e| e.link_f1, false),
+        ("HOTA", |e| e.hota, false),
+        ("probability of a valid vector", |e| e.valid_vector_probability, true),
+        ("RMS u of inliers, px", |e| e.rms_u_inliers_px, false),
+        ("AEE, px", |e| e.aee_px, false),
     ];
+    let mut plots = Vec::new();
+    for axis in axes {
+        let mut by_line: std::collections::BTreeMap<String, Vec<(f64, &Entry)>> =
+            std::collections::BTreeMap::new();
+        for (entry, _) in scores {
+            let Some(x) = entry.axes.get(axis).and_then(Value::as_f64) else { continue };
+            let others = entry.axes.iter().filter(|(other, _)| *other != axis);
+            let others: Vec<String> = others
+                .map(|(other, v)| format!("{} {}", other.rsplit('.').next().unwrap_or(other), axis_text(v)))
+                .collect();
+            let line = [vec![tracker(entry)], others].concat().join(", ");
+            by_line.entry(line).or_default().push((x, entry));
+        }
+        for points in by_line.values_mut() {
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        }
+        for (y, value, has_interval) in quantities {
+            let series = by_line.iter().map(|(name, entries)| {
+                let points =
+                    entries.iter().map(|(x, e)| (*x, value(e).unwrap_or(f64::NAN))).collect::<Vec<_>>();
+                let ends = |e: &Entry| e.low.zip(e.high).filter(|_| has_interval);
+                let bars = entries.iter().map(|(_, e)| ends(e).unwrap_or((f64::NAN, f64::NAN))).collect();
+                Series::new(name, points).with_bars(bars)
+            });
+            plots.extend(plot_of(axis, y, series.collect())?);
+        }
+    }
+    Ok(plots)
+}
+
+fn page(scores: &[(Entry, Score)], warnings: &[String]) -> Result<String> {
+    let (axis_plots, curves) = (axis_plots(scores)?, curve_plots(scores)?);
+    let with_axes = scores.iter().any(|s| !s.0.axes.is_empty());
     let body = html! {
         h1 { "Leaderboard" }
-        p.soft { "Particles are ranked by F1 of detection, then by errors in the image plane and in depth, F1 of links, HOTA; \
-            fields by the probability of a valid vector, then RMS error of inliers, AEE. What the 95 % intervals of one do not \
-            tell apart the next one may; equal ranks are told apart by none. Errors count found particles only, so read them \
-            beside recall." }
+        p.soft { "Particles are ranked by detection F1, then by errors in the image plane and in depth, link F1, HOTA; \
+            fields by valid-vector probability, then RMS error of inliers, AEE. If the 95 % intervals of one \
+            criterion overlap, the next one decides; scores with equal ranks are not separated by any. Errors cover found particles only: \
+            read them together with recall. A ! marks positions with a bias that F1 does not show." }
         @for warning in warnings { p.warning { (warning) } }
         @for same in scores.chunk_by(|a, b| a.0.kind == b.0.kind) {
-            h2 { (match same[0].0.kind { Kind::Particles => "Particles", Kind::Field => "Fields" }) }
-            // Fields and particles have other scores.
-            @let columns: Vec<_> = columns.iter().filter(|(_, value)| same.iter().any(|(e, _)| value(e).is_some())).collect();
+            h2 { (match same[0].0.kind { ResultKind::Particles => "Particles", ResultKind::Field => "Fields" }) }
+            // Only columns with a value: particles and fields have different scores.
+            @let columns: Vec<_> = COLUMNS.iter().filter(|(_, value)| same.iter().any(|(e, _)| value(e).is_some())).collect();
             div.scroll { table.board {
-                tr { th { "rank" } th { "name" } @for (name, _) in &columns { th { (name) } } }
+                tr { th { "rank" } th { "name" } @if with_axes { th { "case" } } @for (name, _) in &columns { th { (name) } } }
                 @for (e, _) in same { tr {
-                    td { (e.rank) } td { (e.name) } @for (_, value) in &columns { td { (n(value(e))) } }
+                    td { (e.rank) @if e.biased { "!" } } td { (e.name) } @if with_axes { td { (e.case()) } }
+                    @for (_, value) in &columns { td { (number(value(e))) } }
                 } }
             } }
         }
-        @if !plots.is_empty() { h2 { "Curves" } div.plots { @for plot in &plots { (plot) } } }
+        @if !axis_plots.is_empty() { h2 { "Scores over the sweep" } div.plots { @for plot in &axis_plots { (plot) } } }
+        @if !curves.is_empty() { h2 { "Curves" } div.plots { @for plot in &curves { (plot) } } }
     };
     Ok(document("Leaderboard", &body))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_no_formulas_and_no_control_sequences() {
+        assert_eq!(cell("=1+1"), "'=1+1");
+        assert_eq!(cell("@SUM(A1)"), "'@SUM(A1)");
+        assert_eq!(cell("\u{1b}[31mred\u{9b}2J"), "\u{fffd}[31mred\u{fffd}2J");
+        assert_eq!(cell("ncc-2"), "ncc-2");
+    }
 }

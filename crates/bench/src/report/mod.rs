@@ -1,56 +1,75 @@
-//! What a score looks like: a table in a terminal, JSON, CSV, and a page with plots.
+//! Presentation of scores: terminal table, JSON, CSV, and an HTML report with plots.
 
 mod compare;
-mod fields;
-mod html;
+mod field_plots;
+mod figure;
+mod files;
+mod leaderboard;
+mod page;
+mod particle_plots;
 mod plots;
-mod ranking;
+mod ranks;
 mod score_file;
 mod table;
 
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
-
-use crate::dataset::folder::{Partial, may_stand};
 use crate::error::{Error, Result};
-use crate::evaluate::curves::Bin;
-use crate::evaluate::detection::{error, per_frame};
-use crate::evaluate::matching::NONE;
-use crate::evaluate::statistics::ratio;
-use crate::evaluate::{Evaluation, Particles};
+use crate::evaluate::Evaluation;
+use crate::storage::folder::{Partial, check_replaceable};
+use crate::storage::save_bytes;
 
-pub use compare::{Compared, Entry, compare};
+pub use compare::{Comparison, Ranking, compare, ranking};
+pub use files::SCORE;
+pub use leaderboard::Entry;
+pub use score_file::parse as parse_score;
 pub use table::table;
 
-/// Name of the file with all scores.
-pub const SCORE: &str = "score.json";
+/// Folder of the files that reveal the truth of a test split and must not be given to participants.
+pub const WITH_TRUTH: &str = "with_truth";
 
-/// Writes the folder of an evaluation: `score.json`, `per_frame.csv`, `matches.csv`, `curves.csv`, `vectors.csv` of a
-/// field, and `report.html` if asked for.
+/// Writes the folder of an evaluation: `score.json`, `per_frame.csv`, `curves.csv`, `matches.csv` of
+/// particles, `vectors.csv` of a field, and `report.html` if asked for.
+///
+/// For a test split generated with a secret key, everything that reveals true positions or vectors goes to
+/// the folder `with_truth`; the rest may be sent to the participants.
 ///
 /// # Errors
-/// A folder that exists unless `force`; writing.
+/// An existing folder, unless `force`; an I/O error.
 pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Result<Vec<PathBuf>> {
     let replace = force.then_some(SCORE);
-    may_stand(out, replace)?;
-    let partial = Partial::anew(out)?;
+    check_replaceable(out, replace)?;
+    let partial = Partial::start(out)?;
     let folder = partial.folder();
-    let mut names = vec![SCORE];
-    save(&folder.join(SCORE), json(evaluation)?.as_bytes())?;
+    let secret = evaluation.is_truth_secret;
+    let with_truth = |name: &str| if secret { format!("{WITH_TRUTH}/{name}") } else { name.to_owned() };
+    if secret {
+        let path = folder.join(WITH_TRUTH);
+        std::fs::create_dir(&path).map_err(Error::write(&path))?;
+    }
+    let mut names = vec![SCORE.to_owned()];
+    save_bytes(&folder.join(SCORE), json(evaluation)?.as_bytes())?;
     if let Some(particles) = &evaluation.particles {
-        rows(&folder.join("per_frame.csv"), frames(particles))?;
-        rows(&folder.join("matches.csv"), matches(particles))?;
-        rows(&folder.join("curves.csv"), curves(evaluation))?;
-        names.extend(["per_frame.csv", "matches.csv", "curves.csv"]);
+        let matches = with_truth("matches.csv");
+        files::rows(&folder.join("per_frame.csv"), files::frames(particles))?;
+        files::rows(&folder.join(&matches), files::matches(particles))?;
+        files::rows(&folder.join("curves.csv"), files::curves(evaluation))?;
+        names.extend(["per_frame.csv".to_owned(), matches, "curves.csv".to_owned()]);
     }
     if !evaluation.vectors.is_empty() {
-        rows(&folder.join("vectors.csv"), vectors(evaluation))?;
-        names.push("vectors.csv");
+        let vectors = with_truth("vectors.csv");
+        files::rows(&folder.join(&vectors), files::vectors(evaluation))?;
+        names.push(vectors);
     }
     if html {
-        save(&folder.join("report.html"), html::page(evaluation)?.as_bytes())?;
-        names.push("report.html");
+        let report = "report.html".to_owned();
+        save_bytes(&folder.join(&report), page::page(evaluation, !secret)?.as_bytes())?;
+        names.push(report);
+        if secret {
+            let whole = with_truth("report.html");
+            save_bytes(&folder.join(&whole), page::page(evaluation, true)?.as_bytes())?;
+            names.push(whole);
+        }
     }
     partial.finish(replace)?;
     Ok(names.iter().map(|n| out.join(n)).collect())
@@ -59,174 +78,8 @@ pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Re
 /// All scores as JSON.
 ///
 /// # Errors
-/// None that is known.
+/// A score that cannot be serialized; no such case is known.
 pub fn json(evaluation: &Evaluation) -> Result<String> {
     let text = serde_json::to_string_pretty(&evaluation.score).map_err(|e| Error::input(e.to_string()))?;
     Ok(text + "\n")
-}
-
-pub(crate) fn save(path: &Path, bytes: &[u8]) -> Result<()> {
-    std::fs::write(path, bytes).map_err(Error::write(path))
-}
-
-/// Writes rows as CSV, its header from the names of their fields.
-pub(crate) fn rows<R: Serialize>(path: &Path, rows: impl Iterator<Item = R>) -> Result<()> {
-    let failed = |e: csv::Error| Error::Write { path: path.to_owned(), source: std::io::Error::other(e) };
-    let mut writer = csv::Writer::from_path(path).map_err(failed)?;
-    for row in rows {
-        writer.serialize(row).map_err(failed)?;
-    }
-    writer.flush().map_err(Error::write(path))
-}
-
-#[derive(Serialize)]
-struct FrameRow {
-    frame: u32,
-    tp: usize,
-    #[serde(rename = "fn")]
-    missed: usize,
-    fp: usize,
-    rmse_xy_px: Option<f64>,
-    rmse_z_um: Option<f64>,
-    bias_x_px: Option<f64>,
-    bias_y_px: Option<f64>,
-}
-
-fn frames(of: &Particles) -> impl Iterator<Item = FrameRow> {
-    let depth = of.depth;
-    per_frame(&of.scored.truth, &of.scored.result, &of.matching).into_iter().map(move |f| {
-        let [tp, missed, fp] = f.counts;
-        let n = tp as f64;
-        FrameRow {
-            frame: f.frame,
-            tp,
-            missed,
-            fp,
-            rmse_xy_px: ratio(f.axes[0] + f.axes[1], n).map(f64::sqrt),
-            rmse_z_um: ratio(f.axes[2], n).map(f64::sqrt).filter(|_| depth),
-            bias_x_px: ratio(f.sums[0], n),
-            bias_y_px: ratio(f.sums[1], n),
-        }
-    })
-}
-
-#[derive(Serialize)]
-struct MatchRow {
-    frame: u32,
-    kind: &'static str,
-    /// Rows of the tables, from 0.
-    truth_row: Option<u32>,
-    result_row: Option<u32>,
-    x_px: f64,
-    y_px: f64,
-    z_um: Option<f64>,
-    dx_px: Option<f64>,
-    dy_px: Option<f64>,
-    dz_um: Option<f64>,
-}
-
-/// Every scored point once: matched (at its true place), missed or ghost.
-fn matches(of: &Particles) -> impl Iterator<Item = MatchRow> + '_ {
-    let (truth, result) = (&of.scored.truth, &of.scored.result);
-    let z = |z: f64| of.depth.then_some(z);
-    let true_ones = truth.points.iter().enumerate().map(move |(i, p)| {
-        let r = of.matching.of_truth[i];
-        let found =
-            (r != NONE).then(|| (result.points[r as usize].source, error(truth, result, (i, r as usize))));
-        MatchRow {
-            frame: p.frame,
-            kind: if found.is_some() { "match" } else { "miss" },
-            truth_row: Some(p.source),
-            result_row: found.map(|f| f.0),
-            x_px: p.at.x_px,
-            y_px: p.at.y_px,
-            z_um: z(p.at.z_um),
-            dx_px: found.map(|f| f.1[0]),
-            dy_px: found.map(|f| f.1[1]),
-            dz_um: found.and_then(|f| z(f.1[2])),
-        }
-    });
-    let ghosts = result.points.iter().enumerate().filter(|(j, _)| of.matching.of_result[*j] == NONE).map(
-        move |(_, p)| MatchRow {
-            frame: p.frame,
-            kind: "ghost",
-            truth_row: None,
-            result_row: Some(p.source),
-            x_px: p.at.x_px,
-            y_px: p.at.y_px,
-            z_um: z(p.at.z_um),
-            dx_px: None,
-            dy_px: None,
-            dz_um: None,
-        },
-    );
-    true_ones.chain(ghosts)
-}
-
-/// A bin with what it is drawn against; csv cannot flatten structs, so the bin is spelt out.
-#[derive(Serialize)]
-struct CurveLine<'a> {
-    against: &'a str,
-    from: f64,
-    to: f64,
-    n_true: usize,
-    tp: usize,
-    recall: Option<f64>,
-    bias_x_px: Option<f64>,
-    random_x_px: Option<f64>,
-    rms_x_px: Option<f64>,
-    bias_y_px: Option<f64>,
-    random_y_px: Option<f64>,
-    rms_y_px: Option<f64>,
-    bias_z_um: Option<f64>,
-    random_z_um: Option<f64>,
-    rms_z_um: Option<f64>,
-}
-
-fn curves(evaluation: &Evaluation) -> impl Iterator<Item = CurveLine<'_>> {
-    fn line<'a>(against: &'a str, b: &Bin) -> CurveLine<'a> {
-        CurveLine {
-            against,
-            from: b.from,
-            to: b.to,
-            n_true: b.n_true,
-            tp: b.tp,
-            recall: b.recall,
-            bias_x_px: b.bias_x_px,
-            random_x_px: b.random_x_px,
-            rms_x_px: b.rms_x_px,
-            bias_y_px: b.bias_y_px,
-            random_y_px: b.random_y_px,
-            rms_y_px: b.rms_y_px,
-            bias_z_um: b.bias_z_um,
-            random_z_um: b.random_z_um,
-            rms_z_um: b.rms_z_um,
-        }
-    }
-    evaluation.score.curves.iter().flat_map(|c| c.bins.iter().map(move |b| line(&c.against, b)))
-}
-
-#[derive(Serialize)]
-struct VectorRow {
-    pair: Option<u32>,
-    x_px: f64,
-    y_px: f64,
-    dx_px: f64,
-    dy_px: f64,
-    true_dx_px: f64,
-    true_dy_px: f64,
-    flag: u8,
-}
-
-fn vectors(evaluation: &Evaluation) -> impl Iterator<Item = VectorRow> + '_ {
-    evaluation.vectors.iter().map(|c| VectorRow {
-        pair: c.found.pair,
-        x_px: c.found.at.x_px,
-        y_px: c.found.at.y_px,
-        dx_px: c.found.moved[0],
-        dy_px: c.found.moved[1],
-        true_dx_px: c.exact[0],
-        true_dy_px: c.exact[1],
-        flag: c.found.flag,
-    })
 }

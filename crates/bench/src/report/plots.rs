@@ -1,4 +1,4 @@
-//! Plots as SVG that takes its colours from the page, so that it reads in light, dark and print.
+//! SVG plots that take their colors from the page, for light, dark and print styles.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -6,7 +6,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::error::{Error, Result};
 
-/// Stand-ins that become the page's colours: plotters writes plain colours only.
+/// Placeholder colors that are replaced by CSS variables: plotters writes fixed colors only.
 const INK: RGBColor = RGBColor(1, 2, 3);
 const GRID: RGBColor = RGBColor(4, 5, 6);
 const SERIES: [RGBColor; 6] = [
@@ -18,21 +18,65 @@ const SERIES: [RGBColor; 6] = [
     RGBColor(11, 6, 6),
 ];
 
-/// A named line; gaps where y is not finite.
-pub(super) struct Line {
+/// A named series of points; values that are not finite leave gaps.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Series {
     pub(super) name: String,
     pub(super) points: Vec<(f64, f64)>,
+    /// Ends of the error bar of every point; empty or NaN if there is none.
+    pub(super) bars: Vec<(f64, f64)>,
+    pub(super) style: Style,
 }
 
-/// The words of a plot.
-pub(super) struct Words<'a> {
+/// How the points of a series are drawn.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) enum Style {
+    /// Dots joined by lines.
+    #[default]
+    LinesAndDots,
+    /// A line alone.
+    Line,
+    /// Small dots only, for many points.
+    Dots,
+}
+
+impl Series {
+    pub(super) fn new(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+        Series { name: name.into(), points, ..Series::default() }
+    }
+
+    pub(super) fn with_bars(self, bars: Vec<(f64, f64)>) -> Self {
+        Series { bars, ..self }
+    }
+
+    pub(super) fn drawn(self, style: Style) -> Self {
+        Series { style, ..self }
+    }
+
+    /// Whether any point can be drawn.
+    pub(super) fn has_points(&self) -> bool {
+        self.points.iter().any(|p| p.0.is_finite() && p.1.is_finite())
+    }
+}
+
+/// The texts of a plot.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct AxisLabels<'a> {
     pub(super) x: &'a str,
     pub(super) y: &'a str,
-    /// What it shows, for who cannot see it.
+    /// Title, for screen readers.
     pub(super) title: &'a str,
 }
 
-const SIZE: (u32, u32) = (560, 340);
+/// Width and height of a plot, in the units of its font.
+const SIZE: (u32, u32) = (560, 360);
+/// Font size of tick labels; pages scale plots by 0.8 to 1.2.
+const TICKS: i32 = 15;
+/// Font size of axis labels.
+const NAMES: i32 = 16;
+/// Space for tick and axis labels.
+const BELOW: u32 = 50;
+const LEFT: u32 = 84;
 
 fn failed(e: impl std::fmt::Display) -> Error {
     Error::input(format!("plot: {e}"))
@@ -47,12 +91,12 @@ fn draw(title: &str, size: (u32, u32), with: impl FnOnce(&Area<'_>) -> Result<()
         with(&area)?;
         area.present().map_err(failed)?;
     }
-    let colour = |c: RGBColor| format!("#{:02X}{:02X}{:02X}", c.0, c.1, c.2);
-    svg = svg.replace(&colour(INK), "currentColor").replace(&colour(GRID), "var(--grid)");
+    let hex = |c: RGBColor| format!("#{:02X}{:02X}{:02X}", c.0, c.1, c.2);
+    svg = svg.replace(&hex(INK), "currentColor").replace(&hex(GRID), "var(--grid)");
     for (i, c) in SERIES.iter().enumerate() {
-        svg = svg.replace(&colour(*c), &format!("var(--c{i})"));
+        svg = svg.replace(&hex(*c), &format!("var(--c{i})"));
     }
-    // A figure scales with the page, and says what it is.
+    // Let the figure scale with the page, and add a title.
     let escaped = title.replace('&', "&amp;").replace('"', "&quot;").replace('<', "&lt;");
     let (width, height) = size;
     let old = format!("<svg width=\"{width}\" height=\"{height}\"");
@@ -60,7 +104,7 @@ fn draw(title: &str, size: (u32, u32), with: impl FnOnce(&Area<'_>) -> Result<()
     Ok(svg.replacen(&old, &new, 1))
 }
 
-/// Least and greatest of values, widened to an interval that can be drawn.
+/// Axis range of values, with a margin; never empty.
 fn range(values: impl Iterator<Item = f64>, from_zero: bool) -> (f64, f64) {
     let (mut low, mut high) = values
         .filter(|v| v.is_finite())
@@ -79,24 +123,28 @@ fn range(values: impl Iterator<Item = f64>, from_zero: bool) -> (f64, f64) {
     (low, high)
 }
 
-/// A number at an axis, without needless zeros.
+/// A tick label without trailing zeros.
 fn label(value: &f64) -> String {
+    if *value != 0.0 && !(1e-4..1e6).contains(&value.abs()) {
+        return format!("{value:.0e}");
+    }
     let text = format!("{value:.6}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }
 
 macro_rules! mesh {
-    ($chart:expr, $words:expr) => {
+    ($chart:expr, $labels:expr) => {
         $chart
             .configure_mesh()
             .axis_style(INK)
             .bold_line_style(GRID)
             .light_line_style(TRANSPARENT)
-            .label_style(("sans-serif", 13, &INK))
-            .x_desc($words.x)
-            .y_desc($words.y)
-            .x_labels(8)
+            .label_style(("sans-serif", TICKS, &INK))
+            .axis_desc_style(("sans-serif", NAMES, &INK))
+            .x_desc($labels.x)
+            .y_desc($labels.y)
+            .x_labels(7)
             .y_labels(6)
             .x_label_formatter(&label)
             .y_label_formatter(&label)
@@ -105,46 +153,114 @@ macro_rules! mesh {
     };
 }
 
-/// Lines with dots.
-pub(super) fn lines(words: &Words<'_>, series: &[Line]) -> Result<String> {
-    let all = || series.iter().flat_map(|l| l.points.iter().copied());
-    let (x0, x1) = range(all().map(|p| p.0), false);
-    let (y0, y1) = range(all().map(|p| p.1), true);
-    draw(words.title, SIZE, |area| {
+macro_rules! draw_all {
+    ($chart:expr, $series:expr) => {
+        for (i, series) in $series.iter().enumerate() {
+            let color = SERIES[i % SERIES.len()];
+            let whole = |p: &(f64, f64)| p.0.is_finite() && p.1.is_finite();
+            let bars = series.points.iter().zip(&series.bars).filter(|(p, b)| whole(p) && whole(b));
+            for ((x, _), (low, high)) in bars {
+                let bar = PathElement::new(vec![(*x, *low), (*x, *high)], color.stroke_width(1));
+                $chart.draw_series([bar]).map_err(failed)?;
+            }
+            if series.style != Style::Dots {
+                for run in series.points.chunk_by(|a, b| whole(a) && whole(b)).filter(|run| whole(&run[0])) {
+                    let line = LineSeries::new(run.iter().copied(), color.stroke_width(2));
+                    $chart.draw_series(line).map_err(failed)?;
+                }
+            }
+            let size = match series.style {
+                Style::LinesAndDots => 3,
+                Style::Dots => 1,
+                Style::Line => continue,
+            };
+            let dots = series.points.iter().filter(|p| whole(p));
+            // When the colors repeat, markers distinguish series.
+            match i / SERIES.len() {
+                0 => $chart.draw_series(dots.map(|p| Circle::new(*p, size, color.filled()))),
+                1 => $chart.draw_series(dots.map(|p| TriangleMarker::new(*p, size + 2, color.filled()))),
+                _ => $chart.draw_series(dots.map(|p| Cross::new(*p, size + 1, color.stroke_width(2)))),
+            }
+            .map_err(failed)?;
+        }
+    };
+}
+
+/// Marker of a series in a legend, as drawn by [`lines`].
+pub(super) fn sign(series: usize) -> char {
+    ['\u{25cf}', '\u{25b2}', '\u{2715}'][(series / SERIES.len()).min(2)]
+}
+
+/// Plots series on linear axes.
+pub(super) fn lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<String> {
+    let (x0, x1) = range(all_points(series).map(|p| p.0), false);
+    let (y0, y1) = range(all_points(series).map(|p| p.1), true);
+    draw(labels.title, SIZE, |area| {
         let mut chart = ChartBuilder::on(area)
             .margin(12)
-            .x_label_area_size(40)
-            .y_label_area_size(64)
+            .x_label_area_size(BELOW)
+            .y_label_area_size(LEFT)
             .build_cartesian_2d(x0..x1, y0..y1)
             .map_err(failed)?;
-        mesh!(chart, words);
-        for (i, line) in series.iter().enumerate() {
-            let colour = SERIES[i % SERIES.len()];
-            let whole = |p: &(f64, f64)| p.0.is_finite() && p.1.is_finite();
-            for run in line.points.chunk_by(|a, b| whole(a) && whole(b)).filter(|run| whole(&run[0])) {
-                chart
-                    .draw_series(LineSeries::new(run.iter().copied(), colour.stroke_width(2)))
-                    .map_err(failed)?;
-            }
-            let dots = line.points.iter().filter(|p| whole(p)).map(|p| Circle::new(*p, 3, colour.filled()));
-            chart.draw_series(dots).map_err(failed)?;
-        }
+        mesh!(chart, labels);
+        draw_all!(chart, series);
         Ok(())
     })
 }
 
-/// Bars over intervals [from, to].
-pub(super) fn bars(words: &Words<'_>, bars: &[(f64, f64, f64)]) -> Result<String> {
-    let (x0, x1) = range(bars.iter().flat_map(|b| [b.0, b.1]), false);
-    let (_, y1) = range(bars.iter().map(|b| b.2), true);
-    draw(words.title, SIZE, |area| {
+/// Plots series on logarithmic axes, without values that are not positive. `None` if nothing remains.
+pub(super) fn log_lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<Option<String>> {
+    let positive = |p: &&(f64, f64)| p.0 > 0.0 && p.1 > 0.0 && p.0.is_finite() && p.1.is_finite();
+    let mut kept = series.to_vec();
+    for s in &mut kept {
+        s.points = s.points.iter().filter(positive).copied().collect();
+        s.bars.clear();
+    }
+    if !kept.iter().any(Series::has_points) {
+        return Ok(None);
+    }
+    let decades = |value: fn((f64, f64)) -> f64| {
+        let values = || all_points(&kept).map(value);
+        let (low, high) = values().fold((f64::INFINITY, 0.0f64), |(l, h), v| (l.min(v), h.max(v)));
+        // Limit the axis to 12 decades: the error spectrum of a perfect result is rounding noise.
+        let low = low.max(high * 1e-12);
+        (low / 1.3, high * 1.3)
+    };
+    let ((x0, x1), (y0, y1)) = (decades(|p| p.0), decades(|p| p.1));
+    draw(labels.title, SIZE, |area| {
         let mut chart = ChartBuilder::on(area)
             .margin(12)
-            .x_label_area_size(40)
-            .y_label_area_size(64)
+            .x_label_area_size(BELOW)
+            .y_label_area_size(LEFT)
+            .build_cartesian_2d((x0..x1).log_scale(), (y0..y1).log_scale())
+            .map_err(failed)?;
+        mesh!(chart, labels);
+        draw_all!(chart, kept);
+        Ok(())
+    })
+    .map(Some)
+}
+
+/// All points and ends of error bars.
+fn all_points(series: &[Series]) -> impl Iterator<Item = (f64, f64)> {
+    series.iter().flat_map(|s| {
+        let ends = s.points.iter().zip(&s.bars).flat_map(|(p, b)| [(p.0, b.0), (p.0, b.1)]);
+        s.points.iter().copied().chain(ends)
+    })
+}
+
+/// Plots bars (from, to, height).
+pub(super) fn bars(labels: &AxisLabels<'_>, bars: &[(f64, f64, f64)]) -> Result<String> {
+    let (x0, x1) = range(bars.iter().flat_map(|b| [b.0, b.1]), false);
+    let (_, y1) = range(bars.iter().map(|b| b.2), true);
+    draw(labels.title, SIZE, |area| {
+        let mut chart = ChartBuilder::on(area)
+            .margin(12)
+            .x_label_area_size(BELOW)
+            .y_label_area_size(LEFT)
             .build_cartesian_2d(x0..x1, 0.0..y1.max(1e-9))
             .map_err(failed)?;
-        mesh!(chart, words);
+        mesh!(chart, labels);
         chart
             .draw_series(bars.iter().map(|b| {
                 let gap = 0.04 * (b.1 - b.0);
@@ -155,14 +271,14 @@ pub(super) fn bars(words: &Words<'_>, bars: &[(f64, f64, f64)]) -> Result<String
     })
 }
 
-/// Groups of bars with names below, two series side by side.
-pub(super) fn classes(words: &Words<'_>, names: &[&str], series: [&[usize]; 2]) -> Result<String> {
+/// Plots two series as grouped bars with class names below.
+pub(super) fn classes(labels: &AxisLabels<'_>, names: &[&str], series: [&[usize]; 2]) -> Result<String> {
     let most = series.iter().copied().flatten().copied().max().unwrap_or(0).max(1) as f64;
-    draw(words.title, SIZE, |area| {
+    draw(labels.title, SIZE, |area| {
         let mut chart = ChartBuilder::on(area)
             .margin(12)
-            .x_label_area_size(40)
-            .y_label_area_size(64)
+            .x_label_area_size(BELOW)
+            .y_label_area_size(LEFT)
             .build_cartesian_2d(0.0..names.len() as f64, 0.0..1.05 * most)
             .map_err(failed)?;
         chart
@@ -170,9 +286,10 @@ pub(super) fn classes(words: &Words<'_>, names: &[&str], series: [&[usize]; 2]) 
             .axis_style(INK)
             .bold_line_style(GRID)
             .light_line_style(TRANSPARENT)
-            .label_style(("sans-serif", 13, &INK))
-            .x_desc(words.x)
-            .y_desc(words.y)
+            .label_style(("sans-serif", TICKS, &INK))
+            .axis_desc_style(("sans-serif", NAMES, &INK))
+            .x_desc(labels.x)
+            .y_desc(labels.y)
             .x_labels(0)
             .y_labels(6)
             .y_label_formatter(&label)
@@ -180,16 +297,16 @@ pub(super) fn classes(words: &Words<'_>, names: &[&str], series: [&[usize]; 2]) 
             .draw()
             .map_err(failed)?;
         for (k, counts) in series.iter().enumerate() {
-            let colour = SERIES[k];
+            let color = SERIES[k];
             let left = 0.1 + 0.4 * k as f64;
             let bars = counts.iter().enumerate().map(|(i, &n)| {
                 let x = i as f64 + left;
-                Rectangle::new([(x, 0.0), (x + 0.38, n as f64)], colour.filled())
+                Rectangle::new([(x, 0.0), (x + 0.38, n as f64)], color.filled())
             });
             chart.draw_series(bars).map_err(failed)?;
         }
-        // Names stand below the axis, outside of the chart.
-        let font = ("sans-serif", 13, &INK).into_text_style(area).pos(Pos::new(HPos::Center, VPos::Top));
+        // Class names are drawn below the axis, outside the chart.
+        let font = ("sans-serif", TICKS, &INK).into_text_style(area).pos(Pos::new(HPos::Center, VPos::Top));
         for (i, name) in names.iter().enumerate() {
             let (x, y) = chart.backend_coord(&(i as f64 + 0.49, 0.0));
             area.draw(&Text::new((*name).to_owned(), (x, y + 6), font.clone())).map_err(failed)?;
@@ -198,28 +315,86 @@ pub(super) fn classes(words: &Words<'_>, names: &[&str], series: [&[usize]; 2]) 
     })
 }
 
-/// The sensor, y downward: places of three kinds, or cells shaded by a share of 1.
+/// Marks on a map of the sensor, y downward.
 pub(super) enum Marks {
-    /// Truth that was found (hollow), missed (filled) and ghosts (crosses).
+    /// True particles that were found (circles) or missed (dots), and ghosts (crosses).
     Places { found: Vec<(f64, f64)>, missed: Vec<(f64, f64)>, ghosts: Vec<(f64, f64)> },
-    /// Rectangles with their shade in [0, 1].
-    Cells(Vec<([(f64, f64); 2], f64)>),
-    /// Segments from a place to another, each with the number of its series.
+    /// Line segments, each with the index of its series.
     Segments(Vec<([(f64, f64); 2], usize)>),
 }
 
-/// Draws marks over the sensor.
-pub(super) fn sensor(words: &Words<'_>, size_px: (f64, f64), marks: &Marks) -> Result<String> {
+/// Size of a plot with the aspect ratio of the sensor and space at the right.
+fn page_size(size_px: (f64, f64), right: u32) -> (u32, u32) {
     let aspect = (size_px.1 / size_px.0).clamp(0.3, 1.5);
-    let size = (SIZE.0, (f64::from(SIZE.0 - 100) * aspect) as u32 + 70);
-    draw(words.title, size, |area| {
-        let mut chart = ChartBuilder::on(area)
+    (SIZE.0, (f64::from(SIZE.0 - LEFT - 36 - right) * aspect) as u32 + BELOW + 24)
+}
+
+/// Corners of a rectangle of the sensor, px, and its value.
+pub(super) type Cell = ([(f64, f64); 2], f64);
+
+/// Map of values from 0 to `most` over the sensor, with a color bar labeled `unit`.
+pub(super) fn sensor_map(
+    labels: &AxisLabels<'_>,
+    size_px: (f64, f64),
+    cells: &[Cell],
+    most: f64,
+    unit: &str,
+) -> Result<String> {
+    const BAR: u32 = 110;
+    const STEPS: i32 = 48;
+    let shade = |share: f64| SERIES[0].mix(share.clamp(0.0, 1.0)).filled();
+    draw(labels.title, page_size(size_px, BAR), |area| {
+        let (width, _) = area.dim_in_pixel();
+        let (left, right) = area.split_horizontally(width - BAR);
+        let mut chart = ChartBuilder::on(&left)
             .margin(12)
-            .x_label_area_size(40)
-            .y_label_area_size(64)
+            .x_label_area_size(BELOW)
+            .y_label_area_size(LEFT)
             .build_cartesian_2d(0.5..size_px.0 + 0.5, (size_px.1 + 0.5)..0.5)
             .map_err(failed)?;
-        mesh!(chart, words);
+        mesh!(chart, labels);
+        let drawn = cells.iter().map(|(corners, value)| Rectangle::new(*corners, shade(value / most)));
+        chart.draw_series(drawn).map_err(failed)?;
+        let (_, height) = right.dim_in_pixel();
+        let (top, bottom) = (28, height as i32 - BELOW as i32 - 12);
+        let at = |share: f64| bottom - (f64::from(bottom - top) * share) as i32;
+        for step in 0..STEPS {
+            let (a, b) = (f64::from(step) / f64::from(STEPS), f64::from(step + 1) / f64::from(STEPS));
+            let piece = Rectangle::new([(2, at(a)), (20, at(b))], shade(f64::midpoint(a, b)));
+            right.draw(&piece).map_err(failed)?;
+        }
+        right.draw(&Rectangle::new([(2, at(0.0)), (20, at(1.0))], INK.stroke_width(1))).map_err(failed)?;
+        let font = ("sans-serif", TICKS, &INK).into_text_style(&right);
+        let beside = font.pos(Pos::new(HPos::Left, VPos::Center));
+        for share in [0.0, 0.25, 0.5, 0.75, 1.0] {
+            let text = Text::new(digits(share * most), (26, at(share)), beside.clone());
+            right.draw(&text).map_err(failed)?;
+        }
+        right.draw(&Text::new(unit.to_owned(), (2, 14), beside)).map_err(failed)
+    })
+}
+
+/// A number with three significant digits.
+fn digits(value: f64) -> String {
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    let places = (2.0 - value.abs().log10().floor()).clamp(0.0, 9.0) as usize;
+    format!("{value:.places$}")
+}
+
+/// Map of marks on the sensor.
+pub(super) fn sensor(labels: &AxisLabels<'_>, size_px: (f64, f64), marks: &Marks) -> Result<String> {
+    let aspect = (size_px.1 / size_px.0).clamp(0.3, 1.5);
+    let size = (SIZE.0, (f64::from(SIZE.0 - 100) * aspect) as u32 + 70);
+    draw(labels.title, size, |area| {
+        let mut chart = ChartBuilder::on(area)
+            .margin(12)
+            .x_label_area_size(BELOW)
+            .y_label_area_size(LEFT)
+            .build_cartesian_2d(0.5..size_px.0 + 0.5, (size_px.1 + 0.5)..0.5)
+            .map_err(failed)?;
+        mesh!(chart, labels);
         match marks {
             Marks::Places { found, missed, ghosts } => {
                 let ring = |p: &(f64, f64)| Circle::new(*p, 4, SERIES[0].stroke_width(1));
@@ -229,18 +404,12 @@ pub(super) fn sensor(words: &Words<'_>, size_px: (f64, f64), marks: &Marks) -> R
                 let cross = |p: &(f64, f64)| Cross::new(*p, 4, SERIES[2].stroke_width(2));
                 chart.draw_series(ghosts.iter().map(cross)).map_err(failed)?;
             }
-            Marks::Cells(cells) => {
-                let cell = |(corners, shade): &([(f64, f64); 2], f64)| {
-                    Rectangle::new(*corners, SERIES[0].mix(shade.clamp(0.0, 1.0)).filled())
-                };
-                chart.draw_series(cells.iter().map(cell)).map_err(failed)?;
-            }
             Marks::Segments(segments) => {
                 for (ends, series) in segments {
-                    let colour = SERIES[series % SERIES.len()];
-                    let segment = PathElement::new(ends.to_vec(), colour.stroke_width(1));
-                    // A dot marks where it begins.
-                    let foot = Circle::new(ends[0], 1, colour.filled());
+                    let color = SERIES[series % SERIES.len()];
+                    let segment = PathElement::new(ends.to_vec(), color.stroke_width(1));
+                    // A dot marks the start.
+                    let foot = Circle::new(ends[0], 1, color.filled());
                     chart.draw_series([segment]).map_err(failed)?;
                     chart.draw_series([foot]).map_err(failed)?;
                 }

@@ -1,95 +1,75 @@
-//! A `score.json` as `compare` reads it: whatever does not look like a score is refused by its key.
+//! Reads and validates `score.json` for `compare`; errors name the offending key.
 
 use std::path::Path;
 
 use serde_json::Value;
+use serde_path_to_error::Segment;
 
-use super::SCORE;
+use super::files::SCORE;
 use crate::error::{Error, Result};
+use crate::evaluate::Score;
+use crate::evaluate::curves::NEIGHBOR_PX;
+use crate::evaluate::score_keys::beyond_ranges;
+use crate::storage::input;
 
-/// Rates: from 0 to 1.
-const RATES: [&str; 9] = [
-    "detection.f1",
-    "detection.recall",
-    "detection.precision",
-    "links.f1",
-    "hota.hota",
-    "isbi.alpha",
-    "isbi.beta",
-    "isbi.jsc",
-    "isbi.jsc_theta",
-];
-/// Rates of fields.
-const RATES_OF_FIELDS: [&str; 1] = ["field.valid_vector_probability"];
-/// Errors: from 0 on.
-const ERRORS: [&str; 5] = [
-    "detection.rmse_xy_px",
-    "gdpt.sigma_z_over_h",
-    "field.aee_px",
-    "field.u_inliers.rms_px",
-    "field.v_inliers.rms_px",
-];
-/// Intervals of rates and of errors.
-const INTERVALS: [(&str, f64); 9] = [
-    ("detection.interval.f1", 1.0),
-    ("links.interval_f1", 1.0),
-    ("hota.interval_hota", 1.0),
-    ("field.interval_valid_vector_probability", 1.0),
-    ("detection.interval.rmse_xy_px", f64::INFINITY),
-    ("gdpt.interval.sigma_z_over_h", f64::INFINITY),
-    ("field.interval_aee_px", f64::INFINITY),
-    ("field.interval_rms_u_inliers_px", f64::INFINITY),
-    ("field.interval_rms_v_inliers_px", f64::INFINITY),
-];
+/// Largest score file accepted, bytes; the largest known ones are less than a tenth of this.
+const LARGEST: u64 = 64 << 20;
 
-/// The value at a key's path; null if it is not there.
-pub(super) fn at<'a>(score: &'a Value, key: &str) -> &'a Value {
-    key.split('.').fold(score, |value, step| &value[step])
-}
-
-/// Reads a score, or that in a folder.
+/// Reads a score file, or the one in a folder.
 ///
 /// # Errors
-/// A file that is none, with all that is wrong in it.
-pub(super) fn read(path: &Path) -> Result<Value> {
+/// A file that is not a score, with every problem in it.
+pub(super) fn read(path: &Path) -> Result<Score> {
     let file = if path.is_dir() { path.join(SCORE) } else { path.to_owned() };
-    let text = std::fs::read_to_string(&file).map_err(|e| Error::read(&file, e))?;
-    let score: Value =
-        serde_json::from_str(&text).map_err(|e| Error::input(format!("{}: {e}", file.display())))?;
-    let problems: Vec<String> =
-        problems(&score).into_iter().map(|problem| format!("{}: {problem}", file.display())).collect();
-    if problems.is_empty() { Ok(score) } else { Err(Error::Input(problems)) }
+    let text = input::read_text_up_to(&file, LARGEST)?;
+    parse(&text).map_err(|problems| {
+        Error::Input(problems.into_iter().map(|problem| format!("{}: {problem}", file.display())).collect())
+    })
 }
 
-fn problems(score: &Value) -> Vec<String> {
-    let version = "definitions.versions.microsig";
-    if !at(score, version).is_string() {
-        return vec![format!("{version} is missing: no score of microsig evaluate")];
+/// Parses a score.
+///
+/// # Errors
+/// Every problem in it.
+pub fn parse(text: &str) -> std::result::Result<Score, Vec<String>> {
+    let value: Value = serde_json::from_str(text).map_err(|e| vec![e.to_string()])?;
+    let mut score: Score =
+        serde_path_to_error::deserialize(&value).map_err(|e| vec![mistyped(&value, &e)])?;
+    if score.definitions.versions.microsig.is_empty() {
+        return Err(vec![
+            "definitions.versions.microsig is missing: not a score of microsig evaluate".to_owned(),
+        ]);
     }
-    if !score["detection"].is_object() && !score["field"].is_object() {
-        return vec!["neither detection nor field: no score of microsig evaluate".to_owned()];
+    if score.detection.is_none() && score.field.is_none() {
+        return Err(vec!["neither detection nor field: not a score of microsig evaluate".to_owned()]);
     }
-    let mut problems = Vec::new();
-    let rates = RATES.iter().chain(&RATES_OF_FIELDS).map(|key| (key, 1.0));
-    for (key, most) in rates.chain(ERRORS.iter().map(|key| (key, f64::INFINITY))) {
-        let value = at(score, key);
-        if !value.is_null() && !value.as_f64().is_some_and(|v| (0.0..=most).contains(&v)) {
-            problems.push(format!("{key} = {value}: expected {}, or null", range(most)));
-        }
+    let problems = beyond_ranges(&value);
+    if !problems.is_empty() {
+        return Err(problems);
     }
-    for (key, most) in INTERVALS {
-        let value = at(score, key);
-        let ends = value[0].as_f64().zip(value[1].as_f64());
-        let fits = ends.is_some_and(|(low, high)| 0.0 <= low && low <= high && high <= most);
-        if !value.is_null() && !fits {
-            problems.push(format!("{key} = {value}: expected [low, high], {}, or null", range(most)));
-        }
+    // Spelling of version 0.1.
+    for curve in score.curves.iter_mut().filter(|curve| curve.against == "neighbour_px") {
+        NEIGHBOR_PX.clone_into(&mut curve.against);
     }
-    problems
+    Ok(score)
 }
 
-fn range(most: f64) -> &'static str {
-    if most == 1.0 { "from 0 to 1" } else { "a number >= 0" }
+/// Message for a value of the wrong type: path, value and expected type.
+fn mistyped(whole: &Value, error: &serde_path_to_error::Error<serde_json::Error>) -> String {
+    let mut value = Some(whole);
+    for segment in error.path() {
+        value = value.and_then(|v| match segment {
+            Segment::Seq { index } => v.get(index),
+            Segment::Map { key } => v.get(key),
+            _ => None,
+        });
+    }
+    let reason = error.inner().to_string();
+    let expected = reason.split_once("expected ").map_or(reason.as_str(), |(_, expected)| expected);
+    match value {
+        Some(value) => format!("{} = {value}: expected {expected}", error.path()),
+        None => format!("{}: {reason}", error.path()),
+    }
 }
 
 #[cfg(test)]
@@ -100,6 +80,7 @@ mod tests {
 
     #[test]
     fn what_is_no_score_is_refused_by_its_key() {
+        let problems = |score: &Value| parse(&score.to_string()).err().unwrap_or_default();
         let score = |f1: Value, interval: Value| {
             json!({ "definitions": { "versions": { "microsig": "1" } },
                 "detection": { "f1": f1, "interval": { "f1": interval } } })
@@ -116,5 +97,14 @@ mod tests {
             let found = problems(&score);
             assert!(found.len() == 1 && found[0].starts_with(expected), "{expected}: {found:?}");
         }
+    }
+
+    #[test]
+    fn keys_of_version_0_1_are_read() {
+        let old = json!({ "definitions": { "versions": { "microsig": "0.1.0" } }, "detection": { "f1": 1 },
+            "curves": [{ "against": "neighbour_px", "bins": [{ "from": 60, "to": null, "n_true": 3 }] }] });
+        let score = parse(&old.to_string()).unwrap();
+        assert_eq!(score.curves[0].against, NEIGHBOR_PX);
+        assert_eq!(score.curves[0].bins[0].to, f64::INFINITY);
     }
 }

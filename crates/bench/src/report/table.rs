@@ -1,14 +1,14 @@
-//! The table on standard output: 80 columns, the gate beside the numbers, the signed bias always.
+//! The score table on standard output: 80 columns wide, with the gate and the signed bias.
 
 use std::fmt::Write;
 
+use crate::evaluate::Score;
 use crate::evaluate::crlb::{BoundBin, Crlb};
-use crate::evaluate::field::{Against, Component};
+use crate::evaluate::field::{ComponentErrors, FieldErrors};
 use crate::evaluate::statistics::quantile;
 use crate::evaluate::uncertainty::Uncertainty;
-use crate::evaluate::{Score, words};
 
-/// A number with a few digits, or a dash.
+/// A number with four decimals or in scientific notation; a dash for `None`.
 pub(crate) fn number(value: Option<f64>) -> String {
     match value {
         None => "-".to_owned(),
@@ -26,12 +26,13 @@ fn interval(value: Option<[f64; 2]>) -> String {
     value.map_or(String::new(), |[a, b]| format!(" [{a:.4}, {b:.4}]"))
 }
 
-/// Columns of a terminal.
+/// Width of the table, characters.
 const WIDTH: usize = 80;
-/// Where texts begin.
+/// Column in which texts begin.
 const INDENT: usize = 13;
 
-/// A line with its name; longer texts go on below, broken between fields (two blanks) or, without fields, between words.
+/// Adds a labeled line; long texts are wrapped between fields (separated by two blanks) or, without fields,
+/// between words.
 fn line(out: &mut String, name: &str, text: &str) {
     let separator = if text.contains("  ") { "  " } else { " " };
     let mut row = format!("  {name:<10} ");
@@ -49,10 +50,13 @@ fn line(out: &mut String, name: &str, text: &str) {
     let _ = writeln!(out, "{}", row.trim_end());
 }
 
-/// The scores as text.
+/// The scores as a text table.
 pub fn table(score: &Score) -> String {
     let mut text = format!("{} against {}\n", score.result, score.dataset);
     let out = &mut text;
+    score.hints.iter().for_each(|hint| line(out, "HINT", &hint.what));
+    let is_hint = |warning: &&String| score.hints.iter().any(|hint| hint.what == **warning);
+    score.warnings.iter().filter(|w| !is_hint(w)).for_each(|w| line(out, "WARNING", w));
     score.assumptions.iter().for_each(|a| line(out, "read as", a));
     particles(out, score);
     if let Some(field) = &score.field {
@@ -73,7 +77,6 @@ pub fn table(score: &Score) -> String {
         );
         line(out, "offset", &fits);
     }
-    score.warnings.iter().for_each(|w| line(out, "WARNING", w));
     text
 }
 
@@ -87,7 +90,7 @@ fn particles(out: &mut String, score: &Score) {
     );
     line(out, "scored", &scored);
     if let Some(gate) = &score.definitions.gate {
-        line(out, "gate", &format!("{}, {}", words(gate), score.definitions.assignment));
+        line(out, "gate", &format!("{gate}, {}", score.definitions.assignment));
     }
     line(out, "detection", &format!("tp {}  fn {}  fp {}  Jaccard {}", d.tp, d.missed, d.fp, n(d.jaccard)));
     for (name, value, between) in [
@@ -139,6 +142,16 @@ fn particles(out: &mut String, score: &Score) {
         line(out, "GDPT", &text);
     }
     score.crlb.iter().for_each(|bound| bounds(out, bound));
+    tracks(out, score);
+    if let Some(claims) = &score.uncertainty {
+        let axes = [("x", &claims.x), ("y", &claims.y), ("z", &claims.z)];
+        axes.iter().for_each(|(axis, of)| claimed(out, &format!("claims {axis}"), of.as_ref()));
+    }
+}
+
+/// Scores of links and tracks.
+fn tracks(out: &mut String, score: &Score) {
+    let n = number;
     if let Some(l) = &score.links {
         let text = format!(
             "tp {}  fn {}  fp {}  precision {}  recall {}  F1 {}{}",
@@ -199,7 +212,7 @@ fn particles(out: &mut String, score: &Score) {
             n(l.ghost),
             n(m.displacement_rms_px),
             n(m.velocity_rms_um_s),
-            if m.velocity_from == Some("positions") { " (of positions)" } else { "" },
+            if m.velocity_from.as_deref() == Some("positions") { " (of positions)" } else { "" },
             acceleration,
             n(l.mean_length),
             n(l.coverage_longest),
@@ -210,13 +223,9 @@ fn particles(out: &mut String, score: &Score) {
         );
         line(out, "LPT", &text);
     }
-    if let Some(claims) = &score.uncertainty {
-        let axes = [("x", &claims.x), ("y", &claims.y), ("z", &claims.z)];
-        axes.iter().for_each(|(axis, of)| claimed(out, &format!("claims {axis}"), of.as_ref()));
-    }
 }
 
-/// What the optics and the noise would allow: the middle one of all depths.
+/// The Cramér-Rao bound and the efficiency: medians over depth.
 fn bounds(out: &mut String, of: &Crlb) {
     let median = |value: fn(&BoundBin) -> Option<f64>| {
         let mut values: Vec<f64> = of.bins.iter().filter_map(value).collect();
@@ -235,7 +244,7 @@ fn bounds(out: &mut String, of: &Crlb) {
     line(out, "bound", &text);
 }
 
-/// A line about claimed uncertainties, if there are any.
+/// A line on claimed uncertainties, if there are any.
 fn claimed(out: &mut String, name: &str, of: Option<&Uncertainty>) {
     let Some(u) = of else { return };
     let n = number;
@@ -248,9 +257,9 @@ fn claimed(out: &mut String, name: &str, of: Option<&Uncertainty>) {
     line(out, name, &text);
 }
 
-fn vectors(out: &mut String, name: &str, a: &Against) {
+fn vectors(out: &mut String, name: &str, a: &FieldErrors) {
     let n = number;
-    let component = |c: &Component| {
+    let component = |c: &ComponentErrors| {
         format!("bias {}  random {}  RMS {} px", signed(c.bias_px), n(c.random_px), n(c.rms_px))
     };
     line(out, name, &format!("u  {}", component(&a.u)));
@@ -258,7 +267,7 @@ fn vectors(out: &mut String, name: &str, a: &Against) {
     line(out, &format!("  < {} px", a.outlier_threshold_px), &format!("u  {}", component(&a.u_inliers)));
     line(out, "", &format!("v  {}", component(&a.v_inliers)));
     let text = format!(
-        "AEE {} px{}  NEPE {}  angle {} deg  outliers {}  valid {}{}  peak locking {}  bias amplitude {} px  \
+        "AEE {} px{}  NEPE {}  angle {} deg  outliers {}  valid {}{}  peak locking {} (corrected for the number of vectors)  bias amplitude {} px  \
          modulation u {}  v {}",
         n(a.aee_px),
         interval(a.interval_aee_px),
@@ -267,7 +276,7 @@ fn vectors(out: &mut String, name: &str, a: &Against) {
         n(a.outlier_fraction),
         n(a.valid_vector_probability),
         interval(a.interval_valid_vector_probability),
-        n(a.peak_locking.degree),
+        n(a.peak_locking.degree_corrected),
         n(a.peak_locking.amplitude_px),
         n(a.modulation_u),
         n(a.modulation_v)

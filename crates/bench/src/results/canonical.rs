@@ -1,33 +1,41 @@
-//! Our own tables: `frame, track, x_px, y_px, z_um [, u_um_s, v_um_s, w_um_s]` of particles, `x_px, y_px, dx_px, dy_px [,
-//! dz_um], flag [, pair]` of a field. Columns in any order; more columns do no harm.
+//! microsig's own tables: `frame, track, x_px, y_px, z_um [, u_um_s, v_um_s, w_um_s]` for particles, `x_px,
+//! y_px, dx_px, dy_px [, dz_um], flag [, pair]` for fields. Columns may be in any order; additional columns
+//! are ignored.
 
 use std::path::Path;
 
-use super::sheet::{More, Separator, Sheet};
-use super::{Conventions, Converter, Dropped, Field, Origin, Points, Position, Speed, Unit, Usual, Vector};
+use super::sheet::{OptionalColumns, Separator, TextTable};
+use super::{
+    Conventions, Converter, DroppedRows, Field, FlowVector, FormatDefaults, LengthUnit, Origin, Points,
+    Position, VelocityUnit,
+};
 use crate::error::Result;
 
-const PARTICLES: Usual =
-    Usual { name: "canonical particles", origin: Origin::Center1, frame_base: 0, unit: Unit::Px };
-const FIELD: Usual =
-    Usual { name: "canonical field", origin: Origin::Center1, frame_base: 0, unit: Unit::Px };
+const PARTICLES: FormatDefaults = FormatDefaults {
+    name: "canonical particles",
+    origin: Origin::Center1,
+    frame_base: 0,
+    unit: LengthUnit::Px,
+};
+const FIELD: FormatDefaults =
+    FormatDefaults { name: "canonical field", origin: Origin::Center1, frame_base: 0, unit: LengthUnit::Px };
 
-/// Columns of particles that mean something, to the reader or in the truth.
+/// Known columns of particle tables.
 const COLUMNS: [&str; 8] = ["frame", "track", "x_px", "y_px", "z_um", "sx_px", "sy_px", "sz_um"];
 
-/// Names of velocities along x, y, z, and their units; the first that are there are read.
-const VELOCITIES: [(Speed, [&str; 3], &str); 2] = [
-    (Speed::UmPerS, ["u_um_s", "v_um_s", "w_um_s"], "um/s"),
-    (Speed::PerFrame, ["vx", "vy", "vz"], "px per frame, along z um per frame"),
+/// Columns of velocities along x, y, z with their units; the first set present is read.
+const VELOCITIES: [(VelocityUnit, [&str; 3], &str); 2] = [
+    (VelocityUnit::UmPerS, ["u_um_s", "v_um_s", "w_um_s"], "um/s"),
+    (VelocityUnit::PerFrame, ["vx", "vy", "vz"], "px per frame, along z um per frame"),
 ];
 
-/// Reads particles.
+/// Reads a table of particles.
 ///
 /// # Errors
-/// What is wrong, with line numbers.
+/// Everything that is wrong with the table, with line numbers.
 pub fn points(path: &Path, given: &Conventions) -> Result<Points> {
     let mut converter = Converter::new(PARTICLES, given)?;
-    let sheet = Sheet::open(path, Separator::Comma, 1)?;
+    let sheet = TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows);
     let (frame, x, y) = (sheet.need("frame")?, sheet.need("x_px")?, sheet.need("y_px")?);
     let (track, z) = (sheet.column("track"), sheet.column("z_um"));
     let sigma = ["sx_px", "sy_px", "sz_um"].map(|name| sheet.column(name));
@@ -39,38 +47,38 @@ pub fn points(path: &Path, given: &Conventions) -> Result<Points> {
         converter.notes.push(format!("{} are velocities in {words}", names.join(", ")));
         used.extend(names);
     }
-    converter.ignores(&sheet, &used);
-    let more = More { sigma, velocity: velocity.map(|(unit, _, _, columns)| (unit, columns)) };
+    converter.ignores(&sheet.others(&used));
+    let more = OptionalColumns { sigma, velocity: velocity.map(|(unit, _, _, columns)| (unit, columns)) };
     sheet.points(converter, z.is_some(), more, |cells| {
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         Ok((cells.number(frame)?, cells.track(track)?, [cells.number(x)?, cells.number(y)?, z_um]))
     })
 }
 
-/// Reads a field.
+/// Reads a displacement field.
 ///
 /// # Errors
-/// What is wrong, with line numbers.
+/// Everything that is wrong with the table, with line numbers.
 pub fn field(path: &Path, given: &Conventions) -> Result<Field> {
     let converter = Converter::new(FIELD, given)?;
-    let sheet = Sheet::open(path, Separator::Comma, 1)?;
+    let sheet = TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows);
     let need = |name| sheet.need(name);
     let (x, y, dx, dy) = (need("x_px")?, need("y_px")?, need("dx_px")?, need("dy_px")?);
     let column = |name| sheet.column(name);
     let (z, dz, flag, pair) = (column("z_um"), column("dz_um"), column("flag"), column("pair"));
     let (sx, sy) = (column("sx_px"), column("sy_px"));
-    let (mut field, mut dropped) = (Field::default(), Dropped::default());
+    let (mut field, mut dropped) = (Field::default(), DroppedRows::default());
     sheet.rows(|cells| {
         let pair = match cells.number_or_nan(pair)? {
             p if p.is_nan() => None,
             p => Some(converter.frame(p).map_err(|e| e.replace("frame", "pair"))?),
         };
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
-        let Some(at) = converter.place(cells.number(x)?, cells.number(y)?, z_um)? else {
+        let Some(at) = converter.position(cells.number(x)?, cells.number(y)?, z_um)? else {
             dropped.at(cells.line);
             return Ok(());
         };
-        let [dx, dy] = converter.moved(cells.number(dx)?, cells.number(dy)?);
+        let [dx, dy] = converter.displacement(cells.number(dx)?, cells.number(dy)?);
         let flag = match flag.map_or(Ok(0.0), |f| cells.number(f))? {
             f if f == 0.0 || f == 1.0 || f == 2.0 => f as u8,
             f => return Err(format!("flag = {f}: expected 0 (valid), 1 (invalid) or 2 (interpolated)")),
@@ -86,17 +94,17 @@ pub fn field(path: &Path, given: &Conventions) -> Result<Field> {
     Ok(field)
 }
 
-/// A vector whose numbers can be computed with; without numbers it is invalid.
+/// A vector with bounded components; one with NaN components is flagged invalid.
 pub(super) fn vector(
     pair: Option<u32>,
     at: Position,
     moved: [f64; 3],
     flag: u8,
     sigma: [f64; 2],
-) -> std::result::Result<Vector, String> {
+) -> std::result::Result<FlowVector, String> {
     if let Some(large) = moved.iter().chain(&sigma).find(|v| v.abs() > 1e7) {
         return Err(format!("{large:?}: expected a displacement of at most 1e7 px"));
     }
     let flag = if moved[0].is_nan() || moved[1].is_nan() { 1 } else { flag };
-    Ok(Vector { pair, at, moved, flag, sigma })
+    Ok(FlowVector { pair, at, moved, flag, sigma })
 }

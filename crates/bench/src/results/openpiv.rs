@@ -1,28 +1,31 @@
-//! OpenPIV's text file: `# x y u v flags mask`, tabs between the columns, px unless scaled; flag 0 valid, 1 invalid, 2
-//! interpolated (openpiv.tools.save). Its tutorials turn y upward with `transform_coordinates`: say --y up then.
+//! OpenPIV's text file: `# x y u v flags mask`, tab-separated, px unless scaled; flag 0 valid, 1 invalid, 2
+//! interpolated (openpiv.tools.save). Its tutorials turn y upward with `transform_coordinates`; such files
+//! need --y up.
 
 use std::path::Path;
 
 use super::canonical::vector;
-use super::sheet::{Separator, Sheet};
-use super::{Conventions, Converter, Dropped, Field, Origin, Unit, Usual};
+use super::sheet::{Separator, TextTable};
+use super::{Conventions, Converter, DroppedRows, Field, FormatDefaults, LengthUnit, Origin};
 use crate::error::Result;
 
-// OpenPIV's coordinates are centres of interrogation windows, counted from the image's corner in whole pixels.
-const USUAL: Usual = Usual { name: "OpenPIV", origin: Origin::Center1, frame_base: 0, unit: Unit::Px };
+// OpenPIV's coordinates are centers of interrogation windows, counted in whole pixels from the corner of the
+// image.
+const DEFAULTS: FormatDefaults =
+    FormatDefaults { name: "OpenPIV", origin: Origin::Center1, frame_base: 0, unit: LengthUnit::Px };
 
 pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
-    let converter = Converter::new(USUAL, given)?;
-    let sheet = Sheet::open(path, Separator::Space, 1)?;
+    let converter = Converter::new(DEFAULTS, given)?;
+    let sheet = TextTable::open(path, Separator::Space, 1)?.at_most(given.limits.rows);
     let (x, y, u, v) = (sheet.need("x")?, sheet.need("y")?, sheet.need("u")?, sheet.need("v")?);
     let (flag, mask) = (sheet.column("flags"), sheet.column("mask"));
-    let (mut field, mut dropped) = (Field::default(), Dropped::default());
+    let (mut field, mut dropped) = (Field::default(), DroppedRows::default());
     sheet.rows(|cells| {
-        let Some(at) = converter.place(cells.number(x)?, cells.number(y)?, 0.0)? else {
+        let Some(at) = converter.position(cells.number(x)?, cells.number(y)?, 0.0)? else {
             dropped.at(cells.line);
             return Ok(());
         };
-        let [dx, dy] = converter.moved(cells.number(u)?, cells.number(v)?);
+        let [dx, dy] = converter.displacement(cells.number(u)?, cells.number(v)?);
         let masked = cells.number_or_nan(mask)? == 1.0;
         let flag = match cells.number_or_nan(flag)? {
             _ if masked => 1,

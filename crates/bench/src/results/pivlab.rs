@@ -1,21 +1,23 @@
-//! PIVlab's ASCII export: up to three header lines, the last `x [px],y [px],u [px/frame],v [px/frame],Vector type [-]`;
-//! commas, tabs or spaces. Pixels from 1, y downward; type 1 valid, 2 interpolated, 0 masked (PIVlab's `file_save.m`).
-//! Calibrated exports have m and m/s; the second line tells the factors that they were multiplied with, and they are
-//! divided by again.
+//! PIVlab's ASCII export: up to three header lines, the last `x [px],y [px],u [px/frame],v [px/frame],Vector
+//! type [-]`; separated by commas, tabs or spaces. Pixels from 1, y downward; type 1 valid, 2 interpolated, 0
+//! masked (PIVlab's `file_save.m`). Calibrated exports are in m and m/s; the calibration factors in the
+//! second line are divided out.
 
 use std::io::Read;
 use std::path::Path;
 
 use super::canonical::vector;
-use super::sheet::{Separator, Sheet};
-use super::{Conventions, Converter, Dropped, Field, Origin, Unit, Usual, shown};
+use super::sheet::{Separator, TextTable};
+use super::{Conventions, Converter, DroppedRows, Field, FormatDefaults, LengthUnit, Origin, shown};
 use crate::error::{Error, Result};
+use crate::storage::input;
 
-const USUAL: Usual = Usual { name: "PIVlab", origin: Origin::Center1, frame_base: 0, unit: Unit::Px };
+const DEFAULTS: FormatDefaults =
+    FormatDefaults { name: "PIVlab", origin: Origin::Center1, frame_base: 0, unit: LengthUnit::Px };
 
 pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
     let mut head = Vec::new();
-    let file = std::fs::File::open(path).map_err(|e| Error::read(path, e))?;
+    let file = input::open(path)?;
     file.take(4096).read_to_end(&mut head).map_err(|e| Error::read(path, e))?;
     let head = String::from_utf8_lossy(&head);
     let wrong = |line: usize, what: String| Error::input(format!("{}:{line}: {what}", path.display()));
@@ -26,14 +28,14 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
             path.display()
         )));
     };
-    // Names hold blanks and end with their unit, whatever separates them.
+    // Column names contain blanks and end with their unit.
     let separator = if header.contains(',') { Separator::Comma } else { Separator::Space };
     let names: Vec<String> = header
         .split_inclusive(']')
         .map(|n| n.trim_matches([',', '\t', ' ', '\r']).to_owned())
         .filter(|n| !n.is_empty())
         .collect();
-    let mut converter = Converter::new(USUAL, given)?;
+    let mut converter = Converter::new(DEFAULTS, given)?;
     let unit = |name: &str| {
         let column = names.iter().find(|n| n.starts_with(&format!("{name} [")));
         column.and_then(|n| n.split_once('[')).map_or("", |(_, unit)| unit.trim_end_matches(']'))
@@ -59,7 +61,7 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
                 )
             })?;
             converter.notes.push(format!(
-                "calibrated: divided by {per_px:e} m per px and {per_frame:e} m/s per px/frame, which the file tells"
+                "calibrated: divided by {per_px:e} m per px and {per_frame:e} m/s per px/frame, as given in the file"
             ));
             (per_px, per_frame)
         }
@@ -75,14 +77,14 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
     };
     let (x, y, u, v) = (need("x", length)?, need("y", length)?, need("u", speed)?, need("v", speed)?);
     let kind = names.iter().position(|n| n == "Vector type [-]");
-    let sheet = Sheet::open(path, separator, index as u64 + 1)?.named(names);
-    let (mut field, mut dropped) = (Field::default(), Dropped::default());
+    let sheet = TextTable::open(path, separator, index as u64 + 1)?.at_most(given.limits.rows).named(names);
+    let (mut field, mut dropped) = (Field::default(), DroppedRows::default());
     sheet.rows(|cells| {
-        let Some(at) = converter.place(cells.number(x)? / per_px, cells.number(y)? / per_px, 0.0)? else {
+        let Some(at) = converter.position(cells.number(x)? / per_px, cells.number(y)? / per_px, 0.0)? else {
             dropped.at(cells.line);
             return Ok(());
         };
-        let [dx, dy] = converter.moved(cells.number(u)? / per_frame, cells.number(v)? / per_frame);
+        let [dx, dy] = converter.displacement(cells.number(u)? / per_frame, cells.number(v)? / per_frame);
         let flag = match cells.number_or_nan(kind)? {
             0.0 => 1,
             2.0 => 2,

@@ -1,4 +1,4 @@
-//! Text tables: bounded lines and rows, columns by name, problems with their line numbers.
+//! Reader of text tables: limits lines and rows, finds columns by name, reports problems with line numbers.
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -8,19 +8,18 @@ use std::path::Path;
 
 use csv::{ByteRecord, ReaderBuilder, Trim};
 
-use super::{Converter, Dropped, Points, Row, Speed, Velocities};
+use super::conventions::MAX_ROWS;
+use super::{Converter, DroppedRows, Points, TrackRow, Velocities, VelocityUnit};
 use crate::error::{Error, Result};
+use crate::storage::input;
 
-/// Longest line, or distance between the ends of two tags of XML, bytes.
+/// Maximum length of a line, or distance between the ends of two XML tags, bytes.
 const LONGEST_LINE: usize = 1 << 16;
 
-/// Most rows of a table.
-pub(crate) const MAX_ROWS: usize = 20_000_000;
-
-/// Problems that are listed before the rest is only counted.
+/// Maximum number of problems listed in full.
 const LISTED: usize = 10;
 
-/// Passes bytes on until a line is too long to be one.
+/// A reader that fails if a line is too long.
 #[derive(Debug)]
 pub(crate) struct Bounded<R> {
     inner: R,
@@ -30,7 +29,7 @@ pub(crate) struct Bounded<R> {
 }
 
 impl<R: Read> Bounded<R> {
-    /// Pieces end with `end`: a new line, or `>` in XML.
+    /// Pieces end with the byte `end`: a newline, or `>` in XML.
     pub(crate) fn new(inner: R, end: u8) -> Self {
         Bounded { inner, end, length: 0, line: 1 }
     }
@@ -55,12 +54,12 @@ impl<R: Read> Read for Bounded<R> {
     }
 }
 
-/// What separates columns.
+/// Column separator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Separator {
     /// A comma.
     Comma,
-    /// Tabs or spaces, any number of them.
+    /// One or more tabs or spaces.
     Space,
 }
 
@@ -70,21 +69,22 @@ enum Source {
 }
 
 /// A table in a text file.
-pub(crate) struct Sheet {
+pub(crate) struct TextTable {
     name: String,
     header: Vec<String>,
     source: Source,
     waiting: Option<(u64, ByteRecord)>,
     rows: usize,
+    most_rows: usize,
     problems: Vec<String>,
-    /// Columns that were asked for and are there more than once.
+    /// Requested columns that appear more than once.
     twice: RefCell<BTreeSet<String>>,
 }
 
-impl Sheet {
-    /// Opens a table; its header is line `header_line`, from 1.
+impl TextTable {
+    /// Opens a table whose header is line `header_line`, counted from 1.
     pub(crate) fn open(path: &Path, separator: Separator, header_line: u64) -> Result<Self> {
-        let file = Bounded::new(File::open(path).map_err(|e| Error::read(path, e))?, b'\n');
+        let file = Bounded::new(input::open(path)?, b'\n');
         let source = match separator {
             Separator::Comma => Source::Comma(
                 ReaderBuilder::new()
@@ -97,12 +97,13 @@ impl Sheet {
             Separator::Space => Source::Space(BufReader::new(file), 0),
         };
         let name = path.display().to_string();
-        let mut sheet = Sheet {
+        let mut sheet = TextTable {
             name,
             header: Vec::new(),
             source,
             waiting: None,
             rows: 0,
+            most_rows: MAX_ROWS,
             problems: Vec::new(),
             twice: RefCell::default(),
         };
@@ -120,7 +121,8 @@ impl Sheet {
         Ok(sheet)
     }
 
-    /// Skips rows below the header that have words in this column, not numbers; gives the words.
+    /// Skips up to three rows below the header that have words instead of numbers in this column; returns the
+    /// words.
     pub(crate) fn skip_words(&mut self, column: usize) -> Result<Vec<String>> {
         let (mut words, mut record) = (Vec::new(), ByteRecord::new());
         while let Some(line) = self.record(&mut record)? {
@@ -134,7 +136,7 @@ impl Sheet {
         Ok(words)
     }
 
-    /// Reads a record; gives its line.
+    /// Reads the next record; returns its line number, or `None` at the end.
     fn record(&mut self, record: &mut ByteRecord) -> Result<Option<u64>> {
         if let Some((line, waiting)) = self.waiting.take() {
             *record = waiting;
@@ -165,12 +167,17 @@ impl Sheet {
         }
     }
 
-    /// The same table with other names for its columns.
+    /// Replaces the names of the columns.
     pub(crate) fn named(self, header: Vec<String>) -> Self {
-        Sheet { header, ..self }
+        TextTable { header, ..self }
     }
 
-    /// Number of a column, if it is there.
+    /// Limits the number of rows.
+    pub(crate) fn at_most(self, rows: usize) -> Self {
+        TextTable { most_rows: rows, ..self }
+    }
+
+    /// Index of a column, if present.
     pub(crate) fn column(&self, name: &str) -> Option<usize> {
         let mut found = self.header.iter().enumerate().filter(|(_, h)| *h == name);
         let first = found.next();
@@ -180,32 +187,32 @@ impl Sheet {
         first.map(|(i, _)| i)
     }
 
-    /// Number of a column that must be there.
+    /// Index of a required column.
     pub(crate) fn need(&self, name: &str) -> Result<usize> {
         self.column(name).ok_or_else(|| {
             let there = super::shown(&self.header.join(", "));
-            Error::input(format!("{}: column {name} is missing; there are {there}", self.name))
+            Error::input(format!("{}: column {name} is missing; found {there}", self.name))
         })
     }
 
-    /// Calls `each` with every row; what it finds wrong is collected.
+    /// Calls `each` with every row and collects the problems it reports.
     ///
     /// # Errors
-    /// All that was wrong.
+    /// All problems, shortened to a readable list.
     pub(crate) fn rows(
         mut self,
         mut each: impl FnMut(&Cells<'_>) -> std::result::Result<(), String>,
     ) -> Result<()> {
         let twice = self.twice.take();
         if !twice.is_empty() {
-            let message = |column: &String| format!("{}: column {column} is there twice", self.name);
+            let message = |column: &String| format!("{}: column {column} appears twice", self.name);
             return Err(Error::Input(twice.iter().map(message).collect()));
         }
         let mut record = ByteRecord::new();
         while let Some(line) = self.record(&mut record)? {
             self.rows += 1;
-            if self.rows > MAX_ROWS {
-                return Err(Error::input(format!("{}: more than {MAX_ROWS} rows", self.name)));
+            if self.rows > self.most_rows {
+                return Err(Error::input(format!("{}: more than {} rows", self.name, self.most_rows)));
             }
             let wrong = if record.len() == self.header.len() {
                 each(&Cells { record: &record, header: &self.header, line }).err()
@@ -216,7 +223,7 @@ impl Sheet {
             };
             if let Some(message) = wrong {
                 self.problems.push(format!("{}:{line}: {message}", self.name));
-                // A file that is wrong all over needs no full list.
+                // Stop early: most rows are wrong.
                 if self.problems.len() > 10 * LISTED {
                     break;
                 }
@@ -226,21 +233,21 @@ impl Sheet {
         if self.problems.is_empty() { Ok(()) } else { Err(Error::Input(self.problems)) }
     }
 
-    /// The columns that are none of these.
+    /// Names of the columns not listed in `used`.
     pub(crate) fn others(&self, used: &[&str]) -> Vec<&str> {
         self.header.iter().map(String::as_str).filter(|h| !h.is_empty() && !used.contains(h)).collect()
     }
 
-    /// Reads particles: `row` takes the cells of one to frame, track, and x, y, z as the file has them; `more` names the
-    /// columns of what else is known of them.
+    /// Reads particles: `row` returns frame, track and x, y, z of a row in the file's units; `more` holds
+    /// optional columns.
     pub(crate) fn points(
         self,
         converter: Converter,
         has_z: bool,
-        more: More,
+        more: OptionalColumns,
         mut row: impl FnMut(&Cells<'_>) -> std::result::Result<(f64, i64, [f64; 3]), String>,
     ) -> Result<Points> {
-        let (mut points, mut dropped) = (Points { has_z, ..Points::default() }, Dropped::default());
+        let (mut points, mut dropped) = (Points { has_z, ..Points::default() }, DroppedRows::default());
         let (mut velocities, unit) = (Vec::new(), more.velocity.map(|(unit, _)| unit));
         self.rows(|cells| {
             let (frame, track, [x, y, z]) = row(cells)?;
@@ -249,16 +256,16 @@ impl Sheet {
                 return Ok(());
             }
             let frame = converter.frame(frame)?;
-            match converter.place(x, y, z)? {
+            match converter.position(x, y, z)? {
                 Some(at) => {
-                    points.rows.push(Row { frame, track, at });
+                    points.rows.push(TrackRow { frame, track, at });
                     points.lines.push(u32::try_from(cells.line).unwrap_or(u32::MAX));
                     let all = |columns: [Option<usize>; 3]| {
                         let [x, y, z] = columns.map(|c| cells.number_or_nan(c));
                         Ok::<_, String>([x?, y?, z?])
                     };
                     if more.sigma.iter().any(Option::is_some) {
-                        points.sigma.push(converter.claimed(all(more.sigma)?, cells.names(more.sigma))?);
+                        points.sigma.push(converter.uncertainty(all(more.sigma)?, cells.names(more.sigma))?);
                     }
                     if let Some((_, columns)) = more.velocity {
                         velocities.push(converter.velocity(all(columns)?, cells.names(columns))?);
@@ -275,13 +282,13 @@ impl Sheet {
     }
 }
 
-/// Columns of what particles may have beside their place: along x, y, z.
+/// Optional columns of particles, along x, y, z.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct More {
+pub(crate) struct OptionalColumns {
     /// Claimed uncertainties.
     pub(crate) sigma: [Option<usize>; 3],
     /// Velocities and their unit.
-    pub(crate) velocity: Option<(Speed, [Option<usize>; 3])>,
+    pub(crate) velocity: Option<(VelocityUnit, [Option<usize>; 3])>,
 }
 
 /// The cells of a row.
@@ -293,7 +300,7 @@ pub(crate) struct Cells<'a> {
 }
 
 impl Cells<'_> {
-    /// A number; NaN if the cell is empty, `NaN` or TrackMate's empty-set sign.
+    /// The number in a cell; NaN if the cell is empty, `NaN` or TrackMate's empty-set sign.
     pub(crate) fn number(&self, column: usize) -> std::result::Result<f64, String> {
         let text = std::str::from_utf8(&self.record[column]).unwrap_or("?").trim_matches('"');
         if let Ok(number) = text.parse::<f64>() {
@@ -306,24 +313,33 @@ impl Cells<'_> {
         Err(format!("{} = {:?}: expected a number{hint}", self.header[column], super::shown(text)))
     }
 
-    /// Names of columns, empty of those that are missing.
+    /// The text of a cell.
+    ///
+    /// # Errors
+    /// Bytes that are not UTF-8.
+    pub(crate) fn text(&self, column: usize) -> std::result::Result<&str, String> {
+        let text = std::str::from_utf8(&self.record[column]).map(|text| text.trim_matches('"'));
+        text.map_err(|_| format!("{}: expected UTF-8 text", self.header[column]))
+    }
+
+    /// Names of columns, empty for missing ones.
     fn names(&self, columns: [Option<usize>; 3]) -> [&str; 3] {
         columns.map(|c| c.map_or("", |c| self.header[c].as_str()))
     }
 
-    /// A number of a column that may be missing, NaN then.
+    /// The number in an optional column; NaN if the column is missing.
     pub(crate) fn number_or_nan(&self, column: Option<usize>) -> std::result::Result<f64, String> {
         column.map_or(Ok(f64::NAN), |c| self.number(c))
     }
 
-    /// A track: a whole number; -1 if the column or the number is missing or negative.
+    /// The track in a cell, an integer; -1 (not linked) if the column or number is missing or negative.
     pub(crate) fn track(&self, column: Option<usize>) -> std::result::Result<i64, String> {
         let Some(column) = column else { return Ok(-1) };
         let value = self.number(column)?;
         if value.is_nan() {
             return Ok(-1);
         }
-        // Beyond 2^53 neighbouring whole numbers are no longer told apart.
+        // Beyond 2^53 not every integer is representable as f64.
         if value.fract() != 0.0 || value.abs() > 9_007_199_254_740_992.0 {
             return Err(format!("{} = {value:?}: expected a whole number", self.header[column]));
         }
@@ -331,7 +347,7 @@ impl Cells<'_> {
     }
 }
 
-/// Cuts a list of problems to what is worth reading.
+/// Shortens a list of problems.
 pub(crate) fn shorten(problems: &mut Vec<String>) {
     if problems.len() > LISTED {
         let rest = problems.len() - LISTED;
@@ -348,7 +364,7 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("t.csv");
         std::fs::write(&path, text).unwrap();
-        let sheet = Sheet::open(&path, separator, 1)?;
+        let sheet = TextTable::open(&path, separator, 1)?;
         let column = sheet.need("b")?;
         let mut values = Vec::new();
         sheet.rows(|cells| {

@@ -1,38 +1,50 @@
-//! Tracks as XML: `<particle>` with `<detection t x y z/>`, of TrackMate's "Export tracks to XML" (um, first pixel's centre
-//! at 0) and of the ISBI 2012 challenge (px). Frames from 0. Document types, and with them all entities of a file's own,
-//! are refused.
+//! Tracks as XML: `<particle>` with `<detection t x y z/>`, as written by TrackMate's "Export tracks to XML"
+//! (um, first pixel's center at 0) and by the ISBI 2012 challenge (px). Frames from 0. Document type
+//! declarations, and thus custom entities, are refused.
 
-use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
-use super::sheet::{Bounded, MAX_ROWS};
-use super::{Conventions, Converter, Origin, Points, Position, Row, Unit, Usual, shown};
+use super::sheet::Bounded;
+use super::{Conventions, Converter, FormatDefaults, LengthUnit, Origin, Points, Position, TrackRow, shown};
 use crate::error::{Error, Result};
+use crate::storage::input;
 
 pub(super) fn trackmate(path: &Path, given: &Conventions) -> Result<Points> {
-    let usual = Usual { name: "TrackMate tracks", origin: Origin::Center0, frame_base: 0, unit: Unit::Um };
+    let usual = FormatDefaults {
+        name: "TrackMate tracks",
+        origin: Origin::Center0,
+        frame_base: 0,
+        unit: LengthUnit::Um,
+    };
     read(path, given, usual, "Tracks", false)
 }
 
 pub(super) fn isbi(path: &Path, given: &Conventions) -> Result<Points> {
-    let usual = Usual { name: "ISBI tracks", origin: Origin::Center0, frame_base: 0, unit: Unit::Px };
-    // The challenge's readers trim NaN from the ends of tracks and drop tracks that have some inside.
+    let usual =
+        FormatDefaults { name: "ISBI tracks", origin: Origin::Center0, frame_base: 0, unit: LengthUnit::Px };
+    // The challenge's readers trim NaN at the ends of tracks and drop tracks with NaN in between.
     read(path, given, usual, "TrackContestISBI2012", true)
 }
 
-fn read(path: &Path, given: &Conventions, mut usual: Usual, root: &str, trims: bool) -> Result<Points> {
-    let file = File::open(path).map_err(|e| Error::read(path, e))?;
+fn read(
+    path: &Path,
+    given: &Conventions,
+    mut usual: FormatDefaults,
+    root: &str,
+    trims: bool,
+) -> Result<Points> {
+    let file = input::open(path)?;
     let mut reader = Reader::from_reader(BufReader::new(Bounded::new(file, b'>')));
     let at =
         |position: u64, what: String| Error::input(format!("{}: byte {position}: {what}", path.display()));
     let mut points = Points { has_z: true, ..Points::default() };
     let (mut converter, mut claimed) = (None, None);
     let (mut buffer, mut track, mut inside, mut whole) = (Vec::new(), -1i64, false, false);
-    // Of the particle that is being read: its first row, and the frames in which it has no place.
+    // For the current particle: its first row, and the frames in which a coordinate is NaN.
     let (mut first, mut holes, mut torn) = (0, Vec::new(), 0);
     loop {
         buffer.clear();
@@ -41,11 +53,11 @@ fn read(path: &Path, given: &Conventions, mut usual: Usual, root: &str, trims: b
         let event = event.map_err(|e| at(position, e.to_string()))?;
         whole |= matches!(&event, Event::Empty(e) if e.name().as_ref() == root);
         match event {
-            Event::DocType(_) => return Err(at(position, "a document type, which is not read".to_owned())),
+            Event::DocType(_) => return Err(at(position, "document types are not supported".to_owned())),
             Event::Start(e) | Event::Empty(e) if e.name().as_ref() == root => {
                 let units = attribute(&e, "spaceUnits").map_err(|what| at(position, what))?;
                 if units.is_some_and(|u| u.starts_with("pixel")) {
-                    usual.unit = Unit::Px;
+                    usual.unit = LengthUnit::Px;
                 }
                 claimed = attribute(&e, "nTracks").map_err(|what| at(position, what))?;
                 converter = Some(Converter::new(usual, given)?);
@@ -74,11 +86,11 @@ fn read(path: &Path, given: &Conventions, mut usual: Usual, root: &str, trims: b
                 };
                 let (frame, place) = detection(&e, converter).map_err(|what| at(position, what))?;
                 match place {
-                    Some(at) => points.rows.push(Row { frame, track, at }),
+                    Some(at) => points.rows.push(TrackRow { frame, track, at }),
                     None => holes.push(frame),
                 }
-                if points.rows.len() > MAX_ROWS {
-                    return Err(at(position, format!("more than {MAX_ROWS} detections")));
+                if points.rows.len() > given.limits.rows {
+                    return Err(at(position, format!("more than {} detections", given.limits.rows)));
                 }
             }
             Event::Eof => break,
@@ -109,7 +121,7 @@ fn read(path: &Path, given: &Conventions, mut usual: Usual, root: &str, trims: b
     Ok(points)
 }
 
-/// Frame and place; `None`: a coordinate is NaN.
+/// Frame and position of a detection; `None` if a coordinate is NaN.
 fn detection(
     e: &BytesStart<'_>,
     converter: &Converter,
@@ -119,12 +131,12 @@ fn detection(
         text.parse::<f64>().map_err(|_| format!("{name} = {:?}: expected a number", shown(&text)))
     };
     let frame = converter.frame(number("t")?)?;
-    let at = converter.place(number("x")?, number("y")?, number("z")?)?;
+    let at = converter.position(number("x")?, number("y")?, number("z")?)?;
     Ok((frame, at))
 }
 
 fn attribute(e: &BytesStart<'_>, name: &str) -> std::result::Result<Option<String>, String> {
     let attribute = e.try_get_attribute(name).map_err(|e| e.to_string())?;
-    // Numbers need no entities; whatever is written instead is no number.
+    // Entities are not resolved: numbers do not need them.
     Ok(attribute.map(|a| a.value.into_owned()))
 }

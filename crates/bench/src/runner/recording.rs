@@ -1,14 +1,15 @@
-//! All frames of a dataset, one after the other: the clouds of its recordings, seeded and moved or read from tracks.
+//! All frames of a dataset, one after the other: the clouds of its recordings, seeded and moved or read from
+//! tracks.
 
-use flows::{Frame, Scene, Sequence, Start, Tracks};
+use flows::{Frame, RecordedTracks, RecordingStart, Scene, Sequence};
 
 use crate::error::Result;
-use crate::scenario::{Mover, Scenario};
+use crate::scenario::{MotionSource, Scenario};
 
 /// What recordings are taken of.
 enum Subject<'a> {
     Scene(Box<Scene<'a>>),
-    Tracks(&'a Tracks),
+    Tracks(&'a RecordedTracks),
 }
 
 /// A recording in progress.
@@ -29,9 +30,9 @@ pub(crate) struct Frames<'a> {
 impl<'a> Frames<'a> {
     /// The frames from the first on.
     pub(crate) fn new(scenario: &'a Scenario) -> Result<Self> {
-        let subject = match &scenario.mover {
-            Mover::Field(field) => Subject::Scene(Box::new(scenario.scene(field.as_ref())?)),
-            Mover::Tracks(tracks) => Subject::Tracks(tracks),
+        let subject = match &scenario.motion {
+            MotionSource::Field(field) => Subject::Scene(Box::new(scenario.scene(field.as_ref())?)),
+            MotionSource::Tracks(tracks) => Subject::Tracks(tracks),
         };
         Ok(Frames { scenario, subject, number: 0, first_id: 0, recording: None })
     }
@@ -39,14 +40,20 @@ impl<'a> Frames<'a> {
     fn begin(&self) -> Result<Recording<'a>> {
         let (scenario, streams) = (self.scenario, self.scenario.streams);
         let first_frame = self.number * scenario.recordings.frames_each();
-        let start = Start { recording: self.number, first_frame, first_id: self.first_id };
+        let start = RecordingStart { recording: self.number, first_frame, first_id: self.first_id };
         let times_s = scenario.recordings.times_s(self.number, streams);
         Ok(match &self.subject {
             Subject::Scene(scene) => Recording::OfScene(Box::new(scene.record(&times_s, streams, start)?)),
             Subject::Tracks(tracks) => {
                 let next_s = scenario.recordings.next_s(streams);
-                let frames =
-                    tracks.record(times_s, next_s, scenario.kind(), scenario.shutter, streams, start);
+                let frames = tracks.record(
+                    times_s,
+                    next_s,
+                    scenario.particle_defaults(),
+                    scenario.shutter,
+                    streams,
+                    start,
+                );
                 Recording::OfTracks(Box::new(frames))
             }
         })

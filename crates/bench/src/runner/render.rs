@@ -3,23 +3,23 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use microsig_core::Particle;
-use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::{data_file, settings_file};
-use microsig_core::render::expected::DEFAULT_TOLERANCE;
-use microsig_core::render::{ExpectedRenderer, RayRenderer, Renderer};
+use microsig_core::render::RendererSpec;
+use microsig_core::sensor::{Image, NoiseRounding, Sensor};
 use microsig_core::stream::Streams;
+use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::camera::Camera;
 use super::progress::Progress;
-use crate::dataset::folder::Partial;
+use crate::dataset::Camera;
 use crate::error::{Error, Result};
+use crate::storage::folder::{FolderClaim, Partial};
+use crate::storage::may_write;
 
 /// What to render, and how.
 #[derive(Debug, Clone)]
-pub struct Options {
+pub struct RenderOptions {
     /// The settings file.
     pub settings: PathBuf,
     /// A data file, or a folder of them.
@@ -30,10 +30,10 @@ pub struct Options {
     pub seed: u64,
     /// Frame number of the first image, which addresses its random numbers.
     pub first_frame: u32,
-    /// Law of emission of spheroids.
-    pub law: SpheroidLaw,
-    /// Whether light is the limit of many rays rather than rays.
-    pub expected: bool,
+    /// The renderer.
+    pub renderer: RendererSpec,
+    /// When background noise is rounded.
+    pub rounding: NoiseRounding,
     /// Whether images that exist are replaced.
     pub force: bool,
     /// Whether to show a bar.
@@ -66,17 +66,13 @@ const MAX_WARNINGS: usize = 10;
 ///
 /// # Errors
 /// Malformed settings or data files, every one of them; images that exist unless `force`; writing.
-pub fn render(options: &Options) -> Result<Rendered> {
+pub fn render(options: &RenderOptions) -> Result<Rendered> {
     let start = Instant::now();
     let file = open(&options.settings)?;
     let settings = settings_file::read(file, &options.settings.display().to_string())?;
-    let (settings_given, law) = (&settings.settings, options.law);
-    let renderer = if options.expected {
-        Renderer::Expected(ExpectedRenderer::new(settings_given, law, DEFAULT_TOLERANCE)?)
-    } else {
-        Renderer::Rays(RayRenderer::new(settings_given, law)?)
-    };
-    let camera = Camera::new(renderer, None, Streams::new(options.seed))?;
+    let renderer = options.renderer.clone().build(&settings.settings)?;
+    let sensor = Sensor::new(&settings.settings).with_rounding(options.rounding);
+    let camera = Camera::new(renderer, sensor, Streams::new(options.seed));
     let mut warnings = settings.warnings;
     warnings.extend(camera.renderer().warning());
 
@@ -95,16 +91,22 @@ pub fn render(options: &Options) -> Result<Rendered> {
         .map(|f| PathBuf::from(f.file_stem().unwrap_or_default()).with_added_extension("tif"))
         .collect();
     // A new folder appears when all images are in it; into one that exists, images go one by one.
-    let partial = if options.out.exists() {
+    // `.` and links have no name of their own to lock.
+    let place = options.out.canonicalize().unwrap_or_else(|_| options.out.clone());
+    let claim = FolderClaim::take(&place)?;
+    let (partial, _claim) = if options.out.exists() {
         if !options.out.is_dir() {
             return Err(Error::input(format!("{}: expected a folder", options.out.display())));
         }
         if let Some(name) = image_names.iter().find(|n| options.out.join(n).exists() && !options.force) {
             return Err(Error::Exists(options.out.join(name)));
         }
-        None
+        for name in &image_names {
+            may_write(&options.out.join(name), options.force)?;
+        }
+        (None, Some(claim))
     } else {
-        Some(Partial::anew(&options.out)?)
+        (Some(claim.start(true)?), None)
     };
     let folder = partial.as_ref().map_or(options.out.as_path(), Partial::folder);
 
@@ -117,7 +119,7 @@ pub fn render(options: &Options) -> Result<Rendered> {
     })?;
     bar.finish_and_clear();
     if let Some(partial) = partial {
-        partial.finish(None)?;
+        partial.finish_without_journal(None)?;
     }
     warnings.extend(camera.renderer().shortfall());
     Ok(Rendered {
@@ -139,7 +141,8 @@ fn read(path: &Path) -> Result<Vec<Particle>> {
     Ok(data_file::read(open(path)?, &path.display().to_string())?)
 }
 
-/// The data files, in natural order of names: the file itself, or all `*.txt` of a folder but the settings file.
+/// The data files, in natural order of names: the file itself, or all `*.txt` of a folder but the settings
+/// file.
 fn data_files(data: &Path, settings: &Path) -> Result<Vec<PathBuf>> {
     if data.is_file() {
         return Ok(vec![data.to_owned()]);
@@ -160,21 +163,55 @@ fn data_files(data: &Path, settings: &Path) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
+/// An image of particles in memory, and what should be known about it.
+///
+/// # Errors
+/// Settings that cannot be drawn; particles that cannot, every one of them.
+pub fn render_particles(
+    settings: &Settings,
+    renderer: RendererSpec,
+    particles: &[Particle],
+    (seed, frame): (u64, u32),
+) -> Result<(Image, Vec<String>)> {
+    let camera = Camera::new(renderer.build(settings)?, Sensor::new(settings), Streams::new(seed));
+    let mut warnings: Vec<String> = camera.renderer().warning().into_iter().collect();
+    limit(check_particles(particles, &camera, "particles")?, &mut warnings);
+    let image = camera.image(particles, frame);
+    warnings.extend(camera.renderer().shortfall());
+    Ok((image, warnings))
+}
+
+/// Checks that particles can be drawn; gives warnings about them. `name` is what messages call the file.
+fn check_particles(particles: &[Particle], camera: &Camera, name: &str) -> Result<Vec<String>> {
+    let (mut found, mut wrong) = (Vec::new(), Vec::new());
+    for (row, particle) in particles.iter().enumerate() {
+        let place = |what| format!("{name}: particle {}: {what}", row + 1);
+        match camera.renderer().check(particle) {
+            Ok(warning) => found.extend(warning.map(place)),
+            Err(e) => wrong.push(place(e.to_string())),
+        }
+    }
+    if wrong.is_empty() { Ok(found) } else { Err(Error::Input(wrong)) }
+}
+
+/// Adds warnings of one kind, the first ones.
+fn limit(mut found: Vec<String>, warnings: &mut Vec<String>) {
+    if found.len() > MAX_WARNINGS {
+        let rest = found.len() - MAX_WARNINGS;
+        found.truncate(MAX_WARNINGS);
+        found.push(format!("... and {rest} more warnings of this kind"));
+    }
+    warnings.append(&mut found);
+}
+
 /// Reads all files and checks that every particle can be drawn; gives the number of particles.
 fn check(files: &[PathBuf], camera: &Camera, warnings: &mut Vec<String>) -> Result<usize> {
     let checked: Vec<Result<(usize, Vec<String>)>> = files
         .par_iter()
         .map(|file| {
             let particles = read(file)?;
-            let (mut found, mut wrong) = (Vec::new(), Vec::new());
-            for (row, particle) in particles.iter().enumerate() {
-                let place = |what| format!("{}: particle {}: {what}", file.display(), row + 1);
-                match camera.renderer().check(particle) {
-                    Ok(warning) => found.extend(warning.map(place)),
-                    Err(e) => wrong.push(place(e.to_string())),
-                }
-            }
-            if wrong.is_empty() { Ok((particles.len(), found)) } else { Err(Error::Input(wrong)) }
+            let warnings = check_particles(&particles, camera, &file.display().to_string())?;
+            Ok((particles.len(), warnings))
         })
         .collect();
     let (mut particles, mut problems) = (0, Vec::new());
@@ -191,11 +228,6 @@ fn check(files: &[PathBuf], camera: &Camera, warnings: &mut Vec<String>) -> Resu
     if !problems.is_empty() {
         return Err(Error::Input(problems));
     }
-    if found.len() > MAX_WARNINGS {
-        let rest = found.len() - MAX_WARNINGS;
-        found.truncate(MAX_WARNINGS);
-        found.push(format!("... and {rest} more warnings of this kind"));
-    }
-    warnings.append(&mut found);
+    limit(found, warnings);
     Ok(particles)
 }

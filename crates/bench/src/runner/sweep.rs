@@ -1,27 +1,27 @@
 //! `microsig sweep`: the cases of a sweep, each a dataset.
 //!
-//! A case leaves its dataset, `case_00000/`, or the reason why there is none, `case_00000.failed`. Nothing else depends
-//! on who ran it: shards in one folder, or in folders that are put together later, give the same tree as one run. The
-//! table of all cases, `cases.csv`, is written when all of them are there.
+//! A case leaves its dataset, `case_00000/`, or the reason why there is none, `case_00000.failed`. Nothing
+//! else depends on who ran it: shards in one folder, or in folders that are put together later, give the same
+//! tree as one run. The table of all cases, `cases.csv`, is written when all of them are there.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde::Serialize;
-use serde_json::Value;
+use serde_json::json;
 
-use super::generate::{Options as GenerateOptions, generate, is_made};
+use super::generate::{GenerateOptions, generate_or_find};
 use super::progress::Progress;
 use super::shard::Shard;
-use crate::dataset::folder::partial_name;
-use crate::dataset::manifest::MANIFEST;
-use crate::dataset::save_bytes;
+use crate::dataset::manifest::{MANIFEST, Manifest};
 use crate::error::{Error, Result};
 use crate::scenario::{Case, Sweep, resolve};
+use crate::storage::folder::FolderClaim;
+use crate::storage::save_bytes;
 
 /// How to sweep.
 #[derive(Debug, Clone)]
-pub struct Options {
+pub struct SweepOptions {
     /// The sweep's folder.
     pub out: PathBuf,
     /// Where files that the base scenario names are found.
@@ -60,7 +60,7 @@ const TABLE: &str = "cases.csv";
 ///
 /// # Errors
 /// A case that exists, unless `resume` or `force`; writing.
-pub fn sweep(sweep: &Sweep, options: &Options) -> Result<Swept> {
+pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
     let start = Instant::now();
     // Cases in it would break a dataset of the same name.
     if options.out.join(MANIFEST).exists() {
@@ -84,13 +84,8 @@ pub fn sweep(sweep: &Sweep, options: &Options) -> Result<Swept> {
     let (bar, within) = options.progress.cases(mine.len() as u64);
     let mut made = 0;
     for case in mine {
-        let out = options.out.join(&case.name);
         bar.set_message(case.name.clone());
-        // A failure may have had a cause that is gone: it is tried again.
-        let is_done = || is_made(&resolve(sweep.scenario(case)?, &options.inputs)?, &out);
-        if !(options.resume && out.exists() && is_done()?) {
-            made += usize::from(run(sweep, case, options, &within)?);
-        }
+        made += usize::from(run(sweep, case, options, &within)?);
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -99,34 +94,28 @@ pub fn sweep(sweep: &Sweep, options: &Options) -> Result<Swept> {
     Ok(Swept { out: options.out.clone(), cases, done, failed, made, seconds: start.elapsed().as_secs_f64() })
 }
 
-/// Makes one case; `false` if it failed and its reason was written instead.
-fn run(sweep: &Sweep, case: &Case, options: &Options, progress: &Progress) -> Result<bool> {
+/// Makes one case; `false` if it was there already, or if it failed and its reason was written instead.
+fn run(sweep: &Sweep, case: &Case, options: &SweepOptions, progress: &Progress) -> Result<bool> {
     let out = options.out.join(&case.name);
     let reason = failed(&options.out, case);
+    // A failure may have had a cause that is gone: it is tried again.
     if reason.exists() {
         std::fs::remove_file(&reason).map_err(Error::write(&reason))?;
     }
-    let partial = partial_name(&out);
     let generated =
         sweep.scenario(case).and_then(|spec| resolve(spec, &options.inputs)).and_then(|scenario| {
-            // What an earlier run left is taken up if it can be.
-            let resume = options.resume && partial.exists();
-            let force = options.force || !resume;
-            generate(
-                &scenario,
-                &GenerateOptions { out: out.clone(), force, resume, progress: progress.clone() },
-            )
+            // Without --resume the sweep has found no case here, so what is left of one is begun anew.
+            let (force, resume) = (options.force || !options.resume, options.resume);
+            let options = GenerateOptions { out: out.clone(), force, resume, progress: progress.clone() };
+            generate_or_find(&scenario, &options)
         });
     match generated {
-        Ok(_) => Ok(true),
-        // A full disk is no property of the case.
-        Err(error) if error.is_of_the_system() => Err(error),
+        Ok(generated) => Ok(generated.is_some()),
+        // A full disk is no property of the case, nor is a dataset of another sweep.
+        Err(error) if error.is_of_the_system() || (out.exists() && !options.force) => Err(error),
         Err(error) => {
-            if partial.exists() {
-                std::fs::remove_dir_all(&partial).map_err(Error::write(&partial))?;
-            }
-            let text = format!("{error}\n");
-            save_bytes(&reason, text.as_bytes())?;
+            FolderClaim::take(&out)?.discard()?;
+            save_bytes(&reason, format!("{error}\n").as_bytes())?;
             Ok(false)
         }
     }
@@ -166,16 +155,14 @@ pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
         row.extend(axes().map(|(i, _)| case.values[i].clone()));
         let (manifest, reason) = (out.join(&case.name).join(MANIFEST), failed(out, case));
         if manifest.exists() {
-            let text = std::fs::read_to_string(&manifest).map_err(|e| Error::read(&manifest, e))?;
-            let json: Value = serde_json::from_str(&text)
-                .map_err(|e| Error::input(format!("{}: {e}", manifest.display())))?;
-            let found = (json["name"].as_str(), json["microsig"]["seed"].as_u64());
-            if found != (Some(&sweep.name_of(case)), Some(case.seed)) {
+            let Manifest { name, microsig: facts, .. } = Manifest::read(&out.join(&case.name))?;
+            if (name.as_str(), facts.seed.flatten()) != (sweep.name_of(case).as_str(), Some(case.seed)) {
                 let hint = format!("expected `{}` with seed {}", sweep.name_of(case), case.seed);
                 return Err(Error::input(format!("{}: is of another sweep; {hint}", manifest.display())));
             }
             row.push("done".to_owned());
-            row.extend(facts.map(|fact| json["microsig"][fact].to_string()));
+            let numbers = [facts.n_p, facts.n_ppp, facts.n_s, facts.max_displacement_px];
+            row.extend(numbers.map(|number| json!(number).to_string()));
             row.push(String::new());
             done += 1;
         } else if reason.exists() {

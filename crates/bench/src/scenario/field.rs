@@ -6,69 +6,124 @@ use std::path::Path;
 
 use flows::VelocityField;
 use flows::fields as f;
-use flows::grid::{Geometry, Grid};
+use flows::registry::{DepthRange, FieldParameters};
+use flows::velocity_grid::{GridGeometry, VelocityGrid};
+use schemars::{JsonSchema, Schema};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::files::Files;
-use super::problems::Problems;
+use super::language::problems::Problems;
+use super::language::schema::joined;
 use crate::error::Result;
 
-/// Path of the field in a scenario.
-const PATH: &str = "motion.flow.field";
+macro_rules! field {
+    ($($(#[$meaning:meta])* $variant:ident($parameters:ident),)*) => {
+        /// A velocity field and its parameters; formulas, ranges and meanings are those of `flows::registry`.
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+        #[serde(rename_all = "snake_case")]
+        #[schemars(transform = formulas)]
+        pub enum Field {
+            $(
+                $(#[$meaning])*
+                $variant(f::$parameters),
+            )*
+            /// Velocities on a regular grid, from a file.
+            Gridded(Gridded),
+            /// Sum of fields.
+            Sum(Vec<Field>),
+            /// A field scaled in velocity and length.
+            Scaled(Changed<f::ScaledParams>),
+            /// A field moved.
+            Translated(Changed<f::TranslatedParams>),
+            /// A field turned about an axis.
+            Rotated(Changed<f::RotatedParams>),
+            /// A field carried along at constant velocity.
+            Moving(Changed<f::MovingParams>),
+            /// A field modulated in time.
+            Modulated(Changed<f::ModulatedParams>),
+            /// A field mirrored at a plane.
+            Mirrored(Changed<f::MirroredParams>),
+        }
 
-/// A velocity field and its parameters.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[allow(missing_docs, reason = "`microsig flows` and flows::registry describe every one of them")]
-pub enum Field {
-    Uniform(f::UniformParams),
-    Shear(f::ShearParams),
-    Rotation(f::RotationParams),
-    Strain(f::StrainParams),
-    Dilatation(f::DilatationParams),
-    Linear(f::LinearParams),
-    Poiseuille(f::PoiseuilleParams),
-    CouettePoiseuille(f::CouettePoiseuilleParams),
-    Duct(f::DuctParams),
-    Tube(f::TubeParams),
-    Womersley(f::WomersleyParams),
-    ElectroOsmotic(f::ElectroOsmoticParams),
-    HeleShaw(f::HeleShawParams),
-    Rankine(f::RankineParams),
-    LambOseen(f::LambOseenParams),
-    Burgers(f::BurgersParams),
-    TaylorGreen(f::TaylorGreenParams),
-    Cellular(f::CellularParams),
-    DoubleGyre(f::DoubleGyreParams),
-    Abc(f::AbcParams),
-    Hill(f::HillParams),
-    Sinusoid(f::SinusoidParams),
-    TanhLayer(f::TanhLayerParams),
-    BickleyJet(f::BickleyJetParams),
-    Source(f::SourceParams),
-    StokesSphere(f::StokesSphereParams),
-    StokesCylinder(f::StokesCylinderParams),
-    ToroidalDrop(f::ToroidalDropParams),
-    CoffeeRing(f::CoffeeRingParams),
-    RayleighStreaming(f::RayleighStreamingParams),
-    Acoustophoresis(f::AcoustophoresisParams),
-    Kraichnan(f::KraichnanParams),
-    Gridded(Gridded),
-    Sum(Vec<Field>),
-    Scaled(Changed<f::ScaledParams>),
-    Translated(Changed<f::TranslatedParams>),
-    Rotated(Changed<f::RotatedParams>),
-    Moving(Changed<f::MovingParams>),
-    Modulated(Changed<f::ModulatedParams>),
-    Mirrored(Changed<f::MirroredParams>),
+        impl Field {
+            /// Gives the parts that are drawn at random new seeds.
+            ///
+            /// # Errors
+            /// What `draw` says.
+            pub fn reseed(&mut self, draw: &mut impl FnMut() -> Result<u64>) -> Result<()> {
+                match self {
+                    $(Field::$variant(p) => p.seed().map_or(Ok(()), |seed| Ok(*seed = draw()?)),)*
+                    Field::Gridded(_) => Ok(()),
+                    Field::Sum(fields) => fields.iter_mut().try_for_each(|field| field.reseed(draw)),
+                    Field::Scaled(Changed { field, .. }) => field.reseed(draw),
+                    Field::Translated(Changed { field, .. }) => field.reseed(draw),
+                    Field::Rotated(Changed { field, .. }) => field.reseed(draw),
+                    Field::Moving(Changed { field, .. }) => field.reseed(draw),
+                    Field::Modulated(Changed { field, .. }) => field.reseed(draw),
+                    Field::Mirrored(Changed { field, .. }) => field.reseed(draw),
+                }
+            }
+
+            /// Fills defaults and builds the field at a path; files it names are found and kept by `files`.
+            pub(super) fn build(
+                &mut self,
+                path: &str,
+                depths: DepthRange,
+                files: &mut Files<'_>,
+                problems: &mut Problems,
+            ) -> Built {
+                let path = joined(path, &self.name());
+                macro_rules! changed {
+                    ($kind:ident, $changed:expr) => {{
+                        let inner = $changed.field.build(&joined(&path, "field"), depths, files, problems)?;
+                        boxed(&path, f::$kind::new(inner, &$changed.by), problems)
+                    }};
+                }
+                match self {
+                    $(Field::$variant(p) => {
+                        p.fit_to(depths);
+                        problems.of(&path, p.build())
+                    })*
+                    Field::Gridded(p) => p.build(&path, files, problems),
+                    Field::Sum(fields) => {
+                        let parts = fields.iter_mut().enumerate();
+                        let parts: Option<Vec<_>> = parts
+                            .map(|(i, part)| part.build(&joined(&path, &i.to_string()), depths, files, problems))
+                            .collect();
+                        boxed(&path, f::Sum::new(parts?), problems)
+                    }
+                    Field::Scaled(p) => changed!(Scaled, p),
+                    Field::Translated(p) => changed!(Translated, p),
+                    Field::Rotated(p) => changed!(Rotated, p),
+                    Field::Moving(p) => changed!(Moving, p),
+                    Field::Modulated(p) => changed!(Modulated, p),
+                    Field::Mirrored(p) => changed!(Mirrored, p),
+                }
+            }
+        }
+    };
+}
+flows::for_each_field!(field);
+
+/// Describes each field by its formula.
+fn formulas(schema: &mut Schema) {
+    let variants = schema.get_mut("oneOf").and_then(Value::as_array_mut);
+    for variant in variants.into_iter().flatten().filter_map(Value::as_object_mut) {
+        let name = variant.get("properties").and_then(Value::as_object).and_then(|one| one.keys().next());
+        if let Some(entry) = name.and_then(|name| flows::registry::find(name)) {
+            variant.insert("description".to_owned(), entry.formula.into());
+        }
+    }
 }
 
 /// Velocities on a regular grid, from a file: `.npy` (with its geometry given here), `.csv` or legacy `.vtk`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Gridded {
-    /// The file, relative to the scenario.
+    /// A `.npy`, `.csv` or legacy `.vtk` file with the velocities, relative to the scenario.
+    #[schemars(example = &"velocities.npy")]
     pub file: String,
-    /// What is between the nodes.
+    /// Interpolation between the nodes.
     #[serde(default = "tricubic")]
     pub interpolation: f::Interpolation,
     /// Whether the data repeat along x, y and z.
@@ -76,144 +131,54 @@ pub struct Gridded {
     pub periodic: [bool; 3],
     /// Where the nodes of a `.npy` file are.
     #[serde(default)]
-    pub geometry: Geometry,
+    pub geometry: GridGeometry,
 }
 
 fn tricubic() -> f::Interpolation {
     f::Interpolation::Tricubic
 }
 
-/// A field that is changed as a whole.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// A field that is transformed as a whole.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Changed<P> {
-    /// The field.
+    /// The field that is transformed.
     pub field: Box<Field>,
-    /// How it is changed.
+    /// How it is transformed.
     pub by: P,
-}
-
-impl Field {
-    /// Gives the parts that are drawn at random new seeds.
-    ///
-    /// # Errors
-    /// What `draw` says.
-    pub fn reseed(&mut self, draw: &mut impl FnMut() -> Result<u64>) -> Result<()> {
-        match self {
-            Field::Kraichnan(p) => p.seed = draw()?,
-            Field::Sum(fields) => fields.iter_mut().try_for_each(|field| field.reseed(draw))?,
-            Field::Scaled(Changed { field, .. }) => field.reseed(draw)?,
-            Field::Translated(Changed { field, .. }) => field.reseed(draw)?,
-            Field::Rotated(Changed { field, .. }) => field.reseed(draw)?,
-            Field::Moving(Changed { field, .. }) => field.reseed(draw)?,
-            Field::Modulated(Changed { field, .. }) => field.reseed(draw)?,
-            Field::Mirrored(Changed { field, .. }) => field.reseed(draw)?,
-            _ => {}
-        }
-        Ok(())
-    }
 }
 
 type Built = Option<Box<dyn VelocityField>>;
 
+fn boxed<F: VelocityField + 'static>(path: &str, field: flows::Result<F>, problems: &mut Problems) -> Built {
+    problems.of(path, field).map(|field| Box::new(field) as Box<dyn VelocityField>)
+}
+
 impl Field {
-    /// Fills defaults and builds the field; files it names are found and kept by `files`.
-    pub(super) fn build(
-        &mut self,
-        z_um: (f64, f64),
-        files: &mut Files<'_>,
-        problems: &mut Problems,
-    ) -> Built {
-        macro_rules! plain {
-            ($field:expr) => {
-                problems.of(PATH, $field).map(|field| Box::new(field) as Box<dyn VelocityField>)
-            };
-        }
-        macro_rules! changed {
-            ($kind:ident, $changed:expr) => {{
-                let inner = $changed.field.build(z_um, files, problems)?;
-                plain!(f::$kind::new(inner, &$changed.by))
-            }};
-        }
-        let (floor, ceiling) = z_um;
-        let walls = [floor, ceiling];
-        let (mid_depth, on_floor) = ([0.0, 0.0, 0.5 * (floor + ceiling)], [0.0, 0.0, floor]);
-        // What is not given follows the depth range.
-        macro_rules! within {
-            ($kind:ident::$make:ident, $p:ident, $($key:ident: $default:expr),+) => {{
-                $( $p.$key.get_or_insert($default); )+
-                plain!(f::$kind::$make($p))
-            }};
-        }
-        match self {
-            Field::Uniform(p) => plain!(f::Linear::from_uniform(p)),
-            Field::Shear(p) => within!(Linear::from_shear, p, centre_um: on_floor),
-            Field::Rotation(p) => within!(Linear::from_rotation, p, centre_um: mid_depth),
-            Field::Strain(p) => within!(Linear::from_strain, p, centre_um: mid_depth),
-            Field::Dilatation(p) => within!(Linear::from_dilatation, p, centre_um: mid_depth),
-            Field::Linear(p) => within!(Linear::from_params, p, centre_um: mid_depth),
-            Field::Poiseuille(p) => within!(Poiseuille::from_params, p, walls_z_um: walls),
-            Field::CouettePoiseuille(p) => within!(CouettePoiseuille::new, p, walls_z_um: walls),
-            Field::Duct(p) => within!(Duct::new, p, walls_z_um: walls),
-            Field::Tube(p) => {
-                let (axis, radius) = ([0.0, mid_depth[2]], 0.5 * (ceiling - floor));
-                within!(Tube::new, p, centre_yz_um: axis, radius_um: radius)
-            }
-            Field::Womersley(p) => within!(Womersley::new, p, walls_z_um: walls),
-            Field::ElectroOsmotic(p) => within!(ElectroOsmotic::new, p, walls_z_um: walls),
-            Field::HeleShaw(p) => within!(HeleShaw::new, p, walls_z_um: walls),
-            Field::Rankine(p) => plain!(f::Rankine::new(p)),
-            Field::LambOseen(p) => plain!(f::LambOseen::from_params(p)),
-            Field::Burgers(p) => within!(Burgers::new, p, centre_um: mid_depth),
-            Field::TaylorGreen(p) => plain!(f::TaylorGreen::new(p)),
-            Field::Cellular(p) => plain!(f::Cellular::new(p)),
-            Field::DoubleGyre(p) => plain!(f::DoubleGyre::new(p)),
-            Field::Abc(p) => within!(Abc::new, p, centre_um: mid_depth),
-            Field::Hill(p) => within!(Hill::new, p, centre_um: mid_depth),
-            Field::Sinusoid(p) => plain!(f::Sinusoid::new(p)),
-            Field::TanhLayer(p) => plain!(f::TanhLayer::new(p)),
-            Field::BickleyJet(p) => plain!(f::BickleyJet::new(p)),
-            Field::Source(p) => within!(Source::new, p, centre_um: mid_depth, walls_z_um: walls),
-            Field::StokesSphere(p) => within!(StokesSphere::new, p, centre_um: mid_depth),
-            Field::StokesCylinder(p) => plain!(f::StokesCylinder::new(p)),
-            Field::ToroidalDrop(p) => within!(ToroidalDrop::new, p, centre_um: on_floor),
-            Field::CoffeeRing(p) => within!(CoffeeRing::new, p, centre_um: on_floor),
-            Field::RayleighStreaming(p) => within!(RayleighStreaming::new, p, walls_z_um: walls),
-            Field::Acoustophoresis(p) => plain!(f::Acoustophoresis::new(p)),
-            Field::Kraichnan(p) => plain!(f::Kraichnan::new(p)),
-            Field::Gridded(p) => p.build(files, problems),
-            Field::Sum(fields) => {
-                let parts: Option<Vec<_>> =
-                    fields.iter_mut().map(|p| p.build(z_um, files, problems)).collect();
-                plain!(f::Sum::new(parts?))
-            }
-            Field::Scaled(p) => changed!(Scaled, p),
-            Field::Translated(p) => changed!(Translated, p),
-            Field::Rotated(p) => changed!(Rotated, p),
-            Field::Moving(p) => changed!(Moving, p),
-            Field::Modulated(p) => changed!(Modulated, p),
-            Field::Mirrored(p) => changed!(Mirrored, p),
-        }
+    /// Its name in scenarios.
+    fn name(&self) -> String {
+        let value = serde_json::to_value(self).unwrap_or_default();
+        value.as_object().and_then(|one| one.keys().next().cloned()).unwrap_or_default()
     }
 }
 
 impl Gridded {
-    fn build(&mut self, files: &mut Files<'_>, problems: &mut Problems) -> Built {
-        let key = format!("{PATH}.gridded.file");
-        let (path, bytes) = files.read(&key, &self.file, problems)?;
+    fn build(&mut self, path: &str, files: &mut Files<'_>, problems: &mut Problems) -> Built {
+        let key = joined(path, "file");
+        let (file, bytes) = files.read(&key, &self.file, problems)?;
         let extension =
             Path::new(&self.file).extension().unwrap_or_default().to_string_lossy().to_lowercase();
         let grid = match extension.as_str() {
-            "npy" => Grid::from_npy(&bytes[..], &self.geometry),
-            "csv" => Grid::from_csv(&bytes[..]),
-            "vtk" => Grid::from_vtk(&bytes[..]),
+            "npy" => VelocityGrid::from_npy(&bytes[..], &self.geometry),
+            "csv" => VelocityGrid::from_csv(&bytes[..]),
+            "vtk" => VelocityGrid::from_vtk(&bytes[..]),
             other => {
-                problems.add(&key, &self.file, &format!("a .npy, .csv or .vtk file, not `.{other}`"));
+                problems.value(&key, &self.file, &format!("a .npy, .csv or .vtk file, not `.{other}`"));
                 return None;
             }
         };
-        let grid = problems.of(&format!("{key}: {}", path.display()), grid)?;
-        let field = problems.of(PATH, f::Gridded::new(&grid, self.interpolation, self.periodic))?;
-        self.file = files.keep(&path, bytes);
+        let grid = problems.of(&format!("{key}: {}", file.display()), grid)?;
+        let field = problems.of(path, f::Gridded::new(&grid, self.interpolation, self.periodic))?;
+        self.file = files.keep(&file, bytes);
         Some(Box::new(field))
     }
 }

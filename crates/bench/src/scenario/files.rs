@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::problems::Problems;
+use super::language::problems::Problems;
 use crate::error::Error;
 
 /// A file that the scenario names.

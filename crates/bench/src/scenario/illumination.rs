@@ -3,29 +3,33 @@
 use flows::Illumination as Light;
 use flows::illumination::{Profile, Shape};
 use glam::DVec3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::problems::Problems;
+use super::language::problems::Problems;
 
-/// Light that differs from place to place and from pulse to pulse; `flows::illumination` has the formulas.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// Illumination that varies in space and from pulse to pulse; `flows::illumination` has the formulas.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Illumination {
-    /// How it is spread over space.
+    /// Spatial distribution of the light.
     pub shape: LightShape,
-    /// Change of the light per um along x, y and z, relative to that in the middle of the image.
+    /// Relative change of the light along x, y and z, with respect to the middle of the image.
     pub ramp_per_um: (f64, f64, f64),
-    /// Energies of the frames of a recording, and again from the first after the last.
+    /// Relative pulse energies of the frames of a recording, in turn.
+    #[schemars(length(min = 1, max = 10_000_000), inner(range(min = 0.0, max = 1e6)))]
     pub pulse_energies: Vec<f64>,
-    /// Relative standard deviation of the energy of a pulse.
+    /// Relative standard deviation of the pulse energy.
+    #[schemars(range(min = 0.0, max = 0.3))]
     pub energy_jitter: f64,
-    /// Time in which the particles dim to 1/e, s.
+    /// Photobleaching: time in which the particles dim to 1/e.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-range" = "> 0"), example = 2.0)]
     pub bleaching_s: Option<f64>,
 }
 
-/// How light is spread over space.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+/// Spatial distribution of the light.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LightShape {
     /// The same everywhere.
@@ -38,17 +42,19 @@ pub enum LightShape {
 }
 
 /// A light sheet.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Sheet {
-    /// How it falls off.
+    /// Profile across the sheet.
     pub profile: SheetProfile,
-    /// Between the places where light is e^-2 of that in the middle, or between the edges of a top hat, um.
+    /// Thickness T: distance between the two e^-2 points, or between the edges of a top hat.
+    #[schemars(extend("x-range" = "> 0"))]
     pub thickness_um: f64,
-    /// A point of its middle plane, um; unless given, the middle of the depth range.
+    /// A point of its middle plane (x, y, z).
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub centre_um: Option<(f64, f64, f64)>,
-    /// Across it.
+    #[schemars(extend("x-default" = "the middle of the depth range", "x-formerly" = ["centre_um"]))]
+    pub center_um: Option<(f64, f64, f64)>,
+    /// Direction across the sheet (x, y, z).
     pub normal: (f64, f64, f64),
 }
 
@@ -57,43 +63,49 @@ impl Default for Sheet {
         Sheet {
             profile: SheetProfile::Gaussian,
             thickness_um: 20.0,
-            centre_um: None,
+            center_um: None,
             normal: (0.0, 0.0, 1.0),
         }
     }
 }
 
 /// Profile of a light sheet.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SheetProfile {
-    /// exp(-8 s^2 / T^2).
+    /// exp(-8 s^2 / T^2) at the distance s from the middle plane.
     Gaussian,
     /// 1 within the thickness, 0 beyond.
     TopHat,
-    /// exp(-2 |2 s / T|^order).
-    SuperGaussian(f64),
+    /// exp(-2 |2 s / T|^N), of order N.
+    SuperGaussian(#[schemars(range(min = 1.0, max = 100.0), example = 8.0)] f64),
 }
 
 /// A Gaussian beam.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Beam {
-    /// The middle of its waist, um; unless given, on the optical axis in the middle of the depth range.
+    /// Middle of the beam waist (x, y, z).
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub centre_um: Option<(f64, f64, f64)>,
-    /// Its direction.
+    #[schemars(extend(
+        "x-default" = "on the optical axis in the middle of the depth range",
+        "x-formerly" = ["centre_um"]
+    ))]
+    pub center_um: Option<(f64, f64, f64)>,
+    /// Direction of the beam (x, y, z).
     pub axis: (f64, f64, f64),
-    /// Radius of the waist, where light is e^-2 of that in the middle, um.
+    /// e^-2 radius of the beam waist.
+    #[schemars(extend("x-range" = "> 0"))]
     pub waist_um: f64,
-    /// Distance from the waist at which its section has doubled, um; unless given, the beam is parallel.
+    /// Rayleigh length: distance from the waist at which the cross-section has doubled.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-range" = "> 0", "x-default" = "a collimated beam"), example = 5000.0)]
     pub rayleigh_um: Option<f64>,
 }
 
 impl Default for Beam {
     fn default() -> Self {
-        Beam { centre_um: None, axis: (0.0, 0.0, 1.0), waist_um: 200.0, rayleigh_um: None }
+        Beam { center_um: None, axis: (0.0, 0.0, 1.0), waist_um: 200.0, rayleigh_um: None }
     }
 }
 
@@ -121,13 +133,13 @@ impl Illumination {
                     SheetProfile::TopHat => Profile::TopHat,
                     SheetProfile::SuperGaussian(order) => Profile::SuperGaussian(order),
                 };
-                let centre = DVec3::from(*s.centre_um.get_or_insert(middle));
-                Shape::sheet(profile, centre, DVec3::from(s.normal), s.thickness_um)
+                let center = DVec3::from(*s.center_um.get_or_insert(middle));
+                Shape::sheet(profile, center, DVec3::from(s.normal), s.thickness_um)
             }
             LightShape::Beam(b) => {
-                let centre = DVec3::from(*b.centre_um.get_or_insert(middle));
+                let center = DVec3::from(*b.center_um.get_or_insert(middle));
                 let rayleigh = b.rayleigh_um.unwrap_or(f64::INFINITY);
-                Shape::beam(centre, DVec3::from(b.axis), b.waist_um, rayleigh)
+                Shape::beam(center, DVec3::from(b.axis), b.waist_um, rayleigh)
             }
         };
         let light = shape.and_then(|shape| {

@@ -1,47 +1,50 @@
 //! What moves the particles, as scenarios write it: a velocity field in its place, or recorded tracks.
 
 use flows::fields::{Rotated, RotatedParams, Translated, TranslatedParams};
+use flows::registry::DepthRange;
 use flows::scale::Scale;
-use flows::{Tracks as RecordedTracks, VelocityField};
+use flows::{RecordedTracks, VelocityField};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::field::Field;
 use super::files::Files;
-use super::problems::Problems;
-use crate::dataset::truth::TRACKS;
+use super::language::problems::Problems;
+use crate::tables::truth::TRACKS;
 
 /// What moves the particles.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Motion {
-    /// A velocity field.
+    /// A velocity field advects them.
     Flow(Flow),
-    /// Tracks from a file.
+    /// They follow recorded tracks.
     Tracks(Tracks),
 }
 
 /// A velocity field in its place.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Flow {
-    /// The field.
+    /// The field, with its parameters; `microsig flows` lists and describes all fields.
     pub field: Field,
-    /// Where it is put, and how it is turned.
+    /// The field turned about an axis through a point, then moved.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub placement: Option<FieldPlacement>,
 }
 
 /// A field turned about its own origin, which is then moved.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct FieldPlacement {
-    /// How far it is moved, um.
+    /// Displacement of the field (x, y, z).
     pub offset_um: (f64, f64, f64),
-    /// Axis that it is turned about.
+    /// Direction of the axis of rotation (x, y, z).
     pub axis: (f64, f64, f64),
-    /// Angle that it is turned by, rad; about z clockwise on the screen.
+    /// Angle of rotation; about z clockwise on the screen.
     pub angle_rad: f64,
-    /// A point of the axis, um, before the field is moved.
-    pub centre_um: (f64, f64, f64),
+    /// A point of the axis (x, y, z), before the field is moved.
+    #[schemars(extend("x-formerly" = ["centre_um"]))]
+    pub center_um: (f64, f64, f64),
 }
 
 impl Default for FieldPlacement {
@@ -50,21 +53,24 @@ impl Default for FieldPlacement {
             offset_um: (0.0, 0.0, 0.0),
             axis: (0.0, 0.0, 1.0),
             angle_rad: 0.0,
-            centre_um: (0.0, 0.0, 0.0),
+            center_um: (0.0, 0.0, 0.0),
         }
     }
 }
 
 /// Recorded tracks; `flows::tracks` says what the file holds.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Tracks {
-    /// The file, relative to the scenario.
+    /// CSV with the columns `frame`, `track` and `x_um, y_um, z_um` (or `x_px, y_px, z_um`), optionally
+    /// `d_um`, `c_int`, `e_p`,
+    /// `axis_x`, `axis_y`, `axis_z`, `u_um_s`, `v_um_s`, `w_um_s`; relative to the scenario.
+    #[schemars(example = &"tracks.csv")]
     pub file: String,
 }
 
 /// What moves the particles, checked.
 #[derive(Debug)]
-pub enum Mover {
+pub enum MotionSource {
     /// A velocity field.
     Field(Box<dyn VelocityField>),
     /// Tracks.
@@ -79,10 +85,11 @@ impl Flow {
         files: &mut Files<'_>,
         problems: &mut Problems,
     ) -> Option<Box<dyn VelocityField>> {
-        let field = self.field.build(z_um, files, problems)?;
+        let depths = DepthRange { floor_um: z_um.0, ceiling_um: z_um.1 };
+        let field = self.field.build("motion.flow.field", depths, files, problems)?;
         let Some(p) = self.placement else { return Some(field) };
         let turn =
-            RotatedParams { axis: p.axis.into(), angle_rad: p.angle_rad, centre_um: p.centre_um.into() };
+            RotatedParams { axis: p.axis.into(), angle_rad: p.angle_rad, center_um: p.center_um.into() };
         let placed = Rotated::new(field, &turn).and_then(|turned| {
             Translated::new(Box::new(turned), &TranslatedParams { offset_um: p.offset_um.into() })
         });
@@ -105,9 +112,7 @@ impl Tracks {
         let tracks = match RecordedTracks::from_csv(&bytes[..], scale) {
             Ok(tracks) => tracks,
             Err(faults) => {
-                for fault in faults {
-                    problems.of::<()>(KEY, Err(in_file(&name, &fault)));
-                }
+                faults.iter().for_each(|fault| problems.other(KEY, in_file(&name, fault)));
                 return None;
             }
         };

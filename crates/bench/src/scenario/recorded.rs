@@ -1,13 +1,13 @@
 //! Recorded tracks against the rest of a scenario.
 
 use flows::scale::Scale;
-use flows::{Diameters, Tracks};
+use flows::{Diameters, RecordedTracks};
 use glam::DVec3;
 use microsig_core::render::Renderer;
 use microsig_core::{Particle, Spheroid};
 
-use super::problems::Problems;
-use super::timing::Recordings;
+use super::language::problems::Problems;
+use super::recordings::Recordings;
 
 /// Faults and warnings of single particles that are listed before the rest is left out.
 const MAX_LISTED: usize = 20;
@@ -15,7 +15,7 @@ const MAX_LISTED: usize = 20;
 /// Whether particles of recorded tracks can be drawn, and whether the scenario covers them.
 #[allow(clippy::too_many_arguments, reason = "a part of `resolve`")]
 pub(super) fn recorded(
-    tracks: &Tracks,
+    tracks: &RecordedTracks,
     diameters: &Diameters,
     renderer: &Renderer,
     scale: &Scale,
@@ -36,7 +36,7 @@ pub(super) fn recorded(
             match renderer.check(&particle) {
                 Err(e) if wrong < MAX_LISTED => {
                     wrong += 1;
-                    problems.0.push(format!("{KEY}: {}", place(e.to_string())));
+                    problems.other(KEY, place(e.to_string()));
                 }
                 Ok(Some(warning)) if drawn_badly < MAX_LISTED => {
                     drawn_badly += 1;

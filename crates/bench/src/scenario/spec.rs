@@ -1,70 +1,94 @@
-//! A scenario as it is written: RON, everything optional that has a sensible default.
+//! A scenario as it is written. A key is a field of one of these structs and nothing else: its doc comment is
+//! the meaning, its attributes are default and range (`language::schema`).
 //!
-//! The types mirror the file. A key left out is `None` (or a default); [`super::resolve`] fills them all, and the
-//! filled form is what a dataset keeps as its `scenario.ron`.
+//! A key left out is `None` (or a default); [`super::resolve`] fills them all, and the filled form is what a
+//! dataset keeps as its `scenario.ron`.
 
-use microsig_core::Settings;
-use microsig_core::emission::SpheroidLaw;
-use microsig_core::render::expected::{DEFAULT_TOLERANCE, ExpectedRenderer};
-use microsig_core::render::{GaussianRenderer, RayRenderer, Renderer, Spot};
+use std::sync::LazyLock;
+
+use microsig_core::render::expected::DEFAULT_TOLERANCE;
+use microsig_core::render::waves::WaveOptics;
+use microsig_core::render::{GaussianSpot, RendererSpec};
 use microsig_core::sensor::{self, Detector};
-use serde::{Deserialize, Serialize};
+use microsig_core::{KEYS, Settings};
+use schemars::JsonSchema;
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::{Value, json};
 
 pub use super::field::{Changed, Field, Gridded};
 pub use super::illumination::{Beam, Illumination, LightShape, Sheet, SheetProfile};
+use super::language::derive::schema_of;
+use super::language::schema::Schema;
 use super::license::LICENSES;
 pub use super::motion::{FieldPlacement, Flow, Motion, Tracks};
+pub use super::objective::{Layers, Lens, Mask, Pinhole, Pupil};
 pub use super::particles::{
-    Brightness, Brownian, Diameter, Number, Obstacle, Orientation, Particles, Placement, Settling, Spheroids,
+    Brightness, Brownian, Diameter, Emitted, Growth, Number, Obstacle, Orientation, Particles, Photons,
+    Placement, Settling, Spheroids,
 };
+pub use super::rendering::{Emission, Render, RenderMode, SpheroidPoints};
 pub use super::timing::{Flashes, FourPulse, PairSeeding, Pairs, Sequence, Timing};
-pub use super::truth_grid::{Grid, Planes, TruthGrid, Weighting};
+pub use super::truth_grid::{FieldGrid, Planes, TruthGrid, Weighting};
 
-/// A whole scenario.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// A scenario: what is filmed, through which optics, and when.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Spec {
-    /// Name of the dataset: lower-case letters, digits, `.`, `_`, `-`.
+    /// Name of the dataset and of its folder: 1 to 100 lower-case letters, digits, `.`, `_`, `-`.
+    #[schemars(example = &"mine", extend("pattern" = "^[a-z0-9_-][a-z0-9._-]{0,99}$"))]
     pub name: String,
-    /// What the dataset is for, free text.
+    /// Free text for the dataset card.
     #[serde(default)]
     pub description: String,
-    /// Licence of the dataset, one of [`super::license::LICENSES`].
+    /// License of the dataset, written to `LICENSE`, card and manifest.
     #[serde(default = "license")]
+    #[schemars(extend("enum" = LICENSES.map(|license| license.id), "x-quoted" = true))]
     pub license: String,
-    /// Seed of all random numbers.
+    /// Seed of all random numbers; another seed gives another realization.
     #[serde(default)]
     pub seed: u64,
-    /// Lenses, sensor size and background.
+    /// Lenses, sensor size, background: MicroSIG's 14 settings from a preset, a settings file, or one by one.
     #[serde(default)]
     pub optics: Optics,
-    /// The camera behind the optics; left out, it is MicroSIG's own sensor.
+    /// A camera behind the optics, instead of MicroSIG's constant background with Gaussian noise. Effects
+    /// that are not given are off.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor: Option<Sensor>,
     /// What moves the particles.
+    #[schemars(example = json!({ "flow": { "field": { "poiseuille": {} } } }))]
     pub motion: Motion,
-    /// How many particles of what kind.
+    /// Number, positions, sizes and brightness of the particles, and what moves them besides the flow.
     #[serde(default)]
     pub particles: Particles,
-    /// The box that holds the particles.
+    /// The box that holds the particles: the image, a margin around it, the depth range.
     #[serde(default)]
     pub boundaries: Boundaries,
     /// When frames are taken.
+    #[schemars(example = json!({ "pairs": { "count": 10 } }))]
     pub timing: Timing,
-    /// Light on the particles; left out, it is the same everywhere and always.
+    /// Illumination that varies in space and from pulse to pulse; it multiplies `c_int`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "the same everywhere and always"))]
     pub illumination: Option<Illumination>,
-    /// How images are made.
+    /// How particles become images.
     #[serde(default)]
     pub render: Render,
-    /// Further columns of the truth.
+    /// Optional columns of the truth.
     #[serde(default)]
-    pub truth: Truth,
-    /// The displacement field of the truth.
+    pub truth: TruthColumns,
+    /// The true displacement field, `truth/field.csv`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "a grid, or none for recorded tracks"))]
     pub truth_grid: Option<TruthGrid>,
-    /// The calibration stack; left out, there is one unless all particles are in focus anyway.
+    /// The calibration stack: one particle, scanned through the depth range.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "stack, or none for Gaussian spots"))]
     pub calibration: Option<Calibration>,
+}
+
+/// The language of scenarios.
+pub fn schema() -> Schema<'static> {
+    static ROOT: LazyLock<Value> = LazyLock::new(schema_of::<Spec>);
+    Schema::root(&ROOT)
 }
 
 fn license() -> String {
@@ -72,46 +96,46 @@ fn license() -> String {
 }
 
 impl Spec {
-    /// What draws the particles, on a sensor of these settings.
-    ///
-    /// # Errors
-    /// Values out of range.
-    pub fn renderer(&self, settings: &Settings) -> Result<Renderer, microsig_core::Error> {
-        Ok(match (self.optics.gaussian, self.render.mode) {
-            (Some(spot), _) => Renderer::Gaussian(GaussianRenderer::new(settings, spot.into())?),
-            (None, Mode::Rays) => Renderer::Rays(RayRenderer::new(settings, self.render.spheroids.into())?),
-            (None, Mode::Expected) => {
-                let tolerance = self.render.tolerance.unwrap_or(DEFAULT_TOLERANCE);
-                Renderer::Expected(ExpectedRenderer::new(settings, self.render.spheroids.into(), tolerance)?)
-            }
-        })
+    /// What draws the particles.
+    pub fn renderer(&self) -> RendererSpec {
+        let spheroids = self.render.spheroids.into();
+        let tolerance = self.render.tolerance.unwrap_or(DEFAULT_TOLERANCE);
+        match (self.optics.gaussian, self.render.mode) {
+            (Some(spot), _) => RendererSpec::Gaussian(spot.into()),
+            (None, RenderMode::Rays) => RendererSpec::Rays { spheroids },
+            (None, RenderMode::Expected) => RendererSpec::Expected { spheroids, tolerance },
+            (None, RenderMode::Waves) => RendererSpec::Waves { optics: self.wave_optics(), tolerance },
+        }
     }
 
-    /// What draws the stack of a single particle: where expected images are asked for, rays, because tables for a stack
-    /// would cost more than the mean of some ray images.
-    ///
-    /// # Errors
-    /// Values out of range.
-    pub fn single_renderer(&self, settings: &Settings) -> Result<Renderer, microsig_core::Error> {
-        match self.renderer(settings)? {
-            Renderer::Expected(_) => {
-                Ok(Renderer::Rays(RayRenderer::new(settings, self.render.spheroids.into())?))
-            }
-            other => Ok(other),
+    /// Light and objective of wave optics. Without a wavelength, which is an error, it is 0.
+    fn wave_optics(&self) -> WaveOptics {
+        let Optics { lens, pupil, layers, cyl_angle_deg, .. } = &self.optics;
+        WaveOptics {
+            wavelength_um: self.render.wavelength_um.unwrap_or_default(),
+            bandwidth_um: self.render.bandwidth_um.unwrap_or_default(),
+            emission: self.render.emission.unwrap_or_default().into(),
+            lens: lens.unwrap_or_default().into(),
+            pupil: pupil.as_ref().map(Into::into).unwrap_or_default(),
+            cyl_angle_deg: cyl_angle_deg.unwrap_or_default(),
+            layers: layers.map(Into::into),
         }
     }
 }
 
-/// Gaussian spots, all in focus, instead of rays (`microsig_core::render::gaussian` says what each value does).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+/// Gaussian spots, all in focus, instead of rays, as in synthetic images for classical PIV.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Gaussian {
-    /// e^-2 diameter, px.
+    /// e^-2 diameter of a spot.
+    #[schemars(extend("x-range" = "> 0 and <= 1000"))]
     pub diameter_px: f64,
-    /// The particle diameter that has a spot of `diameter_px`, um; left out, all have.
+    /// Particle diameter whose spot has `diameter_px`; other spots scale with their particles.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-range" = "> 0 and <= 1e6", "x-default" = "all spots have the same diameter"))]
     pub reference_um: Option<f64>,
-    /// Peak of the irradiance of a particle of c_int 1, counts per pixel before gain.
+    /// Peak of the irradiance of a particle with `c_int` 1, counts per pixel before gain.
+    #[schemars(range(min = 0.0, max = 1e9))]
     pub peak_counts: f64,
 }
 
@@ -122,78 +146,141 @@ impl Default for Gaussian {
     }
 }
 
-impl From<Gaussian> for Spot {
+impl From<Gaussian> for GaussianSpot {
     fn from(g: Gaussian) -> Self {
-        Spot { diameter_px: g.diameter_px, reference_um: g.reference_um, peak_counts: g.peak_counts }
+        GaussianSpot { diameter_px: g.diameter_px, reference_um: g.reference_um, peak_counts: g.peak_counts }
     }
 }
 
-/// Further columns of `truth/tracks.csv`.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// Optional columns of `truth/tracks.csv`.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
-pub struct Truth {
+pub struct TruthColumns {
     /// The velocity gradient at each particle: nine columns, which nearly double the table.
     pub gradient: bool,
 }
 
 /// MicroSIG's settings: from a preset or a settings file, and keys that replace single values.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
+#[schemars(transform = units_and_ranges)]
 pub struct Optics {
-    /// One of the sets of Rossi 2020, Table 1.
+    /// A set of settings of Rossi 2020, Table 1.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "setting1, unless `settings` names a file"))]
     pub preset: Option<Preset>,
-    /// A MicroSIG settings file, relative to the scenario.
+    /// Instead of a preset: a MicroSIG settings file, relative to the scenario.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = &"settings.txt")]
     pub settings: Option<String>,
-    /// Physical depth over depth in MicroSIG's data files.
+    /// Physical depth over depth in MicroSIG's data files: 1 in air, about 1.33 for a dry objective over
+    /// water.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.1, max = 10.0))]
     pub depth_factor: Option<f64>,
-    /// Classical in-focus images instead of rays.
+    /// Gaussian spots, all in focus, instead of rays, as in synthetic images for classical PIV; `gain` is
+    /// then 1 unless given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gaussian: Option<Gaussian>,
-    /// MicroSIG's key of this name; so are all that follow.
+    /// Magnification M.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = PRESET))]
     pub magnification: Option<f64>,
+    /// Numerical aperture NA; the larger it is, the faster images grow out of focus.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[allow(missing_docs)]
+    #[schemars(extend("x-default" = PRESET))]
     pub numerical_aperture: Option<f64>,
+    /// Focal length of the virtual spherical lens; 350 is recommended.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[allow(missing_docs)]
+    #[schemars(extend("x-default" = PRESET))]
     pub focal_length: Option<f64>,
+    /// Refractive index between particle and lens.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[allow(missing_docs)]
+    #[schemars(extend("x-default" = PRESET))]
     pub ri_medium: Option<f64>,
+    /// Refractive index of the lens.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[allow(missing_docs)]
+    #[schemars(extend("x-default" = PRESET))]
     pub ri_lens: Option<f64>,
+    /// Edge of a pixel on the sensor.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[allow(missing_docs)]
+    #[schemars(extend("x-range" = "0.05 to 1000", "x-default" = PRESET))]
     pub pixel_size: Option<f64>,
+    /// Width of the image.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[allow(missing_docs)]
+    #[schemars(extend("x-default" = PRESET))]
     pub pixel_dim_x: Option<u32>,
+    /// Height of the image.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[allow(missing_docs)]
+    #[schemars(extend("x-default" = PRESET))]
     pub pixel_dim_y: Option<u32>,
+    /// Constant background.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[allow(missing_docs)]
+    #[schemars(extend("x-default" = PRESET))]
     pub background_mean: Option<f64>,
+    /// Standard deviation of the Gaussian background noise.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[allow(missing_docs)]
+    #[schemars(extend("x-default" = PRESET))]
     pub background_noise: Option<f64>,
+    /// Source points per pixel of a particle image; more points: less grain, more time.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[allow(missing_docs)]
+    #[schemars(extend("x-default" = PRESET))]
     pub points_per_pixel: Option<f64>,
+    /// Rays per source point; more rays: less grain, brighter images, more time.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[allow(missing_docs)]
+    #[schemars(extend("x-default" = PRESET))]
     pub n_rays: Option<u32>,
+    /// Counts per ray.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[allow(missing_docs)]
+    #[schemars(extend("x-range" = "0 to 1e6", "x-default" = PRESET))]
     pub gain: Option<f64>,
+    /// Focal length of the cylindrical lens; 0: no cylindrical lens.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[allow(missing_docs)]
+    #[schemars(extend("x-default" = PRESET))]
     pub cyl_focal_length: Option<f64>,
+    /// Instead of `cyl_focal_length`: physical depth at which images are narrow minus that at which they are
+    /// low, by paraxial optics; negative for a converging cylinder.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(
+        range(min = -1e5, max = 1e5),
+        extend("x-default" = "that of `cyl_focal_length`, into which it is converted"),
+        example = -20.0
+    )]
+    pub focal_planes_um: Option<f64>,
+    /// The model of the objective, for `mode: waves`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "microsig if `mode` is `waves`"))]
+    pub lens: Option<Lens>,
+    /// What stands in the pupil of the objective, for `mode: waves`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "an open pupil without aberrations"), example = Pupil::default())]
+    pub pupil: Option<Pupil>,
+    /// Azimuth along which the cylindrical lens bends, from x toward y, for `mode: waves`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = -180.0, max = 180.0), extend("x-unit" = "degrees", "x-default" = "0: along x"), example = 0.0)]
+    pub cyl_angle_deg: Option<f64>,
+    /// Medium, cover slip and immersion, for `mode: waves`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "those that the objective was designed for"), example = Layers::default())]
+    pub layers: Option<Layers>,
+}
+
+/// Default of a setting.
+const PRESET: &str = "that of the preset";
+
+/// Units and ranges of MicroSIG's settings are those of its settings files.
+fn units_and_ranges(schema: &mut schemars::Schema) {
+    let properties = schema.get_mut("properties").and_then(Value::as_object_mut);
+    for (name, site) in properties.into_iter().flatten() {
+        let (Some(key), Some(site)) = (KEYS.iter().find(|key| key.name == name), site.as_object_mut()) else {
+            continue;
+        };
+        let words = key.allowed.trim_start_matches("a whole number, ").trim_start_matches("a number ");
+        site.entry("x-range").or_insert(words.replace("a finite number", "finite").into());
+        if !key.unit.is_empty() {
+            site.entry("x-unit").or_insert(key.unit.into());
+        }
+    }
 }
 
 macro_rules! settings_keys {
@@ -223,51 +310,72 @@ impl Optics {
 }
 
 /// A set of settings of Rossi 2020, Table 1.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
     /// M 10, NA 0.3, 752 x 366 px.
     Setting1,
-    /// Setting 1 with a cylindrical lens.
+    /// Setting 1 with a cylindrical lens: astigmatic images.
     Setting1a,
     /// M 63, NA 0.75, 141 x 141 px.
     Setting2,
 }
 
-/// A camera (`microsig_core::sensor::Detector` says what each value does). What is left out is off.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// A camera (`microsig_core::sensor::Detector` defines each value). Effects that are not given are off.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Sensor {
     /// Photons that make one count of the ideal image.
+    #[schemars(extend("x-unit" = "photons/count", "x-range" = "> 0 and <= 1e12"))]
     pub photons_per_count: f64,
-    /// Electrons per photon.
+    /// Quantum efficiency: electrons per photon.
+    #[schemars(extend("x-unit" = "e/photon", "x-range" = "> 0 and <= 1"))]
     pub quantum_efficiency: f64,
-    /// Whether the number of electrons fluctuates.
+    /// Whether the number of electrons fluctuates (Poisson).
     pub shot_noise: bool,
-    /// Mean dark electrons of a pixel and frame.
+    /// Mean dark electrons per pixel and frame.
+    #[schemars(range(min = 0.0, max = 1e12))]
     pub dark_e: f64,
-    /// Standard deviation of the read noise, electrons.
+    /// Standard deviation of the read noise.
+    #[schemars(range(min = 0.0, max = 1e12))]
     pub read_noise_e: f64,
-    /// Electrons that a pixel holds.
+    /// Full-well capacity: a pixel saturates at this many electrons.
+    #[serde(deserialize_with = "or_infinite")]
+    #[schemars(extend("type" = ["number", "null"], "exclusiveMinimum" = 0, "x-infinite" = true))]
     pub full_well_e: f64,
     /// Counts per electron.
+    #[schemars(extend("x-range" = "> 0 and <= 1e12"))]
     pub gain_counts_per_e: f64,
     /// Counts of a pixel without electrons.
+    #[schemars(range(min = -65535.0, max = 65535.0))]
     pub offset_counts: f64,
-    /// Bit depth: 8, 10, 12, 14 or 16.
+    /// Bit depth of the image.
+    #[schemars(extend("enum" = [8, 10, 12, 14, 16]))]
     pub bits: u8,
-    /// Relative standard deviation of the pixels' sensitivities.
+    /// Photo-response non-uniformity: relative standard deviation of the pixels' sensitivities, the same in
+    /// all frames.
+    #[schemars(range(min = 0.0, max = 0.3))]
     pub prnu: f64,
-    /// Standard deviation of the pixels' dark electrons.
+    /// Dark-signal non-uniformity: standard deviation of the pixels' dark electrons, the same in all frames.
+    #[schemars(range(min = 0.0, max = 1e12))]
     pub dsnu_e: f64,
-    /// Pixels with a large dark signal.
+    /// Pixels with a large dark signal, the same in all frames.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = HotPixels { fraction: 0.0001, dark_e: 5000.0 })]
     pub hot_pixels: Option<HotPixels>,
-    /// Loss of light in the corners, as a share.
+    /// Fraction of the light lost in the corners; it grows with the square of the radius.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub vignetting: f64,
-    /// A grey TIFF of the image's size whose counts are added to the ideal image, relative to the scenario.
+    /// A gray-scale TIFF of the image's size whose counts are added to the ideal image, relative to the
+    /// scenario.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = &"background.tif")]
     pub background: Option<String>,
+}
+
+/// JSON has no infinite numbers: `null` stands for them.
+fn or_infinite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Option::deserialize(deserializer).map(|value| value.unwrap_or(f64::INFINITY))
 }
 
 impl Default for Sensor {
@@ -314,21 +422,24 @@ impl Sensor {
     }
 }
 
-/// Hot pixels.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+/// Pixels with a large dark signal.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HotPixels {
-    /// Their share.
+    /// Fraction of hot pixels.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub fraction: f64,
-    /// Their dark electrons in a frame.
+    /// Dark electrons of a hot pixel per frame.
+    #[schemars(range(min = 0.0, max = 1e12))]
     pub dark_e: f64,
 }
 
 /// The box that holds the particles.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Boundaries {
-    /// The depth range, um.
+    /// Depth range, lower end first; z = 0 is the paraxial object plane, z grows away from the lens.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("minimum" = -1e6, "maximum" = 1e6))]
     pub z_um: Option<(f64, f64)>,
     /// What the left and right ends are.
     pub x: Boundary,
@@ -337,81 +448,42 @@ pub struct Boundaries {
     /// What the two ends of the depth range are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub z: Option<Boundary>,
-    /// How far the box reaches beyond the image on each side, px; unless given, as far as the largest particle image, but
-    /// at most half the longer side of the sensor (or 50 px).
+    /// How far the box reaches beyond the image on each side.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(
+        range(min = 0.0, max = 1e5),
+        extend("x-default" = "as far as the largest particle image, at most half the longer side of the sensor (or 50 px)")
+    )]
     pub margin_px: Option<f64>,
-    /// Bodies that particles cannot enter.
+    /// Solid bodies that particles cannot enter.
     pub bodies: Vec<Obstacle>,
-    /// Whether a particle that passes a periodic end keeps its number.
+    /// Whether a particle that passes a periodic end keeps its track number.
     pub keep_ids: bool,
 }
 
 /// What a face of the box is.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Boundary {
-    /// Particles go through; outside there are as many as inside.
+    /// Particles come and go; their number density is the same outside as inside.
     #[default]
     Open,
-    /// Particles keep their radius away from it.
+    /// Particles stay one radius away from it.
     Wall,
-    /// What leaves on one side comes in on the other.
+    /// Particles that leave on one side enter on the other.
     Periodic,
 }
 
-/// How images are made.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Render {
-    /// The renderer.
-    pub mode: Mode,
-    /// Which points of spheroids shine.
-    pub spheroids: Law,
-    /// Error of an expected image as a share of its peak (`microsig_core::render::expected::DEFAULT_TOLERANCE`); left out
-    /// where images are not `expected`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub tolerance: Option<f64>,
-}
-
-/// Which points of a spheroid shine.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Law {
-    /// As in MicroSIG's program.
-    #[default]
-    Original,
-    /// Uniform in area.
-    Uniform,
-}
-
-impl From<Law> for SpheroidLaw {
-    fn from(law: Law) -> Self {
-        match law {
-            Law::Original => SpheroidLaw::Original,
-            Law::Uniform => SpheroidLaw::Uniform,
-        }
-    }
-}
-
-/// A renderer.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Mode {
-    /// Counts of discrete rays, the paper's method.
-    #[default]
-    Rays,
-    /// The limit of many rays, without their noise; shot noise is the sensor's.
-    Expected,
-}
-
-/// The calibration stack.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+/// The calibration stack: one particle, scanned through the depth range.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Calibration {
-    /// One particle, scanned through the depth range in steps of 2 um.
+    /// Written to `calibration/`, in steps of 2 um or, where that is more than about a quarter of the depth
+    /// of field or makes fewer than 41 images, half of that, and so on.
     #[default]
     Stack,
+    /// The same in steps of this length.
+    EveryUm(#[schemars(extend("x-range" = "> 0 and <= 1e6", "x-unit" = "um"), example = 1.0)] f64),
     /// No stack.
     None,
 }

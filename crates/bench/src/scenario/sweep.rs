@@ -1,39 +1,28 @@
 //! Sweeps: one scenario, varied along axes.
 //!
-//! A case is the base scenario with one value per axis and a repetition number. Its seed comes from what it is, not from
-//! its place in the list: adding values, reordering axes' values or splitting into shards changes no other case.
+//! A case is the base scenario with one value per axis and a repetition number. Its seed comes from what it
+//! is, not from its place in the list: adding values, reordering axes' values or splitting into shards
+//! changes no other case.
 
+use std::borrow::Cow;
 use std::path::Path;
+use std::sync::{Arc, LazyLock};
 
-use ron::value::RawValue;
+use schemars::{JsonSchema, Schema as JsonSchemaValue, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use sha2::{Digest, Sha256};
 
-use super::outline::{line_and_column, outline};
-use super::parse::Source;
-use super::spec::Spec;
-use super::{keys, parse, set};
+use super::language::derive::schema_of;
+use super::language::graft::{assigned, graft};
+use super::language::problems::Problems;
+use super::language::schema::Schema;
+use super::language::text::{self, Node};
+use super::language::typed;
+use super::spec::{Spec, schema as scenario};
+use super::{parse, read_text, set};
 use crate::error::{Error, Result};
-
-/// What a sweep, its axes and their ranges may say.
-const SWEEP_KEYS: [&str; 12] = [
-    "name",
-    "description",
-    "base",
-    "axes",
-    "combine",
-    "repetitions",
-    "seed",
-    "path",
-    "values",
-    "from",
-    "to",
-    "count",
-];
-
-/// What a sweep cannot be read without, and what stands there while the rest is looked at.
-const NEEDED: [(&str, &str); 3] =
-    [("name", "name: \"stand-in\""), ("base", "base: \"\""), ("axes", "axes: []")];
+use crate::problem::{Problem, Source};
 
 /// Most cases of a sweep; more is surely a slip.
 const MAX_CASES: usize = 1_000_000;
@@ -41,27 +30,37 @@ const MAX_CASES: usize = 1_000_000;
 /// Values of an axis that are tried before any case is run.
 const MOST_TRIED: usize = 1000;
 
-/// A sweep as written.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+/// A sweep as written: a scenario that is varied along axes.
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 pub struct SweepSpec {
     /// Name of the sweep and of its folder.
+    #[schemars(example = &"stand-in")]
     pub name: String,
     /// What it is for.
     #[serde(default)]
     pub description: String,
     /// The scenario that is varied: a file, relative to the sweep's.
+    #[schemars(example = &"")]
     pub base: String,
     /// What is varied.
+    #[schemars(example = Vec::<Axis>::new())]
     pub axes: Vec<Axis>,
     /// How the axes go together.
     #[serde(default)]
     pub combine: Combine,
     /// Datasets per combination of values, each with a seed of its own.
     #[serde(default = "one")]
+    #[schemars(range(min = 1, max = MAX_CASES))]
     pub repetitions: u32,
     /// Seed that the cases' seeds are made from.
     #[serde(default)]
     pub seed: u64,
+}
+
+/// The language of sweeps.
+pub fn sweep_schema() -> Schema<'static> {
+    static ROOT: LazyLock<Value> = LazyLock::new(schema_of::<SweepSpec>);
+    Schema::root(&ROOT)
 }
 
 fn one() -> u32 {
@@ -69,7 +68,7 @@ fn one() -> u32 {
 }
 
 /// What is varied, and over which values.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 pub struct Axis {
     /// Path of a scenario's key.
     pub path: String,
@@ -78,11 +77,11 @@ pub struct Axis {
 }
 
 /// Values of an axis.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Values {
     /// These, each written as in a scenario.
-    List(Vec<Box<RawValue>>),
+    List(#[schemars(length(min = 1))] Vec<Written>),
     /// Equal steps.
     Linear(Span),
     /// Equal ratios.
@@ -90,18 +89,34 @@ pub enum Values {
 }
 
 /// A range of numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Span {
     /// The first number.
     pub from: f64,
     /// The last number.
     pub to: f64,
     /// How many, both ends counted.
+    #[schemars(range(min = 1, max = MAX_CASES))]
     pub count: u32,
 }
 
+/// A value as written in a scenario, kept as text: what it means depends on the path.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Written(pub String);
+
+impl JsonSchema for Written {
+    fn schema_name() -> Cow<'static, str> {
+        "Value".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> JsonSchemaValue {
+        json_schema!({ "description": "A value that fits the path." })
+    }
+}
+
 /// How axes go together.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Combine {
     /// Every value of one with every value of the others; the last axis varies fastest.
@@ -137,107 +152,52 @@ pub struct Case {
     pub seed: u64,
 }
 
-/// Reads a sweep and its base scenario; `name` is what messages call it, `folder` where the base is looked for, `seed`
-/// another seed than the text's.
+/// Reads a sweep and its base scenario; `name` is what messages call it, `folder` where the base is looked
+/// for, `seed` another seed than the text's.
 ///
 /// # Errors
 /// As for a scenario; also axes without values, of unequal length in a zip, or along paths that do not exist.
 pub fn parse_sweep(text: &str, name: &str, folder: &Path, seed: Option<u64>) -> Result<Sweep> {
-    let root = outline(text);
-    if root.as_ref().is_some_and(|root| root.field("motion").is_some() && root.field("base").is_none()) {
-        return Err(Error::input(format!(
-            "{name}: is a scenario; `microsig generate {name}` makes its dataset"
-        )));
+    let source = Arc::new(Source::file(name, text));
+    let tree = text::parse(&source).map_err(|problem| Error::Problems(vec![problem]))?;
+    if tree.find("motion").1 && !tree.find("base").1 {
+        let hint = format!("`microsig generate {name}` makes its dataset");
+        return Err(Error::input(format!("{name}: is a scenario; {hint}")));
     }
-    let place = |at: usize| {
-        let (line, column) = line_and_column(text, at);
-        format!("{name}:{line}:{column}")
+    let mut problems = Problems::default();
+    let Some(mut spec) = typed::<SweepSpec>(sweep_schema(), &tree, &mut problems) else {
+        return Err(Error::Problems(problems.sorted()));
     };
-    let place_of = |path: &[&str]| place(root.as_ref().map_or(0, |root| root.find(path.iter().copied())));
-    let mut faults = Vec::new();
-    let source = Source { text, root: root.as_ref(), refused: Vec::new(), needed: &NEEDED };
-    let read = source.recover::<SweepSpec>(&mut faults);
-    let mut problems: Vec<String> = faults.iter().map(|fault| fault.placed(text, name)).collect();
-    let Some((mut spec, unknown)) = read else { return Err(Error::Input(problems)) };
     spec.seed = seed.unwrap_or(spec.seed);
-    for steps in unknown {
-        let steps: Vec<&str> = steps.iter().flatten().map(String::as_str).collect();
-        let key = steps.last().copied().unwrap_or_default();
-        let hint = keys::nearest(key, SWEEP_KEYS.iter().copied());
-        let hint = hint.map_or_else(
-            || format!("; expected one of {}", SWEEP_KEYS.join(", ")),
-            |hint| format!("; did you mean `{hint}`?"),
-        );
-        problems.push(format!("{}: unknown key `{}`{hint}", place_of(&steps), steps.join(".")));
-    }
     // A stand-in is no file.
-    if spec.base.is_empty() && !problems.is_empty() {
-        return Err(Error::Input(problems));
+    if spec.base.is_empty() {
+        return Err(Error::Problems(problems.sorted()));
     }
-
     let base_path = folder.join(&spec.base);
-    let base = std::fs::read_to_string(&base_path);
-    let base =
-        base.map_err(|e| Error::input(format!("{}: base = {:?}: {e}", place_of(&["base"]), spec.base)))?;
-    let base = parse(&base, &base_path.display().to_string())?;
-    if spec.axes.is_empty() && problems.is_empty() {
-        problems.push(format!("{}: axes: expected at least one", place_of(&["axes"])));
+    let base_text = read_text(&base_path)
+        .map_err(|e| Error::Problems(vec![Problem::other("base", e.to_string()).at(&tree.find("base").0)]))?;
+    let base = parse(&base_text, &base_path.display().to_string())?;
+    let base_source = Arc::new(Source::file(&base_path.display().to_string(), &base_text));
+    let base_tree = text::parse(&base_source).map_err(|problem| Error::Problems(vec![problem]))?;
+    if spec.axes.is_empty() && !problems.any() {
+        problems.push(Problem::other("axes", "expected at least one").at(&tree.find("axes").0));
     }
-    if spec.repetitions == 0 {
-        problems.push(format!("{}: repetitions = 0: expected at least 1", place_of(&["repetitions"])));
-    }
-    let mut columns = Vec::new();
-    for (i, axis) in spec.axes.iter().enumerate() {
-        let place = place_of(&["axes", &i.to_string(), "path"]);
-        let is_known = keys::status(&axis.path).is_some();
-        if !is_known {
-            // The same message as for `--set`.
-            let refused = set(&base, &axis.path, "()").map_or_else(|e| e.to_string(), |_| String::new());
-            problems.push(format!("{place}: axes: {refused}"));
-        }
-        if axis.path == "name" {
-            problems.push(format!(
-                "{place}: axes: name: expected another key, as cases are named after the sweep"
-            ));
-        }
-        if spec.axes[..i].iter().any(|other| other.path == axis.path) {
-            problems.push(format!("{place}: axes: {}: is varied by two axes", axis.path));
-        }
-        match axis.values.written() {
-            Ok(values) => {
-                // One that does not fit is enough to say; the rest may be many.
-                let refused = values.iter().take(MOST_TRIED).find_map(|v| set(&base, &axis.path, v).err());
-                problems.extend(refused.filter(|_| is_known).map(|e| format!("{place}: axes: {e}")));
-                columns.push(values);
-            }
-            Err(problem) => problems.push(format!("{place}: axes: {}: {problem}", axis.path)),
-        }
-    }
-    if problems.is_empty()
-        && spec.combine == Combine::Zip
-        && columns.iter().any(|c| c.len() != columns[0].len())
+    let columns = columns(&spec, &tree, &base_tree, &mut problems);
+    if !problems.any() && spec.combine == Combine::Zip && columns.iter().any(|c| c.len() != columns[0].len())
     {
         let lengths: Vec<String> = columns.iter().map(|c| c.len().to_string()).collect();
-        problems.push(format!(
-            "{}: axes of a zip have {} values: expected equal numbers",
-            place_of(&["axes"]),
-            lengths.join(", ")
-        ));
+        let message = format!("axes of a zip have {} values: expected equal numbers", lengths.join(", "));
+        problems.push(Problem::other("axes", message).at(&tree.find("axes").0));
     }
-    if !problems.is_empty() {
-        return Err(Error::Input(problems));
-    }
+    problems.finish()?;
     let combinations = combine(&columns, spec.combine)
         .filter(|c| c.len().saturating_mul(spec.repetitions as usize) <= MAX_CASES)
         .ok_or_else(|| Error::input(format!("{name}: expected at most {MAX_CASES} cases")))?;
     let mut distinct = std::collections::BTreeSet::new();
     if let Some(twice) = combinations.iter().find(|values| !distinct.insert(*values)) {
         let hint = "expected different cases; `repetitions` makes several of the same";
-        return Err(Error::input(format!(
-            "{}: axes: {} occurs twice: {hint}",
-            place_of(&["axes"]),
-            twice.join(", ")
-        )));
+        let message = format!("{} occurs twice: {hint}", twice.join(", "));
+        return Err(Error::Problems(vec![Problem::other("axes", message).at(&tree.find("axes").0)]));
     }
     let cases: Vec<Case> = combinations
         .into_iter()
@@ -275,13 +235,55 @@ impl Sweep {
     }
 }
 
+/// The values of all axes, each tried in the base scenario.
+fn columns(spec: &SweepSpec, tree: &Node, base: &Node, problems: &mut Problems) -> Vec<Vec<String>> {
+    let mut columns = Vec::new();
+    for (i, axis) in spec.axes.iter().enumerate() {
+        let (place, _) = tree.find(&format!("axes.{i}.path"));
+        let mut other = |message: &str| problems.push(Problem::other(&axis.path, message).at(&place));
+        if axis.path == "name" {
+            other("expected another key, as cases are named after the sweep");
+        }
+        if spec.axes[..i].iter().any(|other| other.path == axis.path) {
+            other("is varied by two axes");
+        }
+        match axis.values.written() {
+            Ok(values) => {
+                // One that does not fit is enough to say; the rest may be many.
+                let refused = values.iter().take(MOST_TRIED).enumerate().find_map(|(j, value)| {
+                    let (of_value, _) = tree.find(&format!("axes.{i}.values.list.{j}"));
+                    let problem = refused(base, &axis.path, value)?;
+                    let is_path = problem.is_of_keys() && scenario().find(&axis.path).is_none();
+                    Some(problem.at(if is_path { &place } else { &of_value }))
+                });
+                refused.into_iter().for_each(|problem| problems.push(problem));
+                columns.push(values);
+            }
+            Err(message) => {
+                let (place, _) = tree.find(&format!("axes.{i}.values"));
+                problems.push(Problem::other(&axis.path, message).at(&place));
+            }
+        }
+    }
+    columns
+}
+
+/// Why a value does not fit its key.
+fn refused(base: &Node, path: &str, value: &str) -> Option<Problem> {
+    let mut problems = Problems::default();
+    match assigned(scenario(), path, value).and_then(|value| graft(base.clone(), scenario(), path, value)) {
+        Ok(tree) => drop(typed::<Spec>(scenario(), &tree, &mut problems)),
+        Err(problem) => problems.push(problem),
+    }
+    problems.0.into_iter().next()
+}
+
 impl Values {
     fn written(&self) -> std::result::Result<Vec<String>, String> {
         let at = |span: &Span, log: bool| {
             let usable = |x: f64| x.is_finite() && (!log || x > 0.0);
-            if !(usable(span.from) && usable(span.to)) || span.count == 0 || span.count as usize > MAX_CASES {
-                let positive = if log { " > 0" } else { "" };
-                return Err(format!("expected finite numbers{positive} and a count of 1 to {MAX_CASES}"));
+            if !(usable(span.from) && usable(span.to)) {
+                return Err("expected finite numbers > 0".to_owned());
             }
             let share = |i: u32| if span.count == 1 { 0.0 } else { f64::from(i) / f64::from(span.count - 1) };
             let value = |i: u32| match i {
@@ -298,8 +300,7 @@ impl Values {
             Ok((0..span.count).map(|i| written(value(i))).collect())
         };
         match self {
-            Values::List(values) if values.is_empty() => Err("expected at least one value".to_owned()),
-            Values::List(values) => Ok(values.iter().map(|v| v.get_ron().trim().to_owned()).collect()),
+            Values::List(values) => Ok(values.iter().map(|value| value.0.clone()).collect()),
             Values::Linear(span) => at(span, false),
             Values::Log(span) => at(span, true),
         }
@@ -415,25 +416,28 @@ mod tests {
             (path: \"seed\", values: list([])),\n],\n)";
         let found = sweep(text).unwrap_err().to_string();
         let expected = [
-            "sweep.ron:2:7: name = 5: expected a text",
-            "sweep.ron:4:11: combine: unknown variant `zipp`",
+            "sweep.ron:2:8: name = 5: expected a text",
             "sweep.ron:2:11: unknown key `repetition`; did you mean `repetitions`?",
-            "sweep.ron:6:2: axes: optics.gian=(): unknown key `optics.gian`",
-            "sweep.ron:7:2: axes: particles.number.count=6.5: particles.number.count = 6.5: expected a whole number",
-            "sweep.ron:8:2: axes: name: expected another key",
-            "sweep.ron:9:2: axes: seed: expected at least one value",
+            "sweep.ron:4:11: combine: unknown variant `zipp`: did you mean `zip`?",
+            "sweep.ron:6:2: unknown key `optics.gian`; did you mean `gain`?",
+            "sweep.ron:7:34: particles.number.count = 6.5: expected a whole number",
+            "sweep.ron:8:2: name: expected another key",
+            "sweep.ron:9:29: axes.3.values.list = 0 values: expected at least 1",
         ];
         assert_eq!(found.lines().count(), expected.len(), "{found}");
-        assert!(found.lines().zip(&expected).all(|(f, e)| f.starts_with(e)), "{found}");
+        for (found, expected) in found.lines().zip(expected) {
+            assert!(found.starts_with(expected), "expected {expected}\nfound    {found}");
+        }
     }
 
     #[test]
     fn the_document_has_every_key_and_its_example_is_a_sweep() {
         let document = include_str!("../../../../docs/sweeps.md");
-        for key in SWEEP_KEYS {
+        for (path, entry) in super::sweep_schema().keys().iter().filter(|(_, entry)| !entry.is_variant) {
+            let key = entry.name;
             assert!(
                 document.contains(&format!("`{key}`")) || document.contains(&format!("`axes.{key}`")),
-                "{key}"
+                "{path}"
             );
         }
         let example = document.split("```").nth(1).and_then(|block| block.strip_prefix("ron")).unwrap();
@@ -461,9 +465,12 @@ mod tests {
     fn wrong_sweeps_say_what_is_wrong() {
         let refuse = |from: &str, to: &str| sweep(&SWEEP.replace(from, to)).unwrap_err().to_string();
         assert!(refuse("optics.background_noise", "optics.noise").contains("unknown key `optics.noise`"));
-        assert!(refuse("list([0, 10, 50])", "list([])").contains("expected at least one value"));
+        assert!(refuse("list([0, 10, 50])", "list([])").contains("0 values: expected at least 1"));
         assert!(refuse("repetitions: 2", "combine: zip").contains("axes of a zip have 3, 2 values"));
-        assert!(refuse("repetitions: 2", "repetitions: 0").contains("expected at least 1"));
+        assert!(
+            refuse("repetitions: 2", "repetitions: 0")
+                .contains("repetitions = 0: expected a whole number, 1 to 1000000")
+        );
         assert!(
             refuse("repetitions: 2", "repetition: 2")
                 .contains("sweep.ron:8:9: unknown key `repetition`; did you mean `repetitions`?")

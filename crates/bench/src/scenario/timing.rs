@@ -1,122 +1,137 @@
-//! When frames are taken: as scenarios write it ([`Timing`]), and as the frames of a dataset ([`Recordings`]).
+//! When frames are taken, as scenarios write it.
 
 use flows::Shutter;
-use microsig_core::random::normal;
-use microsig_core::stream::{Purpose, Streams};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::problems::Problems;
+use super::language::problems::Problems;
 
 /// Most frames of a dataset.
 const MAX_FRAMES: u32 = 10_000_000;
 
-/// Longest time that a scenario may state, s.
-const MAX_TIME_S: f64 = 1e9;
+/// Ranges of times, s.
+const POSITIVE: &str = "> 0 and <= 1e9";
+const NOT_NEGATIVE: &str = "0 to 1e9";
 
 /// Length of a piece of a streak, px.
 const PIECE_PX: f64 = 0.25;
 
-/// Times of frames are drawn again beyond so many standard deviations.
-const MAX_JITTER: f64 = 4.0;
-
 /// When frames are taken.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Timing {
-    /// Pairs of images.
+    /// Independent image pairs.
     Pairs(Pairs),
-    /// One cloud, frame after frame.
+    /// A time-resolved sequence of frames of the same particles.
     Sequence(Sequence),
-    /// Bursts of four frames, each with freshly seeded particles: two short intervals about a longer one.
+    /// Freshly seeded bursts of four frames, at 0, dt, dt + gap and 2 dt + gap.
     FourPulse(FourPulse),
 }
 
 /// Image pairs.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Pairs {
     /// Number of pairs.
+    #[schemars(range(min = 1, max = MAX_FRAMES / 2), example = 10)]
     pub count: u32,
-    /// Time from A to B, s.
+    /// Time from A to B.
     #[serde(default = "default_dt")]
+    #[schemars(extend("x-range" = POSITIVE))]
     pub dt_s: f64,
-    /// Time from the A of one pair to the A of the next, s.
+    /// Time from the A of one pair to the A of the next; it matters for unsteady fields and for `seeding:
+    /// continuing`.
     #[serde(default)]
+    #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub interval_s: f64,
-    /// Whether pairs show the same cloud.
+    /// Whether consecutive pairs show the same particles.
     #[serde(default)]
     pub seeding: PairSeeding,
-    /// Time that the shutter is open, s.
+    /// Exposure time: particles leave streaks, and the time of a frame is the middle of its exposure.
     #[serde(default)]
+    #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub exposure_s: f64,
-    /// Several flashes in each frame.
+    /// Several flashes per frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flashes: Option<Flashes>,
-    /// Standard deviation of the time of a frame, s.
+    /// Standard deviation of the times of frames; at most a tenth of the time between frames.
     #[serde(default)]
+    #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub jitter_s: f64,
 }
 
-/// Whether pairs show the same cloud.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// Whether consecutive pairs show the same particles.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PairSeeding {
-    /// Every pair has particles of its own.
+    /// Every pair is seeded afresh.
     #[default]
     Fresh,
-    /// One cloud goes on from pair to pair.
+    /// The same particles go on from pair to pair, `interval_s` apart.
     Continuing,
 }
 
 /// A time-resolved sequence.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Sequence {
     /// Number of frames.
+    #[schemars(range(min = 1, max = MAX_FRAMES), example = 20)]
     pub frames: u32,
-    /// Time from frame to frame, s.
+    /// Time from frame to frame.
     #[serde(default = "default_dt")]
+    #[schemars(extend("x-range" = POSITIVE))]
     pub dt_s: f64,
-    /// Time that the shutter is open, s.
+    /// Exposure time: particles leave streaks, and the time of a frame is the middle of its exposure.
     #[serde(default)]
+    #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub exposure_s: f64,
-    /// Several flashes in each frame.
+    /// Several flashes per frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flashes: Option<Flashes>,
-    /// Standard deviation of the time of a frame, s.
+    /// Standard deviation of the times of frames; at most a tenth of the time between frames.
     #[serde(default)]
+    #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub jitter_s: f64,
 }
 
 /// Bursts of four frames at 0, dt, dt + gap and 2 dt + gap.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FourPulse {
     /// Number of bursts.
+    #[schemars(range(min = 1, max = MAX_FRAMES / 4), example = 5)]
     pub count: u32,
-    /// Time from the first frame to the second and from the third to the fourth, s.
+    /// Time from the first frame to the second, and from the third to the fourth.
     #[serde(default = "default_dt")]
+    #[schemars(extend("x-range" = POSITIVE))]
     pub dt_s: f64,
-    /// Time from the second frame to the third, s.
+    /// Time from the second frame to the third.
     #[serde(default = "default_gap")]
+    #[schemars(extend("x-range" = POSITIVE))]
     pub gap_s: f64,
-    /// Time from the first frame of one burst to that of the next, s.
+    /// Time from the first frame of one burst to that of the next.
     #[serde(default)]
+    #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub interval_s: f64,
-    /// Time that the shutter is open, s.
+    /// Exposure time: particles leave streaks, and the time of a frame is the middle of its exposure.
     #[serde(default)]
+    #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub exposure_s: f64,
-    /// Several flashes in each frame.
+    /// Several flashes per frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flashes: Option<Flashes>,
-    /// Standard deviation of the time of a frame, s.
+    /// Standard deviation of the times of frames; at most a tenth of the time between frames.
     #[serde(default)]
+    #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub jitter_s: f64,
 }
 
 /// Flashes that one frame collects.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Flashes {
-    /// Their number.
+    /// Number of flashes per frame.
+    #[schemars(range(min = 1, max = 100), example = 2)]
     pub count: u32,
-    /// Time from one to the next, s.
+    /// Time from flash to flash.
+    #[schemars(extend("x-range" = NOT_NEGATIVE), example = 0.001)]
     pub spacing_s: f64,
 }
 
@@ -132,14 +147,18 @@ fn default_gap() -> f64 {
 
 /// What all ways of timing have in common.
 #[derive(Debug, Clone, Copy)]
-struct Frames {
-    exposure_s: f64,
-    flashes: Option<Flashes>,
-    jitter_s: f64,
+pub(super) struct Frames {
+    /// Exposure time, s.
+    pub(super) exposure_s: f64,
+    /// Several flashes per frame.
+    pub(super) flashes: Option<Flashes>,
+    /// Standard deviation of the times of frames, s.
+    pub(super) jitter_s: f64,
 }
 
 impl Timing {
-    fn frames(&self) -> Frames {
+    /// What all ways of timing have in common.
+    pub(super) fn frames(&self) -> Frames {
         let (exposure_s, flashes, jitter_s) = match *self {
             Timing::Pairs(Pairs { exposure_s, flashes, jitter_s, .. })
             | Timing::Sequence(Sequence { exposure_s, flashes, jitter_s, .. })
@@ -159,343 +178,11 @@ impl Timing {
         }
     }
 
-    /// The frames, checked.
-    pub(super) fn recordings(&self, problems: &mut Problems) -> Recordings {
-        let key = |name: &str| format!("timing.{}.{name}", self.mode());
-        let mut number = |name: &str, n: u32, most: u32| {
-            if n == 0 || n > most {
-                problems.add(&key(name), n, &format!("1 to {most}"));
-            }
-        };
-        match *self {
-            Timing::Pairs(p) => number("count", p.count, MAX_FRAMES / 2),
-            Timing::Sequence(s) => number("frames", s.frames, MAX_FRAMES),
-            Timing::FourPulse(f) => number("count", f.count, MAX_FRAMES / 4),
-        }
-        let mut positive = |name: &str, t: f64| {
-            problems.range(&key(name), t, f64::MIN_POSITIVE, MAX_TIME_S, "a time > 0 s");
-        };
-        match *self {
-            Timing::Pairs(Pairs { dt_s, .. }) | Timing::Sequence(Sequence { dt_s, .. }) => {
-                positive("dt_s", dt_s);
-            }
-            Timing::FourPulse(f) => {
-                positive("dt_s", f.dt_s);
-                positive("gap_s", f.gap_s);
-            }
-        }
-        let recordings = Recordings { timing: *self };
-        if let Timing::Pairs(Pairs { interval_s, .. }) | Timing::FourPulse(FourPulse { interval_s, .. }) =
-            *self
-        {
-            let continuing = matches!(*self, Timing::Pairs(p) if p.seeding == PairSeeding::Continuing);
-            let (least, allowed) = match (continuing, *self) {
-                (true, Timing::Pairs(p)) => (
-                    p.dt_s * (1.0 + 1e-12),
-                    format!("a time > dt_s = {} s, as the same particles are seen again", p.dt_s),
-                ),
-                _ => (0.0, "a time >= 0 s".to_owned()),
-            };
-            problems.range(&key("interval_s"), interval_s, least, MAX_TIME_S, &allowed);
-        }
-        let Frames { exposure_s, flashes, jitter_s } = self.frames();
-        let shortest = recordings.shortest_dt_s();
-        let span = exposure_s + flashes.map_or(0.0, |f| f64::from(f.count.max(1) - 1) * f.spacing_s);
-        problems.range(&key("exposure_s"), exposure_s, 0.0, MAX_TIME_S, "a time >= 0 s");
-        if shortest.is_nan() || shortest <= 0.0 {
-            return recordings;
-        }
-        if span > shortest {
-            let allowed = format!("exposure and flashes within {shortest} s, the time to the next frame");
-            problems.add(&key("exposure_s"), format!("{exposure_s} ({span} s in all)"), &allowed);
-        }
-        // Frames must stay in their order.
-        let allowed = format!("0 to a tenth of the time between frames, {} s", 0.1 * shortest);
-        problems.range(&key("jitter_s"), jitter_s, 0.0, 0.1 * shortest, &allowed);
-        recordings
-    }
-
     /// The shutter, if frames are not instantaneous.
     pub(super) fn shutter(&self, um_per_px: f64, problems: &mut Problems) -> Option<Shutter> {
         let Frames { exposure_s, flashes, .. } = self.frames();
         let Flashes { count, spacing_s } = flashes.unwrap_or(Flashes { count: 1, spacing_s: 0.0 });
         let shutter = Shutter::new(exposure_s, count, spacing_s, PIECE_PX * um_per_px);
         problems.of(&format!("timing.{}", self.mode()), shutter).filter(|shutter| shutter.span_s() > 0.0)
-    }
-}
-
-/// The frames of a dataset, in recordings that each show a cloud of their own.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Recordings {
-    timing: Timing,
-}
-
-impl Recordings {
-    /// When frames are taken, as the scenario says it.
-    pub fn timing(&self) -> &Timing {
-        &self.timing
-    }
-
-    /// Number of recordings.
-    pub fn count(&self) -> u32 {
-        match self.timing {
-            Timing::Pairs(Pairs { seeding: PairSeeding::Continuing, .. }) | Timing::Sequence(_) => 1,
-            Timing::Pairs(p) => p.count,
-            Timing::FourPulse(f) => f.count,
-        }
-    }
-
-    /// Frames of each recording.
-    pub fn frames_each(&self) -> u32 {
-        match self.timing {
-            Timing::Pairs(Pairs { seeding: PairSeeding::Continuing, count, .. }) => 2 * count,
-            Timing::Pairs(_) => 2,
-            Timing::Sequence(s) => s.frames,
-            Timing::FourPulse(_) => 4,
-        }
-    }
-
-    /// Frames in all.
-    pub fn frames(&self) -> u32 {
-        self.count() * self.frames_each()
-    }
-
-    /// Nominal time from a frame to the next, s: of a pair from A to B, of a burst from its first to its second.
-    pub fn dt_s(&self) -> f64 {
-        match self.timing {
-            Timing::Pairs(Pairs { dt_s, .. })
-            | Timing::Sequence(Sequence { dt_s, .. })
-            | Timing::FourPulse(FourPulse { dt_s, .. }) => dt_s,
-        }
-    }
-
-    /// Whether frames are the A and B of pairs.
-    pub fn are_pairs(&self) -> bool {
-        matches!(self.timing, Timing::Pairs(_))
-    }
-
-    /// Pair of a frame and its role in it, if frames are pairs.
-    pub fn pair(&self, frame: u32) -> Option<(u32, char)> {
-        self.are_pairs().then(|| (frame / 2, self.role(frame).unwrap_or('a')))
-    }
-
-    /// Role of a frame: a or b in a pair, a to d in a burst of four.
-    pub fn role(&self, frame: u32) -> Option<char> {
-        let of = match self.timing {
-            Timing::Pairs(_) => 2,
-            Timing::Sequence(_) => return None,
-            Timing::FourPulse(_) => 4,
-        };
-        Some(['a', 'b', 'c', 'd'][(frame % of) as usize])
-    }
-
-    /// Names of the files of a frame, without extension.
-    pub fn stem(&self, frame: u32) -> String {
-        match (self.timing, self.role(frame)) {
-            (Timing::Pairs(_), Some(role)) => format!("pair_{:05}_{role}", frame / 2),
-            (Timing::FourPulse(_), Some(role)) => format!("burst_{:05}_{role}", frame / 4),
-            _ => format!("frame_{frame:05}"),
-        }
-    }
-
-    /// The frame whose files bear a name, without extension.
-    pub fn frame_of(&self, stem: &str) -> Option<u32> {
-        let mut parts = stem.split('_').skip(1);
-        let number: u32 = parts.next()?.parse().ok()?;
-        let role = parts.next().and_then(|role| ["a", "b", "c", "d"].into_iter().position(|r| r == role));
-        let each = match self.timing {
-            Timing::Pairs(_) => 2,
-            Timing::Sequence(_) => 1,
-            Timing::FourPulse(_) => 4,
-        };
-        let frame = number.checked_mul(each)?.checked_add(role.unwrap_or(0) as u32)?;
-        (frame < self.frames() && self.stem(frame) == stem).then_some(frame)
-    }
-
-    /// The pair that a frame forms with the frame before it, where truth links the two: A and B of a pair; else any two that
-    /// follow each other in a recording, which bear the number of the first.
-    pub fn link_to(&self, frame: u32) -> Option<u32> {
-        if frame.is_multiple_of(self.frames_each()) {
-            return None;
-        }
-        match self.pair(frame) {
-            Some((pair, role)) => (role == 'b').then_some(pair),
-            None => Some(frame - 1),
-        }
-    }
-
-    /// Times of the frames of one recording, s: the middles of their exposures.
-    pub fn times_s(&self, recording: u32, streams: Streams) -> Vec<f64> {
-        let first = recording * self.frames_each();
-        (first..first + self.frames_each()).map(|frame| self.time_s(frame, streams)).collect()
-    }
-
-    /// When the next frame would be taken if there were more, s; `None` if recordings end by themselves.
-    pub fn next_s(&self, streams: Streams) -> Option<f64> {
-        self.goes_on().then(|| self.time_s(self.frames(), streams))
-    }
-
-    /// Whether a recording could be longer.
-    fn goes_on(&self) -> bool {
-        match self.timing {
-            Timing::Pairs(p) => p.seeding == PairSeeding::Continuing,
-            Timing::Sequence(_) => true,
-            Timing::FourPulse(_) => false,
-        }
-    }
-
-    /// Time of a frame, s: the middle of its exposure.
-    pub fn time_s(&self, frame: u32, streams: Streams) -> f64 {
-        self.nominal_s(frame) + self.jitter_s(frame, streams)
-    }
-
-    /// When a frame is meant to be taken, s: without jitter.
-    pub fn nominal_s(&self, frame: u32) -> f64 {
-        match self.timing {
-            Timing::Pairs(p) => f64::from(frame / 2) * p.interval_s + f64::from(frame % 2) * p.dt_s,
-            Timing::Sequence(s) => f64::from(frame) * s.dt_s,
-            Timing::FourPulse(f) => {
-                let within = [0.0, f.dt_s, f.dt_s + f.gap_s, 2.0 * f.dt_s + f.gap_s];
-                f64::from(frame / 4) * f.interval_s + within[(frame % 4) as usize]
-            }
-        }
-    }
-
-    fn jitter_s(&self, frame: u32, streams: Streams) -> f64 {
-        let sd = self.timing.frames().jitter_s;
-        if sd == 0.0 {
-            return 0.0;
-        }
-        let mut stream = streams.stream(Purpose::Timing, frame, 0);
-        loop {
-            let deviation = normal(&mut stream);
-            if deviation.abs() <= MAX_JITTER {
-                break sd * deviation;
-            }
-        }
-    }
-
-    /// The shortest time between two frames of a recording as stated, s; infinite if there is only one.
-    fn shortest_dt_s(&self) -> f64 {
-        match self.timing {
-            Timing::Pairs(p) if p.seeding == PairSeeding::Continuing && p.count > 1 => {
-                p.dt_s.min(p.interval_s - p.dt_s)
-            }
-            Timing::Pairs(p) => p.dt_s,
-            Timing::Sequence(s) => s.dt_s,
-            Timing::FourPulse(f) => f.dt_s.min(f.gap_s),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::parse::options;
-    use super::*;
-
-    fn recordings(text: &str) -> Result<Recordings, String> {
-        let timing: Timing = options().from_str(text).unwrap();
-        let mut problems = Problems::new();
-        let recordings = timing.recordings(&mut problems);
-        timing.shutter(0.645, &mut problems);
-        problems.finish().map(|()| recordings).map_err(|e| e.to_string())
-    }
-
-    #[test]
-    fn every_mode_has_its_times_stems_and_links() {
-        let of = |text, recording: u32| {
-            let r = recordings(text).unwrap();
-            let frames = recording * r.frames_each()..(recording + 1) * r.frames_each();
-            let stems: Vec<String> = frames.clone().map(|f| r.stem(f)).collect();
-            let links: Vec<Option<u32>> = frames.map(|f| r.link_to(f)).collect();
-            (r.times_s(recording, Streams::new(7)), stems, links)
-        };
-        assert_eq!(
-            of("pairs(count: 5, dt_s: 0.5, interval_s: 2)", 3),
-            (vec![6.0, 6.5], vec!["pair_00003_a".into(), "pair_00003_b".into()], vec![None, Some(3)])
-        );
-        let (times, stems, links) = of("pairs(count: 2, dt_s: 0.5, interval_s: 2, seeding: continuing)", 0);
-        assert_eq!(times, [0.0, 0.5, 2.0, 2.5]);
-        assert_eq!(stems[2], "pair_00001_a");
-        // A link goes from A to B, though the cloud is the same.
-        assert_eq!(links, [None, Some(0), None, Some(1)]);
-        let (times, stems, links) = of("four_pulse(count: 3, dt_s: 0.5, gap_s: 2, interval_s: 10)", 1);
-        assert_eq!(times, [10.0, 10.5, 12.5, 13.0]);
-        assert_eq!(stems, ["burst_00001_a", "burst_00001_b", "burst_00001_c", "burst_00001_d"]);
-        assert_eq!(links, [None, Some(4), Some(5), Some(6)]);
-        let (times, stems, links) = of("sequence(frames: 3, dt_s: 0.25)", 0);
-        assert_eq!(times, [0.0, 0.25, 0.5]);
-        assert_eq!(stems[2], "frame_00002");
-        assert_eq!(links, [None, Some(0), Some(1)]);
-    }
-
-    #[test]
-    fn frames_are_found_by_their_stems() {
-        for text in
-            ["pairs(count: 3)", "four_pulse(count: 2)", "sequence(frames: 5)", "sequence(frames: 100001)"]
-        {
-            let r = recordings(text).unwrap();
-            assert!((0..r.frames()).all(|frame| r.frame_of(&r.stem(frame)) == Some(frame)));
-            let beyond = r.stem(r.frames());
-            let others = [
-                "",
-                "frame",
-                "frame_0",
-                "frame_000001",
-                "pair_00000",
-                "pair_00000_c",
-                "burst_00000_e",
-                "x_00001",
-            ];
-            assert!(
-                others.into_iter().chain([beyond.as_str()]).all(|stem| r.frame_of(stem).is_none()),
-                "{text}"
-            );
-        }
-    }
-
-    #[test]
-    fn jitter_moves_frames_by_its_deviation_and_never_past_each_other() {
-        let steady = recordings("sequence(frames: 4000, dt_s: 1)").unwrap().times_s(0, Streams::new(7));
-        let uneven =
-            recordings("sequence(frames: 4000, dt_s: 1, jitter_s: 0.1)").unwrap().times_s(0, Streams::new(7));
-        let squares: f64 = steady.iter().zip(&uneven).map(|(a, b)| (a - b) * (a - b)).sum();
-        // Standard error of a deviation of 0.1 from 4000 values: 0.0011.
-        assert!(((squares / 4000.0).sqrt() - 0.1).abs() < 0.0045);
-        assert!(uneven.windows(2).all(|w| w[0] < w[1]));
-        assert_eq!(
-            uneven[..100],
-            recordings("sequence(frames: 100, dt_s: 1, jitter_s: 0.1)").unwrap().times_s(0, Streams::new(7))
-        );
-    }
-
-    #[test]
-    fn impossible_times_are_refused() {
-        for (text, expected) in [
-            ("pairs(count: 0)", "timing.pairs.count = 0: expected 1 to 5000000"),
-            ("pairs(count: 2, seeding: continuing)", "timing.pairs.interval_s = 0: expected a time > dt_s"),
-            ("pairs(count: 2, dt_s: NaN)", "timing.pairs.dt_s = NaN"),
-            ("four_pulse(count: 2, gap_s: 0)", "timing.four_pulse.gap_s = 0: expected a time > 0 s"),
-            ("sequence(frames: 2, exposure_s: 0.006)", "timing.sequence.exposure_s = 0.006"),
-            (
-                "sequence(frames: 2, exposure_s: -1)",
-                "timing.sequence.exposure_s = -1: expected a time >= 0 s",
-            ),
-            (
-                "sequence(frames: 2, jitter_s: 0.001)",
-                "timing.sequence.jitter_s = 0.001: expected 0 to a tenth",
-            ),
-            (
-                "sequence(frames: 2, flashes: (count: 0, spacing_s: 1))",
-                "flashes.count = 0: expected 1 to 100",
-            ),
-            (
-                "sequence(frames: 2, exposure_s: 0.001, flashes: (count: 2, spacing_s: 0.0005))",
-                "flashes do not overlap",
-            ),
-        ] {
-            let message = recordings(text).unwrap_err();
-            assert!(message.contains(expected), "{text}: {message}");
-        }
     }
 }

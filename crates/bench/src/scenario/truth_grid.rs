@@ -1,101 +1,98 @@
 //! The grid of `truth/field.csv`: where the displacement field is written down, and by which definitions.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::problems::Problems;
+use super::language::problems::Problems;
 
 /// The truth of displacement fields.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TruthGrid {
-    /// On a grid of places.
-    Grid(Grid),
+    /// On a grid in the middle of the image; an unsteady flow is written for every pair, on a coarser grid by
+    /// default.
+    Grid(FieldGrid),
     /// Not written.
     None,
 }
 
-/// Where and how. What is left out depends on the flow: a field that changes with time is written for every pair, so it gets
-/// a coarser grid.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+/// Nodes and definitions. Defaults depend on the flow: an unsteady field is written for every pair, so its
+/// grid is coarser.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
-pub struct Grid {
-    /// Distance of the nodes along x and y, px; the grid lies in the middle of the image.
+pub struct FieldGrid {
+    /// Distance of the nodes along x and y.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.1, max = 1e5), extend("x-default" = "16; 32 if the flow is unsteady"))]
     pub spacing_px: Option<f64>,
-    /// The depths.
+    /// Depths of the nodes.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "even(5); even(1) if the flow is unsteady"))]
     pub planes: Option<Planes>,
-    /// The weight of depths in the depth-weighted displacement.
+    /// Weight of each depth in the depth-weighted displacement.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "peak_squared; none if the flow is unsteady"))]
     pub weighting: Option<Weighting>,
-    /// Side of a square window over which the central displacement is averaged too, px.
+    /// Side of a square window over which the central displacement is averaged in addition.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 1e-3, max = 1e5), example = 32.0)]
     pub window_px: Option<f64>,
-    /// Whether the displacement that ends at the node is written too.
+    /// Whether the displacement that ends at the node is written in addition.
     pub backward: bool,
 }
 
 /// Depths of the grid.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Planes {
-    /// The middles of so many equal slices of the depth range, and the middle of the range itself.
-    Even(u32),
-    /// These physical depths, um.
-    AtUm(Vec<f64>),
+    /// The middles of N equal slices of the depth range, and the middle of the range itself.
+    Even(#[schemars(range(min = 1, max = MAX_PLANES), example = 5)] u32),
+    /// These physical depths.
+    AtUm(
+        #[schemars(
+            length(min = 1, max = MAX_PLANES),
+            inner(range(min = -1e6, max = 1e6)),
+            extend("x-unit" = "um"),
+            example = [-30.0, 0.0]
+        )]
+        Vec<f64>,
+    ),
 }
 
 /// How much a depth counts in a correlation of images that show all depths at once.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Weighting {
-    /// The squared peak of a particle image at that depth.
+    /// Square of the peak of a particle image at that depth.
     PeakSquared,
-    /// The curvature of a particle image's autocorrelation at its top.
+    /// Curvature of a particle image's autocorrelation at its peak.
     Curvature,
     /// No depth-weighted displacement.
     None,
 }
 
-/// Most nodes along x and y, and most planes.
+/// Most nodes of a plane, and most planes.
 const MAX_NODES: f64 = 1e7;
 const MAX_PLANES: u32 = 1000;
 
-impl Grid {
+impl FieldGrid {
     /// Fills in what is left out, and checks.
     fn fill(&mut self, steady: bool, size_px: (u32, u32), problems: &mut Problems) {
         let spacing = *self.spacing_px.get_or_insert(if steady { 16.0 } else { 32.0 });
-        problems.range("truth_grid.grid.spacing_px", spacing, 0.1, 1e5, "0.1 to 100000 px");
         let nodes = f64::from(size_px.0) * f64::from(size_px.1) / (spacing * spacing);
-        // A spacing out of range has its message already.
-        if nodes > MAX_NODES && spacing >= 0.1 {
-            problems.add("truth_grid.grid.spacing_px", spacing, "at most 10 million nodes");
+        if nodes > MAX_NODES {
+            problems.value("truth_grid.grid.spacing_px", spacing, "at most 10 million nodes");
         }
-        match self.planes.get_or_insert(Planes::Even(if steady { 5 } else { 1 })) {
-            Planes::Even(n) if *n == 0 || *n > MAX_PLANES => {
-                problems.add("truth_grid.grid.planes.even", *n, "1 to 1000");
-            }
-            Planes::AtUm(depths) if depths.is_empty() || depths.len() > MAX_PLANES as usize => {
-                problems.add("truth_grid.grid.planes.at_um", format!("{} depths", depths.len()), "1 to 1000");
-            }
-            Planes::AtUm(depths) => {
-                for z in depths {
-                    problems.range("truth_grid.grid.planes.at_um", *z, -1e6, 1e6, "depths in um");
-                }
-            }
-            Planes::Even(_) => {}
-        }
+        self.planes.get_or_insert(Planes::Even(if steady { 5 } else { 1 }));
         self.weighting.get_or_insert(if steady { Weighting::PeakSquared } else { Weighting::None });
-        if let Some(window) = self.window_px {
-            problems.range("truth_grid.grid.window_px", window, 1e-3, 1e5, "a length > 0 px");
-        }
     }
 }
 
 impl TruthGrid {
-    /// What a scenario has that does not say; `steady` is unknown where tracks are given and there is no field.
+    /// What a scenario has that does not say; `steady` is unknown where tracks are given and there is no
+    /// field.
     pub(super) fn of(steady: Option<bool>) -> Self {
-        if steady.is_some() { TruthGrid::Grid(Grid::default()) } else { TruthGrid::None }
+        if steady.is_some() { TruthGrid::Grid(FieldGrid::default()) } else { TruthGrid::None }
     }
 
     /// Fills in what is left out, and checks.
@@ -103,7 +100,9 @@ impl TruthGrid {
         let TruthGrid::Grid(grid) = self else { return };
         match steady {
             Some(steady) => grid.fill(steady, size_px, problems),
-            None => problems.add("truth_grid", "grid", "none, as recorded tracks have no displacement field"),
+            None => {
+                problems.value("truth_grid", "grid", "none, as recorded tracks have no displacement field")
+            }
         }
     }
 
@@ -163,7 +162,7 @@ mod tests {
     use super::*;
 
     fn nodes(spacing_px: f64, planes: Planes) -> Nodes {
-        let grid = Grid { spacing_px: Some(spacing_px), planes: Some(planes), ..Grid::default() };
+        let grid = FieldGrid { spacing_px: Some(spacing_px), planes: Some(planes), ..FieldGrid::default() };
         TruthGrid::Grid(grid).nodes((752, 366), (-80.0, 20.0)).unwrap()
     }
 

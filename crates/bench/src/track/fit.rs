@@ -1,84 +1,73 @@
-//! A particle's place, depth and brightness by least squares, each pixel weighted by what is known of its noise.
+//! Weighted least-squares fit of position, depth and brightness of one particle (Levenberg-Marquardt).
 
 use glam::{DMat4, DVec4};
 
-use super::picture::Picture;
-use super::templates::{Patch, Templates};
+use super::gray_image::GrayImage;
+use super::images::{ImagePatch, ParticleImages};
 
-/// Steps of the fit at most.
-const LONGEST: usize = 12;
+/// Maximum number of iterations.
+const MAX_ITERATIONS: usize = 12;
 
-/// The fit has arrived when its next step is shorter, px or steps of the stack.
-const SHORT: f64 = 0.005;
+/// Convergence: step size relative to a pixel and to the depth step.
+const CONVERGED: f64 = 0.005;
 
-/// A frame while particles are looked for.
+/// The residual of a frame during the search for particles.
 #[derive(Debug)]
-pub(super) struct Scene {
-    /// Counts above the background that no particle accounts for yet.
-    pub(super) left: Picture,
-    /// One over the variance of each of them.
+pub(super) struct Residual {
+    /// Counts above the background, minus the light of the particles found so far.
+    pub(super) image: GrayImage,
+    /// Inverse variance of each pixel.
     pub(super) weight: Vec<f32>,
 }
 
-/// A particle with its brightness in units of the template's.
+/// A fitted particle; brightness relative to the template's.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Fit {
-    /// From the middle of the first pixel, px.
+pub(super) struct ParticleFit {
+    /// Position relative to the center of the first pixel, px.
     pub(super) at: [f64; 2],
-    /// Place between the steps of the stack.
-    pub(super) step: f64,
+    pub(super) z_um: f64,
     pub(super) amplitude: f64,
-    /// By how much the particle lowers the weighted sum of squares of what is left.
-    pub(super) gained: f64,
-    /// Correlation of what is left with the particle, weighted.
-    pub(super) cm: f64,
+    /// Reduction of chi^2 (the weighted sum of squares) by the particle.
+    pub(super) chi2_reduction: f64,
+    /// Weighted correlation of the particle's image with the residual.
+    pub(super) correlation: f64,
 }
 
-impl Scene {
-    /// Calls `visit` with the pixels under a patch and the patch's values.
-    pub(super) fn under<'a>(
-        &'a self,
-        patch: &'a Patch,
-        [cx, cy]: [isize; 2],
-    ) -> impl Iterator<Item = (usize, [f32; 4])> + 'a {
-        let (r, side) = (patch.radius as isize, 2 * patch.radius + 1);
-        let (w, h) = (self.left.width as isize, self.left.height as isize);
-        let (from, to) = ((cx - r).max(0), (cx + r + 1).min(w));
-        ((cy - r).max(0)..(cy + r + 1).min(h)).flat_map(move |y| {
-            let row = (y - cy + r) as usize * side;
-            (from..to).map(move |x| ((y * w + x) as usize, patch.light[row + (x - cx + r) as usize]))
-        })
+impl Residual {
+    pub(super) fn size(&self) -> (usize, usize) {
+        (self.image.width, self.image.height)
     }
 
-    /// Adds `sign` times the particle to what is left.
-    pub(super) fn add(&mut self, templates: &Templates, fit: &Fit, sign: f64) {
-        let (patch, middle) = fit.patch(templates, templates.radius_around(fit.step, 1));
+    /// Adds `sign` times the image of the particle to the residual.
+    pub(super) fn add(&mut self, images: &dyn ParticleImages, fit: &ParticleFit, sign: f64) {
+        let patch = images.patch(fit.at, fit.z_um, images.radius_px(fit.z_um, 0.0));
         let amplitude = (sign * fit.amplitude) as f32;
-        let pixels: Vec<(usize, [f32; 4])> = self.under(&patch, middle).collect();
-        for (i, light) in pixels {
-            self.left.counts[i] += amplitude * light[0];
+        for (i, light) in patch.pixels(self.size()) {
+            self.image.counts[i] += amplitude * light[0];
         }
     }
 }
 
-impl Fit {
-    fn patch(&self, templates: &Templates, radius: usize) -> (Patch, [isize; 2]) {
-        let middle = self.at.map(f64::round);
-        let offset = [self.at[0] - middle[0], self.at[1] - middle[1]];
-        (templates.patch(self.step, offset, radius), middle.map(|c| c as isize))
-    }
-
-    /// The best fit near a place and depth.
-    pub(super) fn near(scene: &Scene, templates: &Templates, at: [f64; 2], step: f64) -> Option<Fit> {
-        let radius = templates.radius_around(step, 3);
-        let mut best = Fit { at, step, amplitude: 0.0, gained: 0.0, cm: 0.0 };
+impl ParticleFit {
+    /// The best fit near a position and depth; `step_um` is the scale of depth changes. `None` if the start
+    /// has no positive correlation with the residual.
+    pub(super) fn near(
+        residual: &Residual,
+        images: &dyn ParticleImages,
+        at: [f64; 2],
+        z_um: f64,
+        step_um: f64,
+    ) -> Option<ParticleFit> {
+        let radius = images.radius_px(z_um, 3.0 * step_um);
+        let [low, high] = images.depths_um();
+        let mut best = ParticleFit { at, z_um, amplitude: 0.0, chi2_reduction: 0.0, correlation: 0.0 };
         let (mut next, mut damping) = (best, 1e-3f64);
         let mut normal = (DMat4::ZERO, DVec4::ZERO);
-        for k in 0..LONGEST {
-            let (patch, middle) = next.patch(templates, radius);
+        for k in 0..MAX_ITERATIONS {
+            let patch = images.patch(next.at, next.z_um, radius);
             let (mut own, mut both, mut seen) = (0.0, 0.0, 0.0);
-            for (i, light) in scene.under(&patch, middle) {
-                let (w, f, t) = (scene.weight[i], scene.left.counts[i], light[0]);
+            for (i, light) in patch.pixels(residual.size()) {
+                let (w, f, t) = (residual.weight[i], residual.image.counts[i], light[0]);
                 own += f64::from(w * t * t);
                 both += f64::from(w * f * t);
                 seen += f64::from(w * f * f);
@@ -86,27 +75,31 @@ impl Fit {
             if own <= 0.0 || both <= 0.0 {
                 return (k > 0).then_some(best);
             }
-            let gained = both * both / own;
-            if gained > best.gained {
+            let chi2_reduction = both * both / own;
+            if chi2_reduction > best.chi2_reduction {
                 let amplitude = both / own;
-                next = Fit { amplitude, gained, cm: both / (own * seen).sqrt(), ..next };
+                next = ParticleFit {
+                    amplitude,
+                    chi2_reduction,
+                    correlation: both / (own * seen).sqrt(),
+                    ..next
+                };
                 best = next;
                 damping = (0.3 * damping).max(1e-4);
-                normal = equations(scene, &patch, middle, amplitude);
+                normal = equations(residual, &patch, amplitude);
             } else {
                 damping *= 10.0;
             }
             let (matrix, right) = normal;
             let diagonal = DMat4::from_diagonal(matrix.diagonal() * damping);
-            let way = (matrix + diagonal).inverse() * right;
-            if !way.is_finite() {
+            let change = (matrix + diagonal).inverse() * right;
+            if !change.is_finite() {
                 return Some(best);
             }
-            let last = (templates.len() - 1) as f64;
-            next.at = [best.at[0] + way.y.clamp(-1.0, 1.0), best.at[1] + way.z.clamp(-1.0, 1.0)];
-            next.step = (best.step + way.w.clamp(-1.5, 1.5)).clamp(0.0, last);
-            let gone = [next.at[0] - best.at[0], next.at[1] - best.at[1], next.step - best.step];
-            if gone.iter().all(|g| g.abs() < SHORT) {
+            next.at = [best.at[0] + change.y.clamp(-1.0, 1.0), best.at[1] + change.z.clamp(-1.0, 1.0)];
+            next.z_um = (best.z_um + change.w.clamp(-1.5 * step_um, 1.5 * step_um)).clamp(low, high);
+            let moved = [next.at[0] - best.at[0], next.at[1] - best.at[1], (next.z_um - best.z_um) / step_um];
+            if moved.iter().all(|m| m.abs() < CONVERGED) {
                 return Some(best);
             }
         }
@@ -114,18 +107,18 @@ impl Fit {
     }
 }
 
-/// Normal equations for changes of brightness, x, y and depth.
-fn equations(scene: &Scene, patch: &Patch, middle: [isize; 2], amplitude: f64) -> (DMat4, DVec4) {
+/// Normal equations for changes in brightness, x, y and depth.
+fn equations(residual: &Residual, patch: &ImagePatch, amplitude: f64) -> (DMat4, DVec4) {
     let (mut matrix, mut right) = (DMat4::ZERO, DVec4::ZERO);
-    for (i, [t, x, y, z]) in scene.under(patch, middle) {
-        let w = f64::from(scene.weight[i]);
+    for (i, [t, x, y, z]) in patch.pixels(residual.size()) {
+        let w = f64::from(residual.weight[i]);
         let slope = DVec4::new(
             f64::from(t),
             amplitude * f64::from(x),
             amplitude * f64::from(y),
             amplitude * f64::from(z),
         );
-        let off = f64::from(scene.left.counts[i]) - amplitude * f64::from(t);
+        let off = f64::from(residual.image.counts[i]) - amplitude * f64::from(t);
         let weighted = slope * w;
         right += weighted * off;
         matrix +=

@@ -1,31 +1,32 @@
-//! Links from frame to frame: the cheapest assignment of what is found to tracks that look for it.
+//! Linking from frame to frame by minimum-cost assignment of localizations to tracks.
 //!
-//! A link costs its squared distance from where the track is expected, the end of a track and the begin of one as much as
-//! the longest way allowed, so that a link is made where it is cheaper than both (Jaqaman et al. 2008, Nat. Methods 5, 695).
-//! A track with two points or more is expected to go on as it did; one that is not found for a frame is looked for in the
-//! next one too.
+//! The cost of a link is its squared distance from the predicted position; the end of a track and the start
+//! of a new one each cost the squared maximum distance, so that a link is made if it is cheaper than both
+//! (Jaqaman et al. 2008, Nat. Methods 5, 695). A track with at least two points is extrapolated at constant
+//! velocity; a track may be missing in one frame.
 
-use super::Found;
+use super::Localization;
 use super::output::Row;
-use crate::evaluate::assignment::{Pair, heaviest};
+use crate::evaluate::assignment::{Pair, max_weight_matching};
 
-/// How far a particle may be from where it is expected.
+/// Maximum distance of a particle from its predicted position.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Reach {
+pub(super) struct SearchRange {
     /// In the image plane, px.
     pub(super) px: f64,
-    /// The depth range, um, if there is one. Depths are less certain than places: a third of the range is as far as `px`.
+    /// The depth range, um, if there is one. Depths are less accurate than in-plane positions: a third of the
+    /// range corresponds to `px`.
     pub(super) um: Option<f64>,
 }
 
-/// Frames that a track may go unseen.
+/// Maximum number of consecutive frames in which a track is missing.
 const GAP: usize = 1;
 
 struct Track {
     id: i64,
     last_frame: usize,
-    last: Found,
-    /// Way per frame.
+    last: Localization,
+    /// Displacement per frame (px, px, um), if the track has two points.
     velocity: Option<[f64; 3]>,
 }
 
@@ -38,12 +39,12 @@ impl Track {
     }
 }
 
-fn place(found: &Found) -> [f64; 3] {
+fn place(found: &Localization) -> [f64; 3] {
     [found.x_px, found.y_px, found.z_um.unwrap_or(0.0)]
 }
 
-/// Links all frames; in pair recordings only the second frame of a pair to the first.
-pub(super) fn link(frames: &[Vec<Found>], reach: Reach, pairs: bool) -> Vec<Row> {
+/// Links all frames; in double-frame recordings only within pairs.
+pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool) -> Vec<Row> {
     let um_per_px = reach.um.map_or(f64::INFINITY, |h| h / 3.0 / reach.px);
     let limit = reach.px * reach.px;
     let mut tracks: Vec<Track> = Vec::new();
@@ -55,7 +56,7 @@ pub(super) fn link(frames: &[Vec<Found>], reach: Reach, pairs: bool) -> Vec<Row>
         }
         tracks.retain(|t| frame - t.last_frame <= GAP + 1);
         let mut candidates = Vec::new();
-        let by_column = Columns::new(found, reach.px);
+        let by_column = SortedByX::new(found, reach.px);
         for (row, track) in tracks.iter().enumerate() {
             let [x, y, z] = track.expected(frame);
             let first = candidates.len();
@@ -74,7 +75,7 @@ pub(super) fn link(frames: &[Vec<Found>], reach: Reach, pairs: bool) -> Vec<Row>
             candidates[first..].sort_unstable_by_key(|p| p.column);
         }
         let mut of_found: Vec<Option<usize>> = vec![None; found.len()];
-        for pair in heaviest(tracks.len(), found.len(), candidates) {
+        for pair in max_weight_matching(tracks.len(), found.len(), candidates) {
             of_found[pair.column as usize] = Some(pair.row as usize);
         }
         for (point, track) in found.iter().zip(of_found) {
@@ -105,17 +106,17 @@ pub(super) fn link(frames: &[Vec<Found>], reach: Reach, pairs: bool) -> Vec<Row>
     rows
 }
 
-/// Points in order of x, so that those within reach are a run.
-struct Columns {
+/// Points sorted by x, so that those within reach are contiguous.
+struct SortedByX {
     order: Vec<(f64, usize)>,
     reach: f64,
 }
 
-impl Columns {
-    fn new(found: &[Found], reach: f64) -> Self {
+impl SortedByX {
+    fn new(found: &[Localization], reach: f64) -> Self {
         let mut order: Vec<(f64, usize)> = found.iter().enumerate().map(|(i, f)| (f.x_px, i)).collect();
         order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        Columns { order, reach }
+        SortedByX { order, reach }
     }
 
     fn near(&self, x: f64) -> impl Iterator<Item = usize> + '_ {
@@ -128,35 +129,36 @@ impl Columns {
 mod tests {
     use super::*;
 
-    fn at(x_px: f64, y_px: f64) -> Found {
-        Found { x_px, y_px, z_um: None }
+    fn at(x_px: f64, y_px: f64) -> Localization {
+        Localization { x_px, y_px, z_um: None }
     }
 
-    const REACH: Reach = Reach { px: 6.0, um: None };
+    const SEARCH_RANGE: SearchRange = SearchRange { px: 6.0, um: None };
 
     fn tracks(rows: &[Row]) -> Vec<i64> {
         rows.iter().map(|r| r.track).collect()
     }
 
     #[test]
-    fn the_cheapest_assignment_wins_over_the_nearest_neighbour() {
-        // The second of frame 1 is nearest to both; together they are cheaper the other way.
+    fn the_cheapest_assignment_wins_over_the_nearest_neighbor() {
+        // The first point of frame 1 is nearest to both tracks; the total cost is lower if each track moves
+        // by 2 px.
         let frames = [vec![at(0.0, 0.0), at(3.0, 0.0)], vec![at(2.0, 0.0), at(5.0, 0.0)]];
-        assert_eq!(tracks(&link(&frames, REACH, true)), [0, 1, 0, 1]);
+        assert_eq!(tracks(&link(&frames, SEARCH_RANGE, true)), [0, 1, 0, 1]);
     }
 
     #[test]
     fn a_track_goes_on_as_it_did_and_survives_a_frame_unseen() {
-        let mut frames: Vec<Vec<Found>> = (0..6).map(|k| vec![at(5.0 * f64::from(k), 1.0)]).collect();
+        let mut frames: Vec<Vec<Localization>> = (0..6).map(|k| vec![at(5.0 * f64::from(k), 1.0)]).collect();
         frames[3].clear();
-        assert_eq!(tracks(&link(&frames, REACH, false)), [0; 5]);
+        assert_eq!(tracks(&link(&frames, SEARCH_RANGE, false)), [0; 5]);
         frames[4].clear();
-        assert_eq!(tracks(&link(&frames, REACH, false)), [0, 0, 0, 1]);
+        assert_eq!(tracks(&link(&frames, SEARCH_RANGE, false)), [0, 0, 0, 1]);
     }
 
     #[test]
     fn pairs_are_not_linked_to_each_other_and_far_points_not_at_all() {
         let frames = [vec![at(0.0, 0.0)], vec![at(1.0, 0.0)], vec![at(1.0, 0.0)], vec![at(9.0, 0.0)]];
-        assert_eq!(tracks(&link(&frames, REACH, true)), [0, 0, 1, 2]);
+        assert_eq!(tracks(&link(&frames, SEARCH_RANGE, true)), [0, 0, 1, 2]);
     }
 }

@@ -1,32 +1,31 @@
-//! Correlation maps: by how much a template at each pixel lowers the weighted sum of squares of a frame.
+//! Correlation maps: the reduction of chi^2 of a frame by a template centered at each pixel.
 //!
-//! With weights w, frame f and template t that is (sum w f t)^2 / (sum w t^2): the square of the normalised
-//! cross-correlation, times what there is to explain. Both sums are correlations, by Fourier transforms.
+//! With weights w, frame f and template t it is (sum w f t)^2 / (sum w t^2): the squared normalized
+//! cross-correlation times sum w f^2. Both sums are cross-correlations, computed by FFT.
 
-use rustfft::num_complex::Complex32;
+use fourier::{Complex32, Direction, ImageFft};
 
-use super::fit::Scene;
-use super::fourier::{Plane, Way};
+use super::fit::Residual;
 use super::templates::Templates;
 
-/// What all correlation maps of a frame have in common.
-pub(super) struct Maps {
-    /// Of the maps: the frame and a margin on each side, where particles beyond the edge are.
+/// Transforms shared by all correlation maps of a frame.
+pub(super) struct CorrelationMaps {
+    /// Size of the maps: the frame with a margin on each side for particles beyond the edge.
     size: (usize, usize),
-    /// Of the planes: nothing reaches around.
+    /// Size of the FFT planes, padded against circular wrap-around.
     padded: (usize, usize),
-    fourier: Plane,
-    /// Transforms of weighted counts and of weights.
+    fourier: ImageFft,
+    /// Transforms of the weighted counts and of the weights.
     weighted: Vec<Complex32>,
     weights: Vec<Complex32>,
 }
 
-impl Maps {
-    pub(super) fn new(scene: &Scene, margin: usize) -> Self {
-        let frame = (scene.left.width, scene.left.height);
+impl CorrelationMaps {
+    pub(super) fn new(residual: &Residual, margin: usize) -> Self {
+        let frame = (residual.image.width, residual.image.height);
         let size = (frame.0 + 2 * margin, frame.1 + 2 * margin);
         let padded = (size.0 + margin, size.1 + margin);
-        let fourier = Plane::new(padded);
+        let fourier = ImageFft::new(padded);
         let mut scratch = fourier.scratch();
         let mut transformed = |value: &dyn Fn(usize) -> f32| {
             let mut plane = vec![Complex32::default(); padded.0 * padded.1];
@@ -35,16 +34,16 @@ impl Maps {
                     plane[(y + margin) * padded.0 + x + margin].re = value(y * frame.0 + x);
                 }
             }
-            fourier.transform(&mut plane, Way::Forward, &mut scratch);
+            fourier.transform(&mut plane, Direction::Forward, &mut scratch);
             plane
         };
-        let weighted = transformed(&|i| scene.weight[i] * scene.left.counts[i]);
-        let weights = transformed(&|i| scene.weight[i]);
-        Maps { size, padded, fourier, weighted, weights }
+        let weighted = transformed(&|i| residual.weight[i] * residual.image.counts[i]);
+        let weights = transformed(&|i| residual.weight[i]);
+        CorrelationMaps { size, padded, fourier, weighted, weights }
     }
 
-    /// By how much a template lowers the weighted sum of squares, pixel by pixel.
-    pub(super) fn gained(&self, templates: &Templates, step: usize) -> Vec<f32> {
+    /// The reduction of chi^2 by a template at every pixel of the map.
+    pub(super) fn chi2_reduction(&self, templates: &Templates, step: usize) -> Vec<f32> {
         let both = self.correlated(&self.weighted, templates, step, |light| light);
         let own = self.correlated(&self.weights, templates, step, |light| light * light);
         both.iter().zip(own).map(|(b, o)| if *b > 0.0 && o > 0.0 { b * b / o } else { 0.0 }).collect()
@@ -68,11 +67,11 @@ impl Maps {
             }
         }
         let mut scratch = self.fourier.scratch();
-        self.fourier.transform(&mut plane, Way::Forward, &mut scratch);
+        self.fourier.transform(&mut plane, Direction::Forward, &mut scratch);
         for (p, f) in plane.iter_mut().zip(frame) {
             *p = p.conj() * f;
         }
-        self.fourier.transform(&mut plane, Way::Backward, &mut scratch);
+        self.fourier.transform(&mut plane, Direction::Backward, &mut scratch);
         let scale = 1.0 / (w * h) as f32;
         let rows = plane.chunks(w).take(self.size.1);
         rows.flat_map(|row| row[..self.size.0].iter().map(|p| p.re * scale)).collect()

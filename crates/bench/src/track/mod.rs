@@ -1,168 +1,166 @@
-//! Baseline trackers: what a plain method of each school finds in a dataset.
+//! Baseline trackers: a simple method of each kind, applied to a dataset.
 //!
-//! They see what a participant sees: images, the calibration stack, the optics. The anchors are the exception, made from
-//! the truth to show what a score looks like for a result of known quality. Definitions and measured scores are in
-//! docs/baselines.md.
+//! They use only what is available to participants: images, the calibration stack, the optical settings.
+//! Anchors are the exception: they are made from the truth, to show the scores of results of known quality.
+//! docs/baselines.md describes the methods and their measured scores.
+//!
+//! To add a tracker, write a file in this folder that defines a [`Method`], and list it in [`METHODS`].
 
 mod anchors;
 mod aptv;
+mod calibration;
+mod denoise;
 mod fit;
-mod fourier;
+mod gray_image;
+mod images;
+mod job;
+mod joint_fit;
 mod link;
+mod locate;
 mod maps;
+mod mle;
 mod ncc;
 mod output;
-mod picture;
 mod piv;
 mod recording;
+mod search;
 mod spots;
+mod stack;
 mod templates;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use clap::ValueEnum;
-use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::error::{Error, Result};
+use crate::runner::Progress;
+use crate::storage::may_write;
+use job::Job;
 use output::Output;
-use picture::Picture;
-use recording::Recording;
 
-/// A method.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Method {
-    /// Spots of about one size, in the image plane (Laplacian of Gaussian), linked
-    Spots,
-    /// Depth by correlation with the calibration stack (GDPT), linked
-    Ncc,
-    /// Depth from the two widths of astigmatic particle images, linked
-    Aptv,
-    /// Displacement field by correlation of windows
-    Piv,
-    /// Anchor: the visible truth with normal noise added
-    TruthNoise,
-    /// Anchor: the visible truth one pixel off along x and y
-    Offset,
-    /// Anchor: a displacement field of zeros
-    Static,
-    /// Anchor: nothing found
-    Empty,
+/// A tracking method.
+#[derive(Debug)]
+pub struct Method {
+    /// Name on the command line.
+    pub name: &'static str,
+    /// One-line description.
+    pub about: &'static str,
+    run: fn(&Job) -> Result<Output>,
 }
 
-/// How to track.
+/// All methods, in the order of listings.
+pub static METHODS: &[&Method] = &[
+    &spots::METHOD,
+    &ncc::METHOD,
+    &mle::METHOD,
+    &aptv::METHOD,
+    &piv::METHOD,
+    &anchors::TRUTH_NOISE,
+    &anchors::OFFSET,
+    &anchors::STATIC,
+    &anchors::EMPTY,
+];
+
+/// Options of a tracker run.
 #[derive(Debug, Clone)]
-pub struct Options {
-    /// The method.
-    pub method: Method,
-    /// Longest way from frame to frame, px.
+pub struct TrackOptions {
+    /// Name of the method, one of [`METHODS`].
+    pub method: String,
+    /// Largest displacement from frame to frame, px, > 0.
     pub max_displacement_px: f64,
-    /// Diameter of a spot, px.
+    /// Diameter of a particle image (`spots`), px.
     pub diameter_px: f64,
-    /// Standard deviation that [`Method::TruthNoise`] adds in x and y, px.
+    /// Standard deviation of the noise that `truth-noise` adds in x and y, px.
     pub noise_px: f64,
-    /// Standard deviation that [`Method::TruthNoise`] adds in z, um.
+    /// Standard deviation of the noise that `truth-noise` adds in z, um.
     pub noise_um: f64,
     /// Seed of that noise.
     pub seed: u64,
-    /// Whether a result that exists is replaced.
+    /// Whether to replace an existing result.
     pub force: bool,
+    /// Whether `piv` averages the correlation planes of all image pairs, for one field of a steady flow.
+    pub ensemble: bool,
+    /// Progress display.
+    pub progress: Progress,
 }
 
-/// What was found.
+/// Summary of a tracker run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Tracked {
-    /// The result's file.
+    /// Path of the result.
     pub out: PathBuf,
-    /// The method.
-    pub method: Method,
-    /// Frames that were looked at.
+    /// Name of the method.
+    pub method: &'static str,
+    /// Number of frames of the dataset.
     pub frames: usize,
-    /// Rows of the result.
+    /// Number of rows of the result.
     pub rows: usize,
     /// Duration, s.
     pub seconds: f64,
-    /// What should be known about the result.
+    /// Mean time to process one frame on one thread (for `piv` an image pair, with `--ensemble` a pair in one
+    /// pass), s; `None` for anchors made from the truth.
+    pub seconds_per_frame: Option<f64>,
+    /// Maximum of these times, s.
+    pub slowest_frame_seconds: Option<f64>,
+    /// Warnings about the result.
     pub warnings: Vec<String>,
 }
 
-/// A particle found in a frame, in pixels of the dataset (the first pixel's centre is 1).
+/// A particle found in a frame, in pixels of the dataset (the center of the first pixel is 1).
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Found {
+struct Localization {
     x_px: f64,
     y_px: f64,
-    /// `None` for methods of the image plane.
+    /// `None` for methods that measure in the image plane only.
     z_um: Option<f64>,
 }
 
-/// Runs a baseline on a dataset and writes its result.
+/// The method of this name.
 ///
 /// # Errors
-/// A dataset without what the method needs; a result that exists; writing.
-pub fn track(dataset: &Path, out: &Path, options: &Options) -> Result<Tracked> {
-    let start = Instant::now();
-    if out.exists() && !options.force {
-        return Err(Error::Exists(out.to_owned()));
-    }
-    let recording = Recording::open(dataset)?;
-    let mut warnings = Vec::new();
-    let output = match options.method {
-        Method::Spots => {
-            let finder = spots::Finder::new(options.diameter_px);
-            linked(&recording, options, |picture| finder.find(picture))?
-        }
-        Method::Ncc => {
-            let stack = ncc::Stack::new(&recording.calibration()?);
-            linked(&recording, options, |picture| stack.find(picture))?
-        }
-        Method::Aptv => {
-            let curve = aptv::Curve::new(&recording.calibration()?)?;
-            warnings.extend(curve.warning());
-            linked(&recording, options, |picture| curve.find(picture))?
-        }
-        Method::Piv => fields(&recording, piv::displacements)?,
-        Method::Static => fields(&recording, piv::zeros)?,
-        Method::TruthNoise => anchors::noisy(dataset, options)?,
-        Method::Offset => anchors::offset(dataset)?,
-        Method::Empty => Output::Points(Vec::new()),
-    };
-    let rows = output.write(out)?;
-    Ok(Tracked {
-        out: out.to_owned(),
-        method: options.method,
-        frames: recording.frames(),
-        rows,
-        seconds: start.elapsed().as_secs_f64(),
-        warnings,
+/// An unknown name.
+pub fn method(name: &str) -> Result<&'static Method> {
+    METHODS.iter().find(|m| m.name == name).copied().ok_or_else(|| {
+        let names: Vec<&str> = METHODS.iter().map(|m| m.name).collect();
+        Error::input(format!("method `{name}`: expected one of {}", names.join(", ")))
     })
 }
 
-/// Finds particles in every frame and links them.
-fn linked(
-    recording: &Recording,
-    options: &Options,
-    find: impl Fn(&Picture) -> Vec<Found> + Sync,
-) -> Result<Output> {
-    let frames: Vec<Vec<Found>> = (0..recording.frames())
-        .into_par_iter()
-        .map(|k| Ok(find(&recording.frame(k)?)))
-        .collect::<Result<_>>()?;
-    let reach = link::Reach { px: options.max_displacement_px, um: recording.depth_h_um() };
-    Ok(Output::Points(link::link(&frames, reach, recording.pairs())))
+/// Tracks a dataset by one of the [`METHODS`] and writes the result.
+///
+/// # Errors
+/// An unknown method, a dataset without what the method needs, a result that exists, a failed write.
+pub fn track(dataset: &Path, out: &Path, options: &TrackOptions) -> Result<Tracked> {
+    let start = Instant::now();
+    let method = method(&options.method)?;
+    may_write(out, options.force)?;
+    let job = Job::new(dataset, options)?;
+    let rows = (method.run)(&job)?.save(out, options.force)?;
+    let frames = job.recording.frames();
+    let (seconds_per_frame, slowest_frame_seconds) = job.frame_seconds().unzip();
+    Ok(Tracked {
+        out: out.to_owned(),
+        method: method.name,
+        frames,
+        rows,
+        seconds: start.elapsed().as_secs_f64(),
+        seconds_per_frame,
+        slowest_frame_seconds,
+        warnings: job.into_warnings(),
+    })
 }
 
-/// Finds the displacement field of every pair of frames.
-fn fields(
-    recording: &Recording,
-    measure: impl Fn(&Picture, &Picture) -> Vec<piv::Vector> + Sync,
-) -> Result<Output> {
-    let step = if recording.pairs() { 2 } else { 1 };
-    let firsts: Vec<usize> = (0..recording.frames().saturating_sub(1)).step_by(step).collect();
-    let fields: Vec<Vec<piv::Vector>> = firsts
-        .par_iter()
-        .map(|&first| Ok(measure(&recording.frame(first)?, &recording.frame(first + 1)?)))
-        .collect::<Result<_>>()?;
-    Ok(Output::Fields(fields))
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_methods_are_unique() {
+        for (i, a) in METHODS.iter().enumerate() {
+            assert!(METHODS[i + 1..].iter().all(|b| a.name != b.name), "{}", a.name);
+        }
+        let said = method("nnc").unwrap_err().to_string();
+        assert!(said.contains("`nnc`") && said.contains("ncc"), "{said}");
+    }
 }

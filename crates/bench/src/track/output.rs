@@ -1,10 +1,9 @@
-//! A result as trackers hand it in: the canonical table of particles or of displacements.
+//! Writes results of the baseline trackers as microsig's tables of particles or displacements.
 
 use std::path::Path;
 
-use super::piv::Vector;
-use crate::dataset::save;
 use crate::error::{Error, Result};
+use crate::storage::save_result;
 
 /// A particle of a result.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,58 +16,91 @@ pub(super) struct Row {
     pub(super) z_um: Option<f64>,
 }
 
-/// A whole result.
+/// A displacement vector of a result.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct DisplacementVector {
+    /// Center of its interrogation window, relative to the center of the first pixel, px.
+    pub(super) at: [f32; 2],
+    /// Displacement, px.
+    pub(super) d: [f32; 2],
+    /// Whether it is an outlier replaced by the median of its neighbors.
+    pub(super) replaced: bool,
+}
+
+/// A complete result.
 #[derive(Debug)]
 pub(super) enum Output {
     /// Particles.
     Points(Vec<Row>),
-    /// A displacement field per pair.
-    Fields(Vec<Vec<Vector>>),
+    /// Number and displacement field of each image pair.
+    Fields(Vec<(usize, Vec<DisplacementVector>)>),
+    /// One displacement field for all image pairs.
+    MeanField(Vec<DisplacementVector>),
 }
 
 impl Output {
-    /// Writes the table, whole or not at all; gives its number of rows.
-    pub(super) fn write(&self, path: &Path) -> Result<usize> {
-        let mut rows = 0;
-        save(path, |file| {
-            let mut table = csv::Writer::from_writer(file);
-            let mut put = |cells: &[String]| {
-                table.write_record(cells).map_err(|e| Error::write(path)(std::io::Error::other(e)))
-            };
-            let header = |names: &str| names.split(' ').map(str::to_owned).collect::<Vec<_>>();
-            match self {
-                Output::Points(points) => {
-                    let flat = !points.is_empty() && points.iter().all(|p| p.z_um.is_none());
-                    put(&header(if flat { "frame track x_px y_px" } else { "frame track x_px y_px z_um" }))?;
-                    for p in points {
-                        let mut cells = vec![
-                            p.frame.to_string(),
-                            p.track.to_string(),
-                            p.x_px.to_string(),
-                            p.y_px.to_string(),
-                        ];
-                        if !flat {
-                            cells.push(p.z_um.map_or(String::new(), |z| z.to_string()));
-                        }
-                        put(&cells)?;
+    /// Number of rows of the table.
+    pub(super) fn rows(&self) -> usize {
+        match self {
+            Output::Points(points) => points.len(),
+            Output::Fields(fields) => fields.iter().map(|(_, vectors)| vectors.len()).sum(),
+            Output::MeanField(vectors) => vectors.len(),
+        }
+    }
+
+    /// Writes the table atomically; returns its number of rows.
+    ///
+    /// # Errors
+    /// An existing file, unless `force`; an I/O error.
+    pub(super) fn save(&self, path: &Path, force: bool) -> Result<usize> {
+        let table = self.table().map_err(|e| Error::write(path)(std::io::Error::other(e)))?;
+        save_result(path, force, &table)?;
+        Ok(self.rows())
+    }
+
+    /// The table as CSV.
+    fn table(&self) -> std::result::Result<Vec<u8>, Box<dyn std::error::Error + Send + Sync>> {
+        let mut table = csv::Writer::from_writer(Vec::new());
+        match self {
+            Output::Points(points) => {
+                let flat = !points.is_empty() && points.iter().all(|p| p.z_um.is_none());
+                let columns = ["frame", "track", "x_px", "y_px", "z_um"];
+                table.write_record(if flat { &columns[..4] } else { &columns[..] })?;
+                for p in points {
+                    let mut cells = vec![
+                        p.frame.to_string(),
+                        p.track.to_string(),
+                        p.x_px.to_string(),
+                        p.y_px.to_string(),
+                    ];
+                    if !flat {
+                        cells.push(p.z_um.map_or(String::new(), |z| z.to_string()));
                     }
-                    rows = points.len();
+                    table.write_record(&cells)?;
                 }
-                Output::Fields(fields) => {
-                    put(&header("pair x_px y_px dx_px dy_px flag"))?;
-                    for (pair, vectors) in fields.iter().enumerate() {
-                        for v in vectors {
-                            let flag = if v.replaced { 2 } else { 0 };
-                            let [x, y] = v.at.map(|c| (c + 1.0).to_string());
-                            let [dx, dy] = v.d.map(|d| d.to_string());
-                            put(&[pair.to_string(), x, y, dx, dy, flag.to_string()])?;
-                        }
-                        rows += vectors.len();
+            }
+            Output::Fields(fields) => {
+                table.write_record(["pair", "x_px", "y_px", "dx_px", "dy_px", "flag"])?;
+                for (pair, vectors) in fields {
+                    let pair = pair.to_string();
+                    for v in vectors {
+                        table.write_record([&[pair.clone()][..], &cells(v)].concat())?;
                     }
                 }
             }
-            table.flush().map_err(Error::write(path))
-        })?;
-        Ok(rows)
+            Output::MeanField(vectors) => {
+                table.write_record(["x_px", "y_px", "dx_px", "dy_px", "flag"])?;
+                vectors.iter().try_for_each(|v| table.write_record(cells(v)))?;
+            }
+        }
+        Ok(table.into_inner()?)
     }
+}
+
+/// Position, displacement and flag of a vector.
+fn cells(vector: &DisplacementVector) -> [String; 5] {
+    let flag = if vector.replaced { 2 } else { 0 };
+    let [x, y] = vector.at.map(|c| (c + 1.0).to_string());
+    let [dx, dy] = vector.d.map(|d| d.to_string());
+    [x, y, dx, dy, flag.to_string()]
 }

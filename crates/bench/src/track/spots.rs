@@ -1,41 +1,51 @@
-//! Spots of about one size in the image plane.
+//! In-focus particle images of similar size, located in the image plane.
 //!
-//! The Laplacian of a Gaussian of standard deviation r / sqrt(2) answers most to discs of radius r (Lindeberg 1998, Int. J.
-//! Comput. Vis. 30, 79). Its local maxima above the noise are particles, refined by a Gaussian through three points in x
-//! and in y. Images far out of focus fall apart into pieces of their rings: the method is for images in focus.
+//! The Laplacian of a Gaussian of standard deviation r / sqrt(2) responds most strongly to discs of radius r
+//! (Lindeberg 1998, Int. J. Comput. Vis. 30, 79). Its local maxima above the noise are particles, refined by
+//! three-point Gaussian fits along x and y. Strongly defocused images break up into pieces of their rings, so
+//! the method is suitable for images in focus only.
 
-use super::Found;
-use super::picture::{Picture, three_points};
+use super::gray_image::{GrayImage, three_points};
+use super::{Localization, Method};
 
-/// Maxima must be this many standard deviations of the answer's noise high.
+/// Detection threshold, in standard deviations of the noise of the filter response.
 const ABOVE_NOISE: f32 = 6.0;
 
-/// Finds spots of a given size.
+pub(super) const METHOD: Method = Method {
+    name: "spots",
+    about: "Particles in focus, in the image plane (Laplacian of Gaussian), linked",
+    run: |job| {
+        let detector = LogDetector::new(job.options.diameter_px);
+        job.particles(|image| detector.find(image))
+    },
+};
+
+/// Detects particle images of a given size.
 #[derive(Debug)]
-pub(super) struct Finder {
+pub(super) struct LogDetector {
     sigma_px: f32,
 }
 
-impl Finder {
+impl LogDetector {
     pub(super) fn new(diameter_px: f64) -> Self {
-        Finder { sigma_px: (0.5 * diameter_px / 2.0f64.sqrt()).max(0.5) as f32 }
+        LogDetector { sigma_px: (0.5 * diameter_px / 2.0f64.sqrt()).max(0.5) as f32 }
     }
 
-    pub(super) fn find(&self, picture: &Picture) -> Vec<Found> {
-        let (w, h) = (picture.width, picture.height);
+    pub(super) fn find(&self, image: &GrayImage) -> Vec<Localization> {
+        let (w, h) = (image.width, image.height);
         if w < 3 || h < 3 {
             return Vec::new();
         }
-        let smooth = picture.smoothed(self.sigma_px);
+        let smooth = image.smoothed(self.sigma_px);
         let value = |x: usize, y: usize| smooth.counts[y * w + x];
-        let answer = Picture::from_fn((w, h), |x, y| {
+        let answer = GrayImage::from_fn((w, h), |x, y| {
             let (left, right) = (value(x.saturating_sub(1), y), value((x + 1).min(w - 1), y));
             let (up, down) = (value(x, y.saturating_sub(1)), value(x, (y + 1).min(h - 1)));
             4.0 * value(x, y) - left - right - up - down
         });
-        // Without noise everything is above it; what rounding leaves is not a particle.
+        // Lower limit for noise-free images, above rounding errors.
         let threshold = (ABOVE_NOISE * answer.noise()).max(1e-3);
-        let level = picture.median();
+        let level = image.median();
         let mut found = Vec::new();
         for y in 1..h - 1 {
             for x in 1..w - 1 {
@@ -46,7 +56,7 @@ impl Finder {
                 let peak = |x: usize, y: usize| value(x, y) - level;
                 let dx = three_points(peak(x - 1, y), peak(x, y), peak(x + 1, y));
                 let dy = three_points(peak(x, y - 1), peak(x, y), peak(x, y + 1));
-                found.push(Found {
+                found.push(Localization {
                     x_px: x as f64 + 1.0 + f64::from(dx),
                     y_px: y as f64 + 1.0 + f64::from(dy),
                     z_um: None,
@@ -57,13 +67,13 @@ impl Finder {
     }
 }
 
-/// Whether no pixel around is higher; of equal ones the first counts.
-fn is_maximum(picture: &Picture, x: usize, y: usize) -> bool {
-    let w = picture.width;
-    let here = picture.counts[y * w + x];
+/// Whether a pixel is a local maximum; of equal pixels the first one is.
+fn is_maximum(image: &GrayImage, x: usize, y: usize) -> bool {
+    let w = image.width;
+    let here = image.counts[y * w + x];
     (y - 1..=y + 1).all(|v| {
         (x - 1..=x + 1).all(|u| {
-            let other = picture.counts[v * w + u];
+            let other = image.counts[v * w + u];
             if (v, u) < (y, x) { other < here } else { other <= here }
         })
     })
@@ -76,15 +86,15 @@ mod tests {
     #[test]
     fn spots_are_found_to_a_few_hundredths_of_a_pixel() {
         let spots = [(12.3, 20.7), (40.0, 11.5), (31.8, 33.1)];
-        let picture = Picture::from_fn((60, 50), |x, y| {
+        let image = GrayImage::from_fn((60, 50), |x, y| {
             let light = |(cx, cy): (f32, f32)| {
                 let r2 = (x as f32 + 1.0 - cx).powi(2) + (y as f32 + 1.0 - cy).powi(2);
                 800.0 * (-r2 / (2.0 * 0.8f32.powi(2))).exp()
             };
-            // A fixed pattern of a few counts stands for noise.
+            // A fixed pattern of a few counts in place of noise.
             100.0 + ((x * 7 + y * 13) % 5) as f32 + spots.map(light).iter().sum::<f32>()
         });
-        let mut found = Finder::new(3.0).find(&picture);
+        let mut found = LogDetector::new(3.0).find(&image);
         found.sort_by(|a, b| a.x_px.total_cmp(&b.x_px));
         assert_eq!(found.len(), 3, "{found:?}");
         for (found, spot) in found.iter().zip([spots[0], spots[2], spots[1]]) {

@@ -1,130 +1,134 @@
-//! The calibration stack as templates: images of one particle over depth, smooth in place and depth.
-//!
-//! Noise is learnt from the stack too. An image and its mirror image show the same particle (the lens is symmetric, the
-//! particle is in the middle), so that their difference is noise: that of the background and a part that grows with light.
-//! The mean of the four mirror images has half of it.
+//! Interpolation of particle images between the pixels and depths of a stack by tensor products of cubic
+//! B-splines.
 
-use super::picture::{Picture, Spline, weights, weights_slope};
-use super::recording::Step;
+use super::denoise::PixelNoise;
+use super::gray_image::{GrayImage, Spline, prefilter, weights, weights_slope};
+use super::images::{ImagePatch, ParticleImages};
 
-/// A template reaches as far as pixels are brighter than this part of its peak.
+/// The search template extends to pixels brighter than this share of its peak, ...
 const FAINTEST: f32 = 0.05;
 
-/// So many standard deviations of the noise bright, both smoothed.
+/// ... and than this many standard deviations of the residual noise.
 const ABOVE_NOISE: f32 = 3.0;
 
-/// Smoothing for that, px.
+/// Standard deviation of the Gaussian filter used for this, px.
 const SMOOTH_PX: f32 = 1.5;
 
+/// A fit uses the square that contains this share of the Fisher information on brightness.
+const INFORMATION: f64 = 0.995;
+
+/// Number of planes added beyond each end of the stack.
+const PADDING: usize = 4;
+
 /// A particle image at one depth.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Template {
-    pub(super) z_um: f64,
-    /// Counts above the background, the particle in the middle.
-    picture: Picture,
-    spline: Spline,
-    /// The image reaches so far from its middle, px.
+    /// Counts above the background, with the particle on the central pixel of a square.
+    image: GrayImage,
+    /// Half width for the search, px.
     pub(super) radius: usize,
+    /// Half width for fits, px.
+    fit_radius: usize,
 }
 
-/// The templates, by depth, and the noise that frames taken like them have.
-#[derive(Debug)]
+/// The templates, sorted by depth.
+#[derive(Debug, Clone)]
 pub(super) struct Templates {
+    depths_um: Vec<f64>,
     all: Vec<Template>,
-    /// Variance of the noise for each count of light.
-    pub(super) gain: f32,
-}
-
-/// A template between pixels and depths, over a square around a pixel, with its slopes; row by row.
-#[derive(Debug)]
-pub(super) struct Patch {
-    pub(super) radius: usize,
-    /// Light, and its derivatives by the particle's x and y (px) and depth (steps).
-    pub(super) light: Vec<[f32; 4]>,
+    /// Spline coefficients of the images, with [`PADDING`] planes before the first and after the last.
+    coefficients: Vec<GrayImage>,
 }
 
 impl Templates {
-    pub(super) fn new(steps: &[Step]) -> Self {
-        // Images far out of focus fill their picture; the darkest shows the background.
-        let level = steps.iter().map(|s| s.picture.median()).fold(f32::INFINITY, f32::min);
-        let (mut noise, mut light) = (0.0, 0.0);
-        let all: Vec<Template> = steps
-            .iter()
-            .map(|step| {
-                let whole = centred(step, level);
-                let (sum, squares) = mirrored_noise(&whole);
-                light += sum;
-                noise += squares;
-                Template::new(step.z_um, mirrored_mean(&whole))
-            })
-            .collect();
-        Templates { all, gain: if light > 0.0 { (noise / light).max(0.0) as f32 } else { 0.0 } }
+    /// Templates from squares of odd side with the particle at the center, for frames with this noise.
+    pub(super) fn new(depths_um: Vec<f64>, images: Vec<GrayImage>, noise: PixelNoise) -> Self {
+        let coefficients = coefficients(&images);
+        let all = images.into_iter().map(|image| Template::new(image, noise)).collect();
+        Templates { depths_um, all, coefficients }
+    }
+
+    /// The templates binned by an odd `factor`.
+    pub(super) fn binned(&self, factor: usize, noise: PixelNoise) -> Self {
+        let half = factor / 2;
+        let images = self.all.iter().map(|template| {
+            let width = template.image.width;
+            let room = (width / 2).saturating_sub(half) / factor;
+            let first = width / 2 - room * factor - half;
+            template.image.binned_from(first, 2 * room + 1, factor)
+        });
+        Templates::new(self.depths_um.clone(), images.collect(), noise.binned(factor))
     }
 
     pub(super) fn len(&self) -> usize {
         self.all.len()
     }
 
-    pub(super) fn get(&self, step: usize) -> &Template {
-        &self.all[step]
+    pub(super) fn get(&self, index: usize) -> &Template {
+        &self.all[index]
     }
 
-    /// The physical depth of a place between the steps.
-    pub(super) fn depth_um(&self, step: f64) -> f64 {
-        let low = (step.floor().max(0.0) as usize).min(self.len().saturating_sub(2));
-        let high = (low + 1).min(self.len() - 1);
-        let t = step - low as f64;
-        self.all[low].z_um + t * (self.all[high].z_um - self.all[low].z_um)
+    /// Depth of a template, um.
+    pub(super) fn depth_um(&self, index: usize) -> f64 {
+        self.depths_um[index]
     }
 
-    /// The radius that holds all templates near a step.
-    pub(super) fn radius_around(&self, step: f64, reach: usize) -> usize {
-        let middle = step.round().max(0.0) as usize;
-        let near = middle.saturating_sub(reach)..(middle + reach + 1).min(self.len());
-        self.all[near].iter().map(|t| t.radius).max().unwrap_or(0)
+    /// Mean distance between depths, um.
+    pub(super) fn step_um(&self) -> f64 {
+        (self.depths_um[self.len() - 1] - self.depths_um[0]) / (self.len() - 1) as f64
     }
 
-    /// The particle `offset` px beside the middle of a square, at a depth between the steps (cubic through four of them,
-    /// Catmull & Rom 1974).
-    pub(super) fn patch(&self, step: f64, offset: [f64; 2], radius: usize) -> Patch {
-        let low = (step.floor().max(0.0) as usize).min(self.len().saturating_sub(2));
-        let t = (step - low as f64) as f32;
-        let (t2, t3) = (t * t, t * t * t);
-        let value = [
-            -0.5 * t3 + t2 - 0.5 * t,
-            1.5 * t3 - 2.5 * t2 + 1.0,
-            -1.5 * t3 + 2.0 * t2 + 0.5 * t,
-            0.5 * (t3 - t2),
-        ];
-        let slope = [-1.5 * t2 + 2.0 * t - 0.5, 4.5 * t2 - 5.0 * t, -4.5 * t2 + 4.0 * t + 0.5, 1.5 * t2 - t];
-        let last = self.len() as isize - 1;
-        let knots: [&Picture; 4] = std::array::from_fn(|i| {
-            let k = (low as isize + i as isize - 1).clamp(0, last);
-            self.all[k as usize].spline.coefficients()
-        });
-        let (width, middle) = (knots[0].width, (knots[0].width / 2) as isize);
-        // All pixels of the square lie equally between those of the template.
+    /// Fractional index of a depth among the templates, and index per um there.
+    fn place(&self, z_um: f64) -> (f64, f64) {
+        let low = self.depths_um.partition_point(|d| *d <= z_um).clamp(1, self.len() - 1) - 1;
+        let per_um = 1.0 / (self.depths_um[low + 1] - self.depths_um[low]);
+        (low as f64 + (z_um - self.depths_um[low]) * per_um, per_um)
+    }
+}
+
+impl ParticleImages for Templates {
+    fn depths_um(&self) -> [f64; 2] {
+        [self.depths_um[0], self.depths_um[self.len() - 1]]
+    }
+
+    fn radius_px(&self, z_um: f64, reach_um: f64) -> usize {
+        let [low, high] = [z_um - reach_um, z_um + reach_um].map(|z| self.place(z).0);
+        let last = (self.len() - 1) as f64;
+        let near = low.floor().clamp(0.0, last) as usize..=high.ceil().clamp(0.0, last) as usize;
+        self.all[near].iter().map(|t| t.fit_radius).max().unwrap_or(0)
+    }
+
+    fn patch(&self, at: [f64; 2], z_um: f64, radius: usize) -> ImagePatch {
+        let middle = at.map(f64::round);
+        let offset = [at[0] - middle[0], at[1] - middle[1]];
+        let (place, per_um) = self.place(z_um);
+        let place = place.clamp(0.0, (self.len() - 1) as f64);
+        let low = (place as usize).min(self.len() - 2);
+        let t = (place - low as f64) as f32;
+        let (value, slope) = (weights(t), weights_slope(t).map(|s| s * per_um as f32));
+        let knots: [&GrayImage; 4] = std::array::from_fn(|i| &self.coefficients[low + PADDING + i - 1]);
+        let (width, center) = (knots[0].width, (knots[0].width / 2) as isize);
+        // All pixels of the square have the same sub-pixel offset from those of the template.
         let base = offset.map(|o| (-o).floor());
         let part: [f32; 2] = std::array::from_fn(|i| (-offset[i] - base[i]) as f32);
         let (wx, wy) = (weights(part[0]), weights(part[1]));
         let (sx, sy) = (weights_slope(part[0]), weights_slope(part[1]));
         let (side, r) = (2 * radius + 1, radius as isize);
-        let inside = |i: isize| i.clamp(0, width as isize - 1) as usize;
-        // Along x first, for the rows that the square needs.
+        let inside = |i: isize| (0..width as isize).contains(&i).then_some(i as usize);
+        // Interpolate along x (and z) first, for all rows needed.
         let mut rows = vec![[0.0f32; 3]; side * (side + 3)];
+        let mut along = vec![[0.0f32; 2]; side + 3];
         for (j, row) in rows.chunks_mut(side).enumerate() {
-            let v = inside(middle + base[1] as isize - r + j as isize - 1) * width;
-            let along: Vec<[f32; 2]> = (0..side + 3)
-                .map(|i| {
-                    let at = v + inside(middle + base[0] as isize - r + i as isize - 1);
-                    let mut both = [0.0; 2];
-                    for k in 0..4 {
-                        both[0] += value[k] * knots[k].counts[at];
-                        both[1] += slope[k] * knots[k].counts[at];
-                    }
-                    both
-                })
-                .collect();
+            let Some(v) = inside(center + base[1] as isize - r + j as isize - 1) else { continue };
+            along.fill([0.0; 2]);
+            for (i, both) in along.iter_mut().enumerate() {
+                let Some(u) = inside(center + base[0] as isize - r + i as isize - 1) else { continue };
+                for k in 0..4 {
+                    let c = knots[k].counts[v * width + u];
+                    both[0] += value[k] * c;
+                    both[1] += slope[k] * c;
+                }
+            }
             for (i, cell) in row.iter_mut().enumerate() {
                 for k in 0..4 {
                     let [c, d] = along[i + k];
@@ -147,65 +151,63 @@ impl Templates {
                 cell
             })
             .collect();
-        Patch { radius, light }
+        ImagePatch { middle: middle.map(|c| c as isize), radius, light }
     }
+}
+
+/// Spline coefficients along x, y and z. The stack is extrapolated beyond its ends by point reflection.
+fn coefficients(images: &[GrayImage]) -> Vec<GrayImage> {
+    let mut planes: Vec<GrayImage> =
+        images.iter().map(|image| Spline::new(image).into_coefficients()).collect();
+    let n = planes.len();
+    let beyond = |end: &GrayImage, inner: &GrayImage| GrayImage {
+        counts: end.counts.iter().zip(&inner.counts).map(|(e, i)| 2.0 * e - i).collect(),
+        ..*end
+    };
+    let before: Vec<GrayImage> =
+        (1..=PADDING).rev().map(|k| beyond(&planes[0], &planes[k.min(n - 1)])).collect();
+    let after: Vec<GrayImage> =
+        (1..=PADDING).map(|k| beyond(&planes[n - 1], &planes[(n - 1).saturating_sub(k)])).collect();
+    planes = before.into_iter().chain(planes).chain(after).collect();
+    let mut line = vec![0.0; planes.len()];
+    for i in 0..planes[0].counts.len() {
+        line.iter_mut().zip(&planes).for_each(|(value, plane)| *value = plane.counts[i]);
+        prefilter(&mut line);
+        line.iter().zip(&mut planes).for_each(|(value, plane)| plane.counts[i] = *value);
+    }
+    planes
 }
 
 impl Template {
-    fn new(z_um: f64, picture: Picture) -> Self {
-        let smooth = picture.smoothed(SMOOTH_PX);
+    fn new(image: GrayImage, noise: PixelNoise) -> Self {
+        let smooth = image.smoothed(SMOOTH_PX);
         let peak = smooth.counts.iter().copied().fold(0.0, f32::max);
-        let middle = picture.width / 2;
-        let threshold = (FAINTEST * peak).max(ABOVE_NOISE * smooth.background().1);
-        // Of the pixels that stand out, the farthest but a few, which may be noise.
-        let mut reach: Vec<usize> = (0..picture.counts.len())
-            .filter(|&i| smooth.counts[i] > threshold)
-            .map(|i| (i % picture.width).abs_diff(middle).max((i / picture.width).abs_diff(middle)))
-            .collect();
+        let middle = image.width / 2;
+        let from_middle =
+            |i: usize| (i % image.width).abs_diff(middle).max((i / image.width).abs_diff(middle));
+        let threshold = (FAINTEST * peak).max(ABOVE_NOISE * smooth.noise().min(noise.dark.sqrt()));
+        // 99 % quantile of the distances of pixels above the threshold, to exclude noise.
+        let mut reach: Vec<usize> =
+            (0..image.counts.len()).filter(|&i| smooth.counts[i] > threshold).map(from_middle).collect();
         reach.sort_unstable();
         let farthest = reach.get(reach.len() * 99 / 100).copied().unwrap_or(0);
-        Template { z_um, radius: (farthest + 2).min(middle), spline: Spline::new(&picture), picture }
-    }
-
-    /// The template's pixel beside its middle.
-    pub(super) fn at(&self, dx: isize, dy: isize) -> f32 {
-        let middle = (self.picture.width / 2) as isize;
-        self.picture.counts[((middle + dy) * (2 * middle + 1) + middle + dx) as usize]
-    }
-}
-
-/// The largest square of a step around the particle, above the background.
-fn centred(step: &Step, level: f32) -> Picture {
-    let [cx, cy] = step.at.map(|c| c.round() as usize);
-    let room = |c: usize, size: usize| c.min((size - 1).saturating_sub(c));
-    let room = room(cx, step.picture.width).min(room(cy, step.picture.height));
-    let (left, top) = (cx - room, cy - room);
-    Picture::from_fn((2 * room + 1, 2 * room + 1), |x, y| {
-        step.picture.counts[(top + y) * step.picture.width + left + x] - level
-    })
-}
-
-/// The mean of an image and its mirror images.
-fn mirrored_mean(picture: &Picture) -> Picture {
-    let last = picture.width - 1;
-    let at = |x: usize, y: usize| picture.counts[y * picture.width + x];
-    Picture::from_fn((picture.width, picture.height), |x, y| {
-        0.25 * (at(x, y) + at(last - x, y) + at(x, last - y) + at(last - x, last - y))
-    })
-}
-
-/// Sum of light, and sum of the variance that comes with it.
-fn mirrored_noise(picture: &Picture) -> (f64, f64) {
-    let last = picture.width - 1;
-    let background = picture.noise().powi(2);
-    let at = |x: usize, y: usize| picture.counts[y * picture.width + x];
-    let (mut light, mut noise) = (0.0, 0.0);
-    for y in 0..picture.height {
-        for x in 0..picture.width / 2 {
-            let (here, there) = (at(x, y), at(last - x, y));
-            light += f64::from(0.5 * (here + there));
-            noise += f64::from(0.5 * (here - there).powi(2) - background);
+        let mut information = vec![0.0f64; middle + 1];
+        for (i, count) in image.counts.iter().enumerate() {
+            information[from_middle(i)] += f64::from(count * count / noise.variance(*count));
         }
+        let total: f64 = information.iter().sum();
+        let mut sum = 0.0;
+        let needed = information.iter().position(|ring| {
+            sum += ring;
+            sum >= INFORMATION * total
+        });
+        let radius = (farthest + 2).min(middle);
+        Template { radius, fit_radius: (needed.unwrap_or(middle) + 2).clamp(radius, middle), image }
     }
-    (light, noise)
+
+    /// The pixel at this offset from the center.
+    pub(super) fn at(&self, dx: isize, dy: isize) -> f32 {
+        let middle = (self.image.width / 2) as isize;
+        self.image.counts[((middle + dy) * (2 * middle + 1) + middle + dx) as usize]
+    }
 }

@@ -1,20 +1,21 @@
-//! The flow of Arnold, Beltrami and Childress: periodic in space, with chaotic trajectories in three dimensions.
+//! The Arnold-Beltrami-Childress flow: spatially periodic, with chaotic trajectories in three dimensions.
 //!
-//! u = A sin kz + C cos ky, v = B sin kx + A cos kz, w = C sin ky + B cos kx (Dombre et al., J. Fluid Mech. 167 (1986) 353). Its
-//! curl is k u, so it is a steady solution of Euler. If one of A, B, C is zero, the component that it does not enter is
-//! kept along every path.
+//! u = A sin kz + C cos ky, v = B sin kx + A cos kz, w = C sin ky + B cos kx (Dombre et al., J. Fluid Mech.
+//! 167 (1986) 353). Its curl is k u, so it is a steady solution of the Euler equations. If one of A, B and C
+//! is zero, the velocity component that does not contain it is invariant along every trajectory.
 
 use super::MID_DEPTH;
 use super::ROUNDING_MARGIN;
 use crate::dual::{Formula, Real, by_formula};
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
 use glam::DVec3;
 use std::f64::consts::PI;
 
-const CHECK: Check = Check("abc");
+const CHECK: ParameterCheck = ParameterCheck("abc");
 
 params! {
     /// Parameters of [`Abc`].
@@ -24,7 +25,28 @@ params! {
         /// Wavelength, um.
         wavelength_um: f64 = 100.0, "> 0";
         /// Origin of the phases, um.
-        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        #[alias = "centre_um"]
+        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+    }
+}
+
+impl FieldParameters for AbcParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "abc",
+        formula: "u = (A sin kz + C cos ky, B sin kx + A cos kz, C sin ky + B cos kx)",
+        parameters: Self::PARAMETERS,
+        source: "Dombre et al., J. Fluid Mech. 167 (1986) 353",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[("two", || Self { amplitudes_um_s: [600.0, 500.0, 0.0], ..Default::default() }.build())],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.center_um.get_or_insert(depths.middle());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Abc::new(self)?))
     }
 }
 
@@ -43,7 +65,7 @@ impl Abc {
     pub fn new(params: &AbcParams) -> Result<Self> {
         let [a, b, c] = CHECK.all_finite("amplitudes_um_s", params.amplitudes_um_s)?;
         let wavenumber = 2.0 * PI / CHECK.positive("wavelength_um", params.wavelength_um)?;
-        let center = DVec3::from_array(CHECK.all_finite("centre_um", params.centre_um.unwrap_or(MID_DEPTH))?);
+        let center = DVec3::from_array(CHECK.all_finite("center_um", params.center_um.unwrap_or(MID_DEPTH))?);
         Ok(Abc { center, a, b, c, wavenumber })
     }
 }

@@ -1,31 +1,39 @@
-//! Flows of acoustofluidics: Rayleigh streaming in a channel with a standing wave, and the motion of particles that the wave itself drives.
+//! Acoustofluidics: Rayleigh streaming in a channel with a standing wave, and acoustophoresis, the motion of
+//! particles by the acoustic radiation force.
 //!
-//! A standing pressure wave of n half waves across a channel of width W (y) and depth 2 h (z from the middle), k = n pi / W, K = 2 k,
-//! drives outside the thin viscous layers (Rayleigh, Phil. Trans. 175 (1884) 1; Muller et al., Phys. Rev. E 88 (2013) 023006)
+//! A standing pressure wave with n half wavelengths across a channel of width W (y) and depth 2 h (z from the
+//! mid-plane), k = n pi / W, K = 2 k, drives the following flow outside the thin viscous boundary layers
+//! (Rayleigh, Phil. Trans. 175 (1884) 1; Muller et al., Phys. Rev. E 88 (2013) 023006):
 //!   u_y = F'(z) S(y), u_z = -F(z) S'(y), S = -sin(K (y + W/2)), F = b [z cosh Kz - h coth(Kh) sinh Kz],
-//! b = u0 sinh Kh / (sinh Kh cosh Kh - Kh): a creeping flow with the slip velocity u0 S at the plates, u0 = (3/8) va^2 / c0, and 4 n rolls. For
-//! n = 1, S = sin Ky: along the plates toward the side walls, back in the middle. F S is kept. The side walls are met
-//! without flux but with slip; the viscous layers (0.4 um at 2 MHz in water) are left out.
+//! where b = u0 sinh Kh / (sinh Kh cosh Kh - Kh). This is a creeping flow with the slip velocity u0 S at the
+//! plates, u0 = (3/8) va^2 / c0, and 4 n rolls. For n = 1, S = sin Ky: the flow is toward the side walls at
+//! the plates and back in the mid-plane. F S is invariant. At the side walls the flux is zero but not the
+//! slip; the viscous boundary layers (0.4 um at 2 MHz in water) are not modeled.
 //!
-//! Acoustophoresis: the radiation force drives particles of diameter d at u_y = v sin(2 k (y + W/2)), v = (2 Phi / 3) k (d/2)^2 E / mu
-//! (Barnkob et al., Lab Chip 10 (2010) 563), to the pressure nodes for a contrast factor Phi > 0 (polystyrene in water 0.165); E is
-//! the acoustic energy density. tan(k y') grows exponentially. A velocity of particles, not of fluid: add it to a flow.
+//! Acoustophoresis: the radiation force drives particles of diameter d at u_y = v sin(2 k (y + W/2)), v = (2
+//! Phi / 3) k (d/2)^2 E / mu (Barnkob et al., Lab Chip 10 (2010) 563), toward the pressure nodes for a
+//! contrast factor Phi > 0 (0.165 for polystyrene in water); E is the acoustic energy density. With y' = y +
+//! W/2, tan(k y') grows exponentially. This is a velocity of particles relative to the fluid: add it to a
+//! flow.
 
 use super::ROUNDING_MARGIN;
 use super::plates::{Plates, inside};
-use super::sinusoid::sine_way;
+use super::sinusoid::sine_displacement;
 use crate::dual::{Formula, Real, by_formula};
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
-use crate::region::Region;
+use crate::region::{Axis, Region};
+use crate::wall::Wall;
 use glam::DVec3;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
-const STREAMING: Check = Check("rayleigh_streaming");
-const PHORESIS: Check = Check("acoustophoresis");
+const STREAMING: ParameterCheck = ParameterCheck("rayleigh_streaming");
+const PHORESIS: ParameterCheck = ParameterCheck("acoustophoresis");
 
-/// Largest K h: beyond it the squares of the hyperbolic functions overflow.
+/// Largest K h; above it the squares of the hyperbolic functions overflow.
 const MAX_KH: f64 = 300.0;
 
 params! {
@@ -38,9 +46,30 @@ params! {
         /// Half waves across the channel.
         half_waves: u32 = 1, "1 or more, 2 pi half_waves depth / width at most 600";
         /// Middle between the side walls, um.
-        centre_y_um: f64 = 0.0, "finite";
+        #[alias = "centre_y_um"]
+        center_y_um: f64 = 0.0, "finite";
         /// Floor and ceiling, um.
         walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
+    }
+}
+
+impl FieldParameters for RayleighStreamingParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "rayleigh_streaming",
+        formula: "u_y = F' S, u_z = -F S', F = b (z cosh Kz - h coth(Kh) sinh Kz), S = -sin(K (y + W/2))",
+        parameters: Self::PARAMETERS,
+        source: "Rayleigh, Phil. Trans. 175 (1884) 1; Muller et al., Phys. Rev. E 88 (2013) 023006",
+        plane: PlotPlane::YZ,
+        make: || Self::default().build(),
+        variants: &[("three half waves", || Self { half_waves: 3, ..Default::default() }.build())],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.walls_z_um.get_or_insert(depths.walls());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(RayleighStreaming::new(self)?))
     }
 }
 
@@ -51,7 +80,7 @@ params! {
         energy_density_j_m3: f64 = 10.0, ">= 0";
         /// Acoustic contrast factor; 0.165 for polystyrene in water.
         contrast_factor: f64 = 0.165, "finite";
-        /// Diameter of the particles, um.
+        /// Diameter for the truth on a grid, um; each particle moves according to its own.
         diameter_um: f64 = 2.0, "> 0";
         /// Dynamic viscosity, Pa s.
         viscosity_pa_s: f64 = 0.89e-3, "> 0";
@@ -60,14 +89,31 @@ params! {
         /// Half waves across the channel.
         half_waves: u32 = 1, "1 or more";
         /// Middle between the side walls, um.
-        centre_y_um: f64 = 0.0, "finite";
+        #[alias = "centre_y_um"]
+        center_y_um: f64 = 0.0, "finite";
     }
 }
 
-/// K = 2 n pi / W and the side wall y of the least coordinate.
-fn wave(check: Check, half_waves: u32, width: f64, center: f64) -> Result<(f64, f64)> {
+impl FieldParameters for AcoustophoresisParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "acoustophoresis",
+        formula: "u_y = v sin(2 k (y + W/2)), v = (2 Phi/3) k (d/2)^2 E / mu",
+        parameters: Self::PARAMETERS,
+        source: "Barnkob et al., Lab Chip 10 (2010) 563",
+        plane: PlotPlane::YZ,
+        make: || Self::default().build(),
+        variants: &[],
+    };
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Acoustophoresis::new(self)?))
+    }
+}
+
+/// K = 2 n pi / W (1/um) and y (um) of the side wall with the smaller coordinate.
+fn wave(check: ParameterCheck, half_waves: u32, width: f64, center: f64) -> Result<(f64, f64)> {
     check.positive("width_um", width)?;
-    check.finite("centre_y_um", center)?;
+    check.finite("center_y_um", center)?;
     if half_waves == 0 {
         return Err(check.fault("half_waves", half_waves, "1 or more"));
     }
@@ -79,6 +125,7 @@ fn wave(check: Check, half_waves: u32, width: f64, center: f64) -> Result<(f64, 
 pub struct RayleighStreaming {
     plates: Plates,
     side: f64,
+    far_side: f64,
     wavenumber: f64,
     /// b and b h coth(Kh).
     scale: f64,
@@ -90,7 +137,7 @@ impl RayleighStreaming {
     /// The flow of these parameters.
     pub fn new(params: &RayleighStreamingParams) -> Result<Self> {
         let plates = Plates::new(STREAMING, params.walls_z_um)?;
-        let (wavenumber, side) = wave(STREAMING, params.half_waves, params.width_um, params.centre_y_um)?;
+        let (wavenumber, side) = wave(STREAMING, params.half_waves, params.width_um, params.center_y_um)?;
         let slip = STREAMING.finite("slip_speed_um_s", params.slip_speed_um_s)?;
         let h = 0.5 * plates.depth;
         let kh = wavenumber * h;
@@ -107,12 +154,14 @@ impl RayleighStreaming {
         let mut field = RayleighStreaming {
             plates,
             side,
+            far_side: side + params.width_um,
             wavenumber,
             scale,
             counter: scale * h * cosh / sinh,
             peak: 0.0,
         };
-        // |u|^2 = F'^2 S^2 + (K F)^2 (1 - S^2); both are smooth over the depth, so that 1000 nodes miss less than 0.1 %.
+        // The squared speed is F'^2 S^2 + (K F)^2 (1 - S^2); both are smooth over the depth, so that sampling
+        // at 1000 nodes underestimates the maximum by less than 0.1 %.
         let nodes = (0..=1000).map(|i| h * (f64::from(i) / 500.0 - 1.0));
         let faster = |peak: f64, z: f64| {
             let (f, slope) = field.shape(z);
@@ -122,7 +171,7 @@ impl RayleighStreaming {
         Ok(field)
     }
 
-    /// F and F' at a height above the middle.
+    /// F and F' at a height z above the mid-plane.
     fn shape<S: Real>(&self, z: S) -> (S, S) {
         let k = self.wavenumber;
         let (sinh, cosh) = ((z * k).sinh(), (z * k).cosh());
@@ -159,37 +208,48 @@ impl VelocityField for RayleighStreaming {
         true
     }
 
+    fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
+        Some(self.plates.wall(x).or(Wall::between(Axis::Y, self.side, self.far_side, x)))
+    }
+
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
         self.peak
     }
 }
 
-/// The motion that a standing wave gives to particles of one diameter.
+/// The velocity of particles by the radiation force of a standing wave, proportional to the square of their
+/// diameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Acoustophoresis {
     side: f64,
+    far_side: f64,
     wavenumber: f64,
+    /// Diameter of the particles (um); `speed` is their maximum speed, um/s.
+    d_um: f64,
     speed: f64,
 }
 
 impl Acoustophoresis {
-    /// The motion of these parameters.
+    /// The velocity field of these parameters.
     pub fn new(params: &AcoustophoresisParams) -> Result<Self> {
-        let (wavenumber, side) = wave(PHORESIS, params.half_waves, params.width_um, params.centre_y_um)?;
+        let (wavenumber, side) = wave(PHORESIS, params.half_waves, params.width_um, params.center_y_um)?;
         let energy = PHORESIS.not_negative("energy_density_j_m3", params.energy_density_j_m3)?;
         let viscosity = PHORESIS.positive("viscosity_pa_s", params.viscosity_pa_s)?;
-        let radius = 0.5 * PHORESIS.positive("diameter_um", params.diameter_um)?;
+        let d_um = PHORESIS.positive("diameter_um", params.diameter_um)?;
+        let radius = 0.5 * d_um;
         let contrast = PHORESIS.finite("contrast_factor", params.contrast_factor)?;
         // J/m^3 over Pa s is 1/s.
         let speed = 2.0 / 3.0 * contrast * (0.5 * wavenumber) * radius * radius * energy / viscosity;
         Ok(Acoustophoresis {
             side,
+            far_side: side + params.width_um,
             wavenumber,
+            d_um,
             speed: PHORESIS.finite("energy_density_j_m3 over viscosity_pa_s", speed)?,
         })
     }
 
-    /// Greatest speed, um/s; negative away from the pressure nodes.
+    /// Maximum speed, um/s; negative if particles move away from the pressure nodes.
     pub fn speed(&self) -> f64 {
         self.speed
     }
@@ -206,7 +266,8 @@ impl VelocityField for Acoustophoresis {
     by_formula!();
 
     fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
-        let way = sine_way((x.y - self.side) * self.wavenumber, self.wavenumber * self.speed, t1 - t0);
+        let way =
+            sine_displacement((x.y - self.side) * self.wavenumber, self.wavenumber * self.speed, t1 - t0);
         Some(x + DVec3::Y * (way / self.wavenumber))
     }
 
@@ -222,6 +283,15 @@ impl VelocityField for Acoustophoresis {
         true
     }
 
+    fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
+        Some(Wall::between(Axis::Y, self.side, self.far_side, x))
+    }
+
+    fn for_diameter(&self, d_um: f64) -> Option<Arc<dyn VelocityField>> {
+        let ratio = d_um / self.d_um;
+        Some(Arc::new(Acoustophoresis { d_um, speed: self.speed * ratio * ratio, ..*self }))
+    }
+
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
         self.speed.abs() * ROUNDING_MARGIN
     }
@@ -235,14 +305,14 @@ mod tests {
     fn streaming_slips_at_the_plates_and_returns_in_the_middle() {
         let field = RayleighStreaming::new(&RayleighStreamingParams::default()).unwrap();
         let at = |y: f64, z: f64| field.velocity(DVec3::new(0.0, y, z), 0.0);
-        // An eighth of the wavelength from the middle: sin Ky = 1.
+        // At an eighth of the wavelength from the center, sin Ky = 1.
         for z in [-80.0, 20.0] {
             assert!((at(59.0, z) - DVec3::Y * 50.0).length() < 1e-11, "{}", at(59.0, z));
         }
         assert!(at(59.0, -30.0).y < -10.0);
-        // Nothing through the side walls and the plates.
+        // No flux through the side walls and the plates.
         assert!(at(118.0, 0.0).y.abs() < 1e-12 && at(30.0, -80.0).z.abs() < 1e-12);
-        // A shallow channel: u_y / u0 = (3 z^2 / h^2 - 1) / 2.
+        // In a shallow channel u_y / u0 = (3 z^2 / h^2 - 1) / 2.
         let shallow = RayleighStreamingParams { width_um: 1e5, ..Default::default() };
         let field = RayleighStreaming::new(&shallow).unwrap();
         let middle = field.velocity(DVec3::new(0.0, 25_000.0, -30.0), 0.0).y;

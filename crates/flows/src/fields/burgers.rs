@@ -1,26 +1,29 @@
-//! The Burgers vortex: a vortex about an axis along z that an axial strain keeps from spreading.
+//! The Burgers vortex: a vortex about an axis along z in which axial strain balances viscous spreading.
 //!
-//! With the strain rate a and the core radius rc, u_r = -a r / 2, u_z = a z, and v = G / (2 pi r) (1 - e^-q), q = r^2 / rc^2
-//! (Burgers, Adv. Appl. Mech. 1 (1948) 171; Saffman, Vortex Dynamics, section 13.3). It is a steady solution of
-//! Navier-Stokes for the viscosity a rc^2 / 4. v is greatest, 0.638173 G / (2 pi rc), at r = 1.120906 rc.
+//! With the strain rate a and the core radius rc, u_r = -a r / 2, u_z = a z, and v = G / (2 pi r) (1 - e^-q),
+//! q = r^2 / rc^2 (Burgers, Adv. Appl. Mech. 1 (1948) 171; Saffman, Vortex Dynamics, section 13.3). It is a
+//! steady solution of the Navier-Stokes equations for the kinematic viscosity a rc^2 / 4. The maximum of v is
+//! 0.638173 G / (2 pi rc), at r = 1.120906 rc.
 //!
-//! A trajectory is r = r0 e^(-a t / 2), z = z0 e^(a t), and with h(q) = (1 - e^-q) / q and q = q0 e^(-a t) the angle
-//! turned is G / (2 pi rc^2) INT h(q) dt = G / (2 pi rc^2 a) [F(q1) - F(q0)], F = h + E1. The difference cancels over
-//! short times; then 8 Gauss points integrate to rounding.
+//! A trajectory is r = r0 e^(-a t / 2), z = z0 e^(a t), and with h(q) = (1 - e^-q) / q and q = q0 e^(-a t)
+//! the angle of rotation is G / (2 pi rc^2) INT h(q) dt = G / (2 pi rc^2 a) [F(q1) - F(q0)], F = h + E1. For
+//! short times, where the difference suffers from cancellation, 8-point Gauss quadrature is exact to
+//! rounding.
 
 use super::MID_DEPTH;
 use super::ROUNDING_MARGIN;
 use super::lamb_oseen::PEAK_SPEED;
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
 use crate::special::{exponential_integral, gauss_mean, mean_decay, mean_decay_slope};
 use glam::{DMat3, DVec3};
 
-const CHECK: Check = Check("burgers");
+const CHECK: ParameterCheck = ParameterCheck("burgers");
 
-/// Longest time in units of 1/a for which Gauss points are used: q changes by less than half.
+/// Longest time, in units of 1/a, for which Gauss quadrature is used: q changes by less than half.
 const GAUSS_TIME: f64 = 0.4;
 
 params! {
@@ -33,7 +36,28 @@ params! {
         /// Rate of stretching along the axis, 1/s.
         strain_rate_per_s: f64 = 5.0, "> 0";
         /// The point at rest, um.
-        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        #[alias = "centre_um"]
+        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+    }
+}
+
+impl FieldParameters for BurgersParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "burgers",
+        formula: "u_r = -a r/2, u_z = a z, v = G/(2 pi r) (1 - e^(-r^2/rc^2))",
+        parameters: Self::PARAMETERS,
+        source: "Burgers, Adv. Appl. Mech. 1 (1948) 171",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.center_um.get_or_insert(depths.middle());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Burgers::new(self)?))
     }
 }
 
@@ -54,7 +78,7 @@ impl Burgers {
         let core = CHECK.positive("core_radius_um", params.core_radius_um)?;
         let max_speed = CHECK.finite("max_speed_um_s", params.max_speed_um_s)?;
         Ok(Burgers {
-            center: DVec3::from_array(CHECK.all_finite("centre_um", params.centre_um.unwrap_or(MID_DEPTH))?),
+            center: DVec3::from_array(CHECK.all_finite("center_um", params.center_um.unwrap_or(MID_DEPTH))?),
             max_speed,
             core_squared: CHECK.positive("core_radius_um squared", core * core)?,
             rate: CHECK.positive("strain_rate_per_s", params.strain_rate_per_s)?,
@@ -72,7 +96,7 @@ impl Burgers {
         arm.truncate().length_squared() / self.core_squared
     }
 
-    /// The angle turned from a place over a time, rad.
+    /// The angle of rotation (rad) over a time `dt` (s) of a fluid element that starts at `q0`.
     fn angle(&self, q0: f64, dt: f64) -> f64 {
         if (self.rate * dt).abs() <= GAUSS_TIME {
             let turn = |t: f64| mean_decay(q0 * libm::exp(-self.rate * t));
@@ -149,7 +173,7 @@ mod tests {
     fn gauss_points_and_closed_form_agree() {
         let field = Burgers::new(&BurgersParams::default()).unwrap();
         for q in [1e-6, 0.1, 1.0, 30.0] {
-            // 1.2 time units at once, and in four parts.
+            // 1.2 time units in one step and in four.
             let whole = field.angle(q, 0.24);
             let parts: f64 = (0..4).map(|i| field.angle(q * libm::exp(-0.3 * f64::from(i)), 0.06)).sum();
             assert!((whole / parts - 1.0).abs() < 1e-13, "{q}: {whole} {parts}");

@@ -1,22 +1,26 @@
-//! Cellular vortices in the xy-plane: the Taylor-Green vortices, which decay, and a steady or swaying array of cells.
+//! Cellular vortices in the xy-plane: decaying Taylor-Green vortices, and a steady or laterally oscillating
+//! array of cells.
 //!
-//! Taylor-Green: u = U sin kx cos ky e^(-2 nu k^2 t), v = -U cos kx sin ky e^(-2 nu k^2 t), an exact solution of Navier-Stokes
-//! (Taylor & Green, Proc. R. Soc. A 158 (1937) 499). sin kx sin ky stays the same along a path even while it decays.
+//! Taylor-Green: u = U sin kx cos ky e^(-2 nu k^2 t), v = -U cos kx sin ky e^(-2 nu k^2 t), an exact solution
+//! of the Navier-Stokes equations (Taylor & Green, Proc. R. Soc. A 158 (1937) 499). sin kx sin ky is
+//! invariant along trajectories even while the vortices decay.
 //!
-//! Cellular: the stream function (U / ky) sin kx X sin ky y with X = x + b sin wt, the array of roll cells of Solomon & Gollub,
-//! Phys. Rev. A 38 (1988) 6280, whose swaying mixes between cells. u = U sin kx X cos ky y, v = -U (kx / ky) cos kx X sin ky y.
+//! Cellular: the stream function (U / ky) sin kx X sin ky y with X = x + b sin wt, the array of roll cells of
+//! Solomon & Gollub, Phys. Rev. A 38 (1988) 6280, whose lateral oscillation causes mixing between cells. u =
+//! U sin kx X cos ky y, v = -U (kx / ky) cos kx X sin ky y.
 
 use super::ROUNDING_MARGIN;
 use crate::dual::{Formula, Real, by_formula};
-use crate::error::{Check, Result};
+use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
 use glam::{DVec2, DVec3};
 use std::f64::consts::PI;
 
-const TAYLOR_GREEN: Check = Check("taylor_green");
-const CELLULAR: Check = Check("cellular");
+const TAYLOR_GREEN: ParameterCheck = ParameterCheck("taylor_green");
+const CELLULAR: ParameterCheck = ParameterCheck("cellular");
 
 params! {
     /// Parameters of [`TaylorGreen`].
@@ -28,7 +32,24 @@ params! {
         /// Kinematic viscosity, um^2/s; 0 is steady, in water (1e6) small vortices die within a frame.
         viscosity_um2_s: f64 = 500.0, ">= 0";
         /// A corner of four vortices, x and y, um.
-        centre_um: [f64; 2] = [0.0, 0.0], "finite";
+        #[alias = "centre_um"]
+        center_um: [f64; 2] = [0.0, 0.0], "finite";
+    }
+}
+
+impl FieldParameters for TaylorGreenParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "taylor_green",
+        formula: "u = U sin kx cos ky e^(-2 nu k^2 t), v = -U cos kx sin ky e^(-2 nu k^2 t)",
+        parameters: Self::PARAMETERS,
+        source: "Taylor & Green, Proc. R. Soc. A 158 (1937) 499",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[("steady", || Self { viscosity_um2_s: 0.0, ..Default::default() }.build())],
+    };
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(TaylorGreen::new(self)?))
     }
 }
 
@@ -44,7 +65,24 @@ params! {
         /// Frequency of the swaying, Hz.
         frequency_hz: f64 = 10.0, ">= 0";
         /// A corner of four cells, x and y, um.
-        centre_um: [f64; 2] = [0.0, 0.0], "finite";
+        #[alias = "centre_um"]
+        center_um: [f64; 2] = [0.0, 0.0], "finite";
+    }
+}
+
+impl FieldParameters for CellularParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "cellular",
+        formula: "psi = (U/ky) sin kx X sin ky y, X = x + b sin wt",
+        parameters: Self::PARAMETERS,
+        source: "Solomon & Gollub, Phys. Rev. A 38 (1988) 6280",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[("swaying", || Self { sway_um: 15.0, ..Default::default() }.build())],
+    };
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Cellular::new(self)?))
     }
 }
 
@@ -63,14 +101,14 @@ impl TaylorGreen {
         let wavenumber = 2.0 * PI / TAYLOR_GREEN.positive("wavelength_um", params.wavelength_um)?;
         let viscosity = TAYLOR_GREEN.not_negative("viscosity_um2_s", params.viscosity_um2_s)?;
         Ok(TaylorGreen {
-            center: DVec2::from_array(TAYLOR_GREEN.all_finite("centre_um", params.centre_um)?),
+            center: DVec2::from_array(TAYLOR_GREEN.all_finite("center_um", params.center_um)?),
             max_speed: TAYLOR_GREEN.finite("max_speed_um_s", params.max_speed_um_s)?,
             wavenumber: TAYLOR_GREEN.positive("1 / wavelength_um", wavenumber)?,
             decay: 2.0 * viscosity * wavenumber * wavenumber,
         })
     }
 
-    /// Speed of the vortices at a time.
+    /// Maximum speed of the vortices at `t` (s), um/s.
     fn strength(&self, t: f64) -> f64 {
         self.max_speed * libm::exp(-self.decay * t)
     }
@@ -125,7 +163,7 @@ impl Cellular {
             2.0 * PI / CELLULAR.positive("wavelengths_um", across)?,
         );
         Ok(Cellular {
-            center: DVec2::from_array(CELLULAR.all_finite("centre_um", params.centre_um)?),
+            center: DVec2::from_array(CELLULAR.all_finite("center_um", params.center_um)?),
             max_speed: CELLULAR.finite("max_speed_um_s", params.max_speed_um_s)?,
             wavenumbers,
             sway: CELLULAR.not_negative("sway_um", params.sway_um)?,
@@ -161,7 +199,8 @@ impl VelocityField for Cellular {
     }
 
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
-        // U^2 sin^2 cos^2 + V^2 cos^2 sin^2 is bilinear in the squares: greatest at a corner of the unit square.
+        // U^2 sin^2 cos^2 + V^2 cos^2 sin^2 is bilinear in the squares: its maximum is at a corner of the
+        // unit square.
         self.max_speed.abs() * (self.wavenumbers.x / self.wavenumbers.y).max(1.0) * ROUNDING_MARGIN
     }
 }
@@ -171,7 +210,7 @@ mod tests {
     use super::*;
     use crate::integrate::advance;
 
-    /// The complete elliptic integral K of a parameter, by the arithmetic-geometric mean.
+    /// The complete elliptic integral K(m) of the parameter m, by the arithmetic-geometric mean.
     fn elliptic_k(parameter: f64) -> f64 {
         let (mut a, mut b) = (1.0, libm::sqrt(1.0 - parameter));
         for _ in 0..10 {
@@ -189,9 +228,10 @@ mod tests {
         // flows: T = 4 K(1 - m^2) / (k U).
         let period = 4.0 * elliptic_k(1.0 - kept * kept) / (2.0 * PI / 200.0 * 1290.0);
         let end = advance(&field, start, 0.0, period).unwrap();
-        // Some hundred steps of 1e-8 um at most, over 150 um.
+        // A few hundred steps with errors of at most 1e-8 um, over 150 um.
         assert!((end - start).length() < 1e-6, "{end}");
-        // While it decays the way is the same, in a time stretched by (e^(decay t) - 1) / (decay t).
+        // With decay the path is the same, traversed in a time longer by the factor (e^(decay t) - 1) /
+        // (decay t).
         let slow = TaylorGreen::new(&TaylorGreenParams::default()).unwrap();
         let longer = -libm::log1p(-slow.decay * period) / slow.decay;
         let end = advance(&slow, start, 0.0, longer).unwrap();

@@ -1,19 +1,21 @@
-//! Couette-Poiseuille flow: between a plate at rest and a moving one, with a pressure gradient.
+//! Couette-Poiseuille flow: between a fixed and a moving plate, with a pressure gradient.
 //!
-//! With s = (z - z0) / H, u = V s + 4 U s (1 - s) along a direction in the xy-plane (Landau & Lifshitz, Fluid Mechanics,
-//! section 17). Steady and fully developed. Trajectories are straight lines at constant speed. Beyond the floor the
-//! fluid rests, beyond the ceiling it moves with it.
+//! With s = (z - z0) / H, u = V s + 4 U s (1 - s) along a direction in the xy-plane (Landau & Lifshitz, Fluid
+//! Mechanics, section 17). The flow is steady and fully developed. Trajectories are straight lines at
+//! constant speed. Beyond the plates the velocity is that of the plate.
 
 use super::ROUNDING_MARGIN;
 use super::plates::{Plates, along, direction};
 use crate::dual::{Formula, Real, by_formula};
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
+use crate::wall::Wall;
 use glam::DVec3;
 
-const CHECK: Check = Check("couette_poiseuille");
+const CHECK: ParameterCheck = ParameterCheck("couette_poiseuille");
 
 params! {
     /// Parameters of [`CouettePoiseuille`].
@@ -29,7 +31,27 @@ params! {
     }
 }
 
-/// Flow between a plate at rest and a moving one.
+impl FieldParameters for CouettePoiseuilleParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "couette_poiseuille",
+        formula: "u = V s + 4 U s (1 - s), s = (z - floor) / depth",
+        parameters: Self::PARAMETERS,
+        source: "Landau & Lifshitz, Fluid Mechanics, 17",
+        plane: PlotPlane::XZ,
+        make: || Self::default().build(),
+        variants: &[],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.walls_z_um.get_or_insert(depths.walls());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(CouettePoiseuille::new(self)?))
+    }
+}
+
+/// Flow between a fixed and a moving plate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CouettePoiseuille {
     plates: Plates,
@@ -83,8 +105,12 @@ impl VelocityField for CouettePoiseuille {
         true
     }
 
+    fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
+        Some(self.plates.wall(x))
+    }
+
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
-        // A parabola is greatest at an end of the range or at its vertex.
+        // A parabola has its maximum at an end of the range or at its vertex.
         let (low, high) = self.plates.heights(region);
         let vertex = 0.5 + self.wall / (8.0 * self.pressure);
         let vertex = if vertex.is_finite() { vertex.clamp(low, high) } else { low };
@@ -104,7 +130,7 @@ mod tests {
         assert_eq!(couette.velocity(DVec3::new(0.0, 0.0, -30.0), 0.0).x, 645.0);
         let backward = CouettePoiseuille::new(&CouettePoiseuilleParams::default()).unwrap();
         assert_eq!(backward.velocity(DVec3::new(0.0, 0.0, -30.0), 0.0).x, 215.0);
-        // Near the floor it flows against the ceiling.
+        // Near the floor the flow opposes the motion of the ceiling.
         assert!(backward.velocity(DVec3::new(0.0, 0.0, -75.0), 0.0).x < 0.0);
         assert_eq!(backward.velocity(DVec3::new(0.0, 0.0, 20.0), 0.0).x, 1290.0);
     }

@@ -1,20 +1,23 @@
-//! The double gyre: two counter-rotating vortices in a box of 2 L x L whose border sways from side to side.
+//! The double gyre: two counter-rotating vortices in a box of 2 L x L, separated by a line that oscillates
+//! from side to side.
 //!
-//! With X and Y the place in units of L from a corner, e = eps sin wt and f = e X^2 + (1 - 2 e) X,
-//! u = -pi A L sin(pi f) cos(pi Y), v = pi A L cos(pi f) sin(pi Y) df/dX (Shadden, Lekien & Marsden, Physica D 212 (2005) 271;
-//! their case is eps = 0.25 and w = 2 pi A). Nothing flows through the four sides. With eps = 0 the stream function
-//! sin(pi X) sin(pi Y) is kept.
+//! With X and Y the position relative to a corner in units of L, e = eps sin wt and f = e X^2 + (1 - 2 e) X,
+//! u = -pi A L sin(pi f) cos(pi Y), v = pi A L cos(pi f) sin(pi Y) df/dX (Shadden, Lekien & Marsden, Physica
+//! D 212 (2005) 271; their case is eps = 0.25 and w = 2 pi A). There is no flow through the four sides. With
+//! eps = 0 the stream function sin(pi X) sin(pi Y) is invariant.
 
 use super::ROUNDING_MARGIN;
 use crate::dual::{Formula, Real, by_formula};
-use crate::error::{Check, Result};
+use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
-use crate::region::Region;
+use crate::region::{Axis, Region};
+use crate::wall::Wall;
 use glam::{DVec2, DVec3};
 use std::f64::consts::PI;
 
-const CHECK: Check = Check("double_gyre");
+const CHECK: ParameterCheck = ParameterCheck("double_gyre");
 
 params! {
     /// Parameters of [`DoubleGyre`].
@@ -28,7 +31,24 @@ params! {
         /// Frequency of the swaying, Hz.
         frequency_hz: f64 = 1.74, ">= 0";
         /// Middle of the box, x and y, um.
-        centre_um: [f64; 2] = [0.0, 0.0], "finite";
+        #[alias = "centre_um"]
+        center_um: [f64; 2] = [0.0, 0.0], "finite";
+    }
+}
+
+impl FieldParameters for DoubleGyreParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "double_gyre",
+        formula: "u = -U sin(pi f) cos(pi Y), v = U cos(pi f) sin(pi Y) df/dX, f = e X^2 + (1 - 2e) X, e = eps sin wt",
+        parameters: Self::PARAMETERS,
+        source: "Shadden, Lekien & Marsden, Physica D 212 (2005) 271",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[("steady", || Self { epsilon: 0.0, ..Default::default() }.build())],
+    };
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(DoubleGyre::new(self)?))
     }
 }
 
@@ -46,7 +66,7 @@ impl DoubleGyre {
     /// The gyres of these parameters.
     pub fn new(params: &DoubleGyreParams) -> Result<Self> {
         let size = CHECK.positive("size_um", params.size_um)?;
-        let center = DVec2::from_array(CHECK.all_finite("centre_um", params.centre_um)?);
+        let center = DVec2::from_array(CHECK.all_finite("center_um", params.center_um)?);
         if !(0.0..=0.5).contains(&params.epsilon) {
             return Err(CHECK.fault("epsilon", params.epsilon, "a number from 0 to 0.5"));
         }
@@ -86,8 +106,14 @@ impl VelocityField for DoubleGyre {
         self.epsilon * self.omega == 0.0
     }
 
+    fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
+        let (low, high) = (self.corner, self.corner + DVec2::new(2.0 * self.size, self.size));
+        Some(Wall::between(Axis::X, low.x, high.x, x).or(Wall::between(Axis::Y, low.y, high.y, x)))
+    }
+
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
-        // |df/dX| = |1 + 2 e (X - 1)| is at most 1 + 2 eps |X - 1|, and the speed that of u times this factor.
+        // Here |df/dX| = |1 + 2 e (X - 1)| is at most 1 + 2 eps |X - 1|, and the speed is at most the maximum
+        // of u times this factor.
         let middle = self.corner + DVec2::new(self.size, 0.0);
         let farthest = region.reach(middle.extend(0.0)).x / self.size;
         self.max_speed.abs() * (1.0 + 2.0 * self.epsilon * farthest) * ROUNDING_MARGIN
@@ -101,7 +127,8 @@ mod tests {
     #[test]
     fn the_border_sways_to_where_f_is_one() {
         let field = DoubleGyre::new(&DoubleGyreParams::default()).unwrap();
-        // A quarter period: e = 0.25, f = 1 at X^2 + 2 X - 4 = 0. Through the border nothing flows where it stands.
+        // A quarter period: e = 0.25, f = 1 at X^2 + 2 X - 4 = 0. There is no flow through the separating
+        // line at its turning point.
         let border = -236.0 + 236.0 * (libm::sqrt(5.0) - 1.0);
         let u = field.velocity(DVec3::new(border, -60.0, 0.0), 0.25 / 1.74).x;
         assert!(u.abs() < 1e-9, "{u}");

@@ -1,36 +1,45 @@
-//! Flows in a sessile drop on the floor: a toroidal (Marangoni-like) circulation, and the outward flow of a drying drop.
+//! Flows in a sessile drop: a toroidal (Marangoni-like) circulation, and the outward flow in an evaporating
+//! drop.
 //!
 //! The drop is a parabolic cap of height h = h0 s, s = 1 - rho^2 / R^2, z being measured from the floor.
 //!
-//! Toroidal: the polynomial stream function psi = P (rho/R)^2 s z^2 (h0 s - z) / h0^3, a model (not a solution of Stokes' equation)
-//! without slip on the floor and without flux through the surface:
+//! Toroidal: the polynomial stream function psi = P (rho/R)^2 s z^2 (h0 s - z) / h0^3, a model (not a
+//! solution of Stokes' equations) with no slip at the floor and no flux through the surface:
 //!   u_rho = -(rho P / R^2) s (2 h0 s z - 3 z^2) / h0^3,
 //!   u_z = (P / (R^2 h0^3)) z^2 [2 (h0 s^2 - z s) - (2 rho^2 / R^2) (2 h0 s - z)].
-//! P > 0 flows inward near the floor and outward along the surface. psi is kept. The formula goes on to 10 % above the
-//! surface, where an integrator's trial steps may look; beyond that the fluid rests.
+//! For P > 0 the flow is inward near the floor and outward along the surface. psi is invariant. The formula
+//! is continued to 10 % above the surface, for trial steps of the integrator; beyond that the velocity is
+//! zero.
 //!
-//! Coffee ring: lubrication flow to the pinned rim of a thin drop that dries in the time tf by diffusion-limited evaporation
-//! (Deegan et al., Phys. Rev. E 62 (2000) 756; Hu & Larson, J. Phys. Chem. B 106 (2002) 1334), h = h0 (1 - t/tf) s:
-//!   mean speed R^2 / (4 rho (tf - t)) (s^-1/2 - s) = rho m, m = (1 + 1 / (r (1 + r))) / (4 (tf - t)), r = sqrt s,
-//!   u_rho = 3 rho m (Z - Z^2 / 2), Z = z / h (no slip below, no stress above), and w from continuity.
-//! The surface comes down and tracers that it reaches stay just under it ([`VelocityField::confine`]); above it the velocity of the surface
-//! is given. From 0.98 R on, and once it is dry, nothing moves: there tracers are deposited.
+//! Coffee ring: lubrication flow toward the pinned contact line of a thin drop that dries in the time tf by
+//! diffusion-limited evaporation (Deegan et al., Phys. Rev. E 62 (2000) 756; Hu & Larson, J. Phys. Chem. B
+//! 106 (2002) 1334), h = h0 (1 - t/tf) s:
+//! - the mean speed is R^2 / (4 rho (tf - t)) (s^-1/2 - s) = rho m with m = (1 + 1 / (r (1 + r))) /
+//!   (4 (tf - t)) and r = sqrt s,
+//! - u_rho = 3 rho m (Z - Z^2 / 2) with Z = z / h (no slip below, no stress above), and w follows from
+//!   continuity.
+//!
+//! The surface descends, and tracers that it reaches stay just below it ([`VelocityField::confine`]); above
+//! the surface the velocity is that at the surface. Beyond 0.98 R, and once the drop is dry, the velocity is
+//! zero: tracers are deposited there.
 
 use super::ON_FLOOR;
 use super::ROUNDING_MARGIN;
 use crate::dual::{Formula, Real, by_formula};
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
+use crate::wall::{ParabolicCap, Wall};
 use glam::{DVec2, DVec3};
 
-const TOROIDAL: Check = Check("toroidal_drop");
-const COFFEE: Check = Check("coffee_ring");
+const TOROIDAL: ParameterCheck = ParameterCheck("toroidal_drop");
+const COFFEE: ParameterCheck = ParameterCheck("coffee_ring");
 
-/// How far above the surface the toroidal formula goes on, relative to the height.
+/// Height up to which the toroidal formula is continued, relative to that of the surface.
 const BEYOND: f64 = 1.1;
-/// Share of the radius from which tracers are deposited.
+/// Radius from which tracers are deposited, relative to that of the drop.
 const RIM: f64 = 0.98;
 
 params! {
@@ -43,7 +52,28 @@ params! {
         /// Height in the middle, um.
         height_um: f64 = 60.0, "> 0";
         /// Middle of the drop on the floor, um.
-        centre_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
+        #[alias = "centre_um"]
+        center_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
+    }
+}
+
+impl FieldParameters for ToroidalDropParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "toroidal_drop",
+        formula: "psi = P (rho/R)^2 s z^2 (h0 s - z) / h0^3, s = 1 - rho^2/R^2",
+        parameters: Self::PARAMETERS,
+        source: "a model made for this program",
+        plane: PlotPlane::XZ,
+        make: || Self::default().build(),
+        variants: &[],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.center_um.get_or_insert(depths.floor());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(ToroidalDrop::new(self)?))
     }
 }
 
@@ -57,46 +87,42 @@ params! {
         /// Height in the middle at t = 0, um.
         height_um: f64 = 60.0, "> 0";
         /// Middle of the drop on the floor, um.
-        centre_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
+        #[alias = "centre_um"]
+        center_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
     }
 }
 
-/// A parabolic cap on the floor.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Cap {
-    center: DVec3,
-    radius: f64,
-    height: f64,
+impl FieldParameters for CoffeeRingParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "coffee_ring",
+        formula: "u_rho = 3 U (Z - Z^2/2), U = R^2/(4 rho (tf - t)) (s^-1/2 - s), Z = z/h, h = h0 (1 - t/tf) s",
+        parameters: Self::PARAMETERS,
+        source: "Deegan et al., Phys. Rev. E 62 (2000) 756",
+        plane: PlotPlane::XZ,
+        make: || Self::default().build(),
+        variants: &[],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.center_um.get_or_insert(depths.floor());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(CoffeeRing::new(self)?))
+    }
 }
 
-impl Cap {
-    fn new(check: Check, center: [f64; 3], radius: f64, height: f64) -> Result<Self> {
-        Ok(Cap {
-            center: DVec3::from_array(check.all_finite("centre_um", center)?),
-            radius: check.positive("radius_um", radius)?,
-            height: check.positive("height_um", height)?,
-        })
-    }
-
-    /// A point relative to the middle on the floor, and s.
-    fn place<S: Real>(&self, x: [S; 3]) -> ([S; 3], S) {
-        let arm: [S; 3] = std::array::from_fn(|i| x[i] - self.center[i]);
-        let s = -(arm[0].squared() + arm[1].squared()) / (self.radius * self.radius) + 1.0;
-        (arm, s)
-    }
-
-    /// A point moved down to where a particle of a radius is under a surface of this height in the middle, and above the floor.
-    fn confine(&self, x: DVec3, height: f64, radius: f64) -> DVec3 {
-        let share = 1.0 - (x - self.center).truncate().length_squared() / (self.radius * self.radius);
-        let ceiling = self.center.z + height * share.max(0.0) - radius;
-        x.with_z(x.z.min(ceiling).max(self.center.z + radius))
-    }
+/// A point relative to the center of the drop on the floor, and s there.
+fn place<S: Real>(cap: &ParabolicCap, x: [S; 3]) -> ([S; 3], S) {
+    let arm: [S; 3] = std::array::from_fn(|i| x[i] - cap.center[i]);
+    let s = -(arm[0].squared() + arm[1].squared()) / (cap.radius * cap.radius) + 1.0;
+    (arm, s)
 }
 
 /// Toroidal circulation in a sessile drop.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ToroidalDrop {
-    cap: Cap,
+    cap: ParabolicCap,
     strength: f64,
 }
 
@@ -104,9 +130,9 @@ impl ToroidalDrop {
     /// The flow of these parameters.
     pub fn new(params: &ToroidalDropParams) -> Result<Self> {
         Ok(ToroidalDrop {
-            cap: Cap::new(
+            cap: ParabolicCap::new(
                 TOROIDAL,
-                params.centre_um.unwrap_or(ON_FLOOR),
+                DVec3::from_array(params.center_um.unwrap_or(ON_FLOOR)),
                 params.radius_um,
                 params.height_um,
             )?,
@@ -117,7 +143,7 @@ impl ToroidalDrop {
 
 impl Formula for ToroidalDrop {
     fn formula<S: Real>(&self, x: [S; 3], _t: f64) -> [S; 3] {
-        let ([x, y, z], s) = self.cap.place(x);
+        let ([x, y, z], s) = place(&self.cap, x);
         let h0 = self.cap.height;
         let above = z.value() > BEYOND * h0 * s.value();
         if s.value() <= 0.0 || z.value() < 0.0 || above {
@@ -135,7 +161,7 @@ impl VelocityField for ToroidalDrop {
     by_formula!();
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
-        let ([_, _, z], s) = self.cap.place(x.to_array());
+        let ([_, _, z], s) = place(&self.cap, x.to_array());
         let h0 = self.cap.height;
         let inside = s > 0.0 && (0.0..=BEYOND * h0 * s).contains(&z);
         Some(if inside { (1.0 - s) * s * z * z * (h0 * s - z) / (h0 * h0 * h0) } else { 0.0 })
@@ -150,21 +176,26 @@ impl VelocityField for ToroidalDrop {
     }
 
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
-        // With zeta = z / h up to 1.1: |u_rho| = P / (R h0) x (1 - x^2)^3 |2 zeta - 3 zeta^2| <= 0.238 * 1.43, and |u_z| <= P / R^2
-        // [2 s^4 zeta^2 |1 - zeta| + 2 x^2 s^3 zeta^2 (2 - zeta)] <= 2 * 0.149 + 2 * 0.1055 * 1.09.
+        // With x = rho / R and zeta = z / h up to 1.1: |u_rho| = P / (R h0) x (1 - x^2)^3 |2 zeta - 3
+        // zeta^2| <= 0.238 * 1.43, and |u_z| <= P / R^2 [2 s^4 zeta^2 |1 - zeta| + 2 x^2 s^3 zeta^2 (2 -
+        // zeta)] <= 2 * 0.149 + 2 * 0.1055 * 1.09.
         let (r, h) = (self.cap.radius, self.cap.height);
         self.strength.abs() * DVec2::new(0.341 / (r * h), 0.529 / (r * r)).length()
     }
 
+    fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
+        Some(self.cap.wall(x, self.cap.height))
+    }
+
     fn confine(&self, x: DVec3, _t: f64, radius: f64) -> DVec3 {
-        self.cap.confine(x, self.cap.height, radius)
+        self.cap.hold_under(x, self.cap.height, radius)
     }
 }
 
-/// The flow that leaves a ring where a drop dries.
+/// The capillary flow in an evaporating drop, which leaves a ring-shaped deposit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CoffeeRing {
-    cap: Cap,
+    cap: ParabolicCap,
     drying_time: f64,
 }
 
@@ -172,7 +203,12 @@ impl CoffeeRing {
     /// The flow of these parameters.
     pub fn new(params: &CoffeeRingParams) -> Result<Self> {
         Ok(CoffeeRing {
-            cap: Cap::new(COFFEE, params.centre_um.unwrap_or(ON_FLOOR), params.radius_um, params.height_um)?,
+            cap: ParabolicCap::new(
+                COFFEE,
+                DVec3::from_array(params.center_um.unwrap_or(ON_FLOOR)),
+                params.radius_um,
+                params.height_um,
+            )?,
             drying_time: COFFEE.positive("drying_time_s", params.drying_time_s)?,
         })
     }
@@ -185,7 +221,7 @@ impl CoffeeRing {
 
 impl Formula for CoffeeRing {
     fn formula<S: Real>(&self, x: [S; 3], t: f64) -> [S; 3] {
-        let ([x, y, z], s) = self.cap.place(x);
+        let ([x, y, z], s) = place(&self.cap, x);
         let rest = S::constant(0.0);
         if t >= self.drying_time || s.value() <= 1.0 - RIM * RIM || z.value() <= 0.0 {
             return [rest; 3];
@@ -197,7 +233,7 @@ impl Formula for CoffeeRing {
         let root = s.sqrt();
         let m = (S::constant(1.0) / (root * (root + 1.0)) + 1.0) * rate;
         let outward = m * level * (-level * 0.5 + 1.0) * 3.0;
-        // q = rho^2 m h p(Z) is the flux below z over 2 pi; w = -(1/rho) dq/drho.
+        // q = rho^2 m h p(Z) is the radial flux below z over 2 pi; w = -(1/rho) dq/drho.
         let p = level.squared() * (-level + 3.0) * 0.5;
         let sheared = level.squared() * (level - 1.5);
         let growth = (S::constant(1.0) / (s * root) + 2.0) * rate;
@@ -218,7 +254,8 @@ impl VelocityField for CoffeeRing {
         if early >= self.drying_time {
             return 0.0;
         }
-        // Greatest at the largest radius in the box. Late the fluid is fast, early the drop is high.
+        // The maximum is at the largest radius in the box. The fluid is fastest at the later time, the drop
+        // highest at the earlier.
         let radius = self.cap.radius;
         let rho = region.reach(self.cap.center).truncate().length().min(RIM * radius);
         let root = libm::sqrt(1.0 - rho * rho / (radius * radius));
@@ -229,8 +266,12 @@ impl VelocityField for CoffeeRing {
         DVec2::new(1.5 * m * rho, down).length() * ROUNDING_MARGIN
     }
 
+    fn wall(&self, x: DVec3, t: f64) -> Option<Wall> {
+        Some(self.cap.wall(x, self.height(t)))
+    }
+
     fn confine(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {
-        self.cap.confine(x, self.height(t), radius)
+        self.cap.hold_under(x, self.height(t), radius)
     }
 }
 
@@ -248,7 +289,7 @@ mod tests {
             // The normal of z = h(rho) is (-h', 1), h' = -2 h0 rho / R^2.
             let through = radial * 2.0 * 60.0 * rho / 40_000.0 + u.z;
             assert!(through.abs() < 1e-12, "{rho}: {through}");
-            // Outward along the surface.
+            // The flow is outward along the surface.
             assert!(radial >= 0.0);
         }
     }
@@ -266,7 +307,7 @@ mod tests {
             let through = rate + u.y * slope + 60.0 / 20.0 / libm::sqrt(s);
             assert!((u.z - through).abs() < 1e-10, "{rho}: {} {through}", u.z);
         }
-        // Dry.
+        // The drop is dry.
         assert_eq!(field.velocity(DVec3::new(0.0, 50.0, -79.0), 5.0), DVec3::ZERO);
     }
 

@@ -1,31 +1,34 @@
 //! Pressure-driven flow in a straight duct of rectangular cross-section.
 //!
-//! Flow along x, width W along y, depth H along z; with b = n pi / H and z measured from the floor, for unit pressure
-//! gradient over viscosity (Boussinesq 1868; Bruus, Theoretical Microfluidics, section 3.4.6)
+//! Flow along x, width W along y, depth H along z; with b = n pi / H and z measured from the floor, for unit
+//! pressure gradient over viscosity (Boussinesq 1868; Bruus, Theoretical Microfluidics, section 3.4.6)
 //!
 //!   u = z (H - z) / 2 - (4 H^2 / pi^3) SUM_{n odd} n^-3 R_n(y) sin(n pi z / H),
 //!   R_n = cosh(b y) / cosh(b W/2) = e^(-b (W/2 - |y|)) (1 + e^(-2 b |y|)) / (1 + e^(-b W)),
 //!   Q = (H^3 W / 12) [1 - (192 H / (pi^5 W)) SUM_{n odd} tanh(n pi W / 2H) / n^5].
 //!
-//! The short side carries the sine. All powers of e are powers of two numbers, and the sines follow from one another, so
-//! a sum costs no transcendental function per term. It ends where e^(-b (W/2 - |y|)) < e^-40, at the latest after 400
-//! terms, which leaves 3e-8 of the greatest speed at the side walls. Steady and fully developed; trajectories are
-//! straight lines. Outside the duct the fluid rests.
+//! The sine series is along the shorter side. The exponentials of successive terms are obtained by
+//! multiplication and the sines by a recurrence, so that no term needs a transcendental function. The sum
+//! ends where e^(-b (W/2 - |y|)) < e^-40, at the latest after 400 terms; the truncation error is then at most
+//! 3e-8 of the maximum speed, at the side walls. The flow is steady and fully developed; trajectories are
+//! straight lines. Outside the duct the velocity is zero.
 
 use super::CHANNEL;
 use super::ROUNDING_MARGIN;
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
-use crate::region::Region;
+use crate::region::{Axis, Region};
+use crate::wall::Wall;
 use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::PI;
 
-const CHECK: Check = Check("duct");
+const CHECK: ParameterCheck = ParameterCheck("duct");
 
-/// Most odd terms of the sum.
+/// Maximum number of (odd) terms of the sum.
 const MAX_TERMS: u32 = 400;
-/// Terms below e^-40 are left out.
+/// Terms below e^-40 are neglected.
 const NEGLIGIBLE: f64 = 40.0;
 
 params! {
@@ -36,9 +39,30 @@ params! {
         /// Distance of the side walls, um.
         width_um: f64 = 200.0, "> 0";
         /// Middle between the side walls, um.
-        centre_y_um: f64 = 0.0, "finite";
+        #[alias = "centre_y_um"]
+        center_y_um: f64 = 0.0, "finite";
         /// Floor and ceiling, um.
         walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
+    }
+}
+
+impl FieldParameters for DuctParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "duct",
+        formula: "u = Boussinesq series of a rectangular duct along x",
+        parameters: Self::PARAMETERS,
+        source: "Bruus, Theoretical Microfluidics, 3.4.6",
+        plane: PlotPlane::YZ,
+        make: || Self::default().build(),
+        variants: &[("deep", || Self { width_um: 60.0, ..Default::default() }.build())],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.walls_z_um.get_or_insert(depths.walls());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Duct::new(self)?))
     }
 }
 
@@ -46,10 +70,12 @@ params! {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Duct {
     center: DVec2,
-    /// Lengths of the sides along y and z.
+    /// Lengths of the sides along y and z, um.
     sides: DVec2,
+    /// Floor and ceiling, um.
+    walls_z: [f64; 2],
     max_speed: f64,
-    /// Speed for a unit of [`Duct::profile`].
+    /// Speed (um/s) per unit of [`Duct::profile`].
     scale: f64,
 }
 
@@ -58,11 +84,12 @@ impl Duct {
     pub fn new(params: &DuctParams) -> Result<Self> {
         let [floor, ceiling] = CHECK.increasing("walls_z_um", params.walls_z_um.unwrap_or(CHANNEL))?;
         let width = CHECK.positive("width_um", params.width_um)?;
-        let center = CHECK.finite("centre_y_um", params.centre_y_um)?;
+        let center = CHECK.finite("center_y_um", params.center_y_um)?;
         let max_speed = CHECK.finite("max_speed_um_s", params.max_speed_um_s)?;
         let mut duct = Duct {
             center: DVec2::new(center, 0.5 * (floor + ceiling)),
             sides: DVec2::new(width, ceiling - floor),
+            walls_z: [floor, ceiling],
             max_speed,
             scale: 1.0,
         };
@@ -79,12 +106,12 @@ impl Duct {
             .map(|n| libm::tanh(0.5 * n * PI * long / short) / (n * n * n * n * n))
             .sum();
         let pi5 = PI * PI * PI * PI * PI;
-        // Lengths of the profile are in units of the short side.
+        // The profile uses the shorter side as the unit of length.
         self.scale / 12.0 * (1.0 - 192.0 / pi5 * short / long * sum)
     }
 
-    /// u and its derivatives along y and z at a place relative to the axis within the walls, in units in which the
-    /// short side and the pressure gradient over viscosity are 1.
+    /// u and its derivatives with respect to y and z at a point inside the duct relative to the axis, in
+    /// units in which the shorter side and the pressure gradient over viscosity are 1.
     fn profile(&self, place: DVec2) -> (f64, DVec2) {
         let swapped = self.sides.y > self.sides.x;
         let short = self.sides.min_element();
@@ -98,7 +125,7 @@ impl Duct {
             MAX_TERMS
         };
         let power = |length: f64| libm::exp(-PI * length);
-        // e^(-n pi length) for n = 1, 3, 5, ... is the first times powers of the second.
+        // e^(-n pi length) for n = 1, 3, 5, ...: the first value times powers of the second.
         let (near, mirror, across) = (power(gap), power(2.0 * y), power(2.0 * half));
         let (mut far, mut image, mut both) = (near, mirror, across);
         let (sin1, cos1) = libm::sincos(PI * z);
@@ -122,7 +149,7 @@ impl Duct {
         (u, if swapped { DVec2::new(slope.y, slope.x) } else { slope })
     }
 
-    /// Speed and its derivatives along y and z.
+    /// Speed (um/s) and its derivatives with respect to y and z (1/s).
     fn speed(&self, x: DVec3) -> (f64, DVec2) {
         let place = DVec2::new(x.y, x.z) - self.center;
         if place.abs().cmpgt(0.5 * self.sides).any() {
@@ -159,10 +186,17 @@ impl VelocityField for Duct {
         true
     }
 
+    fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
+        let [y0, y1] = [-0.5, 0.5].map(|half| self.center.x + half * self.sides.x);
+        let [z0, z1] = self.walls_z;
+        Some(Wall::between(Axis::Y, y0, y1, x).or(Wall::between(Axis::Z, z0, z1, x)))
+    }
+
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
-        // The speed falls from the axis to every side: the fastest place is the one nearest to it.
+        // The speed decreases from the axis to all sides: it is highest at the point of the box nearest to
+        // the axis.
         let nearest = DVec3::new(0.0, self.center.x, self.center.y).clamp(region.min(), region.max());
-        // Near the side walls the truncated sum may rise by what it leaves out.
+        // Near the side walls the truncated sum may exceed the exact one by the truncation error.
         (self.speed(nearest).0.abs() + 1e-6 * self.max_speed.abs()) * ROUNDING_MARGIN
     }
 }
@@ -177,7 +211,7 @@ mod tests {
 
     #[test]
     fn greatest_over_mean_speed_is_the_known_ratio() {
-        // Square 2.0963, 3:1 1.8636 (rounded), slot 3/2; a deep duct is a wide one turned.
+        // Square 2.0963, 3:1 1.8636 (rounded), slot 3/2; a deep duct is a wide one rotated by 90 degrees.
         for (width, ratio, digits) in [(100.0, 2.0963, 5e-5), (300.0, 1.8636, 5e-5), (1e6, 1.5, 2e-4)] {
             let found = 1290.0 / duct(width).mean_speed();
             assert!((found - ratio).abs() < digits, "{width}: {found}");
@@ -190,7 +224,7 @@ mod tests {
     fn the_flow_rate_is_the_integral_of_the_profile() {
         for width in [40.0, 100.0, 300.0] {
             let field = duct(width);
-            // Gauss-Legendre in 40 panels of 8 points each way.
+            // Gauss-Legendre quadrature in 40 panels of 8 points along each axis.
             let panels = |low: f64, high: f64, f: &dyn Fn(f64) -> f64| {
                 let step = (high - low) / 40.0;
                 let part = |i: i32| low + step * f64::from(i);
@@ -216,7 +250,8 @@ mod tests {
         };
         let first = laplacian(0.0, -30.0);
         for (y, z) in [(60.0, -30.0), (-100.0, 10.0), (130.0, -60.0)] {
-            // Truncation h^4 pi^6 u / (90 H^6) = 1e-8; rounding 1e-13 of 1290 over h^2: 1e-9 of 1.
+            // Truncation error h^4 pi^6 u / (90 H^6) = 1e-8; rounding error 1e-13 of 1290 over h^2, 1e-9
+            // relative.
             assert!((laplacian(y, z) / first - 1.0).abs() < 1e-6, "{y} {z}");
         }
     }

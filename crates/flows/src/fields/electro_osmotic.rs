@@ -1,23 +1,26 @@
 //! Electro-osmotic flow between two charged plates, open or closed at the ends.
 //!
-//! With the Debye length 1/k, half depth h and z from the middle, u = U [1 - cosh(k z) / cosh(k h)]; its mean is
-//! U [1 - tanh(k h) / (k h)], and U = -epsilon zeta E / mu is the slip velocity of Helmholtz and Smoluchowski (Bruus, Theoretical
-//! Microfluidics, section 9.2; 50 mV and 100 V/cm in water give 390 um/s). Debye lengths in water are far below what a
-//! microscope resolves, so that the default is the thin limit: a plug that slips along the plates. In a channel that is
-//! closed at its ends pressure drives the same volume back: minus the parabola of the same mean; for the thin layer
-//! u = U (1 - 6 s (1 - s)), zero at s = (1 +- 1/sqrt 3) / 2. Trajectories are straight lines. Beyond the plates the
-//! fluid rests.
+//! With the Debye length 1/k, the half depth h and z measured from the mid-plane, u = U [1 - cosh(k z) /
+//! cosh(k h)]; its mean is U [1 - tanh(k h) / (k h)], and U = -epsilon zeta E / mu is the
+//! Helmholtz-Smoluchowski slip velocity (Bruus, Theoretical Microfluidics, section 9.2; 50 mV and 100 V/cm in
+//! water give 390 um/s). Debye lengths in water are far below the resolution of a microscope, so that the
+//! default is the thin-layer limit: plug flow with slip at the plates. In a channel that is closed at its
+//! ends, pressure drives the same flow rate back: the parabola of the same mean is subtracted; for the thin
+//! layer u = U (1 - 6 s (1 - s)), which is zero at s = (1 +- 1/sqrt 3) / 2. Trajectories are straight lines.
+//! Beyond the plates the velocity is zero.
 
 use super::ROUNDING_MARGIN;
 use super::plates::{Plates, along, direction, inside};
 use crate::dual::{Formula, Real, by_formula};
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
+use crate::wall::Wall;
 use glam::DVec3;
 
-const CHECK: Check = Check("electro_osmotic");
+const CHECK: ParameterCheck = ParameterCheck("electro_osmotic");
 
 params! {
     /// Parameters of [`ElectroOsmotic`].
@@ -35,6 +38,29 @@ params! {
     }
 }
 
+impl FieldParameters for ElectroOsmoticParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "electro_osmotic",
+        formula: "u = U (1 - cosh(z/l) / cosh(h/l)), closed: minus the parabola of the same mean",
+        parameters: Self::PARAMETERS,
+        source: "Bruus, Theoretical Microfluidics, 9.2",
+        plane: PlotPlane::XZ,
+        make: || Self::default().build(),
+        variants: &[
+            ("closed", || Self { closed: true, ..Default::default() }.build()),
+            ("thick layer", || Self { debye_length_um: 5.0, closed: true, ..Default::default() }.build()),
+        ],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.walls_z_um.get_or_insert(depths.walls());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(ElectroOsmotic::new(self)?))
+    }
+}
+
 /// Electro-osmotic flow in a plane channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ElectroOsmotic {
@@ -43,7 +69,7 @@ pub struct ElectroOsmotic {
     slip: f64,
     /// 1 / Debye length, 1/um; infinite for a thin layer.
     decay: f64,
-    /// Mean of the pressure-driven flow.
+    /// Mean velocity of the pressure-driven back flow, um/s.
     back: f64,
 }
 
@@ -74,7 +100,7 @@ impl Formula for ElectroOsmotic {
         }
         let mut speed = self.plates.parabola(z) * self.back + self.slip;
         if self.decay.is_finite() {
-            // cosh(kz) / cosh(kh) as decays from the two plates, which cannot overflow.
+            // cosh(kz) / cosh(kh) written as exponential decay from both plates, which cannot overflow.
             let decayed = |distance: S| {
                 let rate = self.decay;
                 (distance * -rate).map(libm::exp, libm::exp)
@@ -106,8 +132,13 @@ impl VelocityField for ElectroOsmotic {
         true
     }
 
+    fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
+        Some(self.plates.wall(x))
+    }
+
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
-        // Plug (0 to slip) and back flow (0 to 3/2 of its mean) are opposed: the greater of the two.
+        // Plug flow (0 to the slip velocity) and back flow (0 to 3/2 of its mean) have opposite signs: the
+        // larger of the two bounds the speed.
         let back = self.back.abs() * self.plates.greatest_parabola(region);
         self.slip.abs().max(back) * ROUNDING_MARGIN
     }
@@ -131,7 +162,7 @@ mod tests {
                 .map(|z| crate::special::gauss_mean(z, z + 2.0, speed))
                 .sum::<f64>()
                 / 50.0;
-            // Rounding of 390.
+            // Rounding errors of 390 um/s.
             assert!((mean - field.mean_speed()).abs() < 1e-11, "{debye} {closed}: {mean}");
             assert!(!closed || mean.abs() < 1e-11);
         }
@@ -142,7 +173,7 @@ mod tests {
         let z = -80.0 + 100.0 * 0.5 * (1.0 - 1.0 / libm::sqrt(3.0));
         assert!(field(0.0, true).velocity(DVec3::new(0.0, 0.0, z), 0.0).x.abs() < 1e-10);
         assert_eq!(field(0.0, true).velocity(DVec3::new(0.0, 0.0, -30.0), 0.0).x, -195.0);
-        // A resolved layer does not slip; rounding.
+        // With a resolved layer the velocity at the plates is zero, up to rounding.
         assert!(field(5.0, false).velocity(DVec3::new(0.0, 0.0, 20.0), 0.0).length() < 1e-12);
     }
 }

@@ -1,22 +1,25 @@
 //! Flow around a circular pillar in a shallow gap (Hele-Shaw cell).
 //!
-//! With s the relative height in the gap and (X, Y) the distance from the pillar of radius a,
-//! (u, v) = 6 s (1 - s) U (1 - a^2 (X^2 - Y^2) / r^4, -2 a^2 X Y / r^4), w = 0: the potential flow around a cylinder in every
-//! layer, U being the depth-averaged speed far away (Batchelor, An Introduction to Fluid Dynamics, section 4.8). Without
-//! slip on the plates, but with slip on the pillar: in truth a layer as thick as the gap adjusts it, so that the field is
-//! meant for pillars much wider than the gap. Every layer keeps its stream function Y (1 - a^2 / r^2). Within the
-//! pillar and beyond the plates the fluid rests.
+//! With s the relative height in the gap and (X, Y) the distance from the pillar of radius a, (u, v) = 6 s
+//! (1 - s) U (1 - a^2 (X^2 - Y^2) / r^4, -2 a^2 X Y / r^4), w = 0: potential flow around a cylinder in every
+//! layer, U being the depth-averaged speed far away (Batchelor, An Introduction to Fluid Dynamics, section
+//! 4.8). The flow satisfies no slip at the plates but slips at the pillar, where the real flow has a boundary
+//! layer about as thick as the gap; the model is valid for pillars much wider than the gap. In every layer
+//! the stream function Y (1 - a^2 / r^2) is invariant. Inside the pillar and beyond the plates the velocity
+//! is zero.
 
 use super::ROUNDING_MARGIN;
 use super::plates::Plates;
 use crate::dual::{Formula, Real, by_formula};
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
+use crate::wall::Wall;
 use glam::{DVec2, DVec3};
 
-const CHECK: Check = Check("hele_shaw");
+const CHECK: ParameterCheck = ParameterCheck("hele_shaw");
 
 params! {
     /// Parameters of [`HeleShaw`].
@@ -26,9 +29,30 @@ params! {
         /// Radius of the pillar, um.
         radius_um: f64 = 60.0, "> 0";
         /// Axis of the pillar, x and y, um.
-        centre_um: [f64; 2] = [0.0, 0.0], "finite";
+        #[alias = "centre_um"]
+        center_um: [f64; 2] = [0.0, 0.0], "finite";
         /// Floor and ceiling, um.
         walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
+    }
+}
+
+impl FieldParameters for HeleShawParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "hele_shaw",
+        formula: "u = 6 s (1 - s) U (1 - a^2 (X^2 - Y^2)/r^4, -2 a^2 X Y/r^4, 0)",
+        parameters: Self::PARAMETERS,
+        source: "Batchelor, An Introduction to Fluid Dynamics, 4.8",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.walls_z_um.get_or_insert(depths.walls());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(HeleShaw::new(self)?))
     }
 }
 
@@ -46,7 +70,7 @@ impl HeleShaw {
     pub fn new(params: &HeleShawParams) -> Result<Self> {
         Ok(HeleShaw {
             plates: Plates::new(CHECK, params.walls_z_um)?,
-            center: DVec2::from_array(CHECK.all_finite("centre_um", params.centre_um)?),
+            center: DVec2::from_array(CHECK.all_finite("center_um", params.center_um)?),
             radius: CHECK.positive("radius_um", params.radius_um)?,
             speed: CHECK.finite("mean_speed_um_s", params.mean_speed_um_s)?,
         })
@@ -84,8 +108,13 @@ impl VelocityField for HeleShaw {
         true
     }
 
+    fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
+        let arm = (x.truncate() - self.center).extend(0.0);
+        Some(self.plates.wall(x).or(Wall::outside(arm, self.radius)))
+    }
+
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
-        // |1 - a^2 / Z^2| of the complex place Z is at most 1 + a^2 / r^2.
+        // |1 - a^2 / Z^2| at the complex position Z is at most 1 + a^2 / r^2.
         let clearance = region.clearance(self.center.extend(0.0)).truncate().length().max(self.radius);
         let ratio = self.radius / clearance;
         let fastest = self.speed.abs() * self.plates.greatest_parabola(region) * (1.0 + ratio * ratio);

@@ -1,24 +1,26 @@
 //! Hill's spherical vortex: a sphere of rotational flow that travels through a fluid at rest.
 //!
-//! In the frame of the vortex, axis s, rho the distance from it, r^2 = rho^2 + s^2, radius a, speed U (Hill, Phil. Trans.
-//! R. Soc. A 185 (1894) 213; Batchelor, An Introduction to Fluid Dynamics, section 7.2; signs such that the centre flows
-//! along +s and the fluid far away along -s):
+//! In the frame of the vortex, with s along the axis, rho the distance from it, r^2 = rho^2 + s^2, radius a
+//! and speed U (Hill, Phil. Trans. R. Soc. A 185 (1894) 213; Batchelor, An Introduction to Fluid Dynamics,
+//! section 7.2; signs such that the fluid at the center flows along +s and the fluid far away along -s):
 //!   inside   u_rho = 3 U rho s / (2 a^2),        u_s = 3 U (a^2 - 2 rho^2 - s^2) / (2 a^2),
 //!   outside  u_rho = 3 U a^3 rho s / (2 r^5),    u_s = -U + U a^3 (2 s^2 - rho^2) / (2 r^5).
-//! The velocity is continuous, its gradient jumps at the surface. The stream function is kept in the frame of the vortex:
-//! (3 U / 4) rho^2 (1 - r^2 / a^2) inside, -(U / 2) rho^2 (1 - a^3 / r^3) outside. The inner part is also the circulation
-//! in a drop (Hadamard and Rybczynski). In the frame of the laboratory U is added and the centre moves.
+//! The velocity is continuous, its gradient is discontinuous at the surface. In the frame of the vortex the
+//! stream function is invariant: (3 U / 4) rho^2 (1 - r^2 / a^2) inside, -(U / 2) rho^2 (1 - a^3 / r^3)
+//! outside. The inner part is also the circulation in a drop (Hadamard and Rybczynski). In the laboratory
+//! frame U is added and the center moves.
 
 use super::MID_DEPTH;
 use super::{JUMP_STEP, ROUNDING_MARGIN};
 use crate::dual::{Formula, Real, by_formula};
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::{Axis, Region};
 use glam::DVec3;
 
-const CHECK: Check = Check("hill");
+const CHECK: ParameterCheck = ParameterCheck("hill");
 
 params! {
     /// Parameters of [`Hill`].
@@ -31,8 +33,29 @@ params! {
         axis: Axis = Axis::X, "x, y or z";
         /// Whether the vortex moves and the fluid far away rests, or the other way round.
         moving: bool = false, "true or false";
-        /// The centre at t = 0, um.
-        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        /// The center at t = 0, um.
+        #[alias = "centre_um"]
+        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+    }
+}
+
+impl FieldParameters for HillParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "hill",
+        formula: "Hill's spherical vortex: u_rho = 3 U rho s/(2 a^2), u_s = 3 U (a^2 - 2 rho^2 - s^2)/(2 a^2) inside, a dipole flow outside",
+        parameters: Self::PARAMETERS,
+        source: "Batchelor, An Introduction to Fluid Dynamics, 7.2",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[("moving", || Self { moving: true, axis: Axis::Z, ..Default::default() }.build())],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.center_um.get_or_insert(depths.middle());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Hill::new(self)?))
     }
 }
 
@@ -50,7 +73,7 @@ impl Hill {
     /// The vortex of these parameters.
     pub fn new(params: &HillParams) -> Result<Self> {
         Ok(Hill {
-            center: DVec3::from_array(CHECK.all_finite("centre_um", params.centre_um.unwrap_or(MID_DEPTH))?),
+            center: DVec3::from_array(CHECK.all_finite("center_um", params.center_um.unwrap_or(MID_DEPTH))?),
             axis: params.axis.unit(),
             speed: CHECK.finite("speed_um_s", params.speed_um_s)?,
             radius: CHECK.positive("radius_um", params.radius_um)?,
@@ -106,13 +129,13 @@ impl VelocityField for Hill {
     }
 
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
-        // In the frame of the vortex 3U/2, in the centre and on the equator; at the poles and far away no more.
+        // In the frame of the vortex the maximum is 3U/2, at the center and on the equator.
         let fastest = if self.moving { 2.5 } else { 1.5 };
         self.speed.abs() * fastest * ROUNDING_MARGIN
     }
 
     fn step_limit(&self, x: DVec3, t: f64) -> Option<f64> {
-        // A share of the radius near the surface, elsewhere no farther than to it.
+        // At most to the surface; near it, a fraction of the radius.
         let way = ((x - self.center(t)).length() - self.radius).abs().max(JUMP_STEP * self.radius);
         Some(way / (1.5 * self.speed.abs()))
     }

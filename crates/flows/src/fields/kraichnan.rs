@@ -1,17 +1,20 @@
 //! Kraichnan's random Fourier modes: a field with the statistics of turbulence, in three dimensions or two.
 //!
-//! u = SUM_n a_n cos(k_n . x + w_n t) + b_n sin(k_n . x + w_n t), N modes, a_n and b_n across k_n (Kraichnan, Phys. Fluids 13 (1970)
-//! 22). In 3-D a_n = c xi x k_n/|k_n| with xi a vector of three normal numbers, c = u' sqrt(3 / 2N), and directions uniform; in 2-D
-//! a_n = c xi (-k_y, k_x) / |k_n| with c = u' sqrt(2 / N). In both every component has the mean square u'^2, on average over
-//! seeds. |k| = (k0/2) chi_5, as drawn from the spectrum 16 sqrt(2/pi) u'^2 k^4 / k0^5 exp(-2 k^2 / k0^2), whose peak is at k0.
-//! w_n is normal with standard deviation `unsteadiness` u' |k_n|; 0 is a frozen field. With a period along an axis the
-//! wave number along it is rounded to a multiple of 2 pi / period.
+//! u = SUM_n a_n cos(k_n . x + w_n t) + b_n sin(k_n . x + w_n t), N modes, a_n and b_n perpendicular to k_n
+//! (Kraichnan, Phys. Fluids 13 (1970) 22). In 3-D a_n = c xi x k_n/|k_n| with xi a vector of three standard
+//! normal numbers, c = u' sqrt(3 / 2N), and isotropic directions of k_n; in 2-D a_n = c xi (-k_y, k_x)
+//! / |k_n| with c = u' sqrt(2 / N). In both cases the mean square of every component, averaged over seeds, is
+//! u'^2. |k| = (k0/2) chi_5, a sample of the spectrum 16 sqrt(2/pi) u'^2 k^4 / k0^5 exp(-2 k^2 / k0^2), whose
+//! peak is at k0. w_n is normal with standard deviation `unsteadiness` u' |k_n|; 0 gives a frozen field. With
+//! a period along an axis, the wave number along it is rounded to a multiple of 2 pi / period.
 //!
-//! Exactly free of divergence; not a solution of Navier-Stokes, and without walls. Modes are drawn from the stream
-//! (`Seeding`, 2^32 - 1, number of the mode) of the field's own seed: those of fewer modes are the first of more.
+//! The field is exactly divergence-free, has no walls, and is not a solution of the Navier-Stokes equations.
+//! Mode n is drawn from the stream (`Seeding`, 2^32 - 1, n) of the field's own seed: a field with fewer modes
+//! has the first modes of one with more.
 
 use super::ROUNDING_MARGIN;
-use crate::error::{Check, Result};
+use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
@@ -21,11 +24,11 @@ use microsig_core::random::normal;
 use microsig_core::stream::{Purpose, Stream, Streams};
 use std::f64::consts::PI;
 
-const CHECK: Check = Check("kraichnan");
+const CHECK: ParameterCheck = ParameterCheck("kraichnan");
 
-/// Modes of a block, whose sums run side by side.
+/// Number of modes in a block, which are summed in parallel lanes.
 const LANES: usize = 16;
-/// Most modes.
+/// Maximum number of modes.
 const MAX_MODES: u32 = 100_000;
 
 params! {
@@ -48,7 +51,33 @@ params! {
     }
 }
 
-/// Some modes side by side: lane i of every array belongs to mode i.
+impl FieldParameters for KraichnanParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "kraichnan",
+        formula: "u = SUM a_n cos(k_n.x + w_n t) + b_n sin(k_n.x + w_n t)",
+        parameters: Self::PARAMETERS,
+        source: "Kraichnan, Phys. Fluids 13 (1970) 22",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[
+            ("plane", || Self { dimensions: 2, ..Default::default() }.build()),
+            ("unsteady periodic", || {
+                Self { unsteadiness: 0.5, period_um: [400.0, 400.0, 200.0], modes: 60, ..Default::default() }
+                    .build()
+            }),
+        ],
+    };
+
+    fn seed(&mut self) -> Option<&mut u64> {
+        Some(&mut self.seed)
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Kraichnan::new(self)?))
+    }
+}
+
+/// [`LANES`] modes as a structure of arrays: lane i of every array belongs to mode i.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct Block {
     k: [[f64; LANES]; 3],
@@ -71,7 +100,7 @@ struct Mode {
 pub struct Kraichnan {
     blocks: Vec<Block>,
     steady: bool,
-    /// No velocity is greater.
+    /// Upper bound of the speed, um/s.
     bound: f64,
 }
 
@@ -89,7 +118,8 @@ impl Kraichnan {
         }
         for period in params.period_um {
             CHECK.not_negative("period_um", period)?;
-            // With the shortest of these periods a few per cent of the modes round to nothing and are drawn again.
+            // With the shortest allowed period a few per cent of the wave vectors round to zero and are
+            // redrawn.
             if period > 0.0 && period < params.wavelength_um {
                 return Err(CHECK.fault("period_um", period, "0, or at least wavelength_um"));
             }
@@ -112,7 +142,7 @@ impl Mode {
         let mut vector = || DVec3::new(normal(stream), normal(stream), normal(stream));
         let k0 = 2.0 * PI / params.wavelength_um;
         let k = loop {
-            // chi_5 is the length of five normal numbers; a sixth goes unused.
+            // chi_5 is the length of a vector of five normal numbers; the sixth is not used.
             let (first, second) = (vector(), vector());
             let length =
                 0.5 * k0 * libm::sqrt(first.length_squared() + second.x * second.x + second.y * second.y);
@@ -120,7 +150,7 @@ impl Mode {
             let k = direction.try_normalize().map_or(DVec3::ZERO, |unit| unit * length);
             let k = DVec3::from_array(std::array::from_fn(|i| {
                 let unit = 2.0 * PI / params.period_um[i];
-                // Without a period the unit is infinite. libm rounds halves away from zero.
+                // Without a period the unit is infinite. libm::round rounds halves away from zero.
                 if unit.is_finite() { libm::round(k[i] / unit) * unit } else { k[i] }
             }));
             if k != DVec3::ZERO {
@@ -130,7 +160,7 @@ impl Mode {
         let direction = k.normalize();
         let scale = if flat { 2.0 } else { 1.5 };
         let c = params.rms_speed_um_s * libm::sqrt(scale / f64::from(params.modes));
-        // In 2-D only the z component of the vector counts.
+        // In 2-D only the z component of xi is used.
         let mut amplitude = || {
             let xi = vector();
             (if flat { DVec3::Z * xi.z } else { xi }).cross(direction) * c
@@ -142,7 +172,7 @@ impl Mode {
 }
 
 impl Block {
-    /// Up to [`LANES`] modes; the lanes that are left over are at rest.
+    /// A block of up to [`LANES`] modes; unused lanes have zero amplitude.
     fn of(modes: &[Mode]) -> Block {
         let mut block = Block::default();
         for (lane, mode) in modes.iter().enumerate() {
@@ -156,7 +186,7 @@ impl Block {
         block
     }
 
-    /// Sines and cosines of the phases.
+    /// Sines and cosines of the phases at `x` (um) and `t` (s).
     #[inline(always)]
     fn waves(&self, x: DVec3, t: f64) -> ([f64; LANES], [f64; LANES]) {
         let mut phases = [0.0; LANES];
@@ -184,7 +214,7 @@ fn total(lanes: [[f64; LANES]; 3]) -> DVec3 {
 
 impl VelocityField for Kraichnan {
     fn velocity(&self, x: DVec3, t: f64) -> DVec3 {
-        // The widest vectors of this machine: other instructions, the same sums.
+        // The widest vector instructions of this machine; the sums are the same bit for bit.
         pulp::Arch::new().dispatch(VelocitySum(self, x, t))
     }
 
@@ -205,7 +235,7 @@ impl VelocityField for Kraichnan {
     }
 }
 
-/// The velocity at a place and time, for whichever vector instructions the compiler has here.
+/// The velocity at a position (um) and time (s), compiled for every vector instruction set.
 struct VelocitySum<'a>(&'a Kraichnan, DVec3, f64);
 
 impl pulp::WithSimd for VelocitySum<'_> {
@@ -217,7 +247,7 @@ impl pulp::WithSimd for VelocitySum<'_> {
     }
 }
 
-/// The same for the gradient.
+/// The gradient at a position (um) and time (s), compiled for every vector instruction set.
 struct GradientSum<'a>(&'a Kraichnan, DVec3, f64);
 
 impl pulp::WithSimd for GradientSum<'_> {
@@ -288,7 +318,7 @@ mod tests {
                 }
                 energy.push(own.element_sum());
             }
-            // Of 200 seeds with 100 places each; the energy of one seed varies by about 10 %.
+            // 200 seeds with 100 positions each; the energy varies by about 10 % from seed to seed.
             for square in &squares[..dimensions as usize] {
                 assert!((square - 1.0).abs() < 0.04, "{dimensions}: {squares:?}");
             }
@@ -298,7 +328,7 @@ mod tests {
 
     #[test]
     fn wave_numbers_follow_the_spectrum() {
-        // <k^2> of (k0/2)^2 chi^2_5 is 5/4 k0^2; its standard deviation sqrt(10)/4 k0^2.
+        // (k0/2)^2 chi^2_5 has the mean 5/4 k0^2 and the standard deviation sqrt(10)/4 k0^2.
         let field = Kraichnan::new(&KraichnanParams { modes: 20_000, ..Default::default() }).unwrap();
         let k0 = 2.0 * PI / 100.0;
         let squares = field.blocks.iter().flat_map(|block| {
@@ -306,7 +336,7 @@ mod tests {
         });
         let mean = squares.sum::<f64>() / 20_000.0 / (k0 * k0);
         assert!((mean - 1.25).abs() < 4.0 * 0.79 / 141.0, "{mean}");
-        // The same along every axis: a third, with standard deviation about 0.5.
+        // Isotropy: a third along every axis, with a standard deviation of about 0.5.
         for axis in 0..3 {
             let along: f64 = field.blocks.iter().flat_map(|block| block.k[axis]).map(|k| k * k).sum::<f64>();
             assert!((along / 20_000.0 / (k0 * k0) - 1.25 / 3.0).abs() < 4.0 * 0.6 / 141.0);
@@ -319,7 +349,7 @@ mod tests {
         let field = Kraichnan::new(&periodic).unwrap();
         let x = DVec3::new(12.0, 34.0, 56.0);
         let again = field.velocity(x + DVec3::new(800.0, 0.0, -200.0), 0.0);
-        // Phases of some 100 rad are rounded to 1e-14.
+        // Rounding errors of phases of about 100 rad are 1e-14.
         assert!((again - field.velocity(x, 0.0)).length() < 1e-9);
         let gradient = field.gradient(x, 0.0);
         assert!((0..3).map(|i| gradient.col(i)[i]).sum::<f64>().abs() < 1e-12);

@@ -1,18 +1,20 @@
-//! The Lamb-Oseen vortex: a line vortex about an axis along z, spreading by viscosity.
+//! The Lamb-Oseen vortex: a line vortex about an axis along z that spreads by viscous diffusion.
 //!
-//! v(r, t) = G / (2 pi r) (1 - e^(-r^2/s)), s = rc^2 + 4 nu t (Saffman, Vortex Dynamics, section 13.1; rc is the core
-//! radius at t = 0). The speed is greatest, 0.638173 G / (2 pi rc), at r = 1.120906 rc, where r^2/s solves
-//! e^q = 1 + 2q. With nu = 0 the vortex is steady: not a solution of Navier-Stokes then, but a smooth vortex of fixed
-//! size. At times before t = -rc^2 / (4 nu) it is the line vortex that it has grown from.
+//! v(r, t) = G / (2 pi r) (1 - e^(-r^2/s)), s = rc^2 + 4 nu t (Saffman, Vortex Dynamics, section 13.1; rc is
+//! the core radius at t = 0). The maximum speed at t = 0 is 0.638173 G / (2 pi rc), at r = 1.120906 rc, where
+//! q = r^2/s solves e^q = 1 + 2q. With nu = 0 the vortex is steady: a smooth vortex of fixed size, which is
+//! not a solution of the Navier-Stokes equations. Before t = -rc^2 / (4 nu) the field is that of the initial
+//! line vortex.
 //!
-//! A trajectory is a circle. With q = r^2/s and h(q) = (1 - e^-q) / q the angle turned is
-//! G/2pi INT h(q)/s dt = G / (8 pi nu) [F(q1) - F(q0)], F(q) = h(q) + E1(q), since F' = -h/q.
-//! The difference cancels when s hardly changes; then 8 Gauss points integrate to rounding.
+//! Trajectories are circles. With q = r^2/s and h(q) = (1 - e^-q) / q the angle of rotation is G/2pi INT
+//! h(q)/s dt = G / (8 pi nu) [F(q1) - F(q0)], F(q) = h(q) + E1(q), since F' = -h/q. Where s hardly changes
+//! and the difference suffers from cancellation, 8-point Gauss quadrature is exact to rounding.
 //!
-//! Vortices of the same name in other image generators may use another formula.
+//! Other image generators use the same name for vortices with different formulas.
 
 use super::ROUNDING_MARGIN;
-use crate::error::{Check, Result};
+use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
@@ -20,15 +22,16 @@ use crate::special::{exponential_integral, gauss_mean, mean_decay, mean_decay_sl
 use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::PI;
 
-const CHECK: Check = Check("lamb_oseen");
+const CHECK: ParameterCheck = ParameterCheck("lamb_oseen");
 
-/// r^2/s where the speed is greatest.
+/// q = r^2/s at the maximum speed.
 pub(super) const PEAK_Q: f64 = 1.256_431_208_626_169_7;
-/// (1 - e^-q) / sqrt(q) there.
+/// (1 - e^-q) / sqrt(q) at the maximum speed.
 pub(super) const PEAK_SPEED: f64 = 0.638_172_686_338_951_5;
 
-/// Largest ratio of s over a step that the Gauss rule is used for: relative error 1.3e-16 up to here for q from 1e-4 to
-/// 300, 8e-13 at ratio 2 (against the closed form with 30 digits).
+/// Largest ratio of s at the ends of a step for which Gauss quadrature is used: its relative error is 1.3e-16
+/// up to this ratio for q from 1e-4 to 300, and 8e-13 at a ratio of 2 (compared with the closed form in 30
+/// digits).
 const GAUSS_RATIO: f64 = 1.5;
 
 params! {
@@ -41,7 +44,31 @@ params! {
         /// Kinematic viscosity, um^2/s; 0 is a steady vortex, water 1e6.
         viscosity_um2_s: f64 = 0.0, ">= 0";
         /// The axis, x and y, um.
-        centre_um: [f64; 2] = [0.0, 0.0], "finite";
+        #[alias = "centre_um"]
+        center_um: [f64; 2] = [0.0, 0.0], "finite";
+    }
+}
+
+impl FieldParameters for LambOseenParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "lamb_oseen",
+        formula: "v = G/(2 pi r) (1 - e^(-r^2/s)), s = rc^2 + 4 nu t",
+        parameters: Self::PARAMETERS,
+        source: "Saffman, Vortex Dynamics, 13.1",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[
+            ("slow", || {
+                Self { viscosity_um2_s: 1e3, center_um: [20.0, -10.0], ..Default::default() }.build()
+            }),
+            ("in water", || {
+                Self { viscosity_um2_s: 1e6, center_um: [20.0, -10.0], ..Default::default() }.build()
+            }),
+        ],
+    };
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(LambOseen::from_params(self)?))
     }
 }
 
@@ -56,8 +83,9 @@ pub struct LambOseen {
 }
 
 impl LambOseen {
-    /// The vortex at `center` (x, y in um) with a circulation (um^2/s; positive turns x towards y, clockwise on the
-    /// screen), the core radius at t = 0 (um, > 0) and the kinematic viscosity (um^2/s, >= 0; water 1e6).
+    /// The vortex at `center` (x, y in um) with a circulation (um^2/s; positive turns x towards y, clockwise
+    /// on the screen), the core radius at t = 0 (um, > 0) and the kinematic viscosity (um^2/s, >= 0; water
+    /// 1e6).
     pub fn from_circulation(center: DVec2, circulation: f64, core_radius: f64, nu: f64) -> Result<Self> {
         CHECK.finite_vector("center_um", center.extend(0.0))?;
         CHECK.finite("circulation_um2_s", circulation)?;
@@ -67,7 +95,8 @@ impl LambOseen {
         Ok(LambOseen { center, strength: circulation / (2.0 * PI), core_squared, nu })
     }
 
-    /// The same by the greatest speed at t = 0 (um/s; its sign is the sense of rotation).
+    /// The vortex given by its maximum speed at t = 0 (um/s; its sign is the sense of rotation) instead of
+    /// the circulation.
     pub fn from_max_speed(center: DVec2, max_speed: f64, core_radius: f64, nu: f64) -> Result<Self> {
         CHECK.finite("max_speed_um_s", max_speed)?;
         let circulation = 2.0 * PI * core_radius * max_speed / PEAK_SPEED;
@@ -76,9 +105,9 @@ impl LambOseen {
 
     /// The vortex of these parameters.
     pub fn from_params(params: &LambOseenParams) -> Result<Self> {
-        CHECK.all_finite("centre_um", params.centre_um)?;
+        CHECK.all_finite("center_um", params.center_um)?;
         CHECK.not_negative("viscosity_um2_s", params.viscosity_um2_s)?;
-        let center = DVec2::from_array(params.centre_um);
+        let center = DVec2::from_array(params.center_um);
         Self::from_max_speed(center, params.max_speed_um_s, params.core_radius_um, params.viscosity_um2_s)
     }
 
@@ -87,22 +116,22 @@ impl LambOseen {
         self.strength * 2.0 * PI
     }
 
-    /// Position relative to the axis.
+    /// Position relative to the axis, um.
     fn arm(&self, x: DVec3) -> DVec2 {
         x.truncate() - self.center
     }
 
-    /// s = core radius squared, um^2; 0 for the line vortex before the core began to grow.
+    /// s, the squared core radius at `t` (s), um^2; 0 for the line vortex before the core starts to grow.
     fn spread(&self, t: f64) -> f64 {
         (self.core_squared + 4.0 * self.nu * t).max(0.0)
     }
 
-    /// Angular velocity at a squared radius, rad/s.
+    /// Angular velocity (rad/s) at a squared radius `r2` (um^2).
     fn angular_velocity(&self, r2: f64, s: f64) -> f64 {
         if s > 0.0 { self.strength * mean_decay(r2 / s) / s } else { self.strength / r2 }
     }
 
-    /// The angle turned at a squared radius > 0 from `t0` to `t1`, rad.
+    /// The angle of rotation (rad) at a squared radius `r2` (um^2, > 0) from `t0` to `t1` (s).
     fn angle(&self, r2: f64, t0: f64, t1: f64) -> f64 {
         if t1 < t0 {
             return -self.angle(r2, t1, t0);
@@ -135,7 +164,7 @@ impl VelocityField for LambOseen {
         let arm = self.arm(x);
         let (r2, s) = (arm.length_squared(), self.spread(t));
         let turn = self.angular_velocity(r2, s);
-        // Derivative of the angular velocity with r^2.
+        // Derivative of the angular velocity with respect to r^2.
         let slope = if s > 0.0 {
             self.strength * mean_decay_slope(r2 / s) / (s * s)
         } else {
@@ -173,7 +202,7 @@ impl VelocityField for LambOseen {
     }
 
     fn max_speed(&self, region: &Region, t0: f64, t1: f64) -> f64 {
-        // At every radius the speed falls with time, and over the radius it has a single peak.
+        // At every radius the speed decreases with time, and as a function of radius it has a single maximum.
         let s = self.spread(t0.min(t1));
         let (low, high) = (region.min().truncate() - self.center, region.max().truncate() - self.center);
         let nearest = DVec2::ZERO.clamp(low, high).length_squared();
@@ -201,14 +230,14 @@ mod tests {
         // Positive circulation turns x towards y.
         assert!((speed(peak) - DVec3::new(0.0, 1290.0, 0.0)).length() < 1e-9);
         assert!(speed(peak * 0.99).y < 1290.0 && speed(peak * 1.01).y < 1290.0);
-        // Far out a line vortex; e^-625 is nothing.
+        // Far from the core it is a line vortex; e^-625 is negligible.
         assert!((speed(1000.0).y - vortex(0.0).circulation() / (2.0 * PI * 1000.0)).abs() < 1e-12);
         assert_eq!(speed(0.0), DVec3::ZERO);
     }
 
     #[test]
     fn gauss_points_and_closed_form_agree() {
-        // One step of ratio 3 in s by the closed form against its halves and quarters by Gauss points.
+        // One step with a ratio of 3 in s by the closed form, against shorter steps by Gauss quadrature.
         let field = vortex(1000.0);
         for r in [1e-6, 0.5, 10.0, 60.0, 300.0] {
             let whole = field.angle(r * r, 0.0, 0.8);
@@ -230,7 +259,7 @@ mod tests {
 
     #[test]
     fn before_its_birth_it_is_a_line_vortex() {
-        let field = vortex(1000.0); // born at -0.4 s
+        let field = vortex(1000.0); // The core starts to grow at -0.4 s.
         let x = DVec3::new(25.0, -3.0, 0.0);
         let line = field.circulation() / (2.0 * PI * 20.0);
         assert!((field.velocity(x, -1.0).y - line).abs() < 1e-9);
@@ -254,7 +283,7 @@ mod tests {
                     greatest = greatest.max(field.velocity(point, 0.1).length());
                 }
             }
-            // The grid of 0.3 um misses the peak by less than 1 %.
+            // On the grid of 0.3 um the maximum is underestimated by less than 1 %.
             assert!(greatest <= bound && greatest > 0.99 * bound, "x = {x}: {greatest} {bound}");
         }
     }

@@ -1,25 +1,42 @@
 //! Fields that are linear in space: u = U0 + A (x - c), steady.
 //!
-//! Every trajectory is a matrix exponential: with u0 = u(x0) the velocity at the start, the displacement over a time t
-//! is INT_0^t e^(A s) ds u0 = t phi(A t) u0, phi(B) = SUM_k B^k / (k+1)!, which holds for singular A too (Moler & Van
-//! Loan, "Nineteen dubious ways to compute the exponential of a matrix", SIAM Review 45 (2003), section 3: scaling and
-//! squaring). The gradient is A everywhere.
+//! Trajectories are given by the matrix exponential: with u0 = u(x0) the initial velocity, the displacement
+//! over a time t is INT_0^t e^(A s) ds u0 = t phi(A t) u0, phi(B) = SUM_k B^k / (k+1)!, also for singular A
+//! (Moler & Van Loan, "Nineteen dubious ways to compute the exponential of a matrix", SIAM Review 45 (2003),
+//! section 3: scaling and squaring). The gradient is A everywhere.
 
 use super::ROUNDING_MARGIN;
 use super::{MID_DEPTH, ON_FLOOR};
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::{Axis, Region};
 use glam::{DMat3, DVec3};
 
-const CHECK: Check = Check("linear");
+const CHECK: ParameterCheck = ParameterCheck("linear");
 
 params! {
     /// Parameters of a uniform flow, [`Linear::from_uniform`].
     UniformParams {
         /// The velocity everywhere, um/s.
         velocity_um_s: [f64; 3] = [1290.0, 0.0, 0.0], "finite";
+    }
+}
+
+impl FieldParameters for UniformParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "uniform",
+        formula: "u = U",
+        parameters: Self::PARAMETERS,
+        source: "any textbook",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[],
+    };
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Linear::from_uniform(self)?))
     }
 }
 
@@ -33,7 +50,30 @@ params! {
         /// Direction in which it grows.
         across: Axis = Axis::Z, "x, y or z, other than along";
         /// A point of the layer at rest, um.
-        centre_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
+        #[alias = "centre_um"]
+        center_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
+    }
+}
+
+impl FieldParameters for ShearParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "shear",
+        formula: "u = g (s - s0), along one axis and growing along another",
+        parameters: Self::PARAMETERS,
+        source: "Batchelor, An Introduction to Fluid Dynamics, 2.3",
+        plane: PlotPlane::XZ,
+        make: || Self::default().build(),
+        variants: &[("xy", || {
+            Self { across: Axis::Y, center_um: Some([0.0; 3]), ..Default::default() }.build()
+        })],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.center_um.get_or_insert(depths.floor());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Linear::from_shear(self)?))
     }
 }
 
@@ -43,13 +83,37 @@ params! {
         /// Angular velocity along its axis, rad/s; positive z looks clockwise on the screen.
         omega_rad_s: [f64; 3] = [0.0, 0.0, 5.0], "finite";
         /// A point of the axis, um.
-        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        #[alias = "centre_um"]
+        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+    }
+}
+
+impl FieldParameters for RotationParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "rotation",
+        formula: "u = omega x (x - c)",
+        parameters: Self::PARAMETERS,
+        source: "Batchelor, An Introduction to Fluid Dynamics, 2.3",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[("oblique", || {
+            Self { omega_rad_s: [1.0, 2.0, 8.0], center_um: Some([20.0, -10.0, -30.0]) }.build()
+        })],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.center_um.get_or_insert(depths.middle());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Linear::from_rotation(self)?))
     }
 }
 
 /// Kinds of strain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Strain {
     /// Stretching along x, shrinking along y at the same rate.
     Planar,
@@ -69,7 +133,28 @@ params! {
         /// Planar in xy, or uniaxial along an axis.
         kind: Strain = Strain::Planar, "planar, uniaxial_x, uniaxial_y or uniaxial_z";
         /// The point at rest, um.
-        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        #[alias = "centre_um"]
+        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+    }
+}
+
+impl FieldParameters for StrainParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "strain",
+        formula: "planar: u = e (x, -y, 0); uniaxial along x: u = e (x, -y/2, -z/2)",
+        parameters: Self::PARAMETERS,
+        source: "Batchelor, An Introduction to Fluid Dynamics, 2.3",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[("uniaxial", || Self { kind: Strain::UniaxialZ, ..Default::default() }.build())],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.center_um.get_or_insert(depths.middle());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Linear::from_strain(self)?))
     }
 }
 
@@ -79,19 +164,68 @@ params! {
         /// Rate of stretching along every axis, 1/s.
         rate_per_s: f64 = 5.0, "finite";
         /// The point at rest, um.
-        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        #[alias = "centre_um"]
+        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+    }
+}
+
+impl FieldParameters for DilatationParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "dilatation",
+        formula: "u = e (x - c)",
+        parameters: Self::PARAMETERS,
+        source: "Batchelor, An Introduction to Fluid Dynamics, 2.3",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.center_um.get_or_insert(depths.middle());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Linear::from_dilatation(self)?))
     }
 }
 
 params! {
     /// Parameters of the general linear field, [`Linear::from_params`].
     LinearParams {
-        /// The velocity at the centre, um/s.
+        /// The velocity at the center, um/s.
         velocity_um_s: [f64; 3] = [600.0, 0.0, 0.0], "finite";
         /// Rows of the velocity gradient du_i/dx_j, 1/s.
         gradient_per_s: [[f64; 3]; 3] = [[2.0, -6.0, 0.0], [4.0, -2.0, 0.0], [0.0, 0.0, 0.0]], "finite";
-        /// The centre, um.
-        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        /// The center, um.
+        #[alias = "centre_um"]
+        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+    }
+}
+
+impl FieldParameters for LinearParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "linear",
+        formula: "u = U + A (x - c)",
+        parameters: Self::PARAMETERS,
+        source: "Moler & Van Loan, SIAM Review 45 (2003) 3, for its trajectories",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[("oblique", || {
+            Self {
+                velocity_um_s: [300.0, 0.0, 50.0],
+                gradient_per_s: [[3.0, -4.0, 0.3], [1.0, -5.0, 2.0], [-2.0, 0.5, 2.0]],
+                ..Default::default()
+            }
+            .build()
+        })],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.center_um.get_or_insert(depths.middle());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Linear::from_params(self)?))
     }
 }
 
@@ -104,17 +238,17 @@ pub struct Linear {
     kept: Kept,
 }
 
-/// What a trajectory keeps.
+/// The invariant of the trajectories.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Kept {
     Unknown,
-    /// The coordinate across the layers of a shear.
+    /// The coordinate normal to the layers of a shear.
     Coordinate(Axis),
-    /// The distance from an axis of rotation along this unit vector.
+    /// The distance from the axis of rotation, which is along this unit vector.
     Radius(DVec3),
-    /// xy of the planar strain.
+    /// The product x y of the planar strain.
     Product,
-    /// (p^2 + q^2) s of the uniaxial strain, s being the coordinate along this axis.
+    /// (p^2 + q^2) s of the uniaxial strain, s being the coordinate along this axis and p, q the others.
     Volume(Axis),
 }
 
@@ -133,28 +267,28 @@ impl Linear {
     pub fn from_params(params: &LinearParams) -> Result<Self> {
         let rows = params.gradient_per_s.map(DVec3::from_array);
         let gradient = DMat3::from_cols(rows[0], rows[1], rows[2]).transpose();
-        Self::new(DVec3::from_array(params.velocity_um_s), gradient, center(params.centre_um, MID_DEPTH)?)
+        Self::new(DVec3::from_array(params.velocity_um_s), gradient, center(params.center_um, MID_DEPTH)?)
     }
 
-    /// [`Linear::uniform`] by its parameters.
+    /// [`Linear::uniform`] from its parameters.
     pub fn from_uniform(params: &UniformParams) -> Result<Self> {
         Self::uniform(DVec3::from_array(params.velocity_um_s))
     }
 
-    /// [`Linear::shear`] by its parameters.
+    /// [`Linear::shear`] from its parameters.
     pub fn from_shear(params: &ShearParams) -> Result<Self> {
-        Self::shear(params.rate_per_s, params.along, params.across, center(params.centre_um, ON_FLOOR)?)
+        Self::shear(params.rate_per_s, params.along, params.across, center(params.center_um, ON_FLOOR)?)
     }
 
-    /// [`Linear::rotation`] by its parameters.
+    /// [`Linear::rotation`] from its parameters.
     pub fn from_rotation(params: &RotationParams) -> Result<Self> {
         CHECK.all_finite("omega_rad_s", params.omega_rad_s)?;
-        Self::rotation(DVec3::from_array(params.omega_rad_s), center(params.centre_um, MID_DEPTH)?)
+        Self::rotation(DVec3::from_array(params.omega_rad_s), center(params.center_um, MID_DEPTH)?)
     }
 
-    /// [`Linear::planar_strain`] or [`Linear::uniaxial_strain`] by their parameters.
+    /// [`Linear::planar_strain`] or [`Linear::uniaxial_strain`] from their parameters.
     pub fn from_strain(params: &StrainParams) -> Result<Self> {
-        let center = center(params.centre_um, MID_DEPTH)?;
+        let center = center(params.center_um, MID_DEPTH)?;
         match params.kind {
             Strain::Planar => Self::planar_strain(params.rate_per_s, center),
             Strain::UniaxialX => Self::uniaxial_strain(params.rate_per_s, Axis::X, center),
@@ -163,18 +297,18 @@ impl Linear {
         }
     }
 
-    /// [`Linear::dilatation`] by its parameters.
+    /// [`Linear::dilatation`] from its parameters.
     pub fn from_dilatation(params: &DilatationParams) -> Result<Self> {
-        Self::dilatation(params.rate_per_s, center(params.centre_um, MID_DEPTH)?)
+        Self::dilatation(params.rate_per_s, center(params.center_um, MID_DEPTH)?)
     }
 
-    /// The same velocity everywhere, um/s.
+    /// A uniform velocity, um/s.
     pub fn uniform(velocity: DVec3) -> Result<Self> {
         Self::new(velocity, DMat3::ZERO, DVec3::ZERO)
     }
 
-    /// Simple shear: the velocity is along one axis and grows along another at `rate` (1/s), from zero at `center`.
-    /// Couette flow over a depth H is `shear(U / H, Axis::X, Axis::Z, floor)`.
+    /// Simple shear: the velocity is along one axis and increases along another at `rate` (1/s), from zero at
+    /// `center` (um). Couette flow over a depth H is `shear(U / H, Axis::X, Axis::Z, floor)`.
     pub fn shear(rate: f64, along: Axis, across: Axis, center: DVec3) -> Result<Self> {
         if along == across {
             return Err(CHECK.fault("across", format!("{across:?}"), "an axis other than `along`"));
@@ -185,8 +319,9 @@ impl Linear {
         Ok(Linear { kept: Kept::Coordinate(across), ..Self::new(DVec3::ZERO, gradient, center)? })
     }
 
-    /// Solid rotation about an axis through `center` with angular velocity `omega` (rad/s, a vector along the axis):
-    /// u = omega x (x - c). The period is 2 pi / |omega|; a positive z component looks clockwise on the screen.
+    /// Solid-body rotation about an axis through `center` (um) with angular velocity `omega` (rad/s, a vector
+    /// along the axis): u = omega x (x - c). The period is 2 pi / |omega|; a positive z component looks
+    /// clockwise on the screen.
     pub fn rotation(omega: DVec3, center: DVec3) -> Result<Self> {
         CHECK.finite_vector("omega_rad_s", omega)?;
         let columns = DVec3::AXES.map(|axis| omega.cross(axis));
@@ -195,14 +330,16 @@ impl Linear {
         Ok(Linear { kept, ..Self::new(DVec3::ZERO, gradient, center)? })
     }
 
-    /// Planar strain in the xy-plane: stretching along x and shrinking along y at `rate` (1/s) from `center`.
+    /// Planar strain in the xy-plane about `center` (um): extension along x and compression along y at `rate`
+    /// (1/s).
     pub fn planar_strain(rate: f64, center: DVec3) -> Result<Self> {
         CHECK.finite("rate_per_s", rate)?;
         let gradient = DMat3::from_diagonal(DVec3::new(rate, -rate, 0.0));
         Ok(Linear { kept: Kept::Product, ..Self::new(DVec3::ZERO, gradient, center)? })
     }
 
-    /// Uniaxial strain: stretching along an axis at `rate` (1/s), shrinking at half that rate across it.
+    /// Uniaxial strain: extension along an axis at `rate` (1/s), compression at half that rate along the
+    /// other two.
     pub fn uniaxial_strain(rate: f64, axis: Axis, center: DVec3) -> Result<Self> {
         CHECK.finite("rate_per_s", rate)?;
         let gradient = DMat3::from_diagonal(axis.unit() * (1.5 * rate) - DVec3::splat(0.5 * rate));
@@ -246,7 +383,7 @@ impl VelocityField for Linear {
 
     fn is_divergence_free(&self) -> bool {
         let diagonal = DVec3::from_array(std::array::from_fn(|i| self.gradient.col(i)[i]));
-        // Rates given as decimals need not cancel to the last bit.
+        // Rates given as decimals may not cancel exactly.
         diagonal.element_sum().abs() <= 1e-14 * diagonal.abs().element_sum()
     }
 
@@ -255,14 +392,14 @@ impl VelocityField for Linear {
     }
 
     fn max_speed(&self, region: &Region, t0: f64, _t1: f64) -> f64 {
-        // The length of a linear function is convex: its maximum over a box is at a corner.
+        // The magnitude of a linear function is convex: its maximum over a box is at a corner.
         let at_corners = region.corners().map(|corner| self.velocity(corner, t0).length());
         at_corners.into_iter().fold(0.0, f64::max) * ROUNDING_MARGIN
     }
 }
 
-fn center(centre_um: Option<[f64; 3]>, default_um: [f64; 3]) -> Result<DVec3> {
-    CHECK.all_finite("centre_um", centre_um.unwrap_or(default_um)).map(DVec3::from_array)
+fn center(center_um: Option<[f64; 3]>, default_um: [f64; 3]) -> Result<DVec3> {
+    CHECK.all_finite("center_um", center_um.unwrap_or(default_um)).map(DVec3::from_array)
 }
 
 /// The exponential of a matrix.
@@ -272,14 +409,14 @@ pub(crate) fn exponential(matrix: DMat3) -> DMat3 {
 
 /// phi(B) = SUM_k B^k / (k+1)! = INT_0^1 e^(B s) ds.
 fn mean_exponential(matrix: DMat3) -> DMat3 {
-    // What the sum below gives too, to the last bit; uniform flows are the most common.
+    // A shortcut for uniform flows, the most common case; the sum below gives the same bits.
     if matrix == DMat3::ZERO {
         return DMat3::IDENTITY;
     }
     let size = |m: &DMat3| (0..3).map(|i| m.col(i).abs().element_sum()).fold(0.0, f64::max);
     let mut halved = matrix;
     let mut halvings = 0;
-    // An overflowing matrix is left alone: its trajectory ends in an error.
+    // A matrix that overflows is not scaled: its trajectory ends in an error.
     while size(&halved) > 0.5 && size(&halved).is_finite() {
         halved *= 0.5;
         halvings += 1;
@@ -308,7 +445,7 @@ mod tests {
         let field = Linear::rotation(omega, DVec3::new(10.0, 20.0, -30.0)).unwrap();
         let start = DVec3::new(110.0, -60.0, 5.0);
         let turn = field.flow_map(start, 0.0, 2.0 * PI / 3.0).unwrap();
-        // 150 um times 1e-16, over 5 squarings.
+        // Rounding errors of 150 um times 1e-16, amplified over 5 squarings.
         assert!((turn - start).length() < 1e-11);
         let half = field.flow_map(start, 1.0, 1.0 + PI / 3.0).unwrap();
         assert!((half - start).length() > 100.0);
@@ -332,7 +469,7 @@ mod tests {
         ];
         for (field, expected) in cases {
             let end = field.flow_map(start, 0.3, 0.4).unwrap();
-            // Rounding of numbers near 10.
+            // Rounding errors of numbers near 10.
             assert!((end - center - expected).length() < 1e-14 * 10.0, "{field:?}: {end}");
         }
         assert!(cases[0].0.is_divergence_free() && cases[2].0.is_divergence_free());

@@ -1,19 +1,20 @@
-//! The fields on offer, one family a file.
+//! The built-in velocity fields, one family per file.
 //!
-//! To add one, read `tube.rs` (among the shortest) or `lamb_oseen.rs` (time-dependent, with an exact trajectory), and enter
-//! it in the table of [`crate::registry`]: the conformance tests walk it.
+//! To add one, take `tube.rs` (short) or `lamb_oseen.rs` (time-dependent, with closed-form trajectories) as a
+//! model, and enter it in [`for_each_field!`](crate::for_each_field) below: scenarios, documentation and
+//! conformance tests iterate over that list.
 
 mod abc;
 mod acoustics;
 mod burgers;
 mod cells;
-mod composition;
+pub(crate) mod composition;
 mod couette_poiseuille;
 mod double_gyre;
 mod drops;
 mod duct;
 mod electro_osmotic;
-mod gridded;
+pub(crate) mod gridded;
 mod hele_shaw;
 mod hill;
 mod kraichnan;
@@ -42,7 +43,6 @@ pub use double_gyre::{DoubleGyre, DoubleGyreParams};
 pub use drops::{CoffeeRing, CoffeeRingParams, ToroidalDrop, ToroidalDropParams};
 pub use duct::{Duct, DuctParams};
 pub use electro_osmotic::{ElectroOsmotic, ElectroOsmoticParams};
-pub(crate) use gridded::sampled;
 pub use gridded::{Gridded, Interpolation};
 pub use hele_shaw::{HeleShaw, HeleShawParams};
 pub use hill::{Hill, HillParams};
@@ -61,17 +61,91 @@ pub use stokes::{StokesCylinder, StokesCylinderParams, StokesSphere, StokesSpher
 pub use tube::{Tube, TubeParams};
 pub use womersley::{CrossSection, Womersley, WomersleyParams};
 
-/// Floor and ceiling of the default channel, um: where a field's walls are unless they are given.
+/// Calls a macro with all fields that have a formula of their own: the name of each (snake_case in scenarios)
+/// and its parameters, which implement [`FieldParameters`](crate::entry::FieldParameters).
+#[macro_export]
+macro_rules! for_each_field {
+    ($callback:ident) => {
+        $callback! {
+            /// Uniform flow.
+            Uniform(UniformParams),
+            /// Simple shear.
+            Shear(ShearParams),
+            /// Solid-body rotation.
+            Rotation(RotationParams),
+            /// Pure strain.
+            Strain(StrainParams),
+            /// Isotropic expansion.
+            Dilatation(DilatationParams),
+            /// Any linear field.
+            Linear(LinearParams),
+            /// Plane Poiseuille flow.
+            Poiseuille(PoiseuilleParams),
+            /// Plane Couette-Poiseuille flow.
+            CouettePoiseuille(CouettePoiseuilleParams),
+            /// Flow in a rectangular duct.
+            Duct(DuctParams),
+            /// Flow in a circular tube.
+            Tube(TubeParams),
+            /// Pulsating flow in a channel or tube.
+            Womersley(WomersleyParams),
+            /// Electro-osmotic flow.
+            ElectroOsmotic(ElectroOsmoticParams),
+            /// Hele-Shaw flow around a pillar.
+            HeleShaw(HeleShawParams),
+            /// Rankine vortex.
+            Rankine(RankineParams),
+            /// Lamb-Oseen vortex.
+            LambOseen(LambOseenParams),
+            /// Burgers vortex.
+            Burgers(BurgersParams),
+            /// Taylor-Green vortices.
+            TaylorGreen(TaylorGreenParams),
+            /// Cellular flow.
+            Cellular(CellularParams),
+            /// Double gyre.
+            DoubleGyre(DoubleGyreParams),
+            /// Arnold-Beltrami-Childress flow.
+            Abc(AbcParams),
+            /// Hill's spherical vortex.
+            Hill(HillParams),
+            /// Sinusoidal velocity.
+            Sinusoid(SinusoidParams),
+            /// Hyperbolic-tangent shear layer.
+            TanhLayer(TanhLayerParams),
+            /// Bickley jet.
+            BickleyJet(BickleyJetParams),
+            /// Source or sink.
+            Source(SourceParams),
+            /// Stokes flow past a sphere.
+            StokesSphere(StokesSphereParams),
+            /// Stokes flow past a cylinder in a cell.
+            StokesCylinder(StokesCylinderParams),
+            /// Toroidal circulation in a sessile drop.
+            ToroidalDrop(ToroidalDropParams),
+            /// Capillary flow in a drying drop.
+            CoffeeRing(CoffeeRingParams),
+            /// Rayleigh streaming between plates.
+            RayleighStreaming(RayleighStreamingParams),
+            /// Acoustophoretic velocity in a half-wave channel.
+            Acoustophoresis(AcoustophoresisParams),
+            /// Kraichnan turbulence.
+            Kraichnan(KraichnanParams),
+        }
+    };
+}
+
+/// Floor and ceiling of the default channel, um: the default walls of a field.
 const CHANNEL: [f64; 2] = [-80.0, 20.0];
 
-/// The place in its middle, um: the default centre of fields without walls.
+/// The center of the default channel, um: the default center of fields without walls.
 const MID_DEPTH: [f64; 3] = [0.0, 0.0, -30.0];
 
-/// The place on its floor, um: the default centre of what stands there.
+/// The center of its floor, um: the default center of flows attached to the floor.
 const ON_FLOOR: [f64; 3] = [0.0, 0.0, -80.0];
 
-/// Factor on a bound of the speed that is sharp in exact arithmetic, so that rounding cannot make it too small.
+/// Factor on speed bounds that are sharp in exact arithmetic, so that rounding cannot make them too small.
 const ROUNDING_MARGIN: f64 = 1.0 + 1e-12;
 
-/// Longest way over a surface where the gradient jumps, as a share of its radius.
+/// Longest step across a surface where the gradient is discontinuous, as a fraction of its radius.
 const JUMP_STEP: f64 = 0.02;

@@ -1,19 +1,21 @@
 //! Parallel shear flows in the xy-plane: the tanh layer and the Bickley jet.
 //!
-//! With y from the middle: tanh layer u = Um + (dU / 2) tanh(2 y / delta), the mixing layer of thickness delta
-//! (Michalke, J. Fluid Mech. 19 (1964) 543); Bickley jet u = U sech^2(y / L) (Drazin & Reid, Hydrodynamic Stability, section 31).
-//! Steady; trajectories are straight lines at constant speed. Only the profiles: their instabilities are left out.
+//! With y measured from the center line: tanh layer u = Um + (dU / 2) tanh(2 y / delta), the mixing layer of
+//! thickness delta (Michalke, J. Fluid Mech. 19 (1964) 543); Bickley jet u = U sech^2(y / L) (Drazin & Reid,
+//! Hydrodynamic Stability, section 31). Both are steady; trajectories are straight lines at constant speed.
+//! The instabilities of these profiles are not modeled.
 
 use super::ROUNDING_MARGIN;
 use crate::dual::{Formula, Real, by_formula};
-use crate::error::{Check, Result};
+use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
 use glam::DVec3;
 
-const TANH_LAYER: Check = Check("tanh_layer");
-const BICKLEY_JET: Check = Check("bickley_jet");
+const TANH_LAYER: ParameterCheck = ParameterCheck("tanh_layer");
+const BICKLEY_JET: ParameterCheck = ParameterCheck("bickley_jet");
 
 params! {
     /// Parameters of [`TanhLayer`].
@@ -25,7 +27,24 @@ params! {
         /// Thickness of the layer, um.
         thickness_um: f64 = 12.9, "> 0";
         /// Middle of the layer, um.
-        centre_y_um: f64 = 0.0, "finite";
+        #[alias = "centre_y_um"]
+        center_y_um: f64 = 0.0, "finite";
+    }
+}
+
+impl FieldParameters for TanhLayerParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "tanh_layer",
+        formula: "u = Um + (dU/2) tanh(2 y / delta)",
+        parameters: Self::PARAMETERS,
+        source: "Michalke, J. Fluid Mech. 19 (1964) 543",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[],
+    };
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(TanhLayer::new(self)?))
     }
 }
 
@@ -37,7 +56,24 @@ params! {
         /// Half width: there the speed is 0.42 of the greatest, um.
         half_width_um: f64 = 40.0, "> 0";
         /// Middle of the jet, um.
-        centre_y_um: f64 = 0.0, "finite";
+        #[alias = "centre_y_um"]
+        center_y_um: f64 = 0.0, "finite";
+    }
+}
+
+impl FieldParameters for BickleyJetParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "bickley_jet",
+        formula: "u = U / cosh^2(y / L)",
+        parameters: Self::PARAMETERS,
+        source: "Drazin & Reid, Hydrodynamic Stability, 31",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[],
+    };
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(BickleyJet::new(self)?))
     }
 }
 
@@ -57,12 +93,12 @@ impl TanhLayer {
             mean: TANH_LAYER.finite("mean_speed_um_s", params.mean_speed_um_s)?,
             half_difference: 0.5 * TANH_LAYER.finite("difference_um_s", params.difference_um_s)?,
             thickness: TANH_LAYER.positive("thickness_um", params.thickness_um)?,
-            center: TANH_LAYER.finite("centre_y_um", params.centre_y_um)?,
+            center: TANH_LAYER.finite("center_y_um", params.center_y_um)?,
         })
     }
 }
 
-/// 1 / cosh^2, without overflow.
+/// 1 / cosh(x)^2, without overflow.
 fn sech_squared(x: f64) -> f64 {
     let decay = libm::exp(-2.0 * x.abs());
     4.0 * decay / ((1.0 + decay) * (1.0 + decay))
@@ -95,7 +131,7 @@ impl VelocityField for TanhLayer {
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
-        // A monotonic profile is fastest at one of the ends.
+        // The profile is monotonic: the speed is highest at one of the ends.
         let ends = [region.min(), region.max()].map(|x| self.value(x, 0.0).x.abs());
         ends[0].max(ends[1]) * ROUNDING_MARGIN
     }
@@ -115,7 +151,7 @@ impl BickleyJet {
         Ok(BickleyJet {
             max_speed: BICKLEY_JET.finite("max_speed_um_s", params.max_speed_um_s)?,
             half_width: BICKLEY_JET.positive("half_width_um", params.half_width_um)?,
-            center: BICKLEY_JET.finite("centre_y_um", params.centre_y_um)?,
+            center: BICKLEY_JET.finite("center_y_um", params.center_y_um)?,
         })
     }
 }

@@ -1,18 +1,21 @@
 //! Plane Poiseuille flow: the pressure-driven flow between two parallel plates.
 //!
-//! With s = (z - z0) / H, u = 4 U s (1 - s) along a direction in the xy-plane (Landau & Lifshitz, Fluid Mechanics, section
-//! 17). The mean velocity is 2U/3 and the pressure gradient 8 mu U / H^2. Steady and fully developed; side walls are left
-//! out. Trajectories are straight lines at constant speed. Beyond the plates the fluid rests.
+//! With s = (z - z0) / H, u = 4 U s (1 - s) along a direction in the xy-plane (Landau & Lifshitz, Fluid
+//! Mechanics, section 17). The mean velocity is 2U/3 and the pressure gradient 8 mu U / H^2. The flow is
+//! steady and fully developed; side walls are neglected. Trajectories are straight lines at constant speed.
+//! Beyond the plates the velocity is zero.
 
 use super::CHANNEL;
 use super::ROUNDING_MARGIN;
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
-use crate::region::Region;
+use crate::region::{Axis, Region};
+use crate::wall::Wall;
 use glam::{DMat3, DVec3};
 
-const CHECK: Check = Check("poiseuille");
+const CHECK: ParameterCheck = ParameterCheck("poiseuille");
 
 params! {
     /// Parameters of [`Poiseuille`].
@@ -26,6 +29,26 @@ params! {
     }
 }
 
+impl FieldParameters for PoiseuilleParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "poiseuille",
+        formula: "u = 4 U s (1 - s), s = (z - floor) / depth",
+        parameters: Self::PARAMETERS,
+        source: "Landau & Lifshitz, Fluid Mechanics, 17",
+        plane: PlotPlane::XZ,
+        make: || Self::default().build(),
+        variants: &[("diagonal", || Self { direction_rad: 0.3, ..Default::default() }.build())],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.walls_z_um.get_or_insert(depths.walls());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Poiseuille::from_params(self)?))
+    }
+}
+
 /// Plane Poiseuille flow between a floor and a ceiling.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Poiseuille {
@@ -36,8 +59,9 @@ pub struct Poiseuille {
 }
 
 impl Poiseuille {
-    /// The flow with `max_speed` (um/s; negative: the other way) half-way between `floor` and `ceiling` (z in um),
-    /// in the direction at `angle` (rad) from image x towards image y, that is, clockwise on the screen.
+    /// The flow with `max_speed` (um/s; negative: opposite direction) midway between `floor` and `ceiling` (z
+    /// in um), in the direction at `angle` (rad) from image x towards image y, that is, clockwise on the
+    /// screen. `Err` if a value is not finite or the floor is not below the ceiling.
     pub fn new(max_speed: f64, floor: f64, ceiling: f64, angle: f64) -> Result<Self> {
         CHECK.finite("max_speed_um_s", max_speed)?;
         CHECK.finite("floor_um", floor)?;
@@ -56,7 +80,7 @@ impl Poiseuille {
         Self::new(params.max_speed_um_s, floor, ceiling, params.direction_rad)
     }
 
-    /// The height above the floor as a fraction of the depth, 0 and 1 beyond the plates.
+    /// The height above the floor as a fraction of the depth, clamped to 0..1 beyond the plates.
     fn height(&self, z: f64) -> f64 {
         ((z - self.floor) / (self.ceiling - self.floor)).clamp(0.0, 1.0)
     }
@@ -94,8 +118,12 @@ impl VelocityField for Poiseuille {
         true
     }
 
+    fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
+        Some(Wall::between(Axis::Z, self.floor, self.ceiling, x))
+    }
+
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
-        // The profile falls off from the middle plane: the fastest layer is the one nearest to it.
+        // The speed decreases from the mid-plane: the fastest layer of the box is the one nearest to it.
         let fastest = 0.5_f64.clamp(self.height(region.min().z), self.height(region.max().z));
         self.speed(fastest).abs() * ROUNDING_MARGIN
     }
@@ -116,7 +144,7 @@ mod tests {
         let speed = |z: f64| field.velocity(DVec3::new(7.0, 8.0, z), 0.0).x;
         assert_eq!(speed(-30.0), 1290.0);
         assert_eq!([speed(-80.0), speed(20.0), speed(-81.0), speed(99.0)], [0.0; 4]);
-        // Three quarters of the maximum half-way between plate and middle; rounding.
+        // Three quarters of the maximum halfway between plate and mid-plane, up to rounding.
         assert!((speed(-55.0) - 0.75 * 1290.0).abs() < 1e-10);
         let mean = (0..1000).map(|i| speed(-80.0 + 0.1 * (f64::from(i) + 0.5))).sum::<f64>() / 1000.0;
         // The midpoint rule's error for a parabola: U / (3 n^2) = 4e-4.

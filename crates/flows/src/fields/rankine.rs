@@ -1,16 +1,17 @@
-//! The Rankine vortex: a core in solid rotation inside a line vortex, about an axis along z.
+//! The Rankine vortex: a core in solid-body rotation inside a line vortex, about an axis along z.
 //!
-//! v(r) = V r / R for r < R and V R / r outside (Saffman, Vortex Dynamics, section 2.3), V = G / (2 pi R) being the greatest
-//! speed. Steady; the gradient jumps at R. A trajectory is a circle.
+//! v(r) = V r / R for r < R and V R / r outside (Saffman, Vortex Dynamics, section 2.3), V = G / (2 pi R)
+//! being the maximum speed. The flow is steady; the gradient is discontinuous at R. Trajectories are circles.
 
 use super::ROUNDING_MARGIN;
-use crate::error::{Check, Result};
+use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
 use glam::{DMat3, DVec2, DVec3};
 
-const CHECK: Check = Check("rankine");
+const CHECK: ParameterCheck = ParameterCheck("rankine");
 
 params! {
     /// Parameters of [`Rankine`].
@@ -20,7 +21,24 @@ params! {
         /// Radius of the core, um.
         core_radius_um: f64 = 40.0, "> 0";
         /// The axis, x and y, um.
-        centre_um: [f64; 2] = [0.0, 0.0], "finite";
+        #[alias = "centre_um"]
+        center_um: [f64; 2] = [0.0, 0.0], "finite";
+    }
+}
+
+impl FieldParameters for RankineParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "rankine",
+        formula: "v = V r/R inside, V R/r outside",
+        parameters: Self::PARAMETERS,
+        source: "Saffman, Vortex Dynamics, 2.3",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[],
+    };
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Rankine::new(self)?))
     }
 }
 
@@ -36,13 +54,13 @@ impl Rankine {
     /// The vortex of these parameters.
     pub fn new(params: &RankineParams) -> Result<Self> {
         Ok(Rankine {
-            center: DVec2::from_array(CHECK.all_finite("centre_um", params.centre_um)?),
+            center: DVec2::from_array(CHECK.all_finite("center_um", params.center_um)?),
             radius: CHECK.positive("core_radius_um", params.core_radius_um)?,
             max_speed: CHECK.finite("max_speed_um_s", params.max_speed_um_s)?,
         })
     }
 
-    /// Angular velocity at a squared radius, rad/s.
+    /// Angular velocity (rad/s) at a squared radius `r2` (um^2).
     fn angular_velocity(&self, r2: f64) -> f64 {
         self.max_speed * self.radius / r2.max(self.radius * self.radius)
     }
@@ -58,7 +76,7 @@ impl VelocityField for Rankine {
         let arm = x.truncate() - self.center;
         let r2 = arm.length_squared();
         let turn = self.angular_velocity(r2);
-        // Derivative of the angular velocity with r^2.
+        // Derivative of the angular velocity with respect to r^2.
         let slope = if r2 < self.radius * self.radius { 0.0 } else { -turn / r2 };
         let mixed = 2.0 * arm.x * arm.y * slope;
         DMat3::from_cols(

@@ -1,24 +1,27 @@
-//! Sinusoidal velocity, for the response of a measurement to wavelength.
+//! Sinusoidal velocity, to measure the spatial frequency response of a method.
 //!
 //! With k = 2 pi / lambda and a phase p, along x:
-//!   transverse    u = A sin(k y + p): trajectories are straight, so that a displacement is A dt sin(k y + p) exactly;
-//!   longitudinal  u = A sin(k x + p): not divergence-free; with a = k x + p, tan(a/2) grows as e^(k A t);
-//!   product       u = A sin(k x + p) sin(k y + p): the same at every y with its own amplitude.
+//! - transverse: u = A sin(k y + p). Trajectories are straight, so that a displacement is exactly A dt
+//!   sin(k y + p).
+//! - longitudinal: u = A sin(k x + p). Not divergence-free; with a = k x + p, tan(a/2) grows as e^(k A t).
+//! - product: u = A sin(k x + p) sin(k y + p). As longitudinal, with an amplitude that depends on y.
 
 use super::ROUNDING_MARGIN;
 use crate::dual::{Formula, Real, by_formula};
-use crate::error::{Check, Result};
+use crate::entry::{FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
 use glam::DVec3;
 use std::f64::consts::PI;
 
-const CHECK: Check = Check("sinusoid");
+const CHECK: ParameterCheck = ParameterCheck("sinusoid");
 
 /// Directions of variation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Variation {
     /// Across the velocity, along y.
     Transverse,
@@ -39,6 +42,25 @@ params! {
         phase_rad: f64 = 0.0, "finite";
         /// Along which axes the velocity varies.
         variation: Variation = Variation::Transverse, "transverse, longitudinal or product";
+    }
+}
+
+impl FieldParameters for SinusoidParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "sinusoid",
+        formula: "transverse u = A sin(ky + p); longitudinal A sin(kx + p); product A sin(kx + p) sin(ky + p)",
+        parameters: Self::PARAMETERS,
+        source: "the usual test of the response of PIV to wavelength",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[
+            ("longitudinal", || Self { variation: Variation::Longitudinal, ..Default::default() }.build()),
+            ("product", || Self { variation: Variation::Product, ..Default::default() }.build()),
+        ],
+    };
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Sinusoid::new(self)?))
     }
 }
 
@@ -63,9 +85,10 @@ impl Sinusoid {
     }
 }
 
-/// How far da/dt = rate sin a carries an angle in a time, rad: tan(a/2) grows as e^(rate t), so the tangent of half
-/// the way is (E - 1) s c / (c^2 + E s^2) with E = e^(rate t) and s, c those of a/2.
-pub(super) fn sine_way(angle: f64, rate: f64, dt: f64) -> f64 {
+/// Change (rad) over a time `dt` of an angle that obeys da/dt = `rate` sin a: tan(a/2) grows as e^(rate t),
+/// so the tangent of half the change is (E - 1) s c / (c^2 + E s^2) with E = e^(rate t), s = sin(a/2) and c =
+/// cos(a/2) at the start.
+pub(super) fn sine_displacement(angle: f64, rate: f64, dt: f64) -> f64 {
     let (sin, cos) = libm::sincos(0.5 * angle);
     let growth = libm::expm1(rate * dt);
     2.0 * libm::atan(growth * sin * cos / (1.0 + growth * sin * sin))
@@ -93,7 +116,7 @@ impl VelocityField for Sinusoid {
             Variation::Product => self.amplitude * libm::sin(self.wavenumber * x.y + self.phase),
         };
         let angle = self.wavenumber * x.x + self.phase;
-        let way = sine_way(angle, self.wavenumber * amplitude, t1 - t0);
+        let way = sine_displacement(angle, self.wavenumber * amplitude, t1 - t0);
         Some(x + DVec3::X * (way / self.wavenumber))
     }
 
@@ -121,13 +144,13 @@ mod tests {
     #[test]
     fn the_way_of_an_angle_obeys_its_law() {
         for angle in [-7.0, -1.0, 0.0, 0.5, 3.0, 9.0] {
-            let there = sine_way(angle, 2.0, 0.4);
+            let there = sine_displacement(angle, 2.0, 0.4);
             let expected = libm::tan(0.5 * angle) * libm::exp(0.8);
             let found = libm::tan(0.5 * (angle + there));
             assert!((found - expected).abs() < 1e-12 * (1.0 + expected * expected), "{angle}");
-            // It never passes a multiple of pi, and comes back.
+            // The angle never crosses a multiple of pi, and the motion is reversible.
             assert!(there.abs() < PI);
-            assert!((sine_way(angle + there, 2.0, -0.4) + there).abs() < 1e-13);
+            assert!((sine_displacement(angle + there, 2.0, -0.4) + there).abs() < 1e-13);
         }
     }
 

@@ -1,28 +1,33 @@
 //! Sources and sinks: a line along z, a point, or a hole in a Hele-Shaw cell.
 //!
-//! The velocity is radial. Outside a core of radius c it is U (c / r)^(n-1), n = 2 for a line and 3 for a point, so that the
-//! flow rate is 2 pi c U per length or 4 pi c^2 U (Batchelor, An Introduction to Fluid Dynamics, section 2.5). Inside it is U r / c:
-//! the fluid is supplied evenly in the core, and only there the divergence is not zero. In a Hele-Shaw cell the line source
-//! is multiplied by the parabola 6 s (1 - s) of the relative height, U being the mean over the depth.
+//! The velocity is radial. Outside a core of radius c it is U (c / r)^(n-1), n = 2 for a line and 3 for a
+//! point, so that the flow rate is 2 pi c U per unit length or 4 pi c^2 U (Batchelor, An Introduction to
+//! Fluid Dynamics, section 2.5). Inside it is U r / c: the divergence is uniform in the core and zero
+//! outside. In a Hele-Shaw cell the line source is multiplied by the parabola 6 s (1 - s) of the relative
+//! height s, and U is the mean over the depth.
 //!
-//! Outside, r^n grows at the rate n c^(n-1) U; inside, r grows exponentially. Into a sink (U < 0) tracers fall for ever and heap
-//! up in the core: a body of the domain that covers it removes them.
+//! Outside the core, r^n grows at the rate n c^(n-1) U; inside, r grows exponentially. In a sink (U < 0)
+//! tracers approach the center asymptotically and accumulate in the core; a drain ([`crate::Body::draining`])
+//! that covers the core removes them.
 
 use super::MID_DEPTH;
 use super::plates::Plates;
 use super::{JUMP_STEP, ROUNDING_MARGIN};
 use crate::dual::{Formula, Real, by_formula};
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
+use crate::wall::Wall;
 use glam::DVec3;
 
-const CHECK: Check = Check("source");
+const CHECK: ParameterCheck = ParameterCheck("source");
 
 /// Shapes of a source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum SourceShape {
     /// A line along z.
     Line,
@@ -41,10 +46,38 @@ params! {
         core_speed_um_s: f64 = 1290.0, "finite";
         /// Radius of the core, um.
         core_radius_um: f64 = 20.0, "> 0";
-        /// The centre, um; z matters for a point only.
-        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        /// The center, um; z matters for a point only.
+        #[alias = "centre_um"]
+        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
         /// Floor and ceiling of the Hele-Shaw cell, um.
         walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
+    }
+}
+
+impl FieldParameters for SourceParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "source",
+        formula: "u_r = U (c/r)^(n-1) outside the core, U r/c inside; n = 2 line, 3 point; hele_shaw: times 6 s (1 - s)",
+        parameters: Self::PARAMETERS,
+        source: "Batchelor, An Introduction to Fluid Dynamics, 2.5",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[
+            ("sink", || Self { core_speed_um_s: -1290.0, ..Default::default() }.build()),
+            ("point", || {
+                Self { shape: SourceShape::Point, core_radius_um: 40.0, ..Default::default() }.build()
+            }),
+            ("hele_shaw", || Self { shape: SourceShape::HeleShaw, ..Default::default() }.build()),
+        ],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.center_um.get_or_insert(depths.middle());
+        self.walls_z_um.get_or_insert(depths.walls());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Source::new(self)?))
     }
 }
 
@@ -66,7 +99,7 @@ impl Source {
             SourceShape::Line | SourceShape::Point => None,
         };
         Ok(Source {
-            center: DVec3::from_array(CHECK.all_finite("centre_um", params.centre_um.unwrap_or(MID_DEPTH))?),
+            center: DVec3::from_array(CHECK.all_finite("center_um", params.center_um.unwrap_or(MID_DEPTH))?),
             speed: CHECK.finite("core_speed_um_s", params.core_speed_um_s)?,
             core: CHECK.positive("core_radius_um", params.core_radius_um)?,
             point: params.shape == SourceShape::Point,
@@ -74,18 +107,18 @@ impl Source {
         })
     }
 
-    /// The vector from the centre or axis.
+    /// The vector (um) from the center or axis to `x`.
     fn arm(&self, x: DVec3) -> DVec3 {
         let arm = x - self.center;
         if self.point { arm } else { arm.with_z(0.0) }
     }
 
-    /// r^n / (n c^(n-1)), which grows at the rate U outside the core.
+    /// r^n / (n c^(n-1)) (um), which grows at the rate U outside the core.
     fn volume(&self, r: f64) -> f64 {
         if self.point { r * r * r / (3.0 * self.core * self.core) } else { r * r / (2.0 * self.core) }
     }
 
-    /// The radius after a way U dt from a radius > 0.
+    /// The radius (um) that a particle at `r` (um, > 0) reaches when `way` = U dt (um).
     fn radius_after(&self, r: f64, way: f64) -> f64 {
         let edge = self.volume(self.core);
         let outside = |volume: f64| {
@@ -138,7 +171,7 @@ impl VelocityField for Source {
     }
 
     fn invariant(&self, x: DVec3, _t: f64) -> Option<f64> {
-        // The cosine of the direction.
+        // The direction is invariant; its cosine with x.
         let arm = self.arm(x);
         Some(arm.x / arm.length())
     }
@@ -149,6 +182,10 @@ impl VelocityField for Source {
 
     fn is_steady(&self) -> bool {
         true
+    }
+
+    fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
+        self.plates.map(|plates| plates.wall(x))
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {
@@ -198,7 +235,7 @@ mod tests {
             let outer = field.flow_map(inner, 0.0, 0.1).unwrap();
             assert!(field.arm(outer).length() > 25.0);
             assert!((field.flow_map(outer, 0.1, 0.0).unwrap() - inner).length() < 1e-12);
-            // A sink leads the other way.
+            // A sink reverses the path.
             assert!((source(shape, -1000.0).flow_map(outer, 0.0, 0.1).unwrap() - inner).length() < 1e-12);
         }
         assert!(Source::new(&SourceParams { core_radius_um: 0.0, ..Default::default() }).is_err());

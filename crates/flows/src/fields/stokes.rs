@@ -1,26 +1,30 @@
 //! Creeping flow around a sphere, and around a cylinder in a cylindrical cell.
 //!
-//! Sphere of radius a at rest in the velocity U: u = U - (3a/4) (U / r + x (U.x) / r^3) - (a^3/4) (U / r^3 - 3 x (U.x) / r^5)
-//! (Batchelor, An Introduction to Fluid Dynamics, section 4.9). The stream function (U/2) rho^2 (1 - 3a/2r + a^3/2r^3) is kept.
+//! Sphere of radius a at rest in the velocity U: u = U - (3a/4) (U / r + x (U.x) / r^3) - (a^3/4) (U / r^3 -
+//! 3 x (U.x) / r^5) (Batchelor, An Introduction to Fluid Dynamics, section 4.9). The stream function (U/2)
+//! rho^2 (1 - 3a/2r + a^3/2r^3) is invariant.
 //!
-//! A cylinder in unbounded fluid has no creeping flow (Stokes' paradox). In a cell of radius b the stream function f(r) sin theta with
-//! f = A r + B / r + C r ln(r/a) + D r^3 solves Stokes' equation exactly (Happel & Brenner, Low Reynolds Number Hydrodynamics,
-//! section 8-6, with another outer condition); no slip at the cylinder and the uniform velocity U on the surface of the cell give
-//! f(a) = f'(a) = 0, f(b) = U b, f'(b) = U. Beyond b the flow is uniform; the gradient jumps there.
+//! For a cylinder in unbounded fluid no creeping flow exists (Stokes' paradox). In a cell of radius b the
+//! stream function f(r) sin theta with f = A r + B / r + C r ln(r/a) + D r^3 solves Stokes' equation exactly
+//! (Happel & Brenner, Low Reynolds Number Hydrodynamics, section 8-6, with a different outer boundary
+//! condition); no slip at the cylinder and the uniform velocity U on the surface of the cell give f(a) =
+//! f'(a) = 0, f(b) = U b, f'(b) = U. Beyond b the flow is uniform; the gradient is discontinuous at r = b.
 //!
-//! Inside the bodies the fluid rests.
+//! Inside the bodies the velocity is zero.
 
 use super::MID_DEPTH;
 use super::{JUMP_STEP, ROUNDING_MARGIN};
 use crate::dual::{Formula, Real, by_formula};
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
+use crate::wall::Wall;
 use glam::{DVec2, DVec3};
 
-const SPHERE: Check = Check("stokes_sphere");
-const CYLINDER: Check = Check("stokes_cylinder");
+const SPHERE: ParameterCheck = ParameterCheck("stokes_sphere");
+const CYLINDER: ParameterCheck = ParameterCheck("stokes_cylinder");
 
 params! {
     /// Parameters of [`StokesSphere`].
@@ -29,8 +33,31 @@ params! {
         velocity_um_s: [f64; 3] = [1290.0, 0.0, 0.0], "finite";
         /// Radius of the sphere, um.
         radius_um: f64 = 30.0, "> 0";
-        /// Centre of the sphere, um.
-        centre_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+        /// Center of the sphere, um.
+        #[alias = "centre_um"]
+        center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
+    }
+}
+
+impl FieldParameters for StokesSphereParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "stokes_sphere",
+        formula: "u = U - (3a/4) (U/r + x (U.x)/r^3) - (a^3/4) (U/r^3 - 3 x (U.x)/r^5)",
+        parameters: Self::PARAMETERS,
+        source: "Batchelor, An Introduction to Fluid Dynamics, 4.9",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[("oblique", || {
+            Self { velocity_um_s: [900.0, -500.0, 300.0], ..Default::default() }.build()
+        })],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.center_um.get_or_insert(depths.middle());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(StokesSphere::new(self)?))
     }
 }
 
@@ -44,7 +71,24 @@ params! {
         /// Radius of the cell, um.
         cell_radius_um: f64 = 200.0, "> 1.05 radius_um";
         /// The axis, x and y, um.
-        centre_um: [f64; 2] = [0.0, 0.0], "finite";
+        #[alias = "centre_um"]
+        center_um: [f64; 2] = [0.0, 0.0], "finite";
+    }
+}
+
+impl FieldParameters for StokesCylinderParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "stokes_cylinder",
+        formula: "psi = (A r + B/r + C r ln(r/a) + D r^3) sin theta between cylinder and cell, uniform beyond",
+        parameters: Self::PARAMETERS,
+        source: "Happel & Brenner, Low Reynolds Number Hydrodynamics, 8-6",
+        plane: PlotPlane::XY,
+        make: || Self::default().build(),
+        variants: &[],
+    };
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(StokesCylinder::new(self)?))
     }
 }
 
@@ -60,7 +104,7 @@ impl StokesSphere {
     /// The flow of these parameters.
     pub fn new(params: &StokesSphereParams) -> Result<Self> {
         Ok(StokesSphere {
-            center: DVec3::from_array(SPHERE.all_finite("centre_um", params.centre_um.unwrap_or(MID_DEPTH))?),
+            center: DVec3::from_array(SPHERE.all_finite("center_um", params.center_um.unwrap_or(MID_DEPTH))?),
             velocity: DVec3::from_array(SPHERE.all_finite("velocity_um_s", params.velocity_um_s)?),
             radius: SPHERE.positive("radius_um", params.radius_um)?,
         })
@@ -105,8 +149,13 @@ impl VelocityField for StokesSphere {
         true
     }
 
+    fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
+        Some(Wall::outside(x - self.center, self.radius))
+    }
+
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
-        // Across the flow the share 1 - 3/4 q - 1/4 q^3 of U, along it 1 - 3/2 q + 1/2 q^3: at most 1.
+        // With q = a/r, the speed relative to U is 1 - 3/4 q - 1/4 q^3 across the flow and 1 - 3/2 q + 1/2
+        // q^3 along it: at most 1.
         self.velocity.length() * ROUNDING_MARGIN
     }
 }
@@ -120,7 +169,7 @@ pub struct StokesCylinder {
     cell: f64,
     /// A, B, C, D for U = 1 and lengths in units of the radius.
     coefficients: [f64; 4],
-    /// Greatest speed for U = 1.
+    /// Maximum speed for U = 1.
     peak: f64,
 }
 
@@ -137,7 +186,7 @@ impl StokesCylinder {
                 &format!("a number > 1.05 radius_um = {}", 1.05 * radius),
             ));
         }
-        // No slip: B = -A - D and C = -2A - 4D, which leaves two equations for A and D.
+        // No slip gives B = -A - D and C = -2A - 4D, which leaves two equations for A and D.
         let ln = libm::log(b);
         let rows = [
             [b - 1.0 / b - 2.0 * b * ln, b * b * b - 1.0 / b - 4.0 * b * ln, b],
@@ -147,14 +196,15 @@ impl StokesCylinder {
         let a = (rows[0][2] * rows[1][1] - rows[0][1] * rows[1][2]) / determinant;
         let d = (rows[0][0] * rows[1][2] - rows[0][2] * rows[1][0]) / determinant;
         let mut field = StokesCylinder {
-            center: DVec2::from_array(CYLINDER.all_finite("centre_um", params.centre_um)?),
+            center: DVec2::from_array(CYLINDER.all_finite("center_um", params.center_um)?),
             speed: CYLINDER.finite("speed_um_s", params.speed_um_s)?,
             radius,
             cell,
             coefficients: [a, -a - d, -2.0 * a - 4.0 * d, d],
             peak: 0.0,
         };
-        // f/r and f' are smooth over the gap: 1000 nodes miss their maxima by far less than 0.1 %.
+        // f/r and f' are smooth over the gap: sampling at 1000 nodes underestimates their maxima by far less
+        // than 0.1 %.
         let nodes = (0..=1000).map(|i| 1.0 + (b - 1.0) * f64::from(i) / 1000.0);
         let faster = |peak: f64, r: f64| {
             let (ratio, slope) = field.shape(r * r);
@@ -164,7 +214,8 @@ impl StokesCylinder {
         Ok(field)
     }
 
-    /// f / r and f' at a squared relative radius from 1 to that of the cell, for U = 1.
+    /// f / r and f' for U = 1 at `r2`, the squared radius relative to the cylinder, from 1 to the squared
+    /// cell radius.
     fn shape<S: Real>(&self, r2: S) -> (S, S) {
         let [a, b, c, d] = self.coefficients;
         let ln = r2.ln() * (0.5 * c);
@@ -211,6 +262,10 @@ impl VelocityField for StokesCylinder {
         true
     }
 
+    fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
+        Some(Wall::outside((x.truncate() - self.center).extend(0.0), self.radius))
+    }
+
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
         // |u|^2 = (f/r)^2 cos^2 + f'^2 sin^2.
         self.speed.abs() * self.peak * ROUNDING_MARGIN
@@ -246,7 +301,7 @@ mod tests {
             let field = StokesCylinder::new(&params).unwrap();
             let at = |x: f64, y: f64| field.velocity(DVec3::new(x, y, 0.0), 0.0);
             let (inner, outer) = (30.0 * (1.0 + 1e-15), cell * (1.0 - 1e-15));
-            // Narrow gaps cancel: the coefficients grow as (b - 1)^-3.
+            // Cancellation in narrow gaps: the coefficients grow as (b - 1)^-3.
             for place in [(inner, 0.0), (0.0, inner)] {
                 assert!(at(place.0, place.1).length() < 1e-7, "{cell}: {}", at(place.0, place.1));
             }

@@ -1,18 +1,21 @@
 //! Poiseuille flow in a straight tube of circular cross-section.
 //!
-//! u = U (1 - r^2 / R^2) along x, mean U/2 (Landau & Lifshitz, Fluid Mechanics, section 17). Steady and fully developed;
-//! trajectories are straight lines at constant speed. Outside the tube the fluid rests.
+//! u = U (1 - r^2 / R^2) along x, with the mean U/2 (Landau & Lifshitz, Fluid Mechanics, section 17). The
+//! flow is steady and fully developed; trajectories are straight lines at constant speed. Outside the tube
+//! the velocity is zero.
 
 use super::ROUNDING_MARGIN;
 use super::{CHANNEL, MID_DEPTH};
 use crate::dual::{Formula, Real, by_formula};
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
+use crate::wall::Wall;
 use glam::{DVec2, DVec3};
 
-const CHECK: Check = Check("tube");
+const CHECK: ParameterCheck = ParameterCheck("tube");
 
 params! {
     /// Parameters of [`Tube`].
@@ -22,7 +25,29 @@ params! {
         /// Inner radius, um.
         radius_um: Option<f64> = None, "> 0; unless given, half the depth range";
         /// The axis, y and z, um.
-        centre_yz_um: Option<[f64; 2]> = None, "finite; unless given, (0, mid-depth)";
+        #[alias = "centre_yz_um"]
+        center_yz_um: Option<[f64; 2]> = None, "finite; unless given, (0, mid-depth)";
+    }
+}
+
+impl FieldParameters for TubeParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "tube",
+        formula: "u = U (1 - r^2 / R^2) along x",
+        parameters: Self::PARAMETERS,
+        source: "Landau & Lifshitz, Fluid Mechanics, 17",
+        plane: PlotPlane::YZ,
+        make: || Self::default().build(),
+        variants: &[],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.center_yz_um.get_or_insert([0.0, depths.middle()[2]]);
+        self.radius_um.get_or_insert(depths.half_depth());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Tube::new(self)?))
     }
 }
 
@@ -39,7 +64,7 @@ impl Tube {
     pub fn new(params: &TubeParams) -> Result<Self> {
         Ok(Tube {
             center: DVec2::from_array(
-                CHECK.all_finite("centre_yz_um", params.centre_yz_um.unwrap_or([0.0, MID_DEPTH[2]]))?,
+                CHECK.all_finite("center_yz_um", params.center_yz_um.unwrap_or([0.0, MID_DEPTH[2]]))?,
             ),
             radius: CHECK
                 .positive("radius_um", params.radius_um.unwrap_or(0.5 * (CHANNEL[1] - CHANNEL[0])))?,
@@ -74,6 +99,11 @@ impl VelocityField for Tube {
 
     fn is_steady(&self) -> bool {
         true
+    }
+
+    fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
+        let arm = DVec3::new(0.0, x.y - self.center.x, x.z - self.center.y);
+        Some(Wall::inside(arm, self.radius))
     }
 
     fn max_speed(&self, region: &Region, _t0: f64, _t1: f64) -> f64 {

@@ -1,35 +1,39 @@
 //! Womersley flow: pulsating flow between plates or in a tube.
 //!
-//! A mean velocity Us + Re(A e^(iwt)) gives, with the Womersley number Wo = h sqrt(w / nu) of the half depth or radius h
-//! and the relative distance eta from the middle plane or axis,
+//! A mean velocity Us + Re(A e^(iwt)) gives, with the Womersley number Wo = h sqrt(w / nu) of the half depth
+//! or radius h and the relative distance eta from the middle plane or axis,
 //!
 //!   u = Us P_0(eta) + Re(A P(eta) e^(iwt)),
 //!   plane: P = [1 - cosh(L eta) / cosh L] / [1 - tanh L / L], L = sqrt(i) Wo, P_0 = (3/2) (1 - eta^2),
 //!   tube:  P = [1 - J0(L eta) / J0(L)] / [1 - 2 J1(L) / (L J0(L))], L = i^(3/2) Wo, P_0 = 2 (1 - eta^2)
 //!
-//! (Womersley, J. Physiol. 127 (1955) 553; the plane case: Landau & Lifshitz, Fluid Mechanics, section 24). Numerator and
-//! denominator are expanded in powers of i Wo^2, where the common factor that vanishes with Wo drops out: one polynomial
-//! in eta^2 for all Wo from 0 (the parabola) to 40, beyond which the terms cancel too much (relative error 1e-12 there).
-//! Trajectories are straight lines: the velocity is integrated over time. Outside the fluid rests.
+//! (Womersley, J. Physiol. 127 (1955) 553; the plane case: Landau & Lifshitz, Fluid Mechanics, section 24).
+//! Numerator and denominator are expanded in powers of i Wo^2 and the common factor that vanishes with Wo is
+//! cancelled: one polynomial in eta^2 for all Wo from 0 (the parabola) to 40, where cancellation limits the
+//! relative error to 1e-12. Trajectories are straight lines, and displacements are the time integral of the
+//! velocity. Outside the channel or tube the velocity is zero.
 
 use super::CHANNEL;
 use super::ROUNDING_MARGIN;
 use super::plates::Plates;
-use crate::error::{Check, Result};
+use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
+use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
 use crate::params::params;
 use crate::region::Region;
+use crate::wall::Wall;
 use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::PI;
 
-const CHECK: Check = Check("womersley");
+const CHECK: ParameterCheck = ParameterCheck("womersley");
 
-/// Greatest Womersley number of the series.
+/// Largest Womersley number for which the series is accurate.
 const MAX_WO: f64 = 40.0;
 
 /// The cross-section of a pulsating flow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum CrossSection {
     /// Between two plates.
     Plane,
@@ -53,7 +57,38 @@ params! {
         /// Floor and ceiling, um.
         walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
         /// The axis of the tube, y, um.
-        centre_y_um: f64 = 0.0, "finite";
+        #[alias = "centre_y_um"]
+        center_y_um: f64 = 0.0, "finite";
+    }
+}
+
+impl FieldParameters for WomersleyParams {
+    const ENTRY: FieldEntry = FieldEntry {
+        name: "womersley",
+        formula: "u = Us P0 + Re(A P e^(iwt)), plane P = (1 - cosh(L eta)/cosh L) / (1 - tanh(L)/L), L = sqrt(i) Wo; tube with J0",
+        parameters: Self::PARAMETERS,
+        source: "Womersley, J. Physiol. 127 (1955) 553",
+        plane: PlotPlane::XZ,
+        make: || Self::default().build(),
+        variants: &[
+            ("plane Wo 5", || Self { viscosity_um2_s: 12_566.0, ..Default::default() }.build()),
+            ("tube", || {
+                Self { cross_section: CrossSection::Tube, viscosity_um2_s: 12_566.0, ..Default::default() }
+                    .build()
+            }),
+            ("tube Wo 40", || {
+                Self { cross_section: CrossSection::Tube, viscosity_um2_s: 197.0, ..Default::default() }
+                    .build()
+            }),
+        ],
+    };
+
+    fn fit_to(&mut self, depths: DepthRange) {
+        self.walls_z_um.get_or_insert(depths.walls());
+    }
+
+    fn build(&self) -> Result<Box<dyn VelocityField>> {
+        Ok(Box::new(Womersley::new(self)?))
     }
 }
 
@@ -89,7 +124,7 @@ impl Complex {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Womersley {
     plates: Plates,
-    /// The axis in y, for a tube.
+    /// y of the axis (um) of a tube; `None` for plates.
     axis: Option<f64>,
     steady: f64,
     amplitude: f64,
@@ -98,7 +133,7 @@ pub struct Womersley {
     series: Vec<Complex>,
     /// SUM_k c_k.
     total: Complex,
-    /// Greatest |P|.
+    /// Maximum of |P| over the cross-section.
     peak: f64,
 }
 
@@ -118,7 +153,7 @@ impl Womersley {
         }
         let axis = match params.cross_section {
             CrossSection::Plane => None,
-            CrossSection::Tube => Some(CHECK.finite("centre_y_um", params.centre_y_um)?),
+            CrossSection::Tube => Some(CHECK.finite("center_y_um", params.center_y_um)?),
         };
         let series = series(params.cross_section, wo);
         let total = series.iter().fold(Complex::ZERO, |sum, term| sum.add(*term));
@@ -132,21 +167,22 @@ impl Womersley {
             total,
             peak: 0.0,
         };
-        // The maximum lies within 1/4000 of a node, where |P| differs by less than (Wo/4000)^2 of itself.
+        // The maximum is within 1/4000 of a node, where |P| differs from it by a factor of less than 1 +
+        // (Wo/4000)^2.
         let nodes = (0..=2000).map(|i| f64::from(i) / 2000.0);
         let size = |p: Complex| libm::hypot(p.re, p.im);
         field.peak = 1.001 * nodes.map(|eta| size(field.pulse(eta * eta).0)).fold(0.0, f64::max);
         Ok(field)
     }
 
-    /// The Womersley number.
+    /// The Womersley number of these parameters.
     pub fn number(params: &WomersleyParams) -> f64 {
         let [floor, ceiling] = params.walls_z_um.unwrap_or(CHANNEL);
         let half = 0.5 * (ceiling - floor);
         half * libm::sqrt(2.0 * PI * params.frequency_hz / params.viscosity_um2_s)
     }
 
-    /// The place in the cross-section relative to the middle plane or axis, in units of half the depth.
+    /// The position in the cross-section relative to the mid-plane or axis, in units of half the depth.
     fn place(&self, x: DVec3) -> DVec2 {
         let half = 0.5 * self.plates.depth;
         let y = self.axis.map_or(0.0, |axis| (x.y - axis) / half);
@@ -164,14 +200,14 @@ impl Womersley {
         (self.total.add(sum.times(-eta2)), sum.add(slope.times(eta2)).times(-1.0))
     }
 
-    /// P_0 and its derivative with eta^2.
+    /// P_0 and dP_0/d(eta^2).
     fn parabola(&self, eta2: f64) -> (f64, f64) {
         let peak = if self.axis.is_some() { 2.0 } else { 1.5 };
         (peak * (1.0 - eta2), -peak)
     }
 
-    /// Speed for a steady part and a pulsating part, with the derivative along eta^2; the mean velocity is
-    /// `steady` + Re(`pulse` ...).
+    /// Speed and its derivative with respect to eta^2, for the mean velocities `steady` of the steady part
+    /// and Re(`pulse`) of the pulsating part.
     fn speed(&self, eta2: f64, steady: f64, pulse: Complex) -> (f64, f64) {
         if eta2 > 1.0 {
             return (0.0, 0.0);
@@ -187,15 +223,16 @@ impl Womersley {
     }
 }
 
-/// The coefficients c_k of the profile: with q = i Wo^2 (plane) or i Wo^2 / 4 (tube) they are q^(k-1) a_k over
-/// SUM_k q^(k-1) m_k, a_k = 1/(2k)! or 1/k!^2, and m_k = a_k 2k/(2k+1) or a_k k/(k+1) the mean of a_k (1 - eta^2k).
+/// The coefficients c_k of the profile: with q = i Wo^2 (plane) or i Wo^2 / 4 (tube) they are q^(k-1) a_k
+/// over SUM_k q^(k-1) m_k, a_k = 1/(2k)! or 1/k!^2, and m_k = a_k 2k/(2k+1) or a_k k/(k+1) the mean of a_k
+/// (1 - eta^2k).
 fn series(cross_section: CrossSection, wo: f64) -> Vec<Complex> {
     let tube = cross_section == CrossSection::Tube;
     let q = Complex { re: 0.0, im: if tube { 0.25 * wo * wo } else { wo * wo } };
     let mut term = Complex { re: if tube { 1.0 } else { 0.5 }, im: 0.0 };
     let mut terms = Vec::new();
     let mut mean = Complex::ZERO;
-    // The largest terms have k = Wo/2; 40 more and they have fallen below 1e-30 of the sum.
+    // The largest terms have k = Wo/2; 40 terms later they are below 1e-30 of the sum.
     for k in 1..=(60 + wo as u32) {
         let k = f64::from(k);
         terms.push(term);
@@ -220,7 +257,7 @@ impl VelocityField for Womersley {
     }
 
     fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
-        // The integral of e^(iwt) is that at the mid-time, times 2 sin(w dt / 2) / w.
+        // The integral of e^(iwt) is its value at the mid-time times 2 sin(w dt / 2) / w.
         let weight = 2.0 * libm::sin(0.5 * self.omega * (t1 - t0)) / self.omega;
         let pulse = self.drive(0.5 * (t0 + t1)).times(weight);
         let way = self.speed(self.place(x).length_squared(), self.steady * (t1 - t0), pulse).0;
@@ -233,6 +270,16 @@ impl VelocityField for Womersley {
 
     fn is_divergence_free(&self) -> bool {
         true
+    }
+
+    fn wall(&self, x: DVec3, _t: f64) -> Option<Wall> {
+        Some(match self.axis {
+            None => self.plates.wall(x),
+            Some(axis) => {
+                let arm = DVec3::new(0.0, x.y - axis, x.z - self.plates.middle());
+                Wall::inside(arm, 0.5 * self.plates.depth)
+            }
+        })
     }
 
     fn max_speed(&self, _region: &Region, _t0: f64, _t1: f64) -> f64 {
@@ -250,7 +297,7 @@ mod tests {
         WomersleyParams { cross_section, viscosity_um2_s, steady_speed_um_s: 0.0, ..Default::default() }
     }
 
-    /// du/dt = G(t) + nu (u'' [+ u'/r]): the residual against its own mean over the profile, over w A.
+    /// Residual of du/dt = G(t) + nu (u'' [+ u'/r]): its variation over the cross-section, divided by w A.
     fn momentum_residual(params: &WomersleyParams) -> f64 {
         let field = Womersley::new(params).unwrap();
         let tube = params.cross_section == CrossSection::Tube;
@@ -272,7 +319,7 @@ mod tests {
         };
         let mut worst = 0.0_f64;
         for t in [0.0, 0.007, 0.03] {
-            // The pressure gradient is the same everywhere in the cross-section.
+            // The pressure gradient is uniform over the cross-section.
             let pressure = residual(t, 0.31);
             for eta in [0.1, 0.5, 0.8, 0.9] {
                 worst = worst.max((residual(t, eta) - pressure).abs() / (omega * params.amplitude_um_s));
@@ -286,7 +333,8 @@ mod tests {
         for cross_section in [CrossSection::Plane, CrossSection::Tube] {
             for wo in [0.8, 5.0, 15.0] {
                 let residual = momentum_residual(&params(cross_section, wo));
-                // Differences: dt^2 w^2 / 6 = 2e-7; (h Wo)^4 / 90 = 2e-5 of the viscous term, of order 1.
+                // Finite-difference errors: dt^2 w^2 / 6 = 2e-7, and (h Wo)^4 / 90 = 2e-5 of the viscous
+                // term, which is of order 1.
                 assert!(residual < 1e-4, "{cross_section:?} {wo}: {residual:e}");
             }
         }
@@ -321,9 +369,9 @@ mod tests {
             let field = Womersley::new(&params(CrossSection::Plane, wo)).unwrap();
             field.velocity(DVec3::new(0.0, 0.0, -30.0 + 50.0 * eta), 0.0).x / 430.0
         };
-        // The first correction is of order Wo^2.
+        // The leading correction is of order Wo^2.
         assert!((at(1e-6, 0.0) - 1.5).abs() < 1e-11 && (at(1e-6, 0.5) - 1.125).abs() < 1e-11);
-        // In the middle 1 + O(1/Wo).
+        // 1 + O(1/Wo) at the center.
         assert!((at(40.0, 0.0) - 1.0).abs() < 0.03 && at(40.0, 1.0).abs() < 1e-11);
     }
 

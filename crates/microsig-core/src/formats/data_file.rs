@@ -1,4 +1,4 @@
-//! MicroSIG's particle data file: one particle a row, the same number of columns in every row.
+//! MicroSIG's particle data file: one particle per row, the same number of columns in every row.
 //!
 //! | columns | content |
 //! |---|---|
@@ -7,8 +7,9 @@
 //! | 7 | x y z d_p e_p alpha beta |
 //! | 8 | x y z d_p e_p alpha beta c_int |
 //!
-//! x, y in px; z, d_p in um; angles in rad. Separators are white space, commas or semicolons, one style a file. `#`
-//! and `%` open comments; blank lines are skipped; a file without rows is an image of background.
+//! x, y in px; z, d_p in um; angles in rad. Separators are white space, commas or semicolons, one style per
+//! file. `#` and `%` start comments; blank lines are skipped; a file without rows gives an image of the
+//! background.
 
 use std::io::{BufRead, BufReader, Read, Write};
 
@@ -19,14 +20,14 @@ use crate::particle::{Particle, Spheroid};
 /// The columns of a data file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
-    /// Whether e_p, alpha and beta are there.
+    /// Whether there are columns e_p, alpha and beta.
     pub spheroids: bool,
-    /// Whether c_int is there.
+    /// Whether there is a column c_int.
     pub c_int: bool,
 }
 
 impl Layout {
-    /// The narrowest layout that holds all that these particles say.
+    /// The layout with the fewest columns that represents these particles without loss.
     pub fn of(particles: &[Particle]) -> Self {
         Layout {
             spheroids: particles.iter().any(|p| p.spheroid.is_some()),
@@ -47,7 +48,7 @@ impl Layout {
     }
 }
 
-/// Faults listed before the reader gives up on a file.
+/// Number of errors after which reading stops.
 const MAX_FAULTS: usize = 20;
 
 #[derive(Clone, Copy, PartialEq)]
@@ -58,8 +59,8 @@ enum Separator {
 }
 
 impl Separator {
-    /// Commas separate only where no token between them holds white space: `1,5 2,5` is white space with decimal
-    /// commas, `1, 5, 2` is commas.
+    /// Commas are separators only if no token between them contains white space: `1,5 2,5` is white space
+    /// with decimal commas, `1, 5, 2` is commas.
     fn of(line: &str) -> Self {
         let tight =
             |c| line.split(c).all(|t: &str| !t.trim().is_empty() && !t.trim().contains(char::is_whitespace));
@@ -82,11 +83,12 @@ impl Separator {
     }
 }
 
-/// Reads the particles of one image; `name` is what messages call the file.
+/// Reads the particles of one image; `name` is the name of the file in messages.
 ///
 /// # Errors
-/// [`Error::Malformed`] with file, line and column of ragged rows, 1-3, 6 or more than 8 columns, non-numbers, values
-/// that are not finite, d_p <= 0, e_p <= 0, c_int < 0 and decimal commas; [`Error::Io`] if reading fails.
+/// [`Error::Malformed`] with file, line and column for rows of different lengths, 1-3, 6 or more than 8
+/// columns, non-numeric or non-finite values, d_p <= 0, e_p <= 0, c_int < 0 and decimal commas; [`Error::Io`]
+/// if reading fails.
 pub fn read(reader: impl Read, name: &str) -> Result<Vec<Particle>, Error> {
     let mut reader = BufReader::new(reader);
     let (mut particles, mut faults) = (Vec::new(), Vec::new());
@@ -115,7 +117,8 @@ pub fn read(reader: impl Read, name: &str) -> Result<Vec<Particle>, Error> {
     if faults.is_empty() { Ok(particles) } else { Err(Error::Malformed(faults)) }
 }
 
-/// One row; the first row settles separator and layout. The error is a column, counted from 1, and a message.
+/// Parses one row; the first row determines separator and layout. The error is a column, counted from 1, and
+/// a message.
 fn row(content: &str, style: &mut Option<(Separator, Layout)>) -> Result<Particle, (Option<usize>, String)> {
     let separator = style.map_or_else(|| Separator::of(content), |(separator, _)| separator);
     let mut tokens = Vec::with_capacity(8);
@@ -170,10 +173,10 @@ fn row(content: &str, style: &mut Option<(Separator, Layout)>) -> Result<Particl
     Ok(Particle { x_px: v[0], y_px: v[1], z_um: v[2], d_um: v[3], spheroid, c_int })
 }
 
-/// Writes the particles in the given layout, numbers in their shortest form that reads back to the same value.
+/// Writes the particles in the given layout, numbers in the shortest form that reads back to the same value.
 ///
 /// # Errors
-/// The writer's own; `InvalidInput` if the layout has no place for something a particle says.
+/// Errors of the writer; `InvalidInput` if the layout lacks a column that a particle needs.
 pub fn write(mut writer: impl Write, particles: &[Particle], layout: Layout) -> std::io::Result<()> {
     let needed = Layout::of(particles);
     if (needed.spheroids && !layout.spheroids) || (needed.c_int && !layout.c_int) {

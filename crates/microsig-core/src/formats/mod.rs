@@ -1,4 +1,5 @@
-//! MicroSIG's files: settings, particle data, 16-bit TIFF. All on readers and writers, none on paths.
+//! File formats: MicroSIG's settings and particle data, and gray TIFF images. All functions take readers and
+//! writers, not paths.
 
 pub mod data_file;
 pub mod number;

@@ -1,11 +1,12 @@
-//! Numbers as text.
+//! Formatting of numbers as text.
 
 use std::fmt::Write;
 
 /// Appends a number in the fewest digits that read back to the same value, without an exponent.
 ///
-/// As [`std::fmt::Display`] does, and several times faster for numbers of common size; but where a value lies half-way between
-/// two such texts, which takes 15 digits and more, the last digit is even, as in JSON.
+/// The result is that of [`std::fmt::Display`], several times faster for numbers of common magnitude, except
+/// when a value is exactly halfway between two candidates of the same length (15 digits or more): then the
+/// last digit is even, as in JSON.
 pub fn push(text: &mut String, value: f64) {
     let whole = value as i32;
     if f64::from(whole).to_bits() == value.to_bits() {
@@ -20,7 +21,7 @@ pub fn push(text: &mut String, value: f64) {
     }
 }
 
-/// Appends a whole number.
+/// Appends an integer.
 pub fn push_whole(text: &mut String, value: u64) {
     text.push_str(itoa::Buffer::new().format(value));
 }

@@ -1,7 +1,7 @@
 //! MicroSIG's settings file: `key = value`, one per line, 14 mandatory keys.
 //!
-//! `#` and `%` open comments. Unknown keys are kept, with a warning. Values are numbers and nothing else (the
-//! original evaluates them as program code, which this reader never does).
+//! `#` and `%` start comments. Unknown keys are kept, with a warning. Values must be numbers (the original
+//! evaluates them as program code, which this reader never does).
 
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
@@ -9,22 +9,22 @@ use std::io::{Read, Write};
 use crate::error::{Error, Fault};
 use crate::settings::{self, KEYS, Settings};
 
-/// What a settings file says.
+/// The contents of a settings file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SettingsFile {
-    /// The 14 settings, valid.
+    /// The 14 settings, all valid.
     pub settings: Settings,
-    /// Keys that MicroSIG does not know, with their text, in the order of the file.
+    /// Unknown keys and their values as text, in the order of the file.
     pub unknown: Vec<(String, String)>,
     /// One message per unknown key, with its line.
     pub warnings: Vec<String>,
 }
 
-/// Reads a settings file; `name` is what messages call it.
+/// Reads a settings file; `name` is the name of the file in messages.
 ///
 /// # Errors
-/// [`Error::Malformed`] with every line that is not `key = value`, missing key, duplicate, non-number and value out
-/// of range; [`Error::Io`] if reading fails.
+/// [`Error::Malformed`] with every line that is not `key = value`, every missing or duplicate key, and every
+/// value that is not a number or out of range; [`Error::Io`] if reading fails.
 pub fn read(mut reader: impl Read, name: &str) -> Result<SettingsFile, Error> {
     let mut text = String::new();
     reader.read_to_string(&mut text).map_err(|e| Error::io(name, e))?;
@@ -70,7 +70,7 @@ pub fn read(mut reader: impl Read, name: &str) -> Result<SettingsFile, Error> {
             message: format!("{} is missing: expected {}", key.name, key.allowed),
         });
     }
-    // Values are checked only once all of them are numbers: ranges depend on each other.
+    // Ranges are checked only when all values are numbers, because they depend on each other.
     if faults.is_empty() {
         let values = std::array::from_fn(|i| found[&i].0);
         faults = settings::check(&values, |i| (name.to_owned(), Some(found[&i].1)));
@@ -81,10 +81,10 @@ pub fn read(mut reader: impl Read, name: &str) -> Result<SettingsFile, Error> {
     Err(Error::Malformed(faults))
 }
 
-/// Writes a settings file that [`read`] takes back to the same values.
+/// Writes a settings file; [`read`] returns the same values.
 ///
 /// # Errors
-/// The writer's own.
+/// Errors of the writer.
 pub fn write(mut writer: impl Write, settings: &Settings) -> std::io::Result<()> {
     for (key, value) in KEYS.iter().zip(settings.values()) {
         writeln!(writer, "{} = {value}", key.name)?;
@@ -118,10 +118,10 @@ mod tests {
     #[test]
     fn comments_blank_lines_exponents_and_unknown_keys_are_accepted() {
         let text = text(&Settings::setting1()).replace("focal_length = 350", "focal_length=3.5e2 # um");
-        let file = read(format!("% header\n\n{text}colour = red\r\n").as_bytes(), "s.txt").unwrap();
+        let file = read(format!("% header\n\n{text}color = red\r\n").as_bytes(), "s.txt").unwrap();
         assert_eq!(file.settings, Settings::setting1());
-        assert_eq!(file.unknown, [("colour".to_owned(), "red".to_owned())]);
-        assert_eq!(file.warnings, ["s.txt:17: unknown key `colour` is ignored"]);
+        assert_eq!(file.unknown, [("color".to_owned(), "red".to_owned())]);
+        assert_eq!(file.warnings, ["s.txt:17: unknown key `color` is ignored"]);
     }
 
     #[test]

@@ -1,8 +1,8 @@
-//! Grey TIFF images, one image a file, uncompressed: 8 bit where counts fit, else 16 bit.
+//! Gray TIFF images, one per file, uncompressed: 8 bit for sensors of 8 bit, otherwise 16 bit.
 //!
-//! The scale stands where ImageJ and Fiji look for it (ij.io.FileSaver, FileOpener): px per um in the resolution tags, the
-//! unit and the time between frames in a description that begins with "ImageJ=". Nothing else about the image is told: no
-//! date, no program, no path.
+//! The scale is stored where ImageJ and Fiji expect it (ij.io.FileSaver, FileOpener): px per um in the
+//! resolution tags, the unit and the time between frames in a description that starts with "ImageJ=". No
+//! other metadata are written: no date, no program, no path.
 
 use std::io::{BufRead, Seek, Write};
 
@@ -17,16 +17,16 @@ use ::tiff::{TiffError, TiffResult};
 use crate::error::{Error, Fault};
 use crate::sensor::Image;
 
-/// What lengths and times in an image mean.
+/// Spatial and temporal scale of an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PixelScale {
-    /// Object-space length of a pixel, um.
+    /// Pixel size in object space, um.
     pub um_per_px: f64,
-    /// Time from a frame to the next, s; `None` if the image is none of a series.
+    /// Time between frames, s; `None` if the image is not part of a series.
     pub frame_interval_s: Option<f64>,
 }
 
-/// Writes an image; `name` is what an error calls the output.
+/// Writes an image; `name` is the name of the output in errors.
 ///
 /// # Errors
 /// [`Error::Io`] if writing fails.
@@ -56,14 +56,14 @@ where
     encoder.write_data(counts)
 }
 
-/// The description as ImageJ writes it, with the version since which it is read like this.
+/// The description as ImageJ writes it, with the first version of ImageJ that reads this form.
 fn description(scale: &PixelScale) -> String {
     let interval = scale.frame_interval_s.map_or_else(String::new, |s| format!("finterval={s}\n"));
     format!("ImageJ=1.11a\nunit=um\n{interval}")
 }
 
-/// 1 / `um_per_px` as a fraction of numbers of 32 bits, such that ImageJ, which divides them, finds `um_per_px` again: the
-/// numerator is the largest power of ten that leaves room for the denominator.
+/// 1 / `um_per_px` as a fraction of 32-bit integers from which ImageJ, by division, recovers `um_per_px`: the
+/// numerator is the largest power of ten for which the denominator fits.
 fn px_per_um(um_per_px: f64) -> Rational {
     const MOST: f64 = u32::MAX as f64;
     let mut n = 1_000_000_000u32;
@@ -77,11 +77,11 @@ fn px_per_um(um_per_px: f64) -> Rational {
     Rational { n, d }
 }
 
-/// Reads the scale that [`write()`] or ImageJ wrote; `None` if the image has none, or one in other units. `name` is what an
-/// error calls it.
+/// Reads the scale written by [`write()`] or ImageJ; `None` if the image has none, or one in other units.
+/// `name` is the name of the input in errors.
 ///
 /// # Errors
-/// [`Error::Malformed`] if it is no TIFF image.
+/// [`Error::Malformed`] if the input is not a TIFF image.
 pub fn read_scale(reader: impl BufRead + Seek, name: &str) -> Result<Option<PixelScale>, Error> {
     let damaged = |e: TiffError| malformed(name, e.to_string());
     let mut decoder = Decoder::new(reader).map_err(damaged)?;
@@ -91,7 +91,7 @@ pub fn read_scale(reader: impl BufRead + Seek, name: &str) -> Result<Option<Pixe
     };
     let entry = |key: &str| description.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='));
     let resolution = decoder.find_tag(Tag::XResolution).map_err(damaged)?;
-    // ImageJ's older versions write the unit in full.
+    // Older versions of ImageJ write "micron".
     let (Some("um" | "micron" | "\\u00B5m"), Some(Value::Rational(n, d))) = (entry("unit"), resolution)
     else {
         return Ok(None);
@@ -110,10 +110,11 @@ fn malformed(name: &str, message: String) -> Error {
     Error::Malformed(vec![Fault { source_name: name.to_owned(), line: None, column: None, message }])
 }
 
-/// Reads a grey image of 8 or 16 bit and of the given size as counts, row by row; `name` is what an error calls it.
+/// Reads a gray image of 8 or 16 bit and of the given size (width, height in px) as counts, row by row;
+/// `name` is the name of the input in errors.
 ///
 /// # Errors
-/// [`Error::Malformed`] if it is no such image.
+/// [`Error::Malformed`] if the input is not such an image.
 pub fn read(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<Vec<f64>, Error> {
     let refuse = |message: String| malformed(name, message);
     let damaged = |e: TiffError| refuse(e.to_string());
@@ -126,7 +127,7 @@ pub fn read(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result
     let counts: Vec<f64> = match decoder.read_image().map_err(damaged)? {
         DecodingResult::U8(counts) => counts.into_iter().map(f64::from).collect(),
         DecodingResult::U16(counts) => counts.into_iter().map(f64::from).collect(),
-        _ => return Err(refuse("expected grey counts of 8 or 16 bit".to_owned())),
+        _ => return Err(refuse("expected gray counts of 8 or 16 bit".to_owned())),
     };
     let pixels = size.0 as usize * size.1 as usize;
     if counts.len() != pixels {
@@ -168,7 +169,7 @@ mod tests {
                 file.set_position(0);
                 let read = read_scale(file, "i.tif").unwrap().unwrap();
                 assert_eq!(read.frame_interval_s, frame_interval_s);
-                // At least eight digits of the denominator, or two of a scale that no microscope has.
+                // The denominator has at least eight digits, or two for scales that no microscope has.
                 let bar = if um_per_px < 1e-7 { 0.05 } else { 1e-8 };
                 assert!((read.um_per_px / um_per_px - 1.0).abs() < bar, "{um_per_px}: {read:?}");
             }

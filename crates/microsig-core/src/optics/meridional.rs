@@ -1,19 +1,20 @@
-//! Rays in a plane through the optical axis, many at a time.
+//! Rays in a plane through the optical axis, vectorized.
 //!
-//! The arithmetic is that of [`OpticalSystem::trace`] with all terms left out that are zero there, so places are the same
-//! to the last bit; a test compares. Written as plain loops that the compiler turns into vector code.
+//! The arithmetic is that of [`OpticalSystem::trace`] without the terms that are zero in a meridional plane,
+//! so that the landing points are bit-identical, which a test checks. The loops are plain, and the compiler
+//! vectorizes them.
 
 use super::{Objective, OpticalSystem};
 
-/// Rays that are followed at a time.
+/// Rays traced per call.
 pub(super) const RAYS: usize = 16;
 
-/// How far from the axis rays land that leave a point on the axis with these slopes.
+/// Distances from the axis at which rays from a point on the axis with these slopes land on the sensor.
 pub(super) struct Landings<'a> {
     pub(super) system: &'a OpticalSystem,
-    /// Whether the plane is that of the columns, in which a cylinder bends.
+    /// Whether the plane is that of the image columns (x), in which the cylindrical lens has its power.
     pub(super) along_columns: bool,
-    /// From the point to the lens, um.
+    /// Distance from the point to the lens, um.
     pub(super) distance: f64,
     pub(super) slopes: [f64; RAYS],
 }

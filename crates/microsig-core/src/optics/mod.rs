@@ -4,24 +4,26 @@
 //!   particle --- a + e1 ---> spherical lens --- b/3 ---> cylindrical lens --- 2b/3 ---> sensor
 //! ```
 //!
-//! A ray is its position on a plane and its two slopes. The model is centred on each particle (no field
-//! dependence); its axes are e1 along the light's line, pointing away from the lens, e2 along image columns and e3
-//! along image rows, the latter two before the lens inverts them: a point at the lab offset (dx, dy, dz) from the
-//! particle's centre has (e1, e2, e3) = (dz, -dx, -dy).
+//! A ray is its position on a plane and its two slopes. The model is centered on each particle (no field
+//! dependence). Its axes are e1 along the optical axis, pointing away from the lens, and e2 and e3 along
+//! image columns and rows, inverted as by the lens: a point at the lab offset (dx, dy, dz) from the
+//! particle's center has (e1, e2, e3) = (dz, -dx, -dy).
 
 mod cylinder;
 mod meridional;
 mod objective;
 mod refraction;
+mod useful_aperture;
 
 pub use cylinder::CylindricalLens;
 pub use objective::Objective;
 pub use refraction::refract;
+pub use useful_aperture::useful_radius;
 
 use crate::settings::Settings;
 use meridional::{Landings, RAYS};
 
-/// Position on a plane across the optical axis, um, and slopes (dimensionless).
+/// A ray: its position (um) in a plane normal to the optical axis, and its slopes (dimensionless).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
     /// Position along image columns, um.
@@ -35,23 +37,23 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// The ray after a free path of this length along the axis, um (eq. 2).
+    /// The ray after free propagation over `distance` (um) along the axis (eq. 2).
     pub fn travel(self, distance: f64) -> Ray {
         Ray { q_x: self.q_x + distance * self.p_x, q_y: self.q_y + distance * self.p_y, ..self }
     }
 }
 
-/// Objective and, if there is one, cylindrical lens.
+/// The objective and the optional cylindrical lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OpticalSystem {
     /// The spherical lens.
     pub objective: Objective,
-    /// The lens that makes the image astigmatic.
+    /// The cylindrical lens that makes the image astigmatic; `None` for a spherical system.
     pub cylinder: Option<CylindricalLens>,
 }
 
 impl OpticalSystem {
-    /// The system that these settings describe.
+    /// The optical system of these settings.
     pub fn new(settings: &Settings) -> Self {
         OpticalSystem {
             objective: Objective::new(settings),
@@ -60,10 +62,10 @@ impl OpticalSystem {
         }
     }
 
-    /// Follows a ray from a source point to the sensor and gives its position there, um from the particle's image
-    /// centre. `distance` is the path from the point to the lens along the axis, um.
+    /// Traces a ray from a source point to the sensor and returns its position there, um from the center of
+    /// the particle image. `distance` is the axial distance from the point to the lens, um.
     ///
-    /// `None`: the ray passes beside the lens or is lost at one of its faces.
+    /// `None`: the ray misses the aperture or is lost at one of the faces.
     pub fn trace(&self, start: Ray, distance: f64) -> Option<(f64, f64)> {
         let objective = &self.objective;
         let at_lens = start.travel(distance);
@@ -76,7 +78,8 @@ impl OpticalSystem {
         let behind = objective.refract(at_lens)?;
         let at_sensor = match self.cylinder {
             None => behind.travel(image_distance),
-            // The paper puts the cylinder at 2/3 of the way; its program 2/3 before the sensor. We follow the program.
+            // The paper places the cylinder at 2/3 of the image distance, its program at 2/3 of it before the
+            // sensor. The program is followed.
             Some(cylinder) => {
                 cylinder.refract(behind.travel(image_distance / 3.0)).travel(2.0 * image_distance / 3.0)
             }
@@ -84,20 +87,20 @@ impl OpticalSystem {
         Some((at_sensor.q_x, at_sensor.q_y))
     }
 
-    /// Half width and half height of the image of a point at depth `z_um`, um on the sensor: the farthest that rays
-    /// through a grid of aperture positions land from the axis.
+    /// Half width and half height (um on the sensor) of the image of a point at depth `z_um` (um): the
+    /// largest distances from the axis at which rays through a grid of aperture positions land.
     ///
-    /// A working estimate (the renderers check it against the rays they trace), not a bound.
+    /// This is an estimate, not a bound; the renderers check it against the rays they trace.
     pub fn image_extent(&self, z_um: f64) -> (f64, f64) {
         let distance = self.objective.object_distance(z_um);
         let radius = self.objective.aperture_radius;
-        // Enough to find the edge of a caustic within 1 %.
+        // Sufficient to locate the edge of a caustic within 1 %.
         let slopes = std::array::from_fn(|i| radius * (i + 1) as f64 / RAYS as f64 / distance);
         let farthest = |along_columns| {
             let landings = Landings { system: self, along_columns, distance, slopes };
             pulp::Arch::new().dispatch(landings).into_iter().fold(0.0, f64::max)
         };
-        // The two meridional fans hold the extremes: along the columns and along the rows.
+        // The extremes are in the two meridional fans, along the columns and along the rows.
         let height = farthest(false);
         (if self.cylinder.is_some() { farthest(true) } else { height }, height)
     }
@@ -107,7 +110,7 @@ impl OpticalSystem {
 mod tests {
     use super::*;
 
-    /// A paraxial ray meets the sensor at the paraxial magnification: the transfer of the thin lens, and nothing else.
+    /// A paraxial ray lands at the position given by the paraxial magnification.
     #[test]
     fn paraxial_magnification_is_m() {
         for settings in [Settings::setting1(), Settings::setting2()] {
@@ -124,7 +127,7 @@ mod tests {
         }
     }
 
-    /// With a medium of index n_m, eq. (4) shapes the lens so that its focal length stays f.
+    /// Eq. (4) adapts the lens to the index n_m of the medium so that its focal length remains f.
     #[test]
     fn the_focal_length_does_not_depend_on_the_medium() {
         for ri_medium in [1.0, 1.33, 1.45] {
@@ -136,7 +139,7 @@ mod tests {
         }
     }
 
-    /// Rays near the rim are bent too much: they cross the axis in front of the paraxial image.
+    /// Marginal rays are refracted too strongly and cross the axis in front of the paraxial image.
     #[test]
     fn the_lens_has_spherical_aberration() {
         let system = OpticalSystem::new(&Settings::setting1());

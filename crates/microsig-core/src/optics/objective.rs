@@ -1,28 +1,30 @@
 //! The objective as one infinitely thin spherical lens with exact refraction, Rossi 2020, eqs. (3)-(8).
 //!
-//! Both faces lie in the same plane, so a ray is refracted twice at the same (q_x, q_y). The slope of a face is q/R
-//! (a parabola's), which is what the original computes; a sphere's own slope would give another image altogether.
+//! Both faces are in the same plane, so a ray is refracted twice at the same (q_x, q_y). The slope of a face
+//! is q/R, that of a parabola, as in the original program; the slope of a sphere would give a substantially
+//! different image.
 
 use super::{Ray, refract};
 use crate::settings::Settings;
 
-/// A thin lens, its aperture and the distances to object plane and sensor.
+/// A thin lens with its aperture and its distances from the object plane and the sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Objective {
     /// Distance from the paraxial object plane (z = 0) to the lens, um: f (1 + 1/M).
     pub object_distance_0: f64,
     /// Distance from the lens to the sensor, um: b = f (M + 1).
     pub image_distance: f64,
-    /// Radius of the aperture in the lens plane, um: tan(asin NA) f (1 + 1/M). The medium's index does not enter.
+    /// Radius of the aperture in the lens plane, um: tan(asin NA) f (1 + 1/M), whatever the index of the
+    /// medium.
     pub aperture_radius: f64,
     /// Radius of curvature of both faces, um: R = 2 (n_l/n_m - 1) f (eq. 4).
     pub face_radius: f64,
-    /// n_m / n_l.
+    /// Refractive index ratio n_m / n_l.
     pub index_ratio: f64,
 }
 
 impl Objective {
-    /// The objective that these settings describe.
+    /// The objective of these settings.
     pub fn new(settings: &Settings) -> Self {
         let (f, m) = (settings.focal_length, settings.magnification);
         let object_distance_0 = f * (1.0 + 1.0 / m);
@@ -40,21 +42,21 @@ impl Objective {
         z_um + self.object_distance_0
     }
 
-    /// Refraction at the two faces; the ray keeps its place in the lens plane.
+    /// Refraction at the two faces; the position in the lens plane is unchanged.
     ///
-    /// `None`: the ray is lost to total reflection or meets a face from behind.
+    /// `None`: total internal reflection, or incidence on a face from behind.
     pub fn refract(&self, ray: Ray) -> Option<Ray> {
         let Ray { q_x, q_y, p_x, p_y } = ray;
-        let incident = normalise([1.0, p_x, p_y]);
-        let first_face = normalise([self.face_radius, -q_x, -q_y]);
-        let second_face = normalise([self.face_radius, q_x, q_y]);
+        let incident = normalize([1.0, p_x, p_y]);
+        let first_face = normalize([self.face_radius, -q_x, -q_y]);
+        let second_face = normalize([self.face_radius, q_x, q_y]);
         let inside = refract(incident, first_face, self.index_ratio)?;
         let behind = refract(inside, second_face, 1.0 / self.index_ratio)?;
         (behind[0] > 0.0).then(|| Ray { q_x, q_y, p_x: behind[1] / behind[0], p_y: behind[2] / behind[0] })
     }
 }
 
-fn normalise(v: [f64; 3]) -> [f64; 3] {
+fn normalize(v: [f64; 3]) -> [f64; 3] {
     let length = libm::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
     [v[0] / length, v[1] / length, v[2] / length]
 }

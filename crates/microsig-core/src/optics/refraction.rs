@@ -2,9 +2,9 @@
 
 /// The direction of a ray behind an interface.
 ///
-/// `direction` and `normal` are unit vectors, the normal on the side the light goes to; `index_ratio` is the index
-/// before over the index behind. `None`: total reflection, or light that comes from behind (incidence beyond 90
-/// degrees).
+/// `direction` and `normal` are unit vectors, the normal pointing to the side of the refracted ray;
+/// `index_ratio` is the index before over the index behind. `None`: total internal reflection, or an angle of
+/// incidence above 90 degrees.
 pub fn refract(direction: [f64; 3], normal: [f64; 3], index_ratio: f64) -> Option<[f64; 3]> {
     let cosine = direction[0] * normal[0] + direction[1] * normal[1] + direction[2] * normal[2];
     let squared = 1.0 - index_ratio * index_ratio * (1.0 - cosine * cosine);

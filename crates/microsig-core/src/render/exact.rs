@@ -1,15 +1,15 @@
-//! Every ray of every point, one after the other, in f64: the model as it is written down.
+//! Reference implementation: every ray of every source point traced individually in f64.
 //!
-//! Given the original's own random angles this gives the original's counts to the last ray. It is slow and serves to
-//! check the fast kernel.
+//! Given the random angles of the original program it reproduces its ray counts exactly. It is slow and
+//! serves to check the fast kernel.
 
 use crate::emission::{self, Point};
 use crate::optics::{OpticalSystem, Ray};
 use crate::particle::Particle;
 use crate::settings::Settings;
 
-/// Ray counts on the whole sensor, row by row, of one particle whose points `points` shine with fans turned by
-/// `angles` (rad, one per point).
+/// Ray counts of one particle on the whole sensor, row by row; its source points `points` emit fans rotated
+/// by `angles` (rad, one per point).
 pub fn count_rays(settings: &Settings, particle: &Particle, points: &[Point], angles: &[f64]) -> Vec<u32> {
     let system = OpticalSystem::new(settings);
     let (width, height) = (settings.pixel_dim_x as usize, settings.pixel_dim_y as usize);
@@ -21,7 +21,8 @@ pub fn count_rays(settings: &Settings, particle: &Particle, points: &[Point], an
         let (sine, cosine) = libm::sincos(angle);
         for &[d1, d2, d3] in &fan {
             let (turned1, turned2) = (d1 * cosine - d2 * sine, d1 * sine + d2 * cosine);
-            // Mirrored toward the lens: only the depth component changes sign, so only its size matters here.
+            // Reflection into the half space toward the lens changes the sign of the depth component only, so
+            // its magnitude is used.
             let toward_lens = turned1.abs();
             let ray = Ray { q_x: e2, q_y: e3, p_x: turned2 / toward_lens, p_y: d3 / toward_lens };
             if let Some((x, y)) = system.trace(ray, distance + e1) {

@@ -1,17 +1,18 @@
-//! Vectors of numbers whose width is the processor's, with the operators of arithmetic.
+//! SIMD vectors of the width of the processor, with arithmetic operators.
 //!
-//! Every operation is correctly rounded and none is fused, so that a lane's bits do not depend on the width.
+//! Every operation is correctly rounded and none is fused, so that the bits of a lane do not depend on the
+//! vector width.
 
 use std::ops::{Add, BitOr, Div, Mul, Sub};
 
 use pulp::Simd;
 use pulp::bytemuck::cast;
 
-/// The widest vector of any instruction set, in numbers of f32.
+/// Number of f32 lanes of the widest vectors of any instruction set.
 pub(super) const MAX_LANES: usize = 16;
 
-/// Lanes of the narrowest vectors. Comparisons in these are plain ones: of pulp's own the compiler makes slow code where
-/// there are no masks, and instruction sets differ in what the larger of a number and no number is.
+/// Number of lanes of the narrowest vectors. These use scalar comparisons: those of pulp compile to slow code
+/// without mask registers, and max(x, NaN) differs between instruction sets.
 const NARROW: usize = 4;
 
 /// A vector of f32.
@@ -28,7 +29,7 @@ impl<S: Simd> Floats<S> {
         Floats(simd, simd.splat_f32s(value))
     }
 
-    /// The numbers from `first` on; there must be a full vector of them.
+    /// Loads a full vector starting at `values[first]`.
     #[inline(always)]
     pub(super) fn load(simd: S, values: &[f32], first: usize) -> Self {
         Floats(simd, S::as_simd_f32s(&values[first..first + S::F32_LANES]).0[0])
@@ -44,7 +45,7 @@ impl<S: Simd> Floats<S> {
         Floats(self.0, self.0.abs_f32s(self.1))
     }
 
-    /// Between two limits; what is no number becomes the lower one.
+    /// Clamps to two limits; NaN becomes the lower limit.
     #[inline(always)]
     pub(super) fn clamp(self, low: Self, high: Self) -> Self {
         let simd = self.0;
@@ -107,7 +108,7 @@ operator!(Floats: Add, add, add_f32s);
 operator!(Floats: Sub, sub, sub_f32s);
 operator!(Floats: Mul, mul, mul_f32s);
 operator!(Floats: Div, div, div_f32s);
-// These wrap.
+// These operators wrap around.
 operator!(Words: Add, add, add_u32s);
 operator!(Words: Sub, sub, sub_u32s);
 operator!(Words: Mul, mul, mul_u32s);

@@ -1,27 +1,29 @@
-//! Particles to images.
+//! Particle images.
 //!
-//! A [`Renderer`] is one of: [`rays`], the paper's method, counts of discrete rays, fast; [`expected`], its limit of many
-//! rays, without their noise; [`gaussian`], classical in-focus spots. [`exact`] is the method of rays in plain f64, ray by
-//! ray, and what the fast kernel is held against.
+//! A [`Renderer`] is one of: [`rays`], the paper's method, fast counting of discrete rays; [`expected`], its
+//! limit of infinitely many rays, without ray noise; [`waves`], wave optics with diffraction at the lens;
+//! [`gaussian`], classical in-focus spots. [`exact`] traces every ray in plain f64 and is the reference for
+//! the fast kernel.
 
 pub mod exact;
 pub mod expected;
-mod fan;
 pub mod gaussian;
 mod instructions;
-mod kernel;
+mod interface;
 mod lanes;
 mod patch;
-mod placing;
 pub mod rays;
 mod renderer;
-mod sources;
-mod strokes;
-mod tally;
+mod spline;
+mod store;
+pub mod waves;
 
 pub use expected::ExpectedRenderer;
-pub use gaussian::{GaussianRenderer, Spot};
+pub use gaussian::{GaussianRenderer, GaussianSpot};
 pub use instructions::InstructionSet;
+pub use interface::{Description, ImageStreams, Render};
 pub use patch::{Patch, Window};
 pub use rays::RayRenderer;
-pub use renderer::Renderer;
+pub use renderer::{Renderer, RendererSpec};
+pub use store::{TableStore, keep_tables};
+pub use waves::{WaveOptics, WavesRenderer};

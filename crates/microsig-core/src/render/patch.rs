@@ -1,6 +1,6 @@
-//! The piece of the sensor that one particle lights.
+//! The part of the sensor illuminated by one particle.
 
-/// A rectangle of pixels, pixel numbers from 1, possibly empty.
+/// A rectangle of pixels, numbered from 1; may be empty.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Window {
     /// Leftmost pixel column.
@@ -14,13 +14,13 @@ pub struct Window {
 }
 
 impl Window {
-    /// The part of a sensor within `extent` px of a position on either axis.
+    /// The part of a sensor (width, height in px) within `extent` (px, along x and y) of a position (px).
     #[inline]
     pub(super) fn around(x_px: f64, y_px: f64, extent: (f64, f64), sensor: (u32, u32)) -> Self {
-        let side = |centre: f64, reach: f64, size: u32| {
-            // Saturating conversions keep absurd positions harmless.
-            let low = ((centre - reach + 0.5).floor() as i64).max(1);
-            let high = ((centre + reach + 0.5).floor() as i64).min(i64::from(size));
+        let side = |center: f64, reach: f64, size: u32| {
+            // Saturating conversions handle positions far outside the sensor.
+            let low = ((center - reach + 0.5).floor() as i64).max(1);
+            let high = ((center + reach + 0.5).floor() as i64).min(i64::from(size));
             (low, if high >= low { (high - low + 1) as usize } else { 0 })
         };
         let (x0, width) = side(x_px, extent.0, sensor.0);
@@ -37,14 +37,15 @@ impl Window {
 /// Ray counts of one particle on the sensor pixels it can reach.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Patch {
-    /// Where on the sensor.
+    /// The pixels of the patch.
     pub window: Window,
     /// Counts, row by row.
     pub counts: Vec<u32>,
 }
 
 impl Patch {
-    /// Adds the patch times `factor` to a band of the sensor of this width, whose first row has this number (from 0).
+    /// Adds the patch times `factor` to a band of rows of a sensor of `width` px; `first_row` is the number
+    /// (from 0) of its first row.
     pub(super) fn add(&self, first_row: usize, factor: f64, band: &mut [f64], width: usize) {
         let Window { x0, y0, width: columns, height } = self.window;
         let (left, top) = ((x0 - 1) as usize, (y0 - 1) as usize);

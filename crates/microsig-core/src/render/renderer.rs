@@ -1,90 +1,88 @@
-//! What all ways of making light have in common.
+//! Selection of a renderer; no other module distinguishes between them.
+//!
+//! To add a renderer, implement [`Render`] in a file of its own and add a variant to [`RendererSpec`].
+
+use std::ops::Deref;
+use std::sync::Arc;
 
 use super::expected::ExpectedRenderer;
-use super::gaussian::GaussianRenderer;
+use super::gaussian::{GaussianRenderer, GaussianSpot};
+use super::interface::Render;
 use super::rays::RayRenderer;
+use super::waves::{WaveOptics, WavesRenderer};
+use crate::emission::SpheroidLaw;
 use crate::error::Error;
-use crate::particle::Particle;
-use crate::sensor::Light;
 use crate::settings::Settings;
-use crate::stream::{Purpose, Streams};
 
-/// A way of drawing particles.
-#[derive(Debug, Clone)]
-pub enum Renderer {
+/// A renderer with its options, independent of the settings.
+#[derive(Debug, Clone, PartialEq)]
+pub enum RendererSpec {
     /// Counts of discrete rays, the paper's method.
-    Rays(RayRenderer),
-    /// The limit of many rays, without their noise.
-    Expected(ExpectedRenderer),
+    Rays {
+        /// Which points of a spheroid shine.
+        spheroids: SpheroidLaw,
+    },
+    /// The limit of infinitely many rays, without ray noise.
+    Expected {
+        /// Which points of a spheroid shine.
+        spheroids: SpheroidLaw,
+        /// Error relative to the peak of an image (see [`super::expected::DEFAULT_TOLERANCE`]).
+        tolerance: f64,
+    },
+    /// Wave optics with diffraction at the lens, without ray noise.
+    Waves {
+        /// Light and optics.
+        optics: WaveOptics,
+        /// The largest error relative to the peak of an image.
+        tolerance: f64,
+    },
     /// Gaussian spots, all in focus.
-    Gaussian(GaussianRenderer),
+    Gaussian(GaussianSpot),
 }
 
-macro_rules! ask {
-    ($self:ident.$question:ident($($argument:ident),*)) => {
-        match $self {
-            Renderer::Rays(renderer) => renderer.$question($($argument),*),
-            Renderer::Expected(renderer) => renderer.$question($($argument),*),
-            Renderer::Gaussian(renderer) => renderer.$question($($argument),*),
-        }
-    };
-}
-
-impl Renderer {
-    /// Its name in scenarios and manifests.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Renderer::Rays(_) => "rays",
-            Renderer::Expected(_) => "expected",
-            Renderer::Gaussian(_) => "gaussian",
-        }
-    }
-
-    /// The settings.
-    pub fn settings(&self) -> &Settings {
-        ask!(self.settings())
-    }
-
-    /// Whether this particle can be drawn, and what should be known about its image if so.
+impl RendererSpec {
+    /// The renderer for these settings.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] with the reason why not.
-    pub fn check(&self, particle: &Particle) -> Result<Option<String>, Error> {
-        ask!(self.check(particle))
+    /// [`Error::Malformed`] if a setting or option is out of range, [`Error::Unsupported`] if the renderer
+    /// cannot draw with these settings.
+    pub fn build(self, settings: &Settings) -> Result<Renderer, Error> {
+        Ok(match self {
+            RendererSpec::Rays { spheroids } => RayRenderer::new(settings, spheroids)?.into(),
+            RendererSpec::Expected { spheroids, tolerance } => {
+                ExpectedRenderer::new(settings, spheroids, tolerance)?.into()
+            }
+            RendererSpec::Waves { optics, tolerance } => {
+                WavesRenderer::new(settings, &optics, tolerance)?.into()
+            }
+            RendererSpec::Gaussian(spot) => GaussianRenderer::new(settings, spot)?.into(),
+        })
     }
 
-    /// What should be known about all images of these settings.
-    pub fn warning(&self) -> Option<String> {
+    /// The renderer used for single particles at many depths, where building tables of expected images would
+    /// cost more than averaging ray images.
+    pub fn for_depth_scans(self) -> RendererSpec {
         match self {
-            Renderer::Rays(rays) => rays.warning(),
-            Renderer::Expected(_) | Renderer::Gaussian(_) => None,
+            RendererSpec::Expected { spheroids, .. } => RendererSpec::Rays { spheroids },
+            other => other,
         }
     }
+}
 
-    /// How the images drawn so far fall short of what was asked for.
-    pub fn shortfall(&self) -> Option<String> {
-        match self {
-            Renderer::Expected(expected) => expected.shortfall(),
-            Renderer::Rays(_) | Renderer::Gaussian(_) => None,
-        }
+/// Any renderer; clones share its tables and working memory.
+#[derive(Debug, Clone)]
+pub struct Renderer(Arc<dyn Render>);
+
+impl<R: Render + 'static> From<R> for Renderer {
+    fn from(renderer: R) -> Self {
+        Renderer(Arc::new(renderer))
     }
+}
 
-    /// Half width and half height of a particle's image, px, with some margin.
-    pub fn image_extent(&self, particle: &Particle) -> (f64, f64) {
-        ask!(self.image_extent(particle))
-    }
+impl Deref for Renderer {
+    type Target = dyn Render;
 
-    /// Whether some of a particle's light may fall on the sensor.
-    pub fn reaches_sensor(&self, particle: &Particle) -> bool {
-        ask!(self.reaches_sensor(particle))
-    }
-
-    /// Adds up the light of all particles of one image; what is random in it comes from the streams of `purpose`.
-    pub fn light(&self, particles: &[Particle], streams: &Streams, purpose: Purpose, frame: u32) -> Light {
-        match self {
-            Renderer::Rays(rays) => rays.light(particles, streams, purpose, frame),
-            Renderer::Expected(expected) => expected.light(particles),
-            Renderer::Gaussian(gaussian) => gaussian.light(particles),
-        }
+    fn deref(&self) -> &(dyn Render + 'static) {
+        &*self.0
     }
 }

@@ -1,36 +1,38 @@
-//! A camera's chain: photons, electrons, counts (the terms of EMVA 1288).
+//! The signal chain of a camera: photons, electrons, counts (terms as in EMVA 1288).
 //!
-//! The ideal image (MicroSIG's counts without noise) times `photons_per_count`, weakened by vignetting, gives the mean
-//! number of photons of a pixel; quantum efficiency and the pixel's own sensitivity make electrons of them, to which dark
-//! electrons are added; their number is a Poisson number (shot noise); read noise is added, the full well cuts, the
-//! system gain makes counts, the offset is added, and the result is rounded and clamped to the bit depth. MicroSIG's
-//! `background_mean` is light here, and its `background_noise` is added to the counts as ever.
+//! The ideal image (MicroSIG's counts without noise) times `photons_per_count`, attenuated by vignetting, is
+//! the mean number of photons of a pixel. Quantum efficiency and the sensitivity of the pixel convert photons
+//! to electrons, to which dark electrons are added; the number of electrons is Poisson-distributed (shot
+//! noise). Read noise is added, the sum is limited to the full-well capacity, the system gain converts it to
+//! counts, the offset is added, and the result is rounded and clamped to the bit depth. MicroSIG's
+//! `background_mean` is treated as light; its `background_noise` is added to the counts.
 //!
-//! Everything is off in [`Detector::default`]: one electron per photon per count, no noise, 16 bit.
+//! All effects are off in [`Detector::default`]: one photon per count, one electron per photon, no noise, 16
+//! bit.
 
 use crate::error::{Error, Fault};
 use crate::random::{normal, poisson};
 use crate::settings::Settings;
 use crate::stream::{Purpose, Stream, Streams};
 
-/// A camera.
+/// Parameters of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Detector {
-    /// Photons that make one count of the ideal image, > 0.
+    /// Photons per count of the ideal image, > 0.
     pub photons_per_count: f64,
-    /// Electrons per photon, in (0, 1].
+    /// Quantum efficiency, electrons per photon, in (0, 1].
     pub quantum_efficiency: f64,
-    /// Whether the number of electrons fluctuates.
+    /// Whether the number of electrons is Poisson-distributed.
     pub shot_noise: bool,
-    /// Mean dark electrons of a pixel and frame (dark current times exposure), >= 0.
+    /// Mean number of dark electrons per pixel and frame (dark current times exposure time), >= 0.
     pub dark_e: f64,
     /// Standard deviation of the read noise, electrons, >= 0.
     pub read_noise_e: f64,
-    /// Electrons that a pixel holds, > 0, may be infinite.
+    /// Full-well capacity, electrons, > 0, may be infinite.
     pub full_well_e: f64,
-    /// Counts per electron, > 0.
+    /// System gain, counts per electron, > 0.
     pub gain_counts_per_e: f64,
-    /// Counts of a pixel without electrons.
+    /// Offset: counts of a pixel without electrons.
     pub offset_counts: f64,
     /// Bit depth: 8, 10, 12, 14 or 16.
     pub bits: u8,
@@ -40,18 +42,19 @@ pub struct Detector {
     pub dsnu_e: f64,
     /// Pixels with a large dark signal.
     pub hot_pixels: Option<HotPixels>,
-    /// Loss of light in the corners, 0 to 1; it grows with the square of the distance from the centre.
+    /// Fraction of light lost in the corners, 0 to 1; the loss is proportional to the squared distance from
+    /// the center.
     pub vignetting: f64,
-    /// Counts that are added to the ideal image, row by row, as many as there are pixels.
+    /// Counts added to the ideal image, one value per pixel, row by row.
     pub background: Option<Vec<f64>>,
 }
 
-/// Hot pixels.
+/// Hot pixels: a random subset of the pixels with a large dark signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HotPixels {
-    /// Their share, 0 to 1.
+    /// Fraction of all pixels, 0 to 1.
     pub fraction: f64,
-    /// Their dark electrons in a frame, >= 0.
+    /// Mean number of additional dark electrons per frame, >= 0.
     pub dark_e: f64,
 }
 
@@ -77,7 +80,10 @@ impl Default for Detector {
 }
 
 impl Detector {
-    /// Every value outside its range.
+    /// Checks all values.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] with every value out of range.
     pub fn validate(&self, settings: &Settings) -> Result<(), Error> {
         let mut faults = Vec::new();
         let mut check = |name: &str, value: f64, fits: bool, allowed: &str| {
@@ -117,8 +123,8 @@ impl Detector {
         if faults.is_empty() { Ok(()) } else { Err(Error::Malformed(faults)) }
     }
 
-    /// Counts, not rounded yet, of a pixel whose ideal counts are `ideal`.
-    pub(super) fn respond(&self, ideal: f64, pixel: Pixel, stream: &mut Stream) -> f64 {
+    /// Counts, before rounding, of a pixel with `ideal` counts in the ideal image.
+    pub(super) fn respond(&self, ideal: f64, pixel: PixelResponse, stream: &mut Stream) -> f64 {
         let photons = (ideal + pixel.background).max(0.0) * self.photons_per_count;
         let mean = (photons * self.quantum_efficiency * pixel.sensitivity + pixel.dark_e).max(0.0);
         let mut electrons = mean;
@@ -132,7 +138,8 @@ impl Detector {
     }
 }
 
-/// A Poisson number; beyond 1e7 its relative skewness is below 3e-4 and a normal number serves.
+/// A Poisson-distributed number; above a mean of 1e7, where the skewness is below 3.2e-4, a normal
+/// approximation.
 fn fluctuating(mean: f64, stream: &mut Stream) -> f64 {
     if mean <= crate::random::MAX_POISSON_MEAN {
         poisson(stream, mean) as f64
@@ -141,19 +148,19 @@ fn fluctuating(mean: f64, stream: &mut Stream) -> f64 {
     }
 }
 
-/// What is a pixel's own.
+/// The fixed-pattern parameters of a pixel.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Pixel {
-    /// Its share of the light times its sensitivity, relative to the ideal pixel.
+pub(super) struct PixelResponse {
+    /// Vignetting times sensitivity, relative to the ideal pixel.
     pub(super) sensitivity: f64,
     dark_e: f64,
     pub(super) background: f64,
 }
 
-/// All pixels of a camera.
+/// The fixed pattern of all pixels of a camera.
 #[derive(Debug, Clone)]
 pub(super) struct FixedPattern {
-    pixels: Vec<Pixel>,
+    pixels: Vec<PixelResponse>,
 }
 
 impl FixedPattern {
@@ -165,13 +172,14 @@ impl FixedPattern {
         for row in 0..height {
             let mut stream = streams.stream(Purpose::FixedPattern, 0, row);
             for column in 0..width {
-                // All numbers are drawn whether used or not: switching one effect on leaves the others as they are.
+                // All numbers are drawn even if not used, so that switching one effect on does not change the
+                // others.
                 let (response, dark, hot) = (normal(&mut stream), normal(&mut stream), stream.uniform());
                 let (x, y) = (f64::from(column) + 0.5 - half_x, f64::from(row) + 0.5 - half_y);
                 let vignetting = 1.0 - detector.vignetting * (x * x + y * y) / corner2;
                 let hot_e = detector.hot_pixels.filter(|h| hot < h.fraction).map_or(0.0, |h| h.dark_e);
                 let index = pixels.len();
-                pixels.push(Pixel {
+                pixels.push(PixelResponse {
                     sensitivity: (1.0 + detector.prnu * response).max(0.0) * vignetting,
                     dark_e: detector.dark_e + detector.dsnu_e * dark + hot_e,
                     background: detector.background.as_ref().map_or(0.0, |b| b[index]),
@@ -181,7 +189,7 @@ impl FixedPattern {
         FixedPattern { pixels }
     }
 
-    pub(super) fn at(&self, index: usize) -> Pixel {
+    pub(super) fn at(&self, index: usize) -> PixelResponse {
         self.pixels[index]
     }
 }
@@ -230,7 +238,8 @@ mod tests {
         assert_eq!(expose(&with), expose(&plain));
     }
 
-    /// The photon transfer curve: variance over mean is the system gain; its intercept is the read noise.
+    /// Photon transfer curve: the slope of variance over mean is the system gain, the intercept gives the
+    /// read noise.
     #[test]
     fn the_photon_transfer_curve_has_the_set_gain() {
         let camera = Detector {
@@ -241,13 +250,14 @@ mod tests {
             ..Default::default()
         };
         let dark = mean_variance(counts(&image(camera.clone(), 0.0, 0)));
-        // Rounding to whole counts adds 1/12. Standard error of a variance from 40,000 pixels: 0.7 %.
+        // Rounding to integer counts adds 1/12. The standard error of a variance from 40,000 pixels is 0.7 %.
         let read_noise_e = (dark.1 - 1.0 / 12.0).sqrt() / 0.45;
         assert!((read_noise_e / 8.0 - 1.0).abs() < 0.02, "{read_noise_e}");
         let (mut xy, mut xx) = (0.0, 0.0);
         for (frame, level) in [2e3, 5e3, 1e4, 2e4, 4e4, 8e4].into_iter().enumerate() {
             let (mean, variance) = mean_variance(counts(&image(camera.clone(), level, frame as u32)));
-            // Least squares through the dark point, weights 1/mean^2 (a variance's error grows with it).
+            // Least squares through the dark point with weights 1/mean^2 (the error of a variance is
+            // proportional to it).
             xy += (variance - dark.1) / (mean - dark.0);
             xx += 1.0;
         }
@@ -261,7 +271,7 @@ mod tests {
         assert_eq!(dark, image(camera, 1000.0, 7), "no other noise, so frames are equal");
         let difference = counts(&bright).zip(counts(&dark)).map(|(b, d)| (b - d) / 19_000.0);
         let prnu = mean_variance(difference).1.sqrt();
-        // Standard error of a standard deviation from 40,000 pixels: 0.35 %.
+        // The standard error of a standard deviation from 40,000 pixels is 0.35 %.
         assert!((prnu / 0.02 - 1.0).abs() < 0.02, "{prnu}");
     }
 
@@ -269,7 +279,7 @@ mod tests {
     fn the_full_well_cuts_and_bit_depths_use_their_full_range() {
         let full = Detector { full_well_e: 9000.0, ..Default::default() };
         let largest = |detector, level| image(detector, level, 0).counts.iter().copied().max().unwrap();
-        // 2 %: the bar for the recovered full well; without noise it is met exactly.
+        // Without noise the full well is recovered exactly.
         assert_eq!(largest(full, 50_000.0), 9000);
         for (bits, top) in [(8, 255), (10, 1023), (12, 4095), (14, 16_383), (16, 65_535)] {
             let camera = Detector { bits, shot_noise: true, ..Default::default() };
@@ -280,7 +290,8 @@ mod tests {
             let light = Light { width: SIDE, height: SIDE, values: ramp };
             let image = sensor.expose(&light, &Streams::new(1), Purpose::BackgroundNoise, 0);
             assert_eq!((image.counts.iter().min(), image.counts.iter().max()), (Some(&0), Some(&top)));
-            // The last quarter lies 1.125 to 1.5 times beyond the top; a value that wrapped would be dark.
+            // The last quarter is at 1.125 to 1.5 times the top of the scale; a value that wrapped around
+            // would be dark.
             assert!(
                 image.counts[(SIDE * SIDE * 3 / 4) as usize..].iter().all(|&c| c > top / 2),
                 "{bits} bit"
@@ -293,12 +304,12 @@ mod tests {
         let image = image(Detector { vignetting: 0.4, ..Default::default() }, 10_000.0, 0);
         let at = |x: u32, y: u32| f64::from(image.counts[(y * SIDE + x) as usize]);
         assert!((at(SIDE / 2, SIDE / 2) / 10_000.0 - 1.0).abs() < 0.001);
-        // The corner pixel's centre is 1 % nearer than the corner.
+        // The center of the corner pixel is 1 % closer to the center of the image than the corner.
         assert!((at(0, 0) / 6000.0 - 1.0).abs() < 0.01);
         let hot = HotPixels { fraction: 0.01, dark_e: 5000.0 };
         let dark = super::tests::image(Detector { hot_pixels: Some(hot), ..Default::default() }, 0.0, 0);
         let share = dark.counts.iter().filter(|&&c| c == 5000).count() as f64 / f64::from(SIDE * SIDE);
-        // Standard deviation of a share of 1 % of 40,000: 0.0005.
+        // The standard deviation of a fraction of 1 % of 40,000 pixels is 0.0005.
         assert!((share - 0.01).abs() < 0.002, "{share}");
     }
 

@@ -1,11 +1,14 @@
-//! From light to counts.
+//! The sensor: conversion of light to counts.
 //!
-//! MicroSIG's own sensor is gain, background, Gaussian noise and rounding to 16 bit: I = gain sum_i c_int_i counts_i +
-//! background_mean + round(N(0, background_noise)), rounded and clamped to
-//! [0, 65535]. The original truncates and wraps (-5 becomes 65531), which is a bug and is not followed. A [`Detector`] puts a
-//! camera's own chain between light and counts.
+//! MicroSIG's sensor model consists of gain, background, Gaussian noise and rounding to 16 bit: I = gain
+//! sum_i c_int_i counts_i + background_mean + round(N(0, background_noise)), rounded and clamped to [0,
+//! 65535]. Rounded noise does not dither: light below half a count is lost. With [`NoiseRounding::AfterSum`]
+//! the noise is added before rounding, so that counts are unbiased. The original program truncates and wraps
+//! around (-5 becomes 65531), which is a bug and is not reproduced. A [`Detector`] adds the signal chain of a
+//! camera.
 
 mod detector;
+mod normal_steps;
 #[cfg(target_arch = "x86_64")]
 mod registers;
 mod response;
@@ -18,69 +21,89 @@ pub use rounded_normal::RoundedNormal;
 use rayon::prelude::*;
 
 use crate::error::Error;
+use crate::pool::BufferPool;
 use crate::settings::Settings;
-use crate::shelf::Shelf;
 use crate::stream::{Purpose, Stream, Streams};
 use detector::FixedPattern;
+use normal_steps::NormalSteps;
 
-/// A grey image of 8 to 16 bit, rows from top to bottom.
+/// A gray image of 8 to 16 bit.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Image {
     /// Width, px.
     pub width: u32,
     /// Height, px.
     pub height: u32,
-    /// Bits of a count, 8 to 16.
+    /// Bit depth, 8 to 16.
     pub bits: u8,
-    /// Counts, `width * height` of them, row by row.
+    /// Counts of `width * height` pixels, row by row from the top.
     pub counts: Vec<u16>,
 }
 
-/// Ray counts per pixel weighted with the particles' c_int, rows from top to bottom.
+/// Light on the sensor: ray counts per pixel, weighted with the particles' c_int.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Light {
     /// Width, px.
     pub width: u32,
     /// Height, px.
     pub height: u32,
-    /// Weighted counts, `width * height` of them, row by row.
+    /// Weighted ray counts of `width * height` pixels, row by row from the top.
     pub values: Vec<f64>,
 }
 
 impl Light {
-    /// A dark sensor.
+    /// Zero light on the sensor of these settings.
     pub fn dark(settings: &Settings) -> Self {
         let (width, height) = (settings.pixel_dim_x, settings.pixel_dim_y);
         Light { width, height, values: vec![0.0; width as usize * height as usize] }
     }
 }
 
-/// The sensor's response to light.
+/// When the background noise of a pixel is rounded to integer counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum NoiseRounding {
+    /// Before it is added, as in MicroSIG; the sum is rounded again.
+    #[default]
+    BeforeSum,
+    /// Only in the sum of light, background and noise: counts are unbiased.
+    AfterSum,
+}
+
+/// The distribution of the background noise.
+#[derive(Debug, Clone)]
+enum Noise {
+    Rounded(RoundedNormal),
+    Unrounded(NormalSteps),
+}
+
+/// A sensor, which converts [`Light`] to an [`Image`].
 #[derive(Debug, Clone)]
 pub struct Sensor {
     gain: f64,
     background_mean: f64,
     background_noise: f64,
-    noise: Option<RoundedNormal>,
+    noise: Option<Noise>,
     detector: Option<(Detector, FixedPattern)>,
-    /// Memory for light that is exposed where it is made, kept from image to image.
-    bands: Shelf<Vec<f64>>,
+    /// Working memory for [`Sensor::expose_bands`], reused from image to image.
+    bands: BufferPool<Vec<f64>>,
 }
 
 impl Sensor {
-    /// MicroSIG's sensor of these settings.
+    /// MicroSIG's sensor with these settings.
     pub fn new(settings: &Settings) -> Self {
         Sensor {
             gain: settings.gain,
             background_mean: settings.background_mean,
             background_noise: settings.background_noise,
-            noise: (settings.background_noise > 0.0).then(|| RoundedNormal::new(settings.background_noise)),
+            noise: (settings.background_noise > 0.0)
+                .then(|| Noise::Rounded(RoundedNormal::new(settings.background_noise))),
             detector: None,
-            bands: Shelf::default(),
+            bands: BufferPool::default(),
         }
     }
 
-    /// The sensor of these settings with a camera's chain behind it, whose fixed pattern comes from `streams`.
+    /// The sensor with these settings and the signal chain of a camera, whose fixed pattern is drawn from
+    /// `streams`.
     ///
     /// # Errors
     /// [`Error::Malformed`] if a value of the detector is out of range.
@@ -90,13 +113,23 @@ impl Sensor {
         Ok(Sensor { detector: Some((detector, pattern)), ..Sensor::new(settings) })
     }
 
+    /// The same sensor with this rounding of its background noise.
+    pub fn with_rounding(self, rounding: NoiseRounding) -> Self {
+        let sigma = self.background_noise;
+        let noise = (sigma > 0.0).then(|| match rounding {
+            NoiseRounding::BeforeSum => Noise::Rounded(RoundedNormal::new(sigma)),
+            NoiseRounding::AfterSum => Noise::Unrounded(NormalSteps::new(sigma)),
+        });
+        Sensor { noise, ..self }
+    }
+
     /// The image of `light`, with the noise of `frame` from the streams of `purpose`.
     pub fn expose(&self, light: &Light, streams: &Streams, purpose: Purpose, frame: u32) -> Image {
         let width = light.width as usize;
         self.image((light.width, light.height), |counts| {
             let rows = counts.par_chunks_mut(width).zip(light.values.par_chunks(width)).enumerate();
             rows.with_min_len(16).for_each_init(
-                || Buffers::new(width),
+                || RowBuffers::new(width),
                 |buffers, (row, (counts, values))| {
                     let stream = streams.stream(purpose, frame, row as u32);
                     self.expose_row(row, values, stream, buffers, counts);
@@ -105,9 +138,9 @@ impl Sensor {
         })
     }
 
-    /// The same image of light that is made while it is exposed: `make` is called with the first row, from 0, of each band of
-    /// `rows` rows (the last one may have fewer) and writes what light falls on all of the band's pixels. The size is width and
-    /// height, px.
+    /// The same for light that is computed band by band, without storing all of it: `make` is called with the
+    /// first row (from 0) of each band of `rows` rows (the last may have fewer) and writes the light on all
+    /// pixels of the band. The size is (width, height), px.
     pub fn expose_bands(
         &self,
         (width, height): (u32, u32),
@@ -121,9 +154,9 @@ impl Sensor {
         self.image((width, height), |counts| {
             let bands = counts.par_chunks_mut(rows * columns).enumerate();
             let buffers = || {
-                let mut light = self.bands.lend();
+                let mut light = self.bands.get();
                 light.resize(rows * columns, 0.0);
-                (light, Buffers::new(columns))
+                (light, RowBuffers::new(columns))
             };
             bands.for_each_init(buffers, |(light, buffers), (band, counts)| {
                 let (first, light) = (band * rows, &mut light[..counts.len()]);
@@ -153,7 +186,7 @@ impl Sensor {
         row: usize,
         values: &[f64],
         mut stream: Stream,
-        buffers: &mut Buffers,
+        buffers: &mut RowBuffers,
         counts: &mut [u16],
     ) {
         if let Some((detector, pattern)) = &self.detector {
@@ -162,51 +195,103 @@ impl Sensor {
                 let ideal = self.gain * value + self.background_mean;
                 let pixel = pattern.at(row * values.len() + column);
                 let level = detector.respond(ideal, pixel, &mut stream);
-                let noise = self.noise.as_ref().map_or(0, |noise| noise.sample(stream.next_u32()));
-                *count = libm::rint(level + f64::from(noise)).clamp(0.0, largest) as u16;
+                let noise = match &self.noise {
+                    None => 0.0,
+                    Some(Noise::Rounded(law)) => f64::from(law.sample(stream.next_u32())),
+                    Some(Noise::Unrounded(law)) => law.sample([stream.next_u32(), stream.next_u32()]),
+                };
+                *count = libm::rint(level + noise).clamp(0.0, largest) as u16;
             }
             return;
         }
-        let Buffers { random, noise } = buffers;
-        if let Some(law) = &self.noise {
-            stream.fill(random);
-            law.sample_all(random, noise);
+        let RowBuffers { random, noise } = buffers;
+        let width = values.len();
+        let mut unrounded = None;
+        match &self.noise {
+            // The noise buffer is zero.
+            None => {}
+            Some(Noise::Rounded(law)) => {
+                stream.fill(&mut random[..width]);
+                law.sample_all(&random[..width], noise);
+            }
+            Some(Noise::Unrounded(law)) => {
+                stream.fill(random);
+                law.sample_steps(&random[..width], noise);
+                unrounded = Some((law.step(), &random[width..]));
+            }
         }
-        // Without noise they are still zero.
-        pulp::Arch::new().dispatch(Row { sensor: self, values, noise, counts });
+        match unrounded {
+            None => pulp::Arch::new().dispatch(MicrosigRow { sensor: self, values, noise, counts }),
+            Some((step, within)) => {
+                pulp::Arch::new().dispatch(UnroundedRow {
+                    sensor: self,
+                    values,
+                    noise,
+                    step,
+                    within,
+                    counts,
+                });
+            }
+        }
     }
 }
 
-/// Random numbers and noise of a row.
-struct Buffers {
+/// Buffers for the random numbers and the noise of a row.
+struct RowBuffers {
     random: Vec<u32>,
     noise: Vec<i32>,
 }
 
-impl Buffers {
+impl RowBuffers {
     fn new(width: usize) -> Self {
-        Buffers { random: vec![0; width], noise: vec![0; width] }
+        RowBuffers { random: vec![0; 2 * width], noise: vec![0; width] }
     }
 }
 
-/// A row of MicroSIG's own sensor, compiled for every instruction set.
-struct Row<'a> {
+/// 2^52: adding it to a number in [0, 2^52) puts the nearest integer (ties to even) into the low bits.
+const ROUND: f64 = 4_503_599_627_370_496.0;
+
+/// Exposure of a row by MicroSIG's sensor, compiled for every instruction set.
+struct MicrosigRow<'a> {
     sensor: &'a Sensor,
     values: &'a [f64],
     noise: &'a [i32],
     counts: &'a mut [u16],
 }
 
-impl pulp::WithSimd for Row<'_> {
+impl pulp::WithSimd for MicrosigRow<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
-        /// 2^52: added to a number of [0, 2^52) it leaves the nearest integer (ties to even) in the low bits.
-        const ROUND: f64 = 4_503_599_627_370_496.0;
         let (gain, background) = (self.sensor.gain, self.sensor.background_mean);
         for ((count, value), noise) in self.counts.iter_mut().zip(self.values).zip(self.noise) {
             let level = gain * value + background + f64::from(*noise);
+            *count = (level.clamp(0.0, 65_535.0) + ROUND).to_bits() as u16;
+        }
+    }
+}
+
+/// Exposure of a row with noise rounded in the sum: noise in steps, and positions within a step in units of
+/// 2^-32.
+struct UnroundedRow<'a> {
+    sensor: &'a Sensor,
+    values: &'a [f64],
+    noise: &'a [i32],
+    step: f64,
+    within: &'a [u32],
+    counts: &'a mut [u16],
+}
+
+impl pulp::WithSimd for UnroundedRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let (gain, background) = (self.sensor.gain, self.sensor.background_mean);
+        let random = self.noise.iter().zip(self.within);
+        for ((count, value), (&noise, &within)) in self.counts.iter_mut().zip(self.values).zip(random) {
+            let level = gain * value + background + self.step * normal_steps::place(noise, within);
             *count = (level.clamp(0.0, 65_535.0) + ROUND).to_bits() as u16;
         }
     }
@@ -239,5 +324,43 @@ mod tests {
         assert_ne!(image(0), image(1));
         let first = image(0);
         assert_ne!(first.counts[..64], first.counts[64..128]);
+    }
+
+    /// The mean of exposures follows the light in steps far below one count.
+    #[test]
+    fn noise_rounded_with_the_sum_dithers() {
+        const N: usize = 400_000;
+        for sigma in [0.5, 3.0, 10.0] {
+            let settings = Settings {
+                background_mean: 100.0,
+                background_noise: sigma,
+                gain: 1.0,
+                ..Settings::setting1()
+            };
+            let sensor = Sensor::new(&settings).with_rounding(NoiseRounding::AfterSum);
+            for value in [0.0, 0.2, 0.4, 0.5, 0.7] {
+                let image = sensor.expose(&flat(value, N), &Streams::new(2), Purpose::BackgroundNoise, 0);
+                let counts = image.counts.iter().map(|&count| f64::from(count) - 100.0);
+                let mean = counts.clone().sum::<f64>() / N as f64;
+                let variance = counts.map(|c| (c - mean) * (c - mean)).sum::<f64>() / N as f64;
+                // The exact distribution of a rounded sum: normal probabilities of the intervals about
+                // integer counts.
+                let below = |x: f64| 0.5 * libm::erfc((value - x) / (sigma * std::f64::consts::SQRT_2));
+                let law = (-100..=100)
+                    .map(|k| (f64::from(k), below(f64::from(k) + 0.5) - below(f64::from(k) - 0.5)));
+                let exact: f64 = law.clone().map(|(k, p)| k * p).sum();
+                let exact_variance: f64 = law.map(|(k, p)| (k - exact) * (k - exact) * p).sum();
+                // Five standard errors; the error of the histogram approximation is far below.
+                let error = 5.0 * (exact_variance / N as f64).sqrt();
+                assert!((mean - exact).abs() < error, "{sigma} {value}: {mean} {exact}");
+                let error = 5.0 * exact_variance * (2.0 / N as f64).sqrt();
+                assert!(
+                    (variance - exact_variance).abs() < error,
+                    "{sigma} {value}: {variance} {exact_variance}"
+                );
+                // Half a count is dithered.
+                assert!((exact - value).abs() < 0.003, "{sigma} {value}: {exact}");
+            }
+        }
     }
 }

@@ -1,6 +1,7 @@
-//! A table of up to 256 words that is looked up 16 words at a time, in the registers of AVX-512.
+//! Lookup of 16 words at a time in a table of 256 words held in AVX-512 registers.
 //!
-//! Gathers from memory take as long as single loads; a permutation of two registers finds 16 words among 32 at once.
+//! Gathers from memory take as long as single loads; a permutation of two registers looks up 16 words among
+//! 32 at once.
 
 use std::arch::x86_64::__m512i;
 use std::array::from_fn;
@@ -8,17 +9,17 @@ use std::array::from_fn;
 use pulp::cast;
 use pulp::x86::V4;
 
-/// Entries of a table.
+/// Number of entries of a table.
 pub(super) const ENTRIES: usize = 256;
 
-/// Numbers of a register.
+/// 32-bit words per register.
 const LANES: usize = 16;
 
 /// Samples of [`super::RoundedNormal`].
 pub(super) struct Samples<'a> {
     pub(super) simd: V4,
     pub(super) lowest: i32,
-    /// The first so many bits of a random number, at most 8, choose a column.
+    /// Number of leading bits of a random word, at most 8, that select a column.
     pub(super) bits: u32,
     pub(super) columns: &'a [u32; ENTRIES],
     pub(super) random: &'a [[u32; LANES]],
@@ -39,7 +40,8 @@ impl pulp::NullaryFnOnce for Samples<'_> {
             let random: __m512i = cast(*random);
             let number = f._mm512_srlv_epi32(random, others);
             let bit = |bit: u32| f._mm512_test_epi32_mask(number, all(1 << bit));
-            // The five lowest bits of a column's number find it in a pair of registers, each further one halves the pairs.
+            // The five lowest bits of a column number select a word from a pair of registers; each further
+            // bit halves the number of pairs.
             let find =
                 |pair: usize| f._mm512_permutex2var_epi32(table[2 * pair], number, table[2 * pair + 1]);
             let of32: [__m512i; 4] = from_fn(find);

@@ -1,12 +1,12 @@
-//! What a pixel shows on average: the noise-free counterpart of an exposure, for truth and expectations.
+//! The mean response of a pixel: the noise-free counterpart of an exposure, for ground truth and expected
+//! values.
 
 use super::Sensor;
 
 /// The mean response of a pixel to light, and the noise of its background.
 ///
-/// Mean counts before rounding are `background + slope * light` up to the largest count. What differs from pixel to pixel
-/// in the dark (hot pixels, dark-signal non-uniformity) is left out: it is a pattern, not noise, and a tracker may subtract
-/// it.
+/// Mean counts before rounding are `background + slope * light`, up to saturation. Dark-signal non-uniformity
+/// and hot pixels are not included: they are a fixed pattern, not noise, which a tracker may subtract.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Response {
     /// Counts per unit of [`super::Light`].
@@ -43,13 +43,14 @@ impl Sensor {
         }
     }
 
-    /// Whether some pixel may show so many counts on average in so much light; asked before every pixel is.
-    pub fn may_show(&self, counts: f64, light: f64) -> bool {
+    /// Whether any pixel may have a mean of `counts` at this light: a quick test before pixels are examined
+    /// one by one.
+    pub fn may_reach(&self, counts: f64, light: f64) -> bool {
         let of_all = self.response(0);
         self.detector.is_some() || of_all.background + of_all.slope * light >= counts
     }
 
-    /// The counts at which a pixel is saturated: its full well or the end of the scale, whichever comes first.
+    /// The counts at which a pixel saturates: full well or top of the scale, whichever is lower.
     pub fn saturation_counts(&self) -> f64 {
         let (bits, well) = self.detector.as_ref().map_or((16, f64::INFINITY), |(detector, _)| {
             (detector.bits, detector.full_well_e * detector.gain_counts_per_e + detector.offset_counts)
@@ -74,7 +75,7 @@ mod tests {
         (mean, libm::sqrt(image.counts.iter().map(square).sum::<f64>() / n))
     }
 
-    /// Exposures of a dark and of a lit sensor have the mean and the noise that the response says.
+    /// Mean and noise of exposures of a dark and of an illuminated sensor agree with the response.
     #[test]
     fn a_response_is_the_mean_of_exposures() {
         let settings =
@@ -98,7 +99,8 @@ mod tests {
                 mean_and_deviation(&sensor.expose(&light, &streams, Purpose::BackgroundNoise, 0))
             };
             let ((dark, noise), (lit, _)) = (image(0.0), image(100.0));
-            // 25,600 pixels with a noise of about 25 counts: 0.16 for a mean, 0.5 % for a deviation, four of them each.
+            // 25,600 pixels with a noise of about 25 counts: standard errors of 0.16 for a mean and 0.5 % for
+            // a standard deviation; four of each.
             assert!((dark - response.background).abs() < 0.64, "{dark} {response:?}");
             let expected = libm::sqrt(response.background_noise * response.background_noise + 1.0 / 12.0);
             assert!((noise / expected - 1.0).abs() < 0.02, "{noise} {response:?}");

@@ -1,36 +1,37 @@
-//! Whole-number Gaussian noise.
+//! Gaussian noise rounded to integers.
 
 #[cfg(target_arch = "x86_64")]
 use super::registers;
 
-/// Tables are at least this long: the length that is looked up in registers.
+/// Minimum length of a table: that of the lookup in registers.
 const REGISTERS: usize = 256;
 
-/// round(N(0, sigma)) by Walker's alias method (Vose 1991): one random number of 32 bits a sample.
+/// round(N(0, sigma)) by Walker's alias method (Vose 1991): one 32-bit random number per sample.
 ///
-/// The probabilities are those of the rounded normal, each to 2^-32.
+/// The probabilities are those of the rounded normal distribution, each accurate to 2^-32.
 #[derive(Debug, Clone)]
 pub struct RoundedNormal {
     lowest: i32,
-    /// The first so many bits of a random number choose a column.
+    /// Number of leading bits of a random word that select a column.
     bits: u32,
-    /// Per column, in as many bits as a random number has: the column that its rest goes to, and the least of the other bits
-    /// with which a random number goes there.
+    /// Per column, packed into 32 bits: in the leading bits the alias column, in the others the threshold
+    /// from which a random number goes to the alias.
     columns: Vec<u32>,
 }
 
 impl RoundedNormal {
     /// The distribution for a standard deviation > 0, counts.
     pub fn new(sigma: f64) -> Self {
-        // Beyond 16 bit every value clamps to the same count, so the table never grows past that.
+        // Values beyond 16 bit are clamped, so the table need not extend further.
         let reach = libm::ceil(8.0 * sigma + 1.0).min(f64::from(1 << 17)) as i32;
         let below = |x: f64| 0.5 * libm::erfc(-x / (sigma * std::f64::consts::SQRT_2));
-        // A power of two, so that the bits that choose a column and those that decide within it are independent.
+        // A power of two, so that the bits that select a column are independent of those compared with its
+        // threshold.
         let n = ((2 * reach + 1) as usize).next_power_of_two();
         let bits = n.ilog2();
         let mut weights: Vec<f64> = (-reach..=reach)
             .map(|k| {
-                // By symmetry from the lower tail, where differences of erfc keep their digits.
+                // By symmetry from the lower tail, where differences of erfc do not lose digits.
                 let k = -f64::from(k.abs());
                 below(k + 0.5) - below(k - 0.5)
             })
@@ -39,7 +40,8 @@ impl RoundedNormal {
         let total: f64 = weights.iter().sum();
 
         let mut scaled: Vec<f64> = weights.iter().map(|w| w / total * n as f64).collect();
-        // A full column goes to itself, and so does one that is full but for less than a random number can tell.
+        // A full column is its own alias, and so is a column that is full up to less than the resolution of a
+        // random number.
         let mut columns: Vec<u32> = (0..n as u32).map(|column| column << (32 - bits)).collect();
         let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..n).partition(|&i| scaled[i] < 1.0);
         while let (Some(&poor), Some(&rich)) = (small.last(), large.last()) {
@@ -54,23 +56,23 @@ impl RoundedNormal {
                 small.push(rich);
             }
         }
-        // No random number chooses what is added to small tables.
+        // Padding of small tables, which no random number selects.
         columns.resize(n.max(REGISTERS), 0);
         RoundedNormal { lowest: -reach, bits, columns }
     }
 
-    /// The value, counts, that a random number of 32 bits stands for.
+    /// The value (counts) for a 32-bit random number.
     #[inline]
     pub fn sample(&self, random: u32) -> i32 {
-        // There is a column for every number.
+        // In range: there is a column for every index.
         let column = self.columns.get((random >> (32 - self.bits)) as usize).copied().unwrap_or_default();
         let stays = random << self.bits < column << self.bits;
-        // Nobody can guess which, and a wrong guess costs more than both.
+        // The outcome is unpredictable, and a misprediction costs more than computing both.
         let decided = std::hint::select_unpredictable(stays, random, column);
         self.lowest + (decided >> (32 - self.bits)) as i32
     }
 
-    /// The values that many random numbers stand for.
+    /// The values (counts) for these random numbers.
     pub(super) fn sample_all(&self, random: &[u32], values: &mut [i32]) {
         let done = self.sample_in_registers(random, values);
         for (value, &random) in values[done..].iter_mut().zip(&random[done..]) {
@@ -78,7 +80,7 @@ impl RoundedNormal {
         }
     }
 
-    /// Takes as many samples as can be taken many at a time; gives their number.
+    /// Draws the samples that fill whole vectors and returns their number.
     #[cfg(target_arch = "x86_64")]
     fn sample_in_registers(&self, random: &[u32], values: &mut [i32]) -> usize {
         let (pulp::Arch::V4(simd), Ok(columns)) = (pulp::Arch::new(), self.columns.as_slice().try_into())
@@ -102,7 +104,8 @@ mod tests {
     use super::*;
     use crate::stream::{Purpose, Streams};
 
-    /// With tables that fit into registers and larger ones, for numbers that fill registers and others.
+    /// With tables that fit into registers and larger ones, and with numbers of samples that do and do not
+    /// fill registers.
     #[test]
     fn many_samples_are_those_taken_one_by_one() {
         for sigma in [0.01, 0.3, 5.0, 10.0, 15.7, 15.8, 40.0] {
@@ -117,7 +120,7 @@ mod tests {
         }
     }
 
-    /// Chi-square of a million samples against the probabilities of the rounded normal.
+    /// Chi-square of a million samples against the probabilities of the rounded normal distribution.
     #[test]
     fn noise_has_the_law_of_a_rounded_normal() {
         for sigma in [0.3, 5.0, 10.0] {

@@ -1,4 +1,4 @@
-//! Fig. 3C and D: maximum intensity against depth, ours and the original's.
+//! Fig. 3C and D: maximum intensity against depth, compared with the original program.
 
 use std::path::Path;
 

@@ -4,64 +4,50 @@ use std::path::Path;
 
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::render::RayRenderer;
+use microsig_core::render::Render;
 use microsig_core::sensor::Sensor;
 use microsig_core::stream::{Purpose, Streams};
 use microsig_core::{Particle, Settings};
 
-use crate::picture::{Figure, Label, side_by_side, stretch};
+use suite::picture::{side_by_side, stretch, write};
 
 struct Strip {
     name: &'static str,
-    title: &'static str,
     settings: Settings,
     d_um: f64,
     /// Edge of a tile, px, odd.
     tile: u32,
     depths_um: Vec<i32>,
-    scale: f64,
-    /// White, as a share of each tile's maximum above the background.
+    /// White level, as a share of each tile's maximum above the background.
     white: f64,
-    caption: &'static str,
 }
-
-const DEPTH: &str =
-    "depth z, µm (grows away from the lens); grey from background to each image's own maximum";
 
 pub(super) fn draw(out: &Path) -> anyhow::Result<()> {
     let strips = [
         Strip {
             name: "fig3a_setting1",
-            title: "Setting 1: 2 µm particle, M 10, NA 0.3",
             settings: Settings::setting1(),
             d_um: 2.0,
             tile: 65,
             depths_um: (-80..=40).step_by(10).collect(),
-            scale: 1.5,
             white: 1.0,
-            caption: DEPTH,
         },
         Strip {
             name: "fig3a_setting1a",
-            title: "Setting 1a: the same with a cylindrical lens",
             settings: Settings::setting1a(),
             d_um: 2.0,
             tile: 65,
             depths_um: (-80..=40).step_by(10).collect(),
-            scale: 1.5,
             white: 1.0,
-            caption: DEPTH,
         },
         Strip {
             name: "fig3b_setting2",
-            title: "Setting 2: 1 µm particle, M 63, NA 0.75",
             settings: Settings::setting2(),
             d_um: 1.0,
             tile: 141,
             depths_um: (-40..=5).step_by(5).collect(),
-            scale: 0.9,
-            // The core would outshine the rings.
+            // Saturates the core to make the rings visible.
             white: 0.6,
-            caption: "depth z, µm (grows away from the lens); grey from background to 0.6 of each image's own maximum",
         },
     ];
     strips.iter().try_for_each(|strip| strip.draw(out))
@@ -74,7 +60,6 @@ impl Strip {
         let sensor = Sensor::new(&settings);
         let streams = Streams::new(1);
         let middle = f64::from(self.tile / 2 + 1);
-        let mut labels = Vec::new();
         let mut tiles = Vec::new();
         for (step, &z_um) in self.depths_um.iter().enumerate() {
             let particle = Particle::sphere(middle, middle, f64::from(z_um), self.d_um);
@@ -84,22 +69,7 @@ impl Strip {
             let background = settings.background_mean;
             let white = background + self.white * (peak - background);
             tiles.push(stretch(&image, background - settings.background_noise, white));
-            labels.push(Label {
-                x: (step as f64 + 0.5) * f64::from(self.tile + 1),
-                y: f64::from(self.tile) + 14.0 / self.scale,
-                text: format!("{z_um}"),
-            });
         }
-        let picture = side_by_side(&tiles);
-        Figure {
-            picture: &picture,
-            title: self.title,
-            scale: self.scale,
-            left: 10.0,
-            below: 54.0,
-            labels,
-            caption: self.caption,
-        }
-        .write(out, self.name)
+        write(&side_by_side(&tiles), out, self.name)
     }
 }

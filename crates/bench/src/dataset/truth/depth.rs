@@ -1,12 +1,14 @@
-//! `truth/depth.csv`: what the noise-free image of a particle is at each depth, and how much the depth counts.
+//! `truth/depth.csv`: what the noise-free image of a particle is at each depth, and how much the depth
+//! counts.
 
+use std::io::Write;
 use std::path::Path;
 
 use super::field;
-use crate::dataset::table::{Table, TableFile, column};
 use crate::error::Result;
-use crate::light::Stack;
 use crate::scenario::{Scenario, Weighting};
+use crate::tables::{Table, TableFile, TableWriter, column};
+use crate::visibility::DepthScan;
 use glam::DVec3;
 
 /// One row per depth.
@@ -54,35 +56,71 @@ pub struct ParticleImage {
 ///
 /// # Errors
 /// Writing.
-pub fn write(folder: &Path, scenario: &Scenario, stack: &Stack) -> Result<ParticleImage> {
+pub fn write(folder: &Path, scenario: &Scenario, stack: &DepthScan) -> Result<ParticleImage> {
+    let mut writer = TableFile::create(folder, &DEPTH)?;
+    let image = rows(&mut writer, scenario, stack)?;
+    writer.finish()?;
+    Ok(image)
+}
+
+/// The table as CSV.
+///
+/// # Errors
+/// None for a scenario that could be resolved.
+pub fn in_memory(scenario: &Scenario, stack: &DepthScan) -> Result<(Table, Vec<u8>)> {
+    let mut writer = TableWriter::new(&DEPTH, Vec::new())?;
+    rows(&mut writer, scenario, stack)?;
+    Ok((DEPTH.clone(), writer.into_writer()?))
+}
+
+fn rows<W: Write>(
+    writer: &mut TableWriter<W>,
+    scenario: &Scenario,
+    stack: &DepthScan,
+) -> Result<ParticleImage> {
+    let (rows, image) = measure(scenario, stack)?;
+    for row in rows {
+        writer.cells().numbers(&row);
+        writer.end_row()?;
+    }
+    Ok(image)
+}
+
+/// Depth, peak, signal-to-noise ratio, area and weight, as in the columns of [`DEPTH`].
+pub type DepthRow = [f64; 5];
+
+/// The rows of the table, NaN where a cell is empty, and the summary for the manifest.
+///
+/// # Errors
+/// None for a scenario that could be resolved.
+pub fn measure(scenario: &Scenario, stack: &DepthScan) -> Result<(Vec<DepthRow>, ParticleImage)> {
     let (settings, d_um) = (&scenario.settings, scenario.seeding.diameters().mean());
     let middle = (settings.pixel_dim_y / 2) as usize * settings.pixel_dim_x as usize
         + (settings.pixel_dim_x / 2) as usize;
     let response = scenario.sensor()?.response(middle);
-    let counts = response.slope * scenario.cloud.intensities.typical(d_um);
     let noise = response.background_noise;
     let weights = scenario.truth_grid().filter(|nodes| nodes.weighting != Weighting::None).map(|nodes| {
         let light = stack.depths_um.iter().map(|z_um| scenario.illumination.at(DVec3::Z * *z_um));
         field::normalised(&field::weights(stack, nodes.weighting), light)
     });
-    let mut writer = TableFile::create(folder, &DEPTH)?;
-    let mut peaks = Vec::with_capacity(stack.spots.len());
-    for (k, (z_um, spot)) in stack.depths_um.iter().zip(&stack.spots).enumerate() {
-        let peak = counts * spot.peak * scenario.illumination.at(DVec3::Z * *z_um);
-        peaks.push(peak);
-        let weight = weights.as_ref().map_or(f64::NAN, |weights| weights[k]);
-        // Without noise the ratio is infinite, which is an empty cell.
-        writer.cells().numbers(&[*z_um, peak, peak / noise, spot.area_px, weight]);
-        writer.end_row()?;
-    }
-    writer.finish()?;
+    let peaks = scenario.peak_counts(response.slope, d_um, stack);
+    let depths = stack.depths_um.iter().zip(&stack.images).zip(peaks).enumerate();
+    let rows: Vec<DepthRow> = depths
+        .map(|(k, ((z_um, spot), peak))| {
+            let weight = weights.as_ref().map_or(f64::NAN, |weights| weights[k]);
+            // Without noise the ratio is infinite, which is an empty cell.
+            [*z_um, peak, peak / noise, spot.area_px, weight]
+        })
+        .collect();
+    let mut peaks: Vec<f64> = rows.iter().map(|row| row[1]).collect();
     peaks.sort_unstable_by(f64::total_cmp);
-    Ok(ParticleImage {
+    let image = ParticleImage {
         d_um,
         area_px: stack.area_px(),
         snr: (noise > 0.0).then(|| peaks[peaks.len() / 2] / noise),
         background_counts: response.background,
         background_noise_counts: noise,
         focus_um: stack.focus_um(),
-    })
+    };
+    Ok((rows, image))
 }

@@ -1,24 +1,27 @@
 //! `truth/field.csv`: the displacement field on a grid, which results of PIV are scored against.
 //!
-//! Definitions of displacement: [`flows::eulerian`]. The depth-weighted one is what a correlation of images finds that show
-//! all depths at once: D = sum w(z) D(z) / sum w(z), D(z) the central displacement. A particle's share in the correlation
-//! falls with its blur; Olsen & Adrian (Exp. Fluids 29 (2000) S166) derive it for Gaussian images, where it is the squared
-//! peak. Here w is measured from noise-free images of the dataset's own optics ([`crate::light::Stack`]): the squared peak, or
-//! the curvature of the autocorrelation at its top, times the square of the illumination there. Particles are taken as
-//! equally dense at all depths.
+//! Definitions of displacement: [`flows::eulerian`]. The depth-weighted one is what a correlation of images
+//! finds that show all depths at once: D = sum w(z) D(z) / sum w(z), D(z) the central displacement. A
+//! particle's share in the correlation falls with its blur; Olsen & Adrian (Exp. Fluids 29 (2000) S166)
+//! derive it for Gaussian images, where it is the squared peak. Here w is measured from noise-free images of
+//! the dataset's own optics ([`crate::visibility::DepthScan`]): the squared peak, or the curvature of the
+//! autocorrelation at its top, times the square of the illumination there. Particles are taken as equally
+//! dense at all depths.
 
+use std::io::Write;
 use std::path::Path;
 
 use flows::VelocityField;
 use flows::eulerian::{backward, central, forward};
 use flows::scale::ImagePoint;
 use glam::DVec3;
+use microsig_core::quadrature::GAUSS_LEGENDRE_8;
 use rayon::prelude::*;
 
-use crate::dataset::table::{Column, Table, TableFile, column};
 use crate::error::Result;
-use crate::light::{Spot, Stack};
 use crate::scenario::{Nodes, Scenario, Weighting};
+use crate::tables::{Column, Table, TableFile, TableWriter, column};
+use crate::visibility::{DepthScan, ScanImage};
 
 static FIELD: Table = Table::new(
     "truth/field.csv",
@@ -104,17 +107,17 @@ pub fn table(nodes: &Nodes) -> Table {
         .with(&BACKWARD, nodes.backward)
 }
 
-/// The weights of a stack's depths in light of strength 1, not normalised: by the trapezoidal rule, so that the ends count
-/// half.
-pub(super) fn weights(stack: &Stack, weighting: Weighting) -> Vec<f64> {
-    let last = stack.spots.len() - 1;
-    let weight = |spot: &Spot| match weighting {
+/// The weights of a stack's depths in light of strength 1, not normalised: by the trapezoidal rule, so that
+/// the ends count half.
+pub(super) fn weights(stack: &DepthScan, weighting: Weighting) -> Vec<f64> {
+    let last = stack.images.len() - 1;
+    let weight = |spot: &ScanImage| match weighting {
         Weighting::PeakSquared => spot.peak * spot.peak,
         Weighting::Curvature => spot.curvature,
         Weighting::None => 0.0,
     };
     let ends = |k: usize| if k == 0 || k == last { 0.5 } else { 1.0 };
-    stack.spots.iter().enumerate().map(|(k, spot)| ends(k) * weight(spot)).collect()
+    stack.images.iter().enumerate().map(|(k, spot)| ends(k) * weight(spot)).collect()
 }
 
 /// The weights in light of these strengths, their sum being 1; a weight goes with the square of the light.
@@ -128,10 +131,33 @@ pub(super) fn normalised(weights: &[f64], light: impl Iterator<Item = f64>) -> V
 ///
 /// # Errors
 /// Writing.
-pub fn write(folder: &Path, scenario: &Scenario, stack: &Stack) -> Result<()> {
-    let (Some(nodes), Some(field)) = (scenario.truth_grid(), scenario.field()) else { return Ok(()) };
-    let truth = Truth { scenario, field, nodes: &nodes, stack, weights: weights(stack, nodes.weighting) };
+pub fn write(folder: &Path, scenario: &Scenario, stack: &DepthScan) -> Result<()> {
+    let Some(nodes) = scenario.truth_grid().filter(|_| scenario.field().is_some()) else { return Ok(()) };
     let mut writer = TableFile::create(folder, &table(&nodes))?;
+    rows(&mut writer, scenario, &nodes, stack)?;
+    writer.finish()
+}
+
+/// The table as CSV, if the scenario has one.
+///
+/// # Errors
+/// None for a scenario that could be resolved.
+pub fn in_memory(scenario: &Scenario, stack: &DepthScan) -> Result<Option<(Table, Vec<u8>)>> {
+    let Some(nodes) = scenario.truth_grid().filter(|_| scenario.field().is_some()) else { return Ok(None) };
+    let table = table(&nodes);
+    let mut writer = TableWriter::new(&table, Vec::new())?;
+    rows(&mut writer, scenario, &nodes, stack)?;
+    Ok(Some((table, writer.into_writer()?)))
+}
+
+fn rows<W: Write>(
+    writer: &mut TableWriter<W>,
+    scenario: &Scenario,
+    nodes: &Nodes,
+    stack: &DepthScan,
+) -> Result<()> {
+    let Some(field) = scenario.field() else { return Ok(()) };
+    let truth = Truth { scenario, field, nodes, stack, weights: weights(stack, nodes.weighting) };
     for (pair, interval) in intervals(scenario, field) {
         let pair = pair.map(|pair| pair.to_string()).unwrap_or_default();
         let (across, down) = (nodes.x_px.len(), nodes.y_px.len());
@@ -161,11 +187,11 @@ pub fn write(folder: &Path, scenario: &Scenario, stack: &Stack) -> Result<()> {
             }
         }
     }
-    writer.finish()
+    Ok(())
 }
 
-/// The pairs of frames that differ in their displacement field, with their times (s): one without a number if the flow is
-/// steady and all pairs last equally long.
+/// The pairs of frames that differ in their displacement field, with their times (s): one without a number if
+/// the flow is steady and all pairs last equally long.
 fn intervals(scenario: &Scenario, field: &dyn VelocityField) -> Vec<(Option<u32>, (f64, f64))> {
     let recordings = &scenario.recordings;
     let mut all = Vec::new();
@@ -205,7 +231,7 @@ struct Truth<'a> {
     scenario: &'a Scenario,
     field: &'a dyn VelocityField,
     nodes: &'a Nodes,
-    stack: &'a Stack,
+    stack: &'a DepthScan,
     weights: Vec<f64>,
 }
 
@@ -247,7 +273,7 @@ impl Truth<'_> {
     /// The average of the central displacement over a square, by the Gauss-Legendre rule.
     fn window(&self, x: DVec3, side_px: f64, interval: (f64, f64)) -> Moved {
         let half_um = 0.5 * side_px * self.scenario.scale.um_per_px();
-        let rule = || GAUSS_LEGENDRE.into_iter().flat_map(|(at, weight)| [(-at, weight), (at, weight)]);
+        let rule = || GAUSS_LEGENDRE_8.into_iter().flat_map(|(at, weight)| [(-at, weight), (at, weight)]);
         mean(
             rule()
                 .flat_map(|(v, b)| rule().map(move |(u, a)| (u, v, a * b)))
@@ -272,12 +298,10 @@ impl Truth<'_> {
         [image.dx_px, image.dy_px, displacement.z]
     }
 
-    /// Whether there is fluid at a place: not behind a wall, in a body, or beyond a surface of the field's own.
+    /// Whether there is fluid at a place: not behind a wall, in a body, or beyond a surface of the field's
+    /// own.
     fn is_fluid(&self, x: DVec3, t: f64) -> bool {
-        let scenario = self.scenario;
-        scenario.domain.keep_off_walls(x, 0.0) == x
-            && !scenario.cloud.bodies.iter().any(|body| body.touches(x, 0.0))
-            && self.field.confine(x, t, 0.0) == x
+        self.scenario.fluid(self.field).contains(x, t)
     }
 }
 
@@ -291,12 +315,3 @@ fn mean(weighted: impl Iterator<Item = (f64, Moved)>) -> Moved {
     // Of nothing: NaN.
     sum.map(|s| s / weights)
 }
-
-/// Positive nodes and weights of the rule with 8 points on [-1, 1] (Abramowitz & Stegun, table 25.4): windows of two
-/// wavelengths are averaged to four digits.
-const GAUSS_LEGENDRE: [(f64, f64); 4] = [
-    (0.183_434_642_495_649_8, 0.362_683_783_378_362),
-    (0.525_532_409_916_329, 0.313_706_645_877_887_3),
-    (0.796_666_477_413_626_7, 0.222_381_034_453_374_5),
-    (0.960_289_856_497_536_3, 0.101_228_536_290_376_3),
-];

@@ -2,46 +2,42 @@
 
 pub mod depth;
 pub mod field;
-mod tables;
+mod viewer;
 
-pub use tables::{DISPLACEMENTS, FRAMES, TRACKS};
-
-use std::ops::Range;
+use std::io::Write;
 use std::path::Path;
 
 use flows::Scene;
-use flows::exposure::Streak;
-use flows::sequence::{Frame, Tracer};
+use flows::frame::{Frame, Tracer};
 use glam::DVec3;
+use microsig_core::pool::BufferPool;
 use microsig_core::render::Renderer;
 use microsig_core::sensor::Sensor;
-use microsig_core::shelf::Shelf;
 use microsig_core::{Particle, Spheroid};
 use rayon::prelude::*;
 
-use super::table::{Rows, Table, TableFile};
 use super::{Ledger, Stem};
 use crate::error::Result;
-use crate::light::{NoiseFree, Seen, look};
 use crate::scenario::Scenario;
+use crate::tables::truth::{DISPLACEMENTS, FRAMES, GRADIENT, TRACKS};
+use crate::tables::{Rows, Table, TableFile, TableSink, TableWriter};
+use crate::visibility::{DepthScan, NoiseFree, Visibility, visibility};
+use depth::ParticleImage;
+pub(crate) use viewer::{Sight, View, Viewer};
 
 /// The table of tracks with the columns that this scenario asks for.
 pub fn tracks(scenario: &Scenario) -> Table {
-    TRACKS.clone().with(&tables::GRADIENT, scenario.spec.truth.gradient)
+    TRACKS.clone().with(&GRADIENT, scenario.spec.truth.gradient)
 }
 
-/// A tracer as the optics see it. Where there are spheroids, one of aspect ratio 1 is a spheroid too: the laws of emission
-/// differ.
-fn particle(tracer: &Tracer, scenario: &Scenario) -> Particle {
-    let at = scenario.scale.to_image(tracer.position);
-    Particle {
-        spheroid: scenario
-            .layout
-            .spheroids
-            .then(|| Spheroid::from_axis(tracer.aspect, tracer.axis.to_array())),
-        c_int: tracer.c_int,
-        ..Particle::sphere(at.x_px, at.y_px, at.z_um, tracer.d_um)
-    }
+/// Writes what is true of no single frame, the tables of depths and of the field; `scan` are the images of
+/// the mean size.
+///
+/// # Errors
+/// Settings that cannot be drawn; writing.
+pub fn write(folder: &Path, scenario: &Scenario, scan: &DepthScan) -> Result<ParticleImage> {
+    field::write(folder, scenario, scan)?;
+    depth::write(folder, scenario, scan)
 }
 
 /// Counts of a dataset's frames that the manifest tells.
@@ -63,18 +59,19 @@ const TRACERS_PER_TASK: usize = 256;
 /// What is true of each frame, whatever the others.
 pub struct Truth<'a> {
     scenario: &'a Scenario,
-    renderer: &'a Renderer,
+    viewer: Viewer<'a>,
     tracks: Table,
     scene: Option<Scene<'a>>,
     noise_free: &'a NoiseFree,
     sensor: Sensor,
     /// The light of all particles of a frame.
-    totals: Shelf<Vec<f64>>,
+    totals: BufferPool<Vec<f64>>,
     /// Texts of rows.
-    texts: Shelf<String>,
+    texts: BufferPool<String>,
 }
 
 /// The truth of a frame.
+#[derive(Debug)]
 pub struct FrameTruth {
     /// The rows of its data file.
     pub particles: Vec<Particle>,
@@ -87,21 +84,11 @@ pub struct FrameTruth {
 }
 
 /// Displacements in short.
-#[derive(Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default)]
 struct Moved {
     number: u64,
     /// Of a visible particle in the image plane, px.
     farthest_px: f64,
-}
-
-/// A tracer on the image.
-struct Sight<'a> {
-    tracer: &'a Tracer,
-    particle: Particle,
-    visible: bool,
-    /// Its rows of the data file.
-    rows: Range<usize>,
-    light: f64,
 }
 
 impl<'a> Truth<'a> {
@@ -112,13 +99,13 @@ impl<'a> Truth<'a> {
     pub fn new(scenario: &'a Scenario, renderer: &'a Renderer, noise_free: &'a NoiseFree) -> Result<Self> {
         Ok(Truth {
             scenario,
-            renderer,
+            viewer: Viewer { scenario, renderer },
             tracks: tracks(scenario),
             scene: scenario.field().map(|field| scenario.scene(field)).transpose()?,
             noise_free,
             sensor: scenario.sensor()?,
-            totals: Shelf::default(),
-            texts: Shelf::default(),
+            totals: BufferPool::default(),
+            texts: BufferPool::default(),
         })
     }
 
@@ -128,19 +115,11 @@ impl<'a> Truth<'a> {
     /// A trajectory that cannot be followed.
     pub fn frame(&self, frame: &Frame, before: Option<&Frame>) -> Result<FrameTruth> {
         let scenario = self.scenario;
-        let energy = self.energy(frame);
-        let mut rendered = Vec::new();
-        let mut sights = Vec::with_capacity(frame.tracers.len());
-        for (i, tracer) in frame.tracers.iter().enumerate() {
-            let (first, particle) = (rendered.len(), particle(tracer, scenario));
-            let light = energy * self.rows(tracer, particle, frame.streaks.get(i), energy, &mut rendered);
-            let (visible, rows) = (self.visible(&particle), first..rendered.len());
-            sights.push(Sight { tracer, particle, visible, rows, light });
-        }
+        let View { energy, sights, rendered } = self.viewer.view(frame);
         let size_px = (scenario.settings.pixel_dim_x, scenario.settings.pixel_dim_y);
         let rows: Vec<_> = sights.iter().map(|sight| sight.rows.clone()).collect();
-        let mut total = self.totals.lend();
-        let seen = look(self.noise_free, &self.sensor, size_px, &rendered, &rows, &mut total);
+        let mut total = self.totals.get();
+        let seen = visibility(self.noise_free, &self.sensor, size_px, &rendered, &rows, &mut total);
         drop(total);
         let next_s = self.next_s(frame);
         let tracks = sights.par_chunks(TRACERS_PER_TASK).zip(seen.par_chunks(TRACERS_PER_TASK));
@@ -169,12 +148,8 @@ impl<'a> Truth<'a> {
     }
 
     /// Takes back the truth of a frame that is written: its memory serves another.
-    pub fn put_back(&self, truth: FrameTruth) {
-        truth
-            .tracks
-            .into_iter()
-            .chain(truth.displacements)
-            .for_each(|rows| self.texts.put_back(rows.into_text()));
+    pub fn put(&self, truth: FrameTruth) {
+        truth.tracks.into_iter().chain(truth.displacements).for_each(|rows| self.texts.put(rows.into_text()));
     }
 
     /// The row of frames.csv.
@@ -203,7 +178,7 @@ impl<'a> Truth<'a> {
         frame: &Frame,
         sight: &Sight,
         midway: Option<DVec3>,
-        seen: &Seen,
+        seen: &Visibility,
     ) -> Result<()> {
         let Sight { tracer, particle, visible, ref rows, light } = *sight;
         let shape = particle.spheroid.unwrap_or(Spheroid { e_p: 1.0, alpha_rad: 0.0, beta_rad: 0.0 });
@@ -237,46 +212,7 @@ impl<'a> Truth<'a> {
     /// The velocity half-way to the next frame of the pair; none in the last frame, or for recorded tracks.
     fn midway(&self, tracer: &Tracer, frame: &Frame, next_s: Option<f64>) -> Result<Option<DVec3>> {
         let (Some(scene), Some(next_s)) = (&self.scene, next_s) else { return Ok(None) };
-        Ok(Some(scene.velocity_midway(tracer, frame.t_s, next_s)?))
-    }
-
-    /// The factor on the light of a frame. Bleaching begins with the first frame of each recording.
-    fn energy(&self, frame: &Frame) -> f64 {
-        let (recordings, streams) = (&self.scenario.recordings, self.scenario.streams);
-        let number = frame.index % recordings.frames_each();
-        let began_s = recordings.time_s(frame.index - number, streams);
-        self.scenario.illumination.energy(frame.index, number, frame.t_s - began_s, streams)
-    }
-
-    /// Adds a particle's rows of the data file, one for every point of its streak, as far as their light may reach the
-    /// sensor. Gives the factor of the illumination at the particle.
-    fn rows(
-        &self,
-        tracer: &Tracer,
-        whole: Particle,
-        streak: Option<&Streak>,
-        energy: f64,
-        rows: &mut Vec<Particle>,
-    ) -> f64 {
-        let light = |x: DVec3| self.scenario.illumination.at(x);
-        let mut add = |row: Particle| {
-            if row.c_int > 0.0 && self.renderer.reaches_sensor(&row) {
-                rows.push(row);
-            }
-        };
-        let here = light(tracer.position);
-        match streak {
-            None => add(Particle { c_int: whole.c_int * energy * here, ..whole }),
-            Some(streak) => {
-                for point in &streak.points {
-                    let moved = Tracer { position: point.position, axis: point.axis, ..*tracer };
-                    let part = particle(&moved, self.scenario);
-                    let share = energy * light(point.position) * streak.share;
-                    add(Particle { c_int: part.c_int * share, ..part });
-                }
-            }
-        }
-        here
+        Ok(Some(scene.velocity_at_mid_time(tracer, frame.t_s, next_s)?))
     }
 
     /// The rows of displacements.csv.
@@ -303,12 +239,12 @@ impl<'a> Truth<'a> {
         to: &Tracer,
     ) -> Result<()> {
         let scale = &self.scenario.scale;
-        let (start, end) = (particle(from, self.scenario), particle(to, self.scenario));
+        let (start, end) = (self.viewer.particle(from), self.viewer.particle(to));
         // The tracer's own account of its way: through a periodic face it goes on where positions jump.
         let moved = to.step.map_or(to.position - from.position, |step| step.actual);
         let drift = to.step.map_or(moved, |step| step.drift);
         let (d, d_drift) = (scale.displacement_to_image(moved), scale.displacement_to_image(drift));
-        let (visible_a, visible_b) = (self.visible(&start), self.visible(&end));
+        let (visible_a, visible_b) = (self.viewer.is_visible(&start), self.viewer.is_visible(&end));
         row.whole_numbers(&[u64::from(pair), u64::from(a), u64::from(b), from.id]);
         row.numbers(&[start.x_px, start.y_px, from.position.z]);
         row.numbers(&[d.dx_px, d.dy_px, moved.z, d_drift.dx_px, d_drift.dy_px, drift.z]);
@@ -317,12 +253,6 @@ impl<'a> Truth<'a> {
         let length_px = (d.dx_px * d.dx_px + d.dy_px * d.dy_px).sqrt();
         *so_far = so_far.and(Moved { number: 1, farthest_px: if visible_a { length_px } else { 0.0 } });
         row.end_row()
-    }
-
-    fn visible(&self, particle: &Particle) -> bool {
-        let on = |x: f64, size: u32| x >= 0.5 && x < f64::from(size) + 0.5;
-        let settings = &self.scenario.settings;
-        on(particle.x_px, settings.pixel_dim_x) && on(particle.y_px, settings.pixel_dim_y)
     }
 }
 
@@ -333,23 +263,26 @@ impl Moved {
 }
 
 /// Writes the tables of the truth, frame after frame.
-pub struct TruthWriter {
-    frames: TableFile,
-    tracks: TableFile,
-    displacements: TableFile,
+pub struct TruthWriter<W: Write> {
+    frames: TableWriter<W>,
+    tracks: TableWriter<W>,
+    displacements: TableWriter<W>,
     census: Census,
 }
 
-impl TruthWriter {
-    /// Begins the tables in a dataset's folder.
+impl<W: Write> TruthWriter<W> {
+    /// Begins the tables; `writer` gives what each of them is written into.
     ///
     /// # Errors
     /// Writing.
-    pub fn create(folder: &Path, scenario: &Scenario) -> Result<Self> {
+    pub fn new(
+        scenario: &Scenario,
+        mut writer: impl FnMut(&Table) -> Result<TableWriter<W>>,
+    ) -> Result<Self> {
         Ok(TruthWriter {
-            frames: TableFile::create(folder, &FRAMES)?,
-            tracks: TableFile::create(folder, &tracks(scenario))?,
-            displacements: TableFile::create(folder, &DISPLACEMENTS)?,
+            frames: writer(&FRAMES)?,
+            tracks: writer(&tracks(scenario))?,
+            displacements: writer(&DISPLACEMENTS)?,
             census: Census::default(),
         })
     }
@@ -369,6 +302,16 @@ impl TruthWriter {
         census.max_displacement_px = census.max_displacement_px.max(farthest_px);
         Ok(())
     }
+}
+
+impl TruthWriter<TableSink> {
+    /// Begins the tables in a dataset's folder.
+    ///
+    /// # Errors
+    /// Writing.
+    pub fn create(folder: &Path, scenario: &Scenario) -> Result<Self> {
+        TruthWriter::new(scenario, |table| TableFile::create(folder, table))
+    }
 
     /// Ends the tables and enters them into the ledger.
     ///
@@ -379,5 +322,26 @@ impl TruthWriter {
         ledger.add(TRACKS.path, self.tracks.seal()?);
         ledger.add(DISPLACEMENTS.path, self.displacements.seal()?);
         Ok(self.census)
+    }
+}
+
+impl TruthWriter<Vec<u8>> {
+    /// The tables of these frames as CSV, by their paths in a dataset.
+    ///
+    /// # Errors
+    /// None for frames of this scenario.
+    pub fn in_memory<'f>(
+        scenario: &Scenario,
+        frames: impl Iterator<Item = &'f FrameTruth>,
+    ) -> Result<[(Table, Vec<u8>); 3]> {
+        let mut writer = TruthWriter::new(scenario, |table| TableWriter::new(table, Vec::new()))?;
+        for frame in frames {
+            writer.add(frame)?;
+        }
+        Ok([
+            (FRAMES.clone(), writer.frames.into_writer()?),
+            (tracks(scenario), writer.tracks.into_writer()?),
+            (DISPLACEMENTS.clone(), writer.displacements.into_writer()?),
+        ])
     }
 }

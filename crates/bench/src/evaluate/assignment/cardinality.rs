@@ -1,10 +1,10 @@
-//! Matchings with as many pairs as possible (Hopcroft and Karp, 1973), and what is reached from what they leave out.
+//! Maximum-cardinality matchings (Hopcroft and Karp, 1973), and the vertices reachable from unmatched ones.
 
 use std::collections::VecDeque;
 
 use super::{Local, NONE, Pair};
 
-/// Rows and columns on alternating paths from free rows.
+/// Flags the rows and columns that lie on alternating paths from unmatched rows.
 pub(super) fn reached(local: &Local, row_mate: &[u32], column_mate: &[u32]) -> (Vec<bool>, Vec<bool>) {
     let (mut rows, mut columns) = (vec![false; local.rows()], vec![false; local.n_columns]);
     let mut queue: Vec<usize> = (0..local.rows()).filter(|&r| row_mate[r] == NONE).collect();
@@ -14,7 +14,7 @@ pub(super) fn reached(local: &Local, row_mate: &[u32], column_mate: &[u32]) -> (
             let column = local.columns_of[e] as usize;
             if !columns[column] {
                 columns[column] = true;
-                // In a maximum matching no free column is reached.
+                // A maximum matching has no alternating path to an unmatched column.
                 let mate = column_mate[column];
                 if mate != NONE && !rows[mate as usize] {
                     rows[mate as usize] = true;
@@ -26,8 +26,8 @@ pub(super) fn reached(local: &Local, row_mate: &[u32], column_mate: &[u32]) -> (
     (rows, columns)
 }
 
-/// A matching with as many pairs as possible: the mate of every row and of every column. Rows take their cheapest free
-/// column first, so that little is left to do.
+/// A maximum-cardinality matching: the mate of every row and of every column, or `NONE`. A greedy matching by
+/// cost comes first, so that few augmenting paths remain.
 pub(super) fn maximum_matching(local: &Local, component: &[Pair]) -> (Vec<u32>, Vec<u32>) {
     let (mut row_mate, mut column_mate) = (vec![NONE; local.rows()], vec![NONE; local.n_columns]);
     for (row, mate) in row_mate.iter_mut().enumerate() {
@@ -39,7 +39,7 @@ pub(super) fn maximum_matching(local: &Local, component: &[Pair]) -> (Vec<u32>, 
         }
     }
     loop {
-        // Breadth first: the length of the shortest alternating path to every row.
+        // Breadth-first search: length of the shortest alternating path to every row.
         let mut depth = vec![NONE; local.rows()];
         let mut queue: VecDeque<u32> =
             (0..local.rows() as u32).filter(|&r| row_mate[r as usize] == NONE).collect();
@@ -59,7 +59,8 @@ pub(super) fn maximum_matching(local: &Local, component: &[Pair]) -> (Vec<u32>, 
         if !augmentable {
             return (row_mate, column_mate);
         }
-        // Depth first along these layers, with a stack of its own: paths can be as long as the component.
+        // Depth-first search along these layers, with an explicit stack: paths can be as long as the
+        // component.
         let mut next: Vec<u32> = (0..local.rows()).map(|r| local.range(r).start as u32).collect();
         for start in 0..local.rows() {
             if row_mate[start] != NONE {
@@ -75,7 +76,7 @@ pub(super) fn maximum_matching(local: &Local, component: &[Pair]) -> (Vec<u32>, 
                 next[row] += 1;
                 let mate = column_mate[column];
                 if mate == NONE {
-                    // Each row of the path takes the column that it was left by.
+                    // Each row of the path takes the column through which the path left it.
                     for &row in &path {
                         let column = local.columns_of[next[row] as usize - 1];
                         row_mate[row] = column;

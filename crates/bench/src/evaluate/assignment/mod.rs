@@ -1,24 +1,24 @@
-//! One-to-one assignment of points or tracks, on sparse graphs (primitive A1 of docs/scoring.md).
+//! One-to-one assignment of points or tracks on sparse bipartite graphs (assignment A1 of docs/scoring.md).
 //!
-//! A graph of admissible pairs falls into components. In each, a maximum matching splits the vertices by Dulmage and
-//! Mendelsohn into a part with rows to spare, a part with columns to spare and a part without (`cardinality.rs`): no maximum
-//! matching has an edge between them, and in each part one side is matched whole, at the least cost (`cheapest.rs`, in the part
-//! without any to spare after an auction, `auction.rs`).
-//! Own code, since crates solve dense matrices only: 50,000 points of a frame would need 20 GB.
+//! The graph of admissible pairs is split into connected components. In each, a maximum matching gives the
+//! Dulmage-Mendelsohn decomposition into a part with surplus rows, a part with surplus columns and a square
+//! part (`cardinality.rs`). No maximum matching has an edge between parts, and in each part one side is
+//! matched completely, at minimum cost (`min_cost.rs`; in the square part after an auction, `auction.rs`).
+//! Published crates solve dense matrices only: 50,000 points in a frame would need 20 GB.
 
 mod auction;
 mod cardinality;
-mod cheapest;
+mod min_cost;
 
 use cardinality::{maximum_matching, reached};
-use cheapest::{Graph, cheapest_cover};
+use min_cost::{Graph, cheapest_cover};
 
 /// An admissible pair.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pair {
-    /// Row.
+    /// Row, from 0.
     pub row: u32,
-    /// Column.
+    /// Column, from 0.
     pub column: u32,
     /// Cost or weight, finite.
     pub value: f64,
@@ -26,9 +26,9 @@ pub struct Pair {
 
 const NONE: u32 = u32::MAX;
 
-/// The matching with as many pairs as possible and, among those, the least sum of costs. Pairs must be sorted by row,
-/// then column, without repetition; the result is sorted by row.
-pub fn most_then_cheapest(rows: usize, columns: usize, pairs: Vec<Pair>) -> Vec<Pair> {
+/// The matching with the most pairs and, among those, the least total cost. `pairs` must be sorted by row,
+/// then column, without duplicates; the result is sorted by row.
+pub fn max_cardinality_min_cost(rows: usize, columns: usize, pairs: Vec<Pair>) -> Vec<Pair> {
     let mut chosen = Vec::with_capacity(rows.min(columns));
     for component in components(rows, columns, pairs) {
         match component.as_slice() {
@@ -40,9 +40,9 @@ pub fn most_then_cheapest(rows: usize, columns: usize, pairs: Vec<Pair>) -> Vec<
     chosen
 }
 
-/// The matching of the greatest sum of weights; pairs without positive weight are never chosen. Pairs must be sorted by
-/// row, then column, without repetition; the result is sorted by row.
-pub fn heaviest(rows: usize, columns: usize, mut pairs: Vec<Pair>) -> Vec<Pair> {
+/// The matching of greatest total weight; pairs without a positive weight are never chosen. `pairs` must be
+/// sorted by row, then column, without duplicates; the result is sorted by row.
+pub fn max_weight_matching(rows: usize, columns: usize, mut pairs: Vec<Pair>) -> Vec<Pair> {
     pairs.retain(|p| p.value > 0.0);
     let mut chosen = Vec::with_capacity(rows.min(columns));
     for component in components(rows, columns, pairs) {
@@ -51,13 +51,14 @@ pub fn heaviest(rows: usize, columns: usize, mut pairs: Vec<Pair>) -> Vec<Pair> 
             continue;
         }
         let local = Local::new(&component);
-        // With equal weights only the number of pairs matters, and searches by weight would wander among ties.
+        // With equal weights only the number of pairs matters, and a search by weight would be slowed down by
+        // ties.
         if component.iter().all(|p| p.value == component[0].value) {
             let (of_row, _) = maximum_matching(&local, &component);
             chosen.extend(local.pairs(&of_row).map(|e| component[e]));
             continue;
         }
-        // A column of its own, at no cost, lets every row stay without a partner.
+        // A private column at no cost lets a row stay unmatched.
         let alone: Vec<u32> = (0..local.rows()).map(|row| (local.n_columns + row) as u32).collect();
         let mut graph = Graph::default();
         for (row, &alone) in alone.iter().enumerate() {
@@ -74,7 +75,7 @@ pub fn heaviest(rows: usize, columns: usize, mut pairs: Vec<Pair>) -> Vec<Pair> 
     chosen
 }
 
-/// Groups of pairs that share rows or columns, each sorted by row, then column.
+/// Connected components: groups of pairs that share rows or columns, each sorted by row, then column.
 fn components(rows: usize, columns: usize, pairs: Vec<Pair>) -> Vec<Vec<Pair>> {
     let mut parent: Vec<u32> = (0..(rows + columns) as u32).collect();
     fn root(parent: &mut [u32], mut v: u32) -> u32 {
@@ -88,7 +89,7 @@ fn components(rows: usize, columns: usize, pairs: Vec<Pair>) -> Vec<Vec<Pair>> {
         let (a, b) = (root(&mut parent, p.row), root(&mut parent, rows as u32 + p.column));
         parent[a.max(b) as usize] = a.min(b);
     }
-    // Dense graphs are of one piece, and large.
+    // Dense graphs usually have one component; avoids copying it.
     let first = pairs.first().map(|p| root(&mut parent, p.row));
     if pairs.iter().all(|p| Some(root(&mut parent, p.row)) == first) {
         return if pairs.is_empty() { Vec::new() } else { vec![pairs] };
@@ -110,18 +111,18 @@ fn components(rows: usize, columns: usize, pairs: Vec<Pair>) -> Vec<Vec<Pair>> {
 struct Local {
     starts: Vec<u32>,
     columns_of: Vec<u32>,
-    /// Which pair of the component an edge is.
+    /// Index of each edge's pair in the component.
     edges: Vec<u32>,
     n_columns: usize,
 }
 
 impl Local {
-    /// Of a component, by rows.
+    /// A component's adjacency by rows.
     fn new(component: &[Pair]) -> Self {
         let mut names: Vec<u32> = component.iter().map(|p| p.column).collect();
         names.sort_unstable();
         names.dedup();
-        // Looked up in a table where its size is that of the component, else searched.
+        // A lookup table if it is not much larger than the component, otherwise binary search.
         let span = names.last().map_or(0, |last| (last - names[0] + 1) as usize);
         let mut table = vec![NONE; if span <= 8 * component.len() { span } else { 0 }];
         if !table.is_empty() {
@@ -144,7 +145,7 @@ impl Local {
         Local { starts, columns_of, edges: (0..component.len() as u32).collect(), n_columns: names.len() }
     }
 
-    /// The same by columns.
+    /// The same graph by columns.
     fn transposed(&self) -> Self {
         let mut starts = vec![0u32; self.n_columns + 1];
         self.columns_of.iter().for_each(|&c| starts[c as usize + 1] += 1);
@@ -169,7 +170,7 @@ impl Local {
         self.starts[row] as usize..self.starts[row + 1] as usize
     }
 
-    /// The edges (of a component by rows) that join rows to these columns; rows without one of theirs are left out.
+    /// The edges that join each row to its column in `of_row`; rows without such an edge are skipped.
     fn pairs<'a>(&'a self, of_row: &'a [u32]) -> impl Iterator<Item = usize> + 'a {
         of_row
             .iter()
@@ -182,10 +183,11 @@ fn solve_cardinality(component: &[Pair], chosen: &mut Vec<Pair>) {
     let forward = Local::new(component);
     let backward = forward.transposed();
     let (row_mate, column_mate) = maximum_matching(&forward, component);
-    // What an alternating path from a free row reaches has rows to spare; likewise from a free column.
+    // Alternating paths from unmatched rows reach the part with surplus rows, from unmatched columns that
+    // with surplus columns.
     let spare_rows = reached(&forward, &row_mate, &column_mate);
     let spare_columns = reached(&backward, &column_mate, &row_mate);
-    // (rows of the part that is covered whole, whether they are columns of the component)
+    // (side of the part that is matched completely, whether that side is the component's columns)
     let parts: [(Vec<bool>, bool); 3] = [
         (spare_rows.1.clone(), true),
         (spare_columns.1.clone(), false),
@@ -222,7 +224,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// All matchings by brute force: (most pairs, their least cost) and the greatest weight.
+    /// Brute force over all matchings: (most pairs, least cost among those) and the greatest weight.
     fn brute(rows: usize, pairs: &[Pair]) -> ((usize, f64), f64) {
         fn go(
             row: u32,
@@ -266,12 +268,12 @@ mod tests {
                 })
                 .collect();
             let ((most, least), greatest) = brute(rows, &pairs);
-            let chosen = most_then_cheapest(rows, columns, pairs.clone());
+            let chosen = max_cardinality_min_cost(rows, columns, pairs.clone());
             let sum = |chosen: &[Pair]| chosen.iter().map(|p| p.value).sum::<f64>();
             prop_assert_eq!(chosen.len(), most);
-            // Sums of six numbers below 1.
+            // Rounding of sums of six numbers below 1.
             prop_assert!((sum(&chosen) - least).abs() < 1e-12);
-            let heavy = heaviest(rows, columns, pairs);
+            let heavy = max_weight_matching(rows, columns, pairs);
             prop_assert!((sum(&heavy) - greatest).abs() < 1e-12);
             for matching in [&chosen, &heavy] {
                 let mut used: Vec<u32> = matching.iter().map(|p| p.column).collect();
@@ -286,6 +288,6 @@ mod tests {
     fn two_mediocre_pairs_beat_one_good_one() {
         let pair = |row, column, value| Pair { row, column, value };
         let pairs = [pair(0, 0, 0.5), pair(1, 0, 0.1), pair(1, 1, 0.6)];
-        assert_eq!(most_then_cheapest(2, 2, pairs.to_vec()), [pairs[0], pairs[2]]);
+        assert_eq!(max_cardinality_min_cost(2, 2, pairs.to_vec()), [pairs[0], pairs[2]]);
     }
 }

@@ -1,25 +1,35 @@
-//! Errors of the gradients of displacement: central differences of both fields over the same neighbours.
+//! Errors of displacement gradients: central differences of both fields over the same neighbors.
 
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-use super::Compared;
-use super::lattice::Lattice;
+use super::compared::ComparedVector;
+use super::vector_grid::VectorGrid;
 use crate::evaluate::statistics::ratio;
 
-/// RMS errors, and RMS of the truth beside them; px per px.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-#[allow(missing_docs)]
+/// RMS errors of displacement gradients, by central differences of both fields; px per px.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct Gradients {
-    /// Vectors with four valid neighbours.
+    /// Vectors with four valid neighbors.
     pub n: usize,
-    /// dv/dx - du/dy
+    /// RMS error of dv/dx - du/dy.
+    #[schemars(range(min = 0.0))]
     pub vorticity_rms: Option<f64>,
+    /// RMS of the true vorticity.
+    #[schemars(range(min = 0.0))]
     pub true_vorticity_rms: Option<f64>,
-    /// du/dx + dv/dy
+    /// RMS error of du/dx + dv/dy.
+    #[schemars(range(min = 0.0))]
     pub divergence_rms: Option<f64>,
+    /// RMS of the true divergence.
+    #[schemars(range(min = 0.0))]
     pub true_divergence_rms: Option<f64>,
-    /// The strain tensor's norm, sqrt(e11^2 + e22^2 + 2 e12^2)
+    /// RMS error of the norm of the strain tensor, sqrt(e11^2 + e22^2 + 2 e12^2).
+    #[schemars(range(min = 0.0))]
     pub strain_rms: Option<f64>,
+    /// RMS of the norm of the true strain tensor.
+    #[schemars(range(min = 0.0))]
     pub true_strain_rms: Option<f64>,
 }
 
@@ -27,20 +37,18 @@ pub struct Gradients {
 type Tensor = [f64; 4];
 
 impl Gradients {
-    /// Of valid vectors that form a lattice; `None` if none has four neighbours.
-    pub fn of(lattice: &Lattice, all: &[Compared]) -> Option<Self> {
+    /// Errors over valid vectors on a regular grid; `None` if none has four valid neighbors.
+    pub fn of(grid: &VectorGrid, all: &[ComparedVector]) -> Option<Self> {
         let (mut n, mut errors, mut truths) = (0, [0.0; 3], [0.0; 3]);
-        for cells in lattice.pairs.values() {
-            let valid = |i: usize, j: usize| cells[lattice.cell(i, j)].filter(|&k| all[k].found.flag == 0);
-            for j in 1..lattice.y_px.len().saturating_sub(1) {
-                for i in 1..lattice.x_px.len().saturating_sub(1) {
-                    let neighbours = [valid(i - 1, j), valid(i + 1, j), valid(i, j - 1), valid(i, j + 1)];
-                    let [Some(left), Some(right), Some(above), Some(below)] = neighbours else { continue };
-                    let (width, height) = (
-                        lattice.x_px[i + 1] - lattice.x_px[i - 1],
-                        lattice.y_px[j + 1] - lattice.y_px[j - 1],
-                    );
-                    let tensor = |value: &dyn Fn(&Compared) -> [f64; 2]| -> Tensor {
+        for cells in grid.pairs.values() {
+            let valid = |i: usize, j: usize| cells[grid.cell(i, j)].filter(|&k| all[k].measured.flag == 0);
+            for j in 1..grid.y_px.len().saturating_sub(1) {
+                for i in 1..grid.x_px.len().saturating_sub(1) {
+                    let neighbors = [valid(i - 1, j), valid(i + 1, j), valid(i, j - 1), valid(i, j + 1)];
+                    let [Some(left), Some(right), Some(above), Some(below)] = neighbors else { continue };
+                    let (width, height) =
+                        (grid.x_px[i + 1] - grid.x_px[i - 1], grid.y_px[j + 1] - grid.y_px[j - 1]);
+                    let tensor = |value: &dyn Fn(&ComparedVector) -> [f64; 2]| -> Tensor {
                         let [l, r, a, b] = [left, right, above, below].map(|k| value(&all[k]));
                         [
                             (r[0] - l[0]) / width,
@@ -49,7 +57,7 @@ impl Gradients {
                             (b[1] - a[1]) / height,
                         ]
                     };
-                    let exact = tensor(&|c| [c.exact[0], c.exact[1]]);
+                    let exact = tensor(&|c| [c.truth[0], c.truth[1]]);
                     let error = tensor(&|c| c.error());
                     add(&mut truths, &exact);
                     add(&mut errors, &error);
@@ -70,7 +78,7 @@ impl Gradients {
     }
 }
 
-/// Adds squares of vorticity, divergence and strain.
+/// Adds the squares of vorticity, divergence and strain norm.
 fn add(sums: &mut [f64; 3], &[ux, uy, vx, vy]: &Tensor) {
     let shear = 0.5 * (uy + vx);
     sums[0] += (vx - uy).powi(2);

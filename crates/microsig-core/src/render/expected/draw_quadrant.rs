@@ -1,48 +1,49 @@
-//! Drawing images with two mirror symmetries from the spline over one of their quadrants.
+//! Drawing of images with two mirror symmetries from a spline over one quadrant.
 //!
-//! Planes are blended into lines: rows of nodes, joined with their mirror image. A line gives the spline's values at the
-//! columns of pixels, which all see the same phases of the nodes, so that a value is four products of runs of memory; four
-//! rows of such values make a row of pixels, likewise. Only + and * in a fixed order occur, never fused, so that every
-//! instruction set gives the same bits. Numbers come in whole groups and every loop of a sphere has the same length: what
-//! that wastes at the corners is less than what branches cost that a processor does not foresee.
+//! The planes are interpolated to lines: rows of nodes, joined with their mirror image. All pixel columns
+//! have the same phase relative to the nodes, so that the spline along a line is a sum of four contiguous
+//! runs of memory times constant weights; four rows of such values give a row of pixels in the same way.
+//! Only + and * in a fixed order occur, never fused, so that every instruction set gives the same bits. Loops
+//! run over whole groups and have the same length for a whole sphere: the superfluous work at the corners
+//! costs less than mispredicted branches.
 
-use super::draw::{Canvas, Sphere};
-use super::layout::{Group, LANES, Layout};
-use super::spline;
+use super::image_band::{ImageBand, SphereImage};
+use super::quadrant_layout::{Group, LANES, QuadrantLayout};
 use crate::render::patch::Window;
+use crate::render::spline;
 
-/// Dark groups before a line and behind it: the last group of pixels may reach beyond the nodes.
+/// Number of zero groups before and after a line: the last group of pixels may extend beyond the nodes.
 const BEFORE: usize = 1;
 const BEHIND: usize = 2;
 
-/// Groups of columns that are drawn at a time.
+/// Groups of columns per panel.
 const PANEL: usize = 8;
 
 /// Working memory.
 #[derive(Default)]
-pub(super) struct QuadrantBrush {
+pub(super) struct QuadrantInterpolator {
     /// Rows of nodes, phase by phase.
     nodes: Vec<f32>,
-    /// Rows of nodes: for each phase the mirror image and the row itself.
+    /// Lines: for each phase the mirror image and the row itself.
     lines: Vec<f32>,
-    /// Values at the columns of a panel, by row of nodes; a dark row behind the last.
+    /// Values at the columns of a panel, by row of nodes; the last row is followed by a zero row.
     values: Vec<f32>,
 }
 
-impl QuadrantBrush {
+impl QuadrantInterpolator {
     #[inline(always)]
-    pub(super) fn add(&mut self, sphere: &Sphere, layout: &Layout, canvas: &mut Canvas) {
+    pub(super) fn add(&mut self, sphere: &SphereImage, layout: &QuadrantLayout, band: &mut ImageBand) {
         let Window { x0, width, .. } = sphere.window;
-        let pixel_rows = canvas.rows(&sphere.window);
+        let pixel_rows = band.rows(&sphere.window);
         let down = Axis::new(pixel_rows.start, sphere.y_px, layout.per_px);
         let across = Across::new(&Axis::new(x0, sphere.x_px, layout.per_px), layout);
         let count = (pixel_rows.end - pixel_rows.start) as usize;
         let rows = down.nodes(count, layout);
         self.blend(sphere, layout, &rows, across.line);
 
-        let first = canvas.first(&sphere.window, pixel_rows.start);
+        let first = band.first(&sphere.window, pixel_rows.start);
         for panel in (0..width.div_ceil(LANES)).step_by(PANEL) {
-            let pixels = &mut canvas.pixels[first + panel * LANES..];
+            let pixels = &mut band.pixels[first + panel * LANES..];
             let left = (width - panel * LANES).min(PANEL * LANES);
             let panel = Panel {
                 across: &across,
@@ -51,7 +52,7 @@ impl QuadrantBrush {
                 per_px: layout.per_px,
                 start: panel * LANES,
                 mask: std::array::from_fn(|i| if (left - 1) / LANES * LANES + i < left { 1.0 } else { 0.0 }),
-                stride: canvas.stride,
+                stride: band.stride,
                 count,
             };
             match left.div_ceil(LANES) {
@@ -67,12 +68,18 @@ impl QuadrantBrush {
         }
     }
 
-    /// Makes lines of these rows of nodes from the planes around a sphere.
+    /// Computes the lines of these rows of nodes from the planes around a sphere.
     #[inline(always)]
-    fn blend(&mut self, sphere: &Sphere, layout: &Layout, rows: &std::ops::Range<usize>, line: usize) {
+    fn blend(
+        &mut self,
+        sphere: &SphereImage,
+        layout: &QuadrantLayout,
+        rows: &std::ops::Range<usize>,
+        line: usize,
+    ) {
         let of_rows = rows.start * layout.row()..rows.end * layout.row();
         self.nodes.resize(of_rows.len(), 0.0);
-        for (size, four) in sphere.block.around(sphere.z_um, sphere.radius_um).enumerate() {
+        for (size, four) in sphere.table.planes_around(sphere.z_um, sphere.radius_um).enumerate() {
             let weights: [f32; 4] = std::array::from_fn(|i| (four[i].weight * sphere.light) as f32);
             let a = &four[0].coefficients[of_rows.clone()];
             let b = &four[1].coefficients[of_rows.clone()];
@@ -107,7 +114,8 @@ impl QuadrantBrush {
     }
 }
 
-/// [`join`] for all phases and rows whose runs have this number of groups: short loops of known length are unrolled.
+/// [`join`] for all phases and rows whose runs have this number of groups: short loops of known length are
+/// unrolled.
 #[inline(always)]
 fn join_all<const RUN: usize>(nodes: &[Group], lines: &mut [f32], per_px: usize) {
     let line = (BEFORE + BEHIND + 2 * RUN) * LANES;
@@ -119,11 +127,12 @@ fn join_all<const RUN: usize>(nodes: &[Group], lines: &mut [f32], per_px: usize)
     }
 }
 
-/// Puts a phase of a row of nodes and its mirror image in their places, and the dark around them.
+/// Writes one phase of a row of nodes, its mirror image, and the zeros around them into a line.
 #[inline(always)]
 fn join(nodes: &[Group], lines: &mut [f32], line: usize, phase: usize) {
     let run = nodes.len();
-    // Node -n of phase p is node n of the phase that completes p; that of phase 0 has the axis for itself.
+    // By symmetry, node -n of phase p is node n of phase per_px - p; phase 0 is its own mirror image and
+    // contains the axis once.
     let mirrored = if phase == 0 { 1 } else { lines.len() - phase * line } + BEFORE * LANES;
     let left = lines[mirrored..][..run * LANES].as_chunks_mut::<LANES>().0;
     for (out, nodes) in left.iter_mut().rev().zip(nodes) {
@@ -136,7 +145,7 @@ fn join(nodes: &[Group], lines: &mut [f32], line: usize, phase: usize) {
     for (out, nodes) in right[BEFORE + run..].iter_mut().zip(nodes) {
         *out = *nodes;
     }
-    // No loop over these: of two groups it would become a call.
+    // Unrolled: a loop over two groups would be compiled to a call.
     right[BEFORE + 2 * run] = Group::default();
     right[BEFORE + 2 * run + BEHIND - 1] = Group::default();
 }
@@ -155,11 +164,11 @@ fn weigh(weights: &[f32; 4], a: &Group, b: &Group, c: &Group, d: &Group) -> Grou
     sum
 }
 
-/// How pixels see the nodes of an axis: all of them in the same way, each `per_px` nodes further than the one before.
+/// Interpolation along one axis. All pixels have the same weights; the nodes advance by `per_px` per pixel.
 struct Axis {
     /// The node before the first pixel, counted from the sphere.
     cell: isize,
-    /// Of the four nodes around each pixel.
+    /// Weights of the four nodes around each pixel.
     weights: [f32; 4],
 }
 
@@ -170,8 +179,8 @@ impl Axis {
         Axis { cell: cell as isize, weights: spline::basis(place - cell).0.map(|w| w as f32) }
     }
 
-    /// The rows of nodes that so many rows of pixels see; beyond the axis lies the mirror image.
-    fn nodes(&self, pixels: usize, layout: &Layout) -> std::ops::Range<usize> {
+    /// The rows of nodes that contribute to `pixels` pixel rows; rows beyond the axis are mirror images.
+    fn nodes(&self, pixels: usize, layout: &QuadrantLayout) -> std::ops::Range<usize> {
         let (first, last) = (self.cell - 1, self.cell + 2 + ((pixels - 1) * layout.per_px) as isize);
         let crosses = first <= 0 && 0 <= last;
         let nearest = if crosses { 0 } else { first.unsigned_abs().min(last.unsigned_abs()) };
@@ -180,17 +189,18 @@ impl Axis {
     }
 }
 
-/// How the columns of a window see lines.
+/// Interpolation of lines at the columns of a window.
 struct Across {
-    /// Numbers of a phase in a line.
+    /// Number of values per phase in a line.
     line: usize,
-    /// Where in a line the four nodes around the first column lie; around others, as many places behind that.
+    /// Positions in a line of the four nodes around the first column; those of column k are k positions
+    /// further.
     starts: [usize; 4],
     weights: [f32; 4],
 }
 
 impl Across {
-    fn new(axis: &Axis, layout: &Layout) -> Across {
+    fn new(axis: &Axis, layout: &QuadrantLayout) -> Across {
         let line = (BEFORE + BEHIND) * LANES + 2 * layout.run;
         let (middle, per_px) = ((BEFORE * LANES + layout.run) as isize, layout.per_px as isize);
         let starts = [-1, 0, 1, 2].map(|k| {
@@ -201,25 +211,25 @@ impl Across {
     }
 }
 
-/// Some columns of a window.
+/// A panel of columns of a window.
 struct Panel<'a> {
     across: &'a Across,
     down: &'a Axis,
-    /// Rows of nodes that there are lines of.
+    /// The rows of nodes for which there are lines.
     rows: &'a std::ops::Range<usize>,
     per_px: usize,
     /// The first column.
     start: usize,
-    /// Which columns of the last group are in the window: 1, others 0.
+    /// 1 for the columns of the last group that are in the window, 0 for the others.
     mask: Group,
-    /// Numbers from a row of pixels to the next, and how many rows there are.
+    /// Distance in memory between rows of pixels; `count` is the number of rows.
     stride: usize,
     count: usize,
 }
 
 impl Panel<'_> {
-    /// Adds the spline's values to so many groups of columns. Both loops over numbers have a length that the compiler
-    /// knows; each is written in the form of which it makes vector code.
+    /// Adds the values of the spline to `GROUPS` groups of columns. The lengths of both inner loops are
+    /// compile-time constants, and the loops are written in a form that the compiler vectorizes.
     #[inline(always)]
     fn draw<const GROUPS: usize>(&self, lines: &[f32], values: &mut Vec<f32>, pixels: &mut [f32]) {
         let columns = GROUPS * LANES;
@@ -243,7 +253,7 @@ impl Panel<'_> {
         }
 
         let weights = self.down.weights;
-        // Of each row of nodes; those behind the last are dark.
+        // The values of each row of nodes; rows beyond the last are zero.
         let at = |node: isize| {
             let row = (node.unsigned_abs() - self.rows.start).min(dark);
             &values[row * columns..][..columns]

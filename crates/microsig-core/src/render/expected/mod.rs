@@ -1,72 +1,86 @@
-//! Images in the limit of many rays: no noise of the rays, and derivatives by the particle's place.
+//! Images in the limit of infinitely many rays: without ray noise, and with derivatives with respect to the
+//! particle position.
 //!
-//! The law is that of `rays` with isotropic directions and, for spheres, infinitely many source points, times
-//! (n_rays + 1)/n_rays (the spiral's own excess over isotropic light): a particle sends (n_rays + 1) rays from each source
-//! point toward the lens side, and a pixel gets its share of them. Images of spheres depend on depth, diameter and the pixel's
-//! place relative to the particle alone, and come from tables (`block`), which are made when they are first needed, verified
-//! while they are made (`build`), and shared by all clones of a renderer (`tables`); when they grow beyond 512 MB, those that
-//! the current image does not need are dropped. With a cylindrical lens images have two mirror symmetries: a quadrant is
-//! computed part by part of the lens (`exposure`, `stamp`) and drawn from a spline over it (`draw_quadrant`). Behind a
-//! spherical lens images are round: they are computed as light within a radius (`encircled`), seen by a square pixel
-//! (`pixel`), and drawn from a quadrant as well if few nodes are enough, along the radius (`draw_round`) if rims are sharp
-//! or rings large. A spheroid is computed in the same way, directly and without tables (`spheroid`).
+//! The model is that of `rays` with isotropic directions and, for spheres, infinitely many source points,
+//! times (n_rays + 1)/n_rays (the excess of the spiral over isotropic emission): a particle emits
+//! (n_rays + 1) rays from each source point toward the lens side, and a pixel receives its fraction of them.
+//! With few rays (n_rays NA below about 15) the mean of ray images differs, because their directions are
+//! fixed up to a rotation (`emission::aperture_excess`).
+//!
+//! Images of spheres depend only on depth, diameter and pixel position relative to the particle. They come
+//! from tables (`depth_table`), which are built when first needed, verified during construction (`build`) and
+//! shared by all clones of a renderer (`cache`); when they exceed 512 MB, those not needed by the current
+//! image are dropped. With a cylindrical lens images have two mirror symmetries: a quadrant is computed by an
+//! integral over the aperture (`aperture_integral`, `subaperture`) and drawn from a spline over it
+//! (`draw_quadrant`). With a spherical lens images are round: they are computed as light within a radius
+//! (`encircled`), integrated over square pixels (`pixel_integral`), and drawn from a quadrant too if few
+//! nodes are sufficient, or along the radius (`draw_radial`) if rims are sharp or rings large. The image of a
+//! spheroid is computed by the aperture integral, directly and without tables (`spheroid`).
 
-mod block;
+mod aperture_integral;
 mod build;
+mod cache;
+mod depth_table;
 mod draw;
 mod draw_quadrant;
-mod draw_round;
+mod draw_radial;
 mod encircled;
-mod exposure;
-mod layout;
-mod pixel;
+mod image_band;
+mod image_model;
+mod interpolated;
+mod limits;
+mod pixel_integral;
 mod pupil;
-mod rings;
-mod sheet;
+mod quadrant_layout;
+mod radial_layout;
 mod spheroid;
-mod spline;
-mod stamp;
+mod subaperture;
 mod surface;
-mod tables;
 
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use super::instructions::InstructionSet;
+use super::interface::{Description, ImageStreams, Render};
 use super::patch::Window;
-use super::rays::RayRenderer;
+use super::rays::{LARGEST_EXCESS, RayRenderer};
 use crate::emission::{self, SpheroidLaw};
 use crate::error::Error;
 use crate::optics::OpticalSystem;
 use crate::particle::Particle;
+use crate::pool::{BufferPool, Pooled};
 use crate::sensor::{Image, Light, Sensor};
 use crate::settings::Settings;
-use crate::shelf::{Lent, Shelf};
 use crate::stream::{Purpose, Streams};
-use block::Block;
-use build::Model;
-use draw::{Canvas, Figure, Sphere};
-use pixel::Pixels;
+use cache::TableCache;
+use depth_table::DepthTable;
+use draw::DrawnParticle;
+use image_band::{ImageBand, SphereImage};
+use image_model::ImageModel;
+use interpolated::InterpolatedImage;
+use pixel_integral::PixelIntegrator;
 use pupil::Pupil;
-use sheet::Sheet;
-use surface::Surface;
-use tables::Tables;
+use surface::EmittingSurface;
 
-/// Error of an image, unless another is asked for: the root mean square over the pixels' possible places, as a share of
-/// the image's peak. Single places, next to kinks of the model's image, may err by up to four times as much.
-pub const DEFAULT_TOLERANCE: f64 = 1e-3;
+/// Default tolerance of an image: the root mean square error over all sub-pixel positions, relative to the
+/// peak of the image. At single positions, next to kinks of the image, the error may be up to four times as
+/// large.
+///
+/// 0.3 % of the peak is the standard error of the mean of 100 ray images with 1000 rays in the brightest
+/// pixel; the error of tables is usually half the tolerance.
+pub const DEFAULT_TOLERANCE: f64 = 3e-3;
 
-/// The tolerances that tables can be asked for.
+/// The allowed range of tolerances, relative to the peak.
 pub const TOLERANCES: std::ops::RangeInclusive<f64> = 1e-4..=0.1;
 
-/// Rows that are exposed at a time, and the fewest that a thread draws.
+/// Rows per exposed band, and minimum number of rows per drawing task.
 const BAND: usize = 64;
 
-/// Particles whose images are held at a time.
+/// Maximum number of particles whose images are in memory at the same time.
 const PARTICLES: usize = 1024;
 
-/// Draws particles without the noise of rays.
+/// Renders particles without ray noise.
 ///
 /// # The noise-free image of one particle
 /// ```
@@ -78,21 +92,22 @@ const PARTICLES: usize = 1024;
 /// let patch = renderer.patch(&Particle::sphere(100.3, 80.0, -30.0, 2.0)).expect("it lies on the sensor");
 /// let counts: f64 = patch.counts.iter().sum();
 /// let peak = patch.counts.iter().copied().fold(0.0, f64::max);
-/// assert!(counts > 10_000.0 && peak > 50.0, "rays of brightness 1; times gain they are counts of the camera");
+/// // Rays at brightness 1; times `gain` they are counts of the camera.
+/// assert!(counts > 10_000.0 && peak > 50.0);
 /// # Ok::<(), microsig_core::Error>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct ExpectedRenderer {
     rays: RayRenderer,
     instructions: InstructionSet,
-    tables: Arc<Tables>,
-    /// Working memory, kept from image to image.
-    canvases: Shelf<Vec<f32>>,
+    cache: Arc<TableCache>,
+    /// Working memory, reused from image to image.
+    images: BufferPool<Vec<f32>>,
 }
 
-/// What a particle is drawn from.
-enum Template {
-    Block(Arc<Block>),
+/// The data from which a particle is drawn.
+enum ImageSource {
+    Table(Arc<DepthTable>),
     Patch(Window, Vec<f32>),
 }
 
@@ -105,12 +120,13 @@ pub struct ExpectedPatch {
     pub counts: Vec<f64>,
 }
 
-/// Expected ray counts of one particle and their derivatives by its place.
+/// Expected ray counts of one particle and their derivatives with respect to its position.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gradient {
     /// Where on the sensor.
     pub window: Window,
-    /// For each pixel, row by row: counts, and their derivatives by x (1/px), y (1/px) and z (1/um).
+    /// For each pixel, row by row: counts, and their derivatives with respect to x (1/px), y (1/px) and z
+    /// (1/um).
     pub pixels: Vec<[f64; 4]>,
 }
 
@@ -118,12 +134,13 @@ impl ExpectedRenderer {
     /// A renderer for these settings, with this tolerance (see [`DEFAULT_TOLERANCE`]).
     ///
     /// # Errors
-    /// [`Error::Malformed`] if a setting is out of range, [`Error::Unsupported`] for a tolerance outside [`TOLERANCES`].
+    /// [`Error::Malformed`] if a setting is out of range, [`Error::Unsupported`] for a tolerance outside
+    /// [`TOLERANCES`].
     pub fn new(settings: &Settings, law: SpheroidLaw, tolerance: f64) -> Result<Self, Error> {
         Self::on(InstructionSet::best(), settings, law, tolerance)
     }
 
-    /// The same with an instruction set of one's choice; all give the same images.
+    /// The same using the given instruction set; all give the same images.
     ///
     /// # Errors
     /// As [`ExpectedRenderer::new`].
@@ -146,117 +163,100 @@ impl ExpectedRenderer {
         let [x, y] = [settings.pixel_dim_x, settings.pixel_dim_y].map(|size| f64::from(size) + margin);
         let farthest_px =
             if pupil.system.cylinder.is_some() { [x, y] } else { [libm::sqrt(x * x + y * y); 2] };
-        let model = Model { pupil, tolerance, farthest_px, pixels: Pixels::default(), instructions };
+        limits::check_cylinder(settings, &pupil)?;
+        let model =
+            ImageModel { pupil, tolerance, farthest_px, pixels: PixelIntegrator::default(), instructions };
         Ok(ExpectedRenderer {
             rays,
             instructions,
-            tables: Arc::new(Tables::new(model)),
-            canvases: Shelf::default(),
+            cache: Arc::new(TableCache::new(model)),
+            images: BufferPool::default(),
         })
     }
 
-    /// How far from the sensor a particle may lie, px, if its light falls on it.
+    /// Largest distance (px) from the sensor at which a particle can still illuminate it.
     fn margin(settings: &Settings) -> f64 {
         (f64::from(settings.pixel_dim_x.max(settings.pixel_dim_y)) / 2.0).max(50.0)
     }
 
-    /// The settings.
-    pub fn settings(&self) -> &Settings {
-        self.rays.settings()
-    }
-
-    /// Whether this particle can be drawn, and what should be known about its image if so.
-    ///
-    /// # Errors
-    /// [`Error::Unsupported`] as [`RayRenderer::check`], and for a sphere so far outside the sensor that no table reaches
-    /// from it to there.
-    pub fn check(&self, particle: &Particle) -> Result<Option<String>, Error> {
-        let warning = self.rays.check(particle)?;
-        if self.is_spheroid(particle) {
-            return Ok(warning);
-        }
-        let (settings, margin) = (self.settings(), Self::margin(self.settings()));
-        let outside = |at: f64, size: u32| (0.5 - at).max(at - f64::from(size) - 0.5);
-        let farthest =
-            outside(particle.x_px, settings.pixel_dim_x).max(outside(particle.y_px, settings.pixel_dim_y));
-        if farthest > margin && self.rays.reaches_sensor(particle) {
-            return Err(Error::Unsupported(format!(
-                "it lies {farthest:.1} px outside the sensor, onto which its light falls; expected images reach particles up to {margin} px outside"
-            )));
-        }
-        Ok(warning)
-    }
-
-    /// Half width and half height of a particle's image, px, with some margin.
-    pub fn image_extent(&self, particle: &Particle) -> (f64, f64) {
-        self.rays.image_extent(particle)
-    }
-
-    /// Whether some of a particle's light may fall on the sensor.
-    pub fn reaches_sensor(&self, particle: &Particle) -> bool {
-        self.rays.reaches_sensor(particle)
-    }
-
-    /// The tolerance.
+    /// The tolerance, relative to the peak.
     pub fn tolerance(&self) -> f64 {
-        self.tables.model.tolerance
+        self.cache.model.tolerance
     }
 
-    /// Makes the tables for these particles now rather than when they are drawn.
+    /// Builds the tables for these particles in advance, instead of when they are drawn.
     pub fn prepare(&self, particles: &[Particle]) {
-        self.tables.blocks(particles.iter().filter(|particle| !self.is_spheroid(particle)));
+        self.cache.tables(particles.iter().filter(|particle| !self.is_spheroid(particle)));
     }
 
-    /// The expected counts of one particle. `None`: none of its light can fall on the sensor.
+    /// The expected counts of one particle. `None`: its light cannot reach the sensor.
     pub fn patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
-        let image = self.images(std::slice::from_ref(particle)).remove(0);
-        let figure = self.figure(particle, &image, 1.0);
-        let (Figure::Sphere(Sphere { window, .. }) | Figure::Patch { window, .. }) = figure;
+        let image = self.sources(std::slice::from_ref(particle)).remove(0);
+        let drawn = self.drawn_particle(particle, &image, 1.0);
+        let (DrawnParticle::Sphere(SphereImage { window, .. }) | DrawnParticle::Patch { window, .. }) = drawn;
         if window.area() == 0 {
             return None;
         }
-        let stride = draw::stride(window.width);
+        let stride = image_band::stride(window.width);
         let mut pixels = vec![0.0; window.height * stride];
-        let canvas = Canvas { x0: window.x0, y0: window.y0, stride, pixels: &mut pixels };
-        draw::draw(self.instructions, std::iter::once(figure), canvas);
+        let band = ImageBand { x0: window.x0, y0: window.y0, stride, pixels: &mut pixels };
+        draw::draw(self.instructions, std::iter::once(drawn), band);
         let mut counts = vec![0.0; window.area()];
-        draw::copy(&pixels, window.width, &mut counts);
+        image_band::copy(&pixels, window.width, &mut counts);
         Some(ExpectedPatch { window, counts })
     }
 
-    /// The expected counts of one particle with their derivatives: those of the tables for spheres, differences over half a
-    /// pixel and 1 um for spheroids. `None`: none of its light can fall on the sensor.
+    /// The expected counts of one particle with their derivatives: for spheres from the tables, for spheroids
+    /// by differences over half a pixel and 1 um. `None`: its light cannot reach the sensor.
     pub fn gradient(&self, particle: &Particle) -> Option<Gradient> {
         if self.is_spheroid(particle) {
             return self.gradient_by_differences(particle);
         }
-        let block = self.tables.blocks(std::iter::once(particle)).remove(0);
-        let window = self.window(particle, &block);
-        if window.area() == 0 {
-            return None;
-        }
-        let sheet = Sheet::new(&block, particle.z_um, 0.5 * particle.d_um);
+        let table = self.cache.tables(std::iter::once(particle)).remove(0);
+        let window = self.window(particle, &table);
+        (window.area() > 0).then(|| self.gradient_of_sphere(particle, &table, window))
+    }
+
+    /// The same for a sphere on the pixels of the given window, for fits to a part of its image. The window
+    /// may extend beyond the sensor.
+    pub fn gradient_within(&self, sphere: &Particle, window: Window) -> Gradient {
+        let table = self.cache.tables(std::iter::once(sphere)).remove(0);
+        self.gradient_of_sphere(sphere, &table, window)
+    }
+
+    fn gradient_of_sphere(&self, particle: &Particle, table: &DepthTable, window: Window) -> Gradient {
+        let interpolated = InterpolatedImage::new(table, particle.z_um, 0.5 * particle.d_um);
         let light = self.total(particle);
         let pixels = (0..window.area())
             .map(|i| {
                 let dx = (window.x0 + (i % window.width) as i64) as f64 - particle.x_px;
                 let dy = (window.y0 + (i / window.width) as i64) as f64 - particle.y_px;
-                let [value, by_x, by_y, by_z] = sheet.at(dx, dy);
-                // A particle that moves to the right is a pixel that moves to the left.
+                let [value, by_x, by_y, by_z] = interpolated.at(dx, dy);
+                // Moving the particle to the right is equivalent to moving the pixel to the left.
                 [light * value, -light * by_x, -light * by_y, light * by_z]
             })
             .collect();
-        Some(Gradient { window, pixels })
+        Gradient { window, pixels }
+    }
+
+    /// The light of a sphere on pixels at these positions relative to its center (px), as fractions of the
+    /// light that it emits toward the lens side, with the derivatives with respect to the position of the
+    /// pixel (1/px) and the depth of the sphere (1/um): value, d/dx, d/dy, d/dz.
+    pub fn shares(&self, z_um: f64, d_um: f64, places_px: &[[f64; 2]]) -> Vec<[f64; 4]> {
+        let sphere = Particle::sphere(1.0, 1.0, z_um, d_um);
+        let table = self.cache.tables(std::iter::once(&sphere)).remove(0);
+        let image = InterpolatedImage::new(&table, z_um, 0.5 * d_um);
+        places_px.iter().map(|&[x, y]| image.at(x, y)).collect()
     }
 
     fn gradient_by_differences(&self, particle: &Particle) -> Option<Gradient> {
-        /// Half the distance of the two images of a difference: px, px, um.
+        /// Half the distance between the two images of a central difference: px, px, um.
         const STEPS: [f64; 3] = [0.25, 0.25, 0.5];
         let window = self.spheroid_window(particle);
         if window.area() == 0 {
             return None;
         }
-        let surface = spheroid::surface(self.settings(), self.rays.law(), particle);
+        let surface = spheroid::surface(self.settings(), self.law(), particle);
         let at = |axis: usize, by: f64| {
             let mut place = [particle.x_px, particle.y_px, particle.z_um];
             place[axis] += by;
@@ -272,93 +272,95 @@ impl ExpectedRenderer {
         Some(Gradient { window, pixels })
     }
 
-    /// Adds up the light of all particles of one image.
+    /// The light of all particles of one image.
     pub fn light(&self, particles: &[Particle]) -> Light {
         let mut light = Light::dark(self.settings());
-        draw::copy(&self.canvas(particles), light.width as usize, &mut light.values);
+        image_band::copy(&self.draw_all(particles), light.width as usize, &mut light.values);
         light
     }
 
-    /// The image that `sensor`, one of these settings, makes of [`ExpectedRenderer::light`], faster: without memory for this
-    /// light.
-    pub fn image(
-        &self,
-        particles: &[Particle],
-        sensor: &Sensor,
-        streams: &Streams,
-        purpose: Purpose,
-        frame: u32,
-    ) -> Image {
-        let canvas = self.canvas(particles);
+    /// The exposure of [`ExpectedRenderer::light`] by `sensor`, which must have the settings of the renderer;
+    /// faster, because the light is not stored.
+    pub fn image(&self, particles: &[Particle], sensor: &Sensor, random: ImageStreams<'_>) -> Image {
+        let image = self.draw_all(particles);
         let (columns, rows) = (self.settings().pixel_dim_x, self.settings().pixel_dim_y);
-        let stride = draw::stride(columns as usize);
-        sensor.expose_bands((columns, rows), BAND, streams, purpose, frame, |first, light| {
-            draw::copy(&canvas[first * stride..], columns as usize, light);
-        })
+        let stride = image_band::stride(columns as usize);
+        sensor.expose_bands(
+            (columns, rows),
+            BAND,
+            random.streams,
+            random.noise,
+            random.frame,
+            |first, light| {
+                image_band::copy(&image[first * stride..], columns as usize, light);
+            },
+        )
     }
 
     /// Draws all particles of one image.
-    fn canvas(&self, particles: &[Particle]) -> Lent<'_, Vec<f32>> {
-        let stride = draw::stride(self.settings().pixel_dim_x as usize);
+    fn draw_all(&self, particles: &[Particle]) -> Pooled<'_, Vec<f32>> {
+        let stride = image_band::stride(self.settings().pixel_dim_x as usize);
         let rows = self.settings().pixel_dim_y as usize;
-        let mut canvas = self.canvases.lend();
-        canvas.resize(rows * stride, 0.0);
-        // Each thread has a band of rows and all particles in the order of their rows in the data file: no sum depends on
-        // the number of threads.
-        let band = rows.div_ceil(rayon::current_num_threads()).max(BAND);
+        let mut image = self.images.get();
+        image.resize(rows * stride, 0.0);
+        // Each thread draws all particles, in the order of their rows in the data file, on a band of rows:
+        // sums do not depend on the number of threads.
+        let band_rows = rows.div_ceil(rayon::current_num_threads()).max(BAND);
         for particles in particles.chunks(PARTICLES) {
-            let images = self.images(particles);
-            canvas.par_chunks_mut(band * stride).enumerate().for_each(|(i, pixels)| {
-                let canvas = Canvas { x0: 1, y0: (i * band) as i64 + 1, stride, pixels };
-                let figures = particles.iter().zip(&images);
-                let figures = figures.map(|(particle, image)| self.figure(particle, image, particle.c_int));
-                draw::draw(self.instructions, figures, canvas);
+            let sources = self.sources(particles);
+            image.par_chunks_mut(band_rows * stride).enumerate().for_each(|(i, pixels)| {
+                let band = ImageBand { x0: 1, y0: (i * band_rows) as i64 + 1, stride, pixels };
+                let drawn = particles.iter().zip(&sources);
+                let drawn =
+                    drawn.map(|(particle, image)| self.drawn_particle(particle, image, particle.c_int));
+                draw::draw(self.instructions, drawn, band);
             });
         }
-        canvas
+        image
     }
 
-    /// Number of blocks of the tables, their memory in bytes, and the largest error found in any of them as a share of
-    /// an image's peak.
+    /// Number of depth tables, their memory in bytes, and the largest estimated error of any of them relative
+    /// to the peak.
     pub fn tables(&self) -> (usize, usize, f64) {
-        self.tables.state()
+        self.cache.state()
     }
 
-    /// How the tables made so far miss the tolerance, if they do.
-    pub fn shortfall(&self) -> Option<String> {
-        let ((_, _, error), tolerance) = (self.tables(), self.tolerance());
-        (error > tolerance).then(|| {
-            format!("expected images err by up to {error:.1e} of their peaks, more than the tolerance of {tolerance:.1e}")
-        })
+    /// Selection of the source points of a spheroid.
+    fn law(&self) -> SpheroidLaw {
+        self.rays.spheroid_law().unwrap_or_default()
     }
 
-    /// Whether a particle is computed directly. With the uniform law a spheroid of aspect ratio 1 is the sphere.
+    /// Whether the image of a particle is computed directly. With [`SpheroidLaw::Uniform`] a spheroid of
+    /// aspect ratio 1 is a sphere.
     fn is_spheroid(&self, particle: &Particle) -> bool {
-        particle.spheroid.is_some_and(|s| s.e_p != 1.0 || self.rays.law() == SpheroidLaw::Original)
+        particle.spheroid.is_some_and(|s| s.e_p != 1.0 || self.law() == SpheroidLaw::Original)
     }
 
-    /// What each particle is drawn from.
-    fn images(&self, particles: &[Particle]) -> Vec<Template> {
-        let mut blocks = self.tables.blocks(particles.iter().filter(|p| !self.is_spheroid(p))).into_iter();
-        let patches: Vec<Option<Template>> = particles
+    /// The data from which each particle is drawn.
+    fn sources(&self, particles: &[Particle]) -> Vec<ImageSource> {
+        let mut tables = self.cache.tables(particles.iter().filter(|p| !self.is_spheroid(p))).into_iter();
+        let patches: Vec<Option<ImageSource>> = particles
             .par_iter()
             .map(|particle| {
                 self.is_spheroid(particle).then(|| {
                     let window = self.spheroid_window(particle);
-                    let surface = spheroid::surface(self.settings(), self.rays.law(), particle);
+                    let surface = spheroid::surface(self.settings(), self.law(), particle);
                     let place = [particle.x_px, particle.y_px, particle.z_um];
-                    Template::Patch(window, self.spheroid(&surface, place, window))
+                    ImageSource::Patch(window, self.spheroid(&surface, place, window))
                 })
             })
             .collect();
-        patches.into_iter().filter_map(|patch| patch.or_else(|| blocks.next().map(Template::Block))).collect()
+        patches
+            .into_iter()
+            .filter_map(|patch| patch.or_else(|| tables.next().map(ImageSource::Table)))
+            .collect()
     }
 
-    fn spheroid(&self, surface: &Surface, place: [f64; 3], window: Window) -> Vec<f32> {
+    fn spheroid(&self, surface: &EmittingSurface, place: [f64; 3], window: Window) -> Vec<f32> {
         if window.area() == 0 {
             return Vec::new();
         }
-        spheroid::patch(&self.tables.model, self.settings(), surface, place, window)
+        spheroid::patch(&self.cache.model, self.settings(), surface, place, window)
     }
 
     fn spheroid_window(&self, particle: &Particle) -> Window {
@@ -366,14 +368,19 @@ impl ExpectedRenderer {
         Window::around(particle.x_px, particle.y_px, self.image_extent(particle), sensor)
     }
 
-    fn figure<'a>(&self, particle: &Particle, image: &'a Template, factor: f64) -> Figure<'a> {
+    fn drawn_particle<'a>(
+        &self,
+        particle: &Particle,
+        image: &'a ImageSource,
+        factor: f64,
+    ) -> DrawnParticle<'a> {
         match image {
-            Template::Patch(window, counts) => {
-                Figure::Patch { window: *window, counts, factor: factor as f32 }
+            ImageSource::Patch(window, counts) => {
+                DrawnParticle::Patch { window: *window, counts, factor: factor as f32 }
             }
-            Template::Block(block) => Figure::Sphere(Sphere {
-                block,
-                window: self.window(particle, block),
+            ImageSource::Table(table) => DrawnParticle::Sphere(SphereImage {
+                table,
+                window: self.window(particle, table),
                 x_px: particle.x_px,
                 y_px: particle.y_px,
                 z_um: particle.z_um,
@@ -383,14 +390,98 @@ impl ExpectedRenderer {
         }
     }
 
-    /// The light that a sphere sends toward the lens side, in rays.
+    /// The light that a sphere emits toward the lens side, in rays.
     fn total(&self, particle: &Particle) -> f64 {
         let points = emission::sphere_points(self.settings(), particle.d_um);
         points as f64 * (f64::from(self.settings().n_rays) + 1.0)
     }
 
-    fn window(&self, particle: &Particle, block: &Block) -> Window {
+    fn window(&self, particle: &Particle, table: &DepthTable) -> Window {
         let sensor = (self.settings().pixel_dim_x, self.settings().pixel_dim_y);
-        Window::around(particle.x_px, particle.y_px, (block.reach_px[0], block.reach_px[1]), sensor)
+        Window::around(particle.x_px, particle.y_px, (table.reach_px[0], table.reach_px[1]), sensor)
+    }
+}
+
+impl Render for ExpectedRenderer {
+    fn name(&self) -> &'static str {
+        "expected"
+    }
+
+    fn needs_tables(&self) -> bool {
+        true
+    }
+
+    fn prepare(&self, particles: &[&[Particle]]) {
+        let spheres = particles.iter().copied().flatten().filter(|particle| !self.is_spheroid(particle));
+        self.cache.tables(spheres);
+    }
+
+    fn description(&self) -> Description {
+        Description {
+            method: "computes what rays from each particle through the lens give on average (model: M. Rossi, Meas. Sci. \
+                     Technol. 31, 017003, 2020)",
+            ..self.rays.description()
+        }
+    }
+
+    fn spheroid_law(&self) -> Option<SpheroidLaw> {
+        self.rays.spheroid_law()
+    }
+
+    fn warning(&self) -> Option<String> {
+        let Settings { n_rays, numerical_aperture, .. } = self.settings();
+        let excess = emission::aperture_excess(*n_rays, *numerical_aperture);
+        (excess.abs() > LARGEST_EXCESS).then(|| {
+            format!(
+                "n_rays = {n_rays} is so few for NA {numerical_aperture} that expected images, the limit of many rays, are not the mean of \
+                 ray images: these have {:+.1} % of light and a pattern",
+                100.0 * excess
+            )
+        })
+    }
+
+    fn light(&self, particles: &[Particle], _: &Streams, _: Purpose, _: u32) -> Light {
+        ExpectedRenderer::light(self, particles)
+    }
+
+    fn image(&self, particles: &[Particle], sensor: &Sensor, random: ImageStreams<'_>) -> Image {
+        ExpectedRenderer::image(self, particles, sensor, random)
+    }
+
+    fn settings(&self) -> &Settings {
+        self.rays.settings()
+    }
+
+    fn check(&self, particle: &Particle) -> Result<Option<String>, Error> {
+        let warning = self.rays.check(particle)?;
+        if self.is_spheroid(particle) {
+            return Ok(warning);
+        }
+        limits::check_cells(self.settings(), particle, self.cache.cells(particle))?;
+        let (settings, margin) = (self.settings(), Self::margin(self.settings()));
+        let outside = |at: f64, size: u32| (0.5 - at).max(at - f64::from(size) - 0.5);
+        let farthest =
+            outside(particle.x_px, settings.pixel_dim_x).max(outside(particle.y_px, settings.pixel_dim_y));
+        if farthest > margin && self.rays.reaches_sensor(particle) {
+            return Err(Error::Unsupported(format!(
+                "it lies {farthest:.1} px outside the sensor, onto which its light falls; expected images reach particles up to {margin} px outside"
+            )));
+        }
+        Ok(warning)
+    }
+
+    fn shortfall(&self) -> Option<String> {
+        let ((_, _, error), tolerance) = (self.tables(), self.tolerance());
+        (error > tolerance).then(|| {
+            format!("expected images err by up to {error:.1e} of their peaks, more than the tolerance of {tolerance:.1e}")
+        })
+    }
+
+    fn image_extent(&self, particle: &Particle) -> (f64, f64) {
+        self.rays.image_extent(particle)
+    }
+
+    fn reaches_sensor(&self, particle: &Particle) -> bool {
+        self.rays.reaches_sensor(particle)
     }
 }

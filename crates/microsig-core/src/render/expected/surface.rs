@@ -1,25 +1,26 @@
-//! The shining part of a particle's surface, as points of equal weight.
+//! The emitting part of a particle's surface, as points of equal weight.
 
 use crate::emission::{self, Point};
 
 /// Source points in internal axes, um, and their centroid.
 #[derive(Debug, Clone)]
-pub(super) struct Surface {
+pub(super) struct EmittingSurface {
     pub(super) points: Vec<Point>,
     pub(super) centroid: Point,
-    /// The farthest that a point lies from the particle's centre, um.
+    /// Largest distance of a point from the particle center, um.
     pub(super) radius_um: f64,
-    /// Half its smallest extent, um.
+    /// Half the smallest extent of the particle, um.
     pub(super) least_radius_um: f64,
-    /// Whether the surface is its own mirror image in e2 and in e3.
+    /// Whether the surface is mirror-symmetric in e2 and in e3.
     pub(super) mirrored: bool,
 }
 
-impl Surface {
-    /// A sphere by `n` points. The far hemisphere's points are turned to the near one (`emission`), so they are even in
-    /// area over the hemisphere toward the lens: by Archimedes, even in depth.
-    pub(super) fn sphere(radius_um: f64, n: usize) -> Surface {
-        // A point has no size.
+impl EmittingSurface {
+    /// A sphere of `n` points. The points of the far hemisphere are rotated to the near one (`emission`), so
+    /// they are uniform in area over the hemisphere facing the lens: by Archimedes' theorem, uniform in
+    /// depth.
+    pub(super) fn sphere(radius_um: f64, n: usize) -> EmittingSurface {
+        // A particle of radius 0 is a single point.
         let n = if radius_um == 0.0 { 1 } else { n };
         let points = (0..n)
             .map(|k| {
@@ -29,7 +30,7 @@ impl Surface {
                 [-radius_um * depth, offset * cosine, offset * sine]
             })
             .collect();
-        Surface {
+        EmittingSurface {
             points,
             centroid: [-0.5 * radius_um, 0.0, 0.0],
             radius_um,
@@ -38,8 +39,8 @@ impl Surface {
         }
     }
 
-    /// Any points, of a particle with this smallest half extent.
-    pub(super) fn new(points: Vec<Point>, least_radius_um: f64) -> Surface {
+    /// The surface with the given points of a particle whose smallest half extent is `least_radius_um`.
+    pub(super) fn new(points: Vec<Point>, least_radius_um: f64) -> EmittingSurface {
         let n = points.len().max(1) as f64;
         let mut centroid = [0.0; 3];
         let mut radius2 = 0.0f64;
@@ -47,10 +48,11 @@ impl Surface {
             (0..3).for_each(|axis| centroid[axis] += point[axis] / n);
             radius2 = radius2.max(point.iter().map(|e| e * e).sum());
         }
-        Surface { points, centroid, radius_um: libm::sqrt(radius2), least_radius_um, mirrored: false }
+        EmittingSurface { points, centroid, radius_um: libm::sqrt(radius2), least_radius_um, mirrored: false }
     }
 
-    /// Distance squared, across the optical axis, of the centroid from the point of the lens at `q` and this azimuth.
+    /// Squared lateral distance (um^2) of the centroid from the point of the lens at the radius `q` (um) and
+    /// this azimuth (cosine, sine).
     #[inline(always)]
     pub(super) fn offset2(&self, q: f64, [cosine, sine]: [f64; 2]) -> f64 {
         let (x, y) = (q * cosine - self.centroid[1], q * sine - self.centroid[2]);

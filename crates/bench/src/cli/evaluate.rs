@@ -1,0 +1,202 @@
+//! `microsig evaluate`: scores of a result.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+use super::Common;
+use super::output::{report as print, warn};
+use crate::error::{Error, Result};
+use crate::evaluate::gate::Shape;
+use crate::evaluate::measurement::RecordingFacts;
+use crate::evaluate::{EvaluateOptions, evaluate};
+use crate::release::{self, SubmissionFiles, Validated};
+use crate::report;
+use crate::results::{self, Conventions, Format, Origin, TrackerResult};
+
+/// Scores of a tracker's result against the truth
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: microsig evaluate datasets/quickstart result.csv --out scores/mine --report"
+)]
+pub(super) struct Evaluate {
+    /// The dataset's folder, or a bare table of the truth (canonical CSV)
+    dataset: PathBuf,
+    /// What a tracker wrote: particles or a displacement field; or a submission to a challenge (a folder or
+    /// zip archive)
+    result: PathBuf,
+    /// The result's format [default: from its header]
+    #[arg(long, value_enum)]
+    format: Option<Format>,
+    /// Shape of the gate [default: ellipsoid with depth, radial without]
+    #[arg(long, value_enum)]
+    gate: Option<Shape>,
+    /// Width of the gate in the image plane [default: 2]
+    #[arg(long, value_name = "PX")]
+    gate_xy: Option<f64>,
+    /// Height of the gate [default: a tenth of the depth range]
+    #[arg(long, value_name = "UM")]
+    gate_z: Option<f64>,
+    /// Score in 2 or 3 dimensions [default: 3 if truth and result have a depth]
+    #[arg(long, value_name = "N")]
+    dims: Option<u8>,
+    /// Gate of the ISBI scores [default: 5]
+    #[arg(long, value_name = "PX")]
+    isbi_gate: Option<f64>,
+    /// Do not score particles this near to the edge of the image
+    #[arg(long, value_name = "PX", default_value_t = 0.0)]
+    border: f64,
+    /// Where the result has the first pixel's centre [default: as usual in its format]
+    #[arg(long, value_enum)]
+    origin: Option<Origin>,
+    /// Which way y grows in the result [default: down]
+    #[arg(long, value_enum)]
+    y: Option<Direction>,
+    /// Number of the result's first frame [default: as usual in its format]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    frame_base: Option<i64>,
+    /// Object-space length of a pixel [default: the dataset's]
+    #[arg(long, value_name = "UM")]
+    um_per_px: Option<f64>,
+    /// Depth range [default: the dataset's]
+    #[arg(long, value_names = ["UM", "UM"], num_args = 2, allow_negative_numbers = true)]
+    depth: Option<Vec<f64>>,
+    /// Score a field against the plane of the truth nearest to this depth [default: where particles are
+    /// sharpest]
+    #[arg(long, value_name = "UM", allow_negative_numbers = true)]
+    plane: Option<f64>,
+    /// Report which shift of the whole result would fit best; it is never applied
+    #[arg(long)]
+    auto_offset: bool,
+    /// Add the Cramer-Rao bound of the dataset's optics over depth, and the result's efficiency (takes a
+    /// while)
+    #[arg(long)]
+    crlb: bool,
+    /// Write score.json and tables into this folder
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Write report.html beside them
+    #[arg(long, requires = "out")]
+    report: bool,
+    /// Only check that the result can be read, or that a submission is complete and fits the split; needs no
+    /// truth
+    #[arg(long)]
+    validate_only: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Direction {
+    Down,
+    Up,
+}
+
+impl Evaluate {
+    fn conventions(&self) -> Result<Conventions> {
+        if let Some(um) = self.um_per_px.filter(|um| !(1e-6..=1e6).contains(um)) {
+            return Err(Error::input(format!("--um-per-px {um}: expected a number from 1e-6 to 1e6")));
+        }
+        let depth_um = match self.depth.as_deref() {
+            Some(&[low, high]) if low < high && high - low <= 1e9 => Some((low, high)),
+            Some(wrong) => {
+                let given: Vec<String> = wrong.iter().map(f64::to_string).collect();
+                return Err(Error::input(format!(
+                    "--depth {}: expected two depths in um, the lower one first, at most 1e9 um apart",
+                    given.join(" ")
+                )));
+            }
+            None => None,
+        };
+        Ok(Conventions {
+            format: self.format,
+            origin: self.origin,
+            y_up: self.y.map(|y| y == Direction::Up),
+            frame_base: self.frame_base,
+            um_per_px: self.um_per_px,
+            depth_um,
+            ..Conventions::default()
+        })
+    }
+
+    pub(super) fn run(&self, common: &Common) -> Result<()> {
+        let conventions = self.conventions()?;
+        if !(0.0..=1e7).contains(&self.border) {
+            return Err(Error::input(format!("--border {}: expected 0 to 1e7 px", self.border)));
+        }
+        if let Some(plane) = self.plane.filter(|z| !z.is_finite()) {
+            return Err(Error::input(format!("--plane {plane}: expected a depth in um")));
+        }
+        if self.validate_only {
+            return self.validate(conventions, common);
+        }
+        let options = EvaluateOptions {
+            conventions,
+            shape: self.gate,
+            gate_xy_px: self.gate_xy,
+            gate_z_um: self.gate_z,
+            dims: self.dims,
+            isbi_gate_px: self.isbi_gate,
+            border_px: self.border,
+            plane_um: self.plane,
+            auto_offset: self.auto_offset,
+            crlb: self.crlb,
+            seed: common.seed.unwrap_or(0),
+        };
+        // Before the work: what would be refused after it.
+        if let Some(out) = self.out.as_ref().filter(|out| out.exists() && !common.force) {
+            return Err(Error::Exists(out.clone()));
+        }
+        let (result, _unpacked) = if SubmissionFiles::are_at(&self.result) {
+            let files = self.submission()?;
+            warn(&release::validate(&self.dataset, &files)?.warnings, common);
+            (files.results(), Some(files))
+        } else {
+            (self.result.clone(), None)
+        };
+        let evaluation = evaluate(&self.dataset, &result, &options)?;
+        let mut text = report::table(&evaluation.score);
+        if let Some(out) = &self.out {
+            for path in report::write(out, &evaluation, self.report, common.force)? {
+                // Writing to a string cannot fail.
+                let _ = writeln!(text, "  wrote      {}", path.display());
+            }
+        }
+        if common.json {
+            warn(&evaluation.score.warnings, common);
+        }
+        print(text.trim_end(), &evaluation.score, common)
+    }
+
+    fn submission(&self) -> Result<SubmissionFiles> {
+        SubmissionFiles::open(&self.result, release::limits(&self.dataset)?)
+    }
+
+    fn validate(&self, given: Conventions, common: &Common) -> Result<()> {
+        if SubmissionFiles::are_at(&self.result) {
+            let validated = release::validate(&self.dataset, &self.submission()?)?;
+            warn(&validated.warnings, common);
+            let Validated { submission, kind, rows, .. } = &validated;
+            let text = format!(
+                "{}: a valid submission of {}: {rows} {kind} by {} {}",
+                self.result.display(),
+                submission.team,
+                submission.method,
+                submission.version
+            );
+            return print(&text, &validated, common);
+        }
+        let facts = RecordingFacts::of(&self.dataset, &given)?;
+        let found = results::read(&self.result, &facts.conventions(given))?;
+        let beyond = facts.beyond(&self.result, &found);
+        if !beyond.is_empty() {
+            return Err(Error::Input(beyond));
+        }
+        let (kind, rows, n_nan, notes) = match found {
+            TrackerResult::Points(p) => ("particles", p.rows.len(), p.n_nan, p.notes),
+            TrackerResult::Field(f) => ("vectors", f.vectors.len(), f.n_nan, f.notes),
+        };
+        let text = format!("{}: {rows} {kind}; {}", self.result.display(), notes.join("; "));
+        print(&text, &json!({ "kind": kind, "rows": rows, "n_nan": n_nan, "assumptions": notes }), common)
+    }
+}

@@ -1,0 +1,47 @@
+//! `microsig export`: the truth in another program's format.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::Common;
+use super::output::report;
+use crate::error::Result;
+use crate::export::{Displacement, ExportFormat, ExportOptions, export};
+
+/// The truth of a dataset in another tool's format
+#[derive(Debug, Args)]
+#[command(after_help = "Example: microsig export datasets/quickstart --format trackpy --out truth.csv")]
+pub(super) struct Export {
+    /// The dataset's folder
+    dataset: PathBuf,
+    /// The format
+    #[arg(long, value_enum, value_name = "F")]
+    format: ExportFormat,
+    /// The file to write
+    #[arg(long, value_name = "PATH")]
+    out: PathBuf,
+    /// Image pair, for a displacement field that changes with time
+    #[arg(long, value_name = "N")]
+    pair: Option<u32>,
+    /// Which displacement field
+    #[arg(long, value_enum, value_name = "DEFINITION", default_value_t = Displacement::Central)]
+    displacement: Displacement,
+}
+
+impl Export {
+    pub(super) fn run(&self, common: &Common) -> Result<()> {
+        let exported = export(
+            &self.dataset,
+            &ExportOptions {
+                format: self.format,
+                out: self.out.clone(),
+                pair: self.pair,
+                displacement: self.displacement,
+                force: common.force,
+            },
+        )?;
+        let of = exported.tracks.map_or_else(|| "vectors".to_owned(), |n| format!("points of {n} tracks"));
+        report(&format!("{}: {} {of}", exported.out.display(), exported.rows), &exported, common)
+    }
+}

@@ -1,0 +1,242 @@
+//! `microsig fit`: the settings of a real microscope from its calibration scan.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+
+use super::Common;
+use super::output::{report, warn};
+use crate::error::{Error, Result};
+use crate::fit::{Astigmatic, ExtraParameter, FitOptions, Fitted, Given, Scan, StagePositions, Verdict, fit};
+use crate::storage::folder::Partial;
+
+/// The settings of a real microscope from its calibration scan
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: microsig fit scan.tif --z z.csv --magnification 10 --pixel-size 6.45 --out fitted"
+)]
+pub(super) struct Fit {
+    /// A multi-page TIFF (8 or 16 bit), or a folder of TIFF files in natural order
+    scan: PathBuf,
+    /// Magnification of the microscope
+    #[arg(long, value_name = "M")]
+    magnification: f64,
+    /// Edge of a pixel on the sensor, um
+    #[arg(long, value_name = "UM")]
+    pixel_size: f64,
+    /// Stage positions: CSV with the columns `page` (from 0) or `image`, and `z_um`
+    #[arg(long, value_name = "FILE", conflicts_with = "z_step")]
+    z: Option<PathBuf>,
+    /// Step of the stage between planes, um
+    #[arg(long, value_name = "UM", allow_negative_numbers = true)]
+    z_step: Option<f64>,
+    /// Whether stage positions grow away from the lens
+    #[arg(long, value_enum, default_value_t = Direction::Auto, value_name = "DIRECTION")]
+    z_direction: Direction,
+    /// Physical depth over depth in the model: about the refractive index of the fluid for a dry objective
+    #[arg(long, default_value_t = 1.0, value_name = "F")]
+    depth_factor: f64,
+    /// Refractive index of the medium in the model
+    #[arg(long, default_value_t = 1.0, value_name = "N")]
+    medium: f64,
+    /// Particle diameter, um [default: fitted]
+    #[arg(long, value_name = "UM")]
+    diameter: Option<f64>,
+    /// CSV with the columns `x_px` and `y_px` of the particles to use [default: found]
+    #[arg(long, value_name = "FILE")]
+    particles: Option<PathBuf>,
+    /// Whether there is a cylindrical lens
+    #[arg(long, value_enum, default_value_t = Cylinder::Auto, value_name = "ANSWER")]
+    astigmatic: Cylinder,
+    /// Brightness of planes: each its own (real objectives), or the model's
+    #[arg(long, value_enum, default_value_t = Flux::Free)]
+    flux: Flux,
+    /// Quantities to fit besides; for experts
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "KEYS")]
+    free: Vec<ExtraParameter>,
+    /// Planes to use, counted from 0
+    #[arg(long, value_name = "A-B")]
+    planes: Option<String>,
+    /// Width of the windows about particles, px [default: found]
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u16).range(7..=129))]
+    window: Option<u16>,
+    /// Resamples of the particles for a second estimate of standard deviations
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=10_000))]
+    bootstrap: u16,
+    /// The folder for settings, parameters and images of the model
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Direction {
+    /// Told from the images
+    Auto,
+    /// Away from the lens
+    Away,
+    /// Toward the lens
+    Toward,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Cylinder {
+    /// Told from the images
+    Auto,
+    /// There is one
+    Yes,
+    /// There is none
+    No,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Flux {
+    /// Each plane has its own
+    Free,
+    /// As the model has it
+    Model,
+}
+
+impl Fit {
+    pub(super) fn run(&self, common: &Common) -> Result<()> {
+        let options = self.options(common.seed.unwrap_or(0))?;
+        let positions = match (&self.z, self.z_step) {
+            (Some(file), _) => StagePositions::Table(file.clone()),
+            (None, Some(step)) => StagePositions::Step(step),
+            (None, None) => StagePositions::FromFile,
+        };
+        let mut scan = Scan::read(&self.scan, &positions)?;
+        if let Some((first, last)) = self.range()? {
+            scan = scan.cut(first, last)?;
+        }
+        let partial = Partial::start(&self.out)?;
+        let made = fit(&scan, &options)?;
+        for (name, bytes) in &made.files {
+            crate::storage::save_bytes(&partial.folder().join(name), bytes)?;
+        }
+        partial.finish(common.force.then_some("fit.json"))?;
+        warn(&made.fitted.warnings, common);
+        report(&text(&made.fitted, &self.out), &made.fitted, common)?;
+        if made.fitted.verdict == Verdict::NotDescribed {
+            return Err(Error::Failed(vec![made.fitted.sentence()]));
+        }
+        Ok(())
+    }
+
+    fn options(&self, seed: u64) -> Result<FitOptions> {
+        let mut problems = Vec::new();
+        let mut positive = |name: &str, value: f64, most: f64| {
+            if !(value > 0.0 && value <= most) {
+                problems.push(format!("--{name} {value}: expected a number > 0, at most {most}"));
+            }
+        };
+        positive("magnification", self.magnification, 1000.0);
+        positive("pixel-size", self.pixel_size, 1000.0);
+        positive("depth-factor", self.depth_factor, 10.0);
+        positive("medium", self.medium, 1.4);
+        if let Some(diameter) = self.diameter {
+            positive("diameter", diameter, 100.0);
+        }
+        if !problems.is_empty() {
+            return Err(Error::Input(problems));
+        }
+        let places_px = self.particles.as_deref().map(read_places).transpose()?;
+        Ok(FitOptions {
+            given: Given {
+                magnification: self.magnification,
+                pixel_size_um: self.pixel_size,
+                ri_medium: self.medium,
+                ri_lens: 1.5 * self.medium,
+                depth_factor: self.depth_factor,
+            },
+            diameter_um: self.diameter,
+            direction: match self.z_direction {
+                Direction::Auto => None,
+                Direction::Away => Some(1.0),
+                Direction::Toward => Some(-1.0),
+            },
+            astigmatic: match self.astigmatic {
+                Cylinder::Auto => Astigmatic::Auto,
+                Cylinder::Yes => Astigmatic::Known(true),
+                Cylinder::No => Astigmatic::Known(false),
+            },
+            free_flux: self.flux == Flux::Free,
+            half_window: self.window.map(|width| usize::from(width) / 2),
+            places_px,
+            free: self.free.clone(),
+            bootstrap: usize::from(self.bootstrap),
+            seed,
+        })
+    }
+
+    fn range(&self) -> Result<Option<(usize, usize)>> {
+        let Some(text) = &self.planes else { return Ok(None) };
+        let range =
+            text.split_once('-').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
+        range.map(Some).ok_or_else(|| Error::input(format!("--planes {text}: expected A-B, as 3-40")))
+    }
+}
+
+/// Places of particles from a table; rows of several frames count once per place.
+fn read_places(file: &Path) -> Result<Vec<[f64; 2]>> {
+    #[derive(serde::Deserialize)]
+    struct Row {
+        #[serde(alias = "x", alias = "X")]
+        x_px: f64,
+        #[serde(alias = "y", alias = "Y")]
+        y_px: f64,
+    }
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_path(file)
+        .map_err(|e| Error::input(format!("{}: {e}", file.display())))?;
+    let mut places: Vec<[f64; 2]> = Vec::new();
+    for (i, row) in reader.deserialize::<Row>().enumerate() {
+        let row = row.map_err(|e| Error::input(format!("{}:{}: {e}", file.display(), i + 2)))?;
+        if !(row.x_px.is_finite() && row.y_px.is_finite() && row.x_px >= 1.0 && row.y_px >= 1.0) {
+            return Err(Error::input(format!(
+                "{}:{}: ({}, {}): expected a place in px on the image, the first pixel's center at (1, 1)",
+                file.display(),
+                i + 2,
+                row.x_px,
+                row.y_px
+            )));
+        }
+        if !places.iter().any(|[x, y]| (x - row.x_px).abs() < 3.0 && (y - row.y_px).abs() < 3.0) {
+            places.push([row.x_px, row.y_px]);
+        }
+    }
+    if places.is_empty() {
+        return Err(Error::input(format!("{}: no rows: expected the places of particles", file.display())));
+    }
+    Ok(places)
+}
+
+/// The table of parameters and the verdict.
+fn text(fitted: &Fitted, out: &Path) -> String {
+    let mut lines = vec![format!("{:<22} {:>12} {:>10}  95 % interval", "parameter", "value", "sd")];
+    for p in &fitted.parameters {
+        let unit = if p.unit.is_empty() { String::new() } else { format!(" {}", p.unit) };
+        lines.push(if p.free {
+            format!(
+                "{:<22} {:>12.5} {:>10.5}  {:.5} to {:.5}{unit}",
+                p.name, p.value, p.sd, p.low_95, p.high_95
+            )
+        } else {
+            format!("{:<22} {:>12.5} {:>10}  given{unit}", p.name, p.value, "")
+        });
+    }
+    lines.push(format!(
+        "{} particles, {} planes, {} windows left out; stage positions grow {} the lens",
+        fitted.particles.len(),
+        fitted.planes.len(),
+        fitted.rejected.len(),
+        if fitted.direction > 0.0 { "away from" } else { "toward" }
+    ));
+    lines.push(fitted.sentence());
+    lines.push(format!(
+        "in {}: next, `microsig generate {}`",
+        out.display(),
+        out.join("scenario.ron").display()
+    ));
+    lines.join("\n")
+}

@@ -1,0 +1,69 @@
+//! `microsig generate`: a dataset from a scenario.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::Common;
+use super::output::{progress, report, warn};
+use crate::error::Result;
+use crate::runner::{Cost, GenerateOptions, generate_or_find};
+use crate::scenario;
+
+/// A dataset from a scenario: particles, images, ground truth, manifest
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: microsig generate scenarios/quickstart.ron --set optics.background_noise=50 --out datasets/noisy"
+)]
+pub(super) struct Generate {
+    /// The scenario (RON)
+    scenario: PathBuf,
+    /// The dataset's folder [default: datasets/NAME]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Replace a value of the scenario, written as in the file; may be given several times
+    #[arg(long, value_name = "PATH=VALUE")]
+    set: Vec<String>,
+    /// Continue an interrupted run; a finished dataset is left as it is
+    #[arg(long)]
+    resume: bool,
+    /// Print frames, particles, time, memory and disk without writing anything
+    #[arg(long)]
+    dry_run: bool,
+}
+
+impl Generate {
+    pub(super) fn run(&self, common: &Common) -> Result<()> {
+        let scenario = scenario::load(&self.scenario, &self.set, common.seed)?;
+        warn(&scenario.warnings, common);
+        let out = self.out.clone().unwrap_or_else(|| Path::new("datasets").join(&scenario.spec.name));
+        if self.dry_run {
+            let cost = Cost::of(&scenario, &out)?;
+            cost.affordable(&scenario)?;
+            let cost = cost.timed(&scenario)?;
+            return report(&cost.text(), &cost, common);
+        }
+        let options =
+            GenerateOptions { out, force: common.force, resume: self.resume, progress: progress(common) };
+        let Some(generated) = generate_or_find(&scenario, &options)? else {
+            let (name, out) = (&scenario.spec.name, &options.out);
+            let text = format!("dataset {name} is there already, in {}", out.display());
+            return report(&text, &serde_json::json!({ "name": name, "out": out }), common);
+        };
+        // Only the warnings that rendering has added.
+        warn(&generated.warnings[scenario.warnings.len()..], common);
+        let text = format!(
+            "dataset {}: {} images, {:.1} particles in view on average, {} displacements of up to {:.2} px, in {:.2} s, in {}\n{}\n{}",
+            generated.name,
+            generated.images,
+            generated.particles as f64 / f64::from(generated.images.max(1)),
+            generated.displacements,
+            generated.max_displacement_px,
+            generated.seconds,
+            generated.out.display(),
+            generated.optics[0],
+            generated.optics[1]
+        );
+        report(&text, &generated, common)
+    }
+}

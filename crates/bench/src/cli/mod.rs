@@ -1,0 +1,165 @@
+//! The `microsig` command: one file per verb, with its arguments and what it does.
+//!
+//! A new verb is a file here, and a line in each of the two lists below.
+
+mod compare;
+mod completions;
+mod evaluate;
+mod export;
+mod fit;
+mod flows;
+mod generate;
+mod new;
+mod optics;
+mod output;
+mod release;
+mod render;
+mod schema;
+mod sweep;
+mod track;
+mod verify;
+#[cfg(feature = "view")]
+mod view;
+
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::error::ErrorKind;
+use clap::{Args, CommandFactory, Parser, Subcommand};
+use microsig_core::render::keep_tables;
+pub use output::printable;
+use serde_json::json;
+
+use crate::error::{Error, Result};
+use crate::runner::Tables;
+use crate::storage::clean_up_on_signals;
+use crate::storage::tables::TableFolder;
+
+/// Benchmark datasets for defocusing and astigmatic PIV/PTV.
+#[derive(Debug, Parser)]
+#[command(name = "microsig", about, long_about = None, arg_required_else_help = true, disable_version_flag = true)]
+pub struct Cli {
+    #[command(subcommand)]
+    verb: Option<Verb>,
+    /// Print version and commit
+    #[arg(long, short = 'V')]
+    version: bool,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Options of every verb.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Options of every verb")]
+struct Common {
+    /// Number of threads, at most 1024; 0 uses all cores
+    #[arg(long, global = true, default_value_t = 0, value_name = "N",
+        value_parser = clap::value_parser!(u16).range(0..=1024))]
+    threads: u16,
+    /// Seed of all random numbers [default: the scenario's; 0 for render]
+    #[arg(long, global = true, value_name = "N")]
+    seed: Option<u64>,
+    /// No progress and no warnings
+    #[arg(long, global = true)]
+    quiet: bool,
+    /// Print the result as one JSON object
+    #[arg(long, global = true)]
+    json: bool,
+    /// Replace what exists
+    #[arg(long, global = true)]
+    force: bool,
+    /// Make the tables of expected images and waves anew, and keep none (see MICROSIG_CACHE)
+    #[arg(long, global = true)]
+    no_cache: bool,
+}
+
+/// The verbs; the help of each is the documentation of its arguments.
+#[derive(Debug, Subcommand)]
+enum Verb {
+    Render(render::Render),
+    Generate(generate::Generate),
+    Sweep(sweep::Sweep),
+    Verify(verify::Verify),
+    #[cfg(feature = "view")]
+    View(view::View),
+    Track(track::Track),
+    Evaluate(evaluate::Evaluate),
+    Compare(compare::Compare),
+    Export(export::Export),
+    Release(release::Release),
+    Fit(fit::Fit),
+    Flows(flows::Flows),
+    New(new::New),
+    Optics(optics::Optics),
+    Schema(schema::Schema),
+    Completions(completions::Completions),
+}
+
+impl Verb {
+    fn run(&self, common: &Common) -> Result<()> {
+        match self {
+            Verb::Render(verb) => verb.run(common),
+            Verb::Generate(verb) => verb.run(common),
+            Verb::Sweep(verb) => verb.run(common),
+            Verb::Verify(verb) => verb.run(common),
+            #[cfg(feature = "view")]
+            Verb::View(verb) => verb.run(common),
+            Verb::Track(verb) => verb.run(common),
+            Verb::Evaluate(verb) => verb.run(common),
+            Verb::Compare(verb) => verb.run(common),
+            Verb::Export(verb) => verb.run(common),
+            Verb::Release(verb) => verb.run(common),
+            Verb::Fit(verb) => verb.run(common),
+            Verb::Flows(verb) => verb.run(common),
+            Verb::New(verb) => verb.run(common),
+            Verb::Optics(verb) => verb.run(common),
+            Verb::Schema(verb) => verb.run(common),
+            Verb::Completions(verb) => verb.run(common),
+        }
+    }
+}
+
+impl Cli {
+    /// Runs the verb.
+    ///
+    /// # Errors
+    /// Whatever the verb reports; [`Error::exit_code`] is the exit code.
+    pub fn run(&self) -> Result<()> {
+        let common = &self.common;
+        if self.version {
+            return version(common);
+        }
+        let Some(verb) = &self.verb else {
+            Cli::command().error(ErrorKind::MissingSubcommand, "expected a verb; see --help").exit()
+        };
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(usize::from(common.threads))
+            .build_global()
+            .map_err(|e| Error::input(format!("--threads {}: {e}", common.threads)))?;
+        clean_up_on_signals()?;
+        let folder = if common.no_cache { None } else { TableFolder::of_user() };
+        keep_tables(Box::new(Tables::new(folder, output::progress(common))));
+        verb.run(common)
+    }
+}
+
+/// The whole program: reads the arguments, runs the verb, writes errors to standard error, gives the exit
+/// code.
+pub fn main() -> ExitCode {
+    match Cli::parse().run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) => {
+            let mut stderr = std::io::stderr().lock();
+            // If standard error is closed, only the exit code can tell.
+            let messages = e.messages();
+            let _ = messages.iter().try_for_each(|text| writeln!(stderr, "error: {}", printable(text)));
+            ExitCode::from(e.exit_code())
+        }
+    }
+}
+
+fn version(common: &Common) -> Result<()> {
+    let (version, commit) = (env!("CARGO_PKG_VERSION"), env!("MICROSIG_COMMIT"));
+    let result = json!({ "name": "microsig", "version": version, "commit": commit });
+    output::report(&format!("microsig {version} ({commit})"), &result, common)
+}

@@ -1,0 +1,83 @@
+//! `microsig new`: a scenario to start from.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+
+use super::Common;
+use super::output::report;
+use crate::error::{Error, Result};
+use crate::scenario::{self, SHIPPED, nearest, shipped};
+use crate::storage::save_result;
+
+/// A commented scenario to start from: one with every key, or one of those that come with the program
+#[derive(Debug, Args)]
+#[command(after_help = "Example: microsig new mine.ron && microsig generate mine.ron\n\
+         Example: microsig new --list\n\
+         Example: microsig new drop.ron --from coffee_ring")]
+pub(super) struct New {
+    /// The file to write
+    #[arg(required_unless_present = "list")]
+    file: Option<PathBuf>,
+    /// Start from a scenario or sweep that comes with the program
+    #[arg(long, value_name = "NAME", conflicts_with = "list")]
+    from: Option<String>,
+    /// List the scenarios and sweeps that come with the program
+    #[arg(long, conflicts_with = "file")]
+    list: bool,
+}
+
+impl New {
+    pub(super) fn run(&self, common: &Common) -> Result<()> {
+        let Some(file) = self.file.as_ref().filter(|_| !self.list) else { return list(common) };
+        // What a scenario needs beside it, and the scenario itself.
+        let mut files = Vec::new();
+        let text = match &self.from {
+            None => scenario::template()?,
+            Some(name) => {
+                let all = shipped();
+                let found = all.iter().find(|(known, _)| known == name);
+                let (_, text) = found.ok_or_else(|| unknown(name, all.iter().map(|(name, _)| *name)))?;
+                let beside = file.parent().map_or_else(PathBuf::new, PathBuf::from);
+                let needed = SHIPPED.files().filter(|other| {
+                    other.path().to_str().is_some_and(|path| text.contains(&format!("\"{path}\"")))
+                });
+                files.extend(needed.map(|other| (beside.join(other.path()), other.contents().to_vec())));
+                (*text).to_owned()
+            }
+        };
+        let verb = if text.contains("\n    axes:") { "sweep" } else { "generate" };
+        files.push((file.clone(), text.into_bytes()));
+        if let Some((existing, _)) = files.iter().find(|(path, _)| path.exists() && !common.force) {
+            return Err(Error::Exists(existing.clone()));
+        }
+        for (path, bytes) in &files {
+            save_result(path, common.force, bytes)?;
+        }
+        let text = format!("{0}: edit it, then `microsig {verb} {0}`", file.display());
+        report(
+            &text,
+            &json!({ "file": file, "files": files.iter().map(|(path, _)| path).collect::<Vec<_>>() }),
+            common,
+        )
+    }
+}
+
+fn list(common: &Common) -> Result<()> {
+    let question =
+        |text: &'static str| text.lines().next().unwrap_or_default().trim_start_matches("// Question: ");
+    let all: Vec<_> = shipped().into_iter().map(|(name, text)| (name, question(text))).collect();
+    let width = all.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
+    let lines: Vec<String> =
+        all.iter().map(|(name, question)| format!("{name:width$}  {question}")).collect();
+    let objects: Vec<_> =
+        all.iter().map(|(name, question)| json!({ "name": name, "question": question })).collect();
+    report(&lines.join("\n"), &objects, common)
+}
+
+fn unknown<'a>(name: &str, names: impl Iterator<Item = &'a str> + Clone) -> Error {
+    let hint =
+        nearest(name, names.clone()).map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
+    Error::input(format!("--from {name}: {hint}expected one of {}", names.collect::<Vec<_>>().join(", ")))
+}

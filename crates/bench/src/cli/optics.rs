@@ -1,0 +1,39 @@
+//! `microsig optics`: what a scenario's optics show, before any dataset is made.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::Common;
+use super::output::{report, warn};
+use crate::error::Result;
+use crate::preview::{Preview, svg, text};
+use crate::scenario;
+use crate::storage::save_result;
+
+/// What a scenario's optics show: focus, growth of images, light, over depth
+#[derive(Debug, Args)]
+#[command(after_help = "Example: microsig optics scenarios/objective_20x.ron --plot optics.svg")]
+pub(super) struct Optics {
+    /// The scenario (RON)
+    scenario: PathBuf,
+    /// Replace a value of the scenario, written as in the file; may be given several times
+    #[arg(long, value_name = "PATH=VALUE")]
+    set: Vec<String>,
+    /// Draw one particle of each size over depth, and curves of peak and size (SVG)
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+}
+
+impl Optics {
+    pub(super) fn run(&self, common: &Common) -> Result<()> {
+        let scenario = scenario::load(&self.scenario, &self.set, common.seed)?;
+        warn(&scenario.warnings, common);
+        let preview = Preview::of(&scenario)?;
+        warn(&preview.warnings, common);
+        if let Some(file) = &self.plot {
+            save_result(file, common.force, svg(&preview)?.as_bytes())?;
+        }
+        report(&text(&preview), &preview, common)
+    }
+}

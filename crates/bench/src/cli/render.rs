@@ -1,0 +1,118 @@
+//! `microsig render`: images from MicroSIG's own files.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use microsig_core::render::RendererSpec;
+use microsig_core::render::expected::DEFAULT_TOLERANCE;
+use microsig_core::render::waves::WaveOptics;
+use microsig_core::sensor::NoiseRounding;
+
+use super::Common;
+use super::output::{progress, report, warn};
+use crate::error::{Error, Result};
+use crate::runner::{RenderOptions, render};
+use crate::scenario::spec::{Emission, Lens, RenderMode, SpheroidPoints};
+
+/// Images from MicroSIG's own settings file and data files
+#[derive(Debug, Args)]
+#[command(after_help = "Example: microsig render settings.txt particles/ images/ --seed 1")]
+pub(super) struct Render {
+    /// MicroSIG settings file
+    settings: PathBuf,
+    /// A data file, or a folder of them (*.txt)
+    data: PathBuf,
+    /// Folder for the images (STEM.tif)
+    out: PathBuf,
+    /// Renderer
+    #[arg(long, value_enum, default_value_t = RenderMode::Rays)]
+    mode: RenderMode,
+    /// With --mode waves: wavelength in vacuum, um
+    #[arg(long, value_name = "UM", required_if_eq("mode", "waves"))]
+    wavelength: Option<f64>,
+    /// With --mode waves: full width of the band at half maximum, um [default: 0]
+    #[arg(long, value_name = "UM")]
+    bandwidth: Option<f64>,
+    /// With --mode waves: where light leaves a particle [default: surface]
+    #[arg(long, value_enum)]
+    emission: Option<Emission>,
+    /// With --mode waves: the model of the objective [default: microsig]
+    #[arg(long, value_enum)]
+    lens: Option<Lens>,
+    /// With --mode expected and --mode waves: error of an image as a share of its peak [default: 0.003]
+    #[arg(long, value_name = "SHARE")]
+    tolerance: Option<f64>,
+    /// Number of the first frame, which addresses its random numbers
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    first_frame: u32,
+    /// Which points of a spheroid emit light: as in MicroSIG's program, or uniform in area
+    #[arg(long, value_enum, default_value_t = SpheroidPoints::Original)]
+    spheroids: SpheroidPoints,
+    /// Round counts once, after noise is added, as in datasets; MicroSIG rounds the noise first, which loses
+    /// faint light
+    #[arg(long)]
+    round_once: bool,
+}
+
+impl Render {
+    pub(super) fn run(&self, common: &Common) -> Result<()> {
+        let rendered = render(&RenderOptions {
+            settings: self.settings.clone(),
+            data: self.data.clone(),
+            out: self.out.clone(),
+            seed: common.seed.unwrap_or(0),
+            first_frame: self.first_frame,
+            renderer: self.renderer()?,
+            rounding: if self.round_once { NoiseRounding::AfterSum } else { NoiseRounding::BeforeSum },
+            force: common.force,
+            progress: progress(common),
+        })?;
+        warn(&rendered.warnings, common);
+        let text = format!(
+            "{} images of {} x {} px with {} particles in {:.2} s ({:.1} images/s), in {}",
+            rendered.images,
+            rendered.width_px,
+            rendered.height_px,
+            rendered.particles,
+            rendered.seconds,
+            rendered.images as f64 / rendered.seconds.max(1e-9),
+            rendered.out.display()
+        );
+        report(&text, &rendered, common)
+    }
+
+    fn renderer(&self) -> Result<RendererSpec> {
+        let only = |option: &str, value: String, modes: &str| {
+            Err(Error::input(format!("{option} {value}: only {modes} this option")))
+        };
+        let name = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
+        if self.mode != RenderMode::Waves {
+            let given = [
+                ("--wavelength", self.wavelength.map(|value| value.to_string())),
+                ("--bandwidth", self.bandwidth.map(|value| value.to_string())),
+                ("--emission", self.emission.map(|value| name(&value))),
+                ("--lens", self.lens.map(|value| name(&value))),
+            ];
+            if let Some((option, value)) =
+                given.into_iter().find_map(|(option, value)| Some((option, value?)))
+            {
+                return only(option, value, "--mode waves has");
+            }
+        }
+        if let Some(tolerance) = self.tolerance.filter(|_| self.mode == RenderMode::Rays) {
+            return only("--tolerance", tolerance.to_string(), "--mode expected and --mode waves have");
+        }
+        let (spheroids, tolerance) = (self.spheroids.into(), self.tolerance.unwrap_or(DEFAULT_TOLERANCE));
+        Ok(match self.mode {
+            RenderMode::Rays => RendererSpec::Rays { spheroids },
+            RenderMode::Expected => RendererSpec::Expected { spheroids, tolerance },
+            RenderMode::Waves => {
+                let mut optics = WaveOptics::new(self.wavelength.unwrap_or_default());
+                optics.bandwidth_um = self.bandwidth.unwrap_or_default();
+                optics.emission = self.emission.unwrap_or_default().into();
+                optics.lens = self.lens.unwrap_or_default().into();
+                RendererSpec::Waves { optics, tolerance }
+            }
+        })
+    }
+}

@@ -1,0 +1,41 @@
+//! `microsig schema`: the language of scenarios and sweeps as JSON Schema.
+
+use clap::{Args, ValueEnum};
+
+use super::Common;
+use super::output::report;
+use crate::error::{Error, Result};
+use crate::scenario::{SweepSpec, schema_of, spec::Spec};
+
+/// The keys of a scenario or sweep as JSON Schema: types, units, ranges, defaults, meanings
+#[derive(Debug, Args)]
+#[command(
+    long_about = "The keys of a scenario or sweep as JSON Schema (draft 2020-12), for editors and programs that write scenarios as JSON.\n\n\
+Extensions: x-unit, x-range and x-default in words, x-infinite (null stands for inf).",
+    after_help = "Example: microsig schema > scenario.schema.json"
+)]
+pub(super) struct Schema {
+    /// Which language
+    #[arg(value_enum, default_value_t = Language::Scenario)]
+    language: Language,
+}
+
+/// What is described.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Language {
+    /// A scenario, for `generate`
+    Scenario,
+    /// A sweep, for `sweep`
+    Sweep,
+}
+
+impl Schema {
+    pub(super) fn run(&self, common: &Common) -> Result<()> {
+        let schema = match self.language {
+            Language::Scenario => schema_of::<Spec>(),
+            Language::Sweep => schema_of::<SweepSpec>(),
+        };
+        let text = serde_json::to_string_pretty(&schema).map_err(|e| Error::input(e.to_string()))?;
+        report(&text, &schema, common)
+    }
+}

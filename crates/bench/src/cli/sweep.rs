@@ -1,0 +1,103 @@
+//! `microsig sweep`: many datasets.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::Common;
+use super::output::{progress, report, say};
+use crate::error::{Error, Result};
+use crate::runner::{Shard, SweepOptions, collect, sweep};
+use crate::scenario;
+
+/// Many datasets over the axes of a sweep
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: microsig sweep scenarios/noise_density_sweep.ron --out sweeps/noise --shard 1/4"
+)]
+pub(super) struct Sweep {
+    /// The sweep (RON)
+    sweep: PathBuf,
+    /// The sweep's folder [default: datasets/NAME]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print the cases of the shard without running them
+    #[arg(long)]
+    list: bool,
+    /// Run only every N-th case, from the K-th [default: from SLURM_ARRAY_TASK_*, else all]
+    #[arg(long, value_name = "K/N")]
+    shard: Option<String>,
+    /// Continue an interrupted run; failed cases are tried again
+    #[arg(long)]
+    resume: bool,
+    /// Write the table of all cases of a sweep whose shards are done, without running any
+    #[arg(long)]
+    collect: bool,
+}
+
+impl Sweep {
+    pub(super) fn run(&self, common: &Common) -> Result<()> {
+        let path = &self.sweep;
+        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        let plan = scenario::parse_sweep(&text, &path.display().to_string(), folder, common.seed)?;
+        if self.list {
+            return self.list(&plan, common);
+        }
+        let out = self.out.clone().unwrap_or_else(|| Path::new("datasets").join(&plan.spec.name));
+        if self.collect {
+            return collected(&plan, &out, common);
+        }
+        let shard = self.shard()?;
+        if shard != Shard::ALL {
+            say(&format!("shard {shard}"), common);
+        }
+        // The base scenario may be in another folder, with its own files beside it.
+        let inputs = folder.join(&plan.spec.base).parent().unwrap_or(folder).to_owned();
+        let (force, resume, progress) = (common.force, self.resume, progress(common));
+        let swept = sweep(&plan, &SweepOptions { out, inputs, shard, force, resume, progress })?;
+        let text = format!(
+            "sweep {}: {} of {} cases done, {} failed, {} made now in {:.2} s, in {}",
+            plan.spec.name,
+            swept.done,
+            swept.cases,
+            swept.failed,
+            swept.made,
+            swept.seconds,
+            swept.out.display()
+        );
+        report(&text, &swept, common)?;
+        if swept.failed > 0 {
+            return Err(Error::Failed(vec![format!("{} cases failed; see *.failed", swept.failed)]));
+        }
+        Ok(())
+    }
+
+    fn shard(&self) -> Result<Shard> {
+        match &self.shard {
+            Some(text) => Shard::parse(text),
+            None => Ok(Shard::of_slurm(|name| std::env::var(name).ok())?.unwrap_or(Shard::ALL)),
+        }
+    }
+
+    fn list(&self, plan: &scenario::Sweep, common: &Common) -> Result<()> {
+        let shard = self.shard()?;
+        let cases: Vec<&scenario::Case> = plan.cases.iter().filter(|case| shard.has(case.index)).collect();
+        let line = |c: &&scenario::Case| {
+            let values = plan.spec.axes.iter().zip(&c.values).map(|(a, v)| format!("{}={v}", a.path));
+            format!("{}  seed={}  {}", c.name, c.seed, values.collect::<Vec<_>>().join("  "))
+        };
+        report(&cases.iter().map(line).collect::<Vec<_>>().join("\n"), &cases, common)
+    }
+}
+
+/// Writes the table of all cases of a sweep that is done.
+fn collected(plan: &scenario::Sweep, out: &Path, common: &Common) -> Result<()> {
+    let (done, failed) = collect(plan, out)?;
+    let missing = plan.cases.len() - done - failed;
+    if missing > 0 {
+        return Err(Error::Failed(vec![format!("{}: {missing} cases are missing, no table", out.display())]));
+    }
+    let text = format!("{}: {done} cases done, {failed} failed", out.join("cases.csv").display());
+    report(&text, &serde_json::json!({ "out": out, "done": done, "failed": failed }), common)
+}

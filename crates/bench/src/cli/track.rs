@@ -1,0 +1,93 @@
+//! `microsig track`: a baseline tracker.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser};
+
+use super::Common;
+use super::output::{progress, report, warn};
+use crate::error::{Error, Result};
+use crate::track::{METHODS, TrackOptions, track};
+
+/// A baseline tracker's result
+#[derive(Debug, Args)]
+#[command(after_help = "Example: microsig track datasets/quickstart --method ncc --out ncc.csv")]
+pub(super) struct Track {
+    /// The dataset's folder, or a split of a challenge
+    dataset: PathBuf,
+    /// The method
+    #[arg(long, value_parser = methods())]
+    method: String,
+    /// The result's file (CSV)
+    #[arg(long, value_name = "RESULT")]
+    out: PathBuf,
+    /// Largest displacement from frame to frame
+    #[arg(long, value_name = "PX", default_value_t = 15.0)]
+    max_displacement: f64,
+    /// Diameter of a particle image (spots)
+    #[arg(long, value_name = "PX", default_value_t = 3.0)]
+    diameter: f64,
+    /// One field for all pairs of a steady flow, from the average of their correlations (piv)
+    #[arg(long)]
+    ensemble: bool,
+    /// Standard deviation of the noise in x and y (truth-noise)
+    #[arg(long, value_name = "PX", default_value_t = 0.1)]
+    noise_xy: f64,
+    /// Standard deviation of the noise in z (truth-noise)
+    #[arg(long, value_name = "UM", default_value_t = 1.0)]
+    noise_z: f64,
+}
+
+fn methods() -> PossibleValuesParser {
+    PossibleValuesParser::new(METHODS.iter().map(|m| PossibleValue::new(m.name).help(m.about)))
+}
+
+impl Track {
+    pub(super) fn run(&self, common: &Common) -> Result<()> {
+        let mut wrong: Vec<String> = [
+            ("--max-displacement", self.max_displacement, 0.001, 1e5, "px"),
+            ("--diameter", self.diameter, 0.5, 1e3, "px"),
+            ("--noise-xy", self.noise_xy, 0.0, 1e3, "px"),
+            ("--noise-z", self.noise_z, 0.0, 1e3, "um"),
+        ]
+        .into_iter()
+        .filter(|(_, value, least, most, _)| !(*least..=*most).contains(value))
+        .map(|(name, value, least, most, unit)| format!("{name} {value}: expected {least} to {most} {unit}"))
+        .collect();
+        if self.ensemble && self.method != "piv" {
+            wrong.push(format!("--ensemble: expected with --method piv, not {}", self.method));
+        }
+        if !wrong.is_empty() {
+            return Err(Error::Input(wrong));
+        }
+        let tracked = track(
+            &self.dataset,
+            &self.out,
+            &TrackOptions {
+                method: self.method.clone(),
+                max_displacement_px: self.max_displacement,
+                diameter_px: self.diameter,
+                noise_px: self.noise_xy,
+                noise_um: self.noise_z,
+                ensemble: self.ensemble,
+                seed: common.seed.unwrap_or(0),
+                force: common.force,
+                progress: progress(common),
+            },
+        )?;
+        warn(&tracked.warnings, common);
+        let each =
+            tracked.seconds_per_frame.map_or(String::new(), |s| format!(" ({s:.3} s per frame and thread)"));
+        let text = format!(
+            "{} rows from {} frames in {:.2} s{each}, in {}; score it with `microsig evaluate {} {}`",
+            tracked.rows,
+            tracked.frames,
+            tracked.seconds,
+            tracked.out.display(),
+            self.dataset.display(),
+            tracked.out.display()
+        );
+        report(&text, &tracked, common)
+    }
+}

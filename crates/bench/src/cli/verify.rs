@@ -1,0 +1,35 @@
+//! `microsig verify`: is a dataset whole and unchanged?
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::Common;
+use super::output::{progress, report};
+use crate::error::Result;
+use crate::runner::verify;
+
+/// Check a dataset: checksums, manifest, tables
+#[derive(Debug, Args)]
+#[command(after_help = "Example: microsig verify datasets/quickstart --regenerate")]
+pub(super) struct Verify {
+    /// The dataset's folder
+    dataset: PathBuf,
+    /// Generate the dataset again from its scenario and compare all bytes
+    #[arg(long)]
+    regenerate: bool,
+}
+
+impl Verify {
+    pub(super) fn run(&self, common: &Common) -> Result<()> {
+        let verified = verify(&self.dataset, self.regenerate, progress(common))?;
+        let again = if verified.regenerated { "; generated again, it has the same bytes" } else { "" };
+        let text = format!(
+            "{}: {} files ({:.1} MB) agree with checksums and manifest{again}",
+            self.dataset.display(),
+            verified.files,
+            verified.bytes as f64 / 1e6
+        );
+        report(&text, &verified, common)
+    }
+}

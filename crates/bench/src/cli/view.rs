@@ -1,0 +1,84 @@
+//! `microsig view`: a page in the browser.
+
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+
+use clap::Args;
+use serde_json::json;
+
+use super::Common;
+use super::output::{report, say, warn};
+use crate::error::Result;
+use crate::view::{ExportOptions, Served, Subject, ViewOptions, export, serve};
+
+/// A page in the browser: a scenario before it runs, a dataset, and where results fail
+#[derive(Debug, Args)]
+#[command(
+    long_about = "A page in the browser: a scenario before it runs, a dataset with its truth, a result where it fails, the \
+leaderboard of a sweep.\n\nThe page is served by this command on the loopback address alone and needs no network. It ends with \
+Ctrl-C, or some seconds after the last page has been closed.",
+    after_help = "Example: microsig view scenarios/quickstart.ron\n\
+         Example: microsig view datasets/quickstart result.csv\n\
+         Example: microsig view datasets/quickstart result.csv --export result.html"
+)]
+pub(super) struct View {
+    /// A scenario (a new one need not be there yet), a dataset's folder, or a sweep's [default: a scenario to
+    /// start from]
+    path: Option<PathBuf>,
+    /// Results of the dataset; of a sweep folders with a result of each case, CASE.csv or CASE/result.csv
+    results: Vec<PathBuf>,
+    /// The port [default: a free one]
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    port: u16,
+    /// Print the address, open no browser
+    #[arg(long)]
+    no_browser: bool,
+    /// Go on when the last page has been closed
+    #[arg(long)]
+    stay: bool,
+    /// Write dataset, results and leaderboard as one page that opens without the program (at most 64 MB),
+    /// instead of serving
+    #[arg(long, value_name = "FILE.html")]
+    export: Option<PathBuf>,
+    /// The frames to export [default: the first 4]
+    #[arg(long, value_name = "K,K...", value_delimiter = ',', requires = "export")]
+    frames: Vec<u32>,
+}
+
+impl View {
+    pub(super) fn run(&self, common: &Common) -> Result<()> {
+        let subject = Subject::of(self.path.as_deref(), &self.results)?;
+        if let Some(out) = &self.export {
+            let options =
+                ExportOptions { out: out.clone(), force: common.force, frames: self.frames.clone() };
+            let exported = export(subject, &options)?;
+            if !exported.left_out.is_empty() {
+                warn(&[format!("the page would be too large with frames {:?}", exported.left_out)], common);
+            }
+            let (mb, frames) = (exported.bytes as f64 / 1e6, exported.frames.len());
+            let text = format!("{}: {frames} frames, {mb:.1} MB", exported.out.display());
+            return report(&text, &exported, common);
+        }
+        let options = ViewOptions { port: self.port, stay: self.stay };
+        serve(subject, options, |Served { address, title }| {
+            report(&format!("{title}: {address}"), &json!({ "address": address, "title": title }), common)?;
+            if !self.no_browser {
+                open_browser(address);
+            }
+            say("Ctrl-C ends it", common);
+            Ok(())
+        })
+    }
+}
+
+/// Asks the system to open the address; where it cannot, the reader has the address.
+fn open_browser(address: &str) {
+    let mut command = if cfg!(target_os = "macos") {
+        Command::new("open")
+    } else if cfg!(windows) {
+        Command::new("explorer")
+    } else {
+        Command::new("xdg-open")
+    };
+    let _ = command.arg(address).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+}

@@ -1,0 +1,267 @@
+//! Errors of a displacement field against one true field.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::compared::{ComparedVector, INLIER_PX};
+use super::ensemble::EnsembleErrors;
+use super::gradients::Gradients;
+use super::peak_locking::PeakLocking;
+use super::spectrum::{self, Spectrum};
+use super::vector_grid::VectorGrid;
+use crate::evaluate::statistics::{Bootstrap, Errors, Interval, quantile, ratio};
+use crate::evaluate::uncertainty::Uncertainty;
+use crate::results::FlowVector;
+
+/// Smallest displacement used as a denominator of relative errors, px.
+const FLOOR_PX: f64 = 0.1;
+
+/// Errors of one component.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct ComponentErrors {
+    /// Mean error.
+    pub bias_px: Option<f64>,
+    /// Standard deviation of the error about its mean.
+    #[schemars(range(min = 0.0))]
+    pub random_px: Option<f64>,
+    /// RMS error: rms^2 = bias^2 + random^2.
+    #[schemars(range(min = 0.0))]
+    pub rms_px: Option<f64>,
+    /// Mean |e|.
+    #[schemars(range(min = 0.0))]
+    pub mae_px: Option<f64>,
+    /// Median |e|.
+    #[schemars(range(min = 0.0))]
+    pub median_abs_px: Option<f64>,
+    /// 95 % quantile of |e|.
+    #[schemars(range(min = 0.0))]
+    pub p95_abs_px: Option<f64>,
+}
+
+impl ComponentErrors {
+    fn of(errors: &[f64]) -> Self {
+        let e = Errors::of(errors.iter().copied());
+        let mut sizes: Vec<f64> = errors.iter().map(|e| e.abs()).collect();
+        sizes.sort_unstable_by(f64::total_cmp);
+        ComponentErrors {
+            bias_px: e.bias,
+            random_px: e.random,
+            rms_px: e.rms,
+            mae_px: ratio(sizes.iter().sum(), sizes.len() as f64),
+            median_abs_px: quantile(&sizes, 0.5),
+            p95_abs_px: quantile(&sizes, 0.95),
+        }
+    }
+}
+
+/// Errors against one true field, over valid vectors; inliers have an end-point error below
+/// outlier_threshold_px.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct FieldErrors {
+    /// Errors of u.
+    pub u: ComponentErrors,
+    /// Errors of v.
+    pub v: ComponentErrors,
+    /// Errors of u over inliers.
+    pub u_inliers: ComponentErrors,
+    /// Errors of v over inliers.
+    pub v_inliers: ComponentErrors,
+    /// RMS error of dz; null if the result has no dz.
+    #[schemars(range(min = 0.0))]
+    pub w_rms_um: Option<f64>,
+    /// Average end-point error: mean |u_result - u_true|.
+    #[schemars(range(min = 0.0))]
+    pub aee_px: Option<f64>,
+    /// 100 AEE, as deep-learning PIV tables list it.
+    #[schemars(range(min = 0.0))]
+    pub aee_per_100px: Option<f64>,
+    /// RMS end-point error.
+    #[schemars(range(min = 0.0))]
+    pub epe_rms_px: Option<f64>,
+    /// Mean of end-point error / max(|u_true|, 0.1 px).
+    #[schemars(range(min = 0.0))]
+    pub nepe: Option<f64>,
+    /// Mean angle between (u, v, 1) of result and truth (Barron et al., IJCV 12, 1994).
+    #[schemars(range(min = 0.0))]
+    pub angular_error_deg: Option<f64>,
+    /// End-point error from which a vector is an outlier.
+    #[schemars(range(min = 0.0))]
+    pub outlier_threshold_px: f64,
+    /// Share of outliers among valid vectors.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub outlier_fraction: Option<f64>,
+    /// Share of all vectors with a truth that are valid and have an end-point error below 1 px.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub valid_vector_probability: Option<f64>,
+    /// The same below 0.5 px.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub valid_vector_probability_strict: Option<f64>,
+    /// Slope of a linear regression of the measured u on the true u, over inliers: amplitude response.
+    pub modulation_u: Option<f64>,
+    /// The same for v.
+    pub modulation_v: Option<f64>,
+    /// Share of vectors with |e_u| <= U, U the claimed uncertainty.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub coverage_1s_u: Option<f64>,
+    /// Share of vectors with |e_u| <= 2 U.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub coverage_2s_u: Option<f64>,
+    /// coverage_1s_u over inliers.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub coverage_1s_u_inliers: Option<f64>,
+    /// rms(e_u) / rms(U).
+    #[schemars(range(min = 0.0))]
+    pub uncertainty_ratio_u: Option<f64>,
+    /// Calibration of claimed uncertainties.
+    pub uncertainty: VectorUncertainty,
+    /// Peak locking of u.
+    pub peak_locking: PeakLocking,
+    /// Errors of gradients.
+    pub gradients: Option<Gradients>,
+    /// Spectra along complete rows and columns.
+    pub spectra: Vec<Spectrum>,
+    /// Errors over repeated image pairs.
+    pub repeated: Option<EnsembleErrors>,
+    /// 95 % bootstrap interval of AEE, resampling image pairs (vectors if fewer than ten pairs).
+    #[schemars(inner(range(min = 0.0)))]
+    pub interval_aee_px: Interval,
+    /// 95 % bootstrap interval of valid_vector_probability.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
+    pub interval_valid_vector_probability: Interval,
+    /// 95 % bootstrap interval of u_inliers.rms_px.
+    #[schemars(inner(range(min = 0.0)))]
+    pub interval_rms_u_inliers_px: Interval,
+    /// 95 % bootstrap interval of v_inliers.rms_px.
+    #[schemars(inner(range(min = 0.0)))]
+    pub interval_rms_v_inliers_px: Interval,
+}
+
+/// Calibration of claimed uncertainties of vectors.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct VectorUncertainty {
+    /// Of u.
+    pub u: Option<Uncertainty>,
+    /// Of v.
+    pub v: Option<Uncertainty>,
+    /// Of u of inliers.
+    pub u_inliers: Option<Uncertainty>,
+    /// Of v of inliers.
+    pub v_inliers: Option<Uncertainty>,
+}
+
+impl FieldErrors {
+    /// Errors of `compared`, the valid and interpolated vectors with a truth; `vectors` are all vectors with
+    /// a truth, invalid ones included.
+    pub(super) fn of(compared: &[ComparedVector], vectors: &[FlowVector], seed: u64) -> Self {
+        let all: Vec<ComparedVector> = compared.iter().copied().filter(|c| c.measured.flag == 0).collect();
+        let all = all.as_slice();
+        let inliers: Vec<ComparedVector> = all.iter().copied().filter(|c| c.endpoint() < INLIER_PX).collect();
+        let component = |of: &[ComparedVector], k: usize| {
+            ComponentErrors::of(&of.iter().map(|c| c.error()[k]).collect::<Vec<_>>())
+        };
+        let n = all.len() as f64;
+        let n_total = vectors.len();
+        let mean = |f: &dyn Fn(&ComparedVector) -> f64| ratio(all.iter().map(f).sum(), n);
+        let claims = |of: &[ComparedVector], k: usize| {
+            Uncertainty::of(of.iter().map(|c| (c.error()[k], c.measured.sigma[k])))
+        };
+        let uncertainty = VectorUncertainty {
+            u: claims(all, 0),
+            v: claims(all, 1),
+            u_inliers: claims(&inliers, 0),
+            v_inliers: claims(&inliers, 1),
+        };
+        let of_u = |f: &dyn Fn(&Uncertainty) -> Option<f64>| uncertainty.u.as_ref().and_then(f);
+        let depth: Vec<f64> =
+            all.iter().map(|c| c.measured.moved[2] - c.truth[2]).filter(|w| w.is_finite()).collect();
+        let within = |most: f64| all.iter().filter(|c| c.endpoint() < most).count() as f64;
+        let aee_px = mean(&ComparedVector::endpoint);
+        let [aee, valid, rms_u, rms_v] = intervals(all, vectors, seed);
+        let grid = VectorGrid::new(compared);
+        FieldErrors {
+            u: component(all, 0),
+            v: component(all, 1),
+            u_inliers: component(&inliers, 0),
+            v_inliers: component(&inliers, 1),
+            w_rms_um: Errors::of(depth.iter().copied()).rms,
+            aee_px,
+            aee_per_100px: aee_px.map(|a| 100.0 * a),
+            epe_rms_px: mean(&|c| c.endpoint().powi(2)).map(f64::sqrt),
+            nepe: mean(&|c| c.endpoint() / c.truth[0].hypot(c.truth[1]).max(FLOOR_PX)),
+            angular_error_deg: mean(&|c| angle(c).to_degrees()),
+            outlier_threshold_px: INLIER_PX,
+            outlier_fraction: ratio(n - within(INLIER_PX), n),
+            valid_vector_probability: ratio(within(INLIER_PX), n_total as f64),
+            valid_vector_probability_strict: ratio(within(0.5), n_total as f64),
+            modulation_u: modulation(&inliers, 0),
+            modulation_v: modulation(&inliers, 1),
+            coverage_1s_u: of_u(&|u| u.coverage_1s),
+            coverage_2s_u: of_u(&|u| u.coverage_2s),
+            coverage_1s_u_inliers: uncertainty.u_inliers.as_ref().and_then(|u| u.coverage_1s),
+            uncertainty_ratio_u: of_u(&|u| u.ratio),
+            uncertainty,
+            peak_locking: PeakLocking::of(all),
+            gradients: grid.as_ref().and_then(|l| Gradients::of(l, compared)),
+            spectra: grid.as_ref().map(|l| spectrum::spectra(l, compared)).unwrap_or_default(),
+            repeated: EnsembleErrors::of(all),
+            interval_aee_px: aee,
+            interval_valid_vector_probability: valid,
+            interval_rms_u_inliers_px: rms_u,
+            interval_rms_v_inliers_px: rms_v,
+        }
+    }
+}
+
+/// Number of image pairs from which pairs are the units of the bootstrap: errors of vectors of one pair are
+/// correlated.
+const PAIRS: usize = 10;
+
+/// Intervals of AEE, valid-vector probability, and RMS errors of u and v over inliers.
+fn intervals(valid: &[ComparedVector], vectors: &[FlowVector], seed: u64) -> [Interval; 4] {
+    let of_vector = |c: &ComparedVector| {
+        let [u, v] = c.error();
+        let inlier = f64::from(u8::from(c.endpoint() < INLIER_PX));
+        [0.0, 1.0, c.endpoint(), inlier, inlier * u * u, inlier * v * v]
+    };
+    let total = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let bootstrap = Bootstrap { seed, pairs: false };
+    let number = |v: &FlowVector| v.pair.unwrap_or(0);
+    let mut pairs: Vec<u32> = vectors.iter().map(number).collect();
+    pairs.sort_unstable();
+    pairs.dedup();
+    let units = if pairs.len() >= PAIRS {
+        let found = valid.iter().map(|c| (number(&c.measured), of_vector(c)));
+        bootstrap.by_frame(found.chain(vectors.iter().map(|v| (number(v), total))))
+    } else {
+        let mut units: Vec<[f64; 6]> = valid.iter().map(of_vector).collect();
+        units.iter_mut().for_each(|unit| unit[0] = 1.0);
+        units.resize(vectors.len(), total);
+        units
+    };
+    bootstrap.intervals(&units, |&[n_total, n, sum, inliers, u, v]| {
+        let root = |squares: f64| ratio(squares, inliers).map(f64::sqrt);
+        [ratio(sum, n), ratio(inliers, n_total), root(u), root(v)]
+    })
+}
+
+/// Angle between the measured and the true (u, v, 1), rad (Barron et al., IJCV 12, 1994).
+fn angle(c: &ComparedVector) -> f64 {
+    let ([u, v, _], [a, b, _]) = (c.measured.moved, c.truth);
+    let cosine = (1.0 + u * a + v * b) / ((1.0 + u * u + v * v) * (1.0 + a * a + b * b)).sqrt();
+    cosine.clamp(-1.0, 1.0).acos()
+}
+
+fn modulation(inliers: &[ComparedVector], k: usize) -> Option<f64> {
+    let n = inliers.len() as f64;
+    let mean_exact = ratio(inliers.iter().map(|c| c.truth[k]).sum(), n)?;
+    let (mut both, mut exact) = (0.0, 0.0);
+    for c in inliers {
+        both += c.measured.moved[k] * (c.truth[k] - mean_exact);
+        exact += (c.truth[k] - mean_exact).powi(2);
+    }
+    // Undefined for a uniform flow.
+    ratio(both, exact).filter(|_| exact > 1e-12 * n)
+}

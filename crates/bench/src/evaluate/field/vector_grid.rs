@@ -1,0 +1,50 @@
+//! Arranges the vectors of each image pair in the columns and rows of a regular grid.
+
+use std::collections::BTreeMap;
+
+use super::compared::ComparedVector;
+use super::true_field::index;
+
+/// Vectors on a grid of columns and rows.
+#[derive(Debug)]
+pub struct VectorGrid {
+    /// x of the columns, px, ascending.
+    pub x_px: Vec<f64>,
+    /// y of the rows, px, ascending.
+    pub y_px: Vec<f64>,
+    /// For every image pair, the index of the vector in each cell, row by row.
+    pub pairs: BTreeMap<Option<u32>, Vec<Option<usize>>>,
+}
+
+impl VectorGrid {
+    /// Sorts vectors into columns and rows; `None` if they are not on a grid.
+    pub fn new(all: &[ComparedVector]) -> Option<Self> {
+        let axis = |value: fn(&ComparedVector) -> f64| {
+            let mut values: Vec<f64> = all.iter().map(value).collect();
+            values.sort_unstable_by(f64::total_cmp);
+            values.dedup();
+            values
+        };
+        let (x_px, y_px) = (axis(|c| c.measured.at.x_px), axis(|c| c.measured.at.y_px));
+        let mut numbers: Vec<Option<u32>> = all.iter().map(|c| c.measured.pair).collect();
+        numbers.sort_unstable();
+        numbers.dedup();
+        let cells = x_px.len() * y_px.len();
+        // A grid is mostly full; scattered vectors would each have a column and a row of their own.
+        if cells * numbers.len() > 20 * all.len() + 1000 {
+            return None;
+        }
+        let mut grid = VectorGrid { x_px, y_px, pairs: BTreeMap::new() };
+        for (k, c) in all.iter().enumerate() {
+            let cell =
+                grid.cell(index(&grid.x_px, c.measured.at.x_px), index(&grid.y_px, c.measured.at.y_px));
+            grid.pairs.entry(c.measured.pair).or_insert_with(|| vec![None; cells])[cell] = Some(k);
+        }
+        Some(grid)
+    }
+
+    /// Index of the cell in a column and a row.
+    pub fn cell(&self, column: usize, row: usize) -> usize {
+        row * self.x_px.len() + column
+    }
+}

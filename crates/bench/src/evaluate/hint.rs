@@ -1,0 +1,26 @@
+//! Probable mistakes of convention.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A probable mistake of convention, and the score without it. Corrections are never applied.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Hint {
+    /// What may be wrong, and which option or change fixes it.
+    pub what: String,
+    /// detection.f1 without the mistake.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub f1: Option<f64>,
+    /// detection.f1 as scored.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub f1_now: Option<f64>,
+    /// Fields: RMS end-point error without the mistake. Particles: RMS distance in the image plane.
+    #[schemars(range(min = 0.0))]
+    pub rms_px: Option<f64>,
+    /// The same as scored.
+    #[schemars(range(min = 0.0))]
+    pub rms_px_now: Option<f64>,
+    /// Whether this was tried on a sample (the first frames) only.
+    pub sampled: bool,
+}

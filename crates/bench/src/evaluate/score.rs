@@ -1,0 +1,179 @@
+//! `score.json`: all scores of a result. Its keys are a stable interface: keys are added, never renamed.
+//!
+//! The doc comments define the keys: docs/scoring.md is generated from them. `compare` checks the ranges.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::gate::Gate;
+use super::hint::Hint;
+use super::uncertainty::Uncertainty;
+use super::{clear, crlb, ctc, curves, detection, field, gdpt, hota, identity, isbi, links, lpt};
+
+/// All scores of a result.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Score {
+    /// Name of the dataset.
+    pub dataset: String,
+    /// Name of the result file.
+    pub result: String,
+    /// Detection and localization; null for fields.
+    pub detection: Option<detection::Detection>,
+    /// Detection at further gates.
+    pub gates: Vec<DetectionAtGate>,
+    /// Links between consecutive points.
+    pub links: Option<links::Links>,
+    /// ISBI Particle Tracking Challenge.
+    pub isbi: Option<isbi::Isbi>,
+    /// The same in the image plane alone, if `isbi` has depth.
+    pub isbi_2d: Option<isbi::Isbi>,
+    /// HOTA.
+    pub hota: Option<hota::Hota>,
+    /// CLEAR MOT.
+    pub clear: Option<clear::Clear>,
+    /// IDF1.
+    pub identity: Option<identity::Identity>,
+    /// Cell Tracking Challenge.
+    pub ctc: Option<ctc::Ctc>,
+    /// Defocusing particle tracking; needs depth.
+    pub gdpt: Option<gdpt::Gdpt>,
+    /// Calibration of claimed uncertainties of positions.
+    pub uncertainty: Option<PositionUncertainty>,
+    /// Lagrangian particle tracking.
+    pub lpt: Option<lpt::Lpt>,
+    /// Displacement field; null for particles.
+    pub field: Option<field::FieldScore>,
+    /// Cramer-Rao bound.
+    pub crlb: Option<crlb::Crlb>,
+    /// Recall and errors against depth, neighbor distance, SNR and overlap.
+    pub curves: Vec<curves::Curve>,
+    /// Numbers of frames, points and tracks that were scored and ignored.
+    pub counts: Counts,
+    /// Shift of the whole result that fits best (`--auto-offset`).
+    pub offset: Option<Offset>,
+    /// Rules of scoring.
+    pub definitions: Definitions,
+    /// How the files were interpreted.
+    pub assumptions: Vec<String>,
+    /// Probable mistakes of convention: readings under which the result would score better.
+    pub hints: Vec<Hint>,
+    /// Caveats for reading the scores.
+    pub warnings: Vec<String>,
+}
+
+/// Calibration of claimed uncertainties of positions.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct PositionUncertainty {
+    /// Of x.
+    pub x: Option<Uncertainty>,
+    /// Of y.
+    pub y: Option<Uncertainty>,
+    /// Of z.
+    pub z: Option<Uncertainty>,
+}
+
+/// Detection at an additional gate.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct DetectionAtGate {
+    /// Description of the gate.
+    pub gate: String,
+    /// TP / (TP + FP).
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub precision: Option<f64>,
+    /// TP / (TP + FN).
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub recall: Option<f64>,
+    /// 2 TP / (2 TP + FP + FN).
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub f1: Option<f64>,
+    /// Root mean square distance in the image plane.
+    #[schemars(range(min = 0.0))]
+    pub rmse_xy_px: Option<f64>,
+    /// Root mean square error of z.
+    #[schemars(range(min = 0.0))]
+    pub rmse_z_um: Option<f64>,
+}
+
+/// Numbers of frames, points and tracks that were scored and ignored.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Counts {
+    /// Frames with a scored point in truth or result.
+    pub frames: usize,
+    /// True particles.
+    pub n_truth: usize,
+    /// Result points.
+    pub n_result: usize,
+    /// True particles that are not scored: invisible, outside the depth range, or near the edge.
+    pub ignored_truth: usize,
+    /// Result points assigned to ignored true particles.
+    pub ignored_result: usize,
+    /// Rows without coordinates, dropped.
+    pub n_nan: usize,
+    /// Result points without a track.
+    pub n_unlinked: usize,
+    /// True tracks.
+    pub tracks_truth: usize,
+    /// Result tracks.
+    pub tracks_result: usize,
+}
+
+/// The shift of the whole result that fits best. It is reported, never applied.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Offset {
+    /// Shift along x.
+    pub x_px: f64,
+    /// Shift along y.
+    pub y_px: f64,
+    /// F1 without this shift.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub f1_without: f64,
+}
+
+/// Rules by which the result was scored.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Definitions {
+    /// Name of the dataset.
+    pub dataset: String,
+    /// SHA-256 of the true particles (truth/tracks.csv or the bare table); identifies the dataset.
+    pub truth_sha256: Option<String>,
+    /// Gate of assignment A1; null for fields.
+    pub gate: Option<Gate>,
+    /// 2 or 3 dimensions; 0 for fields.
+    pub dims: u8,
+    /// lap-maxcard-d2 (A1) for particles, none for fields.
+    pub assignment: String,
+    /// Gate of the ISBI scores.
+    #[schemars(range(min = 0.0))]
+    pub isbi_gate_px: f64,
+    /// Width of the border that is not scored.
+    #[schemars(range(min = 0.0))]
+    pub border_px: f64,
+    /// Depth range h.
+    pub depth_range_h_um: Option<f64>,
+    /// Number of bootstrap resamples.
+    pub bootstrap_resamples: usize,
+    /// Seed of the bootstrap.
+    pub bootstrap_seed: u64,
+    /// Parameter values of the dataset in its sweep, by key; empty if it is not a case of a sweep.
+    pub axes: BTreeMap<String, serde_json::Value>,
+    /// Versions of scorer and dataset.
+    pub versions: Versions,
+}
+
+/// Versions of scorer and dataset.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Versions {
+    /// Version of microsig that computed the scores.
+    pub microsig: String,
+    /// Version of microsig that generated the dataset.
+    pub dataset_generator: Option<String>,
+}

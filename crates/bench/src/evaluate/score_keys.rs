@@ -1,0 +1,176 @@
+//! Definitions and ranges of the keys of `score.json`, derived from the JSON Schema of its types.
+
+use std::fmt::Write;
+
+use schemars::generate::SchemaSettings;
+use serde_json::Value;
+
+use super::score::Score;
+
+/// The JSON Schema of `score.json`, with all subschemas inlined.
+fn score_schema() -> Value {
+    let settings = SchemaSettings::draft2020_12().with(|s| s.inline_subschemas = true);
+    settings.into_generator().into_root_schema_for::<Score>().to_value()
+}
+
+/// A key of `score.json`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScoreKey {
+    /// Dotted path; `[]` stands for every item of a list, `*` for every name of a map.
+    pub path: String,
+    /// Definition, with formula and reference.
+    pub meaning: String,
+    /// Least and greatest allowed value.
+    pub range: (Option<f64>, Option<f64>),
+}
+
+/// All keys, in the order of the file.
+pub fn score_keys() -> Vec<ScoreKey> {
+    let mut keys = Vec::new();
+    collect("", &score_schema(), &mut keys);
+    keys
+}
+
+/// The keys as a Markdown table, for docs/scoring.md.
+pub fn markdown() -> String {
+    let mut text = "| key | definition | unit | range |\n|---|---|---|---|\n".to_owned();
+    for key in score_keys() {
+        let range = match key.range {
+            (None, None) => String::new(),
+            (Some(low), Some(high)) => format!("{low} to {high}"),
+            (Some(low), None) => format!(">= {low}"),
+            (None, Some(high)) => format!("<= {high}"),
+        };
+        let (path, meaning) = (&key.path, key.meaning.replace('|', "\\|"));
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "| `{path}` | {meaning} | {} | {range} |", unit(&key.path));
+    }
+    text
+}
+
+/// The unit, from the suffix of the key.
+fn unit(path: &str) -> &'static str {
+    const UNITS: [(&str, &str); 9] = [
+        ("_um_s2", "um/s^2"),
+        ("_um_s", "um/s"),
+        ("_per_100px", "px per 100 px"),
+        ("acceleration_rms_px", "px/frame^2"),
+        ("_px3", "px^3"),
+        ("_px", "px"),
+        ("_um", "um"),
+        ("_deg", "degree"),
+        ("_px[]", "px"),
+    ];
+    UNITS.iter().find(|(end, _)| path.ends_with(end)).map_or("", |(_, unit)| unit)
+}
+
+/// Collects the keys of a schema below a path. Keys under `field.truths` repeat those of `field` and are
+/// skipped.
+fn collect(path: &str, schema: &Value, keys: &mut Vec<ScoreKey>) {
+    let node = Node::of(schema);
+    for (name, below) in node.properties() {
+        let path = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
+        let of = Node::of(below);
+        keys.push(ScoreKey { path: path.clone(), meaning: of.meaning(), range: of.range() });
+        if path != "field.truths" {
+            collect(&path, below, keys);
+        }
+    }
+    if let Some(items) = node.items() {
+        collect(&format!("{path}[]"), items, keys);
+    }
+}
+
+/// Values of a score outside the ranges of their keys, as `path = value: expected ...`.
+pub fn beyond_ranges(score: &Value) -> Vec<String> {
+    let mut problems = Vec::new();
+    check("", score, &score_schema(), &mut problems);
+    problems
+}
+
+fn check(path: &str, value: &Value, schema: &Value, problems: &mut Vec<String>) {
+    let node = Node::of(schema);
+    match value {
+        Value::Number(number) => {
+            let (low, high) = node.range();
+            let v = number.as_f64().unwrap_or(f64::NAN);
+            if !(low.is_none_or(|low| v >= low) && high.is_none_or(|high| v <= high)) {
+                let range = match high {
+                    Some(high) => format!("from {} to {high}", low.unwrap_or(f64::NEG_INFINITY)),
+                    None => format!("a number >= {}", low.unwrap_or(f64::NEG_INFINITY)),
+                };
+                problems.push(format!("{path} = {value}: expected {range}, or null"));
+            }
+        }
+        Value::Object(parts) => {
+            for (name, part) in parts {
+                let path = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
+                if let Some(below) = node.property(name) {
+                    check(&path, part, below, problems);
+                }
+            }
+        }
+        Value::Array(parts) => {
+            let Some(items) = node.items() else { return };
+            // Intervals are the only pairs of numbers in a score.
+            if node.is_pair()
+                && let [low, high] = parts.as_slice()
+                && low.as_f64().zip(high.as_f64()).is_none_or(|(low, high)| low > high)
+            {
+                problems.push(format!("{path} = {value}: expected [low, high], or null"));
+            }
+            for (i, part) in parts.iter().enumerate() {
+                check(&format!("{path}[{i}]"), part, items, problems);
+            }
+        }
+        _ => {}
+    }
+}
+
+/// A node of a schema; nullable values are wrapped in `anyOf`.
+struct Node<'a> {
+    own: &'a Value,
+    inner: &'a Value,
+}
+
+impl<'a> Node<'a> {
+    fn of(schema: &'a Value) -> Self {
+        let choices = schema.get("anyOf").and_then(Value::as_array).into_iter().flatten();
+        let mut known = choices.filter(|s| s.get("type").and_then(Value::as_str) != Some("null"));
+        Node { own: schema, inner: known.next().unwrap_or(schema) }
+    }
+
+    fn properties(&self) -> impl Iterator<Item = (&'a String, &'a Value)> + use<'a> {
+        self.inner.get("properties").and_then(Value::as_object).into_iter().flatten()
+    }
+
+    fn property(&self, name: &str) -> Option<&'a Value> {
+        let named = self.inner.get("properties").and_then(|p| p.get(name));
+        named.or_else(|| self.inner.get("additionalProperties").filter(|s| s.is_object()))
+    }
+
+    fn items(&self) -> Option<&'a Value> {
+        self.inner.get("items").filter(|s| s.is_object())
+    }
+
+    fn is_pair(&self) -> bool {
+        self.inner.get("maxItems").and_then(Value::as_u64) == Some(2)
+    }
+
+    fn meaning(&self) -> String {
+        let text = |schema: &Value| {
+            schema.get("description").and_then(Value::as_str).unwrap_or_default().replace('\n', " ")
+        };
+        let own = text(self.own);
+        if own.is_empty() { text(self.inner) } else { own }
+    }
+
+    fn range(&self) -> (Option<f64>, Option<f64>) {
+        let end = |key: &str| self.inner.get(key).and_then(Value::as_f64);
+        let of_items = |key: &str| self.items().and_then(|s| s.get(key)).and_then(Value::as_f64);
+        match (end("minimum"), end("maximum")) {
+            (None, None) => (of_items("minimum"), of_items("maximum")),
+            range => range,
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! How well each parameter is known.
+//!
+//! The covariance is the inverse of the normal matrix, times chi2 where that exceeds 1, or the sandwich
+//! `C (sum of s s^T) C` over the scores s of groups of windows (White 1982, Econometrica 50, 1), whichever is
+//! wider. Groups are particles if there are at least five, else runs of three planes. Scores of groups sum to
+//! zero at the minimum, so their sum of squares is scaled by G/(G - 1).
+
+use rand::{RngExt, SeedableRng};
+
+use super::images::Normal;
+use super::linear::Symmetric;
+
+/// Particles from which on each is a group of its own.
+const PARTICLES_AS_GROUPS: usize = 5;
+
+/// Planes of a group otherwise.
+const PLANES_OF_GROUP: usize = 3;
+
+/// Covariance of all parameters of a fit.
+#[derive(Debug, Clone)]
+pub(super) struct Covariance {
+    matrix: Symmetric,
+    /// By how much standard deviations exceed those of `matrix`, for each parameter.
+    widening: Vec<f64>,
+}
+
+impl Covariance {
+    /// `None` if the normal matrix is singular.
+    pub(super) fn of(normal: &Normal, particles: usize, chi2: f64) -> Option<Covariance> {
+        let inverse = normal.matrix.inverse()?;
+        let n = inverse.n;
+        let group = |bead: usize, plane: usize| {
+            if particles >= PARTICLES_AS_GROUPS { bead } else { plane / PLANES_OF_GROUP }
+        };
+        let groups = 1 + normal.windows.iter().map(|w| group(w.bead, w.plane)).max()?;
+        let mut sums = vec![vec![0.0; n]; groups];
+        for window in &normal.windows {
+            for (&i, score) in window.entries.iter().zip(&window.right) {
+                sums[group(window.bead, window.plane)][i] += score;
+            }
+        }
+        let influence: Vec<Vec<f64>> = sums.iter().map(|score| inverse.times(score)).collect();
+        let scale = groups as f64 / (groups as f64 - 1.0).max(1.0);
+        let widening = (0..n)
+            .map(|i| {
+                let own = inverse.at(i, i);
+                let sandwich = scale * influence.iter().map(|s| s[i] * s[i]).sum::<f64>();
+                libm::sqrt((sandwich / own).max(chi2).max(1.0))
+            })
+            .collect();
+        Some(Covariance { matrix: inverse, widening })
+    }
+
+    /// Standard deviation of a linear combination of parameters.
+    pub(super) fn sd(&self, combination: &[(usize, f64)]) -> f64 {
+        let mut variance = 0.0;
+        for &(i, a) in combination {
+            for &(j, b) in combination {
+                variance += a * b * self.matrix.at(i, j) * self.widening[i] * self.widening[j];
+            }
+        }
+        libm::sqrt(variance.max(0.0))
+    }
+
+    /// Correlation of two parameters.
+    pub(super) fn correlation(&self, i: usize, j: usize) -> f64 {
+        self.matrix.at(i, j) / libm::sqrt(self.matrix.at(i, i) * self.matrix.at(j, j))
+    }
+}
+
+/// Steps of all parameters from refitting resampled particles, one step of Newton's method each.
+pub(super) fn bootstrap(normal: &Normal, particles: usize, resamples: usize, seed: u64) -> Vec<Vec<f64>> {
+    let mut rng = rand::rngs::Xoshiro256PlusPlus::seed_from_u64(seed);
+    let n = normal.right.len();
+    (0..resamples)
+        .filter_map(|_| {
+            let mut times = vec![0.0; particles];
+            for _ in 0..particles {
+                times[rng.random_range(0..particles)] += 1.0;
+            }
+            let (mut matrix, mut right) = (Symmetric::zeros(n), vec![0.0; n]);
+            for window in &normal.windows {
+                window.add_to(&mut matrix, &mut right, times[window.bead]);
+            }
+            // Particles that were not drawn keep their places.
+            for i in 0..n {
+                matrix.add(i, i, 1e-9 * normal.matrix.at(i, i));
+            }
+            normal.gauge.iter().for_each(|&(i, j, value)| matrix.add(i, j, value));
+            matrix.solve(&right)
+        })
+        .collect()
+}

@@ -1,0 +1,109 @@
+//! Symmetric positive definite systems of some hundred unknowns: Cholesky's factor, solutions, the inverse.
+
+/// A symmetric matrix, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Symmetric {
+    pub(super) n: usize,
+    values: Vec<f64>,
+}
+
+impl Symmetric {
+    pub(super) fn zeros(n: usize) -> Self {
+        Symmetric { n, values: vec![0.0; n * n] }
+    }
+
+    pub(super) fn at(&self, i: usize, j: usize) -> f64 {
+        self.values[i * self.n + j]
+    }
+
+    pub(super) fn add(&mut self, i: usize, j: usize, value: f64) {
+        self.values[i * self.n + j] += value;
+    }
+
+    /// The lower factor L of L L^T; `None` if the matrix is not positive definite.
+    fn factor(&self) -> Option<Vec<f64>> {
+        let n = self.n;
+        let mut l = self.values.clone();
+        for j in 0..n {
+            for i in j..n {
+                let dot: f64 = (0..j).map(|k| l[i * n + k] * l[j * n + k]).sum();
+                let rest = self.at(i, j) - dot;
+                if i == j {
+                    if !(rest > 0.0 && rest.is_finite()) {
+                        return None;
+                    }
+                    l[j * n + j] = libm::sqrt(rest);
+                } else {
+                    l[i * n + j] = rest / l[j * n + j];
+                }
+            }
+        }
+        Some(l)
+    }
+
+    /// x with A x = b; `None` if the matrix is not positive definite.
+    pub(super) fn solve(&self, b: &[f64]) -> Option<Vec<f64>> {
+        Some(substitute(&self.factor()?, b))
+    }
+
+    /// The inverse; `None` if the matrix is not positive definite.
+    pub(super) fn inverse(&self) -> Option<Symmetric> {
+        let n = self.n;
+        let l = self.factor()?;
+        let mut inverse = Symmetric::zeros(n);
+        let mut unit = vec![0.0; n];
+        for j in 0..n {
+            unit[j] = 1.0;
+            for (i, value) in substitute(&l, &unit).into_iter().enumerate() {
+                inverse.values[i * n + j] = value;
+            }
+            unit[j] = 0.0;
+        }
+        Some(inverse)
+    }
+
+    /// A x.
+    pub(super) fn times(&self, x: &[f64]) -> Vec<f64> {
+        self.values.chunks(self.n).map(|row| row.iter().zip(x).map(|(a, b)| a * b).sum()).collect()
+    }
+}
+
+/// Forward and backward substitution.
+fn substitute(l: &[f64], b: &[f64]) -> Vec<f64> {
+    let n = b.len();
+    let mut x = b.to_vec();
+    for i in 0..n {
+        let dot: f64 = (0..i).map(|k| l[i * n + k] * x[k]).sum();
+        x[i] = (x[i] - dot) / l[i * n + i];
+    }
+    for i in (0..n).rev() {
+        let dot: f64 = (i + 1..n).map(|k| l[k * n + i] * x[k]).sum();
+        x[i] = (x[i] - dot) / l[i * n + i];
+    }
+    x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_inverse_solves() {
+        let mut a = Symmetric::zeros(5);
+        for i in 0..5 {
+            for j in 0..5 {
+                a.add(i, j, 1.0 / (1.0 + (i + j) as f64) + if i == j { 0.1 } else { 0.0 });
+            }
+        }
+        let b = [1.0, -2.0, 3.0, 0.5, 0.0];
+        let x = a.solve(&b).unwrap();
+        for (left, right) in a.times(&x).iter().zip(b) {
+            assert!((left - right).abs() < 1e-10, "{left} {right}");
+        }
+        for (left, right) in a.inverse().unwrap().times(&b).iter().zip(&x) {
+            assert!((left - right).abs() < 1e-9, "{left} {right}");
+        }
+        a.add(0, 0, -5.0);
+        assert!(a.solve(&b).is_none());
+    }
+}

@@ -1,0 +1,183 @@
+//! The microscope as a fit sees it: what is given, what is sought, and MicroSIG's settings of both.
+
+use microsig_core::Settings;
+
+/// What is known of the microscope.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Given {
+    /// Magnification M.
+    pub magnification: f64,
+    /// Edge of a pixel on the sensor, um.
+    pub pixel_size_um: f64,
+    /// Refractive index of the medium in MicroSIG's model.
+    pub ri_medium: f64,
+    /// Refractive index of the virtual lens.
+    pub ri_lens: f64,
+    /// Physical depth over depth in MicroSIG's model.
+    pub depth_factor: f64,
+}
+
+/// The microscope that images are compared with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Microscope {
+    pub(super) magnification: f64,
+    pub(super) pixel_size_um: f64,
+    pub(super) ri_medium: f64,
+    pub(super) ri_lens: f64,
+    pub(super) depth_factor: f64,
+    /// tan(asin NA).
+    pub(super) slope: f64,
+    /// Focal length of the virtual spherical lens, um.
+    pub(super) focal_length_um: f64,
+    /// Depth of focus of the cylinder's meridian less that of the other one, um; 0: no cylinder.
+    pub(super) focus_shift_um: f64,
+    /// Direction along which the cylinder acts, rad from the image's x toward y.
+    pub(super) angle: f64,
+    /// Particle diameter, um.
+    pub(super) diameter_um: f64,
+}
+
+impl Microscope {
+    pub(super) fn numerical_aperture(&self) -> f64 {
+        self.slope / libm::sqrt(1.0 + self.slope * self.slope)
+    }
+
+    /// Distance from the paraxial object plane to the lens, um.
+    fn object_distance(&self) -> f64 {
+        self.focal_length_um * (1.0 + 1.0 / self.magnification)
+    }
+
+    /// Focal length of the virtual cylindrical lens, um; 0: none. First order in a/f_cyl.
+    pub(super) fn cylinder_um(&self) -> f64 {
+        let a = self.object_distance();
+        if self.focus_shift_um == 0.0 { 0.0 } else { -(4.0 / 9.0) * a * a / self.focus_shift_um }
+    }
+
+    /// The distance over which spherical aberration spreads focus along z, um.
+    pub(super) fn aberration_um(&self) -> f64 {
+        1.1 * self.focal_length_um * self.slope * self.slope
+    }
+
+    /// MicroSIG's settings on a sensor of this edge, px, in the cylinder's frame; background, rays and gain
+    /// are setting 1's.
+    pub(super) fn settings(&self, edge_px: usize) -> Settings {
+        Settings {
+            magnification: self.magnification,
+            numerical_aperture: self.numerical_aperture(),
+            focal_length: self.focal_length_um,
+            ri_medium: self.ri_medium,
+            ri_lens: self.ri_lens,
+            pixel_size: self.pixel_size_um,
+            pixel_dim_x: edge_px as u32,
+            pixel_dim_y: edge_px as u32,
+            cyl_focal_length: self.cylinder_um(),
+            ..Settings::setting1()
+        }
+    }
+}
+
+/// A quantity that experts may set free: in a perfect model each is known to some tenths of a percent, on
+/// real objectives they absorb what the model lacks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum ExtraParameter {
+    /// Refractive index of the virtual lens
+    RiLens,
+    /// Edge of a pixel, at the given magnification
+    PixelSize,
+    /// Physical depth over depth in the model
+    DepthFactor,
+}
+
+impl ExtraParameter {
+    pub(super) fn shared(self) -> Shared {
+        match self {
+            ExtraParameter::RiLens => Shared::RiLens,
+            ExtraParameter::PixelSize => Shared::PixelSize,
+            ExtraParameter::DepthFactor => Shared::DepthFactor,
+        }
+    }
+}
+
+/// A quantity that all particles share and that a fit seeks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Shared {
+    NumericalAperture,
+    FocalLength,
+    FocusShift,
+    Angle,
+    Diameter,
+    RiLens,
+    PixelSize,
+    DepthFactor,
+}
+
+impl Shared {
+    /// The key of MicroSIG's settings where there is one.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Shared::NumericalAperture => "numerical_aperture",
+            Shared::FocalLength => "focal_length",
+            Shared::FocusShift => "focus_shift_um",
+            Shared::Angle => "rotation_deg",
+            Shared::Diameter => "particle_diameter_um",
+            Shared::RiLens => "ri_lens",
+            Shared::PixelSize => "pixel_size",
+            Shared::DepthFactor => "depth_factor",
+        }
+    }
+
+    /// The microscope with the quantity's coordinate moved: logarithms but for the focus shift (um) and the
+    /// angle (rad).
+    pub(super) fn moved(self, from: Microscope, by: f64) -> Microscope {
+        let mut to = from;
+        let factor = libm::exp(by);
+        match self {
+            Shared::NumericalAperture => to.slope *= factor,
+            Shared::FocalLength => to.focal_length_um *= factor,
+            Shared::FocusShift => to.focus_shift_um += by,
+            Shared::Angle => to.angle += by,
+            Shared::Diameter => to.diameter_um *= factor,
+            Shared::RiLens => to.ri_lens *= factor,
+            Shared::PixelSize => to.pixel_size_um *= factor,
+            Shared::DepthFactor => to.depth_factor *= factor,
+        }
+        to
+    }
+
+    /// Half the distance of the two images of a difference, in its coordinate; `None`: the derivative is
+    /// known.
+    pub(super) fn step(self, at: &Microscope) -> Option<f64> {
+        match self {
+            Shared::NumericalAperture | Shared::FocalLength => Some(0.02),
+            Shared::FocusShift => Some((0.03 * at.focus_shift_um.abs()).max(0.3)),
+            Shared::Diameter => Some(0.04),
+            Shared::RiLens => Some(0.01),
+            Shared::PixelSize => Some(0.01),
+            Shared::Angle | Shared::DepthFactor => None,
+        }
+    }
+
+    /// The farthest that one step of a fit may go.
+    pub(super) fn longest(self, at: &Microscope) -> f64 {
+        match self {
+            Shared::NumericalAperture => 0.15,
+            Shared::FocalLength => 0.4,
+            Shared::FocusShift => (0.3 * at.focus_shift_um.abs()).max(3.0),
+            Shared::Angle => 0.2,
+            Shared::Diameter => 0.3,
+            Shared::RiLens | Shared::PixelSize | Shared::DepthFactor => 0.05,
+        }
+    }
+}
+
+impl Microscope {
+    /// The nearest microscope that the model can draw.
+    pub(super) fn bounded(mut self) -> Microscope {
+        // NA 0.02 to 0.98.
+        self.slope = self.slope.clamp(0.02, 4.9);
+        self.focal_length_um = self.focal_length_um.clamp(15.0, 20_000.0);
+        self.diameter_um = self.diameter_um.clamp(0.05, 60.0);
+        self.ri_lens = self.ri_lens.max(1.05 * self.ri_medium).min(4.0);
+        self
+    }
+}

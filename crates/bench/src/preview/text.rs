@@ -1,0 +1,113 @@
+//! A preview in words.
+
+use super::{DepthFacts, Preview, SizeCurves};
+
+/// Depths of a table.
+const ROWS: usize = 11;
+
+/// The two lines that matter most: focus and growth of images, and light.
+pub fn lines(preview: &Preview) -> [String; 2] {
+    let mean = preview.mean();
+    let (Some(first), Some(last)) = (mean.depths.first(), mean.depths.last()) else {
+        return Default::default();
+    };
+    let size = |depth: &DepthFacts| {
+        format!("{:.0} x {:.0} px at {} um", depth.width_px, depth.height_px, depth.z_um)
+    };
+    let best = best(mean);
+    let focus = match mean.focus_um {
+        None => format!("all depths in focus, images of {:.1} px", best.width_px),
+        Some(z_um) => {
+            let field = preview
+                .depth_of_field_um
+                .map_or_else(String::new, |um| format!(", depth of field {um:.1} um"));
+            let planes = if preview.cyl_focal_length_um == 0.0 {
+                String::new()
+            } else {
+                let [x, y] = mean.focal_planes_um;
+                format!(", focal planes at {x:.1} um (narrow) and {y:.1} um (low)")
+            };
+            format!(
+                "best focus at z = {z_um:.1} um{field}{planes}; images of {} um are {:.1} x {:.1} px there, {}, {}",
+                mean.d_um,
+                best.width_px,
+                best.height_px,
+                size(first),
+                size(last)
+            )
+        }
+    };
+    let range = |of: &dyn Fn(&DepthFacts) -> Option<f64>| {
+        let values = mean.depths.iter().filter_map(of);
+        let (low, high) = values.fold((f64::INFINITY, 0.0f64), |(low, high), v| (low.min(v), high.max(v)));
+        low.is_finite().then(|| format!("{low:.1} to {high:.1}"))
+    };
+    let peaks = range(&|depth| Some(depth.peak_counts)).unwrap_or_default();
+    let snr = range(&|depth| depth.snr)
+        .map_or_else(|| "no background noise".to_owned(), |snr| format!("SNR {snr}"));
+    let share = range(&|depth| depth.share.map(|share| 100.0 * share))
+        .map_or_else(String::new, |share| format!(", {share} % of the accepted light on 801 x 801 px"));
+    let light = format!(
+        "peaks of {peaks} counts, {snr}, saturation at {:.0}{share}; N_S = {:.3}",
+        preview.saturation_counts, preview.source_density
+    );
+    [format!("focus: {focus}"), format!("light: {light}")]
+}
+
+/// The image with the highest peak.
+fn best(size: &SizeCurves) -> DepthFacts {
+    let best = size.depths.iter().max_by(|a, b| a.peak_counts.total_cmp(&b.peak_counts));
+    best.copied().unwrap_or(size.depths[0])
+}
+
+/// All of it.
+pub fn text(preview: &Preview) -> String {
+    let [focus, light] = lines(preview);
+    let mut text = format!("{}: {}\n{focus}\n{light}\n", preview.name, preview.optics);
+    let of_path = preview.path_difference_waves.map_or_else(String::new, |waves| {
+        format!(", path differences over the pupil {waves:.2} waves in best focus")
+    });
+    text += &format!(
+        "{:.4} um per px; Airy radius {:.2} px{}{of_path}\n",
+        preview.um_per_px,
+        preview.airy_radius_px,
+        if preview.path_difference_waves.is_none() { " (0.55 um; not drawn)" } else { "" }
+    );
+    if preview.cyl_focal_length_um != 0.0 {
+        text += &format!("cylindrical lens: cyl_focal_length = {:.1} um\n", preview.cyl_focal_length_um);
+    }
+    text += &format!(
+        "depth of correlation {:.1} um; {:.1} particles in view; background {:.1} counts with a noise of {:.2}\n",
+        preview.depth_of_correlation_um,
+        preview.particles_in_view,
+        preview.background_counts,
+        preview.background_noise_counts
+    );
+    for size in &preview.sizes {
+        let [below, above] = size.ring_slopes_px_um;
+        text += &format!(
+            "\n{} um: diameters change by {below:.2} px/um at the lower end of the range, by {above:.2} px/um at the upper\n\
+             {:>9} {:>9} {:>8} {:>8} {:>10} {:>10} {:>7}\n",
+            size.d_um, "z, um", "peak", "SNR", "with shot", "width, px", "height, px", "share"
+        );
+        let last = size.depths.len() - 1;
+        let shown = ROWS.min(last + 1);
+        for row in 0..shown {
+            let depth = &size.depths[row * last / (shown - 1).max(1)];
+            let number = |value: Option<f64>, digits: usize| {
+                value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+            };
+            text += &format!(
+                "{:>9.2} {:>9.1} {:>8} {:>8} {:>10.1} {:>10.1} {:>7}\n",
+                depth.z_um,
+                depth.peak_counts,
+                number(depth.snr, 1),
+                number(depth.snr_with_shot_noise, 1),
+                depth.width_px,
+                depth.height_px,
+                number(depth.share, 3)
+            );
+        }
+    }
+    text.trim_end().to_owned()
+}

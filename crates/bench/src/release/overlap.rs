@@ -1,0 +1,129 @@
+//! Detects what the test split shares with train beyond statistics: particle positions, velocity field.
+//!
+//! If the seeding is (nearly) deterministic, particles do not depend on the key, and train's truth, submitted
+//! as a result, scores well on the test split. It is therefore matched to the test split here; as a control,
+//! the same truth is matched after shifts of a few gates in many directions, which gives the rate of chance
+//! matches at the same particle density. A deterministic flow has a single velocity field, so train's
+//! `truth/field.csv` is also that of the test split.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use crate::dataset::manifest::ScoringGates;
+use crate::error::Result;
+use crate::evaluate::field::true_field;
+use crate::evaluate::gate::Gate;
+use crate::evaluate::matching::{Cost, optimal};
+use crate::evaluate::measurement::RecordingFacts;
+use crate::evaluate::track_set::{Position, TrackSet, UnsortedPoint};
+use crate::evaluate::truth::TrueParticles;
+use crate::results::{Conventions, FlowVector};
+use crate::tables::truth::FIELD_PATH;
+
+/// Maximum number of frames compared.
+const FRAMES: u32 = 50;
+/// Approximate maximum number of particles compared.
+const POINTS: usize = 20_000;
+/// Shifts of the control in units of the gate: well beyond the gate, but small compared with flow structures.
+const MOVES: [f64; 3] = [2.6, 3.7, 4.8];
+/// Directions of each shift.
+const DIRECTIONS: usize = 5;
+
+/// Shares of the test split's particles that match train's truth, and the shifted truth.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Shared {
+    pub(super) found: f64,
+    pub(super) by_chance: f64,
+    /// Length of each track of the test split, in scored frames: coincidences within a track are not
+    /// independent.
+    tracks: Vec<usize>,
+}
+
+impl Shared {
+    /// Whether the match exceeds chance by five standard errors (of clusters of unequal size), by 2 % of the
+    /// particles, and by three of the longest tracks (for a few tracks: by half of the particles).
+    pub(super) fn is_beyond_chance(&self) -> bool {
+        let share = self.by_chance.clamp(0.0, 1.0);
+        let sum = |power: i32| self.tracks.iter().map(|&n| (n as f64).powi(power)).sum::<f64>();
+        let particles = sum(1).max(1.0);
+        let error = (share * (1.0 - share) * sum(2)).sqrt() / particles;
+        let longest = self.tracks.iter().max().map_or(0.0, |&n| n as f64);
+        self.found > self.by_chance + (5.0 * error).max(0.02).max((3.0 * longest / particles).min(0.5))
+    }
+}
+
+/// Compares the particles of two datasets; `None` if one of them has none.
+pub(super) fn particles(train: &Path, test: &Path) -> Result<Option<Shared>> {
+    let read = |path: &Path| TrueParticles::read(path, &Conventions::default());
+    let (train, test) = (read(train)?, read(test)?);
+    let gate = gate(&test.facts);
+    let (mut end, mut n) = (0, 0);
+    while end < FRAMES && n < POINTS {
+        n += test.rows.iter().filter(|row| row.frame == end).count();
+        end += 1;
+    }
+    let points = |of: &TrueParticles, move_px: [f64; 2]| {
+        let rows = of.rows.iter().enumerate().filter(|(i, row)| row.frame < end && of.is_scored(*i, 0.0));
+        let point = |(i, row): (usize, &crate::results::TrackRow)| UnsortedPoint {
+            frame: row.frame,
+            track: None,
+            at: Position { x_px: row.at.x_px + move_px[0], y_px: row.at.y_px + move_px[1], ..row.at },
+            source: i as u32,
+        };
+        TrackSet::new(rows.map(point).collect())
+    };
+    let truth = points(&test, [0.0; 2]);
+    if truth.is_empty() || train.rows.is_empty() {
+        return Ok(None);
+    }
+    let share = |move_px: [f64; 2]| -> Result<f64> {
+        let matching = optimal(&truth, &points(&train, move_px), &gate, Cost::Squares)?;
+        Ok(matching.pairs().count() as f64 / truth.len() as f64)
+    };
+    let mut control = Vec::new();
+    for (k, size) in MOVES.iter().enumerate() {
+        for direction in 0..DIRECTIONS {
+            let turn = (direction as f64 + 0.31 * (k + 1) as f64) / DIRECTIONS as f64;
+            let angle = 2.0 * std::f64::consts::PI * turn;
+            control.push(share([size * gate.xy_px * angle.cos(), size * gate.xy_px * angle.sin()])?);
+        }
+    }
+    let by_chance = control.iter().sum::<f64>() / control.len() as f64;
+    let mut lengths: HashMap<i64, usize> = HashMap::new();
+    for (_, row) in test.rows.iter().enumerate().filter(|(i, row)| row.frame < end && test.is_scored(*i, 0.0)) {
+        *lengths.entry(row.track).or_default() += 1;
+    }
+    Ok(Some(Shared { found: share([0.0; 2])?, by_chance, tracks: lengths.into_values().collect() }))
+}
+
+/// The default gate with which the split is scored.
+fn gate(facts: &RecordingFacts) -> Gate {
+    match facts.depth_h_um() {
+        Some(h) => Gate::ellipsoid(ScoringGates::XY_PX, ScoringGates::over(h).z_um),
+        None => Gate::radial(ScoringGates::XY_PX),
+    }
+}
+
+/// Whether both splits have a true field and these agree to 10 % of the RMS displacement or 0.05 px.
+pub(super) fn field(train: &Path, test: &Path) -> Result<bool> {
+    if !train.join(FIELD_PATH).exists() || !test.join(FIELD_PATH).exists() {
+        return Ok(false);
+    }
+    let (train, test) = (true_field::of_dataset(train, None)?, true_field::of_dataset(test, None)?);
+    let (Some((_, known)), Some((_, asked))) = (train.named.first(), test.named.first()) else {
+        return Ok(false);
+    };
+    let (columns, rows) = asked.nodes();
+    let pair = (asked.needs_pairs() || known.needs_pairs()).then_some(0);
+    let (mut difference, mut size, mut n) = (0.0, 0.0, 0.0);
+    for (&x_px, &y_px) in rows.iter().flat_map(|y| columns.iter().map(move |x| (x, y))) {
+        let node = FlowVector { pair, at: Position { x_px, y_px, z_um: 0.0 }, ..FlowVector::default() };
+        if let Some((a, b)) = known.at(&node).zip(asked.at(&node)) {
+            difference += (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
+            size += b[0] * b[0] + b[1] * b[1];
+            n += 1.0;
+        }
+    }
+    let root = |sum: f64| (sum / n).sqrt();
+    Ok(n > 0.0 && root(difference) <= (0.1 * root(size)).max(0.05))
+}

@@ -1,0 +1,269 @@
+//! Entries of a leaderboard: ranking criteria, and the table for terminals and CSV.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use serde_json::Value;
+
+use super::ranks::{Criterion, ranks};
+use super::table::number;
+use crate::evaluate::Score;
+use crate::evaluate::statistics::Interval;
+
+/// Bias above which an entry is marked, px: a wrong origin shifts positions by 0.5 or 1 px, which is within a
+/// gate of 2 px.
+const BIAS_PX: f64 = 0.25;
+
+/// An entry of the leaderboard. Scores are named after their keys in `score.json`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Entry {
+    /// Rank among the scores of its kind (within one dataset for cases of a sweep).
+    pub rank: usize,
+    /// Name of the score, from its folder.
+    pub name: String,
+    /// Name of the dataset.
+    pub dataset: String,
+    /// detection.f1
+    pub f1: Option<f64>,
+    /// Lower end of the 95 % interval of the first criterion.
+    pub low: Option<f64>,
+    /// Upper end of the same interval.
+    pub high: Option<f64>,
+    /// detection.recall
+    pub recall: Option<f64>,
+    /// detection.precision
+    pub precision: Option<f64>,
+    /// detection.rmse_xy_px
+    pub rmse_xy_px: Option<f64>,
+    /// gdpt.sigma_z_over_h
+    pub sigma_z_over_h: Option<f64>,
+    /// links.f1
+    pub link_f1: Option<f64>,
+    /// hota.hota
+    pub hota: Option<f64>,
+    /// isbi.alpha
+    pub alpha: Option<f64>,
+    /// isbi.beta
+    pub beta: Option<f64>,
+    /// isbi.jsc
+    pub jsc: Option<f64>,
+    /// isbi.jsc_theta
+    pub jsc_theta: Option<f64>,
+    /// field.valid_vector_probability
+    pub valid_vector_probability: Option<f64>,
+    /// field.aee_px
+    pub aee_px: Option<f64>,
+    /// field.u_inliers.rms_px
+    pub rms_u_inliers_px: Option<f64>,
+    /// field.v_inliers.rms_px
+    pub rms_v_inliers_px: Option<f64>,
+    /// particles or field
+    pub kind: ResultKind,
+    /// detection.bias_x_px, or field.u.bias_px
+    pub bias_x_px: Option<f64>,
+    /// detection.bias_y_px, or field.v.bias_px
+    pub bias_y_px: Option<f64>,
+    /// Whether the bias in the image plane exceeds 0.25 px (particles only).
+    pub biased: bool,
+    /// Parameter values of the sweep.
+    #[serde(skip)]
+    pub axes: BTreeMap<String, Value>,
+    /// Ranking criteria, in order of priority.
+    #[serde(skip)]
+    criteria: Vec<Criterion>,
+    /// Scores of the same group are ranked together.
+    #[serde(skip)]
+    group: String,
+}
+
+/// Kind of result.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ResultKind {
+    /// Particles.
+    #[default]
+    Particles,
+    /// A displacement field.
+    Field,
+}
+
+impl Entry {
+    pub(super) fn of(name: String, score: &Score) -> Self {
+        let mut entry = Entry {
+            name,
+            dataset: score.dataset.clone(),
+            axes: score.definitions.axes.clone(),
+            ..Entry::default()
+        };
+        if !entry.axes.is_empty() {
+            // Each case of a sweep has a ranking of its own.
+            entry.group = score.definitions.truth_sha256.clone().unwrap_or_default();
+        }
+        match &score.field {
+            Some(field) if score.detection.is_none() => entry.of_field(field),
+            _ => entry.of_particles(score),
+        }
+        let bias = entry.bias_x_px.zip(entry.bias_y_px).map(|(x, y)| x.hypot(y));
+        entry.biased = entry.kind == ResultKind::Particles && bias.is_some_and(|bias| bias > BIAS_PX);
+        entry
+    }
+
+    fn of_particles(&mut self, score: &Score) {
+        let (mut f1, mut rmse, mut first) = (None, None, None);
+        if let Some(d) = &score.detection {
+            (self.f1, self.recall, self.precision) = (d.f1, d.recall, d.precision);
+            (self.rmse_xy_px, self.bias_x_px, self.bias_y_px) = (d.rmse_xy_px, d.bias_x_px, d.bias_y_px);
+            (f1, rmse, first) = (d.f1, d.interval.rmse_xy_px, d.interval.f1);
+        }
+        let gdpt = score.gdpt.as_ref();
+        self.sigma_z_over_h = gdpt.and_then(|g| g.sigma_z_over_h);
+        let (links, hota) = (score.links.as_ref(), score.hota.as_ref());
+        self.link_f1 = links.and_then(|l| l.f1);
+        self.hota = hota.and_then(|h| h.hota);
+        if let Some(i) = &score.isbi {
+            (self.alpha, self.beta, self.jsc, self.jsc_theta) = (i.alpha, i.beta, i.jsc, i.jsc_theta);
+        }
+        self.criteria = vec![
+            Criterion::rate(f1, first),
+            Criterion::error(self.rmse_xy_px, rmse),
+            Criterion::error(self.sigma_z_over_h, gdpt.and_then(|g| g.interval.sigma_z_over_h)),
+            Criterion::rate(self.link_f1, links.and_then(|l| l.interval_f1)),
+            Criterion::rate(self.hota, hota.and_then(|h| h.interval_hota)),
+        ];
+        self.ends(first);
+    }
+
+    fn of_field(&mut self, field: &crate::evaluate::field::FieldScore) {
+        let errors = &field.main;
+        self.kind = ResultKind::Field;
+        self.valid_vector_probability = errors.valid_vector_probability;
+        self.aee_px = errors.aee_px;
+        (self.rms_u_inliers_px, self.rms_v_inliers_px) = (errors.u_inliers.rms_px, errors.v_inliers.rms_px);
+        (self.bias_x_px, self.bias_y_px) = (errors.u.bias_px, errors.v.bias_px);
+        let both = self.rms_u_inliers_px.zip(self.rms_v_inliers_px).map(|(u, v)| u.hypot(v));
+        // At least as wide as the interval of the combined error.
+        let ends = errors.interval_rms_u_inliers_px.zip(errors.interval_rms_v_inliers_px);
+        let ends = ends.map(|(u, v)| [u[0].hypot(v[0]), u[1].hypot(v[1])]);
+        let first = errors.interval_valid_vector_probability;
+        self.criteria = vec![
+            Criterion::rate(self.valid_vector_probability, first),
+            Criterion::error(both, ends),
+            Criterion::error(self.aee_px, errors.interval_aee_px),
+        ];
+        self.ends(first);
+    }
+
+    fn ends(&mut self, first: Interval) {
+        (self.low, self.high) = (first.map(|e| e[0]), first.map(|e| e[1]));
+    }
+
+    /// The parameter values on one line.
+    pub(super) fn case(&self) -> String {
+        let values = self.axes.iter().map(|(axis, value)| {
+            let name = axis.rsplit('.').next().unwrap_or(axis);
+            format!("{name} {}", axis_text(value))
+        });
+        values.collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// A parameter value as text.
+pub(super) fn axis_text(value: &Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+/// Sorts the scores of each kind (and sweep case) by rank.
+pub(super) fn ranked(mut scores: Vec<(Entry, Score)>) -> Vec<(Entry, Score)> {
+    let case = |e: &Entry| (e.kind, e.case(), e.group.clone());
+    scores.sort_by(|a, b| case(&a.0).cmp(&case(&b.0)).then_with(|| a.0.name.cmp(&b.0.name)));
+    let mut ranked = Vec::with_capacity(scores.len());
+    for same in scores.chunk_by(|a, b| case(&a.0) == case(&b.0)) {
+        let criteria: Vec<Vec<Criterion>> = same.iter().map(|s| s.0.criteria.clone()).collect();
+        ranked.extend(ranks(&criteria).into_iter().map(|(i, rank)| {
+            let (entry, score) = &same[i];
+            (Entry { rank, ..entry.clone() }, score.clone())
+        }));
+    }
+    ranked
+}
+
+/// Warning about a bias that the rank of an entry does not show.
+pub(super) fn caution(entry: &Entry) -> Option<String> {
+    let (x, y) = entry.bias_x_px.zip(entry.bias_y_px).filter(|_| entry.biased)?;
+    Some(format!(
+        "{}: positions are biased by ({x:+.3}, {y:+.3}) px on average, which F1 and thus the rank do not show",
+        entry.name
+    ))
+}
+
+/// The leaderboard in 80 columns.
+pub(super) fn text(entries: &[Entry], warnings: &[String]) -> String {
+    let n = number;
+    let tied = |e: &Entry| {
+        entries.iter().filter(|o| (o.kind, o.rank, &o.group) == (e.kind, e.rank, &e.group)).count() > 1
+    };
+    let rank = |e: &Entry| {
+        format!("{}{}{}", e.rank, if tied(e) { "=" } else { "" }, if e.biased { "!" } else { "" })
+    };
+    let name = |e: &Entry| {
+        let name: String = e.name.chars().take(14).collect();
+        if name.len() < e.name.len() { name + "~" } else { name }
+    };
+    let ends = |e: &Entry| e.low.zip(e.high).map_or("-".to_owned(), |(l, h)| format!("[{l:.4}, {h:.4}]"));
+    let mut lines = Vec::new();
+    let of = |kind: ResultKind| entries.iter().filter(move |e| e.kind == kind).collect::<Vec<_>>();
+    let particles = of(ResultKind::Particles);
+    if !particles.is_empty() {
+        lines.push(format!(
+            "{:<4} {:<15} {:>6}  {:<16} {:>6} {:>6} {:>6} {:>6} {:>6}",
+            "rank", "name", "F1", "95 %", "recall", "xy px", "z / h", "links", "HOTA"
+        ));
+    }
+    let short = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4}"));
+    for same in particles.chunk_by(|a, b| a.axes == b.axes) {
+        lines.extend(Some(same[0].case()).filter(|case| !case.is_empty()));
+        lines.extend(same.iter().map(|e| {
+            format!(
+                "{:<4} {:<15} {:>6}  {:<16} {:>6} {:>6} {:>6} {:>6} {:>6}",
+                rank(e),
+                name(e),
+                short(e.f1),
+                ends(e),
+                short(e.recall),
+                short(e.rmse_xy_px),
+                short(e.sigma_z_over_h),
+                short(e.link_f1),
+                short(e.hota)
+            )
+        }));
+    }
+    let fields = of(ResultKind::Field);
+    if !fields.is_empty() {
+        lines.push(format!(
+            "{:<4} {:<15} {:>8}  {:<16} {:>9} {:>8}",
+            "rank", "name", "valid", "95 %", "RMS in px", "AEE px"
+        ));
+    }
+    for same in fields.chunk_by(|a, b| a.axes == b.axes) {
+        lines.extend(Some(same[0].case()).filter(|case| !case.is_empty()));
+        lines.extend(same.iter().map(|e| {
+            format!(
+                "{:<4} {:<15} {:>8}  {:<16} {:>9} {:>8}",
+                rank(e),
+                name(e),
+                n(e.valid_vector_probability),
+                ends(e),
+                n(e.rms_u_inliers_px.zip(e.rms_v_inliers_px).map(|(u, v)| u.hypot(v))),
+                n(e.aee_px)
+            )
+        }));
+    }
+    lines.push(
+        "=: not separated by 95 % intervals (F1, errors, links, HOTA; fields: valid, RMS, AEE).".to_owned(),
+    );
+    if entries.iter().any(|e| e.biased) {
+        lines.push(format!("!: positions are biased by more than {BIAS_PX} px."));
+    }
+    lines.extend(warnings.iter().map(|w| format!("WARNING {w}")));
+    lines.join("\n")
+}

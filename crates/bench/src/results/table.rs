@@ -1,0 +1,98 @@
+//! Contents of results: particles or displacement fields.
+
+/// A position in the image and in depth.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Position {
+    /// Horizontal position, px; the first pixel's center is 1.
+    pub x_px: f64,
+    /// Vertical position, downward, px; the first pixel's center is 1.
+    pub y_px: f64,
+    /// Depth, um; 0 in data without depth.
+    pub z_um: f64,
+}
+
+/// A particle in one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrackRow {
+    /// Frame, from 0.
+    pub frame: u32,
+    /// Track, or -1 if not linked.
+    pub track: i64,
+    /// Position.
+    pub at: Position,
+}
+
+/// A table of particles.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Points {
+    /// The rows with complete coordinates.
+    pub rows: Vec<TrackRow>,
+    /// Line in the file for every row; empty for formats without lines, such as XML.
+    pub lines: Vec<u32>,
+    /// Claimed standard uncertainties of every row along x, y (px) and z (um), NaN if missing; empty if the
+    /// file has none.
+    pub sigma: Vec<[f64; 3]>,
+    /// Velocities, if the file has any.
+    pub velocities: Option<Velocities>,
+    /// Whether the file has z.
+    pub has_z: bool,
+    /// Number of rows dropped because a coordinate is missing or NaN.
+    pub n_nan: usize,
+    /// How the reader interpreted the file.
+    pub notes: Vec<String>,
+}
+
+/// Velocities reported by a file, y downward.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Velocities {
+    /// Their unit.
+    pub unit: VelocityUnit,
+    /// Components of every row along x, y, z; NaN if missing.
+    pub rows: Vec<[f64; 3]>,
+}
+
+/// Unit of velocities.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum VelocityUnit {
+    /// um/s.
+    UmPerS,
+    /// px per frame along x and y, um per frame along z.
+    PerFrame,
+}
+
+/// A vector of a displacement field.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FlowVector {
+    /// Image pair; `None` if not given in the file.
+    pub pair: Option<u32>,
+    /// Position; z is 0 if not given in the file.
+    pub at: Position,
+    /// Displacement along x, y (px) and z (um, NaN if not measured).
+    pub moved: [f64; 3],
+    /// 0 valid, 1 invalid, 2 interpolated.
+    pub flag: u8,
+    /// Claimed standard uncertainties along x and y, px; NaN if missing.
+    pub sigma: [f64; 2],
+}
+
+/// A displacement field.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Field {
+    /// The vectors; displacements of invalid ones may be NaN.
+    pub vectors: Vec<FlowVector>,
+    /// Line in the file for every vector; empty if the reader does not record it.
+    pub lines: Vec<u32>,
+    /// Number of rows dropped because a position is missing.
+    pub n_nan: usize,
+    /// How the reader interpreted the file.
+    pub notes: Vec<String>,
+}
+
+/// Contents of a result.
+#[derive(Debug, Clone, PartialEq)]
+pub enum TrackerResult {
+    /// Particles.
+    Points(Points),
+    /// A displacement field.
+    Field(Field),
+}

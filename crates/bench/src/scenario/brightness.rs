@@ -1,0 +1,212 @@
+//! Brightness of particles, as scenarios write it: a factor on MicroSIG's counts, or photons.
+//!
+//! With photons a particle emits its photons evenly in all directions; the aperture collects its share of
+//! them, 0.5 (1 - cos asin NA) in focus, and the camera sees those. The ideal image is then in photons,
+//! whatever `points_per_pixel`, `n_rays`, magnification and pixel size are: `c_int` of the data files becomes
+//! photons per ray, and images made from these files alone are the same.
+
+use flows::intensities::Intensities;
+use microsig_core::emission::{SpheroidLaw, area_ratio, sphere_points, surface_points};
+use microsig_core::render::RendererSpec;
+use microsig_core::{Particle, Settings};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Range of diameters.
+const SIZES: &str = "> 0 and <= 1e6";
+
+/// Factor on the brightness that the optics give a particle of its size.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Brightness {
+    /// All the same.
+    Constant(#[schemars(range(min = 0.0, max = 1e6), example = 1.0)] f64),
+    /// Uniform distribution.
+    Uniform {
+        /// Smallest factor.
+        #[schemars(range(min = 0.0, max = 1e6), example = 0.5)]
+        min: f64,
+        /// Largest factor.
+        #[schemars(range(min = 0.0, max = 1e6), example = 1.5)]
+        max: f64,
+    },
+    /// Normal distribution, restricted to positive factors.
+    Normal {
+        /// Mean before truncation.
+        #[schemars(extend("x-range" = "> 0 and <= 1e6"), example = 1.0)]
+        mean: f64,
+        /// Standard deviation before truncation.
+        #[schemars(range(min = 0.0, max = 1e6), example = 0.2)]
+        sd: f64,
+    },
+    /// (d / reference)^exponent.
+    PowerOfDiameter {
+        /// Diameter of factor 1.
+        #[schemars(extend("x-range" = SIZES), example = 2.0)]
+        reference_um: f64,
+        /// 1 for particles dyed throughout, whose light grows with d^3 (the optics give d^2, luminous
+        /// surfaces).
+        #[schemars(range(min = -100.0, max = 100.0), example = 1.0)]
+        exponent: f64,
+    },
+}
+
+impl Default for Brightness {
+    fn default() -> Self {
+        Brightness::Constant(1.0)
+    }
+}
+
+/// Photons that a particle emits per exposure; `gain` is then counts per photon, 1 unless given.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Photons {
+    /// Photons per exposure in all directions, of a particle of `reference_um`; the aperture collects its
+    /// share.
+    #[schemars(example = Emitted::Constant(1e6))]
+    pub emitted: Emitted,
+    /// How they grow with the diameter.
+    #[serde(default)]
+    pub grow_with: Growth,
+    /// Diameter of the particle that emits so many.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(
+        extend("x-range" = SIZES, "x-default" = "the mean of `diameter_um`"),
+        example = 2.0
+    )]
+    pub reference_um: Option<f64>,
+}
+
+/// Photons of the particles.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Emitted {
+    /// All the same.
+    Constant(#[schemars(range(min = 0.0, max = 1e15), extend("x-unit" = "photons"), example = 1e6)] f64),
+    /// Uniform distribution.
+    Uniform {
+        /// Fewest photons.
+        #[schemars(range(min = 0.0, max = 1e15), extend("x-unit" = "photons"), example = 5e5)]
+        min: f64,
+        /// Most photons.
+        #[schemars(range(min = 0.0, max = 1e15), extend("x-unit" = "photons"), example = 1.5e6)]
+        max: f64,
+    },
+    /// Normal distribution, restricted to positive numbers.
+    Normal {
+        /// Mean before truncation.
+        #[schemars(extend("x-range" = "> 0 and <= 1e15", "x-unit" = "photons"), example = 1e6)]
+        mean: f64,
+        /// Standard deviation before truncation.
+        #[schemars(range(min = 0.0, max = 1e15), extend("x-unit" = "photons"), example = 2e5)]
+        sd: f64,
+    },
+}
+
+/// How photons grow with the diameter of a particle.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Growth {
+    /// With d^2: dyed on their surface.
+    #[default]
+    Surface,
+    /// With d^3: dyed throughout.
+    Volume,
+    /// All sizes emit as many.
+    Equal,
+}
+
+impl Brightness {
+    /// The distribution.
+    pub(super) fn build(self) -> flows::Result<Intensities> {
+        match self {
+            Brightness::Constant(factor) => Intensities::equal(factor),
+            Brightness::Uniform { min, max } => Intensities::uniform(min, max),
+            Brightness::Normal { mean, sd } => Intensities::normal(mean, sd),
+            Brightness::PowerOfDiameter { reference_um, exponent } => {
+                Intensities::power_of_diameter(reference_um, exponent)
+            }
+        }
+    }
+}
+
+impl Emitted {
+    /// The distribution, in photons.
+    pub(super) fn build(self) -> flows::Result<Intensities> {
+        match self {
+            Emitted::Constant(photons) => Intensities::equal(photons),
+            Emitted::Uniform { min, max } => Intensities::uniform(min, max),
+            Emitted::Normal { mean, sd } => Intensities::normal(mean, sd),
+        }
+    }
+}
+
+/// What turns photons into `c_int` of the data files.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PhotonScale {
+    grow_with: Growth,
+    reference_um: f64,
+    settings: Settings,
+    unit: Unit,
+}
+
+/// What `c_int` weighs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Unit {
+    /// Rays into the half space toward the lens.
+    Rays(SpheroidLaw),
+    /// Spots; with the integral of the light of one, counts, at this diameter (um), and its growth with the
+    /// diameter.
+    Spots { counts: f64, reference_um: Option<f64> },
+}
+
+impl PhotonScale {
+    /// For a renderer and its settings; `mean_um` is the reference if none is given.
+    pub(super) fn new(photons: &Photons, renderer: &RendererSpec, settings: &Settings, mean_um: f64) -> Self {
+        let unit = match *renderer {
+            RendererSpec::Rays { spheroids } | RendererSpec::Expected { spheroids, .. } => {
+                Unit::Rays(spheroids)
+            }
+            RendererSpec::Waves { .. } => Unit::Rays(SpheroidLaw::Original),
+            RendererSpec::Gaussian(spot) => Unit::Spots {
+                // The integral of exp(-8 r^2 / d^2).
+                counts: spot.peak_counts * std::f64::consts::PI / 8.0 * spot.diameter_px * spot.diameter_px,
+                reference_um: spot.reference_um,
+            },
+        };
+        PhotonScale {
+            grow_with: photons.grow_with,
+            reference_um: photons.reference_um.unwrap_or(mean_um),
+            settings: settings.clone(),
+            unit,
+        }
+    }
+
+    /// The weight of a particle whose like of the reference's diameter emits so many photons.
+    pub fn c_int(&self, photons: f64, particle: &Particle) -> f64 {
+        let d = particle.d_um / self.reference_um;
+        let e_p = particle.spheroid.map_or(1.0, |spheroid| spheroid.e_p);
+        let emitted = photons
+            * match self.grow_with {
+                Growth::Surface => d * d * area_ratio(e_p),
+                Growth::Volume => d * d * d * e_p,
+                Growth::Equal => 1.0,
+            };
+        match self.unit {
+            Unit::Rays(law) => {
+                let points = match (particle.spheroid, law) {
+                    (None, _) => sphere_points(&self.settings, particle.d_um) as f64,
+                    // About half of the points shine.
+                    (Some(_), SpheroidLaw::Original) => 0.5 * surface_points(&self.settings, particle) as f64,
+                    (Some(_), SpheroidLaw::Uniform) => surface_points(&self.settings, particle) as f64,
+                };
+                0.5 * emitted / (points * (f64::from(self.settings.n_rays) + 1.0)).max(1.0)
+            }
+            Unit::Spots { counts, reference_um } => {
+                let na = self.settings.numerical_aperture;
+                let collected = 0.5 * (1.0 - (1.0 - na * na).sqrt());
+                let width = reference_um.map_or(1.0, |reference| particle.d_um / reference);
+                collected * emitted / (counts * width * width)
+            }
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! How a scenario's particles are drawn: renderer, light and objective, filled in and checked.
+
+use microsig_core::render::RendererSpec;
+use microsig_core::render::expected::DEFAULT_TOLERANCE;
+use microsig_core::{Error as Core, Settings};
+
+use super::language::problems::Problems;
+use super::spec::{Brightness, Calibration, Lens, RenderMode, Spec};
+
+/// Fills in how particles are drawn, and checks it.
+pub(super) fn mode(spec: &mut Spec, problems: &mut Problems) {
+    match spec.render.mode {
+        RenderMode::Rays => {
+            if let Some(tolerance) = spec.render.tolerance {
+                let allowed = "nothing: rays have no tolerance, only mode: expected and mode: waves have";
+                problems.value("render.tolerance", tolerance, allowed);
+            }
+        }
+        RenderMode::Expected => {
+            spec.render.tolerance.get_or_insert(DEFAULT_TOLERANCE);
+        }
+        RenderMode::Waves => {
+            let render = &mut spec.render;
+            if render.wavelength_um.is_none() {
+                problems.other(
+                    "render",
+                    "`wavelength_um` is missing: mode: waves needs the wavelength in vacuum",
+                );
+            }
+            render.tolerance.get_or_insert(DEFAULT_TOLERANCE);
+            render.bandwidth_um.get_or_insert(0.0);
+            render.emission.get_or_insert_default();
+            spec.optics.lens.get_or_insert_default();
+            if let Some(factor) =
+                spec.optics.depth_factor.filter(|f| *f != 1.0 && spec.optics.layers.is_some())
+            {
+                problems.value("optics.depth_factor", factor, "1: with `layers` depths are physical");
+            }
+        }
+    }
+    if spec.optics.gaussian.is_some() {
+        let refuse = |mode, why: &str| Some((mode, format!("nothing: Gaussian spots {why}")));
+        let refused = match spec.render.mode {
+            RenderMode::Rays => None,
+            RenderMode::Expected => refuse("expected", "are not the limit of rays"),
+            RenderMode::Waves => refuse("waves", "are not diffracted"),
+        };
+        refused.into_iter().for_each(|(mode, allowed)| problems.value("render.mode", mode, &allowed));
+    }
+    if spec.render.mode != RenderMode::Waves {
+        of_waves_alone(spec, problems);
+    }
+}
+
+/// Keys that mean nothing to rays and spots.
+fn of_waves_alone(spec: &Spec, problems: &mut Problems) {
+    let (render, optics) = (&spec.render, &spec.optics);
+    let lens = optics.lens.filter(|lens| *lens != Lens::Microsig);
+    for (path, given) in [
+        ("render.wavelength_um", render.wavelength_um.is_some()),
+        ("render.bandwidth_um", render.bandwidth_um.is_some()),
+        ("render.emission", render.emission.is_some()),
+        ("optics.lens", lens.is_some()),
+        ("optics.pupil", optics.pupil.is_some()),
+        ("optics.cyl_angle_deg", optics.cyl_angle_deg.is_some()),
+        ("optics.layers", optics.layers.is_some()),
+    ] {
+        if given {
+            problems.other(path, "expected nothing, or render: (mode: waves): only waves have it");
+        }
+    }
+}
+
+/// Most images of a calibration stack.
+const MOST_STEPS: f64 = 100_000.0;
+
+/// Checks the step of the calibration stack.
+pub(super) fn calibration(spec: &Spec, (low, high): (f64, f64), problems: &mut Problems) {
+    if let Some(Calibration::EveryUm(step_um)) = spec.calibration
+        && (high - low) / step_um > MOST_STEPS
+    {
+        let least = (high - low) / MOST_STEPS;
+        problems.value(
+            "calibration.every_um",
+            step_um,
+            &format!("at least {least}: a stack has at most {MOST_STEPS} images"),
+        );
+    }
+}
+
+/// Checks light and objective of waves, each fault at its key; whether there is none.
+pub(super) fn check(spec: &Spec, settings: &Settings, problems: &mut Problems) -> bool {
+    let RendererSpec::Waves { optics, .. } = spec.renderer() else { return true };
+    // That it is missing is said already.
+    if spec.render.wavelength_um.is_none() {
+        return false;
+    }
+    match optics.validate(settings) {
+        Ok(()) => return true,
+        Err(Core::Malformed(faults)) => {
+            for fault in faults {
+                let found = fault.message.strip_prefix(&format!("{} = ", fault.source_name));
+                match found.and_then(|found| found.split_once(": expected ")) {
+                    Some((found, allowed)) => problems.value(&fault.source_name, found, allowed),
+                    None => problems.other(&fault.source_name, fault.message),
+                }
+            }
+        }
+        Err(other) => drop(problems.of::<(), _>("optics", Err(other))),
+    }
+    false
+}
+
+/// Fills in what photons leave open, and checks what else of the scenario they concern.
+pub(super) fn photons(
+    spec: &mut Spec,
+    settings: Option<&Settings>,
+    mean_um: Option<f64>,
+    problems: &mut Problems,
+) {
+    let Some(photons) = &mut spec.particles.photons else { return };
+    photons.reference_um = photons.reference_um.or(mean_um);
+    if spec.particles.c_int != Brightness::default() {
+        problems
+            .other("particles.c_int", "expected nothing: particles.photons says how bright particles are");
+    }
+    if let Some(spot) = spec.optics.gaussian.filter(|spot| spot.peak_counts == 0.0) {
+        problems.value(
+            "optics.gaussian.peak_counts",
+            spot.peak_counts,
+            "a number > 0 with particles.photons",
+        );
+    }
+    if let Some(sensor) = &spec.sensor {
+        let why = "1: with particles.photons the light is in photons, and sensor.gain_counts_per_e makes counts of it";
+        if sensor.photons_per_count != 1.0 {
+            problems.value("sensor.photons_per_count", sensor.photons_per_count, why);
+        }
+        if let Some(settings) = settings.filter(|settings| settings.gain != 1.0) {
+            problems.value("optics.gain", settings.gain, why);
+        }
+    }
+}

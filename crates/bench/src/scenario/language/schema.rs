@@ -1,0 +1,352 @@
+//! The language as a JSON Schema, as everything else reads it; [`super::derive`] derives it from the structs
+//! of `spec`.
+
+use serde_json::Value;
+
+/// A type of the language: a section, a choice, a number.
+#[derive(Debug, Clone, Copy)]
+pub struct Schema<'a> {
+    root: &'a Value,
+    /// Where the type is used: description, default and range of the key.
+    site: &'a Value,
+    /// The type itself, past `$ref` and `null`.
+    node: &'a Value,
+}
+
+/// What a value is.
+#[derive(Debug, Clone)]
+pub enum Kind<'a> {
+    /// Keys with values.
+    Section,
+    /// One of several variants.
+    Choice,
+    /// Any number of values of one type.
+    List(Schema<'a>),
+    /// A fixed number of values.
+    Tuple(Vec<Schema<'a>>),
+    /// A real number.
+    Number,
+    /// A whole number.
+    Whole,
+    /// True or false.
+    Flag,
+    /// A string.
+    Text,
+    /// Kept as written.
+    Raw,
+}
+
+/// A key or variant of the language.
+#[derive(Debug, Clone, Copy)]
+pub struct Entry<'a> {
+    /// Its name; a number within lists.
+    pub name: &'a str,
+    /// Whether it is a variant of the key before it.
+    pub is_variant: bool,
+    /// Its type; `None` for a variant without content.
+    pub schema: Option<Schema<'a>>,
+    site: &'a Value,
+}
+
+impl<'a> Schema<'a> {
+    /// The type that a whole document describes.
+    pub fn root(root: &'a Value) -> Self {
+        Schema::at(root, root)
+    }
+
+    fn at(root: &'a Value, site: &'a Value) -> Self {
+        let mut node = site;
+        loop {
+            let target = node.get("$ref").and_then(Value::as_str).and_then(|name| root.pointer(&name[1..]));
+            let inner = node.get("anyOf").and_then(Value::as_array);
+            let inner = inner.and_then(|any| any.iter().find(|one| one.get("type") != Some(&"null".into())));
+            match target.or(inner) {
+                Some(next) => node = next,
+                None => return Schema { root, site, node },
+            }
+        }
+    }
+
+    /// An attribute of the key, or else of its type.
+    pub fn attribute(&self, name: &str) -> Option<&'a Value> {
+        self.site.get(name).or_else(|| self.node.get(name))
+    }
+
+    /// The same as a text.
+    pub fn words(&self, name: &str) -> Option<&'a str> {
+        self.attribute(name).and_then(Value::as_str)
+    }
+
+    fn is(&self, name: &str) -> bool {
+        let types = self.node.get("type");
+        types == Some(&name.into())
+            || types.and_then(Value::as_array).is_some_and(|types| types.contains(&name.into()))
+    }
+
+    /// Whether the key may be left without a value.
+    pub fn is_optional(&self) -> bool {
+        let null = |any: &Value| any.get("type") == Some(&"null".into());
+        let in_any = self.site.get("anyOf").and_then(Value::as_array).is_some_and(|any| any.iter().any(null));
+        in_any || self.is("null")
+    }
+
+    /// What a value of it is.
+    pub fn kind(&self) -> Kind<'a> {
+        let count = |name| self.node.get(name).and_then(Value::as_u64);
+        if self.node.get("oneOf").is_some()
+            || self.is("string") && self.node.get("enum").is_some() && self.attribute("x-quoted").is_none()
+        {
+            Kind::Choice
+        } else if let Some(items) = self.node.get("prefixItems").and_then(Value::as_array) {
+            Kind::Tuple(items.iter().map(|item| Schema::at(self.root, item)).collect())
+        } else if let Some(items) = self.node.get("items") {
+            let item = Schema::at(self.root, items);
+            match (count("minItems"), count("maxItems")) {
+                (Some(n), Some(most)) if n == most => Kind::Tuple(vec![item; n as usize]),
+                _ => Kind::List(item),
+            }
+        } else if self.is("object") {
+            Kind::Section
+        } else if self.is("integer") {
+            Kind::Whole
+        } else if self.is("number") {
+            Kind::Number
+        } else if self.is("boolean") {
+            Kind::Flag
+        } else if self.is("string") {
+            Kind::Text
+        } else {
+            Kind::Raw
+        }
+    }
+
+    /// The keys of a section, the variants of a choice; of a list those of its items.
+    pub fn below(&self) -> Vec<Entry<'a>> {
+        let at = |site| Schema::at(self.root, site);
+        let properties =
+            |node: &'a Value| node.get("properties").and_then(Value::as_object).into_iter().flatten();
+        match self.kind() {
+            Kind::Section => properties(self.node)
+                .map(|(name, site)| Entry { name, is_variant: false, schema: Some(at(site)), site })
+                .collect(),
+            Kind::Choice => {
+                let unit = |name: &'a Value, site| {
+                    name.as_str().map(|name| Entry { name, is_variant: true, schema: None, site })
+                };
+                let one = |site: &'a Value| -> Vec<Entry<'a>> {
+                    let constant = site.get("const").and_then(|name| unit(name, site));
+                    let names = site.get("enum").and_then(Value::as_array).into_iter().flatten();
+                    let content = properties(site).map(|(name, content)| Entry {
+                        name,
+                        is_variant: true,
+                        schema: Some(at(content)),
+                        site,
+                    });
+                    constant
+                        .into_iter()
+                        .chain(names.filter_map(|name| unit(name, site)))
+                        .chain(content)
+                        .collect()
+                };
+                match self.node.get("oneOf").and_then(Value::as_array) {
+                    Some(choices) => choices.iter().flat_map(one).collect(),
+                    None => one(self.node),
+                }
+            }
+            Kind::List(item) => item.below(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// The key, variant or item of that name.
+    pub fn step(&self, name: &str) -> Option<Entry<'a>> {
+        if let Ok(i) = name.parse::<usize>() {
+            let item = match self.kind() {
+                Kind::List(item) => Some(item),
+                Kind::Tuple(items) => items.get(i).copied(),
+                _ => None,
+            };
+            return item.map(|item| Entry {
+                name: "",
+                is_variant: false,
+                schema: Some(item),
+                site: item.site,
+            });
+        }
+        self.below().into_iter().find(|entry| entry.name == name)
+    }
+
+    /// The key or variant of a path.
+    pub fn find(&self, path: &str) -> Option<Entry<'a>> {
+        let root = Entry { name: "", is_variant: false, schema: Some(*self), site: self.site };
+        path.split('.').try_fold(root, |entry, step| entry.schema?.step(step))
+    }
+
+    /// The keys that a section cannot do without.
+    pub fn required(&self) -> impl Iterator<Item = &'a str> {
+        self.node.get("required").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str)
+    }
+
+    /// Every key and variant with its path, in order. What a type holds of its own kind (fields in a sum of
+    /// fields) is not gone into again.
+    pub fn keys(&self) -> Vec<(String, Entry<'a>)> {
+        let mut keys = Vec::new();
+        self.collect("", &mut Vec::new(), &mut keys);
+        keys
+    }
+
+    fn collect(&self, path: &str, above: &mut Vec<&'a Value>, keys: &mut Vec<(String, Entry<'a>)>) {
+        if above.iter().any(|node| std::ptr::eq(*node, self.node)) {
+            return;
+        }
+        above.push(self.node);
+        let inner = if let Kind::List(item) = self.kind() { item } else { *self };
+        let again =
+            !std::ptr::eq(inner.node, self.node) && above.iter().any(|n| std::ptr::eq(*n, inner.node));
+        for entry in if again { Vec::new() } else { self.below() } {
+            let path = joined(path, entry.name);
+            keys.push((path.clone(), entry));
+            if let Some(schema) = entry.schema {
+                schema.collect(&path, above, keys);
+            }
+        }
+        above.pop();
+    }
+
+    /// What a misspelt key or variant was probably meant to be; else what there is.
+    pub fn suggestion(&self, parent: &str, name: &str) -> Option<String> {
+        let names: Vec<&str> = self
+            .find(parent)
+            .or_else(|| parent.is_empty().then(|| self.whole()))
+            .map_or_else(Vec::new, |entry| {
+                entry.schema.map_or_else(Vec::new, |schema| schema.below().iter().map(|e| e.name).collect())
+            });
+        if let Some(near) = nearest(name, names.iter().copied()) {
+            return Some(format!("did you mean `{near}`?"));
+        }
+        // Of the very name elsewhere; parameters of fields have the same names in many of them.
+        let elsewhere =
+            self.keys().into_iter().map(|(path, _)| path).filter(|path| {
+                path.rsplit('.').next() == Some(name) && !path.starts_with("motion.flow.field.")
+            });
+        if let Some(path) = elsewhere.min_by_key(String::len) {
+            return Some(format!("did you mean `{path}`?"));
+        }
+        (!names.is_empty()).then(|| format!("expected one of {}", names.join(", ")))
+    }
+
+    fn whole(&self) -> Entry<'a> {
+        Entry { name: "", is_variant: false, schema: Some(*self), site: self.site }
+    }
+
+    /// Whether a number is in range.
+    pub fn allows(&self, x: f64) -> bool {
+        let bound = |name| self.attribute(name).and_then(Value::as_f64);
+        let one_of = self.attribute("enum").and_then(Value::as_array);
+        (x.is_finite() || self.attribute("x-infinite").is_some() && x == f64::INFINITY)
+            && bound("minimum").is_none_or(|low| x >= low)
+            && bound("exclusiveMinimum").is_none_or(|low| x > low)
+            && bound("maximum").is_none_or(|high| x <= high || x.is_infinite())
+            && bound("exclusiveMaximum").is_none_or(|high| x < high)
+            && one_of.is_none_or(|values| values.iter().any(|v| v.as_f64() == Some(x)))
+    }
+
+    /// The range in words; empty if every number is allowed.
+    pub fn range(&self) -> String {
+        if let Some(words) = self.words("x-range") {
+            return words.to_owned();
+        }
+        let bound = |name| self.attribute(name).and_then(number);
+        if let Some(values) = self.attribute("enum").and_then(Value::as_array) {
+            return one_of(values.iter().filter_map(|v| number(v).or_else(|| v.as_str().map(str::to_owned))));
+        }
+        let low =
+            bound("minimum").map(|low| (low, false)).or(bound("exclusiveMinimum").map(|low| (low, true)));
+        let high =
+            bound("maximum").map(|high| (high, false)).or(bound("exclusiveMaximum").map(|high| (high, true)));
+        let range = match (low, high) {
+            (None, None) => String::new(),
+            (Some((low, false)), None) => format!(">= {low}"),
+            (Some((low, true)), None) => format!("> {low}"),
+            (Some((low, false)), Some((high, false))) => format!("{low} to {high}"),
+            (Some((low, exclusive)), Some((high, open))) => {
+                let (least, most) = (if exclusive { ">" } else { ">=" }, if open { "<" } else { "<=" });
+                format!("{least} {low} and {most} {high}")
+            }
+            (None, Some((high, open))) => format!("{} {high}", if open { "<" } else { "<=" }),
+        };
+        if self.attribute("x-infinite").is_some() { format!("{range}, or inf") } else { range }
+    }
+
+    /// Type, range and unit in words.
+    pub fn allowed(&self) -> String {
+        let (unit, range) = (self.words("x-unit").unwrap_or_default(), self.range());
+        let with = |what: &str| {
+            let range = range.split("; unless given").next().unwrap_or_default();
+            let (range, join) = match range
+                .strip_prefix("finite")
+                .or(Some("").filter(|_| ["", "any"].contains(&range)))
+            {
+                Some(rest) => (format!("a finite {what}{rest}").replace("finite whole", "whole"), ", in "),
+                None if range.starts_with(['>', '<']) => (format!("a {what} {range}"), " "),
+                None => (format!("a {what}, {range}"), " "),
+            };
+            if unit.is_empty() { range } else { format!("{range}{join}{unit}") }
+        };
+        match self.kind() {
+            Kind::Section => "values in round brackets".to_owned(),
+            Kind::Choice => one_of(self.below().iter().map(|entry| entry.name.to_owned())),
+            Kind::List(_) => "a list in square brackets".to_owned(),
+            Kind::Tuple(items) => format!("{} values in round brackets", items.len()),
+            Kind::Number => with("number"),
+            Kind::Whole => with("whole number"),
+            Kind::Flag => "true or false".to_owned(),
+            Kind::Text if range.is_empty() => "a text in quotes".to_owned(),
+            Kind::Text => range,
+            Kind::Raw => "a value".to_owned(),
+        }
+    }
+}
+
+impl<'a> Entry<'a> {
+    /// What it means: the first paragraph of its doc comment, or of its type's.
+    pub fn meaning(&self) -> String {
+        let own = self.site.get("description").and_then(Value::as_str);
+        let text =
+            own.or_else(|| self.schema.and_then(|schema| schema.words("description"))).unwrap_or_default();
+        text.split("\n\n").next().unwrap_or_default().split_whitespace().collect::<Vec<_>>().join(" ")
+    }
+
+    /// An attribute of the key, of the variant, or of its type.
+    pub fn attribute(&self, name: &str) -> Option<&'a Value> {
+        self.site.get(name).or_else(|| self.schema.and_then(|schema| schema.attribute(name)))
+    }
+
+    /// The same as a text.
+    pub fn words(&self, name: &str) -> Option<&'a str> {
+        self.attribute(name).and_then(Value::as_str)
+    }
+}
+
+/// A path with one step more.
+pub(crate) fn joined(path: &str, step: &str) -> String {
+    if path.is_empty() { step.to_owned() } else { format!("{path}.{step}") }
+}
+
+/// The word most like `name`, if one is near enough.
+pub fn nearest<'a>(name: &str, words: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let likeness = |word: &str| strsim::jaro_winkler(word, name);
+    let near = words.into_iter().map(|word| (likeness(word), word)).filter(|&(likeness, _)| likeness > 0.75);
+    near.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, word)| word)
+}
+
+/// `one of a, b, c`.
+fn one_of(names: impl Iterator<Item = String>) -> String {
+    format!("one of {}", names.collect::<Vec<_>>().join(", "))
+}
+
+/// A number as people write it.
+fn number(value: &Value) -> Option<String> {
+    let x = value.as_f64()?;
+    Some(if x != 0.0 && !(1e-4..1e7).contains(&x.abs()) { format!("{x:e}") } else { format!("{x}") })
+}

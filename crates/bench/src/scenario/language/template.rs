@@ -1,0 +1,142 @@
+//! `microsig new`: every key of a schema, commented, with its default or an example.
+
+use serde_json::Value;
+
+use super::schema::{Entry, Kind, Schema};
+use super::write::ron;
+
+/// Width of a line of comments.
+const WIDTH: usize = 118;
+
+/// More variants than these are not listed.
+const MAX_VARIANTS: usize = 12;
+
+/// A commented document of every key; `values` is a document with every default filled in.
+pub(crate) fn template(schema: Schema<'_>, values: &Value, header: &str) -> String {
+    let mut text = String::new();
+    comment(&mut text, "", "", header);
+    text.push_str("(\n");
+    section(&mut text, schema, Some(values), 1, false);
+    text + ")\n"
+}
+
+/// A value that fits: an example, the default, or one made of those of its parts.
+pub(crate) fn sample(schema: Schema<'_>) -> Option<Value> {
+    let example = schema.attribute("examples").and_then(|examples| examples.get(0));
+    if let Some(value) = example.or(schema.attribute("default").filter(|value| !value.is_null())) {
+        return Some(value.clone());
+    }
+    let number = |name| schema.attribute(name).and_then(Value::as_f64);
+    Some(match schema.kind() {
+        Kind::Section => {
+            let required =
+                schema.required().map(|key| Some((key.to_owned(), sample(schema.step(key)?.schema?)?)));
+            Value::Object(required.collect::<Option<_>>()?)
+        }
+        Kind::Choice => {
+            let first = *schema.below().first()?;
+            match first.schema {
+                None => first.name.into(),
+                Some(inner) => Value::Object([(first.name.to_owned(), sample(inner)?)].into_iter().collect()),
+            }
+        }
+        Kind::List(_) => Value::Array(Vec::new()),
+        Kind::Tuple(types) => types.into_iter().map(sample).collect::<Option<Vec<_>>>()?.into(),
+        Kind::Number => {
+            match (number("exclusiveMinimum"), number("maximum").or(number("exclusiveMaximum"))) {
+                (Some(low), Some(high)) => 0.5 * (low + high),
+                (low, _) => number("minimum").or(low.map(|low| low + 1.0)).unwrap_or(1.0),
+            }
+            .into()
+        }
+        Kind::Whole => number("minimum").map_or(1, |low| (low as u64).max(1)).into(),
+        Kind::Flag => false.into(),
+        Kind::Text => "text".into(),
+        Kind::Raw => "1".into(),
+    })
+}
+
+fn section(text: &mut String, schema: Schema<'_>, values: Option<&Value>, depth: usize, is_out: bool) {
+    for entry in schema.below() {
+        let Some(inner) = entry.schema else { continue };
+        let value = values.and_then(|values| values.get(entry.name)).filter(|value| !value.is_null());
+        let follows = entry.attribute("x-default").is_some() || inner.is_optional() && depth > 2;
+        let is_infinite = inner.attribute("x-infinite").is_some();
+        // A default that follows from other keys would no longer follow once written.
+        let out = is_out
+            || value.is_none() && !is_infinite
+            || follows && (depth > 2 || !matches!(inner.kind(), Kind::Choice));
+        let written = value.cloned().or_else(|| if is_infinite { Some(Value::Null) } else { sample(inner) });
+        let Some(written) = written else { continue };
+        let indent = "    ".repeat(depth) + if out { "// " } else { "" };
+        about(text, &entry, inner, depth, value.is_some() || is_out);
+        let content = |text: &mut String, inner, value: &Value, name: &str| {
+            *text += &format!("{indent}{}: {name}(\n", entry.name);
+            section(text, inner, Some(value), depth + 1, out);
+            *text += &format!("{indent}),\n");
+        };
+        let variant = written.as_object().and_then(|one| one.iter().next());
+        let variant = variant.filter(|_| matches!(inner.kind(), Kind::Choice));
+        let of_variant = variant.and_then(|(name, value)| Some((name, value, inner.step(name)?.schema?)));
+        match (inner.kind(), of_variant) {
+            (Kind::Section, _) => content(text, inner, &written, ""),
+            (_, Some((name, value, schema))) if matches!(schema.kind(), Kind::Section) => {
+                content(text, schema, value, name);
+            }
+            _ => *text += &format!("{indent}{}: {},\n", entry.name, ron(&written, inner)),
+        }
+        if depth == 1 && matches!(inner.kind(), Kind::Section) {
+            text.push('\n');
+        }
+    }
+}
+
+/// Meaning, unit, range and variants of a key.
+fn about(text: &mut String, entry: &Entry<'_>, schema: Schema<'_>, depth: usize, is_given: bool) {
+    let indent = "    ".repeat(depth) + "// ";
+    let (unit, range) = (schema.words("x-unit").unwrap_or_default(), schema.range());
+    let default = match entry.words("x-default") {
+        Some(words) => format!("default: {words}"),
+        None if !is_given && schema.is_optional() => "default: none".to_owned(),
+        None => String::new(),
+    };
+    let is_number = matches!(schema.kind(), Kind::Number | Kind::Whole | Kind::Tuple(_));
+    let range = if is_number || entry.words("x-quoted").is_some() { range } else { String::new() };
+    let range = if unit.is_empty() || range.is_empty() {
+        format!("{range}{unit}")
+    } else {
+        format!("{unit}, {range}")
+    };
+    let facts: Vec<String> = [range, default].into_iter().filter(|fact| !fact.is_empty()).collect();
+    let facts = if facts.is_empty() { String::new() } else { format!(" [{}]", facts.join("; ")) };
+    comment(text, &indent, "", &(entry.meaning() + &facts));
+    let variants = if let Kind::Choice = schema.kind() { schema.below() } else { Vec::new() };
+    if variants.len() > MAX_VARIANTS {
+        let names: Vec<&str> = variants.iter().map(|variant| variant.name).collect();
+        comment(text, &indent, "  ", &format!("One of {}.", names.join(", ")));
+        return;
+    }
+    for variant in variants {
+        let example = variant.schema.and_then(sample).zip(variant.schema);
+        let content = example.map_or_else(String::new, |(value, schema)| ron(&value, schema));
+        let content =
+            if content.is_empty() || content.starts_with('(') { content } else { format!("({content})") };
+        comment(text, &indent, "  ", &format!("{}{content}: {}", variant.name, variant.meaning()));
+    }
+}
+
+/// Words as lines of a comment, the later ones moved in.
+fn comment(text: &mut String, indent: &str, hanging: &str, words: &str) {
+    let indent = if indent.is_empty() { "// " } else { indent };
+    let mut line = format!("{indent}{hanging}");
+    let start = line.len();
+    for word in words.split_whitespace() {
+        if line.len() > start && line.chars().count() + word.chars().count() > WIDTH {
+            *text += &format!("{}\n", line.trim_end());
+            line = format!("{indent}{hanging}  ");
+        }
+        line += word;
+        line.push(' ');
+    }
+    *text += &format!("{}\n", line.trim_end());
+}

@@ -1,0 +1,98 @@
+//! How images are made, as scenarios write it: the renderer and its options.
+
+use clap::ValueEnum;
+use microsig_core::emission::SpheroidLaw;
+use microsig_core::render::expected::{DEFAULT_TOLERANCE, TOLERANCES};
+use microsig_core::render::waves;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// How images are made.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Render {
+    /// The renderer.
+    pub mode: RenderMode,
+    /// From which points of a spheroid's surface rays start.
+    pub spheroids: SpheroidPoints,
+    /// For `waves`: wavelength in vacuum, the center of the band that the camera sees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.1, max = 2.0), example = 0.52)]
+    pub wavelength_um: Option<f64>,
+    /// For `waves`: full width of the (Gaussian) band at half maximum, at most 0.3 wavelengths; 0 is
+    /// monochromatic light.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(
+        range(min = 0.0, max = 0.6),
+        extend("x-default" = "0 if `mode` is `waves`"),
+        example = 0.03
+    )]
+    pub bandwidth_um: Option<f64>,
+    /// For `waves`: where light leaves a particle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "surface if `mode` is `waves`"))]
+    pub emission: Option<Emission>,
+    /// For `expected`: root-mean-square error of an image as a fraction of its peak; for `waves`: the largest
+    /// error.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(
+        range(min = *TOLERANCES.start(), max = *TOLERANCES.end()),
+        extend("x-default" = format!("{DEFAULT_TOLERANCE} if `mode` is `expected` or `waves`")),
+        example = DEFAULT_TOLERANCE
+    )]
+    pub tolerance: Option<f64>,
+}
+
+/// From which points of a spheroid's surface rays start.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum SpheroidPoints {
+    /// As in MicroSIG's program: denser toward the poles.
+    #[default]
+    Original,
+    /// Uniform in area, as the paper describes it.
+    Uniform,
+}
+
+impl From<SpheroidPoints> for SpheroidLaw {
+    fn from(points: SpheroidPoints) -> Self {
+        match points {
+            SpheroidPoints::Original => SpheroidLaw::Original,
+            SpheroidPoints::Uniform => SpheroidLaw::Uniform,
+        }
+    }
+}
+
+/// Where light leaves a particle.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum Emission {
+    /// The half of its surface that faces the lens, MicroSIG's law.
+    #[default]
+    Surface,
+    /// Its whole volume: a transparent particle dyed throughout.
+    Volume,
+}
+
+impl From<Emission> for waves::Emission {
+    fn from(emission: Emission) -> Self {
+        match emission {
+            Emission::Surface => waves::Emission::Surface,
+            Emission::Volume => waves::Emission::Volume,
+        }
+    }
+}
+
+/// A renderer.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum RenderMode {
+    /// Counts of discrete rays, the method of the paper.
+    #[default]
+    Rays,
+    /// The limit of many rays, without their noise; for shot noise add `sensor: (shot_noise: true)`.
+    Expected,
+    /// Diffraction at the lens (scalar wave optics; spheres only), without noise of rays; needs
+    /// `wavelength_um`.
+    Waves,
+}

@@ -1,0 +1,16 @@
+//! The scenarios and sweeps that the program carries.
+
+use include_dir::{Dir, include_dir};
+
+/// The folder `scenarios/`.
+pub static SHIPPED: Dir<'static> = include_dir!("$CARGO_MANIFEST_DIR/../../scenarios");
+
+/// Name and text of each scenario and sweep, in order of names.
+pub fn shipped() -> Vec<(&'static str, &'static str)> {
+    let mut all: Vec<_> = SHIPPED
+        .files()
+        .filter_map(|file| Some((file.path().to_str()?.strip_suffix(".ron")?, file.contents_utf8()?)))
+        .collect();
+    all.sort_unstable();
+    all
+}

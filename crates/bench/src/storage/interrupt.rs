@@ -1,0 +1,141 @@
+//! Cleanup on interruption: temporary files and folders, and locks, are removed when a signal ends the
+//! program.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use super::removal;
+use crate::error::{Error, Result};
+
+/// A path and how it is cleaned up.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Place {
+    File(PathBuf),
+    /// A temporary folder of this process, removed with all its contents.
+    Folder(PathBuf),
+    /// A folder under construction: only files written by microsig are removed.
+    Partial(PathBuf),
+    /// A folder under construction that a later run can resume: only temporary files are removed.
+    Resumable(PathBuf),
+}
+
+static PLACES: Mutex<Vec<Place>> = Mutex::new(Vec::new());
+static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+
+/// Guard: the path is cleaned up if the program is interrupted while the guard exists.
+#[derive(Debug)]
+pub(crate) struct Temporary(Place);
+
+impl Temporary {
+    pub(crate) fn file(path: &Path) -> Self {
+        Temporary::new(Place::File(path.to_owned()))
+    }
+
+    pub(crate) fn partial(path: &Path, resumable: bool) -> Self {
+        let path = path.to_owned();
+        Temporary::new(if resumable { Place::Resumable(path) } else { Place::Partial(path) })
+    }
+
+    fn new(place: Place) -> Self {
+        PLACES.lock().unwrap_or_else(PoisonError::into_inner).push(place.clone());
+        Temporary(place)
+    }
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        let mut places = PLACES.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(i) = places.iter().rposition(|place| *place == self.0) {
+            places.remove(i);
+        }
+    }
+}
+
+/// A temporary folder that is removed with all its contents, also when the program is interrupted.
+#[derive(Debug)]
+pub struct TemporaryFolder {
+    folder: tempfile::TempDir,
+    _temporary: Temporary,
+}
+
+impl TemporaryFolder {
+    /// Creates the folder in the system's temporary directory.
+    ///
+    /// # Errors
+    /// An I/O error.
+    pub fn new() -> Result<Self> {
+        let folder = tempfile::tempdir().map_err(Error::write(&std::env::temp_dir()))?;
+        let _temporary = Temporary::new(Place::Folder(folder.path().to_owned()));
+        Ok(TemporaryFolder { folder, _temporary })
+    }
+
+    /// Path of the folder.
+    pub fn path(&self) -> &Path {
+        self.folder.path()
+    }
+}
+
+/// Called by the first interruption, instead of exiting.
+static ENDING: Mutex<Option<Box<dyn Fn() + Send>>> = Mutex::new(None);
+
+/// Lets a program that runs until it is interrupted end by itself: the first signal calls `end`, the second
+/// one exits.
+pub fn on_interrupt(end: impl Fn() + Send + 'static) {
+    *ENDING.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(end));
+}
+
+/// Exit code of an interrupted program, the shell convention for SIGINT.
+const EXIT_CODE: i32 = 130;
+
+/// Installs a handler that cleans up and exits on SIGINT, SIGTERM and SIGHUP (Ctrl-C on Windows).
+///
+/// # Errors
+/// A handler is already installed.
+pub fn clean_up_on_signals() -> Result<()> {
+    ctrlc::set_handler(|| {
+        if let Some(end) = ENDING.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            return end();
+        }
+        INTERRUPTED.store(true, Ordering::SeqCst);
+        // Held until exit, so that no path is added.
+        let places = PLACES.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut resumable = false;
+        for place in places.iter().rev() {
+            // Errors cannot be reported any more.
+            let _ = match place {
+                Place::File(path) => std::fs::remove_file(path).map_err(Error::write(path)),
+                Place::Folder(path) => again(|| std::fs::remove_dir_all(path).map_err(Error::write(path))),
+                Place::Partial(path) => again(|| removal::remove_own(path)),
+                Place::Resumable(path) => {
+                    resumable = true;
+                    removal::remove_temporaries(path)
+                }
+            };
+        }
+        let hint = if resumable { "; --resume continues this run" } else { "" };
+        let _ = writeln!(std::io::stderr().lock(), "interrupted{hint}");
+        std::process::exit(EXIT_CODE);
+    })
+    .map_err(|e| Error::input(format!("signals: {e}")))
+}
+
+/// Retries, since other threads may still complete a file while a folder is being emptied.
+fn again(remove: impl Fn() -> Result<()>) -> Result<()> {
+    const TRIES: u32 = 20;
+    for _ in 1..TRIES {
+        if remove().is_ok() {
+            return Ok(());
+        }
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    remove()
+}
+
+/// Blocks forever if the program is being interrupted, so that no new file is started.
+pub(crate) fn pause_if_interrupted() {
+    while INTERRUPTED.load(Ordering::SeqCst) {
+        std::thread::park();
+    }
+}

@@ -1,0 +1,132 @@
+//! A lock held by a process while it writes a folder, so that two runs never write the same folder.
+//!
+//! It is an operating system lock on the file `.NAME.lock` next to the folder, released when the process ends
+//! for whatever reason: after a crash the file may remain, but it blocks nobody. docs/cluster.md describes
+//! network file systems.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{ErrorKind, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+
+use super::interrupt::Temporary;
+use super::journal;
+use crate::error::{Error, Result};
+
+/// A held lock.
+#[derive(Debug)]
+pub(crate) struct FolderLock {
+    path: PathBuf,
+    // Unlocked when closed, after the file has been removed.
+    _file: Option<File>,
+    _temporary: Temporary,
+}
+
+impl FolderLock {
+    /// Locks a folder, which need not exist.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] if another process holds the lock; an I/O error.
+    pub(crate) fn take(folder: &Path) -> Result<Self> {
+        let Some(name) = folder.file_name() else {
+            return Err(Error::input(format!("{}: expected the name of a folder", folder.display())));
+        };
+        let mut lock = std::ffi::OsString::from(".");
+        lock.push(name);
+        lock.push(".lock");
+        let mut path = folder.with_file_name(lock);
+        if let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+            std::fs::create_dir_all(parent).map_err(Error::write(parent))?;
+        }
+        journal::record_started(&path)?;
+        loop {
+            let mut file = match open(&path) {
+                // The parent folder is read-only: use a lock file inside the folder.
+                Err(e) if e.kind() == ErrorKind::PermissionDenied && folder.is_dir() => {
+                    path = folder.join(".microsig.lock");
+                    open(&path)
+                }
+                opened => opened,
+            }
+            .map_err(Error::write(&path))?;
+            match file.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => {
+                    let mut owner = String::new();
+                    // Best effort: the message is less specific without the owner.
+                    let _ = Read::take(&file, 1 << 10).read_to_string(&mut owner);
+                    let owner = owner.trim();
+                    let owner = if owner.is_empty() { "another process" } else { owner };
+                    return Err(Error::Busy { path: folder.to_owned(), owner: owner.to_owned() });
+                }
+                Err(TryLockError::Error(e)) => {
+                    let _ = writeln!(
+                        std::io::stderr().lock(),
+                        "warning: {}: this file system has no locks ({e}); two runs into one folder are not prevented",
+                        path.display()
+                    );
+                    let _temporary = Temporary::file(&path);
+                    return Ok(FolderLock { path, _file: None, _temporary });
+                }
+            }
+            // The previous owner may have removed the file between open and lock.
+            if !is_still_at(&file, &path) {
+                continue;
+            }
+            let _temporary = Temporary::file(&path);
+            let owner =
+                format!("process {} on {}\n", std::process::id(), gethostname::gethostname().display());
+            file.set_len(0)
+                .and_then(|()| file.rewind())
+                .and_then(|()| file.write_all(owner.as_bytes()))
+                .map_err(Error::write(&path))?;
+            return Ok(FolderLock { path, _file: Some(file), _temporary });
+        }
+    }
+}
+
+fn open(path: &Path) -> std::io::Result<File> {
+    OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path)
+}
+
+impl Drop for FolderLock {
+    fn drop(&mut self) {
+        // Removed while locked, so that a process that opened the file earlier sees that it is gone. A
+        // remaining file is harmless.
+        let _ = std::fs::remove_file(&self.path);
+    }
+}
+
+#[cfg(unix)]
+fn is_still_at(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    match (file.metadata(), std::fs::symlink_metadata(path)) {
+        (Ok(a), Ok(b)) => (a.dev(), a.ino()) == (b.dev(), b.ino()),
+        _ => false,
+    }
+}
+
+/// On other systems an open file cannot be removed.
+#[cfg(not(unix))]
+fn is_still_at(_: &File, path: &Path) -> bool {
+    path.exists()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_second_run_is_told_who_holds_the_lock_and_a_file_left_behind_stops_nobody() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("set");
+        let held = FolderLock::take(&folder).unwrap();
+        let message = FolderLock::take(&folder).unwrap_err().to_string();
+        assert!(message.contains(&format!("process {} on ", std::process::id())), "{message}");
+        drop(held);
+        assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 0);
+        // As a killed process leaves it.
+        std::fs::write(place.path().join(".set.lock"), "process 1 on elsewhere\n").unwrap();
+        drop(FolderLock::take(&folder).unwrap());
+        assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 0);
+    }
+}

@@ -1,0 +1,133 @@
+//! Safe removal of folders written by microsig: only files listed in a journal or in a dataset's checksums
+//! are removed.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use super::checksums::{self, SHA256SUMS};
+use super::input::read_text;
+use super::journal::{self, JOURNAL};
+use super::walk::files_below;
+use crate::error::{Error, Result};
+
+/// Prefix of temporary files, by which a later run recognizes files left by an interrupted one.
+pub(super) const TEMPORARY: &str = ".unfinished-";
+
+/// Files that microsig wrote into a folder, from its journal or from a dataset's checksums. `None` if it has
+/// neither.
+fn listed(folder: &Path) -> Result<Option<BTreeSet<String>>> {
+    /// The part of a manifest that identifies the generator.
+    #[derive(Deserialize)]
+    struct Head {
+        microsig: Generator,
+    }
+    #[derive(Deserialize)]
+    struct Generator {
+        generator: String,
+    }
+    if let Some(listing) = journal::read(folder)? {
+        let mut files = listing.files;
+        files.insert(JOURNAL.to_owned());
+        return Ok(Some(files));
+    }
+    let (sums, manifest) = (folder.join(SHA256SUMS), folder.join("datapackage.json"));
+    if !sums.is_file() || !manifest.is_file() {
+        return Ok(None);
+    }
+    let head: Option<Head> = serde_json::from_str(&read_text(&manifest)?).ok();
+    if head.is_none_or(|head| head.microsig.generator != "microsig") {
+        return Ok(None);
+    }
+    let sums = checksums::read(&read_text(&sums)?, &sums.display().to_string())?;
+    Ok(Some(sums.into_keys().chain([SHA256SUMS.to_owned()]).collect()))
+}
+
+/// The files and the folders to remove, each folder after its contents.
+///
+/// # Errors
+/// Foreign files, the first of which are named.
+pub(super) fn plan(folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>)> {
+    let (mut files, mut folders, mut foreign) = (Vec::new(), Vec::new(), Vec::new());
+    walk(folder, &mut Vec::new(), &mut files, &mut folders, &mut foreign)?;
+    if foreign.is_empty() {
+        return Ok((files, folders));
+    }
+    const NAMED: usize = 3;
+    let named: Vec<String> = foreign.iter().take(NAMED).map(|path| path.display().to_string()).collect();
+    let more =
+        if foreign.len() > NAMED { format!(" and {} more", foreign.len() - NAMED) } else { String::new() };
+    Err(Error::input(format!(
+        "{}: contains files that microsig did not write: {}{more}; move them elsewhere first, or remove the folder yourself",
+        folder.display(),
+        named.join(", ")
+    )))
+}
+
+/// Visits a folder; `lists` holds the parent folders with their lists of files.
+fn walk(
+    folder: &Path,
+    lists: &mut Vec<(PathBuf, BTreeSet<String>)>,
+    files: &mut Vec<PathBuf>,
+    folders: &mut Vec<PathBuf>,
+    foreign: &mut Vec<PathBuf>,
+) -> Result<()> {
+    // A nested folder may have its own list, like the datasets of a release.
+    let own = listed(folder)?.map(|list| (folder.to_owned(), list));
+    let depth = lists.len();
+    lists.extend(own);
+    let mut entries = std::fs::read_dir(folder)
+        .and_then(Iterator::collect::<std::io::Result<Vec<_>>>)
+        .map_err(|e| Error::read(folder, e))?;
+    entries.sort_by_key(std::fs::DirEntry::file_name);
+    for entry in entries {
+        let place = entry.path();
+        let is_listed = |(root, list): &(PathBuf, BTreeSet<String>)| {
+            place.strip_prefix(root).is_ok_and(|within| list.contains(&journal::slashed(within)))
+        };
+        // Symbolic links are treated as files, whatever they point to.
+        if entry.file_type().map_err(|e| Error::read(&place, e))?.is_dir() {
+            walk(&place, lists, files, folders, foreign)?;
+        } else if entry.file_name().to_string_lossy().starts_with(TEMPORARY) || lists.iter().any(is_listed) {
+            files.push(place);
+        } else {
+            foreign.push(place);
+        }
+    }
+    lists.truncate(depth);
+    folders.push(folder.to_owned());
+    Ok(())
+}
+
+/// Removes a folder that contains only files written by microsig.
+///
+/// # Errors
+/// Foreign files: they are named, and nothing is removed; an I/O error.
+pub(super) fn remove_own(folder: &Path) -> Result<()> {
+    let (mut files, folders) = plan(folder)?;
+    // The lists are removed last, so that the removal can be completed after a crash.
+    files.sort_by_key(|path| path.ends_with(JOURNAL) || path.ends_with(SHA256SUMS));
+    let gone = |e: &std::io::Error| e.kind() == std::io::ErrorKind::NotFound;
+    for file in files {
+        std::fs::remove_file(&file)
+            .or_else(|e| if gone(&e) { Ok(()) } else { Err(e) })
+            .map_err(Error::write(&file))?;
+    }
+    for folder in folders {
+        std::fs::remove_dir(&folder)
+            .or_else(|e| if gone(&e) { Ok(()) } else { Err(e) })
+            .map_err(Error::write(&folder))?;
+    }
+    Ok(())
+}
+
+/// Removes temporary files below a folder under construction.
+pub(super) fn remove_temporaries(folder: &Path) -> Result<()> {
+    let is_temporary = |file: &str| file.rsplit('/').next().is_some_and(|name| name.starts_with(TEMPORARY));
+    for file in files_below(folder)?.into_iter().filter(|file| is_temporary(file)) {
+        let path = folder.join(file);
+        std::fs::remove_file(&path).map_err(Error::write(&path))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,382 @@
+//! The final fit of a frame: maximum likelihood for all particles, jointly for overlapping ones.
+//!
+//! Counts are modeled as normally distributed around background plus light, with the noise variance at the
+//! modeled light, so that maximum likelihood is minimum chi^2. Particles with overlapping images are fitted
+//! as a group (Levenberg-Marquardt), one group after the other with all other particles subtracted. Variances
+//! and background are updated in every round.
+
+use super::denoise::PixelNoise;
+use super::fit::ParticleFit;
+use super::gray_image::GrayImage;
+use super::images::{ImagePatch, ParticleImages};
+use super::search::is_particle;
+
+/// Number of rounds over all groups.
+const ROUNDS: usize = 3;
+
+/// Particles are fitted together if their weighted images correlate by more than this.
+const OVERLAP: f64 = 0.1;
+
+/// Maximum number of particles in a group.
+const MOST_TOGETHER: usize = 8;
+
+/// Maximum number of iterations of a fit.
+const MAX_ITERATIONS: usize = 12;
+
+/// Convergence: reduction of chi^2 in one iteration.
+const CONVERGED: f64 = 1e-3;
+
+/// Model of the particle images and of the noise of a frame.
+pub(super) struct Model<'a> {
+    pub(super) images: &'a dyn ParticleImages,
+    pub(super) noise: PixelNoise,
+    /// Relative error of the images.
+    pub(super) error: f32,
+    /// Scale of depth changes, um.
+    pub(super) step_um: f64,
+}
+
+/// A frame during the fit.
+struct Frame<'a> {
+    model: &'a Model<'a>,
+    size: (usize, usize),
+    /// Counts minus background and light of all particles.
+    residual: Vec<f32>,
+    weight: Vec<f32>,
+}
+
+/// Fits all particles of a frame, starting from the result of the search and an estimate of the background
+/// level.
+pub(super) fn fit_all(
+    image: &GrayImage,
+    mut level: f32,
+    model: &Model,
+    mut particles: Vec<ParticleFit>,
+) -> Vec<ParticleFit> {
+    for _ in 0..ROUNDS {
+        let mut frame = Frame::new(image, level, model, &particles);
+        level += frame.adjust_background();
+        for group in frame.groups(&particles) {
+            frame.fit(&mut particles, &group);
+        }
+        particles.retain(is_particle);
+    }
+    particles
+}
+
+impl<'a> Frame<'a> {
+    fn new(image: &GrayImage, level: f32, model: &'a Model<'a>, particles: &[ParticleFit]) -> Self {
+        let size = (image.width, image.height);
+        let mut light = vec![0.0f32; image.counts.len()];
+        for particle in particles {
+            let amplitude = particle.amplitude as f32;
+            for (i, [t, ..]) in model.patch(particle).pixels(size) {
+                light[i] += amplitude * t;
+            }
+        }
+        let weight =
+            light.iter().map(|l| 1.0 / (model.noise.variance(*l) + (model.error * l).powi(2))).collect();
+        let residual = image.counts.iter().zip(&light).map(|(c, l)| c - level - l).collect();
+        Frame { model, size, residual, weight }
+    }
+
+    /// Fits the background level; returns its change.
+    fn adjust_background(&mut self) -> f32 {
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for (r, w) in self.residual.iter().zip(&self.weight) {
+            sum += f64::from(w * r);
+            weights += f64::from(*w);
+        }
+        let change = (sum / weights) as f32;
+        self.residual.iter_mut().for_each(|r| *r -= change);
+        change
+    }
+
+    /// Groups of overlapping particles, as indices.
+    fn groups(&self, particles: &[ParticleFit]) -> Vec<Vec<usize>> {
+        let patches: Vec<ImagePatch> = particles.iter().map(|p| self.model.patch(p)).collect();
+        let product = |a: &ImagePatch, b: &ImagePatch| {
+            let pixels = common(a, b, self.size);
+            pixels.map(|(i, l, k)| f64::from(self.weight[i] * l[0] * k[0])).sum::<f64>()
+        };
+        let own: Vec<f64> = patches.iter().map(|p| product(p, p)).collect();
+        let mut edges = Vec::new();
+        for i in 0..patches.len() {
+            for j in i + 1..patches.len() {
+                let correlation = product(&patches[i], &patches[j]) / (own[i] * own[j]).sqrt();
+                if correlation > OVERLAP {
+                    edges.push((correlation, i, j));
+                }
+            }
+        }
+        edges.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        let mut group_of: Vec<usize> = (0..particles.len()).collect();
+        let mut groups: Vec<Vec<usize>> = (0..particles.len()).map(|i| vec![i]).collect();
+        for (_, i, j) in edges {
+            let (a, b) = (group_of[i].min(group_of[j]), group_of[i].max(group_of[j]));
+            if a != b && groups[a].len() + groups[b].len() <= MOST_TOGETHER {
+                let moved = std::mem::take(&mut groups[b]);
+                moved.iter().for_each(|&k| group_of[k] = a);
+                groups[a].extend(moved);
+            }
+        }
+        groups.retain(|group| !group.is_empty());
+        groups
+    }
+
+    /// Fits a group of particles with all other particles subtracted.
+    fn fit(&mut self, particles: &mut [ParticleFit], group: &[usize]) {
+        let start: Vec<ParticleFit> = group.iter().map(|&k| particles[k]).collect();
+        let before: Vec<ImagePatch> = start.iter().map(|p| self.model.patch(p)).collect();
+        for (patch, particle) in before.iter().zip(&start) {
+            self.add(patch, particle.amplitude);
+        }
+        let fitted = Region::new(self, &start).fitted(start);
+        for (k, particle) in group.iter().zip(fitted) {
+            self.add(&self.model.patch(&particle), -particle.amplitude);
+            particles[*k] = particle;
+        }
+    }
+
+    fn add(&mut self, patch: &ImagePatch, amplitude: f64) {
+        for (i, [t, ..]) in patch.pixels(self.size) {
+            self.residual[i] += amplitude as f32 * t;
+        }
+    }
+}
+
+/// A rectangle of the frame around a group, with all other particles subtracted.
+struct Region<'a> {
+    model: &'a Model<'a>,
+    corner: [isize; 2],
+    size: (usize, usize),
+    data: Vec<f32>,
+    weight: Vec<f32>,
+    /// Half widths of the particle images, px.
+    radii: Vec<usize>,
+}
+
+/// A state of the fit: particles, their images, and the residual.
+struct State {
+    particles: Vec<ParticleFit>,
+    patches: Vec<ImagePatch>,
+    residual: Vec<f32>,
+    chi2: f64,
+}
+
+impl<'a> Region<'a> {
+    fn new(frame: &Frame<'a>, particles: &[ParticleFit]) -> Self {
+        let model = frame.model;
+        let radii: Vec<usize> =
+            particles.iter().map(|p| model.images.radius_px(p.z_um, model.step_um)).collect();
+        let limits = [frame.size.0, frame.size.1].map(|n| n as isize);
+        let side = |axis: usize| {
+            let ends = particles.iter().zip(&radii).map(|(p, &r)| {
+                let middle = p.at[axis].round() as isize;
+                (middle - r as isize, middle + r as isize + 1)
+            });
+            let (low, high) = ends.fold((isize::MAX, isize::MIN), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+            let low = low.clamp(0, limits[axis]);
+            (low, (high.clamp(low, limits[axis]) - low) as usize)
+        };
+        let ((x0, width), (y0, height)) = (side(0), side(1));
+        let cut = |values: &[f32]| -> Vec<f32> {
+            let row = |y: usize| &values[(y0 as usize + y) * frame.size.0 + x0 as usize..][..width];
+            (0..height).flat_map(|y| row(y).iter().copied()).collect()
+        };
+        let (data, weight) = (cut(&frame.residual), cut(&frame.weight));
+        Region { model, corner: [x0, y0], size: (width, height), data, weight, radii }
+    }
+
+    /// The particles at the minimum of chi^2.
+    fn fitted(&self, start: Vec<ParticleFit>) -> Vec<ParticleFit> {
+        let mut now = self.state(start);
+        let mut damping = 1e-3;
+        let mut equations = self.equations(&now);
+        for _ in 0..MAX_ITERATIONS {
+            let Some(change) = equations.solved(damping) else { break };
+            let moved = now.particles.iter().zip(change.chunks(4)).map(|(p, c)| self.model.moved(p, c));
+            let next = self.state(moved.collect());
+            if next.chi2 < now.chi2 {
+                let chi2_reduction = now.chi2 - next.chi2;
+                now = next;
+                if chi2_reduction < CONVERGED {
+                    break;
+                }
+                damping = (0.1 * damping).max(1e-8);
+                equations = self.equations(&now);
+            } else if now.chi2 - next.chi2 > -CONVERGED || damping > 1e3 {
+                break;
+            } else {
+                damping *= 10.0;
+            }
+        }
+        self.judged(&now)
+    }
+
+    fn state(&self, particles: Vec<ParticleFit>) -> State {
+        let patches: Vec<ImagePatch> = particles
+            .iter()
+            .zip(&self.radii)
+            .map(|(p, &radius)| {
+                let mut patch = self.model.images.patch(p.at, p.z_um, radius);
+                patch.middle = std::array::from_fn(|axis| patch.middle[axis] - self.corner[axis]);
+                patch
+            })
+            .collect();
+        let mut residual = self.data.clone();
+        for (patch, particle) in patches.iter().zip(&particles) {
+            let amplitude = particle.amplitude as f32;
+            patch.pixels(self.size).for_each(|(i, [t, ..])| residual[i] -= amplitude * t);
+        }
+        let chi2 = residual.iter().zip(&self.weight).map(|(r, w)| f64::from(w * r * r)).sum();
+        State { particles, patches, residual, chi2 }
+    }
+
+    /// Normal equations for changes in brightness, x, y and depth of every particle.
+    fn equations(&self, state: &State) -> Equations {
+        let n = 4 * state.particles.len();
+        let (mut matrix, mut right) = (vec![0.0; n * n], vec![0.0; n]);
+        let slopes = |[t, x, y, z]: [f32; 4], a: f64| {
+            [f64::from(t), a * f64::from(x), a * f64::from(y), a * f64::from(z)]
+        };
+        for (i, (patch, particle)) in state.patches.iter().zip(&state.particles).enumerate() {
+            for (pixel, light) in patch.pixels(self.size) {
+                let (w, r) = (f64::from(self.weight[pixel]), f64::from(state.residual[pixel]));
+                let slopes = slopes(light, particle.amplitude);
+                for (k, slope) in slopes.into_iter().enumerate() {
+                    right[4 * i + k] += w * slope * r;
+                    for (l, other) in slopes.into_iter().enumerate().take(k + 1) {
+                        matrix[(4 * i + k) * n + 4 * i + l] += w * slope * other;
+                    }
+                }
+            }
+            for (j, (other, neighbor)) in state.patches.iter().zip(&state.particles).enumerate().take(i) {
+                for (pixel, a, b) in common(patch, other, self.size) {
+                    let w = f64::from(self.weight[pixel]);
+                    let (a, b) = (slopes(a, particle.amplitude), slopes(b, neighbor.amplitude));
+                    for (k, slope) in a.into_iter().enumerate() {
+                        for (l, other) in b.into_iter().enumerate() {
+                            matrix[(4 * i + k) * n + 4 * j + l] += w * slope * other;
+                        }
+                    }
+                }
+            }
+        }
+        Equations { matrix, right }
+    }
+
+    /// The particles with their reduction of chi^2 and their correlation with the data.
+    fn judged(&self, state: &State) -> Vec<ParticleFit> {
+        let judge = |(patch, particle): (&ImagePatch, &ParticleFit)| {
+            let (mut own, mut both, mut seen) = (0.0, 0.0, 0.0);
+            for (i, [t, ..]) in patch.pixels(self.size) {
+                let data = state.residual[i] + particle.amplitude as f32 * t;
+                own += f64::from(self.weight[i] * t * t);
+                both += f64::from(self.weight[i] * t * data);
+                seen += f64::from(self.weight[i] * data * data);
+            }
+            let positive = own > 0.0 && both > 0.0;
+            let chi2_reduction = if positive { both * both / own } else { 0.0 };
+            let correlation = if positive { both / (own * seen).sqrt() } else { 0.0 };
+            ParticleFit { chi2_reduction, correlation, ..*particle }
+        };
+        state.patches.iter().zip(&state.particles).map(judge).collect()
+    }
+}
+
+impl Model<'_> {
+    fn patch(&self, particle: &ParticleFit) -> ImagePatch {
+        self.images.patch(particle.at, particle.z_um, self.images.radius_px(particle.z_um, self.step_um))
+    }
+
+    /// A particle after a change in brightness, x, y and depth, with limited step sizes.
+    fn moved(&self, particle: &ParticleFit, change: &[f64]) -> ParticleFit {
+        let [low, high] = self.images.depths_um();
+        let step = |axis: usize| particle.at[axis] + change[axis + 1].clamp(-1.0, 1.0);
+        ParticleFit {
+            at: [step(0), step(1)],
+            z_um: (particle.z_um + change[3].clamp(-1.5 * self.step_um, 1.5 * self.step_um)).clamp(low, high),
+            amplitude: (particle.amplitude + change[0]).max(0.1 * particle.amplitude),
+            ..*particle
+        }
+    }
+}
+
+/// The pixels common to two patches and the image: index, light of both with derivatives.
+fn common<'p>(
+    a: &'p ImagePatch,
+    b: &'p ImagePatch,
+    (width, height): (usize, usize),
+) -> impl Iterator<Item = (usize, [f32; 4], [f32; 4])> + 'p {
+    let limits = [width, height].map(|n| n as isize);
+    let range = |axis: usize| {
+        let ends = [a, b].map(|p| {
+            let r = p.radius as isize;
+            (p.middle[axis] - r, p.middle[axis] + r + 1)
+        });
+        ends[0].0.max(ends[1].0).max(0)..ends[0].1.min(ends[1].1).min(limits[axis])
+    };
+    let of = |p: &ImagePatch, x: isize, y: isize| {
+        let r = p.radius as isize;
+        p.light[((y - p.middle[1] + r) * (2 * r + 1) + x - p.middle[0] + r) as usize]
+    };
+    let (columns, rows) = (range(0), range(1));
+    rows.flat_map(move |y| {
+        let columns = columns.clone();
+        columns.map(move |x| ((y * width as isize + x) as usize, of(a, x, y), of(b, x, y)))
+    })
+}
+
+/// Normal equations; only the lower triangle of the symmetric matrix is filled.
+struct Equations {
+    matrix: Vec<f64>,
+    right: Vec<f64>,
+}
+
+impl Equations {
+    /// The solution with the diagonal multiplied by 1 + `damping` (Cholesky); `None` if the matrix is
+    /// singular.
+    fn solved(&self, damping: f64) -> Option<Vec<f64>> {
+        let n = self.right.len();
+        let mut l = self.matrix.clone();
+        for i in 0..n {
+            l[i * n + i] *= 1.0 + damping;
+            for j in 0..=i {
+                let sum: f64 = (0..j).map(|k| l[i * n + k] * l[j * n + k]).sum();
+                let rest = l[i * n + j] - sum;
+                if i != j {
+                    l[i * n + j] = rest / l[j * n + j];
+                } else if rest > 0.0 && rest.is_finite() {
+                    l[i * n + i] = rest.sqrt();
+                } else {
+                    return None;
+                }
+            }
+        }
+        let mut x = self.right.clone();
+        for i in 0..n {
+            let sum: f64 = (0..i).map(|k| l[i * n + k] * x[k]).sum();
+            x[i] = (x[i] - sum) / l[i * n + i];
+        }
+        for i in (0..n).rev() {
+            let sum: f64 = (i + 1..n).map(|k| l[k * n + i] * x[k]).sum();
+            x[i] = (x[i] - sum) / l[i * n + i];
+        }
+        x.iter().all(|v| v.is_finite()).then_some(x)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn normal_equations_are_solved() {
+        // A = [[4, 2, 0], [2, 5, 3], [0, 3, 6]], x = (1, -2, 3).
+        let matrix = vec![4.0, 0.0, 0.0, 2.0, 5.0, 0.0, 0.0, 3.0, 6.0];
+        let x = Equations { matrix, right: vec![0.0, 1.0, 12.0] }.solved(0.0).unwrap();
+        assert!(x.iter().zip([1.0, -2.0, 3.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{x:?}");
+        assert!(Equations { matrix: vec![0.0], right: vec![1.0] }.solved(0.0).is_none());
+    }
+}

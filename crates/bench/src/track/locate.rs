@@ -1,0 +1,83 @@
+//! Localization in a frame: background, search on a binned image, final fit at full resolution.
+
+use super::Localization;
+use super::denoise::PixelNoise;
+use super::fit::Residual;
+use super::gray_image::GrayImage;
+use super::images::ParticleImages;
+use super::joint_fit::{Model, fit_all};
+use super::search::Search;
+use super::templates::Templates;
+
+/// Maximum half width of a template in the search, px: images are binned for larger templates.
+const SEARCH_RADIUS: usize = 40;
+
+/// Relative error assigned to templates during the search, when overlapping particles are not yet separated.
+const ROUGH_ERROR: f32 = 0.1;
+
+/// Variance of rounding to integer counts.
+const ROUNDING: f32 = 1.0 / 12.0;
+
+/// Localizes particles with known images.
+pub(super) struct Locator<I> {
+    /// Images for the final fit.
+    images: I,
+    /// Relative error of the images.
+    error: f32,
+    /// Binned templates for the search.
+    coarse: Templates,
+    /// Side of a binned pixel, px.
+    bin: usize,
+    /// Variance of the noise per count of light.
+    gain: f32,
+    step_um: f64,
+}
+
+impl<I: ParticleImages> Locator<I> {
+    /// `templates` serve the search, `images` the final fit; `noise` is that of a frame.
+    pub(super) fn new(templates: &Templates, images: I, error: f32, noise: PixelNoise) -> Self {
+        let largest = (0..templates.len()).map(|k| templates.get(k).radius).max().unwrap_or(0);
+        // Odd, so that the particle stays at the center of a pixel.
+        let bin = largest.div_ceil(SEARCH_RADIUS).max(1) / 2 * 2 + 1;
+        Locator {
+            images,
+            error,
+            coarse: templates.binned(bin, noise),
+            bin,
+            gain: noise.gain,
+            step_um: templates.step_um(),
+        }
+    }
+
+    /// Localizes the particles of an image.
+    pub(super) fn find(&self, image: &GrayImage) -> Vec<Localization> {
+        let (level, deviation) = image.background();
+        // Without noise, the rounding error remains.
+        let noise = PixelNoise { dark: deviation.powi(2).max(ROUNDING), gain: self.gain };
+        let mut coarse = image.binned(self.bin);
+        coarse.counts.iter_mut().for_each(|c| *c -= level);
+        let weight = weights(&coarse, noise.binned(self.bin));
+        let mut found = Search::run(&self.coarse, Residual { image: coarse, weight });
+        for fit in &mut found {
+            fit.at = fit.at.map(|c| c * self.bin as f64 + (self.bin / 2) as f64);
+        }
+        let model = Model { images: &self.images, noise, error: self.error, step_um: self.step_um };
+        let found = fit_all(image, level, &model, found);
+        // Drop particles outside the image, whose light may reach it.
+        let size = [image.width, image.height].map(|n| n as f64);
+        found
+            .iter()
+            .filter(|fit| fit.at.iter().zip(size).all(|(c, n)| (-0.5..n - 0.5).contains(c)))
+            .map(|fit| Localization { x_px: fit.at[0] + 1.0, y_px: fit.at[1] + 1.0, z_um: Some(fit.z_um) })
+            .collect()
+    }
+}
+
+/// Inverse variance of each pixel: background noise, light-dependent noise, and template error.
+fn weights(frame: &GrayImage, noise: PixelNoise) -> Vec<f32> {
+    let variance = |(here, around): (&f32, &f32)| {
+        let light = here.max(*around).max(0.0);
+        noise.variance(light) + (ROUGH_ERROR * light).powi(2)
+    };
+    frame.counts.iter().zip(&frame.smoothed(1.0).counts).map(|both| 1.0 / variance(both)).collect()
+}

@@ -1,0 +1,215 @@
+//! The search for particles in a frame: candidates from correlation maps, in order of decreasing likelihood.
+//!
+//! Weighted cross-correlation maps of some templates with the frame give candidates. Starting with the most
+//! likely one, position, depth and brightness are fitted; if the particle is significant and similar to its
+//! template, it is subtracted from the frame, so that it is not detected twice and overlapped particles
+//! become visible.
+
+use super::fit::{ParticleFit, Residual};
+use super::images::ParticleImages;
+use super::maps::CorrelationMaps;
+use super::templates::Templates;
+
+/// Number of templates for which correlation maps are computed.
+const COARSE: usize = 13;
+
+/// Minimum significance of a particle: integrated signal in standard deviations of the noise.
+const LEAST_SIGNIFICANCE: f64 = 8.0;
+
+/// Minimum correlation of a particle with its template.
+const LEAST_CORRELATION: f64 = 0.5;
+
+/// Allowed brightness relative to the calibration particle. Bright parts of large images resemble faint small
+/// images.
+const BRIGHTNESS: std::ops::RangeInclusive<f64> = 0.25..=4.0;
+
+/// A candidate is fitted if its amplitude exceeds this share of the minimum brightness.
+const WORTH_A_FIT: f64 = 0.5;
+
+/// Offsets in depth steps from which the fit is repeated.
+const OTHER_DEPTHS: [f64; 6] = [-12.0, -8.0, -4.0, 4.0, 8.0, 12.0];
+
+/// Two particles closer than this may be a single particle, px.
+const SAME_PLACE_PX: f64 = 3.0;
+
+/// One particle replaces two if it achieves this share of their combined reduction of chi^2.
+const AS_GOOD: f64 = 0.97;
+
+/// Maximum number of depths from which fits start.
+const STARTS: usize = 3;
+
+/// A possible particle: template and pixel.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    template: usize,
+    x: isize,
+    y: isize,
+    /// Expected reduction of chi^2.
+    chi2_reduction: f32,
+}
+
+/// A template at a pixel: its reduction of chi^2, and its brightness.
+#[derive(Debug, Clone, Copy, Default)]
+struct Match {
+    chi2_reduction: f64,
+    amplitude: f64,
+}
+
+/// Whether a fit is accepted as a particle.
+pub(super) fn is_particle(fit: &ParticleFit) -> bool {
+    fit.chi2_reduction > LEAST_SIGNIFICANCE.powi(2)
+        && fit.correlation > LEAST_CORRELATION
+        && BRIGHTNESS.contains(&fit.amplitude)
+}
+
+/// The state of the search in a frame.
+pub(super) struct Search<'a> {
+    templates: &'a Templates,
+    residual: Residual,
+    found: Vec<ParticleFit>,
+}
+
+impl<'a> Search<'a> {
+    /// Finds the particles in a background-subtracted frame with pixel weights.
+    pub(super) fn run(templates: &'a Templates, residual: Residual) -> Vec<ParticleFit> {
+        let mut search = Search { templates, residual, found: Vec::new() };
+        for candidate in search.candidates() {
+            search.take(candidate);
+        }
+        search.again();
+        search.found
+    }
+
+    /// Local maxima of the correlation maps of a subset of the templates, the most likely first.
+    fn candidates(&self) -> Vec<Candidate> {
+        let stride = self.templates.len().div_ceil(COARSE).max(1);
+        let coarse: Vec<usize> = (stride / 2..self.templates.len()).step_by(stride).collect();
+        let margin = coarse.iter().map(|&k| self.templates.get(k).radius).max().unwrap_or(0);
+        let maps = CorrelationMaps::new(&self.residual, margin);
+        let (w, h) = (self.residual.image.width + 2 * margin, self.residual.image.height + 2 * margin);
+        let least = (LEAST_SIGNIFICANCE * LEAST_SIGNIFICANCE) as f32;
+        let mut candidates = Vec::new();
+        for template in coarse {
+            let map = maps.chi2_reduction(self.templates, template);
+            for y in 0..h {
+                for x in 0..w {
+                    let chi2_reduction = map[y * w + x];
+                    if chi2_reduction <= least {
+                        continue;
+                    }
+                    let mut around = (y.saturating_sub(1)..(y + 2).min(h))
+                        .flat_map(|v| &map[v * w + x.saturating_sub(1)..v * w + (x + 2).min(w)]);
+                    if around.all(|other| *other <= chi2_reduction) {
+                        let [x, y] = [x, y].map(|c| c as isize - margin as isize);
+                        candidates.push(Candidate { template, x, y, chi2_reduction });
+                    }
+                }
+            }
+        }
+        let place = |c: &Candidate| (c.y, c.x, c.template);
+        candidates
+            .sort_by(|a, b| b.chi2_reduction.total_cmp(&a.chi2_reduction).then(place(a).cmp(&place(b))));
+        candidates
+    }
+
+    /// Fits a candidate and, if it is accepted as a particle, subtracts it from the frame.
+    fn take(&mut self, candidate: Candidate) {
+        let Candidate { template, x, y, .. } = candidate;
+        let worth = |m: &Match| m.amplitude > WORTH_A_FIT * BRIGHTNESS.start();
+        // Particles accepted in the meantime may account for this candidate.
+        let now = self.match_at(template, x, y);
+        if now.chi2_reduction
+            < 0.5 * f64::from(candidate.chi2_reduction).min(4.0 * LEAST_SIGNIFICANCE.powi(2))
+            || !worth(&now)
+        {
+            return;
+        }
+        let over_depth: Vec<Match> = (0..self.templates.len()).map(|k| self.match_at(k, x, y)).collect();
+        let at =
+            |k: usize, d: isize| over_depth.get(k.wrapping_add_signed(d)).map_or(0.0, |m| m.chi2_reduction);
+        let mut starts: Vec<usize> = (0..over_depth.len())
+            .filter(|&k| worth(&over_depth[k]) && at(k, 0) >= at(k, -1) && at(k, 0) > at(k, 1))
+            .collect();
+        starts.sort_by(|a, b| over_depth[*b].chi2_reduction.total_cmp(&over_depth[*a].chi2_reduction));
+        starts.truncate(STARTS);
+        let fits =
+            starts.into_iter().filter_map(|k| self.fit([x as f64, y as f64], self.templates.depth_um(k)));
+        let best = fits.max_by(|a, b| a.chi2_reduction.total_cmp(&b.chi2_reduction));
+        if let Some(fit) = best.filter(is_particle) {
+            let fit = self.at_other_depths(fit);
+            self.residual.add(self.templates, &fit, -1.0);
+            self.found.push(fit);
+            self.unite();
+        }
+    }
+
+    fn fit(&self, at: [f64; 2], z_um: f64) -> Option<ParticleFit> {
+        ParticleFit::near(&self.residual, self.templates, at, z_um, self.templates.step_um())
+    }
+
+    /// The best of a fit and of fits that start at nearby depths: near the focus, images at several depths
+    /// are similar.
+    fn at_other_depths(&self, fit: ParticleFit) -> ParticleFit {
+        let [low, high] = self.templates.depths_um();
+        let depths = OTHER_DEPTHS.map(|d| fit.z_um + d * self.templates.step_um());
+        let inside = depths.into_iter().filter(|d| (low..=high).contains(d));
+        let fits = inside.filter_map(|z_um| self.fit(fit.at, z_um));
+        fits.fold(fit, |best, other| if other.chi2_reduction > best.chi2_reduction { other } else { best })
+    }
+
+    /// Replaces the last particle and another one at the same position by a single particle if it fits nearly
+    /// as well.
+    fn unite(&mut self) {
+        let Some(last) = self.found.pop() else { return };
+        let apart = |f: &ParticleFit| (f.at[0] - last.at[0]).hypot(f.at[1] - last.at[1]);
+        let Some(k) = self.found.iter().position(|f| apart(f) < SAME_PLACE_PX) else {
+            self.found.push(last);
+            return;
+        };
+        let first = self.found[k];
+        self.residual.add(self.templates, &last, 1.0);
+        self.residual.add(self.templates, &first, 1.0);
+        let one = self.at_other_depths(first);
+        if one.chi2_reduction > AS_GOOD * (first.chi2_reduction + last.chi2_reduction) {
+            self.residual.add(self.templates, &one, -1.0);
+            self.found[k] = one;
+        } else {
+            self.residual.add(self.templates, &first, -1.0);
+            self.residual.add(self.templates, &last, -1.0);
+            self.found.push(last);
+        }
+    }
+
+    /// Refits every particle with all others subtracted; particles that are no longer accepted are dropped.
+    fn again(&mut self) {
+        for fit in std::mem::take(&mut self.found) {
+            self.residual.add(self.templates, &fit, 1.0);
+            if let Some(better) = self.fit(fit.at, fit.z_um).filter(is_particle) {
+                self.residual.add(self.templates, &better, -1.0);
+                self.found.push(better);
+            }
+        }
+    }
+
+    /// Match of a template at a pixel with the residual.
+    fn match_at(&self, template: usize, x: isize, y: isize) -> Match {
+        let template = self.templates.get(template);
+        let r = template.radius as isize;
+        let (w, h) = (self.residual.image.width as isize, self.residual.image.height as isize);
+        let (mut own, mut both) = (0.0f32, 0.0f32);
+        for v in (y - r).max(0)..(y + r + 1).min(h) {
+            for u in (x - r).max(0)..(x + r + 1).min(w) {
+                let i = (v * w + u) as usize;
+                let light = template.at(u - x, v - y);
+                let weighted = self.residual.weight[i] * light;
+                own += weighted * light;
+                both += weighted * self.residual.image.counts[i];
+            }
+        }
+        if own > 0.0 && both > 0.0 {
+            Match { chi2_reduction: f64::from(both * both / own), amplitude: f64::from(both / own) }
+        } else {
+            Match::default()
+        }
+    }
+}

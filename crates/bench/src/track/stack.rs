@@ -1,0 +1,208 @@
+//! Preparation of templates from a calibration stack: centering, averaging over symmetries, denoising.
+//!
+//! The image of a sphere on the optical axis is invariant under rotation by 180 degrees. With a spherical
+//! lens, or a cylindrical lens aligned with the pixel axes, it is also mirror symmetric, and with a spherical
+//! lens also symmetric about the diagonals. The symmetry is determined from the stack itself. Differences
+//! between equivalent pixels are noise: background noise, and a part that grows with the light.
+
+use super::calibration::CalibrationImage;
+use super::denoise::{PixelNoise, denoised};
+use super::gray_image::{GrayImage, Spline};
+
+/// A symmetry is accepted if its squared differences are at most this many times those of a rotation by 180
+/// degrees.
+const AS_SYMMETRIC: f64 = 1.25;
+
+/// Variance of rounding to integer counts.
+const ROUNDING: f32 = 1.0 / 12.0;
+
+/// The prepared stack.
+#[derive(Debug)]
+pub(super) struct Stack {
+    /// Increasing depths, um.
+    pub(super) depths_um: Vec<f64>,
+    /// Light above the background, on squares of odd side with the particle on the central pixel.
+    pub(super) images: Vec<GrayImage>,
+    /// Noise of a single image.
+    pub(super) noise: PixelNoise,
+}
+
+/// Symmetry of the particle image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Symmetry {
+    /// A rotation by 180 degrees.
+    Rotation,
+    /// Also reflections about both axes.
+    Mirrors,
+    /// Also reflections about the diagonals.
+    Octants,
+}
+
+impl Stack {
+    pub(super) fn new(steps: &[CalibrationImage]) -> Self {
+        let level = background(steps);
+        let room = common_room(steps);
+        let centered: Vec<GrayImage> = steps.iter().map(|step| centered(step, room, level)).collect();
+        let noise = noise(&centered);
+        let symmetry = Symmetry::of(&centered);
+        let averaged: Vec<GrayImage> = centered.iter().map(|image| symmetry.averaged(image)).collect();
+        // One part of a symmetric image suffices; some pixels beyond the axes are kept for blocks that cross
+        // them.
+        let side = 2 * room + 1;
+        let part = (
+            room + 1 + BEYOND_AXIS.min(room),
+            if symmetry == Symmetry::Rotation { side } else { room + 1 + BEYOND_AXIS.min(room) },
+        );
+        let cut = |image: &GrayImage| GrayImage::from_fn(part, |x, y| image.counts[y * side + x]);
+        let parts: Vec<GrayImage> = averaged.iter().map(cut).collect();
+        let images = denoised(&parts, noise, symmetry.order())
+            .iter()
+            .map(|part| {
+                let whole = GrayImage::from_fn((side, side), |x, y| {
+                    let (x, y) = symmetry.representative(x, y, side - 1);
+                    part.counts[y * part.width + x]
+                });
+                symmetry.averaged(&whole)
+            })
+            .collect();
+        Stack { depths_um: steps.iter().map(|s| s.z_um).collect(), images, noise }
+    }
+}
+
+/// Number of pixels beyond an axis of symmetry that are included in denoising.
+const BEYOND_AXIS: usize = 8;
+
+impl Symmetry {
+    fn of(stack: &[GrayImage]) -> Self {
+        let difference = |map: fn(usize, usize, usize) -> (usize, usize)| -> f64 {
+            stack
+                .iter()
+                .map(|image| {
+                    let (w, last) = (image.width, image.width - 1);
+                    let square = |i: usize| {
+                        let (u, v) = map(i % w, i / w, last);
+                        f64::from(image.counts[i] - image.counts[v * w + u]).powi(2)
+                    };
+                    (0..image.counts.len()).map(square).sum::<f64>()
+                })
+                .sum()
+        };
+        let rounding: f64 = stack.iter().map(|i| 2.0 * f64::from(ROUNDING) * i.counts.len() as f64).sum();
+        let limit = AS_SYMMETRIC * (difference(|x, y, last| (last - x, last - y)) + rounding);
+        if difference(|x, y, last| (last - x, y)) > limit {
+            Symmetry::Rotation
+        } else if difference(|x, y, _| (y, x)) > limit {
+            Symmetry::Mirrors
+        } else {
+            Symmetry::Octants
+        }
+    }
+
+    /// Number of equivalent pixels.
+    fn order(self) -> f32 {
+        match self {
+            Symmetry::Rotation => 2.0,
+            Symmetry::Mirrors => 4.0,
+            Symmetry::Octants => 8.0,
+        }
+    }
+
+    /// The representative of equivalent pixels, in the half or quadrant with small x and y.
+    fn representative(self, x: usize, y: usize, last: usize) -> (usize, usize) {
+        let half = last / 2;
+        match self {
+            Symmetry::Rotation if x > half => (last - x, last - y),
+            Symmetry::Rotation => (x, y),
+            Symmetry::Mirrors | Symmetry::Octants => (x.min(last - x), y.min(last - y)),
+        }
+    }
+
+    /// The mean over all symmetry operations.
+    fn averaged(self, image: &GrayImage) -> GrayImage {
+        let (w, last) = (image.width, image.width - 1);
+        let at = |x: usize, y: usize| image.counts[y * w + x];
+        let pair = |x: usize, y: usize| 0.5 * (at(x, y) + at(last - x, last - y));
+        let four = |x: usize, y: usize| 0.5 * (pair(x, y) + pair(last - x, y));
+        GrayImage::from_fn((w, w), |x, y| match self {
+            Symmetry::Rotation => pair(x, y),
+            Symmetry::Mirrors => four(x, y),
+            Symmetry::Octants => 0.5 * (four(x, y) + four(y, x)),
+        })
+    }
+}
+
+/// Background level: the mean near the edges of those images whose particle does not reach them. Strongly
+/// defocused images fill their frame and are brighter at the edges.
+fn background(steps: &[CalibrationImage]) -> f32 {
+    /// The edge is this fraction of the width: 1 / `EDGE`.
+    const EDGE: usize = 8;
+    /// Tolerance above the darkest image, in standard errors of the mean.
+    const SAME: f64 = 3.0;
+    let edges: Vec<[f64; 2]> = steps.iter().map(|step| edge(&step.image, EDGE)).collect();
+    let darkest = edges.iter().fold([f64::INFINITY, 0.0], |a, b| if b[0] < a[0] { *b } else { a });
+    let dark: Vec<f64> =
+        edges.iter().map(|e| e[0]).filter(|mean| *mean <= darkest[0] + SAME * darkest[1]).collect();
+    (dark.iter().sum::<f64>() / dark.len() as f64) as f32
+}
+
+/// Mean count near the edges of an image, and its standard error.
+fn edge(image: &GrayImage, part: usize) -> [f64; 2] {
+    let (w, h) = (image.width, image.height);
+    let (dx, dy) = (w.div_ceil(part), h.div_ceil(part));
+    let is_edge = |i: usize| {
+        let (x, y) = (i % w, i / w);
+        x < dx || y < dy || x + dx >= w || y + dy >= h
+    };
+    let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
+    for i in (0..w * h).filter(|&i| is_edge(i)) {
+        let count = f64::from(image.counts[i]);
+        (n, sum, squares) = (n + 1.0, sum + count, squares + count * count);
+    }
+    let mean = sum / n;
+    [mean, ((squares / n - mean * mean).max(0.0) / n).sqrt()]
+}
+
+/// Half width of the largest square around the particle that lies inside all images, px.
+fn common_room(steps: &[CalibrationImage]) -> usize {
+    let room = |center: f64, size: usize| (center.round() as usize).min(size - 1 - center.round() as usize);
+    let rooms = steps.iter().map(|s| room(s.at[0], s.image.width).min(room(s.at[1], s.image.height)));
+    rooms.min().unwrap_or(0)
+}
+
+/// The background-subtracted square of this half width around the particle, shifted by interpolation so that
+/// the particle is centered on a pixel.
+fn centered(step: &CalibrationImage, room: usize, level: f32) -> GrayImage {
+    let [cx, cy] = step.at.map(|c| c.round() as usize);
+    let (left, top) = (cx - room, cy - room);
+    let offset = [step.at[0] - cx as f64, step.at[1] - cy as f64].map(|o| o as f32);
+    let size = (2 * room + 1, 2 * room + 1);
+    if offset == [0.0; 2] {
+        return GrayImage::from_fn(size, |x, y| {
+            step.image.counts[(top + y) * step.image.width + left + x] - level
+        });
+    }
+    let spline = Spline::new(&step.image);
+    GrayImage::from_fn(size, |x, y| {
+        spline.at((left + x) as f32 + offset[0], (top + y) as f32 + offset[1]) - level
+    })
+}
+
+/// Noise estimate: the background part from the smallest median absolute deviation of all images, the
+/// light-dependent part from differences between each image and itself rotated by 180 degrees.
+fn noise(stack: &[GrayImage]) -> PixelNoise {
+    let mut dark: Vec<f32> = stack.iter().map(GrayImage::noise).collect();
+    dark.sort_unstable_by(f32::total_cmp);
+    // The minimum, because images that the particle fills have no background.
+    let dark = dark.first().map_or(0.0, |d| d * d).max(ROUNDING);
+    let (mut light, mut squares) = (0.0, 0.0);
+    for image in stack {
+        let n = image.counts.len();
+        for i in 0..n / 2 {
+            let (a, b) = (image.counts[i], image.counts[n - 1 - i]);
+            light += f64::from(0.5 * (a + b));
+            squares += f64::from(0.5 * (a - b).powi(2) - dark);
+        }
+    }
+    let gain = if light > 0.0 { (squares / light).max(0.0) } else { 0.0 };
+    PixelNoise { dark, gain: gain as f32 }
+}

@@ -1,0 +1,237 @@
+//! `--export`: the pages as one file that opens without the program.
+//!
+//! The file holds the page's own code and the answers that the server would have given for the chosen frames.
+
+use std::path::PathBuf;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD as BASE64;
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use super::state::App;
+use super::subject::Subject;
+use super::{assets, board};
+use crate::error::{Error, Result};
+use crate::storage::{may_write, save_result};
+
+/// What is exported.
+#[derive(Debug, Clone)]
+pub struct ExportOptions {
+    /// The file.
+    pub out: PathBuf,
+    /// Replace a file of that name.
+    pub force: bool,
+    /// The frames; empty: the first ones.
+    pub frames: Vec<u32>,
+}
+
+/// What was exported.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Exported {
+    /// The file.
+    pub out: PathBuf,
+    /// Its size, bytes.
+    pub bytes: usize,
+    /// The frames in it.
+    pub frames: Vec<u32>,
+    /// Frames that were asked for and left out, because the file would have grown beyond its limit.
+    pub left_out: Vec<u32>,
+}
+
+/// Largest file, bytes.
+const LARGEST: usize = 64 << 20;
+
+/// Frames that are exported if none are named.
+const FRAMES: u32 = 4;
+
+/// Modules of the page, in an order in which each uses only those before it.
+pub(super) const MODULES: [&str; 11] = [
+    "api.js",
+    "dom.js",
+    "colors.js",
+    "viewer.js",
+    "plots.js",
+    "ron.js",
+    "editor.js",
+    "scenario.js",
+    "dataset.js",
+    "result.js",
+    "board.js",
+];
+
+/// Writes datasets and results as one page.
+///
+/// # Errors
+/// A subject without a dataset; frames that are not there; a file that exists unless `force`; writing.
+pub fn export(subject: Subject, options: &ExportOptions) -> Result<Exported> {
+    may_write(&options.out, options.force)?;
+    if subject.datasets.is_empty() {
+        return Err(Error::input("--export: expected a dataset or a sweep's folder"));
+    }
+    let app = App::new(subject, 0)?;
+    let mut answers = Answers { all: Map::new(), bytes: 0 };
+    answers.put("about", board::about(&app));
+    let (datasets, trackers) = (app.subject().datasets.len(), app.subject().trackers.len());
+    for dataset in 0..datasets {
+        for tracker in 0..trackers {
+            if let Some(entry) = board::entry(&app, dataset, tracker)? {
+                answers.put(&format!("board/{dataset}/{tracker}"), entry);
+            }
+        }
+    }
+    let (frames, left_out) = of_dataset(&app, &options.frames, &mut answers)?;
+    if answers.bytes > LARGEST {
+        return Err(Error::input(format!("--export: would be larger than {} MB", LARGEST >> 20)));
+    }
+    let page = document(&Value::Object(answers.all))?;
+    save_result(&options.out, options.force, page.as_bytes())?;
+    Ok(Exported { out: options.out.clone(), bytes: page.len(), frames, left_out })
+}
+
+/// Answers of the server by their paths.
+struct Answers {
+    all: Map<String, Value>,
+    bytes: usize,
+}
+
+impl Answers {
+    fn put(&mut self, path: &str, answer: Value) {
+        self.bytes += answer.to_string().len();
+        self.all.insert(path.to_owned(), answer);
+    }
+}
+
+/// The first dataset with its results in the chosen frames; gives those that are in, and those that had no
+/// room.
+fn of_dataset(app: &App, wanted: &[u32], answers: &mut Answers) -> Result<(Vec<u32>, Vec<u32>)> {
+    let Some(open) = app.dataset(0)? else { return Ok((Vec::new(), Vec::new())) };
+    let mut about = open.about()?;
+    let frames = about["frames"].as_u64().unwrap_or(0) as u32;
+    if let Some(beyond) = wanted.iter().find(|frame| **frame >= frames) {
+        return Err(Error::input(format!(
+            "--frames {beyond}: expected frames from 0 to {}",
+            frames.max(1) - 1
+        )));
+    }
+    let mut wanted = if wanted.is_empty() { (0..frames.min(FRAMES)).collect() } else { wanted.to_vec() };
+    wanted.sort_unstable();
+    wanted.dedup();
+    // A test split has no truth to compute it from.
+    if let Ok(depth) = open.depth() {
+        answers.put("dataset/0/depth", depth);
+    }
+    for tracker in 0..app.subject().trackers.len() {
+        if let Some(result) = app.result(0, tracker)? {
+            answers.put(&format!("dataset/0/result/{tracker}"), result.about());
+        }
+    }
+    let (mut included, mut left_out) = (Vec::new(), Vec::new());
+    for frame in wanted {
+        let counts = open.counts(frame as usize)?.unwrap_or_default();
+        if answers.bytes + counts.len() / 3 * 4 > LARGEST * 9 / 10 {
+            left_out.push(frame);
+            continue;
+        }
+        answers.put(&format!("dataset/0/frame/{frame}"), json!({ "base64": BASE64.encode(&counts) }));
+        answers.put(&format!("dataset/0/truth/{frame}"), open.truth(frame)?);
+        answers.put(&format!("dataset/0/field/{}", frame / 2), open.field(frame / 2)?);
+        answers.put(&format!("dataset/0/field/{frame}"), open.field(frame)?);
+        for tracker in 0..app.subject().trackers.len() {
+            if let Some(result) = app.result(0, tracker)? {
+                answers.put(&format!("dataset/0/result/{tracker}/frame/{frame}"), result.frame(frame));
+            }
+        }
+        included.push(frame);
+    }
+    about["exported_frames"] = json!(included);
+    answers.put("dataset/0", about);
+    Ok((included, left_out))
+}
+
+/// The page with its code, styles and answers in one file.
+fn document(answers: &Value) -> Result<String> {
+    let file = |name: &str| -> Result<&str> {
+        let (bytes, _) =
+            assets::file(name).ok_or_else(|| Error::input(format!("page: {name} is missing")))?;
+        std::str::from_utf8(bytes).map_err(|e| Error::input(format!("page: {name}: {e}")))
+    };
+    let mut code = String::new();
+    for module in MODULES.iter().chain(&["app.js"]) {
+        code += &joined(file(module)?);
+    }
+    // `</script>` in a string would end the element.
+    let data = answers.to_string().replace('<', "\\u003c");
+    let (head, body) = file("index.html")?.split_once("<!-- files -->").unwrap_or_default();
+    let (_, body) = body.split_once("<!-- end of files -->").unwrap_or_default();
+    Ok(format!(
+        "{head}<style>{}{}</style>\n<script>{}</script>\n<script>window.MICROSIG_EXPORT = {data};</script>\n\
+         <script type=\"module\">\n{code}</script>{body}",
+        file("uPlot.min.css")?,
+        file("style.css")?,
+        file("uPlot.iife.min.js")?,
+    ))
+}
+
+/// A module as part of one script: without its imports, and with what it exports in plain sight.
+fn joined(module: &str) -> String {
+    let mut code = String::with_capacity(module.len());
+    for line in module.lines().filter(|line| !line.starts_with("import ")) {
+        code += line.strip_prefix("export ").unwrap_or(line);
+        code.push('\n');
+    }
+    code
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    /// Names that a module declares at its outermost level.
+    fn declared(module: &str) -> Vec<&str> {
+        let words = ["const ", "let ", "function ", "function* ", "class "];
+        let names = module.lines().filter_map(|line| {
+            let line = line.strip_prefix("export ").unwrap_or(line);
+            let line = line.strip_prefix("async ").unwrap_or(line);
+            let rest = words.iter().find_map(|word| line.strip_prefix(word))?;
+            rest.split(|c: char| !(c.is_alphanumeric() || c == '_')).find(|word| !word.is_empty())
+        });
+        names.collect()
+    }
+
+    /// Modules are joined into one script, in which names are not told apart by modules.
+    #[test]
+    fn modules_can_be_joined() {
+        let mut seen: BTreeMap<&str, &str> = BTreeMap::new();
+        for module in MODULES.iter().chain(&["app.js"]) {
+            let text = std::str::from_utf8(assets::file(module).unwrap().0).unwrap();
+            for name in declared(text) {
+                let before = seen.insert(name, module);
+                assert!(
+                    before.is_none(),
+                    "{name} is declared in {} and {module}",
+                    before.unwrap_or_default()
+                );
+            }
+            for line in text.lines().filter(|line| line.starts_with("import ")) {
+                let is_plain = line.ends_with(';') && line.contains("from \"./") && !line.contains(" as ");
+                assert!(is_plain, "{module}: {line}");
+                let from = line.split("\"./").nth(1).unwrap().trim_end_matches("\";");
+                let is_before =
+                    MODULES.iter().take_while(|other| *other != module).any(|other| *other == from);
+                assert!(is_before, "{module} uses {from}, which comes after it");
+            }
+        }
+        let modules =
+            assets::PAGE.files().filter(|f| f.path().extension().is_some_and(|end| end == "js")).count();
+        assert_eq!(modules, MODULES.len() + 2, "a module is missing in MODULES (besides app.js and uPlot)");
+    }
+
+    #[test]
+    fn a_joined_module_has_no_imports_and_exports() {
+        let text = "import { a } from \"./a.js\";\nexport function b() {\n  return a;\n}\n";
+        assert_eq!(joined(text), "function b() {\n  return a;\n}\n");
+    }
+}

@@ -1,0 +1,234 @@
+//! The preview of a scenario: what can be seen of its dataset within a second.
+//!
+//! The text is read, the first two frames are drawn as `generate` draws them, one particle is drawn over
+//! depth, and the numbers of the dataset are told. Each part is sent as soon as it is there; between parts,
+//! and before every frame, the preview stops if another one has begun.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use axum::body::Bytes;
+use flows::Frame;
+use microsig_core::Particle;
+use microsig_core::sensor::Image;
+use serde_json::{Value, json};
+use tokio::sync::mpsc::Sender;
+
+use super::body::message;
+use super::columns::list;
+use super::state::{App, locked};
+use super::{optics, scenario};
+use crate::dataset::Camera;
+use crate::dataset::truth::{Viewer, depth};
+use crate::runner::{Cost, Frames};
+use crate::scenario::Scenario;
+
+/// How long the drawing of a frame may take, s; of a frame that would take longer only the first particles
+/// are drawn.
+const FRAME_S: f64 = 4.0;
+
+/// Particles that are drawn to find out how long one takes.
+const PROBE: usize = 8;
+
+/// Most pixels of a preview.
+const MOST_PIXELS: u64 = 1 << 24;
+
+/// Most particles of a frame of a preview.
+const MOST_PARTICLES: f64 = 2e6;
+
+/// Why a preview ends before its end.
+enum Stop {
+    /// Another one has begun, or nobody is looking.
+    Replaced,
+    /// It cannot be made.
+    Failed(String),
+}
+
+impl From<crate::error::Error> for Stop {
+    fn from(error: crate::error::Error) -> Self {
+        Stop::Failed(error.to_string())
+    }
+}
+
+/// A preview under way.
+struct Preview {
+    stop: Arc<AtomicBool>,
+    sender: Sender<Bytes>,
+    start: Instant,
+}
+
+/// Makes a preview and sends its parts.
+pub(super) fn run(app: &App, text: &str, stop: Arc<AtomicBool>, sender: Sender<Bytes>) {
+    let preview = Preview { stop, sender, start: Instant::now() };
+    let under_way = Arc::clone(&app.previewing);
+    let _one_at_a_time = locked(&under_way);
+    let ended = match preview.parts(app, text) {
+        Ok(()) => json!({ "part": "end" }),
+        Err(Stop::Failed(why)) => json!({ "part": "failed", "message": why }),
+        Err(Stop::Replaced) => return,
+    };
+    let _ = preview.send(ended, &[]);
+}
+
+impl Preview {
+    fn send(&self, mut part: Value, block: &[u8]) -> std::result::Result<(), Stop> {
+        part["ms"] = json!(self.start.elapsed().as_millis() as u64);
+        let sent = self.sender.blocking_send(message(&part, block));
+        if sent.is_err() || self.stop.load(Ordering::SeqCst) { Err(Stop::Replaced) } else { Ok(()) }
+    }
+
+    fn go_on(&self) -> std::result::Result<(), Stop> {
+        if self.stop.load(Ordering::SeqCst) || self.sender.is_closed() { Err(Stop::Replaced) } else { Ok(()) }
+    }
+
+    fn parts(&self, app: &App, text: &str) -> std::result::Result<(), Stop> {
+        self.go_on()?;
+        let scenario = match scenario::read(app.subject(), text) {
+            Ok(scenario) => scenario,
+            Err(problems) => return self.send(json!({ "part": "problems", "problems": problems }), &[]),
+        };
+        let cost = Cost::of(&scenario, Path::new("."))?;
+        self.send(
+            json!({ "part": "checked", "about": about(&scenario), "warnings": scenario.warnings,
+            "cost": cost, "affordable": cost.affordable(&scenario).err().map(|e| e.to_string()) }),
+            &[],
+        )?;
+        if cost.pixels > MOST_PIXELS || cost.particles_per_frame > MOST_PARTICLES {
+            return Err(Stop::Failed(format!(
+                "too large for a preview: {} pixels, {:.0} particles in a frame",
+                cost.pixels, cost.particles_per_frame
+            )));
+        }
+        self.go_on()?;
+        let camera = Camera::new(scenario.renderer.clone(), scenario.sensor()?, scenario.streams);
+        let (mut frames, mut drawn_s, mut shares) = (Vec::new(), 0.0, Vec::new());
+        for frame in Frames::new(&scenario)?.take(2) {
+            self.go_on()?;
+            let frame = frame?;
+            let (image, seconds, share) = self.draw(&scenario, &camera, &frame)?;
+            (drawn_s, shares) = (f64::max(drawn_s, seconds), [shares, vec![share]].concat());
+            let pixels: Vec<u8> = image.counts.iter().flat_map(|count| count.to_le_bytes()).collect();
+            let part = json!({ "part": "frame", "index": frame.index, "width": image.width, "height": image.height,
+                "t_s": frame.t_s, "share": share, "seconds": seconds, "particles": particles(&scenario, &frame) });
+            self.send(part, &pixels)?;
+            frames.push(frame);
+        }
+        self.go_on()?;
+        let once = Instant::now();
+        let scan = scenario.scan_of_mean()?;
+        let once_s = once.elapsed().as_secs_f64();
+        self.go_on()?;
+        let (rows, image) = depth::measure(&scenario, &scan)?;
+        let curves = optics::curves(&scan, &rows, &image);
+        let (strip, block) = optics::strip(&scan, &rows);
+        self.send(json!({ "part": "depth", "curves": curves, "strip": strip }), &block)?;
+        let numbers = numbers(&scenario, &frames, image.area_px);
+        self.send(
+            json!({ "part": "numbers", "numbers": numbers, "a_pi_px": image.area_px, "snr": image.snr,
+            "focus_um": image.focus_um, "background_counts": image.background_counts,
+            "background_noise_counts": image.background_noise_counts,
+            // What a particle's visibility takes is of the order of its image.
+            "seconds": once_s + drawn_s * f64::from(cost.frames), "bytes": cost.disk_bytes }),
+            &[],
+        )
+    }
+
+    /// Draws a frame, or as many of its particles as there is time for; gives how long it took (of the whole
+    /// frame, if not all was drawn: how long it would take) and the share of the particles that was drawn.
+    fn draw(
+        &self,
+        scenario: &Scenario,
+        camera: &Camera,
+        frame: &Frame,
+    ) -> std::result::Result<(Image, f64, f64), Stop> {
+        let rows = Viewer { scenario, renderer: camera.renderer() }.view(frame).rendered;
+        let timed = |rows: &[Particle]| {
+            let start = Instant::now();
+            (camera.image(rows, frame.index), start.elapsed().as_secs_f64())
+        };
+        let (image, probe_s) = timed(&rows[..rows.len().min(PROBE)]);
+        if rows.len() <= PROBE {
+            return Ok((image, probe_s, 1.0));
+        }
+        self.go_on()?;
+        let whole_s = probe_s / PROBE as f64 * rows.len() as f64;
+        if whole_s <= FRAME_S {
+            let (image, seconds) = timed(&rows);
+            return Ok((image, seconds, 1.0));
+        }
+        let share = FRAME_S / whole_s;
+        let n = ((rows.len() as f64 * share) as usize).max(PROBE);
+        let (image, seconds) = timed(&rows[..n]);
+        let share = n as f64 / rows.len() as f64;
+        Ok((image, seconds / share, share))
+    }
+}
+
+/// What is known without drawing anything.
+fn about(scenario: &Scenario) -> Value {
+    let (settings, (low, high)) = (&scenario.settings, scenario.depth_range_um);
+    let sensor = scenario.sensor().ok();
+    let recordings = &scenario.recordings;
+    json!({
+        "name": scenario.spec.name, "width": settings.pixel_dim_x, "height": settings.pixel_dim_y,
+        "bits": scenario.detector.as_ref().map_or(16, |detector| detector.bits),
+        "um_per_px": scenario.scale.um_per_px(), "depth_um": [low, high], "frames": recordings.frames(),
+        "are_pairs": recordings.are_pairs(), "mode": recordings.timing().mode(), "dt_s": recordings.dt_s(),
+        "saturation_counts": sensor.map(|sensor| sensor.saturation_counts()), "renderer": scenario.renderer.name(),
+        "full_well_e": scenario.detector.as_ref().map(|detector| detector.full_well_e),
+    })
+}
+
+/// The particles whose centres are on the sensor, by columns.
+fn particles(scenario: &Scenario, frame: &Frame) -> Value {
+    let placed = frame.tracers.iter().map(|tracer| (tracer, scenario.scale.to_image(tracer.position)));
+    let seen: Vec<_> = placed.filter(|(_, at)| is_visible(scenario, at.x_px, at.y_px)).collect();
+    let velocity = |k: usize| {
+        let of = |tracer: &flows::Tracer| tracer.velocity.map_or(f64::NAN, |v| v.to_array()[k]);
+        list(seen.iter().map(|(tracer, _)| of(tracer)))
+    };
+    json!({
+        "x_px": list(seen.iter().map(|(_, at)| at.x_px)), "y_px": list(seen.iter().map(|(_, at)| at.y_px)),
+        "z_um": list(seen.iter().map(|(tracer, _)| tracer.position.z)),
+        "d_um": list(seen.iter().map(|(tracer, _)| tracer.d_um)),
+        "track": list(seen.iter().map(|(tracer, _)| tracer.id as f64)),
+        "u_um_s": velocity(0), "v_um_s": velocity(1), "w_um_s": velocity(2),
+    })
+}
+
+fn is_visible(scenario: &Scenario, x_px: f64, y_px: f64) -> bool {
+    let on = |x: f64, size: u32| x >= 0.5 && x < f64::from(size) + 0.5;
+    on(x_px, scenario.settings.pixel_dim_x) && on(y_px, scenario.settings.pixel_dim_y)
+}
+
+/// Number in view, densities and displacements of the frames that were drawn.
+fn numbers(scenario: &Scenario, frames: &[Frame], area_px: f64) -> Value {
+    let visible = |tracer: &flows::Tracer| {
+        let at = scenario.scale.to_image(tracer.position);
+        is_visible(scenario, at.x_px, at.y_px)
+    };
+    let counts = frames.iter().map(|frame| frame.tracers.iter().filter(|tracer| visible(tracer)).count());
+    let n_p = counts.sum::<usize>() as f64 / frames.len().max(1) as f64;
+    let pixels = f64::from(scenario.settings.pixel_dim_x) * f64::from(scenario.settings.pixel_dim_y);
+    let mut moved: Vec<[f64; 2]> = match frames {
+        [a, b] => a
+            .links(b)
+            .filter(|(from, _)| visible(from))
+            .map(|(from, to)| {
+                let moved = to.step.map_or(to.position - from.position, |step| step.actual);
+                let d = scenario.scale.displacement_to_image(moved);
+                [d.dx_px.hypot(d.dy_px), moved.z]
+            })
+            .collect(),
+        _ => Vec::new(),
+    };
+    moved.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let at = |share: f64| moved.get(((moved.len().max(1) - 1) as f64 * share) as usize).map(|d| d[0]);
+    let depth = moved.iter().map(|d| d[1]).fold(None, |all: Option<(f64, f64)>, dz| {
+        Some(all.map_or((dz, dz), |(low, high)| (low.min(dz), high.max(dz))))
+    });
+    json!({ "n_p": n_p, "n_ppp": n_p / pixels, "n_s": n_p * area_px / pixels,
+        "displacement_px": [at(0.0), at(0.5), at(1.0)], "displacement_um": depth.map(|(low, high)| [low, high]) })
+}

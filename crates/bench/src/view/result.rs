@@ -1,0 +1,282 @@
+//! A result that is shown: what `evaluate` finds, point by point.
+//!
+//! Scores and matching come from [`crate::evaluate`] itself with the options that `microsig evaluate` has
+//! without any given, so the numbers of the page are those of `score.json`.
+
+use std::ops::Range;
+use std::path::Path;
+
+use serde_json::{Map, Value, json};
+
+use super::columns::list;
+use crate::error::{Error, Result};
+use crate::evaluate::candidates::Candidates;
+use crate::evaluate::clear::switches;
+use crate::evaluate::detection::error;
+use crate::evaluate::field::ComparedVector;
+use crate::evaluate::gate::Gate;
+use crate::evaluate::links::{correct_links, successors};
+use crate::evaluate::matching::NONE;
+use crate::evaluate::track_set::TrackSet;
+use crate::evaluate::truth::TrueParticles;
+use crate::evaluate::{EvaluateOptions, Evaluation, Particles, evaluate};
+use crate::results::{Conventions, Position};
+
+/// Most points of a list.
+const LONGEST_LIST: usize = 500;
+
+/// A result that is shown.
+#[derive(Debug)]
+pub(super) struct OpenResult {
+    score: Value,
+    /// Every scored point once, by frame: found, missed and ghost particles.
+    points: Vec<Point>,
+    /// First frame without points.
+    frames: u32,
+    /// The vectors of a field: pair (NaN: any), place, displacement and true displacement.
+    vectors: Vec<[f64; 7]>,
+}
+
+/// What a point is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Found,
+    Missed,
+    Ghost,
+}
+
+/// A scored point.
+#[derive(Debug, Clone, Copy)]
+struct Point {
+    frame: u32,
+    kind: Kind,
+    /// Row of the truth's table, and of the result's; [`NONE`] of ghosts and of missed particles.
+    truth_row: u32,
+    result_row: u32,
+    /// True position, of a ghost its own: px, px, um.
+    at: [f64; 3],
+    /// Result - truth of a found particle.
+    error: [f64; 3],
+    /// Of the true particle.
+    snr: f64,
+    overlap: f64,
+    /// Number of the result's track; [`NONE`] of missed particles.
+    track: u32,
+    /// Where the track's point before was, and whether that link is right.
+    from: Option<([f64; 2], bool)>,
+    /// Whether CLEAR MOT counts a switch here.
+    is_switch: bool,
+}
+
+/// Which points a list holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Filter {
+    /// 0 found, 1 missed, 2 ghosts; `None`: found and missed particles and ghosts.
+    pub(super) kind: Option<u32>,
+    /// What it is sorted by: 0 error in the image plane, 1 error in depth, 2 frame.
+    pub(super) by: u32,
+    /// Least and greatest depth, um.
+    pub(super) z_um: [f64; 2],
+    /// Least and greatest signal-to-noise ratio.
+    pub(super) snr: [f64; 2],
+    /// Least and greatest overlap.
+    pub(super) overlap: [f64; 2],
+    /// Whether only switches are wanted.
+    pub(super) switches: bool,
+}
+
+impl OpenResult {
+    /// Scores a result as `microsig evaluate` does.
+    ///
+    /// # Errors
+    /// As of [`evaluate`].
+    pub(super) fn open(dataset: &Path, path: &Path) -> Result<Self> {
+        let evaluation = evaluate(dataset, path, &EvaluateOptions::default())?;
+        // Not by way of a text: reading numbers may change their last digit.
+        let score = serde_json::to_value(&evaluation.score).map_err(|e| Error::input(e.to_string()))?;
+        let (points, vectors) = match &evaluation.particles {
+            Some(particles) => {
+                let truth = TrueParticles::read(dataset, &Conventions::default())?;
+                (points(&evaluation, particles, &truth)?, Vec::new())
+            }
+            None => (Vec::new(), vectors(&evaluation)),
+        };
+        let frames = points.last().map_or(0, |point| point.frame + 1);
+        Ok(OpenResult { score, points, frames, vectors })
+    }
+
+    /// The scores, as in `score.json`.
+    pub(super) fn score(&self) -> &Value {
+        &self.score
+    }
+
+    /// Scores, and how many particles of each frame are found, missed and ghosts.
+    pub(super) fn about(&self) -> Value {
+        let mut counts = vec![[0u32; 3]; self.frames as usize];
+        self.points.iter().for_each(|point| counts[point.frame as usize][point.kind as usize] += 1);
+        let of = |k: usize| counts.iter().map(|counts| counts[k]).collect::<Vec<_>>();
+        json!({ "score": self.score, "is_field": self.score.get("field").is_some_and(|f| !f.is_null()),
+            "tp": of(0), "fn": of(1), "fp": of(2) })
+    }
+
+    fn within(&self, frame: u32) -> Range<usize> {
+        let first = self.points.partition_point(|point| point.frame < frame);
+        let end = self.points.partition_point(|point| point.frame <= frame);
+        first..end
+    }
+
+    /// The points of a frame by columns.
+    pub(super) fn frame(&self, frame: u32) -> Value {
+        Value::Object(columns(self.points[self.within(frame)].iter()))
+    }
+
+    /// The points that a filter lets through, the worst first, and how many there are.
+    pub(super) fn worst(&self, filter: &Filter) -> Value {
+        let mut chosen: Vec<&Point> = self.points.iter().filter(|point| filter.admits(point)).collect();
+        let size = |point: &Point| match filter.by {
+            0 => point.error[0].hypot(point.error[1]),
+            1 => point.error[2].abs(),
+            _ => -f64::from(point.frame),
+        };
+        // Missed particles and ghosts have no error; they stand at the end, in the order of frames.
+        let key = |point: &Point| if size(point).is_nan() { f64::NEG_INFINITY } else { size(point) };
+        chosen.sort_by(|a, b| key(b).total_cmp(&key(a)));
+        let of = chosen.len();
+        json!({ "of": of, "columns": columns(chosen.into_iter().take(LONGEST_LIST)) })
+    }
+
+    /// The vectors of a field for an image pair by columns.
+    pub(super) fn vectors(&self, pair: u32) -> Value {
+        let is_of = |v: &&[f64; 7]| v[0].is_nan() || v[0] == f64::from(pair);
+        let of: Vec<&[f64; 7]> = self.vectors.iter().filter(is_of).collect();
+        let names = ["pair", "x_px", "y_px", "dx_px", "dy_px", "true_dx_px", "true_dy_px"];
+        let column = |k: usize| list(of.iter().map(|v| v[k]));
+        Value::Object(names.iter().enumerate().map(|(k, name)| ((*name).to_owned(), column(k))).collect())
+    }
+}
+
+impl Filter {
+    fn admits(&self, point: &Point) -> bool {
+        // A ghost has neither SNR nor overlap: a range of those that was narrowed leaves it out.
+        let within = |value: f64, [low, high]: [f64; 2]| {
+            if value.is_nan() {
+                low == f64::NEG_INFINITY && high == f64::INFINITY
+            } else {
+                (low..=high).contains(&value)
+            }
+        };
+        self.kind.is_none_or(|kind| kind == point.kind as u32)
+            && (!self.switches || point.is_switch)
+            && within(point.at[2], self.z_um)
+            && within(point.snr, self.snr)
+            && within(point.overlap, self.overlap)
+    }
+}
+
+fn points(evaluation: &Evaluation, particles: &Particles, truth: &TrueParticles) -> Result<Vec<Point>> {
+    let (t, r, matching) = (&particles.scored.truth, &particles.scored.result, &particles.matching);
+    let property = |name: &str, row: u32| {
+        let values = truth.properties.iter().find(|(own, _)| *own == name);
+        values.and_then(|(_, values)| values.get(row as usize)).copied().unwrap_or(f64::NAN)
+    };
+    let place = |at: &Position, has_z: bool| [at.x_px, at.y_px, if has_z { at.z_um } else { f64::NAN }];
+    let next = successors(t);
+    let mut is_right = vec![false; r.len()];
+    correct_links(r, matching, &next).for_each(|(_, (_, to))| is_right[to] = true);
+    let mut from = vec![None; r.len()];
+    for (a, b) in r.links() {
+        let at = &r.points[a as usize].at;
+        from[b as usize] = Some(([at.x_px, at.y_px], is_right[b as usize]));
+    }
+    let mut is_switch = vec![false; r.len()];
+    if let Some(gate) = evaluation.score.definitions.gate {
+        mark_switches((t, r), &gate, &mut is_switch)?;
+    }
+    let of_result = |j: usize| (r.points[j].source, r.points[j].track, from[j], is_switch[j]);
+    let mut points = Vec::with_capacity(t.len());
+    for (i, p) in t.points.iter().enumerate() {
+        let partner = (matching.of_truth[i] != NONE).then_some(matching.of_truth[i] as usize);
+        let (result_row, track, from, is_switch) = partner.map_or((NONE, NONE, None, false), of_result);
+        let error = partner.map_or([f64::NAN; 3], |j| {
+            let [x, y, z] = error(t, r, (i, j));
+            [x, y, if particles.depth { z } else { f64::NAN }]
+        });
+        points.push(Point {
+            frame: p.frame,
+            kind: if partner.is_some() { Kind::Found } else { Kind::Missed },
+            truth_row: p.source,
+            result_row,
+            // Scored in two dimensions, particles still have their depth.
+            at: place(&truth.rows[p.source as usize].at, truth.has_z),
+            error,
+            snr: property("snr", p.source),
+            overlap: property("overlap", p.source),
+            track,
+            from,
+            is_switch,
+        });
+    }
+    let ghosts = (0..r.len()).filter(|j| matching.of_result[*j] == NONE);
+    points.extend(ghosts.map(|j| {
+        let (result_row, track, from, is_switch) = of_result(j);
+        Point {
+            frame: r.points[j].frame,
+            kind: Kind::Ghost,
+            truth_row: NONE,
+            result_row,
+            at: place(&r.points[j].at, particles.depth),
+            error: [f64::NAN; 3],
+            snr: f64::NAN,
+            overlap: f64::NAN,
+            track,
+            from,
+            is_switch,
+        }
+    }));
+    points.sort_by_key(|point| point.frame);
+    Ok(points)
+}
+
+/// Marks the points of a result where CLEAR MOT counts a switch.
+fn mark_switches((truth, result): (&TrackSet, &TrackSet), gate: &Gate, marks: &mut [bool]) -> Result<()> {
+    let candidates = Candidates::new(truth, result, gate)?;
+    switches(truth, result, &candidates).into_iter().for_each(|point| marks[point as usize] = true);
+    Ok(())
+}
+
+fn vectors(evaluation: &Evaluation) -> Vec<[f64; 7]> {
+    let pair = |pair: Option<u32>| pair.map_or(f64::NAN, f64::from);
+    let of = |v: &ComparedVector| {
+        let (at, moved) = (&v.measured.at, &v.measured.moved);
+        [pair(v.measured.pair), at.x_px, at.y_px, moved[0], moved[1], v.truth[0], v.truth[1]]
+    };
+    evaluation.vectors.iter().map(of).collect()
+}
+
+/// Points as one list per column.
+fn columns<'a>(points: impl Iterator<Item = &'a Point>) -> Map<String, Value> {
+    let points: Vec<&Point> = points.collect();
+    let column = |of: &dyn Fn(&Point) -> f64| list(points.iter().map(|point| of(point)));
+    let row = |row: u32| if row == NONE { f64::NAN } else { f64::from(row) };
+    let from = |point: &Point, k: usize| point.from.map_or(f64::NAN, |(at, _)| at[k]);
+    let columns: [(&str, Value); 17] = [
+        ("frame", column(&|p| f64::from(p.frame))),
+        ("kind", column(&|p| f64::from(p.kind as u8))),
+        ("truth_row", column(&|p| row(p.truth_row))),
+        ("result_row", column(&|p| row(p.result_row))),
+        ("x_px", column(&|p| p.at[0])),
+        ("y_px", column(&|p| p.at[1])),
+        ("z_um", column(&|p| p.at[2])),
+        ("dx_px", column(&|p| p.error[0])),
+        ("dy_px", column(&|p| p.error[1])),
+        ("dz_um", column(&|p| p.error[2])),
+        ("snr", column(&|p| p.snr)),
+        ("overlap", column(&|p| p.overlap)),
+        ("track", column(&|p| row(p.track))),
+        ("from_x_px", column(&|p| from(p, 0))),
+        ("from_y_px", column(&|p| from(p, 1))),
+        ("is_right", column(&|p| p.from.map_or(f64::NAN, |(_, right)| f64::from(u8::from(right))))),
+        ("is_switch", column(&|p| f64::from(u8::from(p.is_switch)))),
+    ];
+    columns.into_iter().map(|(name, values)| (name.to_owned(), values)).collect()
+}

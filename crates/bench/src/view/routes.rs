@@ -1,0 +1,256 @@
+//! What can be asked for. Every path is below the token; things are named by their numbers.
+
+use std::sync::Arc;
+
+use axum::Router;
+use axum::body::{Body, Bytes, to_bytes};
+use axum::extract::{Path, RawQuery, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use serde_json::{Value, json};
+
+use super::result::Filter;
+use super::state::App;
+use super::{assets, board, body, keys, preview, scenario};
+use crate::error::{Error, Result};
+
+/// Largest body of a request, bytes: a scenario.
+const LARGEST_BODY: usize = 1 << 20;
+
+/// Time for the body of a request.
+const BODY_TIME: std::time::Duration = std::time::Duration::from_secs(10);
+
+/// Time between signs of life on an open page.
+const SIGN_OF_LIFE: std::time::Duration = std::time::Duration::from_secs(1);
+
+type Shared = State<Arc<App>>;
+
+/// All routes, without the token.
+pub(super) fn all() -> Router<Arc<App>> {
+    Router::new()
+        .route("/page/{name}", get(|Path(name): Path<String>| async move { page(&name) }))
+        .route("/alive", get(alive))
+        .route("/about", get(about))
+        .route("/keys", get(|| key(String::new())))
+        .route("/keys/{path}", get(|Path(path): Path<String>| key(path)))
+        .route("/scenario", get(start).post(save))
+        .route("/preview", post(preview_of))
+        .route("/dataset/{dataset}", get(dataset))
+        .route("/dataset/{dataset}/frame/{frame}", get(frame))
+        .route("/dataset/{dataset}/truth/{frame}", get(truth))
+        .route("/dataset/{dataset}/field/{pair}", get(field))
+        .route("/dataset/{dataset}/depth", get(depth))
+        .route("/dataset/{dataset}/particle/{frame}/{row}", get(particle))
+        .route("/dataset/{dataset}/result/{tracker}", get(result))
+        .route("/dataset/{dataset}/result/{tracker}/score", get(score))
+        .route("/dataset/{dataset}/result/{tracker}/frame/{frame}", get(points))
+        .route("/dataset/{dataset}/result/{tracker}/vectors/{pair}", get(vectors))
+        .route("/dataset/{dataset}/result/{tracker}/worst", get(worst))
+        .route("/board/{dataset}/{tracker}", get(entry))
+}
+
+/// The page.
+pub(super) async fn index() -> Response {
+    page("index.html")
+}
+
+/// A file of the page.
+fn page(name: &str) -> Response {
+    match assets::file(name) {
+        Some((bytes, kind)) => ([(header::CONTENT_TYPE, kind)], bytes).into_response(),
+        None => StatusCode::NOT_FOUND.into_response(),
+    }
+}
+
+/// A value as JSON.
+fn told(value: &Value) -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], value.to_string()).into_response()
+}
+
+/// A key of the scenario language; null for words that are none, as they are while somebody types.
+async fn key(path: String) -> Response {
+    told(&keys::at(&path).unwrap_or(Value::Null))
+}
+
+/// An error as JSON: the reader's own files cannot be shown.
+fn refused(error: &Error) -> Response {
+    let text = json!({ "error": error.to_string() }).to_string();
+    (StatusCode::UNPROCESSABLE_ENTITY, [(header::CONTENT_TYPE, "application/json")], text).into_response()
+}
+
+/// Runs work on a thread of its own and tells what it gives.
+async fn work(app: Arc<App>, of: impl FnOnce(&App) -> Result<Option<Value>> + Send + 'static) -> Response {
+    let Ok(place) = Arc::clone(&app.large).acquire_owned().await else {
+        return StatusCode::SERVICE_UNAVAILABLE.into_response();
+    };
+    let shared = Arc::clone(&app);
+    let done =
+        app.job(move || of(&shared).map(|value| value.map(|value| Bytes::from(value.to_string())))).await;
+    match done {
+        None => StatusCode::TOO_MANY_REQUESTS.into_response(),
+        Some(Ok(Some(bytes))) => body::large(place, bytes, "application/json"),
+        Some(Ok(None)) => StatusCode::NOT_FOUND.into_response(),
+        Some(Err(error)) => refused(&error),
+    }
+}
+
+/// The body of a request, as far as it is allowed.
+async fn text(body: Body) -> std::result::Result<String, StatusCode> {
+    let read = tokio::time::timeout(BODY_TIME, to_bytes(body, LARGEST_BODY)).await;
+    let bytes = read.map_err(|_| StatusCode::REQUEST_TIMEOUT)?.map_err(|_| StatusCode::PAYLOAD_TOO_LARGE)?;
+    String::from_utf8(bytes.into()).map_err(|_| StatusCode::BAD_REQUEST)
+}
+
+/// Lasts as long as the page is open: a byte a second.
+async fn alive(State(app): Shared) -> Response {
+    let (sender, response) = body::stream();
+    let viewer = app.viewer();
+    tokio::spawn(async move {
+        let _viewer = viewer;
+        // A closed page closes the channel.
+        while tokio::time::timeout(SIGN_OF_LIFE, sender.closed()).await.is_err() {
+            if sender.send(Bytes::from_static(b".")).await.is_err() {
+                return;
+            }
+        }
+    });
+    response
+}
+
+async fn about(State(app): Shared) -> Response {
+    told(&board::about(&app))
+}
+
+async fn start(State(app): Shared) -> Response {
+    work(app, |app| scenario::about(app.subject()).map(Some)).await
+}
+
+async fn save(State(app): Shared, body: Body) -> Response {
+    match text(body).await {
+        Ok(text) => work(app, move |app| scenario::save(app.subject(), &text).map(Some)).await,
+        Err(status) => status.into_response(),
+    }
+}
+
+async fn preview_of(State(app): Shared, body: Body) -> Response {
+    let text = match text(body).await {
+        Ok(text) => text,
+        Err(status) => return status.into_response(),
+    };
+    let (stop, (sender, response)) = (app.next_preview(), body::stream());
+    // Not among the jobs: an earlier preview must end before this one begins.
+    tokio::task::spawn_blocking(move || preview::run(&app, &text, stop, sender));
+    response
+}
+
+async fn dataset(State(app): Shared, Path(dataset): Path<usize>) -> Response {
+    work(app, move |app| app.dataset(dataset)?.map(|open| open.about()).transpose()).await
+}
+
+async fn frame(State(app): Shared, Path((dataset, frame)): Path<(usize, usize)>) -> Response {
+    let Ok(place) = Arc::clone(&app.large).acquire_owned().await else {
+        return StatusCode::SERVICE_UNAVAILABLE.into_response();
+    };
+    let shared = Arc::clone(&app);
+    let counts = app.job(move || match shared.dataset(dataset)? {
+        Some(open) => open.counts(frame),
+        None => Ok(None),
+    });
+    match counts.await {
+        None => StatusCode::TOO_MANY_REQUESTS.into_response(),
+        Some(Ok(Some(counts))) => body::large(place, Bytes::from(counts), "application/octet-stream"),
+        Some(Ok(None)) => StatusCode::NOT_FOUND.into_response(),
+        Some(Err(error)) => refused(&error),
+    }
+}
+
+async fn truth(State(app): Shared, Path((dataset, frame)): Path<(usize, u32)>) -> Response {
+    work(app, move |app| app.dataset(dataset)?.map(|open| open.truth(frame)).transpose()).await
+}
+
+async fn field(State(app): Shared, Path((dataset, pair)): Path<(usize, u32)>) -> Response {
+    work(app, move |app| app.dataset(dataset)?.map(|open| open.field(pair)).transpose()).await
+}
+
+async fn depth(State(app): Shared, Path(dataset): Path<usize>) -> Response {
+    work(app, move |app| app.dataset(dataset)?.map(|open| open.depth()).transpose()).await
+}
+
+async fn particle(State(app): Shared, Path((dataset, frame, row)): Path<(usize, u32, usize)>) -> Response {
+    work(app, move |app| app.dataset(dataset)?.map(|open| open.particle(frame, row)).transpose()).await
+}
+
+async fn result(State(app): Shared, Path((dataset, tracker)): Path<(usize, usize)>) -> Response {
+    work(app, move |app| Ok(app.result(dataset, tracker)?.map(|open| open.about()))).await
+}
+
+async fn score(State(app): Shared, Path((dataset, tracker)): Path<(usize, usize)>) -> Response {
+    work(app, move |app| Ok(app.result(dataset, tracker)?.map(|open| open.score().clone()))).await
+}
+
+async fn points(State(app): Shared, Path((dataset, tracker, frame)): Path<(usize, usize, u32)>) -> Response {
+    work(app, move |app| Ok(app.result(dataset, tracker)?.map(|open| open.frame(frame)))).await
+}
+
+async fn vectors(State(app): Shared, Path((dataset, tracker, pair)): Path<(usize, usize, u32)>) -> Response {
+    work(app, move |app| Ok(app.result(dataset, tracker)?.map(|open| open.vectors(pair)))).await
+}
+
+async fn worst(
+    State(app): Shared,
+    Path((dataset, tracker)): Path<(usize, usize)>,
+    query: RawQuery,
+) -> Response {
+    let Some(filter) = filter(query.0.as_deref().unwrap_or_default()) else {
+        return StatusCode::BAD_REQUEST.into_response();
+    };
+    work(app, move |app| Ok(app.result(dataset, tracker)?.map(|open| open.worst(&filter)))).await
+}
+
+/// The filter of a query `kind=0&by=1&z=-10,20&snr=3,&overlap=,0.5&switches=1`; `None` if it is none.
+fn filter(query: &str) -> Option<Filter> {
+    let all = [f64::NEG_INFINITY, f64::INFINITY];
+    let mut filter = Filter { kind: None, by: 0, z_um: all, snr: all, overlap: all, switches: false };
+    let range = |text: &str| -> Option<[f64; 2]> {
+        let (low, high) = text.split_once(',')?;
+        let bound = |text: &str, open: f64| {
+            if text.is_empty() { Some(open) } else { text.parse().ok().filter(|x: &f64| x.is_finite()) }
+        };
+        Some([bound(low, all[0])?, bound(high, all[1])?])
+    };
+    for part in query.split('&').filter(|part| !part.is_empty()) {
+        match part.split_once('=')? {
+            ("kind", value) => filter.kind = Some(value.parse().ok().filter(|kind| *kind < 3)?),
+            ("by", value) => filter.by = value.parse().ok().filter(|by| *by < 3)?,
+            ("z", value) => filter.z_um = range(value)?,
+            ("snr", value) => filter.snr = range(value)?,
+            ("overlap", value) => filter.overlap = range(value)?,
+            ("switches", value) => filter.switches = value == "1",
+            _ => return None,
+        }
+    }
+    Some(filter)
+}
+
+async fn entry(State(app): Shared, Path((dataset, tracker)): Path<(usize, usize)>) -> Response {
+    work(app, move |app| board::entry(app, dataset, tracker)).await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn filters_are_read_or_refused() {
+        let all = [f64::NEG_INFINITY, f64::INFINITY];
+        let none = Filter { kind: None, by: 0, z_um: all, snr: all, overlap: all, switches: false };
+        assert_eq!(filter(""), Some(none));
+        let narrow =
+            Filter { kind: Some(2), by: 1, z_um: [-10.0, 20.5], snr: [3.0, all[1]], switches: true, ..none };
+        assert_eq!(filter("kind=2&by=1&z=-10,20.5&snr=3,&switches=1"), Some(narrow));
+        for wrong in ["kind=3", "by=9", "z=1", "z=a,b", "snr=nan,1", "x=1", "kind", "z=%00,1"] {
+            assert_eq!(filter(wrong), None, "{wrong}");
+        }
+    }
+}

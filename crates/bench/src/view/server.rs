@@ -1,0 +1,257 @@
+//! The server: who may ask, how much, and when it ends.
+//!
+//! It listens on 127.0.0.1, on a random port unless told otherwise. Every address begins with a token of 128
+//! random bits, `Host` must name the loopback address and this very port (so that a page of another site
+//! cannot reach it through a name of its own), and `Origin`, if there is one, must be this server. What is
+//! refused gets a status from 400 to 499 and no hint at why. Connections, headers, bodies and memory for
+//! answers are bounded.
+
+use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::middleware::{Next, from_fn_with_state};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use tokio::net::TcpListener;
+use tokio::sync::Semaphore;
+
+use super::routes;
+use super::state::App;
+use super::subject::Subject;
+use crate::error::{Error, Result};
+use crate::storage::on_interrupt;
+
+/// How to serve.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ViewOptions {
+    /// The port; 0 takes a free one.
+    pub port: u16,
+    /// Go on when the last page has been closed.
+    pub stay: bool,
+}
+
+/// A server that is about to answer.
+#[derive(Debug, Clone)]
+pub struct Served {
+    /// The page's address, with the token.
+    pub address: String,
+    /// What it shows.
+    pub title: String,
+}
+
+/// Connections that are open at a time; others wait.
+const CONNECTIONS: usize = 128;
+
+/// Longest path and query of a request, bytes.
+const LONGEST_ADDRESS: usize = 4096;
+
+/// Largest headers of a request, bytes.
+const LARGEST_HEADERS: usize = 32 * 1024;
+
+/// Time for the headers of a request.
+const HEADERS_TIME: Duration = Duration::from_secs(10);
+
+/// Threads for work that takes long.
+const WORKERS: usize = 6;
+
+/// Serves pages until the program is interrupted or the last page is closed; `announce` is told the address.
+///
+/// # Errors
+/// A port that is taken; a subject that cannot be shown.
+pub fn serve(
+    subject: Subject,
+    options: ViewOptions,
+    announce: impl FnOnce(&Served) -> Result<()>,
+) -> Result<()> {
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .max_blocking_threads(WORKERS)
+        .enable_io()
+        .enable_time()
+        .build()
+        .map_err(|e| Error::input(format!("threads of the server: {e}")))?;
+    let result = runtime.block_on(async {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, options.port))
+            .await
+            .map_err(|e| Error::input(format!("--port {}: {e}", options.port)))?;
+        let at = listener.local_addr().map_err(|e| Error::input(format!("port: {e}")))?;
+        let app = Arc::new(App::new(subject, at.port())?);
+        let end = Arc::clone(&app);
+        on_interrupt(move || end.end());
+        announce(&Served { address: app.address(), title: app.title() })?;
+        let accepting = tokio::spawn(accept(listener, Arc::clone(&app)));
+        if options.stay {
+            app.ended().await;
+        } else {
+            app.ended_or_left().await;
+        }
+        accepting.abort();
+        Ok(())
+    });
+    // Work that is under way ends with the program.
+    runtime.shutdown_timeout(Duration::from_millis(200));
+    result
+}
+
+/// The routes behind their guards.
+pub(super) fn router(app: &Arc<App>) -> Router {
+    Router::new()
+        .nest(&format!("/{}", app.token()), routes::all())
+        // Paths of the page are relative, so its own address ends with a slash.
+        .route(&format!("/{}/", app.token()), get(routes::index))
+        .layer(from_fn_with_state(Arc::clone(app), guard))
+        .with_state(Arc::clone(app))
+}
+
+pub(super) async fn accept(listener: TcpListener, app: Arc<App>) {
+    let (places, router) = (Arc::new(Semaphore::new(CONNECTIONS)), router(&app));
+    loop {
+        let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
+        let (stream, from) = match listener.accept().await {
+            Ok(accepted) => accepted,
+            // Too many open files, or a connection that is gone again.
+            Err(_) => {
+                tokio::time::sleep(Duration::from_millis(20)).await;
+                continue;
+            }
+        };
+        if !is_local(from) {
+            continue;
+        }
+        let _ = stream.set_nodelay(true);
+        let service = TowerToHyperService::new(router.clone());
+        tokio::spawn(async move {
+            let mut http = http1::Builder::new();
+            http.timer(TokioTimer::new()).header_read_timeout(HEADERS_TIME).max_buf_size(LARGEST_HEADERS);
+            // A connection that breaks concerns nobody else.
+            let _ = http.serve_connection(TokioIo::new(stream), service).await;
+            drop(place);
+        });
+    }
+}
+
+fn is_local(from: SocketAddr) -> bool {
+    from.ip().is_loopback()
+}
+
+/// Lets a request through if it is meant for this server and knows the token.
+async fn guard(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
+    let answer = match admitted(&app, &request) {
+        Ok(()) => next.run(request).await,
+        Err(status) => status.into_response(),
+    };
+    with_headers(answer)
+}
+
+fn admitted(app: &App, request: &Request) -> std::result::Result<(), StatusCode> {
+    let uri = request.uri();
+    if uri.path_and_query().map_or(0, |all| all.as_str().len()) > LONGEST_ADDRESS {
+        return Err(StatusCode::URI_TOO_LONG);
+    }
+    let authority = uri.authority().map(ToString::to_string);
+    if !is_meant(app.port(), authority.as_deref(), request.headers()) {
+        return Err(StatusCode::FORBIDDEN);
+    }
+    if is_token(app.token(), uri.path()) { Ok(()) } else { Err(StatusCode::FORBIDDEN) }
+}
+
+/// Whether `Host` and `Origin` name this server.
+fn is_meant(port: u16, authority: Option<&str>, headers: &HeaderMap) -> bool {
+    let own = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
+    let is_own = |host: &str| own.iter().any(|own| own.eq_ignore_ascii_case(host));
+    let one = |name: header::HeaderName| -> Option<Option<&str>> {
+        let mut values = headers.get_all(name).iter();
+        match (values.next(), values.next()) {
+            (None, _) => Some(None),
+            (Some(value), None) => value.to_str().ok().map(Some),
+            (Some(_), Some(_)) => None,
+        }
+    };
+    let host = match (authority, one(header::HOST)) {
+        (Some(authority), Some(_)) => authority,
+        (None, Some(Some(host))) => host,
+        _ => return false,
+    };
+    let from_here = match one(header::ORIGIN) {
+        Some(None) => true,
+        Some(Some(origin)) => origin.strip_prefix("http://").is_some_and(is_own),
+        None => false,
+    };
+    is_own(host) && from_here
+}
+
+/// Whether the first step of a path is the token; takes the same time wherever they differ.
+fn is_token(token: &str, path: &str) -> bool {
+    let given = path.strip_prefix('/').unwrap_or(path).split('/').next().unwrap_or_default().as_bytes();
+    let differences = token.bytes().zip(given).fold(0, |all, (a, b)| all | (a ^ b));
+    given.len() == token.len() && differences == 0
+}
+
+/// What every answer says: nothing is kept, nothing is loaded from elsewhere, nobody may frame it.
+fn with_headers(mut answer: Response) -> Response {
+    const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; \
+                          connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+    let headers = answer.headers_mut();
+    for (name, value) in [
+        (header::CONTENT_SECURITY_POLICY, POLICY),
+        (header::CACHE_CONTROL, "no-store"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::X_FRAME_OPTIONS, "DENY"),
+        (header::HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+        (header::HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    answer
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn headers(of: &[(header::HeaderName, &'static str)]) -> HeaderMap {
+        let mut headers = HeaderMap::new();
+        of.iter().for_each(|(name, value)| {
+            headers.append(name, HeaderValue::from_static(value));
+        });
+        headers
+    }
+
+    #[test]
+    fn only_its_own_names_are_meant() {
+        use header::{HOST, ORIGIN};
+        let is_meant = |of: &[_]| is_meant(4000, None, &headers(of));
+        assert!(is_meant(&[(HOST, "127.0.0.1:4000")]) && is_meant(&[(HOST, "LocalHost:4000")]));
+        assert!(is_meant(&[(HOST, "127.0.0.1:4000"), (ORIGIN, "http://127.0.0.1:4000")]));
+        for wrong in [
+            "",
+            "127.0.0.1",
+            "127.0.0.1:4001",
+            "evil.example:4000",
+            "127.0.0.1:4000.evil.example",
+            "[::1]:4000",
+        ] {
+            assert!(!is_meant(&[(HOST, wrong)]), "{wrong}");
+        }
+        assert!(!is_meant(&[]) && !is_meant(&[(HOST, "localhost:4000"), (HOST, "evil.example")]));
+        for wrong in ["null", "https://127.0.0.1:4000", "http://evil.example", "http://127.0.0.1:4001"] {
+            assert!(!is_meant(&[(HOST, "127.0.0.1:4000"), (ORIGIN, wrong)]), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_token_is_compared_whole() {
+        assert!(is_token("abc", "/abc/x") && is_token("abc", "/abc"));
+        for wrong in ["", "/", "/ab/c", "/abcd/x", "/abd/", "/x/abc", "//abc"] {
+            assert!(!is_token("abc", wrong), "{wrong}");
+        }
+    }
+}

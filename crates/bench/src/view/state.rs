@@ -1,0 +1,245 @@
+//! What requests share: the subject, what is open of it, who is looking.
+
+use std::collections::VecDeque;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use tokio::sync::{Notify, Semaphore};
+
+use super::dataset::OpenDataset;
+use super::result::OpenResult;
+use super::subject::Subject;
+use crate::error::{Error, Result};
+
+/// Datasets that are kept open.
+const OPEN_DATASETS: usize = 3;
+
+/// Results that are kept in memory.
+const OPEN_RESULTS: usize = 6;
+
+/// Large answers that are under way at a time: each may hold an image.
+const LARGE_ANSWERS: usize = 4;
+
+/// Work on the processor at a time.
+const JOBS: usize = 2;
+
+/// Jobs that may wait; more are refused.
+const WAITING_JOBS: u64 = 256;
+
+/// How long no page may be open before the program ends.
+const ALONE: Duration = Duration::from_secs(5);
+
+/// What requests share.
+#[derive(Debug)]
+pub(super) struct App {
+    subject: Subject,
+    token: String,
+    port: u16,
+    datasets: Kept<usize, OpenDataset>,
+    results: Kept<(usize, usize), OpenResult>,
+    /// For answers that hold much memory.
+    pub(super) large: Arc<Semaphore>,
+    jobs: Arc<Semaphore>,
+    waiting: AtomicU64,
+    /// Set to stop the preview under way.
+    preview: Mutex<Arc<AtomicBool>>,
+    /// Held by the preview that is being made.
+    pub(super) previewing: Arc<Mutex<()>>,
+    viewers: AtomicU64,
+    /// Whether a page was ever open.
+    seen: AtomicBool,
+    ended: AtomicBool,
+    end: Notify,
+}
+
+/// What is open, last used last.
+#[derive(Debug)]
+struct Kept<K, V> {
+    most: usize,
+    all: Mutex<VecDeque<(K, Arc<V>)>>,
+}
+
+impl<K: PartialEq + Copy, V> Kept<K, V> {
+    fn at_most(most: usize) -> Self {
+        Kept { most, all: Mutex::new(VecDeque::new()) }
+    }
+
+    fn find(&self, key: K) -> Option<Arc<V>> {
+        let mut all = locked(&self.all);
+        let at = all.iter().position(|(of, _)| *of == key)?;
+        let found = all.remove(at)?;
+        let value = Arc::clone(&found.1);
+        all.push_back(found);
+        Some(value)
+    }
+
+    fn keep(&self, key: K, value: V) -> Arc<V> {
+        let (value, mut all) = (Arc::new(value), locked(&self.all));
+        // Two requests may have opened the same.
+        all.retain(|(of, _)| *of != key);
+        all.push_back((key, Arc::clone(&value)));
+        while all.len() > self.most {
+            all.pop_front();
+        }
+        value
+    }
+}
+
+/// A lock whose holder may have panicked: what it guards is replaced whole.
+pub(super) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A page that is open, as long as this lives.
+#[derive(Debug)]
+pub(super) struct Viewer(Arc<App>);
+
+impl Drop for Viewer {
+    fn drop(&mut self) {
+        self.0.viewers.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
+impl App {
+    pub(super) fn new(subject: Subject, port: u16) -> Result<Self> {
+        let mut random = [0; 16];
+        getrandom::fill(&mut random).map_err(|e| Error::input(format!("random token: {e}")))?;
+        Ok(App {
+            subject,
+            token: random.iter().map(|byte| format!("{byte:02x}")).collect(),
+            port,
+            datasets: Kept::at_most(OPEN_DATASETS),
+            results: Kept::at_most(OPEN_RESULTS),
+            large: Arc::new(Semaphore::new(LARGE_ANSWERS)),
+            jobs: Arc::new(Semaphore::new(JOBS)),
+            waiting: AtomicU64::new(0),
+            preview: Mutex::new(Arc::default()),
+            previewing: Arc::default(),
+            viewers: AtomicU64::new(0),
+            seen: AtomicBool::new(false),
+            ended: AtomicBool::new(false),
+            end: Notify::new(),
+        })
+    }
+
+    pub(super) fn subject(&self) -> &Subject {
+        &self.subject
+    }
+
+    pub(super) fn token(&self) -> &str {
+        &self.token
+    }
+
+    pub(super) fn port(&self) -> u16 {
+        self.port
+    }
+
+    /// The page's address.
+    pub(super) fn address(&self) -> String {
+        format!("http://127.0.0.1:{}/{}/", self.port, self.token)
+    }
+
+    /// What is shown, in a few words.
+    pub(super) fn title(&self) -> String {
+        let shown = |path: &Path| path.display().to_string();
+        match (&self.subject.sweep, &self.subject.scenario, self.subject.datasets.first()) {
+            (Some(sweep), ..) => shown(sweep),
+            (_, Some(scenario), _) => shown(scenario),
+            (_, _, Some(dataset)) => shown(&dataset.folder),
+            _ => "a new scenario".to_owned(),
+        }
+    }
+
+    /// The dataset of a number; `None` if there is none.
+    ///
+    /// # Errors
+    /// A dataset that cannot be read.
+    pub(super) fn dataset(&self, number: usize) -> Result<Option<Arc<OpenDataset>>> {
+        let Some(entry) = self.subject.datasets.get(number) else { return Ok(None) };
+        if let Some(open) = self.datasets.find(number) {
+            return Ok(Some(open));
+        }
+        Ok(Some(self.datasets.keep(number, OpenDataset::open(&entry.folder)?)))
+    }
+
+    /// The result of a tracker for a dataset; `None` if there is none.
+    ///
+    /// # Errors
+    /// A result that cannot be scored.
+    pub(super) fn result(&self, dataset: usize, tracker: usize) -> Result<Option<Arc<OpenResult>>> {
+        let Some(entry) = self.subject.datasets.get(dataset) else { return Ok(None) };
+        let path =
+            self.subject.trackers.get(tracker).and_then(|tracker| tracker.results.get(dataset)?.as_ref());
+        let Some(path) = path else { return Ok(None) };
+        if let Some(open) = self.results.find((dataset, tracker)) {
+            return Ok(Some(open));
+        }
+        Ok(Some(self.results.keep((dataset, tracker), OpenResult::open(&entry.folder, path)?)))
+    }
+
+    /// Runs work on a thread of its own; `None` if too much is waiting already, or if it panicked.
+    pub(super) async fn job<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Option<T> {
+        if self.waiting.fetch_add(1, Ordering::SeqCst) >= WAITING_JOBS {
+            self.waiting.fetch_sub(1, Ordering::SeqCst);
+            return None;
+        }
+        let place = Arc::clone(&self.jobs).acquire_owned().await;
+        self.waiting.fetch_sub(1, Ordering::SeqCst);
+        let place = place.ok()?;
+        tokio::task::spawn_blocking(move || {
+            let _place = place;
+            work()
+        })
+        .await
+        .ok()
+    }
+
+    /// Stops the preview under way; gives the new one's sign to stop.
+    pub(super) fn next_preview(&self) -> Arc<AtomicBool> {
+        let next = Arc::new(AtomicBool::new(false));
+        std::mem::replace(&mut *locked(&self.preview), Arc::clone(&next)).store(true, Ordering::SeqCst);
+        next
+    }
+
+    /// A page that has just been opened.
+    pub(super) fn viewer(self: &Arc<Self>) -> Viewer {
+        self.viewers.fetch_add(1, Ordering::SeqCst);
+        self.seen.store(true, Ordering::SeqCst);
+        Viewer(Arc::clone(self))
+    }
+
+    /// Ends the program.
+    pub(super) fn end(&self) {
+        self.ended.store(true, Ordering::SeqCst);
+        self.next_preview();
+        self.end.notify_waiters();
+    }
+
+    /// Returns when the program shall end.
+    pub(super) async fn ended(&self) {
+        let mut end = std::pin::pin!(self.end.notified());
+        end.as_mut().enable();
+        if !self.ended.load(Ordering::SeqCst) {
+            end.await;
+        }
+    }
+
+    /// Returns when the program shall end, or when the last page has been closed for a while.
+    pub(super) async fn ended_or_left(&self) {
+        const STEP: Duration = Duration::from_millis(250);
+        let mut alone_since = Instant::now();
+        while tokio::time::timeout(STEP, self.ended()).await.is_err() {
+            let is_alone = self.seen.load(Ordering::SeqCst) && self.viewers.load(Ordering::SeqCst) == 0;
+            if !is_alone {
+                alone_since = Instant::now();
+            } else if alone_since.elapsed() > ALONE {
+                return;
+            }
+        }
+    }
+}

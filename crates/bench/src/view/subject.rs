@@ -1,0 +1,212 @@
+//! What is shown: a scenario, a dataset with results, or the cases of a sweep with the results of trackers.
+
+use std::path::{Path, PathBuf};
+
+use crate::dataset::manifest::MANIFEST;
+use crate::error::{Error, Result};
+use crate::scenario::{SCENARIO, read_text, shipped};
+use crate::storage::folder::is_partial;
+use crate::storage::input;
+
+/// What is shown. Requests name datasets, results and trackers by their place in these lists.
+#[derive(Debug, Clone, Default)]
+pub struct Subject {
+    /// The scenario's file, which `save` writes; `None` if the page starts from a shipped scenario.
+    pub scenario: Option<PathBuf>,
+    /// The datasets: one, or the cases of a sweep.
+    pub datasets: Vec<DatasetEntry>,
+    /// The trackers whose results are shown.
+    pub trackers: Vec<Tracker>,
+    /// The axes of a sweep.
+    pub axes: Vec<String>,
+    /// The sweep's folder, if it is one.
+    pub sweep: Option<PathBuf>,
+}
+
+/// A dataset that can be opened.
+#[derive(Debug, Clone)]
+pub struct DatasetEntry {
+    /// Its name, or that of its case.
+    pub name: String,
+    /// Its folder.
+    pub folder: PathBuf,
+    /// Values of the sweep's axes.
+    pub values: Vec<String>,
+}
+
+/// A tracker: a result of each dataset.
+#[derive(Debug, Clone)]
+pub struct Tracker {
+    /// Its name: that of its file or folder.
+    pub name: String,
+    /// The result of each dataset, if there is one.
+    pub results: Vec<Option<PathBuf>>,
+}
+
+/// The table of a sweep's cases.
+const CASES: &str = "cases.csv";
+
+/// Most cases of a sweep that are shown.
+const MOST_CASES: usize = 100_000;
+
+impl Subject {
+    /// What a path holds; `results` are results of a dataset, or folders with the results of a sweep's cases.
+    ///
+    /// # Errors
+    /// A path that is neither a scenario, a dataset nor a sweep; results that are not there or belong to
+    /// nothing.
+    pub fn of(path: Option<&Path>, results: &[PathBuf]) -> Result<Self> {
+        let Some(path) = path else { return Ok(Subject::default()) };
+        if path.is_dir() {
+            if is_partial(path) {
+                let hint = "unfinished; microsig generate --resume (or sweep --resume) goes on with it";
+                return Err(Error::input(format!("{}: {hint}", path.display())));
+            }
+            if path.join(MANIFEST).is_file() {
+                return Subject::of_dataset(path, results);
+            }
+            return Subject::of_sweep(path, results);
+        }
+        if let Some(stray) = results.first() {
+            let what = "is a scenario, which has no results";
+            return Err(Error::input(format!("{}: {} {what}", stray.display(), path.display())));
+        }
+        if path.exists() {
+            read_text(path)?;
+        } else if !path.extension().is_some_and(|end| end == "ron" || end == "json") {
+            let expected = "expected a scenario, a dataset or a sweep's folder";
+            return Err(Error::input(format!("{}: not found; {expected}", path.display())));
+        }
+        Ok(Subject { scenario: Some(path.to_owned()), ..Subject::default() })
+    }
+
+    fn of_dataset(folder: &Path, results: &[PathBuf]) -> Result<Self> {
+        let name =
+            |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let mut trackers: Vec<Tracker> = Vec::new();
+        for path in results {
+            let path = found(path)?;
+            let own = path.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+            // Results of one name lie in different folders.
+            let is_taken = trackers.iter().any(|tracker| tracker.name == own);
+            let name = if is_taken { path.display().to_string() } else { own };
+            trackers.push(Tracker { name, results: vec![Some(path)] });
+        }
+        let whole = folder.canonicalize().map_err(|e| Error::read(folder, e))?;
+        let dataset = DatasetEntry { name: name(&whole), folder: folder.to_owned(), values: Vec::new() };
+        Ok(Subject { datasets: vec![dataset], trackers, ..Subject::default() })
+    }
+
+    fn of_sweep(folder: &Path, results: &[PathBuf]) -> Result<Self> {
+        let (axes, cases) = cases(folder)?;
+        let datasets: Vec<DatasetEntry> = cases
+            .into_iter()
+            .map(|(name, values)| DatasetEntry { folder: folder.join(&name), name, values })
+            .collect();
+        if datasets.is_empty() {
+            let expected = "expected a scenario, a dataset or a sweep's folder";
+            return Err(Error::input(format!("{}: holds no dataset; {expected}", folder.display())));
+        }
+        let mut trackers = Vec::new();
+        for root in results {
+            if !root.is_dir() {
+                let expected = "expected a folder with a result of each case, CASE.csv or CASE/result.csv";
+                return Err(Error::input(format!("{}: {expected}", root.display())));
+            }
+            let of_case = |case: &DatasetEntry| {
+                let names = [
+                    format!("{}.csv", case.name),
+                    format!("{}.xml", case.name),
+                    format!("{}/result.csv", case.name),
+                ];
+                names.iter().map(|name| root.join(name)).find(|path| path.is_file())
+            };
+            let of_cases: Vec<Option<PathBuf>> = datasets.iter().map(of_case).collect();
+            if of_cases.iter().all(Option::is_none) {
+                let expected = "holds no result of a case; expected CASE.csv or CASE/result.csv";
+                return Err(Error::input(format!("{}: {expected}", root.display())));
+            }
+            let name = root.file_name().map(|n| n.to_string_lossy().into_owned());
+            trackers.push(Tracker {
+                name: name.unwrap_or_else(|| root.display().to_string()),
+                results: of_cases,
+            });
+        }
+        Ok(Subject { datasets, trackers, axes, sweep: Some(folder.to_owned()), ..Subject::default() })
+    }
+
+    /// Name and text that the editor begins with.
+    ///
+    /// # Errors
+    /// A scenario that cannot be read.
+    pub fn text(&self) -> Result<(String, String)> {
+        let path = match (&self.scenario, self.datasets.first()) {
+            (Some(path), _) if path.exists() => path.clone(),
+            (None, Some(dataset)) if dataset.folder.join(SCENARIO).is_file() => dataset.folder.join(SCENARIO),
+            (path, _) => {
+                let start = shipped().into_iter().find(|(name, _)| *name == "quickstart");
+                let name = path.as_ref().map_or_else(|| "scenario.ron".into(), |p| p.display().to_string());
+                return Ok((name, start.map(|(_, text)| text.to_owned()).unwrap_or_default()));
+            }
+        };
+        Ok((path.display().to_string(), read_text(&path)?))
+    }
+
+    /// The folder that paths in the scenario begin from.
+    pub fn base(&self) -> PathBuf {
+        let beside = |file: &PathBuf| file.parent().map(Path::to_path_buf);
+        let of_dataset = || self.datasets.first().map(|dataset| dataset.folder.clone());
+        let base = self.scenario.as_ref().and_then(beside).or_else(of_dataset).unwrap_or_default();
+        if base.as_os_str().is_empty() { PathBuf::from(".") } else { base }
+    }
+}
+
+/// A result that is there.
+fn found(path: &Path) -> Result<PathBuf> {
+    std::fs::metadata(path).map_err(|e| Error::read(path, e))?;
+    Ok(path.to_owned())
+}
+
+/// A case of a sweep: its folder's name and its values on the axes.
+type Case = (String, Vec<String>);
+
+/// Axes and finished cases of a sweep: from its table, or its folders if it is not finished.
+fn cases(folder: &Path) -> Result<(Vec<String>, Vec<Case>)> {
+    let table = folder.join(CASES);
+    let is_case = |name: &str| is_name(name) && folder.join(name).join(MANIFEST).is_file();
+    if !table.is_file() {
+        let mut names: Vec<String> = std::fs::read_dir(folder)
+            .map_err(|e| Error::read(folder, e))?
+            .take(MOST_CASES)
+            .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+            .filter(|name| is_case(name))
+            .collect();
+        names.sort_unstable();
+        return Ok((Vec::new(), names.into_iter().map(|name| (name, Vec::new())).collect()));
+    }
+    let failed = |e: csv::Error| Error::input(format!("{}: {e}", table.display()));
+    let mut reader = csv::Reader::from_reader(input::open(&table)?);
+    let header = reader.headers().map_err(failed)?.clone();
+    let column = |name: &str| header.iter().position(|h| h == name);
+    let (Some(dataset), Some(seed), Some(status)) = (column("dataset"), column("seed"), column("status"))
+    else {
+        return Err(Error::input(format!("{}: is no table of a sweep's cases", table.display())));
+    };
+    let axes = (seed + 1..status).map(|i| header[i].to_owned()).collect();
+    let mut cases = Vec::new();
+    for record in reader.records().take(MOST_CASES) {
+        let record = record.map_err(failed)?;
+        let name = record.get(dataset).unwrap_or_default();
+        if is_case(name) {
+            let values = (seed + 1..status).map(|i| record.get(i).unwrap_or_default().to_owned());
+            cases.push((name.to_owned(), values.collect()));
+        }
+    }
+    Ok((axes, cases))
+}
+
+/// Whether a text is the name of a folder, no path.
+fn is_name(text: &str) -> bool {
+    let mut parts = Path::new(text).components();
+    matches!((parts.next(), parts.next()), (Some(std::path::Component::Normal(_)), None))
+}

@@ -1,0 +1,115 @@
+//! Compositions of fields: sum, scaling, translation, rotation, moving frame, modulation in time, reflection.
+//!
+//! With f the inner field:
+//! - sum: u = SUM f_i(x, t)
+//! - scaled: u = a f(c + (x - c) / L, t)
+//! - translated: u = f(x - d, t)
+//! - rotated: u = R f(c + R^T (x - c), t), R being the rotation by an angle about an axis through c
+//! - moving: u = V + f(x - V t, t), the field including its far field moves with V
+//! - modulated: u = g(t) f(x, t), g = m + a cos(2 pi f t + p)
+//! - mirrored: u = M f(M x, t), M being the reflection at a plane normal to an axis
+//!
+//! Gradients follow by the chain rule. A closed-form trajectory of f gives one of the composition: always for
+//! translation, rotation, reflection and a moving frame; for a steady f also for scaling (time runs at the
+//! rate a / L) and modulation (time is the integral of g). Walls of f are transformed with it; the fluid of a
+//! sum is the intersection of the fluids of its terms.
+
+mod entries;
+mod placed;
+mod scaled;
+mod sum;
+mod unsteady;
+
+pub(in crate::fields) use entries::vortex;
+pub(crate) use entries::{MIRRORED, MODULATED, MOVING, ROTATED, SCALED, SUM, TRANSLATED};
+pub use placed::{Mirrored, MirroredParams, Rotated, RotatedParams, Translated, TranslatedParams};
+pub use scaled::{Scaled, ScaledParams};
+pub use sum::Sum;
+pub use unsteady::{Modulated, ModulatedParams, Moving, MovingParams};
+
+use crate::field::VelocityField;
+use std::sync::Arc;
+
+/// The inner field of a composition.
+type Inner = Arc<dyn VelocityField>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fields::{LambOseen, LambOseenParams, Poiseuille, PoiseuilleParams, Rankine, RankineParams};
+    use crate::region::Axis;
+    use glam::DVec3;
+    use std::f64::consts::PI;
+
+    fn poiseuille() -> Box<dyn VelocityField> {
+        Box::new(Poiseuille::from_params(&PoiseuilleParams::default()).unwrap())
+    }
+
+    fn vortex(viscosity_um2_s: f64) -> Box<dyn VelocityField> {
+        let params = LambOseenParams { viscosity_um2_s, ..Default::default() };
+        Box::new(LambOseen::from_params(&params).unwrap())
+    }
+
+    #[test]
+    fn a_quarter_turn_about_z_sends_columns_to_rows() {
+        let params = RotatedParams { angle_rad: 0.5 * PI, ..Default::default() };
+        let field = Rotated::new(poiseuille(), &params).unwrap();
+        let u = field.velocity(DVec3::new(5.0, 7.0, -30.0), 0.0);
+        assert!((u - DVec3::Y * 1290.0).length() < 1e-12 * 1290.0);
+        let flat = RotatedParams { axis: [0.0; 3], ..params };
+        let message = Rotated::new(poiseuille(), &flat).unwrap_err().to_string();
+        assert_eq!(message, "rotated: axis = [0.0, 0.0, 0.0]: expected a vector other than zero");
+    }
+
+    #[test]
+    fn a_mirror_turns_vortices_the_other_way() {
+        let rankine: Box<dyn VelocityField> = Box::new(Rankine::new(&RankineParams::default()).unwrap());
+        let spin = |field: &dyn VelocityField, x: DVec3| {
+            let gradient = field.gradient(x, 0.0);
+            gradient.x_axis.y - gradient.y_axis.x
+        };
+        let before = spin(rankine.as_ref(), DVec3::ZERO);
+        let mirrored = Mirrored::new(rankine, &MirroredParams { axis: Axis::X, at_um: 50.0 }).unwrap();
+        assert_eq!(spin(&mirrored, DVec3::X * 100.0), -before);
+    }
+
+    #[test]
+    fn closed_forms_survive_only_where_they_hold() {
+        let twice = ScaledParams { velocity_factor: 2.0, ..Default::default() };
+        let closed = |field: &dyn VelocityField| field.flow_map(DVec3::X * 30.0, 0.0, 0.01).is_some();
+        assert!(closed(&Scaled::new(vortex(0.0), &twice).unwrap()));
+        assert!(!closed(&Scaled::new(vortex(1e3), &twice).unwrap()));
+        // Doubling speeds and lengths leaves the time scale unchanged, also for a decaying vortex.
+        let larger = ScaledParams { length_factor: 2.0, ..twice };
+        assert!(closed(&Scaled::new(vortex(1e3), &larger).unwrap()));
+        let pulse = ModulatedParams { amplitude: 0.5, ..Default::default() };
+        assert!(!closed(&Modulated::new(vortex(1e3), &pulse).unwrap()));
+        assert!(closed(&Sum::new(vec![vortex(1e3)]).unwrap()));
+        assert!(!closed(&Sum::new(vec![vortex(0.0), poiseuille()]).unwrap()));
+    }
+
+    #[test]
+    fn sums_add_and_need_a_term() {
+        let field = Sum::new(vec![poiseuille(), vortex(0.0)]).unwrap();
+        let x = DVec3::new(10.0, 20.0, -60.0);
+        let expected = poiseuille().velocity(x, 0.0) + vortex(0.0).velocity(x, 0.0);
+        assert_eq!(field.velocity(x, 0.0), expected);
+        assert_eq!(Sum::new(vec![]).unwrap_err().to_string(), "sum: fields = none: expected one or more");
+    }
+
+    #[test]
+    fn factors_are_checked() {
+        let flat = ScaledParams { length_factor: 0.0, ..Default::default() };
+        let message = Scaled::new(poiseuille(), &flat).unwrap_err().to_string();
+        assert_eq!(message, "scaled: length_factor = 0: expected a finite number > 0");
+        assert!(Moving::new(poiseuille(), &MovingParams { velocity_um_s: [f64::NAN; 3] }).is_err());
+        assert!(Translated::new(poiseuille(), &TranslatedParams { offset_um: [f64::INFINITY; 3] }).is_err());
+        assert!(
+            Modulated::new(poiseuille(), &ModulatedParams { frequency_hz: -1.0, ..Default::default() })
+                .is_err()
+        );
+        assert!(
+            Mirrored::new(poiseuille(), &MirroredParams { at_um: f64::NAN, ..Default::default() }).is_err()
+        );
+    }
+}

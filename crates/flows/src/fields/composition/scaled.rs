@@ -1,0 +1,111 @@
+//! A field with scaled velocities and lengths.
+
+use super::Inner;
+use crate::error::{ParameterCheck, Result};
+use crate::field::VelocityField;
+use crate::fields::ROUNDING_MARGIN;
+use crate::params::params;
+use crate::region::Region;
+use crate::wall::Wall;
+use glam::{DMat3, DVec3};
+use std::sync::Arc;
+
+const SCALED: ParameterCheck = ParameterCheck("scaled");
+
+params! {
+    /// Parameters of [`Scaled`].
+    ScaledParams {
+        /// Factor on the velocity.
+        velocity_factor: f64 = 1.0, "finite";
+        /// Factor on lengths.
+        length_factor: f64 = 1.0, "> 0";
+        /// The point that stays in place, um.
+        #[alias = "centre_um"]
+        center_um: [f64; 3] = [0.0, 0.0, 0.0], "finite";
+    }
+}
+
+/// A field with scaled velocities and lengths.
+#[derive(Debug)]
+pub struct Scaled {
+    inner: Inner,
+    velocity: f64,
+    length: f64,
+    center: DVec3,
+}
+
+impl Scaled {
+    /// `inner`, scaled.
+    pub fn new(inner: Box<dyn VelocityField>, params: &ScaledParams) -> Result<Self> {
+        Ok(Scaled {
+            inner: inner.into(),
+            velocity: SCALED.finite("velocity_factor", params.velocity_factor)?,
+            length: SCALED.positive("length_factor", params.length_factor)?,
+            center: DVec3::from_array(SCALED.all_finite("center_um", params.center_um)?),
+        })
+    }
+
+    fn inward(&self, x: DVec3) -> DVec3 {
+        self.center + (x - self.center) / self.length
+    }
+
+    fn outward(&self, x: DVec3) -> DVec3 {
+        self.center + (x - self.center) * self.length
+    }
+}
+
+impl VelocityField for Scaled {
+    fn velocity(&self, x: DVec3, t: f64) -> DVec3 {
+        self.inner.velocity(self.inward(x), t) * self.velocity
+    }
+
+    fn gradient(&self, x: DVec3, t: f64) -> DMat3 {
+        self.inner.gradient(self.inward(x), t) * (self.velocity / self.length)
+    }
+
+    fn flow_map(&self, x: DVec3, t0: f64, t1: f64) -> Option<DVec3> {
+        let rate = self.velocity / self.length;
+        let steady = self.inner.is_steady() || rate == 1.0;
+        let (t0, t1) = if rate == 1.0 { (t0, t1) } else { (0.0, (t1 - t0) * rate) };
+        if steady { Some(self.outward(self.inner.flow_map(self.inward(x), t0, t1)?)) } else { None }
+    }
+
+    fn invariant(&self, x: DVec3, t: f64) -> Option<f64> {
+        let similar = self.inner.is_steady() || self.velocity == self.length;
+        if similar { self.inner.invariant(self.inward(x), t) } else { None }
+    }
+
+    fn is_divergence_free(&self) -> bool {
+        self.inner.is_divergence_free()
+    }
+
+    fn is_steady(&self) -> bool {
+        self.inner.is_steady()
+    }
+
+    fn max_speed(&self, region: &Region, t0: f64, t1: f64) -> f64 {
+        let inner = self.inner.max_speed(&region.mapped(|x| self.inward(x)), t0, t1);
+        if self.velocity == 0.0 { 0.0 } else { inner * self.velocity.abs() * ROUNDING_MARGIN }
+    }
+
+    fn step_limit(&self, x: DVec3, t: f64) -> Option<f64> {
+        Some(self.inner.step_limit(self.inward(x), t)? * (self.length / self.velocity).abs())
+    }
+
+    fn wall(&self, x: DVec3, t: f64) -> Option<Wall> {
+        let wall = self.inner.wall(self.inward(x), t)?;
+        Some(Wall { clearance_um: wall.clearance_um * self.length, ..wall })
+    }
+
+    fn confine(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {
+        let inward = self.inward(x);
+        let held = self.inner.confine(inward, t, radius / self.length);
+        // A particle that overlaps no wall keeps its position bit for bit.
+        if held == inward { x } else { self.outward(held) }
+    }
+
+    /// The inner field uses the physical particle diameter, which is not scaled.
+    fn for_diameter(&self, d_um: f64) -> Option<Inner> {
+        Some(Arc::new(Scaled { inner: self.inner.for_diameter(d_um)?, ..*self }))
+    }
+}

@@ -1,0 +1,50 @@
+//! Registry entry of gridded velocities.
+
+use super::{Gridded, Interpolation, sampled};
+use crate::entry::{FieldEntry, PlotPlane};
+use crate::error::Result;
+use crate::field::VelocityField;
+use crate::fields::composition::vortex;
+use crate::params::Parameter;
+
+pub(crate) const ENTRY: FieldEntry = FieldEntry {
+    name: "gridded",
+    formula: "u = SUM c_ijk B_i(x) B_j(y) B_k(z), cubic B-splines or linear, linear in time",
+    parameters: &[
+        Parameter::new(
+            "interpolation",
+            "Interpolation::Tricubic",
+            "tricubic or trilinear",
+            "How to fill the space between nodes.",
+        ),
+        Parameter::new(
+            "periodic",
+            "[false, false, false]",
+            "true or false",
+            "Whether the data repeat along x, y and z.",
+        ),
+        Parameter::new(
+            "origin_um",
+            "[-240.0, -120.0, -80.0]",
+            "finite",
+            "The first node of a .npy file, um.",
+        ),
+        Parameter::new(
+            "spacing_um",
+            "[10.0, 10.0, 10.0]",
+            "> 0",
+            "Distances of the nodes of a .npy file, um.",
+        ),
+        Parameter::new("times_s", "[]", "increasing", "Times of the layers of a .npy file, s."),
+    ],
+    source: "de Boor, A Practical Guide to Splines, IX and XIII",
+    plane: PlotPlane::XY,
+    make: || example(Interpolation::Tricubic),
+    variants: &[("trilinear", || example(Interpolation::Trilinear))],
+};
+
+/// Example: a grid of samples of a vortex.
+fn example(interpolation: Interpolation) -> Result<Box<dyn VelocityField>> {
+    let grid = sampled(vortex(0.0)?.as_ref())?;
+    Ok(Box::new(Gridded::new(&grid, interpolation, [false; 3])?))
+}

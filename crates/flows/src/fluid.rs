@@ -1,0 +1,169 @@
+//! The fluid region: the part of the box outside the field's own walls and all bodies.
+//!
+//! Particle centers stay one radius away from every wall. Seeds are squeezed away from the walls of the box
+//! (see [`Domain`]); seeds that would overlap a wall of the field or a body are discarded. A density is a
+//! number per volume of fluid, and a number in a view counts the particles in the fluid part of the view, so
+//! the density of candidates is divided by the volume fraction accessible to centers
+//! ([`FluidRegion::share`]).
+//!
+//! A Brownian step that ends inside a wall is reflected at the point of the wall nearest to its end. At a
+//! plane wall the resulting distribution is exact; at a curved wall the relative error is of the order of the
+//! step length over the radius of curvature. A step that cannot be reflected into the fluid is rejected,
+//! which also keeps a uniform cloud uniform.
+
+use crate::body::Body;
+use crate::domain::Domain;
+use crate::field::VelocityField;
+use crate::region::{Axis, Region};
+use glam::DVec3;
+
+/// Maximum number of reflections of one step, and of passes over box, field and bodies when a particle is
+/// moved out of walls.
+const MAX_ROUNDS: u32 = 8;
+
+/// Refinement ends when the cells cut by a wall are at most this fraction of the accessible volume.
+const UNDECIDED: f64 = 1e-3;
+/// Refinement also ends after this many cells.
+const MAX_CELLS: usize = 1 << 18;
+/// A cell counts as solid if its center is at least this many half diagonals inside a wall. The factor allows
+/// for clearances at curved or joined walls, which may exceed the true distance by up to this factor.
+const SOLID_DEPTH: f64 = 3.0;
+
+/// The fluid region, bounded by a box, the walls of a field and bodies.
+#[derive(Debug, Clone, Copy)]
+pub struct FluidRegion<'a> {
+    field: &'a dyn VelocityField,
+    domain: &'a Domain,
+    bodies: &'a [Body],
+}
+
+impl<'a> FluidRegion<'a> {
+    /// The fluid of `field` inside the box and outside the bodies.
+    pub fn new(field: &'a dyn VelocityField, domain: &'a Domain, bodies: &'a [Body]) -> Self {
+        FluidRegion { field, domain, bodies }
+    }
+
+    /// The box.
+    pub fn domain(&self) -> &'a Domain {
+        self.domain
+    }
+
+    /// Whether `x` (um) is in the fluid at `t` (s): not behind a wall of the box, nor inside a wall of the
+    /// field or a body. The fluid extends beyond open faces.
+    pub fn contains(&self, x: DVec3, t: f64) -> bool {
+        self.domain.push_out_of_walls(x, 0.0) == x && self.admits(x, t, 0.0)
+    }
+
+    /// Whether a particle of `radius` (um) at `x` (um) overlaps neither a wall of the field nor a body at `t`
+    /// (s); walls of the box are not checked.
+    pub fn admits(&self, x: DVec3, t: f64, radius: f64) -> bool {
+        !self.field.wall(x, t).is_some_and(|wall| wall.overlaps(radius))
+            && !self.bodies.iter().any(|body| body.touches(x, radius))
+    }
+
+    /// Whether a tracer at `x` (um) has entered a drain.
+    pub(crate) fn drains(&self, x: DVec3) -> bool {
+        self.bodies.iter().any(|body| body.drains(x))
+    }
+
+    /// Whether a particle of `radius` (um) may be at `x` (um) at `t` (s): [`FluidRegion::hold`] moves it by
+    /// at most `tolerance_um` (um).
+    pub fn holds(&self, x: DVec3, t: f64, radius: f64, tolerance_um: f64) -> bool {
+        (self.hold(x, t, radius) - x).length() <= tolerance_um
+    }
+
+    /// The position (um) nearest to `x` (um) at which a particle of `radius` (um) overlaps no wall of the box
+    /// or field and no body at `t` (s). If a descending free surface leaves it no room, the particle rests on
+    /// the floor.
+    pub fn hold(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {
+        let mut x = self.domain.push_out_of_walls(x, radius);
+        for _ in 0..MAX_ROUNDS {
+            let held = self.domain.push_out_of_walls(self.push(x, t, radius), radius);
+            if held == x {
+                break;
+            }
+            x = held;
+        }
+        x
+    }
+
+    /// The end (um) of a Brownian step from `from` to `x` (um) at `t` (s), reflected at walls, repeatedly if
+    /// necessary; `from` if the step is rejected.
+    pub fn reflect(&self, from: DVec3, x: DVec3, t: f64, radius: f64) -> DVec3 {
+        let mut x = self.domain.reflect(x, radius);
+        for _ in 0..MAX_ROUNDS {
+            let held = self.push(x, t, radius);
+            if held == x {
+                return x;
+            }
+            x = self.domain.reflect(held + (held - x), radius);
+        }
+        from
+    }
+
+    /// The fraction of the volume of `part` accessible to the centers of particles of `radius` (um) at `t`
+    /// (s), walls of the box not counted; exactly 1 if no wall or body reduces it. Cells are bisected until
+    /// few of them are cut by a wall; a cut cell contributes a fraction estimated from the clearance at its
+    /// center. The error is about 1e-4 of the accessible volume, and below 1 % even in a capillary that fills
+    /// 0.2 % of the box.
+    pub fn share(&self, part: &Region, t: f64, radius: f64) -> f64 {
+        if self.field.wall(part.at(DVec3::splat(0.5)), t).is_none() && self.bodies.is_empty() {
+            return 1.0;
+        }
+        let (mut free, mut cut, mut weight, mut seen) = (0.0, vec![*part], 1.0, 0);
+        loop {
+            seen += 2 * cut.len();
+            weight *= 0.5;
+            let (mut halves, mut parts) = (Vec::new(), 0.0);
+            for cell in cut.iter().flat_map(halved) {
+                let (room, normal) = self.room(cell.at(DVec3::splat(0.5)), t, radius);
+                let reach = 0.5 * cell.size().length();
+                if room >= reach {
+                    free += weight;
+                } else if room > -SOLID_DEPTH * reach {
+                    let depth = normal.abs().dot(cell.size());
+                    parts += weight * (0.5 + room / depth).clamp(0.0, 1.0);
+                    halves.push(cell);
+                }
+            }
+            if halves.len() as f64 * weight <= UNDECIDED * (free + parts) || seen > MAX_CELLS {
+                let share = free + parts;
+                // Walls that coincide with faces of the box take no volume, up to rounding.
+                return if share > 1.0 - 1e-9 { 1.0 } else { share };
+            }
+            cut = halves;
+        }
+    }
+
+    /// Gap (um) between the surface of a particle of `radius` (um) at `x` and the nearest wall of field or
+    /// bodies (negative: overlap), and the normal of that wall.
+    fn room(&self, x: DVec3, t: f64, radius: f64) -> (f64, DVec3) {
+        let wall = self.field.wall(x, t).map(|wall| (wall.clearance_um - radius, wall.normal));
+        let bodies = self.bodies.iter().map(|body| body.room(x, radius));
+        bodies.chain(wall).fold(
+            (f64::INFINITY, DVec3::X),
+            |nearest, next| {
+                if next.0 < nearest.0 { next } else { nearest }
+            },
+        )
+    }
+
+    /// `x` (um) moved out of the walls of the field, then out of the bodies.
+    fn push(&self, x: DVec3, t: f64, radius: f64) -> DVec3 {
+        let x = self.field.confine(x, t, radius);
+        self.bodies.iter().fold(x, |x, body| body.push_out(x, radius))
+    }
+}
+
+/// The two halves of a box, split across its longest edge.
+fn halved(cell: &Region) -> [Region; 2] {
+    let size = cell.size();
+    let axis = Axis::ALL.into_iter().fold(Axis::X, |longest, axis| {
+        if size[axis as usize] > size[longest as usize] { axis } else { longest }
+    });
+    let (low, high) = (cell.min()[axis as usize], cell.max()[axis as usize]);
+    let middle = f64::midpoint(low, high);
+    // A box too thin to be split in f64 is returned twice.
+    let part = |low, high| cell.with_edge(axis, low, high).unwrap_or(*cell);
+    [part(low, middle), part(middle, high)]
+}

@@ -1,0 +1,140 @@
+//! Velocities on a regular grid, and the readers of files that hold them: NumPy arrays, CSV, legacy VTK
+//! structured points.
+//!
+//! Readers take any `Read`, never a path. An array is rejected before allocation if its header asks for more
+//! than [`MAX_NODES`] nodes.
+
+mod csv;
+mod npy;
+mod vtk;
+
+use crate::error::{Error, ParameterCheck, Result};
+use glam::DVec3;
+
+const CHECK: ParameterCheck = ParameterCheck("grid");
+
+/// Maximum number of nodes, summed over all times.
+pub const MAX_NODES: usize = 50_000_000;
+
+/// Velocities at the nodes of a regular grid, at one or more times.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VelocityGrid {
+    origin: DVec3,
+    spacing: DVec3,
+    counts: [usize; 3],
+    times_s: Vec<f64>,
+    velocities: Vec<DVec3>,
+}
+
+/// Where the nodes of an array are that knows nothing but its values.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct GridGeometry {
+    /// The first node, um.
+    pub origin_um: [f64; 3],
+    /// Distances of the nodes, um.
+    #[cfg_attr(feature = "schema", schemars(extend("x-range" = "> 0")))]
+    pub spacing_um: [f64; 3],
+    /// Times of the layers, s, increasing; none for a single layer.
+    pub times_s: Vec<f64>,
+}
+
+impl Default for GridGeometry {
+    /// The default channel from its corner, every 10 um.
+    fn default() -> Self {
+        GridGeometry { origin_um: [-240.0, -120.0, -80.0], spacing_um: [10.0; 3], times_s: Vec::new() }
+    }
+}
+
+impl VelocityGrid {
+    /// A grid of `counts` nodes along x, y and z, starting at `origin` (um) with `spacing` (um, > 0), at
+    /// increasing times (s), with the velocities (um/s, finite) of all nodes: x varies fastest, then y, z and
+    /// time. `Err` if the numbers do not match or a value is out of range.
+    pub fn new(
+        origin: DVec3,
+        spacing: DVec3,
+        counts: [usize; 3],
+        times_s: Vec<f64>,
+        velocities: Vec<DVec3>,
+    ) -> Result<Self> {
+        CHECK.finite_vector("origin_um", origin)?;
+        for axis in 0..3 {
+            CHECK.positive("spacing_um", spacing[axis])?;
+        }
+        for (i, t) in times_s.iter().enumerate() {
+            CHECK.finite("times_s", *t)?;
+            if i > 0 && *t <= times_s[i - 1] {
+                return Err(CHECK.fault("times_s", t, &format!("a time after {}", times_s[i - 1])));
+            }
+        }
+        let nodes = nodes(&counts, times_s.len())?;
+        if velocities.len() != nodes {
+            let allowed = format!("{nodes}: {counts:?} nodes at {} times", times_s.len());
+            return Err(CHECK.fault("number of velocities", velocities.len(), &allowed));
+        }
+        if let Some(at) = velocities.iter().position(|u| !u.is_finite()) {
+            let (i, rest) = (at % counts[0], at / counts[0]);
+            let (j, k) = (rest % counts[1], rest / counts[1] % counts[2]);
+            let value = format!("{} at node ({i}, {j}, {k})", velocities[at]);
+            return Err(CHECK.fault("velocity", value, "three finite numbers"));
+        }
+        Ok(VelocityGrid { origin, spacing, counts, times_s, velocities })
+    }
+
+    /// Position of the first node, um.
+    pub fn origin_um(&self) -> DVec3 {
+        self.origin
+    }
+
+    /// Distances of the nodes, um.
+    pub fn spacing_um(&self) -> DVec3 {
+        self.spacing
+    }
+
+    /// Number of nodes along x, y and z.
+    pub fn counts(&self) -> [usize; 3] {
+        self.counts
+    }
+
+    /// The times of the layers, s.
+    pub fn times_s(&self) -> &[f64] {
+        &self.times_s
+    }
+
+    /// The velocities, um/s: x varies fastest, then y, z and time.
+    pub fn velocities(&self) -> &[DVec3] {
+        &self.velocities
+    }
+}
+
+fn fault(format: &'static str, line: Option<usize>, found: String, expected: &str) -> Error {
+    Error::Data { format, line, found, expected: expected.to_owned() }
+}
+
+/// The total number of nodes over all times; `Err` if it is 0 or above [`MAX_NODES`].
+fn nodes(counts: &[usize; 3], layers: usize) -> Result<usize> {
+    let product = counts.iter().chain([&layers]).try_fold(1_usize, |product, n| product.checked_mul(*n));
+    match product {
+        Some(number @ 1..=MAX_NODES) => Ok(number),
+        _ => Err(CHECK.fault("nodes", format!("{counts:?} at {layers} times"), "1 to 50000000 in all")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 3 x 2 x 2 nodes, for the tests of the readers.
+    pub(super) fn small() -> VelocityGrid {
+        let velocities = (0..12).map(|n| DVec3::new(f64::from(n), -0.5, 2.0 * f64::from(n))).collect();
+        VelocityGrid::new(
+            DVec3::new(1.0, 2.0, 3.0),
+            DVec3::new(0.5, 1.0, 2.0),
+            [3, 2, 2],
+            vec![0.0],
+            velocities,
+        )
+        .unwrap()
+    }
+}

@@ -1,0 +1,91 @@
+//! Node layout of round images.
+//!
+//! Nodes are equidistant along the radius. Their spacing in a table is linear in depth, like the radius of
+//! the rim, so that edges keep their positions relative to the nodes from plane to plane.
+
+use super::pixel_integral::AZIMUTHS;
+
+use crate::render::store::{Reader, Writer};
+
+/// Nodes per px at the middle depth of a table.
+const PER_PX: f64 = 16.0;
+
+/// Largest relative growth of the node spacing over a table.
+const MOST_GROWTH: f64 = 0.4;
+
+/// Nodes along the radius, for each azimuthal order.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct RadialLayout {
+    middle_um: f64,
+    /// Relative growth of the node spacing with depth, 1/um.
+    growth: f64,
+    per_px: f64,
+    pub(super) columns: usize,
+    /// Number of azimuthal orders: f0(r) + f4(r) cos 4 psi + ...
+    pub(super) orders: usize,
+}
+
+impl RadialLayout {
+    /// Nodes for a range of depths (um); `reach` returns the radius of the image at a depth, px; parts
+    /// farther than `farthest_px` from the center are never on the sensor.
+    pub(super) fn new(
+        start_um: f64,
+        length_um: f64,
+        farthest_px: f64,
+        reach: impl Fn(f64) -> f64,
+    ) -> RadialLayout {
+        let middle_um = start_um + 0.5 * length_um;
+        let grown = (reach(start_um + length_um) - reach(start_um)) / reach(middle_um);
+        let growth = grown.clamp(-MOST_GROWTH, MOST_GROWTH) / length_um;
+        let mut rings = RadialLayout { middle_um, growth, per_px: PER_PX, columns: 0, orders: AZIMUTHS };
+        for i in 0..9 {
+            let z_um = start_um + length_um * f64::from(i) / 8.0;
+            // Additional nodes after the last pixel for the decay of the spline.
+            let seen = reach(z_um).min(farthest_px + 2.0);
+            rings.columns = rings.columns.max(libm::ceil(seen * rings.per_px(z_um)) as usize + 2);
+        }
+        rings
+    }
+
+    /// As bytes, for a store.
+    pub(super) fn write(&self, out: &mut Writer) {
+        [self.middle_um, self.growth, self.per_px].into_iter().for_each(|value| out.number(value));
+        [self.columns, self.orders].into_iter().for_each(|value| out.whole(value));
+    }
+
+    /// From such bytes.
+    pub(super) fn read(from: &mut Reader<'_>) -> Option<Self> {
+        let [middle_um, growth, per_px] = [from.number()?, from.number()?, from.number()?];
+        let [columns, orders] = [from.whole()?, from.whole()?];
+        Some(RadialLayout { middle_um, growth, per_px, columns, orders })
+    }
+
+    /// Twice as many nodes per px.
+    pub(super) fn finer(self) -> RadialLayout {
+        RadialLayout { per_px: 2.0 * self.per_px, columns: 2 * self.columns, ..self }
+    }
+
+    /// The same with this number of azimuthal orders.
+    pub(super) fn of_orders(self, orders: usize) -> RadialLayout {
+        RadialLayout { orders, ..self }
+    }
+
+    fn steps(&self, z_um: f64) -> f64 {
+        1.0 + self.growth * (z_um - self.middle_um)
+    }
+
+    /// Nodes per px at this depth.
+    pub(super) fn per_px(&self, z_um: f64) -> f64 {
+        self.per_px / self.steps(z_um)
+    }
+
+    /// Relative derivative of [`Self::per_px`] with respect to depth, 1/um.
+    pub(super) fn per_px_by_z(&self, z_um: f64) -> f64 {
+        -self.growth / self.steps(z_um)
+    }
+
+    /// Number of values per plane.
+    pub(super) fn length(&self) -> usize {
+        self.orders * self.columns
+    }
+}

@@ -1,0 +1,237 @@
+//! Drawing images from the spline over one of their quadrants, in f32, many pixels at a time.
+//!
+//! Planes around a sphere's depth are blended into lines: rows of nodes, joined with their mirror image. A
+//! line gives the spline's values at the columns of pixels, which all see the same phases of the nodes, so
+//! that a value is six products of runs of memory; six rows of such values make a row of pixels, likewise.
+//! Only + and * in a fixed order occur, never fused, so that every instruction set gives the same bits.
+
+use super::layout::{LANES, Layout};
+use super::spline::{self, TAPS};
+use super::table::Table;
+use crate::render::instructions::InstructionSet;
+use crate::render::patch::Window;
+
+/// A sphere to be drawn.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sphere<'a> {
+    pub(super) table: &'a Table,
+    pub(super) window: Window,
+    pub(super) x_px: f64,
+    pub(super) y_px: f64,
+    pub(super) z_um: f64,
+    pub(super) radius_um: f64,
+    /// All its light.
+    pub(super) light: f64,
+}
+
+/// Rows of an image in f32, to which spheres are added.
+pub(super) struct Band<'a> {
+    /// Number of the leftmost column and the topmost row.
+    pub(super) x0: i64,
+    pub(super) y0: i64,
+    /// Numbers from a row to the next (see [`stride`]).
+    pub(super) stride: usize,
+    pub(super) pixels: &'a mut [f32],
+}
+
+/// Numbers from a row of so many columns to the next: spheres are drawn in groups of pixels, the last of
+/// which may reach beyond the columns.
+pub(super) fn stride(columns: usize) -> usize {
+    columns + LANES
+}
+
+/// Copies rows of so many columns, as many as there is room for.
+pub(super) fn copy(band: &[f32], columns: usize, pixels: &mut [f64]) {
+    for (from, to) in band.chunks_exact(stride(columns)).zip(pixels.chunks_exact_mut(columns)) {
+        to.iter_mut().zip(from).for_each(|(to, from)| *to = f64::from(*from));
+    }
+}
+
+/// Adds spheres to a band, one after the other.
+pub(super) fn draw<'a>(
+    instructions: InstructionSet,
+    spheres: impl Iterator<Item = Sphere<'a>>,
+    band: Band<'_>,
+) {
+    instructions.dispatch(Draw { spheres, band });
+}
+
+struct Draw<'b, I> {
+    spheres: I,
+    band: Band<'b>,
+}
+
+impl<'a, I: Iterator<Item = Sphere<'a>>> pulp::WithSimd for Draw<'_, I> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Draw { spheres, mut band } = self;
+        let mut brush = Brush::default();
+        for sphere in spheres {
+            brush.add(&sphere, &mut band);
+        }
+    }
+}
+
+/// How pixels see the nodes of an axis: all of them in the same way, each `per_px` nodes further than the one
+/// before.
+struct Axis {
+    /// The first of the six nodes around the first pixel, counted from the sphere.
+    first: isize,
+    weights: [f32; TAPS],
+}
+
+impl Axis {
+    fn new(first_px: i64, sphere_px: f64, per_px: usize) -> Axis {
+        let place = (first_px as f64 - sphere_px) * per_px as f64;
+        let cell = libm::floor(place);
+        Axis { first: cell as isize - 2, weights: spline::basis(place - cell).0.map(|w| w as f32) }
+    }
+
+    /// The stored nodes that so many pixels see.
+    fn nodes(&self, pixels: usize, layout: &Layout, origin: usize, end: usize) -> std::ops::Range<usize> {
+        let last = self.first + (TAPS - 1 + (pixels - 1) * layout.per_px) as isize;
+        if !layout.mirrored {
+            let within = |node: isize| (node + origin as isize).clamp(0, end as isize) as usize;
+            return within(self.first)..within(last + 1);
+        }
+        let crosses = self.first <= 0 && 0 <= last;
+        let nearest = if crosses { 0 } else { self.first.unsigned_abs().min(last.unsigned_abs()) };
+        let end = (self.first.unsigned_abs().max(last.unsigned_abs()) + 1).min(end);
+        nearest.min(end)..end
+    }
+}
+
+/// Dark numbers before a line and behind it: pixels may reach beyond the nodes, by a group more than they are
+/// wide.
+const DARK: usize = 2 * LANES;
+
+/// Working memory.
+#[derive(Default)]
+struct Brush {
+    /// Rows of nodes, phase by phase.
+    nodes: Vec<f32>,
+    /// One row, for each phase the mirror image and the row itself.
+    line: Vec<f32>,
+    /// Values at the columns of pixels, by row of nodes; a dark row behind the last.
+    values: Vec<f32>,
+}
+
+impl Brush {
+    #[inline(always)]
+    fn add(&mut self, sphere: &Sphere, band: &mut Band) {
+        let Window { x0, y0, width, height } = sphere.window;
+        let band_end = band.y0 + (band.pixels.len() / band.stride) as i64;
+        let (top, bottom) = (y0.max(band.y0), (y0 + height as i64).min(band_end));
+        if width == 0 || bottom <= top {
+            return;
+        }
+        let layout = &sphere.table.layout;
+        let count = (bottom - top) as usize;
+        let down = Axis::new(top, sphere.y_px, layout.per_px);
+        let across = Axis::new(x0, sphere.x_px, layout.per_px);
+        let rows = down.nodes(count, layout, layout.origin[1], layout.rows);
+        // Nodes of a phase that are needed, a whole multiple of lanes.
+        let far = across.nodes(width, layout, layout.origin[0], layout.row()).end;
+        let run = (far / layout.per_px + 1).next_multiple_of(LANES).min(layout.run);
+        self.blend(sphere, layout, &rows, run);
+        let columns = width.next_multiple_of(LANES);
+        self.across(layout, &across, rows.len(), run, width, columns);
+
+        let first = (top - band.y0) as usize * band.stride + (x0 - band.x0) as usize;
+        let dark = rows.len();
+        for row in 0..count {
+            let pixels = &mut band.pixels[first + row * band.stride..][..columns];
+            let lines: [&[f32]; TAPS] = std::array::from_fn(|i| {
+                let stored = layout.row_of(down.first + (row * layout.per_px + i) as isize);
+                let line = stored.filter(|node| rows.contains(node)).map_or(dark, |node| node - rows.start);
+                &self.values[line * columns..][..columns]
+            });
+            let w = down.weights;
+            let [a, b, c, d, e, f] = lines;
+            for i in 0..columns {
+                pixels[i] +=
+                    (w[0] * a[i] + w[1] * b[i]) + (w[2] * c[i] + w[3] * d[i]) + (w[4] * e[i] + w[5] * f[i]);
+            }
+        }
+    }
+
+    /// Blends rows of nodes of the planes around a sphere, `run` of each phase.
+    #[inline(always)]
+    fn blend(&mut self, sphere: &Sphere, layout: &Layout, rows: &std::ops::Range<usize>, run: usize) {
+        self.nodes.resize(rows.len() * layout.per_px * run, 0.0);
+        for (size, four) in sphere.table.around(sphere.z_um, sphere.radius_um).enumerate() {
+            let w: [f32; 4] = std::array::from_fn(|i| (four[i].weight * sphere.light) as f32);
+            let of_rows = rows.start * layout.row()..rows.end * layout.row();
+            let [a, b, c, d] = four.map(|plane| plane.coefficients[of_rows.clone()].chunks_exact(layout.run));
+            for ((((out, a), b), c), d) in self.nodes.chunks_exact_mut(run).zip(a).zip(b).zip(c).zip(d) {
+                let (a, b, c, d) = (&a[..run], &b[..run], &c[..run], &d[..run]);
+                if size == 0 {
+                    for i in 0..run {
+                        out[i] = (w[0] * a[i] + w[1] * b[i]) + (w[2] * c[i] + w[3] * d[i]);
+                    }
+                } else {
+                    for i in 0..run {
+                        out[i] += (w[0] * a[i] + w[1] * b[i]) + (w[2] * c[i] + w[3] * d[i]);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The spline's values at the columns of pixels, for each row of nodes.
+    #[inline(always)]
+    fn across(
+        &mut self,
+        layout: &Layout,
+        axis: &Axis,
+        rows: usize,
+        run: usize,
+        width: usize,
+        columns: usize,
+    ) {
+        let per_px = layout.per_px;
+        let length = (2 * (run + DARK)).max(2 * DARK + columns);
+        self.line.clear();
+        self.line.resize(per_px * length, 0.0);
+        self.values.resize((rows + 1) * columns, 0.0);
+        self.values[rows * columns..].fill(0.0);
+        let middle = if layout.mirrored { run + DARK } else { layout.origin[0] / per_px + DARK } as isize;
+        // Pixels far beyond the nodes see only the dark.
+        let starts: [usize; TAPS] = std::array::from_fn(|i| {
+            let node = axis.first + i as isize;
+            let place = middle + node.div_euclid(per_px as isize);
+            let place = place.clamp(0, length as isize - columns as isize) as usize;
+            node.rem_euclid(per_px as isize) as usize * length + place
+        });
+        let w = axis.weights;
+        let masked = columns - LANES;
+        let of_rows = self.nodes.chunks_exact(per_px * run).zip(self.values.chunks_exact_mut(columns));
+        for (nodes, values) in of_rows {
+            for (phase, nodes) in nodes.chunks_exact(run).enumerate() {
+                if !layout.mirrored {
+                    self.line[phase * length + DARK..][..run].copy_from_slice(nodes);
+                    continue;
+                }
+                let right = phase * length + run + DARK;
+                self.line[right..][..run].copy_from_slice(nodes);
+                // Node -n of phase p is node n of the phase that completes p; that of phase 0 has the axis
+                // for itself.
+                let (mirrored, skip) = if phase == 0 { (0, 0) } else { (per_px - phase, 1) };
+                let left = mirrored * length + DARK - skip;
+                for (to, from) in self.line[left + 1..][..run].iter_mut().rev().zip(nodes) {
+                    *to = *from;
+                }
+            }
+            let [a, b, c, d, e, f] = starts.map(|start| &self.line[start..][..columns]);
+            for i in 0..columns {
+                values[i] =
+                    (w[0] * a[i] + w[1] * b[i]) + (w[2] * c[i] + w[3] * d[i]) + (w[4] * e[i] + w[5] * f[i]);
+            }
+            for (i, value) in values[masked..].iter_mut().enumerate() {
+                *value *= if masked + i < width { 1.0 } else { 0.0 };
+            }
+        }
+    }
+}

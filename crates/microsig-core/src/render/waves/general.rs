@@ -1,0 +1,429 @@
+//! Images behind any pupil: a matrix Fourier transform over discs.
+//!
+//! The open part of the pupil is a sum of discs, one of which may be taken away (an annulus), so that no edge
+//! is cut. Each is taken row by row: rows are those on which the image's Y sees one phase. With a cylindrical
+//! lens turned by chi rows are turned too, and a row's middle moves along it in proportion to its distance
+//! from the center; that is a factor for each row and column. Values at opposite places are added and
+//! subtracted first, so that kernels are real and those of a quadrant serve the whole plane.
+
+use super::interpolation::{self, Around};
+use super::matrix::{self, LANES};
+use super::modes::Modes;
+use super::pupil::{Pupil, Radii};
+use super::zernike::Aberration;
+use crate::quadrature::gauss_legendre_on;
+use crate::render::instructions::InstructionSet;
+
+/// A disc of the pupil in units of its radius.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Disc {
+    pub(super) x: f64,
+    pub(super) y: f64,
+    pub(super) r: f64,
+    /// Whether it is open, or taken away.
+    pub(super) open: bool,
+}
+
+/// What stands in the pupil.
+#[derive(Debug, Clone)]
+pub(super) struct Obstacles {
+    pub(super) discs: Vec<Disc>,
+    /// In um of optical path.
+    pub(super) aberration: Aberration,
+    /// Azimuth of the cylinder's power, rad.
+    pub(super) turn: f64,
+}
+
+/// One point of a disc.
+#[derive(Debug, Clone)]
+struct Node {
+    around: Around,
+    cosine: f64,
+    sine: f64,
+    /// What a cylindrical lens and aberrations add to the phase, um.
+    extra: f64,
+    /// Weight in an integral over the pupil; negative if the disc is taken away.
+    area: f64,
+}
+
+/// Kernels of one disc.
+#[derive(Debug)]
+struct Rows {
+    /// Nodes of t and of u, in [0, pi/2] and [0, 1].
+    t: usize,
+    u: usize,
+    /// By t and u: those at (t, u), (t, -u), (-t, u), (-t, -u).
+    nodes: Vec<[Node; 4]>,
+    /// Cosines and sines: for each t, [u x columns of the right half].
+    along_x: [Vec<f64>; 2],
+    /// Cosines and sines: [rows of the lower half x t].
+    along_y: [Vec<f64>; 2],
+    /// Angle per column of the middle of the rows at t and -t, and per row of that of the disc.
+    middle_x: Vec<[f64; 2]>,
+    middle_y: f64,
+}
+
+/// Kernels of a pupil.
+#[derive(Debug)]
+pub(super) struct General {
+    pub(super) radii: Radii,
+    /// Weights of the radii in an integral over sigma d sigma.
+    pub(super) weights: Vec<f64>,
+    discs: Vec<Rows>,
+    /// Columns and rows of the image from its middle on, the middle included; kernels have a multiple of
+    /// [`LANES`] columns.
+    half: [usize; 2],
+    padded: usize,
+    scale: f64,
+}
+
+impl General {
+    /// `counts` are the nodes of t and u of the whole pupil; `half` the image's columns and rows from its
+    /// middle on at steps of `steps_um`.
+    pub(super) fn new(
+        pupil: &Pupil,
+        k: f64,
+        end: f64,
+        obstacles: &Obstacles,
+        counts: [usize; 2],
+        (half, steps_um): ([usize; 2], [f64; 2]),
+    ) -> General {
+        let radii = interpolation::radii(pupil, end);
+        let weights = interpolation::weights(&radii);
+        let padded = half[0].next_multiple_of(LANES);
+        let discs = obstacles.discs.iter().map(|disc| {
+            // Small discs need fewer nodes.
+            let fewer = |n: usize| libm::ceil((n as f64 - 44.0).max(0.0) * disc.r) as usize + 44;
+            let place = Place { pupil, k, end, disc, obstacles, radii: &radii };
+            place.rows(counts.map(fewer), (half, padded), steps_um)
+        });
+        let [_, bx] = pupil.across();
+        General {
+            discs: discs.collect(),
+            half,
+            padded,
+            scale: 1.0 / (2.0 * std::f64::consts::PI * libm::sqrt((bx * pupil.b()).abs())),
+            weights,
+            radii,
+        }
+    }
+
+    /// Columns of an image.
+    pub(super) fn columns(&self) -> usize {
+        (2 * self.half[0] - 1).next_multiple_of(LANES)
+    }
+
+    /// Light per um^2 on all places, row by row, of these modes at the wave number `k`.
+    pub(super) fn light(&self, modes: &Modes, k: f64, instructions: InstructionSet) -> Vec<f64> {
+        let images: Vec<(usize, bool)> = modes
+            .modes
+            .iter()
+            .enumerate()
+            .flat_map(|(i, mode)| [false, true].map(|sine| (i, sine)).into_iter().take(1 + mode.order.min(1)))
+            .collect();
+        let (wide, rows) = (self.columns(), 2 * self.half[1] - 1);
+        // Real and imaginary part of each image.
+        let mut fields = vec![0.0; 2 * images.len() * rows * wide];
+        for disc in &self.discs {
+            disc.add(self, modes, &images, k, instructions, &mut fields);
+        }
+        let mut light = vec![0.0; rows * wide];
+        for (&(mode, _), field) in images.iter().zip(fields.chunks_exact(2 * rows * wide)) {
+            let count = modes.modes[mode].count();
+            let (real, imaginary) = field.split_at(rows * wide);
+            for ((light, re), im) in light.iter_mut().zip(real).zip(imaginary) {
+                *light += count * (re * re + im * im);
+            }
+        }
+        light
+    }
+}
+
+/// What a disc's kernels are made from.
+struct Place<'a> {
+    pupil: &'a Pupil,
+    k: f64,
+    end: f64,
+    disc: &'a Disc,
+    obstacles: &'a Obstacles,
+    radii: &'a Radii,
+}
+
+impl Place<'_> {
+    fn rows(&self, [nt, nu]: [usize; 2], (half, padded): ([usize; 2], usize), steps_um: [f64; 2]) -> Rows {
+        let Place { pupil, k, disc, .. } = *self;
+        let whole = pupil.radius();
+        let [ax, bx] = pupil.across();
+        let by = pupil.b();
+        let (sin_turn, cos_turn) = libm::sincos(self.obstacles.turn);
+        // Angles per um of image along X and Y are scalar products of sigma with these, in axes along the
+        // cylinder's.
+        let (of_x, of_y) = ([cos_turn / bx, -sin_turn / by], [sin_turn / bx, cos_turn / by]);
+        let length = libm::hypot(of_y[0], of_y[1]);
+        // Across rows and along them.
+        let down = of_y.map(|v| v / length);
+        let along = [down[1], -down[0]];
+        let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];
+        let turned = |x: f64, y: f64| [x * cos_turn + y * sin_turn, y * cos_turn - x * sin_turn];
+        let center = turned(disc.x * whole, disc.y * whole);
+        let centered = disc.x == 0.0 && disc.y == 0.0;
+        // Of the whole pupil only the part that is used.
+        let radius = if centered { (disc.r * whole).min(pupil.sigma(self.end)) } else { disc.r * whole };
+
+        let (t, of_t) = gauss_legendre_on(0.0, 0.5 * std::f64::consts::PI, nt);
+        let (u, of_u) = gauss_legendre_on(0.0, 1.0, nu);
+        let sign = if disc.open { 1.0 } else { -1.0 };
+        let power = ax / bx - 1.0 / by;
+        let mut nodes = Vec::with_capacity(nt * nu);
+        let mut along_x = [Vec::new(), Vec::new()];
+        let mut middle_x = Vec::with_capacity(nt);
+        for (t, of_t) in t.iter().zip(&of_t) {
+            let (sine_t, cosine_t) = libm::sincos(*t);
+            for (u, of_u) in u.iter().zip(&of_u) {
+                let area = sign * radius * radius * cosine_t * cosine_t * of_t * of_u;
+                nodes.push([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(st, su)| {
+                    let (v, w) = (radius * st * sine_t, radius * su * cosine_t * u);
+                    let place =
+                        [center[0] + v * down[0] + w * along[0], center[1] + v * down[1] + w * along[1]];
+                    self.node(place, power, area)
+                }));
+                let step = k * radius * cosine_t * u * dot(of_x, along) * steps_um[0];
+                push_turns(&mut along_x, step, padded);
+            }
+            let of_center = dot(of_x, center);
+            let drift = radius * sine_t * dot(of_x, down);
+            middle_x.push([of_center + drift, of_center - drift].map(|angle| k * angle * steps_um[0]));
+        }
+        let mut along_y = [Vec::new(), Vec::new()];
+        for row in 0..half[1] {
+            for t in &t {
+                let angle = k * radius * libm::sin(*t) * length * steps_um[1] * row as f64;
+                let (sine, cosine) = libm::sincos(angle);
+                along_y[0].push(cosine);
+                along_y[1].push(sine);
+            }
+        }
+        let middle_y = k * dot(of_y, center) * steps_um[1];
+        Rows { t: nt, u: nu, nodes, along_x, along_y, middle_x, middle_y }
+    }
+
+    /// The node at a place of the pupil in axes along the cylinder's.
+    fn node(&self, place: [f64; 2], power: f64, area: f64) -> Node {
+        let (sin_turn, cos_turn) = libm::sincos(self.obstacles.turn);
+        let unit = self.pupil.sigma(self.end);
+        let [x, y] = [place[0] * cos_turn - place[1] * sin_turn, place[1] * cos_turn + place[0] * sin_turn];
+        let r = libm::hypot(x, y);
+        let around = interpolation::around(r / unit);
+        let curvature = around.value(&self.radii.curvature);
+        let (cosine, sine) = if r > 0.0 { (x / r, y / r) } else { (1.0, 0.0) };
+        let along_cylinder = if r > 0.0 { place[0] / r } else { 1.0 };
+        let whole = self.pupil.radius();
+        let extra = curvature * along_cylinder * along_cylinder * power
+            + self.obstacles.aberration.at(x / whole, y / whole);
+        Node { around, cosine, sine, extra, area }
+    }
+}
+
+/// Cosines and sines of the multiples of an angle.
+fn push_turns(kernels: &mut [Vec<f64>; 2], angle: f64, count: usize) {
+    let (sine, cosine) = libm::sincos(angle);
+    let mut turn = [1.0, 0.0];
+    for _ in 0..count {
+        kernels[0].push(turn[0]);
+        kernels[1].push(turn[1]);
+        turn = [turn[0] * cosine - turn[1] * sine, turn[1] * cosine + turn[0] * sine];
+    }
+}
+
+impl Rows {
+    /// Adds the disc's part of all images to their fields.
+    fn add(
+        &self,
+        general: &General,
+        modes: &Modes,
+        images: &[(usize, bool)],
+        k: f64,
+        instructions: InstructionSet,
+        fields: &mut [f64],
+    ) {
+        let Rows { t: nt, u: nu, .. } = *self;
+        let (n, padded) = (images.len(), general.padded);
+        // For each t, image, sign of t, real and imaginary part: each u.
+        let mut sums = vec![0.0; nt * 4 * n * nu];
+        let mut differences = sums.clone();
+        let out = [&mut sums[..], &mut differences[..]];
+        instructions.dispatch(Fill { rows: self, general, modes, images, k, out });
+
+        let wide = general.columns();
+        // For each t, image, real and imaginary part: a row of the sum and the difference of t and -t.
+        let mut plus = vec![0.0; nt * 2 * n * wide];
+        let mut minus = plus.clone();
+        let (mut even, mut odd) = (vec![0.0; 4 * n * padded], vec![0.0; 4 * n * padded]);
+        for t in 0..nt {
+            let left = t * 4 * n * nu..(t + 1) * 4 * n * nu;
+            let kernel = t * nu * padded..(t + 1) * nu * padded;
+            matrix::multiply(
+                instructions,
+                &sums[left.clone()],
+                &self.along_x[0][kernel.clone()],
+                nu,
+                padded,
+                &mut even,
+            );
+            matrix::multiply(
+                instructions,
+                &differences[left],
+                &self.along_x[1][kernel],
+                nu,
+                padded,
+                &mut odd,
+            );
+            let turns = self.middle_x[t].map(|angle| Turns::new(angle, general.half[0]));
+            for image in 0..n {
+                let at = (t * n + image) * 2 * wide;
+                let (plus, minus) = (&mut plus[at..][..2 * wide], &mut minus[at..][..2 * wide]);
+                for (sign, turns) in turns.iter().enumerate() {
+                    let part = |values: &'_ [f64], part: usize, column: usize| {
+                        values[((image * 2 + sign) * 2 + part) * padded + column]
+                    };
+                    let factor = if sign == 0 { 1.0 } else { -1.0 };
+                    for column in 0..general.half[0] {
+                        let [cr, ci] = [part(&even, 0, column), part(&even, 1, column)];
+                        let [sr, si] = [part(&odd, 0, column), part(&odd, 1, column)];
+                        // cos - i sin to the right, cos + i sin to the left; -i (sr + i si) = si - i sr.
+                        let right = turns.back(column, [cr + si, ci - sr]);
+                        let left = turns.forth(column, [cr - si, ci + sr]);
+                        let middle = general.half[0] - 1;
+                        let places = [(middle + column, right), (middle - column, left)];
+                        for (place, value) in places.into_iter().take(1 + column.min(1)) {
+                            for part in 0..2 {
+                                plus[part * wide + place] += value[part];
+                                minus[part * wide + place] += factor * value[part];
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        self.down(general, n, [&plus, &minus], instructions, fields);
+    }
+
+    /// The second step: along y.
+    fn down(
+        &self,
+        general: &General,
+        n: usize,
+        [plus, minus]: [&[f64]; 2],
+        instructions: InstructionSet,
+        fields: &mut [f64],
+    ) {
+        let wide = general.columns();
+        let (rows, lower) = (2 * general.half[1] - 1, general.half[1]);
+        let columns = 2 * n * wide;
+        let (mut even, mut odd) = (vec![0.0; lower * columns], vec![0.0; lower * columns]);
+        matrix::multiply(instructions, &self.along_y[0], plus, self.t, columns, &mut even);
+        matrix::multiply(instructions, &self.along_y[1], minus, self.t, columns, &mut odd);
+        let turns = Turns::new(self.middle_y, lower);
+        for row in 0..lower {
+            for image in 0..n {
+                let at = row * columns + image * 2 * wide;
+                let (cos, sin) = (&even[at..][..2 * wide], &odd[at..][..2 * wide]);
+                let field = &mut fields[image * 2 * rows * wide..][..2 * rows * wide];
+                let (real, imaginary) = field.split_at_mut(rows * wide);
+                for column in 0..wide {
+                    let [cr, ci] = [cos[column], cos[wide + column]];
+                    let [sr, si] = [sin[column], sin[wide + column]];
+                    let below = turns.back(row, [cr + si, ci - sr]);
+                    let above = turns.forth(row, [cr - si, ci + sr]);
+                    let places = [(lower - 1 + row, below), (lower - 1 - row, above)];
+                    for (place, value) in places.into_iter().take(1 + row.min(1)) {
+                        real[place * wide + column] += value[0];
+                        imaginary[place * wide + column] += value[1];
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Rotations by the multiples of an angle.
+struct Turns(Vec<[f64; 2]>);
+
+impl Turns {
+    fn new(angle: f64, count: usize) -> Turns {
+        Turns(
+            (0..count).map(|i| libm::sincos(angle * i as f64)).map(|(sine, cosine)| [cosine, sine]).collect(),
+        )
+    }
+
+    /// A number times exp(-i angle).
+    fn back(&self, i: usize, v: [f64; 2]) -> [f64; 2] {
+        let [c, s] = self.0[i];
+        [v[0] * c + v[1] * s, v[1] * c - v[0] * s]
+    }
+
+    /// A number times exp(i angle).
+    fn forth(&self, i: usize, v: [f64; 2]) -> [f64; 2] {
+        let [c, s] = self.0[i];
+        [v[0] * c - v[1] * s, v[1] * c + v[0] * s]
+    }
+}
+
+/// Writes sums and differences of the pupil functions of all images at opposite places of each row.
+struct Fill<'a> {
+    rows: &'a Rows,
+    general: &'a General,
+    modes: &'a Modes,
+    images: &'a [(usize, bool)],
+    k: f64,
+    out: [&'a mut [f64]; 2],
+}
+
+impl pulp::WithSimd for Fill<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Fill { rows, general, modes, images, k, out: [sums, differences] } = self;
+        let known = interpolation::table(modes);
+        let fields = known.len() / interpolation::RADII;
+        let highest = modes.modes.iter().map(|mode| mode.order).max().unwrap_or(0);
+        let mut turns = vec![[1.0, 0.0]; highest + 1];
+        let mut here = vec![0.0; fields];
+        let mut values = vec![[0.0; 2]; 4 * images.len()];
+        for (place, four) in rows.nodes.iter().enumerate() {
+            for (node, values) in four.iter().zip(values.chunks_exact_mut(images.len())) {
+                interpolation::interpolate(&known, &node.around, &mut here);
+                for m in 1..=highest {
+                    let [x, y] = turns[m - 1];
+                    turns[m] = [x * node.cosine - y * node.sine, x * node.sine + y * node.cosine];
+                }
+                let (sine, cosine) = libm::sincos(k * (here[0] + node.extra));
+                let factor = k * general.scale * node.area;
+                let carrier = [factor * cosine, factor * sine];
+                for (value, &(mode, sine)) in values.iter_mut().zip(images) {
+                    let (re, im) = (here[1 + 2 * mode], here[2 + 2 * mode]);
+                    let azimuth = turns[modes.modes[mode].order][usize::from(sine)];
+                    *value = [
+                        azimuth * (re * carrier[0] - im * carrier[1]),
+                        azimuth * (re * carrier[1] + im * carrier[0]),
+                    ];
+                }
+            }
+            let (t, u) = (place / rows.u, place % rows.u);
+            for image in 0..images.len() {
+                for sign in 0..2 {
+                    let (a, b) = (
+                        values[2 * sign * images.len() + image],
+                        values[(2 * sign + 1) * images.len() + image],
+                    );
+                    for part in 0..2 {
+                        let at = ((((t * images.len() + image) * 2 + sign) * 2) + part) * rows.u + u;
+                        sums[at] = a[part] + b[part];
+                        differences[at] = a[part] - b[part];
+                    }
+                }
+            }
+        }
+    }
+}

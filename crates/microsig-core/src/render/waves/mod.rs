@@ -1,0 +1,453 @@
+//! Images of particles by wave optics: diffraction at the aperture of MicroSIG's lens, or of a corrected one.
+//!
+//! Scalar Fourier optics over the pupil function of the lens (`pupil`): for short wavelengths the image
+//! becomes that of `expected`. A particle is a sum of coherent modes (`bead`, `modes`). Behind a round pupil
+//! each is a Hankel transform (`hankel`), with a cylindrical lens a matrix Fourier transform of a quadrant
+//! (`quadrant`); square pixels see the sum (`pixel`).
+//!
+//! Left out: polarisation (good up to a numerical aperture of 0.6 to 0.7), dispersion, losses.
+//!
+//! Sources: Goodman, Introduction to Fourier Optics; Born and Wolf, Principles of Optics, ch. 8 and 9;
+//! Collins 1970 (JOSA 60, 1168); Wolf 1982 (JOSA 72, 343); Gibson and Lanni 1991 (JOSA A 8, 1601); Noll 1976
+//! (JOSA 66, 207); Soummer et al. 2007 (Opt. Express 15, 15935).
+
+mod band;
+mod bead;
+mod bessel;
+mod build;
+mod cache;
+mod draw;
+mod general;
+mod hankel;
+mod interpolation;
+mod layout;
+mod matrix;
+mod model;
+mod modes;
+mod options;
+mod pixel;
+mod pupil;
+mod quadrant;
+mod quadrature;
+mod spline;
+mod table;
+mod zernike;
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::expected::{ExpectedPatch, Gradient, TOLERANCES};
+use super::instructions::InstructionSet;
+use super::interface::{Description, ImageStreams, Render};
+use super::patch::Window;
+use super::rays::RayRenderer;
+use crate::emission::{self, SpheroidLaw};
+use crate::error::Error;
+use crate::particle::Particle;
+use crate::pool::{BufferPool, Pooled};
+use crate::sensor::{Image, Light, Sensor};
+use crate::settings::Settings;
+use crate::stream::{Purpose, Streams};
+use cache::TableCache;
+use draw::{Band, Sphere};
+use general::{Disc, Obstacles};
+use model::{Model, Scope};
+pub use options::{Emission, Layers, Lens, Mask, Pinhole, PupilFunction, WaveOptics};
+use pupil::Pupil;
+use table::{Interpolated, Table};
+use zernike::Aberration;
+
+/// Rows that are exposed at a time, and the fewest that a thread draws.
+const BAND: usize = 64;
+
+/// Particles whose tables are held at a time.
+const PARTICLES: usize = 1024;
+
+/// Largest numerical aperture for which scalar waves are good.
+const SCALAR_NA: f64 = 0.7;
+
+/// The least share of the accepted light that should land on the sensor.
+const LEAST_NEAR: f64 = 0.5;
+
+/// Draws particles by wave optics; deterministic, without the noise of rays.
+///
+/// # The diffracted image of one particle
+/// ```
+/// use microsig_core::render::waves::{WaveOptics, WavesRenderer};
+/// use microsig_core::{Particle, Settings};
+///
+/// let renderer = WavesRenderer::new(&Settings::setting1(), &WaveOptics::new(0.52), 1e-3)?;
+/// let patch = renderer.patch(&Particle::sphere(100.3, 80.0, -12.0, 2.0)).expect("it lies on the sensor");
+/// let peak = patch.counts.iter().copied().fold(0.0, f64::max);
+/// assert!(peak > 1000.0 && peak < 1300.0, "a diffraction-limited image, near the sharpest");
+/// # Ok::<(), microsig_core::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct WavesRenderer {
+    settings: Settings,
+    optics: WaveOptics,
+    /// What all renderers ask of settings and particles.
+    rays: RayRenderer,
+    cache: Arc<TableCache>,
+    /// Working memory, kept from image to image.
+    images: BufferPool<Vec<f32>>,
+}
+
+impl WavesRenderer {
+    /// A renderer for these settings. `tolerance` is the largest error of an image, as a share of its peak,
+    /// that tables may have.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] if a setting or option is out of range, [`Error::Unsupported`] for what this
+    /// renderer cannot draw and for a tolerance outside [`TOLERANCES`].
+    pub fn new(settings: &Settings, optics: &WaveOptics, tolerance: f64) -> Result<Self, Error> {
+        Self::on(InstructionSet::best(), settings, optics, tolerance)
+    }
+
+    /// The same with an instruction set of one's choice; all give the same images.
+    ///
+    /// # Errors
+    /// As [`WavesRenderer::new`].
+    pub fn on(
+        instructions: InstructionSet,
+        settings: &Settings,
+        optics: &WaveOptics,
+        tolerance: f64,
+    ) -> Result<Self, Error> {
+        if !TOLERANCES.contains(&tolerance) {
+            return Err(Error::Unsupported(format!(
+                "tolerance = {tolerance}: expected {} to {}, a share of an image's peak",
+                TOLERANCES.start(),
+                TOLERANCES.end()
+            )));
+        }
+        let rays = RayRenderer::new(settings, SpheroidLaw::Original)?;
+        optics.validate(settings)?;
+        let pupil = Pupil::new(settings, optics.lens, optics.layers);
+        let [_, bx] = pupil.across();
+        if bx == 0.0 {
+            return Err(Error::Unsupported(format!(
+                "cyl_focal_length = {}: behind this cylindrical lens all light of a point meets in a line on the sensor, \
+                 whatever its wavelength; any other focal length will do",
+                settings.cyl_focal_length
+            )));
+        }
+        let margin = Self::margin(settings);
+        let farthest_px = [settings.pixel_dim_x, settings.pixel_dim_y].map(|size| f64::from(size) + margin);
+        let obstacles = obstacles(optics, pupil.system.cylinder.is_some());
+        let inner_um = match optics.pupil.mask {
+            Mask::Annulus { inner } => pupil.q(inner * pupil.radius()),
+            Mask::Open | Mask::Pinholes(_) => 0.0,
+        };
+        let model = Model {
+            pixel_um: settings.pixel_size,
+            emission: optics.emission,
+            wavelength_um: optics.wavelength_um,
+            bandwidth_um: optics.bandwidth_um,
+            obstacles,
+            inner_um,
+            tolerance,
+            share: build::SHARE * tolerance,
+            instructions,
+            pupil,
+        };
+        Ok(WavesRenderer {
+            settings: settings.clone(),
+            optics: optics.clone(),
+            rays,
+            cache: Arc::new(TableCache::new(model, farthest_px)),
+            images: BufferPool::default(),
+        })
+    }
+
+    /// How far from the sensor a particle may lie, px, if its light falls on it.
+    fn margin(settings: &Settings) -> f64 {
+        (f64::from(settings.pixel_dim_x.max(settings.pixel_dim_y)) / 2.0).max(50.0)
+    }
+
+    /// Light and optics.
+    pub fn optics(&self) -> &WaveOptics {
+        &self.optics
+    }
+
+    /// The tolerance.
+    pub fn tolerance(&self) -> f64 {
+        self.model().tolerance
+    }
+
+    /// Radius of the first dark ring of a point's image in focus without aberrations, px: 0.61 lambda M / NA.
+    pub fn airy_radius_px(&self) -> f64 {
+        self.optics.airy_radius_px(&self.settings)
+    }
+
+    /// How far optical paths over the pupil differ for a point on the axis at this depth, waves; a
+    /// cylindrical lens is left out.
+    pub fn path_difference_waves(&self, z_um: f64) -> f64 {
+        self.model().pupil.own_spread(z_um) / self.optics.wavelength_um
+    }
+
+    fn model(&self) -> &Model {
+        &self.cache.model
+    }
+
+    /// Makes the tables for these particles now rather than when they are drawn.
+    pub fn prepare(&self, particles: &[Particle]) {
+        self.cache.tables(particles.iter());
+    }
+
+    /// The counts of one particle. `None`: none of its light can fall on the sensor.
+    pub fn patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
+        let table = self.cache.tables(std::iter::once(particle)).remove(0);
+        let sphere = self.sphere(particle, &table, 1.0);
+        let window = sphere.window;
+        if window.area() == 0 {
+            return None;
+        }
+        let stride = draw::stride(window.width);
+        let mut pixels = vec![0.0; window.height * stride];
+        let band = Band { x0: window.x0, y0: window.y0, stride, pixels: &mut pixels };
+        draw::draw(self.model().instructions, std::iter::once(sphere), band);
+        let mut counts = vec![0.0; window.area()];
+        draw::copy(&pixels, window.width, &mut counts);
+        Some(ExpectedPatch { window, counts })
+    }
+
+    /// The counts of one particle with their derivatives. `None`: none of its light can fall on the sensor.
+    pub fn gradient(&self, particle: &Particle) -> Option<Gradient> {
+        let table = self.cache.tables(std::iter::once(particle)).remove(0);
+        let window = self.window(particle, &table);
+        if window.area() == 0 {
+            return None;
+        }
+        let interpolated = Interpolated::new(&table, particle.z_um, 0.5 * particle.d_um);
+        let light = self.total(particle);
+        let pixels = (0..window.area())
+            .map(|i| {
+                let dx = (window.x0 + (i % window.width) as i64) as f64 - particle.x_px;
+                let dy = (window.y0 + (i / window.width) as i64) as f64 - particle.y_px;
+                let [value, by_x, by_y, by_z] = interpolated.at(dx, dy);
+                // A particle that moves to the right is a pixel that moves to the left.
+                [light * value, -light * by_x, -light * by_y, light * by_z]
+            })
+            .collect();
+        Some(Gradient { window, pixels })
+    }
+
+    /// Light on pixels whose centers lie at these places relative to a particle, px, as a share of what it
+    /// sends into the half space; computed directly, without tables. `d_um` may be 0: a point.
+    pub fn share_at(&self, z_um: f64, d_um: f64, places: &[[f64; 2]]) -> Vec<f64> {
+        // Beside tables a few more modes cost nothing.
+        let model = self.model().with_share(0.2 * self.model().share, 1.0);
+        let far = |axis: usize| places.iter().map(|place| place[axis].abs()).fold(0.0, f64::max);
+        let edge_px = [0, 1].map(|axis| libm::ceil(far(axis)) as usize + 1);
+        let (from_um, to_um, radius_um) = (z_um, z_um, 0.5 * d_um);
+        let frame = model.frame(Scope { from_um, to_um, radius_um, edge_px, fineness: 1.0 });
+        let limits = model.band_limits(model.pupil.aperture());
+        let exposure = model.exposure(&frame, libm::ceil(3.0 * limits[0].max(limits[1])).max(2.0) as usize);
+        let plane = model.plane(&model.light(&frame, z_um, radius_um), &exposure);
+        places.iter().map(|&place| exposure.evaluate(&plane, place)).collect()
+    }
+
+    /// The light of a particle that the aperture accepts, counts: what an infinite sensor would see if
+    /// nothing were masked.
+    pub fn accepted(&self, particle: &Particle) -> f64 {
+        self.total(particle) * self.model().accepted(particle.z_um, 0.5 * particle.d_um)
+    }
+
+    /// Adds up the light of all particles of one image.
+    pub fn light(&self, particles: &[Particle]) -> Light {
+        let mut light = Light::dark(&self.settings);
+        draw::copy(&self.draw_all(particles), light.width as usize, &mut light.values);
+        light
+    }
+
+    /// Draws all particles of one image.
+    fn draw_all(&self, particles: &[Particle]) -> Pooled<'_, Vec<f32>> {
+        let stride = draw::stride(self.settings.pixel_dim_x as usize);
+        let rows = self.settings.pixel_dim_y as usize;
+        let mut image = self.images.get();
+        image.resize(rows * stride, 0.0);
+        // Each thread has a band of rows and all particles in the order of their rows in the data file: no
+        // sum depends on the number of threads.
+        let band_rows = rows.div_ceil(rayon::current_num_threads()).max(BAND);
+        for particles in particles.chunks(PARTICLES) {
+            let tables = self.cache.tables(particles.iter());
+            image.par_chunks_mut(band_rows * stride).enumerate().for_each(|(i, pixels)| {
+                let band = Band { x0: 1, y0: (i * band_rows) as i64 + 1, stride, pixels };
+                let spheres = particles.iter().zip(&tables);
+                let spheres = spheres.map(|(particle, table)| self.sphere(particle, table, particle.c_int));
+                draw::draw(self.model().instructions, spheres, band);
+            });
+        }
+        image
+    }
+
+    /// Number of depth tables, their memory in bytes, and the largest error found in any of them as a share
+    /// of an image's peak.
+    pub fn tables(&self) -> (usize, usize, f64) {
+        self.cache.state()
+    }
+
+    /// The light that a sphere sends toward the lens side, in rays.
+    fn total(&self, particle: &Particle) -> f64 {
+        let points = emission::sphere_points(&self.settings, particle.d_um);
+        points as f64 * (f64::from(self.settings.n_rays) + 1.0)
+    }
+
+    fn sphere<'a>(&self, particle: &Particle, table: &'a Table, factor: f64) -> Sphere<'a> {
+        Sphere {
+            table,
+            window: self.window(particle, table),
+            x_px: particle.x_px,
+            y_px: particle.y_px,
+            z_um: particle.z_um,
+            radius_um: 0.5 * particle.d_um,
+            light: factor * self.total(particle),
+        }
+    }
+
+    fn window(&self, particle: &Particle, table: &Table) -> Window {
+        let sensor = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
+        let [x, y] = table.reach(particle.z_um);
+        Window::around(particle.x_px, particle.y_px, (x, y), sensor)
+    }
+}
+
+/// What takes the pupil's mirror symmetries from it; `None`: nothing.
+fn obstacles(optics: &WaveOptics, cylinder: bool) -> Option<Obstacles> {
+    let disc = |r: f64, open: bool| Disc { x: 0.0, y: 0.0, r, open };
+    let discs = match &optics.pupil.mask {
+        Mask::Open => vec![disc(1.0, true)],
+        Mask::Annulus { inner } if *inner > 0.0 => vec![disc(1.0, true), disc(*inner, false)],
+        Mask::Annulus { .. } => vec![disc(1.0, true)],
+        Mask::Pinholes(holes) => {
+            holes.iter().map(|&Pinhole { x, y, r }| Disc { x, y, r, open: true }).collect()
+        }
+    };
+    let in_um = optics.pupil.zernike.iter().map(|&(j, waves)| (j, waves * optics.wavelength_um));
+    let aberration = Aberration::new(&in_um.collect::<Vec<_>>());
+    let turn = optics.cyl_angle_deg.to_radians();
+    let round_mask = !matches!(optics.pupil.mask, Mask::Pinholes(_));
+    // The transform of a quadrant has no hole in the middle.
+    let simple = round_mask && (discs.len() == 1 || !cylinder);
+    (!simple || turn != 0.0 || !aberration.is_none()).then_some(Obstacles { discs, aberration, turn })
+}
+
+impl Render for WavesRenderer {
+    fn name(&self) -> &'static str {
+        "waves"
+    }
+
+    fn needs_tables(&self) -> bool {
+        true
+    }
+
+    fn prepare(&self, particles: &[&[Particle]]) {
+        self.cache.tables(particles.iter().copied().flatten());
+    }
+
+    fn description(&self) -> Description {
+        let optics = self.rays.description().optics;
+        let lens = match self.optics.lens {
+            Lens::Microsig => "",
+            Lens::Aplanatic => ", corrected (aplanatic)",
+        };
+        Description {
+            optics: format!("{optics}{lens}, light of {} um", self.optics.wavelength_um),
+            method: "computes the diffraction of each particle's light at the lens (scalar Fourier optics; lens of the model: \
+                     M. Rossi, Meas. Sci. Technol. 31, 017003, 2020)",
+        }
+    }
+
+    fn spheroid_law(&self) -> Option<SpheroidLaw> {
+        None
+    }
+
+    fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    fn check(&self, particle: &Particle) -> Result<Option<String>, Error> {
+        if particle.spheroid.is_some() {
+            return Err(Error::Unsupported(
+                "it is a spheroid; waves draw spheres (rays and expected draw spheroids)".to_owned(),
+            ));
+        }
+        if let Some(layers) = &self.optics.layers
+            && layers.focus_depth_um + particle.z_um < 0.0
+        {
+            return Err(Error::Unsupported(format!(
+                "z = {} um: it would lie inside the cover slip, whose inner face is at z = {} um (focus_depth_um)",
+                particle.z_um, -layers.focus_depth_um
+            )));
+        }
+        let warning = self.rays.check(particle)?;
+        let (settings, margin) = (&self.settings, Self::margin(&self.settings));
+        let outside = |at: f64, size: u32| (0.5 - at).max(at - f64::from(size) - 0.5);
+        let farthest =
+            outside(particle.x_px, settings.pixel_dim_x).max(outside(particle.y_px, settings.pixel_dim_y));
+        if farthest > margin && self.rays.reaches_sensor(particle) {
+            return Err(Error::Unsupported(format!(
+                "it lies {farthest:.1} px outside the sensor, onto which its light falls; images by waves reach particles up to {margin} px outside"
+            )));
+        }
+        Ok(warning)
+    }
+
+    fn warning(&self) -> Option<String> {
+        let na = self.settings.numerical_aperture;
+        let scalar = (na > SCALAR_NA).then(|| {
+            format!(
+                "numerical_aperture = {na}: waves are scalar, without polarization, which is good up to about {SCALAR_NA}"
+            )
+        });
+        let Settings { pixel_dim_x, pixel_dim_y, pixel_size, .. } = self.settings;
+        let radius_um = 0.5 * libm::hypot(f64::from(pixel_dim_x), f64::from(pixel_dim_y)) * pixel_size;
+        let near = self.model().pupil.share_within(0.0, radius_um);
+        let lost = (self.optics.lens == Lens::Microsig && near < LEAST_NEAR).then(|| {
+            format!(
+                "of the light that the aperture accepts at z = 0 only {:.0} % lands on the sensor: MicroSIG's lens is not \
+                 corrected (lens: aplanatic is)",
+                100.0 * near
+            )
+        });
+        match (scalar, lost) {
+            (Some(a), Some(b)) => Some(format!("{a}; {b}")),
+            (a, b) => a.or(b),
+        }
+    }
+
+    fn shortfall(&self) -> Option<String> {
+        let ((_, _, error), tolerance) = (self.tables(), self.tolerance());
+        (error > tolerance).then(|| {
+            format!("images by waves err by up to {error:.1e} of their peaks, more than the tolerance of {tolerance:.1e}")
+        })
+    }
+
+    fn image_extent(&self, particle: &Particle) -> (f64, f64) {
+        let [x, y] = self.cache.extent_px(particle.z_um, 0.5 * particle.d_um);
+        (x, y)
+    }
+
+    fn reaches_sensor(&self, particle: &Particle) -> bool {
+        self.rays.reaches_sensor(particle)
+    }
+
+    fn light(&self, particles: &[Particle], _: &Streams, _: Purpose, _: u32) -> Light {
+        WavesRenderer::light(self, particles)
+    }
+
+    fn image(&self, particles: &[Particle], sensor: &Sensor, random: ImageStreams<'_>) -> Image {
+        let image = self.draw_all(particles);
+        let size = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
+        let columns = size.0 as usize;
+        let stride = draw::stride(columns);
+        sensor.expose_bands(size, BAND, random.streams, random.noise, random.frame, |first, light| {
+            draw::copy(&image[first * stride..], columns, light);
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,470 @@
+//! One image of a sphere: everything that makes it, from the pupil to the coefficients of a spline.
+
+use super::band::Line;
+use super::bead::{self, Ring};
+use super::general::{General, Obstacles};
+use super::hankel::{Hankel, Profile};
+use super::layout::Layout;
+use super::modes::{Bead, Modes};
+use super::options::Emission;
+use super::pixel::{self, Axis};
+use super::pupil::{Pupil, Radii};
+use super::quadrant::Quadrant;
+use super::spline::{self, TAPS};
+use crate::render::instructions::InstructionSet;
+
+/// Light beyond the edge that is computed but not drawn, px: there the Fourier series closes.
+const MARGIN_PX: f64 = 4.0;
+
+/// Values of a round image along the radius, per period of the finest wave it may hold.
+const PER_PERIOD: f64 = 8.0;
+
+/// Values of the grid per period of the finest wave: a little more than two.
+const GRID_PER_PERIOD: f64 = 2.1;
+
+/// What images are made of.
+#[derive(Debug)]
+pub(super) struct Model {
+    pub(super) pupil: Pupil,
+    /// Edge of a pixel, um.
+    pub(super) pixel_um: f64,
+    pub(super) emission: Emission,
+    /// Center wavelength and width of the band (full width at half maximum), um.
+    pub(super) wavelength_um: f64,
+    pub(super) bandwidth_um: f64,
+    /// What takes the pupil's mirror symmetries from it.
+    pub(super) obstacles: Option<Obstacles>,
+    /// Radius of the lens plane inside which the pupil is closed, um.
+    pub(super) inner_um: f64,
+    /// The largest error of tables, as a share of an image's peak.
+    pub(super) tolerance: f64,
+    /// Share of the light of weak modes that stronger ones take over.
+    pub(super) share: f64,
+    pub(super) instructions: InstructionSet,
+}
+
+/// The images that a frame is for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Scope {
+    /// Depths, um.
+    pub(super) from_um: f64,
+    pub(super) to_um: f64,
+    /// Radius of the largest sphere, um.
+    pub(super) radius_um: f64,
+    /// Half width and half height, whole px.
+    pub(super) edge_px: [usize; 2],
+    /// How many nodes of the pupil there are beside what the rules ask for.
+    pub(super) fineness: f64,
+}
+
+/// Kernels for images within a scope.
+#[derive(Debug)]
+pub(super) struct Frame {
+    pub(super) scope: Scope,
+    engine: Engine,
+    /// Wavelengths with their share of the light.
+    lines: Vec<Line>,
+    /// Values of the grid on both axes, and their distance at the center wavelength, px.
+    grid: [usize; 2],
+    steps_px: [f64; 2],
+    /// Whether the pupil ends before the aperture does.
+    tapered: bool,
+}
+
+/// Light on a frame's grid; a quadrant's for each wavelength.
+#[derive(Debug, Clone)]
+pub(super) struct Light {
+    grids: Vec<Vec<f64>>,
+    stride: usize,
+}
+
+/// What square pixels see of a frame's light.
+#[derive(Debug)]
+pub(super) struct Exposure {
+    pub(super) layout: Layout,
+    /// For each grid of the light.
+    axes: Vec<[Axis; 2]>,
+}
+
+/// What pixels at chosen places see of a frame's light.
+#[derive(Debug)]
+pub(super) struct Probes {
+    axes: Vec<[Axis; 2]>,
+}
+
+impl Frame {
+    /// Whether images are their own mirror images in x and y.
+    pub(super) fn is_mirrored(&self) -> bool {
+        !matches!(self.engine, Engine::General(_))
+    }
+}
+
+#[derive(Debug)]
+enum Engine {
+    Round(Hankel),
+    Quadrant(Quadrant),
+    General(General),
+}
+
+impl Model {
+    /// 2 pi over the center wavelength, 1/um.
+    fn k(&self) -> f64 {
+        2.0 * std::f64::consts::PI / self.wavelength_um
+    }
+
+    /// All that images follow from, in words that say each number to the last digit.
+    pub(super) fn description(&self) -> String {
+        let Model {
+            pupil,
+            pixel_um,
+            emission,
+            wavelength_um,
+            bandwidth_um,
+            obstacles,
+            inner_um,
+            tolerance,
+            share,
+            ..
+        } = self;
+        format!(
+            "{pupil:?} {pixel_um:?} {emission:?} {wavelength_um:?} {bandwidth_um:?} {obstacles:?} {inner_um:?} {tolerance:?} {share:?}"
+        )
+    }
+
+    pub(super) fn is_round(&self) -> bool {
+        self.pupil.system.cylinder.is_none() && self.obstacles.is_none()
+    }
+
+    /// Farthest place on the sensor that the frame's images show, um from the particle's.
+    fn corner_um(&self, edge_px: [usize; 2]) -> f64 {
+        let [x, y] = edge_px.map(|edge| (edge as f64 + MARGIN_PX) * self.pixel_um);
+        libm::sqrt(x * x + y * y)
+    }
+
+    /// Frequencies of light on the sensor end here, cycles per px on both axes.
+    pub(super) fn band_limits(&self, end_um: f64) -> [f64; 2] {
+        let [_, bx] = self.pupil.across();
+        let limit = |b: f64| 2.0 * self.pupil.sigma(end_um) / (self.wavelength_um * b.abs()) * self.pixel_um;
+        let limits = [limit(bx), limit(self.pupil.b())];
+        // Rows of a turned cylinder hold both.
+        let turned = self.obstacles.as_ref().is_some_and(|obstacles| obstacles.turn != 0.0);
+        if turned { [libm::hypot(limits[0], limits[1]); 2] } else { limits }
+    }
+
+    /// Where the pupil ends for images of this scope, um in the lens plane, and whether that is before the
+    /// aperture.
+    fn end(&self, scope: &Scope) -> (f64, bool) {
+        let corner_um = self.corner_um(scope.edge_px);
+        let useful = self.depths(scope).map(|z_um| self.pupil.useful(z_um, corner_um));
+        let end = useful.into_iter().map(|useful| self.pupil.taper_end(useful)).fold(0.0, f64::max);
+        (end, useful.iter().any(Option::is_some))
+    }
+
+    /// Some depths of the scope's particles, their surfaces included.
+    fn depths(&self, scope: &Scope) -> [f64; 5] {
+        let (low, high) = (scope.from_um - scope.radius_um, scope.to_um + scope.radius_um);
+        std::array::from_fn(|i| low + (high - low) * i as f64 / 4.0)
+    }
+
+    pub(super) fn frame(&self, scope: Scope) -> Frame {
+        let (end, tapered) = self.end(&scope);
+        let (b, sigma_end) = (self.pupil.b(), self.pupil.sigma(end));
+        let [_, bx] = self.pupil.across();
+        let depths = self.depths(&scope);
+        let mut far = [0.0f64; 2];
+        for z_um in depths {
+            let farthest = self.pupil.farthest(z_um, end);
+            (0..2).for_each(|axis| far[axis] = far[axis].max(farthest[axis]));
+        }
+        let aberrated = self.aberrated_um();
+        (0..2).for_each(|axis| far[axis] += aberrated[1 - axis]);
+        // Rim of the bead's own image.
+        let bead_um = scope.radius_um * b / self.pupil.system.objective.object_distance_0;
+        let lines = self.lines(&depths, end);
+        let shortest = lines.iter().map(|line| line.wavelength_um).fold(f64::INFINITY, f64::min);
+        let shrink = shortest / self.wavelength_um;
+
+        let turned = self.obstacles.as_ref().is_some_and(|obstacles| obstacles.turn != 0.0);
+        if turned {
+            far = [far[0].max(far[1]); 2];
+        }
+        let limits = self.band_limits(end);
+        let steps_px = limits.map(|limit| 1.0 / (GRID_PER_PERIOD * limit).max(1.0));
+        let drawn = scope.edge_px.map(|edge| edge as f64 + MARGIN_PX);
+        let orders = self.orders(scope.radius_um, &depths, end, shortest);
+        let cycles =
+            |far: f64, reach: f64, b: f64| (far + bead_um + reach) * sigma_end / (shortest * b.abs());
+        if self.is_round() {
+            // The grid is the same at all wavelengths.
+            let steps_px = steps_px.map(|step| step * shrink);
+            let grid = [0, 1].map(|axis| libm::ceil(drawn[axis] / steps_px[axis]) as usize + 1);
+            let corner =
+                libm::hypot(grid[0] as f64 * steps_px[0], grid[1] as f64 * steps_px[1]) * self.pixel_um;
+            let step_um = self.pixel_um / (PER_PERIOD * limits[1]);
+            let columns = libm::ceil(corner / (step_um * shrink)) as usize + TAPS;
+            let count = libm::ceil((2.6 * cycles(far[1].max(far[0]), corner, b) + 40.0) * scope.fineness);
+            let hankel = Hankel::new(
+                &self.pupil,
+                self.k(),
+                [self.inner_um, end],
+                count as usize,
+                (columns, step_um),
+                orders,
+            );
+            return Frame { scope, engine: Engine::Round(hankel), lines, grid, steps_px, tapered };
+        }
+        let grid = [0, 1].map(|axis| libm::ceil(drawn[axis] / (steps_px[axis] * shrink)) as usize + 1);
+        let reach = [0, 1].map(|axis| grid[axis] as f64 * steps_px[axis] * self.pixel_um);
+        let count = |axis: usize, b: f64| {
+            libm::ceil((1.5 * cycles(far[1 - axis], reach[axis], b) + 44.0) * scope.fineness) as usize
+        };
+        let counts = [count(1, b), count(0, bx)];
+        let steps_um = steps_px.map(|step| step * self.pixel_um);
+        if let Some(obstacles) = &self.obstacles {
+            let general = General::new(&self.pupil, self.k(), end, obstacles, counts, (grid, steps_um));
+            return Frame { scope, engine: Engine::General(general), lines, grid, steps_px, tapered };
+        }
+        let quadrant = Quadrant::new(&self.pupil, self.k(), end, counts, grid, steps_um);
+        Frame { scope, engine: Engine::Quadrant(quadrant), lines, grid, steps_px, tapered }
+    }
+
+    /// How pixels see this frame's light, with so many coefficients per px.
+    pub(super) fn exposure(&self, frame: &Frame, per_px: usize) -> Exposure {
+        // From the particle's own node on.
+        let side = frame.scope.edge_px.map(|edge| (edge * per_px + TAPS).next_multiple_of(per_px) + 1);
+        let mirrored = frame.is_mirrored();
+        let axes = self.axes(frame, |axis, step_px| {
+            let make = if mirrored { Axis::even } else { Axis::both };
+            make(frame.grid[axis], step_px, side[axis], per_px)
+        });
+        Exposure { axes, layout: Layout::new(per_px, side, mirrored) }
+    }
+
+    /// How pixels at these columns and rows (px from the particle) see this frame's light.
+    pub(super) fn probes(&self, frame: &Frame, places_px: [&[f64]; 2]) -> Probes {
+        let axes = self.axes(frame, |axis, step_px| {
+            let make = if frame.is_mirrored() { Axis::even_at } else { Axis::both_at };
+            make(frame.grid[axis], step_px, places_px[axis])
+        });
+        Probes { axes }
+    }
+
+    /// The two axes of each grid of a frame's light; `make` is given the axis and the step of its grid, px.
+    fn axes(&self, frame: &Frame, make: impl Fn(usize, f64) -> Axis) -> Vec<[Axis; 2]> {
+        let of_scale = |scale: f64| [0, 1].map(|axis| make(axis, frame.steps_px[axis] * scale));
+        match frame.engine {
+            Engine::Round(_) => vec![of_scale(1.0)],
+            Engine::Quadrant(_) | Engine::General(_) => {
+                let scales = frame.lines.iter().map(|line| line.wavelength_um / self.wavelength_um);
+                scales.map(of_scale).collect()
+            }
+        }
+    }
+
+    /// Coefficients on the exposure's nodes, row by row: light on a pixel as a share of what the sphere sends
+    /// into the half space.
+    pub(super) fn plane(&self, light: &Light, exposure: &Exposure) -> Vec<f64> {
+        self.seen(light, &exposure.axes)
+    }
+
+    /// Light on the pixels at all columns of the first row, of the second, and so on, likewise.
+    pub(super) fn probe(&self, light: &Light, probes: &Probes) -> Vec<f64> {
+        self.seen(light, &probes.axes)
+    }
+
+    fn seen(&self, light: &Light, axes: &[[Axis; 2]]) -> Vec<f64> {
+        let mut sum: Vec<f64> = Vec::new();
+        for (grid, [across, down]) in light.grids.iter().zip(axes) {
+            let seen = pixel::expose(grid, light.stride, [across, down], self.instructions);
+            sum.resize(seen.len(), 0.0);
+            sum.iter_mut().zip(&seen).for_each(|(sum, seen)| *sum += seen);
+        }
+        sum
+    }
+
+    /// The same with more modes, and with more rings and wavelengths if `finer` is below 1.
+    pub(super) fn with_share(&self, share: f64, finer: f64) -> Model {
+        let (pupil, obstacles) = (self.pupil.clone(), self.obstacles.clone());
+        Model { pupil, obstacles, tolerance: finer * self.tolerance, share, ..*self }
+    }
+
+    /// How far aberrations throw light on the two axes, um. Behind a turned cylinder both are the farther
+    /// one.
+    fn aberrated_um(&self) -> [f64; 2] {
+        let Some(obstacles) = &self.obstacles else { return [0.0; 2] };
+        let [_, bx] = self.pupil.across();
+        let steepest = obstacles.aberration.steepest();
+        let far = [bx.abs(), self.pupil.b()].map(|b| b / self.pupil.radius());
+        if obstacles.turn == 0.0 {
+            return [steepest[0] * far[0], steepest[1] * far[1]];
+        }
+        [steepest[0].max(steepest[1]) * far[0].max(far[1]); 2]
+    }
+
+    /// Half width and half height of the geometric image of a sphere, px.
+    pub(super) fn rim_px(&self, z_um: f64, radius_um: f64) -> [f64; 2] {
+        let bead = radius_um * self.pupil.b() / self.pupil.system.objective.object_distance_0;
+        let [down, across] = self.pupil.farthest(z_um, self.pupil.aperture());
+        let aberrated = self.aberrated_um();
+        [(across, aberrated[0]), (down, aberrated[1])].map(|(rim, more)| (rim + more + bead) / self.pixel_um)
+    }
+
+    /// The share of a sphere's light into the half space that the aperture accepts.
+    pub(super) fn accepted(&self, z_um: f64, radius_um: f64) -> f64 {
+        let rings = self.rings(radius_um, self.pupil.aperture());
+        rings.iter().map(|ring| ring.weight * self.pupil.accepted(z_um + ring.depth_um)).sum()
+    }
+
+    /// Where the tails behind a rim (px) fall below this level, a share of the light per px. A hard edge of
+    /// the pupil throws A^2 2 sigma_a B / (pi k X (X - rim)^2); fringes are three times as bright.
+    pub(super) fn tail_px(&self, z_um: f64, rim_px: [f64; 2], level: f64) -> [f64; 2] {
+        let end = self.pupil.aperture();
+        let radii = self.pupil.radii(vec![end], end);
+        let amplitude = self.pupil.fan(z_um, &radii, None).amplitude[0];
+        let [_, bx] = self.pupil.across();
+        [(bx, rim_px[0]), (self.pupil.b(), rim_px[1])].map(|(b, rim)| {
+            let along = b * b / self.pupil.b();
+            let light =
+                6.0 * amplitude * amplitude * radii.sigma[0] * along / (std::f64::consts::PI * self.k());
+            // Light per um^2 to light per px: lengths in px.
+            let light = light / self.pixel_um;
+            let (mut low, mut high) = (rim, rim + 1e6);
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                let beyond = middle - rim;
+                if light / (middle * beyond * beyond) > level { low = middle } else { high = middle }
+            }
+            high
+        })
+    }
+
+    /// Orders of modes that a sphere may have.
+    fn orders(&self, radius_um: f64, depths: &[f64], end: f64, shortest: f64) -> usize {
+        let radii = self.pupil.radii(vec![end], end);
+        let steepest = depths
+            .iter()
+            .map(|&z_um| self.pupil.fan(z_um, &radii, None).off_axis[0].abs())
+            .fold(0.0, f64::max);
+        let argument = 2.0 * std::f64::consts::PI / shortest * radius_um * steepest;
+        libm::ceil(argument + 3.0 * libm::cbrt(argument)) as usize + 4
+    }
+
+    /// Wavelengths with their share of the light, as many as the range of phases at these depths takes.
+    fn lines(&self, depths: &[f64], end: f64) -> Vec<Line> {
+        let spread = depths.iter().map(|&z_um| self.pupil.spread(z_um, end)).fold(0.0, f64::max);
+        super::band::lines(self.wavelength_um, self.bandwidth_um, spread, self.tolerance)
+    }
+
+    /// Rings of a sphere.
+    fn rings(&self, radius_um: f64, end: f64) -> Vec<Ring> {
+        let sine = self.pupil.sigma(end) / self.pupil.system.objective.object_distance_0;
+        let more = usize::from(self.tolerance < 1e-3);
+        bead::rings(self.emission, radius_um, self.k() * sine * radius_um, more)
+    }
+
+    /// The light of a sphere, per px, as a share of what it sends into the half space.
+    pub(super) fn light(&self, frame: &Frame, z_um: f64, radius_um: f64) -> Light {
+        let stride = match &frame.engine {
+            Engine::Round(_) => frame.grid[0],
+            Engine::Quadrant(quadrant) => quadrant.columns(),
+            Engine::General(general) => general.columns(),
+        };
+        if !self.pupil.sees(z_um - radius_um) {
+            // Beyond the lens, where planes only border on those in use.
+            return Light { grids: vec![vec![0.0; stride * 2 * frame.grid[1]]; frame.lines.len()], stride };
+        }
+        let useful =
+            if frame.tapered { self.pupil.useful(z_um, self.corner_um(frame.scope.edge_px)) } else { None };
+        let pixel = self.pixel_um * self.pixel_um;
+        let grids = match &frame.engine {
+            Engine::Round(hankel) => {
+                let profiles = frame.lines.iter().map(|line| {
+                    let modes = self.modes(&hankel.radii, &hankel.weights, z_um, radius_um, line, useful);
+                    (pixel * line.share, hankel.profile(&modes, line.k(), self.k(), self.instructions))
+                });
+                let profiles: Vec<_> = profiles.collect();
+                vec![self.round_grid(frame, &profiles)]
+            }
+            Engine::Quadrant(quadrant) => {
+                let of_line = |line: &Line| {
+                    let modes = self.modes(&quadrant.radii, &quadrant.weights, z_um, radius_um, line, useful);
+                    quadrant.light(&modes, line.k(), self.instructions)
+                };
+                frame.lines.iter().map(|line| times(of_line(line), pixel * line.share)).collect()
+            }
+            Engine::General(general) => {
+                let of_line = |line: &Line| {
+                    let modes = self.modes(&general.radii, &general.weights, z_um, radius_um, line, useful);
+                    general.light(&modes, line.k(), self.instructions)
+                };
+                frame.lines.iter().map(|line| times(of_line(line), pixel * line.share)).collect()
+            }
+        };
+        Light { grids, stride }
+    }
+
+    /// Sums of round images on the grid.
+    fn round_grid(&self, frame: &Frame, profiles: &[(f64, Profile)]) -> Vec<f64> {
+        let [columns, rows] = frame.grid;
+        let mut light = vec![0.0; columns * rows];
+        for row in 0..rows {
+            for column in 0..columns {
+                // Both axes have the same steps.
+                if columns == rows && column < row {
+                    light[row * columns + column] = light[column * columns + row];
+                    continue;
+                }
+                let (x, y) = (column as f64 * frame.steps_px[0], row as f64 * frame.steps_px[1]);
+                let radius = libm::sqrt(x * x + y * y) * self.pixel_um;
+                let mut sum = 0.0;
+                for (share, profile) in profiles {
+                    sum += share * profile.at(radius);
+                }
+                light[row * columns + column] = sum;
+            }
+        }
+        light
+    }
+
+    fn modes(
+        &self,
+        radii: &Radii,
+        weights: &[f64],
+        z_um: f64,
+        radius_um: f64,
+        line: &Line,
+        useful: Option<f64>,
+    ) -> Modes {
+        let end = useful.unwrap_or(self.pupil.aperture());
+        let rings = self.rings(radius_um, end);
+        let (k, share) = (line.k(), self.share);
+        Bead { pupil: &self.pupil, radii, weights, z_um, rings: &rings, k, useful, share }.modes()
+    }
+}
+
+fn times(mut values: Vec<f64>, factor: f64) -> Vec<f64> {
+    values.iter_mut().for_each(|value| *value *= factor);
+    values
+}
+
+impl Exposure {
+    /// The spline's value at a place relative to the particle, px.
+    pub(super) fn evaluate(&self, coefficients: &[f64], [x, y]: [f64; 2]) -> f64 {
+        let axis = |x: f64| {
+            let place = x * self.layout.per_px as f64;
+            let cell = libm::floor(place);
+            (cell as isize - 2, spline::basis(place - cell).0)
+        };
+        let ((first_x, of_x), (first_y, of_y)) = (axis(x), axis(y));
+        let mut sum = 0.0;
+        for (j, of_y) in of_y.iter().enumerate() {
+            let Some(row) = self.layout.row_of(first_y + j as isize) else { continue };
+            for (i, of_x) in of_x.iter().enumerate() {
+                if let Some(column) = self.layout.column_of(first_x + i as isize) {
+                    sum += of_x * of_y * coefficients[row * self.layout.columns + column];
+                }
+            }
+        }
+        sum
+    }
+}

@@ -1,0 +1,339 @@
+//! What wave optics needs to know beyond MicroSIG's settings, and which values it may have.
+
+use crate::error::{Error, Fault};
+use crate::settings::Settings;
+
+/// Light and optics of [`super::WavesRenderer`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct WaveOptics {
+    /// Wavelength in vacuum, um, 0.1 to 2: the center of the band.
+    pub wavelength_um: f64,
+    /// Full width at half maximum of the (Gaussian) band, um, 0 to 0.3 wavelengths; 0 is monochromatic light.
+    pub bandwidth_um: f64,
+    /// Where light leaves a particle.
+    pub emission: Emission,
+    /// The model of the objective.
+    pub lens: Lens,
+    /// What stands in the pupil.
+    pub pupil: PupilFunction,
+    /// Azimuth of the axis along which the cylindrical lens bends, degrees from image x toward image y; 0
+    /// without cylinder.
+    pub cyl_angle_deg: f64,
+    /// Medium, cover slip and immersion; `None`: as the objective was designed for.
+    pub layers: Option<Layers>,
+}
+
+impl WaveOptics {
+    /// Monochromatic light of this wavelength (um) from the surface of particles, through MicroSIG's own
+    /// lens.
+    pub fn new(wavelength_um: f64) -> Self {
+        WaveOptics {
+            wavelength_um,
+            bandwidth_um: 0.0,
+            emission: Emission::Surface,
+            lens: Lens::Microsig,
+            pupil: PupilFunction::default(),
+            cyl_angle_deg: 0.0,
+            layers: None,
+        }
+    }
+
+    /// Radius of the first dark ring of a point's image in focus without aberrations, px: 0.61 lambda M / NA.
+    pub fn airy_radius_px(&self, settings: &Settings) -> f64 {
+        let Settings { magnification, numerical_aperture, pixel_size, .. } = settings;
+        0.61 * self.wavelength_um * magnification / (numerical_aperture * pixel_size)
+    }
+}
+
+/// Where light leaves a spherical particle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Emission {
+    /// The half of the surface that faces the lens: MicroSIG's law.
+    #[default]
+    Surface,
+    /// The whole volume: a transparent particle dyed throughout. It sends as much light as with
+    /// [`Emission::Surface`].
+    Volume,
+}
+
+impl Emission {
+    /// Its name in scenarios and manifests.
+    pub fn name(self) -> &'static str {
+        match self {
+            Emission::Surface => "surface",
+            Emission::Volume => "volume",
+        }
+    }
+}
+
+/// The model of the objective.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Lens {
+    /// MicroSIG's thin lens with its spherical aberration; dry.
+    #[default]
+    Microsig,
+    /// An objective corrected for the plane in focus (Abbe's sine condition), dry or immersed.
+    Aplanatic,
+}
+
+impl Lens {
+    /// Its name in scenarios and manifests.
+    pub fn name(self) -> &'static str {
+        match self {
+            Lens::Microsig => "microsig",
+            Lens::Aplanatic => "aplanatic",
+        }
+    }
+}
+
+/// What stands in the pupil, in units of its radius; axes as in the drawn image, x right, y down.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PupilFunction {
+    /// What is open.
+    pub mask: Mask,
+    /// Aberrations: Noll's index, 2 to 66, and the coefficient, waves rms at the center wavelength (an
+    /// optical path, the same in um over the band). Azimuth from x toward y.
+    pub zernike: Vec<(u32, f64)>,
+}
+
+/// The open part of the pupil. Masks take light away; nothing is rescaled.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum Mask {
+    /// All of it.
+    #[default]
+    Open,
+    /// Outside this radius, in [0, 1).
+    Annulus {
+        /// Inner radius, in units of the pupil's.
+        inner: f64,
+    },
+    /// Discs that do not overlap.
+    Pinholes(Vec<Pinhole>),
+}
+
+/// An open disc, in units of the pupil's radius.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pinhole {
+    /// Center, to the right.
+    pub x: f64,
+    /// Center, down.
+    pub y: f64,
+    /// Radius.
+    pub r: f64,
+}
+
+/// The layers between a particle and the objective, and those that the objective was designed for (Gibson and
+/// Lanni 1991).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Layers {
+    /// Refractive index of the medium that particles are in.
+    pub n_s: f64,
+    /// Refractive index of the cover slip.
+    pub n_g: f64,
+    /// Thickness of the cover slip, um.
+    pub t_g_um: f64,
+    /// Refractive index of the cover slip that the objective was designed for.
+    pub n_g_design: f64,
+    /// Thickness of the cover slip that the objective was designed for, um.
+    pub t_g_design_um: f64,
+    /// Refractive index of the immersion; 1 for a dry objective.
+    pub n_i: f64,
+    /// Refractive index of the immersion that the objective was designed for.
+    pub n_i_design: f64,
+    /// Working distance that the objective was designed for, um.
+    pub t_i_design_um: f64,
+    /// Depth below the inner face of the cover slip that is in paraxial focus, um: the plane z = 0.
+    pub focus_depth_um: f64,
+}
+
+impl Layers {
+    /// Thickness of the immersion, um, that brings the plane z = 0 into paraxial focus.
+    pub fn immersion_um(&self) -> f64 {
+        self.n_i
+            * (self.t_i_design_um / self.n_i_design + self.t_g_design_um / self.n_g_design
+                - self.t_g_um / self.n_g
+                - self.focus_depth_um / self.n_s)
+    }
+
+    /// Difference of the optical paths, um, of a ray whose sine times index is `s` and that along the
+    /// objective's design, for an emitter at depth `h_um` below the cover slip.
+    pub(super) fn path(&self, s: f64, h_um: f64) -> f64 {
+        let along = |t: f64, n: f64| t * libm::sqrt((n * n - s * s).max(0.0));
+        along(h_um, self.n_s) + along(self.t_g_um, self.n_g) - along(self.t_g_design_um, self.n_g_design)
+            + along(self.immersion_um(), self.n_i)
+            - along(self.t_i_design_um, self.n_i_design)
+    }
+}
+
+/// A list of faults, each with the key it concerns.
+#[derive(Default)]
+struct Faults(Vec<Fault>);
+
+impl Faults {
+    fn add(&mut self, key: &str, value: impl std::fmt::Display, expected: &str) {
+        self.0.push(Fault {
+            source_name: key.to_owned(),
+            line: None,
+            column: None,
+            message: format!("{key} = {value}: expected {expected}"),
+        });
+    }
+
+    fn unless(&mut self, fine: bool, key: &str, value: f64, expected: &str) {
+        if !fine {
+            self.add(key, value, expected);
+        }
+    }
+}
+
+/// Largest index of a Zernike term, and largest sum of their sizes, waves.
+const LAST_ZERNIKE: u32 = 66;
+const MOST_WAVES: f64 = 5.0;
+
+impl WaveOptics {
+    /// Every value outside its range, with its key in a scenario.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] with all of them.
+    pub fn validate(&self, settings: &Settings) -> Result<(), Error> {
+        let mut faults = Faults::default();
+        self.light(&mut faults);
+        self.mask(&mut faults);
+        self.zernike(&mut faults);
+        let angle = self.cyl_angle_deg;
+        let turned = angle != 0.0 && settings.cyl_focal_length == 0.0;
+        faults.unless(angle.is_finite(), "optics.cyl_angle_deg", angle, "a finite number");
+        faults.unless(
+            !turned,
+            "optics.cyl_angle_deg",
+            angle,
+            "0: there is no cylindrical lens (cyl_focal_length = 0)",
+        );
+        self.objective(settings, &mut faults);
+        if let Some(layers) = &self.layers {
+            self.layers(layers, &mut faults);
+        }
+        if faults.0.is_empty() { Ok(()) } else { Err(Error::Malformed(faults.0)) }
+    }
+
+    fn light(&self, faults: &mut Faults) {
+        let (wavelength, width) = (self.wavelength_um, self.bandwidth_um);
+        faults.unless(
+            (0.1..=2.0).contains(&wavelength),
+            "render.wavelength_um",
+            wavelength,
+            "0.1 to 2 um, the wavelength in vacuum",
+        );
+        let widest = 0.3 * wavelength;
+        faults.unless(
+            width >= 0.0 && width <= widest || !wavelength.is_finite(),
+            "render.bandwidth_um",
+            width,
+            &format!("0 to {widest:.4} um, 0.3 wavelengths"),
+        );
+    }
+
+    fn mask(&self, faults: &mut Faults) {
+        match &self.pupil.mask {
+            Mask::Open => {}
+            Mask::Annulus { inner } => faults.unless(
+                (0.0..1.0).contains(inner),
+                "optics.pupil.mask.annulus.inner",
+                *inner,
+                "0 or more and less than 1, in units of the pupil's radius",
+            ),
+            Mask::Pinholes(holes) => {
+                if holes.is_empty() {
+                    faults.add("optics.pupil.mask.pinholes", "[]", "at least one pinhole");
+                }
+                for (i, hole) in holes.iter().enumerate() {
+                    let key = format!("optics.pupil.mask.pinholes.{i}");
+                    let shown = format!("(x: {}, y: {}, r: {})", hole.x, hole.y, hole.r);
+                    let inside = libm::hypot(hole.x, hole.y) + hole.r <= 1.0;
+                    if !(hole.r > 0.0 && inside) {
+                        faults.add(&key, &shown, "a disc of radius > 0 within the pupil, whose radius is 1");
+                    }
+                    let over =
+                        |other: &Pinhole| libm::hypot(hole.x - other.x, hole.y - other.y) < hole.r + other.r;
+                    if let Some(other) = holes[..i].iter().position(over) {
+                        faults.add(&key, &shown, &format!("a disc that does not overlap pinhole {other}"));
+                    }
+                }
+            }
+        }
+    }
+
+    fn zernike(&self, faults: &mut Faults) {
+        for (i, &(j, waves)) in self.pupil.zernike.iter().enumerate() {
+            if !(2..=LAST_ZERNIKE).contains(&j) {
+                faults.add(
+                    &format!("optics.pupil.zernike.{i}.0"),
+                    j,
+                    &format!("a Noll index from 2 to {LAST_ZERNIKE}"),
+                );
+            }
+            let key = format!("optics.pupil.zernike.{i}.1");
+            faults.unless(waves.is_finite(), &key, waves, "a finite number of waves rms");
+        }
+        let sum: f64 = self.pupil.zernike.iter().map(|(_, waves)| waves.abs()).sum();
+        faults.unless(
+            sum <= MOST_WAVES || !sum.is_finite(),
+            "optics.pupil.zernike",
+            sum,
+            "at most 5 waves rms as the sum of all terms' sizes",
+        );
+    }
+
+    fn objective(&self, settings: &Settings, faults: &mut Faults) {
+        let na = settings.numerical_aperture;
+        match self.lens {
+            Lens::Microsig => faults.unless(
+                na < 1.0,
+                "optics.numerical_aperture",
+                na,
+                "less than 1: MicroSIG's lens has no immersion (lens: aplanatic has)",
+            ),
+            Lens::Aplanatic => {
+                let index = self.layers.map_or(1.0, |layers| layers.n_i);
+                let expected = format!("less than the index of the immersion, {index}");
+                faults.unless(na < index, "optics.numerical_aperture", na, &expected);
+            }
+        }
+    }
+
+    fn layers(&self, layers: &Layers, faults: &mut Faults) {
+        let Layers { n_s, n_g, t_g_um, n_g_design, t_g_design_um, n_i, n_i_design, t_i_design_um, .. } =
+            *layers;
+        let indices = [
+            ("optics.layers.n_s", n_s),
+            ("optics.layers.n_g", n_g),
+            ("optics.layers.n_g_design", n_g_design),
+            ("optics.layers.n_i", n_i),
+            ("optics.layers.n_i_design", n_i_design),
+        ];
+        for (key, index) in indices {
+            faults.unless((1.0..=4.0).contains(&index), key, index, "a refractive index, 1 to 4");
+        }
+        let lengths = [
+            ("optics.layers.t_g_um", t_g_um),
+            ("optics.layers.t_g_design_um", t_g_design_um),
+            ("optics.layers.t_i_design_um", t_i_design_um),
+            ("optics.layers.focus_depth_um", layers.focus_depth_um),
+        ];
+        for (key, length) in lengths {
+            faults.unless((0.0..=1e6).contains(&length), key, length, "a length, 0 to 1000000 um");
+        }
+        if self.lens == Lens::Microsig {
+            let dry = "1: MicroSIG's lens is dry (lens: aplanatic may be immersed)";
+            faults.unless(n_i == 1.0, "optics.layers.n_i", n_i, dry);
+            faults.unless(n_i_design == 1.0, "optics.layers.n_i_design", n_i_design, dry);
+        }
+        let immersion = layers.immersion_um();
+        faults.unless(
+            immersion >= 0.0 || immersion.is_nan(),
+            "optics.layers.t_i_design_um",
+            t_i_design_um,
+            &format!("a longer working distance: focusing so deep would leave {immersion:.1} um before the cover slip"),
+        );
+    }
+}

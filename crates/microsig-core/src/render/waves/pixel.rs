@@ -1,0 +1,223 @@
+//! From light on a grid to the coefficients of a spline through what square pixels see.
+//!
+//! Light is band-limited: intensities hold no frequency above 2 sigma_a / (lambda B). So a grid of that band
+//! gives its Fourier series; a pixel multiplies it by sinc f, and the spline that comes nearest to the result
+//! in the mean square (quintic, an orthogonal projection) by a factor too. All of it is one matrix an axis.
+//! Light is taken as even about the particle and, a few px beyond the edge, as periodic.
+
+use super::matrix::{self, LANES};
+use crate::render::instructions::InstructionSet;
+
+/// The matrix of one axis, which takes `grid` values to `nodes` coefficients.
+#[derive(Debug, Clone)]
+pub(super) struct Axis {
+    grid: usize,
+    nodes: usize,
+    /// [nodes x grid]
+    by_node: Vec<f64>,
+}
+
+impl Axis {
+    /// Values at k `step_px`, k < `grid`, to coefficients at k / `per_px`, k < `nodes`, of light that is even
+    /// about the particle.
+    pub(super) fn even(grid: usize, step_px: f64, nodes: usize, per_px: usize) -> Axis {
+        // A value stands for its mirror image too.
+        let twice = |j: usize| if j == 0 { 1.0 } else { 2.0 };
+        let waves = Waves::of_nodes(grid, step_px, nodes, per_px).sums(libm::cos);
+        let by_node =
+            waves.chunks_exact(grid).flat_map(|row| row.iter().enumerate().map(|(j, w)| twice(j) * w));
+        Axis { grid, nodes, by_node: by_node.collect() }
+    }
+
+    /// What pixels see at any places (px from the particle), without a spline, of light that is even about
+    /// the particle.
+    pub(super) fn even_at(grid: usize, step_px: f64, places_px: &[f64]) -> Axis {
+        let twice = |j: usize| if j == 0 { 1.0 } else { 2.0 };
+        let waves = Waves::of_places(grid, step_px, places_px).sums(libm::cos);
+        let by_node =
+            waves.chunks_exact(grid).flat_map(|row| row.iter().enumerate().map(|(j, w)| twice(j) * w));
+        Axis { grid, nodes: places_px.len(), by_node: by_node.collect() }
+    }
+
+    /// The same of values on both sides of the particle.
+    pub(super) fn both_at(grid: usize, step_px: f64, places_px: &[f64]) -> Axis {
+        let waves = Waves::of_places(grid, step_px, places_px);
+        let (even, odd) = (waves.sums(libm::cos), waves.sums(libm::sin));
+        let columns = 2 * grid - 1;
+        let by_node = (0..places_px.len() * columns).map(|at| {
+            let j = (at % columns) as isize - (grid as isize - 1);
+            let place = at / columns * grid + j.unsigned_abs();
+            even[place] + if j < 0 { -odd[place] } else { odd[place] }
+        });
+        Axis { grid: columns, nodes: places_px.len(), by_node: by_node.collect() }
+    }
+
+    /// The same on both sides of the particle: values at k `step_px`, |k| < `grid`, to coefficients at k /
+    /// `per_px`, |k| < `nodes`.
+    pub(super) fn both(grid: usize, step_px: f64, nodes: usize, per_px: usize) -> Axis {
+        let waves = Waves::of_nodes(grid, step_px, nodes, per_px);
+        let (even, odd) = (waves.sums(libm::cos), waves.sums(libm::sin));
+        let (columns, rows) = (2 * grid - 1, 2 * nodes - 1);
+        let by_node = (0..rows * columns).map(|at| {
+            let (node, j) = (
+                (at / columns) as isize - (nodes as isize - 1),
+                (at % columns) as isize - (grid as isize - 1),
+            );
+            let place = node.unsigned_abs() * grid + j.unsigned_abs();
+            // cos (a - b) = cos a cos b + sin a sin b
+            even[place] + if (node < 0) == (j < 0) { odd[place] } else { -odd[place] }
+        });
+        Axis { grid: columns, nodes: rows, by_node: by_node.collect() }
+    }
+}
+
+/// Places on an axis.
+struct Waves {
+    grid: usize,
+    step_px: f64,
+    places_px: Vec<f64>,
+    /// Nodes per px of a spline whose coefficients are wanted; `None`: what pixels see.
+    per_px: Option<usize>,
+}
+
+impl Waves {
+    /// The nodes of a spline on one side.
+    fn of_nodes(grid: usize, step_px: f64, nodes: usize, per_px: usize) -> Waves {
+        let places_px = (0..nodes).map(|i| i as f64 / per_px as f64).collect();
+        Waves { grid, step_px, places_px, per_px: Some(per_px) }
+    }
+
+    fn of_places(grid: usize, step_px: f64, places_px: &[f64]) -> Waves {
+        Waves { grid, step_px, places_px: places_px.to_vec(), per_px: None }
+    }
+
+    /// Sums over all frequencies, weighted as pixels and the spline see them, of cosines (or sines) at places
+    /// times those at the grid: [places x grid].
+    fn sums(&self, wave: fn(f64) -> f64) -> Vec<f64> {
+        let Waves { grid, step_px, per_px, ref places_px } = *self;
+        // One period of the values on both sides is an odd number of steps.
+        let n = 2 * grid - 1;
+        let frequency = |k: usize| k as f64 / (n as f64 * step_px);
+        let wide = grid.next_multiple_of(LANES);
+        let mut at_grid = vec![0.0; grid * wide];
+        for k in 0..grid {
+            // Negative frequencies count too.
+            let twice = if k == 0 { 1.0 } else { 2.0 };
+            let spline = per_px.map_or(1.0, |per_px| nearest(frequency(k) / per_px as f64));
+            let factor = sinc(frequency(k)) * spline * twice / n as f64;
+            for j in 0..grid {
+                // Whole turns are left out of large angles.
+                let angle = ((k * j) % n) as f64 / n as f64;
+                at_grid[k * wide + j] = factor * wave(2.0 * std::f64::consts::PI * angle);
+            }
+        }
+        let at_places: Vec<f64> = places_px
+            .iter()
+            .flat_map(|place| (0..grid).map(move |k| (place, k)))
+            .map(|(place, k)| wave(2.0 * std::f64::consts::PI * frequency(k) * place))
+            .collect();
+        let mut padded = vec![0.0; places_px.len() * wide];
+        matrix::multiply(InstructionSet::best(), &at_places, &at_grid, grid, wide, &mut padded);
+        padded.chunks_exact(wide).flat_map(|row| row[..grid].iter().copied()).collect()
+    }
+}
+
+/// Coefficients, row by row, from light on a grid whose rows have `stride` numbers.
+pub(super) fn expose(
+    light: &[f64],
+    stride: usize,
+    [across, down]: [&Axis; 2],
+    instructions: InstructionSet,
+) -> Vec<f64> {
+    let wide = across.nodes.next_multiple_of(LANES);
+    let mut turned = vec![0.0; stride * wide];
+    for (node, row) in across.by_node.chunks_exact(across.grid).enumerate() {
+        for (j, value) in row.iter().enumerate() {
+            turned[j * wide + node] = *value;
+        }
+    }
+    let mut rows = vec![0.0; down.grid * wide];
+    matrix::multiply(instructions, &light[..down.grid * stride], &turned, stride, wide, &mut rows);
+    let mut coefficients = vec![0.0; down.nodes * wide];
+    matrix::multiply(instructions, &down.by_node, &rows, down.grid, wide, &mut coefficients);
+    coefficients.chunks_exact(wide).flat_map(|row| row[..across.nodes].iter().copied()).collect()
+}
+
+fn sinc(f: f64) -> f64 {
+    let angle = std::f64::consts::PI * f;
+    if angle.abs() < 1e-9 { 1.0 } else { libm::sin(angle) / angle }
+}
+
+/// The factor of the quintic spline nearest to a wave of this frequency (cycles per node).
+fn nearest(f: f64) -> f64 {
+    let shape = |f: f64| {
+        let s = sinc(f);
+        let s3 = s * s * s;
+        s3 * s3
+    };
+    let all: f64 = (-8..=8).map(|i| shape(f + f64::from(i))).map(|s| s * s).sum();
+    shape(f) / all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::spline;
+    use super::*;
+
+    /// Without a spline a pixel sees any wave within the band exactly.
+    #[test]
+    fn a_wave_is_seen_exactly_at_any_place() {
+        let (grid, step) = (60, 0.45);
+        let period = (2 * grid - 1) as f64 * step;
+        let places = [-7.3, 0.0, 0.1, 3.37, 9.9];
+        for cycles in [0.0, 5.0, 20.0, 30.0] {
+            let f = cycles / period;
+            let angle = |x: f64| 2.0 * std::f64::consts::PI * f * x;
+            let value = |axis: &Axis, i: usize, light: &dyn Fn(isize) -> f64, first: isize| -> f64 {
+                let row = &axis.by_node[i * axis.grid..][..axis.grid];
+                row.iter().enumerate().map(|(j, w)| w * light(j as isize + first)).sum()
+            };
+            let (even, both) = (Axis::even_at(grid, step, &places), Axis::both_at(grid, step, &places));
+            for (i, x) in places.iter().enumerate() {
+                let found = value(&even, i, &|j| libm::cos(angle(j as f64 * step)), 0);
+                assert!((found - sinc(f) * libm::cos(angle(*x))).abs() < 1e-10, "{cycles} {x}: {found}");
+                let shifted = |x: f64| libm::cos(angle(x) + 0.4);
+                let found = value(&both, i, &|j| shifted(j as f64 * step), 1 - grid as isize);
+                assert!((found - sinc(f) * shifted(*x)).abs() < 1e-10, "{cycles} {x}: {found}");
+            }
+        }
+    }
+
+    /// A wave within the band: the spline gives what a pixel sees of it.
+    #[test]
+    fn a_wave_is_seen_through_a_pixel() {
+        let (grid, step, per_px) = (60, 0.45, 2);
+        let period = (2 * grid - 1) as f64 * step;
+        // The spline errs with the sixth power of the frequency.
+        for (cycles, tolerance) in [(0.0, 1e-10), (5.0, 1e-7), (20.0, 3e-4), (30.0, 4e-3)] {
+            let f = cycles / period;
+            let wave = |x: f64| libm::cos(2.0 * std::f64::consts::PI * f * x);
+            let axis = Axis::even(grid, step, 40, per_px);
+            let coefficients: Vec<f64> = axis
+                .by_node
+                .chunks_exact(grid)
+                .map(|row| row.iter().enumerate().map(|(j, w)| w * wave(j as f64 * step)).sum())
+                .collect();
+            for x in [0.0, 0.1, 3.37, 9.9] {
+                let place = x * f64::from(per_px as u32);
+                let cell = libm::floor(place);
+                let (weights, _) = spline::basis(place - cell);
+                let value: f64 = weights
+                    .iter()
+                    .enumerate()
+                    .map(|(i, w)| w * coefficients[(cell as isize + i as isize - 2).unsigned_abs()])
+                    .sum();
+                let expected = sinc(f) * wave(x);
+                assert!(
+                    (value - expected).abs() < tolerance,
+                    "{cycles} cycles at {x}: {value}, not {expected}"
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,390 @@
+//! The pupil function of an objective for an emitter at some depth.
+//!
+//! MicroSIG's lens is no system of surfaces whose optical paths could be summed: its deflection depends on a
+//! ray's own slope. But for a point on the axis the slopes behind the lens are radial, so their integral
+//! exists and reproduces every ray: it is the phase. The coordinate of the pupil is the sine, sigma = q /
+//! sqrt(1 + (q / a0)^2) with q the radius in the lens plane and a0 the distance of the plane in focus: Abbe's
+//! condition, which gives the Airy radius of textbooks. The aplanatic lens has its phase from Gibson and
+//! Lanni's path.
+
+use super::options::{Layers, Lens};
+use super::quadrature;
+use crate::optics::{OpticalSystem, Ray};
+use crate::quadrature::gauss_legendre_on;
+use crate::settings::Settings;
+
+/// Rays of a fan.
+const STATIONS: usize = 48;
+
+/// Half the distance of the source points of a difference across the axis, um.
+const OFFSET_UM: f64 = 0.02;
+
+/// The pupil is followed until rays land beyond so many times the farthest radius that is drawn ...
+const BEYOND: f64 = 3.0;
+/// ... and ends evenly over this share of its radius.
+const TAPER: f64 = 0.1;
+
+/// The aplanatic lens takes light up to this share of the largest angle in the medium.
+const GRAZING: f64 = 0.999;
+
+/// Stops at which the end of the pupil is looked for.
+const STOPS: usize = 256;
+
+/// Objective, cylindrical lens and layers.
+#[derive(Debug, Clone)]
+pub(super) struct Pupil {
+    pub(super) system: OpticalSystem,
+    lens: Lens,
+    layers: Option<Layers>,
+    /// Radius in the lens plane where the aperture ends, um; for the aplanatic lens in the coordinate sigma.
+    aperture: f64,
+}
+
+/// Radii of the pupil at which its function is wanted.
+#[derive(Debug, Clone)]
+pub(super) struct Radii {
+    /// In the lens plane, um; for the aplanatic lens the same as sigma.
+    pub(super) q: Vec<f64>,
+    pub(super) sigma: Vec<f64>,
+    /// d sigma / dq.
+    pub(super) stretch: Vec<f64>,
+    /// K, the integral of q over sigma, um^2.
+    pub(super) curvature: Vec<f64>,
+    /// Radius of the outermost ray of the fan, um.
+    end: f64,
+    /// From the rays of a fan to running integrals at the radii.
+    running: Vec<f64>,
+}
+
+/// The pupil function at some radii.
+#[derive(Debug, Clone)]
+pub(super) struct Fan {
+    /// S without a cylindrical lens, um.
+    pub(super) phase: Vec<f64>,
+    /// A, 1/um: its square times d^2 sigma is a share of the light sent into the half space.
+    pub(super) amplitude: Vec<f64>,
+    /// H / b: the phase's change by the emitter's offset from the axis along the same azimuth.
+    pub(super) off_axis: Vec<f64>,
+}
+
+impl Pupil {
+    pub(super) fn new(settings: &Settings, lens: Lens, layers: Option<Layers>) -> Pupil {
+        let system = OpticalSystem::new(settings);
+        let aperture = match lens {
+            // Just inside, where rounding loses no ray.
+            Lens::Microsig => system.objective.aperture_radius * (1.0 - 1e-12),
+            Lens::Aplanatic => {
+                let n_s = layers.map_or(1.0, |layers| layers.n_s);
+                settings.numerical_aperture.min(GRAZING * n_s) * system.objective.object_distance_0
+            }
+        };
+        Pupil { system, lens, layers, aperture }
+    }
+
+    /// Distance from the plane in focus to the lens, um.
+    fn a0(&self) -> f64 {
+        self.system.objective.object_distance_0
+    }
+
+    /// Distance from the lens to the sensor, um.
+    pub(super) fn b(&self) -> f64 {
+        self.system.objective.image_distance
+    }
+
+    /// sigma at a radius of the lens plane.
+    pub(super) fn sigma(&self, q: f64) -> f64 {
+        match self.lens {
+            Lens::Microsig => q / libm::sqrt(1.0 + (q / self.a0()) * (q / self.a0())),
+            Lens::Aplanatic => q,
+        }
+    }
+
+    /// The radius of the lens plane at sigma.
+    pub(super) fn q(&self, sigma: f64) -> f64 {
+        match self.lens {
+            Lens::Microsig => sigma / libm::sqrt(1.0 - (sigma / self.a0()) * (sigma / self.a0())),
+            Lens::Aplanatic => sigma,
+        }
+    }
+
+    /// Radius of the whole pupil, sigma, um.
+    pub(super) fn radius(&self) -> f64 {
+        self.sigma(self.aperture)
+    }
+
+    /// Radius of the whole pupil in the lens plane.
+    pub(super) fn aperture(&self) -> f64 {
+        self.aperture
+    }
+
+    /// Functions on these radii of the lens plane can be asked for; all are at most `end`.
+    pub(super) fn radii(&self, q: Vec<f64>, end: f64) -> Radii {
+        let a0 = self.a0();
+        let sigma: Vec<f64> = q.iter().map(|&q| self.sigma(q)).collect();
+        let stretch = |&q: &f64| {
+            let tangent2 = (q / a0) * (q / a0);
+            1.0 / ((1.0 + tangent2) * libm::sqrt(1.0 + tangent2))
+        };
+        let (stretch, curvature) = match self.lens {
+            Lens::Microsig => (
+                q.iter().map(stretch).collect(),
+                // a0^2 (1 - sqrt(1 - s^2)), without the difference of numbers that are nearly the same.
+                sigma.iter().map(|s| s * s / (1.0 + libm::sqrt(1.0 - (s / a0) * (s / a0)))).collect(),
+            ),
+            Lens::Aplanatic => (vec![1.0; q.len()], sigma.iter().map(|s| 0.5 * s * s).collect()),
+        };
+        let running = match self.lens {
+            Lens::Microsig => quadrature::running_integral(end, STATIONS, &q),
+            Lens::Aplanatic => Vec::new(),
+        };
+        Radii { q, sigma, stretch, curvature, end, running }
+    }
+
+    /// Depth in MicroSIG's own space, um: with layers, that of the paraxial image of the emitter.
+    fn optical_depth(&self, z_um: f64) -> f64 {
+        self.layers.map_or(z_um, |layers| z_um / layers.n_s)
+    }
+
+    /// Distance from an emitter at this depth to the lens, um.
+    fn distance(&self, z_um: f64) -> f64 {
+        self.system.objective.object_distance(self.optical_depth(z_um))
+    }
+
+    /// Whether an emitter at this depth is in front of the lens and below the cover slip.
+    pub(super) fn sees(&self, z_um: f64) -> bool {
+        self.distance(z_um) > 0.0
+    }
+
+    /// Slope behind the lens of the ray through the radius `q` from an emitter off the axis. `None`: it is
+    /// lost.
+    fn slope(&self, distance: f64, offset: f64, q: f64) -> Option<f64> {
+        let ray = Ray { q_x: q, q_y: 0.0, p_x: (q - offset) / distance, p_y: 0.0 };
+        self.system.objective.refract(ray).map(|behind| behind.p_x)
+    }
+
+    /// Where light through the radius `q` lands without a cylindrical lens, um from the axis, and along a
+    /// cylinder's power.
+    pub(super) fn landing(&self, z_um: f64, q: f64) -> Option<[f64; 2]> {
+        let b = self.b();
+        match self.lens {
+            Lens::Microsig => {
+                let slope = self.slope(self.distance(z_um), 0.0, q)? + self.layer_slope(z_um, q);
+                let [ax, bx] = self.across();
+                Some([q + b * slope, ax * q + bx * slope])
+            }
+            Lens::Aplanatic => {
+                let slope = self.aplanatic_slope(z_um, q);
+                let [ax, bx] = self.across();
+                Some([b * slope, bx * (slope + q * (ax / bx - 1.0 / b))])
+            }
+        }
+    }
+
+    /// A and B of Collins's integral along the axis in which the cylindrical lens bends; without it, 1 and b.
+    pub(super) fn across(&self) -> [f64; 2] {
+        let b = self.b();
+        self.system.cylinder.map_or([1.0, b], |cylinder| {
+            let f = cylinder.focal_length;
+            [1.0 - 2.0 * b / (3.0 * f), b - 2.0 * b * b / (9.0 * f)]
+        })
+    }
+
+    /// Derivative by sigma of what layers add to MicroSIG's lens, by a difference.
+    fn layer_slope(&self, z_um: f64, q: f64) -> f64 {
+        let Some(layers) = self.layers else { return 0.0 };
+        let (a0, step) = (self.a0(), 1e-4 * self.aperture);
+        let at = |sigma: f64| self.layer_path(&layers, z_um, sigma / a0);
+        let sigma = self.sigma(q);
+        (at(sigma + step) - at(sigma - step)) / (2.0 * step)
+    }
+
+    /// What layers add to the phase of MicroSIG's lens at the sine `s`, um.
+    fn layer_path(&self, layers: &Layers, z_um: f64, s: f64) -> f64 {
+        let h = layers.focus_depth_um + z_um;
+        layers.path(s, h)
+            - layers.path(0.0, h)
+            - self.optical_depth(z_um) * (libm::sqrt((1.0 - s * s).max(0.0)) - 1.0)
+    }
+
+    /// Phase of the aplanatic lens at the sine (times index) `s`, um.
+    fn aplanatic_phase(&self, z_um: f64, s: f64) -> f64 {
+        match self.layers {
+            None => z_um * (libm::sqrt((1.0 - s * s).max(0.0)) - 1.0),
+            Some(layers) => {
+                let h = layers.focus_depth_um + z_um;
+                layers.path(s, h) - layers.path(0.0, h)
+            }
+        }
+    }
+
+    fn aplanatic_slope(&self, z_um: f64, sigma: f64) -> f64 {
+        let (a0, step) = (self.a0(), 1e-4 * self.aperture);
+        let at = |sigma: f64| self.aplanatic_phase(z_um, sigma / a0);
+        // One-sided at the rim, beyond which there may be no path.
+        let (low, high) = (sigma - step, (sigma + step).min(self.aperture));
+        (at(high) - at(low)) / (high - low)
+    }
+
+    /// Where rays land farthest on either axis (across, along a cylinder's power), um, up to this radius of
+    /// the lens plane.
+    pub(super) fn farthest(&self, z_um: f64, end: f64) -> [f64; 2] {
+        let mut far = [0.0f64; 2];
+        for i in 0..=STOPS {
+            if let Some(landing) = self.landing(z_um, end * i as f64 / STOPS as f64) {
+                (0..2).for_each(|axis| far[axis] = far[axis].max(landing[axis].abs()));
+            }
+        }
+        far
+    }
+
+    /// The radius of the lens plane up to which light counts, um, if places farther than `radius_um` on the
+    /// sensor are not drawn; `None`: all of the aperture.
+    pub(super) fn useful(&self, z_um: f64, radius_um: f64) -> Option<f64> {
+        let stop = |i: usize| self.aperture * i as f64 / STOPS as f64;
+        let refracted = (0..=STOPS).take_while(|&i| self.landing(z_um, stop(i)).is_some()).count() - 1;
+        let is_near = |i: usize| {
+            let landing = self.landing(z_um, stop(i)).unwrap_or([f64::INFINITY; 2]);
+            landing[0].abs().min(landing[1].abs()) <= BEYOND * radius_um
+        };
+        let last = (0..=refracted).rev().find(|&i| is_near(i)).unwrap_or(0);
+        if last == STOPS {
+            return None;
+        }
+        // The taper ends inside the part that refracts.
+        let inside = stop(refracted.saturating_sub(1)) / (1.0 + TAPER);
+        let within = if refracted == STOPS { f64::INFINITY } else { inside };
+        Some(stop(last + 1).min(within))
+    }
+
+    /// Where the taper behind a useful radius ends.
+    pub(super) fn taper_end(&self, useful: Option<f64>) -> f64 {
+        useful.map_or(self.aperture, |useful| ((1.0 + TAPER) * useful).min(self.aperture))
+    }
+
+    /// The share of the accepted light whose rays land within this radius on the sensor, um.
+    pub(super) fn share_within(&self, z_um: f64, radius_um: f64) -> f64 {
+        let (q, weights) = gauss_legendre_on(0.0, self.aperture, STOPS);
+        let radii = self.radii(q, self.aperture);
+        let fan = self.fan(z_um, &radii, None);
+        let (mut near, mut all) = (0.0, 0.0);
+        for (i, weight) in weights.iter().enumerate() {
+            let light = fan.amplitude[i] * fan.amplitude[i] * radii.sigma[i] * radii.stretch[i] * weight;
+            all += light;
+            if self.landing(z_um, radii.q[i]).is_some_and(|[x, _]| x.abs() < radius_um) {
+                near += light;
+            }
+        }
+        near / all
+    }
+
+    /// The pupil function for an emitter on the axis.
+    pub(super) fn fan(&self, z_um: f64, radii: &Radii, useful: Option<f64>) -> Fan {
+        let mut fan = match self.lens {
+            Lens::Microsig => self.traced(z_um, radii),
+            Lens::Aplanatic => self.corrected(z_um, radii),
+        };
+        if let Some(useful) = useful {
+            for (amplitude, &q) in fan.amplitude.iter_mut().zip(&radii.q) {
+                let beyond = ((q - useful) / (TAPER * useful)).clamp(0.0, 1.0);
+                let cosine = libm::cos(0.5 * std::f64::consts::PI * beyond);
+                *amplitude *= cosine * cosine;
+            }
+        }
+        fan
+    }
+
+    fn traced(&self, z_um: f64, radii: &Radii) -> Fan {
+        let (a0, b, a) = (self.a0(), self.b(), self.distance(z_um));
+        let (stations, _) = gauss_legendre_on(0.0, radii.end, STATIONS);
+        let (mut slopes, mut changes) = ([0.0; STATIONS], [0.0; STATIONS]);
+        for (i, &q) in stations.iter().enumerate() {
+            let tangent2 = (q / a0) * (q / a0);
+            let stretch = 1.0 / ((1.0 + tangent2) * libm::sqrt(1.0 + tangent2));
+            let at = |offset: f64| self.slope(a, offset, q).unwrap_or(0.0);
+            slopes[i] = at(0.0) * stretch;
+            changes[i] = (at(OFFSET_UM) - at(-OFFSET_UM)) / (2.0 * OFFSET_UM) * stretch;
+        }
+        let n = radii.q.len();
+        let (mut phase, mut off_axis) = (Vec::with_capacity(n), Vec::with_capacity(n));
+        for (row, curvature) in radii.running.chunks_exact(STATIONS).zip(&radii.curvature) {
+            let (mut of_slopes, mut of_changes) = (0.0, 0.0);
+            for ((weight, slope), change) in row.iter().zip(&slopes).zip(&changes) {
+                of_slopes += weight * slope;
+                of_changes += weight * change;
+            }
+            phase.push(of_slopes + curvature / b);
+            off_axis.push(of_changes);
+        }
+        let light = |(&q, &stretch): (&f64, &f64)| {
+            let r2 = a * a + q * q;
+            let density = a / (2.0 * std::f64::consts::PI * r2 * libm::sqrt(r2));
+            libm::sqrt(density * libm::sqrt(1.0 + (q / a0) * (q / a0)) / stretch)
+        };
+        let mut amplitude: Vec<f64> = radii.q.iter().zip(&radii.stretch).map(light).collect();
+        if let Some(layers) = &self.layers {
+            for ((phase, amplitude), sigma) in phase.iter_mut().zip(&mut amplitude).zip(&radii.sigma) {
+                let s = sigma / a0;
+                *phase += self.layer_path(layers, z_um, s);
+                // Out of a dense medium less light is collected.
+                let n_s = layers.n_s;
+                let collected = libm::sqrt(1.0 - s * s) / (n_s * libm::sqrt(n_s * n_s - s * s));
+                *amplitude *= libm::sqrt(collected);
+            }
+        }
+        Fan { phase, amplitude, off_axis }
+    }
+
+    fn corrected(&self, z_um: f64, radii: &Radii) -> Fan {
+        let a0 = self.a0();
+        let n_s = self.layers.map_or(1.0, |layers| layers.n_s);
+        let phase = radii.sigma.iter().map(|sigma| self.aplanatic_phase(z_um, sigma / a0)).collect();
+        let amplitude = |sigma: &f64| {
+            let s = sigma / a0;
+            let cosine = n_s * libm::sqrt(n_s * n_s - s * s);
+            1.0 / (a0 * libm::sqrt(2.0 * std::f64::consts::PI * cosine))
+        };
+        Fan {
+            phase,
+            amplitude: radii.sigma.iter().map(amplitude).collect(),
+            off_axis: radii.sigma.iter().map(|sigma| -sigma / a0).collect(),
+        }
+    }
+
+    /// How far phases of the pupil function differ, um, a cylindrical lens included.
+    pub(super) fn spread(&self, z_um: f64, end: f64) -> f64 {
+        let [ax, bx] = self.across();
+        self.spread_behind(z_um, end, ax / bx - 1.0 / self.b())
+    }
+
+    /// The same without a cylindrical lens, over the whole pupil.
+    pub(super) fn own_spread(&self, z_um: f64) -> f64 {
+        self.spread_behind(z_um, self.aperture, 0.0)
+    }
+
+    /// The same with what a cylindrical lens adds to the curvature of the phase along x, 1/um.
+    fn spread_behind(&self, z_um: f64, end: f64, power: f64) -> f64 {
+        const PARTS: usize = 32;
+        let radii = self.radii((0..=PARTS).map(|i| end * i as f64 / PARTS as f64).collect(), end);
+        let fan = self.fan(z_um, &radii, None);
+        let (mut low, mut high) = (0.0f64, 0.0f64);
+        for (phase, curvature) in fan.phase.iter().zip(&radii.curvature) {
+            for phase in [*phase, phase + power * curvature] {
+                low = low.min(phase);
+                high = high.max(phase);
+            }
+        }
+        high - low
+    }
+
+    /// The share of the light sent into the half space by an emitter at this depth that the aperture accepts.
+    pub(super) fn accepted(&self, z_um: f64) -> f64 {
+        let (q, weights) = gauss_legendre_on(0.0, self.aperture, STATIONS);
+        let radii = self.radii(q, self.aperture);
+        let fan = self.fan(z_um, &radii, None);
+        let ring = |i: usize| {
+            let amplitude = fan.amplitude[i];
+            amplitude * amplitude * radii.sigma[i] * radii.stretch[i] * weights[i]
+        };
+        2.0 * std::f64::consts::PI * (0..STATIONS).map(ring).sum::<f64>()
+    }
+}

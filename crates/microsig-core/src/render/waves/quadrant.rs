@@ -1,0 +1,232 @@
+//! Images behind a pupil that is its own mirror image in x and y: a matrix Fourier transform of one quadrant.
+//!
+//! Rows of the pupil are taken one by one, sigma_y = sigma_a sin t with t by Gauss's rule, and along each of
+//! them sigma_x = sigma_a cos t u with u by Gauss's rule in [0, 1]: no edge is cut. A mode of order m gives
+//! two pupil functions, with cos m psi and sin m psi, each even or odd in x and in y, so kernels are real:
+//! cosines or sines. They do not depend on depth. At another wavelength they belong to other places of the
+//! image.
+
+use super::interpolation::{self, Around};
+use super::matrix::{self, LANES};
+use super::modes::Modes;
+use super::pupil::{Pupil, Radii};
+use crate::quadrature::gauss_legendre_on;
+use crate::render::instructions::InstructionSet;
+
+/// Even and odd.
+const PARITIES: usize = 2;
+
+/// One point of the quadrant.
+#[derive(Debug, Clone)]
+struct Node {
+    around: Around,
+    cosine: f64,
+    sine: f64,
+    /// K cos^2 psi (Ax/Bx - 1/b): the phase that a cylindrical lens adds, um.
+    cylinder: f64,
+    /// Weight in an integral over the whole pupil.
+    area: f64,
+}
+
+/// Kernels of the quadrant.
+#[derive(Debug)]
+pub(super) struct Quadrant {
+    pub(super) radii: Radii,
+    /// Weights of the radii in an integral over sigma d sigma.
+    pub(super) weights: Vec<f64>,
+    /// Nodes of t and of u.
+    rows: usize,
+    across: usize,
+    nodes: Vec<Node>,
+    /// Places of the image: columns (a multiple of [`LANES`]) and rows.
+    columns: usize,
+    lines: usize,
+    /// By parity: for each t, [u x columns].
+    along_x: [Vec<f64>; PARITIES],
+    /// By parity: [lines x t].
+    along_y: [Vec<f64>; PARITIES],
+    /// 1 / (2 pi sqrt(|Bx By|)): the field times k.
+    scale: f64,
+}
+
+impl Quadrant {
+    /// `end` is the radius of the lens plane where the pupil ends, um; `counts` are the nodes of t and u,
+    /// `places` the image's columns and rows at steps of `steps_um`.
+    pub(super) fn new(
+        pupil: &Pupil,
+        k: f64,
+        end: f64,
+        counts: [usize; 2],
+        places: [usize; 2],
+        steps_um: [f64; 2],
+    ) -> Quadrant {
+        let sigma_end = pupil.sigma(end);
+        let radii = interpolation::radii(pupil, end);
+        let weights = interpolation::weights(&radii);
+
+        let [ax, bx] = pupil.across();
+        let power = ax / bx - 1.0 / pupil.b();
+        let (t, of_t) = gauss_legendre_on(0.0, 0.5 * std::f64::consts::PI, counts[0]);
+        let (u, of_u) = gauss_legendre_on(0.0, 1.0, counts[1]);
+        let mut nodes = Vec::with_capacity(t.len() * u.len());
+        let columns = places[0].next_multiple_of(LANES);
+        let size = t.len() * u.len() * columns;
+        let mut along_x = [Vec::with_capacity(size), Vec::with_capacity(size)];
+        for (t, of_t) in t.iter().zip(&of_t) {
+            let (sine_t, cosine_t) = libm::sincos(*t);
+            for (u, of_u) in u.iter().zip(&of_u) {
+                let (x, y) = (cosine_t * u, sine_t);
+                let r = libm::sqrt(x * x + y * y);
+                let around = interpolation::around(r);
+                let curvature = around.value(&radii.curvature);
+                let (cosine, sine) = (x / r, y / r);
+                nodes.push(Node {
+                    around,
+                    cosine,
+                    sine,
+                    cylinder: curvature * cosine * cosine * power,
+                    area: 4.0 * sigma_end * sigma_end * cosine_t * cosine_t * of_t * of_u,
+                });
+                let angle = k * sigma_end * cosine_t * u * steps_um[0] / bx;
+                let (sine, cosine) = libm::sincos(angle);
+                let mut turn = [1.0, 0.0];
+                for _ in 0..columns {
+                    along_x[0].push(turn[0]);
+                    along_x[1].push(turn[1]);
+                    turn = [turn[0] * cosine - turn[1] * sine, turn[1] * cosine + turn[0] * sine];
+                }
+            }
+        }
+        let lines = places[1];
+        let mut along_y = [Vec::with_capacity(lines * t.len()), Vec::with_capacity(lines * t.len())];
+        for line in 0..lines {
+            for t in &t {
+                let angle = k * sigma_end * libm::sin(*t) * steps_um[1] * line as f64 / pupil.b();
+                let (sine, cosine) = libm::sincos(angle);
+                along_y[0].push(cosine);
+                along_y[1].push(sine);
+            }
+        }
+        Quadrant {
+            radii,
+            weights,
+            rows: counts[0],
+            across: counts[1],
+            nodes,
+            columns,
+            lines,
+            along_x,
+            along_y,
+            scale: 1.0 / (2.0 * std::f64::consts::PI * libm::sqrt((bx * pupil.b()).abs())),
+        }
+    }
+
+    /// Columns of an image, a multiple of [`LANES`].
+    pub(super) fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Light per um^2 on all places, row by row, of these modes at the wave number `k`.
+    pub(super) fn light(&self, modes: &Modes, k: f64, instructions: InstructionSet) -> Vec<f64> {
+        let images = images(modes);
+        let mut pupil_functions: Vec<Vec<f64>> =
+            images.iter().map(|class| vec![0.0; 2 * class.len() * self.nodes.len()]).collect();
+        instructions.dispatch(Fill { quadrant: self, modes, k, images: &images, out: &mut pupil_functions });
+        let mut light = vec![0.0; self.lines * self.columns];
+        for (class, (images, functions)) in images.iter().zip(&pupil_functions).enumerate() {
+            if images.is_empty() {
+                continue;
+            }
+            let (of_x, of_y) = (&self.along_x[class % PARITIES], &self.along_y[class / PARITIES]);
+            let parts = 2 * images.len();
+            let wide = parts * self.columns;
+            let mut half = vec![0.0; self.rows * wide];
+            let kernels = of_x.chunks_exact(self.across * self.columns);
+            let functions = functions.chunks_exact(parts * self.across);
+            for ((kernel, functions), out) in kernels.zip(functions).zip(half.chunks_exact_mut(wide)) {
+                matrix::multiply(instructions, functions, kernel, self.across, self.columns, out);
+            }
+            let mut field = vec![0.0; self.lines * wide];
+            matrix::multiply(instructions, of_y, &half, self.rows, wide, &mut field);
+            for (light, field) in light.chunks_exact_mut(self.columns).zip(field.chunks_exact(wide)) {
+                for (image, parts) in images.iter().zip(field.chunks_exact(2 * self.columns)) {
+                    let (real, imaginary) = parts.split_at(self.columns);
+                    for ((light, re), im) in light.iter_mut().zip(real).zip(imaginary) {
+                        *light += image.count * (re * re + im * im);
+                    }
+                }
+            }
+        }
+        light
+    }
+}
+
+/// One image of a mode.
+#[derive(Debug, Clone, Copy)]
+struct Image {
+    mode: usize,
+    order: usize,
+    /// Whether it has sin m psi rather than cos m psi.
+    sine: bool,
+    /// How often its light counts.
+    count: f64,
+}
+
+/// The images of modes by parity: even or odd in x, plus [`PARITIES`] if odd in y.
+fn images(modes: &Modes) -> [Vec<Image>; PARITIES * PARITIES] {
+    let mut images = [const { Vec::new() }; PARITIES * PARITIES];
+    for (mode, of_mode) in modes.modes.iter().enumerate() {
+        let (order, count) = (of_mode.order, of_mode.count());
+        // cos m psi is even in y and has the parity of m in x; sin m psi the contrary of both.
+        images[order % 2].push(Image { mode, order, sine: false, count });
+        if order > 0 {
+            images[PARITIES + (order + 1) % 2].push(Image { mode, order, sine: true, count });
+        }
+    }
+    images
+}
+
+/// Writes the pupil functions of all images: by parity, for each t, each image, real and imaginary part, each
+/// u.
+struct Fill<'a> {
+    quadrant: &'a Quadrant,
+    modes: &'a Modes,
+    k: f64,
+    images: &'a [Vec<Image>; PARITIES * PARITIES],
+    out: &'a mut [Vec<f64>],
+}
+
+impl pulp::WithSimd for Fill<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Fill { quadrant, modes, k, images, out } = self;
+        let known = interpolation::table(modes);
+        let fields = known.len() / interpolation::RADII;
+        let highest = modes.modes.iter().map(|mode| mode.order).max().unwrap_or(0);
+        let mut turns = vec![[1.0, 0.0]; highest + 1];
+        let mut here = vec![0.0; fields];
+        for (place, node) in quadrant.nodes.iter().enumerate() {
+            interpolation::interpolate(&known, &node.around, &mut here);
+            for m in 1..=highest {
+                let [x, y] = turns[m - 1];
+                turns[m] = [x * node.cosine - y * node.sine, x * node.sine + y * node.cosine];
+            }
+            let (sine, cosine) = libm::sincos(k * (here[0] + node.cylinder));
+            let factor = k * quadrant.scale * node.area;
+            let carrier = [factor * cosine, factor * sine];
+            let (t, u) = (place / quadrant.across, place % quadrant.across);
+            for (images, out) in images.iter().zip(out.iter_mut()) {
+                let first = t * 2 * images.len() * quadrant.across + u;
+                for (i, image) in images.iter().enumerate() {
+                    let (re, im) = (here[1 + 2 * image.mode], here[2 + 2 * image.mode]);
+                    let azimuth = turns[image.order][usize::from(image.sine)];
+                    let at = first + 2 * i * quadrant.across;
+                    out[at] = azimuth * (re * carrier[0] - im * carrier[1]);
+                    out[at + quadrant.across] = azimuth * (re * carrier[1] + im * carrier[0]);
+                }
+            }
+        }
+    }
+}

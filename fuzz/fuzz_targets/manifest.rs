@@ -1,0 +1,8 @@
+//! `datapackage.json`.
+#![no_main]
+
+use bench::dataset::manifest::Manifest;
+
+libfuzzer_sys::fuzz_target!(|text: &str| {
+    let _ = Manifest::parse(text, "fuzz");
+});

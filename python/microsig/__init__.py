@@ -1,0 +1,51 @@
+"""Benchmark datasets, training streams and scores for PIV and PTV with defocused and astigmatic particle images.
+
+>>> import microsig as ms
+>>> ds = ms.generate("scenarios/quickstart.ron", seed=7)        # doctest: +SKIP
+>>> ds.images, ds.tracks["x_px"], ds.displacements              # doctest: +SKIP
+
+Everything is computed by the same program as the ``microsig`` command, and has the same numbers to the last digit.
+Positions are pixel coordinates with the first pixel's center at 1 (``table.origin(0)`` gives array indices), x along
+columns, y along rows, depth z in um growing away from the lens; names of arguments and columns end in their units.
+"""
+
+from ._dataset import Calibration, Dataset, generate, open, resolve
+from ._fields import Field, FieldInfo, field, fields
+from ._microsig import __version__, set_threads
+from ._render import Settings, render
+from ._scenario import Scenario
+from ._scores import Comparison, Scores, compare, evaluate, methods, sweep, track
+from ._stream import PARTICLE_COLUMNS, Law, Stream, choice, integers, log_uniform, uniform
+from ._table import Table
+
+__all__ = [
+    "PARTICLE_COLUMNS",
+    "Calibration",
+    "Comparison",
+    "Dataset",
+    "Field",
+    "FieldInfo",
+    "Law",
+    "Scenario",
+    "Scores",
+    "Settings",
+    "Stream",
+    "Table",
+    "__version__",
+    "choice",
+    "compare",
+    "evaluate",
+    "field",
+    "fields",
+    "generate",
+    "integers",
+    "log_uniform",
+    "methods",
+    "open",
+    "render",
+    "resolve",
+    "set_threads",
+    "sweep",
+    "track",
+    "uniform",
+]

@@ -1,0 +1,5 @@
+"""`python -m microsig`: the `microsig` command."""
+
+from ._command import main
+
+main()

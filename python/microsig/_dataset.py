@@ -1,0 +1,394 @@
+"""Datasets in memory and in folders."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _microsig, _scenario
+from ._scenario import Scenario
+from ._table import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: A table as the compiled part gives it: path, what a row is, (unit, meaning) by column, values by column.
+_RawTable = tuple[str, str, dict[str, tuple[str, str]], dict[str, Any]]
+
+_FRAMES, _TRACKS = "truth/frames.csv", "truth/tracks.csv"
+_DISPLACEMENTS, _FIELD, _DEPTH = "truth/displacements.csv", "truth/field.csv", "truth/depth.csv"
+
+
+class Calibration(NamedTuple):
+    """The calibration scan of one particle."""
+
+    #: uint16 (steps, rows, columns): an image of the particle at each depth.
+    images: NDArray[np.uint16]
+    #: float64 (steps,): depth of the particle in each image, um, growing away from the lens.
+    z_um: NDArray[np.float64]
+    #: ``calibration/calibration.csv``.
+    table: Table
+
+
+def _table(raw: _RawTable) -> Table:
+    path, about, columns_about, values = raw
+    columns = {c: np.asarray(v, dtype=str) if isinstance(v, list) else v for c, v in values.items()}
+    return Table(columns, name=path, about=about, columns_about=columns_about)
+
+
+class _Source(Protocol):
+    """Where a dataset is."""
+
+    def images(self) -> NDArray[np.uint16]: ...
+    def image(self, frame: int) -> NDArray[np.uint16]: ...
+    def frames(self) -> int: ...
+    def table(self, path: str) -> Table | None: ...
+    def calibration(self) -> Calibration | None: ...
+    def scenario(self) -> tuple[str, str]: ...
+    def settings(self) -> dict[str, float]: ...
+    def facts(self) -> tuple[float, tuple[float, float], float, int]: ...
+    def warnings(self) -> list[str]: ...
+    def save(self, out: Path, force: bool, show: bool) -> None: ...
+    def folder(self) -> Path: ...
+
+
+class _Memory:
+    """A dataset in memory."""
+
+    def __init__(self, made: _microsig.Made) -> None:
+        self.made = made
+        self._place: tempfile.TemporaryDirectory[str] | None = None
+
+    @cached_property
+    def _images(self) -> NDArray[np.uint16]:
+        return self.made.images()
+
+    def images(self) -> NDArray[np.uint16]:
+        return self._images
+
+    def image(self, frame: int) -> NDArray[np.uint16]:
+        one: NDArray[np.uint16] = self._images[frame]
+        return one
+
+    def frames(self) -> int:
+        return len(self._images)
+
+    @cached_property
+    def _tables(self) -> dict[str, Table]:
+        return {raw[0]: _table(raw) for raw in self.made.tables()}
+
+    @cached_property
+    def _field_tables(self) -> dict[str, Table]:
+        return {raw[0]: _table(raw) for raw in self.made.field_tables()}
+
+    def table(self, path: str) -> Table | None:
+        tables = self._field_tables if path in (_FIELD, _DEPTH) else self._tables
+        return tables.get(path)
+
+    def calibration(self) -> Calibration | None:
+        found = self.made.calibration()
+        if found is None:
+            return None
+        table = _table(found[0])
+        return Calibration(found[1], table["z_um"], table)
+
+    def scenario(self) -> tuple[str, str]:
+        return self.made.scenario()
+
+    def settings(self) -> dict[str, float]:
+        return self.made.settings()
+
+    def facts(self) -> tuple[float, tuple[float, float], float, int]:
+        return self.made.facts()
+
+    def warnings(self) -> list[str]:
+        return self.made.warnings()
+
+    def save(self, out: Path, force: bool, show: bool) -> None:
+        self.made.save(out, force, show)
+
+    def folder(self) -> Path:
+        """A temporary folder with the dataset, which goes with this object."""
+        if self._place is None:
+            place = tempfile.TemporaryDirectory(prefix="microsig-")
+            self.made.save(Path(place.name) / "dataset", False, False)
+            self._place = place
+        return Path(self._place.name) / "dataset"
+
+
+class _Folder:
+    """A dataset on disk."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.manifest: dict[str, Any] = json.loads(_microsig.manifest(folder))
+        self.resources = {resource["path"]: resource for resource in self.manifest.get("resources", [])}
+        sensor = self.manifest["microsig"].get("sensor") or {}
+        self.size = (int(sensor.get("width_px", 0)), int(sensor.get("height_px", 0)))
+
+    @cached_property
+    def _paths(self) -> list[Path]:
+        return [self._folder / image for image in self._frame_table()["image"]]
+
+    def _frame_table(self) -> Table:
+        table = self.table(_FRAMES)
+        if table is None:
+            raise FileNotFoundError(f"{self._folder / _FRAMES}: no such file; the truth is withheld")
+        return table
+
+    @cached_property
+    def _images(self) -> NDArray[np.uint16]:
+        return _microsig.read_images(self._paths, *self.size)
+
+    def images(self) -> NDArray[np.uint16]:
+        return self._images
+
+    def image(self, frame: int) -> NDArray[np.uint16]:
+        images = self.__dict__.get("_images")
+        if images is not None:
+            one: NDArray[np.uint16] = images[frame]
+            return one
+        alone: NDArray[np.uint16] = _microsig.read_images([self._paths[frame]], *self.size)[0]
+        return alone
+
+    def frames(self) -> int:
+        return len(self._paths)
+
+    def table(self, path: str) -> Table | None:
+        if not (self._folder / path).exists():
+            return None
+        resource = self.resources.get(path, {})
+        fields = resource.get("schema", {}).get("fields", [])
+        kinds = {field["name"]: field["type"] for field in fields}
+        about = {f["name"]: (f.get("unit", ""), f.get("description", "")) for f in fields}
+        columns = _microsig.read_table(self._folder / path, kinds)
+        return _table((path, resource.get("description", ""), about, columns))
+
+    def calibration(self) -> Calibration | None:
+        table = self.table("calibration/calibration.csv")
+        if table is None:
+            return None
+        paths = [self._folder / image for image in table["image"]]
+        images = _microsig.read_images(paths, *_microsig.image_size(self._folder / "calibration/settings.txt"))
+        return Calibration(images, table["z_um"], table)
+
+    def scenario(self) -> tuple[str, str]:
+        return _microsig.scenario_of(self._folder)[:2]
+
+    def settings(self) -> dict[str, float]:
+        return _microsig.scenario_of(self._folder)[2]
+
+    def facts(self) -> tuple[float, tuple[float, float], float, int]:
+        facts = self.manifest["microsig"]
+        low, high = facts.get("depth_range_um") or (float("nan"), float("nan"))
+        dt_s = facts.get("timing", {}).get("dt_s", float("nan"))
+        bits = int((facts.get("sensor") or {}).get("bit_depth", 16))
+        return float(facts.get("um_per_px", float("nan"))), (float(low), float(high)), float(dt_s), bits
+
+    def warnings(self) -> list[str]:
+        return []
+
+    def save(self, out: Path, force: bool, show: bool) -> None:
+        _microsig.copy_dataset(self._folder, out, force)
+
+    def folder(self) -> Path:
+        return self._folder
+
+
+class Dataset:
+    """A dataset: images with their truth, in memory (:func:`generate`) or in a folder (:func:`open`).
+
+    What is not needed is not made: tables of the field and of depths, and the calibration scan, are computed, or read
+    from a folder, when they are first asked for.
+    """
+
+    def __init__(self, source: _Source) -> None:
+        """Use :func:`generate` or :func:`open`."""
+        self._source = source
+
+    @classmethod
+    def of_text(cls, text: _microsig.ScenarioText, progress: bool = False) -> Dataset:
+        """A dataset in memory from the arguments of the compiled part."""
+        return cls(_Memory(_microsig.generate(text, progress)))
+
+    @property
+    def images(self) -> NDArray[np.uint16]:
+        """uint16 (frames, rows, columns): all images, counts; read-only, not copied."""
+        return self._source.images()
+
+    def image(self, frame: int) -> NDArray[np.uint16]:
+        """uint16 (rows, columns): one image, counts; of a dataset in a folder only this file is read."""
+        return self._source.image(frame)
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return self._source.frames()
+
+    def _need(self, path: str) -> Table:
+        table = self._source.table(path)
+        if table is None:
+            raise ValueError(f"{path}: this dataset has no such table")
+        return table
+
+    @cached_property
+    def frames(self) -> Table:
+        """One row per frame: number, pair, role, time, names of files, numbers of particles."""
+        return self._need(_FRAMES)
+
+    @cached_property
+    def tracks(self) -> Table:
+        """One row per particle and frame: place (px, um), size, velocity, visibility."""
+        return self._need(_TRACKS)
+
+    @cached_property
+    def displacements(self) -> Table:
+        """One row per particle that is in both frames of a pair: its displacement (px, um)."""
+        return self._need(_DISPLACEMENTS)
+
+    @cached_property
+    def depth(self) -> Table:
+        """The image of a particle over depth: peak, SNR, area, weight."""
+        return self._need(_DEPTH)
+
+    @cached_property
+    def field(self) -> Table | None:
+        """The displacement of the fluid on a grid (px, um); None for recorded tracks and where none is asked for."""
+        return self._source.table(_FIELD)
+
+    @cached_property
+    def calibration(self) -> Calibration | None:
+        """The calibration scan: ``images`` uint16 (steps, rows, columns), ``z_um`` (steps,), ``table``; None without one."""
+        return self._source.calibration()
+
+    @cached_property
+    def scenario(self) -> dict[str, Any]:
+        """The scenario with every default written out; :func:`generate` makes the same dataset of it."""
+        scenario: dict[str, Any] = json.loads(self._source.scenario()[0])
+        return scenario
+
+    @property
+    def scenario_text(self) -> str:
+        """The scenario with every default written out, in RON: ``scenario.ron``."""
+        return self._source.scenario()[1]
+
+    @cached_property
+    def settings(self) -> dict[str, float]:
+        """MicroSIG's 14 settings of the optics, by name (units as in its settings file)."""
+        return self._source.settings()
+
+    @property
+    def name(self) -> str:
+        """Name of the dataset."""
+        return str(self.scenario["name"])
+
+    @property
+    def um_per_px(self) -> float:
+        """Object-space length of a pixel, um."""
+        return self._source.facts()[0]
+
+    @property
+    def depth_range_um(self) -> tuple[float, float]:
+        """Least and greatest depth of the measurement, um."""
+        return self._source.facts()[1]
+
+    @property
+    def dt_s(self) -> float:
+        """Time from a frame to the next, s; of a pair from its first to its second frame."""
+        return self._source.facts()[2]
+
+    @property
+    def bits(self) -> int:
+        """Bits of a count."""
+        return self._source.facts()[3]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What should be known about a dataset that was made here."""
+        return self._source.warnings()
+
+    @property
+    def path(self) -> Path | None:
+        """The folder of a dataset on disk, None in memory."""
+        return self._source.folder() if isinstance(self._source, _Folder) else None
+
+    def save(self, path: str | os.PathLike[str] | None = None, *, force: bool = False, progress: bool = False) -> Path:
+        """Write the dataset into a folder: the very bytes of ``microsig generate``.
+
+        :param path: the folder, by default ``datasets/NAME``; it appears whole or not at all
+        :param force: replace a dataset that stands there
+        :param progress: show a bar, if standard error is a terminal
+        :returns: the folder
+        :raises FileExistsError: something stands there
+        :raises OSError: writing failed
+        """
+        out = Path("datasets") / self.name if path is None else Path(path)
+        self._source.save(out, force, progress)
+        return out
+
+    def show(self, frame: int = 0, *, truth: bool = True) -> Figure:
+        """Draw a frame with the places of its visible particles, colored by depth; needs matplotlib.
+
+        :param frame: number of the frame
+        :param truth: whether to mark the particles
+        """
+        from . import _plots
+
+        return _plots.show(self, frame, truth)
+
+    def __repr__(self) -> str:
+        frames, (rows, columns) = len(self), self.image(0).shape if len(self) else (0, 0)
+        low, high = self.depth_range_um
+        where = f"in {self.path}" if self.path is not None else "in memory"
+        return (
+            f"Dataset {self.name} {where}: {frames} frames of {columns} x {rows} px, "
+            f"{self.um_per_px:.4g} um/px, depth {low:g} to {high:g} um"
+        )
+
+
+def generate(
+    scenario: Scenario, seed: int | None = None, set: Mapping[str, Any] | None = None, *, progress: bool = False
+) -> Dataset:
+    """Make a dataset in memory: images, truth, calibration; no file is written.
+
+    >>> import microsig as ms
+    >>> ds = ms.generate('(name: "a", motion: flow(field: poiseuille()), timing: pairs(count: 1))', seed=7)
+    >>> ds.images.shape, ds.images.dtype
+    ((2, 366, 752), dtype('uint16'))
+
+    :param scenario: path of a scenario, its text (RON or JSON), or a dict of its keys (docs/scenario.md lists them)
+    :param seed: seed of all random numbers, 0 to 2^64 - 1, by default the scenario's
+    :param set: values by path of the scenario, as ``{"optics.background_noise": 20}``
+    :param progress: show a bar, if standard error is a terminal
+    :raises ValueError: a scenario that cannot be used, with all problems and their places
+    :raises OSError: a file that cannot be read
+    """
+    return Dataset.of_text(_scenario.text(scenario, seed, set), progress)
+
+
+def open(path: str | os.PathLike[str]) -> Dataset:
+    """A dataset in a folder; images and tables are read when they are first touched.
+
+    :param path: the folder
+    :raises OSError: no such folder, or a file in it that cannot be read
+    :raises ValueError: a folder that is no dataset
+    """
+    return Dataset(_Folder(Path(path)))
+
+
+def resolve(
+    scenario: Scenario, seed: int | None = None, set: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Check a scenario without making anything; gives it with every default written out.
+
+    Arguments and errors are those of :func:`generate`.
+    """
+    resolved: dict[str, Any] = json.loads(_microsig.resolve(_scenario.text(scenario, seed, set))[0])
+    return resolved

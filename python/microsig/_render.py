@@ -1,0 +1,95 @@
+"""Images of particles that are given as arrays."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _microsig
+from ._table import Table
+
+#: MicroSIG's settings: the path of a settings file, its text, or a dict of its 14 names.
+Settings = Union[str, "os.PathLike[str]", Mapping[str, float]]
+
+#: Columns of a table of particles, in the order of a data file.
+_COLUMNS = ("x_px", "y_px", "z_um", "d_um", "e_p", "alpha_rad", "beta_rad", "c_int")
+
+
+def _settings(settings: Settings) -> tuple[str, str]:
+    """Text of a settings file, and its name in messages."""
+    if isinstance(settings, Mapping):
+        return "".join(f"{name} = {value}\n" for name, value in settings.items()), "settings"
+    if isinstance(settings, str) and ("\n" in settings or "=" in settings):
+        return settings, "settings"
+    path = Path(settings)
+    return path.read_text(encoding="utf-8"), str(path)
+
+
+def _particles(particles: Any) -> NDArray[np.float64]:
+    """Rows of a data file: (n, 4, 5, 7 or 8)."""
+    if isinstance(particles, Table):
+        particles = particles.origin(1).to_dict()
+    columns: Any = particles.keys() if isinstance(particles, Mapping) else getattr(particles, "columns", None)
+    if columns is not None:
+        names = {str(name) for name in columns}
+        # The truth of spheres has these columns too; a spheroid of aspect ratio 1 shines by another law than a sphere.
+        spheroids = {"e_p", "alpha_rad", "beta_rad"} <= names and bool(np.any(np.asarray(particles["e_p"]) != 1))
+        used = [c for c in _COLUMNS[:4]]
+        used += [c for c in _COLUMNS[4:7] if spheroids]
+        used += [c for c in _COLUMNS[7:] if c in names]
+        missing = [c for c in used if c not in names]
+        if missing:
+            raise ValueError(f"particles: columns {', '.join(missing)} are missing")
+        rows = np.column_stack([np.asarray(particles[c], dtype=np.float64) for c in used])
+        if "c_int" in used and "light" in names:
+            rows[:, -1] *= np.asarray(particles["light"], dtype=np.float64)
+    else:
+        rows = np.asarray(particles, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] not in (4, 5, 7, 8):
+        raise ValueError(f"particles of shape {rows.shape}: expected (n, 4), (n, 5), (n, 7) or (n, 8)")
+    return np.ascontiguousarray(rows)
+
+
+def render(
+    settings: Settings,
+    particles: ArrayLike | Table | Mapping[str, ArrayLike],
+    mode: Literal["rays", "expected"] = "rays",
+    seed: int = 0,
+    *,
+    frame: int = 0,
+    spheroids: Literal["original", "uniform"] = "original",
+) -> NDArray[np.uint16]:
+    """The image of some particles, as ``microsig render`` makes it.
+
+    :param settings: path or text of a MicroSIG settings file, or a dict of its 14 names (as ``Dataset.settings``)
+    :param particles: (n, 4): x (px), y (px), z (um, depth in MicroSIG's sense), d (um); (n, 5): and c_int;
+        (n, 7): x, y, z, d, e_p, alpha (rad), beta (rad); (n, 8): and c_int; or a table, data frame or dict with columns
+        ``x_px, y_px, z_um, d_um [, e_p, alpha_rad, beta_rad] [, c_int [, light]]``, as rows of ``Dataset.tracks`` (where
+        ``depth_factor`` is 1). The first pixel's center is (1, 1).
+    :param mode: ``rays`` counts discrete rays, the paper's method; ``expected`` is the limit of many rays
+    :param seed: seed of rays and noise, 0 to 2^64 - 1
+    :param frame: number of the frame, which addresses its random numbers
+    :param spheroids: which points of a spheroid shine: as in MicroSIG's program, or uniform in area
+    :returns: uint16 (rows, columns), counts
+    :raises ValueError: settings or particles that cannot be drawn, with the number of the particle
+    """
+    if mode not in ("rays", "expected"):
+        raise ValueError(f"mode = {mode!r}: expected one of rays, expected")
+    if spheroids not in ("original", "uniform"):
+        raise ValueError(f"spheroids = {spheroids!r}: expected one of original, uniform")
+    if not 0 <= seed < 2**64:
+        raise ValueError(f"seed = {seed}: expected a whole number, 0 to 2^64 - 1")
+    if not 0 <= frame < 2**32:
+        raise ValueError(f"frame = {frame}: expected a whole number, 0 to 2^32 - 1")
+    text, name = _settings(settings)
+    rows = _particles(particles)
+    image, said = _microsig.render(text, name, rows, mode == "expected", spheroids == "uniform", seed, frame)
+    for warning in said:
+        warnings.warn(warning, stacklevel=2)
+    return image

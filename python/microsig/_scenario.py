@@ -1,0 +1,70 @@
+"""Scenarios as arguments: a path, a text in RON or JSON, or a dict."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Union
+
+import numpy as np
+
+from . import _microsig
+
+#: A scenario: the path of a file, a text in RON or JSON, or a dict of the same keys.
+Scenario = Union[str, "os.PathLike[str]", Mapping[str, Any]]
+
+
+def _value(value: Any) -> str:
+    """A Python value as scenarios write it: JSON, and `inf` for infinity."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{json.dumps(str(k))}: {_value(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_value(item) for item in value) + "]"
+    if isinstance(value, float) and not math.isfinite(value):
+        # The reader refuses what is not allowed, with the key's range.
+        return "inf" if value > 0 else "-inf" if value < 0 else "NaN"
+    try:
+        return json.dumps(value)
+    except TypeError as error:
+        raise ValueError(f"{value!r}: a value of a scenario is a number, text, list or dict") from error
+
+
+def _is_text(scenario: str) -> bool:
+    """Whether a string is a scenario itself rather than the path of one."""
+    return "\n" in scenario or scenario.lstrip().startswith(("(", "{", "//", "#!["))
+
+
+def text(
+    scenario: Scenario, seed: int | None = None, values: Mapping[str, Any] | None = None
+) -> _microsig.ScenarioText:
+    """The arguments of the compiled part: text, its name in messages, folder of its files, assignments, seed."""
+    if seed is not None and not 0 <= seed < 2**64:
+        raise ValueError(f"seed = {seed}: expected a whole number, 0 to 2^64 - 1")
+    assignments = [f"{path}={_value(value)}" for path, value in (values or {}).items()]
+    if isinstance(scenario, Mapping):
+        content, name, folder = _value(scenario), "scenario", Path(".")
+    elif isinstance(scenario, str) and _is_text(scenario):
+        content, name, folder = scenario, "scenario", Path(".")
+    elif isinstance(scenario, (str, os.PathLike)):
+        path = Path(scenario)
+        try:
+            content = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{path}: expected a text in UTF-8, in RON or JSON") from error
+        name, folder = str(path), path.parent
+    else:
+        raise TypeError(f"a scenario is a path, a text or a dict, not {type(scenario).__name__}")
+    return {
+        "text": content,
+        "name": name,
+        "folder": folder,
+        "assignments": assignments,
+        "seed": None if seed is None else int(seed),
+    }

@@ -1,0 +1,383 @@
+"""Trackers, scores, comparisons, sweeps."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Union
+
+import numpy as np
+
+from . import _microsig, _scenario
+from ._dataset import Dataset, generate
+from ._table import Table
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
+#: A tracker's result: a file, a table, a pandas or polars data frame, or a dict of columns.
+Result = Union[str, "os.PathLike[str]", Table, Mapping[str, Any], Any]
+
+
+class Scores:
+    """Scores of a result: the keys of ``score.json`` are attributes.
+
+    ``scores.detection.f1``, ``scores["isbi"]["jsc"]``; a score that is not defined is None. ``print(scores)`` shows the
+    command's table. :attr:`curves` are recall and errors over depth, SNR, overlap and the distance of the nearest neighbor.
+    """
+
+    def __init__(self, text: str, table: str) -> None:
+        """Use :func:`evaluate`."""
+        self._text = text
+        self._scores: dict[str, Any] = json.loads(text)
+        self._table = table
+
+    def __getattr__(self, name: str) -> Any:
+        scores = self.__dict__.get("_scores", {})
+        if name in scores:
+            return _Part.of(scores[name])
+        raise AttributeError(f"no score {name}; there are {', '.join(scores)}")
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._scores]
+
+    def __getitem__(self, name: str) -> Any:
+        return self._scores[name]
+
+    def keys(self) -> Sequence[str]:
+        """Names of the groups of scores."""
+        return list(self._scores)
+
+    @property
+    def json(self) -> str:
+        """The bytes of ``score.json`` as the command writes it."""
+        return self._text
+
+    def to_dict(self) -> dict[str, Any]:
+        """All scores, as in ``score.json``."""
+        scores: dict[str, Any] = json.loads(self._text)
+        return scores
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """All single numbers: columns ``score`` (``detection.f1``) and ``value``; raises ImportError without pandas."""
+        import pandas
+
+        rows = list(_numbers("", self._scores))
+        return pandas.DataFrame({"score": [row[0] for row in rows], "value": [row[1] for row in rows]})
+
+    def curve(self, against: str) -> Table:
+        """Recall and errors in bins of a property of the true particles.
+
+        :param against: ``z_um``, ``neighbor_px``, ``snr``, ``overlap``, as far as the truth tells it
+        :returns: a table with ``from``, ``to``, ``n_true``, ``tp``, ``recall``, ``bias_x_px``, ...
+        :raises ValueError: there is no such curve
+        """
+        curves = {curve["against"]: curve["bins"] for curve in self._scores.get("curves", [])}
+        if against not in curves:
+            raise ValueError(f"against = {against!r}: expected one of {', '.join(curves) or 'none here'}")
+        bins = curves[against]
+        names = list(bins[0]) if bins else []
+        columns = {n: np.array([_number(b[n], n) for b in bins], dtype=np.float64) for n in names}
+        return Table(columns, name=f"curve against {against}")
+
+    def plot(self, quantity: str = "recall", against: str = "z_um") -> Axes:
+        """Plot a quantity over a property of the true particles; needs matplotlib.
+
+        :param quantity: ``recall``, ``rms_x_px``, ``rms_z_um``, ``bias_z_um``, ...: a column of :meth:`curve`
+        :param against: as of :meth:`curve`
+        """
+        from . import _plots
+
+        return _plots.curve(self, quantity, against)
+
+    def __repr__(self) -> str:
+        return self._table
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        return f"<pre>{escape(self._table)}</pre>"
+
+
+def _number(value: Any, name: str) -> float:
+    if value is None:
+        return float("inf") if name == "to" else float("nan")
+    return float(value)
+
+
+def _numbers(path: str, value: Any) -> Iterator[tuple[str, float]]:
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _numbers(f"{path}.{name}" if path else name, inner)
+    elif isinstance(value, (int, float)) and not isinstance(value, bool):
+        yield path, float(value)
+
+
+class _Part:
+    """A group of scores, with its keys as attributes."""
+
+    def __init__(self, values: dict[str, Any]) -> None:
+        self._values = values
+
+    @staticmethod
+    def of(value: Any) -> Any:
+        return _Part(value) if isinstance(value, dict) else value
+
+    def __getattr__(self, name: str) -> Any:
+        values = self.__dict__.get("_values", {})
+        if name in values:
+            return _Part.of(values[name])
+        raise AttributeError(f"no score {name}; there are {', '.join(values)}")
+
+    def __getitem__(self, name: str) -> Any:
+        return self._values[name]
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._values]
+
+    def __repr__(self) -> str:
+        return ", ".join(f"{name}: {value}" for name, value in self._values.items())
+
+
+def _columns(result: Any) -> dict[str, Any]:
+    """Columns of a table of whatever kind."""
+    if isinstance(result, Table):
+        return result.origin(1).to_dict()
+    if isinstance(result, Mapping):
+        return dict(result)
+    if hasattr(result, "columns"):
+        return {str(name): np.asarray(result[name]) for name in result.columns}
+    raise TypeError(f"a result is a path, a table, a data frame or a dict, not {type(result).__name__}")
+
+
+def _cells(name: str, values: Any) -> list[str]:
+    array = np.asarray(values)
+    if array.ndim != 1:
+        raise ValueError(f"result: {name} has shape {array.shape}: expected one dimension")
+    if array.dtype.kind in "iu":
+        return [str(int(v)) for v in array]
+    if array.dtype.kind == "b":
+        return [str(int(v)) for v in array]
+    if array.dtype.kind == "f":
+        whole = name in ("frame", "track", "pair", "flag", "particle")
+        return ["" if np.isnan(v) else str(int(v)) if whole and float(v).is_integer() else repr(float(v)) for v in array]
+    return ["" if v is None else str(v) for v in array.tolist()]
+
+
+def _write(result: Any, path: Path) -> None:
+    """Writes columns as CSV; numbers in their shortest form that reads back to the same value."""
+    columns = {name: _cells(name, values) for name, values in _columns(result).items()}
+    if len({len(cells) for cells in columns.values()}) > 1:
+        told = ", ".join(f"{name} {len(cells)}" for name, cells in columns.items())
+        raise ValueError(f"result: columns of different lengths: {told}")
+    lines = [",".join(columns), *(",".join(row) for row in zip(*columns.values()))]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _folder(dataset: Dataset | str | os.PathLike[str]) -> Path:
+    return dataset._source.folder() if isinstance(dataset, Dataset) else Path(dataset)
+
+
+def evaluate(
+    dataset: Dataset | str | os.PathLike[str],
+    result: Result,
+    *,
+    format: str | None = None,
+    gate: Literal["radial", "ellipsoid", "box"] | None = None,
+    gate_xy_px: float | None = None,
+    gate_z_um: float | None = None,
+    dims: Literal[2, 3] | None = None,
+    isbi_gate_px: float | None = None,
+    border_px: float = 0.0,
+    origin: Literal["center1", "center0", "corner0"] | None = None,
+    y: Literal["down", "up"] | None = None,
+    frame_base: int | None = None,
+    um_per_px: float | None = None,
+    depth_um: tuple[float, float] | None = None,
+    plane_um: float | None = None,
+    auto_offset: bool = False,
+    crlb: bool = False,
+    seed: int = 0,
+) -> Scores:
+    """Score a tracker's result against the truth: the numbers of ``microsig evaluate``, to the last digit.
+
+    A dataset in memory is written once to a temporary folder for this.
+
+    :param dataset: a dataset, its folder, or a bare table of the truth
+    :param result: a file of any format that the command reads; or columns of particles ``frame, track, x_px, y_px [, z_um]``
+        (track -1: not linked) or of a field ``x_px, y_px, dx_px, dy_px [, dz_um] [, flag] [, pair]``, as a table, a data frame
+        or a dict of arrays. trackpy's data frames (``frame, x, y, particle``) are recognized too.
+    :param format: the result's format, by default from its header
+    :param gate: shape of the gate, by default ellipsoid with depth, radial without
+    :param gate_xy_px: width of the gate in the image plane, px, by default 2
+    :param gate_z_um: height of the gate, um, by default a tenth of the depth range
+    :param dims: score in 2 or 3 dimensions, by default 3 if truth and result have a depth
+    :param isbi_gate_px: gate of the ISBI scores, px, by default 5
+    :param border_px: do not score particles this near to the edge of the image, px
+    :param origin: where the result has the first pixel's center, by default as usual in its format
+    :param y: which way y grows in the result
+    :param frame_base: number of the result's first frame
+    :param um_per_px: object-space length of a pixel, um, for a bare table
+    :param depth_um: depth range, um, for a bare table
+    :param plane_um: score a field against the plane of the truth nearest to this depth, um
+    :param auto_offset: report which shift of the whole result would fit best; it is never applied
+    :param crlb: add the Cramer-Rao bound of the optics
+    :param seed: seed of the bootstrap
+    :raises ValueError: a result that cannot be read or does not fit, with line (the header is line 1) and value
+    :raises OSError: a file that cannot be read
+    """
+    how: _microsig.How = {
+        "format": format,
+        "gate": gate,
+        "gate_xy_px": gate_xy_px,
+        "gate_z_um": gate_z_um,
+        "dims": dims,
+        "isbi_gate_px": isbi_gate_px,
+        "border_px": border_px,
+        "origin": origin,
+        "y": y,
+        "frame_base": frame_base,
+        "um_per_px": um_per_px,
+        "depth_um": depth_um,
+        "plane_um": plane_um,
+        "auto_offset": auto_offset,
+        "crlb": crlb,
+        "seed": seed,
+    }
+    if isinstance(result, (str, os.PathLike)):
+        return Scores(*_microsig.evaluate(_folder(dataset), Path(result), how))
+    with tempfile.TemporaryDirectory(prefix="microsig-") as place:
+        path = Path(place) / "result.csv"
+        _write(result, path)
+        return Scores(*_microsig.evaluate(_folder(dataset), path, how))
+
+
+def methods() -> dict[str, str]:
+    """The methods of :func:`track`, by name: what each measures, and how."""
+    return dict(_microsig.methods())
+
+
+def track(
+    dataset: Dataset | str | os.PathLike[str],
+    method: str = "ncc",
+    *,
+    max_displacement_px: float = 15.0,
+    diameter_px: float = 3.0,
+    noise_px: float = 0.1,
+    noise_um: float = 1.0,
+    ensemble: bool = False,
+    seed: int = 0,
+    progress: bool = False,
+) -> Table:
+    """The result of a baseline tracker, as of ``microsig track``.
+
+    A dataset in memory is written once to a temporary folder for this.
+
+    :param dataset: a dataset or its folder
+    :param method: one of :func:`methods`
+    :param max_displacement_px: largest displacement from frame to frame, px
+    :param diameter_px: diameter of a particle image (``spots``), px
+    :param noise_px: standard deviation of the noise in x and y (``truth-noise``), px
+    :param noise_um: the same in z, um
+    :param ensemble: one field for all pairs of a steady flow (``piv``)
+    :param seed: seed of that noise
+    :param progress: show a bar, if standard error is a terminal
+    :returns: ``frame, track, x_px, y_px [, z_um]`` of particles, or ``x_px, y_px, dx_px, dy_px, ...`` of a field
+    :raises ValueError: an unknown method, an option out of range, a dataset without what the method needs
+    """
+    with tempfile.TemporaryDirectory(prefix="microsig-") as place:
+        out = Path(place) / f"{method}.csv" if method.replace("-", "").isalnum() else Path(place) / "result.csv"
+        _microsig.track(
+            _folder(dataset),
+            out,
+            method,
+            max_displacement_px,
+            diameter_px,
+            noise_px,
+            noise_um,
+            ensemble,
+            seed,
+            progress,
+        )
+        header = out.read_text(encoding="utf-8").split("\n", 1)[0].strip().split(",")
+        whole = ("frame", "track", "pair", "flag")
+        kinds = {name: "integer" if name in whole else "number" for name in header}
+        return Table(_microsig.read_table(out, kinds), name=f"result of {method}")
+
+
+class Comparison:
+    """A leaderboard of scores, best first."""
+
+    def __init__(self, entries: list[dict[str, Any]], warnings: list[str], text: str) -> None:
+        """Use :func:`compare`."""
+        #: One dict for every score: rank, name, dataset, f1, ...
+        self.entries = entries
+        #: What must be known to read it.
+        self.warnings = warnings
+        self._text = text
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The entries as a pandas data frame; raises ImportError without pandas."""
+        import pandas
+
+        return pandas.DataFrame(self.entries)
+
+    def __repr__(self) -> str:
+        return self._text
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        return f"<pre>{escape(self._text)}</pre>"
+
+
+def compare(scores: Mapping[str, Scores]) -> Comparison:
+    """Rank scores, as ``microsig compare`` does.
+
+    :param scores: scores by the name of their trackers
+    :raises ValueError: no scores
+    """
+    entries, warnings, text = _microsig.compare([(name, score.json) for name, score in scores.items()])
+    return Comparison(json.loads(entries), warnings, text)
+
+
+def sweep(path: str | os.PathLike[str], seed: int | None = None) -> Iterator[tuple[dict[str, Any], Dataset]]:
+    """The datasets of a sweep, one after the other, in memory.
+
+    >>> for values, ds in ms.sweep("scenarios/noise_density_sweep.ron"): ...   # doctest: +SKIP
+
+    :param path: the sweep's file, or its text, whose base scenario is then relative to the working folder
+    :param seed: seed, by default the sweep's
+    :returns: pairs of values by path (with ``case``, ``repetition`` and ``seed``) and dataset
+    :raises ValueError: a sweep that cannot be used, before the first case; a case that cannot be made
+    """
+    given = _scenario.text(path, seed)
+    cases = _microsig.sweep(given["text"], given["name"], given["folder"], given["seed"])
+    return _cases(cases, Path(given["folder"]))
+
+
+def _cases(
+    cases: _microsig.SweepCases, folder: Path
+) -> Iterator[tuple[dict[str, Any], Dataset]]:
+    axes = cases.axes()
+    inputs = (folder / cases.names()[1]).parent
+    for index, (name, written, repetition, seed) in enumerate(cases.cases()):
+        values: dict[str, Any] = {path: _parsed(value) for path, value in zip(axes, written)}
+        values |= {"case": name, "repetition": repetition, "seed": seed}
+        text = _scenario.text(cases.scenario(index))
+        text["folder"] = inputs
+        yield values, Dataset.of_text(text)
+
+
+def _parsed(value: str) -> Any:
+    try:
+        return json.loads(value)
+    except json.JSONDecodeError:
+        return value
+
+
+__all__ = ["Comparison", "Scores", "compare", "evaluate", "generate", "methods", "sweep", "track"]

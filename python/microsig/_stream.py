@@ -1,0 +1,312 @@
+"""Streams of samples for training."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _microsig, _scenario
+from ._scenario import Scenario
+
+#: A batch or a sample: arrays by name.
+Arrays = dict[str, NDArray[Any]]
+
+#: Labels that can be asked for.
+LABELS = ("particles", "boxes", "instances", "heatmap", "depth", "flow", "clean")
+
+
+@dataclass(frozen=True)
+class Law:
+    """How a value varies from sample to sample; made by :func:`uniform`, :func:`integers`, ..."""
+
+    name: str
+    bounds: tuple[float, ...] = ()
+    values: tuple[Any, ...] = ()
+
+    def _parts(self) -> tuple[str, list[float], list[str]]:
+        return self.name, [float(b) for b in self.bounds], [_scenario._value(v) for v in self.values]
+
+
+def uniform(low: float, high: float) -> Law:
+    """Uniform between two numbers."""
+    return Law("uniform", (low, high))
+
+
+def log_uniform(low: float, high: float) -> Law:
+    """The logarithm is uniform between those of two positive numbers."""
+    return Law("log_uniform", (low, high))
+
+
+def integers(low: int, high: int) -> Law:
+    """Whole numbers, all alike, from ``low`` to ``high``, both included."""
+    return Law("integers", (low, high))
+
+
+def choice(values: Sequence[Any]) -> Law:
+    """One of several values, all alike: numbers, texts, lists, dicts, as in a scenario."""
+    return Law("choice", values=tuple(values))
+
+
+def _law(path: str, given: Any) -> Law:
+    if isinstance(given, Law):
+        return given
+    raise TypeError(f"vary {path}: expected ms.uniform, ms.log_uniform, ms.integers or ms.choice, not {given!r}")
+
+
+class Stream:
+    """An endless series of samples for training: ``for batch in stream``, ``stream[i]``.
+
+    Sample ``i`` is a function of (scenario, seed, i) alone: it is the same at any time, for any batch size, number of threads
+    or workers, and after any restart. It is the beginning of the dataset that :func:`generate` makes of
+    :meth:`scenario` ``(i)``: a scenario with a seed of its own and, by ``vary``, values of its own.
+
+    A batch is a dict of arrays whose first axis is the sample:
+
+    ========== ======= ============================ ==========================================================
+    name       dtype   shape                        meaning
+    ========== ======= ============================ ==========================================================
+    index      uint64  (batch,)                     number of the sample
+    image      uint16  (batch, frames, rows, cols)  counts
+    particles  float32 (batch, n, 8)                :data:`PARTICLE_COLUMNS`: x_px, y_px (first pixel's center at 1), z_um,
+                                                    d_um, c_int (its light included), dx_px, dy_px, dz_um (to the next
+                                                    frame, NaN where there is none), of visible particles of the first frame
+    mask       bool    (batch, n)                   which rows are particles; the others are 0
+    boxes      float32 (batch, n, 6)                x, y of the center, width, height of what exceeds ``share`` of the
+                                                    particle's own peak (px), z_um, class (place of the diameter in
+                                                    ``particles.diameter_um.list``, else 0)
+    instances  int32   (batch, rows, cols)          0, or 1 + row of the particle that is brightest at the pixel
+    depth      float32 (batch, rows, cols)          z_um of that particle, NaN where there is none
+    heatmap    float32 (batch, rows, cols)          Gaussians of height 1 around places
+    flow       float32 (batch, 2 or 3, rows, cols)  displacement of the fluid to the next frame: px, px [, um]; NaN in walls
+    clean      float32 (batch, frames, rows, cols)  the noise-free counts: the limit of many rays, no noise of the sensor
+    ========== ======= ============================ ==========================================================
+
+    Labels beyond ``particles`` and ``mask`` are there if asked for. Batches are drawn ahead in threads while Python does
+    something else. A stream can be pickled, and used after a fork.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        batch: int = 32,
+        *,
+        crop: tuple[int, int] | None = None,
+        vary: Mapping[str, Law] | None = None,
+        seed: int = 0,
+        set: Mapping[str, Any] | None = None,
+        labels: Sequence[str] = (),
+        split: Literal["train", "val"] = "train",
+        frames: int | None = None,
+        ahead: int = 2,
+        share: float = 0.1,
+        heatmap_sigma_px: float = 1.5,
+        flow_depth_um: float | Literal["mean"] = "mean",
+        flow_components: Literal[2, 3] = 2,
+        particles: int = 0,
+    ) -> None:
+        """A stream.
+
+        :param scenario: path, text (RON or JSON) or dict
+        :param batch: samples of a batch
+        :param crop: rows and columns of the images: a sensor of this size in the middle of the scenario's field of view;
+            a number of particles is that of a sample
+        :param vary: what varies, by path of the scenario: :func:`uniform`, :func:`log_uniform`, :func:`integers`,
+            :func:`choice`. Light, noise and numbers cost next to nothing; other keys resolve the scenario anew for each
+            sample, and new optics make new tables.
+        :param seed: seed of the stream, 0 to 2^64 - 1; the scenario's own does not matter
+        :param set: values by path that are the same in all samples
+        :param labels: of ``boxes, instances, heatmap, depth, flow, clean`` (``particles`` are always there)
+        :param split: ``train`` and ``val`` have no sample in common
+        :param frames: frames of a sample, by default 2 with ``flow`` and else 1
+        :param ahead: batches that are drawn ahead, at least 1
+        :param share: what belongs to a particle's image: pixels above this share of its peak
+        :param heatmap_sigma_px: standard deviation of a particle in ``heatmap``, px
+        :param flow_depth_um: depth of ``flow``, um, or the mean over the depth range
+        :param flow_components: 3 for the displacement along z (um) as well
+        :param particles: rows for particles in a batch, at least; more if a sample has more
+        :raises ValueError: a scenario, path or value that cannot be used
+        """
+        unknown = [label for label in labels if label not in LABELS]
+        if unknown:
+            raise ValueError(f"labels = {unknown}: expected some of {', '.join(LABELS)}")
+        if split not in ("train", "val"):
+            raise ValueError(f"split = {split!r}: expected one of train, val")
+        if batch < 1 or ahead < 1:
+            raise ValueError(f"batch = {batch}, ahead = {ahead}: expected at least 1")
+        if particles < 0:
+            raise ValueError(f"particles = {particles}: expected at least 0")
+        if not 0 <= seed < 2**64:
+            raise ValueError(f"seed = {seed}: expected a whole number, 0 to 2^64 - 1")
+        if flow_components not in (2, 3):
+            raise ValueError(f"flow_components = {flow_components}: expected 2 or 3")
+        values = dict(set or {})
+        if crop is not None:
+            values |= {"optics.pixel_dim_y": int(crop[0]), "optics.pixel_dim_x": int(crop[1])}
+        self._batch, self._ahead_by = int(batch), int(ahead)
+        wanted: _microsig.Labels = {
+            "boxes": "boxes" in labels,
+            "instances": "instances" in labels,
+            "depth": "depth" in labels,
+            "heatmap": "heatmap" in labels,
+            "flow": "flow" in labels,
+            "flow_depth_um": None if flow_depth_um == "mean" else float(flow_depth_um),
+            "flow_z": flow_components == 3,
+            "clean": "clean" in labels,
+            "share": float(share),
+            "heatmap_sigma_px": float(heatmap_sigma_px),
+        }
+        laws = [(path, _law(path, law)._parts()) for path, law in (vary or {}).items()]
+        number = (2 if "flow" in labels else 1) if frames is None else int(frames)
+        if not 1 <= number < 2**31:
+            raise ValueError(f"frames = {number}: expected at least 1")
+        self._arguments = (_scenario.text(scenario, None, values), laws, int(seed), split == "val", number, wanted, particles)
+        self._position = 0
+        self._process = -1
+        self._start()
+
+    def _start(self) -> None:
+        """Makes the compiled part; anew in a process that was forked."""
+        if self._process != os.getpid():
+            # What a forked process has of its parent is left as it is: no thread of it runs here.
+            self._orphans = (self.__dict__.get("_samples"), self.__dict__.get("_ahead"))
+            self._samples = _microsig.Samples(*self._arguments)
+            self._ahead: _microsig.Ahead | None = None
+            self._process = os.getpid()
+
+    @property
+    def batch(self) -> int:
+        """Samples of a batch."""
+        return self._batch
+
+    @property
+    def position(self) -> int:
+        """Number of the sample that the next batch begins with."""
+        return self._position
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the images."""
+        return self._samples.size()
+
+    def __getitem__(self, index: int) -> Arrays:
+        """Sample ``index`` (from 0): arrays without the axis of the batch."""
+        if isinstance(index, slice) or not 0 <= index < 2**63:
+            raise IndexError(f"sample {index}: expected a whole number from 0")
+        self._start()
+        return {name: values[0] for name, values in self._samples.batch(int(index), 1).items()}
+
+    def samples(self, first: int, n: int) -> Arrays:
+        """``n`` samples from number ``first`` on, as a batch; does not move the stream."""
+        self._start()
+        return self._samples.batch(first, n)
+
+    def __iter__(self) -> Iterator[Arrays]:
+        return self
+
+    def __next__(self) -> Arrays:
+        """The next batch."""
+        self._start()
+        if self._ahead is None:
+            self._ahead = self._samples.ahead(self._position, self._batch, self._batch, self._ahead_by)
+        try:
+            batch = self._ahead.next()
+        except KeyboardInterrupt:
+            raise
+        except BaseException:
+            self._ahead = None
+            raise
+        self._position += self._batch
+        return batch
+
+    def shard(self, worker: int, workers: int) -> Iterator[Arrays]:
+        """Every ``workers``-th batch from the position on, beginning with number ``worker``: for workers that share a stream."""
+        if not 0 <= worker < workers:
+            raise ValueError(f"worker = {worker} of {workers}: expected 0 to {workers - 1}")
+        self._start()
+        first, step = self._position + worker * self._batch, workers * self._batch
+        ahead = self._samples.ahead(first, self._batch, step, self._ahead_by)
+        while True:
+            yield ahead.next()
+
+    def seed_of(self, index: int) -> int:
+        """The seed of a sample."""
+        return self._samples.seed_of(index)
+
+    def values(self, index: int) -> dict[str, Any]:
+        """The values of a sample that vary, by path."""
+        return {path: _parsed(value) for path, value in self._samples.values(index)}
+
+    def scenario(self, index: int) -> dict[str, Any]:
+        """The scenario of a sample, every default written out: :func:`generate` makes a dataset of it that begins with it."""
+        self._start()
+        scenario: dict[str, Any] = json.loads(self._samples.scenario(index)[0])
+        return scenario
+
+    @property
+    def fingerprint(self) -> str:
+        """A hash of all that samples depend on."""
+        text, laws, seed, split, frames, wanted, rows = self._arguments
+        told = [text["text"], text["assignments"], laws, seed, split, frames, wanted]
+        return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the stream is: plain values, for checkpoints."""
+        return {"position": self._position, "fingerprint": self.fingerprint}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on where another stream of the same arguments was.
+
+        :raises ValueError: the state of a stream of other samples
+        """
+        if state["fingerprint"] != self.fingerprint:
+            raise ValueError("the state is that of a stream of other samples (scenario, vary, seed, split or labels differ)")
+        self.seek(int(state["position"]))
+
+    def seek(self, position: int) -> None:
+        """Go on with a batch that begins with sample number ``position``."""
+        if not 0 <= position < 2**63:
+            raise ValueError(f"position = {position}: expected a whole number from 0")
+        self.close()
+        self._position = position
+
+    def close(self) -> None:
+        """End the threads that draw ahead; iterating begins them again, at the same place."""
+        if self._process == os.getpid():
+            self._ahead = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            "arguments": self._arguments,
+            "batch": self._batch,
+            "ahead": self._ahead_by,
+            "position": self._position,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._arguments, self._batch = state["arguments"], state["batch"]
+        self._ahead_by, self._position = state["ahead"], state["position"]
+        self._process = -1
+        self._start()
+
+    def __repr__(self) -> str:
+        rows, columns = self.shape
+        return f"Stream of {columns} x {rows} px, batches of {self._batch}, at sample {self._position}"
+
+
+def _parsed(value: str) -> Any:
+    try:
+        return json.loads(value)
+    except json.JSONDecodeError:
+        return value
+
+
+#: What a row of ``particles`` holds.
+PARTICLE_COLUMNS: tuple[str, ...] = tuple(_microsig.PARTICLE_COLUMNS)
+

@@ -1,0 +1,163 @@
+"""Tables whose columns are NumPy arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, KeysView, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pandas
+    import polars
+
+#: Columns that are pixel coordinates.
+_PIXELS = ("x_px", "y_px")
+
+
+class Table:
+    """A table of a dataset or of a result: columns are NumPy arrays of one length.
+
+    ``table["x_px"]`` is a column, ``table[mask]`` or ``table[:10]`` are rows, ``len(table)`` is the number of rows,
+    ``table.x_px`` is short for ``table["x_px"]``. Whole numbers are int64 (-1 where there is none), numbers float64
+    (NaN where there is none), texts are arrays of str.
+
+    Names of columns end in their unit; :attr:`units` and :attr:`meanings` say more. Pixel coordinates have the first
+    pixel's center at 1, as on disk; :meth:`origin` gives array indices instead.
+    """
+
+    def __init__(
+        self,
+        columns: Mapping[str, Any],
+        *,
+        name: str = "table",
+        about: str = "",
+        columns_about: Mapping[str, tuple[str, str]] | None = None,
+        first_pixel: float = 1.0,
+    ) -> None:
+        """A table of columns (one-dimensional, of one length); raises ValueError if their lengths differ."""
+        self._columns: dict[str, NDArray[Any]] = {}
+        for column, values in columns.items():
+            array = np.asarray(values)
+            if array.ndim != 1:
+                raise ValueError(f"{name}: {column} has shape {array.shape}: expected one dimension")
+            self._columns[column] = array
+        lengths = {len(array) for array in self._columns.values()}
+        if len(lengths) > 1:
+            told = ", ".join(f"{column} {len(array)}" for column, array in self._columns.items())
+            raise ValueError(f"{name}: columns of different lengths: {told}")
+        self.name = name
+        self.about = about
+        self._about = dict(columns_about or {})
+        self._first_pixel = float(first_pixel)
+
+    def _with(self, columns: Mapping[str, Any], first_pixel: float | None = None) -> Table:
+        return Table(
+            columns,
+            name=self.name,
+            about=self.about,
+            columns_about=self._about,
+            first_pixel=self._first_pixel if first_pixel is None else first_pixel,
+        )
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the columns."""
+        return list(self._columns)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the columns, empty texts where there is none."""
+        return {column: self._about.get(column, ("", ""))[0] for column in self._columns}
+
+    @property
+    def meanings(self) -> dict[str, str]:
+        """What the columns hold."""
+        return {column: self._about.get(column, ("", ""))[1] for column in self._columns}
+
+    @property
+    def first_pixel(self) -> float:
+        """Where ``x_px`` and ``y_px`` have the first pixel's center: 1 as on disk, or what :meth:`origin` was told."""
+        return self._first_pixel
+
+    def keys(self) -> KeysView[str]:
+        """Names of the columns, as of a dict."""
+        return self._columns.keys()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __contains__(self, column: object) -> bool:
+        return column in self._columns
+
+    def __len__(self) -> int:
+        return next((len(array) for array in self._columns.values()), 0)
+
+    def __getitem__(self, key: Any) -> Any:
+        """A column (by name: an array), or rows (by mask, slice or indices: a table)."""
+        if isinstance(key, str):
+            try:
+                return self._columns[key]
+            except KeyError:
+                known = ", ".join(self._columns)
+                raise KeyError(f"{self.name} has no column {key}; it has {known}") from None
+        if isinstance(key, (int, np.integer)):
+            key = slice(int(key), int(key) + 1 or None)
+        return self._with({column: array[key] for column, array in self._columns.items()})
+
+    def __getattr__(self, name: str) -> NDArray[Any]:
+        columns: dict[str, NDArray[Any]] = self.__dict__.get("_columns", {})
+        if name in columns:
+            return columns[name]
+        raise AttributeError(f"no column or attribute {name}")
+
+    def origin(self, first_pixel: float) -> Table:
+        """The same table with the first pixel's center at ``first_pixel`` (0: array indices ``image[y_px, x_px]``)."""
+        shift = float(first_pixel) - self._first_pixel
+        moved = {c: array + shift if c in _PIXELS else array for c, array in self._columns.items()}
+        return self._with(moved, float(first_pixel))
+
+    def to_dict(self) -> dict[str, NDArray[Any]]:
+        """The columns by name."""
+        return dict(self._columns)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """A pandas data frame of the same columns; raises ImportError without pandas."""
+        import pandas
+
+        return pandas.DataFrame(self._columns)
+
+    def to_polars(self) -> polars.DataFrame:
+        """A polars data frame of the same columns; raises ImportError without polars."""
+        import polars
+
+        return polars.DataFrame(self._columns)
+
+    def __repr__(self) -> str:
+        shown = min(len(self), 6)
+        head = [[_cell(array[row]) for row in range(shown)] for array in self._columns.values()]
+        widths = [max(map(len, [name, *cells])) for name, cells in zip(self._columns, head)]
+        lines = ["  ".join(name.rjust(width) for name, width in zip(self._columns, widths))]
+        for row in range(shown):
+            lines.append("  ".join(cells[row].rjust(width) for cells, width in zip(head, widths)))
+        lines = [line if len(line) <= 150 else line[:147] + "..." for line in lines]
+        return "\n".join([f"{self.name}: {len(self)} rows, {len(self._columns)} columns", *lines])
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        shown = min(len(self), 8)
+        head = "".join(
+            f'<th title="{escape(self.meanings[name])}">{escape(name)}</th>' for name in self._columns
+        )
+        rows = "".join(
+            "<tr>" + "".join(f"<td>{escape(_cell(a[row]))}</td>" for a in self._columns.values()) + "</tr>"
+            for row in range(shown)
+        )
+        title = f"<p>{escape(self.name)}: {len(self)} rows, {len(self._columns)} columns</p>"
+        return f"{title}<table><tr>{head}</tr>{rows}</table>"
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, (float, np.floating)) else str(value)

@@ -1,0 +1,33 @@
+//! Tables as NumPy arrays.
+
+use bench::tables::{Columns, Table, Values};
+use numpy::PyArray1;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
+
+/// A table as Python sees it: its path in a dataset, what a row is, units and meanings by column, values by
+/// column.
+pub(crate) fn table<'py>(
+    py: Python<'py>,
+    table: &Table,
+    columns: Columns,
+) -> PyResult<(String, String, Bound<'py, PyDict>, Bound<'py, PyDict>)> {
+    let about = PyDict::new(py);
+    for column in table.columns.iter() {
+        about.set_item(column.name, (column.unit, column.description))?;
+    }
+    Ok((table.path.to_owned(), table.description.to_owned(), about, arrays(py, columns)?))
+}
+
+/// Columns as arrays: int64, float64, or lists of texts.
+pub(crate) fn arrays(py: Python<'_>, columns: Columns) -> PyResult<Bound<'_, PyDict>> {
+    let arrays = PyDict::new(py);
+    for (name, values) in columns.0 {
+        match values {
+            Values::Whole(values) => arrays.set_item(name, PyArray1::from_vec(py, values))?,
+            Values::Numbers(values) => arrays.set_item(name, PyArray1::from_vec(py, values))?,
+            Values::Texts(values) => arrays.set_item(name, PyList::new(py, values)?)?,
+        }
+    }
+    Ok(arrays)
+}

@@ -1,0 +1,245 @@
+//! Datasets: made in memory, or read from a folder.
+
+use std::fs::File;
+use std::io::{BufReader, Cursor};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use bench::dataset::manifest::Manifest;
+use bench::runner::{GenerateOptions, MemoryDataset};
+use bench::scenario::{self, Scenario};
+use bench::tables::Columns;
+use microsig_core::formats::tiff;
+use numpy::ndarray::ArrayView3;
+use numpy::{PyArray1, PyArray3, PyArrayMethods};
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::columns::{arrays, table};
+use crate::run::{OnInterrupt, raise, run};
+
+/// A table: its path in a dataset, what a row is, units and meanings by column, values by column.
+type PyTable<'py> = (String, String, Bound<'py, PyDict>, Bound<'py, PyDict>);
+
+/// A scenario's text with its name in messages and the folder of its files, assignments `path=value`, and a
+/// seed.
+#[derive(Debug, Clone, FromPyObject)]
+pub(crate) struct ScenarioText {
+    #[pyo3(item)]
+    pub(crate) text: String,
+    #[pyo3(item)]
+    pub(crate) name: String,
+    #[pyo3(item)]
+    pub(crate) folder: PathBuf,
+    #[pyo3(item)]
+    pub(crate) assignments: Vec<String>,
+    #[pyo3(item)]
+    pub(crate) seed: Option<u64>,
+}
+
+impl ScenarioText {
+    /// The scenario, every rule checked.
+    pub(crate) fn resolve(&self) -> bench::Result<Scenario> {
+        scenario::load_text(&self.text, (&self.name, &self.folder), &self.assignments, self.seed)
+    }
+}
+
+/// A dataset in memory.
+#[pyclass(frozen, module = "microsig._microsig")]
+pub(crate) struct Made(Arc<MemoryDataset>);
+
+#[pymethods]
+impl Made {
+    /// Counts of all images, (frames, rows, columns), not copied.
+    fn images<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray3<u16>>> {
+        let made = &slf.get().0;
+        let view = ArrayView3::from_shape(made.shape(), made.counts())
+            .map_err(|e| PyRuntimeError::new_err(e.to_string()))?;
+        // SAFETY: the counts live as long as this object, which the array keeps alive, and neither moves nor
+        // changes: the class is frozen, and the array is made read-only before anybody else sees it.
+        let images = unsafe { PyArray3::borrow_from_array(&view, slf.clone().into_any()) };
+        images.readwrite().make_nonwriteable();
+        Ok(images)
+    }
+
+    /// Tables of frames, tracks and displacements.
+    fn tables<'py>(&self, py: Python<'py>) -> PyResult<Vec<PyTable<'py>>> {
+        let made = Arc::clone(&self.0);
+        let tables = run(py, false, OnInterrupt::Leave, move |_| made.tables())?;
+        tables.into_iter().map(|(of, columns)| table(py, &of, columns)).collect()
+    }
+
+    /// Tables of depths and, if there is one, of the field.
+    fn field_tables<'py>(&self, py: Python<'py>) -> PyResult<Vec<PyTable<'py>>> {
+        let made = Arc::clone(&self.0);
+        let tables = run(py, false, OnInterrupt::Leave, move |_| made.field_tables())?;
+        tables.into_iter().map(|(of, columns)| table(py, &of, columns)).collect()
+    }
+
+    /// Table and images of the calibration stack, if there is one.
+    fn calibration<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<Option<(PyTable<'py>, Bound<'py, PyArray3<u16>>)>> {
+        let made = Arc::clone(&self.0);
+        let calibration = run(py, false, OnInterrupt::Leave, move |progress| made.calibration(progress))?;
+        let Some(calibration) = calibration else { return Ok(None) };
+        let ((of, columns), images) = (calibration.table, calibration.images);
+        let size = images.first().map_or((0, 0), |image| (image.height as usize, image.width as usize));
+        let counts = images.iter().flat_map(|image| image.counts.iter().copied()).collect();
+        Ok(Some((table(py, &of, columns)?, stack(py, counts, (images.len(), size.0, size.1))?)))
+    }
+
+    /// The scenario as JSON, every default written out, and as RON.
+    fn scenario(&self) -> PyResult<(String, String)> {
+        texts(self.0.scenario()).map_err(raise)
+    }
+
+    /// MicroSIG's settings by name.
+    fn settings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        settings(py, self.0.scenario())
+    }
+
+    /// Object-space length of a pixel, um; least and greatest depth, um; time between frames, s; bits of a
+    /// count.
+    fn facts(&self) -> (f64, (f64, f64), f64, u8) {
+        let scenario = self.0.scenario();
+        let um_per_px = scenario.settings.um_per_px();
+        (um_per_px, scenario.depth_range_um, scenario.recordings.dt_s(), self.0.bits())
+    }
+
+    /// What should be known about the dataset.
+    fn warnings(&self) -> Vec<String> {
+        self.0.warnings()
+    }
+
+    /// Writes the dataset into a folder.
+    fn save(&self, py: Python<'_>, out: PathBuf, force: bool, show: bool) -> PyResult<()> {
+        let made = Arc::clone(&self.0);
+        run(py, show, OnInterrupt::Wait, move |progress| {
+            let progress = progress.clone();
+            made.save(&GenerateOptions { out, force, resume: false, progress }).map(drop)
+        })
+    }
+}
+
+/// A dataset in memory from a scenario.
+#[pyfunction]
+fn generate(py: Python<'_>, text: ScenarioText, show: bool) -> PyResult<Made> {
+    let made = run(py, show, OnInterrupt::Leave, move |progress| {
+        MemoryDataset::take(text.resolve()?, progress).map(Arc::new)
+    })?;
+    Ok(Made(made))
+}
+
+/// A scenario as JSON and as RON, every default written out, and its warnings.
+#[pyfunction]
+fn resolve(py: Python<'_>, text: ScenarioText) -> PyResult<(String, String, Vec<String>)> {
+    run(py, false, OnInterrupt::Leave, move |_| {
+        let scenario = text.resolve()?;
+        let (json, ron) = texts(&scenario)?;
+        Ok((json, ron, scenario.warnings))
+    })
+}
+
+pub(crate) fn texts(scenario: &Scenario) -> bench::Result<(String, String)> {
+    let json = serde_json::to_string(&scenario.spec).map_err(|e| bench::Error::input(e.to_string()))?;
+    Ok((json, scenario::write(&scenario.spec)?))
+}
+
+fn settings<'py>(py: Python<'py>, scenario: &Scenario) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    macro_rules! set {
+        ($($name:ident)*) => { $( dict.set_item(stringify!($name), scenario.settings.$name)?; )* };
+    }
+    set!(magnification numerical_aperture focal_length ri_medium ri_lens pixel_size pixel_dim_x pixel_dim_y);
+    set!(background_mean background_noise points_per_pixel n_rays gain cyl_focal_length);
+    Ok(dict)
+}
+
+fn stack<'py>(
+    py: Python<'py>,
+    counts: Vec<u16>,
+    (frames, rows, columns): (usize, usize, usize),
+) -> PyResult<Bound<'py, PyArray3<u16>>> {
+    PyArray1::from_vec(py, counts).reshape([frames, rows, columns])
+}
+
+/// The manifest of a dataset's folder as JSON.
+#[pyfunction]
+fn manifest(py: Python<'_>, dataset: PathBuf) -> PyResult<String> {
+    run(py, false, OnInterrupt::Leave, move |_| {
+        let manifest = Manifest::read(&dataset)?;
+        serde_json::to_string(&manifest).map_err(|e| bench::Error::input(e.to_string()))
+    })
+}
+
+/// Scenario (JSON and RON) and settings of a dataset's folder.
+#[pyfunction]
+fn scenario_of<'py>(py: Python<'py>, dataset: PathBuf) -> PyResult<(String, String, Bound<'py, PyDict>)> {
+    let scenario = run(py, false, OnInterrupt::Leave, move |_| scenario::of_dataset(&dataset))?.0;
+    let (json, ron) = texts(&scenario).map_err(raise)?;
+    Ok((json, ron, settings(py, &scenario)?))
+}
+
+/// Columns of a table (CSV) in a dataset's folder; `kinds` are the columns' types by name, as in the
+/// manifest.
+#[pyfunction]
+fn read_table<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    kinds: std::collections::HashMap<String, String>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let columns = run(py, false, OnInterrupt::Leave, move |_| {
+        let file = BufReader::new(File::open(&path).map_err(|e| bench::Error::read(&path, e))?);
+        let kind = |name: &str| kinds.get(name).map_or("string", String::as_str);
+        Columns::read(&path.display().to_string(), file, kind)
+    })?;
+    arrays(py, columns)
+}
+
+/// Images (TIFF) of one size, (frames, rows, columns).
+#[pyfunction]
+fn read_images(
+    py: Python<'_>,
+    paths: Vec<PathBuf>,
+    width: u32,
+    height: u32,
+) -> PyResult<Bound<'_, PyArray3<u16>>> {
+    let frames = paths.len();
+    let counts = run(py, false, OnInterrupt::Leave, move |progress| {
+        use rayon::prelude::*;
+        let read = |path: &PathBuf| {
+            progress.check()?;
+            read_image(path, (width, height))
+        };
+        let images: Vec<Vec<u16>> = paths.par_iter().map(read).collect::<bench::Result<_>>()?;
+        Ok(images.concat())
+    })?;
+    stack(py, counts, (frames, height as usize, width as usize))
+}
+
+fn read_image(path: &Path, size: (u32, u32)) -> bench::Result<Vec<u16>> {
+    let bytes = std::fs::read(path).map_err(|e| bench::Error::read(path, e))?;
+    let counts = tiff::read(Cursor::new(bytes), &path.display().to_string(), size)?;
+    // The reader gives whole numbers of at most 16 bit.
+    Ok(counts.into_iter().map(|count| count as u16).collect())
+}
+
+/// Copies a dataset.
+#[pyfunction]
+fn copy_dataset(py: Python<'_>, dataset: PathBuf, out: PathBuf, force: bool) -> PyResult<()> {
+    run(py, false, OnInterrupt::Wait, move |_| bench::dataset::copy(&dataset, &out, force))
+}
+
+pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<Made>()?;
+    module.add_function(wrap_pyfunction!(generate, module)?)?;
+    module.add_function(wrap_pyfunction!(resolve, module)?)?;
+    module.add_function(wrap_pyfunction!(manifest, module)?)?;
+    module.add_function(wrap_pyfunction!(scenario_of, module)?)?;
+    module.add_function(wrap_pyfunction!(read_table, module)?)?;
+    module.add_function(wrap_pyfunction!(read_images, module)?)?;
+    module.add_function(wrap_pyfunction!(copy_dataset, module)?)
+}

@@ -1,0 +1,45 @@
+//! The compiled part of the Python package `microsig`: what `bench`, `flows` and `microsig-core` do, on NumPy
+//! arrays.
+//!
+//! Names, defaults and documentation for users are in `microsig/*.py`; here arguments are plain and complete.
+
+mod columns;
+mod dataset;
+mod fields;
+mod render;
+mod run;
+mod scores;
+mod stream;
+
+use pyo3::prelude::*;
+use std::io::Write;
+
+use bench::cli::{Cli, printable};
+use clap::Parser;
+
+/// Runs the `microsig` command with these arguments, the first being the program's name; gives its exit code.
+#[pyfunction]
+fn command(py: Python<'_>, arguments: Vec<String>) -> u8 {
+    py.detach(|| match Cli::parse_from(arguments).run() {
+        Ok(()) => 0,
+        Err(e) => {
+            let mut stderr = std::io::stderr().lock();
+            // If standard error is closed, only the exit code can tell.
+            let _ = e.messages().iter().try_for_each(|text| writeln!(stderr, "error: {}", printable(text)));
+            e.exit_code()
+        }
+    })
+}
+
+/// What `microsig/*.py` is built on.
+#[pymodule]
+fn _microsig(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", bench::dataset::manifest::GENERATOR_VERSION)?;
+    module.add_function(wrap_pyfunction!(command, module)?)?;
+    module.add_function(wrap_pyfunction!(run::set_threads, module)?)?;
+    dataset::add(module)?;
+    render::add(module)?;
+    fields::add(module)?;
+    scores::add(module)?;
+    stream::add(module)
+}

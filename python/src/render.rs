@@ -1,0 +1,66 @@
+//! Images of particles given as arrays.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use bench::runner::render_particles;
+use microsig_core::emission::SpheroidLaw;
+use microsig_core::formats::{data_file, settings_file};
+use microsig_core::render::RendererSpec;
+use microsig_core::render::expected::DEFAULT_TOLERANCE;
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+use crate::run::{OnInterrupt, run};
+
+/// An image of particles, (rows, columns), and warnings about it. `settings` is the text of a settings file,
+/// which `name` is in messages; `rows` are those of a data file.
+#[pyfunction]
+fn render<'py>(
+    py: Python<'py>,
+    settings: String,
+    name: String,
+    rows: PyReadonlyArray2<'py, f64>,
+    expected: bool,
+    uniform: bool,
+    seed: u64,
+    frame: u32,
+) -> PyResult<(Bound<'py, PyArray2<u16>>, Vec<String>)> {
+    let mut text = String::new();
+    for row in rows.as_array().rows() {
+        for value in row {
+            // Writing to a string cannot fail.
+            let _ = write!(text, "{value} ");
+        }
+        text.push('\n');
+    }
+    let spheroids = if uniform { SpheroidLaw::Uniform } else { SpheroidLaw::Original };
+    let renderer = if expected {
+        RendererSpec::Expected { spheroids, tolerance: DEFAULT_TOLERANCE }
+    } else {
+        RendererSpec::Rays { spheroids }
+    };
+    let (image, warnings) = run(py, false, OnInterrupt::Leave, move |_| {
+        let read = settings_file::read(settings.as_bytes(), &name)?;
+        let particles = data_file::read(text.as_bytes(), "particles")?;
+        let (image, more) = render_particles(&read.settings, renderer, &particles, (seed, frame))?;
+        Ok((image, read.warnings.into_iter().chain(more).collect()))
+    })?;
+    let size = [image.height as usize, image.width as usize];
+    Ok((PyArray1::from_vec(py, image.counts).reshape(size)?, warnings))
+}
+
+/// Width and height that a settings file tells, px.
+#[pyfunction]
+fn image_size(py: Python<'_>, settings: PathBuf) -> PyResult<(u32, u32)> {
+    run(py, false, OnInterrupt::Leave, move |_| {
+        let file = std::fs::File::open(&settings).map_err(|e| bench::Error::read(&settings, e))?;
+        let read = settings_file::read(file, &settings.display().to_string())?.settings;
+        Ok((read.pixel_dim_x, read.pixel_dim_y))
+    })
+}
+
+pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(render, module)?)?;
+    module.add_function(wrap_pyfunction!(image_size, module)?)
+}

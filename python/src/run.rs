@@ -1,0 +1,138 @@
+//! Long work: on threads of its own, without the interpreter's lock, ended by Ctrl-C; errors as exceptions.
+
+use std::any::Any;
+use std::io::IsTerminal;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::time::Duration;
+
+use bench::Error;
+use bench::cli::printable;
+use bench::runner::{Progress, Stop};
+use pyo3::exceptions::{
+    PyFileExistsError, PyFileNotFoundError, PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError,
+};
+use pyo3::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+/// How often signals are looked for.
+const TICK: Duration = Duration::from_millis(50);
+
+/// Stack of the threads that work, bytes: that of a program's first thread.
+const STACK: usize = 8 << 20;
+
+/// The threads, and the process that they belong to: a forked process has none of its parent's.
+static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
+
+fn build(threads: usize) -> PyResult<Arc<ThreadPool>> {
+    let name = |k| format!("microsig-{k}");
+    let pool = ThreadPoolBuilder::new().num_threads(threads).stack_size(STACK).thread_name(name).build();
+    pool.map(Arc::new).map_err(|e| PyRuntimeError::new_err(format!("threads: {e}")))
+}
+
+/// The threads of this process. The interpreter's lock is held while the mutex is, so no fork happens
+/// meanwhile.
+pub(crate) fn pool(_: Python<'_>) -> PyResult<Arc<ThreadPool>> {
+    let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
+    let own = std::process::id();
+    match &*pool {
+        Some((of, threads)) if *of == own => Ok(Arc::clone(threads)),
+        _ => {
+            let threads = build(0)?;
+            // Threads of the parent cannot be joined here.
+            std::mem::forget(pool.replace((own, Arc::clone(&threads))));
+            Ok(threads)
+        }
+    }
+}
+
+/// Sets the number of threads of all calls that follow; 0: one for every core.
+#[pyfunction]
+pub(crate) fn set_threads(threads: u16) -> PyResult<()> {
+    if threads > 1024 {
+        return Err(PyValueError::new_err(format!("threads = {threads}: expected 0 to 1024")));
+    }
+    let threads = build(usize::from(threads))?;
+    let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((of, before)) = pool.replace((std::process::id(), threads))
+        && of != std::process::id()
+    {
+        std::mem::forget(before);
+    }
+    Ok(())
+}
+
+/// What happens to work that is interrupted.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum OnInterrupt {
+    /// It is left to end by itself: it touches nothing but memory.
+    Leave,
+    /// It is waited for, so that it has cleaned up.
+    Wait,
+}
+
+/// Does some work while signals are handled; progress is shown on a terminal if `show`.
+pub(crate) fn run<T: Send + 'static>(
+    py: Python<'_>,
+    show: bool,
+    on_interrupt: OnInterrupt,
+    work: impl FnOnce(&Progress) -> bench::Result<T> + Send + 'static,
+) -> PyResult<T> {
+    let (pool, stop) = (pool(py)?, Stop::default());
+    let shown = if show && std::io::stderr().is_terminal() { Progress::Bar } else { Progress::Hidden };
+    let progress = Progress::Stoppable(stop.clone(), Box::new(shown));
+    let (sender, receiver) = mpsc::channel();
+    let job = move || {
+        let result = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&progress))));
+        // Nobody may be waiting any more.
+        let _ = sender.send(result);
+    };
+    std::thread::Builder::new().name("microsig".to_owned()).stack_size(STACK).spawn(job)?;
+    let receiver = Mutex::new(receiver);
+    let next = |patience: Duration| {
+        py.detach(|| receiver.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(patience))
+    };
+    loop {
+        match next(TICK) {
+            Ok(Ok(result)) => return result.map_err(raise),
+            Ok(Err(panic)) => return Err(defect(panic.as_ref())),
+            Err(mpsc::RecvTimeoutError::Disconnected) => {
+                return Err(PyRuntimeError::new_err("the thread that worked has ended"));
+            }
+            Err(mpsc::RecvTimeoutError::Timeout) => {
+                if let Err(signal) = py.check_signals() {
+                    stop.stop();
+                    while on_interrupt == OnInterrupt::Wait
+                        && matches!(next(TICK), Err(mpsc::RecvTimeoutError::Timeout))
+                    {}
+                    return Err(signal);
+                }
+            }
+        }
+    }
+}
+
+/// A defect of the program as an exception.
+pub(crate) fn defect(panic: &(dyn Any + Send)) -> PyErr {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("unknown");
+    PyRuntimeError::new_err(format!("a defect of microsig, please report it: {text}"))
+}
+
+/// The exception of an error, with the command's message.
+pub(crate) fn raise(error: Error) -> PyErr {
+    let text = printable(&error.messages().join("\n"));
+    match error {
+        Error::Interrupted => PyKeyboardInterrupt::new_err(text),
+        Error::Exists(path) => {
+            let text = format!("{} exists already; force=True replaces it", path.display());
+            PyFileExistsError::new_err(printable(&text))
+        }
+        Error::Read { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
+            PyFileNotFoundError::new_err(text)
+        }
+        Error::Read { .. } | Error::Write { .. } | Error::Busy { .. } => PyOSError::new_err(text),
+        Error::Optics(microsig_core::Error::Io { .. }) => PyOSError::new_err(text),
+        _ => PyValueError::new_err(text),
+    }
+}

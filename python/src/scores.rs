@@ -1,0 +1,248 @@
+//! Trackers and scores.
+
+use std::path::PathBuf;
+
+use bench::evaluate::gate::Shape;
+use bench::evaluate::{EvaluateOptions, evaluate as evaluate_result};
+use bench::report;
+use bench::results::{Conventions, Format, Origin};
+use bench::scenario::{self, Sweep};
+use bench::track::{METHODS, TrackOptions, track as track_dataset};
+use clap::ValueEnum;
+use pyo3::prelude::*;
+
+use crate::run::{OnInterrupt, run};
+
+/// How to score; names as of the command's options.
+#[derive(Debug, Clone, FromPyObject)]
+struct How {
+    #[pyo3(item)]
+    format: Option<String>,
+    #[pyo3(item)]
+    gate: Option<String>,
+    #[pyo3(item)]
+    gate_xy_px: Option<f64>,
+    #[pyo3(item)]
+    gate_z_um: Option<f64>,
+    #[pyo3(item)]
+    dims: Option<u8>,
+    #[pyo3(item)]
+    isbi_gate_px: Option<f64>,
+    #[pyo3(item)]
+    border_px: f64,
+    #[pyo3(item)]
+    origin: Option<String>,
+    #[pyo3(item)]
+    y: Option<String>,
+    #[pyo3(item)]
+    frame_base: Option<i64>,
+    #[pyo3(item)]
+    um_per_px: Option<f64>,
+    #[pyo3(item)]
+    depth_um: Option<(f64, f64)>,
+    #[pyo3(item)]
+    plane_um: Option<f64>,
+    #[pyo3(item)]
+    auto_offset: bool,
+    #[pyo3(item)]
+    crlb: bool,
+    #[pyo3(item)]
+    seed: u64,
+}
+
+/// One of the values of an option.
+fn one_of<T: ValueEnum>(name: &str, given: Option<&str>) -> bench::Result<Option<T>> {
+    given
+        .map(|given| {
+            T::from_str(given, false).map_err(|_| {
+                let all: Vec<String> = T::value_variants()
+                    .iter()
+                    .filter_map(|value| Some(value.to_possible_value()?.get_name().to_owned()))
+                    .collect();
+                bench::Error::input(format!("{name} = {given:?}: expected one of {}", all.join(", ")))
+            })
+        })
+        .transpose()
+}
+
+impl How {
+    fn options(&self) -> bench::Result<EvaluateOptions> {
+        let refuse = |message: String| Err(bench::Error::input(message));
+        if !(0.0..=1e7).contains(&self.border_px) {
+            return refuse(format!("border_px = {}: expected 0 to 1e7", self.border_px));
+        }
+        if let Some(um) = self.um_per_px.filter(|um| !(1e-6..=1e6).contains(um)) {
+            return refuse(format!("um_per_px = {um}: expected 1e-6 to 1e6"));
+        }
+        if let Some((low, high)) = self.depth_um.filter(|(low, high)| !(low < high && high - low <= 1e9)) {
+            return refuse(format!("depth_um = ({low}, {high}): expected two depths, the lower one first"));
+        }
+        if let Some(plane) = self.plane_um.filter(|z| !z.is_finite()) {
+            return refuse(format!("plane_um = {plane}: expected a depth in um"));
+        }
+        let y_up = match self.y.as_deref() {
+            None => None,
+            Some("up") => Some(true),
+            Some("down") => Some(false),
+            Some(other) => return refuse(format!("y = {other:?}: expected one of down, up")),
+        };
+        Ok(EvaluateOptions {
+            conventions: Conventions {
+                format: one_of::<Format>("format", self.format.as_deref())?,
+                origin: one_of::<Origin>("origin", self.origin.as_deref())?,
+                y_up,
+                frame_base: self.frame_base,
+                um_per_px: self.um_per_px,
+                depth_um: self.depth_um,
+                ..Conventions::default()
+            },
+            shape: one_of::<Shape>("gate", self.gate.as_deref())?,
+            gate_xy_px: self.gate_xy_px,
+            gate_z_um: self.gate_z_um,
+            dims: self.dims,
+            isbi_gate_px: self.isbi_gate_px,
+            border_px: self.border_px,
+            plane_um: self.plane_um,
+            auto_offset: self.auto_offset,
+            crlb: self.crlb,
+            seed: self.seed,
+        })
+    }
+}
+
+/// Scores of a result against the truth of a dataset: `score.json`, and the command's table.
+#[pyfunction]
+fn evaluate(py: Python<'_>, dataset: PathBuf, result: PathBuf, how: How) -> PyResult<(String, String)> {
+    run(py, false, OnInterrupt::Leave, move |_| {
+        let evaluation = evaluate_result(&dataset, &result, &how.options()?)?;
+        Ok((report::json(&evaluation)?, report::table(&evaluation.score)))
+    })
+}
+
+/// The leaderboard of several scores (`score.json`), each with its name: JSON of its entries, warnings, text.
+#[pyfunction]
+fn compare(py: Python<'_>, scores: Vec<(String, String)>) -> PyResult<(String, Vec<String>, String)> {
+    run(py, false, OnInterrupt::Leave, move |_| {
+        let mut named = Vec::new();
+        for (name, json) in scores {
+            let of = |problems: Vec<String>| {
+                bench::Error::Input(problems.iter().map(|problem| format!("{name}: {problem}")).collect())
+            };
+            named.push((name.clone(), report::parse_score(&json).map_err(of)?));
+        }
+        let ranking = report::ranking(&named);
+        let entries =
+            serde_json::to_string(&ranking.entries).map_err(|e| bench::Error::input(e.to_string()))?;
+        Ok((entries, ranking.warnings, ranking.text))
+    })
+}
+
+/// Tracks a dataset into a file; gives warnings.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the options of the command")]
+fn track(
+    py: Python<'_>,
+    dataset: PathBuf,
+    out: PathBuf,
+    method: String,
+    max_displacement_px: f64,
+    diameter_px: f64,
+    noise_px: f64,
+    noise_um: f64,
+    ensemble: bool,
+    seed: u64,
+    show: bool,
+) -> PyResult<Vec<String>> {
+    let wrong: Vec<String> = [
+        ("max_displacement_px", max_displacement_px, 0.001, 1e5),
+        ("diameter_px", diameter_px, 0.5, 1e3),
+        ("noise_px", noise_px, 0.0, 1e3),
+        ("noise_um", noise_um, 0.0, 1e3),
+    ]
+    .into_iter()
+    .filter(|(_, value, least, most)| !(*least..=*most).contains(value))
+    .map(|(name, value, least, most)| format!("{name} = {value}: expected {least} to {most}"))
+    .collect();
+    if !wrong.is_empty() {
+        return Err(crate::run::raise(bench::Error::Input(wrong)));
+    }
+    run(py, show, OnInterrupt::Wait, move |progress| {
+        let options = TrackOptions {
+            method,
+            max_displacement_px,
+            diameter_px,
+            noise_px,
+            noise_um,
+            seed,
+            force: true,
+            ensemble,
+            progress: progress.clone(),
+        };
+        Ok(track_dataset(&dataset, &out, &options)?.warnings)
+    })
+}
+
+/// Name and description of every method of tracking.
+#[pyfunction]
+fn methods() -> Vec<(&'static str, &'static str)> {
+    METHODS.iter().map(|method| (method.name, method.about)).collect()
+}
+
+/// The cases of a sweep.
+#[pyclass(frozen, module = "microsig._microsig")]
+struct SweepCases(Sweep);
+
+/// A case: name, values of the axes as written, repetition, seed.
+type CaseFacts = (String, Vec<String>, u32, u64);
+
+#[pymethods]
+impl SweepCases {
+    /// Paths of the axes.
+    fn axes(&self) -> Vec<String> {
+        self.0.spec.axes.iter().map(|axis| axis.path.clone()).collect()
+    }
+
+    /// Name and base scenario of the sweep.
+    fn names(&self) -> (String, String) {
+        (self.0.spec.name.clone(), self.0.spec.base.clone())
+    }
+
+    /// All cases.
+    fn cases(&self) -> Vec<CaseFacts> {
+        let of = |case: &scenario::Case| (case.name.clone(), case.values.clone(), case.repetition, case.seed);
+        self.0.cases.iter().map(of).collect()
+    }
+
+    /// The scenario of a case (RON).
+    fn scenario(&self, index: usize) -> PyResult<String> {
+        let written = || {
+            let case = self.0.cases.get(index);
+            let case = case.ok_or_else(|| bench::Error::input(format!("case {index}: there is none")))?;
+            scenario::write(&self.0.scenario(case)?)
+        };
+        written().map_err(crate::run::raise)
+    }
+}
+
+/// Reads a sweep.
+#[pyfunction]
+fn sweep(
+    py: Python<'_>,
+    text: String,
+    name: String,
+    folder: PathBuf,
+    seed: Option<u64>,
+) -> PyResult<SweepCases> {
+    let sweep =
+        run(py, false, OnInterrupt::Leave, move |_| scenario::parse_sweep(&text, &name, &folder, seed))?;
+    Ok(SweepCases(sweep))
+}
+
+pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<SweepCases>()?;
+    module.add_function(wrap_pyfunction!(evaluate, module)?)?;
+    module.add_function(wrap_pyfunction!(compare, module)?)?;
+    module.add_function(wrap_pyfunction!(track, module)?)?;
+    module.add_function(wrap_pyfunction!(methods, module)?)?;
+    module.add_function(wrap_pyfunction!(sweep, module)?)
+}

@@ -1,0 +1,263 @@
+//! Streams of samples.
+
+use std::mem::ManuallyDrop;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use bench::runner::Stop;
+use bench::stream::{Batch, Flow, LabelOptions, Law, SampleStream, Split, StreamOptions};
+use numpy::{Element, PyArray1, PyArrayMethods};
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rayon::ThreadPool;
+
+use crate::dataset::ScenarioText;
+use crate::run::{OnInterrupt, defect, pool, raise, run};
+
+/// How often signals are looked for.
+const TICK: Duration = Duration::from_millis(50);
+
+/// A law: its name, numbers, and values as written.
+type LawParts = (String, Vec<f64>, Vec<String>);
+
+/// What is told of samples.
+#[derive(Debug, Clone, FromPyObject)]
+struct Labels {
+    #[pyo3(item)]
+    boxes: bool,
+    #[pyo3(item)]
+    instances: bool,
+    #[pyo3(item)]
+    depth: bool,
+    #[pyo3(item)]
+    heatmap: bool,
+    #[pyo3(item)]
+    flow: bool,
+    #[pyo3(item)]
+    flow_depth_um: Option<f64>,
+    #[pyo3(item)]
+    flow_z: bool,
+    #[pyo3(item)]
+    clean: bool,
+    #[pyo3(item)]
+    share: f64,
+    #[pyo3(item)]
+    heatmap_sigma_px: f64,
+}
+
+fn law((name, numbers, values): LawParts) -> bench::Result<Law> {
+    Ok(match (name.as_str(), numbers.as_slice()) {
+        ("uniform", &[low, high]) => Law::Uniform { low, high },
+        ("log_uniform", &[low, high]) => Law::LogUniform { low, high },
+        ("integers", &[low, high]) => Law::Integers { low: low as i64, high: high as i64 },
+        ("choice", _) => Law::Choice(values),
+        _ => return Err(bench::Error::input(format!("vary: {name} is no law"))),
+    })
+}
+
+/// A stream of samples.
+#[pyclass(frozen, module = "microsig._microsig")]
+struct Samples(Arc<SampleStream>);
+
+#[pymethods]
+impl Samples {
+    #[new]
+    #[expect(clippy::too_many_arguments, reason = "all that a stream is made from")]
+    fn new(
+        py: Python<'_>,
+        text: ScenarioText,
+        vary: Vec<(String, LawParts)>,
+        seed: u64,
+        validation: bool,
+        frames: u32,
+        labels: Labels,
+        rows: usize,
+    ) -> PyResult<Self> {
+        let stream = run(py, false, OnInterrupt::Leave, move |_| {
+            let flow = labels.flow_depth_um.map_or(Flow::Mean, Flow::At);
+            SampleStream::new(StreamOptions {
+                text: text.text,
+                name: text.name,
+                folder: text.folder,
+                assignments: text.assignments,
+                vary: vary
+                    .into_iter()
+                    .map(|(path, parts)| Ok((path, law(parts)?)))
+                    .collect::<bench::Result<_>>()?,
+                seed,
+                split: if validation { Split::Validation } else { Split::Train },
+                frames,
+                labels: LabelOptions {
+                    boxes: labels.boxes,
+                    instances: labels.instances,
+                    depth: labels.depth,
+                    heatmap: labels.heatmap,
+                    flow: labels.flow.then_some(flow),
+                    flow_z: labels.flow_z,
+                    clean: labels.clean,
+                    share: labels.share,
+                    heatmap_sigma_px: labels.heatmap_sigma_px,
+                },
+                rows,
+            })
+        })?;
+        Ok(Samples(Arc::new(stream)))
+    }
+
+    /// Rows and columns of the images.
+    fn size(&self) -> (u32, u32) {
+        let (width, height) = self.0.size_px();
+        (height, width)
+    }
+
+    /// The seed of a sample.
+    fn seed_of(&self, index: u64) -> u64 {
+        self.0.seed_of(index)
+    }
+
+    /// The values of a sample that vary, as written in a scenario.
+    fn values(&self, index: u64) -> Vec<(String, String)> {
+        self.0.values(index).into_iter().map(|(path, drawn)| (path.to_owned(), drawn.text)).collect()
+    }
+
+    /// The scenario of a sample as JSON and as RON.
+    fn scenario(&self, py: Python<'_>, index: u64) -> PyResult<(String, String)> {
+        let stream = Arc::clone(&self.0);
+        run(py, false, OnInterrupt::Leave, move |_| crate::dataset::texts(&stream.scenario(index)?))
+    }
+
+    /// `n` samples from a number on.
+    fn batch<'py>(&self, py: Python<'py>, first: u64, n: usize) -> PyResult<Bound<'py, PyDict>> {
+        let stream = Arc::clone(&self.0);
+        let batch =
+            run(py, false, OnInterrupt::Leave, move |progress| stream.batch(first, n, || progress.check()))?;
+        arrays(py, &self.0, batch)
+    }
+
+    /// Draws batches of `n` samples ahead, `ahead` of them: the one that begins at `first`, then each that
+    /// begins `step` samples after the one before it.
+    fn ahead(&self, py: Python<'_>, first: u64, n: usize, step: u64, ahead: usize) -> PyResult<Ahead> {
+        let (sender, receiver) = sync_channel(ahead.max(1) - 1);
+        let (stream, pool, stop) = (Arc::clone(&self.0), pool(py)?, Stop::default());
+        let (work, stopped, threads) = (Arc::clone(&stream), stop.clone(), Arc::clone(&pool));
+        let draw = move || {
+            let go_on = || if stopped.is_stopped() { Err(bench::Error::Interrupted) } else { Ok(()) };
+            let mut at = first;
+            loop {
+                let batch = catch_unwind(AssertUnwindSafe(|| threads.install(|| work.batch(at, n, go_on))));
+                let is_last = !matches!(batch, Ok(Ok(_)));
+                // Without a receiver nobody wants more.
+                if stopped.is_stopped() || sender.send(batch).is_err() || is_last {
+                    return;
+                }
+                at = at.wrapping_add(step);
+            }
+        };
+        std::thread::Builder::new().name("microsig-ahead".to_owned()).spawn(draw)?;
+        let parts = ManuallyDrop::new(Parts { receiver: Mutex::new(receiver), _pool: pool });
+        Ok(Ahead { process: std::process::id(), stream, stop, parts })
+    }
+}
+
+/// What a forked process must not touch: threads of its parent may hold its locks.
+struct Parts {
+    receiver: Mutex<Receiver<std::thread::Result<bench::Result<Batch>>>>,
+    _pool: Arc<ThreadPool>,
+}
+
+/// Batches that are drawn ahead.
+#[pyclass(frozen, module = "microsig._microsig")]
+struct Ahead {
+    process: u32,
+    stream: Arc<SampleStream>,
+    stop: Stop,
+    parts: ManuallyDrop<Parts>,
+}
+
+impl Drop for Ahead {
+    fn drop(&mut self) {
+        self.stop.stop();
+        if self.process == std::process::id() {
+            // SAFETY: dropped here alone, and not used after.
+            unsafe { ManuallyDrop::drop(&mut self.parts) }
+        }
+    }
+}
+
+#[pymethods]
+impl Ahead {
+    /// The next batch.
+    fn next<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        if self.process != std::process::id() {
+            return Err(PyRuntimeError::new_err(
+                "batches that are drawn ahead belong to the process that forked",
+            ));
+        }
+        let receiver = &self.parts.receiver;
+        loop {
+            let next = || receiver.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(TICK);
+            match py.detach(next) {
+                Ok(Ok(Ok(batch))) => return arrays(py, &self.stream, batch),
+                Ok(Ok(Err(error))) => return Err(raise(error)),
+                Ok(Err(panic)) => return Err(defect(panic.as_ref())),
+                Err(RecvTimeoutError::Timeout) => py.check_signals()?,
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(PyRuntimeError::new_err("no more batches: an error was raised before"));
+                }
+            }
+        }
+    }
+}
+
+/// A batch as arrays by name; what was not asked for is left out.
+fn arrays<'py>(py: Python<'py>, stream: &SampleStream, batch: Batch) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    let (n, rows) = (batch.indices.len(), batch.rows);
+    let (width, height) = stream.size_px();
+    let (height, width, frames) = (height as usize, width as usize, stream.options().frames as usize);
+    let labels = &stream.options().labels;
+    fn put<T: Element>(
+        dict: &Bound<'_, PyDict>,
+        name: &str,
+        values: Vec<T>,
+        shape: &[usize],
+    ) -> PyResult<()> {
+        let array = PyArray1::from_vec(dict.py(), values)
+            .reshape_with_order(shape.to_vec(), numpy::npyffi::NPY_ORDER::NPY_CORDER)?;
+        dict.set_item(name, array)
+    }
+    put(&dict, "index", batch.indices, &[n])?;
+    put(&dict, "image", batch.images, &[n, frames, height, width])?;
+    put(&dict, "particles", batch.particles, &[n, rows, 8])?;
+    put(&dict, "mask", batch.mask, &[n, rows])?;
+    if labels.boxes {
+        let boxes = if batch.boxes.is_empty() { vec![0.0; n * rows * 6] } else { batch.boxes };
+        put(&dict, "boxes", boxes, &[n, rows, 6])?;
+    }
+    if labels.instances {
+        put(&dict, "instances", batch.instances, &[n, height, width])?;
+    }
+    if labels.depth {
+        put(&dict, "depth", batch.depth, &[n, height, width])?;
+    }
+    if labels.heatmap {
+        put(&dict, "heatmap", batch.heatmap, &[n, height, width])?;
+    }
+    if labels.flow.is_some() {
+        let axes = if labels.flow_z { 3 } else { 2 };
+        put(&dict, "flow", batch.flow, &[n, axes, height, width])?;
+    }
+    if labels.clean {
+        put(&dict, "clean", batch.clean, &[n, frames, height, width])?;
+    }
+    Ok(dict)
+}
+
+pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<Samples>()?;
+    module.add_class::<Ahead>()?;
+    module.add("PARTICLE_COLUMNS", bench::stream::PARTICLE_COLUMNS.to_vec())
+}

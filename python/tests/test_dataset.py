@@ -1,0 +1,231 @@
+"""Datasets in memory and in folders."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import microsig as ms
+import numpy as np
+import pytest
+from conftest import SMALL, command
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def test_what_is_saved_has_the_bytes_of_the_command_on_all_golden_scenarios(golden, tmp_path):
+    for scenario in golden:
+        by_command, by_package = tmp_path / f"{scenario.stem}-c", tmp_path / f"{scenario.stem}-p"
+        ran = command("generate", scenario, "--out", by_command, "--quiet")
+        assert ran.returncode == 0, ran.stderr
+        dataset = ms.generate(scenario)
+        assert dataset.save(by_package) == by_package
+        expected, found = files(by_command), files(by_package)
+        assert list(found) == list(expected)
+        assert [name for name in expected if found[name] != expected[name]] == [], scenario.name
+
+
+def test_arrays_are_what_is_in_the_files(golden, tmp_path):
+    for scenario in golden:
+        if scenario.stem not in ("pairs", "rods", "tracks"):
+            continue
+        made = ms.generate(scenario)
+        read = ms.open(made.save(tmp_path / scenario.stem))
+        assert made.images.dtype == np.uint16 and len(made) == len(read) == len(made.images)
+        np.testing.assert_array_equal(made.images, read.images)
+        np.testing.assert_array_equal(read.image(1), made.images[1])
+        for name in ("frames", "tracks", "displacements", "depth", "field"):
+            a, b = getattr(made, name), getattr(read, name)
+            if a is None:
+                assert b is None
+                continue
+            assert a.columns == b.columns and a.units == b.units and a.meanings == b.meanings
+            for column in a:
+                np.testing.assert_array_equal(a[column], b[column])
+                assert a[column].dtype == b[column].dtype
+        assert (made.calibration is None) == (read.calibration is None)
+        if made.calibration is not None:
+            np.testing.assert_array_equal(made.calibration.images, read.calibration.images)
+            np.testing.assert_array_equal(made.calibration.z_um, read.calibration.z_um)
+        assert made.scenario == read.scenario and made.settings == read.settings
+        assert made.um_per_px == read.um_per_px and made.depth_range_um == read.depth_range_um
+        assert made.dt_s == read.dt_s and made.bits == read.bits
+
+
+def test_a_scenario_is_a_path_a_text_or_a_dict(tmp_path):
+    path = tmp_path / "small.ron"
+    path.write_text(SMALL)
+    of_path = ms.generate(path, seed=3, set={"optics.background_noise": 20})
+    of_text = ms.generate(SMALL, seed=3, set={"optics.background_noise": np.float64(20)})
+    resolved = ms.resolve(SMALL, seed=3, set={"optics.background_noise": 20.0})
+    of_dict = ms.generate(resolved)
+    of_json = ms.generate(json.dumps(resolved))
+    for other in (of_text, of_dict, of_json):
+        np.testing.assert_array_equal(other.images, of_path.images)
+        assert other.scenario == of_path.scenario
+    assert of_path.scenario["optics"]["background_noise"] == 20
+    assert of_path.settings["background_noise"] == 20
+    assert not np.array_equal(ms.generate(SMALL, seed=4).images, of_path.images)
+    assert ms.resolve(of_path.scenario_text) == of_path.scenario
+
+
+def test_images_are_not_copied_and_outlive_their_dataset():
+    dataset = ms.generate(SMALL)
+    images = dataset.images
+    assert images.shape == (4, 64, 96) and images.flags.c_contiguous and not images.flags.owndata
+    assert not images.flags.writeable
+    with pytest.raises(ValueError):
+        images[0, 0, 0] = 1
+    with pytest.raises(ValueError):
+        images.flags.writeable = True
+    copy = images.copy()
+    del dataset
+    np.testing.assert_array_equal(images, copy)
+
+
+def test_tables_have_columns_rows_and_another_origin():
+    tracks = ms.generate(SMALL).tracks
+    assert tracks["frame"].dtype == np.int64 and tracks["x_px"].dtype == np.float64
+    assert tracks.units["z_um"] == "um" and "depth" in tracks.meanings["z_um"]
+    first = tracks[tracks["frame"] == 0]
+    assert 0 < len(first) < len(tracks) and set(first["frame"]) == {0}
+    np.testing.assert_array_equal(tracks.origin(0)["x_px"], tracks["x_px"] - 1)
+    np.testing.assert_array_equal(tracks.origin(0).origin(1)["y_px"], tracks["y_px"])
+    np.testing.assert_array_equal(tracks.x_px, tracks["x_px"])
+    assert "rows" in repr(tracks) and "<table>" in tracks._repr_html_()
+    with pytest.raises(KeyError, match="it has"):
+        tracks["x"]
+    with pytest.raises(ValueError, match="different lengths"):
+        ms.Table({"a": [1], "b": [1, 2]})
+    pandas = pytest.importorskip("pandas")
+    frame = tracks.to_pandas()
+    assert isinstance(frame, pandas.DataFrame) and list(frame.columns) == tracks.columns
+    pytest.importorskip("polars")
+    assert tracks.to_polars().columns == tracks.columns
+
+
+@pytest.mark.parametrize(
+    ("scenario", "kind", "says"),
+    [
+        (SMALL.replace("poiseuille", "poisseuille"), ValueError, "did you mean `poiseuille`"),
+        (SMALL.replace("count: 2", "count: -2"), ValueError, "timing.pairs.count = -2"),
+        ("(", ValueError, ""),
+        ("{", ValueError, ""),
+        ({}, ValueError, "missing"),
+        ({"name": object()}, ValueError, "a value of a scenario"),
+        ("no/such/file.ron", FileNotFoundError, "no/such/file.ron"),
+        (3, TypeError, "a scenario is a path"),
+        (SMALL.replace("count(5)", "count(2000000)"), ValueError, "2000000"),
+        (SMALL.replace("pixel_dim_x: 96", "pixel_dim_x: 1000000000"), ValueError, ""),
+    ],
+)
+def test_bad_scenarios_raise_with_the_message_of_the_command(scenario, kind, says, tmp_path):
+    with pytest.raises(kind) as raised:
+        ms.generate(scenario)
+    assert says in str(raised.value)
+    if isinstance(scenario, str) and kind is ValueError:
+        path = tmp_path / "s.ron"
+        path.write_text(scenario)
+        with pytest.raises(ValueError) as of_path:
+            ms.generate(path)
+        ran = command("generate", path, "--out", tmp_path / "out")
+        assert ran.returncode == 2
+        told = [line.removeprefix("error: ") for line in ran.stderr.strip().splitlines()]
+        assert str(of_path.value).splitlines()[0] in told[0]
+
+
+def test_bad_arguments_raise(tmp_path):
+    with pytest.raises(ValueError, match="seed"):
+        ms.generate(SMALL, seed=-1)
+    with pytest.raises(ValueError, match="optics.noise"):
+        ms.generate(SMALL, set={"optics.noise": 1})
+    with pytest.raises(OSError):
+        ms.open(tmp_path / "nothing")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises((OSError, ValueError)):
+        ms.open(tmp_path / "empty")
+    dataset = ms.generate(SMALL)
+    dataset.save(tmp_path / "d")
+    with pytest.raises(FileExistsError, match="force=True"):
+        dataset.save(tmp_path / "d")
+    dataset.save(tmp_path / "d", force=True)
+    with pytest.raises(OSError):
+        dataset.save("/proc/no/such/place")
+    with pytest.raises(ValueError, match="threads"):
+        ms.set_threads(2000)
+
+
+def test_a_copy_of_a_dataset_in_a_folder_is_the_dataset(tmp_path):
+    first = ms.generate(SMALL).save(tmp_path / "a")
+    second = ms.open(first).save(tmp_path / "b")
+    assert files(first) == files(second)
+    assert command("verify", second).returncode == 0
+
+
+def test_threads_change_nothing():
+    before = ms.generate(SMALL).images.copy()
+    ms.set_threads(1)
+    np.testing.assert_array_equal(ms.generate(SMALL).images, before)
+    ms.set_threads(0)
+
+
+LONG = SMALL.replace("count: 2", "count: 100000").replace("count(5)", "count(40)")
+
+
+@pytest.mark.parametrize("what", ["generate", "save"])
+def test_ctrl_c_ends_long_work_within_a_second_and_leaves_nothing(what, tmp_path):
+    program = textwrap.dedent(
+        f"""
+        import sys, time, microsig as ms
+        scenario = {LONG!r}
+        if {what!r} == "save":
+            dataset = ms.generate(scenario, set={{"timing.pairs.count": 4000}})
+            print("ready", flush=True)
+            work = lambda: dataset.save("out")
+        else:
+            print("ready", flush=True)
+            work = lambda: ms.generate(scenario)
+        try:
+            work()
+            print("done", flush=True)
+        except KeyboardInterrupt:
+            print("interrupted", time.monotonic(), flush=True)
+        print(ms.generate({SMALL!r}).images.shape, flush=True)
+        """
+    )
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, cwd=tmp_path)
+    assert process.stdout is not None and process.stdout.readline() == "ready\n"
+    time.sleep(0.4)
+    sent = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    told = process.stdout.readline().split()
+    assert told[0] == "interrupted"
+    assert float(told[1]) - sent < 1.0
+    assert process.stdout.readline() == "(4, 64, 96)\n", "it goes on"
+    assert process.wait(timeout=60) == 0
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_defect_raises_and_does_not_abort():
+    # Every number of a scenario beyond what its key allows.
+    for path in ("optics.magnification", "optics.n_rays", "particles.number.count", "boundaries.margin_px"):
+        for value in (float("nan"), float("inf"), -1, 1e300, 2**70, "x", [1], {"a": 1}, None, True):
+            try:
+                ms.resolve(SMALL, set={path: value})
+            except ValueError:
+                pass
+
+
+def test_the_command_is_installed():
+    assert command("--version").stdout.startswith(f"microsig {ms.__version__}")
+    assert command("nonsense").returncode == 2
+    assert pickle.loads(pickle.dumps(ms.uniform(0, 1))) == ms.uniform(0, 1)

@@ -1,0 +1,190 @@
+"""Images of particles, fields, trackers, scores, sweeps."""
+
+from __future__ import annotations
+
+import json
+
+import microsig as ms
+import numpy as np
+import pytest
+from conftest import ROOT, SMALL, command
+
+
+def test_particles_are_rendered_as_the_command_does(tmp_path):
+    dataset = ms.generate(SMALL, set={"particles.diameter_um": {"uniform": {"min": 1, "max": 3}}})
+    folder = dataset.save(tmp_path / "d")
+    rows = np.loadtxt(folder / "particles/pair_00001_a.txt", ndmin=2)
+    image = ms.render(folder / "settings.txt", rows, seed=0, frame=2)
+    np.testing.assert_array_equal(image, dataset.images[2])
+    np.testing.assert_array_equal(ms.render(dataset.settings, rows, frame=2), image)
+    seen = dataset.tracks[(dataset.tracks["frame"] == 2) & (dataset.tracks["rendered"] == 1)]
+    np.testing.assert_array_equal(ms.render(dataset.settings, seen, frame=2), image)
+    np.testing.assert_array_equal(ms.render(dataset.settings, seen.origin(0), frame=2), image)
+    expected = ms.render(dataset.settings, rows, "expected")
+    assert expected.shape == image.shape and not np.array_equal(expected, image)
+    quiet = dict(dataset.settings, background_noise=0.0)
+    np.testing.assert_array_equal(ms.render(quiet, rows, "expected", 1), ms.render(quiet, rows, "expected", 2))
+    assert ms.render(quiet, np.zeros((0, 4))).max() == quiet["background_mean"]
+
+
+@pytest.mark.parametrize(
+    ("particles", "says"),
+    [
+        ([[1.0, 2.0, 3.0]], "expected (n, 4)"),
+        ([1.0, 2.0], "expected (n, 4)"),
+        ([[1, 2, 3, -1]], "d_p = -1"),
+        ([[1, 2, np.nan, 1]], "expected a finite number"),
+        ([[1, 2, -1e6, 1]], "particle 1"),
+        ({"x_px": [1]}, "missing"),
+    ],
+)
+def test_bad_particles_raise(particles, says):
+    settings = ms.generate(SMALL).settings
+    with pytest.raises(ValueError) as raised:
+        ms.render(settings, particles)
+    assert says in str(raised.value)
+
+
+def test_bad_settings_raise(tmp_path):
+    with pytest.raises(ValueError, match="magnification"):
+        ms.render(dict(ms.generate(SMALL).settings, magnification=-1), np.zeros((0, 4)))
+    with pytest.raises(OSError):
+        ms.render(tmp_path / "none.txt", np.zeros((0, 4)))
+    with pytest.raises(ValueError, match="mode"):
+        ms.render({}, np.zeros((0, 4)), "wave")  # type: ignore[arg-type]
+
+
+def test_fields_answer_for_many_points():
+    field = ms.field("poiseuille", max_speed_um_s=1290)
+    points = np.array([[0.0, 0.0, z] for z in (-80.0, -30.0, 20.0)])
+    np.testing.assert_allclose(field.velocity(points), [[0, 0, 0], [1290, 0, 0], [0, 0, 0]], atol=1e-9)
+    moved = field.displacement(points, 0.0, 0.1)
+    np.testing.assert_allclose(moved, [[0, 0, 0], [129, 0, 0], [0, 0, 0]], atol=1e-9)
+    gradient = field.gradient(points)
+    assert gradient.shape == (3, 3, 3) and gradient[0, 0, 2] == pytest.approx(4 * 1290 / 100)
+    assert field.is_steady and field.name == "poiseuille" and field.parameters["max_speed_um_s"] == 1290
+    both = ms.field({"sum": [{"hill": {}}, {"poiseuille": {}}]})
+    total = ms.field("hill").velocity(points) + ms.field("poiseuille").velocity(points)
+    np.testing.assert_allclose(both.velocity(points), total)
+    assert field.velocity(np.zeros((0, 3))).shape == (0, 3)
+    with pytest.raises(ValueError, match="did you mean"):
+        ms.field("poisseuille")
+    with pytest.raises(ValueError, match="max_speed_um_s"):
+        ms.field("poiseuille", max_sped_um_s=1)
+    with pytest.raises(ValueError, match="expected \\(n, 3\\)"):
+        field.velocity([1.0, 2.0, 3.0])
+    offers = ms.fields()
+    assert len(offers) > 20 and all(offer.formula and offer.source for offer in offers.values())
+
+
+def test_every_field_on_offer_can_be_made():
+    for name in ms.fields():
+        try:
+            field = ms.field(name)
+        except ValueError:
+            continue
+        assert field.velocity([[1.0, 2.0, -30.0]]).shape == (1, 3)
+
+
+def test_scores_are_those_of_the_command(tmp_path):
+    dataset = ms.generate(SMALL, set={"timing.pairs.count": 10, "particles.number.count": 12})
+    folder = dataset.save(tmp_path / "d")
+    for method in ("truth-noise", "ncc", "piv"):
+        out = tmp_path / f"{method}.csv"
+        ran = command("track", folder, "--method", method, "--out", out)
+        assert ran.returncode == 0, ran.stderr
+        assert command("evaluate", folder, out, "--out", tmp_path / method).returncode == 0
+        expected = json.loads((tmp_path / method / "score.json").read_text())
+        by_file = ms.evaluate(folder, out)
+        assert by_file.json == (tmp_path / method / "score.json").read_text()
+        tracked = ms.track(dataset, method)
+        for result in (tracked, tracked.origin(0), tracked.to_dict()):
+            found = ms.evaluate(dataset, result).to_dict()
+            for scores in (found, expected):
+                scores.pop("result"), scores.pop("assumptions", None)
+            assert found == expected
+            expected["result"] = expected["assumptions"] = None
+
+
+def test_the_truth_scores_perfectly_and_reads_well():
+    dataset = ms.generate(SMALL)
+    scores = ms.evaluate(dataset, dataset.tracks)
+    assert scores.detection.f1 == 1.0 and scores["links"]["f1"] == 1.0
+    assert "F1" in repr(scores) or "f1" in repr(scores).lower()
+    assert "detection" in dir(scores) and "f1" in dir(scores.detection)
+    curve = scores.curve("z_um")
+    assert len(curve) == 20 and np.nanmin(curve["recall"]) == 1.0
+    with pytest.raises(AttributeError, match="no score"):
+        scores.detections
+    with pytest.raises(ValueError, match="against"):
+        scores.curve("time")
+    pandas = pytest.importorskip("pandas")
+    table = scores.to_pandas().set_index("score")["value"]
+    assert table["detection.f1"] == 1.0
+    assert ms.evaluate(dataset, dataset.tracks.to_pandas()).detection.f1 == 1.0
+    trackpy = pandas.DataFrame(
+        {"frame": dataset.tracks.frame, "x": dataset.tracks.x_px - 1, "y": dataset.tracks.y_px - 1}
+    )
+    trackpy["particle"] = dataset.tracks.track
+    assert ms.evaluate(dataset, trackpy, dims=2).detection.recall == 1.0
+
+
+@pytest.mark.parametrize(
+    ("result", "options", "kind", "says"),
+    [
+        ({"frame": [0], "x_px": [1.0]}, {}, ValueError, "fits no format"),
+        ({"frame": [0], "x_px": [1.0], "y_px": [1.0, 2.0]}, {}, ValueError, "different lengths"),
+        ({"frame": [0], "x_px": ["a"], "y_px": [1.0]}, {}, ValueError, "result.csv:2"),
+        ({"frame": [-5], "x_px": [1.0], "y_px": [1.0]}, {}, ValueError, "frame"),
+        ({"frame": [0], "x_px": [1.0], "y_px": [1.0]}, {"gate": "round"}, ValueError, "ellipsoid"),
+        ({"frame": [0], "x_px": [1.0], "y_px": [1.0]}, {"border_px": -1}, ValueError, "border_px"),
+        (3, {}, TypeError, "a result is"),
+        ("no/such.csv", {}, OSError, "no/such.csv"),
+    ],
+)
+def test_bad_results_raise(result, options, kind, says):
+    with pytest.raises(kind) as raised:
+        ms.evaluate(ms.generate(SMALL), result, **options)
+    assert says in str(raised.value)
+
+
+def test_scores_are_compared():
+    dataset = ms.generate(SMALL)
+    good = ms.evaluate(dataset, dataset.tracks)
+    none = ms.evaluate(dataset, {"frame": [], "track": [], "x_px": [], "y_px": [], "z_um": []})
+    board = ms.compare({"none": none, "good": good})
+    assert [entry["name"] for entry in board.entries] == ["good", "none"]
+    assert "good" in repr(board)
+    with pytest.raises(ValueError, match="method"):
+        ms.track(dataset, "nnc")
+    assert "ncc" in ms.methods()
+
+
+def test_a_sweep_gives_the_datasets_of_the_command(tmp_path):
+    base = tmp_path / "base.ron"
+    base.write_text(SMALL)
+    plan = tmp_path / "sweep.ron"
+    plan.write_text(
+        '(name: "s", base: "base.ron", axes: [(path: "optics.background_noise", values: list([0, 20]))], repetitions: 2)'
+    )
+    ran = command("sweep", plan, "--out", tmp_path / "out")
+    assert ran.returncode == 0, ran.stderr
+    cases = 0
+    for values, dataset in ms.sweep(plan):
+        read = ms.open(tmp_path / "out" / values["case"])
+        np.testing.assert_array_equal(dataset.images, read.images)
+        assert dataset.scenario == read.scenario
+        assert dataset.settings["background_noise"] == values["optics.background_noise"]
+        cases += 1
+    assert cases == 4
+    with pytest.raises(ValueError, match="is a scenario"):
+        ms.sweep(base)
+
+
+def test_the_shipped_scenarios_are_good():
+    shipped = sorted((ROOT / "scenarios").glob("*.ron"))
+    assert len(shipped) > 20
+    for path in shipped:
+        if path.stem.endswith("_sweep") or "axes" in path.read_text():
+            continue
+        assert ms.resolve(path)["name"]

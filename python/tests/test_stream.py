@@ -1,0 +1,307 @@
+"""Streams."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import microsig as ms
+import numpy as np
+import pytest
+from conftest import SMALL
+
+CROP = (48, 64)
+VARY = {
+    "optics.background_noise": ms.uniform(0, 50),
+    "optics.gain": ms.log_uniform(0.5, 5),
+    "particles.number.count": ms.integers(1, 9),
+}
+LABELS = ("boxes", "instances", "heatmap", "depth", "flow", "clean")
+
+
+def stream(**changes) -> ms.Stream:
+    arguments = dict(batch=4, crop=CROP, vary=VARY, seed=5, labels=LABELS) | changes
+    return ms.Stream(SMALL, **arguments)
+
+
+def same(a, b) -> None:
+    assert a.keys() == b.keys()
+    for name in a:
+        np.testing.assert_array_equal(a[name], b[name], err_msg=name)
+
+
+def trimmed(sample, particles):
+    """A sample without the rows that fill its batch up."""
+    return {k: v[:particles] if k in ("particles", "mask", "boxes") else v for k, v in sample.items()}
+
+
+def test_samples_are_the_beginnings_of_datasets():
+    other = {
+        "particles.diameter_um": ms.choice([{"constant": 1.5}, {"list": [[2, 1], [3, 2]]}]),
+        "optics.background_noise": ms.uniform(0, 50),
+        "motion.flow.field.poiseuille.max_speed_um_s": ms.uniform(100, 2000),
+    }
+    for vary, more in ((VARY, {}), (other, {}), (VARY, {"render.mode": "expected"}), ({}, {"sensor.bits": 12})):
+        drawn = stream(vary=vary, set=more)
+        for index in (0, 1, 2, 7, 10_000_000_000):
+            sample = drawn[index]
+            dataset = ms.generate(drawn.scenario(index))
+            assert dataset.scenario["seed"] == drawn.seed_of(index)
+            np.testing.assert_array_equal(sample["image"], dataset.images[:2])
+            tracks, moves = dataset.tracks, dataset.displacements
+            seen = tracks[(tracks["frame"] == 0) & (tracks["visible"] == 1)]
+            assert sample["mask"].all() and len(sample["mask"]) == len(seen)
+            names = ms.PARTICLE_COLUMNS[:4]
+            told = np.column_stack([seen[name] for name in names]).astype(np.float32)
+            np.testing.assert_array_equal(sample["particles"][:, :4], told)
+            by_track = {track: k for k, track in enumerate(moves["track"]) if moves["frame_a"][k] == 0}
+            for row, track in zip(sample["particles"], seen["track"]):
+                if track in by_track:
+                    moved = [moves[name][by_track[track]] for name in ("dx_px", "dy_px", "dz_um")]
+                    np.testing.assert_array_equal(row[5:], np.float32(moved))
+                else:
+                    assert np.isnan(row[5:]).all()
+
+
+def test_batches_are_their_samples_whatever_their_size_and_the_threads():
+    one = stream()
+    whole = next(one)
+    assert whole["image"].shape == (4, 2, *CROP) and whole["image"].dtype == np.uint16
+    for k in range(4):
+        sample = stream()[k]
+        particles = len(sample["mask"])
+        assert sample["mask"].all() and whole["mask"][k].sum() == particles
+        same(trimmed({n: v[k] for n, v in whole.items()}, particles), sample)
+    ms.set_threads(1)
+    same(next(stream()), whole)
+    ms.set_threads(0)
+    second, large = next(one), next(stream(batch=8))
+    np.testing.assert_array_equal(large["image"][4:], second["image"])
+    np.testing.assert_array_equal(large["index"], np.arange(8))
+
+
+def test_a_stream_goes_on_where_it_was():
+    first = stream()
+    for _ in range(3):
+        next(first)
+    state = first.state_dict()
+    assert state["position"] == 12
+    expected = [next(first) for _ in range(2)]
+    again = stream()
+    again.load_state_dict(pickle.loads(pickle.dumps(state)))
+    for batch in expected:
+        same(next(again), batch)
+    again.seek(12)
+    same(next(again), expected[0])
+    with pytest.raises(ValueError, match="other samples"):
+        stream(seed=6).load_state_dict(state)
+
+
+def test_a_killed_stream_that_is_resumed_at_sample_10000_gives_what_it_would_have_given(tmp_path):
+    plain = dict(labels=(), crop=(16, 16), batch=50, frames=1)
+    uninterrupted = stream(**plain)
+    digest = []
+    for batch in uninterrupted:
+        digest.append(batch["image"].sum())
+        if uninterrupted.position == 10_100:
+            break
+    resumed = stream(**plain)
+    resumed.load_state_dict({"position": 10_000, "fingerprint": uninterrupted.fingerprint})
+    assert [next(resumed)["image"].sum() for _ in range(2)] == digest[-2:]
+
+
+def test_seeds_splits_and_values_differ():
+    train, val = stream(), stream(split="val")
+    seeds = [s.seed_of(k) for s in (train, val) for k in range(500)]
+    assert len(set(seeds)) == 1000
+    values = [train.values(k) for k in range(200)]
+    noise = [v["optics.background_noise"] for v in values]
+    assert 0 <= min(noise) < 5 and 45 < max(noise) <= 50
+    assert {v["particles.number.count"] for v in values} == set(range(1, 10))
+    assert train.scenario(3)["optics"]["background_noise"] == pytest.approx(values[3]["optics.background_noise"])
+    # What else varies does not change what is drawn for a path.
+    fewer = stream(vary={"optics.background_noise": ms.uniform(0, 50)})
+    assert fewer.values(3)["optics.background_noise"] == values[3]["optics.background_noise"]
+
+
+def test_labels_are_what_they_say():
+    drawn = stream(vary={"particles.number.count": ms.integers(1, 3)}, set={"optics.background_noise": 0})
+    for index in range(20):
+        sample = drawn[index]
+        rows, cols = CROP
+        assert sample["clean"].shape == (2, rows, cols) and sample["clean"].dtype == np.float32
+        # Counts scatter around their expectation as rays do.
+        light = sample["clean"][0] - sample["clean"][0].min()
+        error = sample["image"][0].astype(float) - sample["clean"][0]
+        assert abs(error.mean()) < 3 + 0.05 * light.mean()
+        instances = sample["instances"]
+        assert instances.min() >= 0 and instances.max() <= len(sample["mask"])
+        for k, (x, y, w, h, z, cls) in enumerate(sample["boxes"]):
+            px, py, pz, d = sample["particles"][k][:4]
+            assert z == pz and cls == 0
+            if w == 0:
+                continue
+            assert 0.5 <= x - w / 2 and x + w / 2 <= cols + 0.5 and 0.5 <= y - h / 2 and y + h / 2 <= rows + 0.5
+            own = np.argwhere(instances == k + 1) + 1
+            if len(own):
+                assert own[:, 1].min() >= x - w / 2 and own[:, 1].max() <= x + w / 2
+                assert (sample["depth"][instances == k + 1] == z).all()
+        assert np.isnan(sample["depth"][instances == 0]).all()
+        heat, particles = sample["heatmap"], sample["particles"]
+        assert heat.max() <= 1
+        for x, y in particles[:, :2]:
+            row, col = int(round(y)) - 1, int(round(x)) - 1
+            distance = (x - 1 - col) ** 2 + (y - 1 - row) ** 2
+            assert heat[row, col] >= np.exp(-distance / (2 * 1.5**2)) - 1e-5
+
+
+def test_flow_is_that_of_the_field():
+    drawn = stream(vary={}, flow_depth_um=-30.0, flow_components=3, labels=["flow"])
+    flow = drawn[0]["flow"]
+    dataset = ms.generate(drawn.scenario(0))
+    speed = 0.5
+    field = ms.field("poiseuille")
+    moved = field.displacement([[0.0, 0.0, -30.0]], 0.0, dataset.dt_s)[0]
+    np.testing.assert_allclose(flow[0], moved[0] / dataset.um_per_px, rtol=1e-5)
+    assert flow.shape == (3, *CROP) and not flow[1:].any() and speed
+    mean = stream(vary={}, labels=["flow"])[0]["flow"]
+    np.testing.assert_allclose(mean[0], 2 / 3 * moved[0] / dataset.um_per_px, rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"labels": ["bxes"]}, "labels"),
+        ({"vary": {"optics.noise": ms.uniform(0, 1)}}, "optics.noise"),
+        ({"vary": {"optics.background_noise": ms.uniform(-1, 1)}}, "background_noise"),
+        ({"vary": {"optics.background_noise": ms.uniform(2, 1)}}, "lower one first"),
+        ({"vary": {"optics.background_noise": ms.choice([])}}, "at least one"),
+        ({"vary": {"seed": ms.integers(0, 1)}}, "seed"),
+        ({"vary": {"optics.pixel_dim_x": ms.integers(10, 20)}}, "one size"),
+        ({"crop": (0, 10)}, "pixel_dim"),
+        ({"frames": 3}, "frames"),
+        ({"frames": 0}, "frames"),
+        ({"frames": 1}, "flow"),
+        ({"batch": 0}, "batch"),
+        ({"split": "test"}, "split"),
+        ({"share": 2.0}, "share"),
+        ({"heatmap_sigma_px": 0.0}, "heatmap_sigma_px"),
+        ({"flow_depth_um": float("nan")}, "flow_depth_um"),
+        ({"seed": -1}, "seed"),
+    ],
+)
+def test_bad_streams_raise(changes, says):
+    with pytest.raises(ValueError) as raised:
+        stream(**changes)
+    assert says in str(raised.value)
+
+
+def _sums(pickled: bytes, queue) -> None:
+    drawn = pickle.loads(pickled)
+    queue.put([int(next(drawn)["image"].sum()) for _ in range(3)])
+
+
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_streams_work_after_fork_and_spawn(method):
+    drawn = stream()
+    expected = [int(next(drawn)["image"].sum()) for _ in range(3)]
+    context = multiprocessing.get_context(method)
+    queue = context.Queue()
+    fresh = stream()
+    process = context.Process(target=_sums, args=(pickle.dumps(fresh), queue))
+    process.start()
+    assert queue.get(timeout=60) == expected
+    process.join(timeout=60)
+    assert process.exitcode == 0
+
+
+def test_a_stream_that_draws_ahead_can_be_forked():
+    drawn = stream()
+    next(drawn)
+    expected = stream()
+    expected.seek(4)
+    second = int(next(expected)["image"].sum())
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            code = 0 if int(next(drawn)["image"].sum()) == second else 2
+        finally:
+            os._exit(code)
+    for _ in range(600):
+        pid, status = os.waitpid(child, os.WNOHANG)
+        if pid:
+            break
+        time.sleep(0.1)
+    else:
+        os.kill(child, signal.SIGKILL)
+        pytest.fail("the child hangs")
+    assert os.waitstatus_to_exitcode(status) == 0
+    assert int(next(drawn)["image"].sum()) == second, "the parent goes on"
+
+
+def test_shards_take_turns():
+    whole, a, b = stream(), stream().shard(0, 2), stream().shard(1, 2)
+    for source in (a, b, a, b):
+        same(next(source), next(whole))
+
+
+def test_ctrl_c_ends_a_stream_within_a_second():
+    program = textwrap.dedent(
+        f"""
+        import time, microsig as ms
+        drawn = ms.Stream({SMALL!r}, batch=100000, crop=(64, 64))
+        print("ready", flush=True)
+        try:
+            next(drawn)
+        except KeyboardInterrupt:
+            print(time.monotonic(), flush=True)
+        drawn.close()
+        print("closed", flush=True)
+        """
+    )
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "ready\n"
+    time.sleep(0.4)
+    sent = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    assert float(process.stdout.readline()) - sent < 1.0
+    assert process.stdout.readline() == "closed\n"
+    assert process.wait(timeout=60) == 0
+
+
+def test_memory_stays_flat():
+    drawn = stream(crop=(32, 32), batch=8, frames=2)
+    page = os.sysconf("SC_PAGE_SIZE")
+
+    def resident() -> int:
+        with open("/proc/self/statm") as statm:
+            return int(statm.read().split()[1]) * page
+
+    for _ in range(100):
+        next(drawn)
+    before = resident()
+    for _ in range(300):
+        next(drawn)
+    assert resident() - before < 20e6
+
+
+def test_torch_data_sets_share_the_stream():
+    torch = pytest.importorskip("torch")
+    from microsig.torch import dataset
+
+    expected = stream(labels=["clean"])
+    wanted = [next(expected) for _ in range(4)]
+    for workers in (0, 2):
+        loader = torch.utils.data.DataLoader(
+            dataset(stream(labels=["clean"])), batch_size=None, num_workers=workers
+        )
+        for batch, values in zip(loader, wanted):
+            np.testing.assert_array_equal(batch["image"].numpy(), values["image"].astype(np.float32))
+            np.testing.assert_array_equal(batch["clean"].numpy(), values["clean"])

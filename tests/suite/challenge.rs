@@ -1,0 +1,172 @@
+//! Challenges resist cheating: truths revealed by train, links to the truth, oversized and disguised
+//! submissions.
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+use suite::microsig::{fail, path, run};
+
+use crate::release::{CHALLENGE, generate, images_sha256, scenario, submission};
+
+/// A regular grid of particles does not depend on the key.
+#[test]
+fn truths_that_do_not_depend_on_the_key_are_refused() {
+    let place = tempfile::tempdir().unwrap();
+    for (name, seeding) in [("grid", "jittered_grid(0.0)"), ("jitter", "jittered_grid(0.05)")] {
+        let particles = format!("particles: (number: per_um3(2e-5), seeding: {seeding})");
+        let text = scenario(3).replace("particles: (number: count(12))", &particles);
+        let dataset = generate(place.path(), name, &text);
+        let out = place.path().join("out");
+        let message = fail(2, &["release", path(&dataset), "--out", path(&out)]);
+        assert!(message.contains("train reveals the truth of test") && message.contains('%'), "{message}");
+        assert!(!out.exists() && !place.path().join("out.partial").exists());
+    }
+}
+
+/// Train and test have the same flow: train's truth/field.csv would be a perfect submission.
+#[test]
+fn fields_that_train_tells_are_not_scored() {
+    let c = &*CHALLENGE;
+    let place = tempfile::tempdir().unwrap();
+    let good = submission(place.path(), &images_sha256());
+    let train = fs::read_to_string(c.dataset.join("truth/field.csv")).unwrap();
+    let test = fs::read_to_string(c.out.join("withheld/test/truth/field.csv")).unwrap();
+    assert_eq!(train, test);
+    fs::write(good.join("results.csv"), "pair,x_px,y_px,dx_px,dy_px,flag\n0,40,40,1,0,0\n").unwrap();
+    for split in [c.test.clone(), c.out.join("withheld/test")] {
+        let message = fail(2, &["evaluate", path(&split), path(&good), "--quiet"]);
+        assert!(message.contains("scores particles only"), "{message}");
+    }
+    let out = place.path().join("hidden");
+    let hidden = "motion.flow.field.poiseuille.max_speed_um_s=777";
+    run(&["release", path(&c.dataset), "--out", path(&out), "--test-set", hidden, "--quiet"]);
+    assert!(!out.join("withheld/particles_only.txt").exists());
+    run(&["evaluate", path(&out.join("withheld/test")), path(&good.join("results.csv")), "--quiet"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn links_pipes_and_devices_are_refused() {
+    let c = &*CHALLENGE;
+    let place = tempfile::tempdir().unwrap();
+    let good = submission(place.path(), &images_sha256());
+    let test = c.out.join("withheld/test");
+    let refused = |expected: &str| {
+        for more in [&[][..], &["--validate-only"]] {
+            let message = fail(2, &[&["evaluate", path(&test), path(&good), "--quiet"], more].concat());
+            assert!(message.contains(expected), "{expected}: {message}");
+        }
+    };
+    let results = good.join("results.csv");
+    let text = fs::read(&results).unwrap();
+    fs::remove_file(&results).unwrap();
+    std::os::unix::fs::symlink(test.join("truth/tracks.csv"), &results).unwrap();
+    refused("results.csv: a symbolic link");
+    fs::remove_file(&results).unwrap();
+    fs::write(&results, &text).unwrap();
+    // Anywhere in the folder, also where nothing is read.
+    std::os::unix::fs::symlink(test.join("truth"), good.join("more")).unwrap();
+    refused("more: a symbolic link");
+    fs::remove_file(good.join("more")).unwrap();
+    let about = good.join("submission.json");
+    let json = fs::read(&about).unwrap();
+    fs::remove_file(&about).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(&about).status().unwrap().success());
+    refused("submission.json: a pipe, device or socket");
+    fs::remove_file(&about).unwrap();
+    fs::write(&about, json).unwrap();
+    run(&["evaluate", path(&test), path(&good), "--quiet"]);
+    // As results and as truth.
+    for (truth, result) in [(results.as_path(), Path::new("/dev/zero")), (Path::new("/dev/zero"), &results)] {
+        let message = fail(2, &["evaluate", path(truth), path(result)]);
+        assert!(message.contains("/dev/zero: a pipe, device or socket"), "{message}");
+    }
+}
+
+#[test]
+fn archives_are_bounded_by_the_size_of_the_truth() {
+    let c = &*CHALLENGE;
+    let place = tempfile::tempdir().unwrap();
+    let good = submission(place.path(), &images_sha256());
+    let (results, about) =
+        (fs::read(good.join("results.csv")).unwrap(), fs::read(good.join("submission.json")).unwrap());
+    let test = c.out.join("withheld/test");
+    let refused = |name: &str, results: (&[u8], usize), about: (&[u8], usize), expected: &str| {
+        let archive = place.path().join(name);
+        let mut zip = zip::ZipWriter::new(fs::File::create(&archive).unwrap());
+        for (file, (bytes, times)) in [("results.csv", results), ("submission.json", about)] {
+            zip.start_file(file, zip::write::SimpleFileOptions::default()).unwrap();
+            (0..times).for_each(|_| zip.write_all(bytes).unwrap());
+        }
+        zip.finish().unwrap();
+        let message = fail(2, &["evaluate", path(&test), path(&archive), "--quiet"]);
+        assert!(message.contains(expected), "{expected}: {message}");
+    };
+    let blanks = [b' '; 1 << 16];
+    refused("blanks.zip", (&results, 1), (&blanks, 1 << 7), "submission.json is larger than 1048576 bytes");
+    // 16 MiB are always allowed.
+    refused("long.zip", (&blanks, 1 << 9), (&about, 1), "results.csv is larger than");
+    let rows = "0,-1,5,5,0\n".repeat(1000);
+    let header = "frame,track,x_px,y_px,z_um\n";
+    let many = format!("{header}{}", rows.repeat(150));
+    refused("rows.zip", (many.as_bytes(), 1), (&about, 1), "results.csv: more than 100000 rows");
+}
+
+/// Files for a team contain no true positions.
+#[test]
+fn scores_for_a_team_stand_apart_from_the_truth() {
+    let c = &*CHALLENGE;
+    let place = tempfile::tempdir().unwrap();
+    let good = submission(place.path(), &images_sha256());
+    let out = place.path().join("scores");
+    run(&[
+        "evaluate",
+        path(&c.out.join("withheld/test")),
+        path(&good),
+        "--out",
+        path(&out),
+        "--report",
+        "--quiet",
+    ]);
+    let names = |folder: &Path| {
+        let entries = fs::read_dir(folder).unwrap();
+        let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        // The journal has hashes, but no positions.
+        names.retain(|name| !name.starts_with('.'));
+        names.sort();
+        names
+    };
+    assert_eq!(names(&out), ["curves.csv", "per_frame.csv", "report.html", "score.json", "with_truth"]);
+    assert_eq!(names(&out.join("with_truth")), ["matches.csv", "report.html"]);
+    let report = fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(!report.contains("found (rings)") && !report.contains("z found"));
+    // For a public dataset all files are in one folder.
+    let own = place.path().join("own");
+    let tracks = c.dataset.join("truth/tracks.csv");
+    run(&["evaluate", path(&c.dataset), path(&tracks), "--out", path(&own), "--quiet"]);
+    assert!(own.join("matches.csv").is_file() && !own.join("with_truth").exists());
+}
+
+#[test]
+fn names_from_submissions_are_shown_as_text() {
+    let c = &*CHALLENGE;
+    let place = tempfile::tempdir().unwrap();
+    let good = submission(place.path(), &images_sha256());
+    let about = good.join("submission.json");
+    let text = fs::read_to_string(&about).unwrap();
+    let disguised = text.replace("\"team\":\"A\"", "\"team\":\"\\u001b[2J\\u009b31mB\"");
+    assert_ne!(text, disguised);
+    fs::write(&about, disguised).unwrap();
+    for more in [&[][..], &["--json"]] {
+        let said =
+            run(&[&["evaluate", "--validate-only", path(&c.test), path(&good), "--quiet"], more].concat());
+        assert!(said.contains("[2J") && !said.contains(['\u{1b}', '\u{9b}']), "{said:?}");
+    }
+    let (tracks, scores) = (c.dataset.join("truth/tracks.csv"), place.path().join("=1+1"));
+    run(&["evaluate", path(&c.dataset), path(&tracks), "--out", path(&scores), "--quiet"]);
+    let board = place.path().join("board");
+    run(&["compare", path(&scores), "--out", path(&board), "--quiet"]);
+    let table = fs::read_to_string(board.join("leaderboard.csv")).unwrap();
+    assert!(table.contains(",'=1+1,"), "{table}");
+}

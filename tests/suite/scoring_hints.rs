@@ -1,0 +1,183 @@
+//! Mistakes of convention are detected and reported with the score without them.
+
+use bench::evaluate::field::FieldScore;
+use bench::evaluate::measurement::RecordingFacts;
+use bench::evaluate::truth::TrueParticles;
+use bench::evaluate::{EvaluateOptions, Hint, Score, evaluate, particles};
+use bench::results::{Points, Position, TrackRow};
+
+/// A sequence of particles on straight lines, and a result with noise, misses, ghosts and broken tracks.
+pub(crate) fn scene() -> (TrueParticles, Points) {
+    let (mut rows, mut found) = (Vec::new(), Vec::new());
+    let mut state = 1u64;
+    let mut random = move || {
+        // Noise by Knuth's linear congruential generator.
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    for track in 0..40i64 {
+        let (x0, y0, z) = (10.0 + 180.0 * random(), 10.0 + 130.0 * random(), -20.0 + 40.0 * random());
+        let (u, v) = (4.0 * random() - 2.0, 4.0 * random() - 2.0);
+        for frame in 0..12u32 {
+            let t = f64::from(frame);
+            let at = Position { x_px: x0 + u * t, y_px: y0 + v * t, z_um: z };
+            rows.push(TrackRow { frame, track, at });
+            if random() < 0.9 {
+                let mut noise = || 0.6 * (random() - 0.5);
+                let at =
+                    Position { x_px: at.x_px + noise(), y_px: at.y_px + noise(), z_um: at.z_um + noise() };
+                found.push(TrackRow { frame, track: if frame > 7 { track + 100 } else { track }, at });
+            }
+            if random() < 0.1 {
+                let at = Position { x_px: 200.0 * random(), y_px: 150.0 * random(), z_um: 0.0 };
+                found.push(TrackRow { frame, track: -1, at });
+            }
+        }
+    }
+    let facts = RecordingFacts { depth_um: Some((-20.0, 20.0)), ..RecordingFacts::default() };
+    let visible = vec![true; rows.len()];
+    (
+        TrueParticles { facts, rows, has_z: true, visible, ..TrueParticles::default() },
+        Points { rows: found, has_z: true, ..Points::default() },
+    )
+}
+
+pub(crate) fn scores(truth: &TrueParticles, points: &Points) -> Score {
+    particles(truth, points, &EvaluateOptions::default()).unwrap().score
+}
+
+#[test]
+fn mistakes_of_conventions_are_noticed() {
+    let (truth, points) = scene();
+    let warned = |change: &dyn Fn(&mut TrackRow), expected: &str| {
+        let mut changed = points.clone();
+        changed.rows.iter_mut().for_each(change);
+        let warnings = scores(&truth, &changed).warnings;
+        assert!(warnings.iter().any(|w| w.contains(expected)), "{expected}: {warnings:?}");
+    };
+    assert_eq!(scores(&truth, &points).warnings, Vec::<String>::new());
+    for shift in [-1.0, -0.5, 0.5, 1.0] {
+        warned(
+            &|r| {
+                r.at.x_px += shift;
+                r.at.y_px += shift;
+            },
+            "origin mismatch?",
+        );
+    }
+    warned(&|r| r.frame += 1, "frames off by one?");
+    warned(&|r| std::mem::swap(&mut r.at.x_px, &mut r.at.y_px), "axes swapped?");
+    warned(&|r| r.track = -1, "no point is linked");
+
+    let mut shifted = points.clone();
+    shifted.rows.iter_mut().for_each(|r| {
+        r.at.x_px += 4.0;
+        r.at.y_px -= 3.0;
+    });
+    let options = EvaluateOptions { auto_offset: true, ..EvaluateOptions::default() };
+    let offset = particles(&truth, &shifted, &options).unwrap().score.offset.unwrap();
+    // 400 errors of 0.17 px standard deviation: standard error 0.01 px; chance neighbors add some error.
+    assert!((offset.x_px - 4.0).abs() < 0.05 && (offset.y_px + 3.0).abs() < 0.05, "{offset:?}");
+    assert!(offset.f1_without > 0.8);
+}
+
+/// Points of unscored particles are selected again for every convention that is tried.
+#[test]
+fn a_perfect_result_in_another_convention_is_told_to_be_perfect() {
+    let (mut truth, _) = scene();
+    truth.facts.sensor_px = Some((200.0, 150.0));
+    truth.visible.iter_mut().enumerate().for_each(|(i, visible)| *visible = i % 3 > 0);
+    let perfect = Points { rows: truth.rows.clone(), has_z: true, ..Points::default() };
+    let hinted = |change: &dyn Fn(&mut TrackRow), hint: &str| {
+        let mut changed = perfect.clone();
+        changed.rows.iter_mut().for_each(change);
+        let warnings = scores(&truth, &changed).warnings;
+        let hint = format!("{hint} F1 would be 1.000 instead of ");
+        assert!(warnings.iter().any(|w| w.starts_with(&hint)), "{hint}: {warnings:?}");
+    };
+    hinted(&|r| r.frame += 1, "frames off by one? With --frame-base increased by one");
+    hinted(&|r| std::mem::swap(&mut r.at.x_px, &mut r.at.y_px), "axes swapped? With x and y exchanged");
+    hinted(&|r| r.at.y_px = 151.0 - r.at.y_px, "y upward? With --y up");
+
+    let mut shifted = perfect.clone();
+    shifted.rows.iter_mut().for_each(|r| r.at.x_px += 5.0);
+    let options = EvaluateOptions { auto_offset: true, ..EvaluateOptions::default() };
+    let offset = particles(&truth, &shifted, &options).unwrap().score.offset.unwrap();
+    assert_eq!(offset.f1_without, 1.0, "{offset:?}");
+}
+
+/// The most frequent mistakes in 3-D: a perfect result with another unit, sign or origin is recognized as
+/// perfect.
+#[test]
+fn units_signs_and_origins_of_three_dimensions_are_hinted_with_the_score_they_would_give() {
+    let (mut truth, _) = scene();
+    truth.facts.sensor_px = Some((200.0, 150.0));
+    truth.facts.um_per_px = Some(0.65);
+    let perfect = Points { rows: truth.rows.clone(), has_z: true, ..Points::default() };
+    assert_eq!(scores(&truth, &perfect).hints, []);
+    let hinted = |change: &dyn Fn(&mut Position), hint: &str| {
+        let mut changed = perfect.clone();
+        changed.rows.iter_mut().for_each(|r| change(&mut r.at));
+        let score = scores(&truth, &changed);
+        let found = score.hints.iter().find(|h| h.what.contains(hint));
+        let Some(Hint { f1, f1_now, .. }) = found else { panic!("{hint}: {:?}", score.hints) };
+        assert!(*f1 > Some(0.99) && f1 >= f1_now, "{hint}: {:?}", score.hints);
+        // Hints come first.
+        assert_eq!(score.warnings[0], score.hints[0].what);
+    };
+    hinted(
+        &|at| (at.x_px, at.y_px) = ((at.x_px - 1.0) * 0.65, (at.y_px - 1.0) * 0.65),
+        "x and y in um? With x_px = x 1.538462 + 1",
+    );
+    hinted(
+        &|at| (at.x_px, at.y_px) = ((at.x_px - 100.5) * 0.65e-3, (at.y_px - 75.5) * 0.65e-3),
+        "x and y in mm? With x_px = x 1538.461538 + 100.5",
+    );
+    hinted(&|at| at.z_um = -at.z_um, "z with the other sign? With z_um = -1.0000 z");
+    hinted(&|at| at.z_um = 20.0 - at.z_um, "z with the other sign? With z_um = -1.0000 z +20.000");
+    hinted(&|at| at.z_um += 20.0, "z from another origin? With z_um = z -20.000");
+    hinted(&|at| at.z_um *= 1e-3, "z in mm?");
+    hinted(&|at| at.z_um = (at.z_um + 20.0) / 40.0, "z as a fraction of the depth range?");
+    hinted(&|at| at.z_um /= 1.33, "z scaled (refraction, or a depth factor)? With z_um = 1.33");
+    hinted(&|at| (at.x_px, at.y_px) = (at.x_px - 1.0, at.y_px - 1.0), "with x and y moved by +1 px");
+    hinted(&|at| (at.x_px, at.y_px) = (201.0 - at.x_px, 151.0 - at.y_px), "image turned by 180 degrees?");
+}
+
+/// A field of shear and waves, measured with noise, with shifted positions.
+fn field(shift_px: f64) -> (FieldScore, Vec<Hint>) {
+    let place = tempfile::tempdir().unwrap();
+    let (x, y) = (place.path().join("truth.csv"), place.path().join("result.csv"));
+    let header = "x_px,y_px,dx_px,dy_px\n";
+    let exact = |x: f64, y: f64| [4.0 * (y / 40.0).sin() + 0.01 * x, 2.0 * (x / 30.0).cos()];
+    let (mut truth, mut result) = (header.to_owned(), header.to_owned());
+    let mut state = 7u64;
+    for i in 0..64 {
+        for j in 0..64 {
+            let (x, y) = (4.0 * f64::from(i) + 1.0, 4.0 * f64::from(j) + 1.0);
+            let [u, v] = exact(x, y);
+            truth += &format!("{x},{y},{u},{v}\n");
+            let inside = (2..62).contains(&i) && (2..62).contains(&j);
+            if inside && (i + j) % 4 == 0 {
+                // Noise of 0.06 px standard deviation by Knuth's linear congruential generator.
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                let noise = 0.2 * ((state >> 11) as f64 / (1u64 << 53) as f64 - 0.5);
+                result += &format!("{},{},{},{}\n", x - shift_px, y - shift_px, u + noise, v - noise);
+            }
+        }
+    }
+    std::fs::write(&x, truth).unwrap();
+    std::fs::write(&y, result).unwrap();
+    let Score { field, hints, .. } = evaluate(&x, &y, &EvaluateOptions::default()).unwrap().score;
+    (field.unwrap(), hints)
+}
+
+#[test]
+fn a_field_half_a_pixel_off_is_noticed_by_the_gradients_of_the_flow() {
+    let (_, hints) = field(0.0);
+    assert_eq!(hints, []);
+    for (shift, option) in [(0.5, "--origin corner0"), (1.0, "--origin center0"), (-0.5, "-0.5 px off?")] {
+        let (_, hints) = field(shift);
+        assert!(hints.len() == 1 && hints[0].what.contains(option), "{shift}: {hints:?}");
+        assert!(hints[0].rms_px < hints[0].rms_px_now, "{hints:?}");
+    }
+}

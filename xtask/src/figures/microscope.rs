@@ -1,0 +1,59 @@
+//! The pictures of docs/microscope.md: renderers side by side, and what `microsig optics` shows.
+
+use std::path::Path;
+
+use bench::preview::{Preview, svg};
+use bench::scenario::{Scenario, load, parse, resolve};
+use image::{GrayImage, imageops};
+use microsig_core::Particle;
+use microsig_core::stream::{Purpose, Streams};
+use suite::picture::{side_by_side, stacked, write};
+
+/// Depths of the particles, um.
+const DEPTHS_UM: [f64; 5] = [-60.0, -40.0, -12.0, 0.0, 20.0];
+/// Side of an image, px, and screen pixels for one of them.
+const SIDE: u32 = 61;
+const ZOOM: u32 = 2;
+
+/// The renderers, row by row.
+const RENDERERS: [(&str, &str); 4] = [
+    ("", "mode: rays"),
+    ("", "mode: expected"),
+    ("", "mode: waves, wavelength_um: 0.52"),
+    ("lens: aplanatic, ", "mode: waves, wavelength_um: 0.52"),
+];
+
+/// Draws them below `out`.
+pub(super) fn run(out: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(out)?;
+    let rows = RENDERERS.iter().map(|(optics, render)| row(&scenario(optics, render)?));
+    let picture = stacked(&rows.collect::<anyhow::Result<Vec<_>>>()?);
+    let (width, height) = picture.dimensions();
+    let zoomed = imageops::resize(&picture, width * ZOOM, height * ZOOM, imageops::FilterType::Nearest);
+    write(&zoomed, out, "renderers")?;
+    let shown = Preview::of(&load(Path::new("scenarios/objective_20x.ron"), &[], None)?)?;
+    std::fs::write(out.join("objective_20x.svg"), svg(&shown)?)?;
+    Ok(())
+}
+
+fn scenario(optics: &str, render: &str) -> anyhow::Result<Scenario> {
+    let text = format!(
+        "(name: \"renderers\", optics: (preset: setting1, pixel_dim_x: {SIDE}, pixel_dim_y: {SIDE}, {optics}), \
+         motion: flow(field: poiseuille()), timing: pairs(count: 1), render: ({render}))"
+    );
+    Ok(resolve(parse(&text, "renderers")?, Path::new("."))?)
+}
+
+/// One particle at each depth, as the renderer draws it.
+fn row(scenario: &Scenario) -> anyhow::Result<GrayImage> {
+    let middle = f64::from(SIDE / 2 + 1);
+    let tiles = DEPTHS_UM.map(|z_um| {
+        let particle = Particle::sphere(middle, middle, z_um, 2.0);
+        let light = scenario.renderer.light(&[particle], &Streams::new(1), Purpose::Rays, 0).values;
+        let peak = light.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+        let gray = light.iter().map(|light| (255.0 * (light / peak).max(0.0).sqrt()).round() as u8);
+        GrayImage::from_raw(SIDE, SIDE, gray.collect())
+    });
+    let tiles: Option<Vec<GrayImage>> = tiles.into_iter().collect();
+    Ok(side_by_side(&tiles.ok_or_else(|| anyhow::anyhow!("an image of another size"))?))
+}
