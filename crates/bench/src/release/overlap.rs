@@ -90,7 +90,8 @@ pub(super) fn particles(train: &Path, test: &Path) -> Result<Option<Shared>> {
     }
     let by_chance = control.iter().sum::<f64>() / control.len() as f64;
     let mut lengths: HashMap<i64, usize> = HashMap::new();
-    for (_, row) in test.rows.iter().enumerate().filter(|(i, row)| row.frame < end && test.is_scored(*i, 0.0)) {
+    for (_, row) in test.rows.iter().enumerate().filter(|(i, row)| row.frame < end && test.is_scored(*i, 0.0))
+    {
         *lengths.entry(row.track).or_default() += 1;
     }
     Ok(Some(Shared { found: share([0.0; 2])?, by_chance, tracks: lengths.into_values().collect() }))
