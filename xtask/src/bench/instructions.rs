@@ -36,7 +36,7 @@ pub(crate) fn run(out: &Path, against: Option<&Path>, tolerance: f64) -> anyhow:
     table.write_record(["run", "instructions"])?;
     let mut rows = String::new();
     let mut grown = false;
-    for run in runs(scratch.path())? {
+    for run in runs(&program, scratch.path())? {
         let count = count(&program, &run, scratch.path())?;
         table.write_record([run.name, &count.to_string()])?;
         let known = before.get(run.name).map(|before| (*before as f64, count as f64 / *before as f64 - 1.0));
@@ -63,7 +63,7 @@ fn read(path: &Path) -> anyhow::Result<BTreeMap<String, u64>> {
 }
 
 /// The runs; their inputs are written below `scratch`.
-fn runs(scratch: &Path) -> anyhow::Result<Vec<Run>> {
+fn runs(program: &Path, scratch: &Path) -> anyhow::Result<Vec<Run>> {
     let settings = Settings { pixel_dim_x: 256, pixel_dim_y: 256, ..Settings::setting1() };
     let mut bytes = Vec::new();
     settings_file::write(&mut bytes, &settings)?;
@@ -86,11 +86,27 @@ fn runs(scratch: &Path) -> anyhow::Result<Vec<Run>> {
         "(name: \"spots\", optics: (gaussian: (diameter_px: 2.75), pixel_dim_x: 256, pixel_dim_y: 256), motion: flow(field: \
          lamb_oseen()), particles: (number: ppp(0.03)), boundaries: (z_um: (-5, 5)), timing: pairs(count: 4))",
     )?;
+    let dataset = scratch.join("spots");
+    let arguments = |first: &[&str], paths: &[&Path]| {
+        first.iter().map(|&word| word.to_owned()).chain(paths.iter().map(|path| text(path))).collect()
+    };
+    let result = scratch.join("result.csv");
+    let spots =
+        Run { name: "spots tracked", arguments: arguments(&["track", "--method", "spots"], &[&dataset]) };
+    for run in [
+        Run { name: "", arguments: arguments(&["generate", "--out"], &[&dataset, &scenario]) },
+        Run { name: "", arguments: [spots.arguments.clone(), arguments(&["--out"], &[&result])].concat() },
+    ] {
+        let output = Command::new(program).args(&run.arguments).arg("--quiet").output()?;
+        ensure!(output.status.success(), "{:?}: {}", run.arguments, String::from_utf8_lossy(&output.stderr));
+    }
     Ok(vec![
         Run { name: "start", arguments: vec!["--version".to_owned()] },
         render("8 images of noise", 8, 0)?,
         render("rays of 20 particles", 1, 20)?,
-        Run { name: "4 pairs of spots", arguments: vec!["generate".to_owned(), text(&scenario)] },
+        Run { name: "4 pairs of spots", arguments: arguments(&["generate"], &[&scenario]) },
+        spots,
+        Run { name: "spots evaluated", arguments: arguments(&["evaluate", "--json"], &[&dataset, &result]) },
     ])
 }
 
@@ -105,14 +121,17 @@ fn count(program: &Path, run: &Run, scratch: &Path) -> anyhow::Result<u64> {
     command.args(["--tool=callgrind", "--callgrind-out-file=/dev/null"]).arg(program).args(&run.arguments);
     match run.arguments[0].as_str() {
         "render" => drop(command.args(["--quiet", "--threads", "1"]).arg(&out)),
-        "generate" => drop(command.args(["--quiet", "--threads", "1", "--out"]).arg(&out)),
+        "generate" | "track" => drop(command.args(["--quiet", "--threads", "1", "--out"]).arg(&out)),
+        "evaluate" => drop(command.args(["--quiet", "--threads", "1"])),
         _ => {}
     }
     let output = command.output()?;
     let said = String::from_utf8_lossy(&output.stderr);
     ensure!(output.status.success(), "{command:?}: {said}");
-    if out.exists() {
+    if out.is_dir() {
         std::fs::remove_dir_all(&out)?;
+    } else if out.exists() {
+        std::fs::remove_file(&out)?;
     }
     // ==7== Collected : 123456
     let collected = said.lines().find_map(|line| line.split_once("Collected :")?.1.trim().parse().ok());

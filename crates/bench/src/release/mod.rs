@@ -164,12 +164,12 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Released> {
 fn compare(train: &Path, test: &Path) -> Result<Vec<&'static str>> {
     if let Some(shared) = overlap::particles(train, test)?.filter(overlap::Shared::is_beyond_chance) {
         return Err(Error::input(format!(
-            "{}: {:.1} % of the particles of the test split coincide with particles of the train split, {:.1} % would by chance: \
+            "{}: {:.1} % of the tracks of the test split coincide with tracks of the train split, {:.1} % would by chance: \
              the seeding hardly depends on random numbers, so train reveals the truth of test; use a random seeding, or \
              --test-set particles.seeding...",
             train.display(),
-            100.0 * shared.found,
-            100.0 * shared.by_chance
+            100.0 * shared.found / shared.tracks as f64,
+            100.0 * shared.by_chance / shared.tracks as f64
         )));
     }
     Ok(if overlap::field(train, test)? { vec!["particles"] } else { vec!["particles", "fields"] })

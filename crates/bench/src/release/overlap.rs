@@ -29,26 +29,24 @@ const MOVES: [f64; 3] = [2.6, 3.7, 4.8];
 /// Directions of each shift.
 const DIRECTIONS: usize = 5;
 
-/// Shares of the test split's particles that match train's truth, and the shifted truth.
-#[derive(Debug, Clone, PartialEq)]
+/// Numbers of tracks of the test split that train's truth, and the shifted truth, match in at least half of
+/// their frames. Matches within a track are not independent, so tracks are counted rather than particles.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Shared {
     pub(super) found: f64,
+    /// Mean over the shifts.
     pub(super) by_chance: f64,
-    /// Length of each track of the test split, in scored frames: coincidences within a track are not
-    /// independent.
-    tracks: Vec<usize>,
+    /// Number of tracks.
+    pub(super) tracks: usize,
 }
 
 impl Shared {
-    /// Whether the match exceeds chance by five standard errors (of clusters of unequal size), by 2 % of the
-    /// particles, and by three of the longest tracks (for a few tracks: by half of the particles).
+    /// Whether the match exceeds chance by five standard errors (of a Poisson distribution), by 2 % of the
+    /// tracks, and by four tracks (of a few tracks: by half of them).
     pub(super) fn is_beyond_chance(&self) -> bool {
-        let share = self.by_chance.clamp(0.0, 1.0);
-        let sum = |power: i32| self.tracks.iter().map(|&n| (n as f64).powi(power)).sum::<f64>();
-        let particles = sum(1).max(1.0);
-        let error = (share * (1.0 - share) * sum(2)).sqrt() / particles;
-        let longest = self.tracks.iter().max().map_or(0.0, |&n| n as f64);
-        self.found > self.by_chance + (5.0 * error).max(0.02).max((3.0 * longest / particles).min(0.5))
+        let tracks = self.tracks as f64;
+        let margin = (5.0 * self.by_chance.sqrt()).max(0.02 * tracks).max(4.0_f64.min(0.5 * tracks));
+        self.found > self.by_chance + margin
     }
 }
 
@@ -76,25 +74,28 @@ pub(super) fn particles(train: &Path, test: &Path) -> Result<Option<Shared>> {
     if truth.is_empty() || train.rows.is_empty() {
         return Ok(None);
     }
-    let share = |move_px: [f64; 2]| -> Result<f64> {
+    let track = |point: usize| test.rows[truth.points[point].source as usize].track;
+    let count = |points: &mut dyn Iterator<Item = usize>| {
+        let mut frames: HashMap<i64, usize> = HashMap::new();
+        points.for_each(|point| *frames.entry(track(point)).or_default() += 1);
+        frames
+    };
+    let lengths = count(&mut (0..truth.len()));
+    let matched = |move_px: [f64; 2]| -> Result<f64> {
         let matching = optimal(&truth, &points(&train, move_px), &gate, Cost::Squares)?;
-        Ok(matching.pairs().count() as f64 / truth.len() as f64)
+        let frames = count(&mut matching.pairs().map(|(t, _)| t));
+        Ok(frames.into_iter().filter(|(track, n)| 2 * n >= lengths[track]).count() as f64)
     };
     let mut control = Vec::new();
     for (k, size) in MOVES.iter().enumerate() {
         for direction in 0..DIRECTIONS {
             let turn = (direction as f64 + 0.31 * (k + 1) as f64) / DIRECTIONS as f64;
             let angle = 2.0 * std::f64::consts::PI * turn;
-            control.push(share([size * gate.xy_px * angle.cos(), size * gate.xy_px * angle.sin()])?);
+            control.push(matched([size * gate.xy_px * angle.cos(), size * gate.xy_px * angle.sin()])?);
         }
     }
     let by_chance = control.iter().sum::<f64>() / control.len() as f64;
-    let mut lengths: HashMap<i64, usize> = HashMap::new();
-    for (_, row) in test.rows.iter().enumerate().filter(|(i, row)| row.frame < end && test.is_scored(*i, 0.0))
-    {
-        *lengths.entry(row.track).or_default() += 1;
-    }
-    Ok(Some(Shared { found: share([0.0; 2])?, by_chance, tracks: lengths.into_values().collect() }))
+    Ok(Some(Shared { found: matched([0.0; 2])?, by_chance, tracks: lengths.len() }))
 }
 
 /// The default gate with which the split is scored.

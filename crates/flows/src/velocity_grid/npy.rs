@@ -1,9 +1,9 @@
-//! NumPy arrays.
+//! NumPy arrays, in the format of `numpy.lib.format`.
 
 use super::{GridGeometry, VelocityGrid, fault, nodes};
 use crate::error::Result;
 use glam::DVec3;
-use std::io::Read;
+use std::io::{Error as IoError, ErrorKind, Read};
 
 /// Maximum header length of a `.npy` file, bytes: the limit of version 1 of the format.
 const MAX_NPY_HEADER: u32 = 65_535;
@@ -12,19 +12,8 @@ impl VelocityGrid {
     /// Reads a NumPy array of floats (f4 or f8, C or Fortran order) of the shape (z, y, x, 3) or, with
     /// several times, (time, z, y, x, 3), in um/s. `Err` if type, shape or values are not allowed.
     pub fn from_npy(mut source: impl Read, geometry: &GridGeometry) -> Result<Self> {
-        let broken = |error: std::io::Error| fault("npy", None, error.to_string(), "a NumPy array");
-        let mut start = Vec::new();
-        source.by_ref().take(12).read_to_end(&mut start).map_err(broken)?;
-        // The npy crate allocates whatever header length the file claims.
-        if let [0x93, b'N', b'U', b'M', b'P', b'Y', version, _, a, b, c, d] = start[..] {
-            let length = if version < 2 { 0 } else { u32::from_le_bytes([a, b, c, d]) };
-            if length > MAX_NPY_HEADER {
-                let allowed = format!("at most {MAX_NPY_HEADER}");
-                return Err(fault("npy", None, format!("a header of {length} bytes"), &allowed));
-            }
-        }
-        let file = npyz::NpyFile::new(start.as_slice().chain(source)).map_err(broken)?;
-        let shape: Vec<u64> = file.shape().to_vec();
+        let header = Header::read(&mut source)?;
+        let shape = &header.shape;
         let timed = shape.len() == 5;
         if !(4..=5).contains(&shape.len()) || shape.last() != Some(&3) {
             return Err(fault(
@@ -49,21 +38,10 @@ impl VelocityGrid {
             ));
         }
         let nodes = nodes(&counts, layers)?;
-        let fortran = file.order() == npyz::Order::Fortran;
-        let kind = file.dtype().descr();
-        let numbers: Vec<f64> = if kind.contains("f8") {
-            file.into_vec().map_err(broken)?
-        } else if kind.contains("f4") {
-            file.into_vec::<f32>().map_err(broken)?.into_iter().map(f64::from).collect()
-        } else {
-            return Err(fault("npy", None, format!("the type {kind}"), "f4 or f8"));
-        };
-        if numbers.len() != 3 * nodes {
-            return Err(fault("npy", None, format!("{} numbers", numbers.len()), &format!("{}", 3 * nodes)));
-        }
+        let numbers = header.numbers(source, 3 * nodes)?;
         let [nx, ny, nz] = counts;
         let at = |node: usize, component: usize| {
-            if !fortran {
+            if !header.fortran_order {
                 return numbers[3 * node + component];
             }
             // Fortran order, the first index varies fastest: time, z, y, x, component.
@@ -77,6 +55,86 @@ impl VelocityGrid {
             (DVec3::from_array(geometry.origin_um), DVec3::from_array(geometry.spacing_um));
         VelocityGrid::new(origin, spacing, counts, times_s, velocities)
     }
+}
+
+/// The dictionary at the start of a file.
+#[derive(Debug, PartialEq)]
+struct Header {
+    /// Type of the numbers: byte order, kind and size, such as `<f8`.
+    descr: String,
+    fortran_order: bool,
+    shape: Vec<u64>,
+}
+
+impl Header {
+    fn read(source: &mut impl Read) -> Result<Self> {
+        let mut start = [0; 10];
+        source.read_exact(&mut start).map_err(|e| broken(&e))?;
+        let [0x93, b'N', b'U', b'M', b'P', b'Y', version, _, a, b] = start else {
+            return Err(broken(&IoError::new(ErrorKind::InvalidData, "no magic string of NumPy")));
+        };
+        let length = if version < 2 {
+            u32::from(u16::from_le_bytes([a, b]))
+        } else {
+            let mut rest = [0; 2];
+            source.read_exact(&mut rest).map_err(|e| broken(&e))?;
+            u32::from_le_bytes([a, b, rest[0], rest[1]])
+        };
+        if length > MAX_NPY_HEADER {
+            let allowed = format!("at most {MAX_NPY_HEADER}");
+            return Err(fault("npy", None, format!("a header of {length} bytes"), &allowed));
+        }
+        let mut text = vec![0; length as usize];
+        source.read_exact(&mut text).map_err(|e| broken(&e))?;
+        let text = String::from_utf8_lossy(&text);
+        let expected = "{'descr': '<f8', 'fortran_order': False, 'shape': (...), }";
+        Header::parse(&text)
+            .ok_or_else(|| fault("npy", None, format!("the header {:?}", text.trim()), expected))
+    }
+
+    fn parse(text: &str) -> Option<Self> {
+        let value = |key: &str| Some(text.split_once(&format!("'{key}':"))?.1.trim_start());
+        let shape = value("shape")?.strip_prefix('(')?.split_once(')')?.0;
+        Some(Header {
+            descr: value("descr")?.strip_prefix('\'')?.split_once('\'')?.0.to_owned(),
+            fortran_order: match value("fortran_order")? {
+                flag if flag.starts_with("True") => true,
+                flag if flag.starts_with("False") => false,
+                _ => return None,
+            },
+            // Python 2 writes long integers with an L.
+            shape: (shape.split(',').map(|n| n.trim().trim_end_matches('L')))
+                .filter(|n| !n.is_empty())
+                .map(|n| n.parse().ok())
+                .collect::<Option<_>>()?,
+        })
+    }
+
+    /// Reads the numbers that follow; `Err` unless there are exactly `n` of them.
+    fn numbers(&self, source: impl Read, n: usize) -> Result<Vec<f64>> {
+        let size = match &*self.descr {
+            "<f8" | ">f8" => 8,
+            "<f4" | ">f4" => 4,
+            other => return Err(fault("npy", None, format!("the type {other}"), "f4 or f8")),
+        };
+        let mut bytes = Vec::new();
+        source.take((size * n + 1) as u64).read_to_end(&mut bytes).map_err(|e| broken(&e))?;
+        if bytes.len() != size * n {
+            let found = if bytes.len() > size * n { "more" } else { "fewer" };
+            return Err(fault("npy", None, format!("{found} numbers than its shape says"), &n.to_string()));
+        }
+        if self.descr.starts_with('>') {
+            bytes.chunks_exact_mut(size).for_each(<[u8]>::reverse);
+        }
+        Ok(match size {
+            8 => bytes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect(),
+            _ => bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b).into()).collect(),
+        })
+    }
+}
+
+fn broken(error: &IoError) -> crate::error::Error {
+    fault("npy", None, error.to_string(), "a NumPy array")
 }
 
 #[cfg(test)]
@@ -123,6 +181,9 @@ mod tests {
         }
         let file = npy("<f4", true, "(2, 2, 3, 3)", &floats);
         assert_eq!(VelocityGrid::from_npy(file.as_slice(), &geometry()).unwrap(), small());
+        let big_endian: Vec<u8> = doubles.chunks(8).flat_map(|b| b.iter().rev().copied()).collect();
+        let file = npy(">f8", false, "(2L, 2L, 3L, 3L)", &big_endian);
+        assert_eq!(VelocityGrid::from_npy(file.as_slice(), &geometry()).unwrap(), small());
         let timed = GridGeometry { times_s: vec![0.0, 1.0], ..geometry() };
         let twice: Vec<u8> = doubles.iter().chain(&doubles).copied().collect();
         let file = npy("<f8", false, "(2, 2, 2, 3, 3)", &twice);
@@ -144,6 +205,10 @@ mod tests {
         assert!(read(&npy("<i4", false, "(1, 1, 1, 3)", &[0; 12])).contains("f4 or f8"));
         let nan: Vec<u8> = [1.0, f64::NAN, 2.0].into_iter().flat_map(f64::to_le_bytes).collect();
         assert!(read(&npy("<f8", false, "(1, 1, 1, 3)", &nan)).contains("at node (0, 0, 0)"));
-        read(&npy("<f8", false, "(1, 1, 1, 3)", &nan[..20]));
+        let message = read(&npy("<f8", false, "(1, 1, 1, 3)", &nan[..20]));
+        assert_eq!(message, "npy: fewer numbers than its shape says: expected 3");
+        assert!(read(&npy("<f8", false, "(1, 1, 1, 3)", &[0; 32])).contains("more numbers"));
+        assert!(read(&npy("<f8", false, "[1, 1, 1, 3]", &[0; 24])).contains("the header"));
+        assert!(read(&npy("<f8", false, "(1, 1, -1, 3)", &[0; 24])).contains("the header"));
     }
 }
