@@ -14,7 +14,7 @@ use crate::release::{CHALLENGE, generate, images_sha256, scenario, submission};
 fn truths_that_do_not_depend_on_the_key_are_refused() {
     let place = tempfile::tempdir().unwrap();
     for (name, seeding) in [("grid", "jittered_grid(0.0)"), ("jitter", "jittered_grid(0.05)")] {
-        let particles = format!("particles: (number: per_um3(2e-5), seeding: {seeding})");
+        let particles = format!("particles: (number: per_um3(1e-4), seeding: {seeding})");
         let text = scenario(3).replace("particles: (number: count(12))", &particles);
         let dataset = generate(place.path(), name, &text);
         let out = place.path().join("out");
