@@ -1,7 +1,7 @@
 //! `SHA256SUMS`.
 #![no_main]
 
-use bench::storage::checksums;
+use storage::checksums;
 
 libfuzzer_sys::fuzz_target!(|text: &str| {
     let _ = checksums::read(text, "fuzz");

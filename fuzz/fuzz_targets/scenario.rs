@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use bench::scenario::{parse, resolve, write};
+use scenario::{parse, resolve, write};
 
 libfuzzer_sys::fuzz_target!(|text: &str| {
     let Ok(spec) = parse(text, "fuzz") else { return };

@@ -3,7 +3,7 @@
 
 use std::sync::LazyLock;
 
-use bench::dataset::secret;
+use generator::dataset::secret;
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().unwrap());
 

@@ -1,7 +1,7 @@
 //! `--set path=value`: the change is refused, or the result can be written and read again.
 #![no_main]
 
-use bench::scenario::{assignment, parse, set, template, write};
+use scenario::{assignment, parse, set, template, write};
 
 libfuzzer_sys::fuzz_target!(|text: &str| {
     let Ok((path, value)) = assignment(text) else { return };

@@ -1,7 +1,7 @@
 //! Shards: `K/N`, and Slurm's variables.
 #![no_main]
 
-use bench::runner::Shard;
+use generator::runner::Shard;
 
 libfuzzer_sys::fuzz_target!(|text: &str| {
     if let Ok(shard) = Shard::parse(text) {

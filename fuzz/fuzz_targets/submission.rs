@@ -4,7 +4,7 @@
 use std::sync::LazyLock;
 
 use bench::release::SubmissionFiles;
-use bench::results::Limits;
+use scoring::results::Limits;
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().unwrap());
 

@@ -3,7 +3,7 @@
 
 use std::sync::LazyLock;
 
-use bench::scenario::{parse_sweep, template};
+use scenario::{parse_sweep, template};
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
     let folder = tempfile::tempdir().unwrap();

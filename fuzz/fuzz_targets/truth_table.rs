@@ -3,8 +3,8 @@
 
 use std::sync::LazyLock;
 
-use bench::evaluate::truth::TrueParticles;
-use bench::results::Conventions;
+use scoring::evaluate::truth::TrueParticles;
+use scoring::results::Conventions;
 
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().unwrap());
 

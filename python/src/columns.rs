@@ -1,6 +1,6 @@
 //! Tables as NumPy arrays.
 
-use bench::tables::{Columns, Table, Values};
+use storage::tables::{Columns, Table, Values};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};

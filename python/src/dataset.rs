@@ -5,10 +5,10 @@ use std::io::{BufReader, Cursor};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use bench::dataset::manifest::Manifest;
-use bench::runner::{GenerateOptions, MemoryDataset};
-use bench::scenario::{self, Scenario};
-use bench::tables::Columns;
+use generator::dataset::manifest::Manifest;
+use generator::runner::{GenerateOptions, MemoryDataset};
+use scenario::{self, Scenario};
+use storage::tables::Columns;
 use microsig_core::formats::tiff;
 use numpy::ndarray::ArrayView3;
 use numpy::{PyArray1, PyArray3, PyArrayMethods};
@@ -40,7 +40,7 @@ pub(crate) struct ScenarioText {
 
 impl ScenarioText {
     /// The scenario, every rule checked.
-    pub(crate) fn resolve(&self) -> bench::Result<Scenario> {
+    pub(crate) fn resolve(&self) -> storage::Result<Scenario> {
         scenario::load_text(&self.text, (&self.name, &self.folder), &self.assignments, self.seed)
     }
 }
@@ -143,8 +143,8 @@ fn resolve(py: Python<'_>, text: ScenarioText) -> PyResult<(String, String, Vec<
     })
 }
 
-pub(crate) fn texts(scenario: &Scenario) -> bench::Result<(String, String)> {
-    let json = serde_json::to_string(&scenario.spec).map_err(|e| bench::Error::input(e.to_string()))?;
+pub(crate) fn texts(scenario: &Scenario) -> storage::Result<(String, String)> {
+    let json = serde_json::to_string(&scenario.spec).map_err(|e| storage::Error::input(e.to_string()))?;
     Ok((json, scenario::write(&scenario.spec)?))
 }
 
@@ -171,7 +171,7 @@ fn stack<'py>(
 fn manifest(py: Python<'_>, dataset: PathBuf) -> PyResult<String> {
     run(py, false, OnInterrupt::Leave, move |_| {
         let manifest = Manifest::read(&dataset)?;
-        serde_json::to_string(&manifest).map_err(|e| bench::Error::input(e.to_string()))
+        serde_json::to_string(&manifest).map_err(|e| storage::Error::input(e.to_string()))
     })
 }
 
@@ -192,7 +192,7 @@ fn read_table<'py>(
     kinds: std::collections::HashMap<String, String>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let columns = run(py, false, OnInterrupt::Leave, move |_| {
-        let file = BufReader::new(File::open(&path).map_err(|e| bench::Error::read(&path, e))?);
+        let file = BufReader::new(File::open(&path).map_err(|e| storage::Error::read(&path, e))?);
         let kind = |name: &str| kinds.get(name).map_or("string", String::as_str);
         Columns::read(&path.display().to_string(), file, kind)
     })?;
@@ -214,14 +214,14 @@ fn read_images(
             progress.check()?;
             read_image(path, (width, height))
         };
-        let images: Vec<Vec<u16>> = paths.par_iter().map(read).collect::<bench::Result<_>>()?;
+        let images: Vec<Vec<u16>> = paths.par_iter().map(read).collect::<storage::Result<_>>()?;
         Ok(images.concat())
     })?;
     stack(py, counts, (frames, height as usize, width as usize))
 }
 
-fn read_image(path: &Path, size: (u32, u32)) -> bench::Result<Vec<u16>> {
-    let bytes = std::fs::read(path).map_err(|e| bench::Error::read(path, e))?;
+fn read_image(path: &Path, size: (u32, u32)) -> storage::Result<Vec<u16>> {
+    let bytes = std::fs::read(path).map_err(|e| storage::Error::read(path, e))?;
     let counts = tiff::read(Cursor::new(bytes), &path.display().to_string(), size)?;
     // The reader gives whole numbers of at most 16 bit.
     Ok(counts.into_iter().map(|count| count as u16).collect())
@@ -230,7 +230,7 @@ fn read_image(path: &Path, size: (u32, u32)) -> bench::Result<Vec<u16>> {
 /// Copies a dataset.
 #[pyfunction]
 fn copy_dataset(py: Python<'_>, dataset: PathBuf, out: PathBuf, force: bool) -> PyResult<()> {
-    run(py, false, OnInterrupt::Wait, move |_| bench::dataset::copy(&dataset, &out, force))
+    run(py, false, OnInterrupt::Wait, move |_| generator::dataset::copy(&dataset, &out, force))
 }
 
 pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use bench::scenario::Scenario;
+use scenario::Scenario;
 use flows::eulerian::{central, forward};
 use flows::registry;
 use flows::scale::ImageVector;
@@ -37,12 +37,12 @@ impl FlowField {
         &self,
         py: Python<'_>,
         points: Vec<DVec3>,
-        of: impl Fn(&dyn flows::VelocityField, DVec3) -> bench::Result<[f64; N]> + Send + Sync + 'static,
+        of: impl Fn(&dyn flows::VelocityField, DVec3) -> storage::Result<[f64; N]> + Send + Sync + 'static,
     ) -> PyResult<Vec<f64>> {
         let scenario = Arc::clone(&self.0);
         run(py, false, OnInterrupt::Leave, move |progress| {
             let Some(field) = scenario.field() else {
-                return Err(bench::Error::input("recorded tracks tell no velocity field"));
+                return Err(storage::Error::input("recorded tracks tell no velocity field"));
             };
             let all: Vec<[f64; N]> = points
                 .par_iter()
@@ -51,7 +51,7 @@ impl FlowField {
                     progress.check()?;
                     of(field, *point)
                 })
-                .collect::<bench::Result<_>>()?;
+                .collect::<storage::Result<_>>()?;
             Ok(all.into_iter().flatten().collect())
         })
     }

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use bench::runner::render_particles;
+use generator::runner::render_particles;
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::{data_file, settings_file};
 use microsig_core::render::RendererSpec;
@@ -54,7 +54,7 @@ fn render<'py>(
 #[pyfunction]
 fn image_size(py: Python<'_>, settings: PathBuf) -> PyResult<(u32, u32)> {
     run(py, false, OnInterrupt::Leave, move |_| {
-        let file = std::fs::File::open(&settings).map_err(|e| bench::Error::read(&settings, e))?;
+        let file = std::fs::File::open(&settings).map_err(|e| storage::Error::read(&settings, e))?;
         let read = settings_file::read(file, &settings.display().to_string())?.settings;
         Ok((read.pixel_dim_x, read.pixel_dim_y))
     })

@@ -6,9 +6,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
-use bench::Error;
+use storage::Error;
 use bench::cli::printable;
-use bench::runner::{Progress, Stop};
+use generator::runner::{Progress, Stop};
 use pyo3::exceptions::{
     PyFileExistsError, PyFileNotFoundError, PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError,
 };
@@ -76,7 +76,7 @@ pub(crate) fn run<T: Send + 'static>(
     py: Python<'_>,
     show: bool,
     on_interrupt: OnInterrupt,
-    work: impl FnOnce(&Progress) -> bench::Result<T> + Send + 'static,
+    work: impl FnOnce(&Progress) -> storage::Result<T> + Send + 'static,
 ) -> PyResult<T> {
     let (pool, stop) = (pool(py)?, Stop::default());
     let shown = if show && std::io::stderr().is_terminal() { Progress::Bar } else { Progress::Hidden };

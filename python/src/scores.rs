@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use bench::evaluate::gate::Shape;
-use bench::evaluate::{EvaluateOptions, evaluate as evaluate_result};
+use scoring::evaluate::gate::Shape;
+use scoring::evaluate::{EvaluateOptions, evaluate as evaluate_result};
 use bench::report;
-use bench::results::{Conventions, Format, Origin};
-use bench::scenario::{self, Sweep};
-use bench::track::{METHODS, TrackOptions, track as track_dataset};
+use scoring::results::{Conventions, Format, Origin};
+use scenario::{self, Sweep};
+use tracking::{METHODS, TrackOptions, track as track_dataset};
 use clap::ValueEnum;
 use pyo3::prelude::*;
 
@@ -51,7 +51,7 @@ struct How {
 }
 
 /// One of the values of an option.
-fn one_of<T: ValueEnum>(name: &str, given: Option<&str>) -> bench::Result<Option<T>> {
+fn one_of<T: ValueEnum>(name: &str, given: Option<&str>) -> storage::Result<Option<T>> {
     given
         .map(|given| {
             T::from_str(given, false).map_err(|_| {
@@ -59,15 +59,15 @@ fn one_of<T: ValueEnum>(name: &str, given: Option<&str>) -> bench::Result<Option
                     .iter()
                     .filter_map(|value| Some(value.to_possible_value()?.get_name().to_owned()))
                     .collect();
-                bench::Error::input(format!("{name} = {given:?}: expected one of {}", all.join(", ")))
+                storage::Error::input(format!("{name} = {given:?}: expected one of {}", all.join(", ")))
             })
         })
         .transpose()
 }
 
 impl How {
-    fn options(&self) -> bench::Result<EvaluateOptions> {
-        let refuse = |message: String| Err(bench::Error::input(message));
+    fn options(&self) -> storage::Result<EvaluateOptions> {
+        let refuse = |message: String| Err(storage::Error::input(message));
         if !(0.0..=1e7).contains(&self.border_px) {
             return refuse(format!("border_px = {}: expected 0 to 1e7", self.border_px));
         }
@@ -126,13 +126,13 @@ fn compare(py: Python<'_>, scores: Vec<(String, String)>) -> PyResult<(String, V
         let mut named = Vec::new();
         for (name, json) in scores {
             let of = |problems: Vec<String>| {
-                bench::Error::Input(problems.iter().map(|problem| format!("{name}: {problem}")).collect())
+                storage::Error::Input(problems.iter().map(|problem| format!("{name}: {problem}")).collect())
             };
             named.push((name.clone(), report::parse_score(&json).map_err(of)?));
         }
         let ranking = report::ranking(&named);
         let entries =
-            serde_json::to_string(&ranking.entries).map_err(|e| bench::Error::input(e.to_string()))?;
+            serde_json::to_string(&ranking.entries).map_err(|e| storage::Error::input(e.to_string()))?;
         Ok((entries, ranking.warnings, ranking.text))
     })
 }
@@ -164,7 +164,7 @@ fn track(
     .map(|(name, value, least, most)| format!("{name} = {value}: expected {least} to {most}"))
     .collect();
     if !wrong.is_empty() {
-        return Err(crate::run::raise(bench::Error::Input(wrong)));
+        return Err(crate::run::raise(storage::Error::Input(wrong)));
     }
     run(py, show, OnInterrupt::Wait, move |progress| {
         let options = TrackOptions {
@@ -217,7 +217,7 @@ impl SweepCases {
     fn scenario(&self, index: usize) -> PyResult<String> {
         let written = || {
             let case = self.0.cases.get(index);
-            let case = case.ok_or_else(|| bench::Error::input(format!("case {index}: there is none")))?;
+            let case = case.ok_or_else(|| storage::Error::input(format!("case {index}: there is none")))?;
             scenario::write(&self.0.scenario(case)?)
         };
         written().map_err(crate::run::raise)

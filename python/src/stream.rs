@@ -6,8 +6,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use bench::runner::Stop;
-use bench::stream::{Batch, Flow, LabelOptions, Law, SampleStream, Split, StreamOptions};
+use generator::runner::Stop;
+use generator::stream::{Batch, Flow, LabelOptions, Law, SampleStream, Split, StreamOptions};
 use numpy::{Element, PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -48,13 +48,13 @@ struct Labels {
     heatmap_sigma_px: f64,
 }
 
-fn law((name, numbers, values): LawParts) -> bench::Result<Law> {
+fn law((name, numbers, values): LawParts) -> storage::Result<Law> {
     Ok(match (name.as_str(), numbers.as_slice()) {
         ("uniform", &[low, high]) => Law::Uniform { low, high },
         ("log_uniform", &[low, high]) => Law::LogUniform { low, high },
         ("integers", &[low, high]) => Law::Integers { low: low as i64, high: high as i64 },
         ("choice", _) => Law::Choice(values),
-        _ => return Err(bench::Error::input(format!("vary: {name} is no law"))),
+        _ => return Err(storage::Error::input(format!("vary: {name} is no law"))),
     })
 }
 
@@ -86,7 +86,7 @@ impl Samples {
                 vary: vary
                     .into_iter()
                     .map(|(path, parts)| Ok((path, law(parts)?)))
-                    .collect::<bench::Result<_>>()?,
+                    .collect::<storage::Result<_>>()?,
                 seed,
                 split: if validation { Split::Validation } else { Split::Train },
                 frames,
@@ -144,7 +144,7 @@ impl Samples {
         let (stream, pool, stop) = (Arc::clone(&self.0), pool(py)?, Stop::default());
         let (work, stopped, threads) = (Arc::clone(&stream), stop.clone(), Arc::clone(&pool));
         let draw = move || {
-            let go_on = || if stopped.is_stopped() { Err(bench::Error::Interrupted) } else { Ok(()) };
+            let go_on = || if stopped.is_stopped() { Err(storage::Error::Interrupted) } else { Ok(()) };
             let mut at = first;
             loop {
                 let batch = catch_unwind(AssertUnwindSafe(|| threads.install(|| work.batch(at, n, go_on))));
@@ -164,7 +164,7 @@ impl Samples {
 
 /// What a forked process must not touch: threads of its parent may hold its locks.
 struct Parts {
-    receiver: Mutex<Receiver<std::thread::Result<bench::Result<Batch>>>>,
+    receiver: Mutex<Receiver<std::thread::Result<storage::Result<Batch>>>>,
     _pool: Arc<ThreadPool>,
 }
 
@@ -259,5 +259,5 @@ fn arrays<'py>(py: Python<'py>, stream: &SampleStream, batch: Batch) -> PyResult
 pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Samples>()?;
     module.add_class::<Ahead>()?;
-    module.add("PARTICLE_COLUMNS", bench::stream::PARTICLE_COLUMNS.to_vec())
+    module.add("PARTICLE_COLUMNS", generator::stream::PARTICLE_COLUMNS.to_vec())
 }

@@ -1,6 +1,5 @@
 //! The renderer `expected` gives the mean of the images by `rays`.
 
-use bench::evaluate::crlb;
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::random::normal;
 use microsig_core::render::Render;
@@ -9,6 +8,7 @@ use microsig_core::render::{ImageStreams, InstructionSet};
 use microsig_core::sensor::Sensor;
 use microsig_core::stream::{Purpose, Streams};
 use microsig_core::{Particle, Settings, Spheroid};
+use scoring::evaluate::crlb;
 use suite::ensemble::Ensemble;
 use suite::expected::Agreement;
 use suite::measure::{Measures, measure};

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use bench::scenario::{parse, resolve};
 use microsig_core::formats::{data_file, tiff};
 use microsig_core::render::waves::{Lens, WaveOptics, WavesRenderer};
 use microsig_core::{Particle, Settings};
+use scenario::{parse, resolve};
 use serde_json::Value;
 use suite::golden::Hashes;
 use suite::microsig::{fail, path, run};
@@ -219,13 +219,13 @@ fn seen(place: &Path, mode: &str, optics: &str, particles: &str) -> f64 {
     );
     let scenario = resolve(parse(&text, "s.ron").unwrap(), place).unwrap();
     let out = place.join("one");
-    let options = bench::runner::GenerateOptions {
+    let options = generator::runner::GenerateOptions {
         out: out.clone(),
         force: true,
         resume: false,
-        progress: bench::runner::Progress::Hidden,
+        progress: generator::runner::Progress::Hidden,
     };
-    bench::runner::generate(&scenario, &options).unwrap();
+    generator::runner::generate(&scenario, &options).unwrap();
     let image = std::fs::read(out.join("images/frame_00000.tif")).unwrap();
     let counts = tiff::read(std::io::Cursor::new(image), "one", (301, 301)).unwrap();
     assert!(counts.iter().all(|count| *count < 65535.0), "{mode} {optics}: saturated");

@@ -3,22 +3,22 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use bench::evaluate::assignment::{Pair, max_weight_matching};
-use bench::evaluate::candidates::Candidates;
-use bench::evaluate::clear::Clear;
-use bench::evaluate::ctc::Ctc;
-use bench::evaluate::detection::Detection;
-use bench::evaluate::gate::{Edge, Gate};
-use bench::evaluate::gdpt::Gdpt;
-use bench::evaluate::hota::Hota;
-use bench::evaluate::identity::Identity;
-use bench::evaluate::isbi::Isbi;
-use bench::evaluate::links::Links;
-use bench::evaluate::matching::{Cost, Matching, NONE, optimal};
-use bench::evaluate::statistics::Bootstrap;
-use bench::evaluate::track_set::{Position, TrackSet, UnsortedPoint, side_by_side};
-use bench::evaluate::{EvaluateOptions, evaluate};
-use bench::results::{Conventions, TrackRow, read_points};
+use scoring::evaluate::assignment::{Pair, max_weight_matching};
+use scoring::evaluate::candidates::Candidates;
+use scoring::evaluate::clear::Clear;
+use scoring::evaluate::ctc::Ctc;
+use scoring::evaluate::detection::Detection;
+use scoring::evaluate::gate::{Edge, Gate};
+use scoring::evaluate::gdpt::Gdpt;
+use scoring::evaluate::hota::Hota;
+use scoring::evaluate::identity::Identity;
+use scoring::evaluate::isbi::Isbi;
+use scoring::evaluate::links::Links;
+use scoring::evaluate::matching::{Cost, Matching, NONE, optimal};
+use scoring::evaluate::statistics::Bootstrap;
+use scoring::evaluate::track_set::{Position, TrackSet, UnsortedPoint, side_by_side};
+use scoring::evaluate::{EvaluateOptions, evaluate};
+use scoring::results::{Conventions, TrackRow, read_points};
 
 /// Files have 12 decimals, and rounding errors of sums of a few hundred numbers are 1e-13.
 const TOLERANCE: f64 = 1e-9;

@@ -3,8 +3,8 @@
 use std::f64::consts::PI;
 use std::path::Path;
 
-use bench::evaluate::field::FieldScore;
-use bench::evaluate::{EvaluateOptions, evaluate};
+use scoring::evaluate::field::FieldScore;
+use scoring::evaluate::{EvaluateOptions, evaluate};
 use suite::microsig::{fail, path, run};
 
 /// A grid of `n` x `n` vectors with a spacing of 8 px.

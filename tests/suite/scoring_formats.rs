@@ -4,8 +4,8 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use bench::evaluate::{EvaluateOptions, Score, evaluate};
-use bench::results::{Conventions, Origin, TrackerResult, read};
+use scoring::evaluate::{EvaluateOptions, Score, evaluate};
+use scoring::results::{Conventions, Origin, TrackerResult, read};
 use suite::microsig::{fail, microsig, path, run};
 
 fn folder() -> PathBuf {
@@ -55,7 +55,7 @@ fn every_format_of_fields_holds_the_canonical_one() {
         TrackerResult::Field(field) => field.vectors,
         TrackerResult::Points(_) => panic!("{file}: particles"),
     };
-    let sorted = |mut vectors: Vec<bench::results::FlowVector>| {
+    let sorted = |mut vectors: Vec<scoring::results::FlowVector>| {
         vectors.sort_by(|a, b| (a.at.y_px, a.at.x_px).partial_cmp(&(b.at.y_px, b.at.x_px)).unwrap());
         vectors
     };

@@ -1,10 +1,10 @@
 //! Mistakes of convention are detected and reported with the score without them.
 
-use bench::evaluate::field::FieldScore;
-use bench::evaluate::measurement::RecordingFacts;
-use bench::evaluate::truth::TrueParticles;
-use bench::evaluate::{EvaluateOptions, Hint, Score, evaluate, particles};
-use bench::results::{Points, Position, TrackRow};
+use scoring::evaluate::field::FieldScore;
+use scoring::evaluate::measurement::RecordingFacts;
+use scoring::evaluate::truth::TrueParticles;
+use scoring::evaluate::{EvaluateOptions, Hint, Score, evaluate, particles};
+use scoring::results::{Points, Position, TrackRow};
 
 /// A sequence of particles on straight lines, and a result with noise, misses, ghosts and broken tracks.
 pub(crate) fn scene() -> (TrueParticles, Points) {

@@ -1,7 +1,7 @@
 //! The keys of `score.json` are documented: each has a definition, and docs/scoring.md lists them.
 
-use bench::evaluate::score_keys::{markdown, score_keys};
 use bench::report::parse_score;
+use scoring::evaluate::score_keys::{markdown, score_keys};
 
 use crate::scoring_hints::{scene, scores};
 

@@ -4,11 +4,11 @@
 
 use std::io::Write;
 
-use bench::dataset::manifest::Manifest;
-use bench::evaluate::truth::TrueParticles;
 use bench::release::{Submission, SubmissionFiles};
 use bench::report::parse_score;
-use bench::results::{Conventions, Limits};
+use generator::dataset::manifest::Manifest;
+use scoring::evaluate::truth::TrueParticles;
+use scoring::results::{Conventions, Limits};
 
 use crate::scoring_hints::{scene, scores};
 

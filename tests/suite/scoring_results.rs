@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use crate::scoring_hints::{scene, scores};
-use bench::evaluate::EvaluateOptions;
-use bench::evaluate::truth::TrueParticles;
-use bench::results::{Points, TrackRow};
 use proptest::prelude::*;
+use scoring::evaluate::EvaluateOptions;
+use scoring::evaluate::truth::TrueParticles;
+use scoring::results::{Points, TrackRow};
 use suite::microsig::{fail, path, run};
 
 /// Fast rotation about the center of a small image: many particles leave it at the corners and return.
@@ -245,7 +245,7 @@ fn recall_is_binned_by_what_the_truth_tells_of_a_particle() {
     }
     std::fs::write(&paths[0], truth).unwrap();
     std::fs::write(&paths[1], result).unwrap();
-    let score = bench::evaluate::evaluate(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score;
+    let score = scoring::evaluate::evaluate(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score;
     let recalls = |against: &str| -> Vec<f64> {
         let curve = score.curves.iter().find(|c| c.against == against).unwrap();
         curve.bins.iter().map(|b| b.recall.unwrap()).collect()

@@ -6,8 +6,8 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use bench::release::{Publication, ReleaseOptions, derived_seed, release};
-use bench::runner::{GenerateOptions, Progress, generate};
-use bench::scenario::{parse, resolve};
+use generator::runner::{GenerateOptions, Progress, generate};
+use scenario::{parse, resolve};
 use suite::leak::{Known, guess_by_noise, guess_by_place, unzip};
 use suite::template::fill;
 

@@ -8,7 +8,7 @@ use glam::DVec3;
 use image::RgbImage;
 use plotters::prelude::*;
 
-use crate::error::{Error, Result};
+use storage::error::{Error, Result};
 
 /// The default scene, um: field of view of setting 1 in a channel 100 um deep.
 const SCENE: (DVec3, DVec3) = (DVec3::new(-242.0, -118.0, -80.0), DVec3::new(242.0, 118.0, 20.0));

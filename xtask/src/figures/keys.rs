@@ -4,13 +4,13 @@ use std::io::BufWriter;
 use std::path::Path;
 
 use anyhow::Context;
-use bench::dataset::manifest::MANIFEST;
-use bench::runner::{GenerateOptions, Progress, generate};
-use bench::scenario::{self, Picture, Scene, assignment};
+use generator::dataset::manifest::MANIFEST;
+use generator::runner::{GenerateOptions, Progress, generate};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{GrayImage, imageops};
 use microsig_core::formats::tiff;
 use microsig_core::sensor::Image;
+use scenario::{self, Picture, Scene, assignment};
 
 use suite::picture::{quantile, side_by_side, stretch};
 

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use bench::preview::{Preview, svg};
-use bench::scenario::{Scenario, load, parse, resolve};
+use generator::preview::{Preview, svg};
 use image::{GrayImage, imageops};
 use microsig_core::Particle;
 use microsig_core::stream::{Purpose, Streams};
+use scenario::{Scenario, load, parse, resolve};
 use suite::picture::{side_by_side, stacked, write};
 
 /// Depths of the particles, um.

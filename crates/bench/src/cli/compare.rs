@@ -6,8 +6,8 @@ use clap::Args;
 
 use super::Common;
 use super::output::report;
-use crate::error::Result;
 use crate::report::compare;
+use storage::error::Result;
 
 /// A leaderboard of several scores
 #[derive(Debug, Args)]

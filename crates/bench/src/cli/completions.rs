@@ -7,7 +7,7 @@ use clap::{Args, CommandFactory};
 use clap_complete::Shell;
 
 use super::{Cli, Common};
-use crate::error::{Error, Result};
+use storage::error::{Error, Result};
 
 /// Completions for a shell, on standard output
 #[derive(Debug, Args)]

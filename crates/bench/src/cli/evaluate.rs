@@ -8,13 +8,13 @@ use serde_json::json;
 
 use super::Common;
 use super::output::{report as print, warn};
-use crate::error::{Error, Result};
-use crate::evaluate::gate::Shape;
-use crate::evaluate::measurement::RecordingFacts;
-use crate::evaluate::{EvaluateOptions, evaluate};
 use crate::release::{self, SubmissionFiles, Validated};
 use crate::report;
-use crate::results::{self, Conventions, Format, Origin, TrackerResult};
+use scoring::evaluate::gate::Shape;
+use scoring::evaluate::measurement::RecordingFacts;
+use scoring::evaluate::{EvaluateOptions, evaluate};
+use scoring::results::{self, Conventions, Format, Origin, TrackerResult};
+use storage::error::{Error, Result};
 
 /// Scores of a tracker's result against the truth
 #[derive(Debug, Args)]

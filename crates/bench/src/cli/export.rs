@@ -6,8 +6,8 @@ use clap::Args;
 
 use super::Common;
 use super::output::report;
-use crate::error::Result;
 use crate::export::{Displacement, ExportFormat, ExportOptions, export};
+use storage::error::Result;
 
 /// The truth of a dataset in another tool's format
 #[derive(Debug, Args)]

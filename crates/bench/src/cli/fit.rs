@@ -6,9 +6,9 @@ use clap::{Args, ValueEnum};
 
 use super::Common;
 use super::output::{report, warn};
-use crate::error::{Error, Result};
-use crate::fit::{Astigmatic, ExtraParameter, FitOptions, Fitted, Given, Scan, StagePositions, Verdict, fit};
-use crate::storage::folder::Partial;
+use fit::{Astigmatic, ExtraParameter, FitOptions, Fitted, Given, Scan, StagePositions, Verdict, fit};
+use storage::error::{Error, Result};
+use storage::folder::Partial;
 
 /// The settings of a real microscope from its calibration scan
 #[derive(Debug, Args)]
@@ -111,7 +111,7 @@ impl Fit {
         let partial = Partial::start(&self.out)?;
         let made = fit(&scan, &options)?;
         for (name, bytes) in &made.files {
-            crate::storage::save_bytes(&partial.folder().join(name), bytes)?;
+            storage::save_bytes(&partial.folder().join(name), bytes)?;
         }
         partial.finish(common.force.then_some("fit.json"))?;
         warn(&made.fitted.warnings, common);

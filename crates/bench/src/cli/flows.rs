@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 
 use super::Common;
 use super::output::report;
-use crate::error::{Error, Result};
 use crate::flow_plot;
-use crate::scenario;
-use crate::storage::save_result;
+use scenario;
+use storage::error::{Error, Result};
+use storage::save_result;
 
 /// The velocity fields on offer, or one of them: formula, parameters, units, defaults, source
 #[derive(Debug, Args)]

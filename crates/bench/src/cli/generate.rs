@@ -6,9 +6,9 @@ use clap::Args;
 
 use super::Common;
 use super::output::{progress, report, warn};
-use crate::error::Result;
-use crate::runner::{Cost, GenerateOptions, generate_or_find};
-use crate::scenario;
+use generator::runner::{Cost, GenerateOptions, generate_or_find};
+use scenario;
+use storage::error::Result;
 
 /// A dataset from a scenario: particles, images, ground truth, manifest
 #[derive(Debug, Args)]

@@ -30,10 +30,10 @@ use microsig_core::render::keep_tables;
 pub use output::printable;
 use serde_json::json;
 
-use crate::error::{Error, Result};
-use crate::runner::Tables;
-use crate::storage::clean_up_on_signals;
-use crate::storage::tables::TableFolder;
+use generator::runner::Tables;
+use storage::clean_up_on_signals;
+use storage::error::{Error, Result};
+use storage::table_cache::TableFolder;
 
 /// Benchmark datasets for defocusing and astigmatic PIV/PTV.
 #[derive(Debug, Parser)]
@@ -159,7 +159,7 @@ pub fn main() -> ExitCode {
 }
 
 fn version(common: &Common) -> Result<()> {
-    let (version, commit) = (env!("CARGO_PKG_VERSION"), env!("MICROSIG_COMMIT"));
+    let (version, commit) = (storage::VERSION, storage::COMMIT);
     let result = json!({ "name": "microsig", "version": version, "commit": commit });
     output::report(&format!("microsig {version} ({commit})"), &result, common)
 }

@@ -7,9 +7,9 @@ use serde_json::json;
 
 use super::Common;
 use super::output::report;
-use crate::error::{Error, Result};
-use crate::scenario::{self, SHIPPED, nearest, shipped};
-use crate::storage::save_result;
+use scenario::{self, SHIPPED, nearest, shipped};
+use storage::error::{Error, Result};
+use storage::save_result;
 
 /// A commented scenario to start from: one with every key, or one of those that come with the program
 #[derive(Debug, Args)]

@@ -6,10 +6,10 @@ use clap::Args;
 
 use super::Common;
 use super::output::{report, warn};
-use crate::error::Result;
-use crate::preview::{Preview, svg, text};
-use crate::scenario;
-use crate::storage::save_result;
+use generator::preview::{Preview, svg, text};
+use scenario;
+use storage::error::Result;
+use storage::save_result;
 
 /// What a scenario's optics show: focus, growth of images, light, over depth
 #[derive(Debug, Args)]

@@ -7,8 +7,8 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::Common;
-use crate::error::{Error, Result};
-use crate::runner::Progress;
+use generator::runner::Progress;
+use storage::error::{Error, Result};
 
 /// Progress bars, unless `--quiet`.
 pub(super) fn progress(common: &Common) -> Progress {

@@ -6,8 +6,8 @@ use clap::Args;
 
 use super::Common;
 use super::output::{progress, report, warn};
-use crate::error::Result;
 use crate::release::{Publication, ReleaseOptions, release};
+use storage::error::Result;
 
 /// A public challenge package and its withheld truth
 #[derive(Debug, Args)]

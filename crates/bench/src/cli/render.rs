@@ -10,9 +10,9 @@ use microsig_core::sensor::NoiseRounding;
 
 use super::Common;
 use super::output::{progress, report, warn};
-use crate::error::{Error, Result};
-use crate::runner::{RenderOptions, render};
-use crate::scenario::spec::{Emission, Lens, RenderMode, SpheroidPoints};
+use generator::runner::{RenderOptions, render};
+use scenario::spec::{Emission, Lens, RenderMode, SpheroidPoints};
+use storage::error::{Error, Result};
 
 /// Images from MicroSIG's own settings file and data files
 #[derive(Debug, Args)]

@@ -4,8 +4,8 @@ use clap::{Args, ValueEnum};
 
 use super::Common;
 use super::output::report;
-use crate::error::{Error, Result};
-use crate::scenario::{SweepSpec, schema_of, spec::Spec};
+use scenario::{SweepSpec, schema_of, spec::Spec};
+use storage::error::{Error, Result};
 
 /// The keys of a scenario or sweep as JSON Schema: types, units, ranges, defaults, meanings
 #[derive(Debug, Args)]

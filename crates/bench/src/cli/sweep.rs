@@ -6,9 +6,9 @@ use clap::Args;
 
 use super::Common;
 use super::output::{progress, report, say};
-use crate::error::{Error, Result};
-use crate::runner::{Shard, SweepOptions, collect, sweep};
-use crate::scenario;
+use generator::runner::{Shard, SweepOptions, collect, sweep};
+use scenario;
+use storage::error::{Error, Result};
 
 /// Many datasets over the axes of a sweep
 #[derive(Debug, Args)]

@@ -7,8 +7,8 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 
 use super::Common;
 use super::output::{progress, report, warn};
-use crate::error::{Error, Result};
-use crate::track::{METHODS, TrackOptions, track};
+use storage::error::{Error, Result};
+use tracking::{METHODS, TrackOptions, track};
 
 /// A baseline tracker's result
 #[derive(Debug, Args)]

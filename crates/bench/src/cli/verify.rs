@@ -6,8 +6,8 @@ use clap::Args;
 
 use super::Common;
 use super::output::{progress, report};
-use crate::error::Result;
-use crate::runner::verify;
+use generator::runner::verify;
+use storage::error::Result;
 
 /// Check a dataset: checksums, manifest, tables
 #[derive(Debug, Args)]

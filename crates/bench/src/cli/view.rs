@@ -8,8 +8,8 @@ use serde_json::json;
 
 use super::Common;
 use super::output::{report, say, warn};
-use crate::error::Result;
 use crate::view::{ExportOptions, Served, Subject, ViewOptions, export, serve};
+use storage::error::Result;
 
 /// A page in the browser: a scenario before it runs, a dataset, and where results fail
 #[derive(Debug, Args)]

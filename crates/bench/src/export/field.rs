@@ -5,9 +5,9 @@ use std::fmt::Write;
 use std::path::Path;
 
 use super::{ExportFormat, ExportOptions};
-use crate::error::{Error, Result};
-use crate::evaluate::field::true_field::{TrueField, TrueFields, of_dataset};
-use crate::results::{FlowVector, Position};
+use scoring::evaluate::field::true_field::{TrueField, TrueFields, of_dataset};
+use scoring::results::{FlowVector, Position};
+use storage::error::{Error, Result};
 
 /// Value of an unknown component in Middlebury's format.
 const UNKNOWN: f32 = 1e10;

@@ -3,7 +3,7 @@
 //! The scored particles are exported (`evaluate::truth`): those visible and inside the depth range, with a
 //! separate track number for each uninterrupted visible section. An exported file, read back and evaluated,
 //! therefore has a perfect score. Coordinates, units and first frame follow the format, as in the readers of
-//! [`crate::results`].
+//! [`scoring::results`].
 
 mod field;
 mod particles;
@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum;
 use serde::Serialize;
 
-use crate::error::{Error, Result};
-use crate::storage::{may_write, save_result};
+use storage::error::{Error, Result};
+use storage::{may_write, save_result};
 
 /// Export formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -4,12 +4,12 @@ use std::fmt::Write;
 use std::path::Path;
 
 use super::ExportFormat;
-use crate::error::{Error, Result};
-use crate::evaluate::measurement::RecordingFacts;
-use crate::evaluate::truth::TrueParticles;
-use crate::results::sheet::{Separator, TextTable};
-use crate::results::{Conventions, Position};
-use crate::tables::truth::TRACKS;
+use scoring::evaluate::measurement::RecordingFacts;
+use scoring::evaluate::truth::TrueParticles;
+use scoring::results::sheet::{Separator, TextTable};
+use scoring::results::{Conventions, Position};
+use storage::error::{Error, Result};
+use storage::tables::truth::TRACKS;
 
 /// A true particle in one frame.
 #[derive(Debug, Clone, Copy)]

@@ -7,12 +7,12 @@ use serde_json::{Value, json};
 
 use super::splits::Train;
 use super::{COMMITMENT, SALT};
-use crate::dataset::calibration::CALIBRATION;
-use crate::dataset::manifest::{self, COORDINATES, GENERATOR_VERSION};
-use crate::scenario::license::License;
-use crate::scenario::spec::Calibration;
-use crate::storage::checksums::Fingerprint;
-use crate::tables::truth::TRACKS;
+use generator::dataset::calibration::CALIBRATION;
+use generator::dataset::manifest::{self, COORDINATES, GENERATOR_VERSION};
+use scenario::license::License;
+use scenario::spec::Calibration;
+use storage::checksums::Fingerprint;
+use storage::tables::truth::TRACKS;
 
 /// Bibliographic data of a release.
 #[derive(Debug, Clone, Default)]

@@ -33,17 +33,17 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use crate::dataset::manifest::MANIFEST;
-use crate::dataset::secret;
-use crate::error::{Error, Result};
-use crate::runner::{GenerateOptions, Progress, generate};
-use crate::scenario::Scenario;
-use crate::scenario::license::LICENSE;
-use crate::storage::checksums::{self, SHA256SUMS};
-use crate::storage::folder::{Partial, check_replaceable};
-use crate::storage::save_bytes;
+use generator::dataset::manifest::MANIFEST;
+use generator::dataset::secret;
+use generator::runner::{GenerateOptions, Progress, generate};
 use package::Package;
+use scenario::Scenario;
+use scenario::license::LICENSE;
 use splits::Train;
+use storage::checksums::{self, SHA256SUMS};
+use storage::error::{Error, Result};
+use storage::folder::{Partial, check_replaceable};
+use storage::save_bytes;
 
 /// Options of a release.
 #[derive(Debug, Clone)]

@@ -9,16 +9,16 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use crate::dataset::manifest::ScoringGates;
-use crate::error::Result;
-use crate::evaluate::field::true_field;
-use crate::evaluate::gate::Gate;
-use crate::evaluate::matching::{Cost, optimal};
-use crate::evaluate::measurement::RecordingFacts;
-use crate::evaluate::track_set::{Position, TrackSet, UnsortedPoint};
-use crate::evaluate::truth::TrueParticles;
-use crate::results::{Conventions, FlowVector};
-use crate::tables::truth::FIELD_PATH;
+use generator::dataset::manifest::ScoringGates;
+use scoring::evaluate::field::true_field;
+use scoring::evaluate::gate::Gate;
+use scoring::evaluate::matching::{Cost, optimal};
+use scoring::evaluate::measurement::RecordingFacts;
+use scoring::evaluate::track_set::{Position, TrackSet, UnsortedPoint};
+use scoring::evaluate::truth::TrueParticles;
+use scoring::results::{Conventions, FlowVector};
+use storage::error::Result;
+use storage::tables::truth::FIELD_PATH;
 
 /// Maximum number of frames compared.
 const FRAMES: u32 = 50;
@@ -62,7 +62,7 @@ pub(super) fn particles(train: &Path, test: &Path) -> Result<Option<Shared>> {
     }
     let points = |of: &TrueParticles, move_px: [f64; 2]| {
         let rows = of.rows.iter().enumerate().filter(|(i, row)| row.frame < end && of.is_scored(*i, 0.0));
-        let point = |(i, row): (usize, &crate::results::TrackRow)| UnsortedPoint {
+        let point = |(i, row): (usize, &scoring::results::TrackRow)| UnsortedPoint {
             frame: row.frame,
             track: None,
             at: Position { x_px: row.at.x_px + move_px[0], y_px: row.at.y_px + move_px[1], ..row.at },

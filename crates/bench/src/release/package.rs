@@ -11,10 +11,10 @@ use std::path::{Path, PathBuf};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
 
-use crate::error::{Error, Result};
-use crate::storage::checksums::{Fingerprint, fingerprint};
-use crate::storage::folder::files_below;
-use crate::storage::{save, save_bytes};
+use storage::checksums::{Fingerprint, fingerprint};
+use storage::error::{Error, Result};
+use storage::folder::files_below;
+use storage::{save, save_bytes};
 
 /// Contents of a file of a package.
 #[derive(Debug)]

@@ -9,14 +9,14 @@ use std::path::Path;
 use microsig_core::stream::Streams;
 
 use super::ReleaseOptions;
-use crate::dataset::manifest::{GENERATOR_VERSION, Manifest};
-use crate::dataset::secret;
-use crate::error::{Error, Result};
-use crate::runner::Progress;
-use crate::runner::verify;
-use crate::scenario::spec::{Motion, Number, Spec, Timing};
-use crate::scenario::{self, Scenario, assignment, resolve, set};
-use crate::storage::checksums::Fingerprint;
+use generator::dataset::manifest::{GENERATOR_VERSION, Manifest};
+use generator::dataset::secret;
+use generator::runner::Progress;
+use generator::runner::verify;
+use scenario::spec::{Motion, Number, Spec, Timing};
+use scenario::{self, Scenario, assignment, resolve, set};
+use storage::checksums::Fingerprint;
+use storage::error::{Error, Result};
 
 /// Sections of the scenario that may differ in the test split; they are withheld from participants.
 const HIDDEN: [&str; 2] = ["motion.", "particles."];
@@ -140,7 +140,7 @@ fn reseeded(mut spec: Spec, mut draw: impl FnMut() -> Result<u64>) -> Result<Spe
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::{compact, parse};
+    use scenario::{compact, parse};
 
     #[test]
     fn every_random_field_gets_a_seed_of_its_own() {

@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::error::{Error, Result};
-use crate::evaluate::measurement::{self, of_manifest};
-use crate::results::{self, Conventions, Format, Limits, TrackerResult};
-use crate::storage::TemporaryFolder;
-use crate::storage::checksums::{SHA256SUMS, images_digest};
-use crate::storage::input;
+use scoring::evaluate::measurement::{self, of_manifest};
+use scoring::results::{self, Conventions, Format, Limits, TrackerResult};
+use storage::TemporaryFolder;
+use storage::checksums::{SHA256SUMS, images_digest};
+use storage::error::{Error, Result};
+use storage::input;
 
 /// Name of the file with the points or vectors.
 pub(super) const RESULTS: &str = "results.csv";

@@ -6,13 +6,13 @@ use std::path::Path;
 use super::about::ReleaseTexts;
 use super::package::Package;
 use super::submission;
-use crate::dataset::calibration::CALIBRATION;
-use crate::dataset::manifest::{self, MANIFEST, Manifest, Resource, TableSchema};
-use crate::error::{Error, Result};
-use crate::scenario::Recordings;
-use crate::scenario::license::LICENSE;
-use crate::storage::checksums::{self, SHA256SUMS};
-use crate::tables::truth::FRAMES;
+use generator::dataset::calibration::CALIBRATION;
+use generator::dataset::manifest::{self, MANIFEST, Manifest, Resource, TableSchema};
+use scenario::Recordings;
+use scenario::license::LICENSE;
+use storage::checksums::{self, SHA256SUMS};
+use storage::error::{Error, Result};
+use storage::tables::truth::FRAMES;
 
 /// Timing keys that are published: none that are derived from the truth, and no seed.
 const TIMING: [&str; 11] = [

@@ -20,11 +20,11 @@ use super::particle_plots::axis;
 use super::plots::{AxisLabels, Series, lines};
 use super::score_file;
 use super::table::number;
-use crate::error::{Error, Result};
-use crate::evaluate::Score;
-use crate::evaluate::curves::Bin;
-use crate::storage::folder::Partial;
-use crate::storage::save_bytes;
+use scoring::evaluate::Score;
+use scoring::evaluate::curves::Bin;
+use storage::error::{Error, Result};
+use storage::folder::Partial;
+use storage::save_bytes;
 
 /// The result of a comparison.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -4,17 +4,17 @@ use maud::Markup;
 
 use super::figure::{claimed, error_map, figure, figure_of, histogram, names};
 use super::plots::{AxisLabels, Marks, Series, bars, lines, log_lines, sensor};
-use crate::error::Result;
-use crate::evaluate::Evaluation;
-use crate::evaluate::field::{ComparedVector, FieldErrors, SpectralPoint, Spectrum};
-use crate::evaluate::statistics::quantile;
+use scoring::evaluate::Evaluation;
+use scoring::evaluate::field::{ComparedVector, FieldErrors, SpectralPoint, Spectrum};
+use scoring::evaluate::statistics::quantile;
+use storage::error::Result;
 
 /// All plots of a scored field. `with_true_positions`: including the map of true and measured vectors.
 pub(super) fn plots(evaluation: &Evaluation, with_true_positions: bool) -> Result<Vec<Markup>> {
     let Some(score) = &evaluation.score.field else { return Ok(Vec::new()) };
     let main = &score.main;
     let valid: Vec<&ComparedVector> = evaluation.vectors.iter().filter(|c| c.measured.flag == 0).collect();
-    let extent = |k: fn(&crate::results::Position) -> f64| {
+    let extent = |k: fn(&scoring::results::Position) -> f64| {
         valid.iter().map(|c| k(&c.measured.at)).fold(1.0f64, f64::max).ceil()
     };
     let size = (extent(|p| p.x_px), extent(|p| p.y_px));
@@ -53,7 +53,7 @@ fn arrows(valid: &[&ComparedVector], size: (f64, f64), outlier_px: f64) -> Resul
     lengths.sort_unstable_by(f64::total_cmp);
     let spacing = (size.0 * size.1 / shown.len().max(1) as f64).sqrt();
     let stretch = quantile(&lengths, 0.95).filter(|l| *l > 0.0).map_or(1.0, |l| spacing / l);
-    let segment = |at: &crate::results::Position, moved: &[f64; 3]| {
+    let segment = |at: &scoring::results::Position, moved: &[f64; 3]| {
         let foot = (at.x_px, at.y_px);
         // Clip gross outliers to the plot.
         let reach = |v: f64| (stretch * v).clamp(-4.0 * spacing, 4.0 * spacing);

@@ -3,9 +3,9 @@
 use maud::{Markup, PreEscaped, html};
 
 use super::plots::{AxisLabels, Cell, Series, Style, bars, lines, sensor_map, sign};
-use crate::error::Result;
-use crate::evaluate::statistics::{Errors, quantile};
-use crate::evaluate::uncertainty::Uncertainty;
+use scoring::evaluate::statistics::{Errors, quantile};
+use scoring::evaluate::uncertainty::Uncertainty;
+use storage::error::Result;
 
 /// A plot with its caption.
 pub(super) fn figure(svg: String, caption: &str) -> Markup {

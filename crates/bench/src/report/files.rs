@@ -4,13 +4,13 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::error::{Error, Result};
-use crate::evaluate::curves::Bin;
-use crate::evaluate::detection::{error, per_frame};
-use crate::evaluate::matching::NONE;
-use crate::evaluate::statistics::ratio;
-use crate::evaluate::{Evaluation, Particles};
-use crate::storage::save_bytes;
+use scoring::evaluate::curves::Bin;
+use scoring::evaluate::detection::{error, per_frame};
+use scoring::evaluate::matching::NONE;
+use scoring::evaluate::statistics::ratio;
+use scoring::evaluate::{Evaluation, Particles};
+use storage::error::{Error, Result};
+use storage::save_bytes;
 
 /// Name of the file with all scores.
 pub const SCORE: &str = "score.json";

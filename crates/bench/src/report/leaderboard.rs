@@ -7,8 +7,8 @@ use serde_json::Value;
 
 use super::ranks::{Criterion, ranks};
 use super::table::number;
-use crate::evaluate::Score;
-use crate::evaluate::statistics::Interval;
+use scoring::evaluate::Score;
+use scoring::evaluate::statistics::Interval;
 
 /// Bias above which an entry is marked, px: a wrong origin shifts positions by 0.5 or 1 px, which is within a
 /// gate of 2 px.
@@ -133,7 +133,7 @@ impl Entry {
         self.ends(first);
     }
 
-    fn of_field(&mut self, field: &crate::evaluate::field::FieldScore) {
+    fn of_field(&mut self, field: &scoring::evaluate::field::FieldScore) {
         let errors = &field.main;
         self.kind = ResultKind::Field;
         self.valid_vector_probability = errors.valid_vector_probability;

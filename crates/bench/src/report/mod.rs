@@ -14,10 +14,10 @@ mod table;
 
 use std::path::{Path, PathBuf};
 
-use crate::error::{Error, Result};
-use crate::evaluate::Evaluation;
-use crate::storage::folder::{Partial, check_replaceable};
-use crate::storage::save_bytes;
+use scoring::evaluate::Evaluation;
+use storage::error::{Error, Result};
+use storage::folder::{Partial, check_replaceable};
+use storage::save_bytes;
 
 pub use compare::{Comparison, Ranking, compare, ranking};
 pub use files::SCORE;

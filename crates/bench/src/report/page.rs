@@ -4,8 +4,8 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::table::{number, signed, table};
 use super::{field_plots, particle_plots};
-use crate::error::Result;
-use crate::evaluate::{Evaluation, Score};
+use scoring::evaluate::{Evaluation, Score};
+use storage::error::Result;
 
 const STYLE: &str = "
 :root { color-scheme: light dark; --ink: #1b1f24; --paper: #ffffff; --soft: #57606a; --grid: #d8dee4;

@@ -4,14 +4,14 @@ use maud::Markup;
 
 use super::figure::{claimed, error_map, figure, figure_of, histogram, names};
 use super::plots::{AxisLabels, Marks, Series, Style, classes, lines, sensor};
-use crate::error::Result;
-use crate::evaluate::crlb::{BoundBin, Crlb};
-use crate::evaluate::curves::{Bin, Curve, NEIGHBOR_PX};
-use crate::evaluate::detection::{error, per_frame};
-use crate::evaluate::lpt::LENGTHS;
-use crate::evaluate::matching::NONE;
-use crate::evaluate::statistics::Errors;
-use crate::evaluate::{Particles, Score};
+use scoring::evaluate::crlb::{BoundBin, Crlb};
+use scoring::evaluate::curves::{Bin, Curve, NEIGHBOR_PX};
+use scoring::evaluate::detection::{error, per_frame};
+use scoring::evaluate::lpt::LENGTHS;
+use scoring::evaluate::matching::NONE;
+use scoring::evaluate::statistics::Errors;
+use scoring::evaluate::{Particles, Score};
+use storage::error::Result;
 
 /// One quantity of a curve at the centers of its closed bins.
 fn line(name: &str, curve: &Curve, value: impl Fn(&Bin) -> Option<f64>) -> Series {
@@ -200,7 +200,7 @@ fn histograms(of: &Particles) -> Result<Vec<Markup>> {
 /// Width and height of the images, px; for a bare table, the extent of its points.
 fn size_px(of: &Particles) -> (f64, f64) {
     let (t, r) = (&of.scored.truth, &of.scored.result);
-    let extent = |value: fn(&crate::evaluate::track_set::Point) -> f64| {
+    let extent = |value: fn(&scoring::evaluate::track_set::Point) -> f64| {
         t.points.iter().chain(&r.points).map(value).fold(1.0f64, f64::max).ceil()
     };
     of.sensor_px.unwrap_or_else(|| (extent(|p| p.at.x_px), extent(|p| p.at.y_px)))
@@ -223,7 +223,7 @@ fn frames(of: &Particles) -> Result<Vec<Markup>> {
     let mut plots = Vec::new();
 
     let frames = per_frame(t, r, &of.matching);
-    let mistakes = |f: &&crate::evaluate::detection::FrameCounts| f.counts[1] + f.counts[2];
+    let mistakes = |f: &&scoring::evaluate::detection::FrameCounts| f.counts[1] + f.counts[2];
     let shown = [
         (frames.first(), "The first frame"),
         (frames.iter().rev().max_by_key(mistakes), "The frame with the most misses and ghosts"),
@@ -233,8 +233,8 @@ fn frames(of: &Particles) -> Result<Vec<Markup>> {
     for (frame, why) in shown {
         let Some(frame) = frame.filter(|f| !done.contains(&f.frame)) else { continue };
         done.push(frame.frame);
-        let place = |p: &crate::evaluate::track_set::Point| (p.at.x_px, p.at.y_px);
-        let of_frame = |cloud: &'_ crate::evaluate::track_set::TrackSet| {
+        let place = |p: &scoring::evaluate::track_set::Point| (p.at.x_px, p.at.y_px);
+        let of_frame = |cloud: &'_ scoring::evaluate::track_set::TrackSet| {
             cloud.frames.iter().find(|f| f.0 == frame.frame).map_or(0..0, |f| f.1.clone())
         };
         let (mut found, mut missed) = (Vec::new(), Vec::new());

@@ -4,7 +4,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use crate::error::{Error, Result};
+use storage::error::{Error, Result};
 
 /// Placeholder colors that are replaced by CSS variables: plotters writes fixed colors only.
 const INK: RGBColor = RGBColor(1, 2, 3);

@@ -1,6 +1,6 @@
 //! Ranking by several criteria in order of priority, as far as confidence intervals separate scores.
 
-use crate::evaluate::statistics::Interval;
+use scoring::evaluate::statistics::Interval;
 
 /// A ranking criterion; greater values are better.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

@@ -6,11 +6,11 @@ use serde_json::Value;
 use serde_path_to_error::Segment;
 
 use super::files::SCORE;
-use crate::error::{Error, Result};
-use crate::evaluate::Score;
-use crate::evaluate::curves::NEIGHBOR_PX;
-use crate::evaluate::score_keys::beyond_ranges;
-use crate::storage::input;
+use scoring::evaluate::Score;
+use scoring::evaluate::curves::NEIGHBOR_PX;
+use scoring::evaluate::score_keys::beyond_ranges;
+use storage::error::{Error, Result};
+use storage::input;
 
 /// Largest score file accepted, bytes; the largest known ones are less than a tenth of this.
 const LARGEST: u64 = 64 << 20;

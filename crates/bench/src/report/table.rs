@@ -2,11 +2,11 @@
 
 use std::fmt::Write;
 
-use crate::evaluate::Score;
-use crate::evaluate::crlb::{BoundBin, Crlb};
-use crate::evaluate::field::{ComponentErrors, FieldErrors};
-use crate::evaluate::statistics::quantile;
-use crate::evaluate::uncertainty::Uncertainty;
+use scoring::evaluate::Score;
+use scoring::evaluate::crlb::{BoundBin, Crlb};
+use scoring::evaluate::field::{ComponentErrors, FieldErrors};
+use scoring::evaluate::statistics::quantile;
+use scoring::evaluate::uncertainty::Uncertainty;
 
 /// A number with four decimals or in scientific notation; a dash for `None`.
 pub(crate) fn number(value: Option<f64>) -> String {

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use super::state::App;
 use super::subject::Tracker;
-use crate::error::Result;
+use storage::error::Result;
 
 /// What the leaderboard shows of a score: path in `score.json`, label, unit, whether more is better.
 const COLUMNS: [(&str, &str, &str, bool); 12] = [
@@ -30,7 +30,7 @@ pub(super) fn about(app: &App) -> Value {
         json!({ "path": path, "label": label, "unit": unit, "more_is_better": more_is_better })
     });
     json!({
-        "title": app.title(), "version": env!("CARGO_PKG_VERSION"), "may_save": subject.scenario.is_some(),
+        "title": app.title(), "version": storage::VERSION, "may_save": subject.scenario.is_some(),
         "is_sweep": subject.sweep.is_some(), "axes": subject.axes, "columns": columns,
         "datasets": subject.datasets.iter().map(|d| json!({ "name": d.name, "values": d.values })).collect::<Vec<_>>(),
         "trackers": subject.trackers.iter().map(|t| json!({ "name": t.name, "has": has(t) })).collect::<Vec<_>>(),

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value};
 
-use crate::error::{Error, Result};
-use crate::storage::input;
+use storage::error::{Error, Result};
+use storage::input;
 
 /// Largest part of a table that one answer holds, bytes.
 const LARGEST_PART: u64 = 64 << 20;

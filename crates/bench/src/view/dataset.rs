@@ -11,13 +11,13 @@ use tiff::decoder::{Decoder, DecodingResult, Limits};
 
 use super::columns::{Indexed, by_column, list};
 use super::optics;
-use crate::dataset::manifest::Manifest;
-use crate::dataset::truth::depth;
-use crate::error::{Error, Result};
-use crate::scenario::{self, Scenario};
-use crate::storage::input;
-use crate::tables::truth::{FIELD_PATH, FRAMES, TRACKS};
-use crate::visibility::DepthScan;
+use generator::dataset::manifest::Manifest;
+use generator::dataset::truth::depth;
+use scenario::{self, Scenario};
+use storage::error::{Error, Result};
+use storage::input;
+use storage::tables::truth::{FIELD_PATH, FRAMES, TRACKS};
+use visibility::DepthScan;
 
 /// Largest image, pixels.
 const LARGEST_IMAGE: u64 = 1 << 26;

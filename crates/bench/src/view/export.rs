@@ -12,8 +12,8 @@ use serde_json::{Map, Value, json};
 use super::state::App;
 use super::subject::Subject;
 use super::{assets, board};
-use crate::error::{Error, Result};
-use crate::storage::{may_write, save_result};
+use storage::error::{Error, Result};
+use storage::{may_write, save_result};
 
 /// What is exported.
 #[derive(Debug, Clone)]

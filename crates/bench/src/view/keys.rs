@@ -4,8 +4,8 @@ use std::sync::LazyLock;
 
 use serde_json::{Value, json};
 
-use crate::scenario::spec::Spec;
-use crate::scenario::{Entry, Kind, Schema, ron, schema_of};
+use scenario::spec::Spec;
+use scenario::{Entry, Kind, Schema, ron, schema_of};
 
 /// Most steps of a path; fields nest without end.
 const DEEPEST: usize = 60;

@@ -9,13 +9,14 @@ mod board;
 mod body;
 mod columns;
 mod dataset;
+mod editor;
 mod export;
 mod keys;
 mod optics;
 mod preview;
 mod result;
 mod routes;
-mod scenario;
+
 mod server;
 mod state;
 mod subject;

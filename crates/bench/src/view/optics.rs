@@ -5,10 +5,10 @@ use microsig_core::Particle;
 use serde_json::{Value, json};
 
 use super::columns::list;
-use crate::dataset::truth::depth::{DepthRow, ParticleImage};
-use crate::error::Result;
-use crate::scenario::Scenario;
-use crate::visibility::{DepthScan, ScanImage};
+use generator::dataset::truth::depth::{DepthRow, ParticleImage};
+use scenario::Scenario;
+use storage::error::Result;
+use visibility::{DepthScan, ScanImage};
 
 /// Half the longest side of a crop, px.
 const LONGEST_HALF_PX: i64 = 100;
@@ -19,7 +19,7 @@ const STRIP: usize = 11;
 /// Half the side of an image of the strip at most, px.
 const STRIP_HALF_PX: usize = 60;
 
-/// Peak, widths and area over depth, of the rows of [`crate::dataset::truth::depth::measure`].
+/// Peak, widths and area over depth, of the rows of [`generator::dataset::truth::depth::measure`].
 pub(super) fn curves(scan: &DepthScan, rows: &[DepthRow], image: &ParticleImage) -> Value {
     let sizes: Vec<[f64; 2]> = scan.images.iter().map(ScanImage::size_px).collect();
     let column = |k: usize| list(rows.iter().map(|row| row[k]));

@@ -19,11 +19,11 @@ use tokio::sync::mpsc::Sender;
 use super::body::message;
 use super::columns::list;
 use super::state::{App, locked};
-use super::{optics, scenario};
-use crate::dataset::Camera;
-use crate::dataset::truth::{Viewer, depth};
-use crate::runner::{Cost, Frames};
-use crate::scenario::Scenario;
+use super::{editor, optics};
+use generator::dataset::Camera;
+use generator::dataset::truth::{depth, rendered};
+use generator::runner::{Cost, Frames};
+use scenario::Scenario;
 
 /// How long the drawing of a frame may take, s; of a frame that would take longer only the first particles
 /// are drawn.
@@ -46,8 +46,8 @@ enum Stop {
     Failed(String),
 }
 
-impl From<crate::error::Error> for Stop {
-    fn from(error: crate::error::Error) -> Self {
+impl From<storage::error::Error> for Stop {
+    fn from(error: storage::error::Error) -> Self {
         Stop::Failed(error.to_string())
     }
 }
@@ -85,7 +85,7 @@ impl Preview {
 
     fn parts(&self, app: &App, text: &str) -> std::result::Result<(), Stop> {
         self.go_on()?;
-        let scenario = match scenario::read(app.subject(), text) {
+        let scenario = match editor::read(app.subject(), text) {
             Ok(scenario) => scenario,
             Err(problems) => return self.send(json!({ "part": "problems", "problems": problems }), &[]),
         };
@@ -143,7 +143,7 @@ impl Preview {
         camera: &Camera,
         frame: &Frame,
     ) -> std::result::Result<(Image, f64, f64), Stop> {
-        let rows = Viewer { scenario, renderer: camera.renderer() }.view(frame).rendered;
+        let rows = rendered(scenario, camera.renderer(), frame);
         let timed = |rows: &[Particle]| {
             let start = Instant::now();
             (camera.image(rows, frame.index), start.elapsed().as_secs_f64())

@@ -1,6 +1,6 @@
 //! A result that is shown: what `evaluate` finds, point by point.
 //!
-//! Scores and matching come from [`crate::evaluate`] itself with the options that `microsig evaluate` has
+//! Scores and matching come from [`scoring::evaluate`] itself with the options that `microsig evaluate` has
 //! without any given, so the numbers of the page are those of `score.json`.
 
 use std::ops::Range;
@@ -9,18 +9,18 @@ use std::path::Path;
 use serde_json::{Map, Value, json};
 
 use super::columns::list;
-use crate::error::{Error, Result};
-use crate::evaluate::candidates::Candidates;
-use crate::evaluate::clear::switches;
-use crate::evaluate::detection::error;
-use crate::evaluate::field::ComparedVector;
-use crate::evaluate::gate::Gate;
-use crate::evaluate::links::{correct_links, successors};
-use crate::evaluate::matching::NONE;
-use crate::evaluate::track_set::TrackSet;
-use crate::evaluate::truth::TrueParticles;
-use crate::evaluate::{EvaluateOptions, Evaluation, Particles, evaluate};
-use crate::results::{Conventions, Position};
+use scoring::evaluate::candidates::Candidates;
+use scoring::evaluate::clear::switches;
+use scoring::evaluate::detection::error;
+use scoring::evaluate::field::ComparedVector;
+use scoring::evaluate::gate::Gate;
+use scoring::evaluate::links::{correct_links, successors};
+use scoring::evaluate::matching::NONE;
+use scoring::evaluate::track_set::TrackSet;
+use scoring::evaluate::truth::TrueParticles;
+use scoring::evaluate::{EvaluateOptions, Evaluation, Particles, evaluate};
+use scoring::results::{Conventions, Position};
+use storage::error::{Error, Result};
 
 /// Most points of a list.
 const LONGEST_LIST: usize = 500;

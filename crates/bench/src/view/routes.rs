@@ -12,8 +12,8 @@ use serde_json::{Value, json};
 
 use super::result::Filter;
 use super::state::App;
-use super::{assets, board, body, keys, preview, scenario};
-use crate::error::{Error, Result};
+use super::{assets, board, body, editor, keys, preview};
+use storage::error::{Error, Result};
 
 /// Largest body of a request, bytes: a scenario.
 const LARGEST_BODY: usize = 1 << 20;
@@ -123,12 +123,12 @@ async fn about(State(app): Shared) -> Response {
 }
 
 async fn start(State(app): Shared) -> Response {
-    work(app, |app| scenario::about(app.subject()).map(Some)).await
+    work(app, |app| editor::about(app.subject()).map(Some)).await
 }
 
 async fn save(State(app): Shared, body: Body) -> Response {
     match text(body).await {
-        Ok(text) => work(app, move |app| scenario::save(app.subject(), &text).map(Some)).await,
+        Ok(text) => work(app, move |app| editor::save(app.subject(), &text).map(Some)).await,
         Err(status) => status.into_response(),
     }
 }

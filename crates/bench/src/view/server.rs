@@ -25,8 +25,8 @@ use tokio::sync::Semaphore;
 use super::routes;
 use super::state::App;
 use super::subject::Subject;
-use crate::error::{Error, Result};
-use crate::storage::on_interrupt;
+use storage::error::{Error, Result};
+use storage::on_interrupt;
 
 /// How to serve.
 #[derive(Debug, Clone, Copy, Default)]

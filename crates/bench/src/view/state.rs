@@ -11,7 +11,7 @@ use tokio::sync::{Notify, Semaphore};
 use super::dataset::OpenDataset;
 use super::result::OpenResult;
 use super::subject::Subject;
-use crate::error::{Error, Result};
+use storage::error::{Error, Result};
 
 /// Datasets that are kept open.
 const OPEN_DATASETS: usize = 3;

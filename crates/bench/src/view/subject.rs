@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::dataset::manifest::MANIFEST;
-use crate::error::{Error, Result};
-use crate::scenario::{SCENARIO, read_text, shipped};
-use crate::storage::folder::is_partial;
-use crate::storage::input;
+use generator::dataset::manifest::MANIFEST;
+use scenario::{SCENARIO, read_text, shipped};
+use storage::error::{Error, Result};
+use storage::folder::is_partial;
+use storage::input;
 
 /// What is shown. Requests name datasets, results and trackers by their place in these lists.
 #[derive(Debug, Clone, Default)]

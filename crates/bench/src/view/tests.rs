@@ -13,10 +13,10 @@ use tokio::runtime::Runtime;
 use super::server::accept;
 use super::state::App;
 use super::subject::Subject;
-use crate::evaluate::{EvaluateOptions, evaluate};
 use crate::report;
-use crate::runner::{GenerateOptions, Progress, generate};
-use crate::scenario;
+use generator::runner::{GenerateOptions, Progress, generate};
+use scenario;
+use scoring::evaluate::{EvaluateOptions, evaluate};
 
 const SCENARIO: &str = r#"(
     name: "small",

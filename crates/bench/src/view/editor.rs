@@ -1,0 +1,68 @@
+//! The scenario that is edited: what is wrong with its text, where to start from, where it is saved.
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use super::subject::Subject;
+use scenario::{self, Scenario, shipped, template};
+use storage::error::{Error, Result};
+use storage::problem::Problem;
+use storage::save_result;
+
+/// The scenario of a text, or what is wrong with it.
+pub(super) fn read(subject: &Subject, text: &str) -> std::result::Result<Scenario, Value> {
+    let name = subject.scenario.as_deref().and_then(Path::file_name);
+    let name = name.map_or_else(|| "scenario".to_owned(), |name| name.to_string_lossy().into_owned());
+    scenario::load_text(text, (&name, &subject.base()), &[], None).map_err(|error| match error {
+        Error::Problems(problems) => {
+            Value::Array(problems.iter().map(|problem| told(problem, text)).collect())
+        }
+        other => Value::Array(other.messages().iter().map(|text| json!({ "message": text })).collect()),
+    })
+}
+
+/// A problem with its place in the text, counted as browsers do (UTF-16).
+fn told(problem: &Problem, text: &str) -> Value {
+    let units = |end: usize| text.get(..end).map(|before| before.encode_utf16().count());
+    let place = problem.place.as_ref().filter(|place| place.source.text == text);
+    json!({
+        "message": problem.message(), "path": problem.path, "line": place.map(|place| place.line_and_column().0),
+        "from": place.and_then(|place| units(place.span.start)), "to": place.and_then(|place| units(place.span.end)),
+    })
+}
+
+/// What the page begins with.
+///
+/// # Errors
+/// A scenario that cannot be read.
+pub(super) fn about(subject: &Subject) -> Result<Value> {
+    let (name, text) = subject.text()?;
+    let question = |text: &str| {
+        let first = text.lines().next().unwrap_or_default();
+        first.trim_start_matches("// Question: ").to_owned()
+    };
+    let presets = shipped().into_iter().filter(|(_, text)| !text.contains("\n    axes:"));
+    let presets: Vec<Value> = std::iter::once(json!({
+        "name": "every key", "text": template()?, "question": "A commented scenario with every key and its default."
+    }))
+    .chain(presets.map(|(name, text)| json!({ "name": name, "text": text, "question": question(text) })))
+    .collect();
+    let file = subject.scenario.as_ref();
+    Ok(json!({
+        "name": name, "text": text, "presets": presets, "may_save": file.is_some(),
+        "exists": file.is_some_and(|file| file.exists()),
+    }))
+}
+
+/// Writes the scenario's file.
+///
+/// # Errors
+/// A page that was opened without a file to write; writing.
+pub(super) fn save(subject: &Subject, text: &str) -> Result<Value> {
+    let Some(file) = &subject.scenario else {
+        return Err(Error::input("no file to save to: open the page with `microsig view FILE.ron`"));
+    };
+    save_result(file, true, text.as_bytes())?;
+    Ok(json!({ "saved": file.display().to_string() }))
+}

@@ -1,0 +1,343 @@
+//! What a fit found: parameters with intervals, how well they describe the scan, and what to make of it.
+
+use microsig_core::{Settings, emission};
+use serde::Serialize;
+
+use super::FitOptions;
+use super::images::Problem;
+use super::intervals::Covariance;
+use super::optics::Shared;
+use super::state::{Misfit, State};
+
+/// Standard deviations of a 95 % interval of a normal distribution.
+const NORMAL_95: f64 = 1.959_964;
+
+/// Points per pixel that settings are written with, and the range of rays per point.
+const POINTS_PER_PIXEL: f64 = 18.0;
+const RAYS: (f64, f64) = (100.0, 500.0);
+
+/// Variance of MicroSIG's counts of rays over their mean (optics of spheres, 0.84 to 1.01).
+const FANO: f64 = 0.9;
+
+/// A fitted or given quantity.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Parameter {
+    /// The key of MicroSIG's settings where there is one.
+    pub name: String,
+    /// Unit; empty if dimensionless.
+    pub unit: &'static str,
+    /// The value.
+    pub value: f64,
+    /// Standard deviation; 0 if given.
+    pub sd: f64,
+    /// Lower end of the 95 % interval.
+    pub low_95: f64,
+    /// Upper end of the 95 % interval.
+    pub high_95: f64,
+    /// Standard deviation over resampled particles, if asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bootstrap_sd: Option<f64>,
+    /// Whether it was fitted.
+    pub free: bool,
+    /// The fitted quantity that it correlates with most, and the correlation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub correlates_with: Option<(String, f64)>,
+}
+
+/// One particle.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FittedParticle {
+    /// Place at the mean stage position, px, the first pixel's center at 1.
+    pub x_px: f64,
+    /// The same along rows.
+    pub y_px: f64,
+    /// Depth at stage position 0, um of the model.
+    pub z_um: f64,
+    /// Standard deviations of the three.
+    pub sd: [f64; 3],
+    /// Counts of the camera if all light of the half space toward the lens arrived.
+    pub light_counts: f64,
+    /// Background, counts.
+    pub background_counts: f64,
+}
+
+/// How well one plane is described.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PlaneFit {
+    /// Stage position, um.
+    pub stage_um: f64,
+    /// Sum of squared residuals over variance, per pixel.
+    pub chi2: f64,
+    /// Brightness against the mean plane.
+    pub flux: f64,
+}
+
+/// What to make of a fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Residuals are noise.
+    NoiseLimited,
+    /// Residuals show, but the model explains the images.
+    Good,
+    /// The model explains most of the light.
+    Fair,
+    /// Geometric optics is the wrong model.
+    NotDescribed,
+}
+
+/// A fit of a scan.
+#[derive(Debug, Clone, Serialize)]
+pub struct Fitted {
+    /// Version of the program.
+    pub version: &'static str,
+    /// Quantities that all particles share.
+    pub parameters: Vec<Parameter>,
+    /// +1: stage positions grow away from the lens; -1: toward it.
+    pub direction: f64,
+    /// By how much minus twice the log-likelihood of the other direction is larger; `None` if it was given.
+    pub direction_margin: Option<f64>,
+    /// Direction along which the cylinder acts, degrees from the image's x axis toward y, in (-90, 90]; 0
+    /// without cylinder.
+    pub rotation_deg: f64,
+    /// Lateral drift, px per um of stage.
+    pub drift_px_per_um: [f64; 2],
+    /// Particles.
+    pub particles: Vec<FittedParticle>,
+    /// Planes.
+    pub planes: Vec<PlaneFit>,
+    /// Particle and plane, from 0, of windows that were left out.
+    pub rejected: Vec<(usize, usize)>,
+    /// Sum of squared residuals over variance, per pixel.
+    pub chi2: f64,
+    /// Share of the light above the noise that the model explains.
+    pub r2: f64,
+    /// What to make of it.
+    pub verdict: Verdict,
+    /// MicroSIG's settings.
+    #[serde(skip)]
+    pub settings: Settings,
+    /// Variance of the camera per count of light.
+    pub variance_per_count: f64,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+impl Fitted {
+    pub(super) fn of(
+        problem: &Problem,
+        state: &State,
+        misfits: &[(usize, usize, Misfit)],
+        covariance: &Covariance,
+        resampled: &[Vec<f64>],
+        options: &FitOptions,
+    ) -> Fitted {
+        let sum = |value: &dyn Fn(&Misfit) -> f64| misfits.iter().map(|(_, _, m)| value(m)).sum::<f64>();
+        let pixels = sum(&|m| m.pixels as f64).max(1.0);
+        let chi2 = sum(&|m| m.chi2) / pixels;
+        let noise2 = sum(&|m| m.noise2);
+        let r2 =
+            1.0 - (sum(&|m| m.residual2) - noise2) / (sum(&|m| m.signal2) - noise2).max(f64::MIN_POSITIVE);
+        let planes = (0..problem.scan.planes.len())
+            .map(|i| {
+                let own = misfits.iter().filter(|(_, plane, _)| *plane == i);
+                let (chi2, n) = own.fold((0.0, 0.0), |(c, n), (_, _, m)| (c + m.chi2, n + m.pixels as f64));
+                PlaneFit {
+                    stage_um: problem.scan.stage_um[i],
+                    chi2: chi2 / f64::max(n, 1.0),
+                    flux: state.flux[i],
+                }
+            })
+            .collect();
+        let particles = state
+            .beads
+            .iter()
+            .zip(&problem.windows.particles)
+            .enumerate()
+            .map(|(k, (bead, window))| {
+                let first = problem.bead_parameter(k);
+                FittedParticle {
+                    x_px: window.column as f64 + bead.x + 1.0,
+                    y_px: window.row as f64 + bead.y + 1.0,
+                    z_um: bead.z_um,
+                    sd: [0, 1, 2].map(|i| covariance.sd(&[(first + i, 1.0)])),
+                    light_counts: bead.light,
+                    background_counts: bead.background,
+                }
+            })
+            .collect();
+        let rejected = problem.rejected.iter().enumerate();
+        let rejected = rejected
+            .flat_map(|(k, planes)| planes.iter().enumerate().filter(|(_, r)| **r).map(move |(i, _)| (k, i)))
+            .collect();
+        let rotation_deg = if state.microscope.focus_shift_um == 0.0 {
+            0.0
+        } else {
+            let degrees = state.microscope.angle.to_degrees().rem_euclid(180.0);
+            if degrees > 90.0 { degrees - 180.0 } else { degrees }
+        };
+        let (settings, clamped) = settings(problem, state);
+        let mut warnings = problem.scan.warnings.clone();
+        if clamped {
+            warnings.push(format!(
+                "noise of {:.3} counts^2 per count of light is not that of rays: draw with `render: (mode: expected)` and a \
+                 sensor of gain_counts_per_e {:.3} with shot noise",
+                state.variance_per_count, state.variance_per_count
+            ));
+        }
+        if rotation_deg.abs() > 1.0 {
+            warnings.push(format!(
+                "the cylinder acts along {rotation_deg:.1} degrees from the x axis; the settings are written in its frame: turn \
+                 images by {:.1} degrees before they are compared with drawn ones",
+                -rotation_deg
+            ));
+        }
+        Fitted {
+            version: storage::VERSION,
+            parameters: parameters(problem, state, covariance, resampled, options),
+            direction: state.direction,
+            direction_margin: None,
+            rotation_deg,
+            drift_px_per_um: state.drift,
+            particles,
+            planes,
+            rejected,
+            chi2,
+            r2,
+            verdict: verdict(chi2, r2),
+            settings,
+            variance_per_count: state.variance_per_count,
+            warnings,
+        }
+    }
+
+    /// The verdict in a sentence.
+    pub fn sentence(&self) -> String {
+        let (chi2, r2) = (self.chi2, self.r2);
+        let numbers = format!("chi2 per pixel {chi2:.3}, {:.1} % of the light explained", 100.0 * r2);
+        match self.verdict {
+            Verdict::NoiseLimited => format!("the model describes the scan down to its noise ({numbers})"),
+            Verdict::Good => format!("the model describes the scan well ({numbers})"),
+            Verdict::Fair => {
+                format!("the model describes the scan roughly ({numbers}); look at the residuals")
+            }
+            Verdict::NotDescribed => format!(
+                "geometric optics does not describe this scan ({numbers}): images this close to focus, or particles this small, \
+                 are shaped by diffraction"
+            ),
+        }
+    }
+}
+
+fn verdict(chi2: f64, r2: f64) -> Verdict {
+    match (chi2, r2) {
+        (_, r2) if r2 < 0.9 => Verdict::NotDescribed,
+        (chi2, _) if chi2 < 1.1 => Verdict::NoiseLimited,
+        (chi2, r2) if chi2 < 1.5 || r2 > 0.97 => Verdict::Good,
+        _ => Verdict::Fair,
+    }
+}
+
+/// MicroSIG's settings of the fit with the scan's brightness and noise; whether no number of rays has that
+/// noise.
+fn settings(problem: &Problem, state: &State) -> (Settings, bool) {
+    let mut settings = state.microscope.settings(2 * problem.windows.half + 1);
+    settings.pixel_dim_x = problem.scan.width as u32;
+    settings.pixel_dim_y = problem.scan.height as u32;
+    settings.points_per_pixel = POINTS_PER_PIXEL;
+    let light = state.beads.iter().map(|b| b.light).sum::<f64>() / state.beads.len() as f64;
+    let points = (emission::sphere_points(&settings, state.microscope.diameter_um) as f64).max(1.0);
+    let rays = light / (state.variance_per_count.max(1e-9) / FANO * points) - 1.0;
+    let clamped = !(RAYS.0..=RAYS.1).contains(&rays);
+    settings.n_rays = rays.clamp(RAYS.0, RAYS.1).round() as u32;
+    settings.gain = light / (points * (f64::from(settings.n_rays) + 1.0));
+    settings.background_mean = problem.background.mean;
+    settings.background_noise = problem.background.noise;
+    (settings, clamped)
+}
+
+fn parameters(
+    problem: &Problem,
+    state: &State,
+    covariance: &Covariance,
+    resampled: &[Vec<f64>],
+    options: &FitOptions,
+) -> Vec<Parameter> {
+    let at = |shared: Shared| problem.shared.iter().position(|s| *s == shared);
+    let microscope = &state.microscope;
+    let entry = |name: &str, unit, value: f64, own: Option<usize>, combination: Vec<(usize, f64)>| {
+        let sd = covariance.sd(&combination);
+        let strongest = own.and_then(|i| {
+            (0..problem.shared.len())
+                .filter(|j| *j != i)
+                .map(|j| (problem.shared[j].name().to_owned(), covariance.correlation(i, j)))
+                .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
+        });
+        Parameter {
+            name: name.to_owned(),
+            unit,
+            value,
+            sd,
+            low_95: value - NORMAL_95 * sd,
+            high_95: value + NORMAL_95 * sd,
+            bootstrap_sd: spread(resampled, &combination),
+            free: !combination.is_empty(),
+            correlates_with: strongest,
+        }
+    };
+    let one = |shared: Shared, factor: f64| at(shared).map(|i| (i, factor)).into_iter().collect::<Vec<_>>();
+    let slope = microscope.slope;
+    let by_slope = slope / libm::pow(1.0 + slope * slope, 1.5);
+    let (f, d) = (microscope.focal_length_um, microscope.diameter_um);
+    let mut all = vec![
+        entry(
+            "numerical_aperture",
+            "",
+            microscope.numerical_aperture(),
+            at(Shared::NumericalAperture),
+            one(Shared::NumericalAperture, by_slope),
+        ),
+        entry("focal_length", "um", f, at(Shared::FocalLength), one(Shared::FocalLength, f)),
+        entry("particle_diameter_um", "um", d, at(Shared::Diameter), one(Shared::Diameter, d)),
+    ];
+    if let Some(shift) = at(Shared::FocusShift) {
+        let (cylinder, delta) = (microscope.cylinder_um(), microscope.focus_shift_um);
+        let mut combination = one(Shared::FocalLength, 2.0 * cylinder);
+        combination.push((shift, -cylinder / delta));
+        all.push(entry("cyl_focal_length", "um", cylinder, None, combination));
+        all.push(entry("focus_shift_um", "um", delta, Some(shift), vec![(shift, 1.0)]));
+        all.push(entry(
+            "rotation_deg",
+            "deg",
+            microscope.angle.to_degrees(),
+            at(Shared::Angle),
+            one(Shared::Angle, 180.0 / std::f64::consts::PI),
+        ));
+    }
+    let given = options.given;
+    for (shared, unit, value) in [
+        (Shared::RiLens, "", microscope.ri_lens),
+        (Shared::PixelSize, "um", microscope.pixel_size_um),
+        (Shared::DepthFactor, "", microscope.depth_factor),
+    ] {
+        all.push(entry(shared.name(), unit, value, at(shared), one(shared, value)));
+    }
+    all.push(entry("magnification", "", given.magnification, None, Vec::new()));
+    all.push(entry("ri_medium", "", given.ri_medium, None, Vec::new()));
+    all
+}
+
+/// Standard deviation of a linear combination of parameters over resampled fits; `None` if it is fixed or
+/// there are none.
+fn spread(resampled: &[Vec<f64>], combination: &[(usize, f64)]) -> Option<f64> {
+    if combination.is_empty() || resampled.len() < 2 {
+        return None;
+    }
+    let values: Vec<f64> = resampled
+        .iter()
+        .map(|steps| combination.iter().map(|&(i, factor)| factor * steps[i]).sum())
+        .collect();
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    Some(libm::sqrt(values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0)))
+}

@@ -1,0 +1,320 @@
+//! A calibration scan: images of resting particles at known stage positions.
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek};
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use tiff::ColorType;
+use tiff::decoder::{Decoder, DecodingResult, Limits};
+use tiff::tags::Tag;
+
+use storage::error::{Error, Result};
+
+/// The fewest planes that tell the shape of the images over depth.
+const FEWEST_PLANES: usize = 7;
+
+/// The most pixels of a scan, over all planes: two bytes each.
+const MOST_PIXELS: usize = 1 << 28;
+
+/// One image of a scan, or all.
+#[derive(Debug, Clone)]
+pub struct Scan {
+    /// Width of every plane, px.
+    pub width: usize,
+    /// Height of every plane, px.
+    pub height: usize,
+    /// Counts of each plane, row by row.
+    pub planes: Vec<Vec<u16>>,
+    /// Stage position of each plane, um, strictly or weakly monotonic.
+    pub stage_um: Vec<f64>,
+    /// The largest count that the file's type holds.
+    pub full_scale: u16,
+    /// What the user should know about how the scan was read.
+    pub warnings: Vec<String>,
+}
+
+/// Where the stage positions come from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum StagePositions {
+    /// A CSV table with the columns `page` (from 0) or `image`, and `z_um`.
+    Table(PathBuf),
+    /// A constant step between planes, um.
+    Step(f64),
+    /// The spacing that ImageJ keeps in the file's description.
+    FromFile,
+}
+
+/// The planes of a file or folder before their positions are known.
+struct Planes {
+    width: usize,
+    height: usize,
+    planes: Vec<Vec<u16>>,
+    names: Vec<String>,
+    full_scale: u16,
+    spacing_um: Option<f64>,
+}
+
+impl Scan {
+    /// Reads a scan from a multi-page TIFF, or from a folder of TIFF files in the natural order of their
+    /// names.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if an image cannot be read, is not gray, or if positions are missing, not monotonic
+    /// or too few.
+    pub fn read(path: &Path, positions: &StagePositions) -> Result<Scan> {
+        let planes = if path.is_dir() { read_folder(path)? } else { read_pages(path)? };
+        let n = planes.planes.len();
+        let mut warnings = Vec::new();
+        let stage_um = match positions {
+            StagePositions::Table(file) => read_positions(file, &planes.names)?,
+            StagePositions::Step(step) => (0..n).map(|i| step * i as f64).collect(),
+            StagePositions::FromFile => {
+                let step = planes.spacing_um.ok_or_else(|| {
+                    Error::input(format!(
+                        "{}: stage positions are unknown: give --z FILE or --z-step UM",
+                        path.display()
+                    ))
+                })?;
+                warnings.push(format!("stage step of {step} um taken from the image description (ImageJ)"));
+                (0..n).map(|i| step * i as f64).collect()
+            }
+        };
+        if n < FEWEST_PLANES {
+            return Err(Error::input(format!(
+                "{}: {n} planes: expected at least {FEWEST_PLANES}, from below to above focus",
+                path.display()
+            )));
+        }
+        check_monotonic(&stage_um)?;
+        let Planes { width, height, planes, full_scale, .. } = planes;
+        Ok(Scan { width, height, planes, stage_um, full_scale, warnings })
+    }
+
+    /// The scan of planes `first` to `last` alone, counted from 0.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the range holds too few planes or planes that are not there.
+    pub fn cut(mut self, first: usize, last: usize) -> Result<Scan> {
+        let n = self.planes.len();
+        if last >= n || first > last || last - first + 1 < FEWEST_PLANES {
+            return Err(Error::input(format!(
+                "--planes {first}-{last}: expected a range of at least {FEWEST_PLANES} planes within 0-{}",
+                n - 1
+            )));
+        }
+        self.planes = self.planes.drain(first..=last).collect();
+        self.stage_um = self.stage_um[first..=last].to_vec();
+        Ok(self)
+    }
+
+    /// Mean of the stage positions, um.
+    pub(super) fn mean_stage_um(&self) -> f64 {
+        self.stage_um.iter().sum::<f64>() / self.stage_um.len() as f64
+    }
+
+    /// Distance between the first and the last stage position, um.
+    pub(super) fn range_um(&self) -> f64 {
+        self.stage_um.last().zip(self.stage_um.first()).map_or(0.0, |(a, b)| (a - b).abs())
+    }
+}
+
+fn check_monotonic(stage_um: &[f64]) -> Result<()> {
+    let falls = |pair: &[f64]| pair[1] < pair[0];
+    let rises = |pair: &[f64]| pair[1] > pair[0];
+    if stage_um.windows(2).any(falls) && stage_um.windows(2).any(rises) {
+        let descending = stage_um.last() < stage_um.first();
+        let wrong = stage_um.windows(2).position(if descending { rises } else { falls }).unwrap_or(0) + 1;
+        return Err(Error::input(format!(
+            "stage position of plane {wrong} is {} um after {} um: expected positions that only rise or only fall; \
+             are the planes in the wrong order?",
+            stage_um[wrong],
+            stage_um[wrong - 1]
+        )));
+    }
+    if stage_um.last() == stage_um.first() {
+        return Err(Error::input("all stage positions are equal: expected a scan over depth".to_owned()));
+    }
+    Ok(())
+}
+
+fn read_pages(path: &Path) -> Result<Planes> {
+    let file = File::open(path).map_err(|e| Error::read(path, e))?;
+    if !file.metadata().map_err(|e| Error::read(path, e))?.is_file() {
+        return Err(Error::input(format!("{}: expected a file or a folder", path.display())));
+    }
+    let mut all = Planes {
+        width: 0,
+        height: 0,
+        planes: Vec::new(),
+        names: Vec::new(),
+        full_scale: 0,
+        spacing_um: None,
+    };
+    read_tiff(&mut all, BufReader::new(file), &path.display().to_string())?;
+    Ok(all)
+}
+
+fn read_folder(path: &Path) -> Result<Planes> {
+    let entries = std::fs::read_dir(path).map_err(|e| Error::read(path, e))?;
+    let mut names: Vec<String> = entries
+        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        .filter(|name| {
+            let lower = name.to_ascii_lowercase();
+            lower.ends_with(".tif") || lower.ends_with(".tiff")
+        })
+        .collect();
+    names.sort_by(|a, b| natord::compare(a, b));
+    if names.is_empty() {
+        return Err(Error::input(format!(
+            "{}: no *.tif files: expected one image per plane",
+            path.display()
+        )));
+    }
+    let mut all = Planes {
+        width: 0,
+        height: 0,
+        planes: Vec::new(),
+        names: Vec::new(),
+        full_scale: 0,
+        spacing_um: None,
+    };
+    for name in names {
+        let file = path.join(&name);
+        let reader = BufReader::new(File::open(&file).map_err(|e| Error::read(&file, e))?);
+        let before = all.planes.len();
+        read_tiff(&mut all, reader, &file.display().to_string())?;
+        if all.planes.len() != before + 1 {
+            return Err(Error::input(format!(
+                "{}: {} images: expected one per file in a folder",
+                file.display(),
+                all.planes.len() - before
+            )));
+        }
+        all.names.push(name);
+    }
+    Ok(all)
+}
+
+/// Appends all pages of a TIFF file.
+fn read_tiff(all: &mut Planes, reader: BufReader<impl Read + Seek>, name: &str) -> Result<()> {
+    let refuse = |message: String| Error::input(format!("{name}: {message}"));
+    let damaged = |e: tiff::TiffError| Error::input(format!("{name}: {e}"));
+    let mut decoder = Decoder::new(reader).map_err(damaged)?;
+    let mut limits = Limits::default();
+    limits.decoding_buffer_size = 2 * MOST_PIXELS;
+    decoder = decoder.with_limits(limits);
+    loop {
+        let page = all.planes.len();
+        let (width, height) = decoder.dimensions().map_err(damaged)?;
+        let (width, height) = (width as usize, height as usize);
+        if page > 0 && (width, height) != (all.width, all.height) {
+            return Err(refuse(format!(
+                "page {page} has {width} x {height} px: expected {} x {} px as the first",
+                all.width, all.height
+            )));
+        }
+        // Checked before anything is allocated for the pixels.
+        if width.saturating_mul(height).saturating_mul(page + 1) > MOST_PIXELS {
+            return Err(refuse(format!("more than {MOST_PIXELS} pixels: crop the scan or leave out planes")));
+        }
+        match decoder.colortype().map_err(damaged)? {
+            ColorType::Gray(8 | 16) => {}
+            other => {
+                return Err(refuse(format!("page {page} is {other:?}: expected gray counts of 8 or 16 bit")));
+            }
+        }
+        if page == 0 {
+            (all.width, all.height) = (width, height);
+            all.spacing_um = spacing(&mut decoder);
+        }
+        let (counts, full) = match decoder.read_image().map_err(damaged)? {
+            DecodingResult::U8(counts) => (counts.into_iter().map(u16::from).collect::<Vec<_>>(), 255),
+            DecodingResult::U16(counts) => (counts, u16::MAX),
+            _ => return Err(refuse(format!("page {page}: expected gray counts of 8 or 16 bit"))),
+        };
+        if counts.len() != width * height {
+            return Err(refuse(format!(
+                "page {page} has {} values: expected {}",
+                counts.len(),
+                width * height
+            )));
+        }
+        all.full_scale = all.full_scale.max(full);
+        all.planes.push(counts);
+        if !decoder.more_images() {
+            return Ok(());
+        }
+        decoder.next_image().map_err(damaged)?;
+    }
+}
+
+/// ImageJ's distance between slices, um.
+fn spacing<R: Read + Seek>(decoder: &mut Decoder<R>) -> Option<f64> {
+    let description = decoder.find_tag(Tag::ImageDescription).ok()??.into_string().ok()?;
+    let entry = |key: &str| description.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='));
+    let unit = entry("unit")?;
+    let spacing: f64 = entry("spacing")?.trim().parse().ok()?;
+    let known = matches!(unit.trim(), "um" | "micron" | "microns" | "\\u00B5m" | "\u{b5}m");
+    (known && spacing.is_finite() && spacing != 0.0).then_some(spacing)
+}
+
+/// A row of the table of stage positions.
+#[derive(Debug, Deserialize)]
+struct Position {
+    page: Option<usize>,
+    image: Option<String>,
+    z_um: f64,
+}
+
+/// The stage position of each plane from a table.
+fn read_positions(file: &Path, names: &[String]) -> Result<Vec<f64>> {
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_path(file)
+        .map_err(|e| Error::input(format!("{}: {e}", file.display())))?;
+    let mut found: Vec<(usize, f64)> = Vec::new();
+    for (row, record) in reader.deserialize::<Position>().enumerate() {
+        let line = row + 2;
+        let refuse = |message: String| Error::input(format!("{}:{line}: {message}", file.display()));
+        let record = record.map_err(|e| refuse(e.to_string()))?;
+        if !record.z_um.is_finite() {
+            return Err(refuse(format!("z_um = {}: expected a finite number", record.z_um)));
+        }
+        let page = match (record.page, record.image) {
+            (Some(page), _) => page,
+            (None, Some(image)) => names
+                .iter()
+                .position(|name| {
+                    *name == image || name.rsplit_once('.').is_some_and(|(stem, _)| stem == image)
+                })
+                .ok_or_else(|| refuse(format!("image {image:?} is not in the scan's folder")))?,
+            (None, None) => return Err(refuse("expected a column `page` or `image`".to_owned())),
+        };
+        found.push((page, record.z_um));
+    }
+    found.sort_by_key(|(page, _)| *page);
+    let planes = if names.is_empty() { None } else { Some(names.len()) };
+    if found.iter().enumerate().any(|(i, (page, _))| i != *page) || planes.is_some_and(|n| n != found.len()) {
+        return Err(Error::input(format!(
+            "{}: {} positions: expected one for each page from 0 on, each once",
+            file.display(),
+            found.len()
+        )));
+    }
+    Ok(found.into_iter().map(|(_, z)| z).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn positions_must_be_monotonic() {
+        assert!(check_monotonic(&[0.0, 1.0, 1.0, 2.0]).is_ok());
+        assert!(check_monotonic(&[3.0, 1.0, 0.0]).is_ok());
+        let message = check_monotonic(&[0.0, 2.0, 1.0, 3.0]).unwrap_err().to_string();
+        assert!(message.contains("plane 2 is 1 um after 2 um"), "{message}");
+        assert!(check_monotonic(&[1.0, 1.0]).is_err());
+    }
+}

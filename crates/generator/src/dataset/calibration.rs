@@ -1,0 +1,238 @@
+//! The calibration stack: one particle, scanned through the depth range.
+//!
+//! The particle sits on the central pixel of a sensor just large enough for its largest image; settings and
+//! noise are those of the dataset, the random streams are its own. Depths run from below the range to above
+//! it.
+
+use std::io::Write;
+use std::path::Path;
+
+use microsig_core::formats::{data_file, settings_file};
+use microsig_core::sensor::{Detector, Image};
+use microsig_core::{Particle, Settings};
+use rayon::prelude::*;
+
+use super::Camera;
+use crate::preview::depth_of_field_um;
+use scenario::{Scenario, spec};
+use storage::error::{Error, Result};
+use storage::save;
+use storage::tables::{Table, TableFile, TableWriter, column};
+use visibility::DepthScan;
+
+/// One row per image of the stack.
+pub static CALIBRATION: Table = Table::new(
+    "calibration/calibration.csv",
+    "One row per image of the calibration stack: a single particle, scanned through the depth range.",
+    &[
+        column("step", "integer", "", "number of the step, from 0"),
+        column("z_um", "number", "um", "physical depth of the particle, growing away from the lens"),
+        column("x_px", "number", "px", "column of its centre"),
+        column("y_px", "number", "px", "row of its centre"),
+        column("image", "string", "", "path of the image"),
+        column("particles", "string", "", "path of the MicroSIG data file"),
+    ],
+);
+
+/// The longest distance between the depths of a stack whose step is not given, um.
+const LONGEST_STEP_UM: f64 = 2.0;
+/// A stack whose step is not given has at least so many steps, and so many, about four, in the depth of
+/// field: 2 um do for setting 1, whose depth of field is 7.7 um.
+const FEWEST_STEPS: f64 = 40.0;
+const STEPS_IN_FOCUS: f64 = 3.75;
+
+/// The step of a stack, um: as given, or short enough for the depth range and the depth of field.
+///
+/// # Errors
+/// None for a scenario that could be resolved.
+fn step_um(scenario: &Scenario, scan: &DepthScan) -> Result<f64> {
+    if let Some(spec::Calibration::EveryUm(step_um)) = scenario.spec.calibration {
+        return Ok(step_um);
+    }
+    let (low, high) = scenario.depth_range_um;
+    let field_um = depth_of_field_um(scenario, scan)?.unwrap_or(f64::INFINITY);
+    let longest = ((high - low) / FEWEST_STEPS).min(field_um / STEPS_IN_FOCUS);
+    let mut step_um = LONGEST_STEP_UM;
+    // A depth of field of nothing would need no end of steps.
+    while step_um > longest && step_um > 1e-3 * (high - low) {
+        step_um *= 0.5;
+    }
+    Ok(step_um)
+}
+
+/// Depths of the stack, um: equal steps that begin at the range's lower end and reach its upper end.
+fn depths_um((low, high): (f64, f64), step_um: f64) -> Vec<f64> {
+    let steps = ((high - low) / step_um).ceil() as u32;
+    (0..=steps).map(|k| low + step_um * f64::from(k)).collect()
+}
+
+/// The settings of the stack: the dataset's, with a sensor of odd size around the largest image.
+fn settings(scenario: &Scenario, camera: &Camera, depths_um: &[f64]) -> Settings {
+    let largest = depths_um
+        .iter()
+        .map(|z_um| camera.renderer().image_extent(&particle(scenario, *z_um, 1.0)))
+        .fold(0.0f64, |largest, (x, y)| largest.max(x).max(y));
+    let odd = 2 * largest.ceil() as u32 + 1;
+    // A sensor larger than the dataset's would show what no frame can.
+    let side = |dataset: u32| if odd <= dataset { odd } else { dataset - (dataset + 1) % 2 };
+    Settings {
+        pixel_dim_x: side(scenario.settings.pixel_dim_x).max(1),
+        pixel_dim_y: side(scenario.settings.pixel_dim_y).max(1),
+        ..scenario.settings.clone()
+    }
+}
+
+fn particle(scenario: &Scenario, z_um: f64, center: f64) -> Particle {
+    let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+    let d_um = scenario.seeding.diameters().mean();
+    let sphere = Particle::sphere(center, center, z_um / depth_factor, d_um);
+    // Without photons the stack's particle has brightness 1, whatever those of the dataset have.
+    match scenario.cloud.photons {
+        Some(_) => Particle { c_int: scenario.cloud.typical_c_int(d_um), ..sphere },
+        None => sphere,
+    }
+}
+
+/// The detector with the middle of its background image, as large as the stack's sensor.
+fn cropped(detector: &Detector, whole: &Settings, part: &Settings) -> Detector {
+    let background = detector.background.as_ref().map(|counts| {
+        let (left, top) =
+            ((whole.pixel_dim_x - part.pixel_dim_x) / 2, (whole.pixel_dim_y - part.pixel_dim_y) / 2);
+        let rows =
+            counts.chunks(whole.pixel_dim_x as usize).skip(top as usize).take(part.pixel_dim_y as usize);
+        rows.flat_map(|row| row[left as usize..(left + part.pixel_dim_x) as usize].iter().copied()).collect()
+    });
+    Detector { background, ..detector.clone() }
+}
+
+/// The calibration stack of a scenario, before it is drawn.
+#[derive(Debug)]
+pub struct CalibrationStack {
+    settings: Settings,
+    camera: Camera,
+    /// The particle at each depth.
+    particles: Vec<Particle>,
+    depths_um: Vec<f64>,
+}
+
+impl CalibrationStack {
+    /// The stack, if the scenario asks for one; `camera` is that of the measurement, `scan` are images of the
+    /// stack's particle.
+    ///
+    /// # Errors
+    /// Settings that cannot be drawn.
+    pub fn of(scenario: &Scenario, camera: &Camera, scan: &DepthScan) -> Result<Option<Self>> {
+        if scenario.spec.calibration == Some(spec::Calibration::None) {
+            return Ok(None);
+        }
+        let depths_um = depths_um(scenario.depth_range_um, step_um(scenario, scan)?);
+        let settings = settings(scenario, camera, &depths_um);
+        let detector =
+            scenario.detector.as_ref().map(|detector| cropped(detector, &scenario.settings, &settings));
+        let renderer = scenario.spec.renderer().build(&settings)?;
+        let camera = Camera::of_dataset(renderer, detector.as_ref(), scenario.streams)?.calibrating();
+        let (x_px, y_px) = (f64::from(settings.pixel_dim_x / 2 + 1), f64::from(settings.pixel_dim_y / 2 + 1));
+        let at = |z_um: &f64| Particle { x_px, y_px, ..particle(scenario, *z_um, 0.0) };
+        let particles: Vec<Particle> = depths_um.iter().map(at).collect();
+        camera.renderer().prepare(&[&particles]);
+        Ok(Some(CalibrationStack { settings, camera, particles, depths_um }))
+    }
+
+    /// Depths of the images, um.
+    pub fn depths_um(&self) -> &[f64] {
+        &self.depths_um
+    }
+
+    /// Draws the image of a step.
+    pub fn image(&self, step: usize) -> Image {
+        self.camera.image(&[self.particles[step]], step as u32)
+    }
+
+    fn paths(step: usize) -> [String; 2] {
+        [
+            format!("calibration/images/step_{step:04}.tif"),
+            format!("calibration/particles/step_{step:04}.txt"),
+        ]
+    }
+
+    /// The table as CSV.
+    ///
+    /// # Errors
+    /// None.
+    pub fn in_memory(&self) -> Result<(Table, Vec<u8>)> {
+        let mut writer = TableWriter::new(&CALIBRATION, Vec::new())?;
+        self.rows(&mut writer)?;
+        Ok((CALIBRATION.clone(), writer.into_writer()?))
+    }
+
+    fn rows<W: Write>(&self, table: &mut TableWriter<W>) -> Result<()> {
+        for (step, (z_um, p)) in self.depths_um.iter().zip(&self.particles).enumerate() {
+            let [image, data] = CalibrationStack::paths(step);
+            table.row(&[&step, z_um, &p.x_px, &p.y_px, &image, &data])?;
+        }
+        Ok(())
+    }
+}
+
+/// Writes the stack below the dataset's folder, if the scenario asks for one. Before each step `go_on` tells
+/// whether to.
+///
+/// # Errors
+/// Settings that cannot be drawn; writing; what `go_on` says.
+pub fn write(
+    folder: &Path,
+    scenario: &Scenario,
+    camera: &Camera,
+    scan: &DepthScan,
+    go_on: impl Fn() -> Result<()> + Sync,
+) -> Result<()> {
+    let Some(stack) = CalibrationStack::of(scenario, camera, scan)? else { return Ok(()) };
+    for part in ["calibration/particles", "calibration/images"] {
+        let path = folder.join(part);
+        std::fs::create_dir_all(&path).map_err(Error::write(&path))?;
+    }
+    let path = folder.join("calibration/settings.txt");
+    save(&path, |w| settings_file::write(w, &stack.settings).map_err(Error::write(&path)))?;
+    (0..stack.particles.len()).into_par_iter().try_for_each(|step| {
+        go_on()?;
+        let [image, data] = CalibrationStack::paths(step);
+        let path = folder.join(data);
+        let particle = [stack.particles[step]];
+        save(&path, |w| {
+            data_file::write(w, &particle, data_file::Layout::of(&particle)).map_err(Error::write(&path))
+        })?;
+        stack.camera.save(&folder.join(image), &stack.image(step)).map(drop)
+    })?;
+    let mut table = TableFile::create(folder, &CALIBRATION)?;
+    stack.rows(&mut table)?;
+    table.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::{parse, resolve};
+
+    #[test]
+    fn depths_cover_the_range() {
+        assert_eq!(depths_um((-80.0, 20.0), 2.0).len(), 51);
+        assert_eq!(depths_um((-80.0, 20.0), 2.0)[50], 20.0);
+        assert_eq!(depths_um((0.0, 3.0), 2.0), [0.0, 2.0, 4.0]);
+    }
+
+    #[test]
+    fn steps_fit_the_range_and_the_depth_of_field() {
+        let step = |optics: &str, rest: &str| {
+            let text = format!(
+                "(name: \"c\", motion: flow(field: poiseuille()), timing: pairs(count: 1), optics: ({optics}), {rest})"
+            );
+            let scenario = resolve(parse(&text, "c.ron").unwrap(), Path::new(".")).unwrap();
+            let scan = scenario.scan(2.0, scenario.depth_range_um).unwrap();
+            step_um(&scenario, &scan).unwrap()
+        };
+        assert_eq!(step("preset: setting1", ""), 2.0);
+        assert_eq!(step("preset: setting1", "boundaries: (z_um: (-30, 10))"), 1.0);
+        assert_eq!(step("preset: setting1", "calibration: every_um(3)"), 3.0);
+        assert!(step("preset: setting2", "boundaries: (z_um: (-20, 5))") <= 0.5);
+    }
+}

@@ -1,0 +1,80 @@
+//! From particles to an image file.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use microsig_core::Particle;
+use microsig_core::formats::tiff::{self, PixelScale};
+use microsig_core::pool::{BufferPool, Pooled};
+use microsig_core::render::{ImageStreams, Renderer};
+use microsig_core::sensor::{Detector, Image, Sensor};
+use microsig_core::stream::{Purpose, Streams};
+
+use scenario::sensor;
+use storage::error::Result;
+use storage::save_bytes;
+
+/// Renderer, sensor and random streams: all that turns particles into an image.
+#[derive(Debug)]
+pub struct Camera {
+    renderer: Renderer,
+    sensor: Sensor,
+    scale: PixelScale,
+    streams: Streams,
+    rays: Purpose,
+    noise: Purpose,
+    files: BufferPool<Vec<u8>>,
+}
+
+impl Camera {
+    /// The camera of a dataset; without a detector its sensor is like MicroSIG's own.
+    ///
+    /// # Errors
+    /// A value of the detector that is out of range.
+    pub fn of_dataset(renderer: Renderer, detector: Option<&Detector>, streams: Streams) -> Result<Self> {
+        let sensor = sensor(renderer.settings(), detector, &streams)?;
+        Ok(Camera::new(renderer, sensor, streams))
+    }
+
+    /// A camera with this sensor.
+    pub fn new(renderer: Renderer, sensor: Sensor, streams: Streams) -> Self {
+        Camera {
+            sensor,
+            scale: PixelScale { um_per_px: renderer.settings().um_per_px(), frame_interval_s: None },
+            renderer,
+            streams,
+            rays: Purpose::Rays,
+            noise: Purpose::BackgroundNoise,
+            files: BufferPool::default(),
+        }
+    }
+
+    /// The same camera with the random streams of a calibration.
+    pub fn calibrating(self) -> Self {
+        Camera { rays: Purpose::CalibrationRays, noise: Purpose::CalibrationNoise, ..self }
+    }
+
+    /// The same camera, taking frames at an interval, which its image files tell.
+    pub fn every(self, interval_s: f64) -> Self {
+        Camera { scale: PixelScale { frame_interval_s: Some(interval_s), ..self.scale }, ..self }
+    }
+
+    /// The renderer.
+    pub fn renderer(&self) -> &Renderer {
+        &self.renderer
+    }
+
+    /// The image of one frame; the particles are the rows of its data file, in their order.
+    pub fn image(&self, particles: &[Particle], frame: u32) -> Image {
+        let random = ImageStreams { streams: &self.streams, rays: self.rays, noise: self.noise, frame };
+        self.renderer.image(particles, &self.sensor, random)
+    }
+
+    /// Writes an image as TIFF with its scale, and gives the file's bytes.
+    pub fn save(&self, path: &Path, image: &Image) -> Result<Pooled<'_, Vec<u8>>> {
+        let mut bytes = self.files.get();
+        tiff::write(Cursor::new(&mut *bytes), image, &self.scale, &path.display().to_string())?;
+        save_bytes(path, &bytes)?;
+        Ok(bytes)
+    }
+}

@@ -1,0 +1,168 @@
+//! The dataset card, `README.md` of a dataset.
+
+use std::path::Path;
+
+use super::manifest::{COORDINATES, GENERATOR_VERSION, ScoringGates, WaveFacts, bit_depth, waves};
+use super::truth::Census;
+use super::truth::depth::ParticleImage;
+use microsig_core::render::Description;
+use scenario::spec::{PairSeeding, Timing};
+use scenario::{MotionSource, Scenario, compact};
+use storage::error::Result;
+use storage::save_bytes;
+
+/// Name of the card.
+const CARD: &str = "README.md";
+
+/// Writes the card into a dataset's folder.
+pub fn write(folder: &Path, scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<()> {
+    save_bytes(&folder.join(CARD), text(scenario, census, image)?.as_bytes())
+}
+
+fn text(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<String> {
+    let (spec, settings) = (&scenario.spec, &scenario.settings);
+    let (low, high) = scenario.depth_range_um;
+    let gates = ScoringGates::over(high - low);
+    let what = frames(scenario);
+    let Description { optics, method } = scenario.renderer.description();
+    let focus = if scenario.renderer.depends_on_depth() { "out of focus" } else { "all in focus" };
+    let motion = compact(&spec.motion)?;
+    let n_p = census.visible as f64 / f64::from(census.frames.max(1));
+    let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
+    let snr = match image.snr {
+        Some(snr) => format!("{snr:.1} (noise-free peak over background noise, median over depth)"),
+        None => "no background noise".to_owned(),
+    };
+    let best = image
+        .focus_um
+        .map_or_else(String::new, |z_um| format!("; best focus at z = {} um", thousandths(z_um)));
+    let field = match scenario.truth_grid() {
+        Some(_) => "`truth/field.csv`: the displacement field on a grid. ",
+        None => "",
+    };
+    let description =
+        if spec.description.is_empty() { String::new() } else { format!("{}\n\n", spec.description) };
+    Ok(format!(
+        "# {name}\n\n\
+         {description}\
+         Synthetic images of tracer particles, {focus} and with known truth: {what}.\n\n\
+         ![some of the frames](preview.png)\n\n\
+         | | |\n|---|---|\n\
+         | image | {width} x {height} px, {bits} bit, {um_per_px} um per px |\n\
+         | optics | {optics} |\n\
+         {light}\
+         | depth range | {low} to {high} um |\n\
+         | depth factor (physical depth over depth in `particles/`) | {depth_factor} |\n\
+         | particles on the sensor | N_p = {n_p:.1} per frame on average, N_ppp = {n_ppp:.3e} per pixel |\n\
+         | area of a particle image | A_pi = {area:.0} px (above 10 % of its peak, mean over depth) |\n\
+         | source density | N_S = {n_s:.3} |\n\
+         | signal-to-noise ratio | {snr}{best} |\n\
+         | displacement | up to {max:.2} px in the image plane |\n\
+         | background | {mean} counts, noise {noise} counts |\n\
+         | gates for scoring | {gate_xy} px in the image, {gate_z} um in depth; ISBI {gate_isbi} px |\n\
+         | seed | {seed} |\n\n\
+         Motion: `{motion}`.{moved}\n\n\
+         {shone}\
+         ## Axes and units\n\n{COORDINATES}\n\n\
+         ## Files\n\n\
+         - `images/`: the frames. `particles/`: the MicroSIG data file of each, `settings.txt`: the settings of all.\n\
+         - `truth/tracks.csv`: every particle in every frame. `truth/displacements.csv`: how each moved within a pair. \
+         `truth/frames.csv`: the frames. {field}`truth/depth.csv`: what a particle's image is at each depth.\n\
+         - `calibration/` (if there): one particle scanned through the depth range.\n\
+         - `scenario.ron`: all that the dataset was made from. `datapackage.json`: all columns with their units.\n\n\
+         ## How it was made\n\n\
+         By microsig {GENERATOR_VERSION}, which {method}. {again} makes the same bytes again; \
+         `sha256sum -c SHA256SUMS` or `microsig verify` checks them.\n\n\
+         ## Licence\n\n\
+         {license}; see `LICENSE`.\n",
+        name = spec.name,
+        license = spec.license,
+        light = waves(scenario).map_or_else(String::new, |waves| light(&waves)),
+        moved = moved(scenario),
+        shone = shone(scenario)?,
+        bits = bit_depth(scenario),
+        n_ppp = n_p / pixels,
+        area = image.area_px,
+        n_s = n_p * image.area_px / pixels,
+        gate_xy = gates.xy_px,
+        gate_z = gates.z_um,
+        gate_isbi = gates.isbi_px,
+        width = settings.pixel_dim_x,
+        height = settings.pixel_dim_y,
+        um_per_px = scenario.scale.um_per_px(),
+        depth_factor = spec.optics.depth_factor.unwrap_or(1.0),
+        again = match scenario.streams.seed() {
+            Some(_) => "`microsig generate scenario.ron`",
+            None => "`microsig verify --regenerate`, with the key in `secret_key.txt`,",
+        },
+        max = census.max_displacement_px,
+        mean = thousandths(image.background_counts),
+        noise = thousandths(image.background_noise_counts),
+        seed = scenario.streams.seed().map_or_else(|| "none: secret key".to_owned(), |seed| seed.to_string()),
+    ))
+}
+
+/// The row of light and objective of images by wave optics.
+fn light(waves: &WaveFacts) -> String {
+    let WaveFacts { wavelength_um, bandwidth_um, emission, lens, airy_radius_px, pupil, layers, .. } = waves;
+    let layers = if layers.is_null() { "" } else { ", layers in front of it" };
+    let pupil = if pupil.is_null() { "" } else { ", mask or aberrations in its pupil" };
+    format!(
+        "| light | {wavelength_um} um, band of {bandwidth_um} um, from each particle's {emission} |\n\
+         | objective | {lens}{layers}{pupil}; Airy radius {airy_radius_px:.2} px |\n"
+    )
+}
+
+/// A number as people read it.
+fn thousandths(number: f64) -> f64 {
+    (number * 1000.0).round() / 1000.0
+}
+
+/// What the frames are.
+fn frames(scenario: &Scenario) -> String {
+    match scenario.recordings.timing() {
+        Timing::Pairs(p) => {
+            let whose = match p.seeding {
+                PairSeeding::Fresh => "every pair has particles of its own",
+                PairSeeding::Continuing => "the same cloud goes on from pair to pair",
+            };
+            format!("{} image pairs with {} s between A and B; {whose}", p.count, p.dt_s)
+        }
+        Timing::Sequence(s) => format!("a sequence of {} frames, {} s apart", s.frames, s.dt_s),
+        Timing::FourPulse(f) => format!(
+            "{} bursts of four frames, {} s, {} s and {} s apart; every burst has particles of its own",
+            f.count, f.dt_s, f.gap_s, f.dt_s
+        ),
+    }
+}
+
+/// What velocity and place mean in the truth, where it needs saying.
+fn moved(scenario: &Scenario) -> String {
+    let mut text = String::new();
+    if let MotionSource::Tracks(tracks) = &scenario.motion {
+        text += &format!(
+            " {} tracks, read in {}. Velocities that the file does not give are the slope of the parabola through a track's \
+             places in the frame before, this one and the next; at its ends and beside gaps the difference to the one \
+             neighbour.",
+            tracks.count(),
+            tracks.units()
+        );
+    }
+    if let Some(shutter) = &scenario.shutter {
+        text += &format!(
+            " Frames collect light over {} s about `t_s`: the truth is the place in the middle and the mean velocity over \
+             that time, and a moving particle has several rows in the data file, at most a quarter of a pixel apart.",
+            shutter.span_s()
+        );
+    }
+    text
+}
+
+/// How particles are lit, if not all alike.
+fn shone(scenario: &Scenario) -> Result<String> {
+    let Some(light) = &scenario.spec.illumination else { return Ok(String::new()) };
+    Ok(format!(
+        "Illumination: `{}`. It multiplies `c_int` in the data files; in `truth/tracks.csv` it is the column `light`.\n\n",
+        compact(light)?
+    ))
+}

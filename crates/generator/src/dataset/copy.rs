@@ -1,0 +1,32 @@
+//! Copies of datasets.
+
+use std::path::Path;
+
+use super::manifest::MANIFEST;
+use storage::checksums::{self, SHA256SUMS};
+use storage::error::{Error, Result};
+use storage::folder::{Partial, check_replaceable};
+use storage::{journal, read_text};
+
+/// Copies the files of a dataset, those that its checksums list, into a folder that appears whole or not at
+/// all.
+///
+/// # Errors
+/// A folder that is no dataset; one that stands in the way, unless `force`; reading; writing.
+pub fn copy(dataset: &Path, out: &Path, force: bool) -> Result<()> {
+    let replace = force.then_some(MANIFEST);
+    let sums = read_text(&dataset.join(SHA256SUMS))?;
+    check_replaceable(out, replace)?;
+    let partial = Partial::start(out)?;
+    let files = checksums::read(&sums, SHA256SUMS)?;
+    for file in files.keys().map(String::as_str).chain([SHA256SUMS]) {
+        let to = partial.folder().join(file);
+        if let Some(within) = to.parent() {
+            std::fs::create_dir_all(within).map_err(Error::write(within))?;
+        }
+        journal::record_started(&to)?;
+        let bytes = std::fs::read(dataset.join(file)).map_err(|e| Error::read(&dataset.join(file), e))?;
+        std::fs::write(&to, bytes).map_err(Error::write(&to))?;
+    }
+    partial.finish_without_journal(replace)
+}

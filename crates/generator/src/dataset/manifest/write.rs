@@ -1,0 +1,292 @@
+//! The manifest of a scenario's dataset. Nothing in it depends on date, host, path or commit.
+
+use std::path::Path;
+
+use microsig_core::render::RendererSpec;
+use serde_json::{Map, Value, json};
+
+use super::seal::seal;
+use super::{
+    COORDINATES, Facts, GENERATOR_VERSION, LAYOUT_VERSION, LicenseEntry, Manifest, MotionFacts,
+    ParticleImageFacts, Resource, SchemaField, ScoringGates, SensorFacts, SnrFacts, TableSchema, TimingFacts,
+    TruthGridFacts, WaveFacts,
+};
+use crate::dataset::truth::Census;
+use crate::dataset::truth::depth::ParticleImage;
+use crate::dataset::{IMAGES, Ledger, Stem};
+use scenario::license::License;
+use scenario::spec::Timing;
+use scenario::{Scenario, Weighting};
+use storage::checksums::{Fingerprint, fingerprint};
+use storage::error::{Error, Result};
+use storage::folder::Partial;
+use storage::tables::{Column, Table};
+
+/// Writes manifest and checksums into a dataset's folder, in which every file is there.
+///
+/// # Errors
+/// A file in the folder that this program did not write; writing.
+pub(crate) fn write(partial: &Partial, scenario: &Scenario, ledger: &Ledger, head: Manifest) -> Result<()> {
+    let (folder, tables) = (partial.folder(), crate::dataset::tables(scenario));
+    seal(folder, &head, |path: &str| {
+        if partial.lists(path) {
+            return entry(scenario, ledger, &tables, folder, path);
+        }
+        let path = folder.join(path);
+        Err(Error::input(format!("{}: microsig did not write it; move it elsewhere", path.display())))
+    })
+}
+
+/// The manifest of a dataset without its files, which `entry` tells of.
+pub fn manifest(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Manifest {
+    let spec = &scenario.spec;
+    let title = match spec.description.lines().next() {
+        Some(line) if !line.is_empty() => line,
+        _ => &spec.name,
+    };
+    Manifest {
+        profile: "data-package".to_owned(),
+        name: spec.name.clone(),
+        title: title.to_owned(),
+        description: spec.description.clone(),
+        version: "1.0.0".to_owned(),
+        licenses: vec![license(scenario.license)],
+        microsig: facts(scenario, census, image),
+        resources: Vec::new(),
+    }
+}
+
+/// The manifest's entry of a license.
+pub fn license(License { id, title, url }: License) -> LicenseEntry {
+    LicenseEntry { name: id.to_owned(), title: title.to_owned(), path: url.to_owned() }
+}
+
+/// Bits of a count.
+pub(crate) fn bit_depth(scenario: &Scenario) -> u8 {
+    scenario.detector.as_ref().map_or(16, |d| d.bits)
+}
+
+/// What SNR means here.
+pub const SNR: &str = "(the particle's own noise-free peak - background) / standard deviation of the background, in counts; \
+the value of a dataset is the median over 51 equispaced depths, of a sphere of the mean diameter and the middle brightness, \
+centred on the pixel in the middle of the image; null without noise. The counting noise of rays is no part of it: it grows \
+with gain at the same gain n_rays.";
+
+/// What A_pi and N_S mean here.
+pub const N_S: &str = "a_pi_px: pixels of the noise-free image of a single sphere of the mean diameter above 10 % of its own \
+peak, averaged over 51 equispaced depths; n_p: visible particles per frame, mean over frames; n_ppp = n_p / (width height); \
+n_s = n_p a_pi_px / (width height)";
+
+fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
+    let settings = &scenario.settings;
+    let (low, high) = scenario.depth_range_um;
+    let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
+    let n_p = census.visible as f64 / f64::from(census.frames.max(1));
+    let random_streams = match scenario.streams.seed() {
+        Some(_) => "Philox4x32-10, addressed by (seed, purpose, frame, row)",
+        None => "ChaCha20 with a secret key, addressed by (purpose, frame, row)",
+    };
+    Facts {
+        generator: "microsig".to_owned(),
+        generator_version: Some(GENERATOR_VERSION.to_owned()),
+        layout_version: Some(LAYOUT_VERSION),
+        seed: Some(scenario.streams.seed()),
+        random_streams: Some(random_streams.to_owned()),
+        timing: timing(scenario),
+        um_per_px: Some(scenario.scale.um_per_px()),
+        depth_factor: scenario.spec.optics.depth_factor,
+        sensor: Some(SensorFacts {
+            width_px: settings.pixel_dim_x,
+            height_px: settings.pixel_dim_y,
+            bit_depth: bit_depth(scenario),
+            gain: settings.gain,
+            background_mean_counts: settings.background_mean,
+            background_noise_counts: settings.background_noise,
+            rounded_once: true,
+            // An infinite full well has no number in JSON and becomes null.
+            detector: serde_json::to_value(&scenario.spec.sensor).unwrap_or_default(),
+        }),
+        renderer: Some(scenario.renderer.name().to_owned()),
+        waves: waves(scenario),
+        depth_range_um: Some([low, high]),
+        depth_range_h_um: Some(high - low),
+        coordinates: Some(COORDINATES.to_owned()),
+        n_p: Some(n_p),
+        n_ppp: Some(n_p / pixels),
+        n_s: Some(n_p * image.area_px / pixels),
+        a_pi_px: Some(image.area_px),
+        concentration_definition: Some(N_S.to_owned()),
+        snr: Some(SnrFacts {
+            value: image.snr,
+            definition: SNR.to_owned(),
+            background_noise_counts: image.background_noise_counts,
+            gain: settings.gain,
+            n_rays: settings.n_rays,
+        }),
+        particle_image: Some(ParticleImageFacts { d_um: image.d_um, focus_um: image.focus_um }),
+        motion: Some(motion(scenario)),
+        truth_grid: Some(truth_grid(scenario)),
+        max_displacement_px: Some(census.max_displacement_px),
+        scoring_gates: Some(ScoringGates::over(high - low)),
+        ..Facts::default()
+    }
+}
+
+/// Light and objective of images by wave optics.
+pub(crate) fn waves(scenario: &Scenario) -> Option<WaveFacts> {
+    let RendererSpec::Waves { optics, tolerance } = scenario.spec.renderer() else { return None };
+    let written = &scenario.spec.optics;
+    Some(WaveFacts {
+        wavelength_um: optics.wavelength_um,
+        bandwidth_um: optics.bandwidth_um,
+        emission: optics.emission.name().to_owned(),
+        lens: optics.lens.name().to_owned(),
+        airy_radius_px: optics.airy_radius_px(&scenario.settings),
+        pupil: serde_json::to_value(&written.pupil).unwrap_or_default(),
+        layers: serde_json::to_value(written.layers).unwrap_or_default(),
+        tolerance,
+    })
+}
+
+/// When frames are taken: the keys of the scenario and, in every mode, the number of frames.
+fn timing(scenario: &Scenario) -> TimingFacts {
+    let recordings = &scenario.recordings;
+    let keys = match recordings.timing() {
+        Timing::Pairs(p) => serde_json::to_value(p),
+        Timing::Sequence(s) => serde_json::to_value(s),
+        Timing::FourPulse(f) => serde_json::to_value(f),
+    };
+    let mut keys = match keys {
+        Ok(Value::Object(keys)) => keys,
+        _ => Map::new(),
+    };
+    keys.insert("mode".to_owned(), json!(recordings.timing().mode()));
+    keys.insert("frames".to_owned(), json!(recordings.frames()));
+    if recordings.are_pairs() {
+        keys.insert("pairs".to_owned(), json!(recordings.frames() / 2));
+    }
+    TimingFacts(keys)
+}
+
+/// The flow and its parameters as the scenario has them, with the formula of every field in it.
+fn motion(scenario: &Scenario) -> MotionFacts {
+    let written = serde_json::to_value(&scenario.spec.motion).unwrap_or_default();
+    let mut formulas = Map::new();
+    name_formulas(&written, &mut formulas);
+    MotionFacts { scenario: written, formulas }
+}
+
+/// Collects the formulas of all fields below a value: they are the keys that the registry knows.
+fn name_formulas(value: &Value, formulas: &mut serde_json::Map<String, Value>) {
+    match value {
+        Value::Object(parts) => {
+            for (key, part) in parts {
+                if let Some(entry) = flows::registry::ENTRIES.iter().find(|entry| entry.name == key) {
+                    formulas.insert(key.clone(), json!({ "formula": entry.formula, "source": entry.source }));
+                }
+                name_formulas(part, formulas);
+            }
+        }
+        Value::Array(parts) => parts.iter().for_each(|part| name_formulas(part, formulas)),
+        _ => {}
+    }
+}
+
+/// The grid of field.csv, and by which weight of depths.
+fn truth_grid(scenario: &Scenario) -> Option<TruthGridFacts> {
+    let nodes = scenario.truth_grid()?;
+    let weighting = match nodes.weighting {
+        Weighting::PeakSquared => {
+            "sum w(z) D(z) / sum w(z) over the depths of truth/depth.csv, w the squared peak there"
+        }
+        Weighting::Curvature => {
+            "sum w(z) D(z) / sum w(z) over the depths of truth/depth.csv, w the curvature of the image's autocorrelation at its top"
+        }
+        Weighting::None => "none",
+    };
+    Some(TruthGridFacts {
+        columns: nodes.x_px.len(),
+        rows: nodes.y_px.len(),
+        planes_um: nodes.planes_um,
+        weighting: weighting.to_owned(),
+        window_px: nodes.window_px,
+        definition: "forward: of the fluid at the node in the first frame; central: half-way in time; of the fluid, without \
+    random motion and settling"
+            .to_owned(),
+    })
+}
+
+/// The fingerprint of a file of a dataset and its entry in the manifest; the file is read only if the ledger
+/// does not know it.
+fn entry(
+    scenario: &Scenario,
+    ledger: &Ledger,
+    tables: &[Table],
+    folder: &Path,
+    path: &str,
+) -> Result<(Fingerprint, Resource)> {
+    let Some(frame) = Stem::frame_of(&scenario.recordings, path) else {
+        let fingerprint = ledger.other(path).map_or_else(|| fingerprint(&folder.join(path)), Ok)?;
+        return Ok((fingerprint, resource(path, &fingerprint, tables)));
+    };
+    let entry = ledger.frame(frame)?;
+    if !path.starts_with(IMAGES) {
+        return Ok((entry.particles, resource(path, &entry.particles, tables)));
+    }
+    let resource = Resource {
+        frame: Some(frame),
+        width_px: Some(scenario.settings.pixel_dim_x),
+        height_px: Some(scenario.settings.pixel_dim_y),
+        bit_depth: Some(bit_depth(scenario)),
+        n_visible: Some(entry.visible),
+        ..resource(path, &entry.image, tables)
+    };
+    Ok((entry.image, resource))
+}
+
+/// The manifest's entry of a file, with the columns of those tables.
+pub fn resource(path: &str, fingerprint: &Fingerprint, tables: &[Table]) -> Resource {
+    let extension = path.rsplit_once('.').map_or("", |(_, e)| e);
+    let mediatype = match extension {
+        "csv" => "text/csv",
+        "tif" => "image/tiff",
+        "png" => "image/png",
+        "md" => "text/markdown",
+        _ => "text/plain",
+    };
+    let table = tables.iter().find(|t| t.path == path);
+    Resource {
+        name: resource_name(path),
+        path: path.to_owned(),
+        format: if extension.is_empty() { "txt" } else { extension }.to_owned(),
+        mediatype: mediatype.to_owned(),
+        bytes: fingerprint.bytes,
+        hash: format!("sha256:{}", fingerprint.sha256),
+        profile: table.map(|_| "tabular-data-resource".to_owned()),
+        encoding: table.map(|_| "utf-8".to_owned()),
+        description: table.map(|t| t.description.to_owned()),
+        schema: table.map(schema),
+        ..Resource::default()
+    }
+}
+
+fn schema(table: &Table) -> TableSchema {
+    let field = |c: &Column| SchemaField {
+        name: c.name.to_owned(),
+        kind: c.kind.to_owned(),
+        unit: c.unit.to_owned(),
+        description: c.description.to_owned(),
+    };
+    TableSchema { fields: table.columns.iter().map(field).collect(), missing_values: vec![String::new()] }
+}
+
+/// Names of resources are lower case, without slashes.
+fn resource_name(path: &str) -> String {
+    path.chars()
+        .map(|c| match c.to_ascii_lowercase() {
+            c if c.is_ascii_alphanumeric() || "._-".contains(c) => c,
+            '/' => '-',
+            _ => '_',
+        })
+        .collect()
+}

@@ -1,0 +1,76 @@
+//! A dataset on disk: names, tables, manifest, checksums.
+//!
+//! ```text
+//! DATASET/
+//!   datapackage.json  SHA256SUMS  README.md  LICENSE  preview.png
+//!   scenario.ron      the scenario with every default written out    inputs/  files it names
+//!   settings.txt      particles/STEM.txt   images/STEM.tif
+//!   truth/            frames.csv, tracks.csv, displacements.csv, field.csv, depth.csv
+//!   calibration/      settings.txt, particles/, images/, calibration.csv
+//! ```
+
+pub mod calibration;
+mod camera;
+pub mod card;
+mod copy;
+mod ledger;
+pub mod manifest;
+mod preview;
+pub mod secret;
+pub mod source;
+pub mod truth;
+
+pub use camera::Camera;
+pub use copy::copy;
+pub(crate) use ledger::{FrameEntry, Ledger};
+pub use preview::Preview;
+
+use scenario::{Recordings, Scenario};
+use storage::tables::Table;
+use storage::tables::truth::{DISPLACEMENTS, FRAMES};
+
+/// The tables that a dataset of this scenario can hold.
+pub fn tables(scenario: &Scenario) -> Vec<Table> {
+    use truth::{depth::DEPTH, field, tracks};
+    let grid = scenario.truth_grid();
+    [&FRAMES, &DISPLACEMENTS, &DEPTH, &calibration::CALIBRATION]
+        .into_iter()
+        .cloned()
+        .chain([tracks(scenario)])
+        .chain(grid.map(|nodes| field::table(&nodes)))
+        .collect()
+}
+
+/// Where data files and images lie.
+const PARTICLES: &str = "particles/";
+const IMAGES: &str = "images/";
+
+/// Name of a frame's files without extension.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Stem {
+    /// `frame_00000`; `pair_00000_a` and `pair_00000_b`; `burst_00000_a` to `burst_00000_d`.
+    pub name: String,
+}
+
+impl Stem {
+    /// The stem of a frame, numbered through the dataset.
+    pub fn of(recordings: &Recordings, frame: u32) -> Self {
+        Stem { name: recordings.stem(frame) }
+    }
+
+    /// The frame whose data file or image has this path in the dataset.
+    pub fn frame_of(recordings: &Recordings, path: &str) -> Option<u32> {
+        let of = |folder: &str, extension: &str| path.strip_prefix(folder)?.strip_suffix(extension);
+        recordings.frame_of(of(PARTICLES, ".txt").or_else(|| of(IMAGES, ".tif"))?)
+    }
+
+    /// Path of the data file in the dataset.
+    pub fn particles(&self) -> String {
+        format!("{PARTICLES}{}.txt", self.name)
+    }
+
+    /// Path of the image in the dataset.
+    pub fn image(&self) -> String {
+        format!("{IMAGES}{}.tif", self.name)
+    }
+}

@@ -1,0 +1,80 @@
+//! The contact sheet of a dataset: a few of its frames, for a person to look at.
+
+use std::path::Path;
+
+use image::GrayImage;
+use image::imageops;
+use microsig_core::sensor::Image;
+
+use storage::error::{Error, Result};
+use storage::save_bytes;
+
+/// Frames on the sheet.
+const FRAMES: u32 = 6;
+/// Frames side by side: the two images of a pair, or two of a sequence.
+const COLUMNS: u32 = 2;
+/// Width of a frame on the sheet, px.
+const WIDTH: u32 = 376;
+/// White between frames, px.
+const GAP: u32 = 6;
+
+/// A contact sheet in the making.
+#[derive(Default)]
+pub struct Preview {
+    tiles: Vec<(u32, GrayImage)>,
+}
+
+impl Preview {
+    /// The frames that are shown of `frames` frames: the first ones of pairs, or some spread over a sequence.
+    pub fn chosen(frames: u32, pairs: bool) -> Vec<u32> {
+        let n = frames.min(FRAMES);
+        if pairs || frames <= FRAMES {
+            (0..n).collect()
+        } else {
+            (0..n).map(|i| (u64::from(i) * u64::from(frames - 1) / u64::from(n - 1)) as u32).collect()
+        }
+    }
+
+    /// Adds a frame.
+    pub fn add(&mut self, frame: u32, image: &Image) {
+        let height = (WIDTH * image.height / image.width).max(1);
+        let tile = imageops::thumbnail(&stretch(image), WIDTH, height);
+        self.tiles.push((frame, tile));
+    }
+
+    /// Writes the sheet as PNG.
+    pub fn write(mut self, path: &Path) -> Result<()> {
+        self.tiles.sort_by_key(|&(frame, _)| frame);
+        let height = self.tiles.first().map_or(1, |(_, tile)| tile.height());
+        let rows = (self.tiles.len() as u32).div_ceil(COLUMNS);
+        let columns = COLUMNS.min(self.tiles.len() as u32).max(1);
+        let size = |n: u32, side: u32| n * side + (n + 1) * GAP;
+        let mut sheet =
+            GrayImage::from_pixel(size(columns, WIDTH), size(rows.max(1), height), image::Luma([255]));
+        for (i, (_, tile)) in self.tiles.iter().enumerate() {
+            let (column, row) = (i as u32 % COLUMNS, i as u32 / COLUMNS);
+            let (x, y) = (GAP + column * (WIDTH + GAP), GAP + row * (height + GAP));
+            imageops::replace(&mut sheet, tile, i64::from(x), i64::from(y));
+        }
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        sheet
+            .write_to(&mut bytes, image::ImageFormat::Png)
+            .map_err(|e| Error::Write { path: path.to_owned(), source: std::io::Error::other(e) })?;
+        save_bytes(path, bytes.get_ref())
+    }
+}
+
+/// Counts to 8 bit: from the 1 % quantile, black, to the 99.8 % quantile, white. Integer arithmetic, so that
+/// the sheet's bytes are the same everywhere.
+fn stretch(image: &Image) -> GrayImage {
+    let mut counts = image.counts.clone();
+    let mut quantile = |per_mille: usize| {
+        let rank = (counts.len() - 1) * per_mille / 1000;
+        u32::from(*counts.select_nth_unstable(rank).1)
+    };
+    let black = quantile(10);
+    let white = quantile(998).max(black + 1);
+    let gray = |count: &u16| ((u32::from(*count).clamp(black, white) - black) * 255 / (white - black)) as u8;
+    let pixels = image.counts.iter().map(gray).collect();
+    GrayImage::from_raw(image.width, image.height, pixels).unwrap_or_default()
+}

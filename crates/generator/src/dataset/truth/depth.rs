@@ -1,0 +1,126 @@
+//! `truth/depth.csv`: what the noise-free image of a particle is at each depth, and how much the depth
+//! counts.
+
+use std::io::Write;
+use std::path::Path;
+
+use super::field;
+use glam::DVec3;
+use scenario::{Scenario, Weighting};
+use storage::error::Result;
+use storage::tables::{Table, TableFile, TableWriter, column};
+use visibility::DepthScan;
+
+/// One row per depth.
+pub static DEPTH: Table = Table::new(
+    "truth/depth.csv",
+    "One row per depth, 51 of them through the depth range: the noise-free image of a sphere of the mean diameter and the \
+     middle brightness, centred on a pixel in the middle of the image, in the light there.",
+    &[
+        column("z_um", "number", "um", "physical depth, growing away from the lens"),
+        column("peak_counts", "number", "counts", "greatest count of the image above the background"),
+        column(
+            "snr",
+            "number",
+            "",
+            "peak_counts over the standard deviation of the background; empty without noise",
+        ),
+        column("area_px", "number", "px", "pixels above 10 % of the peak"),
+        column(
+            "weight",
+            "number",
+            "",
+            "share of this depth in the depth-weighted displacement; empty if there is none",
+        ),
+    ],
+);
+
+/// What the manifest tells of particle images.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParticleImage {
+    /// Diameter of the particle, um.
+    pub d_um: f64,
+    /// A_pi: the image's area, averaged over depth, px.
+    pub area_px: f64,
+    /// Median over depth of the signal-to-noise ratio; `None` without noise.
+    pub snr: Option<f64>,
+    /// The background, counts.
+    pub background_counts: f64,
+    /// Standard deviation of the background, counts.
+    pub background_noise_counts: f64,
+    /// The depth of the highest peak, um; `None` where all depths are in focus.
+    pub focus_um: Option<f64>,
+}
+
+/// Writes the table into a dataset's folder.
+///
+/// # Errors
+/// Writing.
+pub fn write(folder: &Path, scenario: &Scenario, stack: &DepthScan) -> Result<ParticleImage> {
+    let mut writer = TableFile::create(folder, &DEPTH)?;
+    let image = rows(&mut writer, scenario, stack)?;
+    writer.finish()?;
+    Ok(image)
+}
+
+/// The table as CSV.
+///
+/// # Errors
+/// None for a scenario that could be resolved.
+pub fn in_memory(scenario: &Scenario, stack: &DepthScan) -> Result<(Table, Vec<u8>)> {
+    let mut writer = TableWriter::new(&DEPTH, Vec::new())?;
+    rows(&mut writer, scenario, stack)?;
+    Ok((DEPTH.clone(), writer.into_writer()?))
+}
+
+fn rows<W: Write>(
+    writer: &mut TableWriter<W>,
+    scenario: &Scenario,
+    stack: &DepthScan,
+) -> Result<ParticleImage> {
+    let (rows, image) = measure(scenario, stack)?;
+    for row in rows {
+        writer.cells().numbers(&row);
+        writer.end_row()?;
+    }
+    Ok(image)
+}
+
+/// Depth, peak, signal-to-noise ratio, area and weight, as in the columns of [`DEPTH`].
+pub type DepthRow = [f64; 5];
+
+/// The rows of the table, NaN where a cell is empty, and the summary for the manifest.
+///
+/// # Errors
+/// None for a scenario that could be resolved.
+pub fn measure(scenario: &Scenario, stack: &DepthScan) -> Result<(Vec<DepthRow>, ParticleImage)> {
+    let (settings, d_um) = (&scenario.settings, scenario.seeding.diameters().mean());
+    let middle = (settings.pixel_dim_y / 2) as usize * settings.pixel_dim_x as usize
+        + (settings.pixel_dim_x / 2) as usize;
+    let response = scenario.sensor()?.response(middle);
+    let noise = response.background_noise;
+    let weights = scenario.truth_grid().filter(|nodes| nodes.weighting != Weighting::None).map(|nodes| {
+        let light = stack.depths_um.iter().map(|z_um| scenario.illumination.at(DVec3::Z * *z_um));
+        field::normalised(&field::weights(stack, nodes.weighting), light)
+    });
+    let peaks = scenario.peak_counts(response.slope, d_um, stack);
+    let depths = stack.depths_um.iter().zip(&stack.images).zip(peaks).enumerate();
+    let rows: Vec<DepthRow> = depths
+        .map(|(k, ((z_um, spot), peak))| {
+            let weight = weights.as_ref().map_or(f64::NAN, |weights| weights[k]);
+            // Without noise the ratio is infinite, which is an empty cell.
+            [*z_um, peak, peak / noise, spot.area_px, weight]
+        })
+        .collect();
+    let mut peaks: Vec<f64> = rows.iter().map(|row| row[1]).collect();
+    peaks.sort_unstable_by(f64::total_cmp);
+    let image = ParticleImage {
+        d_um,
+        area_px: stack.area_px(),
+        snr: (noise > 0.0).then(|| peaks[peaks.len() / 2] / noise),
+        background_counts: response.background,
+        background_noise_counts: noise,
+        focus_um: stack.focus_um(),
+    };
+    Ok((rows, image))
+}

@@ -1,0 +1,348 @@
+//! The truth of a dataset: where every particle is, and how it moves.
+
+pub mod depth;
+pub mod field;
+mod viewer;
+
+use std::io::Write;
+use std::path::Path;
+
+use flows::Scene;
+use flows::frame::{Frame, Tracer};
+use glam::DVec3;
+use microsig_core::pool::BufferPool;
+use microsig_core::render::Renderer;
+use microsig_core::sensor::Sensor;
+use microsig_core::{Particle, Spheroid};
+use rayon::prelude::*;
+
+use super::{Ledger, Stem};
+use depth::ParticleImage;
+use scenario::Scenario;
+use storage::error::Result;
+use storage::tables::truth::{DISPLACEMENTS, FRAMES, GRADIENT, TRACKS};
+use storage::tables::{Rows, Table, TableFile, TableSink, TableWriter};
+pub use viewer::rendered;
+pub(crate) use viewer::{Sight, View, Viewer};
+use visibility::{DepthScan, NoiseFree, Visibility, visibility};
+
+/// The table of tracks with the columns that this scenario asks for.
+pub fn tracks(scenario: &Scenario) -> Table {
+    TRACKS.clone().with(&GRADIENT, scenario.spec.truth.gradient)
+}
+
+/// Writes what is true of no single frame, the tables of depths and of the field; `scan` are the images of
+/// the mean size.
+///
+/// # Errors
+/// Settings that cannot be drawn; writing.
+pub fn write(folder: &Path, scenario: &Scenario, scan: &DepthScan) -> Result<ParticleImage> {
+    field::write(folder, scenario, scan)?;
+    depth::write(folder, scenario, scan)
+}
+
+/// Counts of a dataset's frames that the manifest tells.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Census {
+    /// Frames written.
+    pub frames: u32,
+    /// Visible particles, summed over frames.
+    pub visible: u64,
+    /// Rows of displacements.csv.
+    pub displacements: u64,
+    /// Largest displacement of a visible particle in the image plane, px.
+    pub max_displacement_px: f64,
+}
+
+/// Tracers whose rows are made at a time by one thread.
+const TRACERS_PER_TASK: usize = 256;
+
+/// What is true of each frame, whatever the others.
+pub struct Truth<'a> {
+    scenario: &'a Scenario,
+    viewer: Viewer<'a>,
+    tracks: Table,
+    scene: Option<Scene<'a>>,
+    noise_free: &'a NoiseFree,
+    sensor: Sensor,
+    /// The light of all particles of a frame.
+    totals: BufferPool<Vec<f64>>,
+    /// Texts of rows.
+    texts: BufferPool<String>,
+}
+
+/// The truth of a frame.
+#[derive(Debug)]
+pub struct FrameTruth {
+    /// The rows of its data file.
+    pub particles: Vec<Particle>,
+    frame: Rows,
+    tracks: Vec<Rows>,
+    displacements: Vec<Rows>,
+    /// Its visible particles.
+    pub visible: u64,
+    moved: Moved,
+}
+
+/// Displacements in short.
+#[derive(Debug, Clone, Copy, Default)]
+struct Moved {
+    number: u64,
+    /// Of a visible particle in the image plane, px.
+    farthest_px: f64,
+}
+
+impl<'a> Truth<'a> {
+    /// The truth of a scenario drawn by a renderer.
+    ///
+    /// # Errors
+    /// Settings that cannot be drawn.
+    pub fn new(scenario: &'a Scenario, renderer: &'a Renderer, noise_free: &'a NoiseFree) -> Result<Self> {
+        Ok(Truth {
+            scenario,
+            viewer: Viewer { scenario, renderer },
+            tracks: tracks(scenario),
+            scene: scenario.field().map(|field| scenario.scene(field)).transpose()?,
+            noise_free,
+            sensor: scenario.sensor()?,
+            totals: BufferPool::default(),
+            texts: BufferPool::default(),
+        })
+    }
+
+    /// The truth of a frame, and its displacements from the frame before it if the two are linked.
+    ///
+    /// # Errors
+    /// A trajectory that cannot be followed.
+    pub fn frame(&self, frame: &Frame, before: Option<&Frame>) -> Result<FrameTruth> {
+        let scenario = self.scenario;
+        let View { energy, sights, rendered } = self.viewer.view(frame);
+        let size_px = (scenario.settings.pixel_dim_x, scenario.settings.pixel_dim_y);
+        let rows: Vec<_> = sights.iter().map(|sight| sight.rows.clone()).collect();
+        let mut total = self.totals.get();
+        let seen = visibility(self.noise_free, &self.sensor, size_px, &rendered, &rows, &mut total);
+        drop(total);
+        let next_s = self.next_s(frame);
+        let tracks = sights.par_chunks(TRACERS_PER_TASK).zip(seen.par_chunks(TRACERS_PER_TASK));
+        let tracks = tracks.map(|(sights, seen)| {
+            let mut rows = Rows::on(&self.tracks, self.texts.take());
+            for (sight, seen) in sights.iter().zip(seen) {
+                self.track(&mut rows, frame, sight, self.midway(sight.tracer, frame, next_s)?, seen)?;
+            }
+            Ok(rows)
+        });
+        let tracks = tracks.collect::<Result<_>>()?;
+        let shining = sights.iter().filter(|sight| !sight.rows.is_empty()).count();
+        let visible = sights.iter().filter(|sight| sight.visible).count();
+        let (displacements, moved) = match (before, scenario.recordings.link_to(frame.index)) {
+            (Some(before), Some(pair)) => self.displacements(pair, before, frame)?,
+            _ => Default::default(),
+        };
+        Ok(FrameTruth {
+            particles: rendered,
+            frame: self.summary(frame, energy, (shining, visible))?,
+            tracks,
+            displacements,
+            visible: visible as u64,
+            moved,
+        })
+    }
+
+    /// Takes back the truth of a frame that is written: its memory serves another.
+    pub fn put(&self, truth: FrameTruth) {
+        truth.tracks.into_iter().chain(truth.displacements).for_each(|rows| self.texts.put(rows.into_text()));
+    }
+
+    /// The row of frames.csv.
+    fn summary(&self, frame: &Frame, energy: f64, (shining, visible): (usize, usize)) -> Result<Rows> {
+        let recordings = &self.scenario.recordings;
+        let (stem, mut row) = (Stem::of(recordings, frame.index), Rows::of(&FRAMES));
+        row.cells(&[
+            &frame.index,
+            &recordings.pair(frame.index).map(|(pair, _)| pair.to_string()).unwrap_or_default(),
+            &recordings.role(frame.index).map(String::from).unwrap_or_default(),
+            &frame.t_s,
+            &stem.image(),
+            &stem.particles(),
+            &shining,
+            &visible,
+            &energy,
+        ]);
+        row.end_row()?;
+        Ok(row)
+    }
+
+    /// Writes a row of tracks.csv.
+    fn track(
+        &self,
+        row: &mut Rows,
+        frame: &Frame,
+        sight: &Sight,
+        midway: Option<DVec3>,
+        seen: &Visibility,
+    ) -> Result<()> {
+        let Sight { tracer, particle, visible, ref rows, light } = *sight;
+        let shape = particle.spheroid.unwrap_or(Spheroid { e_p: 1.0, alpha_rad: 0.0, beta_rad: 0.0 });
+        let at = tracer.position;
+        row.whole_numbers(&[u64::from(frame.index)]);
+        row.numbers(&[frame.t_s]);
+        row.whole_numbers(&[tracer.id]);
+        row.numbers(&[particle.x_px, particle.y_px, at.z, at.x, at.y, particle.d_um]);
+        row.numbers(&[shape.e_p, shape.alpha_rad, shape.beta_rad, particle.c_int]);
+        // Unknown for a recorded track that is in this frame only.
+        row.numbers(&tracer.velocity.unwrap_or(DVec3::NAN).to_array());
+        row.whole_numbers(&[u64::from(visible), u64::from(!rows.is_empty())]);
+        row.numbers(&[light]);
+        row.numbers(&midway.unwrap_or(DVec3::NAN).to_array());
+        row.numbers(&[seen.peak_counts, seen.snr, seen.overlap]);
+        row.whole_numbers(&[u64::from(seen.saturated)]);
+        if let Some(field) = self.scenario.field().filter(|_| self.scenario.spec.truth.gradient) {
+            // glam stores columns; a row of the gradient is that of one velocity.
+            row.numbers(&field.gradient(at, frame.t_s).transpose().to_cols_array());
+        }
+        row.end_row()
+    }
+
+    /// When the next frame is taken, s, if truth links the two.
+    fn next_s(&self, frame: &Frame) -> Option<f64> {
+        let (recordings, next) = (&self.scenario.recordings, frame.index + 1);
+        let goes_on = next % recordings.frames_each() != 0 && recordings.link_to(next).is_some();
+        goes_on.then(|| recordings.time_s(next, self.scenario.streams))
+    }
+
+    /// The velocity half-way to the next frame of the pair; none in the last frame, or for recorded tracks.
+    fn midway(&self, tracer: &Tracer, frame: &Frame, next_s: Option<f64>) -> Result<Option<DVec3>> {
+        let (Some(scene), Some(next_s)) = (&self.scene, next_s) else { return Ok(None) };
+        Ok(Some(scene.velocity_at_mid_time(tracer, frame.t_s, next_s)?))
+    }
+
+    /// The rows of displacements.csv.
+    fn displacements(&self, pair: u32, a: &Frame, b: &Frame) -> Result<(Vec<Rows>, Moved)> {
+        let links: Vec<_> = a.links(b).collect();
+        let parts = links.par_chunks(TRACERS_PER_TASK).map(|links| {
+            let (mut rows, mut moved) = (Rows::on(&DISPLACEMENTS, self.texts.take()), Moved::default());
+            for (from, to) in links {
+                self.displacement(&mut rows, &mut moved, (pair, a.index, b.index), from, to)?;
+            }
+            Ok((rows, moved))
+        });
+        let parts: Vec<(Rows, Moved)> = parts.collect::<Result<_>>()?;
+        let all = parts.iter().fold(Moved::default(), |all, (_, part)| all.and(*part));
+        Ok((parts.into_iter().map(|(rows, _)| rows).collect(), all))
+    }
+
+    fn displacement(
+        &self,
+        row: &mut Rows,
+        so_far: &mut Moved,
+        (pair, a, b): (u32, u32, u32),
+        from: &Tracer,
+        to: &Tracer,
+    ) -> Result<()> {
+        let scale = &self.scenario.scale;
+        let (start, end) = (self.viewer.particle(from), self.viewer.particle(to));
+        // The tracer's own account of its way: through a periodic face it goes on where positions jump.
+        let moved = to.step.map_or(to.position - from.position, |step| step.actual);
+        let drift = to.step.map_or(moved, |step| step.drift);
+        let (d, d_drift) = (scale.displacement_to_image(moved), scale.displacement_to_image(drift));
+        let (visible_a, visible_b) = (self.viewer.is_visible(&start), self.viewer.is_visible(&end));
+        row.whole_numbers(&[u64::from(pair), u64::from(a), u64::from(b), from.id]);
+        row.numbers(&[start.x_px, start.y_px, from.position.z]);
+        row.numbers(&[d.dx_px, d.dy_px, moved.z, d_drift.dx_px, d_drift.dy_px, drift.z]);
+        row.whole_numbers(&[u64::from(visible_a), u64::from(visible_b)]);
+        // Not hypot: this number is part of the manifest, and std maths differs between machines.
+        let length_px = (d.dx_px * d.dx_px + d.dy_px * d.dy_px).sqrt();
+        *so_far = so_far.and(Moved { number: 1, farthest_px: if visible_a { length_px } else { 0.0 } });
+        row.end_row()
+    }
+}
+
+impl Moved {
+    fn and(self, other: Self) -> Self {
+        Moved { number: self.number + other.number, farthest_px: self.farthest_px.max(other.farthest_px) }
+    }
+}
+
+/// Writes the tables of the truth, frame after frame.
+pub struct TruthWriter<W: Write> {
+    frames: TableWriter<W>,
+    tracks: TableWriter<W>,
+    displacements: TableWriter<W>,
+    census: Census,
+}
+
+impl<W: Write> TruthWriter<W> {
+    /// Begins the tables; `writer` gives what each of them is written into.
+    ///
+    /// # Errors
+    /// Writing.
+    pub fn new(
+        scenario: &Scenario,
+        mut writer: impl FnMut(&Table) -> Result<TableWriter<W>>,
+    ) -> Result<Self> {
+        Ok(TruthWriter {
+            frames: writer(&FRAMES)?,
+            tracks: writer(&tracks(scenario))?,
+            displacements: writer(&DISPLACEMENTS)?,
+            census: Census::default(),
+        })
+    }
+
+    /// Writes the next frame.
+    ///
+    /// # Errors
+    /// Writing.
+    pub fn add(&mut self, truth: &FrameTruth) -> Result<()> {
+        self.frames.append(&truth.frame)?;
+        truth.tracks.iter().try_for_each(|rows| self.tracks.append(rows))?;
+        truth.displacements.iter().try_for_each(|rows| self.displacements.append(rows))?;
+        let (census, Moved { number, farthest_px }) = (&mut self.census, truth.moved);
+        census.frames += 1;
+        census.visible += truth.visible;
+        census.displacements += number;
+        census.max_displacement_px = census.max_displacement_px.max(farthest_px);
+        Ok(())
+    }
+}
+
+impl TruthWriter<TableSink> {
+    /// Begins the tables in a dataset's folder.
+    ///
+    /// # Errors
+    /// Writing.
+    pub fn create(folder: &Path, scenario: &Scenario) -> Result<Self> {
+        TruthWriter::new(scenario, |table| TableFile::create(folder, table))
+    }
+
+    /// Ends the tables and enters them into the ledger.
+    ///
+    /// # Errors
+    /// Writing.
+    pub(crate) fn finish(self, ledger: &mut Ledger) -> Result<Census> {
+        ledger.add(FRAMES.path, self.frames.seal()?);
+        ledger.add(TRACKS.path, self.tracks.seal()?);
+        ledger.add(DISPLACEMENTS.path, self.displacements.seal()?);
+        Ok(self.census)
+    }
+}
+
+impl TruthWriter<Vec<u8>> {
+    /// The tables of these frames as CSV, by their paths in a dataset.
+    ///
+    /// # Errors
+    /// None for frames of this scenario.
+    pub fn in_memory<'f>(
+        scenario: &Scenario,
+        frames: impl Iterator<Item = &'f FrameTruth>,
+    ) -> Result<[(Table, Vec<u8>); 3]> {
+        let mut writer = TruthWriter::new(scenario, |table| TableWriter::new(table, Vec::new()))?;
+        for frame in frames {
+            writer.add(frame)?;
+        }
+        Ok([
+            (FRAMES.clone(), writer.frames.into_writer()?),
+            (tracks(scenario), writer.tracks.into_writer()?),
+            (DISPLACEMENTS.clone(), writer.displacements.into_writer()?),
+        ])
+    }
+}

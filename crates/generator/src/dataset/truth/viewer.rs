@@ -1,0 +1,117 @@
+//! The tracers of a frame as the camera sees them: particles on the image, in the light of the frame.
+
+use std::ops::Range;
+
+use flows::frame::{Frame, Streak, Tracer};
+use glam::DVec3;
+use microsig_core::render::Renderer;
+use microsig_core::{Particle, Spheroid};
+
+use scenario::Scenario;
+
+/// Where a camera looks.
+#[derive(Clone, Copy)]
+pub(crate) struct Viewer<'a> {
+    pub scenario: &'a Scenario,
+    pub renderer: &'a Renderer,
+}
+
+/// What a camera sees of a frame.
+pub(crate) struct View<'a> {
+    /// The factor on the light of the frame.
+    pub energy: f64,
+    /// Every tracer, in the order of the frame.
+    pub(crate) sights: Vec<Sight<'a>>,
+    /// The rows of the data file.
+    pub rendered: Vec<Particle>,
+}
+
+/// A tracer on the image.
+pub(crate) struct Sight<'a> {
+    pub tracer: &'a Tracer,
+    pub particle: Particle,
+    pub visible: bool,
+    /// Its rows of the data file.
+    pub rows: Range<usize>,
+    /// The factor of the illumination and of the frame.
+    pub light: f64,
+}
+
+/// The particles that are drawn of a frame: the rows of its data file.
+pub fn rendered(scenario: &Scenario, renderer: &Renderer, frame: &Frame) -> Vec<Particle> {
+    Viewer { scenario, renderer }.view(frame).rendered
+}
+
+impl Viewer<'_> {
+    /// What the camera sees of a frame.
+    pub(crate) fn view<'f>(&self, frame: &'f Frame) -> View<'f> {
+        let energy = self.energy(frame);
+        let mut rendered = Vec::new();
+        let mut sights = Vec::with_capacity(frame.tracers.len());
+        for (i, tracer) in frame.tracers.iter().enumerate() {
+            let (first, particle) = (rendered.len(), self.particle(tracer));
+            let light = energy * self.rows(tracer, particle, frame.streaks.get(i), energy, &mut rendered);
+            let (visible, rows) = (self.is_visible(&particle), first..rendered.len());
+            sights.push(Sight { tracer, particle, visible, rows, light });
+        }
+        View { energy, sights, rendered }
+    }
+
+    /// A tracer as the optics see it. Where there are spheroids, one of aspect ratio 1 is a spheroid too: the
+    /// laws of emission differ.
+    pub(crate) fn particle(&self, tracer: &Tracer) -> Particle {
+        let at = self.scenario.scale.to_image(tracer.position);
+        let spheroid = || Spheroid::from_axis(tracer.aspect, tracer.axis.to_array());
+        let particle = Particle {
+            spheroid: self.scenario.layout.spheroids.then(spheroid),
+            ..Particle::sphere(at.x_px, at.y_px, at.z_um, tracer.d_um)
+        };
+        Particle { c_int: self.scenario.cloud.c_int(tracer.c_int, &particle), ..particle }
+    }
+
+    /// Whether a particle's center is on the sensor.
+    pub(crate) fn is_visible(&self, particle: &Particle) -> bool {
+        let on = |x: f64, size: u32| x >= 0.5 && x < f64::from(size) + 0.5;
+        let settings = &self.scenario.settings;
+        on(particle.x_px, settings.pixel_dim_x) && on(particle.y_px, settings.pixel_dim_y)
+    }
+
+    /// The factor on the light of a frame. Bleaching begins with the first frame of each recording.
+    fn energy(&self, frame: &Frame) -> f64 {
+        let (recordings, streams) = (&self.scenario.recordings, self.scenario.streams);
+        let number = frame.index % recordings.frames_each();
+        let began_s = recordings.time_s(frame.index - number, streams);
+        self.scenario.illumination.energy(frame.index, number, frame.t_s - began_s, streams)
+    }
+
+    /// Adds a particle's rows of the data file, one for every point of its streak, as far as their light may
+    /// reach the sensor. Gives the factor of the illumination at the particle.
+    fn rows(
+        &self,
+        tracer: &Tracer,
+        whole: Particle,
+        streak: Option<&Streak>,
+        energy: f64,
+        rows: &mut Vec<Particle>,
+    ) -> f64 {
+        let light = |x: DVec3| self.scenario.illumination.at(x);
+        let mut add = |row: Particle| {
+            if row.c_int > 0.0 && self.renderer.reaches_sensor(&row) {
+                rows.push(row);
+            }
+        };
+        let here = light(tracer.position);
+        match streak {
+            None => add(Particle { c_int: whole.c_int * energy * here, ..whole }),
+            Some(streak) => {
+                for point in &streak.points {
+                    let moved = Tracer { position: point.position, axis: point.axis, ..*tracer };
+                    let part = self.particle(&moved);
+                    let share = energy * light(point.position) * streak.share;
+                    add(Particle { c_int: part.c_int * share, ..part });
+                }
+            }
+        }
+        here
+    }
+}

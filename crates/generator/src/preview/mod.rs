@@ -1,0 +1,468 @@
+//! What a scenario's optics show, before any dataset is made: one particle over depth, where focus is, how
+//! images grow, how bright they are against the camera.
+
+mod picture;
+mod text;
+
+use microsig_core::render::RendererSpec;
+use microsig_core::render::waves::WavesRenderer;
+use microsig_core::{Particle, Settings, emission};
+use serde::Serialize;
+
+pub use picture::svg;
+use scenario::spec::Lens;
+use scenario::{MotionSource, Scenario};
+use storage::error::Result;
+pub use text::{lines, text};
+use visibility::{DepthScan, ScanImage};
+
+/// In focus the peak is at least this share of the highest.
+const IN_FOCUS: f64 = 0.8;
+/// Depths whose images weigh less than this share of the most in a correlation do not contribute (Olsen and
+/// Adrian 2000).
+const CORRELATED: f64 = 0.01;
+/// Depths over which the growth of an image far from focus is measured.
+const OUTER: usize = 10;
+/// Wavelength for what rays leave out, um: green.
+const GREEN_UM: f64 = 0.55;
+/// Phase differences over the pupil, waves, from which a lens is no longer like an objective that one can
+/// buy.
+const ABERRATED_WAVES: f64 = 1.0;
+/// The least share of the accepted light that should land near the particle's place.
+const LEAST_NEAR: f64 = 0.5;
+
+/// What the optics of a scenario show.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Preview {
+    /// Name of the scenario.
+    pub name: String,
+    /// Renderer and lens in words.
+    pub optics: String,
+    /// Object-space length of a pixel, um.
+    pub um_per_px: f64,
+    /// Range of physical depths, um.
+    pub depth_range_um: (f64, f64),
+    /// Cylindrical lens, um; 0: none.
+    pub cyl_focal_length_um: f64,
+    /// Radius of the Airy disc, px; of rays what it would be at 0.55 um.
+    pub airy_radius_px: f64,
+    /// Difference of the optical path over the pupil in best focus, waves; `None` without waves.
+    pub path_difference_waves: Option<f64>,
+    /// Depth of field, um: where the peak is at least 80 % of the highest; of the mean size.
+    pub depth_of_field_um: Option<f64>,
+    /// Depth of correlation, um: where images weigh at least 1 % of the most in a correlation; of the mean
+    /// size.
+    pub depth_of_correlation_um: f64,
+    /// Particles in view on average.
+    pub particles_in_view: f64,
+    /// Source density of so many.
+    pub source_density: f64,
+    /// Background, counts.
+    pub background_counts: f64,
+    /// Its standard deviation, counts.
+    pub background_noise_counts: f64,
+    /// Counts at which a pixel is saturated.
+    pub saturation_counts: f64,
+    /// One for each size: the smallest, the mean, the largest diameter.
+    pub sizes: Vec<SizeCurves>,
+    /// Where the model leaves what it is good for.
+    pub warnings: Vec<String>,
+    /// Which of the sizes is the mean.
+    #[serde(skip)]
+    middle: usize,
+    /// The images of each size.
+    #[serde(skip)]
+    scans: Vec<DepthScan>,
+}
+
+/// Images of one size over depth.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SizeCurves {
+    /// Diameter, um.
+    pub d_um: f64,
+    /// Depth of the highest peak, um; `None` where all are as high.
+    pub focus_um: Option<f64>,
+    /// Depths of the narrowest and of the lowest image, um: the two focal planes of a cylindrical lens.
+    pub focal_planes_um: [f64; 2],
+    /// Growth of the diameter far below and far above focus, px/um.
+    pub ring_slopes_px_um: [f64; 2],
+    /// One for each depth.
+    pub depths: Vec<DepthFacts>,
+}
+
+/// The image of one size at one depth, centred on a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct DepthFacts {
+    /// Physical depth, um.
+    pub z_um: f64,
+    /// Highest count above the background.
+    pub peak_counts: f64,
+    /// The peak over the background's noise; `None` without noise.
+    pub snr: Option<f64>,
+    /// The peak over the noise there, shot noise of its light included; `None` without noise.
+    pub snr_with_shot_noise: Option<f64>,
+    /// Width of the part above 10 % of the peak, px.
+    pub width_px: f64,
+    /// Its height, px.
+    pub height_px: f64,
+    /// Light on the sensor around the particle, up to 400 px away, as a share of what the aperture accepts;
+    /// `None` for spots.
+    pub share: Option<f64>,
+}
+
+impl Preview {
+    /// Draws one particle of each size over depth, and measures it.
+    ///
+    /// # Errors
+    /// Settings that cannot be drawn.
+    pub fn of(scenario: &Scenario) -> Result<Self> {
+        let diameters = scenario.seeding.diameters();
+        let mut sizes_um = vec![diameters.mean()];
+        for d_um in [diameters.min(), diameters.max()] {
+            if sizes_um.iter().all(|known| (known - d_um).abs() > 1e-9) {
+                sizes_um.push(d_um);
+            }
+        }
+        sizes_um.sort_by(f64::total_cmp);
+        let middle = sizes_um.iter().position(|d_um| *d_um == diameters.mean()).unwrap_or(0);
+        let scans: Vec<DepthScan> = sizes_um
+            .iter()
+            .map(|d_um| scenario.scan(*d_um, scenario.depth_range_um))
+            .collect::<Result<_>>()?;
+        let depth_of_field_um = depth_of_field_um(scenario, &scans[middle])?;
+        Preview::measured(scenario, sizes_um, middle, scans, depth_of_field_um)
+    }
+
+    /// The same of the mean size alone, from images through the depth range that are there already.
+    ///
+    /// # Errors
+    /// None for a scenario that could be resolved.
+    pub fn of_mean(scenario: &Scenario, scan: &DepthScan) -> Result<Self> {
+        let sizes_um = vec![scenario.seeding.diameters().mean()];
+        Preview::measured(scenario, sizes_um, 0, vec![scan.clone()], None)
+    }
+
+    fn measured(
+        scenario: &Scenario,
+        sizes_um: Vec<f64>,
+        middle: usize,
+        scans: Vec<DepthScan>,
+        depth_of_field_um: Option<f64>,
+    ) -> Result<Self> {
+        let accepted = Accepted::new(scenario)?;
+        let sizes = sizes_um.iter().zip(&scans).map(|(d_um, scan)| curves(scenario, *d_um, scan, &accepted));
+        let sizes = sizes.collect::<Result<Vec<_>>>()?;
+        let settings = &scenario.settings;
+        let (waves, mean) = (accepted.waves(), &scans[middle]);
+        let airy_um = waves.map_or(GREEN_UM, |waves| waves.optics().wavelength_um);
+        let factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+        let response = scenario.response()?;
+        let in_view = in_view(scenario)?;
+        let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
+        let mut preview = Preview {
+            name: scenario.spec.name.clone(),
+            optics: scenario.renderer.description().optics,
+            um_per_px: settings.um_per_px(),
+            depth_range_um: scenario.depth_range_um,
+            cyl_focal_length_um: settings.cyl_focal_length,
+            airy_radius_px: airy_radius_px(settings, airy_um),
+            path_difference_waves: waves
+                .zip(mean.focus_um())
+                .map(|(waves, focus_um)| waves.path_difference_waves(focus_um / factor)),
+            depth_of_field_um,
+            depth_of_correlation_um: span(mean, |spot| spot.curvature, CORRELATED),
+            particles_in_view: in_view,
+            source_density: in_view * mean.area_px() / pixels,
+            background_counts: response.background,
+            background_noise_counts: response.background_noise,
+            saturation_counts: scenario.sensor()?.saturation_counts(),
+            middle,
+            sizes,
+            warnings: Vec::new(),
+            scans,
+        };
+        preview.warnings = preview.doubts(scenario);
+        Ok(preview)
+    }
+
+    /// The curves of the mean size.
+    pub fn mean(&self) -> &SizeCurves {
+        &self.sizes[self.middle]
+    }
+
+    /// Where the model leaves what it is good for; the renderer's own warnings are the scenario's.
+    fn doubts(&self, scenario: &Scenario) -> Vec<String> {
+        let mut doubts = Vec::new();
+        let (mean, airy_px) = (self.mean(), self.airy_radius_px);
+        let sharpest =
+            mean.depths.iter().map(|depth| depth.width_px.min(depth.height_px)).fold(f64::INFINITY, f64::min);
+        let is_waves = self.path_difference_waves.is_some();
+        let is_rays =
+            matches!(scenario.spec.renderer(), RendererSpec::Rays { .. } | RendererSpec::Expected { .. });
+        if is_rays && 2.0 * airy_px > 0.5 * sharpest {
+            doubts.push(format!(
+                "rays do not diffract: the Airy disc of light of {GREEN_UM} um is {:.1} px wide, the sharpest image here {sharpest:.1} px; \
+                 render: (mode: waves, wavelength_um: {GREEN_UM}) has it",
+                2.0 * airy_px
+            ));
+        }
+        let lens = scenario.spec.optics.lens.unwrap_or_default();
+        if let Some(waves) =
+            self.path_difference_waves.filter(|waves| *waves > ABERRATED_WAVES && lens == Lens::Microsig)
+        {
+            doubts.push(format!(
+                "MicroSIG's lens bends the wave by {waves:.1} waves in best focus, an objective that one can buy by less than one: \
+                 optics: (lens: aplanatic)"
+            ));
+        }
+        let near = mean.depths.iter().filter_map(|depth| depth.share).fold(f64::INFINITY, f64::min);
+        if near < LEAST_NEAR {
+            let cure = if is_waves { "lens: aplanatic" } else { "mode: waves with lens: aplanatic" };
+            doubts.push(format!(
+                "at some depth only {:.0} % of the light that the aperture accepts lands within 400 px of a particle; {cure} brings more",
+                100.0 * near
+            ));
+        }
+        for size in &self.sizes {
+            let peak = size.depths.iter().map(|depth| depth.peak_counts).fold(0.0, f64::max);
+            if self.background_counts + peak > self.saturation_counts {
+                doubts.push(format!(
+                    "images of {} um reach {:.0} counts, more than the {:.0} of a saturated pixel",
+                    size.d_um,
+                    self.background_counts + peak,
+                    self.saturation_counts
+                ));
+            }
+        }
+        let (low, high) = self.depth_range_um;
+        if mean.focus_um.is_some_and(|focus| focus <= low || focus >= high) {
+            doubts.push(format!(
+                "best focus lies at an end of the depth range of {low} to {high} um, or beyond it"
+            ));
+        }
+        doubts
+    }
+}
+
+/// Radius of the Airy disc of light of a wavelength (um), px.
+fn airy_radius_px(settings: &Settings, wavelength_um: f64) -> f64 {
+    0.61 * wavelength_um * settings.magnification / (settings.numerical_aperture * settings.pixel_size)
+}
+
+/// The light that the aperture accepts of a particle.
+enum Accepted {
+    Rays(Box<Settings>),
+    Waves(Box<WavesRenderer>),
+    /// Spots have no aperture.
+    Spots,
+}
+
+impl Accepted {
+    fn new(scenario: &Scenario) -> Result<Self> {
+        Ok(match scenario.spec.renderer() {
+            RendererSpec::Waves { optics, tolerance } => {
+                Accepted::Waves(Box::new(WavesRenderer::new(&scenario.settings, &optics, tolerance)?))
+            }
+            RendererSpec::Gaussian(_) => Accepted::Spots,
+            _ => Accepted::Rays(Box::new(scenario.settings.clone())),
+        })
+    }
+
+    fn waves(&self) -> Option<&WavesRenderer> {
+        match self {
+            Accepted::Waves(waves) => Some(waves),
+            _ => None,
+        }
+    }
+
+    /// As in [`microsig_core::sensor::Light`], of a sphere of brightness 1.
+    fn of(&self, sphere: &Particle) -> Option<f64> {
+        match self {
+            Accepted::Spots => None,
+            Accepted::Waves(waves) => Some(waves.accepted(sphere)),
+            Accepted::Rays(settings) => {
+                let Settings { numerical_aperture: na, focal_length, magnification, .. } = **settings;
+                let distance = focal_length * (1.0 + 1.0 / magnification);
+                let tangent = na / (1.0 - na * na).sqrt() * distance / (distance + sphere.z_um);
+                let rays = emission::sphere_points(settings, sphere.d_um) as f64
+                    * (f64::from(settings.n_rays) + 1.0);
+                Some(rays * (1.0 - 1.0 / (1.0 + tangent * tangent).sqrt()))
+            }
+        }
+    }
+}
+
+fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan, accepted: &Accepted) -> Result<SizeCurves> {
+    let response = scenario.response()?;
+    let noise = response.background_noise;
+    let factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+    let peaks = scenario.peak_counts(response.slope, d_um, scan);
+    let depths: Vec<DepthFacts> = (scan.depths_um.iter().zip(&scan.images).zip(peaks))
+        .map(|((&z_um, spot), peak_counts)| {
+            // Counts per electron, if electrons fluctuate; without a camera per ray.
+            let counts = match &scenario.detector {
+                Some(detector) if detector.shot_noise => detector.gain_counts_per_e,
+                None if scenario.renderer.has_ray_noise() && spot.peak > 0.0 => peak_counts / spot.peak,
+                _ => 0.0,
+            };
+            let at_peak = (noise * noise + counts * peak_counts).sqrt();
+            let [width_px, height_px] = spot.size_px();
+            let sphere = Particle::sphere(1.0, 1.0, z_um / factor, d_um);
+            DepthFacts {
+                z_um,
+                peak_counts,
+                snr: (noise > 0.0).then(|| peak_counts / noise),
+                snr_with_shot_noise: (at_peak > 0.0).then(|| peak_counts / at_peak),
+                width_px,
+                height_px,
+                share: accepted.of(&sphere).filter(|light| *light > 0.0).map(|light| spot.total / light),
+            }
+        })
+        .collect();
+    let at = |i: usize| &depths[i];
+    let narrowest = |of: fn(&DepthFacts) -> f64| {
+        let least = depths.iter().min_by(|a, b| of(a).total_cmp(&of(b)));
+        least.map_or(f64::NAN, |depth| depth.z_um)
+    };
+    let last = depths.len() - 1;
+    let outer = OUTER.min(last);
+    let slope = |a: &DepthFacts, b: &DepthFacts| {
+        0.5 * (b.width_px + b.height_px - a.width_px - a.height_px) / (b.z_um - a.z_um)
+    };
+    Ok(SizeCurves {
+        d_um,
+        focus_um: scan.focus_um(),
+        focal_planes_um: [narrowest(|depth| depth.width_px), narrowest(|depth| depth.height_px)],
+        ring_slopes_px_um: [slope(at(0), at(outer)), slope(at(last - outer), at(last))],
+        depths,
+    })
+}
+
+/// The range of depths around the highest value in which values are above a share of it, um; ends are linear
+/// between depths.
+fn span(scan: &DepthScan, of: impl Fn(&ScanImage) -> f64, share: f64) -> f64 {
+    let values: Vec<f64> = scan.images.iter().map(of).collect();
+    let Some(best) = (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b])) else { return 0.0 };
+    let level = share * values[best];
+    let z = &scan.depths_um;
+    let end = |walk: &mut dyn Iterator<Item = usize>| {
+        let mut inner = best;
+        for i in walk {
+            if values[i] < level {
+                return z[inner] + (z[i] - z[inner]) * (values[inner] - level) / (values[inner] - values[i]);
+            }
+            inner = i;
+        }
+        z[inner]
+    };
+    end(&mut (best + 1..values.len())) - end(&mut (0..best).rev())
+}
+
+/// The depth of field of a scan, measured more finely around its highest peak, um; `None` where all depths
+/// are in focus.
+///
+/// # Errors
+/// None for a scenario that could be resolved.
+pub fn depth_of_field_um(scenario: &Scenario, scan: &DepthScan) -> Result<Option<f64>> {
+    let Some(focus_um) = scan.focus_um() else { return Ok(None) };
+    let coarse = span(scan, |spot| spot.peak, IN_FOCUS);
+    let step = scan.depths_um[1] - scan.depths_um[0];
+    if coarse > 12.0 * step {
+        return Ok(Some(coarse));
+    }
+    let reach = coarse + step;
+    let (low, high) = scenario.depth_range_um;
+    let range_um = ((focus_um - reach).max(low), (focus_um + reach).min(high));
+    let fine = scenario.scan(scenario.seeding.diameters().mean(), range_um)?;
+    Ok(Some(span(&fine, |spot| spot.peak, IN_FOCUS)))
+}
+
+/// Particles in view on average.
+fn in_view(scenario: &Scenario) -> Result<f64> {
+    match &scenario.motion {
+        MotionSource::Field(field) => {
+            let fluid = scenario.fluid(field.as_ref());
+            let (low, high) = (scenario.domain.region().min().z, scenario.domain.region().max().z);
+            let view = scenario.scale.view(low, high, 0.0)?;
+            Ok(scenario.seeding.density(&fluid, 0.0)? * view.volume() * fluid.share(&view, 0.0, 0.0))
+        }
+        MotionSource::Tracks(tracks) => {
+            Ok(tracks.rows().len() as f64 / f64::from(scenario.recordings.frames().max(1)))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use scenario::{parse, resolve};
+
+    fn preview(optics: &str, rest: &str) -> Preview {
+        let text = format!(
+            "(name: \"p\", optics: (preset: setting1, pixel_dim_x: 200, pixel_dim_y: 150, {optics}), \
+             motion: flow(field: poiseuille()), timing: pairs(count: 1), {rest})"
+        );
+        Preview::of(&resolve(parse(&text, "p.ron").unwrap(), Path::new(".")).unwrap()).unwrap()
+    }
+
+    /// Numbers of the reference data (setting 1, 2 um; see `visibility`): the highest peak at -12 um, areas
+    /// of images.
+    #[test]
+    fn setting_1_is_as_it_is_known() {
+        let shown = preview("", "particles: (number: count(7), diameter_um: uniform(min: 1.5, max: 2.5))");
+        assert_eq!(shown.sizes.iter().map(|size| size.d_um).collect::<Vec<_>>(), [1.5, 2.0, 2.5]);
+        let mean = &shown.sizes[1];
+        assert!((mean.focus_um.unwrap() + 12.0).abs() <= 2.0, "{:?}", mean.focus_um);
+        let depth = |z_um: f64| mean.depths.iter().find(|depth| (depth.z_um - z_um).abs() < 1e-9).unwrap();
+        // A disc of 2335 px.
+        assert!((depth(-80.0).width_px / 54.5 - 1.0).abs() < 0.06, "{:?}", depth(-80.0));
+        assert!((depth(-80.0).width_px / depth(-80.0).height_px - 1.0).abs() < 0.05);
+        assert!(
+            depth(-12.0).share.unwrap() > 0.95 && depth(-12.0).share.unwrap() < 1.01,
+            "{:?}",
+            depth(-12.0)
+        );
+        assert!(mean.ring_slopes_px_um[0] < -0.3 && mean.ring_slopes_px_um[1] > 0.3);
+        assert!((shown.particles_in_view - 7.0).abs() < 0.01);
+        let field_um = shown.depth_of_field_um.unwrap();
+        assert!(field_um > 5.0 && field_um < 30.0, "{field_um}");
+        assert!(shown.depth_of_correlation_um > field_um);
+        // The Airy disc is as wide as the sharpest image.
+        assert!(
+            shown.warnings.iter().any(|warning| warning.contains("rays do not diffract")),
+            "{:?}",
+            shown.warnings
+        );
+    }
+
+    #[test]
+    fn a_cylinder_has_two_focal_planes_and_a_bright_particle_saturates() {
+        let shown = preview("cyl_focal_length: 4000, gain: 500", "");
+        let [x, y] = shown.sizes[0].focal_planes_um;
+        assert!((x - y).abs() > 15.0, "{x} {y}");
+        assert!(shown.warnings.iter().any(|warning| warning.contains("saturated")), "{:?}", shown.warnings);
+    }
+
+    #[test]
+    fn peaks_are_those_of_the_datasets_table_light_sheet_included() {
+        let text = "(name: \"p\", optics: (pixel_dim_x: 64, pixel_dim_y: 48), motion: flow(field: poiseuille()), \
+                    timing: pairs(count: 1), illumination: (shape: sheet(thickness_um: 20, center_um: (0, 0, -30))))";
+        let scenario = resolve(parse(text, "p.ron").unwrap(), Path::new(".")).unwrap();
+        let shown = Preview::of(&scenario).unwrap();
+        let (rows, _) = crate::dataset::truth::depth::measure(&scenario, &shown.scans[shown.middle]).unwrap();
+        let depths = &shown.mean().depths;
+        assert_eq!(rows.len(), depths.len());
+        for (row, depth) in rows.iter().zip(depths) {
+            assert!(
+                (row[1] / depth.peak_counts - 1.0).abs() < 1e-12,
+                "{}: {}",
+                depth.z_um,
+                depth.peak_counts
+            );
+        }
+        let [edge, middle] = [0, depths.len() / 2].map(|k| depths[k].peak_counts);
+        assert!(edge < 0.5 * middle, "dark at the edge of the sheet: {edge}, {middle}");
+    }
+}

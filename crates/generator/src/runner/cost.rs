@@ -1,0 +1,213 @@
+//! What a dataset costs, before it is made: frames, particles, time, memory, disk.
+//!
+//! Memory and disk are counted: sizes of what is held and written, rounded up. Time is measured on one frame.
+
+use std::path::Path;
+use std::time::Instant;
+
+use flows::Tracer;
+use microsig_core::Particle;
+use serde::Serialize;
+
+use super::frames::{FRAMES_PER_THREAD, TRACERS_PER_THREAD};
+use super::recording::Frames;
+use crate::dataset::Camera;
+use crate::dataset::manifest::bit_depth;
+use scenario::{MotionSource, Scenario};
+use storage::error::{Error, Result};
+
+/// What a dataset costs.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Cost {
+    /// Frames.
+    pub frames: u32,
+    /// Particles of a frame, those beyond the edges of the image included.
+    pub particles_per_frame: f64,
+    /// Pixels of an image.
+    pub pixels: u64,
+    /// Threads that it is made on.
+    pub threads: usize,
+    /// Duration, s; `None` if it was not measured.
+    pub seconds: Option<f64>,
+    /// Peak of memory, bytes.
+    pub memory_bytes: u64,
+    /// Memory that is free, bytes; `None` if the system does not say.
+    pub memory_free_bytes: Option<u64>,
+    /// Size of the dataset, bytes.
+    pub disk_bytes: u64,
+    /// Room on the disk, bytes; `None` if the system does not say.
+    pub disk_free_bytes: Option<u64>,
+}
+
+/// Bytes of a pixel while a frame is made: light of the frame and of its truth (f64 each), counts, the
+/// image's file.
+const BYTES_PER_PIXEL: u64 = 8 + 8 + 2 + 4;
+
+/// Bytes of a tracer while a frame is made, besides itself: its particle, its visibility, rows of tables and
+/// of the data file.
+const BYTES_PER_ROW: u64 = 1_000;
+
+/// Bytes of a tracer in the tables and the data file of a dataset; measured on the shipped scenarios.
+const BYTES_ON_DISK: f64 = 650.0;
+
+/// Bytes of a node of `truth/field.csv`.
+const BYTES_PER_NODE: u64 = 250;
+
+impl Cost {
+    /// Counts what can be counted; `out` is where the dataset will be.
+    ///
+    /// # Errors
+    /// None for a scenario that could be resolved.
+    pub fn of(scenario: &Scenario, out: &Path) -> Result<Self> {
+        let settings = &scenario.settings;
+        let (frames, threads) = (scenario.recordings.frames(), rayon::current_num_threads());
+        let pixels = u64::from(settings.pixel_dim_x) * u64::from(settings.pixel_dim_y);
+        let particles_per_frame = match &scenario.motion {
+            MotionSource::Field(field) => {
+                let (fluid, region) = (scenario.fluid(field.as_ref()), scenario.domain.region());
+                scenario.seeding.density(&fluid, 0.0)? * region.volume() * fluid.share(region, 0.0, 0.0)
+            }
+            MotionSource::Tracks(tracks) => tracks.rows().len() as f64 / f64::from(frames.max(1)),
+        };
+        // Those that are moved, those that are drawn and those that are written, in batches of this many
+        // frames.
+        let batch = (TRACERS_PER_THREAD * threads) as f64 / particles_per_frame.max(1.0) + 1.0;
+        let batch = batch.min((FRAMES_PER_THREAD * threads) as f64).min(f64::from(frames.max(1)));
+        let per_tracer = size_of::<Tracer>() as u64 + size_of::<Particle>() as u64 + BYTES_PER_ROW;
+        let at_a_time = (threads as u64).min(u64::from(frames.max(1)));
+        let memory_bytes =
+            pixels * BYTES_PER_PIXEL * at_a_time + (2.0 * batch * particles_per_frame) as u64 * per_tracer;
+        let nodes =
+            scenario.truth_grid().map_or(0, |n| (n.x_px.len() * n.y_px.len() * n.planes_um.len()) as u64);
+        let image = pixels * if bit_depth(scenario) > 8 { 2 } else { 1 } + 512;
+        let rows = (particles_per_frame * BYTES_ON_DISK) as u64;
+        Ok(Cost {
+            frames,
+            particles_per_frame,
+            pixels,
+            threads,
+            seconds: None,
+            memory_bytes,
+            memory_free_bytes: free_memory(),
+            disk_bytes: u64::from(frames) * (image + rows) + nodes * BYTES_PER_NODE,
+            disk_free_bytes: free_disk(out),
+        })
+    }
+
+    /// The same with the duration: one frame is made in memory.
+    ///
+    /// # Errors
+    /// A trajectory that cannot be followed; settings that cannot be drawn.
+    pub fn timed(self, scenario: &Scenario) -> Result<Self> {
+        let camera =
+            Camera::of_dataset(scenario.renderer.clone(), scenario.detector.as_ref(), scenario.streams)?;
+        let start = Instant::now();
+        let noise_free = scenario.noise_free()?;
+        let truth = crate::dataset::truth::Truth::new(scenario, camera.renderer(), &noise_free)?;
+        let once = start.elapsed().as_secs_f64();
+        let start = Instant::now();
+        if let Some(frame) = Frames::new(scenario)?.next().transpose()? {
+            let mut truth = truth.frame(&frame, None)?;
+            let particles = std::mem::take(&mut truth.particles);
+            camera.image(&particles, frame.index);
+        }
+        let frame = start.elapsed().as_secs_f64();
+        Ok(Cost { seconds: Some(once + frame * f64::from(self.frames)), ..self })
+    }
+
+    /// Refuses what the machine cannot do.
+    ///
+    /// # Errors
+    /// [`Error::Input`] with the numbers and the key to change.
+    pub fn affordable(&self, scenario: &Scenario) -> Result<()> {
+        let mut problems = Vec::new();
+        if let Some(free) = self.memory_free_bytes.filter(|free| self.memory_bytes > *free) {
+            let of_images = self.pixels * BYTES_PER_PIXEL * (self.threads as u64).min(u64::from(self.frames));
+            let settings = &scenario.settings;
+            let (width, height) = (settings.pixel_dim_x, settings.pixel_dim_y);
+            let margin_px = scenario.spec.boundaries.margin_px.unwrap_or(0.0);
+            let size = f64::from(width.max(height));
+            let key = if 2 * of_images > self.memory_bytes {
+                format!("optics.pixel_dim_x = {width} and optics.pixel_dim_y = {height}, or --threads")
+            } else if margin_px > size {
+                format!("boundaries.margin_px = {margin_px}")
+            } else {
+                "particles.number".to_owned()
+            };
+            problems.push(format!(
+                "the dataset takes some {} of memory ({:.0} particles per frame), and {} are free; reduce {key}",
+                size_text(self.memory_bytes),
+                self.particles_per_frame,
+                size_text(free)
+            ));
+        }
+        if let Some(free) = self.disk_free_bytes.filter(|free| self.disk_bytes > *free) {
+            problems.push(format!(
+                "the dataset takes some {} on disk ({} frames), and {} are free; reduce the frames of timing.{}",
+                size_text(self.disk_bytes),
+                self.frames,
+                size_text(free),
+                scenario.recordings.timing().mode()
+            ));
+        }
+        if problems.is_empty() { Ok(()) } else { Err(Error::Input(problems)) }
+    }
+
+    /// The numbers in a sentence.
+    pub fn text(&self) -> String {
+        let free = |bytes: Option<u64>| bytes.map_or(String::new(), |b| format!(" of {} free", size_text(b)));
+        let time = self.seconds.map_or(String::new(), |s| {
+            let (value, unit) = if s < 90.0 {
+                (s, "s")
+            } else if s < 5400.0 {
+                (s / 60.0, "min")
+            } else {
+                (s / 3600.0, "h")
+            };
+            format!(", some {value:.1} {unit} on {} threads", self.threads)
+        });
+        format!(
+            "{} frames with {:.1} particles each{time}; memory {}{}; disk {}{}",
+            self.frames,
+            self.particles_per_frame,
+            size_text(self.memory_bytes),
+            free(self.memory_free_bytes),
+            size_text(self.disk_bytes),
+            free(self.disk_free_bytes)
+        )
+    }
+}
+
+fn size_text(bytes: u64) -> String {
+    let mb = bytes as f64 / 1e6;
+    if mb < 1e3 { format!("{mb:.1} MB") } else { format!("{:.1} GB", mb / 1e3) }
+}
+
+/// The least of what the system, the control group and the process's own limit leave, bytes.
+fn free_memory() -> Option<u64> {
+    let read = |path: &str| std::fs::read_to_string(path).ok();
+    let kib = |text: &str, key: &str| -> Option<u64> {
+        let line = text.lines().find_map(|line| line.strip_prefix(key))?;
+        Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)
+    };
+    let system = read("/proc/meminfo").and_then(|text| kib(&text, "MemAvailable:"));
+    // Pages of files count as used there, but are given back.
+    let group = read("/sys/fs/cgroup/memory.max").and_then(|most| {
+        let stat = read("/sys/fs/cgroup/memory.stat")?;
+        let used = stat.lines().find_map(|line| line.strip_prefix("anon "))?.trim().parse::<u64>().ok()?;
+        Some(most.trim().parse::<u64>().ok()?.saturating_sub(used))
+    });
+    let limit = read("/proc/self/limits").and_then(|text| {
+        let line = text.lines().find_map(|line| line.strip_prefix("Max address space"))?;
+        let most = line.split_whitespace().next()?.parse::<u64>().ok()?;
+        let used = kib(&read("/proc/self/status")?, "VmSize:")?;
+        Some(most.saturating_sub(used))
+    });
+    [system, group, limit].into_iter().flatten().min()
+}
+
+/// Room for a folder that need not exist yet, bytes.
+fn free_disk(out: &Path) -> Option<u64> {
+    let place = out.ancestors().find(|place| place.exists()).unwrap_or(Path::new("."));
+    fs4::available_space(place).ok()
+}

@@ -1,0 +1,260 @@
+//! The frames of a dataset: images, data files, the truth of each, a preview.
+//!
+//! Frames go through in batches: while clouds are advanced to the next batch, the images and the truth of one
+//! are made in parallel, each frame by itself. Memory does not grow with the number of frames.
+
+use std::path::Path;
+
+use flows::Frame;
+use microsig_core::Particle;
+use microsig_core::formats::data_file;
+use microsig_core::pool::BufferPool;
+use microsig_core::sensor::Image;
+use rayon::prelude::*;
+
+use super::progress::Progress;
+use super::recording::Frames;
+use crate::dataset::truth::{Census, FrameTruth, Truth, TruthWriter, Viewer};
+use crate::dataset::{Camera, FrameEntry, Ledger, Preview, Stem};
+use scenario::Scenario;
+use storage::checksums::{Fingerprint, fingerprint};
+use storage::error::{Error, Result};
+use storage::folder::Partial;
+use storage::journal::{self, Listing};
+use storage::save_bytes;
+use storage::tables::TableSink;
+use visibility::NoiseFree;
+
+/// Frames that go through at a time, for each thread: no more than this,
+pub(super) const FRAMES_PER_THREAD: usize = 3;
+
+/// and no more than have so many tracers.
+pub(super) const TRACERS_PER_THREAD: usize = 8_192;
+
+/// Advances all clouds; `take` makes something of each frame and the one before it, in parallel, `add` gets
+/// what was made in the order of frames.
+pub(super) fn in_batches<T: Send>(
+    scenario: &Scenario,
+    progress: &Progress,
+    take: impl Fn(&Frame, Option<&Frame>) -> Result<T> + Sync,
+    mut add: impl FnMut(Vec<T>) -> Result<()> + Send,
+) -> Result<()> {
+    let bar = progress.images(u64::from(scenario.recordings.frames()));
+    // While trajectories are followed no image is finished; the bar lives.
+    bar.enable_steady_tick(std::time::Duration::from_millis(500));
+    let mut all = Frames::new(scenario)?;
+    let (mut before, mut batch, mut taken) = (None, next_batch(&mut all)?, Vec::new());
+    while !batch.is_empty() {
+        let take_all = || {
+            prepare(scenario, &batch);
+            let numbered = batch.par_iter().enumerate();
+            let outputs = numbered.map(|(i, frame)| {
+                progress.check()?;
+                let before = if i > 0 { batch.get(i - 1) } else { before.as_ref() };
+                let output = take(frame, before);
+                bar.inc(1);
+                output
+            });
+            outputs.collect::<Result<Vec<T>>>()
+        };
+        // What must be done in order, before these frames and after them, is done meanwhile.
+        let meanwhile = || (add(std::mem::take(&mut taken)), next_batch(&mut all));
+        let ((added, next), outputs) = rayon::join(meanwhile, take_all);
+        added?;
+        taken = outputs?;
+        before = batch.pop();
+        batch = next?;
+    }
+    add(taken)?;
+    bar.finish_and_clear();
+    Ok(())
+}
+
+/// Makes the tables that the images of these frames take once for all of them, rather than for each on its
+/// own.
+fn prepare(scenario: &Scenario, frames: &[Frame]) {
+    let renderer = &scenario.renderer;
+    if renderer.needs_tables() {
+        let viewer = Viewer { scenario, renderer };
+        let rows: Vec<Vec<Particle>> = frames.iter().map(|frame| viewer.view(frame).rendered).collect();
+        renderer.prepare(&rows.iter().map(Vec::as_slice).collect::<Vec<_>>());
+    }
+}
+
+/// Advances all clouds, draws all frames and writes them.
+pub(super) fn write(
+    partial: &Partial,
+    scenario: &Scenario,
+    camera: &Camera,
+    noise_free: &NoiseFree,
+    progress: &Progress,
+) -> Result<(Census, Ledger, f64)> {
+    let truth = Truth::new(scenario, camera.renderer(), noise_free)?;
+    let files = FrameFiles::new(partial, scenario, camera);
+    let mut writer = DatasetWriter::new(partial.folder(), scenario)?;
+    let take = |frame: &Frame, before: Option<&Frame>| {
+        let mut truth = truth.frame(frame, before)?;
+        let rows = std::mem::take(&mut truth.particles);
+        let stored = files.store(frame.index, &rows, || camera.image(&rows, frame.index))?;
+        Ok((frame.index, truth, stored))
+    };
+    let add = |outputs: Vec<(u32, FrameTruth, StoredFrame)>| {
+        for (index, of_frame, stored) in outputs {
+            writer.add(index, &of_frame, stored)?;
+            truth.put(of_frame);
+        }
+        Ok(())
+    };
+    in_batches(scenario, progress, take, add)?;
+    writer.finish(partial.folder())
+}
+
+/// Writes frames whose truth is in memory already; `image` gives the image of a frame.
+pub(super) fn write_taken(
+    partial: &Partial,
+    scenario: &Scenario,
+    camera: &Camera,
+    truths: &[FrameTruth],
+    image: impl Fn(usize) -> Image + Sync,
+    progress: &Progress,
+) -> Result<(Census, Ledger, f64)> {
+    let files = FrameFiles::new(partial, scenario, camera);
+    let mut writer = DatasetWriter::new(partial.folder(), scenario)?;
+    let bar = progress.images(truths.len() as u64);
+    let group = FRAMES_PER_THREAD * rayon::current_num_threads();
+    for (first, truths) in (0..).step_by(group).zip(truths.chunks(group)) {
+        let store = |(i, truth): (usize, &FrameTruth)| {
+            progress.check()?;
+            let stored = files.store((first + i) as u32, &truth.particles, || image(first + i));
+            bar.inc(1);
+            stored
+        };
+        let stored: Vec<StoredFrame> = truths.par_iter().enumerate().map(store).collect::<Result<_>>()?;
+        for ((i, truth), stored) in truths.iter().enumerate().zip(stored) {
+            writer.add((first + i) as u32, truth, stored)?;
+        }
+    }
+    bar.finish_and_clear();
+    writer.finish(partial.folder())
+}
+
+/// Where the frames go, in their order.
+struct DatasetWriter {
+    tables: TruthWriter<TableSink>,
+    ledger: Ledger,
+    preview: Preview,
+    /// Greatest share of saturated pixels among the frames of the preview.
+    saturated: f64,
+    /// Where the camera saturates, counts.
+    end_counts: f64,
+}
+
+impl DatasetWriter {
+    fn new(folder: &Path, scenario: &Scenario) -> Result<Self> {
+        Ok(DatasetWriter {
+            tables: TruthWriter::create(folder, scenario)?,
+            ledger: Ledger::new(),
+            preview: Preview::default(),
+            saturated: 0.0,
+            end_counts: scenario.sensor()?.saturation_counts(),
+        })
+    }
+
+    fn add(&mut self, index: u32, truth: &FrameTruth, stored: StoredFrame) -> Result<()> {
+        let StoredFrame { particles, image, picture } = stored;
+        self.tables.add(truth)?;
+        self.ledger.add_frame(&FrameEntry { visible: truth.visible, particles, image })?;
+        if let Some(picture) = picture {
+            self.preview.add(index, &picture);
+            self.saturated = self.saturated.max(saturated_share(&picture, self.end_counts));
+        }
+        Ok(())
+    }
+
+    fn finish(mut self, folder: &Path) -> Result<(Census, Ledger, f64)> {
+        self.preview.write(&folder.join("preview.png"))?;
+        let census = self.tables.finish(&mut self.ledger)?;
+        Ok((census, self.ledger, self.saturated))
+    }
+}
+
+/// The share of pixels that show the camera's last count.
+fn saturated_share(image: &Image, end_counts: f64) -> f64 {
+    let last = (end_counts.floor() as u16).max(1);
+    image.counts.iter().filter(|count| **count >= last).count() as f64 / image.counts.len().max(1) as f64
+}
+
+/// The frames that follow, as many as go through at a time.
+fn next_batch(frames: &mut Frames) -> Result<Vec<Frame>> {
+    let threads = rayon::current_num_threads();
+    let (mut batch, mut room) = (Vec::new(), TRACERS_PER_THREAD * threads);
+    while batch.len() < FRAMES_PER_THREAD * threads && room > 0 {
+        let Some(frame) = frames.next().transpose()? else { break };
+        room = room.saturating_sub(frame.tracers.len());
+        batch.push(frame);
+    }
+    Ok(batch)
+}
+
+/// The files of frames: data files and images.
+struct FrameFiles<'a> {
+    folder: &'a Path,
+    /// What an interrupted run did.
+    before: &'a Listing,
+    scenario: &'a Scenario,
+    camera: &'a Camera,
+    /// Frames of the preview.
+    shown: Vec<u32>,
+    files: BufferPool<Vec<u8>>,
+}
+
+/// A frame whose files are written.
+struct StoredFrame {
+    particles: Fingerprint,
+    image: Fingerprint,
+    /// The image itself, if it is wanted for the preview.
+    picture: Option<Image>,
+}
+
+impl<'a> FrameFiles<'a> {
+    fn new(partial: &'a Partial, scenario: &'a Scenario, camera: &'a Camera) -> Self {
+        FrameFiles {
+            folder: partial.folder(),
+            before: partial.before(),
+            scenario,
+            camera,
+            shown: Preview::chosen(scenario.recordings.frames(), scenario.recordings.are_pairs()),
+            files: BufferPool::default(),
+        }
+    }
+
+    /// Writes a frame's data file and its image, which is not asked for if an interrupted run has finished
+    /// it.
+    fn store(&self, index: u32, rows: &[Particle], image: impl FnOnce() -> Image) -> Result<StoredFrame> {
+        let wanted = self.shown.contains(&index);
+        let stem = Stem::of(&self.scenario.recordings, index);
+        let (data, path) = (self.folder.join(stem.particles()), self.folder.join(stem.image()));
+        let mut text = self.files.get();
+        data_file::write(&mut *text, rows, self.scenario.layout).map_err(Error::write(&data))?;
+        save_bytes(&data, &text)?;
+        let particles = Fingerprint::of(&text);
+        drop(text);
+        if let Some(image) = self.finished_before(&stem.image()).filter(|_| !wanted) {
+            journal::finished(&path, &image)?;
+            return Ok(StoredFrame { particles, image, picture: None });
+        }
+        let drawn = image();
+        let image = Fingerprint::of(&self.camera.save(&path, &drawn)?);
+        journal::finished(&path, &image)?;
+        Ok(StoredFrame { particles, image, picture: wanted.then_some(drawn) })
+    }
+
+    /// The fingerprint of a file that an interrupted run has finished, if it is still as that run wrote it.
+    fn finished_before(&self, file: &str) -> Option<Fingerprint> {
+        if !self.before.done.contains_key(file) {
+            return None;
+        }
+        // One that cannot be read is made again.
+        fingerprint(&self.folder.join(file)).ok().filter(|found| self.before.has(file, found))
+    }
+}

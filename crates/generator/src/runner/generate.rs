@@ -1,0 +1,219 @@
+//! `microsig generate`: a scenario becomes a dataset.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::cost::Cost;
+use super::frames;
+use super::plausibility;
+use super::progress::Progress;
+use super::recording::Frames;
+use crate::dataset::manifest::{self, GENERATOR_VERSION, MANIFEST};
+use crate::dataset::truth::Census;
+use crate::dataset::{Camera, Ledger, calibration, card, source, truth};
+use crate::preview::{self, Preview};
+use scenario::{SCENARIO, Scenario, write};
+use storage::checksums::{Fingerprint, fingerprint};
+use storage::error::{Error, Result};
+use storage::folder::{FolderClaim, Partial, check_replaceable, partial_name};
+use visibility::NoiseFree;
+
+/// How to generate.
+#[derive(Debug, Clone)]
+pub struct GenerateOptions {
+    /// The folder that the dataset becomes.
+    pub out: PathBuf,
+    /// Replace a dataset of that name.
+    pub force: bool,
+    /// Go on with an interrupted run.
+    pub resume: bool,
+    /// Whether to show a bar.
+    pub progress: Progress,
+}
+
+/// What was generated.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Generated {
+    /// The dataset.
+    pub out: PathBuf,
+    /// Its name.
+    pub name: String,
+    /// Number of images, without the calibration stack.
+    pub images: u32,
+    /// Visible particles, summed over frames.
+    pub particles: u64,
+    /// Rows of the table of displacements.
+    pub displacements: u64,
+    /// Largest displacement of a visible particle, px.
+    pub max_displacement_px: f64,
+    /// Duration, s.
+    pub seconds: f64,
+    /// Focus and light in words.
+    pub optics: [String; 2],
+    /// What should be known about the dataset.
+    pub warnings: Vec<String>,
+}
+
+/// Makes the dataset.
+///
+/// # Errors
+/// A dataset or an interrupted run that stands in the way; another process that is writing it; a trajectory
+/// that cannot be followed; writing.
+pub fn generate(scenario: &Scenario, options: &GenerateOptions) -> Result<Generated> {
+    generate_or_find(scenario, options)?.ok_or_else(|| Error::Exists(options.out.clone()))
+}
+
+/// Makes the dataset; `None` if it is to be resumed and is finished already.
+///
+/// # Errors
+/// As of [`generate`].
+pub fn generate_or_find(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Generated>> {
+    let start = Instant::now();
+    Cost::of(scenario, &options.out)?.affordable(scenario)?;
+    // Whether the particles find room is known when they are placed; better before anything is written.
+    let placing = options.progress.spinner("placing particles and following the first trajectories");
+    Frames::new(scenario)?.next().transpose()?;
+    placing.finish_and_clear();
+    let Some(partial) = begin(scenario, options)? else { return Ok(None) };
+    let (camera, noise_free) = (camera(scenario)?, scenario.noise_free()?);
+    let progress = &options.progress;
+    let frames = |partial: &Partial| frames::write(partial, scenario, &camera, &noise_free, progress);
+    let generated = assemble(partial, scenario, options, (&camera, &noise_free), frames)?;
+    Ok(Some(Generated { seconds: start.elapsed().as_secs_f64(), ..generated }))
+}
+
+/// The camera of a scenario's frames.
+pub(super) fn camera(scenario: &Scenario) -> Result<Camera> {
+    let camera = Camera::of_dataset(scenario.renderer.clone(), scenario.detector.as_ref(), scenario.streams)?;
+    Ok(camera.every(scenario.recordings.dt_s()))
+}
+
+/// Writes a dataset into a folder in the making and gives it its name; `frames` writes what belongs to single
+/// frames.
+pub(super) fn assemble(
+    partial: Partial,
+    scenario: &Scenario,
+    options: &GenerateOptions,
+    (camera, noise_free): (&Camera, &NoiseFree),
+    frames: impl FnOnce(&Partial) -> Result<(Census, Ledger, f64)>,
+) -> Result<Generated> {
+    let folder = partial.folder();
+    source::write(folder, scenario)?;
+    let (census, ledger, saturated) = frames(&partial).map_err(|e| e.below(folder))?;
+    let scan = scenario.stack(noise_free)?;
+    calibration::write(folder, scenario, camera, &scan, || options.progress.check())
+        .map_err(|e| e.below(folder))?;
+    options.progress.check()?;
+    let image = truth::write(folder, scenario, &scan)?;
+    let optics = preview::lines(&Preview::of_mean(scenario, &scan)?);
+    card::write(folder, scenario, &census, &image)?;
+    options.progress.check()?;
+    manifest::write(&partial, scenario, &ledger, manifest::manifest(scenario, &census, &image))?;
+
+    let of_images = camera.renderer().shortfall();
+    let implausible = plausibility::warnings(scenario, &census, &image, saturated)?;
+    partial.finish_without_journal(options.force.then_some(MANIFEST))?;
+    Ok(Generated {
+        out: options.out.clone(),
+        name: scenario.spec.name.clone(),
+        images: census.frames,
+        particles: census.visible,
+        displacements: census.displacements,
+        max_displacement_px: census.max_displacement_px,
+        seconds: 0.0,
+        optics,
+        warnings: scenario.warnings.iter().cloned().chain(of_images).chain(implausible).collect(),
+    })
+}
+
+/// Hashes of all that a dataset is made from, by name: with the same ones every file is the same.
+fn sources(scenario: &Scenario) -> Result<BTreeMap<String, String>> {
+    let sha256 = |bytes: &[u8]| Fingerprint::of(bytes).sha256.to_string();
+    let mut sources = BTreeMap::from([
+        ("the program".to_owned(), format!("{GENERATOR_VERSION} {}", storage::COMMIT)),
+        (SCENARIO.to_owned(), sha256(write(&scenario.spec)?.as_bytes())),
+    ]);
+    sources.extend(scenario.inputs.iter().map(|input| (input.path.clone(), sha256(&input.bytes))));
+    if let Some(key) = scenario.streams.key() {
+        sources.insert("the secret key".to_owned(), sha256(&key));
+    }
+    Ok(sources)
+}
+
+/// What differs between the sources of an interrupted run and those of this one.
+fn difference(before: &BTreeMap<String, String>, now: &BTreeMap<String, String>) -> Option<String> {
+    let differs = |name: &&String| before.get(*name) != now.get(*name);
+    let names: Vec<&String> = now.keys().chain(before.keys()).filter(differs).collect();
+    match names.as_slice() {
+        [] => None,
+        names if names.iter().any(|name| *name == SCENARIO) => Some("holds another scenario".to_owned()),
+        [name, ..] => Some(format!("{name} has changed since")),
+    }
+}
+
+/// Whether a finished dataset of this scenario and its inputs is in a folder.
+///
+/// # Errors
+/// A dataset of another scenario or of other inputs.
+fn is_made(scenario: &Scenario, out: &Path) -> Result<bool> {
+    if !out.join(MANIFEST).is_file() {
+        return Ok(false);
+    }
+    let refuse = |what: String| {
+        let hint = "cannot resume; --force replaces it";
+        Err(Error::input(format!("{}: {what}; {hint}", out.display())))
+    };
+    let text = std::fs::read_to_string(out.join(SCENARIO)).unwrap_or_default();
+    if text != write(&scenario.spec)? {
+        return refuse("holds another scenario".to_owned());
+    }
+    for input in &scenario.inputs {
+        if !fingerprint(&out.join(&input.path)).is_ok_and(|found| found == Fingerprint::of(&input.bytes)) {
+            return refuse(format!("{} has changed since", input.path));
+        }
+    }
+    Ok(true)
+}
+
+/// Takes the folder's lock and makes the unfinished folder, or takes up that of an interrupted run of the
+/// same sources.
+fn begin(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Partial>> {
+    let claim = FolderClaim::take(&options.out)?;
+    if options.resume && !options.force && is_made(scenario, &options.out)? {
+        return Ok(None);
+    }
+    check_replaceable(&options.out, options.force.then_some(MANIFEST))?;
+    let (now, left_over) = (sources(scenario)?, partial_name(&options.out));
+    let partial = match claim.left_over()? {
+        Some(before) if options.resume => {
+            // A run that ended before it told its sources has made nothing.
+            match before.source.as_ref().and_then(|before| difference(before, &now)) {
+                None => claim.resume()?,
+                Some(what) => {
+                    let hint = "cannot resume; --force without --resume starts anew";
+                    return Err(Error::input(format!("{}: {what}; {hint}", left_over.display())));
+                }
+            }
+        }
+        Some(_) if !options.force => {
+            let hint = "left by an interrupted run; --resume continues it, --force starts anew";
+            return Err(Error::input(format!("{}: {hint}", left_over.display())));
+        }
+        _ => claim.start(false)?,
+    };
+    partial.source(&now)?;
+    folders(&partial)?;
+    Ok(Some(partial))
+}
+
+/// Makes the folders of frames and truth.
+pub(super) fn folders(partial: &Partial) -> Result<()> {
+    for part in ["particles", "images", "truth"] {
+        let path = partial.folder().join(part);
+        std::fs::create_dir_all(&path).map_err(Error::write(&path))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,175 @@
+//! A dataset in memory, and a folder of it when it is wanted.
+
+use std::path::Path;
+use std::time::Instant;
+
+use flows::Frame;
+use microsig_core::sensor::Image;
+use rayon::prelude::*;
+
+use super::cost::Cost;
+use super::frames::{self, in_batches};
+use super::generate::{GenerateOptions, Generated, assemble, camera, folders};
+use super::progress::Progress;
+use crate::dataset::Camera;
+use crate::dataset::calibration::CalibrationStack;
+use crate::dataset::manifest::MANIFEST;
+use crate::dataset::truth::{FrameTruth, Truth, TruthWriter, depth, field};
+use scenario::Scenario;
+use storage::error::{Error, Result};
+use storage::folder::{FolderClaim, check_replaceable};
+use storage::tables::{Columns, Table};
+use visibility::NoiseFree;
+
+/// A dataset in memory.
+#[derive(Debug)]
+pub struct MemoryDataset {
+    scenario: Scenario,
+    camera: Camera,
+    noise_free: NoiseFree,
+    truths: Vec<FrameTruth>,
+    counts: Vec<u16>,
+    bits: u8,
+}
+
+/// A calibration stack in memory.
+#[derive(Debug)]
+pub struct Calibration {
+    /// Its table.
+    pub table: (Table, Columns),
+    /// Its images in the order of depths.
+    pub images: Vec<Image>,
+}
+
+impl MemoryDataset {
+    /// Takes all frames of a scenario.
+    ///
+    /// # Errors
+    /// A dataset that does not fit into memory; a trajectory that cannot be followed; [`Error::Interrupted`].
+    pub fn take(scenario: Scenario, progress: &Progress) -> Result<Self> {
+        // Images are held rather than written.
+        let cost = Cost::of(&scenario, Path::new("."))?;
+        let (disk_bytes, disk_free_bytes) = (0, None);
+        let memory_bytes = cost.memory_bytes + cost.disk_bytes;
+        Cost { memory_bytes, disk_bytes, disk_free_bytes, ..cost }.affordable(&scenario)?;
+        let (camera, noise_free) = (camera(&scenario)?, scenario.noise_free()?);
+        let frames = scenario.recordings.frames() as usize;
+        let (mut truths, mut counts) = (Vec::new(), Vec::new());
+        let mut bits = u16::BITS as u8;
+        let pixels = scenario.settings.pixel_dim_x as usize * scenario.settings.pixel_dim_y as usize;
+        // Reserved in one piece: growing it would need twice the memory.
+        counts.reserve_exact(frames * pixels);
+        let truth = Truth::new(&scenario, camera.renderer(), &noise_free)?;
+        let take = |frame: &Frame, before: Option<&Frame>| {
+            let truth = truth.frame(frame, before)?;
+            let image = camera.image(&truth.particles, frame.index);
+            Ok((truth, image))
+        };
+        let add = |taken: Vec<(FrameTruth, Image)>| {
+            for (truth, image) in taken {
+                truths.push(truth);
+                counts.extend_from_slice(&image.counts);
+                bits = image.bits;
+            }
+            Ok(())
+        };
+        in_batches(&scenario, progress, take, add)?;
+        drop(truth);
+        Ok(MemoryDataset { scenario, camera, noise_free, truths, counts, bits })
+    }
+
+    /// What the dataset is made from.
+    pub fn scenario(&self) -> &Scenario {
+        &self.scenario
+    }
+
+    /// Warnings of the scenario and of its images.
+    pub fn warnings(&self) -> Vec<String> {
+        self.scenario.warnings.iter().cloned().chain(self.camera.renderer().shortfall()).collect()
+    }
+
+    /// Counts of all images, (frames, rows, columns) in this order.
+    pub fn counts(&self) -> &[u16] {
+        &self.counts
+    }
+
+    /// Number of frames, of rows and of columns.
+    pub fn shape(&self) -> [usize; 3] {
+        let settings = &self.scenario.settings;
+        [self.truths.len(), settings.pixel_dim_y as usize, settings.pixel_dim_x as usize]
+    }
+
+    /// Bits of a count.
+    pub fn bits(&self) -> u8 {
+        self.bits
+    }
+
+    fn image(&self, frame: usize) -> Image {
+        let (width, height) = (self.scenario.settings.pixel_dim_x, self.scenario.settings.pixel_dim_y);
+        let pixels = width as usize * height as usize;
+        Image { width, height, bits: self.bits, counts: self.counts[frame * pixels..][..pixels].to_vec() }
+    }
+
+    /// `truth/frames.csv`, `truth/tracks.csv` and `truth/displacements.csv`, by these paths.
+    ///
+    /// # Errors
+    /// None.
+    pub fn tables(&self) -> Result<Vec<(Table, Columns)>> {
+        TruthWriter::in_memory(&self.scenario, self.truths.iter())?.into_iter().map(columns).collect()
+    }
+
+    /// `truth/depth.csv`, and `truth/field.csv` if the scenario has it.
+    ///
+    /// # Errors
+    /// None for a scenario that could be resolved.
+    pub fn field_tables(&self) -> Result<Vec<(Table, Columns)>> {
+        let scan = self.scenario.stack(&self.noise_free)?;
+        let tables =
+            [Some(depth::in_memory(&self.scenario, &scan)?), field::in_memory(&self.scenario, &scan)?];
+        tables.into_iter().flatten().map(columns).collect()
+    }
+
+    /// The calibration stack, if the scenario asks for one.
+    ///
+    /// # Errors
+    /// Settings that cannot be drawn; [`Error::Interrupted`].
+    pub fn calibration(&self, progress: &Progress) -> Result<Option<Calibration>> {
+        let scan = self.scenario.stack(&self.noise_free)?;
+        let Some(stack) = CalibrationStack::of(&self.scenario, &self.camera, &scan)? else { return Ok(None) };
+        let steps = (0..stack.depths_um().len()).into_par_iter();
+        let images = steps.map(|step| {
+            progress.check()?;
+            Ok(stack.image(step))
+        });
+        Ok(Some(Calibration { table: columns(stack.in_memory()?)?, images: images.collect::<Result<_>>()? }))
+    }
+
+    /// Writes the dataset: the files that [`super::generate()`] would have written. Nothing is left if that
+    /// does not end.
+    ///
+    /// # Errors
+    /// A dataset or an interrupted run that stands in the way, unless `options.force`; `options.resume`;
+    /// writing;
+    /// [`Error::Interrupted`].
+    pub fn save(&self, options: &GenerateOptions) -> Result<Generated> {
+        if options.resume {
+            return Err(Error::input("a dataset in memory is whole: there is nothing to resume"));
+        }
+        let start = Instant::now();
+        let claim = FolderClaim::take(&options.out)?;
+        check_replaceable(&options.out, options.force.then_some(MANIFEST))?;
+        let partial = claim.start(true)?;
+        folders(&partial)?;
+        let (scenario, camera, progress) = (&self.scenario, &self.camera, &options.progress);
+        let generated = assemble(partial, scenario, options, (camera, &self.noise_free), |partial| {
+            frames::write_taken(partial, scenario, camera, &self.truths, |frame| self.image(frame), progress)
+        })?;
+        Ok(Generated { seconds: start.elapsed().as_secs_f64(), ..generated })
+    }
+}
+
+fn columns((table, csv): (Table, Vec<u8>)) -> Result<(Table, Columns)> {
+    let kind = |name: &str| table.columns.iter().find(|c| c.name == name).map_or("string", |c| c.kind);
+    let columns = Columns::read(table.path, &csv[..], kind)?;
+    Ok((table, columns))
+}

@@ -1,0 +1,23 @@
+//! Doing the work: images in parallel, datasets whole or not at all.
+
+mod cost;
+mod frames;
+mod generate;
+mod memory;
+mod plausibility;
+mod progress;
+mod recording;
+mod render;
+mod shard;
+mod sweep;
+mod verify;
+
+pub use cost::Cost;
+pub use generate::{GenerateOptions, Generated, generate, generate_or_find};
+pub use memory::{Calibration, MemoryDataset};
+pub use progress::{Progress, Stop, Tables};
+pub use recording::Frames;
+pub use render::{RenderOptions, Rendered, render, render_particles};
+pub use shard::Shard;
+pub use sweep::{SweepOptions, Swept, collect, sweep};
+pub use verify::{Verified, verify};

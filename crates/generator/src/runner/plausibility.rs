@@ -1,0 +1,59 @@
+//! Warnings about datasets that are probably not what was meant, each with the number that shows it.
+
+use crate::dataset::truth::Census;
+use crate::dataset::truth::depth::ParticleImage;
+use scenario::Scenario;
+use storage::error::Result;
+
+/// Below this density of particles per pixel single particles are tracked, so their spacing matters; above
+/// it, windows are correlated.
+const TRACKED_PPP: f64 = 0.005;
+
+/// What is said of a dataset; `saturated` is the greatest share of saturated pixels among the frames of the
+/// preview.
+pub(super) fn warnings(
+    scenario: &Scenario,
+    census: &Census,
+    image: &ParticleImage,
+    saturated: f64,
+) -> Result<Vec<String>> {
+    let settings = &scenario.settings;
+    let (width, height) = (f64::from(settings.pixel_dim_x), f64::from(settings.pixel_dim_y));
+    let moved_px = census.max_displacement_px;
+    let n_p = census.visible as f64 / f64::from(census.frames.max(1));
+    let spacing_px = (width * height / n_p.max(1e-9)).sqrt();
+    let mut warnings = Vec::new();
+    if census.displacements > 0 && moved_px < 0.01 {
+        warnings.push(format!(
+            "no particle moves: the largest displacement is {moved_px:.1e} px in the image plane"
+        ));
+    }
+    if moved_px > 0.25 * width.min(height) {
+        warnings.push(format!(
+            "displacements of up to {moved_px:.1} px are more than a quarter of the image of {width} x {height} px"
+        ));
+    } else if moved_px > 0.25 * spacing_px && n_p / (width * height) < TRACKED_PPP && n_p > 1.0 {
+        warnings.push(format!(
+            "displacements of up to {moved_px:.1} px are more than a quarter of the mean spacing of particles, \
+             {spacing_px:.1} px: links are ambiguous"
+        ));
+    }
+    let (background, end) = (image.background_counts, scenario.sensor()?.saturation_counts());
+    if background >= end {
+        warnings.push(format!(
+            "the background of {background:.1} counts reaches the camera's saturation at {end:.1} counts"
+        ));
+    } else if saturated > 0.5 {
+        warnings.push(format!(
+            "{:.0} % of the pixels of a frame are saturated at {end:.0} counts",
+            100.0 * saturated
+        ));
+    }
+    let (low, high) = scenario.depth_range_um;
+    if let Some(focus) = image.focus_um.filter(|focus| (*focus <= low || *focus >= high) && low < high) {
+        warnings.push(format!(
+            "best focus is at the edge of the depth range of {low} to {high} um, at z = {focus} um, or beyond it"
+        ));
+    }
+    Ok(warnings)
+}

@@ -1,0 +1,168 @@
+//! Progress bars with rate and remaining time, on standard error and only if that is a terminal.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
+
+use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressState, ProgressStyle};
+use microsig_core::render::TableStore;
+
+use storage::error::{Error, Result};
+use storage::table_cache::TableFolder;
+
+/// All bars of the process, one below the other.
+static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
+
+/// Whether progress is shown at all.
+#[derive(Debug, Clone)]
+pub enum Progress {
+    /// On a terminal.
+    Bar,
+    /// Below the bars that are there.
+    Below(MultiProgress),
+    /// Never.
+    Hidden,
+    /// Of work that another thread may end.
+    Stoppable(Stop, Box<Progress>),
+}
+
+/// Ends work from another thread; clones are one.
+#[derive(Debug, Clone, Default)]
+pub struct Stop(Arc<AtomicBool>);
+
+impl Stop {
+    /// Ends the work at its next step: it fails with [`Error::Interrupted`].
+    pub fn stop(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether the work is to end.
+    pub fn is_stopped(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+impl Progress {
+    /// Whether the work may go on.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] if it is to end.
+    pub fn check(&self) -> Result<()> {
+        match self {
+            Progress::Stoppable(stop, _) if stop.is_stopped() => Err(Error::Interrupted),
+            Progress::Stoppable(_, within) => within.check(),
+            _ => Ok(()),
+        }
+    }
+
+    /// A bar over this many images.
+    pub fn images(&self, n: u64) -> ProgressBar {
+        self.bar(n, "images")
+    }
+
+    /// A bar over the cases of a sweep, and the progress of what is done within a case, shown below it.
+    pub fn cases(&self, n: u64) -> (ProgressBar, Progress) {
+        match self {
+            Progress::Hidden => (ProgressBar::hidden(), Progress::Hidden),
+            Progress::Stoppable(stop, shown) => {
+                let (bar, within) = shown.cases(n);
+                (bar, Progress::Stoppable(stop.clone(), Box::new(within)))
+            }
+            Progress::Bar | Progress::Below(_) => {
+                let within = Progress::Below(BARS.clone());
+                (within.bar(n, "cases"), within)
+            }
+        }
+    }
+
+    /// A sign of life, with the time that has passed, of work whose end is unknown.
+    pub(crate) fn spinner(&self, what: &'static str) -> ProgressBar {
+        let bar = match self {
+            Progress::Hidden => return ProgressBar::hidden(),
+            Progress::Stoppable(_, shown) => return shown.spinner(what),
+            Progress::Bar => BARS.add(ProgressBar::new_spinner()),
+            Progress::Below(bars) => bars.add(ProgressBar::new_spinner()),
+        };
+        if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} {elapsed}") {
+            bar.set_style(style);
+        }
+        bar.set_message(what);
+        bar.enable_steady_tick(std::time::Duration::from_millis(200));
+        bar
+    }
+
+    fn bar(&self, n: u64, what: &str) -> ProgressBar {
+        // indicatif draws on standard error, and nothing at all where that is no terminal.
+        let bar = match self {
+            Progress::Hidden => return ProgressBar::hidden(),
+            Progress::Stoppable(_, shown) => return shown.bar(n, what),
+            Progress::Bar => BARS.add(ProgressBar::new(n)),
+            Progress::Below(bars) => bars.add(ProgressBar::new(n)),
+        };
+        let template = format!("{{pos}}/{{len}} {what} {{msg}} {{wide_bar}} {{rate}}{{left}}");
+        if let Ok(style) = ProgressStyle::with_template(&template) {
+            bar.set_style(style.with_key("rate", rate).with_key("left", left));
+        }
+        bar.tick();
+        bar
+    }
+}
+
+/// The tables of renderers: kept in a folder, if there is one, and shown while they are made.
+#[derive(Debug)]
+pub struct Tables {
+    folder: Option<TableFolder>,
+    progress: Progress,
+    /// The bar, while tables are made.
+    bar: Mutex<Option<ProgressBar>>,
+}
+
+impl Tables {
+    /// Tables in this folder.
+    pub fn new(folder: Option<TableFolder>, progress: Progress) -> Self {
+        Tables { folder, progress, bar: Mutex::new(None) }
+    }
+}
+
+impl TableStore for Tables {
+    fn load(&self, description: &str) -> Option<Vec<u8>> {
+        self.folder.as_ref()?.load(description)
+    }
+
+    fn save(&self, description: &str, bytes: &[u8]) {
+        self.folder.iter().for_each(|folder| folder.save(description, bytes));
+    }
+
+    fn begun(&self, tables: usize) {
+        let mut bar = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
+        bar.get_or_insert_with(|| self.progress.bar(0, "tables of images")).inc_length(tables as u64);
+    }
+
+    fn made(&self) {
+        let mut bar = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(shown) = bar.as_ref() else { return };
+        shown.inc(1);
+        if Some(shown.position()) == shown.length() {
+            shown.finish_and_clear();
+            *bar = None;
+        }
+    }
+}
+
+/// Work done in a second; nothing before the first piece is done.
+fn rate(state: &ProgressState, out: &mut dyn std::fmt::Write) {
+    if state.pos() > 0 {
+        // A bar that cannot be drawn is no reason to stop.
+        let _ = match state.per_sec() {
+            rate if rate < 10.0 => write!(out, "{rate:.1}/s, "),
+            rate => write!(out, "{rate:.0}/s, "),
+        };
+    }
+}
+
+/// Remaining time; unknown before the first piece is done.
+fn left(state: &ProgressState, out: &mut dyn std::fmt::Write) {
+    let _ = match state.pos() {
+        0 => write!(out, "time left unknown"),
+        _ => write!(out, "{} left", HumanDuration(state.eta())),
+    };
+}

@@ -1,0 +1,94 @@
+//! All frames of a dataset, one after the other: the clouds of its recordings, seeded and moved or read from
+//! tracks.
+
+use flows::{Frame, RecordedTracks, RecordingStart, Scene, Sequence};
+
+use scenario::{MotionSource, Scenario};
+use storage::error::Result;
+
+/// What recordings are taken of.
+enum Subject<'a> {
+    Scene(Box<Scene<'a>>),
+    Tracks(&'a RecordedTracks),
+}
+
+/// A recording in progress.
+enum Recording<'a> {
+    OfScene(Box<Sequence<'a>>),
+    OfTracks(Box<dyn Iterator<Item = Frame> + Send + 'a>),
+}
+
+/// The frames of a scenario in their order. After an `Err` it ends.
+pub struct Frames<'a> {
+    scenario: &'a Scenario,
+    subject: Subject<'a>,
+    number: u32,
+    first_id: u64,
+    recording: Option<Recording<'a>>,
+}
+
+impl<'a> Frames<'a> {
+    /// The frames from the first on.
+    pub fn new(scenario: &'a Scenario) -> Result<Self> {
+        let subject = match &scenario.motion {
+            MotionSource::Field(field) => Subject::Scene(Box::new(scenario.scene(field.as_ref())?)),
+            MotionSource::Tracks(tracks) => Subject::Tracks(tracks),
+        };
+        Ok(Frames { scenario, subject, number: 0, first_id: 0, recording: None })
+    }
+
+    fn begin(&self) -> Result<Recording<'a>> {
+        let (scenario, streams) = (self.scenario, self.scenario.streams);
+        let first_frame = self.number * scenario.recordings.frames_each();
+        let start = RecordingStart { recording: self.number, first_frame, first_id: self.first_id };
+        let times_s = scenario.recordings.times_s(self.number, streams);
+        Ok(match &self.subject {
+            Subject::Scene(scene) => Recording::OfScene(Box::new(scene.record(&times_s, streams, start)?)),
+            Subject::Tracks(tracks) => {
+                let next_s = scenario.recordings.next_s(streams);
+                let frames = tracks.record(
+                    times_s,
+                    next_s,
+                    scenario.particle_defaults(),
+                    scenario.shutter,
+                    streams,
+                    start,
+                );
+                Recording::OfTracks(Box::new(frames))
+            }
+        })
+    }
+
+    fn advance(&mut self) -> Result<Option<Frame>> {
+        while self.number < self.scenario.recordings.count() {
+            let recording = match &mut self.recording {
+                Some(recording) => recording,
+                None => self.recording.insert(self.begin()?),
+            };
+            let frame = match recording {
+                Recording::OfScene(sequence) => sequence.next().transpose()?,
+                Recording::OfTracks(frames) => frames.next(),
+            };
+            if frame.is_some() {
+                return Ok(frame);
+            }
+            if let Some(Recording::OfScene(sequence)) = self.recording.take() {
+                self.first_id = sequence.next_id();
+            }
+            self.number += 1;
+        }
+        Ok(None)
+    }
+}
+
+impl Iterator for Frames<'_> {
+    type Item = Result<Frame>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let frame = self.advance().transpose();
+        if matches!(frame, Some(Err(_))) {
+            self.number = self.scenario.recordings.count();
+        }
+        frame
+    }
+}

@@ -1,0 +1,233 @@
+//! `microsig render`: images from MicroSIG's own settings file and data files.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use microsig_core::formats::{data_file, settings_file};
+use microsig_core::render::RendererSpec;
+use microsig_core::sensor::{Image, NoiseRounding, Sensor};
+use microsig_core::stream::Streams;
+use microsig_core::{Particle, Settings};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::progress::Progress;
+use crate::dataset::Camera;
+use storage::error::{Error, Result};
+use storage::folder::{FolderClaim, Partial};
+use storage::may_write;
+
+/// What to render, and how.
+#[derive(Debug, Clone)]
+pub struct RenderOptions {
+    /// The settings file.
+    pub settings: PathBuf,
+    /// A data file, or a folder of them.
+    pub data: PathBuf,
+    /// The folder for the images.
+    pub out: PathBuf,
+    /// Seed of rays and noise.
+    pub seed: u64,
+    /// Frame number of the first image, which addresses its random numbers.
+    pub first_frame: u32,
+    /// The renderer.
+    pub renderer: RendererSpec,
+    /// When background noise is rounded.
+    pub rounding: NoiseRounding,
+    /// Whether images that exist are replaced.
+    pub force: bool,
+    /// Whether to show a bar.
+    pub progress: Progress,
+}
+
+/// What was rendered.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Rendered {
+    /// The folder with the images.
+    pub out: PathBuf,
+    /// Number of images.
+    pub images: usize,
+    /// Particles in all images.
+    pub particles: usize,
+    /// Width of an image, px.
+    pub width_px: u32,
+    /// Height of an image, px.
+    pub height_px: u32,
+    /// Duration, s.
+    pub seconds: f64,
+    /// What should be known about the images.
+    pub warnings: Vec<String>,
+}
+
+/// Warnings of one kind that are listed before the rest is only counted.
+const MAX_WARNINGS: usize = 10;
+
+/// Renders. All input is checked before the first image is drawn, and images appear whole or not at all.
+///
+/// # Errors
+/// Malformed settings or data files, every one of them; images that exist unless `force`; writing.
+pub fn render(options: &RenderOptions) -> Result<Rendered> {
+    let start = Instant::now();
+    let file = open(&options.settings)?;
+    let settings = settings_file::read(file, &options.settings.display().to_string())?;
+    let renderer = options.renderer.clone().build(&settings.settings)?;
+    let sensor = Sensor::new(&settings.settings).with_rounding(options.rounding);
+    let camera = Camera::new(renderer, sensor, Streams::new(options.seed));
+    let mut warnings = settings.warnings;
+    warnings.extend(camera.renderer().warning());
+
+    let files = data_files(&options.data, &options.settings)?;
+    if u32::try_from(files.len()).ok().and_then(|n| options.first_frame.checked_add(n)).is_none() {
+        return Err(Error::input(format!(
+            "--first-frame {}: frame numbers end at {}",
+            options.first_frame,
+            u32::MAX
+        )));
+    }
+    let particles = check(&files, &camera, &mut warnings)?;
+
+    let image_names: Vec<PathBuf> = files
+        .iter()
+        .map(|f| PathBuf::from(f.file_stem().unwrap_or_default()).with_added_extension("tif"))
+        .collect();
+    // A new folder appears when all images are in it; into one that exists, images go one by one.
+    // `.` and links have no name of their own to lock.
+    let place = options.out.canonicalize().unwrap_or_else(|_| options.out.clone());
+    let claim = FolderClaim::take(&place)?;
+    let (partial, _claim) = if options.out.exists() {
+        if !options.out.is_dir() {
+            return Err(Error::input(format!("{}: expected a folder", options.out.display())));
+        }
+        if let Some(name) = image_names.iter().find(|n| options.out.join(n).exists() && !options.force) {
+            return Err(Error::Exists(options.out.join(name)));
+        }
+        for name in &image_names {
+            may_write(&options.out.join(name), options.force)?;
+        }
+        (None, Some(claim))
+    } else {
+        (Some(claim.start(true)?), None)
+    };
+    let folder = partial.as_ref().map_or(options.out.as_path(), Partial::folder);
+
+    let bar = options.progress.images(files.len() as u64);
+    files.par_iter().zip(&image_names).enumerate().try_for_each(|(i, (file, name))| {
+        let image = camera.image(&read(file)?, options.first_frame + i as u32);
+        camera.save(&folder.join(name), &image)?;
+        bar.inc(1);
+        Ok::<(), Error>(())
+    })?;
+    bar.finish_and_clear();
+    if let Some(partial) = partial {
+        partial.finish_without_journal(None)?;
+    }
+    warnings.extend(camera.renderer().shortfall());
+    Ok(Rendered {
+        out: options.out.clone(),
+        images: files.len(),
+        particles,
+        width_px: settings.settings.pixel_dim_x,
+        height_px: settings.settings.pixel_dim_y,
+        seconds: start.elapsed().as_secs_f64(),
+        warnings,
+    })
+}
+
+fn open(path: &Path) -> Result<std::fs::File> {
+    std::fs::File::open(path).map_err(|e| Error::read(path, e))
+}
+
+fn read(path: &Path) -> Result<Vec<Particle>> {
+    Ok(data_file::read(open(path)?, &path.display().to_string())?)
+}
+
+/// The data files, in natural order of names: the file itself, or all `*.txt` of a folder but the settings
+/// file.
+fn data_files(data: &Path, settings: &Path) -> Result<Vec<PathBuf>> {
+    if data.is_file() {
+        return Ok(vec![data.to_owned()]);
+    }
+    let settings = settings.canonicalize().ok();
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(data).map_err(|e| Error::read(data, e))? {
+        let path = entry.map_err(|e| Error::read(data, e))?.path();
+        let is_text = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("txt"));
+        if is_text && path.is_file() && path.canonicalize().ok() != settings {
+            files.push(path);
+        }
+    }
+    if files.is_empty() {
+        return Err(Error::input(format!("{}: expected data files (*.txt), found none", data.display())));
+    }
+    files.sort_by(|a, b| natord::compare(&a.to_string_lossy(), &b.to_string_lossy()));
+    Ok(files)
+}
+
+/// An image of particles in memory, and what should be known about it.
+///
+/// # Errors
+/// Settings that cannot be drawn; particles that cannot, every one of them.
+pub fn render_particles(
+    settings: &Settings,
+    renderer: RendererSpec,
+    particles: &[Particle],
+    (seed, frame): (u64, u32),
+) -> Result<(Image, Vec<String>)> {
+    let camera = Camera::new(renderer.build(settings)?, Sensor::new(settings), Streams::new(seed));
+    let mut warnings: Vec<String> = camera.renderer().warning().into_iter().collect();
+    limit(check_particles(particles, &camera, "particles")?, &mut warnings);
+    let image = camera.image(particles, frame);
+    warnings.extend(camera.renderer().shortfall());
+    Ok((image, warnings))
+}
+
+/// Checks that particles can be drawn; gives warnings about them. `name` is what messages call the file.
+fn check_particles(particles: &[Particle], camera: &Camera, name: &str) -> Result<Vec<String>> {
+    let (mut found, mut wrong) = (Vec::new(), Vec::new());
+    for (row, particle) in particles.iter().enumerate() {
+        let place = |what| format!("{name}: particle {}: {what}", row + 1);
+        match camera.renderer().check(particle) {
+            Ok(warning) => found.extend(warning.map(place)),
+            Err(e) => wrong.push(place(e.to_string())),
+        }
+    }
+    if wrong.is_empty() { Ok(found) } else { Err(Error::Input(wrong)) }
+}
+
+/// Adds warnings of one kind, the first ones.
+fn limit(mut found: Vec<String>, warnings: &mut Vec<String>) {
+    if found.len() > MAX_WARNINGS {
+        let rest = found.len() - MAX_WARNINGS;
+        found.truncate(MAX_WARNINGS);
+        found.push(format!("... and {rest} more warnings of this kind"));
+    }
+    warnings.append(&mut found);
+}
+
+/// Reads all files and checks that every particle can be drawn; gives the number of particles.
+fn check(files: &[PathBuf], camera: &Camera, warnings: &mut Vec<String>) -> Result<usize> {
+    let checked: Vec<Result<(usize, Vec<String>)>> = files
+        .par_iter()
+        .map(|file| {
+            let particles = read(file)?;
+            let warnings = check_particles(&particles, camera, &file.display().to_string())?;
+            Ok((particles.len(), warnings))
+        })
+        .collect();
+    let (mut particles, mut problems) = (0, Vec::new());
+    let mut found = Vec::new();
+    for result in checked {
+        match result {
+            Ok((n, more)) => {
+                particles += n;
+                found.extend(more);
+            }
+            Err(e) => problems.extend(e.to_string().lines().map(str::to_owned)),
+        }
+    }
+    if !problems.is_empty() {
+        return Err(Error::Input(problems));
+    }
+    limit(found, warnings);
+    Ok(particles)
+}

@@ -1,0 +1,102 @@
+//! Which cases of a sweep this process runs.
+
+use std::fmt;
+
+use storage::error::{Error, Result};
+
+/// Shard `k` of `n`, counted from 1: every n-th case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shard {
+    /// Which one, 1 to `n`.
+    pub k: usize,
+    /// Of how many.
+    pub n: usize,
+}
+
+impl Shard {
+    /// All cases.
+    pub const ALL: Shard = Shard { k: 1, n: 1 };
+
+    /// Reads `K/N`.
+    pub fn parse(text: &str) -> Result<Self> {
+        text.split_once('/')
+            .and_then(|(k, n)| Some(Shard { k: k.trim().parse().ok()?, n: n.trim().parse().ok()? }))
+            .filter(|s| s.k >= 1 && s.k <= s.n)
+            .ok_or_else(|| Error::input(format!("--shard {text}: expected K/N with K from 1 to N")))
+    }
+
+    /// The shard of a task of a Slurm job array, from its variables; `None` outside an array.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if a variable is no number or they do not fit together.
+    pub fn of_slurm(variable: impl Fn(&str) -> Option<String>) -> Result<Option<Self>> {
+        let Some(id) = variable("SLURM_ARRAY_TASK_ID") else { return Ok(None) };
+        let number = |name: &str, text: String| {
+            text.trim()
+                .parse::<usize>()
+                .map_err(|_| Error::input(format!("{name} = {text}: expected a whole number")))
+        };
+        let optional =
+            |name: &str, default: usize| variable(name).map_or(Ok(default), |text| number(name, text));
+        let id = number("SLURM_ARRAY_TASK_ID", id)?;
+        let first = optional("SLURM_ARRAY_TASK_MIN", 0)?;
+        let step = optional("SLURM_ARRAY_TASK_STEP", 1)?;
+        let Some(count) = variable("SLURM_ARRAY_TASK_COUNT") else {
+            return Err(Error::input(
+                "SLURM_ARRAY_TASK_ID is set but SLURM_ARRAY_TASK_COUNT is not; use --shard K/N",
+            ));
+        };
+        let n = number("SLURM_ARRAY_TASK_COUNT", count)?;
+        let before = id.checked_sub(first).filter(|d| step > 0 && d % step == 0).map(|d| d / step);
+        match before.filter(|before| *before < n) {
+            Some(before) => Ok(Some(Shard { k: before + 1, n })),
+            None => Err(Error::input(format!(
+                "SLURM_ARRAY_TASK_ID = {id}: expected a task of {n} from {first} in steps of {step}; use --shard K/N"
+            ))),
+        }
+    }
+
+    /// Whether a case is in this shard.
+    pub fn has(&self, index: usize) -> bool {
+        index % self.n == self.k - 1
+    }
+}
+
+impl fmt::Display for Shard {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{}", self.k, self.n)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shards_share_out_all_cases() {
+        for n in 1..8 {
+            for index in 0..20 {
+                assert_eq!((1..=n).filter(|&k| Shard { k, n }.has(index)).count(), 1);
+            }
+        }
+        assert!(Shard::parse("0/3").is_err() && Shard::parse("4/3").is_err() && Shard::parse("x").is_err());
+    }
+
+    #[test]
+    fn slurm_arrays_may_begin_anywhere_and_step() {
+        let slurm = |id: &str, min: &str, count: &str, step: &str| {
+            let values = [id, min, count, step].map(str::to_owned);
+            Shard::of_slurm(move |name| {
+                let names = ["ID", "MIN", "COUNT", "STEP"];
+                names.iter().position(|n| name == format!("SLURM_ARRAY_TASK_{n}")).map(|i| values[i].clone())
+            })
+        };
+        assert_eq!(slurm("14", "10", "4", "2").unwrap(), Some(Shard { k: 3, n: 4 }));
+        assert_eq!(slurm("1", "1", "7", "1").unwrap(), Some(Shard { k: 1, n: 7 }));
+        assert!(slurm("13", "10", "4", "2").is_err());
+        assert!(slurm("9", "10", "4", "1").is_err());
+        // Found by fuzzing.
+        assert!(slurm("18446744073709551615", "0", "7", "1").is_err());
+        assert_eq!(Shard::of_slurm(|_| None).unwrap(), None);
+    }
+}

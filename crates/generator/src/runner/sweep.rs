@@ -1,0 +1,184 @@
+//! `microsig sweep`: the cases of a sweep, each a dataset.
+//!
+//! A case leaves its dataset, `case_00000/`, or the reason why there is none, `case_00000.failed`. Nothing
+//! else depends on who ran it: shards in one folder, or in folders that are put together later, give the same
+//! tree as one run. The table of all cases, `cases.csv`, is written when all of them are there.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use serde::Serialize;
+use serde_json::json;
+
+use super::generate::{GenerateOptions, generate_or_find};
+use super::progress::Progress;
+use super::shard::Shard;
+use crate::dataset::manifest::{MANIFEST, Manifest};
+use scenario::{Case, Sweep, resolve};
+use storage::error::{Error, Result};
+use storage::folder::FolderClaim;
+use storage::save_bytes;
+
+/// How to sweep.
+#[derive(Debug, Clone)]
+pub struct SweepOptions {
+    /// The sweep's folder.
+    pub out: PathBuf,
+    /// Where files that the base scenario names are found.
+    pub inputs: PathBuf,
+    /// Which cases to run.
+    pub shard: Shard,
+    /// Replace cases that exist.
+    pub force: bool,
+    /// Go on: skip cases that are done, take up interrupted ones.
+    pub resume: bool,
+    /// Whether to show bars.
+    pub progress: Progress,
+}
+
+/// What was swept.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Swept {
+    /// The sweep's folder.
+    pub out: PathBuf,
+    /// Cases of the sweep.
+    pub cases: usize,
+    /// Cases of the sweep that are done, by whomever.
+    pub done: usize,
+    /// Cases of the sweep that failed.
+    pub failed: usize,
+    /// Cases that this run made.
+    pub made: usize,
+    /// Duration, s.
+    pub seconds: f64,
+}
+
+/// Name of the table of all cases.
+const TABLE: &str = "cases.csv";
+
+/// Runs the cases of a shard. One that fails becomes a row with its reason and does not end the sweep.
+///
+/// # Errors
+/// A case that exists, unless `resume` or `force`; writing.
+pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
+    let start = Instant::now();
+    // Cases in it would break a dataset of the same name.
+    if options.out.join(MANIFEST).exists() {
+        return Err(Error::input(format!(
+            "{}: is a dataset; a sweep needs a folder of its own",
+            options.out.display()
+        )));
+    }
+    std::fs::create_dir_all(&options.out).map_err(Error::write(&options.out))?;
+    let mine: Vec<&Case> = sweep.cases.iter().filter(|c| options.shard.has(c.index)).collect();
+    if !options.resume && !options.force {
+        for case in &mine {
+            for path in [options.out.join(&case.name), failed(&options.out, case)] {
+                if path.exists() {
+                    let hint = "exists already; --resume goes on, --force replaces it";
+                    return Err(Error::input(format!("{}: {hint}", path.display())));
+                }
+            }
+        }
+    }
+    let (bar, within) = options.progress.cases(mine.len() as u64);
+    let mut made = 0;
+    for case in mine {
+        bar.set_message(case.name.clone());
+        made += usize::from(run(sweep, case, options, &within)?);
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let (done, failed) = collect(sweep, &options.out)?;
+    let cases = sweep.cases.len();
+    Ok(Swept { out: options.out.clone(), cases, done, failed, made, seconds: start.elapsed().as_secs_f64() })
+}
+
+/// Makes one case; `false` if it was there already, or if it failed and its reason was written instead.
+fn run(sweep: &Sweep, case: &Case, options: &SweepOptions, progress: &Progress) -> Result<bool> {
+    let out = options.out.join(&case.name);
+    let reason = failed(&options.out, case);
+    // A failure may have had a cause that is gone: it is tried again.
+    if reason.exists() {
+        std::fs::remove_file(&reason).map_err(Error::write(&reason))?;
+    }
+    let generated =
+        sweep.scenario(case).and_then(|spec| resolve(spec, &options.inputs)).and_then(|scenario| {
+            // Without --resume the sweep has found no case here, so what is left of one is begun anew.
+            let (force, resume) = (options.force || !options.resume, options.resume);
+            let options = GenerateOptions { out: out.clone(), force, resume, progress: progress.clone() };
+            generate_or_find(&scenario, &options)
+        });
+    match generated {
+        Ok(generated) => Ok(generated.is_some()),
+        // A full disk is no property of the case, nor is a dataset of another sweep.
+        Err(error) if error.is_of_the_system() || (out.exists() && !options.force) => Err(error),
+        Err(error) => {
+            FolderClaim::take(&out)?.discard()?;
+            save_bytes(&reason, format!("{error}\n").as_bytes())?;
+            Ok(false)
+        }
+    }
+}
+
+fn failed(out: &Path, case: &Case) -> PathBuf {
+    out.join(format!("{}.failed", case.name))
+}
+
+/// Counts what is done and what failed, and writes the table if that is all.
+///
+/// # Errors
+/// A dataset without a readable manifest; writing.
+pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
+    let (mut done, mut failures) = (0, 0);
+    let mut table = csv::Writer::from_writer(Vec::new());
+    let unwritable = |e: csv::Error| Error::Write { path: out.join(TABLE), source: std::io::Error::other(e) };
+    // A seed has a column anyway.
+    let axes =
+        || sweep.spec.axes.iter().map(|a| a.path.as_str()).enumerate().filter(|(_, path)| *path != "seed");
+    let facts = ["n_p", "n_ppp", "n_s", "max_displacement_px"];
+    let header: Vec<&str> = ["case", "dataset", "repetition", "seed"]
+        .into_iter()
+        .chain(axes().map(|(_, path)| path))
+        .chain(["status"])
+        .chain(facts)
+        .chain(["reason"])
+        .collect();
+    table.write_record(&header).map_err(unwritable)?;
+    for case in &sweep.cases {
+        let mut row = vec![
+            case.index.to_string(),
+            case.name.clone(),
+            case.repetition.to_string(),
+            case.seed.to_string(),
+        ];
+        row.extend(axes().map(|(i, _)| case.values[i].clone()));
+        let (manifest, reason) = (out.join(&case.name).join(MANIFEST), failed(out, case));
+        if manifest.exists() {
+            let Manifest { name, microsig: facts, .. } = Manifest::read(&out.join(&case.name))?;
+            if (name.as_str(), facts.seed.flatten()) != (sweep.name_of(case).as_str(), Some(case.seed)) {
+                let hint = format!("expected `{}` with seed {}", sweep.name_of(case), case.seed);
+                return Err(Error::input(format!("{}: is of another sweep; {hint}", manifest.display())));
+            }
+            row.push("done".to_owned());
+            let numbers = [facts.n_p, facts.n_ppp, facts.n_s, facts.max_displacement_px];
+            row.extend(numbers.map(|number| json!(number).to_string()));
+            row.push(String::new());
+            done += 1;
+        } else if reason.exists() {
+            let text = std::fs::read_to_string(&reason).map_err(|e| Error::read(&reason, e))?;
+            row.push("failed".to_owned());
+            row.extend(facts.map(|_| String::new()));
+            row.push(text.trim().to_owned());
+            failures += 1;
+        } else {
+            continue;
+        }
+        table.write_record(&row).map_err(unwritable)?;
+    }
+    if done + failures == sweep.cases.len() {
+        let bytes = table.into_inner().map_err(|e| unwritable(csv::Error::from(e.into_error())))?;
+        save_bytes(&out.join(TABLE), &bytes)?;
+    }
+    Ok((done, failures))
+}

@@ -1,0 +1,195 @@
+//! `microsig verify`: is a dataset whole, unchanged and as its manifest says?
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use glam::DVec3;
+use serde::Serialize;
+
+use super::generate::{GenerateOptions, generate};
+use super::progress::Progress;
+use crate::dataset::manifest::{MANIFEST, Manifest, Resource, SchemaField, TableSchema};
+use crate::dataset::secret;
+use scenario::{self, Scenario, write};
+use storage::TemporaryFolder;
+use storage::checksums::{self, Fingerprint, SHA256SUMS};
+use storage::error::{Error, Result};
+use storage::folder::{files_below, is_partial};
+use storage::tables::truth::TRACKS;
+
+/// What was verified.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Verified {
+    /// Number of files whose checksums agree.
+    pub files: usize,
+    /// Their size, bytes.
+    pub bytes: u64,
+    /// Whether the dataset was generated again and compared.
+    pub regenerated: bool,
+}
+
+/// Checks a dataset: every file there, none more, all checksums, manifest and tables in agreement. With
+/// `regenerate` it is made again from its scenario and compared byte by byte.
+///
+/// # Errors
+/// [`Error::Input`] if this is no dataset; [`Error::Failed`] with all that does not hold.
+pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Verified> {
+    if is_partial(dataset) {
+        return Err(Error::Failed(vec![format!("{}: unfinished", dataset.display())]));
+    }
+    let path = dataset.join(SHA256SUMS);
+    if !path.is_file() {
+        let what = if dataset.is_dir() { "no dataset, it has no SHA256SUMS" } else { "no such folder" };
+        return Err(Error::input(format!("{}: {what}", dataset.display())));
+    }
+    let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
+    let sums = checksums::read(&text, &path.display().to_string())?;
+
+    let mut failures = Vec::new();
+    let present: Vec<String> = files_below(dataset)?.into_iter().filter(|f| f != SHA256SUMS).collect();
+    let is_missing = |f: &&String| present.binary_search(f).is_err();
+    failures.extend(sums.keys().filter(is_missing).map(|f| format!("{f}: missing")));
+    failures.extend(
+        present.iter().filter(|f| !sums.contains_key(*f)).map(|f| format!("{f}: not in {SHA256SUMS}")),
+    );
+    let fingerprints = checksums::fingerprints(dataset, &present)?;
+    for (file, fingerprint) in &fingerprints {
+        if sums.get(file).is_some_and(|hash| *hash != fingerprint.sha256.to_string()) {
+            failures.push(format!("{file}: changed, its SHA-256 is not the one in {SHA256SUMS}"));
+        }
+    }
+    manifest_agrees(dataset, &fingerprints, &mut failures);
+    // What other programs may read as the same sums is not the same bytes.
+    if failures.is_empty() && checksums::write(&fingerprints) != text {
+        failures.push(format!("{SHA256SUMS}: changed, though its sums are right"));
+    }
+    if !failures.is_empty() {
+        return Err(Error::Failed(failures));
+    }
+    scenario_agrees(dataset, regenerate.then_some(progress), &text)?;
+    let bytes = fingerprints.values().map(|f| f.bytes).sum();
+    Ok(Verified { files: fingerprints.len(), bytes, regenerated: regenerate })
+}
+
+/// Size and hash of every resource, and the columns of every table, are what the manifest says.
+fn manifest_agrees(dataset: &Path, fingerprints: &BTreeMap<String, Fingerprint>, failures: &mut Vec<String>) {
+    let manifest = match Manifest::read(dataset) {
+        Ok(manifest) => manifest,
+        Err(e) => return failures.push(e.to_string()),
+    };
+    let resources: BTreeMap<&str, &Resource> =
+        manifest.resources.iter().map(|r| (r.path.as_str(), r)).collect();
+    for (file, fingerprint) in fingerprints.iter().filter(|(file, _)| *file != MANIFEST) {
+        match resources.get(file.as_str()) {
+            None => failures.push(format!("{file}: not in {MANIFEST}")),
+            Some(r) => {
+                if r.bytes != fingerprint.bytes || r.sha256() != fingerprint.sha256.to_string() {
+                    failures.push(format!("{file}: size or hash is not the one in {MANIFEST}"));
+                }
+            }
+        }
+    }
+    for file in resources.keys().filter(|f| !fingerprints.contains_key(**f)) {
+        failures.push(format!("{file}: in {MANIFEST} but missing"));
+    }
+    for (path, resource) in resources {
+        if let Some(schema) = resource.schema.as_ref().filter(|_| fingerprints.contains_key(path)) {
+            failures.extend(table_disagrees(&dataset.join(path), schema).map(|e| format!("{path}{e}")));
+        }
+    }
+}
+
+/// The first thing in which a table is not as its schema says: the columns, or a cell that is not of its
+/// column's type.
+fn table_disagrees(path: &Path, schema: &TableSchema) -> Option<String> {
+    let fields = &schema.fields;
+    let mut reader = match csv::Reader::from_path(path) {
+        Ok(reader) => reader,
+        Err(e) => return Some(format!(": {e}")),
+    };
+    match reader.headers() {
+        Ok(header) if header.iter().eq(fields.iter().map(|field| field.name.as_str())) => {}
+        Ok(_) => return Some(format!(": columns are not those in {MANIFEST}")),
+        Err(e) => return Some(format!(": {e}")),
+    }
+    let mut record = csv::StringRecord::new();
+    loop {
+        match reader.read_record(&mut record) {
+            Ok(true) => {}
+            Ok(false) => return None,
+            Err(e) => return Some(format!(": {e}")),
+        }
+        for (cell, SchemaField { name, kind, .. }) in record.iter().zip(fields) {
+            let fits = cell.is_empty()
+                || match kind.as_str() {
+                    "integer" => cell.parse::<i64>().is_ok(),
+                    "number" => cell.parse::<f64>().is_ok_and(f64::is_finite),
+                    _ => true,
+                };
+            if !fits {
+                let line = record.position().map_or(0, csv::Position::line);
+                return Some(format!(":{line}: {name} = {cell:?}: expected a value of type {kind}"));
+            }
+        }
+    }
+}
+
+/// Every particle of the truth is where the walls of flow and box and the bodies leave it room.
+fn particles_in_fluid(dataset: &Path, scenario: &Scenario) -> Result<()> {
+    let Some(field) = scenario.field() else { return Ok(()) };
+    let fluid = scenario.fluid(field);
+    let path = dataset.join(TRACKS.path);
+    if !path.exists() {
+        return Ok(());
+    }
+    let broken = |e: csv::Error| Error::Failed(vec![format!("{}: {e}", TRACKS.path)]);
+    let mut reader = csv::Reader::from_path(&path).map_err(broken)?;
+    let header = reader.headers().map_err(broken)?.clone();
+    let columns = ["t_s", "x_um", "y_um", "z_um", "d_um"]
+        .map(|name| header.iter().position(|found| found == name).unwrap_or(usize::MAX));
+    let mut record = csv::StringRecord::new();
+    while reader.read_record(&mut record).map_err(broken)? {
+        let [t, x, y, z, d] = columns
+            .map(|column| record.get(column).and_then(|cell| cell.parse::<f64>().ok()).unwrap_or(f64::NAN));
+        // A table without one of the columns says nothing.
+        if [t, x, y, z, d].iter().all(|number| number.is_finite())
+            && !fluid.holds(DVec3::new(x, y, z), t, 0.5 * d, OVERLAP_UM)
+        {
+            let line = record.position().map_or(0, csv::Position::line);
+            return Err(Error::Failed(vec![format!(
+                "{}:{line}: a particle of {d} um at ({x}, {y}, {z}) um overlaps a wall of the flow or a body",
+                TRACKS.path
+            )]));
+        }
+    }
+    Ok(())
+}
+
+/// Overlap with a wall that is rounding, um.
+const OVERLAP_UM: f64 = 1e-6;
+
+/// The scenario resolves to itself and, if asked for, makes the same bytes again.
+fn scenario_agrees(dataset: &Path, regenerate: Option<Progress>, sums: &str) -> Result<()> {
+    let (mut scenario, text) = scenario::of_dataset(dataset)?;
+    if let Some(streams) = secret::streams(dataset)? {
+        scenario.streams = streams;
+    }
+    if write(&scenario.spec)? != text {
+        return Err(Error::Failed(vec!["scenario.ron: resolving it gives another scenario".to_owned()]));
+    }
+    particles_in_fluid(dataset, &scenario)?;
+    let Some(progress) = regenerate else { return Ok(()) };
+    let place = TemporaryFolder::new()?;
+    let out = place.path().join("again");
+    generate(&scenario, &GenerateOptions { out: out.clone(), force: false, resume: false, progress })?;
+    let again = std::fs::read_to_string(out.join(SHA256SUMS)).map_err(Error::write(&out))?;
+    if again == sums {
+        return Ok(());
+    }
+    let (old, new) = (checksums::read(sums, SHA256SUMS)?, checksums::read(&again, SHA256SUMS)?);
+    let differ = |f: &&String| old.get(*f) != new.get(*f);
+    let files: std::collections::BTreeSet<&String> = old.keys().chain(new.keys()).filter(differ).collect();
+    Err(Error::Failed(
+        files.into_iter().map(|f| format!("{f}: generated again, it has other bytes")).collect(),
+    ))
+}

@@ -1,0 +1,86 @@
+//! Samples side by side.
+
+use rayon::prelude::*;
+
+use super::{Sample, SampleStream};
+use storage::error::Result;
+
+/// Samples side by side: every array has a first axis of samples, those of particles are filled up with
+/// zeros.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Batch {
+    /// Numbers of the samples.
+    pub indices: Vec<u64>,
+    /// [`Sample::images`].
+    pub images: Vec<u16>,
+    /// [`Sample::clean`].
+    pub clean: Vec<f32>,
+    /// Rows for particles, of every sample.
+    pub rows: usize,
+    /// [`Sample::particles`], (samples, rows, 8).
+    pub particles: Vec<f32>,
+    /// Which rows are particles, (samples, rows).
+    pub mask: Vec<bool>,
+    /// [`Sample::boxes`], (samples, rows, 6).
+    pub boxes: Vec<f32>,
+    /// [`Sample::instances`].
+    pub instances: Vec<i32>,
+    /// [`Sample::depth`].
+    pub depth: Vec<f32>,
+    /// [`Sample::heatmap`].
+    pub heatmap: Vec<f32>,
+    /// [`Sample::flow`].
+    pub flow: Vec<f32>,
+}
+
+impl Batch {
+    /// Puts samples side by side, with at least `rows` rows for particles.
+    pub fn of(samples: Vec<Sample>, rows: usize) -> Self {
+        let most = samples.iter().map(|sample| sample.particles.len()).max().unwrap_or(0);
+        let mut batch = Batch { rows: rows.max(most), ..Batch::default() };
+        let room = samples.len();
+        if let Some(first) = samples.first() {
+            batch.images.reserve_exact(room * first.images.len());
+            batch.clean.reserve_exact(room * first.clean.len());
+            batch.flow.reserve_exact(room * first.flow.len());
+        }
+        for (number, sample) in samples.iter().enumerate() {
+            batch.indices.push(sample.index);
+            batch.images.extend_from_slice(&sample.images);
+            batch.clean.extend_from_slice(&sample.clean);
+            batch.instances.extend_from_slice(&sample.instances);
+            batch.depth.extend_from_slice(&sample.depth);
+            batch.heatmap.extend_from_slice(&sample.heatmap);
+            batch.flow.extend_from_slice(&sample.flow);
+            batch.particles.extend(sample.particles.iter().flatten());
+            batch.particles.resize((number + 1) * batch.rows * 8, 0.0);
+            batch.mask.extend(sample.particles.iter().map(|_| true));
+            batch.mask.resize((number + 1) * batch.rows, false);
+            if !sample.boxes.is_empty() || !batch.boxes.is_empty() {
+                batch.boxes.resize(number * batch.rows * 6, 0.0);
+                batch.boxes.extend(sample.boxes.iter().flatten());
+            }
+        }
+        if !batch.boxes.is_empty() {
+            batch.boxes.resize(room * batch.rows * 6, 0.0);
+        }
+        batch
+    }
+}
+
+impl SampleStream {
+    /// Draws `n` samples from a number on, in parallel; before each of them `go_on` tells whether to.
+    ///
+    /// # Errors
+    /// As of [`SampleStream::sample`]; what `go_on` says.
+    pub fn batch(&self, first: u64, n: usize, go_on: impl Fn() -> Result<()> + Sync) -> Result<Batch> {
+        let samples: Result<Vec<Sample>> = (0..n as u64)
+            .into_par_iter()
+            .map(|k| {
+                go_on()?;
+                self.sample(first.wrapping_add(k))
+            })
+            .collect();
+        Ok(Batch::of(samples?, self.options().rows))
+    }
+}

@@ -1,0 +1,330 @@
+//! What a sample tells besides its images.
+
+use flows::Frame;
+use flows::eulerian::{central, forward};
+use flows::scale::ImagePoint;
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::dataset::truth::View;
+use scenario::Scenario;
+use scenario::spec::Diameter;
+use storage::error::{Error, Result};
+use visibility::{NoiseFree, Patch};
+
+/// Columns of [`Sample::particles`].
+pub const PARTICLE_COLUMNS: [&str; 8] = ["x_px", "y_px", "z_um", "d_um", "c_int", "dx_px", "dy_px", "dz_um"];
+
+/// The dense displacement field.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Flow {
+    /// At a depth, um.
+    At(f64),
+    /// Averaged over the depth range.
+    Mean,
+}
+
+/// Which labels are wanted. Particles are always told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LabelOptions {
+    /// Boxes around particle images.
+    pub boxes: bool,
+    /// Which particle each pixel belongs to.
+    pub instances: bool,
+    /// The depth of the particle that a pixel belongs to.
+    pub depth: bool,
+    /// A map of the particles' places.
+    pub heatmap: bool,
+    /// The dense displacement field from the first to the second frame.
+    pub flow: Option<Flow>,
+    /// Whether it has a component along z.
+    pub flow_z: bool,
+    /// The noise-free images.
+    pub clean: bool,
+    /// What belongs to a particle's image: pixels above this share of its peak.
+    pub share: f64,
+    /// Standard deviation of a particle on the map, px.
+    pub heatmap_sigma_px: f64,
+}
+
+impl Default for LabelOptions {
+    fn default() -> Self {
+        LabelOptions {
+            boxes: false,
+            instances: false,
+            depth: false,
+            heatmap: false,
+            flow: None,
+            flow_z: false,
+            clean: false,
+            share: 0.1,
+            heatmap_sigma_px: 1.5,
+        }
+    }
+}
+
+impl LabelOptions {
+    /// Whether images of single particles are needed.
+    pub(super) fn needs_single_images(&self) -> bool {
+        self.boxes || self.instances || self.depth
+    }
+
+    /// Checks them for a scenario and a number of frames.
+    ///
+    /// # Errors
+    /// A number out of range; a flow where there is none.
+    pub(super) fn check(&self, scenario: &Scenario, frames: u32) -> Result<()> {
+        if !(self.share > 0.0 && self.share < 1.0) {
+            return Err(Error::input(format!("share = {}: expected a number between 0 and 1", self.share)));
+        }
+        if !(self.heatmap_sigma_px > 0.0 && self.heatmap_sigma_px <= 1000.0) {
+            return Err(Error::input(format!(
+                "heatmap_sigma_px = {}: expected a number > 0, at most 1000",
+                self.heatmap_sigma_px
+            )));
+        }
+        let Some(flow) = self.flow else { return Ok(()) };
+        if frames < 2 {
+            return Err(Error::input(
+                "labels flow: is from the first to the second frame; expected frames >= 2",
+            ));
+        }
+        if scenario.field().is_none() {
+            return Err(Error::input("labels flow: recorded tracks tell no velocity field"));
+        }
+        match flow {
+            Flow::At(z_um) if !z_um.is_finite() => {
+                Err(Error::input(format!("flow_depth_um = {z_um}: expected a depth in um")))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Images with labels. Rows run along y, from the top.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Sample {
+    /// Its number.
+    pub index: u64,
+    /// Counts, (frames, rows, columns).
+    pub images: Vec<u16>,
+    /// Noise-free counts, not rounded, (frames, rows, columns).
+    pub clean: Vec<f32>,
+    /// Particles whose center is on the sensor in the first frame, by their number: [`PARTICLE_COLUMNS`];
+    /// displacements are those to the second frame, NaN where there is none.
+    pub particles: Vec<[f32; 8]>,
+    /// Of the same particles: center (px) and size (px) of the box that holds what exceeds a share of the
+    /// particle's own peak, z (um), class: the place of the diameter in `particles.diameter_um.list`, else 0.
+    /// A box of a particle without light has no size.
+    pub boxes: Vec<[f32; 6]>,
+    /// For each pixel 0 or, from 1, which of the particles is brightest there, (rows, columns).
+    pub instances: Vec<i32>,
+    /// Depth of that particle, um; NaN where there is none, (rows, columns).
+    pub depth: Vec<f32>,
+    /// Greatest of the Gaussians, of height 1, around all places, (rows, columns).
+    pub heatmap: Vec<f32>,
+    /// Displacement along x, y (px) and, if asked for, z (um), (2 or 3, rows, columns); NaN where there is no
+    /// fluid.
+    pub flow: Vec<f32>,
+}
+
+/// The first frame of a sample.
+pub(super) struct Shot<'a> {
+    pub(super) scenario: &'a Scenario,
+    pub(super) view: &'a View<'a>,
+    pub(super) frame: &'a Frame,
+    pub(super) next: Option<&'a Frame>,
+    pub(super) single: Option<&'a NoiseFree>,
+}
+
+/// Adds what is told of the first frame.
+pub(super) fn frame_labels(wanted: &LabelOptions, shot: &Shot<'_>, sample: &mut Sample) {
+    let settings = &shot.scenario.settings;
+    let (width, height) = (settings.pixel_dim_x as usize, settings.pixel_dim_y as usize);
+    sample.particles = particles(shot);
+    if let Some(single) = shot.single {
+        let mut instances = Instances::new(wanted, width * height);
+        let visible = shot.view.sights.iter().filter(|sight| sight.visible);
+        for (number, sight) in visible.enumerate() {
+            let mut patch = Patch::default();
+            for row in &shot.view.rendered[sight.rows.clone()] {
+                let mut part = Patch::default();
+                single.draw(row, &mut part);
+                patch = patch.joined(&part);
+            }
+            let z_um = sight.tracer.position.z as f32;
+            let bounds = instances.add(&patch, wanted.share, width, (number as i32 + 1, z_um));
+            if wanted.boxes {
+                let [x, y, w, h] = bounds.unwrap_or([sight.particle.x_px, sight.particle.y_px, 0.0, 0.0]);
+                let class = class(shot.scenario, sight.particle.d_um);
+                sample.boxes.push([x as f32, y as f32, w as f32, h as f32, z_um, class]);
+            }
+        }
+        if wanted.instances {
+            sample.instances = instances.owner;
+        }
+        if wanted.depth {
+            sample.depth = instances.depth;
+        }
+    }
+    if wanted.heatmap {
+        sample.heatmap = heatmap(&sample.particles, (width, height), wanted.heatmap_sigma_px);
+    }
+}
+
+/// The visible particles.
+fn particles(shot: &Shot<'_>) -> Vec<[f32; 8]> {
+    let scale = &shot.scenario.scale;
+    let mut links: Vec<(u64, DVec3)> = Vec::new();
+    let is_linked = |next: &&Frame| shot.scenario.recordings.link_to(next.index).is_some();
+    if let Some(next) = shot.next.filter(is_linked) {
+        links.extend(
+            shot.frame
+                .links(next)
+                .map(|(from, to)| (from.id, to.step.map_or(to.position - from.position, |step| step.actual))),
+        );
+    }
+    let row = |sight: &crate::dataset::truth::Sight<'_>| {
+        let (tracer, particle) = (sight.tracer, &sight.particle);
+        // Both ascend by id.
+        let moved = links.binary_search_by_key(&tracer.id, |(id, _)| *id).ok().map(|k| links[k].1);
+        let [dx, dy, dz] = moved.map_or([f64::NAN; 3], |d| {
+            let image = scale.displacement_to_image(d);
+            [image.dx_px, image.dy_px, d.z]
+        });
+        let c_int = particle.c_int * sight.light;
+        [particle.x_px, particle.y_px, tracer.position.z, particle.d_um, c_int, dx, dy, dz].map(|v| v as f32)
+    };
+    shot.view.sights.iter().filter(|sight| sight.visible).map(row).collect()
+}
+
+/// The place of a diameter in a list of diameters, else 0.
+fn class(scenario: &Scenario, d_um: f64) -> f32 {
+    match &scenario.spec.particles.diameter_um {
+        Some(Diameter::List(list)) => list.iter().position(|(d, _)| *d == d_um).unwrap_or(0) as f32,
+        _ => 0.0,
+    }
+}
+
+/// Which particle is brightest at each pixel.
+struct Instances {
+    owner: Vec<i32>,
+    depth: Vec<f32>,
+    brightest: Vec<f32>,
+}
+
+impl Instances {
+    fn new(wanted: &LabelOptions, pixels: usize) -> Self {
+        let pixels = if wanted.instances || wanted.depth { pixels } else { 0 };
+        Instances { owner: vec![0; pixels], depth: vec![f32::NAN; pixels], brightest: vec![0.0; pixels] }
+    }
+
+    /// Adds the image of a particle; gives center and size of the box that holds what exceeds a share of its
+    /// peak, px.
+    fn add(
+        &mut self,
+        patch: &Patch,
+        share: f64,
+        width: usize,
+        (number, z_um): (i32, f32),
+    ) -> Option<[f64; 4]> {
+        let least = share * patch.values.iter().copied().fold(0.0, f64::max);
+        let mut bounds: Option<[usize; 4]> = None;
+        if least <= 0.0 {
+            return None;
+        }
+        for (i, light) in patch.values.iter().enumerate().filter(|(_, light)| **light > least) {
+            let (x, y) = (patch.corner.0 + i % patch.width, patch.corner.1 + i / patch.width);
+            let [left, top, right, bottom] = bounds.unwrap_or([x, y, x, y]);
+            bounds = Some([left.min(x), top.min(y), right.max(x), bottom.max(y)]);
+            let pixel = y * width + x;
+            if self.brightest.get(pixel).is_some_and(|brightest| *light as f32 > *brightest) {
+                self.brightest[pixel] = *light as f32;
+                self.owner[pixel] = number;
+                self.depth[pixel] = z_um;
+            }
+        }
+        bounds.map(|[left, top, right, bottom]| {
+            let middle = |a: usize, b: usize| (a + b) as f64 / 2.0 + 1.0;
+            [middle(left, right), middle(top, bottom), (right - left + 1) as f64, (bottom - top + 1) as f64]
+        })
+    }
+}
+
+/// The map of places: beyond four standard deviations a particle leaves nothing.
+fn heatmap(particles: &[[f32; 8]], (width, height): (usize, usize), sigma_px: f64) -> Vec<f32> {
+    let mut map = vec![0.0f32; width * height];
+    let reach = libm::ceil(4.0 * sigma_px);
+    for particle in particles {
+        let (x, y) = (f64::from(particle[0]) - 1.0, f64::from(particle[1]) - 1.0);
+        let span = |at: f64, size: usize| {
+            let (first, last) = ((at - reach).max(0.0), (at + reach).min(size as f64 - 1.0));
+            libm::ceil(first) as usize..(last.max(-1.0) + 1.0) as usize
+        };
+        let fall = |d: f64| libm::exp(-0.5 * d * d / (sigma_px * sigma_px));
+        let columns: Vec<f64> = span(x, width).map(|column| fall(column as f64 - x)).collect();
+        for row in span(y, height) {
+            let of_row = fall(row as f64 - y);
+            let first = row * width + span(x, width).start;
+            for (pixel, of_column) in map[first..].iter_mut().zip(&columns) {
+                *pixel = pixel.max((of_row * of_column) as f32);
+            }
+        }
+    }
+    map
+}
+
+/// The displacement at every pixel.
+#[derive(Debug)]
+pub(super) struct FlowField {
+    /// Times of the two frames, s.
+    pub(super) interval: (f64, f64),
+    pub(super) values: Vec<f32>,
+}
+
+/// Depths over which the displacement is averaged.
+const PLANES: usize = 16;
+
+impl FlowField {
+    pub(super) fn of(scenario: &Scenario, (flow, with_z): (Flow, bool), interval: (f64, f64)) -> Self {
+        let settings = &scenario.settings;
+        let (width, height) = (settings.pixel_dim_x as usize, settings.pixel_dim_y as usize);
+        let pixel = |i: usize| {
+            let (x_px, y_px) = ((i % width + 1) as f64, (i / width + 1) as f64);
+            displacement(scenario, flow, (x_px, y_px), interval)
+        };
+        let moved: Vec<[f64; 3]> = (0..width * height).into_par_iter().map(pixel).collect();
+        let axes = if with_z { 3 } else { 2 };
+        let values = (0..axes).flat_map(|axis| moved.iter().map(move |d| d[axis] as f32)).collect();
+        FlowField { interval, values }
+    }
+}
+
+fn displacement(scenario: &Scenario, flow: Flow, (x_px, y_px): (f64, f64), interval: (f64, f64)) -> [f64; 3] {
+    let Some(field) = scenario.field() else { return [f64::NAN; 3] };
+    let fluid = scenario.fluid(field);
+    let place = |z_um: f64| scenario.scale.to_object(ImagePoint { x_px, y_px, z_um: 0.0 }).with_z(z_um);
+    let image = |d: DVec3| {
+        let d_px = scenario.scale.displacement_to_image(d);
+        [d_px.dx_px, d_px.dy_px, d.z]
+    };
+    match flow {
+        Flow::At(z_um) => {
+            let x = place(z_um);
+            let moved = fluid.contains(x, interval.0).then(|| forward(field, x, interval).ok()).flatten();
+            moved.map_or([f64::NAN; 3], image)
+        }
+        Flow::Mean => {
+            let (low, high) = scenario.depth_range_um;
+            let (mut sum, mut n) = (DVec3::ZERO, 0.0);
+            for k in 0..PLANES {
+                let x = place(low + (high - low) * (k as f64 + 0.5) / PLANES as f64);
+                if let (true, Ok(moved)) = (fluid.contains(x, interval.0), central(field, x, interval)) {
+                    sum += moved;
+                    n += 1.0;
+                }
+            }
+            image(sum / n)
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! Values that vary from sample to sample.
+
+use microsig_core::stream::{Purpose, Streams};
+
+use storage::error::{Error, Result};
+
+/// How a value is distributed.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Law {
+    /// Uniform between two numbers.
+    Uniform {
+        /// Least value.
+        low: f64,
+        /// Greatest value.
+        high: f64,
+    },
+    /// The logarithm is uniform between those of two positive numbers.
+    LogUniform {
+        /// Least value.
+        low: f64,
+        /// Greatest value.
+        high: f64,
+    },
+    /// Whole numbers, all alike, both ends included.
+    Integers {
+        /// Least value.
+        low: i64,
+        /// Greatest value.
+        high: i64,
+    },
+    /// One of several values, all alike, each written as in a scenario.
+    Choice(Vec<String>),
+}
+
+/// A drawn value: as written in a scenario and, if it is one, as a number.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Drawn {
+    /// As written in a scenario.
+    pub text: String,
+    /// The number; NaN if it is none.
+    pub number: f64,
+}
+
+impl Drawn {
+    fn number(number: f64) -> Self {
+        // With a point, so that it reads back as the same number.
+        Drawn { text: format!("{number:?}"), number }
+    }
+
+    fn written(text: &str) -> Self {
+        Drawn { text: text.to_owned(), number: text.trim().parse().unwrap_or(f64::NAN) }
+    }
+}
+
+impl Law {
+    /// Checks the bounds; `path` is what varies.
+    ///
+    /// # Errors
+    /// [`Error::Input`] with what is wrong.
+    pub fn check(&self, path: &str) -> Result<()> {
+        let refuse = |allowed: &str| Err(Error::input(format!("vary {path}: expected {allowed}")));
+        match self {
+            Law::Uniform { low, high } if !(low <= high && low.is_finite() && high.is_finite()) => {
+                refuse("two finite numbers, the lower one first")
+            }
+            Law::LogUniform { low, high } if !(*low > 0.0 && low <= high && high.is_finite()) => {
+                refuse("two positive numbers, the lower one first")
+            }
+            Law::Integers { low, high } if low > high => refuse("two whole numbers, the lower one first"),
+            Law::Choice(values) if values.is_empty() => refuse("at least one value"),
+            _ => Ok(()),
+        }
+    }
+
+    /// The values at the ends of its range: if these are allowed, so are all.
+    pub fn ends(&self) -> Vec<Drawn> {
+        match self {
+            Law::Uniform { low, high } | Law::LogUniform { low, high } => {
+                vec![Drawn::number(*low), Drawn::number(*high)]
+            }
+            Law::Integers { low, high } => {
+                [low, high].map(|end| Drawn { text: end.to_string(), number: *end as f64 }).to_vec()
+            }
+            Law::Choice(values) => values.iter().map(|value| Drawn::written(value)).collect(),
+        }
+    }
+
+    /// The value of a sample: by its seed and the path of what varies alone.
+    pub fn draw(&self, seed: u64, path: &str) -> Drawn {
+        let address = fnv(path);
+        let mut stream =
+            Streams::new(seed).stream(Purpose::Variation, address as u32, (address >> 32) as u32);
+        let share = stream.uniform();
+        let of = |n: u64| ((share * n as f64) as u64).min(n - 1);
+        match self {
+            Law::Uniform { low, high } => Drawn::number((low + (high - low) * share).clamp(*low, *high)),
+            Law::LogUniform { low, high } => {
+                let value = low * libm::exp(share * libm::log(high / low));
+                Drawn::number(value.clamp(*low, *high))
+            }
+            Law::Integers { low, high } => {
+                let value = low.wrapping_add(of(high.abs_diff(*low).saturating_add(1)) as i64);
+                Drawn { text: value.to_string(), number: value as f64 }
+            }
+            Law::Choice(values) => Drawn::written(&values[of(values.len() as u64) as usize]),
+        }
+    }
+}
+
+/// A hash of a path that stays the same for ever (FNV-1a, 64 bit).
+fn fnv(path: &str) -> u64 {
+    path.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_lie_within_their_bounds_and_reach_all_of_them() {
+        let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+        let mut counts = [0; 4];
+        for seed in 0..4000 {
+            let value = Law::Uniform { low: -2.0, high: 6.0 }.draw(seed, "a.b").number;
+            (least, most) = (least.min(value), most.max(value));
+            counts[Law::Integers { low: 3, high: 6 }.draw(seed, "n").number as usize - 3] += 1;
+            let value = Law::LogUniform { low: 0.1, high: 10.0 }.draw(seed, "x").number;
+            assert!((0.1..=10.0).contains(&value));
+        }
+        assert!((-2.0..-1.9).contains(&least) && (5.9..=6.0).contains(&most), "{least} {most}");
+        assert!(counts.iter().all(|n| (850..1150).contains(n)), "{counts:?}");
+    }
+
+    #[test]
+    fn what_is_drawn_depends_on_the_path_and_reads_back() {
+        let law = Law::Uniform { low: 0.0, high: 1.0 };
+        assert_ne!(law.draw(1, "a"), law.draw(1, "b"));
+        assert_eq!(law.draw(1, "a"), law.draw(1, "a"));
+        let drawn = law.draw(1, "a");
+        assert_eq!(drawn.text.parse::<f64>().unwrap(), drawn.number);
+        let any = Law::Integers { low: i64::MIN, high: i64::MAX }.draw(1, "a").text;
+        assert!(any.parse::<i64>().is_ok(), "{any}");
+        assert!(Law::Choice(Vec::new()).check("a").is_err());
+        assert!(Law::Uniform { low: 2.0, high: 1.0 }.check("a").unwrap_err().to_string().contains("vary a"));
+    }
+}

@@ -1,0 +1,227 @@
+//! Draws samples, and keeps what many of them have in common: resolved scenarios, tables of the optics.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use flows::Frame;
+use microsig_core::Settings;
+use microsig_core::render::expected::DEFAULT_TOLERANCE;
+use microsig_core::render::{ImageStreams, Renderer, RendererSpec};
+use microsig_core::sensor::{Light, Sensor};
+use microsig_core::stream::Purpose;
+
+use super::StreamOptions;
+use super::labels::{FlowField, Sample, Shot, frame_labels};
+use super::law::Drawn;
+use crate::dataset::truth::Viewer;
+use crate::runner::Frames;
+use scenario::Scenario;
+use storage::error::Result;
+use visibility::NoiseFree;
+
+/// Optics that are kept at a time: those that samples vary continuously are not met again.
+const MOST_OPTICS: usize = 8;
+
+/// Scenarios that are kept at a time; every thread that draws takes one.
+const MOST_SCENARIOS: usize = 64;
+
+/// What depends on optics alone.
+#[derive(Debug, Clone)]
+struct Optics {
+    key: Key,
+    renderer: Renderer,
+    /// Draws the noise-free light, if it is asked for.
+    clean: Option<Renderer>,
+    /// Images of single particles, if labels need them.
+    single: Option<Arc<NoiseFree>>,
+}
+
+/// What a renderer and its images depend on.
+#[derive(Debug, Clone, PartialEq)]
+struct Key {
+    settings: Settings,
+    renderer: RendererSpec,
+    depth_factor: f64,
+    diameters_um: (f64, f64),
+    depths_um: (f64, f64),
+}
+
+impl Key {
+    fn of(scenario: &Scenario) -> Self {
+        let sizes = scenario.seeding.diameters();
+        let gaussian = scenario.spec.optics.gaussian.is_some();
+        let gain = if gaussian { scenario.settings.gain } else { 1.0 };
+        Key {
+            // What the sensor adds is no part of the light.
+            settings: Settings {
+                background_mean: 0.0,
+                background_noise: 0.0,
+                gain,
+                ..scenario.settings.clone()
+            },
+            renderer: scenario.spec.renderer(),
+            depth_factor: scenario.spec.optics.depth_factor.unwrap_or(1.0),
+            diameters_um: (sizes.min(), sizes.max()),
+            depths_um: (scenario.domain.region().min().z, scenario.domain.region().max().z),
+        }
+    }
+}
+
+/// A scenario that serves all samples that differ from it only in what can be replaced.
+#[derive(Debug)]
+struct Prototype {
+    scenario: Scenario,
+    optics: Optics,
+    /// The values that cannot be replaced, as written.
+    fixed: Vec<String>,
+    flow: Option<FlowField>,
+}
+
+/// Draws samples.
+#[derive(Debug, Default)]
+pub(super) struct Sampler {
+    prototypes: Mutex<Vec<Prototype>>,
+    optics: Mutex<Vec<Optics>>,
+}
+
+impl Sampler {
+    /// The sample of a number and seed; `resolve` gives its scenario.
+    pub(super) fn sample(
+        &self,
+        options: &StreamOptions,
+        (index, seed): (u64, u64),
+        values: &[(&str, Drawn)],
+        resolve: impl FnOnce() -> Result<Scenario>,
+    ) -> Result<Sample> {
+        let mut prototype = match self.find(values) {
+            Some(mut prototype) => {
+                prototype.scenario.reseed(seed);
+                for (path, value) in values {
+                    if prototype.scenario.can_replace(path) {
+                        prototype.scenario.replace(path, value.number)?;
+                    }
+                }
+                prototype
+            }
+            None => self.prototype(options, values, resolve()?)?,
+        };
+        let sample = draw(options, index, &mut prototype)?;
+        let mut prototypes = self.prototypes.lock().unwrap_or_else(PoisonError::into_inner);
+        if prototypes.len() >= MOST_SCENARIOS {
+            prototypes.remove(0);
+        }
+        prototypes.push(prototype);
+        Ok(sample)
+    }
+
+    fn optics(&self) -> MutexGuard<'_, Vec<Optics>> {
+        self.optics.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn find(&self, values: &[(&str, Drawn)]) -> Option<Prototype> {
+        let mut prototypes = self.prototypes.lock().unwrap_or_else(PoisonError::into_inner);
+        let fits = |prototype: &Prototype| prototype.fixed == fixed(&prototype.scenario, values);
+        let found = prototypes.iter().rposition(fits)?;
+        Some(prototypes.swap_remove(found))
+    }
+
+    fn prototype(
+        &self,
+        options: &StreamOptions,
+        values: &[(&str, Drawn)],
+        mut scenario: Scenario,
+    ) -> Result<Prototype> {
+        let key = Key::of(&scenario);
+        let known = self.optics().iter().find(|optics| optics.key == key).cloned();
+        let optics = match known {
+            Some(optics) => optics,
+            None => {
+                // Not under the lock: while tables are made in parallel, this thread may draw another sample.
+                let single = options.labels.needs_single_images();
+                let made = Optics {
+                    renderer: scenario.renderer.clone(),
+                    clean: options.labels.clean.then(|| clean(&scenario)).transpose()?,
+                    single: if single { Some(Arc::new(scenario.noise_free()?)) } else { None },
+                    key,
+                };
+                let mut all = self.optics();
+                if all.len() >= MOST_OPTICS {
+                    all.remove(0);
+                }
+                all.push(made.clone());
+                made
+            }
+        };
+        scenario.renderer = optics.renderer.clone();
+        let fixed = fixed(&scenario, values);
+        Ok(Prototype { scenario, optics, fixed, flow: None })
+    }
+}
+
+/// The values that cannot be replaced in a scenario.
+fn fixed(scenario: &Scenario, values: &[(&str, Drawn)]) -> Vec<String> {
+    values.iter().filter(|(path, _)| !scenario.can_replace(path)).map(|(_, v)| v.text.clone()).collect()
+}
+
+/// What draws the noise-free light of a scenario: the limit of many rays where rays are counted.
+fn clean(scenario: &Scenario) -> Result<Renderer> {
+    Ok(match scenario.spec.renderer() {
+        RendererSpec::Rays { spheroids } => {
+            let expected = RendererSpec::Expected { spheroids, tolerance: DEFAULT_TOLERANCE };
+            expected.build(&scenario.settings)?
+        }
+        _ => scenario.renderer.clone(),
+    })
+}
+
+/// Draws the sample of a scenario.
+fn draw(options: &StreamOptions, index: u64, prototype: &mut Prototype) -> Result<Sample> {
+    let Prototype { scenario, optics, flow, .. } = prototype;
+    let sensor = scenario.sensor()?;
+    let (width, height) = (scenario.settings.pixel_dim_x, scenario.settings.pixel_dim_y);
+    let viewer = Viewer { scenario, renderer: &optics.renderer };
+    let frames: Vec<Frame> =
+        Frames::new(scenario)?.take(options.frames as usize).collect::<Result<Vec<_>>>()?;
+    let pixels = width as usize * height as usize;
+    let mut sample = Sample { index, images: Vec::with_capacity(pixels * frames.len()), ..Sample::default() };
+    for (number, frame) in frames.iter().enumerate() {
+        let view = viewer.view(frame);
+        let random = ImageStreams {
+            streams: &scenario.streams,
+            rays: Purpose::Rays,
+            noise: Purpose::BackgroundNoise,
+            frame: frame.index,
+        };
+        let image = optics.renderer.image(&view.rendered, &sensor, random);
+        sample.images.extend_from_slice(&image.counts);
+        if let Some(clean) = &optics.clean {
+            let light = clean.light(&view.rendered, &scenario.streams, Purpose::Rays, frame.index);
+            expose(&sensor, &light, &mut sample.clean);
+        }
+        if number == 0 {
+            let shot =
+                Shot { scenario, view: &view, frame, next: frames.get(1), single: optics.single.as_deref() };
+            frame_labels(&options.labels, &shot, &mut sample);
+        }
+    }
+    if let (Some(wanted), [first, second, ..]) = (options.labels.flow, frames.as_slice()) {
+        let wanted = (wanted, options.labels.flow_z);
+        let interval = (first.t_s, second.t_s);
+        if flow.as_ref().is_none_or(|known| known.interval != interval) {
+            *flow = Some(FlowField::of(scenario, wanted, interval));
+        }
+        if let Some(known) = flow {
+            sample.flow.extend_from_slice(&known.values);
+        }
+    }
+    Ok(sample)
+}
+
+/// What the sensor would show of light without any noise, before counts are rounded.
+fn expose(sensor: &Sensor, light: &Light, into: &mut Vec<f32>) {
+    let most = sensor.saturation_counts();
+    let show = |(pixel, light): (usize, &f64)| {
+        let response = sensor.response(pixel);
+        (response.background + response.slope * light).clamp(0.0, most) as f32
+    };
+    into.extend(light.values.iter().enumerate().map(show));
+}

@@ -1,0 +1,184 @@
+//! Velocity fields as scenarios write them: `poiseuille(max_speed_um_s: 1290)`.
+//!
+//! Names, parameters and defaults are those of `flows::registry`; compositions hold further fields.
+
+use std::path::Path;
+
+use flows::VelocityField;
+use flows::fields as f;
+use flows::registry::{DepthRange, FieldParameters};
+use flows::velocity_grid::{GridGeometry, VelocityGrid};
+use schemars::{JsonSchema, Schema};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::files::Files;
+use super::language::problems::Problems;
+use super::language::schema::joined;
+use storage::error::Result;
+
+macro_rules! field {
+    ($($(#[$meaning:meta])* $variant:ident($parameters:ident),)*) => {
+        /// A velocity field and its parameters; formulas, ranges and meanings are those of `flows::registry`.
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+        #[serde(rename_all = "snake_case")]
+        #[schemars(transform = formulas)]
+        pub enum Field {
+            $(
+                $(#[$meaning])*
+                $variant(f::$parameters),
+            )*
+            /// Velocities on a regular grid, from a file.
+            Gridded(Gridded),
+            /// Sum of fields.
+            Sum(Vec<Field>),
+            /// A field scaled in velocity and length.
+            Scaled(Changed<f::ScaledParams>),
+            /// A field moved.
+            Translated(Changed<f::TranslatedParams>),
+            /// A field turned about an axis.
+            Rotated(Changed<f::RotatedParams>),
+            /// A field carried along at constant velocity.
+            Moving(Changed<f::MovingParams>),
+            /// A field modulated in time.
+            Modulated(Changed<f::ModulatedParams>),
+            /// A field mirrored at a plane.
+            Mirrored(Changed<f::MirroredParams>),
+        }
+
+        impl Field {
+            /// Gives the parts that are drawn at random new seeds.
+            ///
+            /// # Errors
+            /// What `draw` says.
+            pub fn reseed(&mut self, draw: &mut impl FnMut() -> Result<u64>) -> Result<()> {
+                match self {
+                    $(Field::$variant(p) => p.seed().map_or(Ok(()), |seed| Ok(*seed = draw()?)),)*
+                    Field::Gridded(_) => Ok(()),
+                    Field::Sum(fields) => fields.iter_mut().try_for_each(|field| field.reseed(draw)),
+                    Field::Scaled(Changed { field, .. }) => field.reseed(draw),
+                    Field::Translated(Changed { field, .. }) => field.reseed(draw),
+                    Field::Rotated(Changed { field, .. }) => field.reseed(draw),
+                    Field::Moving(Changed { field, .. }) => field.reseed(draw),
+                    Field::Modulated(Changed { field, .. }) => field.reseed(draw),
+                    Field::Mirrored(Changed { field, .. }) => field.reseed(draw),
+                }
+            }
+
+            /// Fills defaults and builds the field at a path; files it names are found and kept by `files`.
+            pub(super) fn build(
+                &mut self,
+                path: &str,
+                depths: DepthRange,
+                files: &mut Files<'_>,
+                problems: &mut Problems,
+            ) -> Built {
+                let path = joined(path, &self.name());
+                macro_rules! changed {
+                    ($kind:ident, $changed:expr) => {{
+                        let inner = $changed.field.build(&joined(&path, "field"), depths, files, problems)?;
+                        boxed(&path, f::$kind::new(inner, &$changed.by), problems)
+                    }};
+                }
+                match self {
+                    $(Field::$variant(p) => {
+                        p.fit_to(depths);
+                        problems.of(&path, p.build())
+                    })*
+                    Field::Gridded(p) => p.build(&path, files, problems),
+                    Field::Sum(fields) => {
+                        let parts = fields.iter_mut().enumerate();
+                        let parts: Option<Vec<_>> = parts
+                            .map(|(i, part)| part.build(&joined(&path, &i.to_string()), depths, files, problems))
+                            .collect();
+                        boxed(&path, f::Sum::new(parts?), problems)
+                    }
+                    Field::Scaled(p) => changed!(Scaled, p),
+                    Field::Translated(p) => changed!(Translated, p),
+                    Field::Rotated(p) => changed!(Rotated, p),
+                    Field::Moving(p) => changed!(Moving, p),
+                    Field::Modulated(p) => changed!(Modulated, p),
+                    Field::Mirrored(p) => changed!(Mirrored, p),
+                }
+            }
+        }
+    };
+}
+flows::for_each_field!(field);
+
+/// Describes each field by its formula.
+fn formulas(schema: &mut Schema) {
+    let variants = schema.get_mut("oneOf").and_then(Value::as_array_mut);
+    for variant in variants.into_iter().flatten().filter_map(Value::as_object_mut) {
+        let name = variant.get("properties").and_then(Value::as_object).and_then(|one| one.keys().next());
+        if let Some(entry) = name.and_then(|name| flows::registry::find(name)) {
+            variant.insert("description".to_owned(), entry.formula.into());
+        }
+    }
+}
+
+/// Velocities on a regular grid, from a file: `.npy` (with its geometry given here), `.csv` or legacy `.vtk`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Gridded {
+    /// A `.npy`, `.csv` or legacy `.vtk` file with the velocities, relative to the scenario.
+    #[schemars(example = &"velocities.npy")]
+    pub file: String,
+    /// Interpolation between the nodes.
+    #[serde(default = "tricubic")]
+    pub interpolation: f::Interpolation,
+    /// Whether the data repeat along x, y and z.
+    #[serde(default)]
+    pub periodic: [bool; 3],
+    /// Where the nodes of a `.npy` file are.
+    #[serde(default)]
+    pub geometry: GridGeometry,
+}
+
+fn tricubic() -> f::Interpolation {
+    f::Interpolation::Tricubic
+}
+
+/// A field that is transformed as a whole.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Changed<P> {
+    /// The field that is transformed.
+    pub field: Box<Field>,
+    /// How it is transformed.
+    pub by: P,
+}
+
+type Built = Option<Box<dyn VelocityField>>;
+
+fn boxed<F: VelocityField + 'static>(path: &str, field: flows::Result<F>, problems: &mut Problems) -> Built {
+    problems.of(path, field).map(|field| Box::new(field) as Box<dyn VelocityField>)
+}
+
+impl Field {
+    /// Its name in scenarios.
+    fn name(&self) -> String {
+        let value = serde_json::to_value(self).unwrap_or_default();
+        value.as_object().and_then(|one| one.keys().next().cloned()).unwrap_or_default()
+    }
+}
+
+impl Gridded {
+    fn build(&mut self, path: &str, files: &mut Files<'_>, problems: &mut Problems) -> Built {
+        let key = joined(path, "file");
+        let (file, bytes) = files.read(&key, &self.file, problems)?;
+        let extension =
+            Path::new(&self.file).extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        let grid = match extension.as_str() {
+            "npy" => VelocityGrid::from_npy(&bytes[..], &self.geometry),
+            "csv" => VelocityGrid::from_csv(&bytes[..]),
+            "vtk" => VelocityGrid::from_vtk(&bytes[..]),
+            other => {
+                problems.value(&key, &self.file, &format!("a .npy, .csv or .vtk file, not `.{other}`"));
+                return None;
+            }
+        };
+        let grid = problems.of(&format!("{key}: {}", file.display()), grid)?;
+        let field = problems.of(path, f::Gridded::new(&grid, self.interpolation, self.periodic))?;
+        self.file = files.keep(&file, bytes);
+        Some(Box::new(field))
+    }
+}

@@ -1,0 +1,113 @@
+//! Putting a value at a path of a tree: `--set`, the axes of sweeps.
+//!
+//! Steps of a path are keys, variants and places in lists. Naming another variant than the one in place
+//! switches to it.
+
+use std::sync::Arc;
+
+use super::read::find;
+use super::schema::{Kind, Schema, joined};
+use super::text::{Content, Field, Node, parse};
+use storage::problem::{Place, Problem, Source};
+
+/// The value of an assignment as a tree. A text need not be in quotes.
+///
+/// # Errors
+/// A value that is not one, or a path that does not exist.
+pub(crate) fn assigned(root: Schema<'_>, path: &str, value: &str) -> Result<Node, Problem> {
+    let source = Arc::new(Source::assignment(path, value));
+    let whole = Place { source: source.clone(), span: source.value_at..source.text.len() };
+    let is_text =
+        root.find(path).and_then(|entry| entry.schema).is_some_and(|s| matches!(s.kind(), Kind::Text));
+    if is_text && !value.trim_start().starts_with(['"', 'r']) {
+        return Ok(Node { content: Content::Text(value.to_owned()), place: whole });
+    }
+    parse(&source)
+}
+
+/// The tree with the value at `path` replaced.
+///
+/// # Errors
+/// A path that does not exist.
+pub(crate) fn graft(tree: Node, root: Schema<'_>, path: &str, value: Node) -> Result<Node, Problem> {
+    let steps: Vec<&str> = path.split('.').collect();
+    Graft { root, path, steps: &steps }.below(Some(tree), root, 0, value)
+}
+
+struct Graft<'g, 's> {
+    root: Schema<'s>,
+    path: &'g str,
+    steps: &'g [&'g str],
+}
+
+impl Graft<'_, '_> {
+    fn below(
+        &self,
+        node: Option<Node>,
+        schema: Schema<'_>,
+        depth: usize,
+        value: Node,
+    ) -> Result<Node, Problem> {
+        let Some(step) = self.steps.get(depth) else { return Ok(value) };
+        let place = value.place.clone();
+        let unknown = || {
+            let parent = self.steps[..depth].join(".");
+            let hint = self.root.suggestion(&parent, step);
+            Problem::unknown_key(&joined(&parent, step)).at(&place).hinted(hint)
+        };
+        let node = node.map(|node| match node.content {
+            Content::Variant(name, inner) if name == "Some" => *inner,
+            _ => node,
+        });
+        let entries = schema.below();
+        match schema.kind() {
+            Kind::Section => {
+                let key = find(&entries, step).ok_or_else(unknown)?;
+                let inner = key.schema.ok_or_else(unknown)?;
+                let (mut fields, at) = match node {
+                    Some(Node { content: Content::Fields(fields), place }) => (fields, place),
+                    _ => (Vec::new(), place.clone()),
+                };
+                let of_key = |f: &Field| find(&entries, &f.key).is_some_and(|entry| entry.name == key.name);
+                let old = fields.iter().position(of_key).map(|i| fields.remove(i));
+                let value = self.below(old.map(|field| field.value), inner, depth + 1, value)?;
+                fields.push(Field { key: key.name.to_owned(), place, value });
+                Ok(Node { place: at, content: Content::Fields(fields) })
+            }
+            Kind::Choice => {
+                let variant = find(&entries, step).ok_or_else(unknown)?;
+                let Some(inner) = variant.schema else {
+                    return Err(Problem::other(
+                        self.path,
+                        format!("`{step}` holds no value: set the key to it"),
+                    )
+                    .at(&place));
+                };
+                let content = match node.map(|node| node.content) {
+                    Some(Content::Variant(name, content)) if name == *step => Some(*content),
+                    Some(Content::Fields(mut one)) if one.len() == 1 && one[0].key == *step => {
+                        Some(one.remove(0).value)
+                    }
+                    _ => None,
+                };
+                let content = self.below(content, inner, depth + 1, value)?;
+                Ok(Node { place, content: Content::Variant(variant.name.to_owned(), Box::new(content)) })
+            }
+            Kind::List(_) | Kind::Tuple(_) => {
+                let inner = schema.step(step).and_then(|entry| entry.schema).ok_or_else(unknown)?;
+                let index: usize = step.parse().map_err(|_| unknown())?;
+                let Some(Node { content: Content::Items(mut items), place: at }) = node else {
+                    return Err(Problem::other(self.path, "there is no list to take a place of").at(&place));
+                };
+                if index >= items.len() {
+                    let message = format!("the list has {} values, counted from 0", items.len());
+                    return Err(Problem::other(self.path, message).at(&place));
+                }
+                let old = items[index].clone();
+                items[index] = self.below(Some(old), inner, depth + 1, value)?;
+                Ok(Node { place: at, content: Content::Items(items) })
+            }
+            _ => Err(unknown()),
+        }
+    }
+}

@@ -1,0 +1,37 @@
+//! The language that scenarios and sweeps are written in: RON or JSON, described by one schema.
+//!
+//! [`schema`] describes it, [`text`] parses, [`read`](read()) walks the tree along the schema and finds what
+//! is wrong ([`storage::problem`]), [`graft`] replaces values; [`template`] and [`document`] explain it to
+//! people.
+
+pub(crate) mod derive;
+pub(crate) mod document;
+pub(crate) mod graft;
+pub(crate) mod problems;
+mod read;
+pub(crate) mod schema;
+pub(crate) mod template;
+#[cfg(test)]
+mod tests;
+pub(crate) mod text;
+pub(crate) mod write;
+
+use serde::de::DeserializeOwned;
+
+use problems::Problems;
+use schema::Schema;
+use storage::problem::Problem;
+use text::Node;
+
+/// The typed form of a tree, without what does not fit; `None` if that leaves too little.
+pub(crate) fn typed<T: DeserializeOwned>(
+    root: Schema<'_>,
+    node: &Node,
+    problems: &mut Problems,
+) -> Option<T> {
+    let value = read::read(root, node, problems)?;
+    // The schema is derived from the type, so what fits the one fits the other.
+    serde_json::from_value(value)
+        .map_err(|e| problems.push(Problem::other("", e.to_string()).at(&node.place)))
+        .ok()
+}

@@ -1,0 +1,70 @@
+//! The problems of a text, gathered before any is reported.
+
+use std::fmt;
+
+use storage::error::{Error, Result};
+use storage::problem::Problem;
+
+/// The problems found so far: all are gathered before any is reported.
+#[derive(Debug, Default)]
+pub(crate) struct Problems(pub Vec<Problem>, Option<fn(&str) -> bool>);
+
+impl Problems {
+    /// None yet, in a language whose keys are known.
+    pub(crate) fn among(is_key: fn(&str) -> bool) -> Self {
+        Problems(Vec::new(), Some(is_key))
+    }
+
+    pub(crate) fn any(&self) -> bool {
+        !self.0.is_empty()
+    }
+
+    /// All of them as an error, if there are any.
+    pub(crate) fn finish(self) -> Result<()> {
+        if self.0.is_empty() { Ok(()) } else { Err(Error::Problems(self.sorted())) }
+    }
+
+    /// In the order of the file; those of assignments last.
+    pub(crate) fn sorted(mut self) -> Vec<Problem> {
+        let order = |p: &Problem| p.place.as_ref().map_or((true, 0), |p| (!p.source.is_file, p.span.start));
+        self.0.sort_by_key(order);
+        self.0.dedup();
+        self.0
+    }
+
+    pub(crate) fn push(&mut self, problem: Problem) {
+        self.0.push(problem);
+    }
+
+    /// Notes a value that does not fit.
+    pub(crate) fn value(&mut self, path: &str, found: impl fmt::Display, allowed: &str) {
+        self.push(Problem::value(path, found, allowed));
+    }
+
+    /// Notes anything else.
+    pub(crate) fn other(&mut self, path: &str, message: impl Into<String>) {
+        self.push(Problem::other(path, message));
+    }
+
+    /// The value of a result, or `None` with its problem noted. A parameter that the error names is a key
+    /// below `path` if the language has it.
+    pub(crate) fn of<T, E: Into<Error>>(
+        &mut self,
+        path: &str,
+        result: std::result::Result<T, E>,
+    ) -> Option<T> {
+        match result.map_err(Into::into) {
+            Ok(value) => return Some(value),
+            Err(Error::Flow(flows::Error::Parameter { parameter, value, allowed, .. }))
+                if self.1.is_some_and(|is_key| is_key(&format!("{path}.{parameter}"))) =>
+            {
+                self.value(&format!("{path}.{parameter}"), value, &allowed);
+            }
+            Err(Error::Problems(problems)) => self.0.extend(problems),
+            Err(error) => {
+                self.0.extend(error.to_string().lines().map(|line| Problem::other(path, line)));
+            }
+        }
+        None
+    }
+}

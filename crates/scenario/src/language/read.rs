@@ -1,0 +1,212 @@
+//! From a tree of values to the typed form: one walk along the schema, which finds everything that is wrong.
+
+use serde_json::{Map, Number, Value};
+
+use super::problems::Problems;
+use super::schema::{Entry, Kind, Schema, joined, nearest};
+use super::text::{Content, Field, Node};
+use storage::problem::Problem;
+
+/// The value of a tree as JSON (variants as objects of one key), without what does not fit; `None` if that
+/// leaves too little.
+pub(super) fn read(root: Schema<'_>, node: &Node, problems: &mut Problems) -> Option<Value> {
+    Walk { root, problems }.value(node, root, "")
+}
+
+struct Walk<'w, 's> {
+    root: Schema<'s>,
+    problems: &'w mut Problems,
+}
+
+impl Walk<'_, '_> {
+    fn value(&mut self, node: &Node, schema: Schema<'_>, path: &str) -> Option<Value> {
+        let node = node.unwrapped();
+        if matches!(&node.content, Content::Word(word) if word == "None" || word == "null")
+            && schema.is_optional()
+        {
+            return Some(Value::Null);
+        }
+        match (schema.kind(), &node.content) {
+            (Kind::Choice, _) => self.choice(node, schema, path),
+            (Kind::Section, Content::Fields(fields)) => self.section(node, fields, schema, path),
+            (Kind::List(_), Content::Fields(none)) if none.is_empty() => Some(Value::Array(Vec::new())),
+            (Kind::List(item), Content::Items(items)) => {
+                let (least, most) = (count(schema, "minItems"), count(schema, "maxItems"));
+                let fits = least.is_none_or(|least| items.len() >= least)
+                    && most.is_none_or(|most| items.len() <= most);
+                if !fits {
+                    let allowed = match (least, most) {
+                        (Some(least), None) => format!("at least {least}"),
+                        (least, most) => format!("{} to {}", least.unwrap_or(0), most.unwrap_or(usize::MAX)),
+                    };
+                    self.refuse(node, path, format!("{} values", items.len()), &allowed);
+                }
+                self.items(items, items.iter().map(|_| item), path)
+            }
+            (Kind::Tuple(types), Content::Items(items)) if types.len() == items.len() => {
+                self.items(items, types.into_iter(), path)
+            }
+            (Kind::Number | Kind::Whole, Content::Word(word)) => self.number(node, word, schema, path),
+            (Kind::Flag, Content::Word(word)) if word == "true" || word == "false" => {
+                Some((word == "true").into())
+            }
+            (Kind::Text, Content::Text(text)) => {
+                let one_of = schema.attribute("enum").and_then(Value::as_array);
+                if one_of.is_none_or(|names| names.contains(&text.as_str().into())) {
+                    return Some(text.as_str().into());
+                }
+                let near = one_of.and_then(|names| nearest(text, names.iter().filter_map(Value::as_str)));
+                let problem = Problem::value(path, node.written(), &schema.allowed()).at(&node.place);
+                self.problems.push(problem.hinted(near.map(|near| format!("did you mean \"{near}\"?"))));
+                None
+            }
+            (Kind::Raw, _) => Some(node.place.text().trim().into()),
+            _ => {
+                self.refuse(node, path, node.written(), &schema.allowed());
+                None
+            }
+        }
+    }
+
+    fn refuse(&mut self, node: &Node, path: &str, found: String, allowed: &str) {
+        self.problems.push(Problem::value(path, found, allowed).at(&node.place));
+    }
+
+    fn items<'t>(
+        &mut self,
+        items: &[Node],
+        types: impl Iterator<Item = Schema<'t>>,
+        path: &str,
+    ) -> Option<Value> {
+        let values: Vec<Option<Value>> = items
+            .iter()
+            .zip(types)
+            .enumerate()
+            .map(|(i, (item, schema))| self.value(item, schema, &joined(path, &i.to_string())))
+            .collect();
+        values.into_iter().collect::<Option<Vec<_>>>().map(Value::Array)
+    }
+
+    fn section(&mut self, node: &Node, fields: &[Field], schema: Schema<'_>, path: &str) -> Option<Value> {
+        let keys = schema.below();
+        let mut section = Map::new();
+        let mut given: Vec<&str> = Vec::new();
+        for field in fields {
+            let Some(key) = find(&keys, &field.key) else {
+                let path_of = joined(path, &field.key);
+                let hint = self.root.suggestion(path, &field.key);
+                self.problems.push(Problem::unknown_key(&path_of).at(&field.place).hinted(hint));
+                continue;
+            };
+            if given.contains(&key.name) {
+                let message = format!("`{}` is given a second time", field.key);
+                self.problems.push(Problem::other(path, message).at(&field.place));
+                continue;
+            }
+            given.push(key.name);
+            let Some(schema) = key.schema else { continue };
+            if let Some(value) = self.value(&field.value, schema, &joined(path, key.name)) {
+                section.insert(key.name.to_owned(), value);
+            }
+        }
+        for key in schema.required().filter(|key| !given.contains(key)) {
+            let near = fields.iter().map(|f| f.key.as_str()).filter(|key| find(&keys, key).is_none());
+            // A misspelt key has its own message.
+            if nearest(key, near).is_none() {
+                self.problems.push(Problem::missing(path, key).at(&node.place));
+            }
+        }
+        let is_whole = |section: &Map<String, Value>| schema.required().all(|key| section.contains_key(key));
+        // The whole is read on, so that rules between its values are checked as far as they can be.
+        if path.is_empty() {
+            for key in schema.required() {
+                let example = find(&keys, key).and_then(|key| key.attribute("examples")?.get(0));
+                if let Some(example) = example.filter(|_| !section.contains_key(key)) {
+                    section.insert(key.to_owned(), example.clone());
+                }
+            }
+        }
+        is_whole(&section).then_some(Value::Object(section))
+    }
+
+    fn choice(&mut self, node: &Node, schema: Schema<'_>, path: &str) -> Option<Value> {
+        let variants = schema.below();
+        let (name, content) = match &node.content {
+            Content::Word(name) | Content::Text(name) => (name, None),
+            Content::Variant(name, content) => (name, Some(content.as_ref())),
+            // JSON has no other way of writing it.
+            Content::Fields(fields) if fields.len() == 1 => (&fields[0].key, Some(&fields[0].value)),
+            _ => {
+                self.refuse(node, path, node.written(), &schema.allowed());
+                return None;
+            }
+        };
+        let Some(variant) = find(&variants, name) else {
+            let hint =
+                nearest(name, variants.iter().map(|v| v.name)).map(|near| format!("did you mean `{near}`?"));
+            let is_word = name.starts_with(|c: char| c.is_alphabetic());
+            let problem = match is_word {
+                true => Problem::unknown_variant(path, name, schema.allowed()),
+                false => Problem::value(path, node.written(), &schema.allowed()),
+            };
+            self.problems.push(problem.at(&node.place).hinted(hint));
+            return None;
+        };
+        let path = joined(path, variant.name);
+        let empty = Node::new(&node.place, Content::Fields(Vec::new()));
+        let Some(schema) = variant.schema else {
+            return match content {
+                Some(content) if !matches!(&content.content, Content::Fields(none) if none.is_empty()) => {
+                    self.refuse(content, &path, content.written(), "nothing");
+                    None
+                }
+                _ => Some(variant.name.into()),
+            };
+        };
+        let value = self.value(content.unwrap_or(&empty), schema, &path)?;
+        Some(Value::Object(Map::from_iter([(variant.name.to_owned(), value)])))
+    }
+
+    fn number(&mut self, node: &Node, word: &str, schema: Schema<'_>, path: &str) -> Option<Value> {
+        let is_whole = matches!(schema.kind(), Kind::Whole);
+        let real = ron::from_str::<f64>(word).ok();
+        let number = match (is_whole, real) {
+            (true, _) => ron::from_str::<u64>(word)
+                .map(Number::from)
+                .or_else(|_| ron::from_str::<i64>(word).map(Number::from))
+                .ok(),
+            (false, Some(x)) if x == f64::INFINITY && schema.allows(x) => return Some(Value::Null),
+            (false, x) => x.and_then(Number::from_f64),
+        };
+        let x = number.as_ref().and_then(Number::as_f64).or(real);
+        match number {
+            Some(number) if x.is_some_and(|x| schema.allows(x)) => return Some(Value::Number(number)),
+            _ => {}
+        }
+        let hint = x.filter(|x| !is_whole && !schema.allows(*x)).and_then(|x| unit_hint(x, schema));
+        let problem = Problem::value(path, node.written(), &schema.allowed()).at(&node.place);
+        self.problems.push(problem.hinted(hint));
+        None
+    }
+}
+
+/// A number in metres where micrometres are meant.
+fn unit_hint(x: f64, schema: Schema<'_>) -> Option<String> {
+    let micro = x * 1e6;
+    let fits = schema.words("x-unit") == Some("um") && x > 0.0 && schema.allows(micro);
+    // Rounded, as the factor is no power of two.
+    fits.then(|| format!("in um, {x:e} m is {}", (micro * 1e6).round() / 1e6))
+}
+
+/// The key or variant of a name, in today's spelling or in that of older files.
+pub(super) fn find<'e, 'a>(entries: &'e [Entry<'a>], name: &str) -> Option<&'e Entry<'a>> {
+    let of = |name: &str| entries.iter().find(|entry| entry.name == name);
+    let formerly = |entry: &&Entry<'a>| {
+        entry.attribute("x-formerly").and_then(Value::as_array).is_some_and(|old| old.contains(&name.into()))
+    };
+    of(name).or_else(|| entries.iter().find(formerly))
+}
+
+fn count(schema: Schema<'_>, name: &str) -> Option<usize> {
+    schema.attribute(name).and_then(Value::as_u64).map(|n| n as usize)
+}

@@ -1,0 +1,44 @@
+//! Scenarios: as written ([`spec`]), as read ([`parse()`]), as checked and filled ([`resolve()`]).
+
+mod brightness;
+mod drawing;
+mod field;
+mod files;
+mod illumination;
+mod language;
+pub mod license;
+mod load;
+mod motion;
+mod objective;
+mod optics;
+pub mod particles;
+mod recorded;
+mod recordings;
+mod reference;
+mod rendering;
+mod resolve;
+mod resolved;
+mod shipped;
+pub mod spec;
+mod sweep;
+mod timing;
+mod truth_grid;
+mod vary;
+
+pub use files::Input;
+pub use language::derive::schema_of;
+pub use language::document::{Picture, Scene};
+pub use language::schema::{Entry, Kind, Schema, nearest};
+pub use language::write::ron;
+pub use language::write::{compact, write};
+pub use load::read_text;
+pub use load::{SCENARIO, assignment, load, load_text, of_dataset, parse, set};
+pub use motion::MotionSource;
+pub use optics::sensor;
+pub use recordings::Recordings;
+pub use reference::{document, template};
+pub use resolve::resolve;
+pub use resolved::Scenario;
+pub use shipped::{SHIPPED, shipped};
+pub use sweep::{Axis, Case, Combine, Span, Sweep, SweepSpec, Values, parse_sweep, sweep_schema};
+pub use truth_grid::{Nodes, Weighting};

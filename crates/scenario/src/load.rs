@@ -1,0 +1,492 @@
+//! From a scenario's file to one that can be run.
+
+use std::io::Read;
+use std::path::Path;
+use std::sync::Arc;
+
+use super::language::graft::{assigned, graft};
+use super::language::problems::Problems;
+use super::language::text::{Content, Node};
+use super::language::write::write;
+use super::language::{text, typed};
+use super::resolve::resolve;
+use super::resolved::Scenario;
+use super::spec::{Spec, schema as scenario};
+use storage::error::{Error, Result};
+use storage::problem::{Place, Problem, Source};
+
+/// The resolved scenario in a dataset's folder.
+pub const SCENARIO: &str = "scenario.ron";
+
+/// Longest text of a scenario or sweep, bytes.
+const MAX_BYTES: u64 = 16_000_000;
+
+/// Reads the text of a scenario or sweep.
+///
+/// # Errors
+/// What is no regular file, not UTF-8, or longer than 16 MB.
+pub fn read_text(file: &Path) -> Result<String> {
+    let refuse = |expected: &str| Error::input(format!("{}: expected {expected}", file.display()));
+    let kind = std::fs::metadata(file).map_err(|e| Error::read(file, e))?;
+    if !kind.is_file() {
+        return Err(refuse("a file"));
+    }
+    let open = std::fs::File::open(file).map_err(|e| Error::read(file, e))?;
+    let mut bytes = Vec::new();
+    open.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(|e| Error::read(file, e))?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(refuse("at most 16 MB of text"));
+    }
+    String::from_utf8(bytes).map_err(|_| refuse("a text in UTF-8, in RON or JSON"))
+}
+
+/// Reads a scenario from a text; `name` is what messages call it.
+///
+/// # Errors
+/// [`Error::Problems`] with line and column of everything that is neither RON nor JSON, an unknown key, of
+/// the wrong type or out of range.
+pub fn parse(text: &str, name: &str) -> Result<Spec> {
+    let (tree, mut problems) = (tree(&Arc::new(Source::file(name, text)))?, Problems::default());
+    match typed(scenario(), &tree, &mut problems) {
+        Some(spec) if !problems.any() => Ok(spec),
+        _ => Err(Error::Problems(problems.sorted())),
+    }
+}
+
+/// The tree of a scenario's text.
+fn tree(source: &Arc<Source>) -> Result<Node> {
+    let begins = source.text.trim_start().starts_with(['(', '{', '/', '#']);
+    let hint = (!begins).then(|| "a scenario begins with `(` in RON, with `{` in JSON".to_owned());
+    let tree = text::parse(source).map_err(|problem| Error::Problems(vec![problem.hinted(hint)]))?;
+    let (name, is_written) = (&source.name, |key| tree.find(key).1);
+    if is_written("axes") && !is_written("motion") {
+        return Err(Error::input(format!("{name}: is a sweep; `microsig sweep {name}` makes its datasets")));
+    }
+    if !matches!(tree.content, Content::Fields(_)) {
+        let message = "expected a scenario: (name: ..., motion: ..., timing: ...)";
+        return Err(Error::Problems(vec![Problem::other("", message).at(&tree.place)]));
+    }
+    Ok(tree)
+}
+
+/// The scenario of a file, some of its values replaced: by assignments `path=value`, and by another seed.
+///
+/// # Errors
+/// [`Error::Problems`] with all problems of text, assignments and values. Rules between values are checked as
+/// far as values can be read.
+pub fn load(file: &Path, assignments: &[String], seed: Option<u64>) -> Result<Scenario> {
+    let folder = file.parent().unwrap_or(Path::new("."));
+    load_text(&read_text(file)?, (&file.display().to_string(), folder), assignments, seed)
+}
+
+/// [`load`] for a text, which has a name in messages, and a folder from which files that it names are found.
+///
+/// # Errors
+/// As of [`load`].
+pub fn load_text(
+    text: &str,
+    (name, folder): (&str, &Path),
+    assignments: &[String],
+    seed: Option<u64>,
+) -> Result<Scenario> {
+    let source = Arc::new(Source::file(name, text));
+    let (mut tree, mut problems) = (tree(&source)?, Problems::default());
+    for text in assignments {
+        let (path, value) = assignment(text)?;
+        match assigned(scenario(), path, value).and_then(|value| graft(tree.clone(), scenario(), path, value))
+        {
+            Ok(changed) => tree = changed,
+            Err(problem) => problems.push(problem),
+        }
+    }
+    let Some(mut spec) = typed::<Spec>(scenario(), &tree, &mut problems) else {
+        return Err(Error::Problems(problems.sorted()));
+    };
+    spec.seed = seed.unwrap_or(spec.seed);
+    let found = match resolve(spec, folder) {
+        Ok(scenario) if !problems.any() => return Ok(scenario),
+        Err(Error::Problems(found)) => found,
+        Err(other) if !problems.any() => return Err(other),
+        _ => Vec::new(),
+    };
+    let related = |a: &str, b: &str| a.starts_with(b) || b.starts_with(a);
+    let read = problems.0.clone();
+    for problem in found {
+        let (place, is_written) = tree.find(&problem.path);
+        // Where something could not be read, what is said of a default is of no use.
+        let matters = is_written
+            && !problem.path.is_empty()
+            && !read.iter().any(|p| !p.path.is_empty() && related(&p.path, &problem.path));
+        let is_key = scenario().find(&problem.path).is_some();
+        if read.is_empty() || matters {
+            problems.push(if is_key { problem.at(&place) } else { problem });
+        }
+    }
+    Err(Error::Problems(problems.sorted()))
+}
+
+/// The scenario of a dataset, and its text.
+///
+/// # Errors
+/// A file that is missing; [`Error::Problems`] for one that another version wrote.
+pub fn of_dataset(dataset: &Path) -> Result<(Scenario, String)> {
+    let path = dataset.join(SCENARIO);
+    let text = read_text(&path)?;
+    let scenario = resolve(parse(&text, &path.display().to_string())?, dataset)?;
+    Ok((scenario, text))
+}
+
+/// The scenario with the value at `path` replaced.
+///
+/// # Errors
+/// [`Error::Problems`] if there is no such path, or the value does not fit it.
+pub fn set(spec: &Spec, path: &str, value: &str) -> Result<Spec> {
+    let whole = Arc::new(Source::assignment(path, value));
+    let whole = Place { span: whole.value_at..whole.text.len(), source: whole };
+    let base = text::parse(&Arc::new(Source::file("scenario", &write(spec)?)));
+    let mut problems = Problems::default();
+    let changed = base.and_then(|base| graft(base, scenario(), path, assigned(scenario(), path, value)?));
+    let changed = changed.map_err(|problem| problems.push(problem)).ok();
+    match changed.and_then(|tree| typed(scenario(), &tree, &mut problems)) {
+        Some(spec) if !problems.any() => Ok(spec),
+        _ => {
+            // Lines of the text in between mean nothing to the reader.
+            let is_own = |p: &Problem| p.place.as_ref().is_some_and(|place| !place.source.is_file);
+            let problems = problems.sorted().into_iter();
+            Err(Error::Problems(problems.map(|p| if is_own(&p) { p } else { p.at(&whole) }).collect()))
+        }
+    }
+}
+
+/// Splits `path=value`.
+pub fn assignment(text: &str) -> Result<(&str, &str)> {
+    text.split_once('=')
+        .map(|(path, value)| (path.trim(), value.trim()))
+        .filter(|(path, value)| !path.is_empty() && !value.is_empty())
+        .ok_or_else(|| Error::input(format!("`{text}`: expected path=value")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::spec::{Diameter, Field, Motion, Number, Preset, Timing};
+    use super::*;
+
+    const GOOD: &str = r#"(
+        name: "test",
+        motion: flow(field: poiseuille(max_speed_um_s: 1000)),
+        timing: pairs(count: 2),
+    )"#;
+
+    fn refuse(text: &str) -> (u8, String) {
+        let error = parse(text, "s.ron").unwrap_err();
+        (error.exit_code(), error.to_string())
+    }
+
+    /// What is said of a file with this text, line by line, without the folder.
+    fn problems(text: &str, set: &[&str]) -> Vec<String> {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("s.ron");
+        std::fs::write(&file, text).unwrap();
+        let set: Vec<String> = set.iter().map(|&set| set.to_owned()).collect();
+        let found = load(&file, &set, None).unwrap_err().to_string();
+        found.replace(&file.display().to_string(), "s.ron").lines().map(str::to_owned).collect()
+    }
+
+    fn assert_begin(found: &[String], expected: &[&str]) {
+        assert_eq!(found.len(), expected.len(), "{found:#?}");
+        for (found, expected) in found.iter().zip(expected) {
+            assert!(found.starts_with(expected), "expected {expected}\nfound    {found}");
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let spec = parse(GOOD, "s.ron").unwrap();
+        let text = write(&spec).unwrap();
+        assert_eq!(parse(&text, "s.ron").unwrap(), spec);
+        assert_eq!(write(&parse(&text, "s.ron").unwrap()).unwrap(), text);
+    }
+
+    #[test]
+    fn json_is_read_like_ron() {
+        let json = r#"{
+            "name": "test", "seed": 18446744073709551615,
+            "optics": {"preset": "setting1a", "settings": null},
+            "sensor": {"full_well_e": null, "bits": 12},
+            "motion": {"flow": {"field": {"sum": [{"poiseuille": {"walls_z_um": [-80, 20]}}, {"hill": {"axis": "y"}}]}}},
+            "particles": {"number": {"ppp": 0.001}, "diameter_um": {"list": [[2, 1], [1, 3]]}},
+            "boundaries": {"z_um": [-70, 10], "x": "periodic"},
+            "timing": {"pairs": {"count": 2}}
+        }"#;
+        let ron = r#"(
+            name: "test", seed: 18446744073709551615,
+            optics: (preset: setting1a),
+            sensor: (full_well_e: inf, bits: 12),
+            motion: flow(field: sum([poiseuille(walls_z_um: (-80, 20)), hill(axis: y)])),
+            particles: (number: ppp(0.001), diameter_um: list([(2, 1), (1, 3)])),
+            boundaries: (z_um: (-70, 10), x: periodic),
+            timing: pairs(count: 2),
+        )"#;
+        let spec = parse(json, "s.json").unwrap();
+        assert_eq!(spec, parse(ron, "s.ron").unwrap());
+        // What serde writes is the schema's JSON too.
+        assert_eq!(parse(&serde_json::to_string(&spec).unwrap(), "s.json").unwrap(), spec);
+    }
+
+    #[test]
+    fn older_spellings_are_read() {
+        let text = GOOD.replace(
+            "timing",
+            "boundaries: (bodies: [sphere(centre_um: (0, 0, -30), radius_um: 5)]), timing",
+        );
+        let spec = parse(&text, "s.ron").unwrap();
+        assert_eq!(spec, parse(&text.replace("centre", "center"), "s.ron").unwrap());
+        assert_eq!(spec.boundaries.bodies.len(), 1);
+        let set = set(&spec, "boundaries.bodies.0.sphere.centre_um", "(1, 2, 3)").unwrap();
+        assert!(write(&set).unwrap().contains("center_um: (1.0, 2.0, 3.0)"));
+    }
+
+    #[test]
+    fn all_unknown_keys_and_variants_are_named_at_once_with_place_and_suggestion() {
+        let text = GOOD
+            .replace("max_speed_um_s", "max_sped_um_s: 1, walls_z_um: (0, 1), max_speed_um_s")
+            .replace("name:", "optics: (gian: 3), flavour: sweet,\nname:")
+            .replace("timing", "boundaries: (x: opne, bodies: [sphere(radius: 3)], z_mu: (1, 2)), timing")
+            .replace("count: 2", "count: two");
+        let (code, message) = refuse(&text);
+        assert_eq!(code, 2);
+        let expected = [
+            "s.ron:2:18: unknown key `optics.gian`; did you mean `gain`?",
+            "s.ron:2:28: unknown key `flavour`; expected one of name, description, license, seed, optics, sensor, motion, particles, boundaries, timing, illumination, render, truth, truth_grid, calibration",
+            "s.ron:4:40: unknown key `motion.flow.field.poiseuille.max_sped_um_s`; did you mean `max_speed_um_s`?",
+            "s.ron:5:25: boundaries.x: unknown variant `opne`: did you mean `open`? expected one of open, wall, periodic",
+            "s.ron:5:46: boundaries.bodies.0.sphere: `center_um` is missing",
+            "s.ron:5:47: unknown key `boundaries.bodies.0.sphere.radius`; did you mean `radius_um`?",
+            "s.ron:5:60: unknown key `boundaries.z_mu`; did you mean `z_um`?",
+            "s.ron:5:96: timing.pairs.count = two: expected a whole number, 1 to 5000000",
+        ];
+        assert_eq!(message.lines().collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn all_values_of_the_wrong_type_or_out_of_range_are_named_at_once() {
+        let text = GOOD
+            .replace("1000", "fast")
+            .replace(
+                "name: \"test\"",
+                "name: \"\u{b5}\", optics: (gain: \"high\", n_rays: 2.5, preset: setting1)",
+            )
+            .replace("timing:", "seed: -1,\n particles: (c_int: uniform(min: 1)), timing:")
+            .replace("count: 2", "dt_s: soon");
+        let (_, message) = refuse(&text);
+        let expected = [
+            "s.ron:2:35: optics.gain = \"high\": expected a number, 0 to 1e6",
+            "s.ron:2:51: optics.n_rays = 2.5: expected a whole number, 1 to 1000000",
+            "s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finite number, in um/s",
+            "s.ron:4:15: seed = -1: expected a whole number >= 0",
+            "s.ron:5:28: particles.c_int.uniform: `max` is missing",
+            "s.ron:5:52: timing.pairs: `count` is missing",
+            "s.ron:5:59: timing.pairs.dt_s = soon: expected a number > 0 and <= 1e9 s",
+        ];
+        assert_eq!(message.lines().collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn faults_of_syntax_and_type_name_place_path_and_what_was_found() {
+        for (from, to, expected) in [
+            (
+                "1000",
+                "\"fast\"",
+                "s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = \"fast\": expected a finite number",
+            ),
+            ("1000", "inf", "motion.flow.field.poiseuille.max_speed_um_s = inf: expected a finite number"),
+            ("poiseuille", "poisseuille", "did you mean `poiseuille`?"),
+            ("count: 2", "count: two", "s.ron:4:30: timing.pairs.count = two: expected a whole number"),
+            ("count: 2", "count: -2", "timing.pairs.count = -2: expected a whole number, 1 to 5000000"),
+            ("count: 2", "dt_s: 1", "timing.pairs: `count` is missing"),
+            ("count: 2", "count: 2, count: 3", "timing.pairs: `count` is given a second time"),
+            ("\"test\"", "test", "s.ron:2:15: name = test: expected a text in quotes"),
+            ("timing: pairs(count: 2),", "", "`timing` is missing"),
+            ("timing:", "seed: -1, timing:", "seed = -1: expected a whole number"),
+            (
+                "timing:",
+                "boundaries: (z_um: 3), timing:",
+                "boundaries.z_um = 3: expected 2 values in round brackets",
+            ),
+            (
+                "timing:",
+                "boundaries: (z_um: (3, red)), timing:",
+                "boundaries.z_um.1 = red: expected a number",
+            ),
+            (
+                "timing:",
+                "boundaries: (bodies: [1]), timing:",
+                "boundaries.bodies.0 = 1: expected one of sphere",
+            ),
+            ("timing:", "license: \"MIT\", timing:", "license = \"MIT\": expected one of CC-BY-4.0, "),
+            ("timing:", "particles: (number: 5), timing:", "particles.number = 5: expected one of count"),
+            (
+                "timing:",
+                "particles: (c_int: uniform(min: 1)), timing:",
+                "particles.c_int.uniform: `max` is missing",
+            ),
+            ("timing:", "calibration: none(3), timing:", "calibration.none = 3: expected nothing"),
+            (
+                "timing:",
+                "optics: (pixel_size: 6.5e-6), timing:",
+                "optics.pixel_size = 6.5e-6: expected a number, 0.05 to 1000 um; in um, 6.5e-6 m is 6.5",
+            ),
+        ] {
+            let message = refuse(&GOOD.replace(from, to)).1;
+            assert!(message.contains(expected), "{to}: {message}");
+            assert_eq!(message.lines().count(), 1, "{message}");
+        }
+        for text in ["(name: \"a\"", "", "\u{feff}", "P5 752 366", "a = 3\nb = 4", "[package]\nname = 3"] {
+            let message = refuse(text).1;
+            assert!(message.starts_with("s.ron:") && message.contains(": expected "), "{text}: {message}");
+            assert!(!message.contains("Spec"), "{message}");
+        }
+        let deep = format!("(name: {}", "(".repeat(1000));
+        assert!(refuse(&deep).1.contains("expected at most 100 brackets inside each other"));
+    }
+
+    #[test]
+    fn a_problem_is_shown_with_its_line_and_a_caret() {
+        let error = parse(&GOOD.replace("1000", "fast"), "s.ron").unwrap_err();
+        let expected = "\
+s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finite number, in um/s
+  |
+3 |         motion: flow(field: poiseuille(max_speed_um_s: fast)),
+  |                                                        ^^^^";
+        assert_eq!(error.messages(), [expected]);
+    }
+
+    #[test]
+    fn wrong_values_have_a_place_unless_they_are_not_from_the_file() {
+        let text = "(\n  name: \"Mine\",\n  motion: flow(field: poiseuille()),\n  timing: pairs(dt_s: 0, count: 0),\n)\n";
+        let expected = [
+            "s.ron:2:3: name = `Mine`: expected 1 to 100 lower-case",
+            "s.ron:4:23: timing.pairs.dt_s = 0: expected a number > 0",
+            "s.ron:4:33: timing.pairs.count = 0: expected a whole number, 1 to",
+        ];
+        assert_begin(&problems(text, &[]), &expected);
+        let set = problems(text, &["timing.pairs.count=2", "timing.pairs.dt_s=-1", "name=other"]);
+        assert_begin(&set, &["timing.pairs.dt_s=-1: expected a number > 0 and <= 1e9 s"]);
+    }
+
+    #[test]
+    fn what_cannot_be_read_hides_no_value_out_of_range() {
+        let text = "(\n  name: \"Mine\", colour: red,\n  optics: (gain: high, n_rays: 0),\n  motion: flow(field: poiseuille()),\n  timing: pairs(dt_s: 1, count: two),\n)\n";
+        let expected = [
+            "s.ron:2:3: name = `Mine`: expected 1 to 100 lower-case",
+            "s.ron:2:17: unknown key `colour`",
+            "s.ron:3:18: optics.gain = high: expected a number",
+            "s.ron:3:32: optics.n_rays = 0",
+            "s.ron:5:33: timing.pairs.count = two: expected a whole number",
+            "seed=x: expected a whole number",
+        ];
+        assert_begin(&problems(text, &["seed=x"]), &expected);
+    }
+
+    #[test]
+    fn faults_of_one_section_hide_none_of_another() {
+        let text = "(name: \"m\", motion: flow(field: poiseuille()), timing: pairs(count: 1),\n\
+            optics: (n_rays: 0),\n\
+            sensor: (bits: 9),\n\
+            truth_grid: grid(spacing_px: 0),\n\
+            boundaries: (margin_px: -3),\n\
+            render: (mode: expected, tolerance: 5),\n\
+            particles: (settling: (direction: (0, 0, 0))),\n\
+)\n";
+        let expected = [
+            "s.ron:2:18: optics.n_rays = 0",
+            "s.ron:3:16: sensor.bits = 9: expected a whole number, one of 8, 10, 12, 14, 16",
+            "s.ron:4:30: truth_grid.grid.spacing_px = 0: expected a number, 0.1 to 100000 px",
+            "s.ron:5:25: boundaries.margin_px = -3",
+            "s.ron:6:37: render.tolerance = 5",
+            "s.ron:7:24: particles.settling.direction = ",
+        ];
+        assert_begin(&problems(text, &[]), &expected);
+    }
+
+    fn spec() -> Spec {
+        parse(
+            &GOOD.replace("name", "optics: (preset: setting1), name").replace("test", "a, (b)\\\" c"),
+            "s.ron",
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn values_are_replaced_added_and_switched() {
+        let spec = spec();
+        let changed = |path, value| set(&spec, path, value).unwrap();
+        assert_eq!(changed("seed", "7").seed, 7);
+        assert_eq!(changed("name", "\"b\"").name, "b");
+        assert_eq!(changed("name", "b").name, "b");
+        assert_eq!(changed("optics.preset", "setting2").optics.preset, Some(Preset::Setting2));
+        assert_eq!(changed("optics.background_noise", "50").optics.background_noise, Some(50.0));
+        assert_eq!(changed("particles.number.ppp", "0.001").particles.number, Some(Number::Ppp(0.001)));
+        assert_eq!(changed("particles.number", "count(3)").particles.number, Some(Number::Count(3)));
+        assert_eq!(
+            changed("particles.diameter_um.constant", "3").particles.diameter_um,
+            Some(Diameter::Constant(3.0))
+        );
+        assert_eq!(changed("boundaries.z_um", "(-10, 10)").boundaries.z_um, Some((-10.0, 10.0)));
+        assert_eq!(changed("boundaries.z_um", "[-10, 10]").boundaries.z_um, Some((-10.0, 10.0)));
+        let Timing::Pairs(pairs) = changed("timing.pairs.count", "9").timing else { panic!() };
+        assert_eq!(pairs.count, 9);
+        let Timing::Sequence(sequence) = changed("timing.sequence.frames", "5").timing else { panic!() };
+        assert_eq!(sequence.frames, 5);
+        let flow = |path, value| match changed(path, value).motion {
+            Motion::Flow(flow) => flow,
+            Motion::Tracks(_) => panic!(),
+        };
+        let flow_of = flow("motion.flow.field.poiseuille.direction_rad", "0.5");
+        let Field::Poiseuille(p) = flow_of.field else { panic!() };
+        assert_eq!((p.max_speed_um_s, p.direction_rad), (1000.0, 0.5));
+        let Field::LambOseen(v) = flow("motion.flow.field.lamb_oseen.core_radius_um", "30").field else {
+            panic!()
+        };
+        assert_eq!(v.core_radius_um, 30.0);
+        let sum = changed("motion.flow.field", "sum([poiseuille(), hill()])");
+        let sum = set(&sum, "motion.flow.field.sum.0.poiseuille.max_speed_um_s", "5").unwrap();
+        let Motion::Flow(flow) = set(&sum, "motion.flow.field.sum.1", "abc()").unwrap().motion else {
+            panic!()
+        };
+        let Field::Sum(parts) = flow.field else { panic!() };
+        assert!(matches!(&parts[..], [Field::Poiseuille(p), Field::Abc(_)] if p.max_speed_um_s == 5.0));
+        let times = set(&spec, "motion.flow.field", "gridded(file: \"x.npy\", geometry: (times_s: ()))");
+        assert!(times.is_ok(), "{times:?}");
+    }
+
+    #[test]
+    fn one_change_does_not_undo_another() {
+        let changed =
+            set(&set(&spec(), "particles.number.count", "5").unwrap(), "particles.number.count", "6")
+                .unwrap();
+        assert_eq!(changed.particles.number, Some(Number::Count(6)));
+        let both = set(&changed, "optics.gain", "2").unwrap();
+        assert_eq!((both.optics.gain, both.particles.number), (Some(2.0), Some(Number::Count(6))));
+    }
+
+    #[test]
+    fn wrong_paths_and_values_are_refused() {
+        let refuse = |path, value| set(&spec(), path, value).unwrap_err().to_string();
+        assert_eq!(
+            refuse("optics.gian", "1"),
+            "optics.gian=1: unknown key `optics.gian`; did you mean `gain`?"
+        );
+        assert_eq!(refuse("optics.gain", "red"), "optics.gain=red: expected a number, 0 to 1e6");
+        assert!(refuse("optics.gain", "1, color: 2").contains("expected nothing after the value"));
+        let missing = "sensor.hot_pixels.fraction=0.1: sensor.hot_pixels: `dark_e` is missing";
+        assert_eq!(refuse("sensor.hot_pixels.fraction", "0.1"), missing);
+        assert!(
+            refuse("boundaries.bodies.3", "drain()")
+                .contains("boundaries.bodies.3=drain(): the list has 0 values")
+        );
+        assert!(refuse("calibration.none", "3").contains("`none` holds no value"));
+        assert!(assignment("seed").is_err());
+        assert_eq!(assignment(" seed = 3 ").unwrap(), ("seed", "3"));
+    }
+}

@@ -1,0 +1,138 @@
+//! What moves the particles, as scenarios write it: a velocity field in its place, or recorded tracks.
+
+use flows::fields::{Rotated, RotatedParams, Translated, TranslatedParams};
+use flows::registry::DepthRange;
+use flows::scale::Scale;
+use flows::{RecordedTracks, VelocityField};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::field::Field;
+use super::files::Files;
+use super::language::problems::Problems;
+use storage::tables::truth::TRACKS;
+
+/// What moves the particles.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Motion {
+    /// A velocity field advects them.
+    Flow(Flow),
+    /// They follow recorded tracks.
+    Tracks(Tracks),
+}
+
+/// A velocity field in its place.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Flow {
+    /// The field, with its parameters; `microsig flows` lists and describes all fields.
+    pub field: Field,
+    /// The field turned about an axis through a point, then moved.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub placement: Option<FieldPlacement>,
+}
+
+/// A field turned about its own origin, which is then moved.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct FieldPlacement {
+    /// Displacement of the field (x, y, z).
+    pub offset_um: (f64, f64, f64),
+    /// Direction of the axis of rotation (x, y, z).
+    pub axis: (f64, f64, f64),
+    /// Angle of rotation; about z clockwise on the screen.
+    pub angle_rad: f64,
+    /// A point of the axis (x, y, z), before the field is moved.
+    #[schemars(extend("x-formerly" = ["centre_um"]))]
+    pub center_um: (f64, f64, f64),
+}
+
+impl Default for FieldPlacement {
+    fn default() -> Self {
+        FieldPlacement {
+            offset_um: (0.0, 0.0, 0.0),
+            axis: (0.0, 0.0, 1.0),
+            angle_rad: 0.0,
+            center_um: (0.0, 0.0, 0.0),
+        }
+    }
+}
+
+/// Recorded tracks; `flows::tracks` says what the file holds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Tracks {
+    /// CSV with the columns `frame`, `track` and `x_um, y_um, z_um` (or `x_px, y_px, z_um`), optionally
+    /// `d_um`, `c_int`, `e_p`,
+    /// `axis_x`, `axis_y`, `axis_z`, `u_um_s`, `v_um_s`, `w_um_s`; relative to the scenario.
+    #[schemars(example = &"tracks.csv")]
+    pub file: String,
+}
+
+/// What moves the particles, checked.
+#[derive(Debug)]
+pub enum MotionSource {
+    /// A velocity field.
+    Field(Box<dyn VelocityField>),
+    /// Tracks.
+    Tracks(RecordedTracks),
+}
+
+impl Flow {
+    /// Fills defaults and builds the field.
+    pub(super) fn build(
+        &mut self,
+        z_um: (f64, f64),
+        files: &mut Files<'_>,
+        problems: &mut Problems,
+    ) -> Option<Box<dyn VelocityField>> {
+        let depths = DepthRange { floor_um: z_um.0, ceiling_um: z_um.1 };
+        let field = self.field.build("motion.flow.field", depths, files, problems)?;
+        let Some(p) = self.placement else { return Some(field) };
+        let turn =
+            RotatedParams { axis: p.axis.into(), angle_rad: p.angle_rad, center_um: p.center_um.into() };
+        let placed = Rotated::new(field, &turn).and_then(|turned| {
+            Translated::new(Box::new(turned), &TranslatedParams { offset_um: p.offset_um.into() })
+        });
+        problems.of("motion.flow.placement", placed).map(|field| Box::new(field) as Box<dyn VelocityField>)
+    }
+}
+
+impl Tracks {
+    /// Reads the file.
+    pub(super) fn build(
+        &mut self,
+        scale: &Scale,
+        files: &mut Files<'_>,
+        warnings: &mut Vec<String>,
+        problems: &mut Problems,
+    ) -> Option<RecordedTracks> {
+        const KEY: &str = "motion.tracks.file";
+        let (path, bytes) = files.read(KEY, &self.file, problems)?;
+        let name = path.display().to_string();
+        let tracks = match RecordedTracks::from_csv(&bytes[..], scale) {
+            Ok(tracks) => tracks,
+            Err(faults) => {
+                faults.iter().for_each(|fault| problems.other(KEY, in_file(&name, fault)));
+                return None;
+            }
+        };
+        // The other columns of a dataset's own table say nothing new.
+        let unknown = |c: &&String| !TRACKS.columns.iter().any(|own| own.name == c.as_str());
+        let unused: Vec<&str> = tracks.unused_columns().iter().filter(unknown).map(String::as_str).collect();
+        if !unused.is_empty() {
+            warnings.push(format!("{KEY}: {name}: columns that mean nothing here: {}", unused.join(", ")));
+        }
+        self.file = files.keep(&path, bytes);
+        Some(tracks)
+    }
+}
+
+/// A fault of a file's line, with both in front.
+fn in_file(name: &str, fault: &flows::Error) -> String {
+    match fault {
+        flows::Error::Data { line: Some(line), found, expected, .. } => {
+            format!("{name}:{line}: {found}: expected {expected}")
+        }
+        other => format!("{name}: {other}"),
+    }
+}

@@ -1,0 +1,182 @@
+//! The lens and what stands behind it, as scenarios write them: MicroSIG's settings, the camera.
+
+use microsig_core::Settings;
+use microsig_core::formats::{settings_file, tiff};
+use microsig_core::sensor::{Detector, NoiseRounding, Response, Sensor};
+use microsig_core::stream::Streams;
+
+use super::files::Files;
+use super::language::problems::Problems;
+use super::spec::{self, Preset};
+use storage::error::Result;
+
+/// The settings; what the scenario left out is filled in. `in_photons`: the light is in photons rather than
+/// rays.
+pub(super) fn optics(
+    optics: &mut spec::Optics,
+    in_photons: bool,
+    files: &mut Files<'_>,
+    warnings: &mut Vec<String>,
+    problems: &mut Problems,
+) -> Option<Settings> {
+    if optics.preset.is_some() && optics.settings.is_some() {
+        problems.other("optics", "expected either `preset` or `settings`, not both");
+    }
+    let mut settings = match optics.settings.clone() {
+        Some(file) => {
+            let (path, bytes) = files.read("optics.settings", &file, problems)?;
+            let read = settings_file::read(&bytes[..], &path.display().to_string());
+            let read = problems.of("optics.settings", read)?;
+            warnings.extend(read.warnings);
+            optics.settings = Some(files.keep(&path, bytes));
+            read.settings
+        }
+        // Without preset and file the keys may be all there; what is missing is taken from setting 1.
+        None => match *optics.preset.get_or_insert(Preset::Setting1) {
+            Preset::Setting1 => Settings::setting1(),
+            Preset::Setting1a => Settings::setting1a(),
+            Preset::Setting2 => Settings::setting2(),
+        },
+    };
+    if optics.gaussian.is_some() || in_photons {
+        // Peaks are counts already, and photons are no rays; the presets' gains are counts per ray.
+        settings.gain = 1.0;
+    }
+    optics.apply(&mut settings);
+    let depth_factor = *optics.depth_factor.get_or_insert(1.0);
+    if let Some(apart_um) = optics.focal_planes_um.take() {
+        if optics.cyl_focal_length.is_some() {
+            problems.other("optics", "expected either `cyl_focal_length` or `focal_planes_um`, not both");
+        }
+        match cylinder(&settings, apart_um / depth_factor) {
+            Some(focal_length) => settings.cyl_focal_length = focal_length,
+            None => problems.value(
+                "optics.focal_planes_um",
+                apart_um,
+                "a distance that a cylindrical lens can make",
+            ),
+        }
+    }
+    optics.fill(&settings);
+    if settings.ri_lens <= settings.ri_medium {
+        let allowed = format!("a number > ri_medium = {}", settings.ri_medium);
+        problems.value("optics.ri_lens", settings.ri_lens, &allowed);
+        return None;
+    }
+    problems.of("optics", settings.validate()).map(|()| settings)
+}
+
+/// Focal length of the cylindrical lens (um; 0: none) that moves the plane in focus along x by a depth of
+/// MicroSIG's data files (um). Paraxially: behind the objective, light of that plane meets at b', and the
+/// cylindrical lens, at b/3, makes that b.
+fn cylinder(settings: &Settings, moved_um: f64) -> Option<f64> {
+    if moved_um == 0.0 {
+        return Some(0.0);
+    }
+    let Settings { focal_length: f, magnification, .. } = *settings;
+    let (object, image) = (f * (1.0 + 1.0 / magnification) + moved_um, f * (magnification + 1.0));
+    let beyond = 1.0 / (1.0 / f - 1.0 / object) - image / 3.0;
+    let focal_length = 1.0 / (1.5 / image - 1.0 / beyond);
+    (object > 0.0 && focal_length.is_finite() && focal_length != 0.0).then_some(focal_length)
+}
+
+/// How a camera, or MicroSIG's own sensor, shows light in the middle of the image; a fixed pattern is left
+/// out, a background image counts with its mean.
+pub(super) fn response(settings: &Settings, detector: Option<&Detector>) -> Result<Response> {
+    let pixel = Settings { pixel_dim_x: 1, pixel_dim_y: 1, ..settings.clone() };
+    let even = detector.map(|detector| {
+        let mean = |counts: &Vec<f64>| vec![counts.iter().sum::<f64>() / counts.len() as f64];
+        let background = detector.background.as_ref().map(mean);
+        Detector { prnu: 0.0, dsnu_e: 0.0, hot_pixels: None, background, ..detector.clone() }
+    });
+    Ok(sensor(&pixel, even.as_ref(), &Streams::new(0))?.response(0))
+}
+
+/// The sensor of a dataset: without a detector MicroSIG's own, except that counts are rounded once, after
+/// noise is added, so that faint light is not lost.
+///
+/// # Errors
+/// A value of the detector that is out of range.
+pub fn sensor(settings: &Settings, detector: Option<&Detector>, streams: &Streams) -> Result<Sensor> {
+    let sensor = match detector {
+        None => Sensor::new(settings),
+        Some(detector) => Sensor::with_detector(settings, detector.clone(), streams)?,
+    };
+    Ok(sensor.with_rounding(NoiseRounding::AfterSum))
+}
+
+/// A camera makes its own noise: MicroSIG's background noise is off beside it unless the scenario asks for
+/// both.
+pub(super) fn one_noise(
+    optics: &mut spec::Optics,
+    sensor: Option<&spec::Sensor>,
+    warnings: &mut Vec<String>,
+) {
+    let Some(sensor) = sensor else { return };
+    let noise = *optics.background_noise.get_or_insert(0.0);
+    if noise > 0.0 && (sensor.shot_noise || sensor.read_noise_e > 0.0) {
+        warnings.push(format!(
+            "optics.background_noise = {noise} counts is added to the noise that the camera of `sensor` makes itself; leave \
+             it out for the camera's alone"
+        ));
+    }
+}
+
+/// What to say of a background beyond the ends of the scale.
+pub(super) fn clipped(response: &Response, detector: Option<&Detector>) -> Option<String> {
+    let most = f64::from((1u32 << detector.map_or(16, |detector| detector.bits)) - 1);
+    let Response { background, background_noise, .. } = response;
+    let what = match background {
+        b if *b >= most => "saturated without any particle",
+        b if *b < 0.0 => "black where there is little light",
+        _ => return None,
+    };
+    let noise = if *background_noise > 0.0 {
+        format!(" with a noise of {background_noise:.3}")
+    } else {
+        String::new()
+    };
+    Some(format!("the background is {background:.3} counts{noise}, of 0 to {most}: images are {what}"))
+}
+
+/// The camera, with its background image.
+pub(super) fn detector(
+    sensor: &mut spec::Sensor,
+    settings: Option<&Settings>,
+    files: &mut Files<'_>,
+    problems: &mut Problems,
+) -> Option<Detector> {
+    let background = match (sensor.background.clone(), settings) {
+        // Without settings only what does not depend on them is checked.
+        (None, _) | (_, None) => None,
+        (Some(file), Some(settings)) => {
+            let (path, bytes) = files.read("sensor.background", &file, problems)?;
+            let size = (settings.pixel_dim_x, settings.pixel_dim_y);
+            let read = tiff::read(std::io::Cursor::new(&bytes), &path.display().to_string(), size);
+            let counts = problems.of("sensor.background", read)?;
+            sensor.background = Some(files.keep(&path, bytes));
+            Some(counts)
+        }
+    };
+    let detector = sensor.detector(background);
+    let checked = detector.validate(settings.unwrap_or(&Settings::setting1()));
+    problems.of("sensor", checked).map(|()| detector)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: b = 3850 um; behind the cylinder light meets 2 b/3 on, so before it 7163 um on, which is 8446
+    /// um behind the objective; the object is then 365.1 um away instead of 385.
+    #[test]
+    fn a_cylinder_of_4000_um_moves_the_focal_plane_of_setting_1_by_20_um() {
+        let focal_length = cylinder(&Settings::setting1(), -19.87).unwrap();
+        assert!((focal_length / 4000.0 - 1.0).abs() < 0.002, "{focal_length}");
+        let diverging = cylinder(&Settings::setting1(), 20.0).unwrap();
+        // 405 um away: 2577 um behind the objective, 1294 um behind the cylinder.
+        assert!((diverging / -2609.4 - 1.0).abs() < 0.001, "{diverging}");
+        assert_eq!(cylinder(&Settings::setting1(), 0.0), Some(0.0));
+        assert_eq!(cylinder(&Settings::setting1(), -400.0), None);
+    }
+}

@@ -1,0 +1,450 @@
+//! Particles in scenarios: how many, where, how large, how bright, how they lie, and what moves them besides
+//! the flow.
+
+use std::path::Path;
+
+use flows::body::Body;
+use flows::brownian::{Brownian as BrownianMotion, Settling as SettlingMotion};
+use flows::intensities::Intensities;
+use flows::orientation::{Orientations, Spheroids as SpheroidCloud};
+use flows::scale::Scale;
+use flows::{Diameters, Liquid, Seeding};
+use glam::{DVec2, DVec3};
+use microsig_core::formats::data_file;
+use microsig_core::{Particle, Settings};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+pub use super::brightness::{Brightness, Emitted, Growth, PhotonScale, Photons};
+use super::files::Files;
+use super::language::problems::Problems;
+use storage::error::Result;
+use visibility::DepthScan;
+
+/// Particles in view: a source density N_S of about 0.1 under setting 1 in the default channel.
+const DEFAULT_COUNT: u32 = 46;
+const DEFAULT_DIAMETER_UM: f64 = 2.0;
+
+/// What the particles are.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Particles {
+    /// How many.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub number: Option<Number>,
+    /// Initial positions. They hold in the first frame of a recording: the flow moves particles, and those
+    /// that enter are independent of the others.
+    pub seeding: Placement,
+    /// Particle diameters; of spheroids the equatorial ones. Values beyond the cutoffs are drawn again, never
+    /// clipped.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub diameter_um: Option<Diameter>,
+    /// Factor on the brightness that the optics give a particle of its size.
+    pub c_int: Brightness,
+    /// Instead of `c_int`: photons that a particle emits per exposure.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(
+        extend("x-default" = "none: MicroSIG's counts, which grow with (d M / pixel_size)^2, points_per_pixel and n_rays"),
+        example = Photons { emitted: Emitted::Constant(1e6), grow_with: Growth::Surface, reference_um: None }
+    )]
+    pub photons: Option<Photons>,
+    /// Spheroids instead of spheres; the flow turns them (Jeffery's equation).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(example = Spheroids { e_p: 3.0, orientation: Orientation::Random })]
+    pub spheroids: Option<Spheroids>,
+    /// Brownian motion.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub brownian: Option<Brownian>,
+    /// Sedimentation or buoyancy at Stokes' velocity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub settling: Option<Settling>,
+}
+
+/// Number of particles.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Number {
+    /// Exactly N in view in the first frame of each recording; the rest of the box at the same density.
+    Count(#[schemars(range(max = 1_000_000), example = 46)] u32),
+    /// Particles per pixel on average, a Poisson process.
+    Ppp(#[schemars(range(min = 0.0, max = 1.0), extend("x-unit" = "1/px"), example = 0.0002)] f64),
+    /// Particles per volume on average, a Poisson process.
+    PerUm3(#[schemars(range(min = 0.0, max = 1e3), extend("x-unit" = "1/um\u{b3}"), example = 1e-6)] f64),
+    /// Source density N_S: fraction of the sensor that particle images cover on average, overlaps counted
+    /// twice; a Poisson process.
+    NS(#[schemars(range(min = 0.0, max = 100.0), example = 0.1)] f64),
+    /// One at each position of a MicroSIG data file (x and y in px, z in um; diameters are those of
+    /// `diameter_um`), relative to the scenario.
+    File(#[schemars(example = &"places.txt")] String),
+}
+
+/// Initial positions of the particles.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Placement {
+    /// Independent and uniform.
+    #[default]
+    Uniform,
+    /// One in each cell of a regular grid, displaced by up to this fraction of half a cell.
+    JitteredGrid(#[schemars(range(min = 0.0, max = 1.0), example = 0.5)] f64),
+    /// Surfaces at least this far apart.
+    Apart(#[schemars(range(min = 0.0, max = 1e6), extend("x-unit" = "um"), example = 1.0)] f64),
+    /// The same in the image plane, whatever the depths.
+    ApartInImage(#[schemars(range(min = 0.0, max = 1e6), extend("x-unit" = "um"), example = 1.0)] f64),
+}
+
+/// Range of diameters.
+const SIZES: &str = "> 0 and <= 1e6";
+
+/// Diameters of the particles, um. Values beyond the cutoffs are drawn again, never clipped.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Diameter {
+    /// All the same.
+    Constant(#[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 2.0)] f64),
+    /// Uniform distribution.
+    Uniform {
+        /// Smallest diameter.
+        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 1.0)]
+        min: f64,
+        /// Largest diameter.
+        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 3.0)]
+        max: f64,
+    },
+    /// Truncated normal distribution.
+    Normal {
+        /// Mean before truncation.
+        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 2.0)]
+        mean: f64,
+        /// Standard deviation before truncation.
+        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 0.2)]
+        sd: f64,
+        /// Smallest diameter.
+        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 1.0)]
+        min: f64,
+        /// Largest diameter.
+        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 3.0)]
+        max: f64,
+    },
+    /// Truncated lognormal distribution.
+    Lognormal {
+        /// Mean of the diameter (not of its logarithm) before truncation.
+        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 2.0)]
+        mean: f64,
+        /// Standard deviation of the diameter before truncation.
+        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 0.4)]
+        sd: f64,
+        /// Smallest diameter.
+        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 0.8)]
+        min: f64,
+        /// Largest diameter.
+        #[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 5.0)]
+        max: f64,
+    },
+    /// Diameters and their weights.
+    List(#[schemars(length(min = 1), extend("x-unit" = "um"), example = [(2, 1), (1, 3)])] Vec<(f64, f64)>),
+}
+
+/// Spheroids.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Spheroids {
+    /// Aspect ratio, polar over equatorial diameter: above 1 rods (prolate), below 1 discs (oblate).
+    #[schemars(range(min = 0.01, max = 100.0), example = 3.0)]
+    pub e_p: f64,
+    /// Initial orientation of their axes.
+    #[serde(default)]
+    pub orientation: Orientation,
+}
+
+/// Initial orientation of the axes of spheroids.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Orientation {
+    /// Uniform over all directions.
+    #[default]
+    Random,
+    /// All along one direction (x, y, z).
+    Aligned(#[schemars(example = (1, 0, 0))] (f64, f64, f64)),
+    /// Von Mises-Fisher distribution about a mean direction, density proportional to exp(kappa cos).
+    VonMisesFisher {
+        /// Mean direction (x, y, z).
+        #[schemars(example = (1, 0, 0))]
+        mean: (f64, f64, f64),
+        /// Concentration kappa.
+        #[schemars(extend("x-range" = "> 0 and <= 1e6"), example = 10.0)]
+        kappa: f64,
+    },
+}
+
+/// Brownian motion in a liquid; defaults are those of water at 25 degrees Celsius.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Brownian {
+    /// Temperature of the liquid.
+    #[schemars(extend("x-range" = "> 0 and <= 1e4"))]
+    pub temperature_k: f64,
+    /// Dynamic viscosity of the liquid.
+    #[schemars(extend("x-range" = "> 0 and <= 1e6"))]
+    pub viscosity_pa_s: f64,
+    /// Time steps from frame to frame.
+    #[schemars(range(min = 1, max = 10_000))]
+    pub substeps: u32,
+}
+
+impl Default for Brownian {
+    fn default() -> Self {
+        Brownian { temperature_k: 298.15, viscosity_pa_s: 0.89e-3, substeps: 2 }
+    }
+}
+
+/// Sedimentation in a liquid; defaults are polystyrene in water on an inverted microscope (the lens is on the
+/// side of negative z).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Settling {
+    /// Density of the particles minus that of the liquid.
+    #[schemars(range(min = -1e5, max = 1e5))]
+    pub density_difference_kg_m3: f64,
+    /// Dynamic viscosity of the liquid.
+    #[schemars(extend("x-range" = "> 0 and <= 1e6"))]
+    pub viscosity_pa_s: f64,
+    /// Direction of gravity (x, y, z).
+    pub direction: (f64, f64, f64),
+}
+
+impl Default for Settling {
+    fn default() -> Self {
+        Settling { density_difference_kg_m3: 50.0, viscosity_pa_s: 0.89e-3, direction: (0.0, 0.0, -1.0) }
+    }
+}
+
+/// A solid body that particles cannot enter.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Obstacle {
+    /// A sphere.
+    Sphere {
+        /// Center (x, y, z).
+        #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0, -30))]
+        center_um: (f64, f64, f64),
+        /// Radius.
+        #[schemars(extend("x-range" = SIZES), example = 20.0)]
+        radius_um: f64,
+    },
+    /// A cylinder along z.
+    Cylinder {
+        /// Axis (x, y).
+        #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0))]
+        center_um: (f64, f64),
+        /// Radius.
+        #[schemars(extend("x-range" = SIZES), example = 20.0)]
+        radius_um: f64,
+    },
+    /// Everything outside a sessile drop, a parabolic cap.
+    OutsideDrop {
+        /// Center of the drop's base (x, y, z).
+        #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0, -80))]
+        center_um: (f64, f64, f64),
+        /// Radius of the drop's base.
+        #[schemars(extend("x-range" = SIZES), example = 200.0)]
+        radius_um: f64,
+        /// Height of the drop.
+        #[schemars(extend("x-range" = SIZES), example = 60.0)]
+        height_um: f64,
+    },
+    /// A sphere in which particles end.
+    Drain {
+        /// Center (x, y, z).
+        #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0, -30))]
+        center_um: (f64, f64, f64),
+        /// Radius.
+        #[schemars(extend("x-range" = SIZES), example = 20.0)]
+        radius_um: f64,
+    },
+}
+
+/// The particles of a scenario, checked.
+#[derive(Debug, Clone)]
+pub struct Cloud {
+    /// Spheroids, if they are.
+    pub spheroids: Option<SpheroidCloud>,
+    /// Factors on brightness, or photons.
+    pub intensities: Intensities,
+    /// What turns photons into brightness, if `intensities` are photons.
+    pub photons: Option<PhotonScale>,
+    /// Whether `intensities` is anything but 1.
+    pub has_intensities: bool,
+    /// Thermal motion.
+    pub brownian: Option<BrownianMotion>,
+    /// Sinking.
+    pub settling: Option<SettlingMotion>,
+    /// Bodies that keep particles out.
+    pub bodies: Vec<Body>,
+}
+
+fn vector((x, y, z): (f64, f64, f64)) -> DVec3 {
+    DVec3::new(x, y, z)
+}
+
+impl Diameter {
+    pub(super) fn build(&self) -> flows::Result<Diameters> {
+        match *self {
+            Diameter::Constant(d) => Diameters::equal(d),
+            Diameter::Uniform { min, max } => Diameters::uniform(min, max),
+            Diameter::Normal { mean, sd, min, max } => Diameters::normal(mean, sd, min, max),
+            Diameter::Lognormal { mean, sd, min, max } => Diameters::lognormal(mean, sd, min, max),
+            Diameter::List(ref weighted) => Diameters::list(weighted),
+        }
+    }
+}
+
+impl Obstacle {
+    fn build(&self) -> flows::Result<Body> {
+        match *self {
+            Obstacle::Sphere { center_um, radius_um } => Body::sphere(vector(center_um), radius_um),
+            Obstacle::Cylinder { center_um: (x, y), radius_um } => {
+                Body::cylinder(DVec2::new(x, y), radius_um)
+            }
+            Obstacle::OutsideDrop { center_um, radius_um, height_um } => {
+                Body::outside_drop(vector(center_um), radius_um, height_um)
+            }
+            Obstacle::Drain { center_um, radius_um } => {
+                Ok(Body::sphere(vector(center_um), radius_um)?.draining())
+            }
+        }
+    }
+}
+
+impl Cloud {
+    /// The brightness of a particle for which this number, a factor or photons, was drawn.
+    pub fn c_int(&self, drawn: f64, particle: &Particle) -> f64 {
+        self.photons.as_ref().map_or(drawn, |photons| photons.c_int(drawn, particle))
+    }
+
+    /// The brightness in the middle of the distribution, of a sphere of this diameter.
+    pub fn typical_c_int(&self, d_um: f64) -> f64 {
+        self.c_int(self.intensities.typical(d_um), &Particle::sphere(1.0, 1.0, 0.0, d_um))
+    }
+}
+
+impl Particles {
+    /// Diameters, filled in.
+    pub(super) fn diameters(&mut self, problems: &mut Problems) -> Option<Diameters> {
+        let diameter = self.diameter_um.get_or_insert(Diameter::Constant(DEFAULT_DIAMETER_UM));
+        problems.of("particles.diameter_um", diameter.build())
+    }
+
+    /// Everything but number and places.
+    pub(super) fn cloud(&self, bodies: &[Obstacle], problems: &mut Problems) -> Option<Cloud> {
+        let spheroids = self.spheroids.map(|s| {
+            let orientations = match s.orientation {
+                Orientation::Random => Ok(Orientations::random()),
+                Orientation::Aligned(direction) => Orientations::aligned(vector(direction)),
+                Orientation::VonMisesFisher { mean, kappa } => {
+                    Orientations::von_mises_fisher(vector(mean), kappa)
+                }
+            };
+            orientations.and_then(|orientations| SpheroidCloud::new(s.e_p, orientations))
+        });
+        let (key, intensities) = match (self.photons, self.c_int) {
+            (Some(photons), _) => ("particles.photons.emitted", photons.emitted.build()),
+            (None, c_int) => ("particles.c_int", c_int.build()),
+        };
+        let liquid = self.liquid(problems);
+        let brownian = self.brownian.map(|b| BrownianMotion::new(&liquid, b.substeps));
+        let settling = self
+            .settling
+            .map(|s| SettlingMotion::new(s.density_difference_kg_m3, &liquid, vector(s.direction)));
+        let bodies: flows::Result<Vec<Body>> = bodies.iter().map(Obstacle::build).collect();
+
+        let spheroids = problems.of("particles.spheroids", spheroids.transpose());
+        let intensities = problems.of(key, intensities);
+        let brownian = problems.of("particles.brownian", brownian.transpose());
+        let settling = problems.of("particles.settling", settling.transpose());
+        let bodies = problems.of("boundaries.bodies", bodies);
+        Some(Cloud {
+            spheroids: spheroids?,
+            intensities: intensities?,
+            has_intensities: self.photons.is_some() || self.c_int != Brightness::default(),
+            photons: None,
+            brownian: brownian?,
+            settling: settling?,
+            bodies: bodies?,
+        })
+    }
+
+    /// The one liquid of all laws of motion.
+    fn liquid(&self, problems: &mut Problems) -> Liquid {
+        let mut liquid = Liquid::default();
+        if let Some(b) = self.brownian {
+            liquid = Liquid { temperature_k: b.temperature_k, viscosity_pa_s: b.viscosity_pa_s, ..liquid };
+        }
+        if let Some(s) = self.settling {
+            if self.brownian.is_some() && s.viscosity_pa_s != liquid.viscosity_pa_s {
+                let allowed = format!(
+                    "{}, the viscosity of particles.brownian: it is the same liquid",
+                    liquid.viscosity_pa_s
+                );
+                problems.value("particles.settling.viscosity_pa_s", s.viscosity_pa_s, &allowed);
+            }
+            liquid.viscosity_pa_s = s.viscosity_pa_s;
+        }
+        liquid
+    }
+
+    /// Number and places.
+    pub(super) fn seeding(
+        &mut self,
+        diameters: Diameters,
+        (scale, settings): (&Scale, &Settings),
+        z_um: (f64, f64),
+        stack: impl FnOnce() -> Result<DepthScan>,
+        files: &mut Files<'_>,
+        problems: &mut Problems,
+    ) -> Option<Seeding> {
+        let view = problems.of("boundaries", scale.view(z_um.0, z_um.1, 0.0))?;
+        let number = self.number.get_or_insert(Number::Count(DEFAULT_COUNT));
+        let seeding = match number {
+            Number::Count(n) => Ok(Seeding::count_in_view(*n, view, diameters)),
+            Number::Ppp(ppp) => {
+                let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
+                Seeding::mean_in_view(*ppp * pixels, view, diameters)
+            }
+            Number::PerUm3(density) => Seeding::poisson(*density, diameters),
+            Number::NS(n_s) => {
+                // An image can be drawn only if all else is right.
+                if problems.any() {
+                    return None;
+                }
+                let area_px = problems.of("particles.number.n_s", stack())?.area_px();
+                if area_px == 0.0 {
+                    problems.value(
+                        "particles.number.n_s",
+                        *n_s,
+                        "optics in which particles are seen (gain > 0)",
+                    );
+                }
+                let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
+                Seeding::mean_in_view(*n_s * pixels / area_px.max(1.0), view, diameters)
+            }
+            Number::File(file) => {
+                let (path, bytes) = files.read("particles.number.file", file, problems)?;
+                let read: Result<_> =
+                    data_file::read(&bytes[..], &path.display().to_string()).map_err(Into::into);
+                let places = problems.of("particles.number.file", read)?;
+                *file = files.keep(Path::new(file), bytes);
+                let object = |p: &microsig_core::Particle| {
+                    scale.to_object(flows::scale::ImagePoint { x_px: p.x_px, y_px: p.y_px, z_um: p.z_um })
+                };
+                Seeding::list(places.iter().map(object).collect(), diameters)
+            }
+        };
+        let placed = seeding.and_then(|seeding| match self.seeding {
+            Placement::Uniform => Ok(seeding),
+            Placement::JitteredGrid(jitter) => seeding.on_jittered_grid(jitter),
+            Placement::Apart(gap_um) => seeding.apart(gap_um),
+            Placement::ApartInImage(gap_um) => seeding.apart_in_image(gap_um),
+        });
+        problems.of("particles", placed)
+    }
+}

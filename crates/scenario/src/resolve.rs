@@ -1,0 +1,448 @@
+//! From a scenario as written to one that can be run: defaults filled in, every rule checked.
+//!
+//! A [`Scenario`] exists only if it is valid. Its `spec` has every default written out, so that resolving the
+//! written form of it gives the very same scenario.
+
+use std::path::Path;
+
+use flows::scale::Scale;
+use flows::{Boundary, Domain, FluidRegion, Illumination, Seeding, Shutter, VelocityField};
+use microsig_core::formats::data_file::Layout;
+use microsig_core::render::Renderer;
+use microsig_core::sensor::Detector;
+use microsig_core::stream::Streams;
+use microsig_core::{Particle, Settings, Spheroid};
+
+use super::brightness::PhotonScale;
+use super::drawing;
+use super::files::Files;
+use super::language::problems::Problems;
+use super::license::{LICENSES, License};
+use super::motion::MotionSource;
+use super::optics::{clipped, detector, one_noise, optics, response};
+use super::particles::Cloud;
+use super::recorded::recorded;
+use super::recordings::Recordings;
+use super::resolved::Scenario;
+use super::spec::{self, Motion, PairSeeding, Placement, Spec, Timing};
+
+use super::truth_grid::TruthGrid;
+use storage::error::{Error, Result};
+use visibility::DepthScan;
+
+/// Depth range of the default channel, um: 100 um deep, inside the range that Rossi 2020 scans.
+const DEFAULT_Z_UM: (f64, f64) = (-80.0, 20.0);
+
+/// Fills and checks a scenario; files it names are found from `folder`.
+///
+/// # Errors
+/// [`Error::Problems`] with all problems at once, each with the path of its key.
+pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
+    let mut problems = Problems::among(|path| spec::schema().find(path).is_some());
+    let mut warnings = Vec::new();
+    let mut files = Files { folder, inputs: Vec::new() };
+    name(&spec.name, &mut problems);
+    let license = License::find(&spec.license).unwrap_or(LICENSES[0]);
+    let Sections { settings, detector, recordings, z_um, boundary, diameters, cloud, illumination, field } =
+        sections(&mut spec, &mut files, &mut warnings, &mut problems);
+    // What follows needs all of the above.
+    let (Some(settings), Some(field), Some(diameters), Some(mut cloud), Some(illumination)) =
+        (settings, field, diameters, cloud, illumination)
+    else {
+        return Err(Error::Problems(problems.0));
+    };
+    if !drawing::check(&spec, &settings, &mut problems) {
+        return Err(Error::Problems(problems.0));
+    }
+    cloud.photons = spec
+        .particles
+        .photons
+        .map(|photons| PhotonScale::new(&photons, &spec.renderer(), &settings, diameters.mean()));
+    let depth_factor = spec.optics.depth_factor.unwrap_or(1.0);
+    let scale = Scale::new(settings.um_per_px(), settings.pixel_dim_x, settings.pixel_dim_y, depth_factor);
+    let Some(scale) = problems.of("optics", scale) else { return Err(Error::Problems(problems.0)) };
+    let shutter = spec.timing.shutter(scale.um_per_px(), &mut problems);
+    let Some(renderer) = problems.of("optics", spec.renderer().build(&settings)) else {
+        return Err(Error::Problems(problems.0));
+    };
+    warnings.extend(renderer.warning());
+    warnings.extend(clipped(&response(&settings, detector.as_ref())?, detector.as_ref()));
+    let motion = match (field, &mut spec.motion) {
+        (Some(field), _) => Some(MotionSource::Field(field)),
+        (None, Motion::Tracks(tracks)) => {
+            tracks.build(&scale, &mut files, &mut warnings, &mut problems).map(MotionSource::Tracks)
+        }
+        (None, Motion::Flow(_)) => None,
+    };
+    let Some(motion) = motion else { return Err(Error::Problems(problems.0)) };
+    let longest = diameters.max() * spec.particles.spheroids.map_or(1.0, |s| s.e_p.max(1.0));
+    let margin_px = *spec.boundaries.margin_px.get_or_insert_with(|| {
+        let largest = largest_image(&renderer, (z_um.0 / depth_factor, z_um.1 / depth_factor), longest);
+        default_margin_px(largest, &settings, &motion, &mut warnings)
+    });
+    let depth_range_um = lit(z_um, &illumination, &mut problems);
+    let seeding = match &motion {
+        MotionSource::Field(_) => {
+            extremes(&spec, (z_um, depth_factor), &diameters, &renderer, &mut warnings, &mut problems);
+            crowding(&spec, &mut warnings);
+            let mean_um = diameters.mean();
+            // Taken out for a moment, because the rest of the scenario says how they are drawn.
+            let mut particles = std::mem::take(&mut spec.particles);
+            let draw = |settings: &Settings| Ok(spec.renderer().for_depth_scans().build(settings)?);
+            let stack = || DepthScan::measure(draw, &settings, mean_um, depth_range_um, depth_factor);
+            let seeding =
+                particles.seeding(diameters, (&scale, &settings), z_um, stack, &mut files, &mut problems);
+            spec.particles = particles;
+            seeding
+        }
+        MotionSource::Tracks(tracks) => {
+            if cloud.photons.is_some() && tracks.rows().iter().any(|row| row.c_int.is_some()) {
+                let what = "expected nothing: the column `c_int` of the tracks says how bright particles are";
+                problems.other("particles.photons", what);
+            }
+            recorded(tracks, &diameters, &renderer, &scale, &recordings, z_um, &mut warnings, &mut problems);
+            problems.of("particles", Seeding::list(Vec::new(), diameters))
+        }
+    };
+    warnings.dedup();
+    let Some(seeding) = seeding else { return Err(Error::Problems(problems.0)) };
+    let faces = [face(spec.boundaries.x), face(spec.boundaries.y), boundary];
+    let domain = scale.view(z_um.0, z_um.1, margin_px).map(|region| Domain::new(region, faces));
+    let domain = problems.of("particles and boundaries", domain);
+    let layout = layout(&spec, &motion, &cloud, shutter);
+    let Some(domain) = domain else { return Err(Error::Problems(problems.0)) };
+    if let MotionSource::Field(field) = &motion {
+        let fluid = FluidRegion::new(field.as_ref(), &domain, &cloud.bodies);
+        problems.of("particles and boundaries", seeding.density(&fluid, 0.0));
+        let (longest_s, whole_s) = recordings.spans_s();
+        problems.of("motion.flow.field", flows::step_estimate::check(field.as_ref(), &fluid, 0.0, longest_s));
+        warnings.extend(compressed(field.as_ref(), &fluid, &scale.view(z_um.0, z_um.1, 0.0)?, whole_s));
+    }
+    problems.finish()?;
+    Ok(Scenario {
+        license,
+        streams: Streams::new(spec.seed),
+        spec,
+        settings,
+        renderer,
+        detector,
+        inputs: files.inputs,
+        warnings,
+        motion,
+        scale,
+        domain,
+        depth_range_um,
+        seeding,
+        cloud,
+        recordings,
+        shutter,
+        illumination,
+        layout,
+    })
+}
+
+/// What the sections of a scenario say, each by itself; `None` where there are problems.
+struct Sections {
+    settings: Option<Settings>,
+    detector: Option<Detector>,
+    recordings: Recordings,
+    z_um: (f64, f64),
+    boundary: Boundary,
+    diameters: Option<flows::Diameters>,
+    cloud: Option<Cloud>,
+    illumination: Option<Illumination>,
+    /// Nothing inside for recorded tracks.
+    field: Option<Option<Box<dyn VelocityField>>>,
+}
+
+/// Fills and checks every section by itself.
+fn sections(
+    spec: &mut Spec,
+    files: &mut Files<'_>,
+    warnings: &mut Vec<String>,
+    problems: &mut Problems,
+) -> Sections {
+    one_noise(&mut spec.optics, spec.sensor.as_ref(), warnings);
+    let in_photons = spec.particles.photons.is_some();
+    let settings = optics(&mut spec.optics, in_photons, files, warnings, problems);
+    let camera = spec.sensor.as_mut();
+    let detector = camera.and_then(|camera| detector(camera, settings.as_ref(), files, problems));
+    let in_focus = spec.optics.gaussian.is_some();
+    spec.calibration.get_or_insert(if in_focus { spec::Calibration::None } else { spec::Calibration::Stack });
+    let recordings = Recordings::checked(spec.timing, problems);
+    let (z_um, boundary) = depth(&mut spec.boundaries, problems);
+    let diameters = spec.particles.diameters(problems);
+    let cloud = spec.particles.cloud(&spec.boundaries.bodies, problems);
+    let illumination = match &mut spec.illumination {
+        Some(light) => light.build(z_um, problems),
+        None => Some(Illumination::default()),
+    };
+    let field = match &mut spec.motion {
+        Motion::Flow(flow) => flow.build(z_um, files, problems).map(Some),
+        Motion::Tracks(_) => {
+            without_a_flow(spec, problems);
+            Some(None)
+        }
+    };
+
+    let steady = is_steady(&spec.motion, field.as_ref().and_then(Option::as_deref));
+    let size_px = settings.as_ref().map_or((1, 1), |s| (s.pixel_dim_x, s.pixel_dim_y));
+    spec.truth_grid.get_or_insert_with(|| TruthGrid::of(steady)).fill(steady, size_px, problems);
+    drawing::mode(spec, problems);
+    drawing::calibration(spec, z_um, problems);
+    let mean_um = diameters.as_ref().map(flows::Diameters::mean);
+    drawing::photons(spec, settings.as_ref(), mean_um, problems);
+    Sections { settings, detector, recordings, z_um, boundary, diameters, cloud, illumination, field }
+}
+
+/// Whether the flow is steady; `None` for recorded tracks.
+fn is_steady(motion: &Motion, field: Option<&dyn VelocityField>) -> Option<bool> {
+    match (motion, field) {
+        (Motion::Flow(_), Some(field)) => Some(field.is_steady()),
+        (Motion::Flow(_), None) => Some(true),
+        (Motion::Tracks(_), _) => None,
+    }
+}
+
+/// How far beyond the image particles are followed, px: as far as their light reaches it, within limits.
+fn default_margin_px(
+    largest: f64,
+    settings: &Settings,
+    motion: &MotionSource,
+    warnings: &mut Vec<String>,
+) -> f64 {
+    // With a high NA a little light of each particle lands thousands of px away. Following it would take many
+    // times more particles than there are in view, so it is left to those who ask for it.
+    let most = f64::from(settings.pixel_dim_x.max(settings.pixel_dim_y)).max(100.0) / 2.0;
+    if largest > most && matches!(motion, MotionSource::Field(_)) {
+        warnings.push(format!(
+            "particles beyond {most} px from the image are left out, though a little of their light would reach it; \
+             boundaries: (margin_px: {largest}) includes them all"
+        ));
+    }
+    largest.min(most)
+}
+
+/// Checks that the particles nearest to the lens and farthest from it can be drawn.
+fn extremes(
+    spec: &Spec,
+    (z_um, depth_factor): ((f64, f64), f64),
+    diameters: &flows::Diameters,
+    renderer: &Renderer,
+    warnings: &mut Vec<String>,
+    problems: &mut Problems,
+) {
+    let e_p = spec.particles.spheroids.map_or(1.0, |s| s.e_p);
+    for (z, d_um) in [(z_um.0, diameters.max()), (z_um.1, diameters.min())] {
+        // Along the optical axis a spheroid reaches farthest toward the lens.
+        let spheroid = (e_p != 1.0).then(|| Spheroid::from_axis(e_p, [0.0, 0.0, 1.0]));
+        let extreme = Particle { spheroid, ..Particle::sphere(1.0, 1.0, z / depth_factor, d_um) };
+        let drawn = renderer.check(&extreme);
+        warnings.extend(problems.of("particles", drawn).flatten());
+    }
+}
+
+/// Says by how much a field with divergence changes the density of particles during a recording.
+fn compressed(
+    field: &dyn VelocityField,
+    fluid: &FluidRegion<'_>,
+    view: &flows::Region,
+    recording_s: f64,
+) -> Option<String> {
+    let (low, high) = flows::divergence::range(field, fluid, view, 0.0)?;
+    let strongest = low.abs().max(high.abs()) * recording_s;
+    (strongest > NOTICEABLE_COMPRESSION).then(|| {
+        format!(
+            "the field is not free of divergence ({low:.3} to {high:.3} 1/s in view): within a recording of {recording_s} s the \
+             number density of particles changes by factors of {:.3} to {:.3} along their paths, while particles that \
+             come in have the density of the seeding; fresh pairs (timing: pairs(...)) are seeded anew each time",
+            (-high * recording_s).exp(),
+            (-low * recording_s).exp()
+        )
+    })
+}
+
+/// Change of density during a recording, relative, from which it is said.
+const NOTICEABLE_COMPRESSION: f64 = 0.05;
+
+/// The depths that are measured: those of the boundaries as far as a light sheet across the optical axis
+/// shines on them.
+fn lit(z_um: (f64, f64), light: &Illumination, problems: &mut Problems) -> (f64, f64) {
+    let Some(sheet) = light.depths() else { return z_um };
+    let lit = (z_um.0.max(sheet.0), z_um.1.min(sheet.1));
+    if lit.0 >= lit.1 {
+        let allowed = format!("a sheet that crosses the depth range, {} to {} um", z_um.0, z_um.1);
+        problems.value("illumination.shape.sheet", format!("{} to {} um", sheet.0, sheet.1), &allowed);
+        return z_um;
+    }
+    lit
+}
+
+/// The columns that the data files need.
+fn layout(spec: &Spec, motion: &MotionSource, cloud: &Cloud, shutter: Option<Shutter>) -> Layout {
+    let rows = match motion {
+        MotionSource::Field(_) => &[],
+        MotionSource::Tracks(tracks) => tracks.rows(),
+    };
+    let spheroids = rows.iter().any(|row| row.aspect.is_some_and(|e_p| e_p != 1.0));
+    let c_int = rows.iter().any(|row| row.c_int.is_some_and(|c_int| c_int != 1.0));
+    let light = spec.illumination.is_some() || shutter.is_some();
+    Layout {
+        spheroids: spheroids || cloud.spheroids.is_some(),
+        c_int: c_int || light || cloud.has_intensities,
+    }
+}
+
+/// Keys that mean nothing where tracks are given.
+fn without_a_flow(spec: &Spec, problems: &mut Problems) {
+    let (particles, boundaries) = (&spec.particles, &spec.boundaries);
+    for (path, given) in [
+        ("particles.number", particles.number.is_some()),
+        ("particles.seeding", particles.seeding != Placement::Uniform),
+        ("particles.brownian", particles.brownian.is_some()),
+        ("particles.settling", particles.settling.is_some()),
+        ("boundaries.bodies", !boundaries.bodies.is_empty()),
+        ("boundaries.keep_ids", boundaries.keep_ids),
+    ] {
+        if given {
+            problems.other(path, "expected nothing, as motion.tracks says where particles are");
+        }
+    }
+}
+
+/// Least distances hold at first only: say so where there is a later.
+fn crowding(spec: &Spec, warnings: &mut Vec<String>) {
+    let goes_on = match spec.timing {
+        Timing::Pairs(p) => p.seeding == PairSeeding::Continuing,
+        Timing::Sequence(s) => s.frames > 1,
+        Timing::FourPulse(_) => true,
+    };
+    if goes_on && spec.particles.seeding != Placement::Uniform {
+        let what = "particles.seeding holds in the first frame of a recording; the flow then moves particles together and apart, \
+                    and those that come in through open boundaries are independent of the others";
+        warnings.push(what.to_owned());
+    }
+}
+
+/// Names become folder names and identifiers of data packages.
+fn name(name: &str, problems: &mut Problems) {
+    let fits = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "._-".contains(c);
+    if name.is_empty() || name.len() > 100 || name.starts_with('.') || !name.chars().all(fits) {
+        let allowed = "1 to 100 lower-case letters, digits, `.`, `_`, `-`, not starting with a dot";
+        problems.value("name", format!("`{name}`"), allowed);
+    }
+}
+
+fn depth(boundaries: &mut spec::Boundaries, problems: &mut Problems) -> ((f64, f64), Boundary) {
+    let mut z_um = *boundaries.z_um.get_or_insert(DEFAULT_Z_UM);
+    if z_um.0 >= z_um.1 {
+        problems.value(
+            "boundaries.z_um",
+            format!("({}, {})", z_um.0, z_um.1),
+            "two depths in um, the lower one first",
+        );
+        // What follows from it need not be said as well.
+        z_um = DEFAULT_Z_UM;
+    }
+    (z_um, face(*boundaries.z.get_or_insert(spec::Boundary::Wall)))
+}
+
+fn face(boundary: spec::Boundary) -> Boundary {
+    match boundary {
+        spec::Boundary::Open => Boundary::Open,
+        spec::Boundary::Wall => Boundary::Wall,
+        spec::Boundary::Periodic => Boundary::Periodic,
+    }
+}
+
+/// Half the side of the largest particle image within the depth range of the data files, px, rounded up.
+fn largest_image(renderer: &Renderer, z_um: (f64, f64), d_um: f64) -> f64 {
+    /// The image grows smoothly away from focus: the ends of the range matter, and a few planes between them.
+    const PLANES: i32 = 20;
+    (0..=PLANES)
+        .map(|i| z_um.0 + (z_um.1 - z_um.0) * f64::from(i) / f64::from(PLANES))
+        .map(|z| renderer.image_extent(&Particle::sphere(1.0, 1.0, z, d_um)))
+        .fold(0.0f64, |largest, (x, y)| largest.max(x).max(y))
+        .ceil()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{parse, write};
+    use super::*;
+
+    const FIVE_LINES: &str = r#"(
+        name: "five",
+        motion: flow(field: poiseuille()),
+        timing: pairs(count: 10),
+    )"#;
+
+    fn resolved(text: &str) -> Result<Scenario> {
+        resolve(parse(text, "s.ron").unwrap(), Path::new("."))
+    }
+
+    #[test]
+    fn a_few_lines_are_enough_and_the_filled_form_is_a_fixed_point() {
+        let scenario = resolved(FIVE_LINES).unwrap();
+        assert_eq!(scenario.settings, Settings::setting1());
+        assert_eq!(scenario.depth_range_um, (-80.0, 20.0));
+        let text = write(&scenario.spec).unwrap();
+        assert_eq!(write(&resolved(&text).unwrap().spec).unwrap(), text);
+    }
+
+    #[test]
+    fn keys_replace_single_values_of_a_preset() {
+        let text = FIVE_LINES.replace("motion", "optics: (preset: setting1a, background_noise: 50), motion");
+        let scenario = resolved(&text).unwrap();
+        assert_eq!(scenario.settings, Settings { background_noise: 50.0, ..Settings::setting1a() });
+    }
+
+    #[test]
+    fn all_broken_rules_are_named_at_once() {
+        let text = FIVE_LINES
+            .replace("five", "Not A Name")
+            .replace("poiseuille()", "sum([hill(), stokes_cylinder(cell_radius_um: 1)])")
+            .replace("count: 10", "count: 2, exposure_s: 1, jitter_s: 0.1")
+            .replace(
+                "motion",
+                "optics: (ri_lens: 0.5), particles: (diameter_um: uniform(min: 2, max: 1)), \
+                 boundaries: (z_um: (20, -80)), motion",
+            );
+        let message = resolved(&text).unwrap_err().to_string();
+        for expected in [
+            "name = `Not A Name`",
+            "optics.ri_lens = 0.5: expected a number > ri_medium = 1",
+            "timing.pairs.exposure_s = 1",
+            "timing.pairs.jitter_s = 0.1",
+            "boundaries.z_um = (20, -80): expected two depths in um, the lower one first",
+            "particles.diameter_um: diameters: max_um = 1",
+            "motion.flow.field.sum.1.stokes_cylinder.cell_radius_um = 1: expected",
+        ] {
+            assert!(message.contains(expected), "{expected} is not in\n{message}");
+        }
+        assert_eq!(message.lines().count(), 7, "{message}");
+    }
+
+    #[test]
+    fn gaussian_spots_have_a_gain_of_1_and_no_calibration_unless_told_otherwise() {
+        let with =
+            |optics: &str| resolved(&FIVE_LINES.replace("motion", &format!("optics: ({optics}), motion")));
+        let scenario = with("gaussian: (diameter_px: 3)").unwrap();
+        assert_eq!((scenario.renderer.name(), scenario.settings.gain), ("gaussian", 1.0));
+        assert_eq!(scenario.spec.calibration, Some(spec::Calibration::None));
+        let text = write(&scenario.spec).unwrap();
+        assert_eq!(write(&resolved(&text).unwrap().spec).unwrap(), text);
+        assert_eq!(with("preset: setting2, gaussian: (), gain: 2").unwrap().settings.gain, 2.0);
+        let rods =
+            FIVE_LINES.replace("motion", "optics: (gaussian: ()), particles: (spheroids: (e_p: 2)), motion");
+        assert!(resolved(&rods).unwrap_err().to_string().contains("round"));
+    }
+
+    #[test]
+    fn particles_that_cannot_be_drawn_are_refused() {
+        let text = FIVE_LINES.replace("motion", "boundaries: (z_um: (-500, 0)), motion");
+        assert!(resolved(&text).unwrap_err().to_string().contains("reaches the lens"));
+        let text = FIVE_LINES.replace("motion", "particles: (diameter_um: constant(0.01)), motion");
+        assert!(resolved(&text).unwrap_err().to_string().contains("no source point"));
+    }
+}

@@ -1,0 +1,420 @@
+//! The Cramér-Rao bound: the least standard deviation of any unbiased estimate of an isolated particle's
+//! position.
+//!
+//! F_ij = sum over pixels of (d mu / d theta_i) (d mu / d theta_j) / v, theta = (x, y, z, brightness),
+//! sigma_i >= sqrt((F^-1)_ii); v = background_noise^2 + gain (mu - background) + 1/12, because ray counts are
+//! Poisson distributed and images are rounded to integers. A detector model adds its shot noise; `mode:
+//! expected` and Gaussian particle images have no ray noise. The bound depends on the scenario's optics and
+//! noise and on a particle of median diameter and brightness; no image is read. mu and its derivatives come
+//! from `microsig_core::render::expected`, with `mode: waves` from `microsig_core::render::waves`; for
+//! Gaussian particle images they are integrals over pixels, independent of z. Overlap, image edges and the
+//! dependence of v on theta are neglected.
+
+use std::path::Path;
+
+use microsig_core::emission::SpheroidLaw;
+use microsig_core::render::expected::Gradient;
+use microsig_core::render::{ExpectedRenderer, Render, RendererSpec, WavesRenderer};
+use microsig_core::sensor::Response;
+use microsig_core::{Particle, Settings};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::curves::{Bin, Curve};
+use super::detection::Detection;
+use super::statistics::quantile;
+use crate::results::sheet::{Separator, TextTable};
+use scenario::{self, Scenario, spec};
+use storage::error::Result;
+use storage::tables::truth::TRACKS;
+
+/// Error of the expected images relative to their peaks; the bound is needed to a few percent.
+const TOLERANCE: f64 = 3e-3;
+/// Edge of a square sensor that contains every usable particle image, px; wider images are too faint to
+/// detect.
+const SIZE: u32 = 801;
+
+/// Cramer-Rao bound of an isolated particle over depth (`--crlb`).
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Crlb {
+    /// Particle diameter: the median of the dataset.
+    #[schemars(range(min = 0.0))]
+    pub d_um: f64,
+    /// One entry per bin of the curve over z.
+    pub bins: Vec<BoundBin>,
+}
+
+/// The bound at the center of a depth bin, and the efficiency of the result there.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct BoundBin {
+    /// Depth.
+    pub z_um: f64,
+    /// Cramer-Rao bound of the standard deviation of x.
+    #[schemars(range(min = 0.0))]
+    pub crlb_x_px: Option<f64>,
+    /// Cramer-Rao bound of the standard deviation of y.
+    #[schemars(range(min = 0.0))]
+    pub crlb_y_px: Option<f64>,
+    /// Cramer-Rao bound of the standard deviation of z.
+    #[schemars(range(min = 0.0))]
+    pub crlb_z_um: Option<f64>,
+    /// crlb_x_px / RMS error of x.
+    #[schemars(range(min = 0.0))]
+    pub efficiency_x: Option<f64>,
+    /// crlb_y_px / RMS error of y.
+    #[schemars(range(min = 0.0))]
+    pub efficiency_y: Option<f64>,
+    /// crlb_z_um / RMS error of z.
+    #[schemars(range(min = 0.0))]
+    pub efficiency_z: Option<f64>,
+}
+
+/// The bound of a dataset in every bin of the curve over depth; for Gaussian particle images without such a
+/// curve, in a single bin. The inner `Err` says why there is no bound.
+///
+/// # Errors
+/// A dataset whose settings cannot be read.
+pub fn of_dataset(
+    dataset: &Path,
+    detection: Option<&Detection>,
+    curves: &[Curve],
+) -> Result<std::result::Result<Crlb, &'static str>> {
+    let Some(detection) = detection else { return Ok(Err("it is defined for particles only")) };
+    let (scenario, _) = scenario::of_dataset(dataset)?;
+    if scenario.settings.gain == 0.0 {
+        return Ok(Err("images of gain 0 are empty"));
+    }
+    let Some([d_um, c_int]) = medians(&dataset.join(TRACKS.path))? else {
+        return Ok(Err("there are no particles with a diameter"));
+    };
+    let noise = Noise::of(&scenario, c_int)?;
+    let curve = curves.iter().find(|c| c.against == "z_um");
+    if let Some(spot) = scenario.spec.optics.gaussian {
+        let bound = of_spot(spot, &noise, d_um);
+        let all =
+            curve.map_or_else(|| vec![whole(detection, scenario.depth_range_um)], |curve| curve.bins.clone());
+        let bound = bound.map_or([None; 3], |[x, y]| [Some(x), Some(y), None]);
+        return Ok(Ok(Crlb { d_um, bins: all.iter().map(|bin| bin_of(bin, bound)).collect() }));
+    }
+    let Some(curve) = curve else { return Ok(Err("truth and result must both have a depth")) };
+    let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+    let model = ImageModel::of(&scenario)?;
+    let bins = curve.bins.par_iter().map(|bin| {
+        let bound = bound(&model, &noise, d_um, f64::midpoint(bin.from, bin.to) / depth_factor)?;
+        let bound = bound.map_or([None; 3], |b| [Some(b[0]), Some(b[1]), Some(b[2] * depth_factor)]);
+        Ok(bin_of(bin, bound))
+    });
+    Ok(Ok(Crlb { d_um, bins: bins.collect::<Result<_>>()? }))
+}
+
+/// The bound [x px, y px, z um] of a bin, and the efficiency of the result there.
+fn bin_of(bin: &Bin, [x, y, z]: [Option<f64>; 3]) -> BoundBin {
+    let efficiency = |bound: Option<f64>, rms: Option<f64>| {
+        bound.zip(rms).filter(|(_, rms)| *rms > 0.0).map(|(bound, rms)| bound / rms)
+    };
+    BoundBin {
+        z_um: f64::midpoint(bin.from, bin.to),
+        crlb_x_px: x,
+        crlb_y_px: y,
+        crlb_z_um: z,
+        efficiency_x: efficiency(x, bin.rms_x_px),
+        efficiency_y: efficiency(y, bin.rms_y_px),
+        efficiency_z: efficiency(z, bin.rms_z_um),
+    }
+}
+
+/// One bin over all depths, for results without depth.
+fn whole(detection: &Detection, (from, to): (f64, f64)) -> Bin {
+    Bin { from, to, rms_x_px: detection.rmse_x_px, rms_y_px: detection.rmse_y_px, ..Bin::default() }
+}
+
+/// Median diameter (um) and brightness of the particles; `None` if diameters are unknown.
+fn medians(tracks: &Path) -> Result<Option<[f64; 2]>> {
+    let sheet = TextTable::open(tracks, Separator::Comma, 1)?;
+    let (d, c_int) = (sheet.need("d_um")?, sheet.column("c_int"));
+    let (mut diameters, mut brightness) = (Vec::new(), Vec::new());
+    sheet.rows(|cells| {
+        diameters.push(cells.number(d)?);
+        brightness.push(c_int.map_or(Ok(1.0), |c| cells.number(c))?);
+        Ok(())
+    })?;
+    let middle = |mut values: Vec<f64>| {
+        values.sort_unstable_by(f64::total_cmp);
+        quantile(&values, 0.5).filter(|v| v.is_finite() && *v > 0.0)
+    };
+    Ok(middle(diameters).zip(middle(brightness)).map(|(d, c)| [d, c]))
+}
+
+/// Sub-pixel positions along each axis over which the bound is averaged: for small spots it depends on them.
+const PLACES: usize = 8;
+
+/// The bound of a pixel-integrated Gaussian particle image: sigma of x and y, px, RMS over sub-pixel
+/// positions. Brightness is estimated too; the image does not depend on depth.
+fn of_spot(spot: spec::Gaussian, noise: &Noise, d_um: f64) -> Option<[f64; 2]> {
+    // exp(-8 r^2 / d^2) = exp(-r^2 / (2 w^2))
+    let w = spot.diameter_px * spot.reference_um.map_or(1.0, |reference| d_um / reference) / 4.0;
+    let half = (6.0 * w).ceil() as i32 + 1;
+    let root = std::f64::consts::SQRT_2 * w;
+    let density = |x: f64| libm::exp(-x * x / (2.0 * w * w));
+    // For each pixel along an axis: the integral over it, and its derivative with respect to the spot's
+    // position.
+    let axis = |place: f64| -> Vec<[f64; 2]> {
+        let pixel = |k: i32| {
+            let (a, b) = (f64::from(k) - 0.5 - place, f64::from(k) + 0.5 - place);
+            let integral =
+                w * (0.5 * std::f64::consts::PI).sqrt() * (libm::erf(b / root) - libm::erf(a / root));
+            [integral, density(a) - density(b)]
+        };
+        (-half..=half).map(pixel).collect()
+    };
+    let places: Vec<Vec<[f64; 2]>> =
+        (0..PLACES).map(|k| axis((k as f64 + 0.5) / PLACES as f64 - 0.5)).collect();
+    let mut squares = [0.0; 2];
+    for (columns, rows) in places.iter().flat_map(|c| places.iter().map(move |r| (c, r))) {
+        let mut information = [[0.0; 3]; 3];
+        for ([y, by_y], [x, by_x]) in rows.iter().flat_map(|r| columns.iter().map(move |c| (r, c))) {
+            let counts = spot.peak_counts * x * y;
+            let slopes =
+                [spot.peak_counts * by_x * y, spot.peak_counts * x * by_y, counts].map(|v| noise.slope * v);
+            add(&mut information, &slopes, noise.background + noise.of_light * counts);
+        }
+        let [x, y, _] = bounds(&information)?;
+        squares[0] += x * x;
+        squares[1] += y * y;
+    }
+    Some(squares.map(|s| (s / (PLACES * PLACES) as f64).sqrt()))
+}
+
+/// The bound for a sphere at depth `z_um` (as in MicroSIG's data files), centered on a sufficiently large
+/// sensor: sigma of x, y (px), z (um). `None` if the Fisher information is singular.
+///
+/// # Errors
+/// Settings or a particle that cannot be rendered.
+pub fn of_particle(settings: &Settings, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
+    bound(&ImageModel::of_rays(settings)?, &Noise::of_rays(settings), d_um, z_um)
+}
+
+/// Camera response: a pixel with `n` rays has `slope n` counts above the background, with variance
+/// `background + of_light n`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Noise {
+    slope: f64,
+    background: f64,
+    of_light: f64,
+}
+
+/// Variance of rounding to integers, counts^2.
+const ROUNDING: f64 = 1.0 / 12.0;
+
+impl Noise {
+    /// MicroSIG's own sensor model.
+    fn of_rays(settings: &Settings) -> Self {
+        let (slope, noise) = (settings.gain, settings.background_noise);
+        Noise { slope, background: noise * noise + ROUNDING, of_light: slope * slope }
+    }
+
+    /// A scenario's sensor for particles of brightness `c_int` at the image center; variation between pixels
+    /// is neglected, and a background image is replaced by its mean.
+    fn of(scenario: &Scenario, c_int: f64) -> Result<Self> {
+        let Response { slope, background_noise, .. } = scenario.response()?;
+        // A brighter particle has rays of more counts, not more rays.
+        let slope = slope * c_int;
+        // Ray noise, then shot noise. Expected and Gaussian images have no ray noise.
+        let rays = if scenario.renderer.has_ray_noise() { slope * slope } else { 0.0 };
+        let camera = scenario.detector.as_ref().filter(|detector| detector.shot_noise);
+        let shot = camera.map_or(0.0, |detector| slope * detector.gain_counts_per_e);
+        Ok(Noise { slope, background: background_noise * background_noise + ROUNDING, of_light: rays + shot })
+    }
+}
+
+/// Noise-free images with their derivatives, on a sensor large enough.
+enum ImageModel {
+    Rays(Box<ExpectedRenderer>),
+    Waves(Box<WavesRenderer>),
+}
+
+impl ImageModel {
+    /// Of MicroSIG's own rays.
+    fn of_rays(settings: &Settings) -> Result<Self> {
+        let renderer = ExpectedRenderer::new(&large(settings), SpheroidLaw::Original, TOLERANCE)?;
+        Ok(ImageModel::Rays(Box::new(renderer)))
+    }
+
+    /// Of a scenario with optics.
+    fn of(scenario: &Scenario) -> Result<Self> {
+        match scenario.spec.renderer() {
+            RendererSpec::Waves { optics, .. } => {
+                let renderer = WavesRenderer::new(&large(&scenario.settings), &optics, TOLERANCE)?;
+                Ok(ImageModel::Waves(Box::new(renderer)))
+            }
+            _ => ImageModel::of_rays(&scenario.settings),
+        }
+    }
+
+    fn renderer(&self) -> &dyn Render {
+        match self {
+            ImageModel::Rays(renderer) => renderer.as_ref(),
+            ImageModel::Waves(renderer) => renderer.as_ref(),
+        }
+    }
+
+    fn gradient(&self, particle: &Particle) -> Option<Gradient> {
+        match self {
+            ImageModel::Rays(renderer) => renderer.gradient(particle),
+            ImageModel::Waves(renderer) => renderer.gradient(particle),
+        }
+    }
+}
+
+/// The same settings with a sensor that holds all images.
+fn large(settings: &Settings) -> Settings {
+    Settings { pixel_dim_x: SIZE, pixel_dim_y: SIZE, ..settings.clone() }
+}
+
+fn bound(model: &ImageModel, noise: &Noise, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
+    let middle = f64::from(SIZE / 2 + 1);
+    let particle = Particle::sphere(middle, middle, z_um, d_um);
+    model.renderer().check(&particle)?;
+    let Some(image) = model.gradient(&particle) else { return Ok(None) };
+    let mut information = [[0.0; 4]; 4];
+    for [counts, by_x, by_y, by_z] in image.pixels {
+        let variance = noise.background + noise.of_light * counts.max(0.0);
+        add(&mut information, &[by_x, by_y, by_z, counts].map(|v| noise.slope * v), variance);
+    }
+    Ok(bounds(&information).map(|b| [b[0], b[1], b[2]]))
+}
+
+/// Adds one pixel to the Fisher information.
+fn add<const N: usize>(information: &mut [[f64; N]; N], slopes: &[f64; N], variance: f64) {
+    for (row, a) in information.iter_mut().zip(slopes) {
+        row.iter_mut().zip(slopes).for_each(|(f, b)| *f += a * b / variance);
+    }
+}
+
+/// Square roots of the diagonal of the inverse; `None` if the matrix is not positive definite.
+fn bounds<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[f64; N]> {
+    // Cholesky: F = L L^T, and (F^-1)_ii = |column i of L^-1|^2.
+    let mut l = [[0.0; N]; N];
+    for i in 0..N {
+        for j in 0..=i {
+            let sum: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
+            let rest = matrix[i][j] - sum;
+            if i == j {
+                if rest.is_nan() || rest <= 1e-12 * matrix[i][i].abs() {
+                    return None;
+                }
+                l[i][i] = rest.sqrt();
+            } else {
+                l[i][j] = rest / l[j][j];
+            }
+        }
+    }
+    let mut bounds = [0.0; N];
+    for (column, bound) in bounds.iter_mut().enumerate() {
+        let mut x = [0.0; N];
+        for i in column..N {
+            let sum: f64 = (column..i).map(|k| l[i][k] * x[k]).sum();
+            x[i] = (f64::from(u8::from(i == column)) - sum) / l[i][i];
+        }
+        *bound = x.iter().map(|v| v * v).sum::<f64>().sqrt();
+    }
+    Some(bounds)
+}
+
+#[cfg(test)]
+mod tests {
+    use microsig_core::formats::tiff::{self, PixelScale};
+    use microsig_core::sensor::Image;
+
+    use super::*;
+    use scenario::{parse, resolve};
+
+    /// A spot A exp(-r^2 / (2 w^2)) in white noise s: sigma_x = sqrt(2 / pi) s / A px, for any width w.
+    #[test]
+    fn a_gaussian_spot_has_the_bound_of_the_closed_form() {
+        for width in [1.5f64, 2.0, 4.0] {
+            let (amplitude, noise) = (100.0, 10.0);
+            let mut information = [[0.0; 3]; 3];
+            for i in -30..=30 {
+                for j in -30..=30 {
+                    let (x, y) = (f64::from(i), f64::from(j));
+                    let spot = amplitude * (-(x * x + y * y) / (2.0 * width * width)).exp();
+                    let slopes = [spot * x / (width * width), spot * y / (width * width), spot];
+                    add(&mut information, &slopes, noise * noise);
+                }
+            }
+            let [x, y, _] = bounds(&information).unwrap();
+            let closed = noise / amplitude * (2.0 / std::f64::consts::PI).sqrt();
+            // 2 % is required; the sampling error of a spot with w = 1.5 px is far smaller.
+            assert!(
+                (x / closed - 1.0).abs() < 0.02 && (y / closed - 1.0).abs() < 0.02,
+                "{width}: {x} {closed}"
+            );
+        }
+    }
+
+    /// Pixel integration has no effect on a spot much larger than a pixel, and raises the bound of a small
+    /// one.
+    #[test]
+    fn a_spot_that_pixels_integrate_has_nearly_the_bound_of_the_closed_form() {
+        let noise = Noise { slope: 1.0, background: 100.0 + ROUNDING, of_light: 0.0 };
+        let of = |diameter_px: f64, reference_um: Option<f64>| {
+            let spot = spec::Gaussian { diameter_px, reference_um, peak_counts: 1000.0 };
+            of_spot(spot, &noise, 2.0).unwrap()
+        };
+        let closed = noise.background.sqrt() / 1000.0 * (2.0 / std::f64::consts::PI).sqrt();
+        let [x, y] = of(12.0, None);
+        assert!((x / closed - 1.0).abs() < 0.02 && (y / x - 1.0).abs() < 1e-9, "{x} {closed}");
+        assert_eq!(of(8.0, Some(4.0)), of(4.0, None));
+        let small = of(2.0, None)[0] / closed;
+        assert!(small > 1.02 && small < 2.0, "{small}");
+        assert_eq!(of_spot(spec::Gaussian::default(), &Noise { slope: 0.0, ..noise }, 2.0), None);
+    }
+
+    #[test]
+    fn a_camera_adds_the_noise_of_its_electrons() {
+        let dataset = tempfile::tempdir().unwrap();
+        let uneven = Image { width: 4, height: 2, bits: 16, counts: (0..8).map(|i| 5 + 10 * i).collect() };
+        let scale = PixelScale { um_per_px: 1.0, frame_interval_s: None };
+        let file = std::fs::File::create(dataset.path().join("uneven.tif")).unwrap();
+        tiff::write(file, &uneven, &scale, "uneven.tif").unwrap();
+        let noise = |more: &str, c_int: f64| {
+            let text = format!(
+                r#"(name: "four", motion: flow(field: poiseuille()), timing: pairs(count: 1),
+                    particles: (number: count(1)), optics: (preset: setting1, pixel_dim_x: 4, pixel_dim_y: 2,
+                    gain: 4, background_mean: 60, background_noise: 3), {more})"#
+            );
+            Noise::of(&resolve(parse(&text, "s.ron").unwrap(), dataset.path()).unwrap(), c_int).unwrap()
+        };
+        let own = noise("", 1.0);
+        assert_eq!(own, Noise { slope: 4.0, background: 9.0 + ROUNDING, of_light: 16.0 });
+        assert_eq!(noise("", 0.5), Noise { slope: 2.0, of_light: 4.0, ..own });
+        assert_eq!(noise("render: (mode: expected)", 1.0), Noise { of_light: 0.0, ..own });
+        // 4 counts per ray, 5 photons per count, quantum efficiency 0.5, 0.2 counts per electron: 10
+        // electrons and 2 counts per ray.
+        let camera = r#"sensor: (photons_per_count: 5, quantum_efficiency: 0.5, shot_noise: true, read_noise_e: 2,
+            gain_counts_per_e: 0.2, vignetting: 0.5, background: Some("uneven.tif"))"#;
+        // Background of 60 + 40 counts = 250 electrons, plus a read noise of 2^2 electrons^2, at 0.04
+        // counts^2 each; 10 electrons per ray.
+        for (c_int, slope, of_light) in [(1.0, 2.0, 4.0 + 0.4), (0.5, 1.0, 1.0 + 0.2)] {
+            let camera = noise(camera, c_int);
+            let expected = Noise { slope, background: 0.04 * 254.0 + 9.0 + ROUNDING, of_light };
+            for (a, b) in [
+                (camera.slope, expected.slope),
+                (camera.background, expected.background),
+                (camera.of_light, expected.of_light),
+            ] {
+                assert!((a - b).abs() < 1e-12, "{camera:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_an_image_does_not_determine_has_no_bound() {
+        assert_eq!(bounds(&[[1.0, 1.0], [1.0, 1.0]]), None);
+        assert_eq!(bounds(&[[0.0]]), None);
+    }
+}

@@ -1,0 +1,143 @@
+//! Scores of displacement fields (PIV): every vector is compared with the true displacement at its position.
+//!
+//! The true field is interpolated bilinearly between the nodes of `truth/field.csv`; if it has several
+//! planes, one is chosen (`true_field.rs`). Errors are result - truth over valid vectors (flag 0);
+//! interpolated vectors (flag 2) are only counted. Definitions: docs/scoring.md.
+
+mod compared;
+mod ensemble;
+mod errors;
+mod gradients;
+mod hints;
+mod peak_locking;
+mod spectrum;
+pub mod true_field;
+mod vector_grid;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::hint::Hint;
+use super::measurement::RecordingFacts;
+use super::statistics::ratio;
+use crate::results::{Field, FlowVector};
+pub use compared::ComparedVector;
+pub use ensemble::EnsembleErrors;
+pub use errors::{ComponentErrors, FieldErrors, VectorUncertainty};
+pub use gradients::Gradients;
+pub use peak_locking::PeakLocking;
+pub use spectrum::{SpectralPoint, Spectrum};
+use storage::error::Result;
+
+/// Scores of a displacement field: errors against the main truth at this level, against every truth under
+/// `truths`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct FieldScore {
+    /// Vectors in the result.
+    pub n_total: usize,
+    /// Valid vectors (flag 0).
+    pub n_reported: usize,
+    /// Interpolated vectors (flag 2).
+    pub n_interpolated: usize,
+    /// Valid vectors at positions without a truth.
+    pub n_outside: usize,
+    /// n_reported / n_total.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub data_yield: Option<f64>,
+    /// Depth of the plane of the true field; null for a bare table.
+    pub plane_um: Option<f64>,
+    /// The main truth: central, forward or weighted.
+    pub against: String,
+    /// Errors against the main truth.
+    #[serde(flatten)]
+    pub main: FieldErrors,
+    /// The same keys for each true field of the dataset.
+    pub truths: BTreeMap<String, FieldErrors>,
+}
+
+/// A scored displacement field.
+#[derive(Debug, Clone, Default)]
+pub struct ScoredField {
+    /// The scores.
+    pub score: FieldScore,
+    /// Valid and interpolated vectors with the main truth.
+    pub vectors: Vec<ComparedVector>,
+    /// How the truth was chosen, if this needs an explanation.
+    pub notes: Vec<String>,
+    /// Probable mistakes of convention.
+    pub hints: Vec<Hint>,
+    /// Caveats for reading the scores.
+    pub warnings: Vec<String>,
+}
+
+/// Scores a field against a dataset, on the plane nearest to `plane_um`, or against a bare table of a true
+/// field. `seed` is that of the bootstrap.
+///
+/// # Errors
+/// A truth that is missing or unreadable.
+pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64) -> Result<ScoredField> {
+    let (truths, plane_um, facts, note) = if dataset.is_dir() {
+        let of_plane = true_field::of_dataset(dataset, plane_um)?;
+        (of_plane.named, Some(of_plane.plane_um), of_plane.facts, of_plane.note)
+    } else {
+        (true_field::bare(dataset)?, None, RecordingFacts::default(), None)
+    };
+    let is_there = |v: &FlowVector| v.pair.is_none_or(|pair| facts.has_pair(pair));
+    let count = |flag: u8| field.vectors.iter().filter(|v| v.flag == flag).count();
+    let n_total = field.vectors.len();
+    let mut scored = ScoredField {
+        score: FieldScore {
+            n_total,
+            n_reported: count(0),
+            n_interpolated: count(2),
+            data_yield: ratio(count(0) as f64, n_total as f64),
+            plane_um,
+            ..FieldScore::default()
+        },
+        notes: note.into_iter().collect(),
+        ..ScoredField::default()
+    };
+    for (i, (name, grid)) in truths.iter().enumerate() {
+        // Positions without a truth, such as inside a body, are not scored.
+        let there = field.vectors.iter().filter(|v| is_there(v));
+        let asked: Vec<ComparedVector> =
+            there.filter_map(|v| Some(ComparedVector { measured: *v, truth: grid.at(v)? })).collect();
+        let compared: Vec<ComparedVector> = asked.iter().copied().filter(|c| c.measured.flag != 1).collect();
+        let asked: Vec<FlowVector> = asked.into_iter().map(|c| c.measured).collect();
+        let against = FieldErrors::of(&compared, &asked, seed);
+        if i == 0 {
+            let valid = compared.iter().filter(|c| c.measured.flag == 0).count();
+            scored.score.n_outside = scored.score.n_reported - valid;
+            (scored.score.against, scored.score.main) = (name.clone(), against.clone());
+            if 10 * scored.score.n_outside > scored.score.n_reported {
+                let pairs =
+                    if grid.needs_pairs() { ", or the file does not give their image pair" } else { "" };
+                scored.warnings.push(format!(
+                    "{} of {} valid vectors have no truth: they lie outside its grid{pairs}",
+                    scored.score.n_outside, scored.score.n_reported
+                ));
+            }
+            scored.hints = hints::hints(&field.vectors, &compared, grid);
+            scored.vectors = compared;
+        }
+        scored.score.truths.insert(name.clone(), against);
+    }
+    let mut unknown: Vec<u32> =
+        field.vectors.iter().filter(|v| !is_there(v)).filter_map(|v| v.pair).collect();
+    if !unknown.is_empty() {
+        let n = unknown.len();
+        unknown.sort_unstable();
+        unknown.dedup();
+        let first: Vec<String> = unknown.iter().take(5).map(u32::to_string).collect();
+        let more = if unknown.len() > 5 { ", ..." } else { "" };
+        let pairs = format!("{}{more}", first.join(", "));
+        scored
+            .warnings
+            .push(format!("{n} vectors are of image pairs that the dataset does not have ({pairs})"));
+    }
+    Ok(scored)
+}

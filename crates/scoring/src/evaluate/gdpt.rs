@@ -1,0 +1,209 @@
+//! Scores of defocus particle tracking (Barnkob and Rossi, Exp. Fluids 61:110, 2020; DefocusTracker's
+//! `compare_true`).
+//!
+//! Points within a closed box are matched greedily by their distance in the image plane (A2). sigma is the
+//! RMS error about zero, so it includes bias. phi = matched / true particles. Local curves: equally spaced
+//! nodes of Z = (z - z_0) / h, with windows of one step to either side; ghosts are counted at their measured
+//! depth.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::detection::{error, per_frame};
+use super::gate::{Edge, Gate, Shape};
+use super::matching::{NONE, greedy};
+use super::statistics::{Bootstrap, Errors, Interval, ratio};
+use super::track_set::TrackSet;
+use storage::error::Result;
+
+/// Number of nodes of the local curves.
+pub const NODES: usize = 21;
+
+/// General defocusing particle tracking (Barnkob and Rossi, Exp. Fluids 61, 110, 2020); assignment A2, closed
+/// box gate.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Gdpt {
+    /// Half width of the box in x and y.
+    #[schemars(range(min = 0.0))]
+    pub gate_xy_px: f64,
+    /// Half height of the box in z.
+    #[schemars(range(min = 0.0))]
+    pub gate_z_um: f64,
+    /// Matched pairs.
+    pub tp: usize,
+    /// True particles without a match.
+    #[serde(rename = "fn")]
+    pub missed: usize,
+    /// Result points without a match.
+    pub fp: usize,
+    /// Relative number of measured particles: matched / true particles.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub phi: Option<f64>,
+    /// TP / (TP + FP).
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub precision: Option<f64>,
+    /// Root mean square error of x about zero; includes bias.
+    #[schemars(range(min = 0.0))]
+    pub sigma_x_px: Option<f64>,
+    /// Root mean square error of y about zero.
+    #[schemars(range(min = 0.0))]
+    pub sigma_y_px: Option<f64>,
+    /// Root mean square error of z about zero.
+    #[schemars(range(min = 0.0))]
+    pub sigma_z_um: Option<f64>,
+    /// sigma_z over the measurement depth h.
+    #[schemars(range(min = 0.0))]
+    pub sigma_z_over_h: Option<f64>,
+    /// Mean error of x.
+    pub bias_x_px: Option<f64>,
+    /// Mean error of y.
+    pub bias_y_px: Option<f64>,
+    /// Mean error of z.
+    pub bias_z_um: Option<f64>,
+    /// Share of particles with |dz| > h / 10, among those matched in the image plane alone.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub rate_outlier: Option<f64>,
+    /// 95 % bootstrap intervals, resampling frames.
+    pub interval: GdptIntervals,
+    /// Local curves at 21 depths Z = (z - z_0) / h, windows of +- 1/20.
+    pub curve: Vec<DepthNode>,
+}
+
+/// 95 % bootstrap intervals of GDPT scores.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct GdptIntervals {
+    /// Of phi.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
+    pub phi: Interval,
+    /// Of precision.
+    #[schemars(inner(range(min = 0.0, max = 1.0)))]
+    pub precision: Interval,
+    /// Of sigma_x_px.
+    #[schemars(inner(range(min = 0.0)))]
+    pub sigma_x_px: Interval,
+    /// Of sigma_y_px.
+    #[schemars(inner(range(min = 0.0)))]
+    pub sigma_y_px: Interval,
+    /// Of sigma_z_um.
+    #[schemars(inner(range(min = 0.0)))]
+    pub sigma_z_um: Interval,
+    /// Of sigma_z_over_h.
+    #[schemars(inner(range(min = 0.0)))]
+    pub sigma_z_over_h: Interval,
+}
+
+/// Local scores at one depth.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct DepthNode {
+    /// Depth of the node over h.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub z_over_h: f64,
+    /// True particles in the window.
+    pub n_true: usize,
+    /// Of these, the matched ones.
+    pub tp: usize,
+    /// tp / n_true.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub recall: Option<f64>,
+    /// tp / (tp + ghosts measured in the window).
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub precision: Option<f64>,
+    /// RMS error of x.
+    #[schemars(range(min = 0.0))]
+    pub sigma_x_px: Option<f64>,
+    /// RMS error of y.
+    #[schemars(range(min = 0.0))]
+    pub sigma_y_px: Option<f64>,
+    /// RMS error of z.
+    #[schemars(range(min = 0.0))]
+    pub sigma_z_um: Option<f64>,
+}
+
+impl Gdpt {
+    /// Scores a result with depth. Arguments: half width (px) and half height (um) of the box, and the depth
+    /// range (um).
+    ///
+    /// # Errors
+    /// A gate so wide that a frame has too many pairs.
+    pub fn of(
+        truth: &TrackSet,
+        result: &TrackSet,
+        (xy_px, z_um): (f64, f64),
+        range: (f64, f64),
+        bootstrap: &Bootstrap,
+    ) -> Result<Self> {
+        let gate = Gate { shape: Shape::Box, xy_px, z_um, edge: Edge::Closed };
+        let matching = greedy(truth, result, &gate)?;
+        let (low, h) = (range.0, range.1 - range.0);
+        let errors: Vec<(f64, [f64; 3])> = matching
+            .pairs()
+            .map(|p| ((truth.points[p.0].at.z_um - low) / h, error(truth, result, p)))
+            .collect();
+        let axis = |k: usize| Errors::of(errors.iter().map(move |e| e.1[k]));
+        let (x, y, z) = (axis(0), axis(1), axis(2));
+        let tp = errors.len();
+
+        let units = bootstrap.by_frame(per_frame(truth, result, &matching).iter().map(|f| {
+            let [tp, missed, fp] = f.counts.map(|n| n as f64);
+            let [x, y, z] = f.axes;
+            (f.frame, [tp, tp + missed, tp + fp, x, y, z])
+        }));
+        let [phi, precision, sigma_x_px, sigma_y_px, sigma_z_um, sigma_z_over_h] =
+            bootstrap.intervals(&units, |&[tp, n, m, x, y, z]| {
+                let [x, y, z] = [x, y, z].map(|s| ratio(s, tp).map(f64::sqrt));
+                [ratio(tp, n), ratio(tp, m), x, y, z, z.map(|z| z / h)]
+            });
+
+        let flat = greedy(truth, result, &Gate { z_um: f64::INFINITY, ..gate })?;
+        let wrong = flat.pairs().filter(|&p| error(truth, result, p)[2].abs() > h / 10.0).count();
+
+        let share = |cloud: &TrackSet, i: usize| (cloud.points[i].at.z_um - low) / h;
+        let step = 1.0 / (NODES - 1) as f64;
+        let curve = (0..NODES)
+            .map(|k| {
+                let node = k as f64 * step;
+                // Windows include their edges; the tolerance absorbs rounding errors.
+                let inside = |z: f64| (z - node).abs() <= step + 1e-12;
+                let n_true = (0..truth.len()).filter(|&i| inside(share(truth, i))).count();
+                let fp = (0..result.len())
+                    .filter(|&i| matching.of_result[i] == NONE && inside(share(result, i)))
+                    .count();
+                let local: Vec<[f64; 3]> = errors.iter().filter(|e| inside(e.0)).map(|e| e.1).collect();
+                let axis = |k: usize| Errors::of(local.iter().map(move |e| e[k])).rms;
+                let tp = local.len();
+                DepthNode {
+                    z_over_h: node,
+                    n_true,
+                    tp,
+                    recall: ratio(tp as f64, n_true as f64),
+                    precision: ratio(tp as f64, (tp + fp) as f64),
+                    sigma_x_px: axis(0),
+                    sigma_y_px: axis(1),
+                    sigma_z_um: axis(2),
+                }
+            })
+            .collect();
+        Ok(Gdpt {
+            gate_xy_px: xy_px,
+            gate_z_um: z_um,
+            tp,
+            missed: truth.len() - tp,
+            fp: result.len() - tp,
+            phi: ratio(tp as f64, truth.len() as f64),
+            precision: ratio(tp as f64, result.len() as f64),
+            sigma_x_px: x.rms,
+            sigma_y_px: y.rms,
+            sigma_z_um: z.rms,
+            sigma_z_over_h: z.rms.map(|s| s / h),
+            bias_x_px: x.bias,
+            bias_y_px: y.bias,
+            bias_z_um: z.bias,
+            rate_outlier: ratio(wrong as f64, flat.pairs().count() as f64),
+            interval: GdptIntervals { phi, precision, sigma_x_px, sigma_y_px, sigma_z_um, sigma_z_over_h },
+            curve,
+        })
+    }
+}

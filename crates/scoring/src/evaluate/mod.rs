@@ -1,0 +1,341 @@
+//! Scores any tracker's result against the truth.
+//!
+//! Scores compare points or vectors and never read images. docs/scoring.md has the definitions, the gates and
+//! the differences to other programs. [`evaluate`] runs all steps: read, select the scored points, match,
+//! score.
+
+pub mod assignment;
+pub mod candidates;
+pub mod clear;
+pub mod convention_check;
+pub mod crlb;
+pub mod ctc;
+pub mod curves;
+pub mod detection;
+pub mod field;
+pub mod gate;
+pub mod gdpt;
+mod hint;
+pub mod hota;
+pub mod identity;
+pub mod isbi;
+pub mod links;
+pub mod lpt;
+pub mod matching;
+pub mod measurement;
+pub mod motion;
+pub mod neighbors;
+mod options;
+mod score;
+pub mod score_keys;
+pub mod statistics;
+pub mod track_set;
+pub mod truth;
+pub mod uncertainty;
+
+use std::path::Path;
+
+use crate::results::{self, Conventions, Field, Points, TrackerResult};
+use convention_check::ConventionCheck;
+use detection::Detection;
+use gate::Gate;
+use generator::dataset::manifest::GENERATOR_VERSION;
+use generator::dataset::manifest::ScoringGates;
+use generator::dataset::secret;
+pub use hint::Hint;
+use matching::{Cost, Matching};
+use measurement::RecordingFacts;
+pub use options::EvaluateOptions;
+pub use score::{Counts, Definitions, DetectionAtGate, Offset, PositionUncertainty, Score, Versions};
+use statistics::Bootstrap;
+use storage::error::{Error, Result};
+use track_set::TrackSet;
+use truth::{ScoredPoints, TrueParticles};
+
+/// A score together with the points or vectors it was computed from, for tables and reports.
+#[derive(Debug, Clone)]
+pub struct Evaluation {
+    /// The scores.
+    pub score: Score,
+    /// Truth and matched result, if the result holds particles.
+    pub particles: Option<Particles>,
+    /// Vectors with their true displacements, if the result holds a field.
+    pub vectors: Vec<field::ComparedVector>,
+    /// Whether the dataset was generated with a secret key: a test split whose truth participants must not
+    /// see.
+    pub is_truth_secret: bool,
+}
+
+/// True particles and the result points matched to them.
+#[derive(Debug, Clone)]
+pub struct Particles {
+    /// The scored points of truth and result.
+    pub scored: ScoredPoints,
+    /// The one-to-one matching A1.
+    pub matching: Matching,
+    /// Whether depth was scored.
+    pub depth: bool,
+    /// Width and height of the images, px.
+    pub sensor_px: Option<(f64, f64)>,
+    /// True velocity along x of every row of the truth, um/s; empty if unknown.
+    pub true_u_um_s: Vec<f64>,
+    /// Velocity along x of every result point, as reported or from differences of positions, um/s; NaN if
+    /// undefined.
+    pub found_u_um_s: Vec<f64>,
+}
+
+/// Scores the result file `result` against a dataset or a bare table of the truth.
+///
+/// # Errors
+/// Files that are unreadable or malformed; options that do not apply to them.
+pub fn evaluate(dataset: &Path, result: &Path, options: &EvaluateOptions) -> Result<Evaluation> {
+    let facts = RecordingFacts::of(dataset, &options.conventions)?;
+    let limits = measurement::limits(dataset, &facts)?;
+    let given = Conventions { limits, ..facts.conventions(options.conventions) };
+    let name = result.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let found = results::read(result, &given)?;
+    let is_field = matches!(found, TrackerResult::Field(_));
+    if let Some(option) = options.of_others(is_field) {
+        let [of, is] = if is_field { ["particles", "a field"] } else { ["fields", "particles"] };
+        return Err(Error::input(format!("{option}: is for results that are {of}; this one is {is}")));
+    }
+    let mut evaluation = match found {
+        TrackerResult::Points(points) => particles(&TrueParticles::read(dataset, &given)?, &points, options)?,
+        TrackerResult::Field(found) => vectors(dataset, &found, facts, options)?,
+    };
+    evaluation.is_truth_secret = dataset.is_dir() && dataset.join(secret::KEY_FILE).exists();
+    let score = &mut evaluation.score;
+    score.result = name;
+    score.definitions.axes = measurement::axes(dataset)?;
+    if options.crlb {
+        if !dataset.is_dir() {
+            return Err(Error::input("--crlb: a bare table of the truth does not contain the optics"));
+        }
+        match crlb::of_dataset(dataset, score.detection.as_ref(), &score.curves)? {
+            Ok(bound) => score.crlb = Some(bound),
+            Err(why) => score.warnings.push(format!("no Cramer-Rao bound: {why}")),
+        }
+    }
+    Ok(evaluation)
+}
+
+/// Scores a displacement field.
+fn vectors(
+    dataset: &Path,
+    found: &Field,
+    facts: RecordingFacts,
+    options: &EvaluateOptions,
+) -> Result<Evaluation> {
+    let field::ScoredField { score, vectors, notes, hints, mut warnings } =
+        field::evaluate(dataset, found, options.plane_um, options.seed)?;
+    warnings.splice(0..0, hints.iter().map(|hint| hint.what.clone()));
+    let score = Score {
+        dataset: facts.name.clone(),
+        field: Some(score),
+        assumptions: [found.notes.clone(), notes].concat(),
+        hints,
+        warnings,
+        definitions: Definitions {
+            assignment: "none".to_owned(),
+            bootstrap_resamples: statistics::RESAMPLES,
+            bootstrap_seed: options.seed,
+            ..definitions(&facts)
+        },
+        counts: Counts { n_nan: found.n_nan, ..Counts::default() },
+        ..Score::default()
+    };
+    Ok(Evaluation { score, particles: None, vectors, is_truth_secret: false })
+}
+
+/// The part of the definitions that comes from the dataset.
+fn definitions(facts: &RecordingFacts) -> Definitions {
+    Definitions {
+        dataset: facts.name.clone(),
+        truth_sha256: facts.sha256.clone(),
+        versions: Versions {
+            microsig: GENERATOR_VERSION.to_owned(),
+            dataset_generator: facts.generator.clone(),
+        },
+        ..Definitions::default()
+    }
+}
+
+/// Scores particles.
+///
+/// # Errors
+/// Options that do not apply; a gate so wide that a frame has too many pairs.
+pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptions) -> Result<Evaluation> {
+    if options.border_px > 0.0 && truth.facts.sensor_px.is_none() {
+        return Err(Error::input("--border: a bare table does not contain the size of the images"));
+    }
+    let depth = options::dimensions(truth, points, options)?;
+    let gate = options::gate(truth, depth, options)?;
+    let h = truth.facts.depth_h_um();
+    let isbi_gate_px = options.isbi_gate_px.unwrap_or(ScoringGates::ISBI_PX);
+    let scored = truth.scored(points, &gate, !depth, options.border_px)?;
+    let (t, r) = (&scored.truth, &scored.result);
+    let matching = matching::optimal(t, r, &gate, Cost::Squares)?;
+    let bootstrap = &Bootstrap { seed: options.seed, pairs: truth.facts.pairs };
+    let detection = Detection::of(t, r, &matching, depth, bootstrap);
+
+    let convention_check = ConventionCheck::new(truth, points, &gate, !depth, options.border_px);
+    let hints = convention_check.hints(&detection)?;
+    let offset = if options.auto_offset { convention_check.offset()? } else { None };
+    let n_unlinked = points.rows.iter().filter(|p| p.track < 0).count();
+    let mut warnings: Vec<String> = hints.iter().map(|hint| hint.what.clone()).collect();
+    warnings.extend(cautions(truth, points, n_unlinked, t.is_empty() && r.is_empty()));
+
+    let candidates = candidates::Candidates::new(t, r, &gate)?;
+    let isbi = isbi::Isbi::of(t, r, &isbi_gate(&gate, isbi_gate_px, depth), bootstrap)?;
+    let isbi_2d = match isbi.dims {
+        3 => Some(isbi::Isbi::of(t, r, &isbi_gate(&gate, isbi_gate_px, false), bootstrap)?),
+        _ => None,
+    };
+    let gdpt = match (depth, truth.facts.depth_um, h) {
+        (true, Some(range), Some(h)) => {
+            let gates = (gate.xy_px, options.gate_z_um.unwrap_or(ScoringGates::over(h).z_um));
+            Some(gdpt::Gdpt::of(t, r, gates, range, bootstrap)?)
+        }
+        _ => None,
+    };
+    let mut assumptions = truth.notes.clone();
+    assumptions.extend(points.notes.iter().cloned());
+    let velocities = motion::reported(truth, points).unwrap_or_else(|note| {
+        assumptions.push(note);
+        None
+    });
+    let velocities = velocities.as_deref();
+    let score = Score {
+        dataset: truth.facts.name.clone(),
+        gates: at_other_gates((t, r), &gate, h, depth, bootstrap)?,
+        links: Some(links::Links::of(t, r, &matching, bootstrap)),
+        isbi: Some(isbi),
+        isbi_2d,
+        hota: Some(hota::Hota::of(t, r, &candidates, bootstrap)),
+        clear: Some(clear::Clear::of(t, r, &candidates, gate.xy_px, bootstrap)),
+        identity: Some(identity::Identity::of(t, r, &candidates, bootstrap)),
+        ctc: Some(ctc::Ctc::of(t, r, &matching)),
+        gdpt,
+        uncertainty: claims(points, (t, r), &matching, depth),
+        lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth, velocities, bootstrap)),
+        curves: curves::curves(truth, (t, r), &matching, depth),
+        counts: counts(&scored, points, n_unlinked),
+        offset: offset.map(|(shift, f1_without)| Offset { x_px: shift[0], y_px: shift[1], f1_without }),
+        definitions: Definitions {
+            gate: Some(gate),
+            dims: if depth { 3 } else { 2 },
+            assignment: "lap-maxcard-d2".to_owned(),
+            isbi_gate_px,
+            border_px: options.border_px,
+            depth_range_h_um: h,
+            bootstrap_resamples: statistics::RESAMPLES,
+            bootstrap_seed: options.seed,
+            ..definitions(&truth.facts)
+        },
+        assumptions,
+        hints,
+        warnings,
+        detection: Some(detection),
+        ..Score::default()
+    };
+    let found_u_um_s = motion::found_u(truth, (t, r), &matching, velocities);
+    let particles = Particles {
+        matching,
+        depth,
+        sensor_px: truth.facts.sensor_px,
+        true_u_um_s: truth.velocity_um_s.iter().map(|v| v[0]).collect(),
+        found_u_um_s,
+        scored,
+    };
+    Ok(Evaluation { score, particles: Some(particles), vectors: Vec::new(), is_truth_secret: false })
+}
+
+/// Caveats for reading the scores.
+fn cautions(
+    truth: &TrueParticles,
+    points: &Points,
+    n_unlinked: usize,
+    is_nothing_scored: bool,
+) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let beyond = |frames: u32| points.rows.iter().filter(|p| p.frame >= frames).count();
+    if let Some(n) = truth.facts.frames.map(beyond).filter(|n| *n > 0) {
+        let frames = truth.facts.frames.unwrap_or(0);
+        warnings.push(format!("{n} points lie in frames beyond the dataset's {frames}"));
+    }
+    if n_unlinked == points.rows.len() && n_unlinked > 0 {
+        warnings.push("no point is linked: track scores treat each point as a track of its own".to_owned());
+    }
+    if is_nothing_scored {
+        let what = "neither truth nor result has a scored particle: nothing was missed, rates are null";
+        warnings.push(what.to_owned());
+    }
+    warnings
+}
+
+/// The ISBI gate; with depth, z is scaled by gate_xy / gate_z.
+fn isbi_gate(gate: &Gate, isbi_px: f64, depth: bool) -> Gate {
+    match gate.z_um {
+        z if depth && z.is_finite() => Gate::ellipsoid(isbi_px, isbi_px * z / gate.xy_px),
+        _ => Gate::radial(isbi_px),
+    }
+}
+
+/// Detection scores at the additional gates.
+fn at_other_gates(
+    (t, r): (&TrackSet, &TrackSet),
+    gate: &Gate,
+    h: Option<f64>,
+    depth: bool,
+    bootstrap: &Bootstrap,
+) -> Result<Vec<DetectionAtGate>> {
+    let mut gates = Vec::new();
+    for other in options::other_gates(gate, h) {
+        let matching = matching::optimal(t, r, &other, Cost::Squares)?;
+        let at = Detection::of(t, r, &matching, depth, bootstrap);
+        gates.push(DetectionAtGate {
+            gate: other.to_string(),
+            precision: at.precision,
+            recall: at.recall,
+            f1: at.f1,
+            rmse_xy_px: at.rmse_xy_px,
+            rmse_z_um: at.rmse_z_um,
+        });
+    }
+    Ok(gates)
+}
+
+fn counts(scored: &ScoredPoints, points: &Points, n_unlinked: usize) -> Counts {
+    let (t, r) = (&scored.truth, &scored.result);
+    Counts {
+        frames: track_set::side_by_side(t, r).len(),
+        n_truth: t.len(),
+        n_result: r.len(),
+        ignored_truth: scored.ignored_truth,
+        ignored_result: scored.ignored_result,
+        n_nan: points.n_nan,
+        n_unlinked,
+        tracks_truth: t.n_tracks(),
+        tracks_result: r.n_tracks(),
+    }
+}
+
+/// Calibration of the uncertainties claimed for matched points; `None` if the result claims none.
+fn claims(
+    points: &Points,
+    (t, r): (&TrackSet, &TrackSet),
+    matching: &Matching,
+    depth: bool,
+) -> Option<PositionUncertainty> {
+    if points.sigma.is_empty() {
+        return None;
+    }
+    let axis = |k: usize| {
+        let errors = matching.pairs().map(|(i, j)| {
+            let claimed = points.sigma[r.points[j].source as usize][k];
+            (detection::error(t, r, (i, j))[k], claimed)
+        });
+        uncertainty::Uncertainty::of(errors)
+    };
+    Some(PositionUncertainty { x: axis(0), y: axis(1), z: axis(2).filter(|_| depth) })
+}

@@ -1,0 +1,116 @@
+//! Options of scoring, with defaults from the dataset.
+
+use super::gate::{Edge, Gate, Shape};
+use super::truth::TrueParticles;
+use crate::results::{Conventions, Points};
+use generator::dataset::manifest::ScoringGates;
+use storage::error::{Error, Result};
+
+/// Options of scoring. `None` means the default for the dataset.
+#[derive(Debug, Clone, Default)]
+pub struct EvaluateOptions {
+    /// Conventions of the result file.
+    pub conventions: Conventions,
+    /// Shape of the gate.
+    pub shape: Option<Shape>,
+    /// Radius of the gate in the image plane, px.
+    pub gate_xy_px: Option<f64>,
+    /// Half height of the gate, um.
+    pub gate_z_um: Option<f64>,
+    /// Dimensions: 2 or 3.
+    pub dims: Option<u8>,
+    /// Gate of the ISBI scores, px.
+    pub isbi_gate_px: Option<f64>,
+    /// Particles closer to the edge of the sensor than this are not scored, px.
+    pub border_px: f64,
+    /// Depth of the plane of the true field, um; `None`: the focal depth of the particles.
+    pub plane_um: Option<f64>,
+    /// Whether to estimate a shift of the whole result.
+    pub auto_offset: bool,
+    /// Whether to compute the Cramer-Rao bound of the dataset's optics.
+    pub crlb: bool,
+    /// Seed of the bootstrap.
+    pub seed: u64,
+}
+
+impl EvaluateOptions {
+    /// The first given option that applies only to the other kind of result (`field` or particles).
+    pub(super) fn of_others(&self, field: bool) -> Option<&'static str> {
+        let of_particles = [
+            ("--gate", self.shape.is_some()),
+            ("--gate-xy", self.gate_xy_px.is_some()),
+            ("--gate-z", self.gate_z_um.is_some()),
+            ("--dims", self.dims.is_some()),
+            ("--isbi-gate", self.isbi_gate_px.is_some()),
+            ("--border", self.border_px > 0.0),
+            ("--auto-offset", self.auto_offset),
+        ];
+        let of_fields = [("--plane", self.plane_um.is_some())];
+        let others = if field { &of_particles[..] } else { &of_fields[..] };
+        others.iter().find(|(_, given)| *given).map(|(name, _)| *name)
+    }
+}
+
+/// Whether depth is scored.
+///
+/// # Errors
+/// A value of `--dims` that truth and result do not allow.
+pub(super) fn dimensions(truth: &TrueParticles, points: &Points, options: &EvaluateOptions) -> Result<bool> {
+    let both = truth.has_z && points.has_z;
+    match options.dims {
+        None => Ok(both),
+        Some(2) => Ok(false),
+        Some(3) if both => Ok(true),
+        Some(3) => Err(Error::input("--dims 3: truth and result must both have a depth")),
+        Some(other) => Err(Error::input(format!("--dims {other}: expected 2 or 3"))),
+    }
+}
+
+/// The gate of assignment A1.
+///
+/// # Errors
+/// Options that contradict each other or the dataset.
+pub(super) fn gate(truth: &TrueParticles, depth: bool, options: &EvaluateOptions) -> Result<Gate> {
+    let xy_px = options.gate_xy_px.unwrap_or(ScoringGates::XY_PX);
+    let z_um = options.gate_z_um.or(truth.facts.depth_h_um().map(|h| ScoringGates::over(h).z_um));
+    let shape = match options.shape {
+        Some(Shape::Ellipsoid | Shape::Box) if !depth => {
+            return Err(Error::input("--gate: without depth in truth and result the gate is radial"));
+        }
+        Some(shape) => shape,
+        None if depth && z_um.is_some() => Shape::Ellipsoid,
+        None => Shape::Radial,
+    };
+    let z_um = match (shape, z_um) {
+        (Shape::Radial, _) => f64::INFINITY,
+        (_, Some(z_um)) => z_um,
+        (_, None) => {
+            return Err(Error::input(
+                "--gate: the depth range is unknown; give --gate-z or --depth LOW HIGH",
+            ));
+        }
+    };
+    for (name, value) in [
+        ("--gate-xy", xy_px),
+        ("--gate-z", z_um),
+        ("--isbi-gate", options.isbi_gate_px.unwrap_or(ScoringGates::ISBI_PX)),
+    ] {
+        // The square of a much smaller gate could underflow, that of a much larger one overflow.
+        let allowed = (1e-6..=1e9).contains(&value) || (name == "--gate-z" && value == f64::INFINITY);
+        if !allowed {
+            return Err(Error::input(format!("{name} {value}: expected a number from 1e-6 to 1e9")));
+        }
+    }
+    Ok(Gate { shape, xy_px, z_um, edge: Edge::Open })
+}
+
+/// Additional gates for which detection scores are reported.
+pub(super) fn other_gates(gate: &Gate, h: Option<f64>) -> Vec<Gate> {
+    let mut gates: Vec<Gate> = [1.0, 2.0, 5.0].iter().map(|&xy_px| Gate { xy_px, ..*gate }).collect();
+    if gate.shape != Shape::Radial {
+        gates.extend(h.map(|h| Gate { z_um: h / 20.0, ..*gate }));
+        gates.push(Gate::radial(gate.xy_px));
+    }
+    gates.retain(|g| g != gate);
+    gates
+}

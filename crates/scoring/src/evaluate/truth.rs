@@ -1,0 +1,278 @@
+//! The true particles that results are scored against, from a dataset or a bare table.
+//!
+//! Only visible particles inside the depth range are scored. Each section of a track between unscored rows is
+//! a reference track of its own. A result point assigned to an unscored particle is dropped, and the result's
+//! track is cut there, so that `truth/tracks.csv` itself scores as a perfect result.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::gate::Gate;
+use super::matching::{Cost, NONE, optimal};
+use super::measurement::RecordingFacts;
+use super::track_set::{TrackSet, UnsortedPoint};
+use crate::results::sheet::{Separator, TextTable};
+use crate::results::{Conventions, Points, TrackRow, VelocityUnit, read_points};
+use storage::error::{Error, Result};
+use storage::tables::truth::{FRAMES, TRACKS};
+
+/// The true particles of all frames, in the order of their table.
+#[derive(Debug, Clone, Default)]
+pub struct TrueParticles {
+    /// Facts about the measurement.
+    pub facts: RecordingFacts,
+    /// Frame, track and position of each particle.
+    pub rows: Vec<TrackRow>,
+    /// Whether the table has z.
+    pub has_z: bool,
+    /// Whether each particle is visible (on the sensor and not marked `ignore`).
+    pub visible: Vec<bool>,
+    /// Velocity of each particle, um/s; empty if unknown.
+    pub velocity_um_s: Vec<[f64; 3]>,
+    /// Time of each frame, s; empty if unknown.
+    pub times_s: BTreeMap<u32, f64>,
+    /// Further properties by which recall and errors are binned: name, and a value for each row.
+    pub properties: Vec<(&'static str, Vec<f64>)>,
+    /// Notes on how the truth was interpreted.
+    pub notes: Vec<String>,
+}
+
+/// Optional columns of the truth over which curves are computed.
+const PROPERTIES: [&str; 2] = ["snr", "overlap"];
+
+impl TrueParticles {
+    /// Reads the truth of a dataset, or a bare table of particles.
+    ///
+    /// # Errors
+    /// Files that are unreadable or malformed.
+    pub fn read(path: &Path, given: &Conventions) -> Result<Self> {
+        let facts = RecordingFacts::of(path, given)?;
+        if path.is_dir() {
+            facts.needs_truth(path)?;
+            let mut truth = tracks(&path.join(TRACKS.path), facts)?;
+            let frames = path.join(FRAMES.path);
+            if frames.exists() {
+                truth.times_s = times(&frames)?;
+            }
+            return Ok(truth);
+        }
+        tracks(path, facts)
+    }
+
+    /// Time from a frame to a later one, s; `None` if it is unknown.
+    pub fn elapsed_s(&self, from: u32, to: u32) -> Option<f64> {
+        let at = |frame: u32| self.times_s.get(&frame);
+        let elapsed = if self.times_s.is_empty() {
+            self.facts.dt_s.map(|dt_s| dt_s * (f64::from(to) - f64::from(from)))
+        } else {
+            at(from).zip(at(to)).map(|(from, to)| to - from)
+        };
+        elapsed.filter(|t| *t > 0.0)
+    }
+
+    /// Time from each frame to the next, s; `None` if it varies or is unknown.
+    pub fn step_s(&self) -> Option<f64> {
+        if self.times_s.is_empty() {
+            return self.facts.dt_s;
+        }
+        let next_to = |a: u32, b: u32| b == a + 1 && !(self.facts.pairs && a % 2 == 1);
+        let frames = self.times_s.iter().zip(self.times_s.iter().skip(1));
+        let mut steps = frames.filter(|((a, _), (b, _))| next_to(**a, **b)).map(|((_, s), (_, t))| t - s);
+        let first = steps.next()?;
+        steps.all(|step| same_time(step, first)).then_some(first)
+    }
+
+    /// The particles of frames before `end`, with positions and visibility only.
+    pub(super) fn before(&self, end: u32) -> Self {
+        let kept = || self.rows.iter().zip(&self.visible).filter(|(row, _)| row.frame < end);
+        TrueParticles {
+            facts: self.facts.clone(),
+            has_z: self.has_z,
+            rows: kept().map(|(row, _)| *row).collect(),
+            visible: kept().map(|(_, visible)| *visible).collect(),
+            ..TrueParticles::default()
+        }
+    }
+
+    /// Selects the scored points of truth and result. `flat` ignores depth; particles within `border_px` of
+    /// the sensor's edge are not scored.
+    ///
+    /// # Errors
+    /// A gate so wide that a frame has too many pairs.
+    pub fn scored(&self, result: &Points, gate: &Gate, flat: bool, border_px: f64) -> Result<ScoredPoints> {
+        let at =
+            |row: &TrackRow| if flat { crate::results::Position { z_um: 0.0, ..row.at } } else { row.at };
+        let counts: Vec<bool> = (0..self.rows.len()).map(|i| self.is_scored(i, border_px)).collect();
+        let loose = |rows: &[TrackRow]| -> Vec<UnsortedPoint> {
+            let track = |r: &TrackRow| (r.track >= 0).then_some((r.track, 0));
+            rows.iter()
+                .enumerate()
+                .map(|(i, r)| UnsortedPoint { frame: r.frame, track: track(r), at: at(r), source: i as u32 })
+                .collect()
+        };
+        let (mut all, mut found) = (loose(&self.rows), loose(&result.rows));
+        let mut dropped = vec![false; found.len()];
+        if counts.contains(&false) {
+            let with_unscored: std::collections::BTreeSet<u32> =
+                self.rows.iter().zip(&counts).filter(|(_, c)| !**c).map(|(r, _)| r.frame).collect();
+            let part = |points: &[UnsortedPoint]| {
+                TrackSet::new(points.iter().copied().filter(|p| with_unscored.contains(&p.frame)).collect())
+            };
+            let (truths, results) = (part(&all), part(&found));
+            let matching = optimal(&truths, &results, gate, Cost::Squares)?;
+            for (r, &t) in matching.of_result.iter().enumerate() {
+                if t != NONE && !counts[truths.points[t as usize].source as usize] {
+                    dropped[results.points[r].source as usize] = true;
+                }
+            }
+        }
+        cut(&mut all, |i| !counts[i], self.facts.pairs);
+        cut(&mut found, |i| dropped[i], self.facts.pairs);
+        let keep = |points: Vec<UnsortedPoint>, kept: &dyn Fn(usize) -> bool| {
+            TrackSet::new(points.into_iter().filter(|p| kept(p.source as usize)).collect())
+        };
+        Ok(ScoredPoints {
+            ignored_truth: counts.iter().filter(|c| !**c).count(),
+            ignored_result: dropped.iter().filter(|d| **d).count(),
+            truth: keep(all, &|i| counts[i]),
+            result: keep(found, &|i| !dropped[i]),
+        })
+    }
+
+    /// Whether a row is scored: visible, inside the depth range, and at least `border_px` from the edge of
+    /// the sensor.
+    pub fn is_scored(&self, i: usize, border_px: f64) -> bool {
+        let at = &self.rows[i].at;
+        let inside =
+            self.facts.depth_um.is_none_or(|(low, high)| !self.has_z || (low..=high).contains(&at.z_um));
+        let clear = border_px <= 0.0
+            || self.facts.sensor_px.is_none_or(|(width, height)| {
+                let on = |v: f64, size: f64| v >= 0.5 + border_px && v < size + 0.5 - border_px;
+                on(at.x_px, width) && on(at.y_px, height)
+            });
+        self.visible[i] && inside && clear
+    }
+}
+
+/// The scored points of truth and result.
+#[derive(Debug, Clone)]
+pub struct ScoredPoints {
+    /// Scored true particles; `source` is the row in the truth.
+    pub truth: TrackSet,
+    /// Scored result points; `source` is the row in the result.
+    pub result: TrackSet,
+    /// Number of true particles that are not scored.
+    pub ignored_truth: usize,
+    /// Number of result points assigned to those.
+    pub ignored_result: usize,
+}
+
+/// Numbers the sections of tracks, which are divided by ignored rows and at the ends of image pairs.
+fn cut(points: &mut [UnsortedPoint], ignored: impl Fn(usize) -> bool, pairs: bool) {
+    let mut order: Vec<usize> = (0..points.len()).filter(|&i| points[i].track.is_some()).collect();
+    order.sort_unstable_by_key(|&i| (points[i].track, points[i].frame));
+    let (mut before, mut section): (Option<(i64, u32)>, u32) = (None, 0);
+    for i in order {
+        let (track, frame) = (points[i].track.map_or(-1, |t| t.0), points[i].frame);
+        match before {
+            Some((t, f)) if t == track => section += u32::from(pairs && f / 2 != frame / 2),
+            _ => section = 0,
+        }
+        before = Some((track, frame));
+        section += u32::from(ignored(points[i].source as usize));
+        points[i].track = Some((track, section));
+    }
+}
+
+fn tracks(path: &Path, facts: RecordingFacts) -> Result<TrueParticles> {
+    let points = read_points(path, &Conventions::default())?;
+    let mut truth = TrueParticles { facts, has_z: points.has_z, ..TrueParticles::default() };
+    if points.n_nan > 0 {
+        return Err(Error::input(format!(
+            "{}: {} rows of the truth have no coordinates",
+            path.display(),
+            points.n_nan
+        )));
+    }
+    truth.rows = points.rows;
+    truth.velocity_um_s =
+        points.velocities.filter(|v| v.unit == VelocityUnit::UmPerS).map(|v| v.rows).unwrap_or_default();
+    let n = truth.rows.len();
+    let sheet = TextTable::open(path, Separator::Comma, 1)?;
+    let (visible, ignore) = (sheet.column("visible"), sheet.column("ignore"));
+    let time = sheet.column("t_s");
+    let properties: Vec<(&'static str, usize)> =
+        PROPERTIES.iter().filter_map(|&name| sheet.column(name).map(|c| (name, c))).collect();
+    truth.visible = vec![true; n];
+    truth.properties = properties.iter().map(|&(name, _)| (name, Vec::with_capacity(n))).collect();
+    let mut row = 0;
+    if visible.is_some() || ignore.is_some() || time.is_some() || !properties.is_empty() {
+        sheet.rows(|cells| {
+            truth.visible[row] = cells.number_or_nan(visible)? != 0.0 && cells.number_or_nan(ignore)? != 1.0;
+            if let Some(time) = time {
+                truth.times_s.insert(truth.rows[row].frame, cells.number(time)?);
+            }
+            for (values, &(_, column)) in truth.properties.iter_mut().zip(&properties) {
+                values.1.push(cells.number(column)?);
+            }
+            row += 1;
+            Ok(())
+        })?;
+    }
+    Ok(truth)
+}
+
+/// Whether two times are equal up to rounding errors.
+pub(super) fn same_time(a: f64, b: f64) -> bool {
+    (a - b).abs() <= 1e-6 * a.abs().max(b.abs())
+}
+
+/// Reads the times of frames, s.
+fn times(path: &Path) -> Result<BTreeMap<u32, f64>> {
+    let sheet = TextTable::open(path, Separator::Comma, 1)?;
+    let (frame, time) = (sheet.need("frame")?, sheet.need("t_s")?);
+    let mut times = BTreeMap::new();
+    sheet.rows(|cells| {
+        times.insert(cells.number(frame)? as u32, cells.number(time)?);
+        Ok(())
+    })?;
+    Ok(times)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::Position;
+
+    fn row(frame: u32, track: i64, x_px: f64) -> TrackRow {
+        TrackRow { frame, track, at: Position { x_px, y_px: 10.0, z_um: 0.0 } }
+    }
+
+    #[test]
+    fn a_particle_that_leaves_and_comes_back_is_two_tracks_in_truth_and_result() {
+        let rows: Vec<TrackRow> = (0..6).map(|f| row(f, 4, f64::from(f))).collect();
+        let truth = TrueParticles {
+            visible: vec![true, true, false, false, true, true],
+            rows: rows.clone(),
+            ..TrueParticles::default()
+        };
+        let result = Points { rows, ..Points::default() };
+        let scored = truth.scored(&result, &Gate::radial(2.0), true, 0.0).unwrap();
+        assert_eq!((scored.truth.len(), scored.truth.n_tracks(), scored.ignored_truth), (4, 2, 2));
+        assert_eq!((scored.result.len(), scored.result.n_tracks(), scored.ignored_result), (4, 2, 2));
+    }
+
+    #[test]
+    fn links_of_pair_recordings_stay_within_pairs() {
+        let rows: Vec<TrackRow> = (0..4).map(|f| row(f, 1, 5.0)).collect();
+        let truth = TrueParticles {
+            facts: RecordingFacts { pairs: true, ..RecordingFacts::default() },
+            visible: vec![true; 4],
+            rows: rows.clone(),
+            ..TrueParticles::default()
+        };
+        let scored =
+            truth.scored(&Points { rows, ..Points::default() }, &Gate::radial(2.0), true, 0.0).unwrap();
+        assert_eq!(scored.truth.links().count(), 2);
+    }
+}

@@ -1,0 +1,270 @@
+//! Conventions of result files (coordinates, units, frame numbers) and their conversion to microsig's.
+
+use std::path::Path;
+
+use clap::ValueEnum;
+
+use super::Format;
+use super::table::Position;
+use storage::error::{Error, Result};
+
+/// Coordinates of the first pixel's center.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Origin {
+    /// (1, 1)
+    Center1,
+    /// (0, 0)
+    Center0,
+    /// (0.5, 0.5)
+    Corner0,
+}
+
+impl Origin {
+    /// Shift to be added to coordinates so that the first center is (1, 1), px.
+    pub fn shift_px(self) -> f64 {
+        match self {
+            Origin::Center1 => 0.0,
+            Origin::Center0 => 1.0,
+            Origin::Corner0 => 0.5,
+        }
+    }
+
+    fn words(self) -> &'static str {
+        match self {
+            Origin::Center1 => "(1, 1)",
+            Origin::Center0 => "(0, 0)",
+            Origin::Corner0 => "(0.5, 0.5)",
+        }
+    }
+}
+
+/// Conventions given by the user or the dataset; `None` means the default of the format.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Conventions {
+    /// The format.
+    pub format: Option<Format>,
+    /// Coordinates of the first pixel's center.
+    pub origin: Option<Origin>,
+    /// Whether y grows upward.
+    pub y_up: Option<bool>,
+    /// Number of the first frame.
+    pub frame_base: Option<i64>,
+    /// Object-space length of a pixel, um.
+    pub um_per_px: Option<f64>,
+    /// Least and greatest depth, um.
+    pub depth_um: Option<(f64, f64)>,
+    /// Height of the images, px.
+    pub height_px: Option<f64>,
+    /// Limits on the size of the file.
+    pub limits: Limits,
+}
+
+/// Maximum number of rows of a table.
+pub(super) const MAX_ROWS: usize = 20_000_000;
+
+/// Limits on the size of result files: a plausible result is not larger, and reading would exhaust memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Maximum size of the file, bytes.
+    pub bytes: u64,
+    /// Maximum number of rows.
+    pub rows: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Limits { bytes: 4 << 30, rows: MAX_ROWS }
+    }
+}
+
+impl Limits {
+    /// Maximum ratio of the sizes of result and truth.
+    const TIMES: u64 = 100;
+
+    /// Limits for a truth of this size: 100 times as large, with a minimum for small truths and dense fields;
+    /// `pixels` is the number of pixels of an image.
+    pub fn of_truth(bytes: u64, rows: u64, pixels: u64) -> Self {
+        let most = Limits::default();
+        let rows = (Self::TIMES * rows).max(2 * pixels).max(100_000).min(most.rows as u64);
+        let bytes = bytes.saturating_mul(Self::TIMES).max(64 * pixels).max(16 << 20).min(most.bytes);
+        Limits { bytes, rows: rows as usize }
+    }
+
+    /// Refuses a file that is too large.
+    pub fn check(&self, path: &Path, bytes: u64) -> Result<()> {
+        if bytes <= self.bytes {
+            return Ok(());
+        }
+        let (name, most) = (path.display(), self.bytes);
+        Err(Error::input(format!(
+            "{name}: {bytes} bytes; expected at most {most}, {} times what the truth needs",
+            Self::TIMES
+        )))
+    }
+}
+
+/// Default conventions of a format.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct FormatDefaults {
+    /// Name of the format.
+    pub name: &'static str,
+    /// Coordinates of the first pixel's center.
+    pub origin: Origin,
+    /// Number of the first frame.
+    pub frame_base: i64,
+    /// Unit of lengths in the image plane.
+    pub unit: LengthUnit,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum LengthUnit {
+    Px,
+    Um,
+}
+
+/// Converts rows of a file to microsig's conventions.
+#[derive(Debug)]
+pub(crate) struct Converter {
+    shift: f64,
+    flip_at: Option<f64>,
+    scale: f64,
+    frame_base: i64,
+    pub notes: Vec<String>,
+}
+
+/// Counts rows that were dropped because a coordinate is missing.
+#[derive(Debug, Default)]
+pub(crate) struct DroppedRows {
+    n: usize,
+    first: Vec<u64>,
+}
+
+impl DroppedRows {
+    /// Counts one row.
+    pub(crate) fn at(&mut self, line: u64) {
+        self.n += 1;
+        if self.first.len() < 5 {
+            self.first.push(line);
+        }
+    }
+
+    /// Number of dropped rows; adds a note if there are any.
+    pub(crate) fn told(self, notes: &mut Vec<String>) -> usize {
+        if self.n > 0 {
+            let lines: Vec<String> = self.first.iter().map(u64::to_string).collect();
+            let more = if self.n > lines.len() { ", ..." } else { "" };
+            let lines = format!("lines {}{more}", lines.join(", "));
+            notes.push(format!("{} rows without coordinates were dropped ({lines})", self.n));
+        }
+        self.n
+    }
+}
+
+/// Largest plausible values; their squares are far from overflow.
+const LARGEST_PX: f64 = 1e7;
+const LARGEST_UM: f64 = 1e9;
+const LARGEST_SPEED: f64 = 1e12;
+
+impl Converter {
+    pub(crate) fn new(usual: FormatDefaults, given: &Conventions) -> Result<Self> {
+        let origin = given.origin.unwrap_or(usual.origin);
+        let frame_base = given.frame_base.unwrap_or(usual.frame_base);
+        let y_up = given.y_up.unwrap_or(false);
+        let scale = match (usual.unit, given.um_per_px) {
+            (LengthUnit::Px, _) => 1.0,
+            (LengthUnit::Um, Some(um)) => 1.0 / um,
+            (LengthUnit::Um, None) => {
+                return Err(Error::input(format!("{}: lengths are um; give --um-per-px", usual.name)));
+            }
+        };
+        let flip_at = match (y_up, given.height_px) {
+            (false, _) => None,
+            (true, Some(height)) => Some(height + 1.0),
+            (true, None) => {
+                return Err(Error::input("--y up: a bare table does not contain the height of the images"));
+            }
+        };
+        let unit = match usual.unit {
+            LengthUnit::Px => "px".to_owned(),
+            LengthUnit::Um => format!("um, {} um per px", 1.0 / scale),
+        };
+        let notes = vec![format!(
+            "{}: x, y in {unit}; first pixel's center at {}; y {}; z in um; frames from {frame_base}",
+            usual.name,
+            origin.words(),
+            if y_up { "up" } else { "down" },
+        )];
+        Ok(Converter { shift: origin.shift_px(), flip_at, scale, frame_base, notes })
+    }
+
+    /// Converts a position; `None` if a coordinate is missing, `Err` with a message if it is out of range.
+    pub(crate) fn position(
+        &self,
+        x: f64,
+        y: f64,
+        z_um: f64,
+    ) -> std::result::Result<Option<Position>, String> {
+        if x.is_nan() || y.is_nan() || z_um.is_nan() {
+            return Ok(None);
+        }
+        let (x_px, y_px) = (x * self.scale + self.shift, y * self.scale + self.shift);
+        for (name, value, most, unit) in
+            [("x", x_px, LARGEST_PX, "px"), ("y", y_px, LARGEST_PX, "px"), ("z", z_um, LARGEST_UM, "um")]
+        {
+            // Also refuses infinite values.
+            if value.abs() > most {
+                return Err(format!("{name} = {value:?} {unit}: expected at most {most:e} {unit} in size"));
+            }
+        }
+        let y_px = self.flip_at.map_or(y_px, |height| height - y_px);
+        Ok(Some(Position { x_px, y_px, z_um }))
+    }
+
+    /// Converts a frame number to one counted from 0, or returns an error message.
+    pub(crate) fn frame(&self, value: f64) -> std::result::Result<u32, String> {
+        let frame = value - self.frame_base as f64;
+        if value.fract() != 0.0 || !(0.0..=f64::from(u32::MAX - 1)).contains(&frame) {
+            return Err(format!("frame = {value:?}: expected a whole number from {} on", self.frame_base));
+        }
+        Ok(frame as u32)
+    }
+
+    /// Converts a displacement to px, y downward.
+    pub(crate) fn displacement(&self, dx: f64, dy: f64) -> [f64; 2] {
+        [dx * self.scale, if self.flip_at.is_some() { -dy } else { dy } * self.scale]
+    }
+
+    /// Converts a velocity from columns with these names, y downward; lengths are not scaled.
+    pub(crate) fn velocity(&self, told: [f64; 3], names: [&str; 3]) -> std::result::Result<[f64; 3], String> {
+        let [u, v, w] = told;
+        match told.iter().zip(names).find(|(c, _)| c.abs() > LARGEST_SPEED) {
+            Some((c, name)) => {
+                Err(format!("{name} = {c:?}: expected a velocity of at most {LARGEST_SPEED:e}"))
+            }
+            None => Ok([u, if self.flip_at.is_some() { -v } else { v }, w]),
+        }
+    }
+
+    /// Adds a note on columns that are not used.
+    pub(crate) fn ignores(&mut self, others: &[&str]) {
+        let (shown, more) = (&others[..others.len().min(8)], others.len().saturating_sub(8));
+        if !shown.is_empty() {
+            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+            self.notes.push(format!("columns not used: {}{more}", shown.join(", ")));
+        }
+    }
+
+    /// Converts claimed uncertainties from columns with these names: x and y to px, z unchanged.
+    pub(crate) fn uncertainty(
+        &self,
+        told: [f64; 3],
+        names: [&str; 3],
+    ) -> std::result::Result<[f64; 3], String> {
+        match told.iter().zip(names).find(|(s, _)| **s < 0.0 || **s > LARGEST_UM) {
+            Some((s, name)) => {
+                Err(format!("{name} = {s:?}: expected an uncertainty from 0 to {LARGEST_UM:e}"))
+            }
+            None => Ok([told[0] * self.scale, told[1] * self.scale, told[2]]),
+        }
+    }
+}

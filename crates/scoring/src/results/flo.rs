@@ -1,0 +1,55 @@
+//! Middlebury's dense flow: "PIEH", width and height (int32), then (u, v) of every pixel, row by row
+//! (float32, little endian); magnitudes above 1e9 mean unknown (Baker et al., IJCV 92, 2011).
+
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+use super::canonical::vector;
+use super::{Conventions, Converter, Field, FormatDefaults, LengthUnit, Origin};
+use storage::error::{Error, Result};
+use storage::input;
+
+const DEFAULTS: FormatDefaults =
+    FormatDefaults { name: "Middlebury .flo", origin: Origin::Center1, frame_base: 0, unit: LengthUnit::Px };
+
+pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
+    let failed = |e| Error::read(path, e);
+    let wrong = |what: String| Error::input(format!("{}: {what}", path.display()));
+    let file = input::open(path)?;
+    let bytes = file.metadata().map_err(failed)?.len();
+    let mut reader = BufReader::new(file);
+    let mut word = [0u8; 4];
+    let mut next = || reader.read_exact(&mut word).map(|()| word);
+    let mut header =
+        || next().map_err(|_| wrong(format!("{bytes} bytes, shorter than the header of 12 bytes")));
+    if &header()? != b"PIEH" {
+        return Err(wrong("expected it to begin with PIEH".to_owned()));
+    }
+    let (width, height) = (i32::from_le_bytes(header()?), i32::from_le_bytes(header()?));
+    let pixels = u64::try_from(width).ok().zip(u64::try_from(height).ok()).map(|(w, h)| w * h);
+    let pixels = pixels
+        .filter(|&n| n > 0 && n <= given.limits.rows as u64)
+        .ok_or_else(|| wrong(format!("{width} x {height} px: expected 1 to {} pixels", given.limits.rows)))?;
+    let expected = 12 + 8 * pixels;
+    if bytes != expected {
+        return Err(wrong(format!("{width} x {height} px need {expected} bytes; the file has {bytes}")));
+    }
+    let converter = Converter::new(DEFAULTS, given)?;
+    let mut field = Field::default();
+    for row in 0..height {
+        for column in 0..width {
+            let mut component = || next().map(|b| f64::from(f32::from_le_bytes(b))).map_err(failed);
+            let (u, v) = (component()?, component()?);
+            let known = u.abs() <= 1e9 && v.abs() <= 1e9;
+            let (u, v) = if known { (u, v) } else { (f64::NAN, f64::NAN) };
+            let [dx, dy] = converter.displacement(u, v);
+            // Pixel indices are implicit, so no origin applies.
+            let at = converter.position(f64::from(column) + 1.0, f64::from(row) + 1.0, 0.0).map_err(wrong)?;
+            let vector =
+                vector(None, at.unwrap_or_default(), [dx, dy, f64::NAN], 0, [f64::NAN; 2]).map_err(wrong)?;
+            field.vectors.push(vector);
+        }
+    }
+    field.notes = converter.notes;
+    Ok(field)
+}

@@ -1,0 +1,212 @@
+//! Readers of tracker output, one file per format.
+//!
+//! Every reader converts to px with the first pixel's center at (1, 1), y downward, z in um, frames from 0,
+//! and notes how it interpreted the file. Files are untrusted: no allocation depends on sizes claimed in a
+//! header, the lengths of lines and tables are limited, and values must be finite and within plausible
+//! bounds.
+//!
+//! To add a format (DaVis, LPT/DA, OpenPTV and MyPTV are wanted), add a file to this folder and, in `mod.rs`,
+//! a variant of [`Format`] and its cases in [`detect`] and [`read`].
+
+mod canonical;
+mod conventions;
+mod defocustracker;
+mod flo;
+mod napari;
+mod openpiv;
+mod pivlab;
+pub mod sheet;
+mod table;
+mod trackmate;
+mod trackpy;
+mod xml;
+
+use std::io::Read;
+use std::path::Path;
+
+use clap::ValueEnum;
+
+pub use canonical::{field as read_field, points as read_points};
+pub use conventions::{Conventions, Limits, Origin};
+pub(crate) use conventions::{Converter, DroppedRows, FormatDefaults, LengthUnit};
+use storage::error::{Error, Result};
+use storage::input;
+pub use table::{Field, FlowVector, Points, Position, TrackRow, TrackerResult, Velocities, VelocityUnit};
+
+/// Result formats.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// microsig's own CSV of particles.
+    Canonical,
+    /// trackpy's data frame as CSV.
+    Trackpy,
+    /// TrackMate's table of spots.
+    TrackmateSpots,
+    /// TrackMate's tracks as XML.
+    TrackmateXml,
+    /// XML of the ISBI challenge.
+    Isbi,
+    /// DefocusTracker's table as CSV.
+    Defocustracker,
+    /// DefocusTracker's text file.
+    DefocustrackerAscii,
+    /// napari's tracks as CSV.
+    Napari,
+    /// microsig's own CSV of a displacement field.
+    Field,
+    /// OpenPIV's text file.
+    Openpiv,
+    /// PIVlab's text file.
+    Pivlab,
+    /// Middlebury's dense flow.
+    Flo,
+}
+
+/// Reads a result file; the format is detected unless `given`.
+///
+/// # Errors
+/// Everything that is wrong with the file, with line numbers; an unknown format.
+pub fn read(path: &Path, given: &Conventions) -> Result<TrackerResult> {
+    given.limits.check(path, input::open(path)?.metadata().map_err(|e| Error::read(path, e))?.len())?;
+    let format = match given.format {
+        Some(format) => format,
+        None => detect(path)?,
+    };
+    let mut found = match format {
+        Format::Canonical => TrackerResult::Points(canonical::points(path, given)?),
+        Format::Trackpy => TrackerResult::Points(trackpy::read(path, given)?),
+        Format::TrackmateSpots => TrackerResult::Points(trackmate::spots(path, given)?),
+        Format::TrackmateXml => TrackerResult::Points(xml::trackmate(path, given)?),
+        Format::Isbi => TrackerResult::Points(xml::isbi(path, given)?),
+        Format::Defocustracker => TrackerResult::Points(defocustracker::csv(path, given)?),
+        Format::DefocustrackerAscii => TrackerResult::Points(defocustracker::ascii(path, given)?),
+        Format::Napari => TrackerResult::Points(napari::read(path, given)?),
+        Format::Field => TrackerResult::Field(canonical::field(path, given)?),
+        Format::Openpiv => TrackerResult::Field(openpiv::read(path, given)?),
+        Format::Pivlab => TrackerResult::Field(pivlab::read(path, given)?),
+        Format::Flo => TrackerResult::Field(flo::read(path, given)?),
+    };
+    let how =
+        if given.format.is_some() { "format given by --format" } else { "format detected from the header" };
+    let notes = match &mut found {
+        TrackerResult::Points(points) => {
+            unique(path, points)?;
+            &mut points.notes
+        }
+        TrackerResult::Field(field) => &mut field.notes,
+    };
+    if let Some(first) = notes.first_mut() {
+        *first = format!("{first} ({how})");
+    }
+    Ok(found)
+}
+
+/// Refuses tracks with two points in one frame.
+fn unique(path: &Path, points: &Points) -> Result<()> {
+    let mut linked: Vec<(i64, u32, u32)> = (0..points.rows.len() as u32)
+        .map(|i| (points.rows[i as usize].track, points.rows[i as usize].frame, i))
+        .filter(|(track, ..)| *track >= 0)
+        .collect();
+    linked.sort_unstable();
+    let line = |i: u32| points.lines.get(i as usize).map_or(String::new(), |line| format!(":{line}"));
+    let mut twice: Vec<String> = linked
+        .windows(2)
+        .filter(|w| (w[0].0, w[0].1) == (w[1].0, w[1].1))
+        .map(|w| {
+            format!("{}{}: track {} appears twice in frame {}", path.display(), line(w[1].2), w[0].0, w[0].1)
+        })
+        .collect();
+    sheet::shorten(&mut twice);
+    if twice.is_empty() { Ok(()) } else { Err(Error::Input(twice)) }
+}
+
+/// Detects the format of a file from its first lines.
+///
+/// # Errors
+/// An empty file; a header that matches no format.
+pub fn detect(path: &Path) -> Result<Format> {
+    let mut head = Vec::new();
+    let file = input::open(path)?;
+    file.take(4096).read_to_end(&mut head).map_err(|e| Error::read(path, e))?;
+    let name = path.display();
+    if head.is_empty() {
+        return Err(Error::input(format!("{name}: empty; expected at least a header")));
+    }
+    if head.starts_with(b"PIEH") {
+        return Ok(Format::Flo);
+    }
+    let instead = |what: &str, columns: &str| {
+        let message = format!("{name}: {what} files cannot be read; write a CSV with the columns {columns}");
+        Err(Error::Unsupported(vec![message]))
+    };
+    let later = |what: &str| instead(what, "frame, track, x_px, y_px, z_um");
+    let later_field = |what: &str| instead(what, "x_px, y_px, dx_px, dy_px, flag [, pair]");
+    if head.starts_with(b"\x89PNG") {
+        return later_field("PNG (KITTI flow)");
+    }
+    if head.len() == 4096 && !head.contains(&b'\n') && !head.starts_with(b"<") {
+        return Err(Error::input(format!("{name}:1: the first line is longer than 4096 bytes")));
+    }
+    let text = String::from_utf8_lossy(&head);
+    let text = text.trim_start_matches('\u{feff}');
+    if text.trim_start().starts_with('<') {
+        return match () {
+            () if text.contains("TrackContestISBI2012") => Ok(Format::Isbi),
+            () if text.contains("<Tracks") => Ok(Format::TrackmateXml),
+            () if text.contains("<TrackMate") => later("full TrackMate"),
+            () => Err(Error::input(format!("{name}: XML, but neither TrackMate's tracks nor ISBI's"))),
+        };
+    }
+    let lines: Vec<&str> = text.lines().take(4).collect();
+    let first = lines.first().copied().unwrap_or_default();
+    let second = lines.get(1).copied().unwrap_or_default();
+    if first.starts_with("PIVlab") || lines.iter().any(|l| l.starts_with("x [")) {
+        return Ok(Format::Pivlab);
+    }
+    if second.trim_start().starts_with("scaling") {
+        return Ok(Format::DefocustrackerAscii);
+    }
+    if first.trim_start().to_ascii_lowercase().starts_with("title") {
+        return match second.contains("PartID") {
+            true => later("LPT/DA"),
+            false => later_field("DaVis (Tecplot)"),
+        };
+    }
+    if first.starts_with('#') && first.contains('x') && first.contains('u') {
+        return Ok(Format::Openpiv);
+    }
+    // Numbers without a header: OpenPTV begins with the number of rows, MyPTV is tab-separated.
+    let numbers = |line: &str| {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        if words.iter().all(|word| word.parse::<f64>().is_ok()) { words.len() } else { 0 }
+    };
+    match (numbers(first), numbers(second)) {
+        (1, 5 | 8) => return later("OpenPTV"),
+        (6.., _) if first.contains('\t') => return later("MyPTV"),
+        _ => {}
+    }
+    let columns: Vec<&str> = first.split([',', '\t']).map(|c| c.trim().trim_matches('"')).collect();
+    let has = |names: &[&str]| names.iter().all(|n| columns.contains(n));
+    match () {
+        () if has(&["POSITION_X", "POSITION_Y", "FRAME"]) => Ok(Format::TrackmateSpots),
+        () if has(&["fr", "X", "Y"]) => Ok(Format::Defocustracker),
+        () if has(&["x_px", "y_px", "dx_px", "dy_px"]) && !has(&["frame"]) => Ok(Format::Field),
+        () if has(&["x_px", "y_px", "frame"]) => Ok(Format::Canonical),
+        () if has(&["track_id", "t", "y", "x"]) => Ok(Format::Napari),
+        () if has(&["x", "y", "frame"]) && (has(&["particle"]) || has(&["mass"])) => Ok(Format::Trackpy),
+        () if first.contains(';') => Err(Error::input(format!(
+            "{name}:1: columns are separated by semicolons; expected commas, and decimal points in numbers"
+        ))),
+        () if has(&["x", "y"]) => Err(Error::input(format!(
+            "{name}:1: columns {first:?} have no units: name them frame, track, x_px, y_px, z_um (or x_px, y_px, dx_px, \
+             dy_px of a field), or say with --format which program wrote them"
+        ))),
+        () => Err(Error::input(format!("{name}:1: header {:?} fits no format; say --format", shown(first)))),
+    }
+}
+
+/// A line shortened to 80 characters for messages.
+pub fn shown(line: &str) -> String {
+    let short: String = line.chars().take(80).collect();
+    if short.len() < line.len() { short + "..." } else { short }
+}

@@ -1,0 +1,207 @@
+//! Atomic file writes: a file appears complete or not at all.
+
+use std::fs::{File, FileType, OpenOptions};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use super::interrupt::{Temporary, pause_if_interrupted};
+use super::journal;
+use super::removal::TEMPORARY;
+use crate::error::{Error, Result};
+
+/// Write buffer, bytes.
+const BUFFER: usize = 1 << 16;
+
+/// Writes a file atomically: to a temporary file, which is then renamed.
+pub fn save(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> Result<()>) -> Result<()> {
+    replace(path, PUBLIC, |file| {
+        let mut writer = BufWriter::with_capacity(BUFFER, file);
+        write(&mut writer)?;
+        writer.flush().map_err(Error::write(path))
+    })
+}
+
+/// [`save`] for contents in memory.
+pub fn save_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+    replace(path, PUBLIC, |mut file| file.write_all(bytes).map_err(Error::write(path)))
+}
+
+/// [`save_bytes`] with permissions for the owner only.
+pub fn save_private(path: &Path, bytes: &[u8]) -> Result<()> {
+    replace(path, PRIVATE, |mut file| file.write_all(bytes).map_err(Error::write(path)))
+}
+
+/// Destination of an output path given by the user.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Destination {
+    /// A regular file, written atomically.
+    File(PathBuf),
+    /// A device or pipe, written directly.
+    Stream,
+}
+
+/// Checks that a result may be written to a path: it does not exist, it is a character device or pipe, or,
+/// with `force`, it is a regular file or a link to one.
+///
+/// # Errors
+/// [`Error::Exists`] without `force`; a folder, a dangling link or another kind of device.
+pub fn may_write(path: &Path, force: bool) -> Result<()> {
+    destination(path, force).map(drop)
+}
+
+fn destination(path: &Path, force: bool) -> Result<Destination> {
+    let Ok(own) = std::fs::symlink_metadata(path) else { return Ok(Destination::File(path.to_owned())) };
+    let refuse = |what: &str| Err(Error::input(format!("{}: is {what}; it is not replaced", path.display())));
+    let Ok(target) = std::fs::metadata(path) else { return refuse("a link to nothing") };
+    let kind = target.file_type();
+    if is_stream(kind) {
+        return Ok(Destination::Stream);
+    }
+    if kind.is_dir() {
+        return refuse("a folder");
+    }
+    if !kind.is_file() {
+        return refuse("a device");
+    }
+    if !force {
+        return Err(Error::Exists(path.to_owned()));
+    }
+    // Replaces the target of a link and keeps the link.
+    let file =
+        if own.is_symlink() { path.canonicalize().map_err(Error::write(path))? } else { path.to_owned() };
+    Ok(Destination::File(file))
+}
+
+#[cfg(unix)]
+fn is_stream(kind: FileType) -> bool {
+    use std::os::unix::fs::FileTypeExt;
+    kind.is_char_device() || kind.is_fifo()
+}
+
+#[cfg(not(unix))]
+fn is_stream(_: FileType) -> bool {
+    false
+}
+
+/// Writes a result to a path given by the user. Removes temporary files left by killed runs.
+///
+/// # Errors
+/// As [`may_write`]; an I/O error.
+pub fn save_result(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
+    match destination(path, force)? {
+        Destination::File(file) => {
+            remove_stale(file.parent().unwrap_or(Path::new(".")));
+            save_bytes(&file, bytes)
+        }
+        Destination::Stream => OpenOptions::new()
+            .write(true)
+            .open(path)
+            .and_then(|mut stream| stream.write_all(bytes))
+            .map_err(Error::write(path)),
+    }
+}
+
+/// Removes unlocked temporary files: a process that writes one holds its lock.
+fn remove_stale(folder: &Path) {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let is_temporary = entry.file_name().to_string_lossy().starts_with(TEMPORARY);
+        if is_temporary && entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            let free = File::open(entry.path()).is_ok_and(|file| file.try_lock().is_ok());
+            if free {
+                // Best effort.
+                let _ = std::fs::remove_file(entry.path());
+            }
+        }
+    }
+}
+
+/// File modes before the umask is applied.
+const PUBLIC: u32 = 0o666;
+const PRIVATE: u32 = 0o600;
+
+fn replace(path: &Path, mode: u32, write: impl FnOnce(&File) -> Result<()>) -> Result<()> {
+    pause_if_interrupted();
+    journal::record_started(path)?;
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(TEMPORARY);
+    permit(&mut builder, mode);
+    let file = builder.tempfile_in(folder).map_err(|e| Error::write(path)(bare(e)))?;
+    let _temporary = Temporary::file(file.path());
+    // Without support for locks, stale files are not removed.
+    let _ = file.as_file().try_lock();
+    write(file.as_file())?;
+    pause_if_interrupted();
+    file.persist(path).map_err(|e| Error::Write { path: path.to_owned(), source: e.error })?;
+    Ok(())
+}
+
+#[cfg(unix)]
+fn permit(builder: &mut tempfile::Builder<'_, '_>, mode: u32) {
+    use std::os::unix::fs::PermissionsExt;
+    builder.permissions(std::fs::Permissions::from_mode(mode));
+}
+
+#[cfg(not(unix))]
+fn permit(_: &mut tempfile::Builder<'_, '_>, _: u32) {}
+
+/// Extracts the system error from one of `tempfile`, whose message names a temporary file.
+fn bare(error: std::io::Error) -> std::io::Error {
+    let inner = error.get_ref().and_then(|e| e.source()).and_then(|e| e.downcast_ref::<std::io::Error>());
+    match inner.and_then(std::io::Error::raw_os_error) {
+        Some(code) => std::io::Error::from_raw_os_error(code),
+        None => error,
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
+
+    #[test]
+    fn devices_are_written_into_links_are_followed_and_nothing_else_is_replaced() {
+        let place = tempfile::tempdir().unwrap();
+        let at = |name: &str| place.path().join(name);
+        let null = Path::new("/dev/null");
+        let device = std::fs::metadata(null).unwrap().rdev();
+        save_result(null, true, b"x").unwrap();
+        assert_eq!(std::fs::metadata(null).unwrap().rdev(), device);
+
+        std::fs::write(at("file"), "old").unwrap();
+        symlink(at("file"), at("link")).unwrap();
+        symlink(at("nothing"), at("dangling")).unwrap();
+        std::fs::create_dir(at("folder")).unwrap();
+        assert!(matches!(save_result(&at("link"), false, b"new"), Err(Error::Exists(_))));
+        save_result(&at("link"), true, b"new").unwrap();
+        assert!(std::fs::symlink_metadata(at("link")).unwrap().is_symlink());
+        assert_eq!(std::fs::read(at("file")).unwrap(), b"new");
+        for (name, what) in [("dangling", "a link to nothing"), ("folder", "a folder")] {
+            let message = save_result(&at(name), true, b"new").unwrap_err().to_string();
+            assert!(message.contains(what), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_killed_runs_file_is_removed_but_not_one_that_is_being_written() {
+        let place = tempfile::tempdir().unwrap();
+        let at = |name: &str| place.path().join(name);
+        std::fs::write(at(".unfinished-stale"), "half").unwrap();
+        let busy = File::create(at(".unfinished-busy")).unwrap();
+        busy.lock().unwrap();
+        save_result(&at("out.csv"), false, b"1").unwrap();
+        assert!(!at(".unfinished-stale").exists() && at(".unfinished-busy").exists());
+    }
+
+    #[test]
+    fn secrets_are_for_their_owner_alone_and_other_files_as_the_umask_says() {
+        let place = tempfile::tempdir().unwrap();
+        let mode =
+            |name: &str| std::fs::metadata(place.path().join(name)).unwrap().permissions().mode() & 0o777;
+        std::fs::write(place.path().join("as_the_umask_says"), "").unwrap();
+        save_bytes(&place.path().join("public"), b"").unwrap();
+        save_private(&place.path().join("private"), b"").unwrap();
+        assert_eq!((mode("public"), mode("private")), (mode("as_the_umask_says"), 0o600));
+    }
+}

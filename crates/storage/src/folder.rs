@@ -1,0 +1,337 @@
+//! Atomic creation of folders: built as `NAME.partial`, renamed when complete.
+//!
+//! During the build the process holds a lock, and a journal lists the files. When an interrupted run or, with
+//! `--force`, an earlier result is replaced, only listed files are removed; any other file stops the run.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::interrupt::Temporary;
+use super::journal::{self, JOURNAL, Journal, Listing};
+use super::lock::FolderLock;
+use super::removal::{plan, remove_own, remove_temporaries};
+pub use super::walk::FilesBelow;
+pub use super::walk::files_below;
+use crate::error::{Error, Result};
+
+/// A folder under construction.
+#[derive(Debug)]
+pub struct Partial {
+    partial: PathBuf,
+    path: PathBuf,
+    remove_on_drop: bool,
+    journal: Arc<Journal>,
+    /// Journal of an interrupted run.
+    before: Listing,
+    // Fields are dropped in this order: the lock last.
+    _temporary: Temporary,
+    _lock: FolderLock,
+}
+
+/// Path of a folder under construction.
+pub fn partial_name(path: &Path) -> PathBuf {
+    beside(path, "", ".partial")
+}
+
+/// Path to which a folder is moved when a new one replaces it, until its files are removed.
+fn replaced_name(path: &Path) -> PathBuf {
+    beside(path, ".", ".replaced")
+}
+
+fn beside(path: &Path, before: &str, after: &str) -> PathBuf {
+    let mut name = std::ffi::OsString::from(before);
+    name.push(path.file_name().unwrap_or_default());
+    name.push(after);
+    path.with_file_name(name)
+}
+
+/// Whether the name of a folder marks it as unfinished.
+pub fn is_partial(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e == "partial")
+}
+
+/// The right to create a folder: the process holds its lock.
+#[derive(Debug)]
+pub struct FolderClaim {
+    path: PathBuf,
+    lock: FolderLock,
+}
+
+impl FolderClaim {
+    /// Takes the lock of the folder `path`, and completes a replacement that a crash interrupted.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] if another process is writing it; a link of that name.
+    pub fn take(path: &Path) -> Result<Self> {
+        if path.is_symlink() {
+            let hint = "is a link; give the folder it points to";
+            return Err(Error::input(format!("{}: {hint}", path.display())));
+        }
+        let lock = FolderLock::take(path)?;
+        let replaced = replaced_name(path);
+        if replaced.exists() {
+            if path.exists() {
+                remove_own(&replaced)?;
+            } else {
+                std::fs::rename(&replaced, path).map_err(Error::write(path))?;
+            }
+        }
+        Ok(FolderClaim { path: path.to_owned(), lock })
+    }
+
+    /// Journal of an interrupted run (empty if it has none); `None` if no run was interrupted.
+    ///
+    /// # Errors
+    /// A folder with files that are not in its journal.
+    pub fn left_over(&self) -> Result<Option<Listing>> {
+        let partial = partial_name(&self.path);
+        if !partial.exists() {
+            return Ok(None);
+        }
+        plan(&partial)?;
+        Ok(Some(journal::read(&partial)?.unwrap_or_default()))
+    }
+
+    /// Continues the folder of an interrupted run, or starts it. It is kept if not finished.
+    ///
+    /// # Errors
+    /// Writing.
+    pub fn resume(self) -> Result<Partial> {
+        let before = self.left_over()?.unwrap_or_default();
+        let partial = self.begin(before, false)?;
+        remove_temporaries(&partial.partial)?;
+        Ok(partial)
+    }
+
+    /// Starts the folder from scratch. With `remove_on_drop` it is removed if not finished.
+    ///
+    /// # Errors
+    /// Foreign files in the folder of an interrupted run; an I/O error.
+    pub fn start(self, remove_on_drop: bool) -> Result<Partial> {
+        let partial = partial_name(&self.path);
+        if partial.exists() {
+            remove_own(&partial)?;
+        }
+        self.begin(Listing::default(), remove_on_drop)
+    }
+
+    /// Removes the folder of an interrupted run.
+    ///
+    /// # Errors
+    /// Foreign files in it; an I/O error.
+    pub fn discard(self) -> Result<()> {
+        let partial = partial_name(&self.path);
+        if partial.exists() { remove_own(&partial) } else { Ok(()) }
+    }
+
+    fn begin(self, before: Listing, remove_on_drop: bool) -> Result<Partial> {
+        let FolderClaim { path, lock } = self;
+        let partial = partial_name(&path);
+        std::fs::create_dir_all(&partial).map_err(Error::write(&partial))?;
+        let _temporary = Temporary::partial(&partial, !remove_on_drop);
+        let journal = Journal::open(&partial)?;
+        Ok(Partial { partial, path, remove_on_drop, journal, before, _temporary, _lock: lock })
+    }
+}
+
+impl Partial {
+    /// Starts the folder `path` from scratch; if it is not finished, it is removed.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] if another process is writing it; foreign files in a folder to be removed; an I/O
+    /// error.
+    pub fn start(path: &Path) -> Result<Self> {
+        FolderClaim::take(path)?.start(true)
+    }
+
+    /// The folder to write into.
+    pub fn folder(&self) -> &Path {
+        &self.partial
+    }
+
+    /// Records the inputs of the folder: hashes by name.
+    pub fn source(&self, hashes: &BTreeMap<String, String>) -> Result<()> {
+        self.journal.source(hashes)
+    }
+
+    /// Whether this process has written or reused a file, given its path in the folder.
+    pub fn lists(&self, file: &str) -> bool {
+        self.journal.lists(file)
+    }
+
+    /// Journal of an interrupted run.
+    pub fn before(&self) -> &Listing {
+        &self.before
+    }
+
+    /// Syncs the files to disk and renames the folder to its final name. With `replace`, an existing folder
+    /// is replaced if it contains the file `replace` and only files written by microsig.
+    ///
+    /// # Errors
+    /// As [`check_replaceable`]; an I/O error.
+    pub fn finish(self, replace: Option<&str>) -> Result<()> {
+        journal::keep_list(&self.partial)?;
+        self.give_name(replace)
+    }
+
+    /// [`Partial::finish`] for folders that do not keep a journal: datasets, whose checksums list their
+    /// files, and images, which are never removed.
+    pub fn finish_without_journal(self, replace: Option<&str>) -> Result<()> {
+        check_replaceable(&self.path, replace)?;
+        let journal = self.partial.join(JOURNAL);
+        std::fs::remove_file(&journal).map_err(Error::write(&journal))?;
+        self.give_name(replace)
+    }
+
+    fn give_name(mut self, replace: Option<&str>) -> Result<()> {
+        check_replaceable(&self.path, replace)?;
+        sync_below(&self.partial)?;
+        let replaced = replaced_name(&self.path);
+        let replaces = self.path.exists();
+        if replaces {
+            std::fs::rename(&self.path, &replaced).map_err(Error::write(&self.path))?;
+        }
+        std::fs::rename(&self.partial, &self.path).map_err(Error::write(&self.path))?;
+        self.remove_on_drop = false;
+        sync(self.path.parent().unwrap_or(Path::new(".")));
+        if replaces { remove_own(&replaced) } else { Ok(()) }
+    }
+}
+
+impl Drop for Partial {
+    fn drop(&mut self) {
+        self.journal.close();
+        if self.remove_on_drop {
+            // Best effort: on failure the name still marks the folder as unfinished.
+            let _ = remove_own(&self.partial);
+        }
+    }
+}
+
+/// Flushes all files to disk, so that a crash after renaming cannot leave incomplete files.
+fn sync_below(folder: &Path) -> Result<()> {
+    let files: Vec<String> = FilesBelow::new(folder)?.collect::<Result<_>>()?;
+    files.par_iter().for_each(|file| sync(&folder.join(file)));
+    let folders: BTreeSet<&Path> = files.iter().filter_map(|file| Path::new(file).parent()).collect();
+    folders.into_iter().for_each(|within| sync(&folder.join(within)));
+    sync(folder);
+    Ok(())
+}
+
+/// Ignores file systems without sync; a full disk has been reported when the file was written.
+fn sync(path: &Path) {
+    let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+    let _ = File::open(path).and_then(|file| file.sync_all());
+}
+
+/// Checks that a folder may be created: it does not exist, or `replace` allows its removal.
+///
+/// # Errors
+/// [`Error::Exists`] without `replace`; [`Error::Input`] if the existing folder was not written by microsig
+/// or contains foreign files.
+pub fn check_replaceable(path: &Path, replace: Option<&str>) -> Result<()> {
+    if !path.exists() {
+        return Ok(());
+    }
+    let Some(mark) = replace else { return Err(Error::Exists(path.to_owned())) };
+    let is_empty = std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
+    if is_empty {
+        return Ok(());
+    }
+    if !path.join(mark).is_file() {
+        let hint = format!("has no {mark}, so it is not replaced even with --force");
+        return Err(Error::input(format!("{}: {hint}", path.display())));
+    }
+    plan(path).map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::save_bytes;
+    use super::*;
+
+    #[test]
+    fn a_folder_has_its_name_only_when_it_is_finished() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("set.v1");
+        let partial = Partial::start(&path).unwrap();
+        assert!(is_partial(partial.folder()) && !path.exists());
+        assert!(matches!(Partial::start(&path), Err(Error::Busy { .. })));
+        save_bytes(&partial.folder().join("a"), b"0").unwrap();
+        drop(partial);
+        assert!(!partial_name(&path).exists());
+
+        let partial = Partial::start(&path).unwrap();
+        save_bytes(&partial.folder().join("a"), b"1").unwrap();
+        partial.finish(None).unwrap();
+        assert_eq!(files_below(&path).unwrap(), [JOURNAL, "a"]);
+
+        let other = Partial::start(&path).unwrap();
+        assert!(other.finish(Some("mark")).unwrap_err().to_string().contains("not replaced"));
+        assert_eq!(files_below(&path).unwrap(), [JOURNAL, "a"], "nothing was removed");
+
+        let again = Partial::start(&path).unwrap();
+        assert!(matches!(again.finish(None), Err(Error::Exists(_))));
+        assert_eq!(
+            std::fs::read_dir(place.path()).unwrap().count(),
+            1,
+            "no lock, nothing unfinished is left"
+        );
+    }
+
+    #[test]
+    fn only_files_of_this_program_are_removed() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("set");
+        let make = |content: &[u8]| {
+            let partial = Partial::start(&path)?;
+            std::fs::create_dir(partial.folder().join("images")).unwrap();
+            save_bytes(&partial.folder().join("images/a"), content).unwrap();
+            partial.finish(Some("images/a"))
+        };
+        make(b"1").unwrap();
+        make(b"2").unwrap();
+        std::fs::write(path.join("images/notes.txt"), "three years of work").unwrap();
+        let message = make(b"3").unwrap_err().to_string();
+        assert!(message.contains("images/notes.txt"), "{message}");
+        assert_eq!(std::fs::read(path.join("images/a")).unwrap(), b"2");
+
+        // A foreign folder with the name of the partial one.
+        let left_over = place.path().join("other.partial");
+        std::fs::create_dir(&left_over).unwrap();
+        std::fs::write(left_over.join("thesis.txt"), "").unwrap();
+        let message = Partial::start(&place.path().join("other")).unwrap_err().to_string();
+        assert!(message.contains("thesis.txt") && left_over.join("thesis.txt").exists(), "{message}");
+
+        // A datapackage.json (Frictionless standard) alone does not identify a folder as written by microsig.
+        let package = place.path().join("package");
+        std::fs::create_dir(&package).unwrap();
+        std::fs::write(package.join("datapackage.json"), "{}").unwrap();
+        assert!(check_replaceable(&package, Some("datapackage.json")).is_err());
+    }
+
+    #[test]
+    fn a_replacement_that_a_crash_cut_off_is_ended() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("set");
+        let make = || {
+            let partial = Partial::start(&path).unwrap();
+            save_bytes(&partial.folder().join("a"), b"1").unwrap();
+            partial.finish(Some("a")).unwrap();
+        };
+        make();
+        // A crash between the two renames.
+        std::fs::rename(&path, replaced_name(&path)).unwrap();
+        drop(FolderClaim::take(&path).unwrap());
+        assert!(path.join("a").is_file());
+        // A crash before the old files were removed.
+        std::fs::rename(&path, replaced_name(&path)).unwrap();
+        std::fs::create_dir(&path).unwrap();
+        drop(FolderClaim::take(&path).unwrap());
+        assert!(path.exists() && !replaced_name(&path).exists());
+    }
+}

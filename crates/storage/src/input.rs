@@ -1,0 +1,106 @@
+//! Reading untrusted files: regular files only, with a size limit.
+//!
+//! Pipes, devices and sockets may be endless or block the reader; they are refused before being opened.
+
+use std::fs::{File, Metadata};
+use std::io::Read;
+use std::path::Path;
+
+use crate::error::{Error, Result};
+
+/// Opens a regular file; links are followed.
+///
+/// # Errors
+/// A file that cannot be opened; a folder, pipe, device or socket.
+pub fn open(path: &Path) -> Result<File> {
+    regular(path, &std::fs::metadata(path).map_err(|e| Error::read(path, e))?)?;
+    let file = File::open(path).map_err(|e| Error::read(path, e))?;
+    // It may have been replaced since the check.
+    regular(path, &file.metadata().map_err(|e| Error::read(path, e))?)?;
+    Ok(file)
+}
+
+/// Opens a regular file that is not a symbolic link.
+///
+/// # Errors
+/// As [`open`], and a symbolic link.
+pub fn open_unlinked(path: &Path) -> Result<File> {
+    regular(path, &std::fs::symlink_metadata(path).map_err(|e| Error::read(path, e))?)?;
+    open(path)
+}
+
+fn regular(path: &Path, of: &Metadata) -> Result<()> {
+    if of.is_file() {
+        return Ok(());
+    }
+    let what = match of.file_type() {
+        t if t.is_dir() => "a folder",
+        t if t.is_symlink() => "a symbolic link",
+        _ => "a pipe, device or socket",
+    };
+    Err(Error::input(format!("{}: {what}; expected a regular file", path.display())))
+}
+
+/// Maximum size of text files, bytes: a manifest of a million images has 400 MB.
+const LARGEST_TEXT: u64 = 1 << 30;
+
+/// Reads a text file of at most 1 GiB.
+///
+/// # Errors
+/// As [`read_text_up_to`].
+pub fn read_text(path: &Path) -> Result<String> {
+    read_text_up_to(path, LARGEST_TEXT)
+}
+
+/// Reads a text file of at most `most` bytes.
+///
+/// # Errors
+/// As [`open`]; a longer file; text that is not UTF-8.
+pub fn read_text_up_to(path: &Path, most: u64) -> Result<String> {
+    text_of(path, open(path)?, most)
+}
+
+/// [`read_text_up_to`] for an open file.
+pub fn text_of(path: &Path, file: impl Read, most: u64) -> Result<String> {
+    let mut bytes = Vec::new();
+    file.take(most.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| Error::read(path, e))?;
+    if bytes.len() as u64 > most {
+        return Err(Error::input(format!("{}: larger than {most} bytes", path.display())));
+    }
+    String::from_utf8(bytes).map_err(|e| {
+        let at = e.utf8_error().valid_up_to();
+        Error::input(format!("{}: byte {at}: expected UTF-8", path.display()))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_are_bounded_and_regular() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("a.txt");
+        std::fs::write(&path, "four").unwrap();
+        assert_eq!(read_text_up_to(&path, 4).unwrap(), "four");
+        assert!(read_text_up_to(&path, 3).unwrap_err().to_string().contains("larger than 3 bytes"));
+        assert!(open(place.path()).unwrap_err().to_string().contains("a folder; expected a regular file"));
+        std::fs::write(&path, [b'a', 0xff]).unwrap();
+        assert!(read_text_up_to(&path, 4).unwrap_err().to_string().contains("byte 1: expected UTF-8"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn devices_and_links_are_refused() {
+        let message = |e: Error| e.to_string();
+        assert!(message(open(Path::new("/dev/zero")).unwrap_err()).contains("device"));
+        let place = tempfile::tempdir().unwrap();
+        let (path, link) = (place.path().join("a.txt"), place.path().join("b.txt"));
+        std::fs::write(&path, "four").unwrap();
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        assert!(open(&link).is_ok());
+        assert!(message(open_unlinked(&link).unwrap_err()).contains("a symbolic link"));
+        std::os::unix::fs::symlink("loop", place.path().join("loop")).unwrap();
+        assert!(open(&place.path().join("loop")).is_err());
+    }
+}

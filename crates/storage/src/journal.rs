@@ -1,0 +1,208 @@
+//! The journal of a folder under construction: every file that microsig starts to write there, and the hash
+//! of every finished one, one JSON object per line.
+//!
+//! A file is recorded before it gets its final name, so that every file is listed however the run ends. Only
+//! listed files are ever removed; only files that match their recorded hash are reused.
+
+use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::fs::{File, OpenOptions};
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
+
+use serde::{Deserialize, Serialize};
+
+use super::checksums::Fingerprint;
+use super::input::read_text;
+use crate::error::{Error, Result};
+
+/// Name of the journal.
+pub const JOURNAL: &str = ".microsig-journal";
+
+/// An entry of the journal.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Entry {
+    /// Hashes of the inputs of the folder, by name.
+    Source(BTreeMap<String, String>),
+    /// A file that was started, by its path in the folder.
+    File(String),
+    /// A finished file.
+    Done { file: String, bytes: u64, sha256: String },
+}
+
+/// Contents of a journal.
+#[derive(Debug, Default)]
+pub struct Listing {
+    /// Hashes of the inputs of the folder, by name, if recorded.
+    pub source: Option<BTreeMap<String, String>>,
+    /// Files that were started.
+    pub files: BTreeSet<String>,
+    /// Size and SHA-256 of finished files.
+    pub done: BTreeMap<String, (u64, String)>,
+}
+
+impl Listing {
+    /// Whether a file was finished with this fingerprint.
+    pub fn has(&self, file: &str, fingerprint: &Fingerprint) -> bool {
+        let entry = self.done.get(file);
+        entry
+            .is_some_and(|(bytes, sha)| *bytes == fingerprint.bytes && *sha == fingerprint.sha256.to_string())
+    }
+}
+
+/// A journal that is being written.
+#[derive(Debug)]
+pub(crate) struct Journal {
+    path: PathBuf,
+    file: Mutex<File>,
+    /// Hashes of the paths recorded by this process (hashes save memory: there is one entry per file).
+    entered: Mutex<HashSet<u64>>,
+}
+
+/// The journals of all folders that this process is writing.
+static OPEN: RwLock<Vec<(PathBuf, Arc<Journal>)>> = RwLock::new(Vec::new());
+
+impl Journal {
+    /// Starts the journal of a folder, or continues an existing one.
+    pub(crate) fn open(folder: &Path) -> Result<Arc<Self>> {
+        let path = folder.join(JOURNAL);
+        let file = OpenOptions::new().create(true).append(true).open(&path).map_err(Error::write(&path))?;
+        let journal = Arc::new(Journal { path, file: Mutex::new(file), entered: Mutex::default() });
+        // Terminates a line truncated by a crash.
+        journal.write("\n")?;
+        let mut open = OPEN.write().unwrap_or_else(PoisonError::into_inner);
+        open.push((folder.to_owned(), Arc::clone(&journal)));
+        Ok(journal)
+    }
+
+    /// Records the inputs of the folder.
+    pub(crate) fn source(&self, hashes: &BTreeMap<String, String>) -> Result<()> {
+        self.add(&Entry::Source(hashes.clone()))
+    }
+
+    /// Stops recording files below the folder.
+    pub(crate) fn close(self: &Arc<Self>) {
+        let mut open = OPEN.write().unwrap_or_else(PoisonError::into_inner);
+        open.retain(|(_, journal)| !Arc::ptr_eq(journal, self));
+    }
+
+    /// Whether this process has recorded a file.
+    pub(crate) fn lists(&self, file: &str) -> bool {
+        self.entered.lock().unwrap_or_else(PoisonError::into_inner).contains(&key(file))
+    }
+
+    fn add(&self, entry: &Entry) -> Result<()> {
+        if let Entry::File(file) | Entry::Done { file, .. } = entry {
+            self.entered.lock().unwrap_or_else(PoisonError::into_inner).insert(key(file));
+        }
+        let line = serde_json::to_string(entry).map_err(|e| Error::write(&self.path)(e.into()))?;
+        self.write(&format!("{line}\n"))
+    }
+
+    fn write(&self, line: &str) -> Result<()> {
+        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        file.write_all(line.as_bytes()).map_err(Error::write(&self.path))
+    }
+}
+
+fn key(file: &str) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    file.hash(&mut hasher);
+    hasher.finish()
+}
+
+/// The journal of the innermost folder under construction that contains a path, and the path relative to it.
+fn of(path: &Path) -> Option<(Arc<Journal>, String)> {
+    let open = OPEN.read().unwrap_or_else(PoisonError::into_inner);
+    let inside = open.iter().filter_map(|(folder, journal)| Some((path.strip_prefix(folder).ok()?, journal)));
+    let (within, journal) = inside.min_by_key(|(within, _)| within.as_os_str().len())?;
+    Some((Arc::clone(journal), slashed(within)))
+}
+
+/// A relative path with `/` as separator.
+pub(super) fn slashed(path: &Path) -> String {
+    path.components().map(|part| part.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/")
+}
+
+/// Records a file that is about to be written, if it is in a folder under construction.
+pub fn record_started(path: &Path) -> Result<()> {
+    of(path).map_or(Ok(()), |(journal, file)| journal.add(&Entry::File(file)))
+}
+
+/// Records a finished file, if it is in a folder under construction.
+pub fn finished(path: &Path, fingerprint: &Fingerprint) -> Result<()> {
+    let Some((journal, file)) = of(path) else { return Ok(()) };
+    let (bytes, sha256) = (fingerprint.bytes, fingerprint.sha256.to_string());
+    journal.add(&Entry::Done { file, bytes, sha256 })
+}
+
+/// Reads the journal of a folder; `None` if there is none. Truncated lines are skipped.
+pub fn read(folder: &Path) -> Result<Option<Listing>> {
+    let path = folder.join(JOURNAL);
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let mut listing = Listing::default();
+    for entry in read_text(&path)?.lines().filter_map(|line| serde_json::from_str(line).ok()) {
+        match entry {
+            Entry::Source(hash) => listing.source = Some(hash),
+            Entry::File(file) => {
+                // The file is being rewritten, so its earlier hash is invalid.
+                listing.done.remove(&file);
+                listing.files.insert(file);
+            }
+            Entry::Done { file, bytes, sha256 } => {
+                listing.done.insert(file, (bytes, sha256));
+            }
+        }
+    }
+    Ok(Some(listing))
+}
+
+/// Replaces the journal of a finished folder by a sorted list of its files, independent of the order of
+/// writing.
+pub(crate) fn keep_list(folder: &Path) -> Result<()> {
+    let path = folder.join(JOURNAL);
+    let mut text = String::new();
+    let files = read(folder)?.unwrap_or_default().files;
+    for file in files.into_iter().filter(|file| folder.join(file).exists()) {
+        let line = serde_json::to_string(&Entry::File(file)).map_err(|e| Error::write(&path)(e.into()))?;
+        text += &line;
+        text.push('\n');
+    }
+    std::fs::write(&path, text).map_err(Error::write(&path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_listed_before_they_are_there_and_a_cut_off_line_is_left_out() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path();
+        assert!(read(folder).unwrap().is_none());
+        let journal = Journal::open(folder).unwrap();
+        let source = BTreeMap::from([("a".to_owned(), "b".to_owned())]);
+        journal.source(&source).unwrap();
+        let file = folder.join("images").join("a\nb.tif");
+        record_started(&file).unwrap();
+        let fingerprint = Fingerprint::of(b"x");
+        finished(&file, &fingerprint).unwrap();
+        journal.write("{\"file\":\"cut").unwrap();
+        journal.close();
+        record_started(&folder.join("unlisted")).unwrap();
+
+        let journal = Journal::open(folder).unwrap();
+        record_started(&folder.join("next")).unwrap();
+        journal.close();
+        let listing = read(folder).unwrap().unwrap();
+        assert_eq!(listing.source, Some(source));
+        assert!(journal.lists("next") && !journal.lists("foreign"));
+        assert_eq!(listing.files.iter().collect::<Vec<_>>(), ["images/a\nb.tif", "next"]);
+        assert!(listing.has("images/a\nb.tif", &fingerprint));
+        assert!(!listing.has("images/a\nb.tif", &Fingerprint::of(b"")) && !listing.has("next", &fingerprint));
+    }
+}

@@ -1,0 +1,26 @@
+//! Files and folders written atomically, checksums and locks; the columns of tables ([`tables`]); the errors of
+//! all verbs ([`error`], [`problem`]).
+
+pub mod checksums;
+pub mod error;
+mod file;
+pub mod folder;
+pub mod input;
+mod interrupt;
+pub mod journal;
+mod lock;
+pub mod problem;
+mod removal;
+pub mod table_cache;
+pub mod tables;
+mod walk;
+
+pub use error::{Error, Result};
+pub use file::{may_write, save, save_bytes, save_private, save_result};
+pub use input::read_text;
+pub use interrupt::{TemporaryFolder, clean_up_on_signals, on_interrupt};
+
+/// The version of the program.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+/// The commit that a release build was made from.
+pub const COMMIT: &str = env!("MICROSIG_COMMIT");

@@ -1,0 +1,209 @@
+//! Tables of renderers on disk, from run to run: a folder of files named by the hash of what they are.
+//!
+//! A file holds what it is, in words, the table, and a checksum; one that does not check is removed and made
+//! anew. Files appear under a temporary name first, so that several processes may use the folder at once.
+//! When all files together exceed the bound, those that were not used for longest go.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::SystemTime;
+
+use microsig_core::render::TableStore;
+use sha2::{Digest, Sha256};
+
+/// What each file begins with.
+const MARK: &[u8] = b"microsig table 1\n";
+/// Length of a checksum.
+const CHECKSUM: usize = 32;
+/// Bound of the folder unless `MICROSIG_CACHE_MB` says another: 2 GB.
+const MOST_MB: u64 = 2000;
+/// Ending of files.
+const ENDING: &str = "table";
+/// Files of writers that have died, after so many seconds.
+const LEFT_OVER_S: u64 = 3600;
+
+/// The folder.
+#[derive(Debug)]
+pub struct TableFolder {
+    folder: PathBuf,
+    /// What made the tables: another program makes others.
+    program: String,
+    most_bytes: u64,
+    count: AtomicU64,
+}
+
+impl TableFolder {
+    /// The user's: `MICROSIG_CACHE`, or `microsig/tables` in the system's folder for caches; `None` if there
+    /// is none.
+    pub fn of_user() -> Option<Self> {
+        let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+        let caches = || set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache")));
+        let folder = set("MICROSIG_CACHE").or_else(|| Some(caches()?.join("microsig/tables")))?;
+        let most_mb =
+            std::env::var("MICROSIG_CACHE_MB").ok().and_then(|mb| mb.parse().ok()).unwrap_or(MOST_MB);
+        Some(TableFolder::new(folder, &program()?, most_mb.saturating_mul(1_000_000)))
+    }
+
+    fn new(folder: PathBuf, program: &str, most_bytes: u64) -> Self {
+        TableFolder { folder, program: program.to_owned(), most_bytes, count: AtomicU64::new(0) }
+    }
+
+    fn path(&self, description: &str) -> PathBuf {
+        let hash =
+            Sha256::new().chain_update(&self.program).chain_update([0]).chain_update(description).finalize();
+        let name: String = hash.iter().map(|byte| format!("{byte:02x}")).collect();
+        self.folder.join(name).with_extension(ENDING)
+    }
+
+    fn write(&self, path: &Path, description: &str, bytes: &[u8]) -> std::io::Result<()> {
+        std::fs::create_dir_all(&self.folder)?;
+        let number = self.count.fetch_add(1, Ordering::Relaxed);
+        let temporary = path.with_extension(format!("{}-{number}.partial", std::process::id()));
+        let mut file = std::fs::File::create_new(&temporary)?;
+        let written = (|| {
+            file.write_all(MARK)?;
+            file.write_all(&(description.len() as u64).to_le_bytes())?;
+            file.write_all(description.as_bytes())?;
+            file.write_all(bytes)?;
+            file.write_all(&Sha256::digest(bytes))
+        })();
+        written.and_then(|()| std::fs::rename(&temporary, path)).inspect_err(|_| {
+            let _ = std::fs::remove_file(&temporary);
+        })
+    }
+
+    /// Removes the files that were not used for longest until the rest fits, and what writers that died have
+    /// left.
+    fn tidy(&self) -> std::io::Result<()> {
+        let mut files = Vec::new();
+        for entry in std::fs::read_dir(&self.folder)? {
+            let entry = entry?;
+            let Ok(facts) = entry.metadata() else { continue };
+            let used = facts.modified().unwrap_or(SystemTime::UNIX_EPOCH);
+            let path = entry.path();
+            let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+            match ending {
+                ENDING => files.push((used, facts.len(), path)),
+                "partial" if used.elapsed().is_ok_and(|age| age.as_secs() > LEFT_OVER_S) => {
+                    let _ = std::fs::remove_file(path);
+                }
+                _ => {}
+            }
+        }
+        files.sort();
+        let mut total: u64 = files.iter().map(|(_, bytes, _)| bytes).sum();
+        for (_, bytes, path) in files {
+            if total <= self.most_bytes {
+                break;
+            }
+            // Another process may have removed it.
+            let _ = std::fs::remove_file(path);
+            total -= bytes;
+        }
+        Ok(())
+    }
+}
+
+impl TableStore for TableFolder {
+    fn load(&self, description: &str) -> Option<Vec<u8>> {
+        let path = self.path(description);
+        let bytes = std::fs::read(&path).ok()?;
+        let content = content(&bytes, description).map(<[u8]>::to_vec);
+        match content {
+            Some(_) => {
+                let now = SystemTime::now();
+                let _ =
+                    std::fs::File::options().append(true).open(&path).and_then(|file| file.set_modified(now));
+            }
+            None => drop(std::fs::remove_file(&path)),
+        }
+        content
+    }
+
+    fn save(&self, description: &str, bytes: &[u8]) {
+        // Tables are made anew where none can be kept.
+        if bytes.len() as u64 <= self.most_bytes {
+            let _ = self.write(&self.path(description), description, bytes).and_then(|()| self.tidy());
+        }
+    }
+}
+
+/// The table of a file, if it is whole and the one that is described.
+fn content<'a>(bytes: &'a [u8], description: &str) -> Option<&'a [u8]> {
+    let (length, rest) = bytes.strip_prefix(MARK)?.split_first_chunk::<8>()?;
+    let length = usize::try_from(u64::from_le_bytes(*length)).ok()?;
+    let (found, rest) = rest.split_at_checked(length)?;
+    let (table, checksum) = rest.split_at_checked(rest.len().checked_sub(CHECKSUM)?)?;
+    (found == description.as_bytes() && Sha256::digest(table)[..] == *checksum).then_some(table)
+}
+
+/// What made the tables: version and commit, and the program's own file, which differs from build to build.
+fn program() -> Option<String> {
+    let file = std::env::current_exe().ok()?.metadata().ok()?;
+    let built = file.modified().ok()?.duration_since(SystemTime::UNIX_EPOCH).ok()?;
+    let (version, commit) = (crate::VERSION, crate::COMMIT);
+    Some(format!("{version} {commit} {} {}", file.len(), built.as_nanos()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_come_back_unless_they_are_damaged_or_of_another_program() {
+        let place = tempfile::tempdir().unwrap();
+        let store = TableFolder::new(place.path().join("a/b"), "one", 1_000_000);
+        assert_eq!(store.load("x"), None);
+        store.save("x", b"table of x");
+        store.save("y", b"");
+        assert_eq!(store.load("x").as_deref(), Some(&b"table of x"[..]));
+        assert_eq!(store.load("y").as_deref(), Some(&b""[..]));
+        assert_eq!(TableFolder::new(place.path().join("a/b"), "two", 1_000_000).load("x"), None);
+        let path = store.path("x");
+        let mut bytes = std::fs::read(&path).unwrap();
+        let middle = bytes.len() - CHECKSUM - 3;
+        bytes[middle] ^= 1;
+        std::fs::write(&path, &bytes).unwrap();
+        assert_eq!((store.load("x"), path.exists()), (None, false));
+        std::fs::write(&path, b"microsig table 1\n\xff\xff\xff\xff\xff\xff\xff\xff").unwrap();
+        assert_eq!(store.load("x"), None);
+    }
+
+    #[test]
+    fn the_folder_stays_below_its_bound_and_the_oldest_go_first() {
+        let place = tempfile::tempdir().unwrap();
+        let store = TableFolder::new(place.path().to_owned(), "one", 3500);
+        let old = SystemTime::now() - std::time::Duration::from_secs(100);
+        for (i, name) in ["a", "b", "c"].into_iter().enumerate() {
+            store.save(name, &[0; 1000]);
+            let file = std::fs::File::options().append(true).open(store.path(name)).unwrap();
+            file.set_modified(old + std::time::Duration::from_secs(i as u64)).unwrap();
+        }
+        // Used again.
+        assert!(store.load("a").is_some());
+        store.save("d", &[0; 1000]);
+        let there = ["a", "b", "c", "d"].map(|name| store.path(name).exists());
+        assert_eq!(there, [true, false, true, true]);
+        store.save("too large", &[0; 4000]);
+        assert!(!store.path("too large").exists());
+    }
+
+    #[test]
+    fn several_writers_do_not_disturb_each_other() {
+        let place = tempfile::tempdir().unwrap();
+        let stores: Vec<_> =
+            (0..2).map(|_| TableFolder::new(place.path().to_owned(), "one", 1_000_000)).collect();
+        std::thread::scope(|scope| {
+            for store in &stores {
+                scope.spawn(move || {
+                    for _ in 0..50 {
+                        store.save("x", &[7; 10_000]);
+                        assert!(store.load("x").is_none_or(|bytes| bytes == [7; 10_000]));
+                    }
+                });
+            }
+        });
+        assert_eq!(stores[0].load("x").map(|bytes| bytes.len()), Some(10_000));
+    }
+}

@@ -1,0 +1,327 @@
+//! APTV: depth from the two widths of astigmatic particle images.
+//!
+//! A particle image is a connected region above the noise; its widths are the square roots of the second
+//! central moments of intensity along x and y. The widths over the calibration stack form a curve in the
+//! plane of widths, and the depth of a particle is that of the nearest point of the curve (Cierpka et al.
+//! 2010, Meas. Sci. Technol. 21, 045401). Overlapping particles merge into one region whose widths are off
+//! the curve, and are dropped. Without a cylindrical lens the curve folds back on itself: depths on both
+//! sides of the focus are indistinguishable.
+
+use super::calibration::CalibrationImage;
+use super::gray_image::GrayImage;
+use std::sync::{Mutex, PoisonError};
+
+use super::{Localization, Method, calibration};
+use storage::error::{Error, Result};
+
+/// Standard deviation of the Gaussian filter before segmentation, px; prevents faint images from breaking up.
+const SMOOTH_PX: f32 = 1.5;
+
+/// Segmentation threshold, in standard deviations of the filtered noise.
+const ABOVE_NOISE: f32 = 5.0;
+
+/// Minimum area of a region, px^2.
+const LEAST_AREA: usize = 12;
+
+/// Maximum distance from the curve, relative to the sum of both widths.
+const TOLERANCE: f64 = 0.12;
+
+/// Number of neighboring depths on each side used to smooth a point of the curve.
+const NEIGHBORS: usize = 2;
+
+/// Points of the curve per step of the stack.
+const DENSITY: usize = 20;
+
+pub(super) const METHOD: Method = Method {
+    name: "aptv",
+    about: "Depth from the two widths of astigmatic particle images, linked",
+    run: |job| {
+        let curve = CalibrationCurve::new(&calibration::read(job.dataset)?)?;
+        curve.warning().into_iter().for_each(|warning| job.warn(warning));
+        let tally = Mutex::new(Tally::default());
+        let found = job.particles(|image| {
+            let (found, of_image) = curve.find(image);
+            tally.lock().unwrap_or_else(PoisonError::into_inner).add(&of_image);
+            found
+        })?;
+        let tally = tally.into_inner().unwrap_or_else(PoisonError::into_inner);
+        tally.warning().into_iter().for_each(|warning| job.warn(warning));
+        Ok(found)
+    },
+};
+
+/// Numbers of bright regions by outcome.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Tally {
+    measured: usize,
+    at_edge: usize,
+    off_curve: usize,
+    /// Number of pixels in bright regions, and of all pixels.
+    bright: usize,
+    pixels: usize,
+}
+
+impl Tally {
+    fn add(&mut self, other: &Tally) {
+        self.measured += other.measured;
+        self.at_edge += other.at_edge;
+        self.off_curve += other.off_curve;
+        self.bright += other.bright;
+        self.pixels += other.pixels;
+    }
+
+    /// If fewer than half of the regions were measured: the reasons, and possible remedies.
+    fn warning(&self) -> Option<String> {
+        let regions = self.measured + self.at_edge + self.off_curve;
+        if 2 * self.measured >= regions && regions > 0 {
+            return None;
+        }
+        // Randomly placed images cover a share 1 - exp(-N_S) of a frame, and a share exp(-4 N_S) of them does
+        // not touch another.
+        let n_s = -(1.0 - self.bright as f64 / self.pixels as f64).max(1e-3).ln();
+        Some(format!(
+            "{} of {regions} bright regions were measured: {} touch the edge of the image, {} have widths off the \
+             calibration curve, as overlapping particles do. Particle images cover N_S = {n_s:.2} of the frame, which leaves \
+             about {:.0} % of them free of others; fewer particles, a smaller depth range or a lower magnification would \
+             help, or methods for overlapping images (ncc, mle)",
+            self.measured,
+            self.at_edge,
+            self.off_curve,
+            100.0 * (-4.0 * n_s).exp()
+        ))
+    }
+}
+
+/// A bright region.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Region {
+    /// Centroid, relative to the center of the first pixel, px.
+    at: [f64; 2],
+    /// Standard deviations of its intensity along x and y, px.
+    widths: [f64; 2],
+}
+
+/// Calibration curve: widths as functions of depth.
+#[derive(Debug)]
+pub(super) struct CalibrationCurve {
+    /// Depth (um) and widths (px), densely sampled.
+    points: Vec<(f64, [f64; 2])>,
+    /// Offset of the centroid from the particle's position for each point, px.
+    offsets: Vec<[f64; 2]>,
+    ambiguous: bool,
+}
+
+impl CalibrationCurve {
+    /// The curve of a calibration stack.
+    ///
+    /// # Errors
+    /// Fewer than five images show a particle.
+    pub(super) fn new(steps: &[CalibrationImage]) -> Result<Self> {
+        let mut seen: Vec<(f64, [f64; 4])> = Vec::new();
+        for step in steps {
+            let near = |b: &Region| (b.at[0] - step.at[0]).powi(2) + (b.at[1] - step.at[1]).powi(2);
+            let region = regions(&step.image).0.into_iter().min_by(|a, b| near(a).total_cmp(&near(b)));
+            if let Some(b) = region.filter(|b| near(b) < 25.0) {
+                let offset = [b.at[0] - step.at[0], b.at[1] - step.at[1]];
+                seen.push((step.z_um, [b.widths[0], b.widths[1], offset[0], offset[1]]));
+            }
+        }
+        if seen.len() < 5 {
+            let found = seen.len();
+            return Err(Error::input(format!(
+                "calibration: the particle stands out of the noise in {found} of {} images; expected at least 5",
+                steps.len()
+            )));
+        }
+        let smooth: Vec<(f64, [f64; 4])> = (0..seen.len()).map(|i| smoothed(&seen, i)).collect();
+        let dense = smooth.windows(2).flat_map(|pair| {
+            let [(za, a), (zb, b)] = [pair[0], pair[1]];
+            (0..DENSITY).map(move |k| {
+                let t = k as f64 / DENSITY as f64;
+                (za + t * (zb - za), std::array::from_fn::<f64, 4, _>(|i| a[i] + t * (b[i] - a[i])))
+            })
+        });
+        let dense: Vec<(f64, [f64; 4])> = dense.chain(smooth.last().copied()).collect();
+        let roundish = smooth.iter().filter(|(_, w)| (w[0] - w[1]).abs() < 0.1 * (w[0] + w[1])).count();
+        Ok(CalibrationCurve {
+            points: dense.iter().map(|(z, w)| (*z, [w[0], w[1]])).collect(),
+            offsets: dense.iter().map(|(_, w)| [w[2], w[3]]).collect(),
+            ambiguous: 2 * roundish > smooth.len(),
+        })
+    }
+
+    /// A warning if depths from this curve are ambiguous.
+    pub(super) fn warning(&self) -> Option<String> {
+        self.ambiguous.then(|| {
+            "the calibration images are round at most depths: without astigmatism the widths do not determine on which side of the \
+             focus a particle is on"
+                .to_owned()
+        })
+    }
+
+    /// The particles of an image, and the outcome for all its bright regions.
+    fn find(&self, image: &GrayImage) -> (Vec<Localization>, Tally) {
+        let (regions, mut tally) = regions(image);
+        let found: Vec<Localization> = regions.iter().filter_map(|region| self.place(region)).collect();
+        tally.measured = found.len();
+        tally.off_curve = regions.len() - found.len();
+        (found, tally)
+    }
+
+    fn place(&self, region: &Region) -> Option<Localization> {
+        let distance = |(_, w): &(f64, [f64; 2])| (w[0] - region.widths[0]).hypot(w[1] - region.widths[1]);
+        let (nearest, off) =
+            self.points.iter().map(distance).enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let [ox, oy] = self.offsets[nearest];
+        (off <= TOLERANCE * (region.widths[0] + region.widths[1])).then(|| Localization {
+            x_px: region.at[0] - ox + 1.0,
+            y_px: region.at[1] - oy + 1.0,
+            z_um: Some(self.points[nearest].0),
+        })
+    }
+}
+
+/// A point of the curve smoothed by a least-squares parabola through the point and its neighbors.
+fn smoothed(points: &[(f64, [f64; 4])], i: usize) -> (f64, [f64; 4]) {
+    let near = &points[i.saturating_sub(NEIGHBORS)..(i + NEIGHBORS + 1).min(points.len())];
+    let z0 = points[i].0;
+    let scale = near.iter().map(|(z, _)| (z - z0).abs()).fold(0.0, f64::max);
+    let powers = |z: f64| {
+        let t = (z - z0) / scale;
+        glam::DVec3::new(1.0, t, t * t)
+    };
+    let mut normal = glam::DMat3::ZERO;
+    let mut right = [glam::DVec3::ZERO; 4];
+    for (z, values) in near {
+        let p = powers(*z);
+        normal += glam::DMat3::from_cols(p * p.x, p * p.y, p * p.z);
+        right.iter_mut().zip(values).for_each(|(r, v)| *r += p * *v);
+    }
+    // There are at least three points at different depths, so the matrix is regular.
+    let inverse = normal.inverse();
+    (z0, right.map(|r| (inverse * r).x))
+}
+
+/// The bright regions of an image that do not touch its edge, and counts of the others.
+fn regions(image: &GrayImage) -> (Vec<Region>, Tally) {
+    let (w, h) = (image.width, image.height);
+    let smooth = image.smoothed(SMOOTH_PX);
+    let (level, noise) = smooth.background();
+    let threshold = level + (ABOVE_NOISE * noise).max(1e-3);
+    let mut open: Vec<bool> = smooth.counts.iter().map(|c| *c > threshold).collect();
+    let mut found = Vec::new();
+    let bright = open.iter().filter(|o| **o).count();
+    let mut tally = Tally { pixels: w * h, bright, ..Tally::default() };
+    let mut region = Vec::new();
+    for start in 0..w * h {
+        if !open[start] {
+            continue;
+        }
+        region.clear();
+        region.push(start);
+        open[start] = false;
+        let mut next = 0;
+        while next < region.len() {
+            let (x, y) = (region[next] % w, region[next] / w);
+            next += 1;
+            for v in y.saturating_sub(1)..(y + 2).min(h) {
+                for u in x.saturating_sub(1)..(x + 2).min(w) {
+                    if std::mem::take(&mut open[v * w + u]) {
+                        region.push(v * w + u);
+                    }
+                }
+            }
+        }
+        let on_edge = |i: &usize| [0, w - 1].contains(&(i % w)) || [0, h - 1].contains(&(i / w));
+        if region.len() < LEAST_AREA {
+            continue;
+        }
+        if region.iter().any(on_edge) {
+            tally.at_edge += 1;
+        } else {
+            found.push(moments(&smooth, level, &region));
+        }
+    }
+    (found, tally)
+}
+
+fn moments(image: &GrayImage, level: f32, region: &[usize]) -> Region {
+    let w = image.width;
+    let mut sums = [0.0; 5];
+    for &i in region {
+        let light = f64::from(image.counts[i] - level);
+        let (x, y) = ((i % w) as f64, (i / w) as f64);
+        for (sum, term) in sums.iter_mut().zip([1.0, x, y, x * x, y * y]) {
+            *sum += light * term;
+        }
+    }
+    let [total, x, y, xx, yy] = sums;
+    let at = [x / total, y / total];
+    let width = |square: f64, mean: f64| (square / total - mean * mean).max(0.0).sqrt();
+    Region { at, widths: [width(xx, at[0]), width(yy, at[1])] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A Gaussian image whose widths along x and y vary oppositely with depth, as with a cylindrical lens.
+    fn image(size: usize, at: [f64; 2], z_um: f64) -> GrayImage {
+        let widths = [3.0 + 0.05 * z_um, 3.0 - 0.05 * z_um].map(|s| s as f32);
+        GrayImage::from_fn((size, size), |x, y| {
+            let [dx, dy] = [(x as f32 - at[0] as f32) / widths[0], (y as f32 - at[1] as f32) / widths[1]];
+            let noise = ((x * 7 + y * 13) % 5) as f32;
+            100.0 + noise + 3e4 / (widths[0] * widths[1]) * (-0.5 * (dx * dx + dy * dy)).exp()
+        })
+    }
+
+    #[test]
+    fn depth_comes_back_from_the_widths() {
+        let steps: Vec<CalibrationImage> = (-10..=10)
+            .map(|k| {
+                let z_um = 2.0 * f64::from(k);
+                CalibrationImage { z_um, at: [30.0, 30.0], image: image(61, [30.0, 30.0], z_um) }
+            })
+            .collect();
+        let curve = CalibrationCurve::new(&steps).unwrap();
+        assert!(curve.warning().is_none());
+        for z in [-17.3, -6.1, 0.4, 11.9] {
+            let (found, _) = curve.find(&image(80, [41.25, 38.6], z));
+            assert_eq!(found.len(), 1);
+            assert!((found[0].z_um.unwrap() - z).abs() < 0.5, "{found:?} for {z}");
+            assert!((found[0].x_px - 42.25).abs() < 0.1 && (found[0].y_px - 39.6).abs() < 0.1, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn regions_that_are_not_measured_are_counted_and_explained() {
+        let steps: Vec<CalibrationImage> = (-10..=10)
+            .map(|k| {
+                let z_um = 2.0 * f64::from(k);
+                CalibrationImage { z_um, at: [30.0, 30.0], image: image(61, [30.0, 30.0], z_um) }
+            })
+            .collect();
+        let curve = CalibrationCurve::new(&steps).unwrap();
+        // Two overlapping particles and one at the edge.
+        let parts = [([40.0, 40.0], 15.0), ([46.0, 48.0], -15.0), ([2.0, 70.0], 0.0)];
+        let images = parts.map(|(at, z_um)| image(90, at, z_um));
+        let mut sum = images[0].clone();
+        for other in &images[1..] {
+            sum.counts.iter_mut().zip(&other.counts).for_each(|(a, b)| *a += b - 100.0);
+        }
+        let (found, tally) = curve.find(&sum);
+        assert_eq!((found.len(), tally.measured, tally.at_edge, tally.off_curve), (0, 0, 1, 1), "{tally:?}");
+        let said = tally.warning().unwrap();
+        assert!(said.starts_with("0 of 2 bright regions were measured: 1 touch the edge"), "{said}");
+        assert_eq!(Tally { measured: 3, at_edge: 1, ..tally }.warning(), None);
+    }
+
+    #[test]
+    fn a_stack_without_a_particle_is_an_error() {
+        let image = GrayImage::from_fn((40, 40), |x, y| ((x * 7 + y * 13) % 5) as f32);
+        let steps: Vec<CalibrationImage> = (0..9)
+            .map(|k| CalibrationImage { z_um: f64::from(k), at: [20.0, 20.0], image: image.clone() })
+            .collect();
+        assert!(CalibrationCurve::new(&steps).unwrap_err().to_string().contains("expected at least 5"));
+    }
+}

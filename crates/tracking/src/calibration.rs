@@ -1,0 +1,218 @@
+//! The calibration stack: images of one particle at known depths. It is validated as untrusted input.
+
+use std::fs::File;
+use std::path::{Component, Path};
+
+use microsig_core::Settings;
+use microsig_core::formats::{data_file, settings_file};
+
+use super::gray_image::GrayImage;
+use super::recording::read_image;
+use generator::dataset::calibration::CALIBRATION;
+use scoring::results::sheet::{Separator, TextTable};
+use storage::error::{Error, Result};
+
+/// Minimum number of depths.
+const LEAST_IMAGES: usize = 5;
+
+/// Maximum number of pixels of all images together: 256 MB in memory.
+const MOST_PIXELS: u64 = 1 << 26;
+
+/// Minimum distance of the particle from the image edge, px: the minimum half width of a template.
+const LEAST_ROOM_PX: f64 = 4.0;
+
+/// Allowed depths, um.
+const DEPTHS_UM: std::ops::RangeInclusive<f64> = -1e6..=1e6;
+
+/// The image of the particle at one depth.
+#[derive(Debug, Clone)]
+pub(super) struct CalibrationImage {
+    pub(super) z_um: f64,
+    /// Position of the particle relative to the center of the first pixel, px.
+    pub(super) at: [f64; 2],
+    pub(super) image: GrayImage,
+}
+
+/// A row of calibration.csv.
+struct Row {
+    line: u64,
+    z_um: f64,
+    at: [f64; 2],
+    image: String,
+}
+
+/// The optical settings with which the stack was made.
+#[derive(Debug)]
+pub(super) struct Origin {
+    pub(super) settings: Settings,
+    /// Diameter of the particle, um.
+    pub(super) d_um: f64,
+    /// Physical depth over depth in MicroSIG's data files.
+    pub(super) depth_factor: f64,
+}
+
+/// Reads the stack of a dataset, sorted by depth, without duplicate depths.
+///
+/// # Errors
+/// A stack that is missing or too large, has fewer than five depths, non-finite depths, images outside the
+/// dataset's folder, or a particle closer than 4 px to the edge of its image.
+pub(super) fn read(dataset: &Path) -> Result<Vec<CalibrationImage>> {
+    let (size, rows) = table(dataset)?;
+    rows.into_iter()
+        .map(|row| {
+            let image = read_image(&dataset.join(&row.image), size)?;
+            Ok(CalibrationImage { z_um: row.z_um, at: row.at, image })
+        })
+        .collect()
+}
+
+/// Reads the settings of the stack, and the diameter and depths of its particle.
+///
+/// # Errors
+/// As [`read`]; a data file without a particle.
+pub(super) fn origin(dataset: &Path) -> Result<Origin> {
+    let (_, rows) = table(dataset)?;
+    let particle = |row: &Row| {
+        let name = Path::new(&row.image).file_stem().unwrap_or_default();
+        let path = dataset.join("calibration/particles").join(name).with_extension("txt");
+        let file = File::open(&path).map_err(|e| Error::read(&path, e))?;
+        let particles = data_file::read(file, &path.display().to_string())?;
+        particles.into_iter().next().ok_or_else(|| {
+            Error::input(format!("{}: no particle; expected that of the calibration image", path.display()))
+        })
+    };
+    let (low, high) = (&rows[0], &rows[rows.len() - 1]);
+    let (first, last) = (particle(low)?, particle(high)?);
+    let depth_factor = (high.z_um - low.z_um) / (last.z_um - first.z_um);
+    if !depth_factor.is_finite() || depth_factor <= 0.0 {
+        return Err(Error::input(format!(
+            "{}: depths from {} to {} um, where the data files say {} to {} um; expected both to grow",
+            dataset.join("calibration").display(),
+            low.z_um,
+            high.z_um,
+            first.z_um,
+            last.z_um
+        )));
+    }
+    Ok(Origin { settings: settings(dataset)?, d_um: last.d_um, depth_factor })
+}
+
+fn settings(dataset: &Path) -> Result<Settings> {
+    let path = dataset.join("calibration/settings.txt");
+    let file = File::open(&path).map_err(|e| Error::read(&path, e))?;
+    Ok(settings_file::read(file, &path.display().to_string())?.settings)
+}
+
+/// Size of the images (px) and validated rows of the table, sorted by depth.
+fn table(dataset: &Path) -> Result<((u32, u32), Vec<Row>)> {
+    let table = dataset.join(CALIBRATION.path);
+    if !table.is_file() {
+        let hint = "this method needs the dataset's calibration stack, and there is none";
+        return Err(Error::input(format!("{}: {hint}", table.display())));
+    }
+    let settings = settings(dataset)?;
+    let size = (settings.pixel_dim_x, settings.pixel_dim_y);
+    let wrong = |message: String| Err(Error::input(format!("{}: {message}", table.display())));
+    let least = 2.0 * LEAST_ROOM_PX + 1.0;
+    if f64::from(size.0.min(size.1)) < least {
+        return wrong(format!(
+            "images of {} x {} px; expected at least {least} x {least} px",
+            size.0, size.1
+        ));
+    }
+    let mut rows = rows(&table, size)?;
+    rows.sort_by(|a, b| a.z_um.total_cmp(&b.z_um));
+    if let Some(pair) = rows.windows(2).find(|pair| pair[0].z_um == pair[1].z_um) {
+        let [first, second] = [pair[0].line.min(pair[1].line), pair[0].line.max(pair[1].line)];
+        return wrong(format!(
+            "z_um = {} is in line {first} and again in line {second}; expected each depth once",
+            pair[0].z_um
+        ));
+    }
+    if rows.len() < LEAST_IMAGES {
+        let n = rows.len();
+        return wrong(format!("{n} images; expected at least {LEAST_IMAGES}, each at a depth of its own"));
+    }
+    if u64::from(size.0) * u64::from(size.1) * rows.len() as u64 > MOST_PIXELS {
+        let (n, w, h) = (rows.len(), size.0, size.1);
+        return wrong(format!("{n} images of {w} x {h} px; expected at most {MOST_PIXELS} pixels in all"));
+    }
+    Ok((size, rows))
+}
+
+/// The rows of the table, validated against the size of the images.
+fn rows(table: &Path, size: (u32, u32)) -> Result<Vec<Row>> {
+    let sheet = TextTable::open(table, Separator::Comma, 1)?;
+    let [z, x, y, image] = ["z_um", "x_px", "y_px", "image"].map(|name| sheet.need(name));
+    let [z, x, y, image] = [z?, x?, y?, image?];
+    let mut rows = Vec::new();
+    sheet.rows(|cells| {
+        let z_um = cells.number(z)?;
+        if !DEPTHS_UM.contains(&z_um) {
+            return Err(format!("z_um = {z_um}: expected -1e6 to 1e6"));
+        }
+        let mut at = [0.0; 2];
+        for (axis, (name, column, pixels)) in [("x_px", x, size.0), ("y_px", y, size.1)].into_iter().enumerate() {
+            let position = cells.number(column)?;
+            let allowed = (1.0 + LEAST_ROOM_PX)..=(f64::from(pixels) - LEAST_ROOM_PX);
+            if !allowed.contains(&position) {
+                return Err(format!(
+                    "{name} = {position}: expected {} to {}, {LEAST_ROOM_PX} px inside the image of {pixels} px",
+                    allowed.start(),
+                    allowed.end(),
+                ));
+            }
+            at[axis] = position - 1.0;
+        }
+        let image = cells.text(image)?.to_owned();
+        let inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
+        if image.is_empty() || !Path::new(&image).components().all(inside) {
+            return Err(format!("image = `{image}`: expected a path below the dataset's folder"));
+        }
+        rows.push(Row { line: cells.line, z_um, at, image });
+        Ok(())
+    })?;
+    Ok(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Write;
+
+    use super::*;
+
+    /// The messages for a stack of 21 x 21 px whose table has these rows.
+    fn said(rows: &[&str]) -> String {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("calibration")).unwrap();
+        let settings = Settings { pixel_dim_x: 21, pixel_dim_y: 21, ..Settings::setting1() };
+        let file = File::create(folder.path().join("calibration/settings.txt")).unwrap();
+        settings_file::write(file, &settings).unwrap();
+        let mut table = "step,z_um,x_px,y_px,image\n".to_owned();
+        rows.iter().for_each(|row| writeln!(table, "{row}").unwrap());
+        std::fs::write(folder.path().join(CALIBRATION.path), table).unwrap();
+        read(folder.path()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn wrong_stacks_are_refused_with_line_value_and_range() {
+        let outside = said(&["0,1,11,11,a.tif", "1,2,40,11,a.tif", "2,3,11,-1e300,a.tif", "3,4,11,3,a.tif"]);
+        assert!(outside.contains(":3: x_px = 40: expected 5 to 17"), "{outside}");
+        assert!(outside.contains(":4: y_px = -1e300") || outside.contains(":4: y_px = -1"), "{outside}");
+        assert!(outside.contains(":5: y_px = 3: expected 5 to 17"), "{outside}");
+        for depth in ["NaN", "inf", "1e300", "deep"] {
+            let row = format!("0,{depth},11,11,a.tif");
+            let message = said(&[&row]);
+            assert!(message.contains(":2: ") && message.contains("z_um"), "{depth}: {message}");
+        }
+        for path in ["/dev/zero", "../secret.tif", ""] {
+            let row = format!("0,1,11,11,{path}");
+            assert!(said(&[&row]).contains("expected a path below"), "{path}");
+        }
+        let few = said(&["0,1,11,11,a.tif", "1,2,11,11,a.tif"]);
+        assert!(few.contains("2 images; expected at least 5"), "{few}");
+        let twice = said(&["0,2,11,11,a.tif", "1,2,11,11,a.tif"]);
+        assert!(twice.contains("z_um = 2 is in line 2 and again in line 3"), "{twice}");
+        assert!(said(&[]).contains("0 images"));
+    }
+}

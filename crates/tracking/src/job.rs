@@ -1,0 +1,116 @@
+//! A run of a tracker on a dataset: frames in parallel, progress, timing, warnings.
+
+use std::path::Path;
+use std::sync::Mutex;
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use super::gray_image::GrayImage;
+use super::output::{DisplacementVector, Output};
+use super::recording::Recording;
+use super::{Localization, TrackOptions, link};
+use storage::error::Result;
+
+/// A dataset and the options of the tracker.
+#[derive(Debug)]
+pub(super) struct Job<'a> {
+    pub(super) dataset: &'a Path,
+    pub(super) options: &'a TrackOptions,
+    pub(super) recording: Recording,
+    log: Mutex<Log>,
+}
+
+/// Timing and warnings collected over frames.
+#[derive(Debug, Default)]
+struct Log {
+    seconds: Vec<f64>,
+    warnings: Vec<String>,
+}
+
+impl<'a> Job<'a> {
+    pub(super) fn new(dataset: &'a Path, options: &'a TrackOptions) -> Result<Self> {
+        Ok(Job { dataset, options, recording: Recording::open(dataset)?, log: Mutex::default() })
+    }
+
+    fn log(&self) -> std::sync::MutexGuard<'_, Log> {
+        // The log stays consistent if a thread panics.
+        self.log.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+
+    /// Adds a warning to the run.
+    pub(super) fn warn(&self, warning: impl Into<String>) {
+        self.log().warnings.push(warning.into());
+    }
+
+    pub(super) fn into_warnings(self) -> Vec<String> {
+        self.log.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner).warnings
+    }
+
+    /// Mean and maximum processing time per frame on one thread, s.
+    pub(super) fn frame_seconds(&self) -> Option<(f64, f64)> {
+        let seconds = &self.log().seconds;
+        let mean = seconds.iter().sum::<f64>() / seconds.len() as f64;
+        (!seconds.is_empty()).then(|| (mean, seconds.iter().copied().fold(0.0, f64::max)))
+    }
+
+    /// Processes items in parallel with timing and a progress bar; results are in the order of the items.
+    fn timed<I: Copy + Sync, T: Send>(
+        &self,
+        items: &[I],
+        work: impl Fn(I) -> Result<T> + Sync,
+    ) -> Result<Vec<T>> {
+        let bar = self.options.progress.images(items.len() as u64);
+        let done = items
+            .par_iter()
+            .map(|&item| {
+                let start = Instant::now();
+                let result = work(item)?;
+                self.log().seconds.push(start.elapsed().as_secs_f64());
+                bar.inc(1);
+                Ok(result)
+            })
+            .collect();
+        bar.finish_and_clear();
+        done
+    }
+
+    /// Processes items sequentially with timing and a progress bar.
+    pub(super) fn sequentially<I: Copy>(
+        &self,
+        items: &[I],
+        mut work: impl FnMut(usize, I) -> Result<()>,
+    ) -> Result<()> {
+        let bar = self.options.progress.images(items.len() as u64);
+        let done = items.iter().enumerate().try_for_each(|(k, &item)| {
+            let start = Instant::now();
+            work(k, item)?;
+            self.log().seconds.push(start.elapsed().as_secs_f64());
+            bar.inc(1);
+            Ok(())
+        });
+        bar.finish_and_clear();
+        done
+    }
+
+    /// Localizes particles in every frame and links them.
+    pub(super) fn particles(&self, find: impl Fn(&GrayImage) -> Vec<Localization> + Sync) -> Result<Output> {
+        let frames: Vec<usize> = (0..self.recording.frames()).collect();
+        let found = self.timed(&frames, |k| Ok(find(&self.recording.frame(k)?)))?;
+        let range =
+            link::SearchRange { px: self.options.max_displacement_px, um: self.recording.depth_h_um() };
+        Ok(Output::Points(link::link(&found, range, self.recording.pairs())))
+    }
+
+    /// Measures the displacement field of every image pair.
+    pub(super) fn fields(
+        &self,
+        measure: impl Fn(&GrayImage, &GrayImage) -> Vec<DisplacementVector> + Sync,
+    ) -> Result<Output> {
+        let fields = self.timed(&self.recording.image_pairs(), |(pair, first)| {
+            let (a, b) = (self.recording.frame(first)?, self.recording.frame(first + 1)?);
+            Ok((pair, measure(&a, &b)))
+        })?;
+        Ok(Output::Fields(fields))
+    }
+}

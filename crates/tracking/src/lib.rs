@@ -1,0 +1,166 @@
+//! Baseline trackers: a simple method of each kind, applied to a dataset.
+//!
+//! They use only what is available to participants: images, the calibration stack, the optical settings.
+//! Anchors are the exception: they are made from the truth, to show the scores of results of known quality.
+//! docs/baselines.md describes the methods and their measured scores.
+//!
+//! To add a tracker, write a file in this folder that defines a [`Method`], and list it in [`METHODS`].
+
+mod anchors;
+mod aptv;
+mod calibration;
+mod denoise;
+mod fit;
+mod gray_image;
+mod images;
+mod job;
+mod joint_fit;
+mod link;
+mod locate;
+mod maps;
+mod mle;
+mod ncc;
+mod output;
+mod piv;
+mod recording;
+mod search;
+mod spots;
+mod stack;
+mod templates;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use serde::Serialize;
+
+use generator::runner::Progress;
+use job::Job;
+use output::Output;
+use storage::error::{Error, Result};
+use storage::may_write;
+
+/// A tracking method.
+#[derive(Debug)]
+pub struct Method {
+    /// Name on the command line.
+    pub name: &'static str,
+    /// One-line description.
+    pub about: &'static str,
+    run: fn(&Job) -> Result<Output>,
+}
+
+/// All methods, in the order of listings.
+pub static METHODS: &[&Method] = &[
+    &spots::METHOD,
+    &ncc::METHOD,
+    &mle::METHOD,
+    &aptv::METHOD,
+    &piv::METHOD,
+    &anchors::TRUTH_NOISE,
+    &anchors::OFFSET,
+    &anchors::STATIC,
+    &anchors::EMPTY,
+];
+
+/// Options of a tracker run.
+#[derive(Debug, Clone)]
+pub struct TrackOptions {
+    /// Name of the method, one of [`METHODS`].
+    pub method: String,
+    /// Largest displacement from frame to frame, px, > 0.
+    pub max_displacement_px: f64,
+    /// Diameter of a particle image (`spots`), px.
+    pub diameter_px: f64,
+    /// Standard deviation of the noise that `truth-noise` adds in x and y, px.
+    pub noise_px: f64,
+    /// Standard deviation of the noise that `truth-noise` adds in z, um.
+    pub noise_um: f64,
+    /// Seed of that noise.
+    pub seed: u64,
+    /// Whether to replace an existing result.
+    pub force: bool,
+    /// Whether `piv` averages the correlation planes of all image pairs, for one field of a steady flow.
+    pub ensemble: bool,
+    /// Progress display.
+    pub progress: Progress,
+}
+
+/// Summary of a tracker run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Tracked {
+    /// Path of the result.
+    pub out: PathBuf,
+    /// Name of the method.
+    pub method: &'static str,
+    /// Number of frames of the dataset.
+    pub frames: usize,
+    /// Number of rows of the result.
+    pub rows: usize,
+    /// Duration, s.
+    pub seconds: f64,
+    /// Mean time to process one frame on one thread (for `piv` an image pair, with `--ensemble` a pair in one
+    /// pass), s; `None` for anchors made from the truth.
+    pub seconds_per_frame: Option<f64>,
+    /// Maximum of these times, s.
+    pub slowest_frame_seconds: Option<f64>,
+    /// Warnings about the result.
+    pub warnings: Vec<String>,
+}
+
+/// A particle found in a frame, in pixels of the dataset (the center of the first pixel is 1).
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Localization {
+    x_px: f64,
+    y_px: f64,
+    /// `None` for methods that measure in the image plane only.
+    z_um: Option<f64>,
+}
+
+/// The method of this name.
+///
+/// # Errors
+/// An unknown name.
+pub fn method(name: &str) -> Result<&'static Method> {
+    METHODS.iter().find(|m| m.name == name).copied().ok_or_else(|| {
+        let names: Vec<&str> = METHODS.iter().map(|m| m.name).collect();
+        Error::input(format!("method `{name}`: expected one of {}", names.join(", ")))
+    })
+}
+
+/// Tracks a dataset by one of the [`METHODS`] and writes the result.
+///
+/// # Errors
+/// An unknown method, a dataset without what the method needs, a result that exists, a failed write.
+pub fn track(dataset: &Path, out: &Path, options: &TrackOptions) -> Result<Tracked> {
+    let start = Instant::now();
+    let method = method(&options.method)?;
+    may_write(out, options.force)?;
+    let job = Job::new(dataset, options)?;
+    let rows = (method.run)(&job)?.save(out, options.force)?;
+    let frames = job.recording.frames();
+    let (seconds_per_frame, slowest_frame_seconds) = job.frame_seconds().unzip();
+    Ok(Tracked {
+        out: out.to_owned(),
+        method: method.name,
+        frames,
+        rows,
+        seconds: start.elapsed().as_secs_f64(),
+        seconds_per_frame,
+        slowest_frame_seconds,
+        warnings: job.into_warnings(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_methods_are_unique() {
+        for (i, a) in METHODS.iter().enumerate() {
+            assert!(METHODS[i + 1..].iter().all(|b| a.name != b.name), "{}", a.name);
+        }
+        let said = method("nnc").unwrap_err().to_string();
+        assert!(said.contains("`nnc`") && said.contains("ncc"), "{said}");
+    }
+}

@@ -1,0 +1,164 @@
+//! Linking from frame to frame by minimum-cost assignment of localizations to tracks.
+//!
+//! The cost of a link is its squared distance from the predicted position; the end of a track and the start
+//! of a new one each cost the squared maximum distance, so that a link is made if it is cheaper than both
+//! (Jaqaman et al. 2008, Nat. Methods 5, 695). A track with at least two points is extrapolated at constant
+//! velocity; a track may be missing in one frame.
+
+use super::Localization;
+use super::output::Row;
+use scoring::evaluate::assignment::{Pair, max_weight_matching};
+
+/// Maximum distance of a particle from its predicted position.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SearchRange {
+    /// In the image plane, px.
+    pub(super) px: f64,
+    /// The depth range, um, if there is one. Depths are less accurate than in-plane positions: a third of the
+    /// range corresponds to `px`.
+    pub(super) um: Option<f64>,
+}
+
+/// Maximum number of consecutive frames in which a track is missing.
+const GAP: usize = 1;
+
+struct Track {
+    id: i64,
+    last_frame: usize,
+    last: Localization,
+    /// Displacement per frame (px, px, um), if the track has two points.
+    velocity: Option<[f64; 3]>,
+}
+
+impl Track {
+    fn expected(&self, frame: usize) -> [f64; 3] {
+        let ahead = (frame - self.last_frame) as f64;
+        let v = self.velocity.unwrap_or_default();
+        let last = place(&self.last);
+        std::array::from_fn(|i| last[i] + ahead * v[i])
+    }
+}
+
+fn place(found: &Localization) -> [f64; 3] {
+    [found.x_px, found.y_px, found.z_um.unwrap_or(0.0)]
+}
+
+/// Links all frames; in double-frame recordings only within pairs.
+pub(super) fn link(frames: &[Vec<Localization>], reach: SearchRange, pairs: bool) -> Vec<Row> {
+    let um_per_px = reach.um.map_or(f64::INFINITY, |h| h / 3.0 / reach.px);
+    let limit = reach.px * reach.px;
+    let mut tracks: Vec<Track> = Vec::new();
+    let mut rows = Vec::new();
+    let mut next_id = 0;
+    for (frame, found) in frames.iter().enumerate() {
+        if pairs && frame % 2 == 0 {
+            tracks.clear();
+        }
+        tracks.retain(|t| frame - t.last_frame <= GAP + 1);
+        let mut candidates = Vec::new();
+        let by_column = SortedByX::new(found, reach.px);
+        for (row, track) in tracks.iter().enumerate() {
+            let [x, y, z] = track.expected(frame);
+            let first = candidates.len();
+            for column in by_column.near(x) {
+                let to = place(&found[column]);
+                let dz = (to[2] - z) / um_per_px;
+                let squared = (to[0] - x).powi(2) + (to[1] - y).powi(2) + dz * dz;
+                if squared < limit {
+                    candidates.push(Pair {
+                        row: row as u32,
+                        column: column as u32,
+                        value: 2.0 * limit - squared,
+                    });
+                }
+            }
+            candidates[first..].sort_unstable_by_key(|p| p.column);
+        }
+        let mut of_found: Vec<Option<usize>> = vec![None; found.len()];
+        for pair in max_weight_matching(tracks.len(), found.len(), candidates) {
+            of_found[pair.column as usize] = Some(pair.row as usize);
+        }
+        for (point, track) in found.iter().zip(of_found) {
+            let id = match track {
+                Some(k) => {
+                    let track = &mut tracks[k];
+                    let (from, to) = (place(&track.last), place(point));
+                    let ahead = (frame - track.last_frame) as f64;
+                    track.velocity = Some(std::array::from_fn(|i| (to[i] - from[i]) / ahead));
+                    (track.last, track.last_frame) = (*point, frame);
+                    track.id
+                }
+                None => {
+                    next_id += 1;
+                    tracks.push(Track { id: next_id - 1, last_frame: frame, last: *point, velocity: None });
+                    next_id - 1
+                }
+            };
+            rows.push(Row {
+                frame: frame as u32,
+                track: id,
+                x_px: point.x_px,
+                y_px: point.y_px,
+                z_um: point.z_um,
+            });
+        }
+    }
+    rows
+}
+
+/// Points sorted by x, so that those within reach are contiguous.
+struct SortedByX {
+    order: Vec<(f64, usize)>,
+    reach: f64,
+}
+
+impl SortedByX {
+    fn new(found: &[Localization], reach: f64) -> Self {
+        let mut order: Vec<(f64, usize)> = found.iter().enumerate().map(|(i, f)| (f.x_px, i)).collect();
+        order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        SortedByX { order, reach }
+    }
+
+    fn near(&self, x: f64) -> impl Iterator<Item = usize> + '_ {
+        let first = self.order.partition_point(|p| p.0 < x - self.reach);
+        self.order[first..].iter().take_while(move |p| p.0 <= x + self.reach).map(|p| p.1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(x_px: f64, y_px: f64) -> Localization {
+        Localization { x_px, y_px, z_um: None }
+    }
+
+    const SEARCH_RANGE: SearchRange = SearchRange { px: 6.0, um: None };
+
+    fn tracks(rows: &[Row]) -> Vec<i64> {
+        rows.iter().map(|r| r.track).collect()
+    }
+
+    #[test]
+    fn the_cheapest_assignment_wins_over_the_nearest_neighbor() {
+        // The first point of frame 1 is nearest to both tracks; the total cost is lower if each track moves
+        // by 2 px.
+        let frames = [vec![at(0.0, 0.0), at(3.0, 0.0)], vec![at(2.0, 0.0), at(5.0, 0.0)]];
+        assert_eq!(tracks(&link(&frames, SEARCH_RANGE, true)), [0, 1, 0, 1]);
+    }
+
+    #[test]
+    fn a_track_goes_on_as_it_did_and_survives_a_frame_unseen() {
+        let mut frames: Vec<Vec<Localization>> = (0..6).map(|k| vec![at(5.0 * f64::from(k), 1.0)]).collect();
+        frames[3].clear();
+        assert_eq!(tracks(&link(&frames, SEARCH_RANGE, false)), [0; 5]);
+        frames[4].clear();
+        assert_eq!(tracks(&link(&frames, SEARCH_RANGE, false)), [0, 0, 0, 1]);
+    }
+
+    #[test]
+    fn pairs_are_not_linked_to_each_other_and_far_points_not_at_all() {
+        let frames = [vec![at(0.0, 0.0)], vec![at(1.0, 0.0)], vec![at(1.0, 0.0)], vec![at(9.0, 0.0)]];
+        assert_eq!(tracks(&link(&frames, SEARCH_RANGE, true)), [0, 0, 1, 2]);
+    }
+}

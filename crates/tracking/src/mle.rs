@@ -1,0 +1,159 @@
+//! Maximum likelihood with the optical model: the search of `ncc` with templates computed from the settings,
+//! then a fit of position, depth and brightness with the images and derivatives of the model.
+//!
+//! The model is free of noise, so that the fit can reach the Cramér-Rao bound except for overlapping
+//! particles. Particles are spheres of the calibration particle's diameter and any brightness. The
+//! calibration stack provides the counts per ray and the camera noise.
+
+use microsig_core::emission::SpheroidLaw;
+use microsig_core::render::expected::Gradient;
+use microsig_core::render::{ExpectedRenderer, Window};
+use microsig_core::{Particle, Settings};
+use rayon::prelude::*;
+
+use super::Method;
+use super::calibration::{self, CalibrationImage, Origin};
+use super::denoise::PixelNoise;
+use super::gray_image::GrayImage;
+use super::images::{ImagePatch, ParticleImages};
+use super::job::Job;
+use super::locate::Locator;
+use super::stack::Stack;
+use super::templates::Templates;
+use storage::error::{Error, Result};
+
+/// Tolerance of the model images, relative to their peaks.
+const TOLERANCE: f64 = 3e-3;
+
+/// Relative error of the model images assumed in the weights.
+const MODEL_ERROR: f32 = 0.01;
+
+/// Minimum correlation of the model with the calibration stack: below the first value an error, below the
+/// second a warning.
+const LEAST_CORRELATION: (f64, f64) = (0.6, 0.97);
+
+pub(super) const METHOD: Method = Method {
+    name: "mle",
+    about: "Position and depth by maximum likelihood with the optical model, linked",
+    run: |job| {
+        let locator = locator(job)?;
+        job.particles(|image| locator.find(image))
+    },
+};
+
+/// Particle images from the optical model.
+struct ModelImages {
+    renderer: ExpectedRenderer,
+    d_um: f64,
+    /// Physical depth over depth in the model.
+    depth_factor: f64,
+    /// Counts per ray.
+    unit: f64,
+    /// Central pixel of the renderer's sensor, from 1.
+    middle: i64,
+    depths_um: Vec<f64>,
+    /// Half widths at these depths, px.
+    radii: Vec<usize>,
+}
+
+fn locator(job: &Job) -> Result<Locator<ModelImages>> {
+    let steps = calibration::read(job.dataset)?;
+    let origin = calibration::origin(job.dataset)?;
+    let stack = Stack::new(&steps);
+    let side = stack.images[0].width;
+    let mut model = ModelImages::new(&origin, &steps, side)?;
+    let images = model.stack(side);
+    let correlation = model.calibrate(&images, &stack.images)?;
+    if correlation < LEAST_CORRELATION.1 {
+        job.warn(format!(
+            "the optical model correlates with the calibration stack by {correlation:.3} (1 is perfect): are the settings \
+             those of the images? `ncc` needs no model"
+        ));
+    }
+    let unit = model.unit as f32;
+    let images = images.into_iter().map(|mut image| {
+        image.counts.iter_mut().for_each(|c| *c *= unit);
+        image
+    });
+    let templates = Templates::new(stack.depths_um, images.collect(), stack.noise);
+    model.radii = model.depths_um.iter().map(|&z| templates.radius_px(z, 0.0)).collect();
+    let noise: PixelNoise = stack.noise;
+    Ok(Locator::new(&templates, model, MODEL_ERROR, noise))
+}
+
+impl ModelImages {
+    fn new(origin: &Origin, steps: &[CalibrationImage], side: usize) -> Result<Self> {
+        let Origin { settings, d_um, depth_factor } = origin;
+        let (d_um, depth_factor) = (*d_um, *depth_factor);
+        // Margin for sub-pixel shifts.
+        let size = side as u32 + 4;
+        let settings = Settings { pixel_dim_x: size, pixel_dim_y: size, ..settings.clone() };
+        let depths_um: Vec<f64> = steps.iter().map(|s| s.z_um).collect();
+        let radii = vec![side / 2; depths_um.len()];
+        let renderer = ExpectedRenderer::new(&settings, SpheroidLaw::Original, TOLERANCE)?;
+        let middle = i64::from(size / 2 + 1);
+        Ok(ModelImages { renderer, d_um, depth_factor, unit: 1.0, middle, depths_um, radii })
+    }
+
+    /// The stack computed by the model, on squares of this side.
+    fn stack(&self, side: usize) -> Vec<GrayImage> {
+        let image = |z_um: &f64| {
+            let patch = self.patch([0.0; 2], *z_um, side / 2);
+            GrayImage { width: side, height: side, counts: patch.light.iter().map(|l| l[0]).collect() }
+        };
+        self.depths_um.par_iter().map(image).collect()
+    }
+
+    /// Fits the counts per ray to the calibration stack; returns the correlation of both stacks.
+    fn calibrate(&mut self, model: &[GrayImage], stack: &[GrayImage]) -> Result<f64> {
+        let (mut own, mut both, mut seen) = (0.0, 0.0, 0.0);
+        for (model, stack) in model.iter().zip(stack) {
+            for (m, s) in model.counts.iter().zip(&stack.counts) {
+                let (m, s) = (f64::from(*m), f64::from(*s));
+                own += m * m;
+                both += m * s;
+                seen += s * s;
+            }
+        }
+        let correlation = both / (own * seen).sqrt();
+        // NaN if an image has no light.
+        if correlation.is_nan() || correlation < LEAST_CORRELATION.0 {
+            return Err(Error::input(format!(
+                "mle: the optical model of calibration/settings.txt correlates with the calibration stack by \
+                 {correlation:.2}; expected at least {}",
+                LEAST_CORRELATION.0
+            )));
+        }
+        self.unit = both / own;
+        Ok(correlation)
+    }
+}
+
+impl ParticleImages for ModelImages {
+    fn depths_um(&self) -> [f64; 2] {
+        [self.depths_um[0], self.depths_um[self.depths_um.len() - 1]]
+    }
+
+    fn radius_px(&self, z_um: f64, reach_um: f64) -> usize {
+        let low = self.depths_um.partition_point(|d| *d <= z_um - reach_um).saturating_sub(1);
+        let high = self.depths_um.partition_point(|d| *d < z_um + reach_um).min(self.radii.len() - 1);
+        self.radii[low.min(high)..=high].iter().copied().max().unwrap_or(0)
+    }
+
+    fn patch(&self, at: [f64; 2], z_um: f64, radius: usize) -> ImagePatch {
+        let middle = at.map(f64::round);
+        let [x, y] = [0, 1].map(|axis| self.middle as f64 + at[axis] - middle[axis]);
+        let particle = Particle::sphere(x, y, z_um / self.depth_factor, self.d_um);
+        let (corner, side) = (self.middle - radius as i64, 2 * radius + 1);
+        let window = Window { x0: corner, y0: corner, width: side, height: side };
+        let Gradient { pixels, .. } = self.renderer.gradient_within(&particle, window);
+        let by_z = self.unit / self.depth_factor;
+        let light = pixels
+            .into_iter()
+            .map(|[light, x, y, z]| {
+                [self.unit * light, self.unit * x, self.unit * y, by_z * z].map(|v| v as f32)
+            })
+            .collect();
+        ImagePatch { middle: middle.map(|c| c as isize), radius, light }
+    }
+}

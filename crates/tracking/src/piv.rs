@@ -1,0 +1,447 @@
+//! PIV: displacement fields by cross-correlation of interrogation windows.
+//!
+//! Windows of 64, 32 and 16 px with 50 % overlap. Before each pass both images are deformed by half of the
+//! predicted displacement, one backward and one forward, so that residual displacements are small and the
+//! result is central in time (Scarano 2002, Meas. Sci. Technol. 13, R1). Correlation by FFT, three-point
+//! Gaussian peak fit, normalized median test for outliers (Westerweel & Scarano 2005, Exp. Fluids 39, 1096).
+
+use std::borrow::Cow;
+
+use fourier::{Complex32, Direction, ImageFft};
+use rayon::prelude::*;
+
+use super::Method;
+use super::gray_image::{GrayImage, Spline, three_points};
+use super::job::Job;
+use super::output::{DisplacementVector, Output};
+use storage::error::Result;
+
+pub(super) const METHOD: Method = Method {
+    name: "piv",
+    about: "Displacement field by cross-correlation of interrogation windows",
+    run: |job| {
+        if job.options.ensemble { ensemble(job) } else { job.fields(displacements) }
+    },
+};
+
+/// Window size of each pass, px. The last size is repeated, since its first pass starts from a coarser
+/// predictor.
+const PASSES: [usize; 5] = [64, 32, 16, 16, 16];
+
+/// Threshold of the normalized median test.
+const OUTLIER: f32 = 2.0;
+
+/// Noise level (epsilon) of the normalized median test, px.
+const ACCEPTED_NOISE_PX: f32 = 0.1;
+
+/// Vectors on a grid of windows.
+#[derive(Debug, Clone)]
+struct VectorGrid {
+    columns: usize,
+    rows: usize,
+    window: usize,
+    vectors: Vec<DisplacementVector>,
+}
+
+/// Zero displacements on the grid of [`displacements`].
+pub(super) fn zeros(a: &GrayImage, _: &GrayImage) -> Vec<DisplacementVector> {
+    let window = PASSES.into_iter().rfind(|w| *w <= a.width.min(a.height));
+    window.map_or_else(Vec::new, |window| VectorGrid::new((a.width, a.height), window).vectors)
+}
+
+/// Displacements from `a` to `b`, images of equal size; empty if they are smaller than a window.
+pub(super) fn displacements(a: &GrayImage, b: &GrayImage) -> Vec<DisplacementVector> {
+    let mut found = None;
+    for window in passes((a.width, a.height)) {
+        let mut pass = Pass::new((a.width, a.height), window, found.as_ref());
+        pass.add(a, b);
+        found = Some(pass.finished());
+    }
+    found.map_or_else(Vec::new, |grid| grid.vectors)
+}
+
+/// Ensemble correlation: one displacement field for all image pairs of a steady flow, from the peak of the
+/// averaged correlation planes (Meinhart, Wereley & Santiago 2000, J. Fluids Eng. 122, 285), for recordings
+/// with few particles per window, as in micro-PIV. Only one pair is in memory at a time.
+fn ensemble(job: &Job) -> Result<Output> {
+    let pairs = job.recording.image_pairs();
+    let Some(&(_, first)) = pairs.first() else { return Ok(Output::MeanField(Vec::new())) };
+    let image = job.recording.frame(first)?;
+    let size = (image.width, image.height);
+    let windows: Vec<usize> = passes(size).collect();
+    let work: Vec<(usize, usize)> =
+        windows.iter().flat_map(|&window| pairs.iter().map(move |&(_, first)| (window, first))).collect();
+    let mut found: Option<VectorGrid> = None;
+    let mut pass: Option<Pass> = None;
+    job.sequentially(&work, |k, (window, first)| {
+        if k % pairs.len() == 0 {
+            found = pass.take().map(Pass::finished);
+            pass = Some(Pass::new(size, window, found.as_ref()));
+        }
+        let (a, b) = (job.recording.frame(first)?, job.recording.frame(first + 1)?);
+        if let Some(pass) = &mut pass {
+            pass.add(&a, &b);
+        }
+        Ok(())
+    })?;
+    Ok(Output::MeanField(pass.map_or_else(Vec::new, |pass| pass.finished().vectors)))
+}
+
+/// Window sizes of all passes for an image of this size.
+fn passes((width, height): (usize, usize)) -> impl Iterator<Item = usize> {
+    PASSES.into_iter().filter(move |window| *window <= width.min(height))
+}
+
+/// A pass over one image pair, or over several whose correlation planes are summed.
+struct Pass {
+    grid: VectorGrid,
+    /// Result of the previous pass, smoothed for stability: deformation amplifies wavelengths that the
+    /// windows do not resolve.
+    predictor: Option<VectorGrid>,
+    correlation: Correlation,
+    /// The correlation plane of every vector, row by row.
+    planes: Vec<f32>,
+}
+
+impl Pass {
+    fn new(size: (usize, usize), window: usize, found: Option<&VectorGrid>) -> Self {
+        let grid = VectorGrid::new(size, window);
+        let planes = vec![0.0; grid.vectors.len() * window * window];
+        let predictor = found.map(VectorGrid::smoothed);
+        Pass { grid, predictor, correlation: Correlation::new(window), planes }
+    }
+
+    /// Adds the correlation planes of an image pair.
+    fn add(&mut self, a: &GrayImage, b: &GrayImage) {
+        let window = self.correlation.side;
+        let (a, b) = match &self.predictor {
+            None => (Cow::Borrowed(a), Cow::Borrowed(b)),
+            Some(p) => (Cow::Owned(deformed(a, p, -0.5)), Cow::Owned(deformed(b, p, 0.5))),
+        };
+        let (correlation, half) = (&self.correlation, 0.5 * (window as f32 - 1.0));
+        self.planes.par_chunks_mut(window * window).zip(&self.grid.vectors).for_each_init(
+            || correlation.scratch(),
+            |scratch, (plane, vector)| {
+                let corner = vector.at.map(|c| (c - half) as usize);
+                correlation.add(&a, &b, corner, scratch, plane);
+            },
+        );
+    }
+
+    /// Displacements at the correlation peaks, validated.
+    fn finished(mut self) -> VectorGrid {
+        let window = self.correlation.side;
+        let planes = self.planes.par_chunks(window * window);
+        self.grid.vectors.par_iter_mut().zip(planes).for_each(|(vector, plane)| {
+            let [dx, dy] = self.predictor.as_ref().map_or([0.0; 2], |p| p.at(vector.at[0], vector.at[1]));
+            let [rx, ry] = peak(window, plane);
+            vector.d = [dx + rx, dy + ry];
+        });
+        self.grid.validate();
+        self.grid
+    }
+}
+
+/// An image deformed by a part of the predicted displacement at every pixel.
+fn deformed(image: &GrayImage, predictor: &VectorGrid, part: f32) -> GrayImage {
+    let spline = Spline::new(image);
+    let counts = (0..image.width * image.height)
+        .into_par_iter()
+        .map(|i| {
+            let (x, y) = ((i % image.width) as f32, (i / image.width) as f32);
+            let [dx, dy] = predictor.at(x, y);
+            spline.at(x + part * dx, y + part * dy)
+        })
+        .collect();
+    GrayImage { counts, width: image.width, height: image.height }
+}
+
+impl VectorGrid {
+    fn new((width, height): (usize, usize), window: usize) -> Self {
+        let step = window / 2;
+        let (columns, rows) = ((width - window) / step + 1, (height - window) / step + 1);
+        let middle = |k: usize| (k * step) as f32 + 0.5 * (window as f32 - 1.0);
+        let vectors = (0..columns * rows)
+            .map(|i| DisplacementVector {
+                at: [middle(i % columns), middle(i / columns)],
+                d: [0.0; 2],
+                replaced: false,
+            })
+            .collect();
+        VectorGrid { columns, rows, window, vectors }
+    }
+
+    /// Displacement at a position, interpolated bilinearly between vectors, constant outside.
+    fn at(&self, x: f32, y: f32) -> [f32; 2] {
+        let [x0, y0] = self.vectors[0].at;
+        let step = (self.window / 2) as f32;
+        let place = |offset: f32, n: usize| {
+            let t = (offset / step).clamp(0.0, (n - 1) as f32);
+            let k = (t as usize).min(n.saturating_sub(2));
+            (k, (k + 1).min(n - 1), t - k as f32)
+        };
+        let ((left, right, s), (up, down, t)) = (place(x - x0, self.columns), place(y - y0, self.rows));
+        let d = |column: usize, row: usize, axis: usize| self.vectors[row * self.columns + column].d[axis];
+        std::array::from_fn(|axis| {
+            let upper = d(left, up, axis) * (1.0 - s) + d(right, up, axis) * s;
+            let lower = d(left, down, axis) * (1.0 - s) + d(right, down, axis) * s;
+            upper * (1.0 - t) + lower * t
+        })
+    }
+
+    /// Indices of the (up to eight) neighbors of a vector.
+    fn neighbors(&self, i: usize) -> impl Iterator<Item = usize> + '_ {
+        let (x, y) = (i % self.columns, i / self.columns);
+        let columns = x.saturating_sub(1)..(x + 2).min(self.columns);
+        let rows = y.saturating_sub(1)..(y + 2).min(self.rows);
+        rows.flat_map(move |row| columns.clone().map(move |column| row * self.columns + column))
+            .filter(move |&j| j != i)
+    }
+
+    /// The field filtered by a 3 x 3 binomial kernel (weights 1, 2, 4).
+    fn smoothed(&self) -> VectorGrid {
+        let vectors = self.vectors.iter().enumerate().map(|(i, vector)| {
+            let (mut sum, mut total) = (vector.d.map(|d| 4.0 * d), 4.0);
+            for j in self.neighbors(i) {
+                let direct = j % self.columns == i % self.columns || j / self.columns == i / self.columns;
+                let weight = if direct { 2.0 } else { 1.0 };
+                total += weight;
+                (0..2).for_each(|axis| sum[axis] += weight * self.vectors[j].d[axis]);
+            }
+            DisplacementVector { d: sum.map(|s| s / total), ..*vector }
+        });
+        VectorGrid { vectors: vectors.collect(), ..*self }
+    }
+
+    /// Replaces outliers by the median of their valid neighbors.
+    fn validate(&mut self) {
+        let unlike: Vec<bool> = (0..self.vectors.len()).map(|i| self.is_unlike_its_neighbors(i)).collect();
+        let medians: Vec<Option<[f32; 2]>> = (0..self.vectors.len())
+            .map(|i| {
+                let good: Vec<usize> = self.neighbors(i).filter(|&j| !unlike[j]).collect();
+                (unlike[i] && !good.is_empty()).then(|| {
+                    std::array::from_fn(|axis| median(good.iter().map(|&j| self.vectors[j].d[axis])))
+                })
+            })
+            .collect();
+        for (vector, replacement) in self.vectors.iter_mut().zip(medians) {
+            if let Some(d) = replacement {
+                *vector = DisplacementVector { d, replaced: true, ..*vector };
+            }
+        }
+    }
+
+    fn is_unlike_its_neighbors(&self, i: usize) -> bool {
+        if self.neighbors(i).count() < 3 {
+            return false;
+        }
+        let residual = |axis: usize| {
+            let around = |j: usize| self.vectors[j].d[axis];
+            let middle = median(self.neighbors(i).map(around));
+            let spread = median(self.neighbors(i).map(|j| (around(j) - middle).abs()));
+            (self.vectors[i].d[axis] - middle) / (spread + ACCEPTED_NOISE_PX)
+        };
+        residual(0).hypot(residual(1)) > OUTLIER
+    }
+}
+
+fn median(values: impl Iterator<Item = f32>) -> f32 {
+    let mut values: Vec<f32> = values.collect();
+    let n = values.len();
+    values.sort_unstable_by(f32::total_cmp);
+    0.5 * (values[(n - 1) / 2] + values[n / 2])
+}
+
+/// Cross-correlation of square windows.
+struct Correlation {
+    side: usize,
+    fourier: ImageFft,
+}
+
+/// Buffers of one correlation.
+struct Scratch {
+    /// Window of `a` as real part, window of `b` as imaginary part, so that one transform serves both.
+    both: Vec<Complex32>,
+    product: Vec<Complex32>,
+    fourier: Vec<Complex32>,
+}
+
+impl Correlation {
+    fn new(side: usize) -> Self {
+        Correlation { side, fourier: ImageFft::new((side, side)) }
+    }
+
+    fn scratch(&self) -> Scratch {
+        let zeros = vec![Complex32::default(); self.side * self.side];
+        Scratch { both: zeros.clone(), product: zeros, fourier: self.fourier.scratch() }
+    }
+
+    /// Adds the cross-correlation of the windows with this corner to a plane.
+    fn add(
+        &self,
+        a: &GrayImage,
+        b: &GrayImage,
+        [x0, y0]: [usize; 2],
+        scratch: &mut Scratch,
+        plane: &mut [f32],
+    ) {
+        let n = self.side;
+        let mean = |image: &GrayImage| {
+            let rows = (0..n).map(|y| &image.counts[(y0 + y) * image.width + x0..][..n]);
+            rows.map(|row| row.iter().sum::<f32>()).sum::<f32>() / (n * n) as f32
+        };
+        let (mean_a, mean_b) = (mean(a), mean(b));
+        for y in 0..n {
+            let start = (y0 + y) * a.width + x0;
+            for x in 0..n {
+                scratch.both[y * n + x] =
+                    Complex32::new(a.counts[start + x] - mean_a, b.counts[start + x] - mean_b);
+            }
+        }
+        self.fourier.transform(&mut scratch.both, Direction::Forward, &mut scratch.fourier);
+        // Transforms of real windows are Hermitian: F = (H(k) + H*(-k)) / 2, G = (H(k) - H*(-k)) / 2i.
+        for v in 0..n {
+            for u in 0..n {
+                let here = scratch.both[v * n + u];
+                let there = scratch.both[(n - v) % n * n + (n - u) % n].conj();
+                let (f, g) = (here + there, (here - there) * Complex32::new(0.0, -1.0));
+                scratch.product[v * n + u] = f.conj() * g;
+            }
+        }
+        self.fourier.transform(&mut scratch.product, Direction::Backward, &mut scratch.fourier);
+        plane.iter_mut().zip(&scratch.product).for_each(|(sum, product)| *sum += product.re);
+    }
+}
+
+/// Displacement at the correlation peak of a plane of side `n`, px.
+fn peak(n: usize, plane: &[f32]) -> [f32; 2] {
+    highest(n, |dx, dy| {
+        let wrap = |d: isize| d.rem_euclid(n as isize) as usize;
+        // Correct for the overlap of the windows, which decreases with the shift (Westerweel 1997).
+        let shared = |d: isize| 1.0 - d.unsigned_abs() as f32 / n as f32;
+        plane[wrap(dy) * n + wrap(dx)] / (shared(dx) * shared(dy))
+    })
+}
+
+/// Sub-pixel position of the maximum of a correlation plane of side `n`. Shifts beyond a third of the window
+/// are excluded: too few particles would be in both windows.
+fn highest(n: usize, value: impl Fn(isize, isize) -> f32) -> [f32; 2] {
+    let reach = (n / 3) as isize;
+    let mut best = (f32::NEG_INFINITY, 0, 0);
+    let mut least = f32::INFINITY;
+    for dy in -reach..=reach {
+        for dx in -reach..=reach {
+            let here = value(dx, dy);
+            least = least.min(here);
+            if here > best.0 {
+                best = (here, dx, dy);
+            }
+        }
+    }
+    let (_, dx, dy) = best;
+    // The Gaussian fit needs positive values; a peak at the limit of the search is not refined.
+    let level = |x: isize, y: isize| (value(x, y) - least).max(f32::MIN_POSITIVE);
+    let inside = dx.abs() < reach && dy.abs() < reach;
+    let fine = |low: f32, high: f32| if inside { three_points(low, level(dx, dy), high) } else { 0.0 };
+    [
+        dx as f32 + fine(level(dx - 1, dy), level(dx + 1, dy)),
+        dy as f32 + fine(level(dx, dy - 1), level(dx, dy + 1)),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use microsig_core::stream::{Purpose, Streams};
+
+    /// Randomly placed particle images of 2.5 px, displaced by -d(x, y) / 2 in the first and by +d(x, y) / 2
+    /// in the second image.
+    fn pair(size: (usize, usize), d: impl Fn(f32, f32) -> [f32; 2]) -> (GrayImage, GrayImage) {
+        seeded_pair(size, 1, 30, d)
+    }
+
+    /// The same with one particle per `area` px^2, placed according to the seed.
+    fn seeded_pair(
+        size: (usize, usize),
+        seed: u64,
+        area: usize,
+        d: impl Fn(f32, f32) -> [f32; 2],
+    ) -> (GrayImage, GrayImage) {
+        let mut stream = Streams::new(seed).stream(Purpose::Seeding, 0, 0);
+        let mut part = || stream.uniform() as f32;
+        let spots: Vec<[f32; 2]> =
+            (0..(size.0 * size.1) / area).map(|_| [part() * size.0 as f32, part() * size.1 as f32]).collect();
+        let image = |part: f32| {
+            let mut image = GrayImage::from_fn(size, |_, _| 100.0);
+            for &[x, y] in &spots {
+                let [dx, dy] = d(x, y);
+                let (x, y) = (x + part * dx, y + part * dy);
+                for row in (y as usize).saturating_sub(4)..(y as usize + 6).min(size.1) {
+                    for column in (x as usize).saturating_sub(4)..(x as usize + 6).min(size.0) {
+                        let r2 = (column as f32 - x).powi(2) + (row as f32 - y).powi(2);
+                        image.counts[row * size.0 + column] += 1000.0 * (-r2 / 0.78).exp();
+                    }
+                }
+            }
+            image
+        };
+        (image(-0.5), image(0.5))
+    }
+
+    #[test]
+    fn uniform_displacements_come_back() {
+        for d in [[0.0, 0.0], [3.3, -1.7], [9.6, 4.25]] {
+            let (a, b) = pair((256, 192), |_, _| d);
+            let found = displacements(&a, &b);
+            let inner =
+                found.iter().filter(|v| (20.0..236.0).contains(&v.at[0]) && (20.0..172.0).contains(&v.at[1]));
+            let errors: Vec<f32> = inner.map(|v| (v.d[0] - d[0]).hypot(v.d[1] - d[1])).collect();
+            let rms = (errors.iter().map(|e| e * e).sum::<f32>() / errors.len() as f32).sqrt();
+            assert!(rms < 0.05, "{d:?}: rms {rms} px");
+        }
+    }
+
+    #[test]
+    fn a_shear_is_followed_better_than_by_rigid_windows() {
+        let shear = |_: f32, y: f32| [0.08 * (y - 96.0), 0.0];
+        let (a, b) = pair((256, 192), shear);
+        let found = displacements(&a, &b);
+        let inner: Vec<_> = found
+            .iter()
+            .filter(|v| (20.0..236.0).contains(&v.at[0]) && (20.0..172.0).contains(&v.at[1]))
+            .collect();
+        let rms = (inner.iter().map(|v| (v.d[0] - shear(0.0, v.at[1])[0]).powi(2)).sum::<f32>()
+            / inner.len() as f32)
+            .sqrt();
+        assert!(rms < 0.1, "rms {rms} px");
+    }
+
+    /// With one particle per 600 px^2 most windows of 16 px are empty; 20 such pairs together have enough
+    /// particles.
+    #[test]
+    fn correlations_of_many_sparse_pairs_are_averaged() {
+        let (size, d) = ((160, 160), [2.4, -1.3]);
+        let pairs: Vec<_> = (0..20).map(|seed| seeded_pair(size, seed, 600, |_, _| d)).collect();
+        let mut found: Option<VectorGrid> = None;
+        for window in passes(size) {
+            let mut pass = Pass::new(size, window, found.as_ref());
+            pairs.iter().for_each(|(a, b)| pass.add(a, b));
+            found = Some(pass.finished());
+        }
+        let share_off = |vectors: &[DisplacementVector]| {
+            let inner = |v: &&DisplacementVector| v.at.iter().all(|c| (16.0..144.0).contains(c));
+            let inner: Vec<&DisplacementVector> = vectors.iter().filter(inner).collect();
+            let off = inner.iter().filter(|v| (v.d[0] - d[0]).hypot(v.d[1] - d[1]) > 0.3).count();
+            off as f32 / inner.len() as f32
+        };
+        let alone = share_off(&displacements(&pairs[0].0, &pairs[0].1));
+        let together = share_off(&found.unwrap().vectors);
+        assert!(together < 0.02 && alone > 0.2, "{alone} of vectors off in a pair, {together} in all");
+    }
+
+    #[test]
+    fn small_images_have_no_vectors() {
+        let image = GrayImage::from_fn((10, 10), |_, _| 0.0);
+        assert!(displacements(&image, &image).is_empty());
+    }
+}

@@ -1,0 +1,80 @@
+//! The part of a dataset that is available to trackers.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+use microsig_core::formats::tiff;
+
+use super::gray_image::GrayImage;
+use scoring::evaluate::measurement::{RecordingFacts, of_manifest};
+use storage::error::{Error, Result};
+
+/// The images of a dataset.
+#[derive(Debug)]
+pub(super) struct Recording {
+    images: Vec<PathBuf>,
+    size: (u32, u32),
+    facts: RecordingFacts,
+}
+
+impl Recording {
+    /// Lists the images of a dataset or of a split of a challenge.
+    pub(super) fn open(dataset: &Path) -> Result<Self> {
+        let facts = of_manifest(dataset)?;
+        let Some((width, height)) = facts.sensor_px else {
+            return Err(Error::input(format!(
+                "{}: the manifest does not contain the size of the sensor",
+                dataset.display()
+            )));
+        };
+        let folder = dataset.join("images");
+        let mut images = Vec::new();
+        for entry in std::fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))? {
+            let path = entry.map_err(|e| Error::read(&folder, e))?.path();
+            if path.extension().is_some_and(|e| e == "tif") {
+                images.push(path);
+            }
+        }
+        if images.is_empty() {
+            return Err(Error::input(format!("{}: expected images (*.tif), found none", folder.display())));
+        }
+        images.sort_by(|a, b| natord::compare(&a.to_string_lossy(), &b.to_string_lossy()));
+        Ok(Recording { images, size: (width as u32, height as u32), facts })
+    }
+
+    pub(super) fn frames(&self) -> usize {
+        self.images.len()
+    }
+
+    /// Whether frames 2k and 2k + 1 form independent pairs.
+    pub(super) fn pairs(&self) -> bool {
+        self.facts.pairs
+    }
+
+    pub(super) fn depth_h_um(&self) -> Option<f64> {
+        self.facts.depth_h_um()
+    }
+
+    pub(super) fn frame(&self, index: usize) -> Result<GrayImage> {
+        read_image(&self.images[index], self.size)
+    }
+
+    /// The image pairs: number and first frame of each.
+    pub(super) fn image_pairs(&self) -> Vec<(usize, usize)> {
+        let step = if self.facts.pairs { 2 } else { 1 };
+        let firsts = (0..self.frames().saturating_sub(1)).step_by(step).enumerate();
+        firsts.filter(|(pair, _)| self.facts.has_pair(*pair as u32)).collect()
+    }
+}
+
+/// Reads an image of this size (px).
+pub(super) fn read_image(path: &Path, (width, height): (u32, u32)) -> Result<GrayImage> {
+    let file = BufReader::new(File::open(path).map_err(|e| Error::read(path, e))?);
+    let counts = tiff::read(file, &path.display().to_string(), (width, height))?;
+    Ok(GrayImage {
+        width: width as usize,
+        height: height as usize,
+        counts: counts.into_iter().map(|c| c as f32).collect(),
+    })
+}

@@ -1,0 +1,239 @@
+//! Noise-free images of one particle as a function of depth.
+//!
+//! The particle is a sphere centered on a pixel.
+
+use microsig_core::render::Renderer;
+use microsig_core::{Particle, Settings};
+use rayon::prelude::*;
+
+use storage::error::Result;
+
+/// Number of equally spaced depths, as required by the definition of A_pi.
+const DEPTHS: usize = 51;
+
+/// A pixel belongs to a particle image if its light exceeds this share of the peak.
+pub(super) const AREA_SHARE: f64 = 0.1;
+
+/// Images are cropped where they remain below this share of their peak.
+const CUT_SHARE: f64 = 0.005;
+
+/// Maximum half width of an image, px; light farther away is far below a tenth of the peak.
+const LONGEST_HALF_PX: usize = 400;
+
+/// Noise-free images of one particle, centered on a pixel, at equally spaced depths over a range.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DepthScan {
+    /// Physical depths, um.
+    pub depths_um: Vec<f64>,
+    /// The image at each depth.
+    pub images: Vec<ScanImage>,
+}
+
+/// A noise-free image of a particle with brightness factor 1.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScanImage {
+    /// Maximum light of a pixel, in the unit of [`microsig_core::sensor::Light`].
+    pub peak: f64,
+    /// Sum of the light of all pixels that were drawn.
+    pub total: f64,
+    /// Area above a tenth of the peak, px^2.
+    pub area_px: f64,
+    /// Sum over pixels of the squared slope, light^2/px^2: the curvature of the autocorrelation's peak.
+    pub curvature: f64,
+    /// Number of pixels on each side of the central one.
+    pub half_px: usize,
+    /// Light, row by row, `2 half_px + 1` rows and columns.
+    pub light: Vec<f64>,
+}
+
+impl DepthScan {
+    /// Scans a sphere of diameter `d_um` through a range of physical depths (um); `draw` builds the renderer
+    /// for a sensor.
+    ///
+    /// # Errors
+    /// Settings that cannot be rendered.
+    pub fn measure(
+        draw: impl Fn(&Settings) -> Result<Renderer>,
+        settings: &Settings,
+        d_um: f64,
+        range_um: (f64, f64),
+        depth_factor: f64,
+    ) -> Result<Self> {
+        let last = (DEPTHS - 1) as f64;
+        let depths_um: Vec<f64> =
+            (0..DEPTHS).map(|k| range_um.0 + (range_um.1 - range_um.0) * k as f64 / last).collect();
+        let whole = draw(settings)?;
+        let reach = depths_um
+            .iter()
+            .map(|z| whole.image_extent(&Particle::sphere(1.0, 1.0, z / depth_factor, d_um)))
+            .fold(0.0f64, |most, (x, y)| most.max(x).max(y));
+        let half_px = (reach.ceil() as usize).min(LONGEST_HALF_PX);
+        let side = 2 * half_px as u32 + 1;
+        let settings = Settings { pixel_dim_x: side, pixel_dim_y: side, ..settings.clone() };
+        let renderer = draw(&settings)?;
+        let middle = (half_px + 1) as f64;
+        let at = |z: &f64| Particle::sphere(middle, middle, z / depth_factor, d_um);
+        let particles: Vec<Particle> = depths_um.iter().map(at).collect();
+        renderer.prepare(&[&particles]);
+        let images = particles
+            .par_iter()
+            .map(|particle| ScanImage::new(half_px, renderer.mean_light(particle).values))
+            .collect();
+        Ok(DepthScan { depths_um, images })
+    }
+
+    /// A_pi: the area of a particle image averaged over depth, px^2.
+    pub fn area_px(&self) -> f64 {
+        self.images.iter().map(|spot| spot.area_px).sum::<f64>() / self.images.len() as f64
+    }
+
+    /// Depth of the image with the highest peak, um; `None` if all peaks are equal (all depths in focus).
+    pub fn focus_um(&self) -> Option<f64> {
+        let peaks = || self.images.iter().map(|spot| spot.peak);
+        if peaks().all(|peak| peak == self.images[0].peak) {
+            return None;
+        }
+        let best = peaks().zip(&self.depths_um).max_by(|a, b| a.0.total_cmp(&b.0));
+        best.map(|(_, z)| *z)
+    }
+
+    /// The image nearest to a physical depth (um), and the peak there, interpolated linearly and constant
+    /// beyond the ends.
+    pub fn at(&self, z_um: f64) -> (&ScanImage, f64) {
+        let last = self.images.len() - 1;
+        let (first, end) = (self.depths_um[0], self.depths_um[last]);
+        let place = ((z_um - first) / (end - first) * last as f64).clamp(0.0, last as f64);
+        let below = (place as usize).min(last - 1);
+        let share = place - below as f64;
+        let peak = (1.0 - share) * self.images[below].peak + share * self.images[below + 1].peak;
+        (&self.images[below + usize::from(share >= 0.5)], peak)
+    }
+}
+
+impl ScanImage {
+    /// Measures a square image of `2 half_px + 1` rows and crops its dark margin.
+    pub fn new(half_px: usize, light: Vec<f64>) -> Self {
+        let side = 2 * half_px + 1;
+        let peak = light.iter().copied().fold(0.0, f64::max);
+        let total = light.iter().sum();
+        let area = light.iter().filter(|v| **v > AREA_SHARE * peak).count();
+        let square = |a: f64, b: f64| (b - a) * (b - a);
+        let rows = light.chunks(side);
+        let along: f64 =
+            rows.clone().flat_map(|row| row.windows(2)).map(|pair| square(pair[0], pair[1])).sum();
+        let across: f64 =
+            light.iter().zip(&light[side.min(light.len())..]).map(|(a, b)| square(*a, *b)).sum();
+        let cut = rows
+            .enumerate()
+            .flat_map(|(y, row)| {
+                row.iter().enumerate().map(move |(x, v)| (x.abs_diff(half_px).max(y.abs_diff(half_px)), *v))
+            })
+            .filter(|(_, v)| *v > CUT_SHARE * peak)
+            .fold(0, |cut, (distance, _)| cut.max(distance));
+        let kept = light.chunks(side).skip(half_px - cut).take(2 * cut + 1);
+        let cropped = kept.flat_map(|row| row[half_px - cut..=half_px + cut].iter().copied()).collect();
+        ScanImage {
+            peak,
+            total,
+            area_px: area as f64,
+            curvature: along + across,
+            half_px: cut,
+            light: cropped,
+        }
+    }
+}
+
+impl ScanImage {
+    /// Width and height of the part above a tenth of the peak, as its area is defined, px: between the
+    /// outermost crossings of that level, linear between pixels, of the brightest pixel of each column and
+    /// row.
+    pub fn size_px(&self) -> [f64; 2] {
+        let side = 2 * self.half_px + 1;
+        let mut brightest = [vec![0.0f64; side], vec![0.0f64; side]];
+        for (k, light) in self.light.iter().enumerate() {
+            for (profile, at) in brightest.iter_mut().zip([k % side, k / side]) {
+                profile[at] = profile[at].max(*light);
+            }
+        }
+        brightest.map(|profile| extent(&profile, AREA_SHARE * self.peak))
+    }
+}
+
+/// The distance between the outermost places where a profile crosses a level; it is dark beyond its ends.
+fn extent(profile: &[f64], level: f64) -> f64 {
+    let above = |value: &f64| *value > level;
+    let Some((first, last)) = profile.iter().position(above).zip(profile.iter().rposition(above)) else {
+        return 0.0;
+    };
+    let beyond = |inner: f64, outer: Option<&f64>| {
+        let outer = outer.copied().unwrap_or(0.0);
+        (inner - level) / (inner - outer)
+    };
+    let before = first.checked_sub(1).and_then(|i| profile.get(i));
+    (last - first) as f64 + beyond(profile[first], before) + beyond(profile[last], profile.get(last + 1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use microsig_core::emission::SpheroidLaw;
+    use microsig_core::render::RayRenderer;
+
+    #[test]
+    fn a_spot_is_measured_by_hand() {
+        let spot = ScanImage::new(1, vec![0.0, 1.0, 0.0, 2.0, 20.0, 3.0, 0.0, 2.0, 0.0]);
+        assert_eq!((spot.peak, spot.area_px, spot.half_px), (20.0, 2.0, 1));
+        // Rows: 1 + 1, 18^2 + 17^2, 4 + 4; columns: 4 + 4, 19^2 + 18^2, 9 + 9.
+        assert_eq!(spot.curvature, 2.0 + 613.0 + 8.0 + 8.0 + 685.0 + 18.0);
+        let dark_margin = ScanImage::new(1, vec![0.0, 0.01, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0, 0.0]);
+        assert_eq!((dark_margin.half_px, dark_margin.light), (0, vec![20.0]));
+    }
+
+    /// Areas and peaks of images by the original MicroSIG (means of 50, `set1` of the reference data):
+    /// setting 1, 2 um. Its peaks are maxima over noisy pixels, up to 6 % too high for faint images.
+    #[test]
+    fn images_over_depth_are_those_of_the_original() {
+        let draw = |settings: &Settings| Ok(RayRenderer::new(settings, SpheroidLaw::Original)?.into());
+        let stack = DepthScan::measure(draw, &Settings::setting1(), 2.0, (-80.0, 20.0), 1.0).unwrap();
+        for (z, area_px, peak) in [
+            (-80.0, 2335.0, 49.5),
+            (-70.0, 1575.0, 58.9),
+            (-60.0, 998.0, 72.5),
+            (-40.0, 333.0, 130.2),
+            (-20.0, 69.0, 794.0),
+            (-10.0, 25.0, 1052.1),
+            (0.0, 66.0, 584.2),
+            (20.0, 899.0, 83.7),
+        ] {
+            let (spot, at) = stack.at(z);
+            assert!((spot.area_px / area_px - 1.0).abs() < 0.06, "{z}: {}", spot.area_px);
+            assert!((at / peak - 0.975).abs() < 0.045, "{z}: {at}");
+        }
+        assert_eq!(stack.focus_um(), Some(-12.0));
+        // Linear in between.
+        let (half, a, b) = (stack.at(-11.0).1, stack.at(-12.0).1, stack.at(-10.0).1);
+        assert!((half - 0.5 * (a + b)).abs() < 1e-9 && stack.at(99.0).1 == stack.at(20.0).1);
+    }
+
+    #[test]
+    fn an_extent_ends_where_the_level_is_crossed() {
+        assert_eq!(extent(&[0.0, 0.5, 1.0, 0.5, 0.0], 0.25), 3.0);
+        assert_eq!(extent(&[1.0, 1.0], 0.5), 2.0);
+        assert_eq!(extent(&[0.0, 0.1], 0.5), 0.0);
+    }
+
+    #[test]
+    fn widths_are_those_of_a_disk_and_of_a_cone() {
+        let image = |of: &dyn Fn(f64, f64) -> f64| {
+            let light = (0..81 * 81).map(|k| of((k % 81) as f64 - 40.0, (k / 81) as f64 - 40.0));
+            ScanImage::new(40, light.collect()).size_px()
+        };
+        // An ellipse of 61 x 31 pixels: its edge lies between a lit and a dark pixel.
+        let [width, height] = image(&|x, y| f64::from(u8::from((x / 30.0).hypot(y / 15.0) <= 1.0)));
+        assert!((width - 61.8).abs() < 1e-9 && (height - 31.8).abs() < 1e-9, "{width} {height}");
+        // A cone falls linearly, so its tenth is met between pixels.
+        let [width, _] = image(&|x, y| (1.0 - x.hypot(y) / 23.0).max(0.0));
+        assert!((width - 2.0 * 0.9 * 23.0).abs() < 1e-9, "{width}");
+        assert_eq!(ScanImage::new(1, vec![0.0; 9]).size_px(), [0.0, 0.0]);
+    }
+}

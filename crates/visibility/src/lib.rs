@@ -1,0 +1,10 @@
+//! Noise-free particle images: a depth scan of a single particle, and the visibility of each particle of a
+//! frame.
+
+mod depth_scan;
+mod noise_free;
+mod overlap;
+
+pub use depth_scan::{DepthScan, ScanImage};
+pub use noise_free::{NoiseFree, Patch};
+pub use overlap::{Visibility, visibility};

@@ -1,0 +1,247 @@
+//! Visibility of each particle of a frame: peak, signal-to-noise ratio, overlap, saturation.
+//!
+//! Computed from noise-free light. The overlap of a particle is sum min(own, others) / sum own over the
+//! pixels of its image, where others is the summed light of all other particles: the intersection of two
+//! light distributions (Swain & Ballard, Int. J. Comput. Vis. 7 (1991) 11). It is 0 for an isolated particle
+//! and 1 if the others are brighter in every pixel; if a bright particle overlaps a faint one, the overlap is
+//! small for the bright and large for the faint particle.
+
+use std::ops::Range;
+
+use microsig_core::Particle;
+use microsig_core::sensor::Sensor;
+use rayon::prelude::*;
+
+use super::depth_scan::AREA_SHARE;
+use super::noise_free::{NoiseFree, Patch};
+
+/// Visibility of a particle.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Visibility {
+    /// Maximum of its own noise-free image above the background, counts; 0 if no light reaches the sensor.
+    pub peak_counts: f64,
+    /// `peak_counts` over the standard deviation of the background at that pixel; infinite without noise.
+    pub snr: f64,
+    /// Share of its light that is overlapped by other particles, 0 to 1.
+    pub overlap: f64,
+    /// Whether a pixel of its image (above 10 % of its peak) is saturated, including the light of other
+    /// particles.
+    pub saturated: bool,
+}
+
+/// The visibility of every tracer of a frame. A tracer is a range of `particles`: empty if it is not
+/// rendered, several for a streak. `total` is a scratch buffer.
+pub fn visibility(
+    noise_free: &NoiseFree,
+    sensor: &Sensor,
+    (width, height): (u32, u32),
+    particles: &[Particle],
+    tracers: &[Range<usize>],
+    total: &mut Vec<f64>,
+) -> Vec<Visibility> {
+    let width = width as usize;
+    // Patches are rendered twice, which is faster than storing them.
+    let draw = |rows: &Range<usize>, [patch, part]: &mut [Patch; 2]| {
+        patch.values.clear();
+        match &particles[rows.clone()] {
+            [] => {}
+            [one] => noise_free.draw(one, patch),
+            many => {
+                for particle in many {
+                    noise_free.draw(particle, part);
+                    *patch = std::mem::take(patch).joined(part);
+                }
+            }
+        }
+    };
+    let mut patches = <[Patch; 2]>::default();
+    total.clear();
+    total.resize(width * height as usize, 0.0);
+    for rows in tracers {
+        draw(rows, &mut patches);
+        patches[0].add_to(total, width);
+    }
+    let total = total.as_slice();
+    let see = |patches: &mut [Patch; 2], rows: &Range<usize>| {
+        draw(rows, patches);
+        Visibility::of(&patches[0], total, width, sensor)
+    };
+    tracers.par_iter().with_min_len(TRACERS_PER_TASK).map_init(<[Patch; 2]>::default, see).collect()
+}
+
+/// Minimum number of tracers per parallel task.
+const TRACERS_PER_TASK: usize = 64;
+
+impl Patch {
+    /// For each row: index of its first pixel in an image of this width, and its light.
+    fn rows(&self, width: usize) -> impl Iterator<Item = (usize, &[f64])> {
+        let first = self.corner.1 * width + self.corner.0;
+        self.values
+            .chunks(self.width.max(1))
+            .enumerate()
+            .map(move |(row, light)| (first + row * width, light))
+    }
+
+    fn add_to(&self, image: &mut [f64], width: usize) {
+        for (first, light) in self.rows(width) {
+            image[first..][..light.len()].iter_mut().zip(light).for_each(|(sum, l)| *sum += l);
+        }
+    }
+
+    /// The smallest patch that contains both, with the sum of their light.
+    pub fn joined(self, other: &Patch) -> Patch {
+        if other.values.is_empty() {
+            return self;
+        }
+        if self.values.is_empty() {
+            return other.clone();
+        }
+        let end = |p: &Patch| (p.corner.0 + p.width, p.corner.1 + p.values.len() / p.width);
+        let corner = (self.corner.0.min(other.corner.0), self.corner.1.min(other.corner.1));
+        let (a, b) = (end(&self), end(other));
+        let width = a.0.max(b.0) - corner.0;
+        let mut values = vec![0.0; width * (a.1.max(b.1) - corner.1)];
+        for part in [&self, other] {
+            let within = Patch {
+                corner: (part.corner.0 - corner.0, part.corner.1 - corner.1),
+                width: part.width,
+                values: Vec::new(),
+            };
+            let first = within.corner.1 * width + within.corner.0;
+            for (row, light) in part.values.chunks(part.width).enumerate() {
+                let line = &mut values[first + row * width..][..light.len()];
+                line.iter_mut().zip(light).for_each(|(sum, l)| *sum += l);
+            }
+        }
+        Patch { corner, width, values }
+    }
+}
+
+impl Visibility {
+    fn of(patch: &Patch, total: &[f64], width: usize, sensor: &Sensor) -> Self {
+        let mut sums = Sums::default();
+        for (first, light) in patch.rows(width) {
+            sums.add_row(light, &total[first..][..light.len()]);
+        }
+        let [peak, brightest] = [sums.peak, sums.brightest].map(|of| of.into_iter().fold(0.0, f64::max));
+        let [own, shared] = [sums.own, sums.shared].map(|of| of.iter().sum::<f64>());
+        if own == 0.0 {
+            return Visibility::default();
+        }
+        let at =
+            patch.rows(width).find_map(|(first, light)| Some(first + light.iter().position(|l| *l == peak)?));
+        let end = sensor.saturation_counts();
+        let saturated = sensor.may_reach(end, brightest)
+            && patch.rows(width).any(|(first, light)| {
+                light.iter().enumerate().any(|(i, l)| {
+                    let response = sensor.response(first + i);
+                    *l > AREA_SHARE * peak && response.background + response.slope * total[first + i] >= end
+                })
+            });
+        let response = sensor.response(at.unwrap_or_default());
+        let peak_counts = response.slope * peak;
+        Visibility {
+            peak_counts,
+            snr: peak_counts / response.background_noise,
+            overlap: shared / own,
+            saturated,
+        }
+    }
+}
+
+/// Sums over the pixels of a patch, in `LANES` partial sums for vectorization.
+#[derive(Default)]
+struct Sums {
+    /// The patch's own light, and the part overlapped by others.
+    own: [f64; LANES],
+    shared: [f64; LANES],
+    /// Maximum own light, and maximum total light.
+    peak: [f64; LANES],
+    brightest: [f64; LANES],
+}
+
+const LANES: usize = 8;
+
+impl Sums {
+    /// Adds a row of the patch; `total` is the total light on the same pixels.
+    fn add_row(&mut self, light: &[f64], total: &[f64]) {
+        let ((light, light_end), (total, total_end)) = (light.as_chunks(), total.as_chunks());
+        light.iter().zip(total).for_each(|(light, total)| self.add(*light, *total));
+        let filled = |end: &[f64]| {
+            let mut lanes = [0.0; LANES];
+            lanes[..end.len()].copy_from_slice(end);
+            lanes
+        };
+        self.add(filled(light_end), filled(total_end));
+    }
+
+    fn add(&mut self, light: [f64; LANES], total: [f64; LANES]) {
+        for (i, (l, t)) in light.into_iter().zip(total).enumerate() {
+            let less = |a: f64, b: f64| if a < b { a } else { b };
+            let more = |a: f64, b: f64| if a > b { a } else { b };
+            self.own[i] += l;
+            // Rounding can make the difference negative if there are no others.
+            self.shared[i] += less(l, more(t - l, 0.0));
+            self.peak[i] = more(l, self.peak[i]);
+            self.brightest[i] = more(t, self.brightest[i]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use microsig_core::Settings;
+
+    const WIDTH: usize = 8;
+
+    fn patch(corner: (usize, usize), values: &[f64]) -> Patch {
+        Patch { corner, width: 2, values: values.to_vec() }
+    }
+
+    fn seen(patches: &[Patch]) -> Vec<Visibility> {
+        let sensor = Sensor::new(&Settings { gain: 100.0, background_noise: 4.0, ..Settings::setting1() });
+        let mut total = vec![0.0; WIDTH * WIDTH];
+        patches.iter().for_each(|p| p.add_to(&mut total, WIDTH));
+        patches.iter().map(|p| Visibility::of(p, &total, WIDTH, &sensor)).collect()
+    }
+
+    #[test]
+    fn overlap_is_the_share_that_others_match() {
+        let alone = patch((1, 1), &[1.0, 3.0, 2.0, 2.0]);
+        assert_eq!(
+            seen(std::slice::from_ref(&alone)),
+            [Visibility { peak_counts: 300.0, snr: 75.0, overlap: 0.0, saturated: false }]
+        );
+        let overlaps = |patches: &[Patch]| -> Vec<f64> { seen(patches).iter().map(|s| s.overlap).collect() };
+        assert_eq!(overlaps(&[alone.clone(), alone.clone()]), [1.0, 1.0]);
+        // The second particle has a quarter of the light of the first: overlap 1 for the faint, 0.25 for the
+        // bright one.
+        let faint = patch((1, 1), &[0.25, 0.75, 0.5, 0.5]);
+        assert_eq!(overlaps(&[alone.clone(), faint]), [0.25, 1.0]);
+        // One common pixel, (2, 2), with light 2 and 1.
+        assert_eq!(overlaps(&[alone.clone(), patch((2, 2), &[1.0, 0.0, 0.0, 0.0])]), [1.0 / 8.0, 1.0]);
+        assert_eq!(overlaps(&[alone, Patch::default()]), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn saturation_counts_the_light_of_all() {
+        let bright = patch((1, 1), &[300.0, 500.0, 1.0, 1.0]);
+        assert!(!seen(std::slice::from_ref(&bright))[0].saturated);
+        // 300 + 400 rays of 100 counts are beyond 65,535 where the second peaks.
+        let both = seen(&[bright.clone(), patch((1, 1), &[400.0, 0.0, 0.0, 0.0])]);
+        assert!(both[0].saturated && both[1].saturated);
+        // Not saturated where the first has almost no light.
+        let beside = seen(&[bright, patch((1, 2), &[700.0, 0.0, 0.0, 0.0])]);
+        assert!(!beside[0].saturated && beside[1].saturated);
+    }
+
+    #[test]
+    fn rows_of_a_streak_are_one_image() {
+        let (a, b) = (patch((1, 1), &[1.0, 2.0, 3.0, 4.0]), patch((2, 0), &[5.0, 6.0, 7.0, 8.0]));
+        let both = Patch::default().joined(&a).joined(&b);
+        assert_eq!((both.corner, both.width), ((1, 0), 3));
+        assert_eq!(both.values, [0.0, 5.0, 6.0, 1.0, 9.0, 8.0, 3.0, 4.0, 0.0]);
+        assert_eq!(a.joined(&Patch::default()).values, [1.0, 2.0, 3.0, 4.0]);
+    }
+}
