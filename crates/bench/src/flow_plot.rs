@@ -17,8 +17,8 @@ const SCENE: (DVec3, DVec3) = (DVec3::new(-242.0, -118.0, -80.0), DVec3::new(242
 const CELLS: u32 = 160;
 /// Streamline seeds along the longer side.
 const SEEDS: u32 = 13;
-/// Steps of a streamline: a quarter of this number in each direction.
-const STEPS: u32 = 120;
+/// Steps of a streamline in each direction from its seed.
+const STEPS: u32 = 30;
 
 /// The plot at time 0 as SVG.
 ///
@@ -68,12 +68,12 @@ fn draw(entry: &FieldEntry, field: &dyn VelocityField, text: &mut String) -> Dra
     let (picture, key) = root.split_horizontally(width - 90);
     // Rows grow downward, as in the image; depth grows upward, away from the lens.
     let (bottom, top) = if down == Axis::Y { (v1, v0) } else { (v0, v1) };
-    let place = match plane.across {
+    let position = match plane.across {
         Axis::Z => format!("z = {} um", plane.at_um),
         other => format!("{} = {} um", name(other), plane.at_um),
     };
     let mut chart = ChartBuilder::on(&picture)
-        .caption(format!("{}: speed and streamlines at {place}, t = 0", entry.name), ("sans-serif", 18))
+        .caption(format!("{}: speed and streamlines at {position}, t = 0", entry.name), ("sans-serif", 18))
         .margin(8)
         .x_label_area_size(40)
         .y_label_area_size(55)
@@ -93,9 +93,9 @@ fn draw(entry: &FieldEntry, field: &dyn VelocityField, text: &mut String) -> Dra
 
     let map = SpeedMap::new(field, &at, (u0, u1), (v0, v1), bottom < top);
     let fastest = map.fastest;
-    // Placeholder for the speed map, which replaces it as one embedded image: plotters would write thousands
+    // Placeholder, later replaced by the speed map as a single embedded image: plotters would write thousands
     // of rectangles.
-    chart.draw_series(std::iter::once(Rectangle::new([(u0, v0), (u1, v1)], STAND_IN.filled())))?;
+    chart.draw_series(std::iter::once(Rectangle::new([(u0, v0), (u1, v1)], PLACEHOLDER.filled())))?;
 
     let seeds_down = (f64::from(SEEDS) * (v1 - v0) / (u1 - u0)).ceil().max(5.0) as u32;
     let ink = RGBColor(20, 20, 20).mix(0.75);
@@ -119,7 +119,7 @@ fn draw(entry: &FieldEntry, field: &dyn VelocityField, text: &mut String) -> Dra
 }
 
 /// Placeholder color that occurs nowhere else in the plot.
-const STAND_IN: RGBColor = RGBColor(1, 2, 3);
+const PLACEHOLDER: RGBColor = RGBColor(1, 2, 3);
 
 /// Speed in a plane, as an image.
 struct SpeedMap {
@@ -141,7 +141,7 @@ impl SpeedMap {
             let j = if upward { rows - 1 - j } else { j };
             field.velocity(at(u0 + du * (f64::from(i) + 0.5), v0 + dv * (f64::from(j) + 0.5)), 0.0).length()
         };
-        // The 99.5 % quantile sets the scale: near singular points the speed diverges.
+        // The scale ends at the 99.5 % quantile, because the speed diverges near singular points.
         let mut speeds: Vec<f64> = (0..rows)
             .flat_map(|j| (0..CELLS).map(move |i| (i, j)))
             .map(|(i, j)| speed(i, j))
@@ -196,7 +196,7 @@ fn streamline(
     let follow = |sign: f64| {
         let mut line = Vec::new();
         let mut x = seed;
-        for _ in 0..STEPS / 4 {
+        for _ in 0..STEPS {
             // The midpoint rule is accurate enough for a plot.
             let next = direction(x)
                 .and_then(|d| direction(x + d * (0.5 * sign * step)))
@@ -262,7 +262,7 @@ fn color_key(
     Ok(())
 }
 
-/// Color map from white over blue-green to dark blue: roughly perceptually uniform, and monotonic in
+/// Color map from white through blue-green to dark blue: roughly perceptually uniform, and monotonic in
 /// grayscale.
 fn shade(share: f64) -> RGBColor {
     const STOPS: [(f64, f64, f64); 4] =

@@ -1,9 +1,9 @@
-//! Brightness of particles, as scenarios write it: a factor on MicroSIG's counts, or photons.
+//! Brightness of particles in scenarios: a factor on MicroSIG's counts, or photons.
 //!
-//! With photons a particle emits its photons evenly in all directions; the aperture collects its share of
-//! them, 0.5 (1 - cos asin NA) in focus, and the camera sees those. The ideal image is then in photons,
-//! whatever `points_per_pixel`, `n_rays`, magnification and pixel size are: `c_int` of the data files becomes
-//! photons per ray, and images made from these files alone are the same.
+//! With `photons`, a particle emits isotropically; the aperture collects the fraction 0.5 (1 - cos(asin NA))
+//! in focus, which reaches the camera. The ideal image is then in photons, independent of `points_per_pixel`,
+//! `n_rays`, magnification and pixel size: `c_int` in the data files is in photons per ray, so the same
+//! images can be rendered from these files alone.
 
 use flows::intensities::Intensities;
 use microsig_core::emission::{SpheroidLaw, area_ratio, sphere_points, surface_points};
@@ -15,11 +15,11 @@ use serde::{Deserialize, Serialize};
 /// Range of diameters.
 const SIZES: &str = "> 0 and <= 1e6";
 
-/// Factor on the brightness that the optics give a particle of its size.
+/// Factor on the brightness that the optics give a particle of this size.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Brightness {
-    /// All the same.
+    /// The same for all particles.
     Constant(#[schemars(range(min = 0.0, max = 1e6), example = 1.0)] f64),
     /// Uniform distribution.
     Uniform {
@@ -41,11 +41,11 @@ pub enum Brightness {
     },
     /// (d / reference)^exponent.
     PowerOfDiameter {
-        /// Diameter of factor 1.
+        /// Diameter at which the factor is 1.
         #[schemars(extend("x-range" = SIZES), example = 2.0)]
         reference_um: f64,
-        /// 1 for particles dyed throughout, whose light grows with d^3 (the optics give d^2, luminous
-        /// surfaces).
+        /// 1 for particles dyed throughout their volume, whose light is proportional to d^3 (the optics alone
+        /// give d^2, as for surface emission).
         #[schemars(range(min = -100.0, max = 100.0), example = 1.0)]
         exponent: f64,
     },
@@ -60,14 +60,14 @@ impl Default for Brightness {
 /// Photons that a particle emits per exposure; `gain` is then counts per photon, 1 unless given.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Photons {
-    /// Photons per exposure in all directions, of a particle of `reference_um`; the aperture collects its
-    /// share.
+    /// Photons per exposure, in all directions, of a particle of diameter `reference_um`; the aperture
+    /// collects a fraction of them.
     #[schemars(example = Emitted::Constant(1e6))]
     pub emitted: Emitted,
-    /// How they grow with the diameter.
+    /// How the number of photons depends on the diameter.
     #[serde(default)]
     pub grow_with: Growth,
-    /// Diameter of the particle that emits so many.
+    /// Diameter of a particle that emits `emitted` photons.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(
         extend("x-range" = SIZES, "x-default" = "the mean of `diameter_um`"),
@@ -80,7 +80,7 @@ pub struct Photons {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Emitted {
-    /// All the same.
+    /// The same for all particles.
     Constant(#[schemars(range(min = 0.0, max = 1e15), extend("x-unit" = "photons"), example = 1e6)] f64),
     /// Uniform distribution.
     Uniform {
@@ -102,21 +102,21 @@ pub enum Emitted {
     },
 }
 
-/// How photons grow with the diameter of a particle.
+/// How the number of photons depends on the particle diameter.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Growth {
-    /// With d^2: dyed on their surface.
+    /// Proportional to d^2: particles dyed on their surface.
     #[default]
     Surface,
-    /// With d^3: dyed throughout.
+    /// Proportional to d^3: particles dyed throughout their volume.
     Volume,
-    /// All sizes emit as many.
+    /// The same number for all diameters.
     Equal,
 }
 
 impl Brightness {
-    /// The distribution.
+    /// The distribution of factors.
     pub(super) fn build(self) -> flows::Result<Intensities> {
         match self {
             Brightness::Constant(factor) => Intensities::equal(factor),
@@ -140,7 +140,7 @@ impl Emitted {
     }
 }
 
-/// What turns photons into `c_int` of the data files.
+/// Conversion of photons to `c_int` of the data files.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhotonScale {
     grow_with: Growth,
@@ -149,18 +149,19 @@ pub struct PhotonScale {
     unit: Unit,
 }
 
-/// What `c_int` weighs.
+/// The quantity that `c_int` multiplies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Unit {
-    /// Rays into the half space toward the lens.
+    /// Rays emitted into the half space toward the lens.
     Rays(SpheroidLaw),
-    /// Spots; with the integral of the light of one, counts, at this diameter (um), and its growth with the
-    /// diameter.
+    /// Gaussian spots. `counts`: integral of a spot's light; `reference_um`: particle diameter (um) at which
+    /// it holds, if spots scale with the particles.
     Spots { counts: f64, reference_um: Option<f64> },
 }
 
 impl PhotonScale {
-    /// For a renderer and its settings; `mean_um` is the reference if none is given.
+    /// The conversion for a renderer and its settings; `mean_um` (um) is the reference diameter if none is
+    /// given.
     pub(super) fn new(photons: &Photons, renderer: &RendererSpec, settings: &Settings, mean_um: f64) -> Self {
         let unit = match *renderer {
             RendererSpec::Rays { spheroids } | RendererSpec::Expected { spheroids, .. } => {
@@ -181,7 +182,7 @@ impl PhotonScale {
         }
     }
 
-    /// The weight of a particle whose like of the reference's diameter emits so many photons.
+    /// `c_int` of a particle, where `photons` is what a sphere of the reference diameter emits.
     pub fn c_int(&self, photons: f64, particle: &Particle) -> f64 {
         let d = particle.d_um / self.reference_um;
         let e_p = particle.spheroid.map_or(1.0, |spheroid| spheroid.e_p);
@@ -195,7 +196,7 @@ impl PhotonScale {
             Unit::Rays(law) => {
                 let points = match (particle.spheroid, law) {
                     (None, _) => sphere_points(&self.settings, particle.d_um) as f64,
-                    // About half of the points shine.
+                    // About half of the surface points emit.
                     (Some(_), SpheroidLaw::Original) => 0.5 * surface_points(&self.settings, particle) as f64,
                     (Some(_), SpheroidLaw::Uniform) => surface_points(&self.settings, particle) as f64,
                 };

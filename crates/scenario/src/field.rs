@@ -1,6 +1,6 @@
-//! Velocity fields as scenarios write them: `poiseuille(max_speed_um_s: 1290)`.
+//! Velocity fields in scenarios: `poiseuille(max_speed_um_s: 1290)`.
 //!
-//! Names, parameters and defaults are those of `flows::registry`; compositions hold further fields.
+//! Names, parameters and defaults are those of `flows::registry`; compositions contain other fields.
 
 use std::path::Path;
 
@@ -34,11 +34,11 @@ macro_rules! field {
             Sum(Vec<Field>),
             /// A field scaled in velocity and length.
             Scaled(Changed<f::ScaledParams>),
-            /// A field moved.
+            /// A translated field.
             Translated(Changed<f::TranslatedParams>),
-            /// A field turned about an axis.
+            /// A field rotated about an axis.
             Rotated(Changed<f::RotatedParams>),
-            /// A field carried along at constant velocity.
+            /// A field that moves at constant velocity.
             Moving(Changed<f::MovingParams>),
             /// A field modulated in time.
             Modulated(Changed<f::ModulatedParams>),
@@ -47,10 +47,10 @@ macro_rules! field {
         }
 
         impl Field {
-            /// Gives the parts that are drawn at random new seeds.
+            /// Draws new seeds for all random fields, including nested ones.
             ///
             /// # Errors
-            /// What `draw` says.
+            /// Errors of `draw`.
             pub fn reseed(&mut self, draw: &mut impl FnMut() -> Result<u64>) -> Result<()> {
                 match self {
                     $(Field::$variant(p) => p.seed().map_or(Ok(()), |seed| Ok(*seed = draw()?)),)*
@@ -65,7 +65,8 @@ macro_rules! field {
                 }
             }
 
-            /// Fills defaults and builds the field at a path; files it names are found and kept by `files`.
+            /// Fills in defaults and builds the field whose key is at `path`; `files` reads and stores the
+            /// files that it names.
             pub(super) fn build(
                 &mut self,
                 path: &str,
@@ -106,7 +107,7 @@ macro_rules! field {
 }
 flows::for_each_field!(field);
 
-/// Describes each field by its formula.
+/// Uses the formula of each field as its description.
 fn formulas(schema: &mut Schema) {
     let variants = schema.get_mut("oneOf").and_then(Value::as_array_mut);
     for variant in variants.into_iter().flatten().filter_map(Value::as_object_mut) {
@@ -126,10 +127,10 @@ pub struct Gridded {
     /// Interpolation between the nodes.
     #[serde(default = "tricubic")]
     pub interpolation: f::Interpolation,
-    /// Whether the data repeat along x, y and z.
+    /// Whether the data are periodic along x, y and z.
     #[serde(default)]
     pub periodic: [bool; 3],
-    /// Where the nodes of a `.npy` file are.
+    /// Positions of the nodes of a `.npy` file.
     #[serde(default)]
     pub geometry: GridGeometry,
 }
@@ -154,7 +155,7 @@ fn boxed<F: VelocityField + 'static>(path: &str, field: flows::Result<F>, proble
 }
 
 impl Field {
-    /// Its name in scenarios.
+    /// The variant's name in scenarios.
     fn name(&self) -> String {
         let value = serde_json::to_value(self).unwrap_or_default();
         value.as_object().and_then(|one| one.keys().next().cloned()).unwrap_or_default()

@@ -1,4 +1,4 @@
-//! Light on the particles, as scenarios write it.
+//! Illumination of the particles in scenarios.
 
 use flows::Illumination as Light;
 use flows::illumination::{Profile, Shape};
@@ -122,7 +122,7 @@ impl Default for Illumination {
 }
 
 impl Illumination {
-    /// Fills defaults and checks.
+    /// Fills in defaults, then checks and builds the illumination.
     pub(super) fn build(&mut self, z_um: (f64, f64), problems: &mut Problems) -> Option<Light> {
         let middle = (0.0, 0.0, 0.5 * (z_um.0 + z_um.1));
         let shape = match &mut self.shape {

@@ -1,4 +1,4 @@
-//! Scenarios: as written ([`spec`]), as read ([`parse()`]), as checked and filled ([`resolve()`]).
+//! Scenarios: their keys ([`spec`]), parsing ([`parse()`]), validation and defaults ([`resolve()`]).
 
 mod brightness;
 mod drawing;

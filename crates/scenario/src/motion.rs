@@ -1,4 +1,4 @@
-//! What moves the particles, as scenarios write it: a velocity field in its place, or recorded tracks.
+//! What moves the particles in a scenario: a velocity field and its placement, or recorded tracks.
 
 use flows::fields::{Rotated, RotatedParams, Translated, TranslatedParams};
 use flows::registry::DepthRange;
@@ -16,23 +16,23 @@ use storage::tables::truth::TRACKS;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Motion {
-    /// A velocity field advects them.
+    /// A velocity field advects the particles.
     Flow(Flow),
-    /// They follow recorded tracks.
+    /// Particles follow recorded tracks.
     Tracks(Tracks),
 }
 
-/// A velocity field in its place.
+/// A velocity field and its placement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Flow {
     /// The field, with its parameters; `microsig flows` lists and describes all fields.
     pub field: Field,
-    /// The field turned about an axis through a point, then moved.
+    /// Rotation of the field about an axis through a point, followed by a translation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub placement: Option<FieldPlacement>,
 }
 
-/// A field turned about its own origin, which is then moved.
+/// Rotation of a field about an axis, followed by a translation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct FieldPlacement {
@@ -42,7 +42,7 @@ pub struct FieldPlacement {
     pub axis: (f64, f64, f64),
     /// Angle of rotation; about z clockwise on the screen.
     pub angle_rad: f64,
-    /// A point of the axis (x, y, z), before the field is moved.
+    /// A point on the axis (x, y, z), before the translation.
     #[schemars(extend("x-formerly" = ["centre_um"]))]
     pub center_um: (f64, f64, f64),
 }
@@ -58,7 +58,7 @@ impl Default for FieldPlacement {
     }
 }
 
-/// Recorded tracks; `flows::tracks` says what the file holds.
+/// Recorded tracks; `flows::tracks` describes the file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Tracks {
     /// CSV with the columns `frame`, `track` and `x_um, y_um, z_um` (or `x_px, y_px, z_um`), optionally
@@ -78,7 +78,7 @@ pub enum MotionSource {
 }
 
 impl Flow {
-    /// Fills defaults and builds the field.
+    /// Fills in defaults and builds the placed field.
     pub(super) fn build(
         &mut self,
         z_um: (f64, f64),
@@ -116,18 +116,18 @@ impl Tracks {
                 return None;
             }
         };
-        // The other columns of a dataset's own table say nothing new.
+        // The other columns of a dataset's own `truth/tracks.csv` are redundant and not worth a warning.
         let unknown = |c: &&String| !TRACKS.columns.iter().any(|own| own.name == c.as_str());
         let unused: Vec<&str> = tracks.unused_columns().iter().filter(unknown).map(String::as_str).collect();
         if !unused.is_empty() {
-            warnings.push(format!("{KEY}: {name}: columns that mean nothing here: {}", unused.join(", ")));
+            warnings.push(format!("{KEY}: {name}: columns that are not used: {}", unused.join(", ")));
         }
         self.file = files.keep(&path, bytes);
         Some(tracks)
     }
 }
 
-/// A fault of a file's line, with both in front.
+/// The message of an error, preceded by the file name and, if known, the line.
 fn in_file(name: &str, fault: &flows::Error) -> String {
     match fault {
         flows::Error::Data { line: Some(line), found, expected, .. } => {

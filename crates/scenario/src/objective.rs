@@ -1,5 +1,5 @@
-//! The objective of wave optics, as scenarios write it: the model of the lens, what stands in its pupil, the
-//! layers in front.
+//! The objective in wave-optics scenarios: lens model, pupil mask and aberrations, layers in front of the
+//! lens.
 
 use clap::ValueEnum;
 use microsig_core::render::waves;
@@ -13,7 +13,7 @@ pub enum Lens {
     /// MicroSIG's thin lens with its spherical aberration; dry.
     #[default]
     Microsig,
-    /// An objective corrected for the plane in focus (Abbe's sine condition), as microscopes have them.
+    /// An objective corrected for the plane in focus (Abbe's sine condition), as microscope objectives are.
     Aplanatic,
 }
 
@@ -21,7 +21,7 @@ pub enum Lens {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Pupil {
-    /// What is open. Masks take light away.
+    /// The open part of the pupil; the rest blocks light.
     pub mask: Mask,
     /// Aberrations: Noll's index (2 to 66) and the coefficient, waves rms at `wavelength_um`; 6 is
     /// astigmatism along x and y, 11 spherical aberration.
@@ -38,11 +38,11 @@ pub enum Mask {
     Open,
     /// A ring.
     Annulus {
-        /// Inner radius, in units of the pupil's.
+        /// Inner radius, in units of the pupil's radius.
         #[schemars(extend("x-range" = ">= 0 and < 1"), example = 0.5)]
         inner: f64,
     },
-    /// Discs that lie in the pupil and do not overlap, as of a plate with pinholes.
+    /// Discs inside the pupil that do not overlap, as in a plate with pinholes.
     Pinholes(#[schemars(length(min = 1), example = [Pinhole { x: 0.0, y: 0.6, r: 0.2 }])] Vec<Pinhole>),
 }
 
@@ -62,18 +62,18 @@ pub struct Pinhole {
 }
 
 impl Default for Pinhole {
-    /// In the middle.
+    /// A pinhole in the middle of the pupil.
     fn default() -> Self {
         Pinhole { x: 0.0, y: 0.0, r: 0.2 }
     }
 }
 
-/// The layers between a particle and the objective, and those that it was designed for (Gibson and Lanni
-/// 1991). Depths are physical: `depth_factor` is 1.
+/// The layers between a particle and the objective, and those that the objective was designed for (Gibson and
+/// Lanni 1991). Depths are physical: `depth_factor` is 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Layers {
-    /// Refractive index of the medium that particles are in.
+    /// Refractive index of the medium around the particles.
     #[schemars(range(min = 1.0, max = 4.0))]
     pub n_s: f64,
     /// Refractive index of the cover slip.
@@ -103,8 +103,7 @@ pub struct Layers {
 }
 
 impl Default for Layers {
-    /// Water below a cover slip of 0.17 mm, which the dry objective was designed for; the focus is 100 um
-    /// deep.
+    /// Water below a 0.17 mm cover slip, for which the dry objective was designed; the focus is 100 um deep.
     fn default() -> Self {
         Layers {
             n_s: 1.33,

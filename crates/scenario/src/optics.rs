@@ -1,4 +1,4 @@
-//! The lens and what stands behind it, as scenarios write them: MicroSIG's settings, the camera.
+//! Optics and camera of a scenario: MicroSIG's settings and the detector.
 
 use microsig_core::Settings;
 use microsig_core::formats::{settings_file, tiff};
@@ -10,8 +10,8 @@ use super::language::problems::Problems;
 use super::spec::{self, Preset};
 use storage::error::Result;
 
-/// The settings; what the scenario left out is filled in. `in_photons`: the light is in photons rather than
-/// rays.
+/// Builds the settings and fills in the keys that are omitted. `in_photons`: light is measured in photons
+/// instead of rays.
 pub(super) fn optics(
     optics: &mut spec::Optics,
     in_photons: bool,
@@ -31,7 +31,7 @@ pub(super) fn optics(
             optics.settings = Some(files.keep(&path, bytes));
             read.settings
         }
-        // Without preset and file the keys may be all there; what is missing is taken from setting 1.
+        // Without a preset or a file, keys that are not given have the values of setting 1.
         None => match *optics.preset.get_or_insert(Preset::Setting1) {
             Preset::Setting1 => Settings::setting1(),
             Preset::Setting1a => Settings::setting1a(),
@@ -39,7 +39,8 @@ pub(super) fn optics(
         },
     };
     if optics.gaussian.is_some() || in_photons {
-        // Peaks are counts already, and photons are no rays; the presets' gains are counts per ray.
+        // The presets' gains are counts per ray: they apply neither to Gaussian peaks, which are in counts,
+        // nor to photons.
         settings.gain = 1.0;
     }
     optics.apply(&mut settings);
@@ -66,9 +67,9 @@ pub(super) fn optics(
     problems.of("optics", settings.validate()).map(|()| settings)
 }
 
-/// Focal length of the cylindrical lens (um; 0: none) that moves the plane in focus along x by a depth of
-/// MicroSIG's data files (um). Paraxially: behind the objective, light of that plane meets at b', and the
-/// cylindrical lens, at b/3, makes that b.
+/// Focal length (um; 0: no lens) of the cylindrical lens that shifts the plane in focus along x by
+/// `moved_um`, a depth as in MicroSIG's data files. In paraxial optics, the objective alone images that plane
+/// at a distance b' behind it; the cylindrical lens, at b/3, moves this image to the sensor at b.
 fn cylinder(settings: &Settings, moved_um: f64) -> Option<f64> {
     if moved_um == 0.0 {
         return Some(0.0);
@@ -80,20 +81,20 @@ fn cylinder(settings: &Settings, moved_um: f64) -> Option<f64> {
     (object > 0.0 && focal_length.is_finite() && focal_length != 0.0).then_some(focal_length)
 }
 
-/// How a camera, or MicroSIG's own sensor, shows light in the middle of the image; a fixed pattern is left
-/// out, a background image counts with its mean.
+/// Response of the camera, or of MicroSIG's own sensor, to light at the image center, without fixed-pattern
+/// noise; a background image is replaced by its mean.
 pub(super) fn response(settings: &Settings, detector: Option<&Detector>) -> Result<Response> {
     let pixel = Settings { pixel_dim_x: 1, pixel_dim_y: 1, ..settings.clone() };
-    let even = detector.map(|detector| {
+    let uniform = detector.map(|detector| {
         let mean = |counts: &Vec<f64>| vec![counts.iter().sum::<f64>() / counts.len() as f64];
         let background = detector.background.as_ref().map(mean);
         Detector { prnu: 0.0, dsnu_e: 0.0, hot_pixels: None, background, ..detector.clone() }
     });
-    Ok(sensor(&pixel, even.as_ref(), &Streams::new(0))?.response(0))
+    Ok(sensor(&pixel, uniform.as_ref(), &Streams::new(0))?.response(0))
 }
 
-/// The sensor of a dataset: without a detector MicroSIG's own, except that counts are rounded once, after
-/// noise is added, so that faint light is not lost.
+/// The sensor of a dataset. Without a detector it is MicroSIG's own, except that counts are rounded only
+/// once, after noise is added, so that faint light is not lost.
 ///
 /// # Errors
 /// A value of the detector that is out of range.
@@ -105,9 +106,9 @@ pub fn sensor(settings: &Settings, detector: Option<&Detector>, streams: &Stream
     Ok(sensor.with_rounding(NoiseRounding::AfterSum))
 }
 
-/// A camera makes its own noise: MicroSIG's background noise is off beside it unless the scenario asks for
-/// both.
-pub(super) fn one_noise(
+/// Sets MicroSIG's background noise to 0 if there is a camera, which has its own noise, unless the scenario
+/// sets both; then a warning is added.
+pub(super) fn default_background_noise(
     optics: &mut spec::Optics,
     sensor: Option<&spec::Sensor>,
     warnings: &mut Vec<String>,
@@ -116,13 +117,13 @@ pub(super) fn one_noise(
     let noise = *optics.background_noise.get_or_insert(0.0);
     if noise > 0.0 && (sensor.shot_noise || sensor.read_noise_e > 0.0) {
         warnings.push(format!(
-            "optics.background_noise = {noise} counts is added to the noise that the camera of `sensor` makes itself; leave \
-             it out for the camera's alone"
+            "optics.background_noise = {noise} counts is added to the noise of the camera in `sensor`; omit \
+             it to have the camera's noise only"
         ));
     }
 }
 
-/// What to say of a background beyond the ends of the scale.
+/// A warning if the background is outside the range of counts.
 pub(super) fn clipped(response: &Response, detector: Option<&Detector>) -> Option<String> {
     let most = f64::from((1u32 << detector.map_or(16, |detector| detector.bits)) - 1);
     let Response { background, background_noise, .. } = response;
@@ -139,7 +140,7 @@ pub(super) fn clipped(response: &Response, detector: Option<&Detector>) -> Optio
     Some(format!("the background is {background:.3} counts{noise}, of 0 to {most}: images are {what}"))
 }
 
-/// The camera, with its background image.
+/// Builds the camera and reads its background image.
 pub(super) fn detector(
     sensor: &mut spec::Sensor,
     settings: Option<&Settings>,
@@ -147,7 +148,7 @@ pub(super) fn detector(
     problems: &mut Problems,
 ) -> Option<Detector> {
     let background = match (sensor.background.clone(), settings) {
-        // Without settings only what does not depend on them is checked.
+        // Without settings, only values that do not depend on them are checked.
         (None, _) | (_, None) => None,
         (Some(file), Some(settings)) => {
             let (path, bytes) = files.read("sensor.background", &file, problems)?;
@@ -167,14 +168,15 @@ pub(super) fn detector(
 mod tests {
     use super::*;
 
-    /// By hand: b = 3850 um; behind the cylinder light meets 2 b/3 on, so before it 7163 um on, which is 8446
-    /// um behind the objective; the object is then 365.1 um away instead of 385.
+    /// Computed by hand: b = 3850 um. The image is 2 b/3 behind the cylindrical lens; without the lens it
+    /// would be 7163 um behind that point, which is 8446 um behind the objective. The object is then at 365.1
+    /// um instead of 385 um.
     #[test]
     fn a_cylinder_of_4000_um_moves_the_focal_plane_of_setting_1_by_20_um() {
         let focal_length = cylinder(&Settings::setting1(), -19.87).unwrap();
         assert!((focal_length / 4000.0 - 1.0).abs() < 0.002, "{focal_length}");
         let diverging = cylinder(&Settings::setting1(), 20.0).unwrap();
-        // 405 um away: 2577 um behind the objective, 1294 um behind the cylinder.
+        // Object at 405 um: image 2577 um behind the objective, 1294 um behind the cylindrical lens.
         assert!((diverging / -2609.4 - 1.0).abs() < 0.001, "{diverging}");
         assert_eq!(cylinder(&Settings::setting1(), 0.0), Some(0.0));
         assert_eq!(cylinder(&Settings::setting1(), -400.0), None);

@@ -1,5 +1,5 @@
-//! Particles in scenarios: how many, where, how large, how bright, how they lie, and what moves them besides
-//! the flow.
+//! Particles in scenarios: number, positions, diameters, brightness, orientations, and motion besides the
+//! flow.
 
 use std::path::Path;
 
@@ -21,7 +21,8 @@ use super::language::problems::Problems;
 use storage::error::Result;
 use visibility::DepthScan;
 
-/// Particles in view: a source density N_S of about 0.1 under setting 1 in the default channel.
+/// Default number of particles in view: a source density N_S of about 0.1 with setting 1 and the default
+/// channel.
 const DEFAULT_COUNT: u32 = 46;
 const DEFAULT_DIAMETER_UM: f64 = 2.0;
 
@@ -32,14 +33,14 @@ pub struct Particles {
     /// How many.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub number: Option<Number>,
-    /// Initial positions. They hold in the first frame of a recording: the flow moves particles, and those
-    /// that enter are independent of the others.
+    /// Initial positions. They apply to the first frame of a recording: the flow then moves the particles,
+    /// and those that enter later are independent of the others.
     pub seeding: Placement,
     /// Particle diameters; of spheroids the equatorial ones. Values beyond the cutoffs are drawn again, never
     /// clipped.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub diameter_um: Option<Diameter>,
-    /// Factor on the brightness that the optics give a particle of its size.
+    /// Factor on the brightness that the optics give a particle of this size.
     pub c_int: Brightness,
     /// Instead of `c_int`: photons that a particle emits per exposure.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -89,7 +90,7 @@ pub enum Placement {
     JitteredGrid(#[schemars(range(min = 0.0, max = 1.0), example = 0.5)] f64),
     /// Surfaces at least this far apart.
     Apart(#[schemars(range(min = 0.0, max = 1e6), extend("x-unit" = "um"), example = 1.0)] f64),
-    /// The same in the image plane, whatever the depths.
+    /// Surfaces at least this far apart in the image plane, at any depth.
     ApartInImage(#[schemars(range(min = 0.0, max = 1e6), extend("x-unit" = "um"), example = 1.0)] f64),
 }
 
@@ -100,7 +101,7 @@ const SIZES: &str = "> 0 and <= 1e6";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Diameter {
-    /// All the same.
+    /// The same for all particles.
     Constant(#[schemars(extend("x-unit" = "um", "x-range" = SIZES), example = 2.0)] f64),
     /// Uniform distribution.
     Uniform {
@@ -252,7 +253,7 @@ pub enum Obstacle {
         #[schemars(extend("x-range" = SIZES), example = 60.0)]
         height_um: f64,
     },
-    /// A sphere in which particles end.
+    /// A sphere that removes the particles that enter it.
     Drain {
         /// Center (x, y, z).
         #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0, -30))]
@@ -266,19 +267,19 @@ pub enum Obstacle {
 /// The particles of a scenario, checked.
 #[derive(Debug, Clone)]
 pub struct Cloud {
-    /// Spheroids, if they are.
+    /// Aspect ratio and orientations, if the particles are spheroids.
     pub spheroids: Option<SpheroidCloud>,
-    /// Factors on brightness, or photons.
+    /// Brightness factors, or photons.
     pub intensities: Intensities,
-    /// What turns photons into brightness, if `intensities` are photons.
+    /// Conversion of photons to brightness, if `intensities` are photons.
     pub photons: Option<PhotonScale>,
-    /// Whether `intensities` is anything but 1.
+    /// Whether `intensities` differs from 1.
     pub has_intensities: bool,
-    /// Thermal motion.
+    /// Brownian motion.
     pub brownian: Option<BrownianMotion>,
-    /// Sinking.
+    /// Sedimentation or buoyancy.
     pub settling: Option<SettlingMotion>,
-    /// Bodies that keep particles out.
+    /// Bodies that particles cannot enter.
     pub bodies: Vec<Body>,
 }
 
@@ -316,25 +317,25 @@ impl Obstacle {
 }
 
 impl Cloud {
-    /// The brightness of a particle for which this number, a factor or photons, was drawn.
+    /// Brightness `c_int` of a particle, from the number drawn for it: a factor or photons.
     pub fn c_int(&self, drawn: f64, particle: &Particle) -> f64 {
         self.photons.as_ref().map_or(drawn, |photons| photons.c_int(drawn, particle))
     }
 
-    /// The brightness in the middle of the distribution, of a sphere of this diameter.
+    /// Typical brightness `c_int` (the middle of the distribution) of a sphere of diameter `d_um` (um).
     pub fn typical_c_int(&self, d_um: f64) -> f64 {
         self.c_int(self.intensities.typical(d_um), &Particle::sphere(1.0, 1.0, 0.0, d_um))
     }
 }
 
 impl Particles {
-    /// Diameters, filled in.
+    /// Builds the distribution of diameters; fills in its default.
     pub(super) fn diameters(&mut self, problems: &mut Problems) -> Option<Diameters> {
         let diameter = self.diameter_um.get_or_insert(Diameter::Constant(DEFAULT_DIAMETER_UM));
         problems.of("particles.diameter_um", diameter.build())
     }
 
-    /// Everything but number and places.
+    /// Builds everything except number and positions.
     pub(super) fn cloud(&self, bodies: &[Obstacle], problems: &mut Problems) -> Option<Cloud> {
         let spheroids = self.spheroids.map(|s| {
             let orientations = match s.orientation {
@@ -373,7 +374,7 @@ impl Particles {
         })
     }
 
-    /// The one liquid of all laws of motion.
+    /// The liquid, common to Brownian motion and settling.
     fn liquid(&self, problems: &mut Problems) -> Liquid {
         let mut liquid = Liquid::default();
         if let Some(b) = self.brownian {
@@ -392,7 +393,7 @@ impl Particles {
         liquid
     }
 
-    /// Number and places.
+    /// Builds number and initial positions.
     pub(super) fn seeding(
         &mut self,
         diameters: Diameters,
@@ -412,7 +413,7 @@ impl Particles {
             }
             Number::PerUm3(density) => Seeding::poisson(*density, diameters),
             Number::NS(n_s) => {
-                // An image can be drawn only if all else is right.
+                // The area of an image can be computed only if everything else is valid.
                 if problems.any() {
                     return None;
                 }
@@ -421,7 +422,7 @@ impl Particles {
                     problems.value(
                         "particles.number.n_s",
                         *n_s,
-                        "optics in which particles are seen (gain > 0)",
+                        "optics in which particles are visible (gain > 0)",
                     );
                 }
                 let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
@@ -431,12 +432,12 @@ impl Particles {
                 let (path, bytes) = files.read("particles.number.file", file, problems)?;
                 let read: Result<_> =
                     data_file::read(&bytes[..], &path.display().to_string()).map_err(Into::into);
-                let places = problems.of("particles.number.file", read)?;
+                let listed = problems.of("particles.number.file", read)?;
                 *file = files.keep(Path::new(file), bytes);
                 let object = |p: &microsig_core::Particle| {
                     scale.to_object(flows::scale::ImagePoint { x_px: p.x_px, y_px: p.y_px, z_um: p.z_um })
                 };
-                Seeding::list(places.iter().map(object).collect(), diameters)
+                Seeding::list(listed.iter().map(object).collect(), diameters)
             }
         };
         let placed = seeding.and_then(|seeding| match self.seeding {

@@ -19,7 +19,7 @@ use super::files::Files;
 use super::language::problems::Problems;
 use super::license::{LICENSES, License};
 use super::motion::MotionSource;
-use super::optics::{clipped, detector, one_noise, optics, response};
+use super::optics::{clipped, default_background_noise, detector, optics, response};
 use super::particles::Cloud;
 use super::recorded::recorded;
 use super::recordings::Recordings;
@@ -162,7 +162,7 @@ fn sections(
     warnings: &mut Vec<String>,
     problems: &mut Problems,
 ) -> Sections {
-    one_noise(&mut spec.optics, spec.sensor.as_ref(), warnings);
+    default_background_noise(&mut spec.optics, spec.sensor.as_ref(), warnings);
     let in_photons = spec.particles.photons.is_some();
     let settings = optics(&mut spec.optics, in_photons, files, warnings, problems);
     let camera = spec.sensor.as_mut();

@@ -1,8 +1,8 @@
-//! A scenario as it is written. A key is a field of one of these structs and nothing else: its doc comment is
-//! the meaning, its attributes are default and range (`language::schema`).
+//! The scenario file as Rust structs. Every key is a field of one of these structs: its doc comment is the
+//! description in the documentation, its attributes give default and range (`language::schema`).
 //!
-//! A key left out is `None` (or a default); [`super::resolve`] fills them all, and the filled form is what a
-//! dataset keeps as its `scenario.ron`.
+//! An omitted key is `None` or has its default. [`super::resolve`] fills in all of them; the completed
+//! scenario is the `scenario.ron` of a dataset.
 
 use std::sync::LazyLock;
 
@@ -30,7 +30,7 @@ pub use super::rendering::{Emission, Render, RenderMode, SpheroidPoints};
 pub use super::timing::{Flashes, FourPulse, PairSeeding, Pairs, Sequence, Timing};
 pub use super::truth_grid::{FieldGrid, Planes, TruthGrid, Weighting};
 
-/// A scenario: what is filmed, through which optics, and when.
+/// A scenario: what is imaged, through which optics, and when.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Spec {
     /// Name of the dataset and of its folder: 1 to 100 lower-case letters, digits, `.`, `_`, `-`.
@@ -49,8 +49,8 @@ pub struct Spec {
     /// Lenses, sensor size, background: MicroSIG's 14 settings from a preset, a settings file, or one by one.
     #[serde(default)]
     pub optics: Optics,
-    /// A camera behind the optics, instead of MicroSIG's constant background with Gaussian noise. Effects
-    /// that are not given are off.
+    /// A camera model, instead of MicroSIG's constant background with Gaussian noise. Effects that are not
+    /// given are off.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor: Option<Sensor>,
     /// What moves the particles.
@@ -59,17 +59,17 @@ pub struct Spec {
     /// Number, positions, sizes and brightness of the particles, and what moves them besides the flow.
     #[serde(default)]
     pub particles: Particles,
-    /// The box that holds the particles: the image, a margin around it, the depth range.
+    /// The box that contains the particles: the image, a margin around it, the depth range.
     #[serde(default)]
     pub boundaries: Boundaries,
-    /// When frames are taken.
+    /// Times at which frames are recorded.
     #[schemars(example = json!({ "pairs": { "count": 10 } }))]
     pub timing: Timing,
     /// Illumination that varies in space and from pulse to pulse; it multiplies `c_int`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "the same everywhere and always"))]
     pub illumination: Option<Illumination>,
-    /// How particles become images.
+    /// How particle images are rendered.
     #[serde(default)]
     pub render: Render,
     /// Optional columns of the truth.
@@ -96,7 +96,7 @@ fn license() -> String {
 }
 
 impl Spec {
-    /// What draws the particles.
+    /// The renderer and its options.
     pub fn renderer(&self) -> RendererSpec {
         let spheroids = self.render.spheroids.into();
         let tolerance = self.render.tolerance.unwrap_or(DEFAULT_TOLERANCE);
@@ -108,7 +108,7 @@ impl Spec {
         }
     }
 
-    /// Light and objective of wave optics. Without a wavelength, which is an error, it is 0.
+    /// Light and objective for wave optics. A missing wavelength, which is an error, becomes 0.
     fn wave_optics(&self) -> WaveOptics {
         let Optics { lens, pupil, layers, cyl_angle_deg, .. } = &self.optics;
         WaveOptics {
@@ -140,7 +140,7 @@ pub struct Gaussian {
 }
 
 impl Default for Gaussian {
-    /// The diameter at which PIV errors are smallest, a hundred times as bright as the noise of setting 1.
+    /// The diameter at which PIV errors are smallest; the peak is 100 times the noise of setting 1.
     fn default() -> Self {
         Gaussian { diameter_px: 2.5, reference_um: None, peak_counts: 1000.0 }
     }
@@ -238,8 +238,9 @@ pub struct Optics {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = PRESET))]
     pub cyl_focal_length: Option<f64>,
-    /// Instead of `cyl_focal_length`: physical depth at which images are narrow minus that at which they are
-    /// low, by paraxial optics; negative for a converging cylinder.
+    /// Instead of `cyl_focal_length`: distance of the two focal planes in paraxial optics, i.e. the physical
+    /// depth at which images are narrowest along x minus that at which they are narrowest along y; negative
+    /// for a converging cylindrical lens.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(
         range(min = -1e5, max = 1e5),
@@ -251,11 +252,11 @@ pub struct Optics {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "microsig if `mode` is `waves`"))]
     pub lens: Option<Lens>,
-    /// What stands in the pupil of the objective, for `mode: waves`.
+    /// Mask and aberrations in the pupil of the objective, for `mode: waves`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "an open pupil without aberrations"), example = Pupil::default())]
     pub pupil: Option<Pupil>,
-    /// Azimuth along which the cylindrical lens bends, from x toward y, for `mode: waves`.
+    /// Azimuth of the direction in which the cylindrical lens has power, from x toward y, for `mode: waves`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = -180.0, max = 180.0), extend("x-unit" = "degrees", "x-default" = "0: along x"), example = 0.0)]
     pub cyl_angle_deg: Option<f64>,
@@ -292,7 +293,7 @@ macro_rules! settings_keys {
 }
 
 impl Optics {
-    /// Replaces the settings that are written here.
+    /// Overwrites the settings whose keys are given.
     pub fn apply(&self, settings: &mut Settings) {
         macro_rules! apply {
             ($o:ident, $s:ident, $($key:ident),*) => { $( if let Some(value) = $o.$key { $s.$key = value; } )* };
@@ -300,7 +301,7 @@ impl Optics {
         settings_keys!(self, settings, apply);
     }
 
-    /// Writes all settings here.
+    /// Sets all keys to the given settings.
     pub fn fill(&mut self, settings: &Settings) {
         macro_rules! fill {
             ($o:ident, $s:ident, $($key:ident),*) => { $( $o.$key = Some($s.$key); )* };
@@ -325,7 +326,7 @@ pub enum Preset {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Sensor {
-    /// Photons that make one count of the ideal image.
+    /// Photons per count of the ideal image.
     #[schemars(extend("x-unit" = "photons/count", "x-range" = "> 0 and <= 1e12"))]
     pub photons_per_count: f64,
     /// Quantum efficiency: electrons per photon.
@@ -373,7 +374,7 @@ pub struct Sensor {
     pub background: Option<String>,
 }
 
-/// JSON has no infinite numbers: `null` stands for them.
+/// JSON has no infinite numbers: `null` represents infinity.
 fn or_infinite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Option::deserialize(deserializer).map(|value| value.unwrap_or(f64::INFINITY))
 }
@@ -441,14 +442,14 @@ pub struct Boundaries {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("minimum" = -1e6, "maximum" = 1e6))]
     pub z_um: Option<(f64, f64)>,
-    /// What the left and right ends are.
+    /// Type of the left and right boundaries.
     pub x: Boundary,
-    /// What the upper and lower ends are.
+    /// Type of the upper and lower boundaries.
     pub y: Boundary,
-    /// What the two ends of the depth range are.
+    /// Type of the boundaries at the two ends of the depth range.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub z: Option<Boundary>,
-    /// How far the box reaches beyond the image on each side.
+    /// Distance by which the box extends beyond the image on each side.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(
         range(min = 0.0, max = 1e5),
@@ -457,18 +458,18 @@ pub struct Boundaries {
     pub margin_px: Option<f64>,
     /// Solid bodies that particles cannot enter.
     pub bodies: Vec<Obstacle>,
-    /// Whether a particle that passes a periodic end keeps its track number.
+    /// Whether a particle that crosses a periodic boundary keeps its track number.
     pub keep_ids: bool,
 }
 
-/// What a face of the box is.
+/// Type of a boundary of the box.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Boundary {
-    /// Particles come and go; their number density is the same outside as inside.
+    /// Particles enter and leave; the number density is the same outside as inside.
     #[default]
     Open,
-    /// Particles stay one radius away from it.
+    /// A solid wall: particle centers stay at least one radius away from it.
     Wall,
     /// Particles that leave on one side enter on the other.
     Periodic,

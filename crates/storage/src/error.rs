@@ -30,7 +30,7 @@ pub enum Error {
     /// The program ran, but a check failed: one message per failure.
     #[error("{}", .0.join("\n"))]
     Failed(Vec<String>),
-    /// The work was ended from outside before it was done.
+    /// The run was interrupted before it finished.
     #[error("interrupted")]
     Interrupted,
     /// An input cannot be read.
@@ -38,7 +38,7 @@ pub enum Error {
     Read {
         /// The file or folder.
         path: PathBuf,
-        /// The system's reason.
+        /// Error reported by the operating system.
         source: std::io::Error,
     },
     /// Writing failed.
@@ -49,10 +49,10 @@ pub enum Error {
         /// Error reported by the operating system.
         source: std::io::Error,
     },
-    /// An error of the optical model or of one of its files.
+    /// An error in the optical model or in one of its files.
     #[error(transparent)]
     Optics(#[from] microsig_core::Error),
-    /// An error of a flow, its seeding or a trajectory.
+    /// An error in a flow, its seeding or a trajectory.
     #[error(transparent)]
     Flow(#[from] flows::Error),
 }
@@ -85,7 +85,8 @@ impl Error {
         move |source| Error::Write { path, source }
     }
 
-    /// The same error with a path relative to a dataset completed by the dataset's folder.
+    /// The same error; `folder` is prepended to the path of a failed write unless the path already starts
+    /// with it.
     pub fn below(self, folder: &Path) -> Self {
         match self {
             Error::Write { path, source } if !path.starts_with(folder) => {

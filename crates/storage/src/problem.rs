@@ -32,7 +32,7 @@ impl Source {
     }
 }
 
-/// A span of a source text.
+/// A range of bytes in a source text.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Place {
     /// The source text.
@@ -64,7 +64,7 @@ pub struct Problem {
     pub fault: Fault,
     /// A suggestion, such as the key that was probably meant.
     pub hint: Option<Box<str>>,
-    /// Its position, if known.
+    /// Position in the source text, if known.
     pub place: Option<Place>,
 }
 
@@ -166,7 +166,7 @@ impl Problem {
         }
     }
 
-    /// The message with the line of the file and a caret below the fault.
+    /// The message, followed by the line of the file with carets below the faulty text.
     pub fn rendered(&self) -> String {
         let title = self.to_string();
         let Some(place) = self.place.as_ref().filter(|place| place.source.is_file) else { return title };
@@ -191,8 +191,9 @@ impl fmt::Display for Problem {
         }
         // An assignment already shows path and value.
         let is_own = name.strip_prefix(&*self.path).is_some_and(|rest| rest.starts_with('='));
-        let said = [format!("{} = {}: ", self.path, place.text()), format!("{}: ", self.path)];
-        let rest = said.iter().filter(|_| is_own).find_map(|said| message.strip_prefix(said.as_str()));
+        let prefixes = [format!("{} = {}: ", self.path, place.text()), format!("{}: ", self.path)];
+        let rest =
+            prefixes.iter().filter(|_| is_own).find_map(|prefix| message.strip_prefix(prefix.as_str()));
         write!(f, "{name}: {}", rest.unwrap_or(&message))
     }
 }
