@@ -1,4 +1,4 @@
-//! How a scenario's particles are drawn: renderer, light and objective, filled in and checked.
+//! Rendering of a scenario's particles: fills in and checks renderer, light and objective.
 
 use microsig_core::render::RendererSpec;
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
@@ -7,12 +7,12 @@ use microsig_core::{Error as Core, Settings};
 use super::language::problems::Problems;
 use super::spec::{Brightness, Calibration, Lens, RenderMode, Spec};
 
-/// Fills in how particles are drawn, and checks it.
+/// Fills in defaults of the renderer and checks its keys.
 pub(super) fn mode(spec: &mut Spec, problems: &mut Problems) {
     match spec.render.mode {
         RenderMode::Rays => {
             if let Some(tolerance) = spec.render.tolerance {
-                let allowed = "nothing: rays have no tolerance, only mode: expected and mode: waves have";
+                let allowed = "nothing: mode: rays has no tolerance, only mode: expected and mode: waves";
                 problems.value("render.tolerance", tolerance, allowed);
             }
         }
@@ -48,12 +48,12 @@ pub(super) fn mode(spec: &mut Spec, problems: &mut Problems) {
         refused.into_iter().for_each(|(mode, allowed)| problems.value("render.mode", mode, &allowed));
     }
     if spec.render.mode != RenderMode::Waves {
-        of_waves_alone(spec, problems);
+        refuse_wave_keys(spec, problems);
     }
 }
 
-/// Keys that mean nothing to rays and spots.
-fn of_waves_alone(spec: &Spec, problems: &mut Problems) {
+/// Refuses keys that only wave optics uses.
+fn refuse_wave_keys(spec: &Spec, problems: &mut Problems) {
     let (render, optics) = (&spec.render, &spec.optics);
     let lens = optics.lens.filter(|lens| *lens != Lens::Microsig);
     for (path, given) in [
@@ -66,32 +66,32 @@ fn of_waves_alone(spec: &Spec, problems: &mut Problems) {
         ("optics.layers", optics.layers.is_some()),
     ] {
         if given {
-            problems.other(path, "expected nothing, or render: (mode: waves): only waves have it");
+            problems.other(path, "expected nothing, or render: (mode: waves): only wave optics uses it");
         }
     }
 }
 
-/// Most images of a calibration stack.
-const MOST_STEPS: f64 = 100_000.0;
+/// Maximum number of images in a calibration stack.
+const MAX_IMAGES: f64 = 100_000.0;
 
 /// Checks the step of the calibration stack.
 pub(super) fn calibration(spec: &Spec, (low, high): (f64, f64), problems: &mut Problems) {
     if let Some(Calibration::EveryUm(step_um)) = spec.calibration
-        && (high - low) / step_um > MOST_STEPS
+        && (high - low) / step_um > MAX_IMAGES
     {
-        let least = (high - low) / MOST_STEPS;
+        let least = (high - low) / MAX_IMAGES;
         problems.value(
             "calibration.every_um",
             step_um,
-            &format!("at least {least}: a stack has at most {MOST_STEPS} images"),
+            &format!("at least {least}: a stack has at most {MAX_IMAGES} images"),
         );
     }
 }
 
-/// Checks light and objective of waves, each fault at its key; whether there is none.
+/// Checks light and objective for wave optics and adds each problem at its key; true if there is none.
 pub(super) fn check(spec: &Spec, settings: &Settings, problems: &mut Problems) -> bool {
     let RendererSpec::Waves { optics, .. } = spec.renderer() else { return true };
-    // That it is missing is said already.
+    // `mode` has reported that it is missing.
     if spec.render.wavelength_um.is_none() {
         return false;
     }
@@ -111,7 +111,7 @@ pub(super) fn check(spec: &Spec, settings: &Settings, problems: &mut Problems) -
     false
 }
 
-/// Fills in what photons leave open, and checks what else of the scenario they concern.
+/// Fills in the defaults of `particles.photons` and checks the keys that conflict with it.
 pub(super) fn photons(
     spec: &mut Spec,
     settings: Option<&Settings>,
@@ -132,7 +132,7 @@ pub(super) fn photons(
         );
     }
     if let Some(sensor) = &spec.sensor {
-        let why = "1: with particles.photons the light is in photons, and sensor.gain_counts_per_e makes counts of it";
+        let why = "1: with particles.photons the light is in photons, and sensor.gain_counts_per_e converts it to counts";
         if sensor.photons_per_count != 1.0 {
             problems.value("sensor.photons_per_count", sensor.photons_per_count, why);
         }

@@ -1,35 +1,35 @@
-//! The files that scenarios name.
+//! The files that a scenario refers to.
 
 use std::path::{Path, PathBuf};
 
 use super::language::problems::Problems;
 use storage::error::Error;
 
-/// A file that the scenario names.
+/// A file that the scenario refers to.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Input {
     /// Its path in the dataset.
     pub path: String,
-    /// What it holds.
+    /// Its content.
     pub bytes: Vec<u8>,
 }
 
-/// The files that the scenario names.
+/// The files that the scenario refers to.
 pub(super) struct Files<'a> {
-    /// Where the scenario lies, and paths in it begin.
+    /// Folder of the scenario, to which its paths are relative.
     pub(super) folder: &'a Path,
     pub(super) inputs: Vec<Input>,
 }
 
 impl Files<'_> {
-    /// Reads a file.
+    /// Reads a file; an error becomes a problem at `key`.
     pub(super) fn read(&self, key: &str, file: &str, problems: &mut Problems) -> Option<(PathBuf, Vec<u8>)> {
         let path = self.folder.join(file);
         let bytes = problems.of(key, std::fs::read(&path).map_err(|e| Error::read(&path, e)))?;
         Some((path, bytes))
     }
 
-    /// Keeps a file for the dataset and gives its path there; files of one name get numbers.
+    /// Stores a file for the dataset and returns its path there; files with the same name are numbered.
     pub(super) fn keep(&mut self, path: &Path, bytes: Vec<u8>) -> String {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut copy = format!("inputs/{name}");

@@ -1,20 +1,20 @@
-//! The licences that a scenario can choose for its dataset, by their SPDX identifiers.
+//! The licenses that a scenario can choose for its dataset, by SPDX identifier.
 
-/// A licence of data.
+/// A data license.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct License {
     /// SPDX identifier.
     pub id: &'static str,
-    /// Its full name.
+    /// Full name.
     pub title: &'static str,
-    /// Where its summary and its text are.
+    /// Address of its summary; that of its text starts with it.
     pub url: &'static str,
 }
 
-/// Name of the file.
+/// Name of the license file in a dataset.
 pub const LICENSE: &str = "LICENSE";
 
-/// All of them; the first is the default.
+/// All licenses; the first is the default.
 pub const LICENSES: [License; 4] = [
     License {
         id: "CC-BY-4.0",
@@ -39,12 +39,12 @@ pub const LICENSES: [License; 4] = [
 ];
 
 impl License {
-    /// The licence of that identifier.
+    /// The license with this identifier.
     pub fn find(id: &str) -> Option<Self> {
         LICENSES.into_iter().find(|license| license.id == id)
     }
 
-    /// The file `LICENSE` of something.
+    /// The text of the file `LICENSE` for `what`.
     pub fn text(&self, what: &str) -> String {
         let License { id, title, url } = self;
         let terms = match *id {

@@ -1,4 +1,4 @@
-//! From a scenario's file to one that can be run.
+//! Reads scenario files.
 
 use std::io::Read;
 use std::path::Path;
@@ -18,13 +18,13 @@ use storage::problem::{Place, Problem, Source};
 /// The resolved scenario in a dataset's folder.
 pub const SCENARIO: &str = "scenario.ron";
 
-/// Longest text of a scenario or sweep, bytes.
+/// Maximum length of a scenario or sweep, bytes.
 const MAX_BYTES: u64 = 16_000_000;
 
 /// Reads the text of a scenario or sweep.
 ///
 /// # Errors
-/// What is no regular file, not UTF-8, or longer than 16 MB.
+/// A path that is not a regular file; text that is not UTF-8 or longer than 16 MB.
 pub fn read_text(file: &Path) -> Result<String> {
     let refuse = |expected: &str| Error::input(format!("{}: expected {expected}", file.display()));
     let kind = std::fs::metadata(file).map_err(|e| Error::read(file, e))?;
@@ -40,11 +40,11 @@ pub fn read_text(file: &Path) -> Result<String> {
     String::from_utf8(bytes).map_err(|_| refuse("a text in UTF-8, in RON or JSON"))
 }
 
-/// Reads a scenario from a text; `name` is what messages call it.
+/// Reads a scenario from a text; `name` is its name in messages.
 ///
 /// # Errors
-/// [`Error::Problems`] with line and column of everything that is neither RON nor JSON, an unknown key, of
-/// the wrong type or out of range.
+/// [`Error::Problems`] with line and column of every error: syntax, unknown keys, values of the wrong type or
+/// out of range.
 pub fn parse(text: &str, name: &str) -> Result<Spec> {
     let (tree, mut problems) = (tree(&Arc::new(Source::file(name, text)))?, Problems::default());
     match typed(scenario(), &tree, &mut problems) {
@@ -53,7 +53,7 @@ pub fn parse(text: &str, name: &str) -> Result<Spec> {
     }
 }
 
-/// The tree of a scenario's text.
+/// Parses a scenario's text into a tree.
 fn tree(source: &Arc<Source>) -> Result<Node> {
     let begins = source.text.trim_start().starts_with(['(', '{', '/', '#']);
     let hint = (!begins).then(|| "a scenario begins with `(` in RON, with `{` in JSON".to_owned());
@@ -69,20 +69,21 @@ fn tree(source: &Arc<Source>) -> Result<Node> {
     Ok(tree)
 }
 
-/// The scenario of a file, some of its values replaced: by assignments `path=value`, and by another seed.
+/// Reads and resolves the scenario in a file, after replacing values by assignments `path=value` and its seed
+/// by `seed`.
 ///
 /// # Errors
 /// [`Error::Problems`] with all problems of text, assignments and values. Rules between values are checked as
-/// far as values can be read.
+/// far as the values can be read.
 pub fn load(file: &Path, assignments: &[String], seed: Option<u64>) -> Result<Scenario> {
     let folder = file.parent().unwrap_or(Path::new("."));
     load_text(&read_text(file)?, (&file.display().to_string(), folder), assignments, seed)
 }
 
-/// [`load`] for a text, which has a name in messages, and a folder from which files that it names are found.
+/// [`load`] for a text, with its name in messages and the folder that paths in it are relative to.
 ///
 /// # Errors
-/// As of [`load`].
+/// As for [`load`].
 pub fn load_text(
     text: &str,
     (name, folder): (&str, &Path),
@@ -113,7 +114,8 @@ pub fn load_text(
     let read = problems.0.clone();
     for problem in found {
         let (place, is_written) = tree.find(&problem.path);
-        // Where something could not be read, what is said of a default is of no use.
+        // After errors of reading, problems of default values that replace what could not be read are
+        // dropped.
         let matters = is_written
             && !problem.path.is_empty()
             && !read.iter().any(|p| !p.path.is_empty() && related(&p.path, &problem.path));
@@ -125,10 +127,10 @@ pub fn load_text(
     Err(Error::Problems(problems.sorted()))
 }
 
-/// The scenario of a dataset, and its text.
+/// The resolved scenario of a dataset, and its text.
 ///
 /// # Errors
-/// A file that is missing; [`Error::Problems`] for one that another version wrote.
+/// A missing file; [`Error::Problems`] for a scenario that this version cannot read.
 pub fn of_dataset(dataset: &Path) -> Result<(Scenario, String)> {
     let path = dataset.join(SCENARIO);
     let text = read_text(&path)?;
@@ -139,7 +141,7 @@ pub fn of_dataset(dataset: &Path) -> Result<(Scenario, String)> {
 /// The scenario with the value at `path` replaced.
 ///
 /// # Errors
-/// [`Error::Problems`] if there is no such path, or the value does not fit it.
+/// [`Error::Problems`] if the path does not exist or the value does not fit its key.
 pub fn set(spec: &Spec, path: &str, value: &str) -> Result<Spec> {
     let whole = Arc::new(Source::assignment(path, value));
     let whole = Place { span: whole.value_at..whole.text.len(), source: whole };
@@ -150,7 +152,7 @@ pub fn set(spec: &Spec, path: &str, value: &str) -> Result<Spec> {
     match changed.and_then(|tree| typed(scenario(), &tree, &mut problems)) {
         Some(spec) if !problems.any() => Ok(spec),
         _ => {
-            // Lines of the text in between mean nothing to the reader.
+            // Lines of the intermediate text mean nothing to the user.
             let is_own = |p: &Problem| p.place.as_ref().is_some_and(|place| !place.source.is_file);
             let problems = problems.sorted().into_iter();
             Err(Error::Problems(problems.map(|p| if is_own(&p) { p } else { p.at(&whole) }).collect()))
@@ -182,7 +184,7 @@ mod tests {
         (error.exit_code(), error.to_string())
     }
 
-    /// What is said of a file with this text, line by line, without the folder.
+    /// The messages for a file with this text, one per line, without the folder.
     fn problems(text: &str, set: &[&str]) -> Vec<String> {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("s.ron");
@@ -229,7 +231,7 @@ mod tests {
         )"#;
         let spec = parse(json, "s.json").unwrap();
         assert_eq!(spec, parse(ron, "s.ron").unwrap());
-        // What serde writes is the schema's JSON too.
+        // JSON written by serde also fits the schema.
         assert_eq!(parse(&serde_json::to_string(&spec).unwrap(), "s.json").unwrap(), spec);
     }
 
@@ -247,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn all_unknown_keys_and_variants_are_named_at_once_with_place_and_suggestion() {
+    fn all_unknown_keys_and_variants_are_reported_at_once_with_position_and_suggestion() {
         let text = GOOD
             .replace("max_speed_um_s", "max_sped_um_s: 1, walls_z_um: (0, 1), max_speed_um_s")
             .replace("name:", "optics: (gian: 3), flavour: sweet,\nname:")
@@ -269,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn all_values_of_the_wrong_type_or_out_of_range_are_named_at_once() {
+    fn all_values_of_the_wrong_type_or_out_of_range_are_reported_at_once() {
         let text = GOOD
             .replace("1000", "fast")
             .replace(
@@ -292,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_of_syntax_and_type_name_place_path_and_what_was_found() {
+    fn errors_of_syntax_and_type_give_position_path_and_what_was_found() {
         for (from, to, expected) in [
             (
                 "1000",
@@ -362,7 +364,7 @@ s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finit
     }
 
     #[test]
-    fn wrong_values_have_a_place_unless_they_are_not_from_the_file() {
+    fn invalid_values_from_the_file_have_a_position() {
         let text = "(\n  name: \"Mine\",\n  motion: flow(field: poiseuille()),\n  timing: pairs(dt_s: 0, count: 0),\n)\n";
         let expected = [
             "s.ron:2:3: name = `Mine`: expected 1 to 100 lower-case",
@@ -375,7 +377,7 @@ s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finit
     }
 
     #[test]
-    fn what_cannot_be_read_hides_no_value_out_of_range() {
+    fn unreadable_values_do_not_hide_values_out_of_range() {
         let text = "(\n  name: \"Mine\", colour: red,\n  optics: (gain: high, n_rays: 0),\n  motion: flow(field: poiseuille()),\n  timing: pairs(dt_s: 1, count: two),\n)\n";
         let expected = [
             "s.ron:2:3: name = `Mine`: expected 1 to 100 lower-case",
@@ -389,7 +391,7 @@ s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finit
     }
 
     #[test]
-    fn faults_of_one_section_hide_none_of_another() {
+    fn problems_of_one_section_do_not_hide_those_of_another() {
         let text = "(name: \"m\", motion: flow(field: poiseuille()), timing: pairs(count: 1),\n\
             optics: (n_rays: 0),\n\
             sensor: (bits: 9),\n\
@@ -471,7 +473,7 @@ s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finit
     }
 
     #[test]
-    fn wrong_paths_and_values_are_refused() {
+    fn invalid_paths_and_values_are_refused() {
         let refuse = |path, value| set(&spec(), path, value).unwrap_err().to_string();
         assert_eq!(
             refuse("optics.gian", "1"),

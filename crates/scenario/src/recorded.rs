@@ -1,4 +1,4 @@
-//! Recorded tracks against the rest of a scenario.
+//! Checks of recorded tracks against the rest of a scenario.
 
 use flows::scale::Scale;
 use flows::{Diameters, RecordedTracks};
@@ -9,12 +9,13 @@ use microsig_core::{Particle, Spheroid};
 use super::language::problems::Problems;
 use super::recordings::Recordings;
 
-/// Faults and warnings of single particles that are listed before the rest is left out.
+/// Maximum number of problems, and of warnings, listed for single particles.
 const MAX_LISTED: usize = 20;
 
-/// Whether particles of recorded tracks can be drawn, and whether the scenario covers them.
+/// Checks that the particles of recorded tracks can be rendered, and warns of rows outside the depth range or
+/// after the last frame.
 #[allow(clippy::too_many_arguments, reason = "a part of `resolve`")]
-pub(super) fn recorded(
+pub(super) fn check_tracks(
     tracks: &RecordedTracks,
     diameters: &Diameters,
     renderer: &Renderer,
@@ -32,15 +33,15 @@ pub(super) fn recorded(
         let spheroid = row.aspect.filter(|e_p| *e_p != 1.0).map(|e_p| Spheroid::from_axis(e_p, axis));
         for d_um in [row.d_um.unwrap_or(diameters.min()), row.d_um.unwrap_or(diameters.max())] {
             let particle = Particle { spheroid, ..Particle::sphere(at.x_px, at.y_px, at.z_um, d_um) };
-            let place = |what: String| format!("line {} of the tracks: {what}", row.line);
+            let in_line = |what: String| format!("line {} of the tracks: {what}", row.line);
             match renderer.check(&particle) {
                 Err(e) if wrong < MAX_LISTED => {
                     wrong += 1;
-                    problems.other(KEY, place(e.to_string()));
+                    problems.other(KEY, in_line(e.to_string()));
                 }
                 Ok(Some(warning)) if drawn_badly < MAX_LISTED => {
                     drawn_badly += 1;
-                    warnings.push(place(warning));
+                    warnings.push(in_line(warning));
                 }
                 _ => {}
             }
@@ -51,13 +52,13 @@ pub(super) fn recorded(
     problems.0.dedup();
     if beyond > 0 {
         warnings.push(format!(
-            "{beyond} rows of the tracks are beyond boundaries.z_um = ({}, {}): they are drawn, but not scored",
+            "{beyond} rows of the tracks are outside boundaries.z_um = ({}, {}): they are rendered, but not scored",
             z_um.0, z_um.1
         ));
     }
     if late > 0 {
         warnings.push(format!(
-            "{late} rows of the tracks are in frames after the last, {}, and left out",
+            "{late} rows of the tracks are in frames after the last, {}, and omitted",
             recordings.frames() - 1
         ));
     }

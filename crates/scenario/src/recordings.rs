@@ -6,24 +6,24 @@ use microsig_core::stream::{Purpose, Streams};
 use super::language::problems::Problems;
 use super::timing::{FourPulse, Frames, PairSeeding, Pairs, Sequence, Timing};
 
-/// Times of frames are drawn again beyond this many standard deviations.
+/// Frame times that deviate by more than this many standard deviations are drawn again.
 const MAX_JITTER: f64 = 4.0;
 
-/// The frames of a dataset, in recordings that each show particles of their own.
+/// The frames of a dataset, grouped into recordings; each recording has its own particles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Recordings {
     timing: Timing,
 }
 
 impl Recordings {
-    /// The frames of a timing, which is checked.
+    /// Checks a timing and returns its frames.
     pub(super) fn checked(timing: Timing, problems: &mut Problems) -> Self {
         let key = |name: &str| format!("timing.{}.{name}", timing.mode());
         let recordings = Recordings { timing };
         if let Timing::Pairs(Pairs { seeding: PairSeeding::Continuing, dt_s, interval_s, .. }) = timing
             && interval_s < dt_s * (1.0 + 1e-12)
         {
-            let allowed = format!("a time > dt_s = {dt_s} s, as the same particles are seen again");
+            let allowed = format!("a time > dt_s = {dt_s} s, as all pairs show the same particles");
             problems.value(&key("interval_s"), interval_s, &allowed);
         }
         let Frames { exposure_s, flashes, jitter_s } = timing.frames();
@@ -44,12 +44,13 @@ impl Recordings {
         recordings
     }
 
-    /// When frames are taken, as the scenario says it.
+    /// The timing as given in the scenario.
     pub fn timing(&self) -> &Timing {
         &self.timing
     }
 
-    /// The longest time from one frame to the next of a recording, and from its first to its last, s.
+    /// The longest time between consecutive frames of a recording, and the time from its first to its last
+    /// frame, s.
     pub fn spans_s(&self) -> (f64, f64) {
         match self.timing {
             Timing::Pairs(Pairs { seeding: PairSeeding::Continuing, count, dt_s, interval_s, .. }) => {
@@ -70,7 +71,7 @@ impl Recordings {
         }
     }
 
-    /// Frames of each recording.
+    /// Number of frames in each recording.
     pub fn frames_each(&self) -> u32 {
         match self.timing {
             Timing::Pairs(Pairs { seeding: PairSeeding::Continuing, count, .. }) => 2 * count,
@@ -80,13 +81,12 @@ impl Recordings {
         }
     }
 
-    /// Frames in all.
+    /// Total number of frames.
     pub fn frames(&self) -> u32 {
         self.count() * self.frames_each()
     }
 
-    /// Nominal time from a frame to the next, s: of a pair from A to B, of a burst from its first to its
-    /// second.
+    /// Nominal time between frames, s: in a pair from A to B, in a burst from the first frame to the second.
     pub fn dt_s(&self) -> f64 {
         match self.timing {
             Timing::Pairs(Pairs { dt_s, .. })
@@ -95,7 +95,7 @@ impl Recordings {
         }
     }
 
-    /// Whether frames are the A and B of pairs.
+    /// Whether frames form pairs, A and B.
     pub fn are_pairs(&self) -> bool {
         matches!(self.timing, Timing::Pairs(_))
     }
@@ -124,7 +124,7 @@ impl Recordings {
         }
     }
 
-    /// The frame whose files bear a name, without extension.
+    /// The frame whose files have this name, without extension.
     pub fn frame_of(&self, stem: &str) -> Option<u32> {
         let mut parts = stem.split('_').skip(1);
         let number: u32 = parts.next()?.parse().ok()?;
@@ -138,8 +138,8 @@ impl Recordings {
         (frame < self.frames() && self.stem(frame) == stem).then_some(frame)
     }
 
-    /// The pair that a frame forms with the frame before it, where truth links the two: A and B of a pair;
-    /// else any two that follow each other in a recording, which bear the number of the first.
+    /// Number of the pair that a frame forms with the previous one, if the truth links the two: A and B of a
+    /// pair; otherwise consecutive frames of a recording, numbered by the first of them.
     pub fn link_to(&self, frame: u32) -> Option<u32> {
         if frame.is_multiple_of(self.frames_each()) {
             return None;
@@ -150,19 +150,19 @@ impl Recordings {
         }
     }
 
-    /// Times of the frames of one recording, s: the middles of their exposures.
+    /// Times of the frames of a recording, s: the middles of their exposures.
     pub fn times_s(&self, recording: u32, streams: Streams) -> Vec<f64> {
         let first = recording * self.frames_each();
         (first..first + self.frames_each()).map(|frame| self.time_s(frame, streams)).collect()
     }
 
-    /// When the next frame would be taken if there were more, s; `None` if recordings end by themselves.
+    /// Time at which one more frame would be recorded, s; `None` if recordings have a fixed length.
     pub fn next_s(&self, streams: Streams) -> Option<f64> {
-        self.goes_on().then(|| self.time_s(self.frames(), streams))
+        self.is_open_ended().then(|| self.time_s(self.frames(), streams))
     }
 
-    /// Whether a recording could be longer.
-    fn goes_on(&self) -> bool {
+    /// Whether a recording could have more frames: not if it is a pair or a burst.
+    fn is_open_ended(&self) -> bool {
         match self.timing {
             Timing::Pairs(p) => p.seeding == PairSeeding::Continuing,
             Timing::Sequence(_) => true,
@@ -175,7 +175,7 @@ impl Recordings {
         self.nominal_s(frame) + self.jitter_s(frame, streams)
     }
 
-    /// When a frame is meant to be taken, s: without jitter.
+    /// Nominal time of a frame, s: without jitter.
     pub fn nominal_s(&self, frame: u32) -> f64 {
         match self.timing {
             Timing::Pairs(p) => f64::from(frame / 2) * p.interval_s + f64::from(frame % 2) * p.dt_s,
@@ -201,7 +201,7 @@ impl Recordings {
         }
     }
 
-    /// The shortest time between two frames of a recording as stated, s; infinite if there is only one.
+    /// The shortest nominal time between two frames of a recording, s.
     fn shortest_dt_s(&self) -> f64 {
         match self.timing {
             Timing::Pairs(p) if p.seeding == PairSeeding::Continuing && p.count > 1 => {
@@ -244,7 +244,7 @@ mod tests {
         let (times, stems, links) = of("pairs(count: 2, dt_s: 0.5, interval_s: 2, seeding: continuing)", 0);
         assert_eq!(times, [0.0, 0.5, 2.0, 2.5]);
         assert_eq!(stems[2], "pair_00001_a");
-        // A link goes from A to B, though the cloud is the same.
+        // Links go from A to B only, although all pairs show the same particles.
         assert_eq!(links, [None, Some(0), None, Some(1)]);
         let (times, stems, links) = of("four_pulse(count: 3, dt_s: 0.5, gap_s: 2, interval_s: 10)", 1);
         assert_eq!(times, [10.0, 10.5, 12.5, 13.0]);

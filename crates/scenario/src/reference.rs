@@ -1,4 +1,4 @@
-//! The scenario language for people: `microsig new` and `docs/scenario.md`, both made from the schema.
+//! Documentation of the scenario language, generated from the schema: `microsig new` and `docs/scenario.md`.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use super::spec::schema as scenario;
 use super::{parse, resolve};
 use storage::error::{Error, Result};
 
-/// The scenario whose defaults are told.
+/// The scenario whose defaults are documented.
 const FIVE_LINES: &str = r#"(
     name: "mine",
     motion: flow(field: poiseuille()),
@@ -26,14 +26,14 @@ fn filled() -> Result<Value> {
 /// A commented scenario to start from.
 ///
 /// # Errors
-/// None that a test of it would not have found.
+/// None: the tests exclude them.
 pub fn template() -> Result<String> {
-    let header = "A scenario: what is filmed, through which optics, and when. Everything but `name`, `motion` and `timing` may \
+    let header = "A scenario: what is imaged, through which optics, and when. Everything but `name`, `motion` and `timing` may \
                   be left out. Values are the defaults; what is commented out is off or follows from other keys.";
     Ok(template::template(scenario(), &filled()?, header))
 }
 
-/// The whole of `docs/scenario.md`.
+/// The text of `docs/scenario.md`.
 ///
 /// # Errors
 /// A picture of a key that does not exist.
@@ -61,9 +61,9 @@ mod tests {
     use super::super::spec::Spec;
     use super::*;
 
-    /// If this fails: run it with `UPDATE_DOCS=1`; pictures are drawn by `cargo xtask figures keys`.
+    /// If this fails, run it with `UPDATE_DOCS=1`; `cargo xtask figures keys` draws the pictures.
     #[test]
-    fn the_document_is_that_of_the_keys_there_are() {
+    fn the_document_is_up_to_date() {
         let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
         let pictures =
             Picture::list(&std::fs::read_to_string(docs.join("scenario/pictures.ron")).unwrap()).unwrap();
@@ -73,23 +73,26 @@ mod tests {
         }
         let found = std::fs::read_to_string(docs.join("scenario.md")).unwrap();
         let differ = expected.lines().zip(found.lines()).find(|(e, f)| e != f);
-        assert!(expected == found, "docs/scenario.md is old, run this test with UPDATE_DOCS=1: {differ:?}");
+        assert!(
+            expected == found,
+            "docs/scenario.md is out of date, run this test with UPDATE_DOCS=1: {differ:?}"
+        );
         for picture in pictures {
             let file = docs.join("scenario").join(picture.file());
             assert!(file.is_file(), "{}: run `cargo xtask figures keys`", file.display());
         }
     }
 
-    /// What is not commented out is what five lines mean.
+    /// The lines that are not commented out give the same scenario as the five lines.
     #[test]
-    fn the_template_says_the_defaults() {
+    fn the_template_has_the_defaults() {
         let spec = |text: &str| resolve(parse(text, "s.ron").unwrap(), Path::new(".")).unwrap().spec;
         let template = template().unwrap();
         let (template, five): (Spec, Spec) = (spec(&template), spec(FIVE_LINES));
         assert_eq!(template, five);
     }
 
-    /// Nor is what is commented out wrong: every line of it is a key with a value that fits.
+    /// The lines that are commented out are valid, too: each is a key with a value that fits.
     #[test]
     fn the_template_can_be_uncommented() {
         let is_key = |line: &str| {

@@ -1,4 +1,4 @@
-//! How images are made, as scenarios write it: the renderer and its options.
+//! The renderer of a scenario and its options.
 
 use clap::ValueEnum;
 use microsig_core::emission::SpheroidLaw;
@@ -7,15 +7,15 @@ use microsig_core::render::waves;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How images are made.
+/// How particle images are rendered.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Render {
     /// The renderer.
     pub mode: RenderMode,
-    /// From which points of a spheroid's surface rays start.
+    /// Distribution of the source points over a spheroid's surface.
     pub spheroids: SpheroidPoints,
-    /// For `waves`: wavelength in vacuum, the center of the band that the camera sees.
+    /// For `waves`: wavelength in vacuum, the center of the detected band.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.1, max = 2.0), example = 0.52)]
     pub wavelength_um: Option<f64>,
@@ -28,7 +28,7 @@ pub struct Render {
         example = 0.03
     )]
     pub bandwidth_um: Option<f64>,
-    /// For `waves`: where light leaves a particle.
+    /// For `waves`: the part of a particle that emits light.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "surface if `mode` is `waves`"))]
     pub emission: Option<Emission>,
@@ -43,7 +43,7 @@ pub struct Render {
     pub tolerance: Option<f64>,
 }
 
-/// From which points of a spheroid's surface rays start.
+/// Distribution of the source points over a spheroid's surface.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum SpheroidPoints {
@@ -63,14 +63,14 @@ impl From<SpheroidPoints> for SpheroidLaw {
     }
 }
 
-/// Where light leaves a particle.
+/// The part of a particle that emits light.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Emission {
-    /// The half of its surface that faces the lens, MicroSIG's law.
+    /// The half of its surface that faces the lens, as in MicroSIG.
     #[default]
     Surface,
-    /// Its whole volume: a transparent particle dyed throughout.
+    /// Its entire volume: a transparent particle, dyed throughout.
     Volume,
 }
 
@@ -87,12 +87,11 @@ impl From<Emission> for waves::Emission {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum RenderMode {
-    /// Counts of discrete rays, the method of the paper.
+    /// Discrete rays, counted per pixel: the method of the paper.
     #[default]
     Rays,
-    /// The limit of many rays, without their noise; for shot noise add `sensor: (shot_noise: true)`.
+    /// The limit of infinitely many rays, without ray noise; for shot noise add `sensor: (shot_noise: true)`.
     Expected,
-    /// Diffraction at the lens (scalar wave optics; spheres only), without noise of rays; needs
-    /// `wavelength_um`.
+    /// Diffraction at the lens (scalar wave optics; spheres only), without ray noise; needs `wavelength_um`.
     Waves,
 }

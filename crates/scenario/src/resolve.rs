@@ -1,7 +1,7 @@
-//! From a scenario as written to one that can be run: defaults filled in, every rule checked.
+//! Resolves a scenario: fills in defaults and checks the rules between keys.
 //!
-//! A [`Scenario`] exists only if it is valid. Its `spec` has every default written out, so that resolving the
-//! written form of it gives the very same scenario.
+//! A [`Scenario`] exists only if it is valid. Its `spec` contains all defaults, so that writing, reading and
+//! resolving it gives the same scenario.
 
 use std::path::Path;
 
@@ -21,7 +21,7 @@ use super::license::{LICENSES, License};
 use super::motion::MotionSource;
 use super::optics::{clipped, default_background_noise, detector, optics, response};
 use super::particles::Cloud;
-use super::recorded::recorded;
+use super::recorded::check_tracks;
 use super::recordings::Recordings;
 use super::resolved::Scenario;
 use super::spec::{self, Motion, PairSeeding, Placement, Spec, Timing};
@@ -30,10 +30,10 @@ use super::truth_grid::TruthGrid;
 use storage::error::{Error, Result};
 use visibility::DepthScan;
 
-/// Depth range of the default channel, um: 100 um deep, inside the range that Rossi 2020 scans.
+/// Depth range of the default channel, um: 100 um deep, within the range scanned in Rossi 2020.
 const DEFAULT_Z_UM: (f64, f64) = (-80.0, 20.0);
 
-/// Fills and checks a scenario; files it names are found from `folder`.
+/// Fills in defaults and checks a scenario; the paths of files in it are relative to `folder`.
 ///
 /// # Errors
 /// [`Error::Problems`] with all problems at once, each with the path of its key.
@@ -45,7 +45,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let license = License::find(&spec.license).unwrap_or(LICENSES[0]);
     let Sections { settings, detector, recordings, z_um, boundary, diameters, cloud, illumination, field } =
         sections(&mut spec, &mut files, &mut warnings, &mut problems);
-    // What follows needs all of the above.
+    // The rest needs all sections.
     let (Some(settings), Some(field), Some(diameters), Some(mut cloud), Some(illumination)) =
         (settings, field, diameters, cloud, illumination)
     else {
@@ -80,13 +80,20 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         let largest = largest_image(&renderer, (z_um.0 / depth_factor, z_um.1 / depth_factor), longest);
         default_margin_px(largest, &settings, &motion, &mut warnings)
     });
-    let depth_range_um = lit(z_um, &illumination, &mut problems);
+    let depth_range_um = illuminated_depths(z_um, &illumination, &mut problems);
     let seeding = match &motion {
         MotionSource::Field(_) => {
-            extremes(&spec, (z_um, depth_factor), &diameters, &renderer, &mut warnings, &mut problems);
-            crowding(&spec, &mut warnings);
+            check_extreme_depths(
+                &spec,
+                (z_um, depth_factor),
+                &diameters,
+                &renderer,
+                &mut warnings,
+                &mut problems,
+            );
+            warn_spacing(&spec, &mut warnings);
             let mean_um = diameters.mean();
-            // Taken out for a moment, because the rest of the scenario says how they are drawn.
+            // Taken out temporarily, because `draw` borrows the rest of the scenario.
             let mut particles = std::mem::take(&mut spec.particles);
             let draw = |settings: &Settings| Ok(spec.renderer().for_depth_scans().build(settings)?);
             let stack = || DepthScan::measure(draw, &settings, mean_um, depth_range_um, depth_factor);
@@ -97,10 +104,20 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         }
         MotionSource::Tracks(tracks) => {
             if cloud.photons.is_some() && tracks.rows().iter().any(|row| row.c_int.is_some()) {
-                let what = "expected nothing: the column `c_int` of the tracks says how bright particles are";
+                let what =
+                    "expected nothing: the column `c_int` of the tracks gives the brightness of particles";
                 problems.other("particles.photons", what);
             }
-            recorded(tracks, &diameters, &renderer, &scale, &recordings, z_um, &mut warnings, &mut problems);
+            check_tracks(
+                tracks,
+                &diameters,
+                &renderer,
+                &scale,
+                &recordings,
+                z_um,
+                &mut warnings,
+                &mut problems,
+            );
             problems.of("particles", Seeding::list(Vec::new(), diameters))
         }
     };
@@ -116,7 +133,12 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         problems.of("particles and boundaries", seeding.density(&fluid, 0.0));
         let (longest_s, whole_s) = recordings.spans_s();
         problems.of("motion.flow.field", flows::step_estimate::check(field.as_ref(), &fluid, 0.0, longest_s));
-        warnings.extend(compressed(field.as_ref(), &fluid, &scale.view(z_um.0, z_um.1, 0.0)?, whole_s));
+        warnings.extend(compression_warning(
+            field.as_ref(),
+            &fluid,
+            &scale.view(z_um.0, z_um.1, 0.0)?,
+            whole_s,
+        ));
     }
     problems.finish()?;
     Ok(Scenario {
@@ -141,7 +163,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     })
 }
 
-/// What the sections of a scenario say, each by itself; `None` where there are problems.
+/// The sections of a scenario, each checked on its own; `None` where there are problems.
 struct Sections {
     settings: Option<Settings>,
     detector: Option<Detector>,
@@ -151,11 +173,11 @@ struct Sections {
     diameters: Option<flows::Diameters>,
     cloud: Option<Cloud>,
     illumination: Option<Illumination>,
-    /// Nothing inside for recorded tracks.
+    /// The inner `Option` is `None` for recorded tracks.
     field: Option<Option<Box<dyn VelocityField>>>,
 }
 
-/// Fills and checks every section by itself.
+/// Fills in defaults and checks each section on its own.
 fn sections(
     spec: &mut Spec,
     files: &mut Files<'_>,
@@ -180,7 +202,7 @@ fn sections(
     let field = match &mut spec.motion {
         Motion::Flow(flow) => flow.build(z_um, files, problems).map(Some),
         Motion::Tracks(_) => {
-            without_a_flow(spec, problems);
+            refuse_flow_keys(spec, problems);
             Some(None)
         }
     };
@@ -204,27 +226,27 @@ fn is_steady(motion: &Motion, field: Option<&dyn VelocityField>) -> Option<bool>
     }
 }
 
-/// How far beyond the image particles are followed, px: as far as their light reaches it, within limits.
+/// Default margin around the image, px: as far away as a particle's light reaches the image, up to a limit.
 fn default_margin_px(
     largest: f64,
     settings: &Settings,
     motion: &MotionSource,
     warnings: &mut Vec<String>,
 ) -> f64 {
-    // With a high NA a little light of each particle lands thousands of px away. Following it would take many
-    // times more particles than there are in view, so it is left to those who ask for it.
+    // At high NA, a small part of a particle's light lands thousands of px away. Including it would need many
+    // times more particles than are in view, so this is left to an explicit `margin_px`.
     let most = f64::from(settings.pixel_dim_x.max(settings.pixel_dim_y)).max(100.0) / 2.0;
     if largest > most && matches!(motion, MotionSource::Field(_)) {
         warnings.push(format!(
-            "particles beyond {most} px from the image are left out, though a little of their light would reach it; \
+            "particles more than {most} px away from the image are omitted, although a little of their light would reach it; \
              boundaries: (margin_px: {largest}) includes them all"
         ));
     }
     largest.min(most)
 }
 
-/// Checks that the particles nearest to the lens and farthest from it can be drawn.
-fn extremes(
+/// Checks that the particles nearest to the lens and farthest from it can be rendered.
+fn check_extreme_depths(
     spec: &Spec,
     (z_um, depth_factor): ((f64, f64), f64),
     diameters: &flows::Diameters,
@@ -234,7 +256,7 @@ fn extremes(
 ) {
     let e_p = spec.particles.spheroids.map_or(1.0, |s| s.e_p);
     for (z, d_um) in [(z_um.0, diameters.max()), (z_um.1, diameters.min())] {
-        // Along the optical axis a spheroid reaches farthest toward the lens.
+        // A spheroid aligned with the optical axis extends farthest toward the lens.
         let spheroid = (e_p != 1.0).then(|| Spheroid::from_axis(e_p, [0.0, 0.0, 1.0]));
         let extreme = Particle { spheroid, ..Particle::sphere(1.0, 1.0, z / depth_factor, d_um) };
         let drawn = renderer.check(&extreme);
@@ -242,8 +264,8 @@ fn extremes(
     }
 }
 
-/// Says by how much a field with divergence changes the density of particles during a recording.
-fn compressed(
+/// A warning if the divergence of a field changes the number density of particles during a recording.
+fn compression_warning(
     field: &dyn VelocityField,
     fluid: &FluidRegion<'_>,
     view: &flows::Region,
@@ -255,19 +277,19 @@ fn compressed(
         format!(
             "the field is not free of divergence ({low:.3} to {high:.3} 1/s in view): within a recording of {recording_s} s the \
              number density of particles changes by factors of {:.3} to {:.3} along their paths, while particles that \
-             come in have the density of the seeding; fresh pairs (timing: pairs(...)) are seeded anew each time",
+             enter have the density of the seeding; fresh pairs (timing: pairs(...)) avoid this, as each is seeded independently",
             (-high * recording_s).exp(),
             (-low * recording_s).exp()
         )
     })
 }
 
-/// Change of density during a recording, relative, from which it is said.
+/// Relative change of density during a recording above which there is a warning.
 const NOTICEABLE_COMPRESSION: f64 = 0.05;
 
-/// The depths that are measured: those of the boundaries as far as a light sheet across the optical axis
-/// shines on them.
-fn lit(z_um: (f64, f64), light: &Illumination, problems: &mut Problems) -> (f64, f64) {
+/// The measured depth range, um: that of the boundaries, restricted to a light sheet that is perpendicular to
+/// the optical axis.
+fn illuminated_depths(z_um: (f64, f64), light: &Illumination, problems: &mut Problems) -> (f64, f64) {
     let Some(sheet) = light.depths() else { return z_um };
     let lit = (z_um.0.max(sheet.0), z_um.1.min(sheet.1));
     if lit.0 >= lit.1 {
@@ -293,8 +315,8 @@ fn layout(spec: &Spec, motion: &MotionSource, cloud: &Cloud, shutter: Option<Shu
     }
 }
 
-/// Keys that mean nothing where tracks are given.
-fn without_a_flow(spec: &Spec, problems: &mut Problems) {
+/// Refuses keys that have no effect with recorded tracks.
+fn refuse_flow_keys(spec: &Spec, problems: &mut Problems) {
     let (particles, boundaries) = (&spec.particles, &spec.boundaries);
     for (path, given) in [
         ("particles.number", particles.number.is_some()),
@@ -305,26 +327,26 @@ fn without_a_flow(spec: &Spec, problems: &mut Problems) {
         ("boundaries.keep_ids", boundaries.keep_ids),
     ] {
         if given {
-            problems.other(path, "expected nothing, as motion.tracks says where particles are");
+            problems.other(path, "expected nothing, as motion.tracks gives the positions of particles");
         }
     }
 }
 
-/// Least distances hold at first only: say so where there is a later.
-fn crowding(spec: &Spec, warnings: &mut Vec<String>) {
+/// Warns that minimum distances hold only in the first frame, if recordings have further frames.
+fn warn_spacing(spec: &Spec, warnings: &mut Vec<String>) {
     let goes_on = match spec.timing {
         Timing::Pairs(p) => p.seeding == PairSeeding::Continuing,
         Timing::Sequence(s) => s.frames > 1,
         Timing::FourPulse(_) => true,
     };
     if goes_on && spec.particles.seeding != Placement::Uniform {
-        let what = "particles.seeding holds in the first frame of a recording; the flow then moves particles together and apart, \
-                    and those that come in through open boundaries are independent of the others";
+        let what = "particles.seeding applies to the first frame of a recording; the flow then moves particles together and apart, \
+                    and those that enter through open boundaries are independent of the others";
         warnings.push(what.to_owned());
     }
 }
 
-/// Names become folder names and identifiers of data packages.
+/// Checks the name, which becomes a folder name and the identifier of a data package.
 fn name(name: &str, problems: &mut Problems) {
     let fits = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "._-".contains(c);
     if name.is_empty() || name.len() > 100 || name.starts_with('.') || !name.chars().all(fits) {
@@ -341,7 +363,7 @@ fn depth(boundaries: &mut spec::Boundaries, problems: &mut Problems) -> ((f64, f
             format!("({}, {})", z_um.0, z_um.1),
             "two depths in um, the lower one first",
         );
-        // What follows from it need not be said as well.
+        // Avoids further problems that follow from this one.
         z_um = DEFAULT_Z_UM;
     }
     (z_um, face(*boundaries.z.get_or_insert(spec::Boundary::Wall)))
@@ -355,9 +377,11 @@ fn face(boundary: spec::Boundary) -> Boundary {
     }
 }
 
-/// Half the side of the largest particle image within the depth range of the data files, px, rounded up.
+/// Half the side of the largest particle image within `z_um`, a depth range in MicroSIG's data files; px,
+/// rounded up.
 fn largest_image(renderer: &Renderer, z_um: (f64, f64), d_um: f64) -> f64 {
-    /// The image grows smoothly away from focus: the ends of the range matter, and a few planes between them.
+    /// The image grows smoothly away from focus, so the ends of the range and a few planes between them are
+    /// enough.
     const PLANES: i32 = 20;
     (0..=PLANES)
         .map(|i| z_um.0 + (z_um.1 - z_um.0) * f64::from(i) / f64::from(PLANES))
@@ -398,7 +422,7 @@ mod tests {
     }
 
     #[test]
-    fn all_broken_rules_are_named_at_once() {
+    fn all_violated_rules_are_reported_at_once() {
         let text = FIVE_LINES
             .replace("five", "Not A Name")
             .replace("poiseuille()", "sum([hill(), stokes_cylinder(cell_radius_um: 1)])")
@@ -424,7 +448,7 @@ mod tests {
     }
 
     #[test]
-    fn gaussian_spots_have_a_gain_of_1_and_no_calibration_unless_told_otherwise() {
+    fn gaussian_spots_have_a_gain_of_1_and_no_calibration_by_default() {
         let with =
             |optics: &str| resolved(&FIVE_LINES.replace("motion", &format!("optics: ({optics}), motion")));
         let scenario = with("gaussian: (diameter_px: 3)").unwrap();

@@ -1,4 +1,4 @@
-//! A scenario that can be run: every default filled in, every rule checked.
+//! A resolved scenario: all defaults filled in, all rules checked.
 
 use std::sync::Arc;
 
@@ -23,42 +23,42 @@ use super::truth_grid::Nodes;
 use storage::error::Result;
 use visibility::{DepthScan, NoiseFree};
 
-/// A scenario that can be run.
+/// A valid scenario with all defaults filled in.
 #[derive(Debug)]
 pub struct Scenario {
     /// The scenario with every default written out.
     pub spec: Spec,
-    /// The licence of the dataset.
+    /// The license of the dataset.
     pub license: License,
-    /// All random numbers: the public streams of `spec.seed`, or secret ones.
+    /// Random number streams: those of `spec.seed`, or secret ones.
     pub streams: Streams,
     /// MicroSIG's settings.
     pub settings: Settings,
-    /// What draws the particles.
+    /// Renders particle images.
     pub renderer: Renderer,
     /// The camera; `None` is MicroSIG's own sensor.
     pub detector: Option<Detector>,
-    /// Files that the scenario names, copied to `inputs/` of the dataset; `spec` names the copies.
+    /// Files that the scenario refers to, copied to `inputs/` of the dataset; `spec` refers to the copies.
     pub inputs: Vec<Input>,
-    /// What should be known before running it.
+    /// Warnings to be shown before the scenario is run.
     pub warnings: Vec<String>,
     /// What moves the particles.
     pub motion: MotionSource,
-    /// From px to um and back.
+    /// Conversion between px and um.
     pub scale: Scale,
-    /// The box that holds the particles.
+    /// The box that contains the particles.
     pub domain: Domain,
     /// The depth range of the measurement, um.
     pub depth_range_um: (f64, f64),
-    /// How the box is filled.
+    /// Number, diameters and initial positions of the particles.
     pub seeding: Seeding,
-    /// What particles are besides places and sizes, and what moves them besides the flow.
+    /// Other properties of the particles, and their motion besides the flow.
     pub cloud: Cloud,
-    /// When frames are taken.
+    /// Frames and their times.
     pub recordings: Recordings,
-    /// The shutter, unless frames are instantaneous.
+    /// The shutter; `None` if exposures are instantaneous.
     pub shutter: Option<Shutter>,
-    /// Light on the particles.
+    /// Illumination of the particles.
     pub illumination: Illumination,
     /// The columns of the data files.
     pub layout: Layout,
@@ -81,7 +81,7 @@ impl Scenario {
         }
     }
 
-    /// What the recordings of a field are taken of.
+    /// The flow with particles, bodies and shutter, as the recordings of a field need it.
     pub fn scene<'a>(&'a self, field: &'a dyn VelocityField) -> Result<Scene<'a>> {
         let scene = Scene::new(field, &self.domain, &self.seeding)?;
         let cloud = &self.cloud;
@@ -93,12 +93,12 @@ impl Scenario {
         Ok(if self.spec.boundaries.keep_ids { scene.keeping_ids() } else { scene })
     }
 
-    /// Where there is fluid: the box beside the walls of the field and the bodies.
+    /// The region with fluid: the box without the walls of the field and the bodies.
     pub fn fluid<'a>(&'a self, field: &'a dyn VelocityField) -> FluidRegion<'a> {
         FluidRegion::new(field, &self.domain, &self.cloud.bodies)
     }
 
-    /// What particles of recorded tracks are where the file does not say.
+    /// Properties of the particles of recorded tracks that the file does not give.
     pub fn particle_defaults(&self) -> ParticleDefaults<'_> {
         ParticleDefaults {
             diameters: self.seeding.diameters(),
@@ -107,11 +107,11 @@ impl Scenario {
         }
     }
 
-    /// Noise-free images of a sphere of the mean diameter through the depth range; they may be among those of
-    /// all particles.
+    /// Noise-free images of a sphere of the mean diameter through the depth range; taken from `noise_free` if
+    /// it has them.
     ///
     /// # Errors
-    /// None for a scenario that could be resolved.
+    /// None for a resolved scenario.
     pub fn stack(&self, noise_free: &NoiseFree) -> Result<Arc<DepthScan>> {
         let (d_um, range_um) = (self.seeding.diameters().mean(), self.depth_range_um);
         if let Some(stack) = noise_free.stack(d_um, range_um) {
@@ -120,10 +120,10 @@ impl Scenario {
         Ok(Arc::new(self.scan(d_um, range_um)?))
     }
 
-    /// Noise-free images of a sphere of a diameter (um) through a range of physical depths (um).
+    /// Noise-free images of a sphere of diameter `d_um` (um) through a range of physical depths (um).
     ///
     /// # Errors
-    /// Depths that cannot be drawn.
+    /// Depths at which the particle cannot be rendered.
     pub fn scan(&self, d_um: f64, range_um: (f64, f64)) -> Result<DepthScan> {
         let depth_factor = self.spec.optics.depth_factor.unwrap_or(1.0);
         let draw = |settings: &Settings| Ok(self.spec.renderer().for_depth_scans().build(settings)?);
@@ -133,13 +133,13 @@ impl Scenario {
     /// [`Self::scan`] of the mean diameter through the depth range.
     ///
     /// # Errors
-    /// Depths that cannot be drawn.
+    /// Depths at which the particle cannot be rendered.
     pub fn scan_of_mean(&self) -> Result<DepthScan> {
         self.scan(self.seeding.diameters().mean(), self.depth_range_um)
     }
 
-    /// The highest count above the background at each depth of a scan of spheres of a diameter (um), as
-    /// bright and lit as they usually are, where a unit of light is `slope` counts.
+    /// Peak counts above the background at each depth of the scan of a sphere of diameter `d_um` (um), with
+    /// typical brightness and illumination on the optical axis; `slope` is counts per unit of light.
     pub fn peak_counts<'a>(
         &'a self,
         slope: f64,
@@ -151,10 +151,10 @@ impl Scenario {
         depths.map(move |(image, z_um)| counts * image.peak * self.illumination.at(DVec3::Z * *z_um))
     }
 
-    /// Noise-free images of all particles.
+    /// Noise-free images of particles of all diameters through the depth of the box.
     ///
     /// # Errors
-    /// None for a scenario that could be resolved.
+    /// None for a resolved scenario.
     pub fn noise_free(&self) -> Result<NoiseFree> {
         let (depth_factor, sizes) = (self.spec.optics.depth_factor.unwrap_or(1.0), self.seeding.diameters());
         let box_um = (self.domain.region().min().z, self.domain.region().max().z);
@@ -163,18 +163,18 @@ impl Scenario {
         NoiseFree::new(draw, &self.settings, law, (sizes.min(), sizes.max()), box_um, depth_factor)
     }
 
-    /// The sensor with its fixed pattern.
+    /// The sensor with its fixed-pattern noise.
     ///
     /// # Errors
-    /// None for a scenario that could be resolved.
+    /// None for a resolved scenario.
     pub fn sensor(&self) -> Result<Sensor> {
         sensor(&self.settings, self.detector.as_ref(), &self.streams)
     }
 
-    /// How the camera shows light in the middle of the image, without its fixed pattern.
+    /// Response of the camera to light at the image center, without fixed-pattern noise.
     ///
     /// # Errors
-    /// None for a scenario that could be resolved.
+    /// None for a resolved scenario.
     pub fn response(&self) -> Result<Response> {
         response(&self.settings, self.detector.as_ref())
     }

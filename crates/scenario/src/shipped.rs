@@ -1,11 +1,11 @@
-//! The scenarios and sweeps that the program carries.
+//! The scenarios and sweeps that are embedded in the program.
 
 use include_dir::{Dir, include_dir};
 
 /// The folder `scenarios/`.
 pub static SHIPPED: Dir<'static> = include_dir!("$CARGO_MANIFEST_DIR/../../scenarios");
 
-/// Name and text of each scenario and sweep, in order of names.
+/// Name and text of each scenario and sweep, sorted by name.
 pub fn shipped() -> Vec<(&'static str, &'static str)> {
     let mut all: Vec<_> = SHIPPED
         .files()

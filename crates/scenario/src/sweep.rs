@@ -1,8 +1,8 @@
-//! Sweeps: one scenario, varied along axes.
+//! Sweeps: a scenario varied along axes.
 //!
-//! A case is the base scenario with one value per axis and a repetition number. Its seed comes from what it
-//! is, not from its place in the list: adding values, reordering axes' values or splitting into shards
-//! changes no other case.
+//! A case is the base scenario with one value per axis and a repetition number. Its seed is derived from
+//! these values, not from its position in the list: adding or reordering values or splitting the sweep into
+//! shards does not change other cases.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -24,19 +24,19 @@ use super::{parse, read_text, set};
 use storage::error::{Error, Result};
 use storage::problem::{Problem, Source};
 
-/// Most cases of a sweep; more is surely a slip.
+/// Maximum number of cases of a sweep; more are almost certainly a mistake.
 const MAX_CASES: usize = 1_000_000;
 
-/// Values of an axis that are tried before any case is run.
-const MOST_TRIED: usize = 1000;
+/// Maximum number of values of an axis that are checked before any case is run.
+const MAX_CHECKED: usize = 1000;
 
-/// A sweep as written: a scenario that is varied along axes.
+/// The sweep file as a Rust struct: a scenario that is varied along axes.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 pub struct SweepSpec {
     /// Name of the sweep and of its folder.
     #[schemars(example = &"stand-in")]
     pub name: String,
-    /// What it is for.
+    /// Purpose of the sweep.
     #[serde(default)]
     pub description: String,
     /// The scenario that is varied: a file, relative to the sweep's.
@@ -45,19 +45,19 @@ pub struct SweepSpec {
     /// What is varied.
     #[schemars(example = Vec::<Axis>::new())]
     pub axes: Vec<Axis>,
-    /// How the axes go together.
+    /// How the axes are combined.
     #[serde(default)]
     pub combine: Combine,
-    /// Datasets per combination of values, each with a seed of its own.
+    /// Datasets per combination of values, each with its own seed.
     #[serde(default = "one")]
     #[schemars(range(min = 1, max = MAX_CASES))]
     pub repetitions: u32,
-    /// Seed that the cases' seeds are made from.
+    /// Seed from which the seeds of the cases are derived.
     #[serde(default)]
     pub seed: u64,
 }
 
-/// The language of sweeps.
+/// The schema of sweep files.
 pub fn sweep_schema() -> Schema<'static> {
     static ROOT: LazyLock<Value> = LazyLock::new(schema_of::<SweepSpec>);
     Schema::root(&ROOT)
@@ -67,10 +67,10 @@ fn one() -> u32 {
     1
 }
 
-/// What is varied, and over which values.
+/// A key and the values it takes.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 pub struct Axis {
-    /// Path of a scenario's key.
+    /// Path of a key of the scenario.
     pub path: String,
     /// Its values.
     pub values: Values,
@@ -80,7 +80,7 @@ pub struct Axis {
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Values {
-    /// These, each written as in a scenario.
+    /// The given values, each written as in a scenario.
     List(#[schemars(length(min = 1))] Vec<Written>),
     /// Equal steps.
     Linear(Span),
@@ -95,12 +95,12 @@ pub struct Span {
     pub from: f64,
     /// The last number.
     pub to: f64,
-    /// How many, both ends counted.
+    /// Number of values, including both ends.
     #[schemars(range(min = 1, max = MAX_CASES))]
     pub count: u32,
 }
 
-/// A value as written in a scenario, kept as text: what it means depends on the path.
+/// A value as written in a scenario, kept as text because its type depends on the path.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Written(pub String);
@@ -115,23 +115,23 @@ impl JsonSchema for Written {
     }
 }
 
-/// How axes go together.
+/// How axes are combined.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Combine {
-    /// Every value of one with every value of the others; the last axis varies fastest.
+    /// All combinations of the values; the last axis varies fastest.
     #[default]
     Product,
-    /// First with first, second with second.
+    /// The first values together, then the second values, and so on.
     Zip,
 }
 
-/// A sweep, checked, with its cases.
+/// A valid sweep and its cases.
 #[derive(Debug, Clone)]
 pub struct Sweep {
-    /// As written.
+    /// The sweep file.
     pub spec: SweepSpec,
-    /// The scenario that is varied, as written.
+    /// The base scenario, not yet resolved.
     pub base: Spec,
     /// Every case, in order.
     pub cases: Vec<Case>,
@@ -152,8 +152,8 @@ pub struct Case {
     pub seed: u64,
 }
 
-/// Reads a sweep and its base scenario; `name` is what messages call it, `folder` where the base is looked
-/// for, `seed` another seed than the text's.
+/// Reads a sweep and its base scenario. `name`: the sweep's name in messages; `folder`: the path of the base
+/// scenario is relative to it; `seed` replaces that of the text.
 ///
 /// # Errors
 /// As for a scenario; also axes without values, of unequal length in a zip, or along paths that do not exist.
@@ -169,7 +169,7 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path, seed: Option<u64>) -> 
         return Err(Error::Problems(problems.sorted()));
     };
     spec.seed = seed.unwrap_or(spec.seed);
-    // A stand-in is no file.
+    // The placeholder for a missing `base` is not a file.
     if spec.base.is_empty() {
         return Err(Error::Problems(problems.sorted()));
     }
@@ -229,13 +229,13 @@ impl Sweep {
         Ok(spec)
     }
 
-    /// The name that a case's dataset gives itself.
+    /// The `name` of a case's scenario.
     pub fn name_of(&self, case: &Case) -> String {
         format!("{}_{}", self.spec.name, case.name)
     }
 }
 
-/// The values of all axes, each tried in the base scenario.
+/// The values of all axes, each checked in the base scenario.
 fn columns(spec: &SweepSpec, tree: &Node, base: &Node, problems: &mut Problems) -> Vec<Vec<String>> {
     let mut columns = Vec::new();
     for (i, axis) in spec.axes.iter().enumerate() {
@@ -249,8 +249,8 @@ fn columns(spec: &SweepSpec, tree: &Node, base: &Node, problems: &mut Problems) 
         }
         match axis.values.written() {
             Ok(values) => {
-                // One that does not fit is enough to say; the rest may be many.
-                let refused = values.iter().take(MOST_TRIED).enumerate().find_map(|(j, value)| {
+                // Only the first invalid value is reported: there may be many.
+                let refused = values.iter().take(MAX_CHECKED).enumerate().find_map(|(j, value)| {
                     let (of_value, _) = tree.find(&format!("axes.{i}.values.list.{j}"));
                     let problem = refused(base, &axis.path, value)?;
                     let is_path = problem.is_of_keys() && scenario().find(&axis.path).is_none();
@@ -268,7 +268,7 @@ fn columns(spec: &SweepSpec, tree: &Node, base: &Node, problems: &mut Problems) 
     columns
 }
 
-/// Why a value does not fit its key.
+/// The problem with a value, if it does not fit its key.
 fn refused(base: &Node, path: &str, value: &str) -> Option<Problem> {
     let mut problems = Problems::default();
     match assigned(scenario(), path, value).and_then(|value| graft(base.clone(), scenario(), path, value)) {
@@ -283,11 +283,12 @@ impl Values {
         let at = |span: &Span, log: bool| {
             let usable = |x: f64| x.is_finite() && (!log || x > 0.0);
             if !(usable(span.from) && usable(span.to)) {
-                return Err("expected finite numbers > 0".to_owned());
+                let positive = if log { " > 0" } else { "" };
+                return Err(format!("expected finite numbers{positive}"));
             }
             let share = |i: u32| if span.count == 1 { 0.0 } else { f64::from(i) / f64::from(span.count - 1) };
             let value = |i: u32| match i {
-                // The ends are met exactly.
+                // Both ends are exact.
                 0 => span.from,
                 i if i + 1 == span.count => span.to,
                 i if log => {
@@ -295,7 +296,7 @@ impl Values {
                 }
                 i => span.from * (1.0 - share(i)) + span.to * share(i),
             };
-            // Rounding shall not make 9.999999999999998 of 10.
+            // Rounded to 13 digits, so that 10 does not become 9.999999999999998.
             let written = |x: f64| format!("{x:.12e}").parse().unwrap_or(x).to_string();
             Ok((0..span.count).map(|i| written(value(i))).collect())
         };
@@ -331,13 +332,13 @@ fn combine(columns: &[Vec<String>], how: Combine) -> Option<Vec<Vec<String>>> {
     }
 }
 
-/// The seed of a case whose axes say it.
+/// The seed of a case, if an axis gives it.
 fn given_seed(spec: &SweepSpec, values: &[String]) -> Option<u64> {
     let axis = spec.axes.iter().position(|axis| axis.path == "seed")?;
     values[axis].parse().ok()
 }
 
-/// The first 64 bits of a hash over what the case is.
+/// The first 64 bits of a hash of the sweep's seed, the case's values and its repetition number.
 fn seed_of(spec: &SweepSpec, values: &[String], repetition: u32) -> u64 {
     let mut assignments: Vec<String> =
         spec.axes.iter().zip(values).map(|(axis, value)| format!("{}={value}", axis.path)).collect();
@@ -384,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cases_seed_depends_on_what_it_is_alone() {
+    fn the_seed_of_a_case_depends_on_its_values_only() {
         let wider = SWEEP.replace("[0, 10, 50]", "[5, 0, 10, 50]");
         let (a, b) = (sweep(SWEEP).unwrap(), sweep(&wider).unwrap());
         for case in &a.cases {
@@ -408,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn all_that_is_wrong_with_a_sweep_is_told_at_once() {
+    fn all_problems_of_a_sweep_are_reported_at_once() {
         let text = "(\n name: 5, repetition: 2,\n base: \"base.ron\",\n combine: zipp,\n axes: [\n\
             (path: \"optics.gian\", values: list([1])),\n\
             (path: \"particles.number.count\", values: linear(from: 5, to: 8, count: 3)),\n\
@@ -462,7 +463,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_sweeps_say_what_is_wrong() {
+    fn invalid_sweeps_are_refused_with_the_reason() {
         let refuse = |from: &str, to: &str| sweep(&SWEEP.replace(from, to)).unwrap_err().to_string();
         assert!(refuse("optics.background_noise", "optics.noise").contains("unknown key `optics.noise`"));
         assert!(refuse("list([0, 10, 50])", "list([])").contains("0 values: expected at least 1"));

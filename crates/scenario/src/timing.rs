@@ -1,4 +1,4 @@
-//! When frames are taken, as scenarios write it.
+//! Times of the frames in scenarios.
 
 use flows::Shutter;
 use schemars::JsonSchema;
@@ -6,17 +6,17 @@ use serde::{Deserialize, Serialize};
 
 use super::language::problems::Problems;
 
-/// Most frames of a dataset.
+/// Maximum number of frames in a dataset.
 const MAX_FRAMES: u32 = 10_000_000;
 
 /// Ranges of times, s.
 const POSITIVE: &str = "> 0 and <= 1e9";
 const NOT_NEGATIVE: &str = "0 to 1e9";
 
-/// Length of a piece of a streak, px.
-const PIECE_PX: f64 = 0.25;
+/// Length of the segments that streaks are divided into, px.
+const SEGMENT_PX: f64 = 0.25;
 
-/// When frames are taken.
+/// Times at which frames are recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Timing {
@@ -24,7 +24,7 @@ pub enum Timing {
     Pairs(Pairs),
     /// A time-resolved sequence of frames of the same particles.
     Sequence(Sequence),
-    /// Freshly seeded bursts of four frames, at 0, dt, dt + gap and 2 dt + gap.
+    /// Independently seeded bursts of four frames, at 0, dt, dt + gap and 2 dt + gap.
     FourPulse(FourPulse),
 }
 
@@ -34,11 +34,11 @@ pub struct Pairs {
     /// Number of pairs.
     #[schemars(range(min = 1, max = MAX_FRAMES / 2), example = 10)]
     pub count: u32,
-    /// Time from A to B.
+    /// Time between frames A and B.
     #[serde(default = "default_dt")]
     #[schemars(extend("x-range" = POSITIVE))]
     pub dt_s: f64,
-    /// Time from the A of one pair to the A of the next; it matters for unsteady fields and for `seeding:
+    /// Time between the A frames of consecutive pairs; matters for unsteady fields and for `seeding:
     /// continuing`.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
@@ -46,14 +46,14 @@ pub struct Pairs {
     /// Whether consecutive pairs show the same particles.
     #[serde(default)]
     pub seeding: PairSeeding,
-    /// Exposure time: particles leave streaks, and the time of a frame is the middle of its exposure.
+    /// Exposure time: particle images become streaks, and the time of a frame is the middle of its exposure.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub exposure_s: f64,
-    /// Several flashes per frame.
+    /// Flashes per frame, if there are several.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flashes: Option<Flashes>,
-    /// Standard deviation of the times of frames; at most a tenth of the time between frames.
+    /// Standard deviation of the frame times; at most a tenth of the time between frames.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub jitter_s: f64,
@@ -63,10 +63,10 @@ pub struct Pairs {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PairSeeding {
-    /// Every pair is seeded afresh.
+    /// Every pair is seeded independently.
     #[default]
     Fresh,
-    /// The same particles go on from pair to pair, `interval_s` apart.
+    /// The same particles continue from pair to pair, `interval_s` apart.
     Continuing,
 }
 
@@ -76,18 +76,18 @@ pub struct Sequence {
     /// Number of frames.
     #[schemars(range(min = 1, max = MAX_FRAMES), example = 20)]
     pub frames: u32,
-    /// Time from frame to frame.
+    /// Time between frames.
     #[serde(default = "default_dt")]
     #[schemars(extend("x-range" = POSITIVE))]
     pub dt_s: f64,
-    /// Exposure time: particles leave streaks, and the time of a frame is the middle of its exposure.
+    /// Exposure time: particle images become streaks, and the time of a frame is the middle of its exposure.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub exposure_s: f64,
-    /// Several flashes per frame.
+    /// Flashes per frame, if there are several.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flashes: Option<Flashes>,
-    /// Standard deviation of the times of frames; at most a tenth of the time between frames.
+    /// Standard deviation of the frame times; at most a tenth of the time between frames.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub jitter_s: f64,
@@ -107,57 +107,57 @@ pub struct FourPulse {
     #[serde(default = "default_gap")]
     #[schemars(extend("x-range" = POSITIVE))]
     pub gap_s: f64,
-    /// Time from the first frame of one burst to that of the next.
+    /// Time between the first frames of consecutive bursts.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub interval_s: f64,
-    /// Exposure time: particles leave streaks, and the time of a frame is the middle of its exposure.
+    /// Exposure time: particle images become streaks, and the time of a frame is the middle of its exposure.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub exposure_s: f64,
-    /// Several flashes per frame.
+    /// Flashes per frame, if there are several.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flashes: Option<Flashes>,
-    /// Standard deviation of the times of frames; at most a tenth of the time between frames.
+    /// Standard deviation of the frame times; at most a tenth of the time between frames.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub jitter_s: f64,
 }
 
-/// Flashes that one frame collects.
+/// Flashes within one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Flashes {
     /// Number of flashes per frame.
     #[schemars(range(min = 1, max = 100), example = 2)]
     pub count: u32,
-    /// Time from flash to flash.
+    /// Time between flashes.
     #[schemars(extend("x-range" = NOT_NEGATIVE), example = 0.001)]
     pub spacing_s: f64,
 }
 
-/// With the default speed of 1290 um/s and setting 1 this is a displacement of 10 px.
+/// Gives a displacement of 10 px at the default speed of 1290 um/s with setting 1.
 fn default_dt() -> f64 {
     0.005
 }
 
-/// Twice the default time within the pairs of a burst.
+/// Twice the default `dt_s`.
 fn default_gap() -> f64 {
     0.01
 }
 
-/// What all ways of timing have in common.
+/// The settings that all timing modes share.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frames {
     /// Exposure time, s.
     pub(super) exposure_s: f64,
-    /// Several flashes per frame.
+    /// Flashes per frame, if there are several.
     pub(super) flashes: Option<Flashes>,
-    /// Standard deviation of the times of frames, s.
+    /// Standard deviation of the frame times, s.
     pub(super) jitter_s: f64,
 }
 
 impl Timing {
-    /// What all ways of timing have in common.
+    /// The settings that all timing modes share.
     pub(super) fn frames(&self) -> Frames {
         let (exposure_s, flashes, jitter_s) = match *self {
             Timing::Pairs(Pairs { exposure_s, flashes, jitter_s, .. })
@@ -169,7 +169,7 @@ impl Timing {
         Frames { exposure_s, flashes, jitter_s }
     }
 
-    /// The mode's name, in keys and in the manifest.
+    /// Name of the mode in keys and in the manifest.
     pub fn mode(&self) -> &'static str {
         match self {
             Timing::Pairs(_) => "pairs",
@@ -178,11 +178,11 @@ impl Timing {
         }
     }
 
-    /// The shutter, if frames are not instantaneous.
+    /// The shutter; `None` if exposures are instantaneous.
     pub(super) fn shutter(&self, um_per_px: f64, problems: &mut Problems) -> Option<Shutter> {
         let Frames { exposure_s, flashes, .. } = self.frames();
         let Flashes { count, spacing_s } = flashes.unwrap_or(Flashes { count: 1, spacing_s: 0.0 });
-        let shutter = Shutter::new(exposure_s, count, spacing_s, PIECE_PX * um_per_px);
+        let shutter = Shutter::new(exposure_s, count, spacing_s, SEGMENT_PX * um_per_px);
         problems.of(&format!("timing.{}", self.mode()), shutter).filter(|shutter| shutter.span_s() > 0.0)
     }
 }

@@ -1,18 +1,18 @@
-//! The grid of `truth/field.csv`: where the displacement field is written down, and by which definitions.
+//! The grid of `truth/field.csv`: the nodes of the displacement field and the definitions of its columns.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::language::problems::Problems;
 
-/// The truth of displacement fields.
+/// The true displacement field.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TruthGrid {
     /// On a grid in the middle of the image; an unsteady flow is written for every pair, on a coarser grid by
     /// default.
     Grid(FieldGrid),
-    /// Not written.
+    /// No displacement field.
     None,
 }
 
@@ -21,7 +21,7 @@ pub enum TruthGrid {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct FieldGrid {
-    /// Distance of the nodes along x and y.
+    /// Distance between nodes along x and y.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.1, max = 1e5), extend("x-default" = "16; 32 if the flow is unsteady"))]
     pub spacing_px: Option<f64>,
@@ -33,11 +33,11 @@ pub struct FieldGrid {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "peak_squared; none if the flow is unsteady"))]
     pub weighting: Option<Weighting>,
-    /// Side of a square window over which the central displacement is averaged in addition.
+    /// Side of a square window for an additional column: the central displacement averaged over the window.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 1e-3, max = 1e5), example = 32.0)]
     pub window_px: Option<f64>,
-    /// Whether the displacement that ends at the node is written in addition.
+    /// Whether the backward displacement, which ends at the node, is also written.
     pub backward: bool,
 }
 
@@ -45,9 +45,9 @@ pub struct FieldGrid {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Planes {
-    /// The middles of N equal slices of the depth range, and the middle of the range itself.
+    /// The centers of N equal slices of the depth range, and the center of the range itself.
     Even(#[schemars(range(min = 1, max = MAX_PLANES), example = 5)] u32),
-    /// These physical depths.
+    /// The given physical depths.
     AtUm(
         #[schemars(
             length(min = 1, max = MAX_PLANES),
@@ -59,7 +59,7 @@ pub enum Planes {
     ),
 }
 
-/// How much a depth counts in a correlation of images that show all depths at once.
+/// Weight of a depth in the correlation of images that contain particles at all depths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Weighting {
@@ -71,12 +71,12 @@ pub enum Weighting {
     None,
 }
 
-/// Most nodes of a plane, and most planes.
+/// Maximum numbers of nodes in a plane and of planes.
 const MAX_NODES: f64 = 1e7;
 const MAX_PLANES: u32 = 1000;
 
 impl FieldGrid {
-    /// Fills in what is left out, and checks.
+    /// Fills in defaults, then checks the grid.
     fn fill(&mut self, steady: bool, size_px: (u32, u32), problems: &mut Problems) {
         let spacing = *self.spacing_px.get_or_insert(if steady { 16.0 } else { 32.0 });
         let nodes = f64::from(size_px.0) * f64::from(size_px.1) / (spacing * spacing);
@@ -89,13 +89,12 @@ impl FieldGrid {
 }
 
 impl TruthGrid {
-    /// What a scenario has that does not say; `steady` is unknown where tracks are given and there is no
-    /// field.
+    /// The default; `steady` is `None` for recorded tracks, which have no field.
     pub(super) fn of(steady: Option<bool>) -> Self {
         if steady.is_some() { TruthGrid::Grid(FieldGrid::default()) } else { TruthGrid::None }
     }
 
-    /// Fills in what is left out, and checks.
+    /// Fills in defaults, then checks the grid.
     pub(super) fn fill(&mut self, steady: Option<bool>, size_px: (u32, u32), problems: &mut Problems) {
         let TruthGrid::Grid(grid) = self else { return };
         match steady {
@@ -106,7 +105,7 @@ impl TruthGrid {
         }
     }
 
-    /// The grid over an image and a depth range; `None` if there is none.
+    /// The nodes over an image of `size_px` and a range of physical depths (um); `None` without a grid.
     pub fn nodes(&self, size_px: (u32, u32), depth_um: (f64, f64)) -> Option<Nodes> {
         let TruthGrid::Grid(grid) = self else { return None };
         let spacing = grid.spacing_px?;
@@ -122,7 +121,7 @@ impl TruthGrid {
                 let slice = (depth_um.1 - depth_um.0) / f64::from(*n);
                 let middle = f64::midpoint(depth_um.0, depth_um.1);
                 let middles = (0..*n).map(|k| depth_um.0 + (f64::from(k) + 0.5) * slice);
-                // The middle plane of an odd number is the middle of the range but for rounding.
+                // If `n` is odd, its middle plane equals the middle of the range up to rounding.
                 let others = middles.enumerate().filter(|(k, _)| n % 2 == 0 || *k as u32 != n / 2);
                 others.map(|(_, z)| z).chain([middle]).collect()
             }
@@ -140,20 +139,20 @@ impl TruthGrid {
     }
 }
 
-/// A grid, laid out.
+/// The nodes of a grid and what is written at them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Nodes {
-    /// Columns of the nodes, px.
+    /// x coordinates of the nodes, px.
     pub x_px: Vec<f64>,
-    /// Rows of the nodes, px.
+    /// y coordinates of the nodes, px.
     pub y_px: Vec<f64>,
     /// Physical depths of the nodes, um, ascending.
     pub planes_um: Vec<f64>,
-    /// The weight of depths.
+    /// Weight of each depth in the depth-weighted displacement.
     pub weighting: Weighting,
-    /// Side of the window of averages, px.
+    /// Side of the averaging window, px.
     pub window_px: Option<f64>,
-    /// Whether there are backward displacements.
+    /// Whether backward displacements are written.
     pub backward: bool,
 }
 

@@ -1,13 +1,13 @@
 //! The JSON Schema of the language, derived from the structs of `spec`.
 //!
-//! A struct's field is the only place of a key: its doc comment is the meaning, `serde` says the default,
-//! `schemars` the range (`range(min = .., max = ..)`), `example` a value of a key without default or of what
-//! a variant holds. Extensions:
+//! A key is defined only by a field of a struct: its doc comment is the description, `serde` gives the
+//! default, `schemars` the range (`range(min = .., max = ..)`), and `example` a value for a key without
+//! default or for the content of a variant. Extensions:
 //!
-//! - `x-unit`: the unit, where the key's name does not end with it;
-//! - `x-range`: the range in words (`> 0 and <= 1e9`), from which bounds are taken;
-//! - `x-default`: in words, a default that follows from other keys;
-//! - `x-formerly`: names in older files, which are still read;
+//! - `x-unit`: the unit, if the key's name does not end with it;
+//! - `x-range`: the range in words (`> 0 and <= 1e9`), from which bounds are derived;
+//! - `x-default`: description of a default that depends on other keys;
+//! - `x-formerly`: former names of the key, which are still read;
 //! - `x-infinite`: `inf` is allowed, and `null` in JSON;
 //! - `x-quoted`: a choice that is written in quotes.
 
@@ -15,7 +15,7 @@ use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value};
 
-/// The JSON Schema of a type, with what follows from names and words written out: units, bounds, no other
+/// The JSON Schema of a type, completed: units from key names, bounds from ranges in words, no additional
 /// keys.
 pub fn schema_of<T: JsonSchema>() -> Value {
     let schema = SchemaSettings::draft2020_12().into_generator().into_root_schema_for::<T>();
@@ -24,7 +24,7 @@ pub fn schema_of<T: JsonSchema>() -> Value {
     root
 }
 
-/// Writes out what follows from names and words, in a whole schema.
+/// Completes a schema and all schemas in it.
 fn complete(schema: &mut Value) {
     let Some(schema) = schema.as_object_mut() else {
         if let Some(items) = schema.as_array_mut() {
@@ -45,7 +45,7 @@ fn complete(schema: &mut Value) {
         let bounds = bounds(words);
         schema.extend(bounds);
     }
-    // Bounds of a point are those of its coordinates.
+    // Bounds of a tuple or list apply to its elements.
     for bound in BOUNDS {
         let is_list = ["prefixItems", "items"].iter().any(|items| schema.contains_key(*items));
         let Some(value) = is_list.then(|| schema.remove(bound)).flatten() else { continue };
@@ -94,7 +94,7 @@ fn bounds(words: &str) -> Map<String, Value> {
     bounds
 }
 
-/// The unit in a key's name.
+/// The unit given by the end of a key's name.
 fn unit_of(name: &str) -> Option<&'static str> {
     const SUFFIXES: &[(&str, &str)] = &[
         ("_counts_per_e", "counts/e"),
@@ -121,7 +121,7 @@ fn unit_of(name: &str) -> Option<&'static str> {
         ("_k", "K"),
         ("_s", "s"),
     ];
-    // N_S is a share of the sensor.
+    // N_S is a fraction, not in seconds.
     let name = if name == "n_s" { "" } else { name };
     SUFFIXES.iter().find(|(suffix, _)| name.ends_with(suffix) || name == &suffix[1..]).map(|(_, unit)| *unit)
 }

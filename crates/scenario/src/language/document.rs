@@ -1,5 +1,5 @@
-//! `docs/scenario.md`: every key with unit, default, range and meaning, and pictures of what single keys do
-//! to the image.
+//! `docs/scenario.md`: every key with unit, default, range and meaning, and pictures of the effect of single
+//! keys.
 
 use serde::Deserialize;
 use serde_json::Value;
@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::schema::{Entry, Schema};
 use super::write::ron;
 
-/// A row of images of one scene, each with another value of a key.
+/// A row of images of the same scene with different values of a key.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Picture {
     /// The key.
@@ -16,7 +16,7 @@ pub struct Picture {
     pub scene: Scene,
     /// Assignments (`path=value`, separated by `;`) of each image, from left to right.
     pub images: Vec<String>,
-    /// The values, as the reader sees them.
+    /// Caption with the values.
     pub caption: String,
 }
 
@@ -26,36 +26,35 @@ pub struct Picture {
 pub enum Scene {
     /// Three particles at z = -70, -25 and +15 um side by side.
     Ladder,
-    /// Particles all over the default channel.
+    /// Particles throughout the default channel.
     Channel,
-    /// Many small particles, a little below focus.
+    /// Many small particles slightly below focus.
     Dense,
-    /// Particles in one plane a little below focus, in fast flow.
+    /// Particles in one plane slightly below focus, in fast flow.
     Fast,
     /// The dense scene in the second frame of a pair, 0.1 s after the first.
     Later,
 }
 
 impl Picture {
-    /// Name of its file.
+    /// File name of the picture.
     pub fn file(&self) -> String {
         format!("{}.png", self.key.replace('.', "_"))
     }
 
-    /// All of them, as listed in `docs/scenario/pictures.ron`.
+    /// Reads the list of pictures in `docs/scenario/pictures.ron`.
     ///
     /// # Errors
-    /// Why the list cannot be read.
+    /// A list that cannot be parsed.
     pub fn list(text: &str) -> Result<Vec<Picture>, ron::error::SpannedError> {
         ron::from_str(text)
     }
 }
 
-/// Where velocity fields are.
+/// Path of the velocity fields.
 const FIELD: &str = "motion.flow.field.";
 
-/// The document. `values` is a scenario with every default filled in; of its keys, those in `given` have no
-/// default.
+/// The document. `values` is a scenario with all defaults filled in.
 pub(crate) fn document(schema: Schema<'_>, values: &Value, header: &str, pictures: &[Picture]) -> String {
     let mut text = header.to_owned();
     let keys = schema.keys();
@@ -63,7 +62,7 @@ pub(crate) fn document(schema: Schema<'_>, values: &Value, header: &str, picture
     let mut is_open = false;
     for top in schema.below() {
         let own = |path: &str| path.split('.').next() == Some(top.name) && !path.starts_with(FIELD);
-        // Keys without others below them share the first table.
+        // Keys without subkeys share the first table.
         let is_section = keys.iter().filter(|(path, _)| own(path)).count() > 1;
         if is_section || !is_open {
             let (title, about) = match is_section {
@@ -129,7 +128,7 @@ fn default(path: &str, entry: &Entry<'_>, values: &Value, schema: Schema<'_>) ->
         (Some(words), _) => cell(words),
         (None, Some(text)) => format!("`{text}`"),
         (None, None) if value.is_some() => String::new(),
-        // A parameter of a field without default follows the depth range; its range says how.
+        // A field parameter without a default follows from the depth range, as the words of its range state.
         (None, None) if path.starts_with(FIELD) => {
             let words = inner.range();
             words

@@ -1,7 +1,7 @@
-//! Putting a value at a path of a tree: `--set`, the axes of sweeps.
+//! Replaces the value at a path of a tree: for `--set` and the axes of sweeps.
 //!
-//! Steps of a path are keys, variants and places in lists. Naming another variant than the one in place
-//! switches to it.
+//! The steps of a path are keys, variants and list indices. A step that names another variant than the
+//! present one switches to it.
 
 use std::sync::Arc;
 
@@ -10,10 +10,10 @@ use super::schema::{Kind, Schema, joined};
 use super::text::{Content, Field, Node, parse};
 use storage::problem::{Place, Problem, Source};
 
-/// The value of an assignment as a tree. A text need not be in quotes.
+/// The value of an assignment as a tree. Quotes around a text are optional.
 ///
 /// # Errors
-/// A value that is not one, or a path that does not exist.
+/// A syntax error in the value.
 pub(crate) fn assigned(root: Schema<'_>, path: &str, value: &str) -> Result<Node, Problem> {
     let source = Arc::new(Source::assignment(path, value));
     let whole = Place { source: source.clone(), span: source.value_at..source.text.len() };
@@ -97,7 +97,7 @@ impl Graft<'_, '_> {
                 let inner = schema.step(step).and_then(|entry| entry.schema).ok_or_else(unknown)?;
                 let index: usize = step.parse().map_err(|_| unknown())?;
                 let Some(Node { content: Content::Items(mut items), place: at }) = node else {
-                    return Err(Problem::other(self.path, "there is no list to take a place of").at(&place));
+                    return Err(Problem::other(self.path, "there is no list at this path").at(&place));
                 };
                 if index >= items.len() {
                     let message = format!("the list has {} values, counted from 0", items.len());

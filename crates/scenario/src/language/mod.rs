@@ -1,36 +1,36 @@
 //! The language that scenarios and sweeps are written in: RON or JSON, described by one schema.
 //!
-//! [`schema`] describes it, [`text`] parses, [`read`](read()) walks the tree along the schema and finds what
-//! is wrong ([`storage::problem`]), [`graft`] replaces values; [`template`] and [`document`] explain it to
-//! people.
+//! [`schema`] describes it, [`text`] parses it, [`read`](read()) checks the tree against the schema and finds
+//! problems ([`storage::problem`]), [`graft`] replaces values; [`template`] and [`document`] generate
+//! documentation.
 
-pub(crate) mod derive;
-pub(crate) mod document;
-pub(crate) mod graft;
-pub(crate) mod problems;
+pub mod derive;
+pub mod document;
+pub mod graft;
+pub mod problems;
 mod read;
-pub(crate) mod schema;
-pub(crate) mod template;
+pub mod schema;
+pub mod template;
 #[cfg(test)]
 mod tests;
-pub(crate) mod text;
-pub(crate) mod write;
+pub mod text;
+pub mod write;
 
 use serde::de::DeserializeOwned;
 
+use storage::problem::Problem;
 use problems::Problems;
 use schema::Schema;
-use storage::problem::Problem;
 use text::Node;
 
-/// The typed form of a tree, without what does not fit; `None` if that leaves too little.
-pub(crate) fn typed<T: DeserializeOwned>(
+/// Converts a tree to a typed value, without the values that do not fit; `None` if required ones are missing.
+pub fn typed<T: DeserializeOwned>(
     root: Schema<'_>,
     node: &Node,
     problems: &mut Problems,
 ) -> Option<T> {
     let value = read::read(root, node, problems)?;
-    // The schema is derived from the type, so what fits the one fits the other.
+    // The schema is derived from the type, so a value that fits one fits the other.
     serde_json::from_value(value)
         .map_err(|e| problems.push(Problem::other("", e.to_string()).at(&node.place)))
         .ok()

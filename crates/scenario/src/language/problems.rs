@@ -1,16 +1,16 @@
-//! The problems of a text, gathered before any is reported.
+//! Collects the problems of a text, so that all are reported at once.
 
 use std::fmt;
 
 use storage::error::{Error, Result};
 use storage::problem::Problem;
 
-/// The problems found so far: all are gathered before any is reported.
+/// The problems found so far, and a test for the keys of the language.
 #[derive(Debug, Default)]
 pub(crate) struct Problems(pub Vec<Problem>, Option<fn(&str) -> bool>);
 
 impl Problems {
-    /// None yet, in a language whose keys are known.
+    /// No problems yet; `is_key` tells whether a path is a key of the language.
     pub(crate) fn among(is_key: fn(&str) -> bool) -> Self {
         Problems(Vec::new(), Some(is_key))
     }
@@ -19,12 +19,12 @@ impl Problems {
         !self.0.is_empty()
     }
 
-    /// All of them as an error, if there are any.
+    /// All problems as an error, if there are any.
     pub(crate) fn finish(self) -> Result<()> {
         if self.0.is_empty() { Ok(()) } else { Err(Error::Problems(self.sorted())) }
     }
 
-    /// In the order of the file; those of assignments last.
+    /// The problems in the order of the file; those of assignments last.
     pub(crate) fn sorted(mut self) -> Vec<Problem> {
         let order = |p: &Problem| p.place.as_ref().map_or((true, 0), |p| (!p.source.is_file, p.span.start));
         self.0.sort_by_key(order);
@@ -36,18 +36,18 @@ impl Problems {
         self.0.push(problem);
     }
 
-    /// Notes a value that does not fit.
+    /// Adds a value of the wrong type or out of range.
     pub(crate) fn value(&mut self, path: &str, found: impl fmt::Display, allowed: &str) {
         self.push(Problem::value(path, found, allowed));
     }
 
-    /// Notes anything else.
+    /// Adds any other problem.
     pub(crate) fn other(&mut self, path: &str, message: impl Into<String>) {
         self.push(Problem::other(path, message));
     }
 
-    /// The value of a result, or `None` with its problem noted. A parameter that the error names is a key
-    /// below `path` if the language has it.
+    /// The value of a result; an error is added as a problem at `path`, or at the key of the parameter that
+    /// the error names if there is such a key below `path`.
     pub(crate) fn of<T, E: Into<Error>>(
         &mut self,
         path: &str,

@@ -1,4 +1,4 @@
-//! From a tree of values to the typed form: one walk along the schema, which finds everything that is wrong.
+//! Checks a tree of values against the schema in a single walk, which finds all problems.
 
 use serde_json::{Map, Number, Value};
 
@@ -7,9 +7,9 @@ use super::schema::{Entry, Kind, Schema, joined, nearest};
 use super::text::{Content, Field, Node};
 use storage::problem::Problem;
 
-/// The value of a tree as JSON (variants as objects of one key), without what does not fit; `None` if that
-/// leaves too little.
-pub(super) fn read(root: Schema<'_>, node: &Node, problems: &mut Problems) -> Option<Value> {
+/// The value of a tree as JSON (variants as objects with one key), without the values that do not fit; `None`
+/// if required ones are missing.
+pub fn read(root: Schema<'_>, node: &Node, problems: &mut Problems) -> Option<Value> {
     Walk { root, problems }.value(node, root, "")
 }
 
@@ -111,13 +111,15 @@ impl Walk<'_, '_> {
         }
         for key in schema.required().filter(|key| !given.contains(key)) {
             let near = fields.iter().map(|f| f.key.as_str()).filter(|key| find(&keys, key).is_none());
-            // A misspelt key has its own message.
+            // A misspelled key already has a message.
             if nearest(key, near).is_none() {
                 self.problems.push(Problem::missing(path, key).at(&node.place));
             }
         }
-        let is_whole = |section: &Map<String, Value>| schema.required().all(|key| section.contains_key(key));
-        // The whole is read on, so that rules between its values are checked as far as they can be.
+        let is_complete =
+            |section: &Map<String, Value>| schema.required().all(|key| section.contains_key(key));
+        // Missing keys of the root get placeholders, so that rules between the other values can still be
+        // checked.
         if path.is_empty() {
             for key in schema.required() {
                 let example = find(&keys, key).and_then(|key| key.attribute("examples")?.get(0));
@@ -126,7 +128,7 @@ impl Walk<'_, '_> {
                 }
             }
         }
-        is_whole(&section).then_some(Value::Object(section))
+        is_complete(&section).then_some(Value::Object(section))
     }
 
     fn choice(&mut self, node: &Node, schema: Schema<'_>, path: &str) -> Option<Value> {
@@ -134,7 +136,7 @@ impl Walk<'_, '_> {
         let (name, content) = match &node.content {
             Content::Word(name) | Content::Text(name) => (name, None),
             Content::Variant(name, content) => (name, Some(content.as_ref())),
-            // JSON has no other way of writing it.
+            // The form of a variant in JSON.
             Content::Fields(fields) if fields.len() == 1 => (&fields[0].key, Some(&fields[0].value)),
             _ => {
                 self.refuse(node, path, node.written(), &schema.allowed());
@@ -190,15 +192,15 @@ impl Walk<'_, '_> {
     }
 }
 
-/// A number in metres where micrometres are meant.
+/// A hint for a number that is in range when converted from meters to micrometers.
 fn unit_hint(x: f64, schema: Schema<'_>) -> Option<String> {
     let micro = x * 1e6;
     let fits = schema.words("x-unit") == Some("um") && x > 0.0 && schema.allows(micro);
-    // Rounded, as the factor is no power of two.
+    // Rounded, as the multiplication by 1e6 is inexact.
     fits.then(|| format!("in um, {x:e} m is {}", (micro * 1e6).round() / 1e6))
 }
 
-/// The key or variant of a name, in today's spelling or in that of older files.
+/// The key or variant with a name, or with this former name (`x-formerly`).
 pub(super) fn find<'e, 'a>(entries: &'e [Entry<'a>], name: &str) -> Option<&'e Entry<'a>> {
     let of = |name: &str| entries.iter().find(|entry| entry.name == name);
     let formerly = |entry: &&Entry<'a>| {

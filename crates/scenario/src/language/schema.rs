@@ -1,5 +1,4 @@
-//! The language as a JSON Schema, as everything else reads it; [`super::derive`] derives it from the structs
-//! of `spec`.
+//! Access to the JSON Schema of the language, which [`super::derive`] derives from the structs of `spec`.
 
 use serde_json::Value;
 
@@ -9,11 +8,11 @@ pub struct Schema<'a> {
     root: &'a Value,
     /// Where the type is used: description, default and range of the key.
     site: &'a Value,
-    /// The type itself, past `$ref` and `null`.
+    /// The type itself, with `$ref` and `null` resolved.
     node: &'a Value,
 }
 
-/// What a value is.
+/// The kind of a value.
 #[derive(Debug, Clone)]
 pub enum Kind<'a> {
     /// Keys with values.
@@ -39,9 +38,9 @@ pub enum Kind<'a> {
 /// A key or variant of the language.
 #[derive(Debug, Clone, Copy)]
 pub struct Entry<'a> {
-    /// Its name; a number within lists.
+    /// Its name; empty for the items of a list.
     pub name: &'a str,
-    /// Whether it is a variant of the key before it.
+    /// Whether it is a variant of its parent.
     pub is_variant: bool,
     /// Its type; `None` for a variant without content.
     pub schema: Option<Schema<'a>>,
@@ -49,7 +48,7 @@ pub struct Entry<'a> {
 }
 
 impl<'a> Schema<'a> {
-    /// The type that a whole document describes.
+    /// The schema of a document.
     pub fn root(root: &'a Value) -> Self {
         Schema::at(root, root)
     }
@@ -90,7 +89,7 @@ impl<'a> Schema<'a> {
         in_any || self.is("null")
     }
 
-    /// What a value of it is.
+    /// The kind of value that the schema describes.
     pub fn kind(&self) -> Kind<'a> {
         let count = |name| self.node.get(name).and_then(Value::as_u64);
         if self.node.get("oneOf").is_some()
@@ -120,7 +119,7 @@ impl<'a> Schema<'a> {
         }
     }
 
-    /// The keys of a section, the variants of a choice; of a list those of its items.
+    /// The keys of a section or the variants of a choice; for a list, those of its items.
     pub fn below(&self) -> Vec<Entry<'a>> {
         let at = |site| Schema::at(self.root, site);
         let properties =
@@ -158,7 +157,7 @@ impl<'a> Schema<'a> {
         }
     }
 
-    /// The key, variant or item of that name.
+    /// The key, variant or item with this name.
     pub fn step(&self, name: &str) -> Option<Entry<'a>> {
         if let Ok(i) = name.parse::<usize>() {
             let item = match self.kind() {
@@ -176,19 +175,19 @@ impl<'a> Schema<'a> {
         self.below().into_iter().find(|entry| entry.name == name)
     }
 
-    /// The key or variant of a path.
+    /// The key or variant at a path.
     pub fn find(&self, path: &str) -> Option<Entry<'a>> {
         let root = Entry { name: "", is_variant: false, schema: Some(*self), site: self.site };
         path.split('.').try_fold(root, |entry, step| entry.schema?.step(step))
     }
 
-    /// The keys that a section cannot do without.
+    /// The required keys of a section.
     pub fn required(&self) -> impl Iterator<Item = &'a str> {
         self.node.get("required").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str)
     }
 
-    /// Every key and variant with its path, in order. What a type holds of its own kind (fields in a sum of
-    /// fields) is not gone into again.
+    /// All keys and variants with their paths, in order. Recursive types (fields in a sum of fields) are
+    /// listed only once.
     pub fn keys(&self) -> Vec<(String, Entry<'a>)> {
         let mut keys = Vec::new();
         self.collect("", &mut Vec::new(), &mut keys);
@@ -213,18 +212,18 @@ impl<'a> Schema<'a> {
         above.pop();
     }
 
-    /// What a misspelt key or variant was probably meant to be; else what there is.
+    /// A suggestion for a misspelled key or variant; if none is similar, the list of existing ones.
     pub fn suggestion(&self, parent: &str, name: &str) -> Option<String> {
         let names: Vec<&str> = self
             .find(parent)
-            .or_else(|| parent.is_empty().then(|| self.whole()))
+            .or_else(|| parent.is_empty().then(|| self.as_entry()))
             .map_or_else(Vec::new, |entry| {
                 entry.schema.map_or_else(Vec::new, |schema| schema.below().iter().map(|e| e.name).collect())
             });
         if let Some(near) = nearest(name, names.iter().copied()) {
             return Some(format!("did you mean `{near}`?"));
         }
-        // Of the very name elsewhere; parameters of fields have the same names in many of them.
+        // The same name elsewhere, except parameters of fields, as many fields share these.
         let elsewhere =
             self.keys().into_iter().map(|(path, _)| path).filter(|path| {
                 path.rsplit('.').next() == Some(name) && !path.starts_with("motion.flow.field.")
@@ -235,7 +234,7 @@ impl<'a> Schema<'a> {
         (!names.is_empty()).then(|| format!("expected one of {}", names.join(", ")))
     }
 
-    fn whole(&self) -> Entry<'a> {
+    fn as_entry(&self) -> Entry<'a> {
         Entry { name: "", is_variant: false, schema: Some(*self), site: self.site }
     }
 
@@ -309,7 +308,7 @@ impl<'a> Schema<'a> {
 }
 
 impl<'a> Entry<'a> {
-    /// What it means: the first paragraph of its doc comment, or of its type's.
+    /// Its meaning: the first paragraph of its doc comment, or of its type's.
     pub fn meaning(&self) -> String {
         let own = self.site.get("description").and_then(Value::as_str);
         let text =
@@ -328,15 +327,16 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// A path with one step more.
+/// A path extended by one step.
 pub(crate) fn joined(path: &str, step: &str) -> String {
     if path.is_empty() { step.to_owned() } else { format!("{path}.{step}") }
 }
 
-/// The word most like `name`, if one is near enough.
+/// The most similar word to `name`, if its Jaro-Winkler similarity exceeds 0.75.
 pub fn nearest<'a>(name: &str, words: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let likeness = |word: &str| strsim::jaro_winkler(word, name);
-    let near = words.into_iter().map(|word| (likeness(word), word)).filter(|&(likeness, _)| likeness > 0.75);
+    let similarity = |word: &str| strsim::jaro_winkler(word, name);
+    let near =
+        words.into_iter().map(|word| (similarity(word), word)).filter(|&(similarity, _)| similarity > 0.75);
     near.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, word)| word)
 }
 
@@ -345,7 +345,7 @@ fn one_of(names: impl Iterator<Item = String>) -> String {
     format!("one of {}", names.collect::<Vec<_>>().join(", "))
 }
 
-/// A number as people write it.
+/// A number as text; in scientific notation if very large or small.
 fn number(value: &Value) -> Option<String> {
     let x = value.as_f64()?;
     Some(if x != 0.0 && !(1e-4..1e7).contains(&x.abs()) { format!("{x:e}") } else { format!("{x}") })

@@ -1,17 +1,17 @@
-//! `microsig new`: every key of a schema, commented, with its default or an example.
+//! The output of `microsig new`: every key of a schema with comments, and its default or an example.
 
 use serde_json::Value;
 
 use super::schema::{Entry, Kind, Schema};
 use super::write::ron;
 
-/// Width of a line of comments.
+/// Width of comment lines, characters.
 const WIDTH: usize = 118;
 
-/// More variants than these are not listed.
+/// Maximum number of variants that are described one by one.
 const MAX_VARIANTS: usize = 12;
 
-/// A commented document of every key; `values` is a document with every default filled in.
+/// A commented document with every key; `values` is a document with all defaults filled in.
 pub(crate) fn template(schema: Schema<'_>, values: &Value, header: &str) -> String {
     let mut text = String::new();
     comment(&mut text, "", "", header);
@@ -20,7 +20,7 @@ pub(crate) fn template(schema: Schema<'_>, values: &Value, header: &str) -> Stri
     text + ")\n"
 }
 
-/// A value that fits: an example, the default, or one made of those of its parts.
+/// A valid value: an example, the default, or one composed of samples of its parts.
 pub(crate) fn sample(schema: Schema<'_>) -> Option<Value> {
     let example = schema.attribute("examples").and_then(|examples| examples.get(0));
     if let Some(value) = example.or(schema.attribute("default").filter(|value| !value.is_null())) {
@@ -62,7 +62,7 @@ fn section(text: &mut String, schema: Schema<'_>, values: Option<&Value>, depth:
         let value = values.and_then(|values| values.get(entry.name)).filter(|value| !value.is_null());
         let follows = entry.attribute("x-default").is_some() || inner.is_optional() && depth > 2;
         let is_infinite = inner.attribute("x-infinite").is_some();
-        // A default that follows from other keys would no longer follow once written.
+        // A default that depends on other keys is commented out: once given, it would no longer follow them.
         let out = is_out
             || value.is_none() && !is_infinite
             || follows && (depth > 2 || !matches!(inner.kind(), Kind::Choice));
@@ -91,7 +91,7 @@ fn section(text: &mut String, schema: Schema<'_>, values: Option<&Value>, depth:
     }
 }
 
-/// Meaning, unit, range and variants of a key.
+/// Writes meaning, unit, range and variants of a key as comments.
 fn about(text: &mut String, entry: &Entry<'_>, schema: Schema<'_>, depth: usize, is_given: bool) {
     let indent = "    ".repeat(depth) + "// ";
     let (unit, range) = (schema.words("x-unit").unwrap_or_default(), schema.range());
@@ -125,7 +125,7 @@ fn about(text: &mut String, entry: &Entry<'_>, schema: Schema<'_>, depth: usize,
     }
 }
 
-/// Words as lines of a comment, the later ones moved in.
+/// Writes words as comment lines with hanging indentation.
 fn comment(text: &mut String, indent: &str, hanging: &str, words: &str) {
     let indent = if indent.is_empty() { "// " } else { indent };
     let mut line = format!("{indent}{hanging}");

@@ -1,4 +1,4 @@
-//! The promises of the schema: a key is written once and found everywhere, and ranges hold wherever they are
+//! Tests of the schema: a key is defined once and known everywhere, and ranges are enforced wherever they are
 //! stated.
 
 use std::path::Path;
@@ -25,7 +25,7 @@ fn tree(text: &str) -> Node {
     text::parse(&Arc::new(Source::file("t.ron", text))).unwrap()
 }
 
-/// A language of its own.
+/// A small language for tests.
 #[derive(Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 struct Laboratory {
     /// Laser on the table.
@@ -122,7 +122,7 @@ fn every_key_has_a_meaning() {
     }
 }
 
-/// A scenario in which a key has a value that fits, and the key's path with places in lists.
+/// A scenario in which a key has a valid value, and the key's path with list indices.
 fn around(path: &str) -> (Node, String) {
     let mut whole = tree(r#"(name: "m", motion: flow(field: poiseuille()), timing: pairs(count: 1))"#);
     let mut at = String::new();
@@ -201,7 +201,7 @@ fn ranges_in_words_of_fields_have_bounds() {
     }
 }
 
-/// What the program writes is what the schema describes, as RON and as JSON.
+/// Scenarios that the program writes, as RON or JSON, fit the schema.
 #[test]
 fn every_shipped_scenario_with_its_defaults_fits_the_schema() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios");

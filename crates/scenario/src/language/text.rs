@@ -1,27 +1,27 @@
-//! RON and JSON texts as trees of values that know where they stand.
+//! Parser of RON and JSON texts to trees of values with their positions.
 //!
-//! One reader takes both: JSON's objects are RON's maps, and a variant is `name(content)` in RON, `{"name":
-//! content}` in JSON. What values mean is the schema's matter ([`super::read`]).
+//! One parser reads both: JSON objects are RON maps, and a variant is `name(content)` in RON, `{"name":
+//! content}` in JSON. [`super::read`] interprets the values by the schema.
 
+use storage::problem::{Place, Problem, Source};
 use std::ops::Range;
 use std::sync::Arc;
-use storage::problem::{Place, Problem, Source};
 
 /// Nesting beyond this depth is refused before it can exhaust the stack.
 const MAX_DEPTH: usize = 100;
 
-/// A value and its place in a text.
+/// A value and its position in a text.
 #[derive(Debug, Clone)]
-pub(crate) struct Node {
-    /// The whole of it, brackets included.
+pub struct Node {
+    /// Its range in the text, including brackets.
     pub place: Place,
-    /// What is written there.
+    /// The value as parsed, not yet interpreted.
     pub content: Content,
 }
 
-/// What is written at a place.
+/// A parsed value, not yet interpreted.
 #[derive(Debug, Clone)]
-pub(crate) enum Content {
+pub enum Content {
     /// A number, or a word without quotes: `1e-3`, `true`, `open`.
     Word(String),
     /// A string in quotes, decoded.
@@ -36,20 +36,20 @@ pub(crate) enum Content {
 
 /// A key and its value.
 #[derive(Debug, Clone)]
-pub(crate) struct Field {
+pub struct Field {
     /// The key.
     pub key: String,
-    /// Where the key is written.
+    /// Position of the key.
     pub place: Place,
     /// Its value.
     pub value: Node,
 }
 
-/// The tree of a text.
+/// Parses a text.
 ///
 /// # Errors
-/// The first fault of syntax.
-pub(crate) fn parse(source: &Arc<Source>) -> Result<Node, Problem> {
+/// The first syntax error.
+pub fn parse(source: &Arc<Source>) -> Result<Node, Problem> {
     let mut reader = Reader { source, at: source.value_at };
     reader.skip();
     while reader.rest().starts_with("#!") {
@@ -66,13 +66,13 @@ pub(crate) fn parse(source: &Arc<Source>) -> Result<Node, Problem> {
 }
 
 impl Node {
-    /// A node without a text of its own, blamed on `place`.
-    pub(crate) fn new(place: &Place, content: Content) -> Self {
+    /// A node without text of its own, reported at `place`.
+    pub fn new(place: &Place, content: Content) -> Self {
         Node { place: place.clone(), content }
     }
 
-    /// The text as written, on one line and not too long.
-    pub(crate) fn written(&self) -> String {
+    /// The text as written, on one line, truncated after 60 characters.
+    pub fn written(&self) -> String {
         let text = self.place.text().split_whitespace().collect::<Vec<_>>().join(" ");
         match text.char_indices().nth(60) {
             Some((end, _)) => format!("{} ...", &text[..end]),
@@ -80,17 +80,17 @@ impl Node {
         }
     }
 
-    /// The same without `Some(...)` around it, which need not be written.
-    pub(crate) fn unwrapped(&self) -> &Node {
+    /// The node without an optional `Some(...)` around it.
+    pub fn unwrapped(&self) -> &Node {
         match &self.content {
             Content::Variant(name, inner) if name == "Some" => inner.unwrapped(),
             _ => self,
         }
     }
 
-    /// The place of the value at a path, or of the innermost part of the path that is written; and whether
-    /// all of it is.
-    pub(crate) fn find(&self, path: &str) -> (Place, bool) {
+    /// Position of the value at a path, or of the innermost part of the path that the text contains; and
+    /// whether it contains the entire path.
+    pub fn find(&self, path: &str) -> (Place, bool) {
         let (mut node, mut place) = (self.unwrapped(), &self.place);
         for step in path.split('.').filter(|step| !step.is_empty()) {
             let next = match &node.content {
@@ -130,7 +130,7 @@ impl<'a> Reader<'a> {
         Problem::other("", message).at(&self.place(at..end))
     }
 
-    /// Passes white space and comments.
+    /// Skips white space and comments.
     fn skip(&mut self) {
         loop {
             let rest = self.rest();
@@ -146,7 +146,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Block comments nest.
+    /// Skips a block comment; they can be nested.
     fn block_comment(&mut self) {
         let mut depth = 0;
         while !self.rest().is_empty() {
@@ -189,7 +189,7 @@ impl<'a> Reader<'a> {
                 if is_name && self.rest().starts_with('(') {
                     let at = self.at;
                     let content = match self.brackets(depth)? {
-                        // A variant of one value holds the value itself.
+                        // A variant with a single value contains the value itself.
                         Content::Items(mut items) if items.len() == 1 => items.remove(0),
                         content => Node { place: self.place(at..self.at), content },
                     };
@@ -278,7 +278,7 @@ impl<'a> Reader<'a> {
         }
         let length = 1 + quoted(&rest[1..]).ok_or_else(unclosed)?;
         self.at += length;
-        // RON and JSON differ in how they write other characters.
+        // RON and JSON differ in escape sequences.
         let literal = &rest[..length];
         ron::from_str(literal).or_else(|e| {
             serde_json::from_str(literal).map_err(|_| self.fault(start, &format!("string: {}", e.code)))
@@ -286,7 +286,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Length up to and with the closing quote, past what a backslash protects.
+/// Length up to and including the closing quote; escaped quotes do not count.
 fn quoted(text: &str) -> Option<usize> {
     let mut escaped = false;
     for (i, c) in text.char_indices() {
@@ -319,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_found_past_comments_and_strings() {
+    fn positions_are_found_past_comments_and_strings() {
         let root = tree(TEXT).unwrap();
         let place = |path: &str| {
             let (place, is_written) = root.find(path);
@@ -330,7 +330,7 @@ mod tests {
         assert_eq!(place("motion.flow.field.sum.1"), ((6, 52), true));
         assert_eq!(place("pair.1"), ((8, 22), true));
         assert_eq!(place("bodies.0.sphere.radius_um"), ((9, 21), true));
-        // What is not written is placed where it would be.
+        // A missing value has the position of its innermost existing parent.
         assert_eq!(place("number.count.more"), ((7, 13), false));
         let Content::Fields(fields) = &root.content else { panic!() };
         let texts: Vec<&str> = fields
@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_of_syntax_have_a_place() {
+    fn syntax_errors_have_a_position() {
         for (text, expected) in [
             ("", "1:1: expected a value"),
             ("(", "1:1: expected a `)`"),

@@ -7,14 +7,14 @@ use serde_json::Value;
 use super::schema::{Kind, Schema};
 use storage::error::{Error, Result};
 
-/// How RON is written: neither `Some` nor a variant's inner brackets.
+/// RON options: `Some` and the inner brackets of a variant are omitted.
 fn options() -> ron::Options {
     ron::Options::default().with_default_extension(
         Extensions::IMPLICIT_SOME | Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::UNWRAP_NEWTYPES,
     )
 }
 
-/// Writes a scenario so that it reads back as the same.
+/// Writes a scenario; reading it back gives the same scenario.
 pub fn write(spec: &impl Serialize) -> Result<String> {
     let pretty = ron::ser::PrettyConfig::new().struct_names(false).new_line("\n");
     let text =
@@ -27,7 +27,7 @@ pub fn compact(part: &impl Serialize) -> Result<String> {
     options().to_string(part).map_err(|e| Error::input(format!("scenario: {e}")))
 }
 
-/// A JSON value as RON: the schema knows variants, points and lists apart.
+/// A JSON value as RON; the schema tells variants, tuples and lists apart.
 pub fn ron(value: &Value, schema: Schema<'_>) -> String {
     let join = |items: Vec<String>| items.join(", ");
     match (schema.kind(), value) {
