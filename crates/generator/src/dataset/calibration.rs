@@ -1,8 +1,8 @@
 //! The calibration stack: one particle, scanned through the depth range.
 //!
-//! The particle sits on the central pixel of a sensor just large enough for its largest image; settings and
-//! noise are those of the dataset, the random streams are its own. Depths run from below the range to above
-//! it.
+//! The particle is on the central pixel of a sensor just large enough for its largest image. Settings and
+//! noise are those of the dataset, random streams are separate. Depths start at the lower end of the depth
+//! range and reach its upper end.
 
 use std::io::Write;
 use std::path::Path;
@@ -34,33 +34,33 @@ pub static CALIBRATION: Table = Table::new(
     ],
 );
 
-/// The longest distance between the depths of a stack whose step is not given, um.
-const LONGEST_STEP_UM: f64 = 2.0;
-/// A stack whose step is not given has at least so many steps, and so many, about four, in the depth of
-/// field: 2 um do for setting 1, whose depth of field is 7.7 um.
-const FEWEST_STEPS: f64 = 40.0;
-const STEPS_IN_FOCUS: f64 = 3.75;
+/// Largest default step between depths, um.
+const MAX_STEP_UM: f64 = 2.0;
+/// Minimum numbers of default steps in the depth range and in the depth of field: with setting 1, whose depth
+/// of field is 7.7 um, steps of 2 um are sufficient.
+const MIN_STEPS: f64 = 40.0;
+const MIN_STEPS_IN_FOCUS: f64 = 3.75;
 
-/// The step of a stack, um: as given, or short enough for the depth range and the depth of field.
+/// The step of a stack, um: as given, or small enough for the depth range and the depth of field.
 ///
 /// # Errors
-/// None for a scenario that could be resolved.
+/// None for a resolved scenario.
 fn step_um(scenario: &Scenario, scan: &DepthScan) -> Result<f64> {
     if let Some(spec::Calibration::EveryUm(step_um)) = scenario.spec.calibration {
         return Ok(step_um);
     }
     let (low, high) = scenario.depth_range_um;
     let field_um = depth_of_field_um(scenario, scan)?.unwrap_or(f64::INFINITY);
-    let longest = ((high - low) / FEWEST_STEPS).min(field_um / STEPS_IN_FOCUS);
-    let mut step_um = LONGEST_STEP_UM;
-    // A depth of field of nothing would need no end of steps.
+    let longest = ((high - low) / MIN_STEPS).min(field_um / MIN_STEPS_IN_FOCUS);
+    let mut step_um = MAX_STEP_UM;
+    // The lower limit on the step ends the loop if the depth of field is zero.
     while step_um > longest && step_um > 1e-3 * (high - low) {
         step_um *= 0.5;
     }
     Ok(step_um)
 }
 
-/// Depths of the stack, um: equal steps that begin at the range's lower end and reach its upper end.
+/// Depths of the stack, um: equal steps from the lower end of the range up to or just beyond its upper end.
 fn depths_um((low, high): (f64, f64), step_um: f64) -> Vec<f64> {
     let steps = ((high - low) / step_um).ceil() as u32;
     (0..=steps).map(|k| low + step_um * f64::from(k)).collect()
@@ -73,7 +73,7 @@ fn settings(scenario: &Scenario, camera: &Camera, depths_um: &[f64]) -> Settings
         .map(|z_um| camera.renderer().image_extent(&particle(scenario, *z_um, 1.0)))
         .fold(0.0f64, |largest, (x, y)| largest.max(x).max(y));
     let odd = 2 * largest.ceil() as u32 + 1;
-    // A sensor larger than the dataset's would show what no frame can.
+    // No larger than the dataset's sensor, as no frame shows more.
     let side = |dataset: u32| if odd <= dataset { odd } else { dataset - (dataset + 1) % 2 };
     Settings {
         pixel_dim_x: side(scenario.settings.pixel_dim_x).max(1),
@@ -86,14 +86,14 @@ fn particle(scenario: &Scenario, z_um: f64, center: f64) -> Particle {
     let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
     let d_um = scenario.seeding.diameters().mean();
     let sphere = Particle::sphere(center, center, z_um / depth_factor, d_um);
-    // Without photons the stack's particle has brightness 1, whatever those of the dataset have.
+    // Without photons, the stack's particle has `c_int` 1, independent of that of the dataset's particles.
     match scenario.cloud.photons {
         Some(_) => Particle { c_int: scenario.cloud.typical_c_int(d_um), ..sphere },
         None => sphere,
     }
 }
 
-/// The detector with the middle of its background image, as large as the stack's sensor.
+/// The detector with its background image cropped to the size of the stack's sensor, about the center.
 fn cropped(detector: &Detector, whole: &Settings, part: &Settings) -> Detector {
     let background = detector.background.as_ref().map(|counts| {
         let (left, top) =
@@ -105,7 +105,7 @@ fn cropped(detector: &Detector, whole: &Settings, part: &Settings) -> Detector {
     Detector { background, ..detector.clone() }
 }
 
-/// The calibration stack of a scenario, before it is drawn.
+/// The calibration stack of a scenario, before it is rendered.
 #[derive(Debug)]
 pub struct CalibrationStack {
     settings: Settings,
@@ -116,11 +116,11 @@ pub struct CalibrationStack {
 }
 
 impl CalibrationStack {
-    /// The stack, if the scenario asks for one; `camera` is that of the measurement, `scan` are images of the
-    /// stack's particle.
+    /// The stack, if the scenario has one. `camera`: camera of the dataset's frames; `scan`: noise-free
+    /// images of the stack's particle through the depth range.
     ///
     /// # Errors
-    /// Settings that cannot be drawn.
+    /// Settings that cannot be rendered.
     pub fn of(scenario: &Scenario, camera: &Camera, scan: &DepthScan) -> Result<Option<Self>> {
         if scenario.spec.calibration == Some(spec::Calibration::None) {
             return Ok(None);
@@ -143,7 +143,7 @@ impl CalibrationStack {
         &self.depths_um
     }
 
-    /// Draws the image of a step.
+    /// Renders the image of a step.
     pub fn image(&self, step: usize) -> Image {
         self.camera.image(&[self.particles[step]], step as u32)
     }
@@ -174,11 +174,11 @@ impl CalibrationStack {
     }
 }
 
-/// Writes the stack below the dataset's folder, if the scenario asks for one. Before each step `go_on` tells
-/// whether to.
+/// Writes the stack into the dataset's folder, if the scenario has one. `go_on` is called before each step
+/// and can stop the work by an error.
 ///
 /// # Errors
-/// Settings that cannot be drawn; writing; what `go_on` says.
+/// Settings that cannot be rendered; writing; errors of `go_on`.
 pub fn write(
     folder: &Path,
     scenario: &Scenario,

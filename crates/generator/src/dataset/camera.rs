@@ -1,4 +1,4 @@
-//! From particles to an image file.
+//! Renders particles to images and image files.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -10,11 +10,11 @@ use microsig_core::render::{ImageStreams, Renderer};
 use microsig_core::sensor::{Detector, Image, Sensor};
 use microsig_core::stream::{Purpose, Streams};
 
-use scenario::sensor;
 use storage::error::Result;
+use scenario::sensor;
 use storage::save_bytes;
 
-/// Renderer, sensor and random streams: all that turns particles into an image.
+/// Renderer, sensor and random streams: everything needed to make an image of particles.
 #[derive(Debug)]
 pub struct Camera {
     renderer: Renderer,
@@ -27,7 +27,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// The camera of a dataset; without a detector its sensor is like MicroSIG's own.
+    /// The camera of a dataset; without a detector, its sensor is MicroSIG's own.
     ///
     /// # Errors
     /// A value of the detector that is out of range.
@@ -36,7 +36,7 @@ impl Camera {
         Ok(Camera::new(renderer, sensor, streams))
     }
 
-    /// A camera with this sensor.
+    /// A camera with the given sensor.
     pub fn new(renderer: Renderer, sensor: Sensor, streams: Streams) -> Self {
         Camera {
             sensor,
@@ -49,12 +49,12 @@ impl Camera {
         }
     }
 
-    /// The same camera with the random streams of a calibration.
+    /// The camera with the random streams of the calibration stack.
     pub fn calibrating(self) -> Self {
         Camera { rays: Purpose::CalibrationRays, noise: Purpose::CalibrationNoise, ..self }
     }
 
-    /// The same camera, taking frames at an interval, which its image files tell.
+    /// The camera with a frame interval (s), which is written to its image files.
     pub fn every(self, interval_s: f64) -> Self {
         Camera { scale: PixelScale { frame_interval_s: Some(interval_s), ..self.scale }, ..self }
     }
@@ -70,7 +70,7 @@ impl Camera {
         self.renderer.image(particles, &self.sensor, random)
     }
 
-    /// Writes an image as TIFF with its scale, and gives the file's bytes.
+    /// Writes an image as TIFF with its scale; returns the file's bytes.
     pub fn save(&self, path: &Path, image: &Image) -> Result<Pooled<'_, Vec<u8>>> {
         let mut bytes = self.files.get();
         tiff::write(Cursor::new(&mut *bytes), image, &self.scale, &path.display().to_string())?;

@@ -78,8 +78,8 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<S
         name = spec.name,
         license = spec.license,
         light = waves(scenario).map_or_else(String::new, |waves| light(&waves)),
-        moved = moved(scenario),
-        shone = shone(scenario)?,
+        moved = motion_note(scenario),
+        shone = illumination_note(scenario)?,
         bits = bit_depth(scenario),
         n_ppp = n_p / pixels,
         area = image.area_px,
@@ -102,7 +102,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<S
     ))
 }
 
-/// The row of light and objective of images by wave optics.
+/// The rows on light and objective for wave optics.
 fn light(waves: &WaveFacts) -> String {
     let WaveFacts { wavelength_um, bandwidth_um, emission, lens, airy_radius_px, pupil, layers, .. } = waves;
     let layers = if layers.is_null() { "" } else { ", layers in front of it" };
@@ -113,12 +113,12 @@ fn light(waves: &WaveFacts) -> String {
     )
 }
 
-/// A number as people read it.
+/// A number rounded to thousandths.
 fn thousandths(number: f64) -> f64 {
     (number * 1000.0).round() / 1000.0
 }
 
-/// What the frames are.
+/// Describes the frames.
 fn frames(scenario: &Scenario) -> String {
     match scenario.recordings.timing() {
         Timing::Pairs(p) => {
@@ -136,8 +136,8 @@ fn frames(scenario: &Scenario) -> String {
     }
 }
 
-/// What velocity and place mean in the truth, where it needs saying.
-fn moved(scenario: &Scenario) -> String {
+/// Definition of velocity and position in the truth, for recorded tracks and for exposures.
+fn motion_note(scenario: &Scenario) -> String {
     let mut text = String::new();
     if let MotionSource::Tracks(tracks) = &scenario.motion {
         text += &format!(
@@ -158,8 +158,8 @@ fn moved(scenario: &Scenario) -> String {
     text
 }
 
-/// How particles are lit, if not all alike.
-fn shone(scenario: &Scenario) -> Result<String> {
+/// Describes the illumination, if it is not uniform and constant.
+fn illumination_note(scenario: &Scenario) -> Result<String> {
     let Some(light) = &scenario.spec.illumination else { return Ok(String::new()) };
     Ok(format!(
         "Illumination: `{}`. It multiplies `c_int` in the data files; in `truth/tracks.csv` it is the column `light`.\n\n",

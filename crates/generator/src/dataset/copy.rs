@@ -1,4 +1,4 @@
-//! Copies of datasets.
+//! Copies datasets.
 
 use std::path::Path;
 
@@ -8,11 +8,10 @@ use storage::error::{Error, Result};
 use storage::folder::{Partial, check_replaceable};
 use storage::{journal, read_text};
 
-/// Copies the files of a dataset, those that its checksums list, into a folder that appears whole or not at
-/// all.
+/// Copies the files listed in a dataset's checksums into a new folder, which is written atomically.
 ///
 /// # Errors
-/// A folder that is no dataset; one that stands in the way, unless `force`; reading; writing.
+/// A folder that is not a dataset; an existing folder at `out`, unless `force`; reading; writing.
 pub fn copy(dataset: &Path, out: &Path, force: bool) -> Result<()> {
     let replace = force.then_some(MANIFEST);
     let sums = read_text(&dataset.join(SHA256SUMS))?;

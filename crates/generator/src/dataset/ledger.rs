@@ -1,7 +1,7 @@
-//! What is known of a dataset's files once they are written, so that nothing is read again to be hashed.
+//! Fingerprints of a dataset's files, recorded while they are written, so that files are not read again for
+//! hashing.
 //!
-//! There are as many images and data files as frames: what is known of them goes through a temporary file, so
-//! that memory does not grow with their number.
+//! Entries of frames are stored in a temporary file, so that memory does not grow with the number of frames.
 
 use std::collections::BTreeMap;
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -9,55 +9,55 @@ use std::sync::{Mutex, PoisonError};
 
 use tempfile::SpooledTempFile;
 
-use storage::checksums::{Fingerprint, Hash};
 use storage::error::{Error, Result};
+use storage::checksums::{Fingerprint, Hash};
 
-/// What is known of a frame.
+/// Entry of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct FrameEntry {
-    /// Its visible particles.
+pub struct FrameEntry {
+    /// Number of visible particles.
     pub visible: u64,
-    /// Its data file.
+    /// Fingerprint of its data file.
     pub particles: Fingerprint,
-    /// Its image.
+    /// Fingerprint of its image.
     pub image: Fingerprint,
 }
 
-/// Bytes of an entry in the temporary file: a number, and a size and a hash of each file.
+/// Bytes of an entry in the temporary file: the number of particles, size and hash of each of two files.
 const ENTRY: usize = 8 + 2 * (8 + 32);
 
-/// Bytes of entries that are kept in memory before they go into a file.
+/// Bytes of entries that are kept in memory; more are moved to a file.
 const IN_MEMORY: usize = 1 << 15;
 
 /// Fingerprints of files that this run has written.
 #[derive(Debug)]
-pub(crate) struct Ledger {
+pub struct Ledger {
     /// Entries of equal length, in the order of frames.
     frames: Mutex<SpooledTempFile>,
     others: BTreeMap<String, Fingerprint>,
 }
 
 impl Ledger {
-    pub(crate) fn new() -> Self {
+    pub fn new() -> Self {
         let frames = Mutex::new(tempfile::spooled_tempfile(IN_MEMORY));
         Ledger { frames, others: BTreeMap::new() }
     }
 
-    /// Adds a file that belongs to no frame.
-    pub(crate) fn add(&mut self, path: &str, fingerprint: Fingerprint) {
+    /// Adds a file that does not belong to a frame.
+    pub fn add(&mut self, path: &str, fingerprint: Fingerprint) {
         self.others.insert(path.to_owned(), fingerprint);
     }
 
-    /// The fingerprint of a file that belongs to no frame, if it was added.
-    pub(crate) fn other(&self, path: &str) -> Option<Fingerprint> {
+    /// The fingerprint of a file that does not belong to a frame, if it has been added.
+    pub fn other(&self, path: &str) -> Option<Fingerprint> {
         self.others.get(path).copied()
     }
 
     /// Adds the next frame.
     ///
     /// # Errors
-    /// Writing below the system's temporary folder.
-    pub(crate) fn add_frame(&mut self, entry: &FrameEntry) -> Result<()> {
+    /// Writing to the system's temporary folder.
+    pub fn add_frame(&mut self, entry: &FrameEntry) -> Result<()> {
         let frames = self.frames.get_mut().unwrap_or_else(PoisonError::into_inner);
         let mut bytes = Vec::with_capacity(ENTRY);
         bytes.extend(entry.visible.to_le_bytes());
@@ -68,11 +68,11 @@ impl Ledger {
         frames.write_all(&bytes).map_err(Error::write(&std::env::temp_dir()))
     }
 
-    /// The entry of a frame that was added.
+    /// The entry of a frame that has been added.
     ///
     /// # Errors
     /// Reading from the system's temporary folder.
-    pub(crate) fn frame(&self, index: u32) -> Result<FrameEntry> {
+    pub fn frame(&self, index: u32) -> Result<FrameEntry> {
         let mut frames = self.frames.lock().unwrap_or_else(PoisonError::into_inner);
         let mut bytes = [0; ENTRY];
         frames

@@ -41,7 +41,7 @@ pub fn tables(scenario: &Scenario) -> Vec<Table> {
         .collect()
 }
 
-/// Where data files and images lie.
+/// Folders of data files and images.
 const PARTICLES: &str = "particles/";
 const IMAGES: &str = "images/";
 
@@ -53,7 +53,7 @@ pub struct Stem {
 }
 
 impl Stem {
-    /// The stem of a frame, numbered through the dataset.
+    /// The stem of a frame, given its number in the dataset.
     pub fn of(recordings: &Recordings, frame: u32) -> Self {
         Stem { name: recordings.stem(frame) }
     }

@@ -1,4 +1,4 @@
-//! The contact sheet of a dataset: a few of its frames, for a person to look at.
+//! The contact sheet of a dataset: an image with a few of its frames.
 
 use std::path::Path;
 
@@ -15,17 +15,17 @@ const FRAMES: u32 = 6;
 const COLUMNS: u32 = 2;
 /// Width of a frame on the sheet, px.
 const WIDTH: u32 = 376;
-/// White between frames, px.
+/// White gap between frames, px.
 const GAP: u32 = 6;
 
-/// A contact sheet in the making.
+/// A contact sheet to which frames are added.
 #[derive(Default)]
 pub struct Preview {
     tiles: Vec<(u32, GrayImage)>,
 }
 
 impl Preview {
-    /// The frames that are shown of `frames` frames: the first ones of pairs, or some spread over a sequence.
+    /// The frames to show out of `frames`: the first ones if they are pairs, otherwise evenly spaced ones.
     pub fn chosen(frames: u32, pairs: bool) -> Vec<u32> {
         let n = frames.min(FRAMES);
         if pairs || frames <= FRAMES {
@@ -64,8 +64,8 @@ impl Preview {
     }
 }
 
-/// Counts to 8 bit: from the 1 % quantile, black, to the 99.8 % quantile, white. Integer arithmetic, so that
-/// the sheet's bytes are the same everywhere.
+/// Converts counts to 8 bit, linearly from the 1 % quantile (black) to the 99.8 % quantile (white). Integer
+/// arithmetic gives the same bytes on all machines.
 fn stretch(image: &Image) -> GrayImage {
     let mut counts = image.counts.clone();
     let mut quantile = |per_mille: usize| {

@@ -1,5 +1,5 @@
-//! The key of a dataset whose random numbers are secret, a file of the dataset. It lies beside the truth and
-//! is withheld and published with it: with the key anybody can make the same bytes again.
+//! The key file of a dataset with secret random numbers. It is withheld and published together with the
+//! truth: with the key, anybody can generate the same bytes again.
 
 use std::path::Path;
 
@@ -10,11 +10,11 @@ use storage::error::{Error, Result};
 /// Name of the file: 64 hexadecimal digits.
 pub const KEY_FILE: &str = "secret_key.txt";
 
-/// A new key from the operating system.
+/// Draws a new key from the operating system's random number generator.
 pub fn draw() -> Result<[u8; 32]> {
     let mut key = [0; 32];
     getrandom::fill(&mut key)
-        .map_err(|e| Error::input(format!("the operating system gives no random numbers: {e}")))?;
+        .map_err(|e| Error::input(format!("the operating system provides no random numbers: {e}")))?;
     Ok(key)
 }
 
@@ -23,10 +23,10 @@ pub fn text(key: &[u8; 32]) -> String {
     key.iter().map(|byte| format!("{byte:02x}")).collect::<String>() + "\n"
 }
 
-/// The secret streams of a dataset; `None` if it has public ones.
+/// The secret random number streams of a dataset; `None` if its streams are public.
 ///
 /// # Errors
-/// A key that is none.
+/// A malformed key file.
 pub fn streams(dataset: &Path) -> Result<Option<Streams>> {
     let path = dataset.join(KEY_FILE);
     if !path.exists() {
@@ -35,8 +35,8 @@ pub fn streams(dataset: &Path) -> Result<Option<Streams>> {
     let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
     let digits = text.trim_end().as_bytes();
     let byte = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
-    let whole = digits.len() == 64 && digits.iter().all(u8::is_ascii_hexdigit);
-    let key: Option<Vec<u8>> = whole.then(|| digits.chunks(2).map(byte).collect()).flatten();
+    let is_valid = digits.len() == 64 && digits.iter().all(u8::is_ascii_hexdigit);
+    let key: Option<Vec<u8>> = is_valid.then(|| digits.chunks(2).map(byte).collect()).flatten();
     match key.and_then(|key| <[u8; 32]>::try_from(key).ok()) {
         Some(key) => Ok(Some(Streams::secret(key))),
         None => Err(Error::input(format!("{}: expected 64 hexadecimal digits", path.display()))),
@@ -49,15 +49,15 @@ mod tests {
 
     #[test]
     fn a_key_survives_the_round_trip_and_others_are_refused() {
-        let place = tempfile::tempdir().unwrap();
-        assert_eq!(streams(place.path()).unwrap(), None);
-        let (key, path) = (draw().unwrap(), place.path().join(KEY_FILE));
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(streams(folder.path()).unwrap(), None);
+        let (key, path) = (draw().unwrap(), folder.path().join(KEY_FILE));
         assert_ne!(key, draw().unwrap());
         std::fs::write(&path, text(&key)).unwrap();
-        assert_eq!(streams(place.path()).unwrap(), Some(Streams::secret(key)));
+        assert_eq!(streams(folder.path()).unwrap(), Some(Streams::secret(key)));
         for wrong in ["", "12", &"g".repeat(64), &"1".repeat(63), &"1".repeat(66)] {
             std::fs::write(&path, wrong).unwrap();
-            assert!(streams(place.path()).is_err(), "{wrong}");
+            assert!(streams(folder.path()).is_err(), "{wrong}");
         }
     }
 }

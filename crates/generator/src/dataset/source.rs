@@ -1,16 +1,16 @@
-//! What a dataset is made from: `scenario.ron`, `inputs/`, `settings.txt`, the secret key; and its license.
+//! Source files of a dataset: `scenario.ron`, `inputs/`, `settings.txt`, the secret key; and its license.
 
 use std::path::Path;
 
 use microsig_core::formats::settings_file;
 
 use super::secret;
+use storage::error::{Error, Result};
 use scenario::license::LICENSE;
 use scenario::{self, SCENARIO, Scenario};
-use storage::error::{Error, Result};
 use storage::{save_bytes, save_private};
 
-/// Writes the files into a dataset's folder.
+/// Writes these files into a dataset's folder.
 pub fn write(folder: &Path, scenario: &Scenario) -> Result<()> {
     save_bytes(&folder.join(SCENARIO), scenario::write(&scenario.spec)?.as_bytes())?;
     if let Some(key) = scenario.streams.key() {

@@ -1,6 +1,7 @@
-//! What a dataset costs, before it is made: frames, particles, time, memory, disk.
+//! Estimates the cost of a dataset before it is generated: frames, particles, time, memory, disk.
 //!
-//! Memory and disk are counted: sizes of what is held and written, rounded up. Time is measured on one frame.
+//! Memory and disk are calculated from the sizes of buffers and files, rounded up. Time is measured on one
+//! frame.
 
 use std::path::Path;
 use std::time::Instant;
@@ -16,48 +17,48 @@ use crate::dataset::manifest::bit_depth;
 use scenario::{MotionSource, Scenario};
 use storage::error::{Error, Result};
 
-/// What a dataset costs.
+/// Cost of a dataset.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Cost {
-    /// Frames.
+    /// Number of frames.
     pub frames: u32,
-    /// Particles of a frame, those beyond the edges of the image included.
+    /// Mean number of particles per frame, including those outside the image.
     pub particles_per_frame: f64,
-    /// Pixels of an image.
+    /// Number of pixels of an image.
     pub pixels: u64,
-    /// Threads that it is made on.
+    /// Number of threads that generate it.
     pub threads: usize,
     /// Duration, s; `None` if it was not measured.
     pub seconds: Option<f64>,
-    /// Peak of memory, bytes.
+    /// Peak memory, bytes.
     pub memory_bytes: u64,
-    /// Memory that is free, bytes; `None` if the system does not say.
+    /// Free memory, bytes; `None` if the system does not report it.
     pub memory_free_bytes: Option<u64>,
     /// Size of the dataset, bytes.
     pub disk_bytes: u64,
-    /// Room on the disk, bytes; `None` if the system does not say.
+    /// Free disk space, bytes; `None` if the system does not report it.
     pub disk_free_bytes: Option<u64>,
 }
 
-/// Bytes of a pixel while a frame is made: light of the frame and of its truth (f64 each), counts, the
-/// image's file.
+/// Memory per pixel while a frame is generated, bytes: light of the frame and of its truth (f64 each),
+/// counts, the image's file.
 const BYTES_PER_PIXEL: u64 = 8 + 8 + 2 + 4;
 
-/// Bytes of a tracer while a frame is made, besides itself: its particle, its visibility, rows of tables and
-/// of the data file.
+/// Memory per tracer while a frame is generated, bytes, in addition to the tracer and its particle:
+/// visibility, rows of tables and of the data file.
 const BYTES_PER_ROW: u64 = 1_000;
 
-/// Bytes of a tracer in the tables and the data file of a dataset; measured on the shipped scenarios.
+/// Size on disk per tracer and frame, bytes, in tables and data file; measured on the shipped scenarios.
 const BYTES_ON_DISK: f64 = 650.0;
 
-/// Bytes of a node of `truth/field.csv`.
+/// Size on disk per node of `truth/field.csv`, bytes.
 const BYTES_PER_NODE: u64 = 250;
 
 impl Cost {
-    /// Counts what can be counted; `out` is where the dataset will be.
+    /// Calculates everything except the duration; `out` is the folder of the dataset.
     ///
     /// # Errors
-    /// None for a scenario that could be resolved.
+    /// None for a resolved scenario.
     pub fn of(scenario: &Scenario, out: &Path) -> Result<Self> {
         let settings = &scenario.settings;
         let (frames, threads) = (scenario.recordings.frames(), rayon::current_num_threads());
@@ -69,8 +70,7 @@ impl Cost {
             }
             MotionSource::Tracks(tracks) => tracks.rows().len() as f64 / f64::from(frames.max(1)),
         };
-        // Those that are moved, those that are drawn and those that are written, in batches of this many
-        // frames.
+        // Tracers are advanced, rendered and written in batches of this many frames.
         let batch = (TRACERS_PER_THREAD * threads) as f64 / particles_per_frame.max(1.0) + 1.0;
         let batch = batch.min((FRAMES_PER_THREAD * threads) as f64).min(f64::from(frames.max(1)));
         let per_tracer = size_of::<Tracer>() as u64 + size_of::<Particle>() as u64 + BYTES_PER_ROW;
@@ -94,10 +94,10 @@ impl Cost {
         })
     }
 
-    /// The same with the duration: one frame is made in memory.
+    /// Adds the duration, measured by generating one frame in memory.
     ///
     /// # Errors
-    /// A trajectory that cannot be followed; settings that cannot be drawn.
+    /// A trajectory that cannot be integrated; settings that cannot be rendered.
     pub fn timed(self, scenario: &Scenario) -> Result<Self> {
         let camera =
             Camera::of_dataset(scenario.renderer.clone(), scenario.detector.as_ref(), scenario.streams)?;
@@ -115,10 +115,10 @@ impl Cost {
         Ok(Cost { seconds: Some(once + frame * f64::from(self.frames)), ..self })
     }
 
-    /// Refuses what the machine cannot do.
+    /// Checks that memory and disk of the machine are sufficient.
     ///
     /// # Errors
-    /// [`Error::Input`] with the numbers and the key to change.
+    /// [`Error::Input`] with required and free bytes and the key to change.
     pub fn affordable(&self, scenario: &Scenario) -> Result<()> {
         let mut problems = Vec::new();
         if let Some(free) = self.memory_free_bytes.filter(|free| self.memory_bytes > *free) {
@@ -135,7 +135,7 @@ impl Cost {
                 "particles.number".to_owned()
             };
             problems.push(format!(
-                "the dataset takes some {} of memory ({:.0} particles per frame), and {} are free; reduce {key}",
+                "the dataset needs about {} of memory ({:.0} particles per frame), but only {} are free; reduce {key}",
                 size_text(self.memory_bytes),
                 self.particles_per_frame,
                 size_text(free)
@@ -143,7 +143,7 @@ impl Cost {
         }
         if let Some(free) = self.disk_free_bytes.filter(|free| self.disk_bytes > *free) {
             problems.push(format!(
-                "the dataset takes some {} on disk ({} frames), and {} are free; reduce the frames of timing.{}",
+                "the dataset needs about {} on disk ({} frames), but only {} are free; reduce the frames of timing.{}",
                 size_text(self.disk_bytes),
                 self.frames,
                 size_text(free),
@@ -153,7 +153,7 @@ impl Cost {
         if problems.is_empty() { Ok(()) } else { Err(Error::Input(problems)) }
     }
 
-    /// The numbers in a sentence.
+    /// The cost as a sentence.
     pub fn text(&self) -> String {
         let free = |bytes: Option<u64>| bytes.map_or(String::new(), |b| format!(" of {} free", size_text(b)));
         let time = self.seconds.map_or(String::new(), |s| {
@@ -164,7 +164,7 @@ impl Cost {
             } else {
                 (s / 3600.0, "h")
             };
-            format!(", some {value:.1} {unit} on {} threads", self.threads)
+            format!(", about {value:.1} {unit} on {} threads", self.threads)
         });
         format!(
             "{} frames with {:.1} particles each{time}; memory {}{}; disk {}{}",
@@ -183,7 +183,7 @@ fn size_text(bytes: u64) -> String {
     if mb < 1e3 { format!("{mb:.1} MB") } else { format!("{:.1} GB", mb / 1e3) }
 }
 
-/// The least of what the system, the control group and the process's own limit leave, bytes.
+/// Free memory, bytes: the minimum of what the system, the control group and the limit of the process leave.
 fn free_memory() -> Option<u64> {
     let read = |path: &str| std::fs::read_to_string(path).ok();
     let kib = |text: &str, key: &str| -> Option<u64> {
@@ -191,7 +191,7 @@ fn free_memory() -> Option<u64> {
         Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)
     };
     let system = read("/proc/meminfo").and_then(|text| kib(&text, "MemAvailable:"));
-    // Pages of files count as used there, but are given back.
+    // Only anonymous memory counts: the page cache is also charged to the group, but can be reclaimed.
     let group = read("/sys/fs/cgroup/memory.max").and_then(|most| {
         let stat = read("/sys/fs/cgroup/memory.stat")?;
         let used = stat.lines().find_map(|line| line.strip_prefix("anon "))?.trim().parse::<u64>().ok()?;
@@ -206,8 +206,8 @@ fn free_memory() -> Option<u64> {
     [system, group, limit].into_iter().flatten().min()
 }
 
-/// Room for a folder that need not exist yet, bytes.
+/// Free disk space for a folder that may not exist yet, bytes.
 fn free_disk(out: &Path) -> Option<u64> {
-    let place = out.ancestors().find(|place| place.exists()).unwrap_or(Path::new("."));
-    fs4::available_space(place).ok()
+    let existing = out.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
+    fs4::available_space(existing).ok()
 }

@@ -1,7 +1,8 @@
-//! The frames of a dataset: images, data files, the truth of each, a preview.
+//! Generates and writes the frames of a dataset: images, data files, truth, preview.
 //!
-//! Frames go through in batches: while clouds are advanced to the next batch, the images and the truth of one
-//! are made in parallel, each frame by itself. Memory does not grow with the number of frames.
+//! Frames are processed in batches: while the tracers of the next batch are advanced, images and truth of the
+//! current one are computed in parallel, each frame independently. Memory does not grow with the number of
+//! frames.
 
 use std::path::Path;
 
@@ -25,14 +26,14 @@ use storage::save_bytes;
 use storage::tables::TableSink;
 use visibility::NoiseFree;
 
-/// Frames that go through at a time, for each thread: no more than this,
+/// Maximum number of frames in a batch, per thread.
 pub(super) const FRAMES_PER_THREAD: usize = 3;
 
-/// and no more than have so many tracers.
+/// A batch ends with the frame that reaches this number of tracers, per thread.
 pub(super) const TRACERS_PER_THREAD: usize = 8_192;
 
-/// Advances all clouds; `take` makes something of each frame and the one before it, in parallel, `add` gets
-/// what was made in the order of frames.
+/// Computes all frames in batches. `take` is called in parallel with each frame and the previous one; `add`
+/// receives its results in the order of frames.
 pub(super) fn in_batches<T: Send>(
     scenario: &Scenario,
     progress: &Progress,
@@ -40,7 +41,7 @@ pub(super) fn in_batches<T: Send>(
     mut add: impl FnMut(Vec<T>) -> Result<()> + Send,
 ) -> Result<()> {
     let bar = progress.images(u64::from(scenario.recordings.frames()));
-    // While trajectories are followed no image is finished; the bar lives.
+    // Keeps the bar moving while trajectories are integrated and no image is finished.
     bar.enable_steady_tick(std::time::Duration::from_millis(500));
     let mut all = Frames::new(scenario)?;
     let (mut before, mut batch, mut taken) = (None, next_batch(&mut all)?, Vec::new());
@@ -57,7 +58,7 @@ pub(super) fn in_batches<T: Send>(
             });
             outputs.collect::<Result<Vec<T>>>()
         };
-        // What must be done in order, before these frames and after them, is done meanwhile.
+        // Meanwhile, sequential work: adding the previous batch and advancing to the next one.
         let meanwhile = || (add(std::mem::take(&mut taken)), next_batch(&mut all));
         let ((added, next), outputs) = rayon::join(meanwhile, take_all);
         added?;
@@ -70,8 +71,7 @@ pub(super) fn in_batches<T: Send>(
     Ok(())
 }
 
-/// Makes the tables that the images of these frames take once for all of them, rather than for each on its
-/// own.
+/// Computes the renderer's tables for a whole batch at once, instead of frame by frame.
 fn prepare(scenario: &Scenario, frames: &[Frame]) {
     let renderer = &scenario.renderer;
     if renderer.needs_tables() {
@@ -81,7 +81,8 @@ fn prepare(scenario: &Scenario, frames: &[Frame]) {
     }
 }
 
-/// Advances all clouds, draws all frames and writes them.
+/// Computes, renders and writes all frames. Returns the counts for the manifest, the fingerprints of the
+/// files and the largest fraction of saturated pixels in a frame of the preview.
 pub(super) fn write(
     partial: &Partial,
     scenario: &Scenario,
@@ -109,7 +110,8 @@ pub(super) fn write(
     writer.finish(partial.folder())
 }
 
-/// Writes frames whose truth is in memory already; `image` gives the image of a frame.
+/// Writes frames whose truth is in memory; `image` returns the image of a frame. Returns the same as
+/// [`write`].
 pub(super) fn write_taken(
     partial: &Partial,
     scenario: &Scenario,
@@ -138,14 +140,14 @@ pub(super) fn write_taken(
     writer.finish(partial.folder())
 }
 
-/// Where the frames go, in their order.
+/// Writes the frames to tables, ledger and preview, in order.
 struct DatasetWriter {
     tables: TruthWriter<TableSink>,
     ledger: Ledger,
     preview: Preview,
-    /// Greatest share of saturated pixels among the frames of the preview.
+    /// Largest fraction of saturated pixels in a frame of the preview.
     saturated: f64,
-    /// Where the camera saturates, counts.
+    /// Saturation of the camera, counts.
     end_counts: f64,
 }
 
@@ -166,7 +168,7 @@ impl DatasetWriter {
         self.ledger.add_frame(&FrameEntry { visible: truth.visible, particles, image })?;
         if let Some(picture) = picture {
             self.preview.add(index, &picture);
-            self.saturated = self.saturated.max(saturated_share(&picture, self.end_counts));
+            self.saturated = self.saturated.max(saturated_fraction(&picture, self.end_counts));
         }
         Ok(())
     }
@@ -178,13 +180,13 @@ impl DatasetWriter {
     }
 }
 
-/// The share of pixels that show the camera's last count.
-fn saturated_share(image: &Image, end_counts: f64) -> f64 {
+/// Fraction of the pixels at or above the camera's highest count.
+fn saturated_fraction(image: &Image, end_counts: f64) -> f64 {
     let last = (end_counts.floor() as u16).max(1);
     image.counts.iter().filter(|count| **count >= last).count() as f64 / image.counts.len().max(1) as f64
 }
 
-/// The frames that follow, as many as go through at a time.
+/// The next batch of frames.
 fn next_batch(frames: &mut Frames) -> Result<Vec<Frame>> {
     let threads = rayon::current_num_threads();
     let (mut batch, mut room) = (Vec::new(), TRACERS_PER_THREAD * threads);
@@ -199,11 +201,11 @@ fn next_batch(frames: &mut Frames) -> Result<Vec<Frame>> {
 /// The files of frames: data files and images.
 struct FrameFiles<'a> {
     folder: &'a Path,
-    /// What an interrupted run did.
+    /// Files that an interrupted run has finished.
     before: &'a Listing,
     scenario: &'a Scenario,
     camera: &'a Camera,
-    /// Frames of the preview.
+    /// Frames that are shown in the preview.
     shown: Vec<u32>,
     files: BufferPool<Vec<u8>>,
 }
@@ -212,7 +214,7 @@ struct FrameFiles<'a> {
 struct StoredFrame {
     particles: Fingerprint,
     image: Fingerprint,
-    /// The image itself, if it is wanted for the preview.
+    /// The image itself, if the preview needs it.
     picture: Option<Image>,
 }
 
@@ -228,8 +230,8 @@ impl<'a> FrameFiles<'a> {
         }
     }
 
-    /// Writes a frame's data file and its image, which is not asked for if an interrupted run has finished
-    /// it.
+    /// Writes a frame's data file and its image. The image is not computed if an interrupted run has finished
+    /// it, unless the preview needs it.
     fn store(&self, index: u32, rows: &[Particle], image: impl FnOnce() -> Image) -> Result<StoredFrame> {
         let wanted = self.shown.contains(&index);
         let stem = Stem::of(&self.scenario.recordings, index);
@@ -249,12 +251,12 @@ impl<'a> FrameFiles<'a> {
         Ok(StoredFrame { particles, image, picture: wanted.then_some(drawn) })
     }
 
-    /// The fingerprint of a file that an interrupted run has finished, if it is still as that run wrote it.
+    /// The fingerprint of a file that an interrupted run has finished, if the file is unchanged.
     fn finished_before(&self, file: &str) -> Option<Fingerprint> {
         if !self.before.done.contains_key(file) {
             return None;
         }
-        // One that cannot be read is made again.
+        // A file that cannot be read is written again.
         fingerprint(&self.folder.join(file)).ok().filter(|found| self.before.has(file, found))
     }
 }

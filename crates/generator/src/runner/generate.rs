@@ -1,4 +1,4 @@
-//! `microsig generate`: a scenario becomes a dataset.
+//! `microsig generate`: generates a dataset from a scenario.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -21,25 +21,25 @@ use storage::error::{Error, Result};
 use storage::folder::{FolderClaim, Partial, check_replaceable, partial_name};
 use visibility::NoiseFree;
 
-/// How to generate.
+/// Options of [`generate`].
 #[derive(Debug, Clone)]
 pub struct GenerateOptions {
-    /// The folder that the dataset becomes.
+    /// Folder of the dataset.
     pub out: PathBuf,
-    /// Replace a dataset of that name.
+    /// Replace an existing dataset.
     pub force: bool,
-    /// Go on with an interrupted run.
+    /// Continue an interrupted run.
     pub resume: bool,
-    /// Whether to show a bar.
+    /// How progress is shown.
     pub progress: Progress,
 }
 
-/// What was generated.
+/// Summary of a generated dataset.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Generated {
-    /// The dataset.
+    /// Folder of the dataset.
     pub out: PathBuf,
-    /// Its name.
+    /// Name of the dataset.
     pub name: String,
     /// Number of images, without the calibration stack.
     pub images: u32,
@@ -51,29 +51,29 @@ pub struct Generated {
     pub max_displacement_px: f64,
     /// Duration, s.
     pub seconds: f64,
-    /// Focus and light in words.
+    /// Descriptions of focus and light.
     pub optics: [String; 2],
-    /// What should be known about the dataset.
+    /// Warnings about the dataset.
     pub warnings: Vec<String>,
 }
 
-/// Makes the dataset.
+/// Generates a dataset.
 ///
 /// # Errors
-/// A dataset or an interrupted run that stands in the way; another process that is writing it; a trajectory
-/// that cannot be followed; writing.
+/// An existing dataset or interrupted run; another process that is writing the dataset; a trajectory that
+/// cannot be integrated; writing.
 pub fn generate(scenario: &Scenario, options: &GenerateOptions) -> Result<Generated> {
     generate_or_find(scenario, options)?.ok_or_else(|| Error::Exists(options.out.clone()))
 }
 
-/// Makes the dataset; `None` if it is to be resumed and is finished already.
+/// Generates a dataset; returns `None` if it is to be resumed but is already finished.
 ///
 /// # Errors
-/// As of [`generate`].
+/// As for [`generate`].
 pub fn generate_or_find(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Generated>> {
     let start = Instant::now();
     Cost::of(scenario, &options.out)?.affordable(scenario)?;
-    // Whether the particles find room is known when they are placed; better before anything is written.
+    // Placing the particles shows whether they fit into the box; done here, before anything is written.
     let placing = options.progress.spinner("placing particles and following the first trajectories");
     Frames::new(scenario)?.next().transpose()?;
     placing.finish_and_clear();
@@ -85,14 +85,14 @@ pub fn generate_or_find(scenario: &Scenario, options: &GenerateOptions) -> Resul
     Ok(Some(Generated { seconds: start.elapsed().as_secs_f64(), ..generated }))
 }
 
-/// The camera of a scenario's frames.
+/// The camera that takes a scenario's frames.
 pub(super) fn camera(scenario: &Scenario) -> Result<Camera> {
     let camera = Camera::of_dataset(scenario.renderer.clone(), scenario.detector.as_ref(), scenario.streams)?;
     Ok(camera.every(scenario.recordings.dt_s()))
 }
 
-/// Writes a dataset into a folder in the making and gives it its name; `frames` writes what belongs to single
-/// frames.
+/// Writes all files of a dataset into an unfinished folder, then gives the folder its final name; `frames`
+/// writes the files of single frames.
 pub(super) fn assemble(
     partial: Partial,
     scenario: &Scenario,
@@ -129,7 +129,7 @@ pub(super) fn assemble(
     })
 }
 
-/// Hashes of all that a dataset is made from, by name: with the same ones every file is the same.
+/// SHA-256 hashes of everything that determines the bytes of a dataset, by name.
 fn sources(scenario: &Scenario) -> Result<BTreeMap<String, String>> {
     let sha256 = |bytes: &[u8]| Fingerprint::of(bytes).sha256.to_string();
     let mut sources = BTreeMap::from([
@@ -143,7 +143,7 @@ fn sources(scenario: &Scenario) -> Result<BTreeMap<String, String>> {
     Ok(sources)
 }
 
-/// What differs between the sources of an interrupted run and those of this one.
+/// Describes the first difference between the sources of an interrupted run and those of this run.
 fn difference(before: &BTreeMap<String, String>, now: &BTreeMap<String, String>) -> Option<String> {
     let differs = |name: &&String| before.get(*name) != now.get(*name);
     let names: Vec<&String> = now.keys().chain(before.keys()).filter(differs).collect();
@@ -154,11 +154,11 @@ fn difference(before: &BTreeMap<String, String>, now: &BTreeMap<String, String>)
     }
 }
 
-/// Whether a finished dataset of this scenario and its inputs is in a folder.
+/// Whether a folder holds a finished dataset of this scenario and its inputs.
 ///
 /// # Errors
 /// A dataset of another scenario or of other inputs.
-fn is_made(scenario: &Scenario, out: &Path) -> Result<bool> {
+fn is_finished(scenario: &Scenario, out: &Path) -> Result<bool> {
     if !out.join(MANIFEST).is_file() {
         return Ok(false);
     }
@@ -178,28 +178,28 @@ fn is_made(scenario: &Scenario, out: &Path) -> Result<bool> {
     Ok(true)
 }
 
-/// Takes the folder's lock and makes the unfinished folder, or takes up that of an interrupted run of the
-/// same sources.
+/// Locks the output folder, then creates the unfinished folder or resumes that of an interrupted run with the
+/// same sources. `None` if the dataset is to be resumed but is already finished.
 fn begin(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Partial>> {
     let claim = FolderClaim::take(&options.out)?;
-    if options.resume && !options.force && is_made(scenario, &options.out)? {
+    if options.resume && !options.force && is_finished(scenario, &options.out)? {
         return Ok(None);
     }
     check_replaceable(&options.out, options.force.then_some(MANIFEST))?;
     let (now, left_over) = (sources(scenario)?, partial_name(&options.out));
     let partial = match claim.left_over()? {
         Some(before) if options.resume => {
-            // A run that ended before it told its sources has made nothing.
+            // A run that stopped before it recorded its sources has written no frames.
             match before.source.as_ref().and_then(|before| difference(before, &now)) {
                 None => claim.resume()?,
                 Some(what) => {
-                    let hint = "cannot resume; --force without --resume starts anew";
+                    let hint = "cannot resume; --force without --resume starts over";
                     return Err(Error::input(format!("{}: {what}; {hint}", left_over.display())));
                 }
             }
         }
         Some(_) if !options.force => {
-            let hint = "left by an interrupted run; --resume continues it, --force starts anew";
+            let hint = "left by an interrupted run; --resume continues it, --force starts over";
             return Err(Error::input(format!("{}: {hint}", left_over.display())));
         }
         _ => claim.start(false)?,
@@ -209,7 +209,7 @@ fn begin(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Partia
     Ok(Some(partial))
 }
 
-/// Makes the folders of frames and truth.
+/// Creates the folders for frames and truth.
 pub(super) fn folders(partial: &Partial) -> Result<()> {
     for part in ["particles", "images", "truth"] {
         let path = partial.folder().join(part);

@@ -1,4 +1,4 @@
-//! A dataset in memory, and a folder of it when it is wanted.
+//! A dataset in memory, which can be saved to a folder.
 
 use std::path::Path;
 use std::time::Instant;
@@ -35,19 +35,20 @@ pub struct MemoryDataset {
 /// A calibration stack in memory.
 #[derive(Debug)]
 pub struct Calibration {
-    /// Its table.
+    /// The table `calibration/calibration.csv`.
     pub table: (Table, Columns),
-    /// Its images in the order of depths.
+    /// The images in the order of depths.
     pub images: Vec<Image>,
 }
 
 impl MemoryDataset {
-    /// Takes all frames of a scenario.
+    /// Computes all frames of a scenario.
     ///
     /// # Errors
-    /// A dataset that does not fit into memory; a trajectory that cannot be followed; [`Error::Interrupted`].
+    /// A dataset that does not fit into memory; a trajectory that cannot be integrated;
+    /// [`Error::Interrupted`].
     pub fn take(scenario: Scenario, progress: &Progress) -> Result<Self> {
-        // Images are held rather than written.
+        // Images are kept in memory instead of written to disk.
         let cost = Cost::of(&scenario, Path::new("."))?;
         let (disk_bytes, disk_free_bytes) = (0, None);
         let memory_bytes = cost.memory_bytes + cost.disk_bytes;
@@ -57,7 +58,7 @@ impl MemoryDataset {
         let (mut truths, mut counts) = (Vec::new(), Vec::new());
         let mut bits = u16::BITS as u8;
         let pixels = scenario.settings.pixel_dim_x as usize * scenario.settings.pixel_dim_y as usize;
-        // Reserved in one piece: growing it would need twice the memory.
+        // Reserved at once: growing the vector would need twice the memory.
         counts.reserve_exact(frames * pixels);
         let truth = Truth::new(&scenario, camera.renderer(), &noise_free)?;
         let take = |frame: &Frame, before: Option<&Frame>| {
@@ -78,7 +79,7 @@ impl MemoryDataset {
         Ok(MemoryDataset { scenario, camera, noise_free, truths, counts, bits })
     }
 
-    /// What the dataset is made from.
+    /// The scenario of the dataset.
     pub fn scenario(&self) -> &Scenario {
         &self.scenario
     }
@@ -88,18 +89,18 @@ impl MemoryDataset {
         self.scenario.warnings.iter().cloned().chain(self.camera.renderer().shortfall()).collect()
     }
 
-    /// Counts of all images, (frames, rows, columns) in this order.
+    /// Counts of all images, an array of shape (frames, rows, columns).
     pub fn counts(&self) -> &[u16] {
         &self.counts
     }
 
-    /// Number of frames, of rows and of columns.
+    /// Numbers of frames, rows and columns.
     pub fn shape(&self) -> [usize; 3] {
         let settings = &self.scenario.settings;
         [self.truths.len(), settings.pixel_dim_y as usize, settings.pixel_dim_x as usize]
     }
 
-    /// Bits of a count.
+    /// Bit depth of the images.
     pub fn bits(&self) -> u8 {
         self.bits
     }
@@ -110,7 +111,7 @@ impl MemoryDataset {
         Image { width, height, bits: self.bits, counts: self.counts[frame * pixels..][..pixels].to_vec() }
     }
 
-    /// `truth/frames.csv`, `truth/tracks.csv` and `truth/displacements.csv`, by these paths.
+    /// The tables `truth/frames.csv`, `truth/tracks.csv` and `truth/displacements.csv`.
     ///
     /// # Errors
     /// None.
@@ -118,10 +119,10 @@ impl MemoryDataset {
         TruthWriter::in_memory(&self.scenario, self.truths.iter())?.into_iter().map(columns).collect()
     }
 
-    /// `truth/depth.csv`, and `truth/field.csv` if the scenario has it.
+    /// The tables `truth/depth.csv` and, if the scenario has it, `truth/field.csv`.
     ///
     /// # Errors
-    /// None for a scenario that could be resolved.
+    /// None for a resolved scenario.
     pub fn field_tables(&self) -> Result<Vec<(Table, Columns)>> {
         let scan = self.scenario.stack(&self.noise_free)?;
         let tables =
@@ -129,10 +130,10 @@ impl MemoryDataset {
         tables.into_iter().flatten().map(columns).collect()
     }
 
-    /// The calibration stack, if the scenario asks for one.
+    /// The calibration stack, if the scenario has one.
     ///
     /// # Errors
-    /// Settings that cannot be drawn; [`Error::Interrupted`].
+    /// Settings that cannot be rendered; [`Error::Interrupted`].
     pub fn calibration(&self, progress: &Progress) -> Result<Option<Calibration>> {
         let scan = self.scenario.stack(&self.noise_free)?;
         let Some(stack) = CalibrationStack::of(&self.scenario, &self.camera, &scan)? else { return Ok(None) };
@@ -144,16 +145,14 @@ impl MemoryDataset {
         Ok(Some(Calibration { table: columns(stack.in_memory()?)?, images: images.collect::<Result<_>>()? }))
     }
 
-    /// Writes the dataset: the files that [`super::generate()`] would have written. Nothing is left if that
-    /// does not end.
+    /// Writes the dataset: the same files as [`super::generate()`]. Nothing is left behind if writing fails.
     ///
     /// # Errors
-    /// A dataset or an interrupted run that stands in the way, unless `options.force`; `options.resume`;
-    /// writing;
+    /// An existing dataset or interrupted run, unless `options.force`; `options.resume`; writing;
     /// [`Error::Interrupted`].
     pub fn save(&self, options: &GenerateOptions) -> Result<Generated> {
         if options.resume {
-            return Err(Error::input("a dataset in memory is whole: there is nothing to resume"));
+            return Err(Error::input("a dataset in memory is complete: there is nothing to resume"));
         }
         let start = Instant::now();
         let claim = FolderClaim::take(&options.out)?;

@@ -1,4 +1,4 @@
-//! Doing the work: images in parallel, datasets whole or not at all.
+//! Generates, renders, sweeps and verifies: images in parallel, folders written atomically.
 
 mod cost;
 mod frames;

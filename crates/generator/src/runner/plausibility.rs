@@ -1,15 +1,15 @@
-//! Warnings about datasets that are probably not what was meant, each with the number that shows it.
+//! Warnings about datasets that are probably not as intended, each with the number that indicates it.
 
 use crate::dataset::truth::Census;
 use crate::dataset::truth::depth::ParticleImage;
 use scenario::Scenario;
 use storage::error::Result;
 
-/// Below this density of particles per pixel single particles are tracked, so their spacing matters; above
-/// it, windows are correlated.
+/// Below this seeding density (particles per pixel), particles are tracked individually, so their spacing
+/// matters; above it, interrogation windows are correlated.
 const TRACKED_PPP: f64 = 0.005;
 
-/// What is said of a dataset; `saturated` is the greatest share of saturated pixels among the frames of the
+/// The warnings about a dataset; `saturated` is the largest fraction of saturated pixels in a frame of the
 /// preview.
 pub(super) fn warnings(
     scenario: &Scenario,

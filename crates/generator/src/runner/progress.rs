@@ -1,4 +1,4 @@
-//! Progress bars with rate and remaining time, on standard error and only if that is a terminal.
+//! Progress bars with rate and remaining time, shown on standard error if it is a terminal.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
@@ -9,43 +9,43 @@ use microsig_core::render::TableStore;
 use storage::error::{Error, Result};
 use storage::table_cache::TableFolder;
 
-/// All bars of the process, one below the other.
+/// All bars of the process, stacked.
 static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
 
-/// Whether progress is shown at all.
+/// How progress is shown, and whether the work can be stopped.
 #[derive(Debug, Clone)]
 pub enum Progress {
-    /// On a terminal.
+    /// Bars on a terminal.
     Bar,
-    /// Below the bars that are there.
+    /// Bars below existing ones.
     Below(MultiProgress),
-    /// Never.
+    /// No bars.
     Hidden,
-    /// Of work that another thread may end.
+    /// Work that another thread may stop.
     Stoppable(Stop, Box<Progress>),
 }
 
-/// Ends work from another thread; clones are one.
+/// Stops work from another thread; clones share the same flag.
 #[derive(Debug, Clone, Default)]
 pub struct Stop(Arc<AtomicBool>);
 
 impl Stop {
-    /// Ends the work at its next step: it fails with [`Error::Interrupted`].
+    /// Stops the work at its next step, with [`Error::Interrupted`].
     pub fn stop(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the work is to end.
+    /// Whether the work has been told to stop.
     pub fn is_stopped(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 }
 
 impl Progress {
-    /// Whether the work may go on.
+    /// Checks whether the work may continue.
     ///
     /// # Errors
-    /// [`Error::Interrupted`] if it is to end.
+    /// [`Error::Interrupted`] if it has been told to stop.
     pub fn check(&self) -> Result<()> {
         match self {
             Progress::Stoppable(stop, _) if stop.is_stopped() => Err(Error::Interrupted),
@@ -54,12 +54,12 @@ impl Progress {
         }
     }
 
-    /// A bar over this many images.
+    /// A bar for `n` images.
     pub fn images(&self, n: u64) -> ProgressBar {
         self.bar(n, "images")
     }
 
-    /// A bar over the cases of a sweep, and the progress of what is done within a case, shown below it.
+    /// A bar for the `n` cases of a sweep, and the progress within a case, shown below it.
     pub fn cases(&self, n: u64) -> (ProgressBar, Progress) {
         match self {
             Progress::Hidden => (ProgressBar::hidden(), Progress::Hidden),
@@ -74,8 +74,8 @@ impl Progress {
         }
     }
 
-    /// A sign of life, with the time that has passed, of work whose end is unknown.
-    pub(crate) fn spinner(&self, what: &'static str) -> ProgressBar {
+    /// A spinner with the elapsed time, for work of unknown duration.
+    pub fn spinner(&self, what: &'static str) -> ProgressBar {
         let bar = match self {
             Progress::Hidden => return ProgressBar::hidden(),
             Progress::Stoppable(_, shown) => return shown.spinner(what),
@@ -91,7 +91,7 @@ impl Progress {
     }
 
     fn bar(&self, n: u64, what: &str) -> ProgressBar {
-        // indicatif draws on standard error, and nothing at all where that is no terminal.
+        // indicatif draws on standard error, and nothing if that is not a terminal.
         let bar = match self {
             Progress::Hidden => return ProgressBar::hidden(),
             Progress::Stoppable(_, shown) => return shown.bar(n, what),
@@ -107,17 +107,17 @@ impl Progress {
     }
 }
 
-/// The tables of renderers: kept in a folder, if there is one, and shown while they are made.
+/// Storage of renderers' tables: in a folder, if there is one, with a bar while they are computed.
 #[derive(Debug)]
 pub struct Tables {
     folder: Option<TableFolder>,
     progress: Progress,
-    /// The bar, while tables are made.
+    /// The bar, while tables are computed.
     bar: Mutex<Option<ProgressBar>>,
 }
 
 impl Tables {
-    /// Tables in this folder.
+    /// Tables stored in `folder`, or not stored.
     pub fn new(folder: Option<TableFolder>, progress: Progress) -> Self {
         Tables { folder, progress, bar: Mutex::new(None) }
     }
@@ -148,10 +148,10 @@ impl TableStore for Tables {
     }
 }
 
-/// Work done in a second; nothing before the first piece is done.
+/// Writes the rate per second, once the first item is done.
 fn rate(state: &ProgressState, out: &mut dyn std::fmt::Write) {
     if state.pos() > 0 {
-        // A bar that cannot be drawn is no reason to stop.
+        // Errors of drawing a bar are ignored.
         let _ = match state.per_sec() {
             rate if rate < 10.0 => write!(out, "{rate:.1}/s, "),
             rate => write!(out, "{rate:.0}/s, "),
@@ -159,7 +159,7 @@ fn rate(state: &ProgressState, out: &mut dyn std::fmt::Write) {
     }
 }
 
-/// Remaining time; unknown before the first piece is done.
+/// Writes the remaining time, which is unknown until the first item is done.
 fn left(state: &ProgressState, out: &mut dyn std::fmt::Write) {
     let _ = match state.pos() {
         0 => write!(out, "time left unknown"),

@@ -1,12 +1,11 @@
-//! All frames of a dataset, one after the other: the clouds of its recordings, seeded and moved or read from
-//! tracks.
+//! Iterates over all frames of a dataset: tracers of its recordings, seeded and advected or read from tracks.
 
 use flows::{Frame, RecordedTracks, RecordingStart, Scene, Sequence};
 
-use scenario::{MotionSource, Scenario};
 use storage::error::Result;
+use scenario::{MotionSource, Scenario};
 
-/// What recordings are taken of.
+/// The source of the recordings' tracers.
 enum Subject<'a> {
     Scene(Box<Scene<'a>>),
     Tracks(&'a RecordedTracks),
@@ -18,7 +17,7 @@ enum Recording<'a> {
     OfTracks(Box<dyn Iterator<Item = Frame> + Send + 'a>),
 }
 
-/// The frames of a scenario in their order. After an `Err` it ends.
+/// The frames of a scenario in order. The iterator ends after an `Err`.
 pub struct Frames<'a> {
     scenario: &'a Scenario,
     subject: Subject<'a>,
@@ -28,7 +27,7 @@ pub struct Frames<'a> {
 }
 
 impl<'a> Frames<'a> {
-    /// The frames from the first on.
+    /// An iterator that starts with the first frame.
     pub fn new(scenario: &'a Scenario) -> Result<Self> {
         let subject = match &scenario.motion {
             MotionSource::Field(field) => Subject::Scene(Box::new(scenario.scene(field.as_ref())?)),

@@ -17,7 +17,7 @@ use storage::error::{Error, Result};
 use storage::folder::{FolderClaim, Partial};
 use storage::may_write;
 
-/// What to render, and how.
+/// Options of [`render`].
 #[derive(Debug, Clone)]
 pub struct RenderOptions {
     /// The settings file.
@@ -32,15 +32,15 @@ pub struct RenderOptions {
     pub first_frame: u32,
     /// The renderer.
     pub renderer: RendererSpec,
-    /// When background noise is rounded.
+    /// Whether noise is rounded on its own or after it is added to the image.
     pub rounding: NoiseRounding,
-    /// Whether images that exist are replaced.
+    /// Whether existing images are replaced.
     pub force: bool,
-    /// Whether to show a bar.
+    /// How progress is shown.
     pub progress: Progress,
 }
 
-/// What was rendered.
+/// Summary of the rendered images.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Rendered {
     /// The folder with the images.
@@ -55,17 +55,18 @@ pub struct Rendered {
     pub height_px: u32,
     /// Duration, s.
     pub seconds: f64,
-    /// What should be known about the images.
+    /// Warnings about the images.
     pub warnings: Vec<String>,
 }
 
-/// Warnings of one kind that are listed before the rest is only counted.
+/// Maximum number of warnings that are listed; the rest are only counted.
 const MAX_WARNINGS: usize = 10;
 
-/// Renders. All input is checked before the first image is drawn, and images appear whole or not at all.
+/// Renders the images of data files. All input is checked before the first image is rendered; images are
+/// written atomically.
 ///
 /// # Errors
-/// Malformed settings or data files, every one of them; images that exist unless `force`; writing.
+/// Malformed settings or data files, all of them listed; existing images, unless `force`; writing.
 pub fn render(options: &RenderOptions) -> Result<Rendered> {
     let start = Instant::now();
     let file = open(&options.settings)?;
@@ -90,10 +91,10 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
         .iter()
         .map(|f| PathBuf::from(f.file_stem().unwrap_or_default()).with_added_extension("tif"))
         .collect();
-    // A new folder appears when all images are in it; into one that exists, images go one by one.
-    // `.` and links have no name of their own to lock.
-    let place = options.out.canonicalize().unwrap_or_else(|_| options.out.clone());
-    let claim = FolderClaim::take(&place)?;
+    // A new folder gets its name when all images are in it; in an existing folder, images appear one by one.
+    // The path is canonicalized because `.` and links have no name that could be locked.
+    let canonical = options.out.canonicalize().unwrap_or_else(|_| options.out.clone());
+    let claim = FolderClaim::take(&canonical)?;
     let (partial, _claim) = if options.out.exists() {
         if !options.out.is_dir() {
             return Err(Error::input(format!("{}: expected a folder", options.out.display())));
@@ -141,8 +142,8 @@ fn read(path: &Path) -> Result<Vec<Particle>> {
     Ok(data_file::read(open(path)?, &path.display().to_string())?)
 }
 
-/// The data files, in natural order of names: the file itself, or all `*.txt` of a folder but the settings
-/// file.
+/// The data files in natural order of names: the file itself, or all `*.txt` files of a folder except the
+/// settings file.
 fn data_files(data: &Path, settings: &Path) -> Result<Vec<PathBuf>> {
     if data.is_file() {
         return Ok(vec![data.to_owned()]);
@@ -163,10 +164,10 @@ fn data_files(data: &Path, settings: &Path) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// An image of particles in memory, and what should be known about it.
+/// Renders particles to an image in memory; returns the image and warnings.
 ///
 /// # Errors
-/// Settings that cannot be drawn; particles that cannot, every one of them.
+/// Settings that cannot be rendered; particles that cannot be rendered, all of them listed.
 pub fn render_particles(
     settings: &Settings,
     renderer: RendererSpec,
@@ -181,20 +182,20 @@ pub fn render_particles(
     Ok((image, warnings))
 }
 
-/// Checks that particles can be drawn; gives warnings about them. `name` is what messages call the file.
+/// Checks that particles can be rendered; returns warnings. `name` is the file's name in messages.
 fn check_particles(particles: &[Particle], camera: &Camera, name: &str) -> Result<Vec<String>> {
     let (mut found, mut wrong) = (Vec::new(), Vec::new());
     for (row, particle) in particles.iter().enumerate() {
-        let place = |what| format!("{name}: particle {}: {what}", row + 1);
+        let in_row = |what| format!("{name}: particle {}: {what}", row + 1);
         match camera.renderer().check(particle) {
-            Ok(warning) => found.extend(warning.map(place)),
-            Err(e) => wrong.push(place(e.to_string())),
+            Ok(warning) => found.extend(warning.map(in_row)),
+            Err(e) => wrong.push(in_row(e.to_string())),
         }
     }
     if wrong.is_empty() { Ok(found) } else { Err(Error::Input(wrong)) }
 }
 
-/// Adds warnings of one kind, the first ones.
+/// Adds at most [`MAX_WARNINGS`] of the warnings found, and the number of the others.
 fn limit(mut found: Vec<String>, warnings: &mut Vec<String>) {
     if found.len() > MAX_WARNINGS {
         let rest = found.len() - MAX_WARNINGS;
@@ -204,7 +205,7 @@ fn limit(mut found: Vec<String>, warnings: &mut Vec<String>) {
     warnings.append(&mut found);
 }
 
-/// Reads all files and checks that every particle can be drawn; gives the number of particles.
+/// Reads all files and checks that every particle can be rendered; returns the number of particles.
 fn check(files: &[PathBuf], camera: &Camera, warnings: &mut Vec<String>) -> Result<usize> {
     let checked: Vec<Result<(usize, Vec<String>)>> = files
         .par_iter()

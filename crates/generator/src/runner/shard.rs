@@ -1,15 +1,15 @@
-//! Which cases of a sweep this process runs.
+//! Shards of a sweep: the cases that one process runs.
 
 use std::fmt;
 
 use storage::error::{Error, Result};
 
-/// Shard `k` of `n`, counted from 1: every n-th case.
+/// Shard `k` of `n`, counted from 1: every `n`-th case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
-    /// Which one, 1 to `n`.
+    /// Number of the shard, 1 to `n`.
     pub k: usize,
-    /// Of how many.
+    /// Number of shards.
     pub n: usize,
 }
 
@@ -25,10 +25,10 @@ impl Shard {
             .ok_or_else(|| Error::input(format!("--shard {text}: expected K/N with K from 1 to N")))
     }
 
-    /// The shard of a task of a Slurm job array, from its variables; `None` outside an array.
+    /// The shard of a Slurm array task, from its environment variables; `None` outside an array.
     ///
     /// # Errors
-    /// [`Error::Input`] if a variable is no number or they do not fit together.
+    /// [`Error::Input`] if a variable is not a number or the variables are inconsistent.
     pub fn of_slurm(variable: impl Fn(&str) -> Option<String>) -> Result<Option<Self>> {
         let Some(id) = variable("SLURM_ARRAY_TASK_ID") else { return Ok(None) };
         let number = |name: &str, text: String| {
@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shards_share_out_all_cases() {
+    fn every_case_is_in_exactly_one_shard() {
         for n in 1..8 {
             for index in 0..20 {
                 assert_eq!((1..=n).filter(|&k| Shard { k, n }.has(index)).count(), 1);
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn slurm_arrays_may_begin_anywhere_and_step() {
+    fn slurm_arrays_may_have_any_first_index_and_step() {
         let slurm = |id: &str, min: &str, count: &str, step: &str| {
             let values = [id, min, count, step].map(str::to_owned);
             Shard::of_slurm(move |name| {

@@ -1,8 +1,9 @@
-//! `microsig sweep`: the cases of a sweep, each a dataset.
+//! `microsig sweep`: generates a dataset for each case of a sweep.
 //!
-//! A case leaves its dataset, `case_00000/`, or the reason why there is none, `case_00000.failed`. Nothing
-//! else depends on who ran it: shards in one folder, or in folders that are put together later, give the same
-//! tree as one run. The table of all cases, `cases.csv`, is written when all of them are there.
+//! A case results in a dataset, `case_00000/`, or in the reason of its failure, `case_00000.failed`. The
+//! result does not depend on how the cases are distributed: shards in one folder, or in folders that are
+//! merged later, give the same files as a single run. The table of all cases, `cases.csv`, is written when
+//! all cases are complete.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -19,35 +20,35 @@ use storage::error::{Error, Result};
 use storage::folder::FolderClaim;
 use storage::save_bytes;
 
-/// How to sweep.
+/// Options of [`sweep`].
 #[derive(Debug, Clone)]
 pub struct SweepOptions {
     /// The sweep's folder.
     pub out: PathBuf,
-    /// Where files that the base scenario names are found.
+    /// Folder that paths in the base scenario are relative to.
     pub inputs: PathBuf,
-    /// Which cases to run.
+    /// The cases to run.
     pub shard: Shard,
-    /// Replace cases that exist.
+    /// Replace existing cases.
     pub force: bool,
-    /// Go on: skip cases that are done, take up interrupted ones.
+    /// Skip finished cases and continue interrupted ones.
     pub resume: bool,
-    /// Whether to show bars.
+    /// How progress is shown.
     pub progress: Progress,
 }
 
-/// What was swept.
+/// Summary of a sweep.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Swept {
     /// The sweep's folder.
     pub out: PathBuf,
-    /// Cases of the sweep.
+    /// Number of cases of the sweep.
     pub cases: usize,
-    /// Cases of the sweep that are done, by whomever.
+    /// Number of finished cases, by this run or others.
     pub done: usize,
-    /// Cases of the sweep that failed.
+    /// Number of failed cases.
     pub failed: usize,
-    /// Cases that this run made.
+    /// Number of cases that this run generated.
     pub made: usize,
     /// Duration, s.
     pub seconds: f64,
@@ -56,13 +57,13 @@ pub struct Swept {
 /// Name of the table of all cases.
 const TABLE: &str = "cases.csv";
 
-/// Runs the cases of a shard. One that fails becomes a row with its reason and does not end the sweep.
+/// Runs the cases of a shard. A case that fails is recorded with the reason and does not stop the sweep.
 ///
 /// # Errors
-/// A case that exists, unless `resume` or `force`; writing.
+/// An existing case, unless `resume` or `force`; writing.
 pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
     let start = Instant::now();
-    // Cases in it would break a dataset of the same name.
+    // Cases written into a dataset's folder would corrupt the dataset.
     if options.out.join(MANIFEST).exists() {
         return Err(Error::input(format!(
             "{}: is a dataset; a sweep needs a folder of its own",
@@ -75,7 +76,7 @@ pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
         for case in &mine {
             for path in [options.out.join(&case.name), failed(&options.out, case)] {
                 if path.exists() {
-                    let hint = "exists already; --resume goes on, --force replaces it";
+                    let hint = "exists already; --resume continues, --force replaces it";
                     return Err(Error::input(format!("{}: {hint}", path.display())));
                 }
             }
@@ -94,24 +95,26 @@ pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
     Ok(Swept { out: options.out.clone(), cases, done, failed, made, seconds: start.elapsed().as_secs_f64() })
 }
 
-/// Makes one case; `false` if it was there already, or if it failed and its reason was written instead.
+/// Generates one case; returns `false` if it is already finished, or if it fails and the reason is written
+/// instead.
 fn run(sweep: &Sweep, case: &Case, options: &SweepOptions, progress: &Progress) -> Result<bool> {
     let out = options.out.join(&case.name);
     let reason = failed(&options.out, case);
-    // A failure may have had a cause that is gone: it is tried again.
+    // A failed case is tried again, as the cause may be gone.
     if reason.exists() {
         std::fs::remove_file(&reason).map_err(Error::write(&reason))?;
     }
     let generated =
         sweep.scenario(case).and_then(|spec| resolve(spec, &options.inputs)).and_then(|scenario| {
-            // Without --resume the sweep has found no case here, so what is left of one is begun anew.
+            // Without --resume, `sweep` has checked that the case does not exist; an unfinished one starts
+            // over.
             let (force, resume) = (options.force || !options.resume, options.resume);
             let options = GenerateOptions { out: out.clone(), force, resume, progress: progress.clone() };
             generate_or_find(&scenario, &options)
         });
     match generated {
         Ok(generated) => Ok(generated.is_some()),
-        // A full disk is no property of the case, nor is a dataset of another sweep.
+        // A full disk or a dataset of another sweep is not a failure of the case.
         Err(error) if error.is_of_the_system() || (out.exists() && !options.force) => Err(error),
         Err(error) => {
             FolderClaim::take(&out)?.discard()?;
@@ -125,7 +128,7 @@ fn failed(out: &Path, case: &Case) -> PathBuf {
     out.join(format!("{}.failed", case.name))
 }
 
-/// Counts what is done and what failed, and writes the table if that is all.
+/// Counts finished and failed cases, and writes the table if no others are left. Returns both numbers.
 ///
 /// # Errors
 /// A dataset without a readable manifest; writing.
@@ -133,7 +136,7 @@ pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
     let (mut done, mut failures) = (0, 0);
     let mut table = csv::Writer::from_writer(Vec::new());
     let unwritable = |e: csv::Error| Error::Write { path: out.join(TABLE), source: std::io::Error::other(e) };
-    // A seed has a column anyway.
+    // The seed has its own column.
     let axes =
         || sweep.spec.axes.iter().map(|a| a.path.as_str()).enumerate().filter(|(_, path)| *path != "seed");
     let facts = ["n_p", "n_ppp", "n_s", "max_displacement_px"];

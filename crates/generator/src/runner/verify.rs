@@ -1,4 +1,4 @@
-//! `microsig verify`: is a dataset whole, unchanged and as its manifest says?
+//! `microsig verify`: checks that a dataset is complete, unchanged and consistent with its manifest.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,29 +17,29 @@ use storage::error::{Error, Result};
 use storage::folder::{files_below, is_partial};
 use storage::tables::truth::TRACKS;
 
-/// What was verified.
+/// Summary of a verification.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Verified {
-    /// Number of files whose checksums agree.
+    /// Number of files, all with matching checksums.
     pub files: usize,
-    /// Their size, bytes.
+    /// Total size of the files, bytes.
     pub bytes: u64,
     /// Whether the dataset was generated again and compared.
     pub regenerated: bool,
 }
 
-/// Checks a dataset: every file there, none more, all checksums, manifest and tables in agreement. With
-/// `regenerate` it is made again from its scenario and compared byte by byte.
+/// Checks a dataset: no file is missing or additional, and checksums, manifest and tables agree. With
+/// `regenerate`, it is generated again from its scenario and compared byte by byte.
 ///
 /// # Errors
-/// [`Error::Input`] if this is no dataset; [`Error::Failed`] with all that does not hold.
+/// [`Error::Input`] if this is not a dataset; [`Error::Failed`] with all failed checks.
 pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Verified> {
     if is_partial(dataset) {
         return Err(Error::Failed(vec![format!("{}: unfinished", dataset.display())]));
     }
     let path = dataset.join(SHA256SUMS);
     if !path.is_file() {
-        let what = if dataset.is_dir() { "no dataset, it has no SHA256SUMS" } else { "no such folder" };
+        let what = if dataset.is_dir() { "not a dataset: it has no SHA256SUMS" } else { "no such folder" };
         return Err(Error::input(format!("{}: {what}", dataset.display())));
     }
     let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
@@ -59,9 +59,9 @@ pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Ve
         }
     }
     manifest_agrees(dataset, &fingerprints, &mut failures);
-    // What other programs may read as the same sums is not the same bytes.
+    // The same sums can be written with other bytes, e.g. in another order.
     if failures.is_empty() && checksums::write(&fingerprints) != text {
-        failures.push(format!("{SHA256SUMS}: changed, though its sums are right"));
+        failures.push(format!("{SHA256SUMS}: changed, although its sums are right"));
     }
     if !failures.is_empty() {
         return Err(Error::Failed(failures));
@@ -71,7 +71,7 @@ pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Ve
     Ok(Verified { files: fingerprints.len(), bytes, regenerated: regenerate })
 }
 
-/// Size and hash of every resource, and the columns of every table, are what the manifest says.
+/// Checks size and hash of every resource and the columns of every table against the manifest.
 fn manifest_agrees(dataset: &Path, fingerprints: &BTreeMap<String, Fingerprint>, failures: &mut Vec<String>) {
     let manifest = match Manifest::read(dataset) {
         Ok(manifest) => manifest,
@@ -99,8 +99,8 @@ fn manifest_agrees(dataset: &Path, fingerprints: &BTreeMap<String, Fingerprint>,
     }
 }
 
-/// The first thing in which a table is not as its schema says: the columns, or a cell that is not of its
-/// column's type.
+/// The first difference between a table and its schema: the columns, or a cell that is not of its column's
+/// type.
 fn table_disagrees(path: &Path, schema: &TableSchema) -> Option<String> {
     let fields = &schema.fields;
     let mut reader = match csv::Reader::from_path(path) {
@@ -134,7 +134,7 @@ fn table_disagrees(path: &Path, schema: &TableSchema) -> Option<String> {
     }
 }
 
-/// Every particle of the truth is where the walls of flow and box and the bodies leave it room.
+/// Checks that no particle of the truth overlaps a wall of flow or box or a body.
 fn particles_in_fluid(dataset: &Path, scenario: &Scenario) -> Result<()> {
     let Some(field) = scenario.field() else { return Ok(()) };
     let fluid = scenario.fluid(field);
@@ -151,7 +151,7 @@ fn particles_in_fluid(dataset: &Path, scenario: &Scenario) -> Result<()> {
     while reader.read_record(&mut record).map_err(broken)? {
         let [t, x, y, z, d] = columns
             .map(|column| record.get(column).and_then(|cell| cell.parse::<f64>().ok()).unwrap_or(f64::NAN));
-        // A table without one of the columns says nothing.
+        // Rows are skipped if the table lacks one of the columns.
         if [t, x, y, z, d].iter().all(|number| number.is_finite())
             && !fluid.holds(DVec3::new(x, y, z), t, 0.5 * d, OVERLAP_UM)
         {
@@ -165,10 +165,10 @@ fn particles_in_fluid(dataset: &Path, scenario: &Scenario) -> Result<()> {
     Ok(())
 }
 
-/// Overlap with a wall that is rounding, um.
+/// Tolerated overlap with a wall, from rounding, um.
 const OVERLAP_UM: f64 = 1e-6;
 
-/// The scenario resolves to itself and, if asked for, makes the same bytes again.
+/// Checks that the scenario resolves to itself and, with `regenerate`, that it gives the same bytes again.
 fn scenario_agrees(dataset: &Path, regenerate: Option<Progress>, sums: &str) -> Result<()> {
     let (mut scenario, text) = scenario::of_dataset(dataset)?;
     if let Some(streams) = secret::streams(dataset)? {
@@ -179,8 +179,8 @@ fn scenario_agrees(dataset: &Path, regenerate: Option<Progress>, sums: &str) -> 
     }
     particles_in_fluid(dataset, &scenario)?;
     let Some(progress) = regenerate else { return Ok(()) };
-    let place = TemporaryFolder::new()?;
-    let out = place.path().join("again");
+    let temporary = TemporaryFolder::new()?;
+    let out = temporary.path().join("again");
     generate(&scenario, &GenerateOptions { out: out.clone(), force: false, resume: false, progress })?;
     let again = std::fs::read_to_string(out.join(SHA256SUMS)).map_err(Error::write(&out))?;
     if again == sums {

@@ -1,7 +1,8 @@
-//! `datapackage.json`: a Frictionless data package, and under `microsig` what users of the images must know.
+//! `datapackage.json`: a Frictionless data package; `microsig` in it has the facts that users of the images
+//! need.
 //!
-//! The types are read and written alike. A key that is missing when read is `None` or its type's default, so
-//! that manifests of earlier versions and of test splits, which tell less, are read too.
+//! The types are used for reading and writing. A missing key is read as `None` or as its type's default, so
+//! that manifests of earlier versions and of test splits, which have fewer keys, can be read.
 
 mod seal;
 mod write;
@@ -14,19 +15,18 @@ use serde_json::{Map, Value};
 use storage::error::{Error, Result};
 use storage::read_text;
 pub use write::{N_S, SNR, manifest};
-pub(crate) use write::{bit_depth, waves, write};
-pub use write::{license, resource};
+pub use write::{bit_depth, license, resource, waves, write};
 
-/// Name of the file.
+/// Name of the manifest file.
 pub const MANIFEST: &str = "datapackage.json";
 
-/// Version of the generator: it changes when the bytes of datasets do.
-pub const GENERATOR_VERSION: &str = storage::VERSION;
+/// Version of the generator; it changes whenever the bytes of datasets change.
+pub const GENERATOR_VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// Version of the layout of a dataset.
 pub const LAYOUT_VERSION: u32 = 1;
 
-/// The coordinates, in words.
+/// Description of the coordinates.
 pub const COORDINATES: &str = "x_px and y_px are image coordinates: the centre of the top-left pixel is (1, 1), x grows to \
 the right along columns, y downward along rows; pixel k covers [k - 0.5, k + 0.5). z_um is the physical depth in um, zero in \
 the paraxial object plane, growing away from the lens. x_um and y_um are object-space coordinates from the middle of the \
@@ -42,15 +42,15 @@ pub struct Manifest {
     pub name: String,
     /// Title, one line.
     pub title: String,
-    /// Description, may have several lines.
+    /// Description, possibly of several lines.
     pub description: String,
     /// Version of the data package.
     pub version: String,
-    /// Licenses, one.
+    /// Licenses; always one.
     pub licenses: Vec<LicenseEntry>,
-    /// What users of the images must know.
+    /// Facts that users of the images need.
     pub microsig: Facts,
-    /// The files; a manifest in the making has none.
+    /// The files; empty until the manifest is written.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub resources: Vec<Resource>,
 }
@@ -63,12 +63,12 @@ pub struct LicenseEntry {
     /// Name.
     #[serde(default)]
     pub title: String,
-    /// Where its text is.
+    /// Address of its summary.
     #[serde(default)]
     pub path: String,
 }
 
-/// What users of the images must know. Test splits leave out what was counted or measured in the truth.
+/// Facts that users of the images need. Test splits omit those that are derived from the truth.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Facts {
@@ -84,12 +84,12 @@ pub struct Facts {
     /// The seed; `Some(None)` (null) with a secret key.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "present")]
     pub seed: Option<Option<u64>>,
-    /// How random numbers are addressed, in words.
+    /// Description of how random numbers are addressed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub random_streams: Option<String>,
-    /// When frames are taken.
+    /// Times of the frames.
     pub timing: TimingFacts,
-    /// Object-space length of a pixel, um.
+    /// Pixel size in object space, um.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub um_per_px: Option<f64>,
     /// Physical depth over depth in MicroSIG's data files.
@@ -101,13 +101,13 @@ pub struct Facts {
     /// Name of the renderer.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub renderer: Option<String>,
-    /// Light and objective of images by wave optics.
+    /// Light and objective for wave optics.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub waves: Option<WaveFacts>,
     /// Lower and upper end of the depth range, um.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_range_um: Option<[f64; 2]>,
-    /// Its length, um.
+    /// Length of the depth range, um.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_range_h_um: Option<f64>,
     /// [`COORDINATES`].
@@ -116,13 +116,13 @@ pub struct Facts {
     /// Visible particles per frame, mean over frames.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub n_p: Option<f64>,
-    /// Visible particles per pixel.
+    /// Visible particles per frame and pixel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub n_ppp: Option<f64>,
-    /// Source density.
+    /// Source density N_S.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub n_s: Option<f64>,
-    /// Area of a particle image, px.
+    /// Area of a particle image, px (number of pixels).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub a_pi_px: Option<f64>,
     /// [`N_S`].
@@ -149,10 +149,11 @@ pub struct Facts {
     /// `test` in the public part of a test split.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub split: Option<String>,
-    /// `withheld` where the truth is.
+    /// `withheld` if the truth is withheld.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub truth: Option<String>,
-    /// What a test split scores: `particles`, and `fields` unless the train split tells the velocity field.
+    /// What is scored in a test split: `particles`, and `fields` unless the train split reveals the velocity
+    /// field.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scored: Option<Vec<String>>,
     /// Digest of all images of a test split.
@@ -163,8 +164,7 @@ pub struct Facts {
     pub commitment_sha256: Option<String>,
 }
 
-/// When frames are taken: the keys of the scenario's timing, `mode`, `frames` and, of pair recordings,
-/// `pairs`.
+/// Times of the frames: the keys of the scenario's timing, `mode`, `frames` and, for image pairs, `pairs`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct TimingFacts(pub Map<String, Value>);
@@ -180,7 +180,7 @@ impl TimingFacts {
         self.number("frames")
     }
 
-    /// Number of pairs of a pair recording.
+    /// Number of pairs; `None` if frames are not pairs.
     pub fn pairs(&self) -> Option<u32> {
         self.number("pairs")
     }
@@ -194,7 +194,7 @@ impl TimingFacts {
         self.0.get("dt_s")?.as_f64()
     }
 
-    /// Whether frames 2k and 2k + 1 are a pair of their own.
+    /// Whether frames 2k and 2k + 1 form a pair.
     pub fn are_pairs(&self) -> bool {
         self.mode() == "pairs"
     }
@@ -209,11 +209,11 @@ impl TimingFacts {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct SensorFacts {
-    /// Columns.
+    /// Width of the images, px.
     pub width_px: u32,
-    /// Rows.
+    /// Height of the images, px.
     pub height_px: u32,
-    /// Bits of a count.
+    /// Bit depth of the images.
     pub bit_depth: u8,
     /// MicroSIG's gain, counts per ray.
     pub gain: f64,
@@ -223,14 +223,14 @@ pub struct SensorFacts {
     pub background_noise_counts: f64,
     /// Whether counts are rounded once, after noise is added; MicroSIG's program rounds the noise first.
     pub rounded_once: bool,
-    /// The camera's chain as the scenario has it; null for MicroSIG's own sensor.
+    /// The camera as in the scenario; null for MicroSIG's own sensor.
     pub detector: Value,
 }
 
 /// Signal-to-noise ratio.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct SnrFacts {
-    /// Median over depth; `None` without noise.
+    /// Median of the SNR over depth; `None` without noise.
     pub value: Option<f64>,
     /// [`SNR`].
     pub definition: String,
@@ -242,7 +242,7 @@ pub struct SnrFacts {
     pub n_rays: u32,
 }
 
-/// Light and objective of images by wave optics.
+/// Light and objective for wave optics.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct WaveFacts {
@@ -250,7 +250,7 @@ pub struct WaveFacts {
     pub wavelength_um: f64,
     /// Full width of the band at half maximum, um.
     pub bandwidth_um: f64,
-    /// Where light leaves a particle: `surface` or `volume`.
+    /// Part of a particle that emits light: `surface` or `volume`.
     pub emission: String,
     /// Model of the objective: `microsig` or `aplanatic`.
     pub lens: String,
@@ -258,10 +258,10 @@ pub struct WaveFacts {
     pub airy_radius_px: f64,
     /// Mask and aberrations of the pupil as in the scenario; null for an open pupil without aberrations.
     pub pupil: Value,
-    /// Medium, cover slip and immersion as in the scenario; null where they are as the objective was designed
-    /// for.
+    /// Medium, cover slip and immersion as in the scenario; null if they are those that the objective was
+    /// designed for.
     pub layers: Value,
-    /// Largest error of an image as a share of its peak.
+    /// Largest error of an image as a fraction of its peak.
     pub tolerance: f64,
 }
 
@@ -271,14 +271,14 @@ pub struct ParticleImageFacts {
     /// Diameter of the particle, um.
     #[serde(default)]
     pub d_um: f64,
-    /// Depth of the highest peak, um; `None` where all depths are in focus.
+    /// Depth of the highest peak, um; `None` if all depths are in focus.
     pub focus_um: Option<f64>,
 }
 
 /// The flow and its formulas.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct MotionFacts {
-    /// As in the scenario.
+    /// The motion as in the scenario.
     pub scenario: Value,
     /// Formula and source of every field in it, by name.
     pub formulas: Map<String, Value>,
@@ -289,26 +289,26 @@ pub struct MotionFacts {
 pub struct TruthGridFacts {
     /// Depths of the planes, um.
     pub planes_um: Vec<f64>,
-    /// Columns of nodes.
+    /// Number of columns of nodes.
     pub columns: usize,
-    /// Rows of nodes.
+    /// Number of rows of nodes.
     pub rows: usize,
-    /// Weights of depths, in words.
+    /// Description of the depth weighting.
     pub weighting: String,
-    /// Side of the window of averages, px.
+    /// Side of the averaging window, px.
     pub window_px: Option<f64>,
-    /// Definitions of displacement, in words.
+    /// Definitions of the displacements.
     pub definition: String,
 }
 
 /// Gates for scoring.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ScoringGates {
-    /// In the image plane, px.
+    /// Gate in the image plane, px.
     pub xy_px: f64,
-    /// In depth, um.
+    /// Gate in depth, um.
     pub z_um: f64,
-    /// Of the ISBI scores, px.
+    /// Gate of the ISBI scores, px.
     pub isbi_px: f64,
 }
 
@@ -318,7 +318,7 @@ impl ScoringGates {
     /// Gate of the ISBI scores, px.
     pub const ISBI_PX: f64 = 5.0;
 
-    /// The gates of a depth range of length `h_um`: a tenth of it in depth.
+    /// The gates for a depth range of length `h_um` (um): the gate in depth is a tenth of it.
     pub fn over(h_um: f64) -> Self {
         ScoringGates { xy_px: Self::XY_PX, z_um: h_um / 10.0, isbi_px: Self::ISBI_PX }
     }
@@ -348,13 +348,13 @@ pub struct Resource {
     /// Encoding of a table.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub encoding: Option<String>,
-    /// What a row of a table is.
+    /// Description of a table and its rows.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub description: Option<String>,
     /// Columns of a table.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub schema: Option<TableSchema>,
-    /// Number of an image's frame.
+    /// Frame number of an image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame: Option<u32>,
     /// Width of an image.
@@ -363,10 +363,10 @@ pub struct Resource {
     /// Height of an image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub height_px: Option<u32>,
-    /// Bits of a count of an image.
+    /// Bit depth of an image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bit_depth: Option<u8>,
-    /// Visible particles of an image.
+    /// Number of visible particles in an image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub n_visible: Option<u64>,
 }
@@ -383,7 +383,7 @@ impl Resource {
 pub struct TableSchema {
     /// The columns, in order.
     pub fields: Vec<SchemaField>,
-    /// Cells that are missing values.
+    /// Contents of cells with missing values.
     #[serde(rename = "missingValues", default)]
     pub missing_values: Vec<String>,
 }
@@ -399,7 +399,7 @@ pub struct SchemaField {
     /// Unit; empty if there is none.
     #[serde(default)]
     pub unit: String,
-    /// What it holds.
+    /// Description of the column.
     #[serde(default)]
     pub description: String,
 }
@@ -408,7 +408,7 @@ impl Manifest {
     /// Reads the manifest of a dataset.
     ///
     /// # Errors
-    /// A file that is missing or is not a manifest.
+    /// A missing file, or one that is not a manifest.
     pub fn read(dataset: &Path) -> Result<Self> {
         let path = dataset.join(MANIFEST);
         Manifest::parse(&read_text(&path)?, &path.display().to_string())
@@ -422,13 +422,13 @@ impl Manifest {
         serde_json::from_str(text).map_err(|e| Error::input(format!("{name}: {e}")))
     }
 
-    /// The file of a path in the dataset.
+    /// The entry of the file at a path in the dataset.
     pub fn resource(&self, path: &str) -> Option<&Resource> {
         self.resources.iter().find(|resource| resource.path == path)
     }
 }
 
-/// Tells a key that is null from one that is missing.
+/// Distinguishes a null value from a missing key.
 fn present<'de, T: Deserialize<'de>, D: Deserializer<'de>>(
     value: D,
 ) -> std::result::Result<Option<Option<T>>, D::Error> {

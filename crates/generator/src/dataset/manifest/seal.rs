@@ -1,5 +1,5 @@
-//! Manifest and checksums, which make a folder a dataset. Files go through in small groups: memory does not
-//! grow with their number.
+//! Writes manifest and checksums, which complete a dataset. Files are processed in small groups, so that
+//! memory does not grow with their number.
 
 use std::cell::RefCell;
 use std::io::{Seek, SeekFrom, Write};
@@ -10,19 +10,19 @@ use serde::ser::{Error as _, SerializeSeq};
 use serde::{Serialize, Serializer};
 
 use super::{MANIFEST, Manifest, Resource};
-use storage::checksums::{self, Fingerprint, SHA256SUMS};
 use storage::error::{Error, Result};
+use storage::checksums::{self, Fingerprint, SHA256SUMS};
 use storage::folder::FilesBelow;
 use storage::journal::JOURNAL;
 use storage::save;
 
-/// Files whose fingerprints are in memory at a time.
+/// Number of files whose fingerprints are in memory at a time.
 const GROUP: usize = 64;
 
-/// Writes both files; `head` is the manifest without its resources, `entry` gives a file's fingerprint and
-/// what the manifest tells of it.
-pub(super) fn seal(folder: &Path, head: &Manifest, entry: impl Entry) -> Result<()> {
-    // Begun here, so that the temporary files of the two are not among them.
+/// Writes both files; `head` is the manifest without its resources, `entry` returns a file's fingerprint and
+/// its resource.
+pub fn seal(folder: &Path, head: &Manifest, entry: impl Entry) -> Result<()> {
+    // Listed here, so that the temporary files of manifest and checksums are not included.
     let files = RefCell::new(FilesBelow::new(folder)?);
     let (manifest, sums) = (folder.join(MANIFEST), folder.join(SHA256SUMS));
     save(&sums, |writer| {
@@ -39,12 +39,12 @@ pub(super) fn seal(folder: &Path, head: &Manifest, entry: impl Entry) -> Result<
     })
 }
 
-/// Gives the fingerprint of a file, by its path in the dataset, and its resource in the manifest.
-pub(super) trait Entry: Fn(&str) -> Result<(Fingerprint, Resource)> + Sync {}
+/// Returns the fingerprint of the file at a path in the dataset, and its resource in the manifest.
+pub trait Entry: Fn(&str) -> Result<(Fingerprint, Resource)> + Sync {}
 
 impl<F: Fn(&str) -> Result<(Fingerprint, Resource)> + Sync> Entry for F {}
 
-/// The manifest, its resources last.
+/// The manifest, with its resources last.
 #[derive(Serialize)]
 #[serde(bound = "E: Entry, W: Write + Seek")]
 struct Package<'a, E, W> {
@@ -53,7 +53,7 @@ struct Package<'a, E, W> {
     resources: Resources<'a, E, W>,
 }
 
-/// The resources of the manifest; each that is written leaves its line in the checksums.
+/// The resources of the manifest; writing one also adds its line to the checksums.
 struct Resources<'a, E, W> {
     files: &'a RefCell<FilesBelow>,
     entry: &'a E,
@@ -84,8 +84,8 @@ impl<E: Entry, W: Write + Seek> Serialize for Resources<'_, E, W> {
     }
 }
 
-/// `SHA256SUMS` in the making: the manifest has its place among the others, and its hash when all others are
-/// known.
+/// `SHA256SUMS` while it is written: the manifest's line is reserved in the order of paths, and its hash is
+/// filled in at the end.
 struct Sums<'a, W> {
     writer: RefCell<&'a mut W>,
     manifest_at: RefCell<Option<u64>>,
@@ -94,13 +94,13 @@ struct Sums<'a, W> {
 impl<W: Write + Seek> Sums<'_, W> {
     fn add(&self, path: &str, fingerprint: &Fingerprint) -> std::io::Result<()> {
         if path > MANIFEST {
-            self.leave_place()?;
+            self.reserve_line()?;
         }
         writeln!(self.writer.borrow_mut(), "{}  {path}", fingerprint.sha256)
     }
 
-    /// A line for the manifest, as long as it will be.
-    fn leave_place(&self) -> std::io::Result<()> {
+    /// Reserves the line of the manifest, with its final length.
+    fn reserve_line(&self) -> std::io::Result<()> {
         let mut at = self.manifest_at.borrow_mut();
         if at.is_none() {
             let mut writer = self.writer.borrow_mut();
@@ -111,7 +111,7 @@ impl<W: Write + Seek> Sums<'_, W> {
     }
 
     fn finish(&self, manifest: &Fingerprint) -> std::io::Result<()> {
-        self.leave_place()?;
+        self.reserve_line()?;
         let mut writer = self.writer.borrow_mut();
         writer.seek(SeekFrom::Start(self.manifest_at.borrow().unwrap_or_default()))?;
         write!(writer, "{}", manifest.sha256)?;
@@ -124,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_manifest_has_its_place_among_the_checksums() {
+    fn the_manifest_is_sorted_among_the_checksums() {
         let place = tempfile::tempdir().unwrap();
         for file in ["README.md", "a.csv", "truth.csv"] {
             std::fs::write(place.path().join(file), file).unwrap();

@@ -1,4 +1,4 @@
-//! The manifest of a scenario's dataset. Nothing in it depends on date, host, path or commit.
+//! Builds the manifest of a scenario's dataset. It does not depend on date, host, path or commit.
 
 use std::path::Path;
 
@@ -14,19 +14,19 @@ use super::{
 use crate::dataset::truth::Census;
 use crate::dataset::truth::depth::ParticleImage;
 use crate::dataset::{IMAGES, Ledger, Stem};
+use storage::error::{Error, Result};
 use scenario::license::License;
 use scenario::spec::Timing;
 use scenario::{Scenario, Weighting};
 use storage::checksums::{Fingerprint, fingerprint};
-use storage::error::{Error, Result};
 use storage::folder::Partial;
 use storage::tables::{Column, Table};
 
-/// Writes manifest and checksums into a dataset's folder, in which every file is there.
+/// Writes manifest and checksums into a dataset's folder, which must be complete otherwise.
 ///
 /// # Errors
 /// A file in the folder that this program did not write; writing.
-pub(crate) fn write(partial: &Partial, scenario: &Scenario, ledger: &Ledger, head: Manifest) -> Result<()> {
+pub fn write(partial: &Partial, scenario: &Scenario, ledger: &Ledger, head: Manifest) -> Result<()> {
     let (folder, tables) = (partial.folder(), crate::dataset::tables(scenario));
     seal(folder, &head, |path: &str| {
         if partial.lists(path) {
@@ -37,7 +37,7 @@ pub(crate) fn write(partial: &Partial, scenario: &Scenario, ledger: &Ledger, hea
     })
 }
 
-/// The manifest of a dataset without its files, which `entry` tells of.
+/// The manifest of a dataset without its files.
 pub fn manifest(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Manifest {
     let spec = &scenario.spec;
     let title = match spec.description.lines().next() {
@@ -61,18 +61,18 @@ pub fn license(License { id, title, url }: License) -> LicenseEntry {
     LicenseEntry { name: id.to_owned(), title: title.to_owned(), path: url.to_owned() }
 }
 
-/// Bits of a count.
-pub(crate) fn bit_depth(scenario: &Scenario) -> u8 {
+/// Bit depth of the images.
+pub fn bit_depth(scenario: &Scenario) -> u8 {
     scenario.detector.as_ref().map_or(16, |d| d.bits)
 }
 
-/// What SNR means here.
+/// Definition of the SNR.
 pub const SNR: &str = "(the particle's own noise-free peak - background) / standard deviation of the background, in counts; \
 the value of a dataset is the median over 51 equispaced depths, of a sphere of the mean diameter and the middle brightness, \
 centred on the pixel in the middle of the image; null without noise. The counting noise of rays is no part of it: it grows \
 with gain at the same gain n_rays.";
 
-/// What A_pi and N_S mean here.
+/// Definitions of A_pi and N_S.
 pub const N_S: &str = "a_pi_px: pixels of the noise-free image of a single sphere of the mean diameter above 10 % of its own \
 peak, averaged over 51 equispaced depths; n_p: visible particles per frame, mean over frames; n_ppp = n_p / (width height); \
 n_s = n_p a_pi_px / (width height)";
@@ -103,7 +103,7 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
             background_mean_counts: settings.background_mean,
             background_noise_counts: settings.background_noise,
             rounded_once: true,
-            // An infinite full well has no number in JSON and becomes null.
+            // JSON has no infinity: an infinite full well becomes null.
             detector: serde_json::to_value(&scenario.spec.sensor).unwrap_or_default(),
         }),
         renderer: Some(scenario.renderer.name().to_owned()),
@@ -132,8 +132,8 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
     }
 }
 
-/// Light and objective of images by wave optics.
-pub(crate) fn waves(scenario: &Scenario) -> Option<WaveFacts> {
+/// Light and objective for wave optics; `None` for other renderers.
+pub fn waves(scenario: &Scenario) -> Option<WaveFacts> {
     let RendererSpec::Waves { optics, tolerance } = scenario.spec.renderer() else { return None };
     let written = &scenario.spec.optics;
     Some(WaveFacts {
@@ -148,7 +148,7 @@ pub(crate) fn waves(scenario: &Scenario) -> Option<WaveFacts> {
     })
 }
 
-/// When frames are taken: the keys of the scenario and, in every mode, the number of frames.
+/// Times of the frames: the keys of the scenario and, in all modes, the number of frames.
 fn timing(scenario: &Scenario) -> TimingFacts {
     let recordings = &scenario.recordings;
     let keys = match recordings.timing() {
@@ -168,31 +168,32 @@ fn timing(scenario: &Scenario) -> TimingFacts {
     TimingFacts(keys)
 }
 
-/// The flow and its parameters as the scenario has them, with the formula of every field in it.
+/// The flow and its parameters as in the scenario, with the formula of every field in it.
 fn motion(scenario: &Scenario) -> MotionFacts {
     let written = serde_json::to_value(&scenario.spec.motion).unwrap_or_default();
     let mut formulas = Map::new();
-    name_formulas(&written, &mut formulas);
+    collect_formulas(&written, &mut formulas);
     MotionFacts { scenario: written, formulas }
 }
 
-/// Collects the formulas of all fields below a value: they are the keys that the registry knows.
-fn name_formulas(value: &Value, formulas: &mut serde_json::Map<String, Value>) {
+/// Collects the formulas of all fields within a value; fields are recognized by keys that the registry
+/// contains.
+fn collect_formulas(value: &Value, formulas: &mut serde_json::Map<String, Value>) {
     match value {
         Value::Object(parts) => {
             for (key, part) in parts {
                 if let Some(entry) = flows::registry::ENTRIES.iter().find(|entry| entry.name == key) {
                     formulas.insert(key.clone(), json!({ "formula": entry.formula, "source": entry.source }));
                 }
-                name_formulas(part, formulas);
+                collect_formulas(part, formulas);
             }
         }
-        Value::Array(parts) => parts.iter().for_each(|part| name_formulas(part, formulas)),
+        Value::Array(parts) => parts.iter().for_each(|part| collect_formulas(part, formulas)),
         _ => {}
     }
 }
 
-/// The grid of field.csv, and by which weight of depths.
+/// The grid of `truth/field.csv` and its depth weighting.
 fn truth_grid(scenario: &Scenario) -> Option<TruthGridFacts> {
     let nodes = scenario.truth_grid()?;
     let weighting = match nodes.weighting {
@@ -217,7 +218,7 @@ fn truth_grid(scenario: &Scenario) -> Option<TruthGridFacts> {
 }
 
 /// The fingerprint of a file of a dataset and its entry in the manifest; the file is read only if the ledger
-/// does not know it.
+/// does not contain it.
 fn entry(
     scenario: &Scenario,
     ledger: &Ledger,
@@ -244,7 +245,7 @@ fn entry(
     Ok((entry.image, resource))
 }
 
-/// The manifest's entry of a file, with the columns of those tables.
+/// The manifest's entry of a file; `tables` gives the columns if it is a table.
 pub fn resource(path: &str, fingerprint: &Fingerprint, tables: &[Table]) -> Resource {
     let extension = path.rsplit_once('.').map_or("", |(_, e)| e);
     let mediatype = match extension {

@@ -1,5 +1,5 @@
-//! `truth/depth.csv`: what the noise-free image of a particle is at each depth, and how much the depth
-//! counts.
+//! `truth/depth.csv`: properties of the noise-free image of a particle at each depth, and the weight of the
+//! depth.
 
 use std::io::Write;
 use std::path::Path;
@@ -35,7 +35,7 @@ pub static DEPTH: Table = Table::new(
     ],
 );
 
-/// What the manifest tells of particle images.
+/// Properties of particle images for the manifest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParticleImage {
     /// Diameter of the particle, um.
@@ -44,11 +44,11 @@ pub struct ParticleImage {
     pub area_px: f64,
     /// Median over depth of the signal-to-noise ratio; `None` without noise.
     pub snr: Option<f64>,
-    /// The background, counts.
+    /// Mean background, counts.
     pub background_counts: f64,
     /// Standard deviation of the background, counts.
     pub background_noise_counts: f64,
-    /// The depth of the highest peak, um; `None` where all depths are in focus.
+    /// Depth of the highest peak, um; `None` if all depths are in focus.
     pub focus_um: Option<f64>,
 }
 
@@ -66,7 +66,7 @@ pub fn write(folder: &Path, scenario: &Scenario, stack: &DepthScan) -> Result<Pa
 /// The table as CSV.
 ///
 /// # Errors
-/// None for a scenario that could be resolved.
+/// None for a resolved scenario.
 pub fn in_memory(scenario: &Scenario, stack: &DepthScan) -> Result<(Table, Vec<u8>)> {
     let mut writer = TableWriter::new(&DEPTH, Vec::new())?;
     rows(&mut writer, scenario, stack)?;
@@ -92,7 +92,7 @@ pub type DepthRow = [f64; 5];
 /// The rows of the table, NaN where a cell is empty, and the summary for the manifest.
 ///
 /// # Errors
-/// None for a scenario that could be resolved.
+/// None for a resolved scenario.
 pub fn measure(scenario: &Scenario, stack: &DepthScan) -> Result<(Vec<DepthRow>, ParticleImage)> {
     let (settings, d_um) = (&scenario.settings, scenario.seeding.diameters().mean());
     let middle = (settings.pixel_dim_y / 2) as usize * settings.pixel_dim_x as usize
@@ -101,14 +101,14 @@ pub fn measure(scenario: &Scenario, stack: &DepthScan) -> Result<(Vec<DepthRow>,
     let noise = response.background_noise;
     let weights = scenario.truth_grid().filter(|nodes| nodes.weighting != Weighting::None).map(|nodes| {
         let light = stack.depths_um.iter().map(|z_um| scenario.illumination.at(DVec3::Z * *z_um));
-        field::normalised(&field::weights(stack, nodes.weighting), light)
+        field::normalized(&field::weights(stack, nodes.weighting), light)
     });
     let peaks = scenario.peak_counts(response.slope, d_um, stack);
     let depths = stack.depths_um.iter().zip(&stack.images).zip(peaks).enumerate();
     let rows: Vec<DepthRow> = depths
         .map(|(k, ((z_um, spot), peak))| {
             let weight = weights.as_ref().map_or(f64::NAN, |weights| weights[k]);
-            // Without noise the ratio is infinite, which is an empty cell.
+            // Without noise the ratio is infinite, which is written as an empty cell.
             [*z_um, peak, peak / noise, spot.area_px, weight]
         })
         .collect();

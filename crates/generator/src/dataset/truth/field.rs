@@ -1,12 +1,12 @@
-//! `truth/field.csv`: the displacement field on a grid, which results of PIV are scored against.
+//! `truth/field.csv`: the displacement field on a grid, the reference for scores of PIV results.
 //!
-//! Definitions of displacement: [`flows::eulerian`]. The depth-weighted one is what a correlation of images
-//! finds that show all depths at once: D = sum w(z) D(z) / sum w(z), D(z) the central displacement. A
-//! particle's share in the correlation falls with its blur; Olsen & Adrian (Exp. Fluids 29 (2000) S166)
-//! derive it for Gaussian images, where it is the squared peak. Here w is measured from noise-free images of
-//! the dataset's own optics ([`visibility::DepthScan`]): the squared peak, or the curvature of the
-//! autocorrelation at its top, times the square of the illumination there. Particles are taken as equally
-//! dense at all depths.
+//! Definitions of displacement: [`flows::eulerian`]. The depth-weighted displacement is that found by
+//! correlating images that contain particles at all depths: D = sum w(z) D(z) / sum w(z), D(z) the central
+//! displacement. The contribution of a particle to the correlation decreases with its blur; Olsen & Adrian
+//! (Exp. Fluids 29 (2000) S166) derive it for Gaussian images, where it is the squared peak. Here w is
+//! measured on noise-free images of the dataset's own optics ([`visibility::DepthScan`]): the squared
+//! peak, or the curvature of the autocorrelation at its peak, times the square of the illumination at that
+//! depth. The number density is assumed to be uniform over depth.
 
 use std::io::Write;
 use std::path::Path;
@@ -18,8 +18,8 @@ use glam::DVec3;
 use microsig_core::quadrature::GAUSS_LEGENDRE_8;
 use rayon::prelude::*;
 
-use scenario::{Nodes, Scenario, Weighting};
 use storage::error::Result;
+use scenario::{Nodes, Scenario, Weighting};
 use storage::tables::{Column, Table, TableFile, TableWriter, column};
 use visibility::{DepthScan, ScanImage};
 
@@ -97,7 +97,7 @@ const BACKWARD: [Column; 3] = [
     column("backward_dz_um", "number", "um", "the same along z"),
 ];
 
-/// The table with the columns that this grid asks for.
+/// The table with the columns of this grid.
 pub fn table(nodes: &Nodes) -> Table {
     FIELD
         .clone()
@@ -107,8 +107,8 @@ pub fn table(nodes: &Nodes) -> Table {
         .with(&BACKWARD, nodes.backward)
 }
 
-/// The weights of a stack's depths in light of strength 1, not normalised: by the trapezoidal rule, so that
-/// the ends count half.
+/// The weights of a scan's depths at illumination 1, not normalized: trapezoidal rule, with half weights at
+/// the ends.
 pub(super) fn weights(stack: &DepthScan, weighting: Weighting) -> Vec<f64> {
     let last = stack.images.len() - 1;
     let weight = |spot: &ScanImage| match weighting {
@@ -120,8 +120,9 @@ pub(super) fn weights(stack: &DepthScan, weighting: Weighting) -> Vec<f64> {
     stack.images.iter().enumerate().map(|(k, spot)| ends(k) * weight(spot)).collect()
 }
 
-/// The weights in light of these strengths, their sum being 1; a weight goes with the square of the light.
-pub(super) fn normalised(weights: &[f64], light: impl Iterator<Item = f64>) -> Vec<f64> {
+/// The weights at the given illumination, normalized to a sum of 1; a weight is proportional to the square of
+/// the illumination.
+pub(super) fn normalized(weights: &[f64], light: impl Iterator<Item = f64>) -> Vec<f64> {
     let lit: Vec<f64> = weights.iter().zip(light).map(|(weight, light)| weight * light * light).collect();
     let sum: f64 = lit.iter().sum();
     lit.into_iter().map(|weight| weight / sum).collect()
@@ -141,7 +142,7 @@ pub fn write(folder: &Path, scenario: &Scenario, stack: &DepthScan) -> Result<()
 /// The table as CSV, if the scenario has one.
 ///
 /// # Errors
-/// None for a scenario that could be resolved.
+/// None for a resolved scenario.
 pub fn in_memory(scenario: &Scenario, stack: &DepthScan) -> Result<Option<(Table, Vec<u8>)>> {
     let Some(nodes) = scenario.truth_grid().filter(|_| scenario.field().is_some()) else { return Ok(None) };
     let table = table(&nodes);
@@ -190,8 +191,8 @@ fn rows<W: Write>(
     Ok(())
 }
 
-/// The pairs of frames that differ in their displacement field, with their times (s): one without a number if
-/// the flow is steady and all pairs last equally long.
+/// The pairs of frames with different displacement fields, by number and times (s): a single one without a
+/// number if the flow is steady and all pairs have the same time between frames.
 fn intervals(scenario: &Scenario, field: &dyn VelocityField) -> Vec<(Option<u32>, (f64, f64))> {
     let recordings = &scenario.recordings;
     let mut all = Vec::new();
@@ -203,28 +204,28 @@ fn intervals(scenario: &Scenario, field: &dyn VelocityField) -> Vec<(Option<u32>
     }
     let duration = |&(_, (t0, t1)): &(Option<u32>, (f64, f64))| t1 - t0;
     let Some(first) = all.first().map(duration) else { return all };
-    // Differences of times are rounded.
+    // Tolerance for rounding of time differences.
     let equal = all.iter().all(|pair| (duration(pair) / first - 1.0).abs() < 1e-9);
     if field.is_steady() && equal { vec![(None, all[0].1)] } else { all }
 }
 
-/// dx (px), dy (px), dz (um); NaN where there is none.
-type Moved = [f64; 3];
+/// dx (px), dy (px), dz (um); NaN if undefined.
+type Displacement = [f64; 3];
 
-const NOWHERE: Moved = [f64::NAN; 3];
+const UNDEFINED: Displacement = [f64::NAN; 3];
 
 struct Node {
-    forward: Moved,
-    backward: Moved,
-    central: Moved,
-    window: Moved,
+    forward: Displacement,
+    backward: Displacement,
+    central: Displacement,
+    window: Displacement,
     mask: bool,
 }
 
-/// The nodes of all planes at one place of the image.
+/// The nodes of all planes at one image position.
 struct NodeColumn {
     planes: Vec<Node>,
-    weighted: Moved,
+    weighted: Displacement,
 }
 
 struct Truth<'a> {
@@ -238,15 +239,15 @@ struct Truth<'a> {
 impl Truth<'_> {
     fn column(&self, x_px: f64, y_px: f64, interval: (f64, f64)) -> NodeColumn {
         let planes =
-            self.nodes.planes_um.iter().map(|&z| self.node(self.place(x_px, y_px, z), interval)).collect();
+            self.nodes.planes_um.iter().map(|&z| self.node(self.position(x_px, y_px, z), interval)).collect();
         let weighted = if self.nodes.weighting == Weighting::None {
-            NOWHERE
+            UNDEFINED
         } else {
             let depths = self.stack.depths_um.iter().zip(&self.weights);
             mean(depths.map(|(&z, &weight)| {
-                let place = self.place(x_px, y_px, z);
-                let light = self.scenario.illumination.at(place);
-                (weight * light * light, self.central(place, interval))
+                let position = self.position(x_px, y_px, z);
+                let light = self.scenario.illumination.at(position);
+                (weight * light * light, self.central(position, interval))
             }))
         };
         NodeColumn { planes, weighted }
@@ -254,24 +255,27 @@ impl Truth<'_> {
 
     fn node(&self, x: DVec3, interval: (f64, f64)) -> Node {
         let field = self.field;
-        let ask = |displacement: flows::Result<DVec3>| displacement.map_or(NOWHERE, |d| self.moved(d));
+        let or_undefined =
+            |displacement: flows::Result<DVec3>| displacement.map_or(UNDEFINED, |d| self.to_image(d));
         if !self.is_fluid(x, interval.0) {
             return Node {
-                forward: NOWHERE,
-                backward: NOWHERE,
-                central: NOWHERE,
-                window: NOWHERE,
+                forward: UNDEFINED,
+                backward: UNDEFINED,
+                central: UNDEFINED,
+                window: UNDEFINED,
                 mask: true,
             };
         }
-        let (forward, central) = (ask(forward(field, x, interval)), ask(central(field, x, interval)));
-        let backward = if self.nodes.backward { ask(backward(field, x, interval)) } else { NOWHERE };
-        let window = self.nodes.window_px.map_or(NOWHERE, |side| self.window(x, side, interval));
+        let (forward, central) =
+            (or_undefined(forward(field, x, interval)), or_undefined(central(field, x, interval)));
+        let backward =
+            if self.nodes.backward { or_undefined(backward(field, x, interval)) } else { UNDEFINED };
+        let window = self.nodes.window_px.map_or(UNDEFINED, |side| self.window(x, side, interval));
         Node { forward, backward, central, window, mask: !(forward[0].is_finite() && central[0].is_finite()) }
     }
 
-    /// The average of the central displacement over a square, by the Gauss-Legendre rule.
-    fn window(&self, x: DVec3, side_px: f64, interval: (f64, f64)) -> Moved {
+    /// The central displacement averaged over a square window, by Gauss-Legendre quadrature.
+    fn window(&self, x: DVec3, side_px: f64, interval: (f64, f64)) -> Displacement {
         let half_um = 0.5 * side_px * self.scenario.scale.um_per_px();
         let rule = || GAUSS_LEGENDRE_8.into_iter().flat_map(|(at, weight)| [(-at, weight), (at, weight)]);
         mean(
@@ -281,37 +285,36 @@ impl Truth<'_> {
         )
     }
 
-    fn central(&self, x: DVec3, interval: (f64, f64)) -> Moved {
+    fn central(&self, x: DVec3, interval: (f64, f64)) -> Displacement {
         if !self.is_fluid(x, interval.0) {
-            return NOWHERE;
+            return UNDEFINED;
         }
-        central(self.field, x, interval).map_or(NOWHERE, |d| self.moved(d))
+        central(self.field, x, interval).map_or(UNDEFINED, |d| self.to_image(d))
     }
 
-    fn place(&self, x_px: f64, y_px: f64, z_um: f64) -> DVec3 {
-        // Depths are physical here, not those of a data file.
+    fn position(&self, x_px: f64, y_px: f64, z_um: f64) -> DVec3 {
+        // Depths are physical, unlike those of data files.
         self.scenario.scale.to_object(ImagePoint { x_px, y_px, z_um: 0.0 }).with_z(z_um)
     }
 
-    fn moved(&self, displacement: DVec3) -> Moved {
+    fn to_image(&self, displacement: DVec3) -> Displacement {
         let image = self.scenario.scale.displacement_to_image(displacement);
         [image.dx_px, image.dy_px, displacement.z]
     }
 
-    /// Whether there is fluid at a place: not behind a wall, in a body, or beyond a surface of the field's
-    /// own.
+    /// Whether there is fluid at a position at time `t` (s): not behind a wall, in a body, or outside the
+    /// field's own surface.
     fn is_fluid(&self, x: DVec3, t: f64) -> bool {
         self.scenario.fluid(self.field).contains(x, t)
     }
 }
 
-/// The weighted mean of those that are there.
-fn mean(weighted: impl Iterator<Item = (f64, Moved)>) -> Moved {
+/// The weighted mean of the defined displacements; NaN if there are none.
+fn mean(weighted: impl Iterator<Item = (f64, Displacement)>) -> Displacement {
     let (mut sum, mut weights) = ([0.0; 3], 0.0);
     for (weight, moved) in weighted.filter(|(_, moved)| moved[0].is_finite()) {
         sum.iter_mut().zip(moved).for_each(|(s, m)| *s += weight * m);
         weights += weight;
     }
-    // Of nothing: NaN.
     sum.map(|s| s / weights)
 }

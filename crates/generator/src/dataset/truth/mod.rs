@@ -1,4 +1,4 @@
-//! The truth of a dataset: where every particle is, and how it moves.
+//! The truth of a dataset: position and motion of every particle, and the displacement field.
 
 pub mod depth;
 pub mod field;
@@ -26,22 +26,22 @@ pub use viewer::rendered;
 pub(crate) use viewer::{Sight, View, Viewer};
 use visibility::{DepthScan, NoiseFree, Visibility, visibility};
 
-/// The table of tracks with the columns that this scenario asks for.
+/// The table of tracks with the columns of this scenario.
 pub fn tracks(scenario: &Scenario) -> Table {
     TRACKS.clone().with(&GRADIENT, scenario.spec.truth.gradient)
 }
 
-/// Writes what is true of no single frame, the tables of depths and of the field; `scan` are the images of
-/// the mean size.
+/// Writes the tables that do not belong to single frames: depth and field. `scan`: noise-free images of a
+/// sphere of the mean diameter.
 ///
 /// # Errors
-/// Settings that cannot be drawn; writing.
+/// Settings that cannot be rendered; writing.
 pub fn write(folder: &Path, scenario: &Scenario, scan: &DepthScan) -> Result<ParticleImage> {
     field::write(folder, scenario, scan)?;
     depth::write(folder, scenario, scan)
 }
 
-/// Counts of a dataset's frames that the manifest tells.
+/// Totals over a dataset's frames, for the manifest.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Census {
     /// Frames written.
@@ -54,10 +54,10 @@ pub struct Census {
     pub max_displacement_px: f64,
 }
 
-/// Tracers whose rows are made at a time by one thread.
+/// Number of tracers whose rows one task computes.
 const TRACERS_PER_TASK: usize = 256;
 
-/// What is true of each frame, whatever the others.
+/// Computes the truth of single frames, independently of the others.
 pub struct Truth<'a> {
     scenario: &'a Scenario,
     viewer: Viewer<'a>,
@@ -65,9 +65,9 @@ pub struct Truth<'a> {
     scene: Option<Scene<'a>>,
     noise_free: &'a NoiseFree,
     sensor: Sensor,
-    /// The light of all particles of a frame.
+    /// Buffers for the light of all particles of a frame.
     totals: BufferPool<Vec<f64>>,
-    /// Texts of rows.
+    /// Buffers for the text of rows.
     texts: BufferPool<String>,
 }
 
@@ -79,24 +79,24 @@ pub struct FrameTruth {
     frame: Rows,
     tracks: Vec<Rows>,
     displacements: Vec<Rows>,
-    /// Its visible particles.
+    /// Number of visible particles.
     pub visible: u64,
-    moved: Moved,
+    moved: DisplacementTotals,
 }
 
-/// Displacements in short.
+/// Totals over displacements.
 #[derive(Debug, Clone, Copy, Default)]
-struct Moved {
+struct DisplacementTotals {
     number: u64,
-    /// Of a visible particle in the image plane, px.
+    /// Largest displacement of a visible particle in the image plane, px.
     farthest_px: f64,
 }
 
 impl<'a> Truth<'a> {
-    /// The truth of a scenario drawn by a renderer.
+    /// The truth of a scenario rendered by `renderer`.
     ///
     /// # Errors
-    /// Settings that cannot be drawn.
+    /// Settings that cannot be rendered.
     pub fn new(scenario: &'a Scenario, renderer: &'a Renderer, noise_free: &'a NoiseFree) -> Result<Self> {
         Ok(Truth {
             scenario,
@@ -110,10 +110,10 @@ impl<'a> Truth<'a> {
         })
     }
 
-    /// The truth of a frame, and its displacements from the frame before it if the two are linked.
+    /// The truth of a frame, with displacements from the previous frame if the two are linked.
     ///
     /// # Errors
-    /// A trajectory that cannot be followed.
+    /// A trajectory that cannot be integrated.
     pub fn frame(&self, frame: &Frame, before: Option<&Frame>) -> Result<FrameTruth> {
         let scenario = self.scenario;
         let View { energy, sights, rendered } = self.viewer.view(frame);
@@ -148,7 +148,7 @@ impl<'a> Truth<'a> {
         })
     }
 
-    /// Takes back the truth of a frame that is written: its memory serves another.
+    /// Takes back the truth of a written frame to reuse its memory.
     pub fn put(&self, truth: FrameTruth) {
         truth.tracks.into_iter().chain(truth.displacements).for_each(|rows| self.texts.put(rows.into_text()));
     }
@@ -189,7 +189,7 @@ impl<'a> Truth<'a> {
         row.whole_numbers(&[tracer.id]);
         row.numbers(&[particle.x_px, particle.y_px, at.z, at.x, at.y, particle.d_um]);
         row.numbers(&[shape.e_p, shape.alpha_rad, shape.beta_rad, particle.c_int]);
-        // Unknown for a recorded track that is in this frame only.
+        // NaN for a recorded track that is in this frame only.
         row.numbers(&tracer.velocity.unwrap_or(DVec3::NAN).to_array());
         row.whole_numbers(&[u64::from(visible), u64::from(!rows.is_empty())]);
         row.numbers(&[light]);
@@ -203,45 +203,47 @@ impl<'a> Truth<'a> {
         row.end_row()
     }
 
-    /// When the next frame is taken, s, if truth links the two.
+    /// Time of the next frame, s, if the truth links the two.
     fn next_s(&self, frame: &Frame) -> Option<f64> {
         let (recordings, next) = (&self.scenario.recordings, frame.index + 1);
-        let goes_on = next % recordings.frames_each() != 0 && recordings.link_to(next).is_some();
-        goes_on.then(|| recordings.time_s(next, self.scenario.streams))
+        let is_linked = next % recordings.frames_each() != 0 && recordings.link_to(next).is_some();
+        is_linked.then(|| recordings.time_s(next, self.scenario.streams))
     }
 
-    /// The velocity half-way to the next frame of the pair; none in the last frame, or for recorded tracks.
+    /// The velocity halfway in time to the next linked frame, um/s; none without such a frame, or for
+    /// recorded tracks.
     fn midway(&self, tracer: &Tracer, frame: &Frame, next_s: Option<f64>) -> Result<Option<DVec3>> {
         let (Some(scene), Some(next_s)) = (&self.scene, next_s) else { return Ok(None) };
         Ok(Some(scene.velocity_at_mid_time(tracer, frame.t_s, next_s)?))
     }
 
     /// The rows of displacements.csv.
-    fn displacements(&self, pair: u32, a: &Frame, b: &Frame) -> Result<(Vec<Rows>, Moved)> {
+    fn displacements(&self, pair: u32, a: &Frame, b: &Frame) -> Result<(Vec<Rows>, DisplacementTotals)> {
         let links: Vec<_> = a.links(b).collect();
         let parts = links.par_chunks(TRACERS_PER_TASK).map(|links| {
-            let (mut rows, mut moved) = (Rows::on(&DISPLACEMENTS, self.texts.take()), Moved::default());
+            let (mut rows, mut moved) =
+                (Rows::on(&DISPLACEMENTS, self.texts.take()), DisplacementTotals::default());
             for (from, to) in links {
                 self.displacement(&mut rows, &mut moved, (pair, a.index, b.index), from, to)?;
             }
             Ok((rows, moved))
         });
-        let parts: Vec<(Rows, Moved)> = parts.collect::<Result<_>>()?;
-        let all = parts.iter().fold(Moved::default(), |all, (_, part)| all.and(*part));
+        let parts: Vec<(Rows, DisplacementTotals)> = parts.collect::<Result<_>>()?;
+        let all = parts.iter().fold(DisplacementTotals::default(), |all, (_, part)| all.and(*part));
         Ok((parts.into_iter().map(|(rows, _)| rows).collect(), all))
     }
 
     fn displacement(
         &self,
         row: &mut Rows,
-        so_far: &mut Moved,
+        so_far: &mut DisplacementTotals,
         (pair, a, b): (u32, u32, u32),
         from: &Tracer,
         to: &Tracer,
     ) -> Result<()> {
         let scale = &self.scenario.scale;
         let (start, end) = (self.viewer.particle(from), self.viewer.particle(to));
-        // The tracer's own account of its way: through a periodic face it goes on where positions jump.
+        // The tracer's own displacement is continuous across a periodic boundary, where its position jumps.
         let moved = to.step.map_or(to.position - from.position, |step| step.actual);
         let drift = to.step.map_or(moved, |step| step.drift);
         let (d, d_drift) = (scale.displacement_to_image(moved), scale.displacement_to_image(drift));
@@ -252,14 +254,18 @@ impl<'a> Truth<'a> {
         row.whole_numbers(&[u64::from(visible_a), u64::from(visible_b)]);
         // Not hypot: this number is part of the manifest, and std maths differs between machines.
         let length_px = (d.dx_px * d.dx_px + d.dy_px * d.dy_px).sqrt();
-        *so_far = so_far.and(Moved { number: 1, farthest_px: if visible_a { length_px } else { 0.0 } });
+        *so_far = so_far
+            .and(DisplacementTotals { number: 1, farthest_px: if visible_a { length_px } else { 0.0 } });
         row.end_row()
     }
 }
 
-impl Moved {
+impl DisplacementTotals {
     fn and(self, other: Self) -> Self {
-        Moved { number: self.number + other.number, farthest_px: self.farthest_px.max(other.farthest_px) }
+        DisplacementTotals {
+            number: self.number + other.number,
+            farthest_px: self.farthest_px.max(other.farthest_px),
+        }
     }
 }
 
@@ -272,7 +278,7 @@ pub struct TruthWriter<W: Write> {
 }
 
 impl<W: Write> TruthWriter<W> {
-    /// Begins the tables; `writer` gives what each of them is written into.
+    /// Starts the tables; `writer` returns the writer of a table.
     ///
     /// # Errors
     /// Writing.
@@ -296,7 +302,7 @@ impl<W: Write> TruthWriter<W> {
         self.frames.append(&truth.frame)?;
         truth.tracks.iter().try_for_each(|rows| self.tracks.append(rows))?;
         truth.displacements.iter().try_for_each(|rows| self.displacements.append(rows))?;
-        let (census, Moved { number, farthest_px }) = (&mut self.census, truth.moved);
+        let (census, DisplacementTotals { number, farthest_px }) = (&mut self.census, truth.moved);
         census.frames += 1;
         census.visible += truth.visible;
         census.displacements += number;
@@ -306,7 +312,7 @@ impl<W: Write> TruthWriter<W> {
 }
 
 impl TruthWriter<TableSink> {
-    /// Begins the tables in a dataset's folder.
+    /// Starts the tables in a dataset's folder.
     ///
     /// # Errors
     /// Writing.
@@ -314,7 +320,7 @@ impl TruthWriter<TableSink> {
         TruthWriter::new(scenario, |table| TableFile::create(folder, table))
     }
 
-    /// Ends the tables and enters them into the ledger.
+    /// Finishes the tables and adds them to the ledger.
     ///
     /// # Errors
     /// Writing.
@@ -327,7 +333,7 @@ impl TruthWriter<TableSink> {
 }
 
 impl TruthWriter<Vec<u8>> {
-    /// The tables of these frames as CSV, by their paths in a dataset.
+    /// The tables of these frames as CSV.
     ///
     /// # Errors
     /// None for frames of this scenario.

@@ -1,4 +1,4 @@
-//! The tracers of a frame as the camera sees them: particles on the image, in the light of the frame.
+//! Converts the tracers of a frame to particles for the renderer, with illumination and streaks.
 
 use std::ops::Range;
 
@@ -9,42 +9,37 @@ use microsig_core::{Particle, Spheroid};
 
 use scenario::Scenario;
 
-/// Where a camera looks.
+/// Scenario and renderer that determine what the camera images.
 #[derive(Clone, Copy)]
-pub(crate) struct Viewer<'a> {
+pub struct Viewer<'a> {
     pub scenario: &'a Scenario,
     pub renderer: &'a Renderer,
 }
 
-/// What a camera sees of a frame.
-pub(crate) struct View<'a> {
-    /// The factor on the light of the frame.
+/// The particles of a frame.
+pub struct View<'a> {
+    /// Factor on the light of the frame: pulse energy and bleaching.
     pub energy: f64,
-    /// Every tracer, in the order of the frame.
-    pub(crate) sights: Vec<Sight<'a>>,
+    /// All tracers, in the order of the frame.
+    pub sights: Vec<Sight<'a>>,
     /// The rows of the data file.
     pub rendered: Vec<Particle>,
 }
 
-/// A tracer on the image.
-pub(crate) struct Sight<'a> {
+/// A tracer and its particle in image coordinates.
+pub struct Sight<'a> {
     pub tracer: &'a Tracer,
     pub particle: Particle,
     pub visible: bool,
-    /// Its rows of the data file.
+    /// Its rows in the data file.
     pub rows: Range<usize>,
-    /// The factor of the illumination and of the frame.
+    /// Factor on its brightness: illumination at its position times that of the frame.
     pub light: f64,
 }
 
-/// The particles that are drawn of a frame: the rows of its data file.
-pub fn rendered(scenario: &Scenario, renderer: &Renderer, frame: &Frame) -> Vec<Particle> {
-    Viewer { scenario, renderer }.view(frame).rendered
-}
-
 impl Viewer<'_> {
-    /// What the camera sees of a frame.
-    pub(crate) fn view<'f>(&self, frame: &'f Frame) -> View<'f> {
+    /// The particles of a frame.
+    pub fn view<'f>(&self, frame: &'f Frame) -> View<'f> {
         let energy = self.energy(frame);
         let mut rendered = Vec::new();
         let mut sights = Vec::with_capacity(frame.tracers.len());
@@ -57,9 +52,9 @@ impl Viewer<'_> {
         View { energy, sights, rendered }
     }
 
-    /// A tracer as the optics see it. Where there are spheroids, one of aspect ratio 1 is a spheroid too: the
-    /// laws of emission differ.
-    pub(crate) fn particle(&self, tracer: &Tracer) -> Particle {
+    /// The particle of a tracer. If the dataset has spheroids, those of aspect ratio 1 are also treated as
+    /// spheroids, as the laws of emission differ.
+    pub fn particle(&self, tracer: &Tracer) -> Particle {
         let at = self.scenario.scale.to_image(tracer.position);
         let spheroid = || Spheroid::from_axis(tracer.aspect, tracer.axis.to_array());
         let particle = Particle {
@@ -70,13 +65,13 @@ impl Viewer<'_> {
     }
 
     /// Whether a particle's center is on the sensor.
-    pub(crate) fn is_visible(&self, particle: &Particle) -> bool {
+    pub fn is_visible(&self, particle: &Particle) -> bool {
         let on = |x: f64, size: u32| x >= 0.5 && x < f64::from(size) + 0.5;
         let settings = &self.scenario.settings;
         on(particle.x_px, settings.pixel_dim_x) && on(particle.y_px, settings.pixel_dim_y)
     }
 
-    /// The factor on the light of a frame. Bleaching begins with the first frame of each recording.
+    /// Factor on the light of a frame. Bleaching starts with the first frame of each recording.
     fn energy(&self, frame: &Frame) -> f64 {
         let (recordings, streams) = (&self.scenario.recordings, self.scenario.streams);
         let number = frame.index % recordings.frames_each();
@@ -84,8 +79,8 @@ impl Viewer<'_> {
         self.scenario.illumination.energy(frame.index, number, frame.t_s - began_s, streams)
     }
 
-    /// Adds a particle's rows of the data file, one for every point of its streak, as far as their light may
-    /// reach the sensor. Gives the factor of the illumination at the particle.
+    /// Adds a particle's rows of the data file, one for each point of its streak, if their light may reach
+    /// the sensor. Returns the illumination at the particle.
     fn rows(
         &self,
         tracer: &Tracer,
