@@ -39,8 +39,7 @@ pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, diameter_um: f64) -> 
     let (low, high) = depths.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| (l.min(z), h.max(z)));
     let text = format!(
         "// Images as the scanned microscope would take them; made by `microsig fit`.\n\
-         // Choose a flow (`microsig flows`), a number of particles and a timing of your own.\n(\n    name:
-         // \"twin\",\n    \
+         // Choose a flow (`microsig flows`), a number of particles and a timing of your own.\n(\n    name: \"twin\",\n    \
          description: \"Twin of a real microscope\",\n    optics: (settings: \"settings.txt\", depth_factor: {depth_factor}),\n    \
          motion: flow(field: poiseuille()),\n    particles: (number: n_s(0.1), diameter_um: constant({})),\n    \
          boundaries: (z_um: ({}, {})),\n    timing: pairs(count: 10),\n)\n",
