@@ -1,9 +1,9 @@
-//! Background of a scan: mean and standard deviation of its noise, from the dark side of the histogram.
+//! Background of a scan: mean and standard deviation, from the dark side of the histogram.
 //!
-//! Particles only add light, so counts up to a little beyond the mode are background. They are described by a
-//! normal distribution, rounded to whole counts and censored at 0, as cameras and drawing programs clip; the
-//! likelihood is that of counts which are known to be at most `limit`. A background of 25 +- 15 counts
-//! clipped at 0 comes out as 25 +- 15; its plain mean and standard deviation are 25.3 and 14.4.
+//! Particles only add light, so counts up to slightly above the mode are background. They are modeled by a
+//! normal distribution, rounded to whole counts and clipped at 0, as cameras and image generators do; the
+//! likelihood is conditional on counts being at most `limit`. For a background of 25 +- 15 counts clipped at
+//! 0, the estimate is 25 +- 15, while the sample mean and standard deviation are 25.3 and 14.4.
 
 use libm::{erfc, exp, log, sqrt};
 
@@ -14,11 +14,11 @@ pub(super) struct Background {
     pub(super) noise: f64,
 }
 
-/// How far beyond the mode counts are taken as background, standard deviations.
+/// Counts up to this far above the mode are background, standard deviations.
 const BEYOND: f64 = 0.7;
 
 impl Background {
-    /// The background of all these counts.
+    /// The background of all counts of all planes.
     pub(super) fn of(planes: &[Vec<u16>]) -> Background {
         let mut histogram = vec![0u64; 1 << 16];
         planes.iter().flatten().for_each(|&count| histogram[usize::from(count)] += 1);
@@ -26,24 +26,24 @@ impl Background {
         let mode = mode(&histogram, (0.3 * spread) as usize);
         let start = Background { mean: mode as f64, noise: spread.max(0.3) };
         let mut best = start;
-        // The limit moves with the noise it leads to; three rounds settle it.
+        // The limit depends on the noise; three iterations converge.
         for _ in 0..3 {
             let limit = (mode as f64 + (BEYOND * best.noise).max(1.0)) as usize;
-            best = maximum(&histogram[..=limit.min(histogram.len() - 1)], best);
+            best = maximize_likelihood(&histogram[..=limit.min(histogram.len() - 1)], best);
         }
         best
     }
 }
 
-/// Distance from the median of the counts below the mode to the mode, scaled to a standard deviation.
+/// Standard deviation estimated from the median of the counts below the mode.
 fn spread(histogram: &[u64]) -> f64 {
     let mode = mode(histogram, 1);
     let below: u64 = histogram[..=mode].iter().sum();
     let mut sum = 0;
     for (count, n) in histogram[..=mode].iter().enumerate() {
         sum += n;
-        // Half of a normal distribution's lower half lies farther than 0.6745 standard deviations from its
-        // mean.
+        // Half of the values below the mean of a normal distribution are more than 0.6745 standard deviations
+        // below it.
         if 2 * sum >= below {
             return ((mode - count) as f64 / 0.6745).max(0.3);
         }
@@ -56,16 +56,16 @@ fn mode(histogram: &[u64], half: usize) -> usize {
     let smooth = |i: usize| -> u64 {
         histogram[i.saturating_sub(half)..(i + half + 1).min(histogram.len())].iter().sum()
     };
-    // Clipped counts pile up at 0; they are no mode.
+    // Clipped counts accumulate at 0, which is not taken as the mode.
     (1..histogram.len()).max_by_key(|&i| (smooth(i), std::cmp::Reverse(i))).unwrap_or(0)
 }
 
-/// The normal distribution's integral.
+/// The cumulative standard normal distribution.
 fn phi(x: f64) -> f64 {
     0.5 * erfc(-x / std::f64::consts::SQRT_2)
 }
 
-/// Minus the log-likelihood of counts that are known to be within the histogram.
+/// Negative log-likelihood of the counts, conditional on being within the histogram.
 fn cost(histogram: &[u64], Background { mean, noise }: Background) -> f64 {
     let below = |count: f64| phi((count - mean) / noise);
     let total: u64 = histogram.iter().sum();
@@ -82,8 +82,8 @@ fn cost(histogram: &[u64], Background { mean, noise }: Background) -> f64 {
     sum
 }
 
-/// The minimum of the cost by Newton's method in mean and ln noise, derivatives by differences.
-fn maximum(histogram: &[u64], start: Background) -> Background {
+/// Minimizes the cost by Newton's method in mean and ln(noise), with derivatives by finite differences.
+fn maximize_likelihood(histogram: &[u64], start: Background) -> Background {
     let at = |p: [f64; 2]| cost(histogram, Background { mean: p[0], noise: exp(p[1]) });
     let mut p = [start.mean, log(start.noise)];
     for _ in 0..50 {
@@ -120,7 +120,7 @@ fn maximum(histogram: &[u64], start: Background) -> Background {
 mod tests {
     use super::*;
 
-    /// Normal numbers by the inverse of the distribution at evenly spaced shares.
+    /// Normally distributed counts: the quantiles at evenly spaced probabilities.
     fn counts(mean: f64, noise: f64, n: usize) -> Vec<u16> {
         (0..n)
             .map(|i| {
@@ -139,7 +139,7 @@ mod tests {
     fn clipped_backgrounds_are_found() {
         for (mean, noise) in [(25.0, 15.0), (350.0, 10.0), (10.0, 2.0), (100.0, 0.8)] {
             let mut plane = counts(mean, noise, 200_000);
-            // A tenth of the pixels is lit.
+            // A tenth of the number of background pixels is lit.
             plane.extend((0..20_000).map(|i| (mean + noise * 0.01 * f64::from(i)) as u16));
             let found = Background::of(&[plane]);
             assert!((found.mean - mean).abs() < 0.03 * noise + 0.02, "{mean} {noise}: {found:?}");

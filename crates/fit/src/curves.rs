@@ -1,8 +1,9 @@
-//! The pre-fit: how wide images are over depth, compared with some hundred traced rays and no image.
+//! The pre-fit: widths of particle images over depth, compared with those of a few hundred traced rays; no
+//! images are rendered.
 //!
-//! Radii that hold a fifth, a half and four fifths of the light; behind a cylinder the same of |u| and |v|,
-//! along and across it. Moments alone lead to wrong minima: they are governed by the faint rim, these are
-//! not.
+//! Widths are the radii that contain 20, 50 and 80 % of the light; with a cylindrical lens, the same
+//! quantiles of |u| and |v|, along and across its axis. Moments alone lead to wrong minima because the faint
+//! rim dominates them; quantiles do not.
 
 use microsig_core::optics::{OpticalSystem, Ray};
 use rayon::prelude::*;
@@ -14,59 +15,59 @@ use super::optics::{Given, Microscope, Shared};
 use super::particles::{Window, Windows};
 use super::scan::Scan;
 
-/// Shares of the light.
-const SHARES: [f64; 3] = [0.2, 0.5, 0.8];
+/// Fractions of the light.
+const FRACTIONS: [f64; 3] = [0.2, 0.5, 0.8];
 
 /// Rays per plane.
 const RAYS: usize = 500;
 
-/// Focal lengths that the pre-fit starts from, um.
+/// Initial focal lengths of the pre-fit, um.
 const FOCAL_LENGTHS_UM: [f64; 4] = [60.0, 150.0, 350.0, 800.0];
 
-/// Starts of z in aberration lengths.
+/// Initial values of z, in units of the aberration length.
 const STARTS: [f64; 3] = [0.0, 0.5, 1.0];
 
-/// What a radius is known to: px, and as a share of itself.
-const KNOWN_PX: f64 = 0.15;
-const KNOWN_SHARE: f64 = 0.03;
+/// Assumed error of a radius: absolute (px) plus relative.
+const RADIUS_ERROR_PX: f64 = 0.15;
+const RELATIVE_ERROR: f64 = 0.03;
 
-/// A microscope with which the image fit may begin.
+/// A starting point for the image fit.
 #[derive(Debug, Clone)]
 pub(super) struct Start {
     pub(super) microscope: Microscope,
-    /// +1: stage positions grow away from the lens; -1: toward it.
+    /// +1: stage positions increase away from the lens; -1: toward it.
     pub(super) direction: f64,
     /// Depth of each particle at stage position 0, um of the model.
     pub(super) z_um: Vec<f64>,
-    /// Misfit of the curves.
+    /// Mean loss of the curves (dimensionless).
     pub(super) cost: f64,
 }
 
-/// Curves of all particles brought together over stage position.
+/// Widths over stage position, averaged over all particles.
 struct Curves {
     stage_um: Vec<f64>,
     /// Per plane: three radii, or three |u| and three |v|.
     radii: Vec<Vec<f64>>,
-    /// By how much each particle's curve is shifted against the first one's, um of stage.
+    /// Shift of each particle's curve relative to that of the first particle, um of stage position.
     shifts: Vec<f64>,
 }
 
-/// What is known before the pre-fit.
+/// Input of the pre-fit.
 pub(super) struct Known<'a> {
     pub(super) scan: &'a Scan,
     pub(super) background: Background,
     pub(super) windows: &'a Windows,
     pub(super) shape: &'a Shape,
     pub(super) given: Given,
-    /// Particle diameter, um, if the user knows it.
+    /// Particle diameter, um, if given by the user.
     pub(super) diameter_um: Option<f64>,
     /// Directions of the stage to be tried.
     pub(super) directions: &'a [f64],
     pub(super) astigmatic: bool,
 }
 
-/// The best microscopes of the pre-fit for each direction of the stage and each axis of the cylinder, best
-/// first.
+/// The best starting point for each direction of the stage and each orientation of the cylindrical lens,
+/// sorted by loss.
 pub(super) fn starts(known: &Known) -> Vec<Start> {
     let axes: &[f64] = if known.astigmatic { &[0.0, std::f64::consts::FRAC_PI_2] } else { &[0.0] };
     let curves: Vec<(f64, Curves)> = axes
@@ -86,7 +87,7 @@ pub(super) fn starts(known: &Known) -> Vec<Start> {
             (axis, curves.fit(known, *angle, direction, focal_length, start))
         })
         .collect();
-    // The best of each axis and direction, the images decide between them.
+    // The best of each orientation and direction; the image fit decides between them.
     let mut best: Vec<Start> = Vec::new();
     for axis in 0..curves.len() {
         for &direction in known.directions {
@@ -146,12 +147,12 @@ impl Curves {
         Curves { stage_um: scan.stage_um.clone(), radii, shifts }
     }
 
-    /// The microscope whose rays come nearest to the curves, from one start.
+    /// Fits the microscope to the curves, from one set of initial values.
     fn fit(&self, known: &Known, angle: f64, direction: f64, focal_length_um: f64, start: f64) -> Start {
         let given = known.given;
         let um_per_px = given.pixel_size_um / given.magnification;
         let outer = |radii: &Vec<f64>| radii[radii.len() - 1].max(radii[2]);
-        // The side with the wider images tells the slope of the outermost rays.
+        // The side with the wider images determines the slope of the marginal rays.
         let focus_um = 0.5 * (known.shape.focus[0] + known.shape.focus[1]);
         let slope = self
             .stage_um
@@ -202,7 +203,7 @@ impl Curves {
         Start { microscope: state.microscope, direction, z_um, cost }
     }
 
-    /// Levenberg-Marquardt with a soft L1 loss; returns the mean loss.
+    /// Levenberg-Marquardt minimization with a soft L1 loss; returns the mean loss.
     fn minimize(&self, state: &mut State, free: &[Shared], direction: f64, known: &Known) -> f64 {
         let n = free.len() + 1;
         let residuals = |state: &State| self.residuals(state, direction, known);
@@ -269,8 +270,9 @@ impl Curves {
             let z_um = direction * s / state.microscope.depth_factor + state.z0_um;
             let ours = traced(&system, &state.microscope, z_um, known.windows.half as f64, known.astigmatic);
             let ours = ours.unwrap_or([0.0; 6]);
-            residuals
-                .extend(radii.iter().zip(ours).map(|(r, model)| (model - r) / (KNOWN_PX + KNOWN_SHARE * r)));
+            residuals.extend(
+                radii.iter().zip(ours).map(|(r, model)| (model - r) / (RADIUS_ERROR_PX + RELATIVE_ERROR * r)),
+            );
         }
         residuals
     }
@@ -291,7 +293,7 @@ impl State {
     }
 }
 
-/// Radii of the shares of light in a window, px.
+/// Radii that contain the fractions [`FRACTIONS`] of the light in a window, px.
 fn radii(
     plane: &[u16],
     background: Background,
@@ -318,11 +320,11 @@ fn radii(
     }
 }
 
-/// Places up to which the shares of the light lie; `values` are places and light.
+/// Quantiles of the light; `values` are pairs of coordinate and light.
 fn quantiles(values: &mut [(f64, f64)]) -> [f64; 3] {
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
     let total: f64 = values.iter().map(|v| v.1).sum();
-    SHARES.map(|share| {
+    FRACTIONS.map(|share| {
         let mut sum = 0.0;
         let mut before = (0.0, 0.0);
         for &(place, light) in values.iter() {
@@ -337,7 +339,7 @@ fn quantiles(values: &mut [(f64, f64)]) -> [f64; 3] {
     })
 }
 
-/// The shift of stage positions at which a curve meets the first one best, um.
+/// The shift of stage positions that fits a curve to the first one best, um.
 fn shift(stage_um: &[f64], first: &[Vec<f64>], curve: &[Vec<f64>]) -> f64 {
     let range = (stage_um[stage_um.len() - 1] - stage_um[0]).abs();
     let misfit = |shift: f64| {
@@ -364,8 +366,8 @@ fn interpolate(stage_um: &[f64], curve: &[Vec<f64>], at: f64) -> Option<Vec<f64>
     })
 }
 
-/// Points that fill the unit cube of six dimensions evenly: multiples of powers of the root of x^7 = x + 1
-/// (M. Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018).
+/// Quasi-random points in the six-dimensional unit cube: multiples of inverse powers of the root of x^7 = x +
+/// 1 (M. Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018).
 fn quasi_random(i: usize) -> [f64; 6] {
     const ROOT: f64 = 1.112_775_684_278_705_5;
     let mut power = 1.0;
@@ -375,7 +377,7 @@ fn quasi_random(i: usize) -> [f64; 6] {
     })
 }
 
-/// The same radii of traced rays; `None` if too few arrive within the window.
+/// The radii (px) of traced rays; `None` if fewer than 5 % of them arrive within the window.
 fn traced(
     system: &OpticalSystem,
     microscope: &Microscope,
@@ -425,10 +427,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shares_of_an_even_disc_lie_at_the_roots() {
+    fn quantiles_of_a_uniform_disc_are_square_roots() {
         let mut disc: Vec<(f64, f64)> =
             (0..10_000).map(|i| (10.0 * libm::sqrt((f64::from(i) + 0.5) / 1e4), 1.0)).collect();
-        for (radius, share) in quantiles(&mut disc).into_iter().zip(SHARES) {
+        for (radius, share) in quantiles(&mut disc).into_iter().zip(FRACTIONS) {
             assert!((radius - 10.0 * libm::sqrt(share)).abs() < 1e-2, "{radius} {share}");
         }
     }

@@ -1,13 +1,13 @@
-//! The image fit: all windows of all planes against expected images, by Levenberg-Marquardt.
+//! The image fit: fits expected images to all windows of all planes, by Levenberg-Marquardt.
 //!
 //! For particle k in plane i at stage position s
 //! ```text
 //! z = direction s / depth_factor + z_k        x = x_k + d_x (s - mean s), y alike
 //! mean count = b_k + A_i P_k E(x, y, z)       variance = noise^2 + 1/12 + g max(mean - b_k, 0)
 //! ```
-//! with E the share of the light that a particle sends toward the lens on a pixel. All particles share the
-//! microscope and the drift, all particles of a plane its brightness A_i (mean 1). Weights are those of the
-//! step before; residuals beyond five standard deviations count linearly (Huber).
+//! with E the fraction of the light emitted toward the lens that falls on a pixel. Microscope and drift are
+//! common to all particles, the brightness A_i (mean 1) to all particles in a plane. Weights are those of the
+//! previous step; the loss is linear for residuals beyond five standard deviations (Huber).
 
 use rayon::prelude::*;
 
@@ -26,21 +26,21 @@ use storage::error::Result;
 /// Variance of rounding to whole counts.
 const ROUNDING: f64 = 1.0 / 12.0;
 
-/// A fit has arrived when its next step would lower chi2 by less, summed over all pixels.
-const SETTLED: f64 = 0.1;
+/// The fit has converged when the predicted decrease of chi2, summed over all pixels, is less than this.
+const CONVERGED: f64 = 0.1;
 
-/// The data of a fit, and what it may move.
+/// The data of a fit and its free parameters.
 pub(super) struct Problem<'a> {
     pub(super) scan: &'a Scan,
     pub(super) background: Background,
     pub(super) windows: &'a Windows,
-    /// Quantities that all particles share and that are sought.
+    /// Fitted quantities that are common to all particles.
     pub(super) shared: Vec<Shared>,
-    /// Whether each plane has a brightness of its own.
+    /// Whether the brightness of each plane is fitted.
     pub(super) free_flux: bool,
-    /// Windows that are left out, by particle and plane.
+    /// Whether a window is rejected, by particle and plane.
     pub(super) rejected: Vec<Vec<bool>>,
-    /// Tolerance of expected images, a share of their peaks.
+    /// Tolerance of expected images, as a fraction of their peaks.
     pub(super) tolerance: f64,
 }
 
@@ -49,25 +49,25 @@ pub(super) struct Normal {
     pub(super) matrix: Symmetric,
     pub(super) right: Vec<f64>,
     pub(super) windows: Vec<WindowNormal>,
-    /// What keeps the mean brightness of planes at 1: entries of the matrix.
+    /// Entries of the matrix that constrain the mean brightness of planes to 1.
     pub(super) gauge: Vec<(usize, usize, f64)>,
     pub(super) loss: f64,
 }
 
-/// What one window adds to the normal equations.
+/// Contribution of one window to the normal equations.
 pub(super) struct WindowNormal {
     pub(super) bead: usize,
     pub(super) plane: usize,
     /// Parameters that the window depends on.
     pub(super) entries: Vec<usize>,
     matrix: Vec<f64>,
-    /// Minus the gradient of half the loss.
+    /// Negative gradient of half the loss.
     pub(super) right: Vec<f64>,
     loss: f64,
 }
 
 impl WindowNormal {
-    /// Adds the window so many times.
+    /// Adds the window `times` times.
     pub(super) fn add_to(&self, matrix: &mut Symmetric, right: &mut [f64], times: f64) {
         for (a, &i) in self.entries.iter().enumerate() {
             for (b, &j) in self.entries.iter().enumerate() {
@@ -78,8 +78,8 @@ impl WindowNormal {
     }
 }
 
-/// The renderers that a step compares: the state's own and, for each shared quantity whose derivative is by
-/// difference, one on either side.
+/// The renderers of a step: that of the state and, for each shared quantity with a numerical derivative, one
+/// on either side.
 struct Renderers {
     own: ExpectedRenderer,
     sides: Vec<Option<Sides>>,
@@ -97,7 +97,7 @@ impl Problem<'_> {
         self.windows.particles.len()
     }
 
-    /// Parameters: shared, drift, five for each particle, brightness of planes.
+    /// Number of parameters: shared ones, two of drift, five for each particle, brightness of planes.
     pub(super) fn n_parameters(&self) -> usize {
         self.shared.len() + 2 + 5 * self.n_beads() + if self.free_flux { self.scan.planes.len() } else { 0 }
     }
@@ -114,7 +114,7 @@ impl Problem<'_> {
         state.direction * self.scan.stage_um[plane] / microscope.depth_factor + state.beads[bead].z_um
     }
 
-    fn place(&self, state: &State, bead: usize, plane: usize) -> [f64; 2] {
+    fn position(&self, state: &State, bead: usize, plane: usize) -> [f64; 2] {
         let s = self.scan.stage_um[plane] - self.scan.mean_stage_um();
         [state.beads[bead].x + state.drift[0] * s, state.beads[bead].y + state.drift[1] * s]
     }
@@ -124,7 +124,7 @@ impl Problem<'_> {
         Ok(ExpectedRenderer::new(&settings, SpheroidLaw::Original, self.tolerance)?)
     }
 
-    /// Makes the tables for all windows.
+    /// Computes the renderer's tables for all windows.
     fn prepare(&self, renderer: &ExpectedRenderer, state: &State, microscope: &Microscope) {
         let spheres: Vec<Particle> = self
             .used()
@@ -142,8 +142,8 @@ impl Problem<'_> {
             .filter(|&(k, i)| !self.rejected[k][i])
     }
 
-    /// Shares of light on the pixels of a window with their derivatives by x, y (1/px), z (1/um) and the
-    /// angle (1/rad).
+    /// Fractions of light on the pixels of a window, with their derivatives with respect to x, y (1/px), z
+    /// (1/um) and the angle (1/rad).
     fn shares(
         &self,
         renderer: &ExpectedRenderer,
@@ -152,7 +152,7 @@ impl Problem<'_> {
         k: usize,
         i: usize,
     ) -> Vec<[f64; 5]> {
-        let [x, y] = self.place(state, k, i);
+        let [x, y] = self.position(state, k, i);
         let z_um = self.depth(state, microscope, k, i);
         let (c, s) = (libm::cos(microscope.angle), libm::sin(microscope.angle));
         let places: Vec<[f64; 2]> = self.windows.particles[k]
@@ -168,13 +168,13 @@ impl Problem<'_> {
             .into_iter()
             .zip(&places)
             .map(|([value, by_u, by_v, by_z], [u, v])| {
-                // The particle's place moves the pixel the other way.
+                // A displacement of the particle moves the pixel relative to it in the opposite direction.
                 [value, -(c * by_u - s * by_v), -(s * by_u + c * by_v), by_z, by_u * v - by_v * u]
             })
             .collect()
     }
 
-    /// Mean count, its derivative by the light's share, and the variance.
+    /// Mean count, its derivative with respect to the fraction of light, and the variance (counts^2).
     fn count(&self, state: &State, k: usize, i: usize, share: f64) -> (f64, f64, f64) {
         let factor = state.flux[i] * state.beads[k].light;
         let light = factor * share;
@@ -182,7 +182,8 @@ impl Problem<'_> {
         (state.beads[k].background + light, factor, noise2 + state.variance_per_count * light.max(0.0))
     }
 
-    /// How well each window is described; weights are those of `weights`, or the state's own.
+    /// Misfit of each window, by particle and plane; weights are those of the state `weights`, or the state's
+    /// own.
     pub(super) fn misfits(
         &self,
         state: &State,
@@ -228,7 +229,7 @@ impl Problem<'_> {
             .collect())
     }
 
-    /// The normal equations at a state, weights the state's own.
+    /// The normal equations at a state, with the state's own weights.
     pub(super) fn normal(&self, state: &State) -> Result<Normal> {
         let own = self.renderer(&state.microscope)?;
         self.prepare(&own, state, &state.microscope);
@@ -250,12 +251,13 @@ impl Problem<'_> {
             windows.into_par_iter().map(|(k, i)| self.window_normal(state, &renderers, k, i)).collect();
         let n = self.n_parameters();
         let (mut matrix, mut right) = (Symmetric::zeros(n), vec![0.0; n]);
-        // Added in the order of windows: no sum depends on the number of threads.
+        // Added in the order of windows, so that sums do not depend on the number of threads.
         windows.iter().for_each(|window| window.add_to(&mut matrix, &mut right, 1.0));
         let loss = windows.iter().map(|window| window.loss).sum();
         let mut gauge = Vec::new();
         if self.free_flux {
-            // The mean brightness of planes is 1; what all particles' light shares could go either way.
+            // Constrains the mean brightness of planes to 1, as a common factor of planes and particles is
+            // undetermined.
             let scale = matrix.at(self.flux_parameter(0), self.flux_parameter(0)).max(1.0);
             let planes = self.scan.planes.len();
             let off = state.flux.iter().sum::<f64>() - planes as f64;
@@ -360,7 +362,7 @@ impl Problem<'_> {
         to
     }
 
-    /// Brightness and background of every particle, linear, at an otherwise fixed state.
+    /// Fits brightness and background of each particle by linear regression, with everything else fixed.
     pub(super) fn with_light(&self, mut state: State) -> Result<State> {
         let renderer = self.renderer(&state.microscope)?;
         self.prepare(&renderer, &state, &state.microscope);
@@ -386,7 +388,8 @@ impl Problem<'_> {
         Ok(state)
     }
 
-    /// Variance per count of light, from the squared residuals of the brighter half of the lit pixels.
+    /// Variance per count of light (counts), from the squared residuals of the brighter half of the lit
+    /// pixels.
     pub(super) fn variance_per_count(&self, state: &State) -> Result<f64> {
         let renderer = self.renderer(&state.microscope)?;
         self.prepare(&renderer, state, &state.microscope);
@@ -415,7 +418,7 @@ impl Problem<'_> {
             for &(light, r) in &pixels {
                 let variance = noise2 + g * light;
                 let weight = light / (variance * variance);
-                // Outliers of the model are no noise.
+                // Limits the effect of outliers, which are not noise.
                 let r2 = (r * r).min(HUBER * HUBER * variance);
                 above += weight * (r2 - noise2);
                 below += weight * light;
@@ -430,8 +433,8 @@ impl Problem<'_> {
         Ok(g)
     }
 
-    /// Visits planes in order with the pixels of all windows: index in the plane, mean count, residual in
-    /// standard deviations.
+    /// Calls `visit` for each plane in order, with the pixels of all windows: index in the plane, mean count,
+    /// residual in standard deviations.
     pub(super) fn each_plane(
         &self,
         state: &State,
@@ -453,13 +456,13 @@ impl Problem<'_> {
         Ok(())
     }
 
-    /// Levenberg-Marquardt from a state; at most so many steps. `stop` ends it early.
+    /// Levenberg-Marquardt minimization from a state, with at most `steps` steps.
     pub(super) fn minimize(&self, mut state: State, steps: usize, damping: f64) -> Result<State> {
         let mut damping = damping;
         for _ in 0..steps {
             let normal = self.normal(&state)?;
             let n = normal.right.len();
-            let mut moved = None;
+            let mut accepted = None;
             while damping < 1e8 {
                 let mut damped = normal.matrix.clone();
                 (0..n).for_each(|i| damped.add(i, i, damping * normal.matrix.at(i, i) + 1e-12));
@@ -473,17 +476,17 @@ impl Problem<'_> {
                 let loss: f64 = misfits.iter().map(|(_, _, m)| m.loss).sum();
                 if loss < normal.loss {
                     damping = (0.2 * damping).max(1e-7);
-                    moved = Some((next, predicted));
+                    accepted = Some((next, predicted));
                     break;
                 }
-                if predicted < SETTLED {
+                if predicted < CONVERGED {
                     return Ok(state);
                 }
                 damping = (5.0 * damping).max(1e-4);
             }
-            let Some((next, predicted)) = moved else { break };
+            let Some((next, predicted)) = accepted else { break };
             state = next;
-            if predicted < SETTLED {
+            if predicted < CONVERGED {
                 break;
             }
         }

@@ -1,26 +1,27 @@
-//! How well each parameter is known.
+//! Standard deviations and correlations of the parameters.
 //!
-//! The covariance is the inverse of the normal matrix, times chi2 where that exceeds 1, or the sandwich
-//! `C (sum of s s^T) C` over the scores s of groups of windows (White 1982, Econometrica 50, 1), whichever is
-//! wider. Groups are particles if there are at least five, else runs of three planes. Scores of groups sum to
-//! zero at the minimum, so their sum of squares is scaled by G/(G - 1).
+//! The covariance is the inverse C of the normal matrix, times chi2 if that exceeds 1, or the sandwich
+//! estimator `C (sum of s s^T) C` over the scores s of G groups of windows (White 1982, Econometrica 50, 1),
+//! whichever is wider. Groups are particles if there are at least five, otherwise groups of three consecutive
+//! planes. The scores of all groups sum to zero at the minimum, so their sum of squares is scaled by G/(G -
+//! 1).
 
 use rand::{RngExt, SeedableRng};
 
 use super::images::Normal;
 use super::linear::Symmetric;
 
-/// Particles from which on each is a group of its own.
+/// Number of particles from which on groups are particles.
 const PARTICLES_AS_GROUPS: usize = 5;
 
-/// Planes of a group otherwise.
+/// Number of planes in a group otherwise.
 const PLANES_OF_GROUP: usize = 3;
 
 /// Covariance of all parameters of a fit.
 #[derive(Debug, Clone)]
 pub(super) struct Covariance {
     matrix: Symmetric,
-    /// By how much standard deviations exceed those of `matrix`, for each parameter.
+    /// Factor on the standard deviation from `matrix`, for each parameter.
     widening: Vec<f64>,
 }
 
@@ -68,7 +69,7 @@ impl Covariance {
     }
 }
 
-/// Steps of all parameters from refitting resampled particles, one step of Newton's method each.
+/// Changes of all parameters for resampled particles, each from one step of Newton's method.
 pub(super) fn bootstrap(normal: &Normal, particles: usize, resamples: usize, seed: u64) -> Vec<Vec<f64>> {
     let mut rng = rand::rngs::Xoshiro256PlusPlus::seed_from_u64(seed);
     let n = normal.right.len();
@@ -82,7 +83,7 @@ pub(super) fn bootstrap(normal: &Normal, particles: usize, resamples: usize, see
             for window in &normal.windows {
                 window.add_to(&mut matrix, &mut right, times[window.bead]);
             }
-            // Particles that were not drawn keep their places.
+            // Regularizes the parameters of particles that were not drawn, which then do not change.
             for i in 0..n {
                 matrix.add(i, i, 1e-9 * normal.matrix.at(i, i));
             }

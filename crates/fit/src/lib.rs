@@ -1,11 +1,12 @@
-//! The settings of a real microscope from its calibration scan.
+//! Fits the settings of a real microscope to its calibration scan.
 //!
-//! A scan shows resting particles at known stage positions. Its background is told from the dark side of the
-//! histogram (`background`), particles are found in the sum over planes (`particles`), moments tell drift and
-//! the cylinder's direction (`moments`), traced rays are compared with the widths of images over depth from
-//! many starts (`curves`), and expected images with all pixels from the best of them (`images`).
+//! A scan shows particles at rest at known stage positions. The background is estimated from the dark side of
+//! the histogram (`background`), particles are found in the sum over planes (`particles`), and moments give
+//! drift and the direction of the cylindrical lens (`moments`). Then traced rays are fitted to the widths of
+//! images over depth, from many initial values (`curves`), and, from the best of these, expected images to
+//! all pixels (`images`).
 //!
-//! Rossi 2020 says that the virtual focal lengths "must be found empirically"; this is how.
+//! According to Rossi 2020, the virtual focal lengths "must be found empirically"; this module does so.
 
 mod background;
 mod curves;
@@ -29,38 +30,38 @@ use moments::Shape;
 use optics::Shared;
 use state::{Bead, Misfit, State};
 
+use storage::error::Result;
 pub use optics::{ExtraParameter, Given};
 pub use outcome::{Fitted, FittedParticle, Parameter, PlaneFit, Verdict};
 pub use scan::{Scan, StagePositions};
-use storage::error::Result;
 
-/// Whether two planes of focus are sought.
+/// Whether the fit has two focal planes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Astigmatic {
-    /// If widths along and across differ.
+    /// If the focal planes found from widths along and across differ.
     Auto,
-    /// As given.
+    /// Given by the user.
     Known(bool),
 }
 
-/// How a scan is fitted.
+/// Options of [`fit`].
 #[derive(Debug, Clone)]
 pub struct FitOptions {
-    /// What is known of the microscope.
+    /// Given properties of the microscope.
     pub given: Given,
     /// Particle diameter, um; fitted if `None`.
     pub diameter_um: Option<f64>,
-    /// +1: stage positions grow away from the lens; -1: toward it; fitted if `None`.
+    /// +1: stage positions increase away from the lens; -1: toward it; fitted if `None`.
     pub direction: Option<f64>,
-    /// Whether two planes of focus are sought.
+    /// Whether the fit has two focal planes.
     pub astigmatic: Astigmatic,
-    /// Whether each plane has a brightness of its own.
+    /// Whether the brightness of each plane is fitted.
     pub free_flux: bool,
-    /// Half width of the windows, px; found if `None`.
+    /// Half width of the windows, px; from the size of the images if `None`.
     pub half_window: Option<usize>,
-    /// Places of the particles, px, the first pixel's center at 1; found if `None`.
+    /// Positions of the particles, px, with the first pixel's center at (1, 1); detected if `None`.
     pub places_px: Option<Vec<[f64; 2]>>,
-    /// Quantities that are fitted besides, which real objectives tell badly.
+    /// Additional quantities to fit, which scans of real objectives determine poorly.
     pub free: Vec<ExtraParameter>,
     /// Resamples of the particles for a second estimate of standard deviations; 0: none.
     pub bootstrap: usize,
@@ -68,31 +69,33 @@ pub struct FitOptions {
     pub seed: u64,
 }
 
-/// Tolerances of expected images while candidates are compared, and at the end.
+/// Tolerances of expected images, as a fraction of their peaks: while starting points are compared, and in
+/// the final fit.
 const COARSE: f64 = 1e-2;
 const FINE: f64 = 1e-3;
 const FINE_ASTIGMATIC: f64 = 3e-3;
 
-/// Rounds of convergence, variance of light and rejection at the end.
+/// Maximum number of iterations of minimization, estimate of the variance of light and rejection in the final
+/// fit.
 const ROUNDS: usize = 3;
 
-/// By how much minus twice the log-likelihoods of the two directions of the stage must differ for one to be
+/// Minimum difference of -2 ln(likelihood) between the two directions of the stage, for the direction to be
 /// known.
 const KNOWN_DIRECTION: f64 = 20.0;
 
 /// A fit with the files that describe it.
 #[derive(Debug)]
 pub struct FitFiles {
-    /// What was found.
+    /// Result of the fit.
     pub fitted: Fitted,
     /// Names and contents of the files.
     pub files: Vec<(&'static str, Vec<u8>)>,
 }
 
-/// The settings that describe a scan best.
+/// Fits the settings to a scan.
 ///
 /// # Errors
-/// [`storage::Error::Input`] if the scan shows no usable particle, or if a fit does not settle.
+/// [`crate::Error::Input`] if the scan has no usable particle or does not determine all parameters.
 pub fn fit(scan: &Scan, options: &FitOptions) -> Result<FitFiles> {
     let background = Background::of(&scan.planes);
     let candidates = match &options.places_px {
@@ -129,19 +132,19 @@ pub fn fit(scan: &Scan, options: &FitOptions) -> Result<FitFiles> {
     };
     let (start, margin) = best_start(&problem, &shape, &curves::starts(&known))?;
     problem.tolerance = if astigmatic { FINE_ASTIGMATIC } else { FINE };
-    let state = settle(&mut problem, start)?;
+    let state = converge(&mut problem, start)?;
     let misfits = problem.misfits(&state, None)?;
     let chi2 = chi2(&misfits);
     let normal = problem.normal(&state)?;
     let covariance = Covariance::of(&normal, windows.particles.len(), chi2).ok_or_else(|| {
-        storage::Error::input("the scan does not determine all parameters: give --diameter, or a longer scan")
+        crate::Error::input("the scan does not determine all parameters: give --diameter, or a longer scan")
     })?;
     let resampled = intervals::bootstrap(&normal, windows.particles.len(), options.bootstrap, options.seed);
     let mut fitted = Fitted::of(&problem, &state, &misfits, &covariance, &resampled, options);
     fitted.direction_margin = margin;
     if margin.is_some_and(|margin| margin < KNOWN_DIRECTION) {
         fitted.warnings.push(
-            "the scan does not tell whether stage positions grow away from the lens or toward it: give --z-direction".to_owned(),
+            "the scan does not determine whether stage positions increase away from the lens or toward it: give --z-direction".to_owned(),
         );
     }
     let mut files = vec![
@@ -170,8 +173,8 @@ fn chi2(misfits: &[(usize, usize, Misfit)]) -> f64 {
     chi2 / f64::from(u32::try_from(n).unwrap_or(u32::MAX).max(1))
 }
 
-/// The start whose images come nearest after some steps, by likelihood, and by how much the other direction
-/// of the stage is worse; `None` if it was not tried.
+/// The state with the highest likelihood after a few steps from each starting point, and the difference of -2
+/// ln(likelihood) to the other direction of the stage; `None` if that was not tried.
 fn best_start(problem: &Problem, shape: &Shape, starts: &[Start]) -> Result<(State, Option<f64>)> {
     let mut tried: Vec<(f64, State)> = Vec::new();
     for start in starts {
@@ -187,15 +190,15 @@ fn best_start(problem: &Problem, shape: &Shape, starts: &[Start]) -> Result<(Sta
     }
     tried.sort_by(|a, b| a.0.total_cmp(&b.0));
     let Some((least, best)) = tried.first().cloned() else {
-        return Err(storage::Error::input("no start of the fit could be drawn"));
+        return Err(crate::Error::input("the fit has no starting point"));
     };
     let other = tried.iter().find(|(_, state)| state.direction != best.direction);
     Ok((best, other.map(|(likelihood, _)| likelihood - least)))
 }
 
-/// Converges, takes the variance of light from the residuals, and leaves out windows that show something
-/// else.
-fn settle(problem: &mut Problem, mut state: State) -> Result<State> {
+/// Final fit: minimizes, estimates the variance of light from the residuals and rejects outlying windows,
+/// repeatedly.
+fn converge(problem: &mut Problem, mut state: State) -> Result<State> {
     for round in 0..ROUNDS {
         state = problem.minimize(state, 15, 1e-3)?;
         state.variance_per_count = problem.variance_per_count(&state)?;

@@ -1,6 +1,7 @@
-//! Symmetric positive definite systems of some hundred unknowns: Cholesky's factor, solutions, the inverse.
+//! Symmetric positive definite systems with up to a few hundred unknowns: Cholesky factorization, solution,
+//! inverse.
 
-/// A symmetric matrix, row by row.
+/// A symmetric matrix, stored row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Symmetric {
     pub(super) n: usize,
@@ -20,7 +21,7 @@ impl Symmetric {
         self.values[i * self.n + j] += value;
     }
 
-    /// The lower factor L of L L^T; `None` if the matrix is not positive definite.
+    /// The lower triangular Cholesky factor L, with A = L L^T; `None` if the matrix is not positive definite.
     fn factor(&self) -> Option<Vec<f64>> {
         let n = self.n;
         let mut l = self.values.clone();
@@ -41,7 +42,7 @@ impl Symmetric {
         Some(l)
     }
 
-    /// x with A x = b; `None` if the matrix is not positive definite.
+    /// The solution x of A x = b; `None` if the matrix is not positive definite.
     pub(super) fn solve(&self, b: &[f64]) -> Option<Vec<f64>> {
         Some(substitute(&self.factor()?, b))
     }
@@ -62,13 +63,13 @@ impl Symmetric {
         Some(inverse)
     }
 
-    /// A x.
+    /// The product A x.
     pub(super) fn times(&self, x: &[f64]) -> Vec<f64> {
         self.values.chunks(self.n).map(|row| row.iter().zip(x).map(|(a, b)| a * b).sum()).collect()
     }
 }
 
-/// Forward and backward substitution.
+/// Solves L L^T x = b by forward and backward substitution.
 fn substitute(l: &[f64], b: &[f64]) -> Vec<f64> {
     let n = b.len();
     let mut x = b.to_vec();
@@ -88,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_inverse_solves() {
+    fn solution_and_inverse_agree() {
         let mut a = Symmetric::zeros(5);
         for i in 0..5 {
             for j in 0..5 {

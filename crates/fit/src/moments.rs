@@ -1,4 +1,4 @@
-//! Moments of particle images over depth: lateral drift, the cylinder's direction, two planes of focus.
+//! Moments of particle images over depth: lateral drift, direction of the cylindrical lens, focal planes.
 
 use super::background::Background;
 use super::particles::Windows;
@@ -9,29 +9,29 @@ use super::scan::Scan;
 pub(super) struct Moments {
     /// Light above the background, counts.
     pub(super) light: f64,
-    /// Centroid from the middle of the window, px.
+    /// Centroid relative to the middle of the window, px.
     pub(super) centroid: [f64; 2],
     /// Central second moments xx, xy, yy, px^2.
     pub(super) second: [f64; 3],
 }
 
-/// What moments tell of a scan.
+/// Properties of a scan from moments.
 #[derive(Debug, Clone)]
 pub(super) struct Shape {
-    /// Common lateral drift, px per um of stage.
+    /// Common lateral drift, px per um of stage position.
     pub(super) drift: [f64; 2],
-    /// Place of each particle at the mean stage position, from the middle of its window, px.
+    /// Position of each particle at the mean stage position, relative to the middle of its window, px.
     pub(super) places: Vec<[f64; 2]>,
-    /// Direction along which widths change most against the direction across, rad, in (-pi/4, pi/4]; the
-    /// cylinder acts along it or across it.
+    /// Direction, rad, in (-pi/4, pi/4], for which the difference of the widths along and across it changes
+    /// most over depth; the cylindrical lens has power along it or across it.
     pub(super) axis: f64,
     /// Stage positions of the smallest width along the axis and across it, um.
     pub(super) focus: [f64; 2],
-    /// Whether they differ by a share of the scan that a spherical lens does not show.
+    /// Whether these differ by more than a spherical lens can cause.
     pub(super) astigmatic: bool,
 }
 
-/// The share of the scan between the two planes of focus from which images are astigmatic.
+/// Images are astigmatic if the distance of the two focal planes exceeds this fraction of the scan's range.
 const ASTIGMATIC: f64 = 0.12;
 
 impl Shape {
@@ -55,7 +55,7 @@ impl Shape {
 }
 
 fn moments(plane: &[u16], background: Background, pixels: &[(usize, [f64; 2])]) -> Moments {
-    // Light that stands above the noise decides the place; then all light about it counts.
+    // Only pixels above the noise contribute.
     let value = |at: usize| f64::from(plane[at]) - background.mean;
     let weigh = |keep: &dyn Fn(f64, [f64; 2]) -> bool| {
         let (mut sum, mut first, mut second) = (0.0, [0.0; 2], [0.0; 3]);
@@ -82,7 +82,8 @@ fn moments(plane: &[u16], background: Background, pixels: &[(usize, [f64; 2])]) 
     Moments { light: sum, centroid: [x, y], second }
 }
 
-/// Weighted straight lines through the centroids with one slope for all particles.
+/// Weighted linear regression of the centroids over stage position, with one slope for all particles. Returns
+/// the slope (px/um) and the position of each particle (px).
 fn drift(all: &[Vec<Moments>], offsets: &[f64]) -> ([f64; 2], Vec<[f64; 2]>) {
     let weight = |m: &Moments| if m.light > 0.0 { m.light / (1.0 + m.second[0] + m.second[2]) } else { 0.0 };
     let mut slope = [0.0; 2];
@@ -114,7 +115,7 @@ fn drift(all: &[Vec<Moments>], offsets: &[f64]) -> ([f64; 2], Vec<[f64; 2]>) {
     (slope, places)
 }
 
-/// Half the direction along which (m_xx - m_yy, 2 m_xy) changes.
+/// Half the angle (rad) of the principal direction in which (m_xx - m_yy, 2 m_xy) varies over depth.
 fn axis(all: &[Vec<Moments>]) -> f64 {
     let q = |m: &Moments| [m.second[0] - m.second[2], 2.0 * m.second[1]];
     let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
@@ -132,8 +133,8 @@ fn axis(all: &[Vec<Moments>]) -> f64 {
     0.5 * direction
 }
 
-/// Stage position of the smallest mean width along a direction, um: the vertex of a parabola through the
-/// planes about the minimum, or the minimum itself at an end of the scan.
+/// Stage position of the smallest mean width along a direction, um: the vertex of a parabola fitted to the
+/// planes around the minimum, or the minimum itself at an end of the scan.
 fn focus(all: &[Vec<Moments>], stage_um: &[f64], angle: f64) -> f64 {
     let (c, s) = (libm::cos(angle), libm::sin(angle));
     let width: Vec<f64> = (0..stage_um.len())
@@ -155,7 +156,7 @@ fn focus(all: &[Vec<Moments>], stage_um: &[f64], angle: f64) -> f64 {
         .clamp(stage_um[from].min(stage_um[to - 1]), stage_um[from].max(stage_um[to - 1]))
 }
 
-/// The vertex of the parabola nearest to some points; `None` if it opens downward.
+/// The vertex of the least-squares parabola through points; `None` if it opens downward.
 fn vertex(x: &[f64], y: &[f64]) -> Option<f64> {
     let n = x.len() as f64;
     let mean = x.iter().sum::<f64>() / n;

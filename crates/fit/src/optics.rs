@@ -1,8 +1,8 @@
-//! The microscope as a fit sees it: what is given, what is sought, and MicroSIG's settings of both.
+//! The microscope in a fit: given and fitted quantities, and the corresponding MicroSIG settings.
 
 use microsig_core::Settings;
 
-/// What is known of the microscope.
+/// Given properties of the microscope.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Given {
     /// Magnification M.
@@ -17,7 +17,7 @@ pub struct Given {
     pub depth_factor: f64,
 }
 
-/// The microscope that images are compared with.
+/// The model of the microscope.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Microscope {
     pub(super) magnification: f64,
@@ -29,9 +29,10 @@ pub(super) struct Microscope {
     pub(super) slope: f64,
     /// Focal length of the virtual spherical lens, um.
     pub(super) focal_length_um: f64,
-    /// Depth of focus of the cylinder's meridian less that of the other one, um; 0: no cylinder.
+    /// Depth of the focal plane in the meridian of the cylindrical lens minus that in the other meridian, um
+    /// of the model; 0: no cylindrical lens.
     pub(super) focus_shift_um: f64,
-    /// Direction along which the cylinder acts, rad from the image's x toward y.
+    /// Direction in which the cylindrical lens has power, rad from the image's x toward y.
     pub(super) angle: f64,
     /// Particle diameter, um.
     pub(super) diameter_um: f64,
@@ -53,13 +54,13 @@ impl Microscope {
         if self.focus_shift_um == 0.0 { 0.0 } else { -(4.0 / 9.0) * a * a / self.focus_shift_um }
     }
 
-    /// The distance over which spherical aberration spreads focus along z, um.
+    /// Axial extent of the focus due to spherical aberration, um.
     pub(super) fn aberration_um(&self) -> f64 {
         1.1 * self.focal_length_um * self.slope * self.slope
     }
 
-    /// MicroSIG's settings on a sensor of this edge, px, in the cylinder's frame; background, rays and gain
-    /// are setting 1's.
+    /// MicroSIG's settings for a square sensor of `edge_px` px in the frame of the cylindrical lens;
+    /// background, rays and gain are those of setting 1.
     pub(super) fn settings(&self, edge_px: usize) -> Settings {
         Settings {
             magnification: self.magnification,
@@ -76,8 +77,8 @@ impl Microscope {
     }
 }
 
-/// A quantity that experts may set free: in a perfect model each is known to some tenths of a percent, on
-/// real objectives they absorb what the model lacks.
+/// A quantity that experts may fit in addition. If the model is exact, a scan determines each to a few tenths
+/// of a percent; for real objectives they compensate for errors of the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum ExtraParameter {
     /// Refractive index of the virtual lens
@@ -98,7 +99,7 @@ impl ExtraParameter {
     }
 }
 
-/// A quantity that all particles share and that a fit seeks.
+/// A fitted quantity that is common to all particles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Shared {
     NumericalAperture,
@@ -112,7 +113,7 @@ pub(super) enum Shared {
 }
 
 impl Shared {
-    /// The key of MicroSIG's settings where there is one.
+    /// Name of the quantity: its key in MicroSIG's settings, if there is one.
     pub(super) fn name(self) -> &'static str {
         match self {
             Shared::NumericalAperture => "numerical_aperture",
@@ -126,8 +127,8 @@ impl Shared {
         }
     }
 
-    /// The microscope with the quantity's coordinate moved: logarithms but for the focus shift (um) and the
-    /// angle (rad).
+    /// The microscope with the quantity changed by `by`: in um for the focus shift, in rad for the angle,
+    /// otherwise in the logarithm.
     pub(super) fn moved(self, from: Microscope, by: f64) -> Microscope {
         let mut to = from;
         let factor = libm::exp(by);
@@ -144,8 +145,7 @@ impl Shared {
         to
     }
 
-    /// Half the distance of the two images of a difference, in its coordinate; `None`: the derivative is
-    /// known.
+    /// Step of central differences, in the units of [`Self::moved`]; `None` if the derivative is analytical.
     pub(super) fn step(self, at: &Microscope) -> Option<f64> {
         match self {
             Shared::NumericalAperture | Shared::FocalLength => Some(0.02),
@@ -157,7 +157,7 @@ impl Shared {
         }
     }
 
-    /// The farthest that one step of a fit may go.
+    /// Maximum change in one step of the fit, in the units of [`Self::moved`].
     pub(super) fn longest(self, at: &Microscope) -> f64 {
         match self {
             Shared::NumericalAperture => 0.15,
@@ -171,7 +171,7 @@ impl Shared {
 }
 
 impl Microscope {
-    /// The nearest microscope that the model can draw.
+    /// The microscope with its values clamped to those that can be rendered.
     pub(super) fn bounded(mut self) -> Microscope {
         // NA 0.02 to 0.98.
         self.slope = self.slope.clamp(0.02, 4.9);

@@ -1,4 +1,4 @@
-//! What a fit found: parameters with intervals, how well they describe the scan, and what to make of it.
+//! Result of a fit: parameters with confidence intervals, goodness of fit, verdict.
 
 use microsig_core::{Settings, emission};
 use serde::Serialize;
@@ -9,20 +9,20 @@ use super::intervals::Covariance;
 use super::optics::Shared;
 use super::state::{Misfit, State};
 
-/// Standard deviations of a 95 % interval of a normal distribution.
+/// Half width of the 95 % interval of a normal distribution, standard deviations.
 const NORMAL_95: f64 = 1.959_964;
 
-/// Points per pixel that settings are written with, and the range of rays per point.
+/// Source points per pixel in the written settings, and the range of rays per point.
 const POINTS_PER_PIXEL: f64 = 18.0;
 const RAYS: (f64, f64) = (100.0, 500.0);
 
-/// Variance of MicroSIG's counts of rays over their mean (optics of spheres, 0.84 to 1.01).
+/// Variance of MicroSIG's ray counts divided by their mean (for spheres 0.84 to 1.01).
 const FANO: f64 = 0.9;
 
 /// A fitted or given quantity.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Parameter {
-    /// The key of MicroSIG's settings where there is one.
+    /// Name: the key in MicroSIG's settings, if there is one.
     pub name: String,
     /// Unit; empty if dimensionless.
     pub unit: &'static str,
@@ -34,12 +34,12 @@ pub struct Parameter {
     pub low_95: f64,
     /// Upper end of the 95 % interval.
     pub high_95: f64,
-    /// Standard deviation over resampled particles, if asked for.
+    /// Standard deviation over resampled particles, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bootstrap_sd: Option<f64>,
     /// Whether it was fitted.
     pub free: bool,
-    /// The fitted quantity that it correlates with most, and the correlation.
+    /// The fitted quantity with the strongest correlation, and the correlation coefficient.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub correlates_with: Option<(String, f64)>,
 }
@@ -47,42 +47,42 @@ pub struct Parameter {
 /// One particle.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FittedParticle {
-    /// Place at the mean stage position, px, the first pixel's center at 1.
+    /// x at the mean stage position, px, with the first pixel's center at 1.
     pub x_px: f64,
-    /// The same along rows.
+    /// y at the mean stage position, px, with the first pixel's center at 1.
     pub y_px: f64,
     /// Depth at stage position 0, um of the model.
     pub z_um: f64,
-    /// Standard deviations of the three.
+    /// Standard deviations of x (px), y (px) and z (um of the model).
     pub sd: [f64; 3],
-    /// Counts of the camera if all light of the half space toward the lens arrived.
+    /// Counts that would be recorded if all light emitted into the half space toward the lens arrived.
     pub light_counts: f64,
     /// Background, counts.
     pub background_counts: f64,
 }
 
-/// How well one plane is described.
+/// Goodness of fit of one plane.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PlaneFit {
     /// Stage position, um.
     pub stage_um: f64,
     /// Sum of squared residuals over variance, per pixel.
     pub chi2: f64,
-    /// Brightness against the mean plane.
+    /// Brightness relative to the mean over planes.
     pub flux: f64,
 }
 
-/// What to make of a fit.
+/// Assessment of a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// Residuals are noise.
+    /// Residuals are within the noise.
     NoiseLimited,
-    /// Residuals show, but the model explains the images.
+    /// Residuals exceed the noise, but the model explains the images.
     Good,
     /// The model explains most of the light.
     Fair,
-    /// Geometric optics is the wrong model.
+    /// Geometrical optics is not a valid model.
     NotDescribed,
 }
 
@@ -91,35 +91,35 @@ pub enum Verdict {
 pub struct Fitted {
     /// Version of the program.
     pub version: &'static str,
-    /// Quantities that all particles share.
+    /// Quantities that are common to all particles.
     pub parameters: Vec<Parameter>,
-    /// +1: stage positions grow away from the lens; -1: toward it.
+    /// +1: stage positions increase away from the lens; -1: toward it.
     pub direction: f64,
-    /// By how much minus twice the log-likelihood of the other direction is larger; `None` if it was given.
+    /// Difference of -2 ln(likelihood) to the other direction; `None` if the direction was given.
     pub direction_margin: Option<f64>,
-    /// Direction along which the cylinder acts, degrees from the image's x axis toward y, in (-90, 90]; 0
-    /// without cylinder.
+    /// Direction in which the cylindrical lens has power, degrees from the image's x axis toward y, in (-90,
+    /// 90]; 0 without a cylindrical lens.
     pub rotation_deg: f64,
-    /// Lateral drift, px per um of stage.
+    /// Lateral drift, px per um of stage position.
     pub drift_px_per_um: [f64; 2],
     /// Particles.
     pub particles: Vec<FittedParticle>,
     /// Planes.
     pub planes: Vec<PlaneFit>,
-    /// Particle and plane, from 0, of windows that were left out.
+    /// Rejected windows: particle and plane, from 0.
     pub rejected: Vec<(usize, usize)>,
     /// Sum of squared residuals over variance, per pixel.
     pub chi2: f64,
-    /// Share of the light above the noise that the model explains.
+    /// Fraction of the squared signal above the noise that the model explains.
     pub r2: f64,
-    /// What to make of it.
+    /// Assessment of the fit.
     pub verdict: Verdict,
     /// MicroSIG's settings.
     #[serde(skip)]
     pub settings: Settings,
-    /// Variance of the camera per count of light.
+    /// Variance per count of light, counts.
     pub variance_per_count: f64,
-    /// What the user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
@@ -180,15 +180,15 @@ impl Fitted {
         let mut warnings = problem.scan.warnings.clone();
         if clamped {
             warnings.push(format!(
-                "noise of {:.3} counts^2 per count of light is not that of rays: draw with `render: (mode: expected)` and a \
+                "noise of {:.3} counts^2 per count of light cannot be reproduced by rays: render with `render: (mode: expected)` and a \
                  sensor of gain_counts_per_e {:.3} with shot noise",
                 state.variance_per_count, state.variance_per_count
             ));
         }
         if rotation_deg.abs() > 1.0 {
             warnings.push(format!(
-                "the cylinder acts along {rotation_deg:.1} degrees from the x axis; the settings are written in its frame: turn \
-                 images by {:.1} degrees before they are compared with drawn ones",
+                "the cylindrical lens has power at {rotation_deg:.1} degrees from the x axis; the settings are in its frame: rotate \
+                 images by {:.1} degrees before comparing them with rendered ones",
                 -rotation_deg
             ));
         }
@@ -211,7 +211,7 @@ impl Fitted {
         }
     }
 
-    /// The verdict in a sentence.
+    /// The verdict as a sentence.
     pub fn sentence(&self) -> String {
         let (chi2, r2) = (self.chi2, self.r2);
         let numbers = format!("chi2 per pixel {chi2:.3}, {:.1} % of the light explained", 100.0 * r2);
@@ -222,7 +222,7 @@ impl Fitted {
                 format!("the model describes the scan roughly ({numbers}); look at the residuals")
             }
             Verdict::NotDescribed => format!(
-                "geometric optics does not describe this scan ({numbers}): images this close to focus, or particles this small, \
+                "geometrical optics does not describe this scan ({numbers}): images this close to focus, or particles this small, \
                  are shaped by diffraction"
             ),
         }
@@ -238,8 +238,8 @@ fn verdict(chi2: f64, r2: f64) -> Verdict {
     }
 }
 
-/// MicroSIG's settings of the fit with the scan's brightness and noise; whether no number of rays has that
-/// noise.
+/// MicroSIG's settings with the scan's brightness and noise; and whether the noise is outside the range that
+/// the number of rays can reproduce.
 fn settings(problem: &Problem, state: &State) -> (Settings, bool) {
     let mut settings = state.microscope.settings(2 * problem.windows.half + 1);
     settings.pixel_dim_x = problem.scan.width as u32;
@@ -328,7 +328,7 @@ fn parameters(
 }
 
 /// Standard deviation of a linear combination of parameters over resampled fits; `None` if it is fixed or
-/// there are none.
+/// there are fewer than two fits.
 fn spread(resampled: &[Vec<f64>], combination: &[(usize, f64)]) -> Option<f64> {
     if combination.is_empty() || resampled.len() < 2 {
         return None;

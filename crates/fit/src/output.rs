@@ -1,4 +1,4 @@
-//! The folder of a fit: settings, parameters, a scenario, the model's images and what is left of the data.
+//! The files of a fit: settings, parameters, a scenario, the model's images and the residuals.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -22,14 +22,14 @@ pub(super) fn settings(fitted: &Fitted) -> Result<OutputFile> {
     Ok(("settings.txt", bytes))
 }
 
-/// Everything the fit found, as JSON.
+/// The result of the fit as JSON.
 pub(super) fn parameters(fitted: &Fitted) -> Result<OutputFile> {
     let mut bytes = serde_json::to_vec_pretty(fitted).map_err(|e| Error::input(e.to_string()))?;
     bytes.push(b'\n');
     Ok(("fit.json", bytes))
 }
 
-/// A scenario with this optics over the depths of the scan.
+/// A scenario with the fitted optics and the depth range of the scan.
 pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, diameter_um: f64) -> OutputFile {
     let depth = |stage: f64, z: f64| fitted.direction * stage + z * depth_factor;
     let depths = fitted
@@ -55,8 +55,8 @@ fn round(value: f64, digits: i32) -> f64 {
     libm::round(value * scale) / scale
 }
 
-/// The model's images, 16 bit, and the residuals in standard deviations, 32-bit float: one page per plane,
-/// background and 0 outside the windows.
+/// The model's images (16 bit) and the residuals in standard deviations (32-bit float): one page per plane;
+/// outside the windows, background and 0.
 pub(super) fn images(problem: &Problem, state: &State) -> Result<[OutputFile; 2]> {
     let (width, height) = (problem.scan.width as u32, problem.scan.height as u32);
     let failed = |e: tiff::TiffError| Error::input(format!("image of the model: {e}"));

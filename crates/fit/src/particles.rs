@@ -1,62 +1,62 @@
-//! The particles of a scan: where they are, and the pixels around them that show nothing else.
+//! The particles of a scan: their positions, and the surrounding pixels without other particles.
 
 use super::background::Background;
 use super::scan::Scan;
 use storage::error::{Error, Result};
 
-/// Particles that a fit uses at most; more cost time and tell nothing new.
-const MOST_PARTICLES: usize = 8;
+/// Maximum number of particles in a fit; more take time without adding information.
+const MAX_PARTICLES: usize = 8;
 
-/// Smoothing of the sum over all planes in which particles are sought, px.
+/// Standard deviation of the Gaussian filter on the sum over all planes, in which particles are detected, px.
 const SMOOTHING_PX: f64 = 3.0;
 
-/// A maximum must stand this many standard deviations above the background, and reach this share of the
-/// brightest.
+/// A maximum must be this many standard deviations above the background, and reach this fraction of the
+/// brightest one.
 const THRESHOLD_SD: f64 = 8.0;
-const THRESHOLD_SHARE: f64 = 0.15;
+const THRESHOLD_FRACTION: f64 = 0.15;
 
-/// The mean count on a ring of a plane is light if it stands this many standard errors above the background.
+/// A ring of pixels is lit if its mean is this many standard errors above the background.
 const RING_SD: f64 = 3.0;
 
-/// Added to the radius of the farthest light, px; the window's half width is at most the second number.
+/// Margin added to the radius of the outermost lit ring, px; and maximum half width of a window, px.
 const WINDOW_MARGIN: usize = 4;
-const WINDOW_MOST: usize = 64;
+const MAX_HALF_WIDTH: usize = 64;
 
-/// Pixels at the largest count that make a plane saturated.
+/// Number of pixels at full scale from which on a plane is saturated.
 const SATURATED_PIXELS: usize = 3;
 
-/// A window that loses more than this share of its pixels to neighbors is of no use.
-const MOST_LOST: f64 = 0.25;
+/// A window is not used if it loses more than this fraction of its pixels to neighbors.
+const MAX_LOST: f64 = 0.25;
 
-/// A particle with the pixels that show it.
+/// A detected particle.
 #[derive(Debug, Clone)]
 pub(super) struct Candidate {
-    /// Place of the maximum, from the middle of the first pixel, px.
+    /// Position of the maximum relative to the center of the first pixel, px.
     pub(super) x: f64,
     pub(super) y: f64,
     /// Light in the smoothed sum over planes, counts.
     pub(super) brightness: f64,
 }
 
-/// The windows about the particles of a scan.
+/// The windows around the particles of a scan.
 #[derive(Debug)]
 pub(super) struct Windows {
-    /// Half the width less half a pixel, px.
+    /// (width - 1) / 2 of the windows, px.
     pub(super) half: usize,
     pub(super) particles: Vec<Window>,
 }
 
-/// A square of pixels about a particle; pixels nearer to another one are left out.
+/// A square of pixels around a particle, without those closer than the half width to another particle.
 #[derive(Debug, Clone)]
 pub(super) struct Window {
-    /// Middle, px from the first pixel's middle.
+    /// Column and row of the middle pixel, from 0.
     pub(super) column: usize,
     pub(super) row: usize,
-    /// The pixels' indices in a plane and their offsets from the middle, px.
+    /// Indices of the pixels in a plane, and their offsets from the middle, px.
     pub(super) pixels: Vec<(usize, [f64; 2])>,
 }
 
-/// Counts of all planes added, smoothed by a normal distribution.
+/// Sum of all planes above the background, smoothed by a Gaussian filter.
 fn smoothed_sum(scan: &Scan, background: Background) -> Vec<f64> {
     let mut sum = vec![-background.mean * scan.planes.len() as f64; scan.width * scan.height];
     for plane in &scan.planes {
@@ -82,15 +82,15 @@ fn smoothed_sum(scan: &Scan, background: Background) -> Vec<f64> {
 /// The particles of a scan, brightest first.
 ///
 /// # Errors
-/// [`Error::Input`] if there is none, with the threshold and the best candidate.
+/// [`Error::Input`] if there are none, with the threshold and the best candidate.
 pub(super) fn find(scan: &Scan, background: Background) -> Result<Vec<Candidate>> {
     let sum = smoothed_sum(scan, background);
     let (w, h) = (scan.width, scan.height);
-    // Noise of the smoothed sum: a normal filter of width s averages 4 pi s^2 pixels.
+    // Noise of the smoothed sum: a Gaussian filter of standard deviation s averages over 4 pi s^2 pixels.
     let averaged = 4.0 * std::f64::consts::PI * SMOOTHING_PX * SMOOTHING_PX;
     let noise = background.noise * libm::sqrt(scan.planes.len() as f64 / averaged);
     let brightest = sum.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let threshold = (THRESHOLD_SD * noise).max(THRESHOLD_SHARE * brightest);
+    let threshold = (THRESHOLD_SD * noise).max(THRESHOLD_FRACTION * brightest);
     let reach = SMOOTHING_PX as usize;
     let is_maximum = |x: usize, y: usize| {
         let here = sum[y * w + x];
@@ -111,8 +111,8 @@ pub(super) fn find(scan: &Scan, background: Background) -> Result<Vec<Candidate>
     if found.is_empty() {
         let best = sum.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(i, _)| i);
         return Err(Error::input(format!(
-            "no particle found: the brightest place, ({}, {}) px, has {:.0} counts above the background over all planes \
-             (smoothed), the threshold is {threshold:.0}; name the particles with --particles FILE",
+            "no particle found: the brightest position, ({}, {}) px, has {:.0} counts above the background in the smoothed sum over all planes, \
+             the threshold is {threshold:.0}; give the particles with --particles FILE",
             best % w + 1,
             best / w + 1,
             sum[best]
@@ -121,16 +121,17 @@ pub(super) fn find(scan: &Scan, background: Background) -> Result<Vec<Candidate>
     Ok(found)
 }
 
-/// Particles at places that the user names, px, the first pixel's center at 1.
+/// Particles at positions given by the user, px, with the first pixel's center at (1, 1).
 pub(super) fn given(places_px: &[[f64; 2]]) -> Vec<Candidate> {
     places_px.iter().map(|[x, y]| Candidate { x: x - 1.0, y: y - 1.0, brightness: 0.0 }).collect()
 }
 
-/// The largest radius at which the mean ring of any plane stands above the background, and the margin.
+/// Half width of the windows, px: the largest radius at which the ring around a particle is lit in any plane,
+/// plus a margin.
 pub(super) fn half_width(scan: &Scan, background: Background, candidates: &[Candidate]) -> usize {
     let mut farthest = 0;
-    for (k, candidate) in candidates.iter().enumerate().take(MOST_PARTICLES) {
-        // Rings that a neighbor's half of the way reaches show its light.
+    for (k, candidate) in candidates.iter().enumerate().take(MAX_PARTICLES) {
+        // Rings beyond half the distance to the nearest neighbor would include its light.
         let nearest = candidates
             .iter()
             .enumerate()
@@ -143,7 +144,7 @@ pub(super) fn half_width(scan: &Scan, background: Background, candidates: &[Cand
             scan.width as f64 - 1.0 - candidate.x,
             scan.height as f64 - 1.0 - candidate.y,
         ];
-        let most = room.into_iter().fold(0.5 * nearest, f64::min).min(WINDOW_MOST as f64) as usize;
+        let most = room.into_iter().fold(0.5 * nearest, f64::min).min(MAX_HALF_WIDTH as f64) as usize;
         for plane in &scan.planes {
             let mut rings = vec![(0.0, 0usize); most + 1];
             let (x0, y0) = (candidate.x as isize, candidate.y as isize);
@@ -159,18 +160,18 @@ pub(super) fn half_width(scan: &Scan, background: Background, candidates: &[Cand
                 }
             }
             let lit = |&(sum, n): &(f64, usize)| sum > RING_SD * background.noise * libm::sqrt(n as f64);
-            // A single ring may stand out by chance, two in a row hardly do.
+            // A single ring may be lit by chance; two consecutive ones hardly are.
             let last = rings.windows(2).rposition(|pair| pair.iter().all(lit)).map_or(0, |i| i + 1);
             farthest = farthest.max(last);
         }
     }
-    (farthest + WINDOW_MARGIN).min(WINDOW_MOST)
+    (farthest + WINDOW_MARGIN).min(MAX_HALF_WIDTH)
 }
 
-/// Windows about the particles that can be used.
+/// Windows around the usable particles.
 ///
 /// # Errors
-/// [`Error::Input`] if none can: windows cut by the edge, hidden by neighbors, or saturated.
+/// [`Error::Input`] if there are none: windows cut by the edge, overlapping neighbors, or saturated.
 pub(super) fn windows(scan: &Scan, candidates: &[Candidate], half: usize) -> Result<Windows> {
     let (mut cut, mut crowded, mut saturated) = (0, 0, 0);
     let mut particles = Vec::new();
@@ -182,7 +183,7 @@ pub(super) fn windows(scan: &Scan, candidates: &[Candidate], half: usize) -> Res
         }
         let window = window(scan, candidates, k, half);
         let side = (2 * half + 1) as f64;
-        if (window.pixels.len() as f64) < (1.0 - MOST_LOST) * side * side {
+        if (window.pixels.len() as f64) < (1.0 - MAX_LOST) * side * side {
             crowded += 1;
             continue;
         }
@@ -194,7 +195,7 @@ pub(super) fn windows(scan: &Scan, candidates: &[Candidate], half: usize) -> Res
             continue;
         }
         particles.push(window);
-        if particles.len() == MOST_PARTICLES {
+        if particles.len() == MAX_PARTICLES {
             break;
         }
     }
@@ -202,13 +203,13 @@ pub(super) fn windows(scan: &Scan, candidates: &[Candidate], half: usize) -> Res
         let n = candidates.len();
         let reason = if saturated == n {
             format!(
-                "all {n} particles are saturated (3 or more pixels at {} counts): expose less",
+                "all {n} particles are saturated (3 or more pixels at {} counts): reduce the exposure",
                 scan.full_scale
             )
         } else {
             format!(
                 "none of {n} particles can be used with windows of {0} x {0} px: {cut} are cut by the edge of the image, \
-                 {crowded} overlap neighbors, {saturated} are saturated; leave out the planes with the largest images \
+                 {crowded} overlap neighbors, {saturated} are saturated; omit the planes with the largest images \
                  (--planes A-B) or set a smaller --window",
                 2 * half + 1
             )

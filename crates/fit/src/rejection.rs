@@ -1,14 +1,14 @@
-//! Windows that show something else, a passing neighbor say, and are left out.
+//! Rejection of windows that the model does not describe, e.g. because another particle passes.
 
 use super::state::Misfit;
 
-/// A window is left out if its chi2 per pixel exceeds the median of the plane's neighbors by this factor.
+/// A window is rejected if its chi2 per pixel exceeds the median over all windows by this factor.
 const FACTOR: f64 = 1.5;
 
-/// The most windows that are left out, as a share of all.
-const MOST: f64 = 0.2;
+/// Maximum fraction of windows that are rejected at a time.
+const MAX_FRACTION: f64 = 0.2;
 
-/// Particle and plane of the windows to leave out, worst first.
+/// Particle and plane of the windows to reject, worst first.
 pub(super) fn outliers(misfits: &[(usize, usize, Misfit)]) -> Vec<(usize, usize)> {
     let per_pixel = |m: &Misfit| m.chi2 / (m.pixels.max(1) as f64);
     let mut all: Vec<f64> = misfits.iter().map(|(_, _, m)| per_pixel(m)).collect();
@@ -20,7 +20,7 @@ pub(super) fn outliers(misfits: &[(usize, usize, Misfit)]) -> Vec<(usize, usize)
         .filter(|(chi2, _, _)| *chi2 > FACTOR * median)
         .collect();
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    found.truncate((MOST * misfits.len() as f64) as usize);
+    found.truncate((MAX_FRACTION * misfits.len() as f64) as usize);
     found.into_iter().map(|(_, k, i)| (k, i)).collect()
 }
 
@@ -29,7 +29,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_window_with_a_neighbor_is_left_out() {
+    fn the_window_with_a_neighbor_is_rejected() {
         let misfit = |chi2: f64| Misfit { pixels: 100, chi2: 100.0 * chi2, ..Misfit::default() };
         let mut all: Vec<(usize, usize, Misfit)> =
             (0..20).map(|i| (0, i, misfit(1.0 + 0.01 * i as f64))).collect();

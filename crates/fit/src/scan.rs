@@ -1,4 +1,4 @@
-//! A calibration scan: images of resting particles at known stage positions.
+//! A calibration scan: images of particles at rest at known stage positions.
 
 use std::fs::File;
 use std::io::{BufReader, Read, Seek};
@@ -11,13 +11,13 @@ use tiff::tags::Tag;
 
 use storage::error::{Error, Result};
 
-/// The fewest planes that tell the shape of the images over depth.
-const FEWEST_PLANES: usize = 7;
+/// Minimum number of planes.
+const MIN_PLANES: usize = 7;
 
-/// The most pixels of a scan, over all planes: two bytes each.
-const MOST_PIXELS: usize = 1 << 28;
+/// Maximum number of pixels of a scan, over all planes, of two bytes each.
+const MAX_PIXELS: usize = 1 << 28;
 
-/// One image of a scan, or all.
+/// The images of a scan with their stage positions.
 #[derive(Debug, Clone)]
 pub struct Scan {
     /// Width of every plane, px.
@@ -28,24 +28,24 @@ pub struct Scan {
     pub planes: Vec<Vec<u16>>,
     /// Stage position of each plane, um, strictly or weakly monotonic.
     pub stage_um: Vec<f64>,
-    /// The largest count that the file's type holds.
+    /// The largest count that the file's pixel type can represent.
     pub full_scale: u16,
-    /// What the user should know about how the scan was read.
+    /// Warnings about how the scan was read.
     pub warnings: Vec<String>,
 }
 
-/// Where the stage positions come from.
+/// Source of the stage positions.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StagePositions {
     /// A CSV table with the columns `page` (from 0) or `image`, and `z_um`.
     Table(PathBuf),
     /// A constant step between planes, um.
     Step(f64),
-    /// The spacing that ImageJ keeps in the file's description.
+    /// The slice spacing that ImageJ stores in the file's description.
     FromFile,
 }
 
-/// The planes of a file or folder before their positions are known.
+/// The planes of a file or folder, without their positions.
 struct Planes {
     width: usize,
     height: usize,
@@ -80,9 +80,9 @@ impl Scan {
                 (0..n).map(|i| step * i as f64).collect()
             }
         };
-        if n < FEWEST_PLANES {
+        if n < MIN_PLANES {
             return Err(Error::input(format!(
-                "{}: {n} planes: expected at least {FEWEST_PLANES}, from below to above focus",
+                "{}: {n} planes: expected at least {MIN_PLANES}, from below to above focus",
                 path.display()
             )));
         }
@@ -91,15 +91,15 @@ impl Scan {
         Ok(Scan { width, height, planes, stage_um, full_scale, warnings })
     }
 
-    /// The scan of planes `first` to `last` alone, counted from 0.
+    /// The scan restricted to planes `first` to `last`, counted from 0.
     ///
     /// # Errors
-    /// [`Error::Input`] if the range holds too few planes or planes that are not there.
+    /// [`Error::Input`] if the range has too few planes or exceeds the scan.
     pub fn cut(mut self, first: usize, last: usize) -> Result<Scan> {
         let n = self.planes.len();
-        if last >= n || first > last || last - first + 1 < FEWEST_PLANES {
+        if last >= n || first > last || last - first + 1 < MIN_PLANES {
             return Err(Error::input(format!(
-                "--planes {first}-{last}: expected a range of at least {FEWEST_PLANES} planes within 0-{}",
+                "--planes {first}-{last}: expected a range of at least {MIN_PLANES} planes within 0-{}",
                 n - 1
             )));
         }
@@ -202,7 +202,7 @@ fn read_tiff(all: &mut Planes, reader: BufReader<impl Read + Seek>, name: &str) 
     let damaged = |e: tiff::TiffError| Error::input(format!("{name}: {e}"));
     let mut decoder = Decoder::new(reader).map_err(damaged)?;
     let mut limits = Limits::default();
-    limits.decoding_buffer_size = 2 * MOST_PIXELS;
+    limits.decoding_buffer_size = 2 * MAX_PIXELS;
     decoder = decoder.with_limits(limits);
     loop {
         let page = all.planes.len();
@@ -210,13 +210,13 @@ fn read_tiff(all: &mut Planes, reader: BufReader<impl Read + Seek>, name: &str) 
         let (width, height) = (width as usize, height as usize);
         if page > 0 && (width, height) != (all.width, all.height) {
             return Err(refuse(format!(
-                "page {page} has {width} x {height} px: expected {} x {} px as the first",
+                "page {page} has {width} x {height} px: expected {} x {} px, as on the first page",
                 all.width, all.height
             )));
         }
-        // Checked before anything is allocated for the pixels.
-        if width.saturating_mul(height).saturating_mul(page + 1) > MOST_PIXELS {
-            return Err(refuse(format!("more than {MOST_PIXELS} pixels: crop the scan or leave out planes")));
+        // Checked before memory is allocated for the pixels.
+        if width.saturating_mul(height).saturating_mul(page + 1) > MAX_PIXELS {
+            return Err(refuse(format!("more than {MAX_PIXELS} pixels: crop the scan or omit planes")));
         }
         match decoder.colortype().map_err(damaged)? {
             ColorType::Gray(8 | 16) => {}
@@ -249,7 +249,7 @@ fn read_tiff(all: &mut Planes, reader: BufReader<impl Read + Seek>, name: &str) 
     }
 }
 
-/// ImageJ's distance between slices, um.
+/// ImageJ's slice spacing, um.
 fn spacing<R: Read + Seek>(decoder: &mut Decoder<R>) -> Option<f64> {
     let description = decoder.find_tag(Tag::ImageDescription).ok()??.into_string().ok()?;
     let entry = |key: &str| description.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='));
@@ -267,7 +267,7 @@ struct Position {
     z_um: f64,
 }
 
-/// The stage position of each plane from a table.
+/// Reads the stage position of each plane (um) from a table.
 fn read_positions(file: &Path, names: &[String]) -> Result<Vec<f64>> {
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)

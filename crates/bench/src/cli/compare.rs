@@ -1,4 +1,4 @@
-//! `microsig compare`: a leaderboard.
+//! `microsig compare`: makes a leaderboard.
 
 use std::path::PathBuf;
 

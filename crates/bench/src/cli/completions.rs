@@ -1,4 +1,4 @@
-//! `microsig completions`: completions for a shell.
+//! `microsig completions`: prints shell completions.
 
 use std::io::Write;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! `microsig evaluate`: scores of a result.
+//! `microsig evaluate`: scores a result.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -24,8 +24,8 @@ use storage::error::{Error, Result};
 pub(super) struct Evaluate {
     /// The dataset's folder, or a bare table of the truth (canonical CSV)
     dataset: PathBuf,
-    /// What a tracker wrote: particles or a displacement field; or a submission to a challenge (a folder or
-    /// zip archive)
+    /// A tracker's result: particles or a displacement field; or a submission to a challenge (a folder or zip
+    /// archive)
     result: PathBuf,
     /// The result's format [default: from its header]
     #[arg(long, value_enum)]
@@ -45,19 +45,19 @@ pub(super) struct Evaluate {
     /// Gate of the ISBI scores [default: 5]
     #[arg(long, value_name = "PX")]
     isbi_gate: Option<f64>,
-    /// Do not score particles this near to the edge of the image
+    /// Do not score particles within this distance of the edge of the image
     #[arg(long, value_name = "PX", default_value_t = 0.0)]
     border: f64,
-    /// Where the result has the first pixel's centre [default: as usual in its format]
+    /// Coordinate of the first pixel's center in the result [default: as usual in its format]
     #[arg(long, value_enum)]
     origin: Option<Origin>,
-    /// Which way y grows in the result [default: down]
+    /// Direction of the y axis in the result [default: down]
     #[arg(long, value_enum)]
     y: Option<Direction>,
     /// Number of the result's first frame [default: as usual in its format]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     frame_base: Option<i64>,
-    /// Object-space length of a pixel [default: the dataset's]
+    /// Pixel size in object space [default: the dataset's]
     #[arg(long, value_name = "UM")]
     um_per_px: Option<f64>,
     /// Depth range [default: the dataset's]
@@ -67,7 +67,7 @@ pub(super) struct Evaluate {
     /// sharpest]
     #[arg(long, value_name = "UM", allow_negative_numbers = true)]
     plane: Option<f64>,
-    /// Report which shift of the whole result would fit best; it is never applied
+    /// Report the uniform shift that fits the result best; it is never applied
     #[arg(long)]
     auto_offset: bool,
     /// Add the Cramer-Rao bound of the dataset's optics over depth, and the result's efficiency (takes a
@@ -77,7 +77,7 @@ pub(super) struct Evaluate {
     /// Write score.json and tables into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Write report.html beside them
+    /// Also write report.html
     #[arg(long, requires = "out")]
     report: bool,
     /// Only check that the result can be read, or that a submission is complete and fits the split; needs no
@@ -143,7 +143,7 @@ impl Evaluate {
             crlb: self.crlb,
             seed: common.seed.unwrap_or(0),
         };
-        // Before the work: what would be refused after it.
+        // Checked first, because evaluating may take long.
         if let Some(out) = self.out.as_ref().filter(|out| out.exists() && !common.force) {
             return Err(Error::Exists(out.clone()));
         }

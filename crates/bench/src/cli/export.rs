@@ -1,4 +1,4 @@
-//! `microsig export`: the truth in another program's format.
+//! `microsig export`: writes the truth in another program's format.
 
 use std::path::PathBuf;
 

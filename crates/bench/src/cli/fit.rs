@@ -1,4 +1,4 @@
-//! `microsig fit`: the settings of a real microscope from its calibration scan.
+//! `microsig fit`: fits the settings of a real microscope to its calibration scan.
 
 use std::path::{Path, PathBuf};
 
@@ -48,10 +48,10 @@ pub(super) struct Fit {
     /// Whether there is a cylindrical lens
     #[arg(long, value_enum, default_value_t = Cylinder::Auto, value_name = "ANSWER")]
     astigmatic: Cylinder,
-    /// Brightness of planes: each its own (real objectives), or the model's
+    /// Brightness of planes: fitted for each plane (real objectives), or that of the model
     #[arg(long, value_enum, default_value_t = Flux::Free)]
     flux: Flux,
-    /// Quantities to fit besides; for experts
+    /// Additional quantities to fit; for experts
     #[arg(long, value_enum, value_delimiter = ',', value_name = "KEYS")]
     free: Vec<ExtraParameter>,
     /// Planes to use, counted from 0
@@ -70,7 +70,7 @@ pub(super) struct Fit {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Direction {
-    /// Told from the images
+    /// Determined from the images
     Auto,
     /// Away from the lens
     Away,
@@ -80,19 +80,19 @@ enum Direction {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Cylinder {
-    /// Told from the images
+    /// Determined from the images
     Auto,
-    /// There is one
+    /// With a cylindrical lens
     Yes,
-    /// There is none
+    /// Without a cylindrical lens
     No,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Flux {
-    /// Each plane has its own
+    /// Fitted for each plane
     Free,
-    /// As the model has it
+    /// That of the model
     Model,
 }
 
@@ -139,7 +139,7 @@ impl Fit {
         if !problems.is_empty() {
             return Err(Error::Input(problems));
         }
-        let places_px = self.particles.as_deref().map(read_places).transpose()?;
+        let places_px = self.particles.as_deref().map(read_positions).transpose()?;
         Ok(FitOptions {
             given: Given {
                 magnification: self.magnification,
@@ -172,12 +172,13 @@ impl Fit {
         let Some(text) = &self.planes else { return Ok(None) };
         let range =
             text.split_once('-').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
-        range.map(Some).ok_or_else(|| Error::input(format!("--planes {text}: expected A-B, as 3-40")))
+        range.map(Some).ok_or_else(|| Error::input(format!("--planes {text}: expected A-B, such as 3-40")))
     }
 }
 
-/// Places of particles from a table; rows of several frames count once per place.
-fn read_places(file: &Path) -> Result<Vec<[f64; 2]>> {
+/// Reads particle positions (px) from a table; rows closer than 3 px in x and y, such as those of several
+/// frames, count once.
+fn read_positions(file: &Path) -> Result<Vec<[f64; 2]>> {
     #[derive(serde::Deserialize)]
     struct Row {
         #[serde(alias = "x", alias = "X")]
@@ -194,7 +195,7 @@ fn read_places(file: &Path) -> Result<Vec<[f64; 2]>> {
         let row = row.map_err(|e| Error::input(format!("{}:{}: {e}", file.display(), i + 2)))?;
         if !(row.x_px.is_finite() && row.y_px.is_finite() && row.x_px >= 1.0 && row.y_px >= 1.0) {
             return Err(Error::input(format!(
-                "{}:{}: ({}, {}): expected a place in px on the image, the first pixel's center at (1, 1)",
+                "{}:{}: ({}, {}): expected a position in px on the image, with the first pixel's center at (1, 1)",
                 file.display(),
                 i + 2,
                 row.x_px,
@@ -206,12 +207,15 @@ fn read_places(file: &Path) -> Result<Vec<[f64; 2]>> {
         }
     }
     if places.is_empty() {
-        return Err(Error::input(format!("{}: no rows: expected the places of particles", file.display())));
+        return Err(Error::input(format!(
+            "{}: no rows: expected the positions of particles",
+            file.display()
+        )));
     }
     Ok(places)
 }
 
-/// The table of parameters and the verdict.
+/// The table of parameters and the verdict as text.
 fn text(fitted: &Fitted, out: &Path) -> String {
     let mut lines = vec![format!("{:<22} {:>12} {:>10}  95 % interval", "parameter", "value", "sd")];
     for p in &fitted.parameters {
@@ -226,7 +230,7 @@ fn text(fitted: &Fitted, out: &Path) -> String {
         });
     }
     lines.push(format!(
-        "{} particles, {} planes, {} windows left out; stage positions grow {} the lens",
+        "{} particles, {} planes, {} windows rejected; stage positions increase {} the lens",
         fitted.particles.len(),
         fitted.planes.len(),
         fitted.rejected.len(),

@@ -1,4 +1,4 @@
-//! `microsig flows`: the velocity fields on offer.
+//! `microsig flows`: lists and describes the velocity fields.
 
 use std::path::PathBuf;
 
@@ -14,7 +14,7 @@ use scenario;
 use storage::error::{Error, Result};
 use storage::save_result;
 
-/// The velocity fields on offer, or one of them: formula, parameters, units, defaults, source
+/// The available velocity fields, or one of them: formula, parameters, units, defaults, source
 #[derive(Debug, Args)]
 #[command(after_help = "Example: microsig flows lamb_oseen --plot lamb_oseen.svg")]
 pub(super) struct Flows {
@@ -26,7 +26,7 @@ pub(super) struct Flows {
 }
 
 impl Flows {
-    /// Lists all fields, describes one, or draws it.
+    /// Lists all fields, describes one, or plots it.
     pub(super) fn run(&self, common: &Common) -> Result<()> {
         let Some(name) = &self.name else {
             let width = registry::ENTRIES.iter().map(|e| e.name.len()).max().unwrap_or(0);

@@ -1,4 +1,4 @@
-//! `microsig generate`: a dataset from a scenario.
+//! `microsig generate`: generates a dataset from a scenario.
 
 use std::path::{Path, PathBuf};
 
@@ -50,7 +50,7 @@ impl Generate {
             let text = format!("dataset {name} is there already, in {}", out.display());
             return report(&text, &serde_json::json!({ "name": name, "out": out }), common);
         };
-        // Only the warnings that rendering has added.
+        // Only the warnings added after the scenario's own, which are already printed.
         warn(&generated.warnings[scenario.warnings.len()..], common);
         let text = format!(
             "dataset {}: {} images, {:.1} particles in view on average, {} displacements of up to {:.2} px, in {:.2} s, in {}\n{}\n{}",

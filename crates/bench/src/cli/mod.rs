@@ -1,6 +1,6 @@
-//! The `microsig` command: one file per verb, with its arguments and what it does.
+//! The `microsig` command: one file per verb, with its arguments and its action.
 //!
-//! A new verb is a file here, and a line in each of the two lists below.
+//! A new verb needs a file here and a line in each of the two lists below.
 
 mod compare;
 mod completions;
@@ -65,10 +65,10 @@ struct Common {
     /// Print the result as one JSON object
     #[arg(long, global = true)]
     json: bool,
-    /// Replace what exists
+    /// Replace existing output
     #[arg(long, global = true)]
     force: bool,
-    /// Make the tables of expected images and waves anew, and keep none (see MICROSIG_CACHE)
+    /// Compute the tables of expected images and waves again, and store none (see MICROSIG_CACHE)
     #[arg(long, global = true)]
     no_cache: bool,
 }
@@ -123,7 +123,7 @@ impl Cli {
     /// Runs the verb.
     ///
     /// # Errors
-    /// Whatever the verb reports; [`Error::exit_code`] is the exit code.
+    /// Errors of the verb; [`Error::exit_code`] is the exit code.
     pub fn run(&self) -> Result<()> {
         let common = &self.common;
         if self.version {
@@ -143,14 +143,13 @@ impl Cli {
     }
 }
 
-/// The whole program: reads the arguments, runs the verb, writes errors to standard error, gives the exit
-/// code.
+/// The program: reads the arguments, runs the verb, writes errors to standard error, returns the exit code.
 pub fn main() -> ExitCode {
     match Cli::parse().run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) => {
             let mut stderr = std::io::stderr().lock();
-            // If standard error is closed, only the exit code can tell.
+            // If standard error is closed, only the exit code reports the error.
             let messages = e.messages();
             let _ = messages.iter().try_for_each(|text| writeln!(stderr, "error: {}", printable(text)));
             ExitCode::from(e.exit_code())

@@ -1,4 +1,4 @@
-//! `microsig new`: a scenario to start from.
+//! `microsig new`: writes a scenario to start from.
 
 use std::path::PathBuf;
 
@@ -31,7 +31,7 @@ pub(super) struct New {
 impl New {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
         let Some(file) = self.file.as_ref().filter(|_| !self.list) else { return list(common) };
-        // What a scenario needs beside it, and the scenario itself.
+        // The files that the scenario refers to, and the scenario itself.
         let mut files = Vec::new();
         let text = match &self.from {
             None => scenario::template()?,

@@ -1,4 +1,4 @@
-//! `microsig optics`: what a scenario's optics show, before any dataset is made.
+//! `microsig optics`: predicts particle images of a scenario's optics, without generating a dataset.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use scenario;
 use storage::error::Result;
 use storage::save_result;
 
-/// What a scenario's optics show: focus, growth of images, light, over depth
+/// Particle images of a scenario's optics over depth: focus, size, light
 #[derive(Debug, Args)]
 #[command(after_help = "Example: microsig optics scenarios/objective_20x.ron --plot optics.svg")]
 pub(super) struct Optics {

@@ -1,4 +1,4 @@
-//! What every verb prints: results on standard output, the rest on standard error.
+//! Output of all verbs: results on standard output, everything else on standard error.
 
 use std::fmt::Display;
 use std::io::Write;
@@ -15,13 +15,13 @@ pub(super) fn progress(common: &Common) -> Progress {
     if common.quiet { Progress::Hidden } else { Progress::Bar }
 }
 
-/// Text without control characters, which names from files of others may hold to deceive a terminal.
+/// Replaces control characters, with which names from untrusted files could manipulate a terminal.
 pub fn printable(text: &str) -> String {
     let shown = |c: char| if c.is_control() && !matches!(c, '\n' | '\t') { '\u{fffd}' } else { c };
     text.chars().map(shown).collect()
 }
 
-/// JSON whose control characters are escaped.
+/// Escapes control characters in JSON.
 fn escaped(json: &str) -> String {
     let mut text = String::with_capacity(json.len());
     for c in json.chars() {
@@ -42,7 +42,7 @@ pub(super) fn warn(warnings: &[impl Display], common: &Common) {
     }
 }
 
-/// Prints a choice of the program on standard error, unless `--quiet`.
+/// Prints a note on standard error, unless `--quiet`.
 pub(super) fn say(text: &str, common: &Common) {
     if !common.quiet {
         let _ = writeln!(std::io::stderr().lock(), "{text}");
@@ -52,7 +52,7 @@ pub(super) fn say(text: &str, common: &Common) {
 /// Prints a result: as a sentence, or as one JSON object with `--json`.
 pub(super) fn report(text: &str, result: &impl Serialize, common: &Common) -> Result<()> {
     let line = if common.json {
-        // JSON escapes control characters itself, but for those from U+007F on.
+        // serde_json escapes control characters below U+0020 only.
         escaped(&serde_json::to_string(result).map_err(|e| Error::input(e.to_string()))?)
     } else {
         printable(text)

@@ -1,4 +1,4 @@
-//! `microsig release`: a challenge.
+//! `microsig release`: makes a challenge from a dataset.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `microsig render`: images from MicroSIG's own files.
+//! `microsig render`: renders images from MicroSIG's own files.
 
 use std::path::PathBuf;
 
@@ -33,13 +33,13 @@ pub(super) struct Render {
     /// With --mode waves: full width of the band at half maximum, um [default: 0]
     #[arg(long, value_name = "UM")]
     bandwidth: Option<f64>,
-    /// With --mode waves: where light leaves a particle [default: surface]
+    /// With --mode waves: the part of a particle that emits light [default: surface]
     #[arg(long, value_enum)]
     emission: Option<Emission>,
     /// With --mode waves: the model of the objective [default: microsig]
     #[arg(long, value_enum)]
     lens: Option<Lens>,
-    /// With --mode expected and --mode waves: error of an image as a share of its peak [default: 0.003]
+    /// With --mode expected and --mode waves: error of an image as a fraction of its peak [default: 0.003]
     #[arg(long, value_name = "SHARE")]
     tolerance: Option<f64>,
     /// Number of the first frame, which addresses its random numbers
@@ -48,8 +48,8 @@ pub(super) struct Render {
     /// Which points of a spheroid emit light: as in MicroSIG's program, or uniform in area
     #[arg(long, value_enum, default_value_t = SpheroidPoints::Original)]
     spheroids: SpheroidPoints,
-    /// Round counts once, after noise is added, as in datasets; MicroSIG rounds the noise first, which loses
-    /// faint light
+    /// Round counts only once, after noise is added, as in datasets; MicroSIG rounds the noise first, which
+    /// loses faint light
     #[arg(long)]
     round_once: bool,
 }

@@ -1,4 +1,4 @@
-//! `microsig schema`: the language of scenarios and sweeps as JSON Schema.
+//! `microsig schema`: prints the JSON Schema of scenarios or sweeps.
 
 use clap::{Args, ValueEnum};
 
@@ -15,12 +15,12 @@ Extensions: x-unit, x-range and x-default in words, x-infinite (null stands for 
     after_help = "Example: microsig schema > scenario.schema.json"
 )]
 pub(super) struct Schema {
-    /// Which language
+    /// The file to describe
     #[arg(value_enum, default_value_t = Language::Scenario)]
     language: Language,
 }
 
-/// What is described.
+/// The files that a schema describes.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Language {
     /// A scenario, for `generate`

@@ -1,4 +1,4 @@
-//! `microsig sweep`: many datasets.
+//! `microsig sweep`: generates the datasets of a sweep.
 
 use std::path::{Path, PathBuf};
 
@@ -52,7 +52,7 @@ impl Sweep {
         if shard != Shard::ALL {
             say(&format!("shard {shard}"), common);
         }
-        // The base scenario may be in another folder, with its own files beside it.
+        // Files are relative to the base scenario, which may be in another folder.
         let inputs = folder.join(&plan.spec.base).parent().unwrap_or(folder).to_owned();
         let (force, resume, progress) = (common.force, self.resume, progress(common));
         let swept = sweep(&plan, &SweepOptions { out, inputs, shard, force, resume, progress })?;
@@ -91,7 +91,7 @@ impl Sweep {
     }
 }
 
-/// Writes the table of all cases of a sweep that is done.
+/// Writes the table of all cases of a finished sweep.
 fn collected(plan: &scenario::Sweep, out: &Path, common: &Common) -> Result<()> {
     let (done, failed) = collect(plan, out)?;
     let missing = plan.cases.len() - done - failed;

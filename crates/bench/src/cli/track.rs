@@ -1,4 +1,4 @@
-//! `microsig track`: a baseline tracker.
+//! `microsig track`: runs a baseline tracker.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `microsig verify`: is a dataset whole and unchanged?
+//! `microsig verify`: checks that a dataset is complete and unchanged.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `microsig view`: a page in the browser.
+//! `microsig view`: shows a scenario, dataset or results in the browser.
 
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
@@ -11,7 +11,7 @@ use super::output::{report, say, warn};
 use crate::view::{ExportOptions, Served, Subject, ViewOptions, export, serve};
 use storage::error::Result;
 
-/// A page in the browser: a scenario before it runs, a dataset, and where results fail
+/// A page in the browser: a scenario before it runs, a dataset, and the errors of results
 #[derive(Debug, Args)]
 #[command(
     long_about = "A page in the browser: a scenario before it runs, a dataset with its truth, a result where it fails, the \
@@ -22,22 +22,22 @@ Ctrl-C, or some seconds after the last page has been closed.",
          Example: microsig view datasets/quickstart result.csv --export result.html"
 )]
 pub(super) struct View {
-    /// A scenario (a new one need not be there yet), a dataset's folder, or a sweep's [default: a scenario to
+    /// A scenario (the file need not exist yet), a dataset's folder, or a sweep's [default: a scenario to
     /// start from]
     path: Option<PathBuf>,
-    /// Results of the dataset; of a sweep folders with a result of each case, CASE.csv or CASE/result.csv
+    /// Results for the dataset; for a sweep, folders with a result for each case, CASE.csv or CASE/result.csv
     results: Vec<PathBuf>,
     /// The port [default: a free one]
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     port: u16,
-    /// Print the address, open no browser
+    /// Print the address without opening a browser
     #[arg(long)]
     no_browser: bool,
-    /// Go on when the last page has been closed
+    /// Keep running after the last page has been closed
     #[arg(long)]
     stay: bool,
-    /// Write dataset, results and leaderboard as one page that opens without the program (at most 64 MB),
-    /// instead of serving
+    /// Instead of serving, write dataset, results and leaderboard to a single page that opens without the
+    /// program (at most 64 MB)
     #[arg(long, value_name = "FILE.html")]
     export: Option<PathBuf>,
     /// The frames to export [default: the first 4]
@@ -65,13 +65,13 @@ impl View {
             if !self.no_browser {
                 open_browser(address);
             }
-            say("Ctrl-C ends it", common);
+            say("Ctrl-C stops it", common);
             Ok(())
         })
     }
 }
 
-/// Asks the system to open the address; where it cannot, the reader has the address.
+/// Asks the system to open the address. Failure is ignored, as the address is printed.
 fn open_browser(address: &str) {
     let mut command = if cfg!(target_os = "macos") {
         Command::new("open")
