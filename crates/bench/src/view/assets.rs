@@ -1,11 +1,11 @@
-//! The files of the page, embedded into the program.
+//! The page's files, embedded in the program.
 
 use include_dir::{Dir, include_dir};
 
 /// The folder `page/`.
 pub(super) static PAGE: Dir<'static> = include_dir!("$CARGO_MANIFEST_DIR/src/view/page");
 
-/// Bytes and media type of a file of the page, by its name.
+/// Content and media type of the page's file `name`.
 pub(super) fn file(name: &str) -> Option<(&'static [u8], &'static str)> {
     let file = PAGE.get_file(name)?;
     let kind = match name.rsplit_once('.')?.1 {

@@ -1,4 +1,4 @@
-//! The leaderboard: what is shown, and the scores of each tracker on each dataset.
+//! The leaderboard: its columns, and the scores of each tracker on each dataset.
 
 use serde_json::{Value, json};
 
@@ -6,7 +6,7 @@ use super::state::App;
 use super::subject::Tracker;
 use storage::error::Result;
 
-/// What the leaderboard shows of a score: path in `score.json`, label, unit, whether more is better.
+/// Columns of the leaderboard: path in `score.json`, label, unit, whether higher is better.
 const COLUMNS: [(&str, &str, &str, bool); 12] = [
     ("detection.f1", "F1", "", true),
     ("detection.recall", "recall", "", true),
@@ -22,7 +22,7 @@ const COLUMNS: [(&str, &str, &str, bool); 12] = [
     ("field.aee_px", "AEE", "px", false),
 ];
 
-/// What there is to show.
+/// The datasets, trackers and columns that the page can show.
 pub(super) fn about(app: &App) -> Value {
     let subject = app.subject();
     let has = |tracker: &Tracker| tracker.results.iter().map(Option::is_some).collect::<Vec<_>>();
@@ -37,7 +37,7 @@ pub(super) fn about(app: &App) -> Value {
     })
 }
 
-/// The scores of a tracker on a dataset, by path; `None` if it has no result there.
+/// The scores of a tracker on a dataset, by path; `None` if it has no result for it.
 ///
 /// # Errors
 /// A result that cannot be scored.

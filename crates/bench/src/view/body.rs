@@ -1,5 +1,5 @@
-//! Answers that are sent piece by piece: streams of messages, and large blocks of which few are in memory at
-//! a time.
+//! Response bodies that are sent in chunks: streams of messages, and large blocks, of which only a few are in
+//! memory at a time.
 
 use std::convert::Infallible;
 use std::pin::Pin;
@@ -13,16 +13,16 @@ use hyper::body::Frame;
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 
-/// Pieces that wait to be sent.
+/// Chunks that wait to be sent.
 const WAITING: usize = 2;
 
-/// A piece of a large answer, bytes.
-const PIECE: usize = 256 * 1024;
+/// Size of a chunk of a large response, bytes.
+const CHUNK: usize = 256 * 1024;
 
-/// How long a reader may take over a piece.
-const PATIENCE: Duration = Duration::from_secs(10);
+/// Time a client may take to receive a chunk.
+const CHUNK_TIME: Duration = Duration::from_secs(10);
 
-/// A body of what a channel brings.
+/// A response body with the chunks received from a channel.
 pub(super) struct Channel(Receiver<Bytes>);
 
 impl hyper::body::Body for Channel {
@@ -37,27 +37,27 @@ impl hyper::body::Body for Channel {
     }
 }
 
-/// A stream and where to write it; writing fails once the reader is gone.
+/// A streamed response and the sender of its chunks; sending fails once the client has disconnected.
 pub(super) fn stream() -> (Sender<Bytes>, Response) {
     let (sender, receiver) = mpsc::channel(WAITING);
     let kind = [(header::CONTENT_TYPE, "application/octet-stream")];
     (sender, (kind, Body::new(Channel(receiver))).into_response())
 }
 
-/// Sends a large block to a reader that reads; `place` is one of the few for such answers, held until it is
-/// sent.
-pub(super) fn large(place: OwnedSemaphorePermit, bytes: Bytes, kind: &'static str) -> Response {
-    if bytes.len() <= PIECE {
+/// Sends a large block, as long as the client keeps reading. `permit` limits the number of such responses and
+/// is held until all is sent.
+pub(super) fn large(permit: OwnedSemaphorePermit, bytes: Bytes, kind: &'static str) -> Response {
+    if bytes.len() <= CHUNK {
         return ([(header::CONTENT_TYPE, kind)], bytes).into_response();
     }
     let (sender, mut response) = stream();
     response.headers_mut().insert(header::CONTENT_TYPE, header::HeaderValue::from_static(kind));
     response.headers_mut().insert(header::CONTENT_LENGTH, header::HeaderValue::from(bytes.len()));
     tokio::spawn(async move {
-        let _place = place;
-        for at in (0..bytes.len()).step_by(PIECE) {
-            let piece = bytes.slice(at..bytes.len().min(at + PIECE));
-            match tokio::time::timeout(PATIENCE, sender.send(piece)).await {
+        let _permit = permit;
+        for at in (0..bytes.len()).step_by(CHUNK) {
+            let piece = bytes.slice(at..bytes.len().min(at + CHUNK));
+            match tokio::time::timeout(CHUNK_TIME, sender.send(piece)).await {
                 Ok(Ok(())) => {}
                 _ => return,
             }
@@ -66,7 +66,7 @@ pub(super) fn large(place: OwnedSemaphorePermit, bytes: Bytes, kind: &'static st
     response
 }
 
-/// A message of a stream: lengths of JSON and block (32 bits, little endian), then both.
+/// A message of a stream: lengths of JSON and block (32 bit, little endian), then both.
 pub(super) fn message(json: &serde_json::Value, block: &[u8]) -> Bytes {
     let json = json.to_string();
     let mut bytes = Vec::with_capacity(8 + json.len() + block.len());

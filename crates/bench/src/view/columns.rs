@@ -1,4 +1,5 @@
-//! Tables by frame: where each frame's rows begin in a CSV file, and rows as columns for the page.
+//! Access to CSV tables by frame: an index of where each frame's rows start, and rows converted to columns
+//! for the page.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
@@ -9,24 +10,25 @@ use serde_json::{Map, Value};
 use storage::error::{Error, Result};
 use storage::input;
 
-/// Largest part of a table that one answer holds, bytes.
-const LARGEST_PART: u64 = 64 << 20;
+/// Maximum part of a table in one response, bytes.
+const MAX_PART: u64 = 64 << 20;
 
-/// A table whose rows are sorted by the whole number in their first column.
+/// A table whose rows are sorted by a whole number in the first column.
 #[derive(Debug)]
 pub(super) struct Indexed {
     path: PathBuf,
     header: Vec<String>,
-    /// First row of each number: number, where it begins, rows before it. An empty first cell counts as 0.
+    /// First row of each number: number, byte offset, number of rows before it. An empty first cell counts as
+    /// 0.
     starts: Vec<(u32, u64, u64)>,
     end: u64,
 }
 
 impl Indexed {
-    /// Finds where the rows of each number begin, in one pass.
+    /// Indexes a table in one pass.
     ///
     /// # Errors
-    /// A file that cannot be read; first columns that are not sorted whole numbers.
+    /// A file that cannot be read; a first column that is not sorted whole numbers.
     pub(super) fn open(path: &Path) -> Result<Self> {
         let failed = |e| Error::read(path, e);
         let mut reader = BufReader::with_capacity(1 << 18, input::open(path)?);
@@ -34,7 +36,8 @@ impl Indexed {
         let mut at = (&mut reader).take(1 << 16).read_line(&mut header).map_err(failed)? as u64;
         let header: Vec<String> = header.trim_end().split(',').map(str::to_owned).collect();
         let mut starts: Vec<(u32, u64, u64)> = Vec::new();
-        // Of the row that is being read: its first cell, as far as it was read, and where the row begins.
+        // State of the current row: value of the first cell so far, whether it continues, byte offset of the
+        // row; and the number of rows.
         let (mut number, mut in_first, mut row_at, mut rows) = (0u32, true, at, 0u64);
         loop {
             let piece = reader.fill_buf().map_err(failed)?;
@@ -44,7 +47,7 @@ impl Indexed {
             let (n, mut i) = (piece.len(), 0);
             while i < n {
                 if !in_first {
-                    // The rest of the row says nothing about its place.
+                    // The rest of the row is skipped.
                     match piece[i..].iter().position(|byte| *byte == b'\n') {
                         None => break,
                         Some(length) => i += length + 1,
@@ -80,7 +83,7 @@ impl Indexed {
         &self.header
     }
 
-    /// Number of a column.
+    /// Index of a column.
     pub(super) fn column(&self, name: &str) -> Option<usize> {
         self.header.iter().position(|own| own == name)
     }
@@ -90,10 +93,10 @@ impl Indexed {
         self.starts.iter().map(|(number, ..)| *number)
     }
 
-    /// The rows of a number, and how many rows are before them in the table.
+    /// The rows of a number, and the number of rows before them in the table.
     ///
     /// # Errors
-    /// A file that has changed; too many rows for an answer.
+    /// A file that has changed; too many rows for a response.
     pub(super) fn rows(&self, number: u32) -> Result<(Vec<Vec<f64>>, u64)> {
         let Ok(k) = self.starts.binary_search_by_key(&number, |(number, ..)| *number) else {
             return Ok((Vec::new(), 0));
@@ -106,7 +109,7 @@ impl Indexed {
     /// All rows of a small table.
     ///
     /// # Errors
-    /// As of [`Indexed::rows`].
+    /// As for [`Indexed::rows`].
     pub(super) fn all(&self) -> Result<Vec<Vec<f64>>> {
         self.starts
             .first()
@@ -114,7 +117,7 @@ impl Indexed {
     }
 
     fn part(&self, number: u32, from: u64, to: u64) -> Result<Vec<Vec<f64>>> {
-        if to - from > LARGEST_PART {
+        if to - from > MAX_PART {
             return Err(Error::input(format!("{}: {number} has too many rows to show", self.path.display())));
         }
         let failed = |e| Error::read(&self.path, e);
@@ -138,14 +141,14 @@ fn unsorted(path: &Path, rows: u64) -> Error {
     Error::input(format!("{}:{}: {expected}", path.display(), rows + 2))
 }
 
-/// A list of numbers; what is not finite is null.
+/// A list of numbers; null for those that are not finite.
 pub(super) fn list(values: impl IntoIterator<Item = f64>) -> Value {
     Value::Array(values.into_iter().map(number).collect())
 }
 
-/// A number, or null.
+/// A number; null if it is not finite.
 pub(super) fn number(value: f64) -> Value {
-    // Whole numbers are written without a point.
+    // Whole numbers are written without a decimal point.
     if value == value.trunc() && value.abs() < 9e15 {
         return Value::from(value as i64);
     }
@@ -170,7 +173,7 @@ mod tests {
         let path = folder.path().join("t.csv");
         std::fs::write(&path, text).unwrap();
         let index = Indexed::open(&path)?;
-        // The folder is gone after this; what is asked of the rows is asked here.
+        // Rows are checked here because the folder is deleted afterwards.
         for number in 0..12 {
             let expected: Vec<&str> = text
                 .lines()
@@ -200,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_is_null() {
+    fn numbers_that_are_not_finite_are_null() {
         assert_eq!(list([1.0, -0.5, f64::NAN, f64::INFINITY]).to_string(), "[1,-0.5,null,null]");
         let rows = [vec![1.0, f64::NAN], vec![2.0, 0.25]];
         let columns = by_column(&["a".to_owned(), "b".to_owned()], &rows);

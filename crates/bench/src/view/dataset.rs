@@ -1,4 +1,4 @@
-//! A dataset that is shown: its frames, its truth, its optics.
+//! A dataset on the page: frames, truth, optics.
 
 use std::fmt::Debug;
 use std::io::BufReader;
@@ -19,20 +19,20 @@ use storage::input;
 use storage::tables::truth::{FIELD_PATH, FRAMES, TRACKS};
 use visibility::DepthScan;
 
-/// Largest image, pixels.
-const LARGEST_IMAGE: u64 = 1 << 26;
+/// Maximum size of an image, pixels.
+const MAX_IMAGE: u64 = 1 << 26;
 
-/// Most vectors of an answer.
-const MOST_VECTORS: usize = 20_000;
+/// Maximum number of vectors in a response.
+const MAX_VECTORS: usize = 20_000;
 
-/// A dataset that is shown.
+/// An open dataset.
 #[derive(Debug)]
 pub(super) struct OpenDataset {
     folder: PathBuf,
     manifest: Manifest,
     /// Paths of the images, by frame.
     images: Vec<PathBuf>,
-    /// Visible particles of each frame.
+    /// Number of visible particles in each frame.
     n_visible: Vec<f64>,
     times_s: Vec<f64>,
     tracks: Once<Option<Indexed>>,
@@ -40,7 +40,7 @@ pub(super) struct OpenDataset {
     optics: Once<(Scenario, DepthScan)>,
 }
 
-/// What is made when it is first asked for; errors are told every time.
+/// A value that is computed on first use; an error is returned every time.
 type Once<T> = OnceLock<std::result::Result<Arc<T>, String>>;
 
 fn once<T>(cell: &Once<T>, make: impl FnOnce() -> Result<T>) -> Result<Arc<T>> {
@@ -51,7 +51,7 @@ impl OpenDataset {
     /// Reads the manifest of a dataset.
     ///
     /// # Errors
-    /// A dataset that is not finished, or whose manifest names no images.
+    /// A dataset that is unfinished, or whose manifest does not list all images.
     pub(super) fn open(folder: &Path) -> Result<Self> {
         let mut manifest = Manifest::read(folder)?;
         let resources = std::mem::take(&mut manifest.resources);
@@ -84,13 +84,16 @@ impl OpenDataset {
 
     fn size_px(&self) -> Result<(u32, u32)> {
         let sensor = self.manifest.microsig.sensor.as_ref().map(|s| (s.width_px, s.height_px));
-        let size = sensor.filter(|(w, h)| *w > 0 && *h > 0 && u64::from(*w) * u64::from(*h) <= LARGEST_IMAGE);
+        let size = sensor.filter(|(w, h)| *w > 0 && *h > 0 && u64::from(*w) * u64::from(*h) <= MAX_IMAGE);
         size.ok_or_else(|| {
-            Error::input(format!("{}: the size of the images is not told", self.folder.display()))
+            Error::input(format!(
+                "{}: the manifest does not give the size of the images",
+                self.folder.display()
+            ))
         })
     }
 
-    /// What the page must know before it shows a frame.
+    /// Facts that the page needs before it shows a frame.
     ///
     /// # Errors
     /// A manifest without the size of the images.
@@ -112,17 +115,17 @@ impl OpenDataset {
         }))
     }
 
-    /// The counts of a frame, 16 bit, little endian; `None` if there is no such frame.
+    /// The counts of a frame as 16-bit little-endian numbers; `None` if there is no such frame.
     ///
     /// # Errors
-    /// An image that cannot be read or has another size than the manifest tells.
+    /// An image that cannot be read or does not have the size given in the manifest.
     pub(super) fn counts(&self, frame: usize) -> Result<Option<Vec<u8>>> {
         let Some(image) = self.images.get(frame) else { return Ok(None) };
         let (path, size) = (self.folder.join(image), self.size_px()?);
         let damaged = |e: tiff::TiffError| Error::input(format!("{}: {e}", path.display()));
         let file = BufReader::with_capacity(1 << 18, input::open_unlinked(&path)?);
         let mut limits = Limits::default();
-        limits.decoding_buffer_size = 2 * LARGEST_IMAGE as usize;
+        limits.decoding_buffer_size = 2 * MAX_IMAGE as usize;
         let mut decoder = Decoder::new(file).map_err(damaged)?.with_limits(limits);
         let found = decoder.dimensions().map_err(damaged)?;
         let refuse = |what: String| Err(Error::input(format!("{}: {what}", path.display())));
@@ -145,7 +148,7 @@ impl OpenDataset {
         once(&self.tracks, || optional(&self.folder.join(TRACKS.path)))
     }
 
-    /// The true particles of a frame by columns, `row` being that of the first in the table; null without
+    /// The true particles of a frame by columns; `row` is the row of the first one in the table. Null without
     /// truth.
     ///
     /// # Errors
@@ -157,8 +160,8 @@ impl OpenDataset {
         Ok(json!({ "row": before, "n": rows.len(), "columns": by_column(tracks.header(), &rows) }))
     }
 
-    /// The vectors of the true field of an image pair by columns; a steady field is that of every pair. At
-    /// most so many that a page can draw them, then every n-th row.
+    /// The vectors of the true field of an image pair by columns; a steady field applies to every pair. If
+    /// there are too many vectors to draw, only every n-th row.
     ///
     /// # Errors
     /// A table that cannot be read.
@@ -167,7 +170,7 @@ impl OpenDataset {
         let Some(field) = field.as_ref() else { return Ok(Value::Null) };
         let numbers: Vec<u32> = field.numbers().take(2).collect();
         let (rows, _) = field.rows(if numbers == [0] { 0 } else { pair })?;
-        let step = rows.len().div_ceil(MOST_VECTORS).max(1);
+        let step = rows.len().div_ceil(MAX_VECTORS).max(1);
         let kept: Vec<Vec<f64>> = rows.iter().step_by(step).cloned().collect();
         Ok(json!({ "n": kept.len(), "of": rows.len(), "columns": by_column(field.header(), &kept) }))
     }
@@ -183,7 +186,7 @@ impl OpenDataset {
     /// Peak, widths and area of particle images over depth.
     ///
     /// # Errors
-    /// A scenario that cannot be read, as in a test split.
+    /// A scenario that cannot be read, for example in a test split.
     pub(super) fn depth(&self) -> Result<Value> {
         let optics = self.optics()?;
         let (rows, image) = depth::measure(&optics.0, &optics.1)?;
@@ -219,12 +222,12 @@ impl OpenDataset {
     }
 }
 
-/// A table, if it is there.
+/// Opens a table, if it exists.
 fn optional(path: &Path) -> Result<Option<Indexed>> {
     if path.exists() { Indexed::open(path).map(Some) } else { Ok(None) }
 }
 
-/// When frames were taken, s; `None` without the table.
+/// Times of the frames, s; `None` without the table.
 fn times_s(folder: &Path, frames: usize) -> Option<Vec<f64>> {
     let table = optional(&folder.join(FRAMES.path)).ok()??;
     let column = table.column("t_s")?;

@@ -1,4 +1,4 @@
-//! The scenario that is edited: what is wrong with its text, where to start from, where it is saved.
+//! The scenario in the editor: reading its text, initial text and presets, saving.
 
 use std::path::Path;
 
@@ -10,20 +10,20 @@ use storage::error::{Error, Result};
 use storage::problem::Problem;
 use storage::save_result;
 
-/// The scenario of a text, or what is wrong with it.
+/// Reads and resolves the scenario's text; returns its problems as JSON if there are any.
 pub(super) fn read(subject: &Subject, text: &str) -> std::result::Result<Scenario, Value> {
     let name = subject.scenario.as_deref().and_then(Path::file_name);
     let name = name.map_or_else(|| "scenario".to_owned(), |name| name.to_string_lossy().into_owned());
     scenario::load_text(text, (&name, &subject.base()), &[], None).map_err(|error| match error {
         Error::Problems(problems) => {
-            Value::Array(problems.iter().map(|problem| told(problem, text)).collect())
+            Value::Array(problems.iter().map(|problem| described(problem, text)).collect())
         }
         other => Value::Array(other.messages().iter().map(|text| json!({ "message": text })).collect()),
     })
 }
 
-/// A problem with its place in the text, counted as browsers do (UTF-16).
-fn told(problem: &Problem, text: &str) -> Value {
+/// A problem with its position in the text, in UTF-16 code units as in browsers.
+fn described(problem: &Problem, text: &str) -> Value {
     let units = |end: usize| text.get(..end).map(|before| before.encode_utf16().count());
     let place = problem.place.as_ref().filter(|place| place.source.text == text);
     json!({
@@ -32,7 +32,7 @@ fn told(problem: &Problem, text: &str) -> Value {
     })
 }
 
-/// What the page begins with.
+/// Name, text and presets with which the page starts.
 ///
 /// # Errors
 /// A scenario that cannot be read.

@@ -1,6 +1,6 @@
-//! `--export`: the pages as one file that opens without the program.
+//! `--export`: the pages in a single file that opens without the program.
 //!
-//! The file holds the page's own code and the answers that the server would have given for the chosen frames.
+//! The file contains the page's code and the responses that the server would give for the selected frames.
 
 use std::path::PathBuf;
 
@@ -15,37 +15,37 @@ use super::{assets, board};
 use storage::error::{Error, Result};
 use storage::{may_write, save_result};
 
-/// What is exported.
+/// Options of [`export`].
 #[derive(Debug, Clone)]
 pub struct ExportOptions {
-    /// The file.
+    /// The file to write.
     pub out: PathBuf,
-    /// Replace a file of that name.
+    /// Replace an existing file.
     pub force: bool,
     /// The frames; empty: the first ones.
     pub frames: Vec<u32>,
 }
 
-/// What was exported.
+/// Summary of an export.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Exported {
-    /// The file.
+    /// The file to write.
     pub out: PathBuf,
-    /// Its size, bytes.
+    /// Size of the file, bytes.
     pub bytes: usize,
     /// The frames in it.
     pub frames: Vec<u32>,
-    /// Frames that were asked for and left out, because the file would have grown beyond its limit.
+    /// Requested frames that are omitted, because the file would exceed its maximum size.
     pub left_out: Vec<u32>,
 }
 
-/// Largest file, bytes.
+/// Maximum size of the file, bytes.
 const LARGEST: usize = 64 << 20;
 
-/// Frames that are exported if none are named.
+/// Number of frames that are exported by default.
 const FRAMES: u32 = 4;
 
-/// Modules of the page, in an order in which each uses only those before it.
+/// Modules of the page, in order of dependency: each uses only earlier ones.
 pub(super) const MODULES: [&str; 11] = [
     "api.js",
     "dom.js",
@@ -60,10 +60,10 @@ pub(super) const MODULES: [&str; 11] = [
     "board.js",
 ];
 
-/// Writes datasets and results as one page.
+/// Writes datasets and results to a single page.
 ///
 /// # Errors
-/// A subject without a dataset; frames that are not there; a file that exists unless `force`; writing.
+/// A subject without a dataset; frames that do not exist; an existing file, unless `force`; writing.
 pub fn export(subject: Subject, options: &ExportOptions) -> Result<Exported> {
     may_write(&options.out, options.force)?;
     if subject.datasets.is_empty() {
@@ -89,7 +89,7 @@ pub fn export(subject: Subject, options: &ExportOptions) -> Result<Exported> {
     Ok(Exported { out: options.out.clone(), bytes: page.len(), frames, left_out })
 }
 
-/// Answers of the server by their paths.
+/// Responses of the server by their paths.
 struct Answers {
     all: Map<String, Value>,
     bytes: usize,
@@ -102,8 +102,8 @@ impl Answers {
     }
 }
 
-/// The first dataset with its results in the chosen frames; gives those that are in, and those that had no
-/// room.
+/// Adds the first dataset with its results for the selected frames; returns the included and the omitted
+/// frames.
 fn of_dataset(app: &App, wanted: &[u32], answers: &mut Answers) -> Result<(Vec<u32>, Vec<u32>)> {
     let Some(open) = app.dataset(0)? else { return Ok((Vec::new(), Vec::new())) };
     let mut about = open.about()?;
@@ -117,7 +117,7 @@ fn of_dataset(app: &App, wanted: &[u32], answers: &mut Answers) -> Result<(Vec<u
     let mut wanted = if wanted.is_empty() { (0..frames.min(FRAMES)).collect() } else { wanted.to_vec() };
     wanted.sort_unstable();
     wanted.dedup();
-    // A test split has no truth to compute it from.
+    // Fails for a test split, which has no truth.
     if let Ok(depth) = open.depth() {
         answers.put("dataset/0/depth", depth);
     }
@@ -173,7 +173,7 @@ fn document(answers: &Value) -> Result<String> {
     ))
 }
 
-/// A module as part of one script: without its imports, and with what it exports in plain sight.
+/// A module as part of a single script: without imports and `export` keywords.
 fn joined(module: &str) -> String {
     let mut code = String::with_capacity(module.len());
     for line in module.lines().filter(|line| !line.starts_with("import ")) {
@@ -189,7 +189,7 @@ mod tests {
 
     use super::*;
 
-    /// Names that a module declares at its outermost level.
+    /// Names that a module declares at its top level.
     fn declared(module: &str) -> Vec<&str> {
         let words = ["const ", "let ", "function ", "function* ", "class "];
         let names = module.lines().filter_map(|line| {
@@ -201,7 +201,7 @@ mod tests {
         names.collect()
     }
 
-    /// Modules are joined into one script, in which names are not told apart by modules.
+    /// In a single script, all modules share one namespace, so names must be unique.
     #[test]
     fn modules_can_be_joined() {
         let mut seen: BTreeMap<&str, &str> = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! What the editor knows of a key: what it means, what it may be, what may stand below it.
+//! Information on a key for the editor: meaning, range, default and subkeys.
 
 use std::sync::LazyLock;
 
@@ -7,11 +7,11 @@ use serde_json::{Value, json};
 use scenario::spec::Spec;
 use scenario::{Entry, Kind, Schema, ron, schema_of};
 
-/// Most steps of a path; fields nest without end.
+/// Maximum number of steps in a path, as fields nest without limit.
 const DEEPEST: usize = 60;
 
-/// A key or variant, and those below it; `None` if there is none of that path. The empty path is the whole
-/// scenario.
+/// A key or variant with its subkeys; `None` if the path does not exist. The empty path is the scenario
+/// itself.
 pub(super) fn at(path: &str) -> Option<Value> {
     static LANGUAGE: LazyLock<Value> = LazyLock::new(schema_of::<Spec>);
     let root = Schema::root(&LANGUAGE);
@@ -22,7 +22,7 @@ pub(super) fn at(path: &str) -> Option<Value> {
         return None;
     }
     let entry = root.find(path)?;
-    let mut value = told(&entry);
+    let mut value = described(&entry);
     value["path"] = json!(path);
     value["below"] = entry.schema.map_or_else(|| json!([]), below);
     Some(value)
@@ -30,15 +30,15 @@ pub(super) fn at(path: &str) -> Option<Value> {
 
 fn below(schema: Schema<'_>) -> Value {
     let required: Vec<&str> = schema.required().collect();
-    let told = schema.below().into_iter().map(|entry| {
-        let mut value = told(&entry);
+    let described = schema.below().into_iter().map(|entry| {
+        let mut value = described(&entry);
         value["is_required"] = json!(required.contains(&entry.name));
         value
     });
-    Value::Array(told.collect())
+    Value::Array(described.collect())
 }
 
-fn told(entry: &Entry<'_>) -> Value {
+fn described(entry: &Entry<'_>) -> Value {
     let schema = entry.schema;
     let default = schema.and_then(|schema| schema.attribute("default").map(|value| ron(value, schema)));
     let example =
@@ -70,7 +70,7 @@ fn kind(schema: Schema<'_>) -> &'static str {
     }
 }
 
-/// What completion writes; `|` is where the cursor goes.
+/// Text that completion inserts; `|` marks the position of the cursor.
 fn insert(entry: &Entry<'_>, value: Option<String>) -> String {
     let kind = entry.schema.map(|schema| schema.kind());
     let (name, short) = (entry.name, value.filter(|text| text.len() <= 40));
@@ -97,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn keys_are_told_with_unit_range_and_meaning() {
+    fn keys_have_unit_range_and_meaning() {
         let gain = at("optics.gain").unwrap();
         assert_eq!((gain["kind"].as_str(), gain["range"].as_str()), (Some("number"), Some("0 to 1e6")));
         assert!(!gain["meaning"].as_str().unwrap().is_empty());

@@ -1,8 +1,9 @@
-//! `microsig view`: pages in the browser that show a scenario before it runs and a result where it fails.
+//! `microsig view`: pages in the browser that show a scenario before it runs, datasets, and the errors of
+//! results.
 //!
-//! `server` answers on the loopback address only and lets nobody in who does not know the token of its
-//! address; `routes` lists what can be asked for. Requests name things by numbers (`subject::Subject`
-//! lists them), never by paths. The page itself is `page/`, embedded into the program by `assets`.
+//! `server` listens on the loopback address only and refuses requests without the token in its address;
+//! `routes` lists the requests. Requests refer to datasets and results by index (in the lists of
+//! `subject::Subject`), never by path. The page itself is `page/`, embedded in the program by `assets`.
 
 mod assets;
 mod board;

@@ -1,25 +1,25 @@
-//! What the optics of a scenario make of a particle: its image over depth, and the noise-free image of any
-//! one.
+//! Particle images of a scenario's optics for the page: curves and images over depth, and the noise-free
+//! image of a particle.
 
 use microsig_core::Particle;
 use serde_json::{Value, json};
 
 use super::columns::list;
 use generator::dataset::truth::depth::{DepthRow, ParticleImage};
-use scenario::Scenario;
 use storage::error::Result;
+use scenario::Scenario;
 use visibility::{DepthScan, ScanImage};
 
-/// Half the longest side of a crop, px.
-const LONGEST_HALF_PX: i64 = 100;
+/// Maximum half side of a crop, px.
+const MAX_HALF_PX: i64 = 100;
 
-/// Images of the strip over depth.
+/// Number of images in the strip over depth.
 const STRIP: usize = 11;
 
-/// Half the side of an image of the strip at most, px.
+/// Maximum half side of an image in the strip, px.
 const STRIP_HALF_PX: usize = 60;
 
-/// Peak, widths and area over depth, of the rows of [`generator::dataset::truth::depth::measure`].
+/// Peak, widths and area over depth, from the rows of [`generator::dataset::truth::depth::measure`].
 pub(super) fn curves(scan: &DepthScan, rows: &[DepthRow], image: &ParticleImage) -> Value {
     let sizes: Vec<[f64; 2]> = scan.images.iter().map(ScanImage::size_px).collect();
     let column = |k: usize| list(rows.iter().map(|row| row[k]));
@@ -30,8 +30,8 @@ pub(super) fn curves(scan: &DepthScan, rows: &[DepthRow], image: &ParticleImage)
     })
 }
 
-/// Images of one particle at equispaced depths side by side: side of each, depths, and mean counts above the
-/// background as 32-bit floating-point numbers, little endian.
+/// Images of one particle at equispaced depths, one after the other: their side and depths, and mean counts
+/// above the background as 32-bit little-endian floating-point numbers.
 pub(super) fn strip(scan: &DepthScan, rows: &[DepthRow]) -> (Value, Vec<u8>) {
     let last = scan.images.len() - 1;
     let chosen: Vec<usize> = (0..STRIP).map(|k| k * last / (STRIP - 1)).collect();
@@ -56,15 +56,15 @@ pub(super) fn strip(scan: &DepthScan, rows: &[DepthRow]) -> (Value, Vec<u8>) {
     (json!({ "side": side, "z_um": list(depths) }), bytes)
 }
 
-/// The noise-free image of one particle around its centre: corner (pixels from 1) and mean counts, background
-/// included.
+/// The noise-free image of one particle around its center: corner (px, from 1) and mean counts, including the
+/// background.
 ///
 /// # Errors
-/// None for a scenario that could be resolved.
+/// None for a resolved scenario.
 pub(super) fn crop(scenario: &Scenario, particle: &Particle) -> Result<Value> {
     let (width, height) = (scenario.settings.pixel_dim_x as i64, scenario.settings.pixel_dim_y as i64);
     let (reach_x, reach_y) = scenario.renderer.image_extent(particle);
-    let half = |reach: f64| (reach.ceil() as i64 + 2).clamp(6, LONGEST_HALF_PX);
+    let half = |reach: f64| (reach.ceil() as i64 + 2).clamp(6, MAX_HALF_PX);
     let half = half(reach_x).max(half(reach_y));
     let (x, y) = (particle.x_px.round() as i64, particle.y_px.round() as i64);
     let (left, right) = ((x - half).max(1), (x + half).min(width));

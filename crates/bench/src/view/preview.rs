@@ -1,8 +1,8 @@
-//! The preview of a scenario: what can be seen of its dataset within a second.
+//! The preview of a scenario: what can be computed of its dataset within about a second.
 //!
-//! The text is read, the first two frames are drawn as `generate` draws them, one particle is drawn over
-//! depth, and the numbers of the dataset are told. Each part is sent as soon as it is there; between parts,
-//! and before every frame, the preview stops if another one has begun.
+//! It reads the text, renders the first two frames as `generate` does, renders a particle over depth, and
+//! computes the numbers of the dataset. Each part is sent as soon as it is ready; between parts, and before
+//! every frame, the preview stops if another one has started.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -19,30 +19,29 @@ use tokio::sync::mpsc::Sender;
 use super::body::message;
 use super::columns::list;
 use super::state::{App, locked};
-use super::{editor, optics};
+use super::{optics, scenario};
 use generator::dataset::Camera;
-use generator::dataset::truth::{depth, rendered};
+use generator::dataset::truth::{Viewer, depth};
 use generator::runner::{Cost, Frames};
 use scenario::Scenario;
 
-/// How long the drawing of a frame may take, s; of a frame that would take longer only the first particles
-/// are drawn.
+/// Maximum time for rendering a frame, s; if it would take longer, only the first particles are rendered.
 const FRAME_S: f64 = 4.0;
 
-/// Particles that are drawn to find out how long one takes.
+/// Number of particles rendered to measure the time per particle.
 const PROBE: usize = 8;
 
-/// Most pixels of a preview.
-const MOST_PIXELS: u64 = 1 << 24;
+/// Maximum number of pixels of a preview.
+const MAX_PIXELS: u64 = 1 << 24;
 
-/// Most particles of a frame of a preview.
-const MOST_PARTICLES: f64 = 2e6;
+/// Maximum number of particles in a frame of a preview.
+const MAX_PARTICLES: f64 = 2e6;
 
-/// Why a preview ends before its end.
+/// Reason why a preview stops early.
 enum Stop {
-    /// Another one has begun, or nobody is looking.
+    /// Another one has started, or the page is closed.
     Replaced,
-    /// It cannot be made.
+    /// It cannot be computed.
     Failed(String),
 }
 
@@ -52,14 +51,14 @@ impl From<storage::error::Error> for Stop {
     }
 }
 
-/// A preview under way.
+/// A running preview.
 struct Preview {
     stop: Arc<AtomicBool>,
     sender: Sender<Bytes>,
     start: Instant,
 }
 
-/// Makes a preview and sends its parts.
+/// Computes a preview and sends its parts.
 pub(super) fn run(app: &App, text: &str, stop: Arc<AtomicBool>, sender: Sender<Bytes>) {
     let preview = Preview { stop, sender, start: Instant::now() };
     let under_way = Arc::clone(&app.previewing);
@@ -79,13 +78,13 @@ impl Preview {
         if sent.is_err() || self.stop.load(Ordering::SeqCst) { Err(Stop::Replaced) } else { Ok(()) }
     }
 
-    fn go_on(&self) -> std::result::Result<(), Stop> {
+    fn check(&self) -> std::result::Result<(), Stop> {
         if self.stop.load(Ordering::SeqCst) || self.sender.is_closed() { Err(Stop::Replaced) } else { Ok(()) }
     }
 
     fn parts(&self, app: &App, text: &str) -> std::result::Result<(), Stop> {
-        self.go_on()?;
-        let scenario = match editor::read(app.subject(), text) {
+        self.check()?;
+        let scenario = match scenario::read(app.subject(), text) {
             Ok(scenario) => scenario,
             Err(problems) => return self.send(json!({ "part": "problems", "problems": problems }), &[]),
         };
@@ -95,31 +94,31 @@ impl Preview {
             "cost": cost, "affordable": cost.affordable(&scenario).err().map(|e| e.to_string()) }),
             &[],
         )?;
-        if cost.pixels > MOST_PIXELS || cost.particles_per_frame > MOST_PARTICLES {
+        if cost.pixels > MAX_PIXELS || cost.particles_per_frame > MAX_PARTICLES {
             return Err(Stop::Failed(format!(
                 "too large for a preview: {} pixels, {:.0} particles in a frame",
                 cost.pixels, cost.particles_per_frame
             )));
         }
-        self.go_on()?;
+        self.check()?;
         let camera = Camera::new(scenario.renderer.clone(), scenario.sensor()?, scenario.streams);
-        let (mut frames, mut drawn_s, mut shares) = (Vec::new(), 0.0, Vec::new());
+        let (mut frames, mut drawn_s) = (Vec::new(), 0.0);
         for frame in Frames::new(&scenario)?.take(2) {
-            self.go_on()?;
+            self.check()?;
             let frame = frame?;
             let (image, seconds, share) = self.draw(&scenario, &camera, &frame)?;
-            (drawn_s, shares) = (f64::max(drawn_s, seconds), [shares, vec![share]].concat());
+            drawn_s = f64::max(drawn_s, seconds);
             let pixels: Vec<u8> = image.counts.iter().flat_map(|count| count.to_le_bytes()).collect();
             let part = json!({ "part": "frame", "index": frame.index, "width": image.width, "height": image.height,
                 "t_s": frame.t_s, "share": share, "seconds": seconds, "particles": particles(&scenario, &frame) });
             self.send(part, &pixels)?;
             frames.push(frame);
         }
-        self.go_on()?;
+        self.check()?;
         let once = Instant::now();
         let scan = scenario.scan_of_mean()?;
         let once_s = once.elapsed().as_secs_f64();
-        self.go_on()?;
+        self.check()?;
         let (rows, image) = depth::measure(&scenario, &scan)?;
         let curves = optics::curves(&scan, &rows, &image);
         let (strip, block) = optics::strip(&scan, &rows);
@@ -129,21 +128,21 @@ impl Preview {
             json!({ "part": "numbers", "numbers": numbers, "a_pi_px": image.area_px, "snr": image.snr,
             "focus_um": image.focus_um, "background_counts": image.background_counts,
             "background_noise_counts": image.background_noise_counts,
-            // What a particle's visibility takes is of the order of its image.
+            // A rough estimate: it omits visibility, which takes about as long as rendering.
             "seconds": once_s + drawn_s * f64::from(cost.frames), "bytes": cost.disk_bytes }),
             &[],
         )
     }
 
-    /// Draws a frame, or as many of its particles as there is time for; gives how long it took (of the whole
-    /// frame, if not all was drawn: how long it would take) and the share of the particles that was drawn.
+    /// Renders a frame, or as many of its particles as time permits; returns the image, the (extrapolated)
+    /// time for all particles in s, and the fraction of the particles that is rendered.
     fn draw(
         &self,
         scenario: &Scenario,
         camera: &Camera,
         frame: &Frame,
     ) -> std::result::Result<(Image, f64, f64), Stop> {
-        let rows = rendered(scenario, camera.renderer(), frame);
+        let rows = Viewer { scenario, renderer: camera.renderer() }.view(frame).rendered;
         let timed = |rows: &[Particle]| {
             let start = Instant::now();
             (camera.image(rows, frame.index), start.elapsed().as_secs_f64())
@@ -152,7 +151,7 @@ impl Preview {
         if rows.len() <= PROBE {
             return Ok((image, probe_s, 1.0));
         }
-        self.go_on()?;
+        self.check()?;
         let whole_s = probe_s / PROBE as f64 * rows.len() as f64;
         if whole_s <= FRAME_S {
             let (image, seconds) = timed(&rows);
@@ -166,7 +165,7 @@ impl Preview {
     }
 }
 
-/// What is known without drawing anything.
+/// Facts that are known without rendering.
 fn about(scenario: &Scenario) -> Value {
     let (settings, (low, high)) = (&scenario.settings, scenario.depth_range_um);
     let sensor = scenario.sensor().ok();
@@ -181,7 +180,7 @@ fn about(scenario: &Scenario) -> Value {
     })
 }
 
-/// The particles whose centres are on the sensor, by columns.
+/// The particles whose centers are on the sensor, by columns.
 fn particles(scenario: &Scenario, frame: &Frame) -> Value {
     let placed = frame.tracers.iter().map(|tracer| (tracer, scenario.scale.to_image(tracer.position)));
     let seen: Vec<_> = placed.filter(|(_, at)| is_visible(scenario, at.x_px, at.y_px)).collect();
@@ -203,7 +202,7 @@ fn is_visible(scenario: &Scenario, x_px: f64, y_px: f64) -> bool {
     on(x_px, scenario.settings.pixel_dim_x) && on(y_px, scenario.settings.pixel_dim_y)
 }
 
-/// Number in view, densities and displacements of the frames that were drawn.
+/// Number of visible particles, densities and displacements in the rendered frames.
 fn numbers(scenario: &Scenario, frames: &[Frame], area_px: f64) -> Value {
     let visible = |tracer: &flows::Tracer| {
         let at = scenario.scale.to_image(tracer.position);

@@ -1,7 +1,7 @@
-//! A result that is shown: what `evaluate` finds, point by point.
+//! A result on the page: the findings of `evaluate` for every point.
 //!
-//! Scores and matching come from [`scoring::evaluate`] itself with the options that `microsig evaluate` has
-//! without any given, so the numbers of the page are those of `score.json`.
+//! Scores and matching are those of [`scoring::evaluate`] with the default options of `microsig evaluate`, so
+//! the numbers on the page equal those in `score.json`.
 
 use std::ops::Range;
 use std::path::Path;
@@ -9,6 +9,7 @@ use std::path::Path;
 use serde_json::{Map, Value, json};
 
 use super::columns::list;
+use storage::error::{Error, Result};
 use scoring::evaluate::candidates::Candidates;
 use scoring::evaluate::clear::switches;
 use scoring::evaluate::detection::error;
@@ -20,24 +21,24 @@ use scoring::evaluate::track_set::TrackSet;
 use scoring::evaluate::truth::TrueParticles;
 use scoring::evaluate::{EvaluateOptions, Evaluation, Particles, evaluate};
 use scoring::results::{Conventions, Position};
-use storage::error::{Error, Result};
 
-/// Most points of a list.
-const LONGEST_LIST: usize = 500;
+/// Maximum number of points in a list.
+const MAX_LIST: usize = 500;
 
-/// A result that is shown.
+/// An open result.
 #[derive(Debug)]
 pub(super) struct OpenResult {
     score: Value,
-    /// Every scored point once, by frame: found, missed and ghost particles.
+    /// All scored points, sorted by frame: found, missed and ghost particles.
     points: Vec<Point>,
-    /// First frame without points.
+    /// Number of the last frame with points, plus 1.
     frames: u32,
-    /// The vectors of a field: pair (NaN: any), place, displacement and true displacement.
+    /// The vectors of a field: pair (NaN: all), x and y (px), displacement and true displacement along x and
+    /// y (px).
     vectors: Vec<[f64; 7]>,
 }
 
-/// What a point is.
+/// Kind of a scored point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Found,
@@ -50,38 +51,38 @@ enum Kind {
 struct Point {
     frame: u32,
     kind: Kind,
-    /// Row of the truth's table, and of the result's; [`NONE`] of ghosts and of missed particles.
+    /// Row in the table of the truth ([`NONE`] for ghosts) and in the result ([`NONE`] for missed particles).
     truth_row: u32,
     result_row: u32,
-    /// True position, of a ghost its own: px, px, um.
+    /// True position, or that of a ghost: px, px, um.
     at: [f64; 3],
-    /// Result - truth of a found particle.
+    /// Position error (result - truth) of a found particle: px, px, um; NaN for others.
     error: [f64; 3],
-    /// Of the true particle.
+    /// SNR and overlap of the true particle; NaN for ghosts.
     snr: f64,
     overlap: f64,
-    /// Number of the result's track; [`NONE`] of missed particles.
+    /// Number of the result's track; [`NONE`] for missed particles.
     track: u32,
-    /// Where the track's point before was, and whether that link is right.
+    /// Position (px) of the track's previous point, and whether the link from it is correct.
     from: Option<([f64; 2], bool)>,
-    /// Whether CLEAR MOT counts a switch here.
+    /// Whether CLEAR MOT counts an identity switch here.
     is_switch: bool,
 }
 
-/// Which points a list holds.
+/// Selection and order of the points in a list.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Filter {
-    /// 0 found, 1 missed, 2 ghosts; `None`: found and missed particles and ghosts.
+    /// 0 found, 1 missed, 2 ghosts; `None`: all.
     pub(super) kind: Option<u32>,
-    /// What it is sorted by: 0 error in the image plane, 1 error in depth, 2 frame.
+    /// Sort key: 0 error in the image plane, 1 error in depth, 2 frame.
     pub(super) by: u32,
-    /// Least and greatest depth, um.
+    /// Range of depth, um.
     pub(super) z_um: [f64; 2],
-    /// Least and greatest signal-to-noise ratio.
+    /// Range of the signal-to-noise ratio.
     pub(super) snr: [f64; 2],
-    /// Least and greatest overlap.
+    /// Range of the overlap.
     pub(super) overlap: [f64; 2],
-    /// Whether only switches are wanted.
+    /// Whether to select only identity switches.
     pub(super) switches: bool,
 }
 
@@ -89,10 +90,10 @@ impl OpenResult {
     /// Scores a result as `microsig evaluate` does.
     ///
     /// # Errors
-    /// As of [`evaluate`].
+    /// As for [`evaluate`].
     pub(super) fn open(dataset: &Path, path: &Path) -> Result<Self> {
         let evaluation = evaluate(dataset, path, &EvaluateOptions::default())?;
-        // Not by way of a text: reading numbers may change their last digit.
+        // Not via text, because parsing may change the last digit of numbers.
         let score = serde_json::to_value(&evaluation.score).map_err(|e| Error::input(e.to_string()))?;
         let (points, vectors) = match &evaluation.particles {
             Some(particles) => {
@@ -110,7 +111,7 @@ impl OpenResult {
         &self.score
     }
 
-    /// Scores, and how many particles of each frame are found, missed and ghosts.
+    /// Scores, and the numbers of found, missed and ghost particles in each frame.
     pub(super) fn about(&self) -> Value {
         let mut counts = vec![[0u32; 3]; self.frames as usize];
         self.points.iter().for_each(|point| counts[point.frame as usize][point.kind as usize] += 1);
@@ -130,7 +131,7 @@ impl OpenResult {
         Value::Object(columns(self.points[self.within(frame)].iter()))
     }
 
-    /// The points that a filter lets through, the worst first, and how many there are.
+    /// The points selected by a filter, worst first, and their total number.
     pub(super) fn worst(&self, filter: &Filter) -> Value {
         let mut chosen: Vec<&Point> = self.points.iter().filter(|point| filter.admits(point)).collect();
         let size = |point: &Point| match filter.by {
@@ -138,11 +139,11 @@ impl OpenResult {
             1 => point.error[2].abs(),
             _ => -f64::from(point.frame),
         };
-        // Missed particles and ghosts have no error; they stand at the end, in the order of frames.
+        // Missed particles and ghosts have no error; they come last, in the order of frames.
         let key = |point: &Point| if size(point).is_nan() { f64::NEG_INFINITY } else { size(point) };
         chosen.sort_by(|a, b| key(b).total_cmp(&key(a)));
         let of = chosen.len();
-        json!({ "of": of, "columns": columns(chosen.into_iter().take(LONGEST_LIST)) })
+        json!({ "of": of, "columns": columns(chosen.into_iter().take(MAX_LIST)) })
     }
 
     /// The vectors of a field for an image pair by columns.
@@ -157,7 +158,7 @@ impl OpenResult {
 
 impl Filter {
     fn admits(&self, point: &Point) -> bool {
-        // A ghost has neither SNR nor overlap: a range of those that was narrowed leaves it out.
+        // Ghosts have neither SNR nor overlap, so any bound on these excludes them.
         let within = |value: f64, [low, high]: [f64; 2]| {
             if value.is_nan() {
                 low == f64::NEG_INFINITY && high == f64::INFINITY
@@ -206,7 +207,7 @@ fn points(evaluation: &Evaluation, particles: &Particles, truth: &TrueParticles)
             kind: if partner.is_some() { Kind::Found } else { Kind::Missed },
             truth_row: p.source,
             result_row,
-            // Scored in two dimensions, particles still have their depth.
+            // Particles have their depth even if they are scored in two dimensions.
             at: place(&truth.rows[p.source as usize].at, truth.has_z),
             error,
             snr: property("snr", p.source),
@@ -237,7 +238,7 @@ fn points(evaluation: &Evaluation, particles: &Particles, truth: &TrueParticles)
     Ok(points)
 }
 
-/// Marks the points of a result where CLEAR MOT counts a switch.
+/// Marks the points of a result where CLEAR MOT counts an identity switch.
 fn mark_switches((truth, result): (&TrackSet, &TrackSet), gate: &Gate, marks: &mut [bool]) -> Result<()> {
     let candidates = Candidates::new(truth, result, gate)?;
     switches(truth, result, &candidates).into_iter().for_each(|point| marks[point as usize] = true);

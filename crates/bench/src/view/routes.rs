@@ -1,4 +1,5 @@
-//! What can be asked for. Every path is below the token; things are named by their numbers.
+//! The requests that the server answers. Every path starts with the token; datasets, frames and results are
+//! given by index.
 
 use std::sync::Arc;
 
@@ -15,18 +16,18 @@ use super::state::App;
 use super::{assets, board, body, editor, keys, preview};
 use storage::error::{Error, Result};
 
-/// Largest body of a request, bytes: a scenario.
-const LARGEST_BODY: usize = 1 << 20;
+/// Maximum body of a request (a scenario), bytes.
+const MAX_BODY: usize = 1 << 20;
 
-/// Time for the body of a request.
+/// Time limit for the body of a request.
 const BODY_TIME: std::time::Duration = std::time::Duration::from_secs(10);
 
-/// Time between signs of life on an open page.
-const SIGN_OF_LIFE: std::time::Duration = std::time::Duration::from_secs(1);
+/// Interval of heartbeats to an open page.
+const HEARTBEAT: std::time::Duration = std::time::Duration::from_secs(1);
 
 type Shared = State<Arc<App>>;
 
-/// All routes, without the token.
+/// All routes, relative to the token.
 pub(super) fn all() -> Router<Arc<App>> {
     Router::new()
         .route("/page/{name}", get(|Path(name): Path<String>| async move { page(&name) }))
@@ -63,25 +64,25 @@ fn page(name: &str) -> Response {
     }
 }
 
-/// A value as JSON.
-fn told(value: &Value) -> Response {
+/// A response with a value as JSON.
+fn json_response(value: &Value) -> Response {
     ([(header::CONTENT_TYPE, "application/json")], value.to_string()).into_response()
 }
 
-/// A key of the scenario language; null for words that are none, as they are while somebody types.
+/// A key of the scenario language; null if it does not exist, as happens while the user is typing.
 async fn key(path: String) -> Response {
-    told(&keys::at(&path).unwrap_or(Value::Null))
+    json_response(&keys::at(&path).unwrap_or(Value::Null))
 }
 
-/// An error as JSON: the reader's own files cannot be shown.
+/// An error as JSON, for files that cannot be shown.
 fn refused(error: &Error) -> Response {
     let text = json!({ "error": error.to_string() }).to_string();
     (StatusCode::UNPROCESSABLE_ENTITY, [(header::CONTENT_TYPE, "application/json")], text).into_response()
 }
 
-/// Runs work on a thread of its own and tells what it gives.
+/// Runs a job on a worker thread and sends its result as JSON.
 async fn work(app: Arc<App>, of: impl FnOnce(&App) -> Result<Option<Value>> + Send + 'static) -> Response {
-    let Ok(place) = Arc::clone(&app.large).acquire_owned().await else {
+    let Ok(permit) = Arc::clone(&app.large).acquire_owned().await else {
         return StatusCode::SERVICE_UNAVAILABLE.into_response();
     };
     let shared = Arc::clone(&app);
@@ -89,27 +90,27 @@ async fn work(app: Arc<App>, of: impl FnOnce(&App) -> Result<Option<Value>> + Se
         app.job(move || of(&shared).map(|value| value.map(|value| Bytes::from(value.to_string())))).await;
     match done {
         None => StatusCode::TOO_MANY_REQUESTS.into_response(),
-        Some(Ok(Some(bytes))) => body::large(place, bytes, "application/json"),
+        Some(Ok(Some(bytes))) => body::large(permit, bytes, "application/json"),
         Some(Ok(None)) => StatusCode::NOT_FOUND.into_response(),
         Some(Err(error)) => refused(&error),
     }
 }
 
-/// The body of a request, as far as it is allowed.
+/// Reads the body of a request, with limits on size and time.
 async fn text(body: Body) -> std::result::Result<String, StatusCode> {
-    let read = tokio::time::timeout(BODY_TIME, to_bytes(body, LARGEST_BODY)).await;
+    let read = tokio::time::timeout(BODY_TIME, to_bytes(body, MAX_BODY)).await;
     let bytes = read.map_err(|_| StatusCode::REQUEST_TIMEOUT)?.map_err(|_| StatusCode::PAYLOAD_TOO_LARGE)?;
     String::from_utf8(bytes.into()).map_err(|_| StatusCode::BAD_REQUEST)
 }
 
-/// Lasts as long as the page is open: a byte a second.
+/// A stream of one byte per second, which lasts as long as the page is open.
 async fn alive(State(app): Shared) -> Response {
     let (sender, response) = body::stream();
     let viewer = app.viewer();
     tokio::spawn(async move {
         let _viewer = viewer;
         // A closed page closes the channel.
-        while tokio::time::timeout(SIGN_OF_LIFE, sender.closed()).await.is_err() {
+        while tokio::time::timeout(HEARTBEAT, sender.closed()).await.is_err() {
             if sender.send(Bytes::from_static(b".")).await.is_err() {
                 return;
             }
@@ -119,7 +120,7 @@ async fn alive(State(app): Shared) -> Response {
 }
 
 async fn about(State(app): Shared) -> Response {
-    told(&board::about(&app))
+    json_response(&board::about(&app))
 }
 
 async fn start(State(app): Shared) -> Response {
@@ -139,7 +140,7 @@ async fn preview_of(State(app): Shared, body: Body) -> Response {
         Err(status) => return status.into_response(),
     };
     let (stop, (sender, response)) = (app.next_preview(), body::stream());
-    // Not among the jobs: an earlier preview must end before this one begins.
+    // Not subject to the limit on jobs, as it waits for the previous preview to stop.
     tokio::task::spawn_blocking(move || preview::run(&app, &text, stop, sender));
     response
 }
@@ -149,7 +150,7 @@ async fn dataset(State(app): Shared, Path(dataset): Path<usize>) -> Response {
 }
 
 async fn frame(State(app): Shared, Path((dataset, frame)): Path<(usize, usize)>) -> Response {
-    let Ok(place) = Arc::clone(&app.large).acquire_owned().await else {
+    let Ok(permit) = Arc::clone(&app.large).acquire_owned().await else {
         return StatusCode::SERVICE_UNAVAILABLE.into_response();
     };
     let shared = Arc::clone(&app);
@@ -159,7 +160,7 @@ async fn frame(State(app): Shared, Path((dataset, frame)): Path<(usize, usize)>)
     });
     match counts.await {
         None => StatusCode::TOO_MANY_REQUESTS.into_response(),
-        Some(Ok(Some(counts))) => body::large(place, Bytes::from(counts), "application/octet-stream"),
+        Some(Ok(Some(counts))) => body::large(permit, Bytes::from(counts), "application/octet-stream"),
         Some(Ok(None)) => StatusCode::NOT_FOUND.into_response(),
         Some(Err(error)) => refused(&error),
     }
@@ -208,7 +209,7 @@ async fn worst(
     work(app, move |app| Ok(app.result(dataset, tracker)?.map(|open| open.worst(&filter)))).await
 }
 
-/// The filter of a query `kind=0&by=1&z=-10,20&snr=3,&overlap=,0.5&switches=1`; `None` if it is none.
+/// Parses a filter such as `kind=0&by=1&z=-10,20&snr=3,&overlap=,0.5&switches=1`; `None` if it is malformed.
 fn filter(query: &str) -> Option<Filter> {
     let all = [f64::NEG_INFINITY, f64::INFINITY];
     let mut filter = Filter { kind: None, by: 0, z_um: all, snr: all, overlap: all, switches: false };

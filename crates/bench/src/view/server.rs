@@ -1,10 +1,9 @@
-//! The server: who may ask, how much, and when it ends.
+//! The server: access control, limits, and shutdown.
 //!
-//! It listens on 127.0.0.1, on a random port unless told otherwise. Every address begins with a token of 128
-//! random bits, `Host` must name the loopback address and this very port (so that a page of another site
-//! cannot reach it through a name of its own), and `Origin`, if there is one, must be this server. What is
-//! refused gets a status from 400 to 499 and no hint at why. Connections, headers, bodies and memory for
-//! answers are bounded.
+//! It listens on 127.0.0.1, by default on a free port. Every path starts with a token of 128 random bits,
+//! `Host` must be the loopback address with the server's port (which prevents access by DNS rebinding), and
+//! `Origin`, if present, must be this server. Refused requests get a status from 400 to 499 without a reason.
+//! Connections, headers, bodies and memory for responses are limited.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
@@ -28,43 +27,44 @@ use super::subject::Subject;
 use storage::error::{Error, Result};
 use storage::on_interrupt;
 
-/// How to serve.
+/// Options of [`serve`].
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ViewOptions {
-    /// The port; 0 takes a free one.
+    /// The port; 0 for a free one.
     pub port: u16,
-    /// Go on when the last page has been closed.
+    /// Keep running after the last page has been closed.
     pub stay: bool,
 }
 
-/// A server that is about to answer.
+/// A server that has started.
 #[derive(Debug, Clone)]
 pub struct Served {
     /// The page's address, with the token.
     pub address: String,
-    /// What it shows.
+    /// Title of the page.
     pub title: String,
 }
 
-/// Connections that are open at a time; others wait.
+/// Maximum number of open connections; others wait.
 const CONNECTIONS: usize = 128;
 
-/// Longest path and query of a request, bytes.
-const LONGEST_ADDRESS: usize = 4096;
+/// Maximum length of path and query, bytes.
+const MAX_ADDRESS: usize = 4096;
 
-/// Largest headers of a request, bytes.
-const LARGEST_HEADERS: usize = 32 * 1024;
+/// Maximum size of a request's headers, bytes.
+const MAX_HEADERS: usize = 32 * 1024;
 
-/// Time for the headers of a request.
+/// Time limit for the headers of a request.
 const HEADERS_TIME: Duration = Duration::from_secs(10);
 
-/// Threads for work that takes long.
+/// Number of worker threads for long jobs.
 const WORKERS: usize = 6;
 
-/// Serves pages until the program is interrupted or the last page is closed; `announce` is told the address.
+/// Serves pages until the program is interrupted or the last page is closed; `announce` is called with the
+/// address.
 ///
 /// # Errors
-/// A port that is taken; a subject that cannot be shown.
+/// A port that is in use; a subject that cannot be shown.
 pub fn serve(
     subject: Subject,
     options: ViewOptions,
@@ -95,12 +95,12 @@ pub fn serve(
         accepting.abort();
         Ok(())
     });
-    // Work that is under way ends with the program.
+    // Running jobs are abandoned.
     runtime.shutdown_timeout(Duration::from_millis(200));
     result
 }
 
-/// The routes behind their guards.
+/// The routes with access control.
 pub(super) fn router(app: &Arc<App>) -> Router {
     Router::new()
         .nest(&format!("/{}", app.token()), routes::all())
@@ -111,12 +111,12 @@ pub(super) fn router(app: &Arc<App>) -> Router {
 }
 
 pub(super) async fn accept(listener: TcpListener, app: Arc<App>) {
-    let (places, router) = (Arc::new(Semaphore::new(CONNECTIONS)), router(&app));
+    let (permits, router) = (Arc::new(Semaphore::new(CONNECTIONS)), router(&app));
     loop {
-        let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
+        let Ok(permit) = Arc::clone(&permits).acquire_owned().await else { return };
         let (stream, from) = match listener.accept().await {
             Ok(accepted) => accepted,
-            // Too many open files, or a connection that is gone again.
+            // Too many open files, or a connection that was closed at once.
             Err(_) => {
                 tokio::time::sleep(Duration::from_millis(20)).await;
                 continue;
@@ -129,10 +129,10 @@ pub(super) async fn accept(listener: TcpListener, app: Arc<App>) {
         let service = TowerToHyperService::new(router.clone());
         tokio::spawn(async move {
             let mut http = http1::Builder::new();
-            http.timer(TokioTimer::new()).header_read_timeout(HEADERS_TIME).max_buf_size(LARGEST_HEADERS);
-            // A connection that breaks concerns nobody else.
+            http.timer(TokioTimer::new()).header_read_timeout(HEADERS_TIME).max_buf_size(MAX_HEADERS);
+            // Errors of one connection do not affect others.
             let _ = http.serve_connection(TokioIo::new(stream), service).await;
-            drop(place);
+            drop(permit);
         });
     }
 }
@@ -141,7 +141,7 @@ fn is_local(from: SocketAddr) -> bool {
     from.ip().is_loopback()
 }
 
-/// Lets a request through if it is meant for this server and knows the token.
+/// Passes a request on if it is addressed to this server and has the token.
 async fn guard(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     let answer = match admitted(&app, &request) {
         Ok(()) => next.run(request).await,
@@ -152,7 +152,7 @@ async fn guard(State(app): State<Arc<App>>, request: Request, next: Next) -> Res
 
 fn admitted(app: &App, request: &Request) -> std::result::Result<(), StatusCode> {
     let uri = request.uri();
-    if uri.path_and_query().map_or(0, |all| all.as_str().len()) > LONGEST_ADDRESS {
+    if uri.path_and_query().map_or(0, |all| all.as_str().len()) > MAX_ADDRESS {
         return Err(StatusCode::URI_TOO_LONG);
     }
     let authority = uri.authority().map(ToString::to_string);
@@ -187,14 +187,14 @@ fn is_meant(port: u16, authority: Option<&str>, headers: &HeaderMap) -> bool {
     is_own(host) && from_here
 }
 
-/// Whether the first step of a path is the token; takes the same time wherever they differ.
+/// Whether the first part of a path is the token; the comparison takes constant time.
 fn is_token(token: &str, path: &str) -> bool {
     let given = path.strip_prefix('/').unwrap_or(path).split('/').next().unwrap_or_default().as_bytes();
     let differences = token.bytes().zip(given).fold(0, |all, (a, b)| all | (a ^ b));
     given.len() == token.len() && differences == 0
 }
 
-/// What every answer says: nothing is kept, nothing is loaded from elsewhere, nobody may frame it.
+/// Adds security headers: no caching, no content from other origins, no framing.
 fn with_headers(mut answer: Response) -> Response {
     const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; \
                           connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_token_is_compared_whole() {
+    fn a_token_is_compared_in_full() {
         assert!(is_token("abc", "/abc/x") && is_token("abc", "/abc"));
         for wrong in ["", "/", "/ab/c", "/abcd/x", "/abd/", "/x/abc", "//abc"] {
             assert!(!is_token("abc", wrong), "{wrong}");

@@ -1,4 +1,4 @@
-//! What requests share: the subject, what is open of it, who is looking.
+//! State shared by requests: the subject, open datasets and results, open pages.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -13,57 +13,57 @@ use super::result::OpenResult;
 use super::subject::Subject;
 use storage::error::{Error, Result};
 
-/// Datasets that are kept open.
+/// Maximum number of open datasets.
 const OPEN_DATASETS: usize = 3;
 
-/// Results that are kept in memory.
+/// Maximum number of results in memory.
 const OPEN_RESULTS: usize = 6;
 
-/// Large answers that are under way at a time: each may hold an image.
+/// Maximum number of concurrent large responses, each of which may contain an image.
 const LARGE_ANSWERS: usize = 4;
 
-/// Work on the processor at a time.
+/// Maximum number of concurrent jobs.
 const JOBS: usize = 2;
 
-/// Jobs that may wait; more are refused.
+/// Maximum number of waiting jobs; more are refused.
 const WAITING_JOBS: u64 = 256;
 
-/// How long no page may be open before the program ends.
+/// Time without an open page after which the program ends.
 const ALONE: Duration = Duration::from_secs(5);
 
-/// What requests share.
+/// State shared by requests.
 #[derive(Debug)]
 pub(super) struct App {
     subject: Subject,
     token: String,
     port: u16,
-    datasets: Kept<usize, OpenDataset>,
-    results: Kept<(usize, usize), OpenResult>,
-    /// For answers that hold much memory.
+    datasets: Cache<usize, OpenDataset>,
+    results: Cache<(usize, usize), OpenResult>,
+    /// Limits responses that need much memory.
     pub(super) large: Arc<Semaphore>,
     jobs: Arc<Semaphore>,
     waiting: AtomicU64,
-    /// Set to stop the preview under way.
+    /// Flag that stops the running preview.
     preview: Mutex<Arc<AtomicBool>>,
-    /// Held by the preview that is being made.
+    /// Locked by the running preview.
     pub(super) previewing: Arc<Mutex<()>>,
     viewers: AtomicU64,
-    /// Whether a page was ever open.
+    /// Whether a page has ever been open.
     seen: AtomicBool,
     ended: AtomicBool,
     end: Notify,
 }
 
-/// What is open, last used last.
+/// A cache of open values, ordered by last use.
 #[derive(Debug)]
-struct Kept<K, V> {
+struct Cache<K, V> {
     most: usize,
     all: Mutex<VecDeque<(K, Arc<V>)>>,
 }
 
-impl<K: PartialEq + Copy, V> Kept<K, V> {
+impl<K: PartialEq + Copy, V> Cache<K, V> {
     fn at_most(most: usize) -> Self {
-        Kept { most, all: Mutex::new(VecDeque::new()) }
+        Cache { most, all: Mutex::new(VecDeque::new()) }
     }
 
     fn find(&self, key: K) -> Option<Arc<V>> {
@@ -77,7 +77,7 @@ impl<K: PartialEq + Copy, V> Kept<K, V> {
 
     fn keep(&self, key: K, value: V) -> Arc<V> {
         let (value, mut all) = (Arc::new(value), locked(&self.all));
-        // Two requests may have opened the same.
+        // Two requests may have opened the same value.
         all.retain(|(of, _)| *of != key);
         all.push_back((key, Arc::clone(&value)));
         while all.len() > self.most {
@@ -87,12 +87,12 @@ impl<K: PartialEq + Copy, V> Kept<K, V> {
     }
 }
 
-/// A lock whose holder may have panicked: what it guards is replaced whole.
+/// Locks a mutex, ignoring poisoning: guarded values stay consistent even if a holder panics.
 pub(super) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A page that is open, as long as this lives.
+/// An open page; dropped when the page is closed.
 #[derive(Debug)]
 pub(super) struct Viewer(Arc<App>);
 
@@ -110,8 +110,8 @@ impl App {
             subject,
             token: random.iter().map(|byte| format!("{byte:02x}")).collect(),
             port,
-            datasets: Kept::at_most(OPEN_DATASETS),
-            results: Kept::at_most(OPEN_RESULTS),
+            datasets: Cache::at_most(OPEN_DATASETS),
+            results: Cache::at_most(OPEN_RESULTS),
             large: Arc::new(Semaphore::new(LARGE_ANSWERS)),
             jobs: Arc::new(Semaphore::new(JOBS)),
             waiting: AtomicU64::new(0),
@@ -141,7 +141,7 @@ impl App {
         format!("http://127.0.0.1:{}/{}/", self.port, self.token)
     }
 
-    /// What is shown, in a few words.
+    /// Title: what the page shows.
     pub(super) fn title(&self) -> String {
         let shown = |path: &Path| path.display().to_string();
         match (&self.subject.sweep, &self.subject.scenario, self.subject.datasets.first()) {
@@ -152,7 +152,7 @@ impl App {
         }
     }
 
-    /// The dataset of a number; `None` if there is none.
+    /// The dataset with an index; `None` if there is none.
     ///
     /// # Errors
     /// A dataset that cannot be read.
@@ -179,7 +179,7 @@ impl App {
         Ok(Some(self.results.keep((dataset, tracker), OpenResult::open(&entry.folder, path)?)))
     }
 
-    /// Runs work on a thread of its own; `None` if too much is waiting already, or if it panicked.
+    /// Runs a job on a worker thread; `None` if too many jobs are waiting, or if it panics.
     pub(super) async fn job<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,
@@ -188,39 +188,39 @@ impl App {
             self.waiting.fetch_sub(1, Ordering::SeqCst);
             return None;
         }
-        let place = Arc::clone(&self.jobs).acquire_owned().await;
+        let permit = Arc::clone(&self.jobs).acquire_owned().await;
         self.waiting.fetch_sub(1, Ordering::SeqCst);
-        let place = place.ok()?;
+        let permit = permit.ok()?;
         tokio::task::spawn_blocking(move || {
-            let _place = place;
+            let _permit = permit;
             work()
         })
         .await
         .ok()
     }
 
-    /// Stops the preview under way; gives the new one's sign to stop.
+    /// Stops the running preview; returns the stop flag of the next one.
     pub(super) fn next_preview(&self) -> Arc<AtomicBool> {
         let next = Arc::new(AtomicBool::new(false));
         std::mem::replace(&mut *locked(&self.preview), Arc::clone(&next)).store(true, Ordering::SeqCst);
         next
     }
 
-    /// A page that has just been opened.
+    /// Registers a page that has just been opened.
     pub(super) fn viewer(self: &Arc<Self>) -> Viewer {
         self.viewers.fetch_add(1, Ordering::SeqCst);
         self.seen.store(true, Ordering::SeqCst);
         Viewer(Arc::clone(self))
     }
 
-    /// Ends the program.
+    /// Tells the program to end.
     pub(super) fn end(&self) {
         self.ended.store(true, Ordering::SeqCst);
         self.next_preview();
         self.end.notify_waiters();
     }
 
-    /// Returns when the program shall end.
+    /// Returns when the program is to end.
     pub(super) async fn ended(&self) {
         let mut end = std::pin::pin!(self.end.notified());
         end.as_mut().enable();
@@ -229,7 +229,7 @@ impl App {
         }
     }
 
-    /// Returns when the program shall end, or when the last page has been closed for a while.
+    /// Returns when the program is to end, or when no page has been open for a while.
     pub(super) async fn ended_or_left(&self) {
         const STEP: Duration = Duration::from_millis(250);
         let mut alone_since = Instant::now();

@@ -1,4 +1,5 @@
-//! What is shown: a scenario, a dataset with results, or the cases of a sweep with the results of trackers.
+//! What the page shows: a scenario, a dataset with results, or the cases of a sweep with the results of
+//! trackers.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +9,7 @@ use storage::error::{Error, Result};
 use storage::folder::is_partial;
 use storage::input;
 
-/// What is shown. Requests name datasets, results and trackers by their place in these lists.
+/// What the page shows. Requests refer to datasets and trackers by their index in these lists.
 #[derive(Debug, Clone, Default)]
 pub struct Subject {
     /// The scenario's file, which `save` writes; `None` if the page starts from a shipped scenario.
@@ -19,14 +20,14 @@ pub struct Subject {
     pub trackers: Vec<Tracker>,
     /// The axes of a sweep.
     pub axes: Vec<String>,
-    /// The sweep's folder, if it is one.
+    /// The sweep's folder, if a sweep is shown.
     pub sweep: Option<PathBuf>,
 }
 
 /// A dataset that can be opened.
 #[derive(Debug, Clone)]
 pub struct DatasetEntry {
-    /// Its name, or that of its case.
+    /// Its name, or that of its case in a sweep.
     pub name: String,
     /// Its folder.
     pub folder: PathBuf,
@@ -34,32 +35,33 @@ pub struct DatasetEntry {
     pub values: Vec<String>,
 }
 
-/// A tracker: a result of each dataset.
+/// A tracker with its results.
 #[derive(Debug, Clone)]
 pub struct Tracker {
     /// Its name: that of its file or folder.
     pub name: String,
-    /// The result of each dataset, if there is one.
+    /// The result for each dataset, if there is one.
     pub results: Vec<Option<PathBuf>>,
 }
 
 /// The table of a sweep's cases.
 const CASES: &str = "cases.csv";
 
-/// Most cases of a sweep that are shown.
-const MOST_CASES: usize = 100_000;
+/// Maximum number of cases of a sweep that are shown.
+const MAX_CASES: usize = 100_000;
 
 impl Subject {
-    /// What a path holds; `results` are results of a dataset, or folders with the results of a sweep's cases.
+    /// The subject at a path; `results` are results for a dataset, or folders with results for the cases of a
+    /// sweep.
     ///
     /// # Errors
-    /// A path that is neither a scenario, a dataset nor a sweep; results that are not there or belong to
-    /// nothing.
+    /// A path that is neither a scenario, a dataset nor a sweep; results that are missing, or given with a
+    /// scenario.
     pub fn of(path: Option<&Path>, results: &[PathBuf]) -> Result<Self> {
         let Some(path) = path else { return Ok(Subject::default()) };
         if path.is_dir() {
             if is_partial(path) {
-                let hint = "unfinished; microsig generate --resume (or sweep --resume) goes on with it";
+                let hint = "unfinished; microsig generate --resume (or sweep --resume) continues it";
                 return Err(Error::input(format!("{}: {hint}", path.display())));
             }
             if path.join(MANIFEST).is_file() {
@@ -87,7 +89,7 @@ impl Subject {
         for path in results {
             let path = found(path)?;
             let own = path.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-            // Results of one name lie in different folders.
+            // Results with the same name are in different folders.
             let is_taken = trackers.iter().any(|tracker| tracker.name == own);
             let name = if is_taken { path.display().to_string() } else { own };
             trackers.push(Tracker { name, results: vec![Some(path)] });
@@ -105,7 +107,7 @@ impl Subject {
             .collect();
         if datasets.is_empty() {
             let expected = "expected a scenario, a dataset or a sweep's folder";
-            return Err(Error::input(format!("{}: holds no dataset; {expected}", folder.display())));
+            return Err(Error::input(format!("{}: contains no dataset; {expected}", folder.display())));
         }
         let mut trackers = Vec::new();
         for root in results {
@@ -123,7 +125,7 @@ impl Subject {
             };
             let of_cases: Vec<Option<PathBuf>> = datasets.iter().map(of_case).collect();
             if of_cases.iter().all(Option::is_none) {
-                let expected = "holds no result of a case; expected CASE.csv or CASE/result.csv";
+                let expected = "contains no result of a case; expected CASE.csv or CASE/result.csv";
                 return Err(Error::input(format!("{}: {expected}", root.display())));
             }
             let name = root.file_name().map(|n| n.to_string_lossy().into_owned());
@@ -135,7 +137,7 @@ impl Subject {
         Ok(Subject { datasets, trackers, axes, sweep: Some(folder.to_owned()), ..Subject::default() })
     }
 
-    /// Name and text that the editor begins with.
+    /// Name and text with which the editor starts.
     ///
     /// # Errors
     /// A scenario that cannot be read.
@@ -152,7 +154,7 @@ impl Subject {
         Ok((path.display().to_string(), read_text(&path)?))
     }
 
-    /// The folder that paths in the scenario begin from.
+    /// The folder that paths in the scenario are relative to.
     pub fn base(&self) -> PathBuf {
         let beside = |file: &PathBuf| file.parent().map(Path::to_path_buf);
         let of_dataset = || self.datasets.first().map(|dataset| dataset.folder.clone());
@@ -161,7 +163,7 @@ impl Subject {
     }
 }
 
-/// A result that is there.
+/// Checks that a result exists.
 fn found(path: &Path) -> Result<PathBuf> {
     std::fs::metadata(path).map_err(|e| Error::read(path, e))?;
     Ok(path.to_owned())
@@ -170,14 +172,14 @@ fn found(path: &Path) -> Result<PathBuf> {
 /// A case of a sweep: its folder's name and its values on the axes.
 type Case = (String, Vec<String>);
 
-/// Axes and finished cases of a sweep: from its table, or its folders if it is not finished.
+/// Axes and finished cases of a sweep: from its table, or from its folders if it is unfinished.
 fn cases(folder: &Path) -> Result<(Vec<String>, Vec<Case>)> {
     let table = folder.join(CASES);
     let is_case = |name: &str| is_name(name) && folder.join(name).join(MANIFEST).is_file();
     if !table.is_file() {
         let mut names: Vec<String> = std::fs::read_dir(folder)
             .map_err(|e| Error::read(folder, e))?
-            .take(MOST_CASES)
+            .take(MAX_CASES)
             .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
             .filter(|name| is_case(name))
             .collect();
@@ -190,11 +192,11 @@ fn cases(folder: &Path) -> Result<(Vec<String>, Vec<Case>)> {
     let column = |name: &str| header.iter().position(|h| h == name);
     let (Some(dataset), Some(seed), Some(status)) = (column("dataset"), column("seed"), column("status"))
     else {
-        return Err(Error::input(format!("{}: is no table of a sweep's cases", table.display())));
+        return Err(Error::input(format!("{}: is not a table of a sweep's cases", table.display())));
     };
     let axes = (seed + 1..status).map(|i| header[i].to_owned()).collect();
     let mut cases = Vec::new();
-    for record in reader.records().take(MOST_CASES) {
+    for record in reader.records().take(MAX_CASES) {
         let record = record.map_err(failed)?;
         let name = record.get(dataset).unwrap_or_default();
         if is_case(name) {
@@ -205,7 +207,7 @@ fn cases(folder: &Path) -> Result<(Vec<String>, Vec<Case>)> {
     Ok((axes, cases))
 }
 
-/// Whether a text is the name of a folder, no path.
+/// Whether a text is a plain name, without separators.
 fn is_name(text: &str) -> bool {
     let mut parts = Path::new(text).components();
     matches!((parts.next(), parts.next()), (Some(std::path::Component::Normal(_)), None))

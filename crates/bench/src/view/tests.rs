@@ -1,4 +1,5 @@
-//! Requests that a hostile page or program on the same machine may send, and what the page gets.
+//! Tests of requests that a hostile page or program on the same machine may send, and of the responses to the
+//! page.
 
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, Shutdown, TcpStream};
@@ -27,7 +28,7 @@ const SCENARIO: &str = r#"(
     timing: pairs(count: 2, dt_s: 0.005),
 )"#;
 
-/// A server that runs as long as this lives.
+/// A server that runs until it is dropped.
 struct Server {
     app: Arc<App>,
     _runtime: Runtime,
@@ -153,7 +154,7 @@ fn strangers_are_refused() {
     ] {
         assert_eq!(refused(path, ""), 403, "{path}");
     }
-    // Another name for this machine, as a page of another site has after its name is bound anew.
+    // Another name for this machine, as used in DNS rebinding.
     for host in ["evil.example", &format!("evil.example:{port}"), "127.0.0.1:1", "127.0.0.1", "[::1]"] {
         assert_eq!(refused(&page, &format!("Host: {host}\r\n")), 403, "{host}");
     }

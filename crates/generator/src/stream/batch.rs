@@ -1,27 +1,27 @@
-//! Samples side by side.
+//! Batches of samples.
 
 use rayon::prelude::*;
 
 use super::{Sample, SampleStream};
 use storage::error::Result;
 
-/// Samples side by side: every array has a first axis of samples, those of particles are filled up with
+/// A batch of samples: the first axis of every array is the sample; arrays of particles are padded with
 /// zeros.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Batch {
-    /// Numbers of the samples.
+    /// Indices of the samples.
     pub indices: Vec<u64>,
     /// [`Sample::images`].
     pub images: Vec<u16>,
     /// [`Sample::clean`].
     pub clean: Vec<f32>,
-    /// Rows for particles, of every sample.
+    /// Number of rows for particles in every sample.
     pub rows: usize,
-    /// [`Sample::particles`], (samples, rows, 8).
+    /// [`Sample::particles`], shape (samples, rows, 8).
     pub particles: Vec<f32>,
-    /// Which rows are particles, (samples, rows).
+    /// Whether a row is a particle, shape (samples, rows).
     pub mask: Vec<bool>,
-    /// [`Sample::boxes`], (samples, rows, 6).
+    /// [`Sample::boxes`], shape (samples, rows, 6).
     pub boxes: Vec<f32>,
     /// [`Sample::instances`].
     pub instances: Vec<i32>,
@@ -34,7 +34,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Puts samples side by side, with at least `rows` rows for particles.
+    /// Collects samples into a batch with at least `rows` rows for particles.
     pub fn of(samples: Vec<Sample>, rows: usize) -> Self {
         let most = samples.iter().map(|sample| sample.particles.len()).max().unwrap_or(0);
         let mut batch = Batch { rows: rows.max(most), ..Batch::default() };
@@ -69,10 +69,11 @@ impl Batch {
 }
 
 impl SampleStream {
-    /// Draws `n` samples from a number on, in parallel; before each of them `go_on` tells whether to.
+    /// Computes the `n` samples from index `first` on, in parallel; `go_on` is called before each and can
+    /// stop the work by an error.
     ///
     /// # Errors
-    /// As of [`SampleStream::sample`]; what `go_on` says.
+    /// As for [`SampleStream::sample`]; errors of `go_on`.
     pub fn batch(&self, first: u64, n: usize, go_on: impl Fn() -> Result<()> + Sync) -> Result<Batch> {
         let samples: Result<Vec<Sample>> = (0..n as u64)
             .into_par_iter()

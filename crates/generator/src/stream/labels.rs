@@ -1,4 +1,4 @@
-//! What a sample tells besides its images.
+//! Labels of samples.
 
 use flows::Frame;
 use flows::eulerian::{central, forward};
@@ -15,35 +15,35 @@ use visibility::{NoiseFree, Patch};
 /// Columns of [`Sample::particles`].
 pub const PARTICLE_COLUMNS: [&str; 8] = ["x_px", "y_px", "z_um", "d_um", "c_int", "dx_px", "dy_px", "dz_um"];
 
-/// The dense displacement field.
+/// Definition of the dense displacement field.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Flow {
-    /// At a depth, um.
+    /// Forward displacement at a physical depth, um.
     At(f64),
-    /// Averaged over the depth range.
+    /// Central displacement averaged over the depth range.
     Mean,
 }
 
-/// Which labels are wanted. Particles are always told.
+/// Selection of labels. Particles are always included.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LabelOptions {
     /// Boxes around particle images.
     pub boxes: bool,
-    /// Which particle each pixel belongs to.
+    /// Index of the particle that each pixel belongs to.
     pub instances: bool,
-    /// The depth of the particle that a pixel belongs to.
+    /// Depth of the particle that each pixel belongs to.
     pub depth: bool,
-    /// A map of the particles' places.
+    /// A heatmap of particle positions.
     pub heatmap: bool,
-    /// The dense displacement field from the first to the second frame.
+    /// Dense displacement field from the first to the second frame.
     pub flow: Option<Flow>,
-    /// Whether it has a component along z.
+    /// Whether the displacement field has a component along z.
     pub flow_z: bool,
-    /// The noise-free images.
+    /// Noise-free images.
     pub clean: bool,
-    /// What belongs to a particle's image: pixels above this share of its peak.
+    /// Pixels above this fraction of its peak belong to a particle's image.
     pub share: f64,
-    /// Standard deviation of a particle on the map, px.
+    /// Standard deviation of a particle's Gaussian in the heatmap, px.
     pub heatmap_sigma_px: f64,
 }
 
@@ -69,10 +69,10 @@ impl LabelOptions {
         self.boxes || self.instances || self.depth
     }
 
-    /// Checks them for a scenario and a number of frames.
+    /// Checks the options for a scenario and a number of frames.
     ///
     /// # Errors
-    /// A number out of range; a flow where there is none.
+    /// A number out of range; a displacement field that the scenario does not have.
     pub(super) fn check(&self, scenario: &Scenario, frames: u32) -> Result<()> {
         if !(self.share > 0.0 && self.share < 1.0) {
             return Err(Error::input(format!("share = {}: expected a number between 0 and 1", self.share)));
@@ -90,7 +90,7 @@ impl LabelOptions {
             ));
         }
         if scenario.field().is_none() {
-            return Err(Error::input("labels flow: recorded tracks tell no velocity field"));
+            return Err(Error::input("labels flow: recorded tracks have no velocity field"));
         }
         match flow {
             Flow::At(z_um) if !z_um.is_finite() => {
@@ -101,35 +101,35 @@ impl LabelOptions {
     }
 }
 
-/// Images with labels. Rows run along y, from the top.
+/// Images with labels. Rows of arrays are in the order of y, from the top.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Sample {
-    /// Its number.
+    /// Index of the sample.
     pub index: u64,
-    /// Counts, (frames, rows, columns).
+    /// Counts, shape (frames, rows, columns).
     pub images: Vec<u16>,
-    /// Noise-free counts, not rounded, (frames, rows, columns).
+    /// Noise-free counts, not rounded, shape (frames, rows, columns).
     pub clean: Vec<f32>,
-    /// Particles whose center is on the sensor in the first frame, by their number: [`PARTICLE_COLUMNS`];
-    /// displacements are those to the second frame, NaN where there is none.
+    /// Particles whose center is on the sensor in the first frame, in the order of track numbers, with the
+    /// columns [`PARTICLE_COLUMNS`]. Displacements are those to the second frame, NaN if there is none.
     pub particles: Vec<[f32; 8]>,
-    /// Of the same particles: center (px) and size (px) of the box that holds what exceeds a share of the
-    /// particle's own peak, z (um), class: the place of the diameter in `particles.diameter_um.list`, else 0.
-    /// A box of a particle without light has no size.
+    /// For the same particles: center x and y (px), width and height (px) of the bounding box of pixels above
+    /// a fraction of the particle's own peak, z (um), and class: the index of the diameter in
+    /// `particles.diameter_um.list`, otherwise 0. The box of a particle without light has size 0.
     pub boxes: Vec<[f32; 6]>,
-    /// For each pixel 0 or, from 1, which of the particles is brightest there, (rows, columns).
+    /// Number, from 1, of the particle that is brightest at each pixel, or 0, shape (rows, columns).
     pub instances: Vec<i32>,
-    /// Depth of that particle, um; NaN where there is none, (rows, columns).
+    /// Depth of that particle, um; NaN if there is none, shape (rows, columns).
     pub depth: Vec<f32>,
-    /// Greatest of the Gaussians, of height 1, around all places, (rows, columns).
+    /// Maximum over particles of Gaussians of height 1 at their positions, shape (rows, columns).
     pub heatmap: Vec<f32>,
-    /// Displacement along x, y (px) and, if asked for, z (um), (2 or 3, rows, columns); NaN where there is no
-    /// fluid.
+    /// Displacement along x, y (px) and, if requested, z (um), shape (2 or 3, rows, columns); NaN where there
+    /// is no fluid.
     pub flow: Vec<f32>,
 }
 
 /// The first frame of a sample.
-pub(super) struct Shot<'a> {
+pub(super) struct FirstFrame<'a> {
     pub(super) scenario: &'a Scenario,
     pub(super) view: &'a View<'a>,
     pub(super) frame: &'a Frame,
@@ -137,8 +137,8 @@ pub(super) struct Shot<'a> {
     pub(super) single: Option<&'a NoiseFree>,
 }
 
-/// Adds what is told of the first frame.
-pub(super) fn frame_labels(wanted: &LabelOptions, shot: &Shot<'_>, sample: &mut Sample) {
+/// Adds the labels of the first frame.
+pub(super) fn frame_labels(wanted: &LabelOptions, shot: &FirstFrame<'_>, sample: &mut Sample) {
     let settings = &shot.scenario.settings;
     let (width, height) = (settings.pixel_dim_x as usize, settings.pixel_dim_y as usize);
     sample.particles = particles(shot);
@@ -173,7 +173,7 @@ pub(super) fn frame_labels(wanted: &LabelOptions, shot: &Shot<'_>, sample: &mut 
 }
 
 /// The visible particles.
-fn particles(shot: &Shot<'_>) -> Vec<[f32; 8]> {
+fn particles(shot: &FirstFrame<'_>) -> Vec<[f32; 8]> {
     let scale = &shot.scenario.scale;
     let mut links: Vec<(u64, DVec3)> = Vec::new();
     let is_linked = |next: &&Frame| shot.scenario.recordings.link_to(next.index).is_some();
@@ -186,7 +186,7 @@ fn particles(shot: &Shot<'_>) -> Vec<[f32; 8]> {
     }
     let row = |sight: &crate::dataset::truth::Sight<'_>| {
         let (tracer, particle) = (sight.tracer, &sight.particle);
-        // Both ascend by id.
+        // Links and sights are both sorted by id.
         let moved = links.binary_search_by_key(&tracer.id, |(id, _)| *id).ok().map(|k| links[k].1);
         let [dx, dy, dz] = moved.map_or([f64::NAN; 3], |d| {
             let image = scale.displacement_to_image(d);
@@ -198,7 +198,7 @@ fn particles(shot: &Shot<'_>) -> Vec<[f32; 8]> {
     shot.view.sights.iter().filter(|sight| sight.visible).map(row).collect()
 }
 
-/// The place of a diameter in a list of diameters, else 0.
+/// The index of a diameter in the list of diameters, otherwise 0.
 fn class(scenario: &Scenario, d_um: f64) -> f32 {
     match &scenario.spec.particles.diameter_um {
         Some(Diameter::List(list)) => list.iter().position(|(d, _)| *d == d_um).unwrap_or(0) as f32,
@@ -206,7 +206,7 @@ fn class(scenario: &Scenario, d_um: f64) -> f32 {
     }
 }
 
-/// Which particle is brightest at each pixel.
+/// The brightest particle at each pixel.
 struct Instances {
     owner: Vec<i32>,
     depth: Vec<f32>,
@@ -219,8 +219,8 @@ impl Instances {
         Instances { owner: vec![0; pixels], depth: vec![f32::NAN; pixels], brightest: vec![0.0; pixels] }
     }
 
-    /// Adds the image of a particle; gives center and size of the box that holds what exceeds a share of its
-    /// peak, px.
+    /// Adds the image of a particle; returns center (px, from 1) and size (px) of the bounding box of pixels
+    /// above the fraction `share` of its peak.
     fn add(
         &mut self,
         patch: &Patch,
@@ -251,7 +251,7 @@ impl Instances {
     }
 }
 
-/// The map of places: beyond four standard deviations a particle leaves nothing.
+/// The heatmap of positions; Gaussians are truncated at four standard deviations.
 fn heatmap(particles: &[[f32; 8]], (width, height): (usize, usize), sigma_px: f64) -> Vec<f32> {
     let mut map = vec![0.0f32; width * height];
     let reach = libm::ceil(4.0 * sigma_px);
@@ -282,7 +282,7 @@ pub(super) struct FlowField {
     pub(super) values: Vec<f32>,
 }
 
-/// Depths over which the displacement is averaged.
+/// Number of depths over which the displacement is averaged.
 const PLANES: usize = 16;
 
 impl FlowField {
@@ -303,14 +303,14 @@ impl FlowField {
 fn displacement(scenario: &Scenario, flow: Flow, (x_px, y_px): (f64, f64), interval: (f64, f64)) -> [f64; 3] {
     let Some(field) = scenario.field() else { return [f64::NAN; 3] };
     let fluid = scenario.fluid(field);
-    let place = |z_um: f64| scenario.scale.to_object(ImagePoint { x_px, y_px, z_um: 0.0 }).with_z(z_um);
+    let position = |z_um: f64| scenario.scale.to_object(ImagePoint { x_px, y_px, z_um: 0.0 }).with_z(z_um);
     let image = |d: DVec3| {
         let d_px = scenario.scale.displacement_to_image(d);
         [d_px.dx_px, d_px.dy_px, d.z]
     };
     match flow {
         Flow::At(z_um) => {
-            let x = place(z_um);
+            let x = position(z_um);
             let moved = fluid.contains(x, interval.0).then(|| forward(field, x, interval).ok()).flatten();
             moved.map_or([f64::NAN; 3], image)
         }
@@ -318,7 +318,7 @@ fn displacement(scenario: &Scenario, flow: Flow, (x_px, y_px): (f64, f64), inter
             let (low, high) = scenario.depth_range_um;
             let (mut sum, mut n) = (DVec3::ZERO, 0.0);
             for k in 0..PLANES {
-                let x = place(low + (high - low) * (k as f64 + 0.5) / PLANES as f64);
+                let x = position(low + (high - low) * (k as f64 + 0.5) / PLANES as f64);
                 if let (true, Ok(moved)) = (fluid.contains(x, interval.0), central(field, x, interval)) {
                     sum += moved;
                     n += 1.0;

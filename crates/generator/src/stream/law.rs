@@ -4,46 +4,46 @@ use microsig_core::stream::{Purpose, Streams};
 
 use storage::error::{Error, Result};
 
-/// How a value is distributed.
+/// Distribution of a value.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Law {
     /// Uniform between two numbers.
     Uniform {
-        /// Least value.
+        /// Smallest value.
         low: f64,
-        /// Greatest value.
+        /// Largest value.
         high: f64,
     },
     /// The logarithm is uniform between those of two positive numbers.
     LogUniform {
-        /// Least value.
+        /// Smallest value.
         low: f64,
-        /// Greatest value.
+        /// Largest value.
         high: f64,
     },
-    /// Whole numbers, all alike, both ends included.
+    /// Whole numbers with equal probability, including both ends.
     Integers {
-        /// Least value.
+        /// Smallest value.
         low: i64,
-        /// Greatest value.
+        /// Largest value.
         high: i64,
     },
-    /// One of several values, all alike, each written as in a scenario.
+    /// One of several values with equal probability, each written as in a scenario.
     Choice(Vec<String>),
 }
 
-/// A drawn value: as written in a scenario and, if it is one, as a number.
+/// A drawn value, as text and as a number.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Drawn {
     /// As written in a scenario.
     pub text: String,
-    /// The number; NaN if it is none.
+    /// The value as a number; NaN if it is not a number.
     pub number: f64,
 }
 
 impl Drawn {
     fn number(number: f64) -> Self {
-        // With a point, so that it reads back as the same number.
+        // Debug format, which reads back as the same number and has a decimal point or exponent.
         Drawn { text: format!("{number:?}"), number }
     }
 
@@ -53,10 +53,10 @@ impl Drawn {
 }
 
 impl Law {
-    /// Checks the bounds; `path` is what varies.
+    /// Checks the bounds; `path` is the key that varies.
     ///
     /// # Errors
-    /// [`Error::Input`] with what is wrong.
+    /// [`Error::Input`] if they are invalid.
     pub fn check(&self, path: &str) -> Result<()> {
         let refuse = |allowed: &str| Err(Error::input(format!("vary {path}: expected {allowed}")));
         match self {
@@ -72,7 +72,7 @@ impl Law {
         }
     }
 
-    /// The values at the ends of its range: if these are allowed, so are all.
+    /// The values at the ends of the range, or all choices: if these are valid, all values are.
     pub fn ends(&self) -> Vec<Drawn> {
         match self {
             Law::Uniform { low, high } | Law::LogUniform { low, high } => {
@@ -85,7 +85,7 @@ impl Law {
         }
     }
 
-    /// The value of a sample: by its seed and the path of what varies alone.
+    /// The value for a sample; it depends only on the sample's seed and the path of the key.
     pub fn draw(&self, seed: u64, path: &str) -> Drawn {
         let address = fnv(path);
         let mut stream =
@@ -107,7 +107,7 @@ impl Law {
     }
 }
 
-/// A hash of a path that stays the same for ever (FNV-1a, 64 bit).
+/// A hash of a path that never changes between versions (FNV-1a, 64 bit).
 fn fnv(path: &str) -> u64 {
     path.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)

@@ -1,12 +1,12 @@
-//! Samples for training: an endless series in which a sample is a function of (scenario, seed, number) alone.
+//! Samples for training: an endless sequence in which a sample depends only on scenario, seed and index.
 //!
-//! Sample `i` is the beginning of the first recording of a scenario of its own: the given one with a seed of
-//! its own, and with the values that vary drawn anew. [`SampleStream::scenario`] gives that scenario; a
-//! dataset made of it has the sample's images, to the last bit. So samples do not depend on threads, batches
-//! or what was drawn before, and any of them can be had at any time.
+//! Sample `i` consists of the first frames of the first recording of its own scenario: the given one with
+//! another seed and newly drawn values of the keys that vary. [`SampleStream::scenario`] returns this
+//! scenario; the dataset generated from it has exactly the sample's images. Samples therefore do not depend
+//! on threads, batches or earlier samples, and can be computed in any order.
 //!
-//! Seeds of samples are a permutation of (2 i + split): no two samples of a stream, nor any of its two
-//! splits, share one.
+//! Seeds of samples are a permutation of (2 i + split): no two samples of a stream, in either split, have the
+//! same seed.
 
 mod batch;
 mod labels;
@@ -22,7 +22,7 @@ use sampler::Sampler;
 use scenario::{Scenario, load_text};
 use storage::error::{Error, Result};
 
-/// Which part of the samples: the two have none in common.
+/// The two disjoint parts of the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Split {
     /// For training.
@@ -31,32 +31,32 @@ pub enum Split {
     Validation,
 }
 
-/// What samples are.
+/// Options of a stream.
 #[derive(Debug, Clone)]
 pub struct StreamOptions {
-    /// The scenario's text, its name in messages, and the folder of the files that it names.
+    /// Text of the scenario.
     pub text: String,
-    /// What messages call it.
+    /// Name of the scenario in messages.
     pub name: String,
-    /// Where files that it names are found.
+    /// Folder that paths in the scenario are relative to.
     pub folder: PathBuf,
     /// Values that are the same in all samples, `path=value`.
     pub assignments: Vec<String>,
-    /// What varies, by path.
+    /// The keys that vary and their distributions.
     pub vary: Vec<(String, Law)>,
     /// Seed of the stream.
     pub seed: u64,
-    /// Which of the two parts.
+    /// The part of the samples.
     pub split: Split,
-    /// Frames of a sample.
+    /// Number of frames in a sample.
     pub frames: u32,
-    /// What is told of a sample besides its images.
+    /// Labels of a sample.
     pub labels: LabelOptions,
-    /// Rows for particles in a batch, at least.
+    /// Minimum number of rows for particles in a batch.
     pub rows: usize,
 }
 
-/// An endless series of samples.
+/// An endless sequence of samples.
 #[derive(Debug)]
 pub struct SampleStream {
     options: StreamOptions,
@@ -65,10 +65,10 @@ pub struct SampleStream {
 }
 
 impl SampleStream {
-    /// The stream; both ends of all that varies are tried.
+    /// Creates a stream; checks the scenario at both ends of every varied range.
     ///
     /// # Errors
-    /// A scenario that cannot be used; a value that is not allowed; labels that it does not have.
+    /// An invalid scenario; a value that is not allowed; labels that the scenario does not have.
     pub fn new(options: StreamOptions) -> Result<Self> {
         if options.frames == 0 {
             return Err(Error::input("frames = 0: expected at least 1"));
@@ -105,12 +105,12 @@ impl SampleStream {
                 }
             }
         }
-        // Tables of the optics that all samples share are made here, once.
+        // Computes the tables of optics that all samples share.
         stream.sample(0)?;
         Ok(stream)
     }
 
-    /// What its samples are.
+    /// The options of the stream.
     pub fn options(&self) -> &StreamOptions {
         &self.options
     }
@@ -129,7 +129,7 @@ impl SampleStream {
         mix(mix(self.options.seed).wrapping_add(index.wrapping_mul(2).wrapping_add(split)))
     }
 
-    /// The values of a sample that vary, by path.
+    /// The varied values of a sample, by path.
     pub fn values(&self, index: u64) -> Vec<(&str, Drawn)> {
         let seed = self.seed_of(index);
         self.options.vary.iter().map(|(path, law)| (path.as_str(), law.draw(seed, path))).collect()
@@ -138,12 +138,12 @@ impl SampleStream {
     /// The scenario of a sample.
     ///
     /// # Errors
-    /// Values that do not go together.
+    /// An invalid combination of values.
     pub fn scenario(&self, index: u64) -> Result<Scenario> {
         self.with(index, None)
     }
 
-    /// The scenario of a sample, a value that varies replaced.
+    /// The scenario of a sample, with one of the varied values replaced by `instead`.
     fn with(&self, index: u64, instead: Option<(&str, &Drawn)>) -> Result<Scenario> {
         let options = &self.options;
         let value = |(path, drawn): &(&str, Drawn)| match instead {
@@ -156,18 +156,18 @@ impl SampleStream {
         load_text(&options.text, (&options.name, &options.folder), &assignments, Some(self.seed_of(index)))
     }
 
-    /// Draws a sample.
+    /// Computes a sample.
     ///
     /// # Errors
-    /// Values that do not go together; a trajectory that cannot be followed.
+    /// An invalid combination of values; a trajectory that cannot be integrated.
     pub fn sample(&self, index: u64) -> Result<Sample> {
         let values = self.values(index);
         self.sampler.sample(&self.options, (index, self.seed_of(index)), &values, || self.scenario(index))
     }
 }
 
-/// A permutation of all numbers of 64 bit in which neighbors are far apart (the finalizer of SplitMix64;
-/// Steele, Lea and Flood, OOPSLA 2014, 453).
+/// A permutation of all 64-bit numbers that decorrelates neighbors (the finalizer of SplitMix64; Steele, Lea
+/// and Flood, OOPSLA 2014, 453).
 fn mix(number: u64) -> u64 {
     let mut z = number.wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

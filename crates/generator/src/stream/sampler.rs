@@ -1,4 +1,4 @@
-//! Draws samples, and keeps what many of them have in common: resolved scenarios, tables of the optics.
+//! Computes samples, and caches what many of them share: resolved scenarios, tables of the optics.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -10,7 +10,7 @@ use microsig_core::sensor::{Light, Sensor};
 use microsig_core::stream::Purpose;
 
 use super::StreamOptions;
-use super::labels::{FlowField, Sample, Shot, frame_labels};
+use super::labels::{FirstFrame, FlowField, Sample, frame_labels};
 use super::law::Drawn;
 use crate::dataset::truth::Viewer;
 use crate::runner::Frames;
@@ -18,24 +18,24 @@ use scenario::Scenario;
 use storage::error::Result;
 use visibility::NoiseFree;
 
-/// Optics that are kept at a time: those that samples vary continuously are not met again.
-const MOST_OPTICS: usize = 8;
+/// Maximum number of cached optics; optics that vary continuously are not used again.
+const MAX_OPTICS: usize = 8;
 
-/// Scenarios that are kept at a time; every thread that draws takes one.
-const MOST_SCENARIOS: usize = 64;
+/// Maximum number of cached scenarios; each thread that computes a sample takes one.
+const MAX_SCENARIOS: usize = 64;
 
-/// What depends on optics alone.
+/// Renderers and images that depend only on the optics.
 #[derive(Debug, Clone)]
 struct Optics {
     key: Key,
     renderer: Renderer,
-    /// Draws the noise-free light, if it is asked for.
+    /// Renders the noise-free light, if requested.
     clean: Option<Renderer>,
     /// Images of single particles, if labels need them.
     single: Option<Arc<NoiseFree>>,
 }
 
-/// What a renderer and its images depend on.
+/// Everything that a renderer and its images depend on.
 #[derive(Debug, Clone, PartialEq)]
 struct Key {
     settings: Settings,
@@ -51,7 +51,7 @@ impl Key {
         let gaussian = scenario.spec.optics.gaussian.is_some();
         let gain = if gaussian { scenario.settings.gain } else { 1.0 };
         Key {
-            // What the sensor adds is no part of the light.
+            // Background, noise and gain of the sensor do not affect the light.
             settings: Settings {
                 background_mean: 0.0,
                 background_noise: 0.0,
@@ -66,17 +66,17 @@ impl Key {
     }
 }
 
-/// A scenario that serves all samples that differ from it only in what can be replaced.
+/// A resolved scenario that is reused for samples that differ only in replaceable values.
 #[derive(Debug)]
 struct Prototype {
     scenario: Scenario,
     optics: Optics,
-    /// The values that cannot be replaced, as written.
+    /// The values that cannot be replaced, as text.
     fixed: Vec<String>,
     flow: Option<FlowField>,
 }
 
-/// Draws samples.
+/// Computes samples with cached scenarios and optics.
 #[derive(Debug, Default)]
 pub(super) struct Sampler {
     prototypes: Mutex<Vec<Prototype>>,
@@ -84,7 +84,7 @@ pub(super) struct Sampler {
 }
 
 impl Sampler {
-    /// The sample of a number and seed; `resolve` gives its scenario.
+    /// Computes the sample with an index and seed; `resolve` returns its scenario.
     pub(super) fn sample(
         &self,
         options: &StreamOptions,
@@ -106,7 +106,7 @@ impl Sampler {
         };
         let sample = draw(options, index, &mut prototype)?;
         let mut prototypes = self.prototypes.lock().unwrap_or_else(PoisonError::into_inner);
-        if prototypes.len() >= MOST_SCENARIOS {
+        if prototypes.len() >= MAX_SCENARIOS {
             prototypes.remove(0);
         }
         prototypes.push(prototype);
@@ -135,7 +135,8 @@ impl Sampler {
         let optics = match known {
             Some(optics) => optics,
             None => {
-                // Not under the lock: while tables are made in parallel, this thread may draw another sample.
+                // Without holding the lock: while tables are computed in parallel, this thread may start on
+                // another sample.
                 let single = options.labels.needs_single_images();
                 let made = Optics {
                     renderer: scenario.renderer.clone(),
@@ -144,7 +145,7 @@ impl Sampler {
                     key,
                 };
                 let mut all = self.optics();
-                if all.len() >= MOST_OPTICS {
+                if all.len() >= MAX_OPTICS {
                     all.remove(0);
                 }
                 all.push(made.clone());
@@ -162,7 +163,7 @@ fn fixed(scenario: &Scenario, values: &[(&str, Drawn)]) -> Vec<String> {
     values.iter().filter(|(path, _)| !scenario.can_replace(path)).map(|(_, v)| v.text.clone()).collect()
 }
 
-/// What draws the noise-free light of a scenario: the limit of many rays where rays are counted.
+/// The renderer of a scenario's noise-free light: for rays, the limit of infinitely many rays.
 fn clean(scenario: &Scenario) -> Result<Renderer> {
     Ok(match scenario.spec.renderer() {
         RendererSpec::Rays { spheroids } => {
@@ -173,7 +174,7 @@ fn clean(scenario: &Scenario) -> Result<Renderer> {
     })
 }
 
-/// Draws the sample of a scenario.
+/// Computes the sample of a scenario.
 fn draw(options: &StreamOptions, index: u64, prototype: &mut Prototype) -> Result<Sample> {
     let Prototype { scenario, optics, flow, .. } = prototype;
     let sensor = scenario.sensor()?;
@@ -198,8 +199,13 @@ fn draw(options: &StreamOptions, index: u64, prototype: &mut Prototype) -> Resul
             expose(&sensor, &light, &mut sample.clean);
         }
         if number == 0 {
-            let shot =
-                Shot { scenario, view: &view, frame, next: frames.get(1), single: optics.single.as_deref() };
+            let shot = FirstFrame {
+                scenario,
+                view: &view,
+                frame,
+                next: frames.get(1),
+                single: optics.single.as_deref(),
+            };
             frame_labels(&options.labels, &shot, &mut sample);
         }
     }
@@ -216,7 +222,7 @@ fn draw(options: &StreamOptions, index: u64, prototype: &mut Prototype) -> Resul
     Ok(sample)
 }
 
-/// What the sensor would show of light without any noise, before counts are rounded.
+/// Appends the counts for the given light, without noise and before rounding.
 fn expose(sensor: &Sensor, light: &Light, into: &mut Vec<f32>) {
     let most = sensor.saturation_counts();
     let show = |(pixel, light): (usize, &f64)| {
