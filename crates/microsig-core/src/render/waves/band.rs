@@ -1,12 +1,12 @@
-//! A band of wavelengths: a normal distribution, by Gauss-Hermite's rule.
+//! A Gaussian band of wavelengths, discretized by Gauss-Hermite quadrature.
 
 use super::quadrature;
 
-/// One wavelength.
+/// One wavelength of the band.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Line {
     pub(super) wavelength_um: f64,
-    /// Its share of the light.
+    /// Its fraction of the light.
     pub(super) share: f64,
 }
 
@@ -17,11 +17,11 @@ impl Line {
     }
 }
 
-/// Lines with less light than this share are left out.
-const LEAST: f64 = 1e-7;
+/// Lines with less than this fraction of the light are omitted.
+const MIN_WEIGHT: f64 = 1e-7;
 
-/// Lines of a band with this center and full width at half maximum, um, for pupil functions whose phases
-/// differ by up to `spread_um`.
+/// Lines of a band with the given center and full width at half maximum (um), for pupil functions whose
+/// optical paths differ by up to `spread_um`.
 pub(super) fn lines(center_um: f64, width_um: f64, spread_um: f64, tolerance: f64) -> Vec<Line> {
     if width_um == 0.0 {
         return vec![Line { wavelength_um: center_um, share: 1.0 }];
@@ -32,7 +32,7 @@ pub(super) fn lines(center_um: f64, width_um: f64, spread_um: f64, tolerance: f6
     let (nodes, weights) = quadrature::hermite(n);
     // Full width at half maximum over standard deviation: 2 sqrt(2 ln 2).
     let sigma = width_um / 2.354_820_045_030_949_3;
-    let kept = nodes.iter().zip(&weights).filter(|(_, weight)| **weight > LEAST);
+    let kept = nodes.iter().zip(&weights).filter(|(_, weight)| **weight > MIN_WEIGHT);
     let sum: f64 = kept.clone().map(|(_, weight)| weight).sum();
     kept.map(|(x, weight)| Line { wavelength_um: center_um + sigma * x, share: weight / sum }).collect()
 }

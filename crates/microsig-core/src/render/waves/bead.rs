@@ -1,7 +1,8 @@
 //! A spherical particle as rings of incoherent emitters.
 //!
-//! `surface`: the hemisphere toward the lens, even in area and so, by Archimedes, even in depth. `volume`:
-//! discs over the whole depth, each even in area. Both by Gauss's rules; they converge exponentially.
+//! `surface`: the hemisphere facing the lens, uniform in area and therefore (Archimedes) uniform in depth.
+//! `volume`: discs over the entire depth, each uniform in area. Both use Gauss-Legendre quadrature, which
+//! converges exponentially.
 
 use super::options::Emission;
 use crate::quadrature::gauss_legendre_on;
@@ -12,12 +13,12 @@ pub(super) struct Ring {
     /// Depth relative to the particle's center, um, growing away from the lens.
     pub(super) depth_um: f64,
     pub(super) radius_um: f64,
-    /// Share of the particle's light.
+    /// Fraction of the particle's light.
     pub(super) weight: f64,
 }
 
-/// Rings of a sphere; `etendue` is k NA d/2, `more` the number of depths beyond what an error of 1e-3 of the
-/// peak takes. Rings of one depth follow each other.
+/// Rings of a sphere. `etendue`: k NA d/2; `more`: number of depths in addition to those needed for an error
+/// of 1e-3 of the peak. Rings of the same depth are consecutive.
 pub(super) fn rings(emission: Emission, radius_um: f64, etendue: f64, more: usize) -> Vec<Ring> {
     if radius_um == 0.0 {
         return vec![Ring { depth_um: 0.0, radius_um: 0.0, weight: 1.0 }];

@@ -1,4 +1,4 @@
-//! Bessel functions of the first kind, J_0 to J_m at once, by Miller's downward recurrence.
+//! Bessel functions of the first kind, J_0 to J_m together, by Miller's downward recurrence.
 
 /// Fills `values` with J_0(x), J_1(x), ...; x >= 0. Errors are about 1e-15.
 pub(super) fn bessel(x: f64, values: &mut [f64]) {
@@ -11,7 +11,7 @@ pub(super) fn bessel(x: f64, values: &mut [f64]) {
         }
         return;
     }
-    // Beyond this order functions are below 1e-17 of the largest.
+    // Beyond this order, functions are below 1e-17 of the largest one.
     let far = (x + 11.0 * libm::cbrt(x) + 12.0) as usize;
     let start = far.max(last + 12).next_multiple_of(2);
     let inverse = 2.0 / x;

@@ -1,10 +1,10 @@
-//! Making a table: its spacings are found by trial, and the whole is verified.
+//! Builds tables: refines their spacings until they are accurate enough, and verifies the result.
 //!
-//! A table depends on nothing but settings, options, tolerance and its place, so it has the same bytes
-//! whoever asks first. Its edge is where light stays below a quarter of the tolerance; nodes become denser
-//! until the spline meets the light between them, steps of depth are halved until the spline through planes
-//! meets those between. At last an image between two planes, computed more finely, is held against the
-//! table's.
+//! A table depends only on settings, options, tolerance and its range of depths and sizes, so its bytes do
+//! not depend on the order of requests. It extends to where the light falls below a quarter of the tolerance.
+//! Nodes are refined until the spline reproduces the light between them, steps in depth are halved until the
+//! spline through planes reproduces the planes between. Finally, the table's image between two planes is
+//! compared with one computed with finer discretization.
 
 use rayon::prelude::*;
 
@@ -20,36 +20,37 @@ pub(super) enum TableRadii {
     Between(f64, f64),
 }
 
-/// Nodes per px that a plane may have, and what it has if none of these is enough.
+/// Nodes per px of a plane that are tried, and the number used if none of these is sufficient.
 const DENSITIES: [usize; 5] = [1, 2, 3, 4, 6];
-const DENSEST: usize = 8;
-/// Steps of depth that a table begins with, and the most it may have.
+const MAX_DENSITY: usize = 8;
+/// Initial and maximum number of steps in depth.
 const STEPS: usize = 8;
-const MOST_STEPS: usize = 128;
-/// Nodes of the radius, at first and at most.
+const MAX_STEPS: usize = 128;
+/// Initial and maximum number of nodes in the radius of the sphere.
 const SIZES: usize = 4;
-const MOST_SIZES: usize = 8;
-/// Edges are whole multiples of so many px.
+const MAX_SIZES: usize = 8;
+/// Edges are rounded up to multiples of this, px.
 const EDGE_PX: f64 = 4.0;
-/// How often a table is made with a wider edge.
-const WIDENED: usize = 4;
-/// The part of the tolerance that each spacing may take.
+/// Maximum number of attempts with a wider edge.
+const MAX_ATTEMPTS: usize = 4;
+/// Fraction of the tolerance allowed for each spacing.
 const PART: f64 = 0.4;
-/// The part of the tolerance below which light is not drawn.
+/// Light below this fraction of the tolerance is not rendered.
 const CUT: f64 = 0.25;
 
-/// Share of the light that weak modes may have, as a part of the tolerance, at first and at least.
+/// Fraction of the light in neglected modes, relative to the tolerance: initial and minimum value.
 pub(super) const SHARE: f64 = 0.4;
-const LEAST_SHARE: f64 = 0.05;
+const MIN_SHARE: f64 = 0.05;
 
-/// Planes before the range and behind it that a spline through planes needs.
+/// Number of planes before and after the range that the spline through planes needs.
 const AROUND: usize = 3;
 
-/// From values at equal steps to coefficients of the cubic spline: 1 - d2/6 + (d2/6)^2 with d2 the second
-/// difference, which is exact but for (d2/6)^3.
+/// Filter from values at equal steps to coefficients of the cubic spline: 1 - d2/6 + (d2/6)^2 with d2 the
+/// second difference; the error is of order (d2/6)^3.
 const FILTER: [f64; 5] = [1.0 / 36.0, -5.0 / 18.0, 1.5, -5.0 / 18.0, 1.0 / 36.0];
 
-/// Weights of eight values in that spline, half way between the middle two: [`FILTER`] on (1, 23, 23, 1)/48.
+/// Weights of eight values for that spline halfway between the middle two: [`FILTER`] applied to (1, 23, 23,
+/// 1)/48.
 const MIDWAY: [f64; 8] = {
     let mut weights = [0.0; 8];
     let spline = [1.0 / 48.0, 23.0 / 48.0, 23.0 / 48.0, 1.0 / 48.0];
@@ -65,17 +66,17 @@ const MIDWAY: [f64; 8] = {
     weights
 };
 
-/// A table in the making.
+/// The input for building a table.
 pub(super) struct Draft<'a> {
     pub(super) model: &'a Model,
     pub(super) start_um: f64,
     pub(super) length_um: f64,
     pub(super) radii: TableRadii,
-    /// The farthest pixels that matter, px from a particle's image, on the two axes.
+    /// Maximum distance of pixels from a particle's image along x and y, px.
     pub(super) farthest_px: [f64; 2],
 }
 
-/// Kernels and planes of one size, from [`AROUND`] steps before the range on.
+/// Planes of one size of sphere, starting [`AROUND`] steps before the range.
 struct Planes {
     values: Vec<Vec<f64>>,
     steps: usize,
@@ -85,8 +86,8 @@ impl Draft<'_> {
     pub(super) fn table(&self) -> Table {
         let mut share = SHARE;
         let mut table = self.widened(self.edges());
-        // Where few modes make the peak those that are left out weigh more.
-        while table.error > self.model.tolerance && share > LEAST_SHARE {
+        // If few modes contribute to the peak, neglected modes matter more.
+        while table.error > self.model.tolerance && share > MIN_SHARE {
             share *= 0.25;
             let model = self.model.with_share(share * self.model.tolerance, 1.0);
             let again = Draft { model: &model, ..*self }.widened(table.edge_px);
@@ -101,12 +102,12 @@ impl Draft<'_> {
         table
     }
 
-    /// A table whose edge is far enough out, this one or a wider one.
+    /// A table with a sufficiently wide edge: the given one or a wider one.
     fn widened(&self, mut edge_px: [usize; 2]) -> Table {
         for attempt in 0.. {
-            // A few images tell most; only where others reach farther a whole table is made again.
+            // A few images determine the edge; the entire table is rebuilt only if others extend farther.
             let wider = self.wider(edge_px, &self.reaches(edge_px));
-            if wider == edge_px || attempt >= WIDENED {
+            if wider == edge_px || attempt >= MAX_ATTEMPTS {
                 break;
             }
             edge_px = wider;
@@ -116,7 +117,7 @@ impl Draft<'_> {
         if wider == edge_px { table } else { self.with_edge(wider) }
     }
 
-    /// The edge that images ask for which reach so far.
+    /// The edge needed for images with the given extents.
     fn wider(&self, edge_px: [usize; 2], reach_px: &[[f64; 2]]) -> [usize; 2] {
         [0, 1].map(|axis| {
             let limit = libm::ceil(self.farthest_px[axis]) as usize;
@@ -125,7 +126,8 @@ impl Draft<'_> {
         })
     }
 
-    /// How far images at both ends and in the middle of the range reach, px, on a sensor with this edge.
+    /// Extents (px) of images at both ends and in the middle of the depth range, computed up to the given
+    /// edge.
     fn reaches(&self, edge_px: [usize; 2]) -> Vec<[f64; 2]> {
         let frame = self.frame(edge_px, 1.0);
         let exposure = self.model.exposure(&frame, 1);
@@ -154,7 +156,7 @@ impl Draft<'_> {
     }
 
     fn frame(&self, edge_px: [usize; 2], fineness: f64) -> Frame {
-        // The planes around the range are seen too.
+        // Includes the planes before and after the range.
         let around = self.length_um * AROUND as f64 / STEPS as f64;
         self.model.frame(Scope {
             from_um: self.start_um - around,
@@ -165,7 +167,8 @@ impl Draft<'_> {
         })
     }
 
-    /// Where light falls below the cut, whole px, by the law of the tails behind a hard edge of the pupil.
+    /// Distances along x and y, whole px, at which light falls below the cut, from the decay of the tails
+    /// caused by a hard edge of the pupil.
     pub(super) fn edges(&self) -> [usize; 2] {
         let model = self.model;
         let rim = |z_um: f64| model.rim_px(z_um, self.large());
@@ -213,7 +216,7 @@ impl Draft<'_> {
         self.start_um + (plane - AROUND as f64) * self.length_um / steps as f64
     }
 
-    /// The light of one size at all depths.
+    /// The light of spheres of one size at all depths.
     fn lights(&self, frame: &Frame, radius_um: f64, steps: usize) -> Vec<Light> {
         (0..steps + 1 + 2 * AROUND)
             .into_par_iter()
@@ -221,10 +224,10 @@ impl Draft<'_> {
             .collect()
     }
 
-    /// The fewest nodes per px whose spline meets the light between them.
+    /// The exposure with the fewest nodes per px whose spline reproduces the light between them.
     fn exposure(&self, frame: &Frame, lights: &[Light]) -> Exposure {
         let model = self.model;
-        let [x, y] = [0, 1].map(|axis| places(frame.scope.edge_px[axis], PROBES, frame.is_mirrored()));
+        let [x, y] = [0, 1].map(|axis| positions(frame.scope.edge_px[axis], PROBES, frame.is_mirrored()));
         let probes = model.probes(frame, [&x, &y]);
         let probed = [AROUND, AROUND + STEPS / 2, AROUND + STEPS].map(|i| {
             let light = &lights[i];
@@ -236,18 +239,18 @@ impl Draft<'_> {
                 let ours = model.plane(light, &exposure);
                 let allowed = PART * model.tolerance * peak(&ours);
                 truth.iter().enumerate().all(|(i, truth)| {
-                    let place = [x[i % x.len()], y[i / x.len()]];
-                    (exposure.evaluate(&ours, place) - truth).abs() <= allowed
+                    let position = [x[i % x.len()], y[i / x.len()]];
+                    (exposure.evaluate(&ours, position) - truth).abs() <= allowed
                 })
             };
             if probed.iter().all(meets) {
                 return exposure;
             }
         }
-        model.exposure(frame, DENSEST)
+        model.exposure(frame, MAX_DENSITY)
     }
 
-    /// Planes so close that a spline through them meets those between.
+    /// Planes close enough for a spline through them to reproduce those between.
     fn planes(&self, frame: &Frame, exposure: &Exposure, first: Vec<Vec<f64>>) -> Planes {
         let mut planes = Planes { values: first, steps: STEPS };
         let mut error_before = f64::INFINITY;
@@ -262,13 +265,13 @@ impl Draft<'_> {
                 deviation(&blend(known), &between(i))
             });
             let error = errors.reduce(|| 0.0, f64::max);
-            // Where finer steps do not help, it is not the steps that err.
+            // If finer steps do not help, the error has another cause.
             let helped = error < 0.6 * error_before;
-            if error <= PART * self.model.tolerance || steps >= MOST_STEPS || !helped {
+            if error <= PART * self.model.tolerance || steps >= MAX_STEPS || !helped {
                 return planes;
             }
             error_before = error;
-            // Planes half way join those that there are; of the outermost some fall away.
+            // Adds planes halfway between the existing ones; some of the outermost are no longer needed.
             let old = std::mem::take(&mut planes.values);
             planes.steps = 2 * steps;
             planes.values = (0..2 * steps + 1 + 2 * AROUND)
@@ -285,7 +288,7 @@ impl Draft<'_> {
         }
     }
 
-    /// The radii that it takes to interpolate between two.
+    /// The nodes needed to interpolate between two radii, um.
     fn sizes(&self, frame: &Frame, exposure: &Exposure, small: f64, large: f64) -> Vec<f64> {
         let z_um = self.start_um + 0.5 * self.length_um;
         let sample = |radius: &f64| self.model.plane(&self.model.light(frame, z_um, *radius), exposure);
@@ -301,14 +304,14 @@ impl Draft<'_> {
                     deviation(&blend(weights.iter().map(|w| w.0).zip(&known)), &sample(&radius))
                 })
                 .reduce(|| 0.0, f64::max);
-            if error <= PART * self.model.tolerance || count >= MOST_SIZES {
+            if error <= PART * self.model.tolerance || count >= MAX_SIZES {
                 return radii;
             }
             count += 1;
         }
     }
 
-    /// Turns planes of all radii into splines.
+    /// Converts planes of all radii to splines and collects them in a table.
     fn assemble(
         &self,
         values: &[Vec<f64>],
@@ -323,7 +326,7 @@ impl Draft<'_> {
         for (five, out) in windows.zip(coefficients.chunks_exact_mut(layout.length())) {
             layout.store(&blend(FILTER.into_iter().zip(five)), out);
         }
-        // The reach of the largest sphere is that of all.
+        // The extent is the maximum over all sizes.
         let reach = |i: usize| {
             let of_sizes =
                 values.chunks(of_one).map(|of_size| self.reach(&of_size[i + AROUND - 1], exposure));
@@ -342,7 +345,7 @@ impl Draft<'_> {
         }
     }
 
-    /// Half width and half height of the part of a plane that is brighter than the cut, px.
+    /// Half width and half height (px) of the part of a plane that is brighter than the cut.
     fn reach(&self, plane: &[f64], exposure: &Exposure) -> [f64; 2] {
         let cut = CUT * self.model.tolerance * peak(plane);
         let Layout { per_px, columns, origin, .. } = exposure.layout;
@@ -358,7 +361,8 @@ impl Draft<'_> {
         [0, 1].map(|axis| ((far[axis] + 1) as f64 / per_px as f64).min(self.farthest_px[axis]))
     }
 
-    /// How far the finished table is from an image computed more finely.
+    /// Error of the finished table relative to an image computed with finer discretization, as a fraction of
+    /// the peak.
     fn error(&self, table: &Table, edge_px: [usize; 2]) -> f64 {
         let z_um = self.start_um + table.step_um * (((table.planes - 3) / 2) as f64 + 0.5);
         let radius_um = match table.radii[..] {
@@ -367,7 +371,7 @@ impl Draft<'_> {
         };
         let finer = self.model.with_share(0.2 * self.model.share.min(SHARE * self.model.tolerance), 0.25);
         let frame = finer.frame(Scope { from_um: z_um, to_um: z_um, radius_um, edge_px, fineness: 1.3 });
-        let [x, y] = edge_px.map(|edge| places(edge, 2 * edge, frame.is_mirrored()));
+        let [x, y] = edge_px.map(|edge| positions(edge, 2 * edge, frame.is_mirrored()));
         let truth = finer.probe(&finer.light(&frame, z_um, radius_um), &finer.probes(&frame, [&x, &y]));
         let ours = Interpolated::new(table, z_um, radius_um);
         let differ = |(i, truth): (usize, &f64)| (ours.at(x[i % x.len()], y[i / x.len()])[0] - truth).abs();
@@ -376,22 +380,23 @@ impl Draft<'_> {
     }
 }
 
-/// So many places between the particle and the edge, px; if nodes are not mirrored as many on the other side.
-fn places(edge_px: usize, count: usize, mirrored: bool) -> Vec<f64> {
+/// Equally spaced positions between the particle and the edge, px; without mirror symmetry, as many on the
+/// other side.
+fn positions(edge_px: usize, count: usize, mirrored: bool) -> Vec<f64> {
     let step = edge_px as f64 / count as f64;
-    // Beside nodes, however dense.
+    // Not on nodes, for any density.
     let side = (0..count).map(|i| (i as f64 + 0.307) * step);
     if mirrored { side.collect() } else { side.clone().map(|x| -x).chain(side).collect() }
 }
 
-/// Places along an axis at which densities are compared.
+/// Number of positions along an axis at which densities are compared.
 const PROBES: usize = 48;
 
 fn peak(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::MIN_POSITIVE, f64::max)
 }
 
-/// The largest error of values, as a share of the peak.
+/// The largest error of values, as a fraction of the peak.
 fn deviation(ours: &[f64], truth: &[f64]) -> f64 {
     ours.iter().zip(truth).fold(0.0, |largest, (a, b)| f64::max(largest, (a - b).abs())) / peak(truth)
 }
@@ -406,7 +411,7 @@ fn blend<'a>(planes: impl Iterator<Item = (f64, &'a Vec<f64>)>) -> Vec<f64> {
     sum
 }
 
-/// Chebyshev's points with both ends.
+/// Chebyshev points, including both ends.
 fn size_nodes(small: f64, large: f64, n: usize) -> Vec<f64> {
     let (middle, half) = (0.5 * (small + large), 0.5 * (large - small));
     let angle = |i: usize| std::f64::consts::PI * i as f64 / (n - 1) as f64;

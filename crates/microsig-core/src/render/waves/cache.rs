@@ -1,4 +1,4 @@
-//! Tables by depth and size, made when they are first needed and shared from then on.
+//! Tables by depth and size, built when first needed and then shared.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, PoisonError, RwLock};
@@ -11,14 +11,14 @@ use super::table::Table;
 use crate::particle::Particle;
 use crate::render::store::store;
 
-/// Memory that tables may take before those that the current image does not need are dropped: 512 MB.
+/// Memory of tables above which those not needed for the current image are dropped, bytes: 512 MiB.
 const MEMORY: usize = 512 << 20;
 
-/// Sizes that are whole multiples of 1/20 um have tables of their own; others are interpolated between.
+/// Diameters that are multiples of 1/20 um have their own tables; others are interpolated.
 const OWN_SIZES_PER_UM: f64 = 20.0;
 
-/// Number of a range of depths, and the smallest and largest diameter (bits, which order as positive numbers
-/// do).
+/// Index of the range of depths, and the smallest and largest diameter (as bits, which sort like the positive
+/// numbers).
 type Key = (i64, u64, u64);
 
 /// All tables of a renderer.
@@ -26,7 +26,7 @@ type Key = (i64, u64, u64);
 pub(super) struct TableCache {
     pub(super) model: Model,
     farthest_px: [f64; 2],
-    /// Depth of a table, um: a power of two.
+    /// Length of a table's range of depths, um: a power of two.
     length_um: f64,
     /// Range of interpolated diameters, um: a power of two.
     sizes_um: f64,
@@ -37,10 +37,10 @@ impl TableCache {
     pub(super) fn new(model: Model, farthest_px: [f64; 2]) -> Self {
         let objective = model.pupil.system.objective;
         let px_per_um = objective.image_distance / objective.object_distance_0 / model.pixel_um;
-        // Of a wide aperture, light from near the rim lands far outside.
+        // For a wide aperture, light from near the rim lands far away.
         let slope = (model.pupil.radius() / objective.object_distance_0).min(0.3);
         TableCache {
-            // Over a table the edge of an image moves by about 8 px; sizes differ by 2 px in the image.
+            // Within a table, the edge of an image moves by about 8 px, and sizes of images differ by 2 px.
             length_um: power_of_two_below(8.0 / (px_per_um * slope)),
             sizes_um: power_of_two_below(2.0 / px_per_um),
             farthest_px,
@@ -59,17 +59,17 @@ impl TableCache {
             let small = libm::floor(d / self.sizes_um) * self.sizes_um;
             (small, small + self.sizes_um)
         } else {
-            // Below that, ranges of a factor of two.
+            // Smaller diameters: ranges of a factor of two.
             let small = power_of_two_below(d);
             (small, 2.0 * small)
         };
         (depth, small.to_bits(), large.to_bits())
     }
 
-    /// The table of a key: from the store, if there is one and it holds the table, or made.
+    /// The table of a key: loaded from the store if possible, otherwise built.
     fn table(&self, key: Key) -> Table {
         let Some(store) = store() else { return self.build(key) };
-        // Where the sensor does not cut images off it changes nothing.
+        // A table that is not limited by the size of the sensor is stored for all sensors.
         let limit = self.farthest_px.map(|far| libm::ceil(far) as usize);
         let is_whole = |table: &Table| (0..2).all(|axis| table.edge_px[axis] < limit[axis]);
         let whole =
@@ -98,7 +98,7 @@ impl TableCache {
         .table()
     }
 
-    /// Half width and half height of a sphere's image, px, without making its table.
+    /// Half width and half height of a sphere's image, px, without building its table.
     pub(super) fn extent_px(&self, z_um: f64, radius_um: f64) -> [f64; 2] {
         let radii = TableRadii::One(radius_um);
         let draft = Draft {
@@ -111,7 +111,7 @@ impl TableCache {
         draft.edges().map(|edge| edge as f64)
     }
 
-    /// The table of each of these spheres; those that are missing are made, in parallel.
+    /// The table of each sphere; missing tables are built in parallel.
     pub(super) fn tables<'a>(&self, spheres: impl Iterator<Item = &'a Particle>) -> Vec<Arc<Table>> {
         let keys: Vec<Key> = spheres.map(|sphere| self.key(sphere)).collect();
         let mut found: BTreeMap<Key, Arc<Table>> = BTreeMap::new();
@@ -130,7 +130,7 @@ impl TableCache {
             }
         }
         if !missing.is_empty() {
-            // No lock is held meanwhile: whoever else needs the same table makes the same table.
+            // No lock is held: another thread that needs the same table builds an identical one.
             let missing: Vec<Key> = missing.into_iter().collect();
             store().into_iter().for_each(|store| store.begun(missing.len()));
             let made: Vec<_> = missing.par_iter().map(|&key| (key, Arc::new(self.table(key)))).collect();
@@ -144,7 +144,7 @@ impl TableCache {
         keys.iter().map(|key| Arc::clone(&found[key])).collect()
     }
 
-    /// Number of tables, their memory in bytes and the largest error found in any of them.
+    /// Number of tables, their memory in bytes and their largest error as a fraction of the peak.
     pub(super) fn state(&self) -> (usize, usize, f64) {
         let tables = self.tables.read().unwrap_or_else(PoisonError::into_inner);
         tables.values().fold((0, 0, 0.0), |(n, bytes, error), table| {
@@ -153,8 +153,8 @@ impl TableCache {
     }
 }
 
-/// The largest power of two (of any sign of exponent) that is at most `v` > 0.
+/// The largest power of two that is at most `v` > 0; the exponent may be negative.
 fn power_of_two_below(v: f64) -> f64 {
-    // The exponent alone, without the digits behind it.
+    // Keeps the exponent and clears the mantissa.
     f64::from_bits(v.to_bits() & 0xFFF0_0000_0000_0000)
 }

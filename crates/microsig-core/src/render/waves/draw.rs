@@ -1,9 +1,10 @@
-//! Drawing images from the spline over one of their quadrants, in f32, many pixels at a time.
+//! Renders images from the splines of tables in f32, many pixels at a time.
 //!
-//! Planes around a sphere's depth are blended into lines: rows of nodes, joined with their mirror image. A
-//! line gives the spline's values at the columns of pixels, which all see the same phases of the nodes, so
-//! that a value is six products of runs of memory; six rows of such values make a row of pixels, likewise.
-//! Only + and * in a fixed order occur, never fused, so that every instruction set gives the same bits.
+//! Planes around a sphere's depth are blended into lines: rows of nodes, joined with their mirror image. From
+//! a line follow the spline's values at the columns of pixels. All pixels have the same phase relative to the
+//! nodes, so a value is the sum of six products of contiguous memory; likewise, six rows of such values give
+//! a row of pixels. Only + and * in a fixed order are used, never fused, so all instruction sets give the
+//! same bits.
 
 use super::layout::{LANES, Layout};
 use super::spline::{self, TAPS};
@@ -11,7 +12,7 @@ use super::table::Table;
 use crate::render::instructions::InstructionSet;
 use crate::render::patch::Window;
 
-/// A sphere to be drawn.
+/// A sphere to be rendered.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sphere<'a> {
     pub(super) table: &'a Table,
@@ -20,34 +21,34 @@ pub(super) struct Sphere<'a> {
     pub(super) y_px: f64,
     pub(super) z_um: f64,
     pub(super) radius_um: f64,
-    /// All its light.
+    /// Light emitted toward the lens, counts.
     pub(super) light: f64,
 }
 
 /// Rows of an image in f32, to which spheres are added.
 pub(super) struct Band<'a> {
-    /// Number of the leftmost column and the topmost row.
+    /// Leftmost column and topmost row, px.
     pub(super) x0: i64,
     pub(super) y0: i64,
-    /// Numbers from a row to the next (see [`stride`]).
+    /// Distance between rows in memory, numbers (see [`stride`]).
     pub(super) stride: usize,
     pub(super) pixels: &'a mut [f32],
 }
 
-/// Numbers from a row of so many columns to the next: spheres are drawn in groups of pixels, the last of
-/// which may reach beyond the columns.
+/// Distance in memory between rows of `columns` pixels: spheres are rendered in groups of pixels, the last of
+/// which may extend beyond the columns.
 pub(super) fn stride(columns: usize) -> usize {
     columns + LANES
 }
 
-/// Copies rows of so many columns, as many as there is room for.
+/// Copies rows of `columns` pixels, as many as fit into `pixels`.
 pub(super) fn copy(band: &[f32], columns: usize, pixels: &mut [f64]) {
     for (from, to) in band.chunks_exact(stride(columns)).zip(pixels.chunks_exact_mut(columns)) {
         to.iter_mut().zip(from).for_each(|(to, from)| *to = f64::from(*from));
     }
 }
 
-/// Adds spheres to a band, one after the other.
+/// Adds spheres to a band, in order.
 pub(super) fn draw<'a>(
     instructions: InstructionSet,
     spheres: impl Iterator<Item = Sphere<'a>>,
@@ -67,15 +68,15 @@ impl<'a, I: Iterator<Item = Sphere<'a>>> pulp::WithSimd for Draw<'_, I> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
         let Draw { spheres, mut band } = self;
-        let mut brush = Brush::default();
+        let mut scratch = Scratch::default();
         for sphere in spheres {
-            brush.add(&sphere, &mut band);
+            scratch.add(&sphere, &mut band);
         }
     }
 }
 
-/// How pixels see the nodes of an axis: all of them in the same way, each `per_px` nodes further than the one
-/// before.
+/// Position of pixels relative to the nodes along an axis: consecutive pixels are `per_px` nodes apart and
+/// have the same weights.
 struct Axis {
     /// The first of the six nodes around the first pixel, counted from the sphere.
     first: isize,
@@ -89,7 +90,7 @@ impl Axis {
         Axis { first: cell as isize - 2, weights: spline::basis(place - cell).0.map(|w| w as f32) }
     }
 
-    /// The stored nodes that so many pixels see.
+    /// The stored nodes that contribute to `pixels` pixels.
     fn nodes(&self, pixels: usize, layout: &Layout, origin: usize, end: usize) -> std::ops::Range<usize> {
         let last = self.first + (TAPS - 1 + (pixels - 1) * layout.per_px) as isize;
         if !layout.mirrored {
@@ -103,22 +104,21 @@ impl Axis {
     }
 }
 
-/// Dark numbers before a line and behind it: pixels may reach beyond the nodes, by a group more than they are
-/// wide.
-const DARK: usize = 2 * LANES;
+/// Zeros before and after a line, as pixels may extend beyond the nodes.
+const PADDING: usize = 2 * LANES;
 
-/// Working memory.
+/// Working memory for rendering.
 #[derive(Default)]
-struct Brush {
-    /// Rows of nodes, phase by phase.
+struct Scratch {
+    /// Rows of nodes, ordered by phase.
     nodes: Vec<f32>,
-    /// One row, for each phase the mirror image and the row itself.
+    /// One row of nodes: for each phase, the mirror image and the row itself.
     line: Vec<f32>,
-    /// Values at the columns of pixels, by row of nodes; a dark row behind the last.
+    /// Values at the columns of pixels, by row of nodes; after the last, a row of zeros.
     values: Vec<f32>,
 }
 
-impl Brush {
+impl Scratch {
     #[inline(always)]
     fn add(&mut self, sphere: &Sphere, band: &mut Band) {
         let Window { x0, y0, width, height } = sphere.window;
@@ -132,7 +132,7 @@ impl Brush {
         let down = Axis::new(top, sphere.y_px, layout.per_px);
         let across = Axis::new(x0, sphere.x_px, layout.per_px);
         let rows = down.nodes(count, layout, layout.origin[1], layout.rows);
-        // Nodes of a phase that are needed, a whole multiple of lanes.
+        // Number of nodes needed of each phase, a multiple of the lanes.
         let far = across.nodes(width, layout, layout.origin[0], layout.row()).end;
         let run = (far / layout.per_px + 1).next_multiple_of(LANES).min(layout.run);
         self.blend(sphere, layout, &rows, run);
@@ -157,7 +157,7 @@ impl Brush {
         }
     }
 
-    /// Blends rows of nodes of the planes around a sphere, `run` of each phase.
+    /// Blends rows of nodes of the planes around a sphere, `run` nodes of each phase.
     #[inline(always)]
     fn blend(&mut self, sphere: &Sphere, layout: &Layout, rows: &std::ops::Range<usize>, run: usize) {
         self.nodes.resize(rows.len() * layout.per_px * run, 0.0);
@@ -192,13 +192,14 @@ impl Brush {
         columns: usize,
     ) {
         let per_px = layout.per_px;
-        let length = (2 * (run + DARK)).max(2 * DARK + columns);
+        let length = (2 * (run + PADDING)).max(2 * PADDING + columns);
         self.line.clear();
         self.line.resize(per_px * length, 0.0);
         self.values.resize((rows + 1) * columns, 0.0);
         self.values[rows * columns..].fill(0.0);
-        let middle = if layout.mirrored { run + DARK } else { layout.origin[0] / per_px + DARK } as isize;
-        // Pixels far beyond the nodes see only the dark.
+        let middle =
+            if layout.mirrored { run + PADDING } else { layout.origin[0] / per_px + PADDING } as isize;
+        // Pixels far beyond the nodes read only zeros.
         let starts: [usize; TAPS] = std::array::from_fn(|i| {
             let node = axis.first + i as isize;
             let place = middle + node.div_euclid(per_px as isize);
@@ -211,15 +212,15 @@ impl Brush {
         for (nodes, values) in of_rows {
             for (phase, nodes) in nodes.chunks_exact(run).enumerate() {
                 if !layout.mirrored {
-                    self.line[phase * length + DARK..][..run].copy_from_slice(nodes);
+                    self.line[phase * length + PADDING..][..run].copy_from_slice(nodes);
                     continue;
                 }
-                let right = phase * length + run + DARK;
+                let right = phase * length + run + PADDING;
                 self.line[right..][..run].copy_from_slice(nodes);
-                // Node -n of phase p is node n of the phase that completes p; that of phase 0 has the axis
-                // for itself.
+                // The mirror image of a node of phase p has phase per_px - p; for phase 0, the node on the
+                // axis is its own mirror image.
                 let (mirrored, skip) = if phase == 0 { (0, 0) } else { (per_px - phase, 1) };
-                let left = mirrored * length + DARK - skip;
+                let left = mirrored * length + PADDING - skip;
                 for (to, from) in self.line[left + 1..][..run].iter_mut().rev().zip(nodes) {
                     *to = *from;
                 }

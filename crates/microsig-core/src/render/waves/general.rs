@@ -1,10 +1,11 @@
-//! Images behind any pupil: a matrix Fourier transform over discs.
+//! Images for an arbitrary pupil: a matrix Fourier transform over discs.
 //!
-//! The open part of the pupil is a sum of discs, one of which may be taken away (an annulus), so that no edge
-//! is cut. Each is taken row by row: rows are those on which the image's Y sees one phase. With a cylindrical
-//! lens turned by chi rows are turned too, and a row's middle moves along it in proportion to its distance
-//! from the center; that is a factor for each row and column. Values at opposite places are added and
-//! subtracted first, so that kernels are real and those of a quadrant serve the whole plane.
+//! The open part of the pupil is a sum of discs, one of which may be subtracted (an annulus), so that
+//! quadrature follows the edges. Each disc is integrated row by row, along lines of constant phase with
+//! respect to the image's Y. With a cylindrical lens rotated by chi, rows are rotated too, and the middle of
+//! a row shifts along it in proportion to its distance from the center, which gives a phase factor for each
+//! row and column. Values at opposite points are first added and subtracted, so that kernels are real and
+//! those of one quadrant serve the entire image.
 
 use super::interpolation::{self, Around};
 use super::matrix::{self, LANES};
@@ -14,51 +15,51 @@ use super::zernike::Aberration;
 use crate::quadrature::gauss_legendre_on;
 use crate::render::instructions::InstructionSet;
 
-/// A disc of the pupil in units of its radius.
+/// A disc of the pupil, in units of the pupil's radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Disc {
     pub(super) x: f64,
     pub(super) y: f64,
     pub(super) r: f64,
-    /// Whether it is open, or taken away.
+    /// Whether the disc is open (added) or closed (subtracted).
     pub(super) open: bool,
 }
 
-/// What stands in the pupil.
+/// Mask, aberrations and rotated cylinder, which break the pupil's mirror symmetries.
 #[derive(Debug, Clone)]
 pub(super) struct Obstacles {
     pub(super) discs: Vec<Disc>,
-    /// In um of optical path.
+    /// Optical path difference, um.
     pub(super) aberration: Aberration,
-    /// Azimuth of the cylinder's power, rad.
+    /// Azimuth of the direction in which the cylindrical lens has power, rad.
     pub(super) turn: f64,
 }
 
-/// One point of a disc.
+/// One quadrature point of a disc.
 #[derive(Debug, Clone)]
 struct Node {
     around: Around,
     cosine: f64,
     sine: f64,
-    /// What a cylindrical lens and aberrations add to the phase, um.
+    /// Optical path added by a cylindrical lens and aberrations, um.
     extra: f64,
-    /// Weight in an integral over the pupil; negative if the disc is taken away.
+    /// Weight in an integral over the pupil; negative if the disc is subtracted.
     area: f64,
 }
 
 /// Kernels of one disc.
 #[derive(Debug)]
 struct Rows {
-    /// Nodes of t and of u, in [0, pi/2] and [0, 1].
+    /// Numbers of nodes of t in [0, pi/2] and of u in [0, 1].
     t: usize,
     u: usize,
-    /// By t and u: those at (t, u), (t, -u), (-t, u), (-t, -u).
+    /// By t and u: the nodes at (t, u), (t, -u), (-t, u), (-t, -u).
     nodes: Vec<[Node; 4]>,
     /// Cosines and sines: for each t, [u x columns of the right half].
     along_x: [Vec<f64>; 2],
     /// Cosines and sines: [rows of the lower half x t].
     along_y: [Vec<f64>; 2],
-    /// Angle per column of the middle of the rows at t and -t, and per row of that of the disc.
+    /// Phase per column of the middle of the rows at t and -t, and per row of the center of the disc, rad.
     middle_x: Vec<[f64; 2]>,
     middle_y: f64,
 }
@@ -70,16 +71,16 @@ pub(super) struct General {
     /// Weights of the radii in an integral over sigma d sigma.
     pub(super) weights: Vec<f64>,
     discs: Vec<Rows>,
-    /// Columns and rows of the image from its middle on, the middle included; kernels have a multiple of
-    /// [`LANES`] columns.
+    /// Columns and rows of the image from its middle outward, including the middle; kernels are padded to a
+    /// multiple of [`LANES`] columns.
     half: [usize; 2],
     padded: usize,
     scale: f64,
 }
 
 impl General {
-    /// `counts` are the nodes of t and u of the whole pupil; `half` the image's columns and rows from its
-    /// middle on at steps of `steps_um`.
+    /// `counts`: numbers of nodes of t and u for the full pupil; `half`: the image's columns and rows from
+    /// its middle outward, at steps of `steps_um`.
     pub(super) fn new(
         pupil: &Pupil,
         k: f64,
@@ -94,8 +95,8 @@ impl General {
         let discs = obstacles.discs.iter().map(|disc| {
             // Small discs need fewer nodes.
             let fewer = |n: usize| libm::ceil((n as f64 - 44.0).max(0.0) * disc.r) as usize + 44;
-            let place = Place { pupil, k, end, disc, obstacles, radii: &radii };
-            place.rows(counts.map(fewer), (half, padded), steps_um)
+            let setup = Setup { pupil, k, end, disc, obstacles, radii: &radii };
+            setup.rows(counts.map(fewer), (half, padded), steps_um)
         });
         let [_, bx] = pupil.across();
         General {
@@ -108,12 +109,12 @@ impl General {
         }
     }
 
-    /// Columns of an image.
+    /// Number of columns of an image.
     pub(super) fn columns(&self) -> usize {
         (2 * self.half[0] - 1).next_multiple_of(LANES)
     }
 
-    /// Light per um^2 on all places, row by row, of these modes at the wave number `k`.
+    /// Light per um^2 at all points of the image, row by row, of these modes at the wave number `k` (1/um).
     pub(super) fn light(&self, modes: &Modes, k: f64, instructions: InstructionSet) -> Vec<f64> {
         let images: Vec<(usize, bool)> = modes
             .modes
@@ -139,8 +140,8 @@ impl General {
     }
 }
 
-/// What a disc's kernels are made from.
-struct Place<'a> {
+/// The input for a disc's kernels.
+struct Setup<'a> {
     pupil: &'a Pupil,
     k: f64,
     end: f64,
@@ -149,25 +150,25 @@ struct Place<'a> {
     radii: &'a Radii,
 }
 
-impl Place<'_> {
+impl Setup<'_> {
     fn rows(&self, [nt, nu]: [usize; 2], (half, padded): ([usize; 2], usize), steps_um: [f64; 2]) -> Rows {
-        let Place { pupil, k, disc, .. } = *self;
+        let Setup { pupil, k, disc, .. } = *self;
         let whole = pupil.radius();
         let [ax, bx] = pupil.across();
         let by = pupil.b();
         let (sin_turn, cos_turn) = libm::sincos(self.obstacles.turn);
-        // Angles per um of image along X and Y are scalar products of sigma with these, in axes along the
-        // cylinder's.
+        // Phases per um of image along X and Y are scalar products of sigma with these vectors, in the frame
+        // of the cylindrical lens.
         let (of_x, of_y) = ([cos_turn / bx, -sin_turn / by], [sin_turn / bx, cos_turn / by]);
         let length = libm::hypot(of_y[0], of_y[1]);
-        // Across rows and along them.
+        // Unit vectors across rows and along them.
         let down = of_y.map(|v| v / length);
         let along = [down[1], -down[0]];
         let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];
         let turned = |x: f64, y: f64| [x * cos_turn + y * sin_turn, y * cos_turn - x * sin_turn];
         let center = turned(disc.x * whole, disc.y * whole);
         let centered = disc.x == 0.0 && disc.y == 0.0;
-        // Of the whole pupil only the part that is used.
+        // A centered disc is limited to the part of the pupil that is used.
         let radius = if centered { (disc.r * whole).min(pupil.sigma(self.end)) } else { disc.r * whole };
 
         let (t, of_t) = gauss_legendre_on(0.0, 0.5 * std::f64::consts::PI, nt);
@@ -188,7 +189,7 @@ impl Place<'_> {
                     self.node(place, power, area)
                 }));
                 let step = k * radius * cosine_t * u * dot(of_x, along) * steps_um[0];
-                push_turns(&mut along_x, step, padded);
+                push_multiples(&mut along_x, step, padded);
             }
             let of_center = dot(of_x, center);
             let drift = radius * sine_t * dot(of_x, down);
@@ -207,7 +208,7 @@ impl Place<'_> {
         Rows { t: nt, u: nu, nodes, along_x, along_y, middle_x, middle_y }
     }
 
-    /// The node at a place of the pupil in axes along the cylinder's.
+    /// The node at a point of the pupil, in the frame of the cylindrical lens.
     fn node(&self, place: [f64; 2], power: f64, area: f64) -> Node {
         let (sin_turn, cos_turn) = libm::sincos(self.obstacles.turn);
         let unit = self.pupil.sigma(self.end);
@@ -224,8 +225,8 @@ impl Place<'_> {
     }
 }
 
-/// Cosines and sines of the multiples of an angle.
-fn push_turns(kernels: &mut [Vec<f64>; 2], angle: f64, count: usize) {
+/// Appends cosines and sines of the multiples of an angle.
+fn push_multiples(kernels: &mut [Vec<f64>; 2], angle: f64, count: usize) {
     let (sine, cosine) = libm::sincos(angle);
     let mut turn = [1.0, 0.0];
     for _ in 0..count {
@@ -236,7 +237,7 @@ fn push_turns(kernels: &mut [Vec<f64>; 2], angle: f64, count: usize) {
 }
 
 impl Rows {
-    /// Adds the disc's part of all images to their fields.
+    /// Adds the disc's contribution to the fields of all images.
     fn add(
         &self,
         general: &General,
@@ -278,7 +279,7 @@ impl Rows {
                 padded,
                 &mut odd,
             );
-            let turns = self.middle_x[t].map(|angle| Turns::new(angle, general.half[0]));
+            let turns = self.middle_x[t].map(|angle| PhaseFactors::new(angle, general.half[0]));
             for image in 0..n {
                 let at = (t * n + image) * 2 * wide;
                 let (plus, minus) = (&mut plus[at..][..2 * wide], &mut minus[at..][..2 * wide]);
@@ -308,7 +309,7 @@ impl Rows {
         self.down(general, n, [&plus, &minus], instructions, fields);
     }
 
-    /// The second step: along y.
+    /// The second step of the transform, along y.
     fn down(
         &self,
         general: &General,
@@ -323,7 +324,7 @@ impl Rows {
         let (mut even, mut odd) = (vec![0.0; lower * columns], vec![0.0; lower * columns]);
         matrix::multiply(instructions, &self.along_y[0], plus, self.t, columns, &mut even);
         matrix::multiply(instructions, &self.along_y[1], minus, self.t, columns, &mut odd);
-        let turns = Turns::new(self.middle_y, lower);
+        let turns = PhaseFactors::new(self.middle_y, lower);
         for row in 0..lower {
             for image in 0..n {
                 let at = row * columns + image * 2 * wide;
@@ -346,30 +347,30 @@ impl Rows {
     }
 }
 
-/// Rotations by the multiples of an angle.
-struct Turns(Vec<[f64; 2]>);
+/// Phase factors of the multiples of an angle.
+struct PhaseFactors(Vec<[f64; 2]>);
 
-impl Turns {
-    fn new(angle: f64, count: usize) -> Turns {
-        Turns(
+impl PhaseFactors {
+    fn new(angle: f64, count: usize) -> PhaseFactors {
+        PhaseFactors(
             (0..count).map(|i| libm::sincos(angle * i as f64)).map(|(sine, cosine)| [cosine, sine]).collect(),
         )
     }
 
-    /// A number times exp(-i angle).
+    /// Multiplies a complex number by exp(-i angle).
     fn back(&self, i: usize, v: [f64; 2]) -> [f64; 2] {
         let [c, s] = self.0[i];
         [v[0] * c + v[1] * s, v[1] * c - v[0] * s]
     }
 
-    /// A number times exp(i angle).
+    /// Multiplies a complex number by exp(i angle).
     fn forth(&self, i: usize, v: [f64; 2]) -> [f64; 2] {
         let [c, s] = self.0[i];
         [v[0] * c - v[1] * s, v[1] * c + v[0] * s]
     }
 }
 
-/// Writes sums and differences of the pupil functions of all images at opposite places of each row.
+/// Writes sums and differences of the pupil functions of all images at opposite points of each row.
 struct Fill<'a> {
     rows: &'a Rows,
     general: &'a General,

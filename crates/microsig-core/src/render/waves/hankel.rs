@@ -1,8 +1,7 @@
-//! Images behind a round pupil: Hankel transforms of the modes, as products with matrices of Bessel
-//! functions.
+//! Images for a round pupil: Hankel transforms of the modes, as products with matrices of Bessel functions.
 //!
-//! The matrices depend on neither depth nor particle. At another wavelength they belong to other radii of the
-//! image.
+//! The matrices depend neither on depth nor on the particle. At another wavelength, they apply to scaled
+//! radii of the image.
 
 use super::bessel::bessel;
 use super::matrix::{self, LANES};
@@ -21,30 +20,30 @@ pub(super) struct Hankel {
     /// Weights of the pupil's radii in an integral over sigma d sigma.
     pub(super) weights: Vec<f64>,
     b: f64,
-    /// Distance of the image's radii at the wavelength of the kernels, um.
+    /// Spacing of the image's radii at the wavelength of the kernels, um.
     step_um: f64,
     columns: usize,
-    /// k step_um / b: what a step on either side adds to the argument, 1/um.
+    /// k step_um / b: factor from sigma to the change of the argument per step, 1/um.
     step: f64,
     table: Table,
-    /// By order, radius of the pupil and radius of the image; none if they are made anew each time.
+    /// Kernels by order, radius of the pupil and radius of the image; empty if they are computed when needed.
     kernels: Vec<Vec<f64>>,
 }
 
-/// Kernels that take more memory than this are not kept.
+/// Kernels that need more memory than this, bytes, are not kept.
 const KEPT_BYTES: usize = 128 << 20;
 
 /// Light along the radius of an image.
 pub(super) struct Profile {
     step_um: f64,
-    /// From two places before the axis on.
+    /// Values from two steps before the axis on.
     values: Vec<f64>,
 }
 
 impl Hankel {
-    /// `inner` and `end` are the radii of the lens plane between which the pupil is open, um; `nodes` the
-    /// number of radii there; `columns` the image's radii at steps of `step_um`; `orders` how many of them
-    /// may be asked for.
+    /// `inner`, `end`: radii in the lens plane between which the pupil is open, um; `nodes`: number of
+    /// quadrature points between them; `columns`: number of the image's radii at steps of `step_um`;
+    /// `orders`: number of orders of modes.
     pub(super) fn new(
         pupil: &Pupil,
         k: f64,
@@ -81,7 +80,7 @@ impl Hankel {
         kernel
     }
 
-    /// The image of these modes at the wave number `k`; the kernels' own is `kernel_k`.
+    /// The image of these modes at the wave number `k` (1/um); `kernel_k` is that of the kernels.
     pub(super) fn profile(
         &self,
         modes: &Modes,
@@ -142,7 +141,8 @@ impl Profile {
         Profile { step_um, values }
     }
 
-    /// Light per um^2 at this distance from the axis, by a polynomial through six values; 0 beyond the last.
+    /// Light per um^2 at a distance from the axis (um), by polynomial interpolation of six values; 0 beyond
+    /// the last.
     pub(super) fn at(&self, radius_um: f64) -> f64 {
         let place = radius_um / self.step_um;
         let cell = libm::floor(place);
@@ -151,15 +151,15 @@ impl Profile {
     }
 }
 
-/// Bessel functions at equal steps, to be interpolated.
+/// Bessel functions at equal steps, for interpolation.
 #[derive(Debug)]
 struct Table {
-    /// By order, from two places before 0 on.
+    /// Values by order, from two steps before 0 on.
     orders: Vec<Vec<f64>>,
 }
 
 impl Table {
-    /// Steps per unit: a polynomial through six values errs by less than 1e-9.
+    /// Steps per unit: the interpolation error with six values is below 1e-9.
     const PER_UNIT: f64 = 20.0;
 
     fn new(largest: f64, orders: usize) -> Table {
@@ -193,7 +193,7 @@ fn weigh(weights: &[f64; TAPS], values: &[f64]) -> f64 {
     sum
 }
 
-/// Weights of the polynomial through values at -2, -1, ..., 3, at `t`.
+/// Weights of the values at -2, -1, ..., 3 for polynomial interpolation at `t`.
 fn lagrange6(t: f64) -> [f64; TAPS] {
     let (a, b, c, d, e, f) = (t + 2.0, t + 1.0, t, t - 1.0, t - 2.0, t - 3.0);
     [

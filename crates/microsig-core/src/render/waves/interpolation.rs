@@ -1,18 +1,18 @@
-//! Modes between the radii at which they are known: cubic polynomials.
+//! Cubic interpolation of modes between the radii at which they are computed.
 
 use super::modes::Modes;
 use super::pupil::{Pupil, Radii};
 
-/// Radii, evenly spaced in sigma.
+/// Number of radii, evenly spaced in sigma.
 pub(super) const RADII: usize = 256;
 
-/// Points of the interpolation.
+/// Number of points of the interpolation.
 const TAPS: usize = 4;
 
-/// The number of fields of a table is a whole multiple of it.
+/// The number of fields of a table is a multiple of this.
 const LANES: usize = 8;
 
-/// The radii around a place, and their weights.
+/// The radii around a position, and their weights.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Around {
     first: usize,
@@ -20,7 +20,7 @@ pub(super) struct Around {
 }
 
 impl Around {
-    /// The value of one function.
+    /// The interpolated value of one function.
     pub(super) fn value(&self, known: &[f64]) -> f64 {
         let Around { first, weights: w } = *self;
         (w[0] * known[first] + w[1] * known[first + 1]) + (w[2] * known[first + 2] + w[3] * known[first + 3])
@@ -33,16 +33,16 @@ pub(super) fn radii(pupil: &Pupil, end: f64) -> Radii {
     pupil.radii((0..RADII).map(|i| pupil.q(step * i as f64).min(end)).collect(), end)
 }
 
-/// Their weights in an integral over sigma d sigma.
+/// Weights of the radii in an integral over sigma d sigma.
 pub(super) fn weights(radii: &Radii) -> Vec<f64> {
     let step = radii.sigma[1] - radii.sigma[0];
     let trapezoid = |i: usize| if i == RADII - 1 { 0.5 } else { 1.0 };
     radii.sigma.iter().enumerate().map(|(i, sigma)| trapezoid(i) * step * sigma).collect()
 }
 
-/// The radii around a place, in units of the last.
+/// The radii around a position, given in units of the last radius.
 pub(super) fn around(place: f64) -> Around {
-    // Beyond the last there is no light.
+    // There is no light beyond the last radius.
     let place = place.min(1.0) * (RADII - 1) as f64;
     let first = (libm::floor(place) as usize).saturating_sub(1).min(RADII - TAPS);
     let t = place - first as f64;
@@ -50,7 +50,7 @@ pub(super) fn around(place: f64) -> Around {
     Around { first, weights: [-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0] }
 }
 
-/// The phase and all modes (real and imaginary part) side by side at each radius.
+/// A table with the phase and all modes (real and imaginary parts) at each radius.
 #[inline(always)]
 pub(super) fn table(modes: &Modes) -> Vec<f64> {
     let fields = (1 + 2 * modes.modes.len()).next_multiple_of(LANES);
@@ -64,7 +64,7 @@ pub(super) fn table(modes: &Modes) -> Vec<f64> {
     known
 }
 
-/// All fields of a table at one place.
+/// Interpolates all fields of a table at one position.
 #[inline(always)]
 pub(super) fn interpolate(known: &[f64], around: &Around, here: &mut [f64]) {
     let fields = here.len();

@@ -1,30 +1,30 @@
-//! How the coefficients of a plane lie in memory.
+//! Memory layout of the coefficients of a plane.
 //!
-//! Along a row of an image pixels are a whole number of nodes apart: all of them see the same phase of the
-//! nodes. So a row of nodes is stored phase by phase, and each phase as a run that neighboring pixels read
-//! side by side.
+//! In a row of an image, pixels are a whole number of nodes apart, so all have the same phase relative to the
+//! nodes. A row of nodes is therefore stored phase by phase; the nodes of one phase form a contiguous run,
+//! which neighboring pixels read at consecutive addresses.
 
-/// Numbers that are worked on at a time; runs are whole multiples of it.
+/// Numbers processed at a time; the length of a run is a multiple of this.
 pub(super) const LANES: usize = 8;
 
-/// Nodes of a plane: a quadrant, the axes included, or all.
+/// Nodes of a plane: one quadrant, including the axes, or all.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Layout {
-    /// Nodes per px: phases of a row.
+    /// Nodes per px, which is the number of phases in a row.
     pub(super) per_px: usize,
     pub(super) columns: usize,
     pub(super) rows: usize,
-    /// Whether nodes on the other side of an axis are the mirror images of these.
+    /// Whether only one quadrant is stored and the others are its mirror images.
     pub(super) mirrored: bool,
-    /// Column and row of the particle itself; a whole number of px.
+    /// Column and row of the node at the particle's center; a whole number of px.
     pub(super) origin: [usize; 2],
-    /// Nodes of one phase in a row.
+    /// Number of stored nodes of one phase in a row.
     pub(super) run: usize,
 }
 
 impl Layout {
-    /// The layout of so many columns and rows from the particle's own node on, 1 more than a whole number of
-    /// px.
+    /// The layout with `side` columns and rows from the particle's own node outward; `side` is 1 plus a whole
+    /// number of px.
     pub(super) fn new(per_px: usize, side: [usize; 2], mirrored: bool) -> Layout {
         let [columns, rows] = if mirrored { side } else { side.map(|side| 2 * side - 1) };
         let origin = if mirrored { [0; 2] } else { side.map(|side| side - 1) };
@@ -32,28 +32,28 @@ impl Layout {
         Layout { per_px, columns, rows, mirrored, origin, run }
     }
 
-    /// The layout with these columns and rows; `None` if there is none.
+    /// The layout of a stored table; `None` if the numbers are invalid.
     pub(super) fn stored_as(
         per_px: usize,
         [columns, rows]: [usize; 2],
         mirrored: bool,
         origin: [usize; 2],
     ) -> Option<Layout> {
-        // No table is so large.
-        const MOST: usize = 1 << 20;
-        if per_px == 0 || per_px > MOST || columns > MOST || rows > MOST {
+        // Larger than any table.
+        const MAX: usize = 1 << 20;
+        if per_px == 0 || per_px > MAX || columns > MAX || rows > MAX {
             return None;
         }
         let run = columns.div_ceil(per_px).next_multiple_of(LANES);
         Some(Layout { per_px, columns, rows, mirrored, origin, run })
     }
 
-    /// Numbers of a row.
+    /// Length of a row, numbers.
     pub(super) fn row(&self) -> usize {
         self.per_px * self.run
     }
 
-    /// Numbers of a plane.
+    /// Length of a plane, numbers.
     pub(super) fn length(&self) -> usize {
         self.rows * self.row()
     }
@@ -64,22 +64,23 @@ impl Layout {
         (at < nodes).then_some(at)
     }
 
-    /// The column of a node, counted from the particle. `None`: it lies in the dark.
+    /// The stored column of a node, counted from the particle; `None` outside the plane, where there is no
+    /// light.
     pub(super) fn column_of(&self, node: isize) -> Option<usize> {
         self.stored(node, self.origin[0], self.columns)
     }
 
-    /// The row of a node, likewise.
+    /// The stored row of a node, counted from the particle; `None` outside the plane.
     pub(super) fn row_of(&self, node: isize) -> Option<usize> {
         self.stored(node, self.origin[1], self.rows)
     }
 
-    /// Place of a column in its row.
+    /// Index of a column in its row in memory.
     pub(super) fn place(&self, column: usize) -> usize {
         column % self.per_px * self.run + column / self.per_px
     }
 
-    /// Writes coefficients, row by row, in their places.
+    /// Writes coefficients, given row by row, in this layout.
     pub(super) fn store(&self, coefficients: &[f64], out: &mut [f32]) {
         for (line, out) in coefficients.chunks_exact(self.columns).zip(out.chunks_exact_mut(self.row())) {
             for (column, &value) in line.iter().enumerate() {

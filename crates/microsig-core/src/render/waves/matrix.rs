@@ -1,11 +1,11 @@
-//! Products of dense matrices in f64, row by row in memory.
+//! Products of dense matrices in f64, stored row by row.
 //!
-//! Every element is summed over the inner index in increasing order by separate multiplications and
-//! additions, so it has the same bits on every instruction set and for every size of tile.
+//! Every element is summed over the inner index in increasing order, with separate multiplications and
+//! additions, so it has the same bits for all instruction sets and tile sizes.
 
 use crate::render::instructions::InstructionSet;
 
-/// Columns of a tile; the right-hand matrix and the product have a whole multiple of them.
+/// Columns of a tile; the right-hand matrix and the product have a multiple of this number of columns.
 pub(super) const LANES: usize = 8;
 
 /// Rows of a tile.
@@ -60,7 +60,7 @@ impl pulp::WithSimd for Product<'_> {
     }
 }
 
-/// So many rows of the product.
+/// Computes `R` rows of the product.
 #[inline(always)]
 fn band<const R: usize>(left: &[f64], right: &[f64], inner: usize, columns: usize, product: &mut [f64]) {
     let left: [&[f64]; R] = std::array::from_fn(|row| &left[row * inner..][..inner]);

@@ -1,11 +1,12 @@
-//! Images of particles by wave optics: diffraction at the aperture of MicroSIG's lens, or of a corrected one.
+//! Particle images by wave optics: diffraction at the aperture of MicroSIG's lens or of a corrected one.
 //!
-//! Scalar Fourier optics over the pupil function of the lens (`pupil`): for short wavelengths the image
-//! becomes that of `expected`. A particle is a sum of coherent modes (`bead`, `modes`). Behind a round pupil
-//! each is a Hankel transform (`hankel`), with a cylindrical lens a matrix Fourier transform of a quadrant
-//! (`quadrant`); square pixels see the sum (`pixel`).
+//! Scalar Fourier optics with the pupil function of the lens (`pupil`); for short wavelengths the image
+//! approaches that of `expected`. A particle is a sum of coherent modes (`bead`, `modes`). The image of each
+//! mode is a Hankel transform for a round pupil (`hankel`), a matrix Fourier transform of a quadrant with a
+//! cylindrical lens (`quadrant`), and one over discs for any other pupil (`general`). The sum is integrated
+//! over square pixels (`pixel`).
 //!
-//! Left out: polarisation (good up to a numerical aperture of 0.6 to 0.7), dispersion, losses.
+//! Not modeled: polarization (valid up to a numerical aperture of 0.6 to 0.7), dispersion, losses.
 //!
 //! Sources: Goodman, Introduction to Fourier Optics; Born and Wolf, Principles of Optics, ch. 8 and 9;
 //! Collins 1970 (JOSA 60, 1168); Wolf 1982 (JOSA 72, 343); Gibson and Lanni 1991 (JOSA A 8, 1601); Noll 1976
@@ -58,19 +59,19 @@ use pupil::Pupil;
 use table::{Interpolated, Table};
 use zernike::Aberration;
 
-/// Rows that are exposed at a time, and the fewest that a thread draws.
+/// Rows that are exposed at a time, and the minimum number of rows that a thread renders.
 const BAND: usize = 64;
 
-/// Particles whose tables are held at a time.
+/// Number of particles whose tables are held at a time.
 const PARTICLES: usize = 1024;
 
-/// Largest numerical aperture for which scalar waves are good.
+/// Largest numerical aperture for which scalar wave optics is valid.
 const SCALAR_NA: f64 = 0.7;
 
-/// The least share of the accepted light that should land on the sensor.
-const LEAST_NEAR: f64 = 0.5;
+/// There is a warning if less than this fraction of the accepted light lands on the sensor.
+const MIN_NEAR: f64 = 0.5;
 
-/// Draws particles by wave optics; deterministic, without the noise of rays.
+/// Renders particles by wave optics; deterministic, without ray noise.
 ///
 /// # The diffracted image of one particle
 /// ```
@@ -87,7 +88,7 @@ const LEAST_NEAR: f64 = 0.5;
 pub struct WavesRenderer {
     settings: Settings,
     optics: WaveOptics,
-    /// What all renderers ask of settings and particles.
+    /// Checks of settings and particles that all renderers share.
     rays: RayRenderer,
     cache: Arc<TableCache>,
     /// Working memory, kept from image to image.
@@ -95,20 +96,20 @@ pub struct WavesRenderer {
 }
 
 impl WavesRenderer {
-    /// A renderer for these settings. `tolerance` is the largest error of an image, as a share of its peak,
-    /// that tables may have.
+    /// A renderer for these settings. `tolerance`: the largest error of an image due to tables, as a fraction
+    /// of its peak.
     ///
     /// # Errors
-    /// [`Error::Malformed`] if a setting or option is out of range, [`Error::Unsupported`] for what this
-    /// renderer cannot draw and for a tolerance outside [`TOLERANCES`].
+    /// [`Error::Malformed`] if a setting or option is out of range, [`Error::Unsupported`] for settings that
+    /// this renderer does not support and for a tolerance outside [`TOLERANCES`].
     pub fn new(settings: &Settings, optics: &WaveOptics, tolerance: f64) -> Result<Self, Error> {
         Self::on(InstructionSet::best(), settings, optics, tolerance)
     }
 
-    /// The same with an instruction set of one's choice; all give the same images.
+    /// [`WavesRenderer::new`] with a given instruction set; all give the same images.
     ///
     /// # Errors
-    /// As [`WavesRenderer::new`].
+    /// As for [`WavesRenderer::new`].
     pub fn on(
         instructions: InstructionSet,
         settings: &Settings,
@@ -117,7 +118,7 @@ impl WavesRenderer {
     ) -> Result<Self, Error> {
         if !TOLERANCES.contains(&tolerance) {
             return Err(Error::Unsupported(format!(
-                "tolerance = {tolerance}: expected {} to {}, a share of an image's peak",
+                "tolerance = {tolerance}: expected {} to {}, a fraction of an image's peak",
                 TOLERANCES.start(),
                 TOLERANCES.end()
             )));
@@ -128,8 +129,8 @@ impl WavesRenderer {
         let [_, bx] = pupil.across();
         if bx == 0.0 {
             return Err(Error::Unsupported(format!(
-                "cyl_focal_length = {}: behind this cylindrical lens all light of a point meets in a line on the sensor, \
-                 whatever its wavelength; any other focal length will do",
+                "cyl_focal_length = {}: this cylindrical lens focuses all light of a point into a line on the sensor, \
+                 at any wavelength; use any other focal length",
                 settings.cyl_focal_length
             )));
         }
@@ -161,28 +162,29 @@ impl WavesRenderer {
         })
     }
 
-    /// How far from the sensor a particle may lie, px, if its light falls on it.
+    /// Maximum distance (px) from the sensor of a particle whose light falls on it.
     fn margin(settings: &Settings) -> f64 {
         (f64::from(settings.pixel_dim_x.max(settings.pixel_dim_y)) / 2.0).max(50.0)
     }
 
-    /// Light and optics.
+    /// The light and the optics.
     pub fn optics(&self) -> &WaveOptics {
         &self.optics
     }
 
-    /// The tolerance.
+    /// Largest error of an image due to tables, as a fraction of its peak.
     pub fn tolerance(&self) -> f64 {
         self.model().tolerance
     }
 
-    /// Radius of the first dark ring of a point's image in focus without aberrations, px: 0.61 lambda M / NA.
+    /// Radius of the first dark ring of the aberration-free image of a point in focus, px: 0.61 lambda M /
+    /// (NA pixel_size).
     pub fn airy_radius_px(&self) -> f64 {
         self.optics.airy_radius_px(&self.settings)
     }
 
-    /// How far optical paths over the pupil differ for a point on the axis at this depth, waves; a
-    /// cylindrical lens is left out.
+    /// Largest difference of optical paths over the pupil for a point on the axis at depth `z_um`, waves,
+    /// without the cylindrical lens.
     pub fn path_difference_waves(&self, z_um: f64) -> f64 {
         self.model().pupil.own_spread(z_um) / self.optics.wavelength_um
     }
@@ -191,12 +193,12 @@ impl WavesRenderer {
         &self.cache.model
     }
 
-    /// Makes the tables for these particles now rather than when they are drawn.
+    /// Builds the tables for these particles in advance.
     pub fn prepare(&self, particles: &[Particle]) {
         self.cache.tables(particles.iter());
     }
 
-    /// The counts of one particle. `None`: none of its light can fall on the sensor.
+    /// The counts of one particle; `None` if none of its light can fall on the sensor.
     pub fn patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
         let table = self.cache.tables(std::iter::once(particle)).remove(0);
         let sphere = self.sphere(particle, &table, 1.0);
@@ -213,7 +215,7 @@ impl WavesRenderer {
         Some(ExpectedPatch { window, counts })
     }
 
-    /// The counts of one particle with their derivatives. `None`: none of its light can fall on the sensor.
+    /// The counts of one particle with their derivatives; `None` if none of its light can fall on the sensor.
     pub fn gradient(&self, particle: &Particle) -> Option<Gradient> {
         let table = self.cache.tables(std::iter::once(particle)).remove(0);
         let window = self.window(particle, &table);
@@ -227,17 +229,17 @@ impl WavesRenderer {
                 let dx = (window.x0 + (i % window.width) as i64) as f64 - particle.x_px;
                 let dy = (window.y0 + (i / window.width) as i64) as f64 - particle.y_px;
                 let [value, by_x, by_y, by_z] = interpolated.at(dx, dy);
-                // A particle that moves to the right is a pixel that moves to the left.
+                // A displacement of the particle moves the pixel relative to it in the opposite direction.
                 [light * value, -light * by_x, -light * by_y, light * by_z]
             })
             .collect();
         Some(Gradient { window, pixels })
     }
 
-    /// Light on pixels whose centers lie at these places relative to a particle, px, as a share of what it
-    /// sends into the half space; computed directly, without tables. `d_um` may be 0: a point.
+    /// Light on pixels whose centers are at `places` relative to a particle, px, as a fraction of its light
+    /// emitted into the half space; computed directly, without tables. `d_um` may be 0 for a point.
     pub fn share_at(&self, z_um: f64, d_um: f64, places: &[[f64; 2]]) -> Vec<f64> {
-        // Beside tables a few more modes cost nothing.
+        // Uses more modes than tables, as the cost is small here.
         let model = self.model().with_share(0.2 * self.model().share, 1.0);
         let far = |axis: usize| places.iter().map(|place| place[axis].abs()).fold(0.0, f64::max);
         let edge_px = [0, 1].map(|axis| libm::ceil(far(axis)) as usize + 1);
@@ -249,27 +251,27 @@ impl WavesRenderer {
         places.iter().map(|&place| exposure.evaluate(&plane, place)).collect()
     }
 
-    /// The light of a particle that the aperture accepts, counts: what an infinite sensor would see if
-    /// nothing were masked.
+    /// The light of a particle that the aperture accepts, counts: what an infinite sensor would record
+    /// without a pupil mask.
     pub fn accepted(&self, particle: &Particle) -> f64 {
         self.total(particle) * self.model().accepted(particle.z_um, 0.5 * particle.d_um)
     }
 
-    /// Adds up the light of all particles of one image.
+    /// Sums the light of all particles of one image.
     pub fn light(&self, particles: &[Particle]) -> Light {
         let mut light = Light::dark(&self.settings);
         draw::copy(&self.draw_all(particles), light.width as usize, &mut light.values);
         light
     }
 
-    /// Draws all particles of one image.
+    /// Renders all particles of one image.
     fn draw_all(&self, particles: &[Particle]) -> Pooled<'_, Vec<f32>> {
         let stride = draw::stride(self.settings.pixel_dim_x as usize);
         let rows = self.settings.pixel_dim_y as usize;
         let mut image = self.images.get();
         image.resize(rows * stride, 0.0);
-        // Each thread has a band of rows and all particles in the order of their rows in the data file: no
-        // sum depends on the number of threads.
+        // Each thread has its own band of rows and adds all particles in the order of the data file, so sums
+        // do not depend on the number of threads.
         let band_rows = rows.div_ceil(rayon::current_num_threads()).max(BAND);
         for particles in particles.chunks(PARTICLES) {
             let tables = self.cache.tables(particles.iter());
@@ -283,13 +285,12 @@ impl WavesRenderer {
         image
     }
 
-    /// Number of depth tables, their memory in bytes, and the largest error found in any of them as a share
-    /// of an image's peak.
+    /// Number of tables, their memory in bytes, and their largest error as a fraction of an image's peak.
     pub fn tables(&self) -> (usize, usize, f64) {
         self.cache.state()
     }
 
-    /// The light that a sphere sends toward the lens side, in rays.
+    /// The light of a sphere emitted into the half space toward the lens, in rays.
     fn total(&self, particle: &Particle) -> f64 {
         let points = emission::sphere_points(&self.settings, particle.d_um);
         points as f64 * (f64::from(self.settings.n_rays) + 1.0)
@@ -314,7 +315,7 @@ impl WavesRenderer {
     }
 }
 
-/// What takes the pupil's mirror symmetries from it; `None`: nothing.
+/// Mask, aberrations and rotated cylinder, if they break the pupil's mirror symmetries; `None` otherwise.
 fn obstacles(optics: &WaveOptics, cylinder: bool) -> Option<Obstacles> {
     let disc = |r: f64, open: bool| Disc { x: 0.0, y: 0.0, r, open };
     let discs = match &optics.pupil.mask {
@@ -329,7 +330,7 @@ fn obstacles(optics: &WaveOptics, cylinder: bool) -> Option<Obstacles> {
     let aberration = Aberration::new(&in_um.collect::<Vec<_>>());
     let turn = optics.cyl_angle_deg.to_radians();
     let round_mask = !matches!(optics.pupil.mask, Mask::Pinholes(_));
-    // The transform of a quadrant has no hole in the middle.
+    // The transform of a quadrant does not support an annulus.
     let simple = round_mask && (discs.len() == 1 || !cylinder);
     (!simple || turn != 0.0 || !aberration.is_none()).then_some(Obstacles { discs, aberration, turn })
 }
@@ -389,7 +390,7 @@ impl Render for WavesRenderer {
             outside(particle.x_px, settings.pixel_dim_x).max(outside(particle.y_px, settings.pixel_dim_y));
         if farthest > margin && self.rays.reaches_sensor(particle) {
             return Err(Error::Unsupported(format!(
-                "it lies {farthest:.1} px outside the sensor, onto which its light falls; images by waves reach particles up to {margin} px outside"
+                "it lies {farthest:.1} px outside the sensor, but its light falls on it; wave optics supports particles up to {margin} px outside"
             )));
         }
         Ok(warning)
@@ -399,15 +400,15 @@ impl Render for WavesRenderer {
         let na = self.settings.numerical_aperture;
         let scalar = (na > SCALAR_NA).then(|| {
             format!(
-                "numerical_aperture = {na}: waves are scalar, without polarization, which is good up to about {SCALAR_NA}"
+                "numerical_aperture = {na}: wave optics is scalar, without polarization, which is valid up to about {SCALAR_NA}"
             )
         });
         let Settings { pixel_dim_x, pixel_dim_y, pixel_size, .. } = self.settings;
         let radius_um = 0.5 * libm::hypot(f64::from(pixel_dim_x), f64::from(pixel_dim_y)) * pixel_size;
         let near = self.model().pupil.share_within(0.0, radius_um);
-        let lost = (self.optics.lens == Lens::Microsig && near < LEAST_NEAR).then(|| {
+        let lost = (self.optics.lens == Lens::Microsig && near < MIN_NEAR).then(|| {
             format!(
-                "of the light that the aperture accepts at z = 0 only {:.0} % lands on the sensor: MicroSIG's lens is not \
+                "only {:.0} % of the light that the aperture accepts at z = 0 lands on the sensor: MicroSIG's lens is not \
                  corrected (lens: aplanatic is)",
                 100.0 * near
             )
@@ -421,7 +422,7 @@ impl Render for WavesRenderer {
     fn shortfall(&self) -> Option<String> {
         let ((_, _, error), tolerance) = (self.tables(), self.tolerance());
         (error > tolerance).then(|| {
-            format!("images by waves err by up to {error:.1e} of their peaks, more than the tolerance of {tolerance:.1e}")
+            format!("errors of images by wave optics are up to {error:.1e} of their peaks, above the tolerance of {tolerance:.1e}")
         })
     }
 

@@ -1,4 +1,4 @@
-//! One image of a sphere: everything that makes it, from the pupil to the coefficients of a spline.
+//! Computes the image of a sphere, from the pupil function to the coefficients of a spline.
 
 use super::band::Line;
 use super::bead::{self, Ring};
@@ -13,16 +13,16 @@ use super::quadrant::Quadrant;
 use super::spline::{self, TAPS};
 use crate::render::instructions::InstructionSet;
 
-/// Light beyond the edge that is computed but not drawn, px: there the Fourier series closes.
+/// Margin beyond the edge that is computed but not rendered, px, because the Fourier series is periodic.
 const MARGIN_PX: f64 = 4.0;
 
-/// Values of a round image along the radius, per period of the finest wave it may hold.
+/// Radial samples of a round image per period of the highest frequency.
 const PER_PERIOD: f64 = 8.0;
 
-/// Values of the grid per period of the finest wave: a little more than two.
+/// Grid points per period of the highest frequency: slightly more than two.
 const GRID_PER_PERIOD: f64 = 2.1;
 
-/// What images are made of.
+/// Parameters of images.
 #[derive(Debug)]
 pub(super) struct Model {
     pub(super) pupil: Pupil,
@@ -32,18 +32,18 @@ pub(super) struct Model {
     /// Center wavelength and width of the band (full width at half maximum), um.
     pub(super) wavelength_um: f64,
     pub(super) bandwidth_um: f64,
-    /// What takes the pupil's mirror symmetries from it.
+    /// Mask, aberrations and rotated cylinder, if they break the pupil's mirror symmetries.
     pub(super) obstacles: Option<Obstacles>,
-    /// Radius of the lens plane inside which the pupil is closed, um.
+    /// Radius in the lens plane inside which the pupil is closed, um.
     pub(super) inner_um: f64,
-    /// The largest error of tables, as a share of an image's peak.
+    /// The largest error of tables, as a fraction of an image's peak.
     pub(super) tolerance: f64,
-    /// Share of the light of weak modes that stronger ones take over.
+    /// Fraction of the light in weak modes that are neglected; the kept modes are scaled up to compensate.
     pub(super) share: f64,
     pub(super) instructions: InstructionSet,
 }
 
-/// The images that a frame is for.
+/// The range of images that a frame supports.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Scope {
     /// Depths, um.
@@ -53,40 +53,40 @@ pub(super) struct Scope {
     pub(super) radius_um: f64,
     /// Half width and half height, whole px.
     pub(super) edge_px: [usize; 2],
-    /// How many nodes of the pupil there are beside what the rules ask for.
+    /// Factor on the number of quadrature points in the pupil.
     pub(super) fineness: f64,
 }
 
-/// Kernels for images within a scope.
+/// Transform kernels for images within a scope.
 #[derive(Debug)]
 pub(super) struct Frame {
     pub(super) scope: Scope,
     engine: Engine,
-    /// Wavelengths with their share of the light.
+    /// Wavelengths with their fractions of the light.
     lines: Vec<Line>,
-    /// Values of the grid on both axes, and their distance at the center wavelength, px.
+    /// Number of grid points on both axes, and their spacing at the center wavelength, px.
     grid: [usize; 2],
     steps_px: [f64; 2],
-    /// Whether the pupil ends before the aperture does.
+    /// Whether the pupil is truncated inside the aperture.
     tapered: bool,
 }
 
-/// Light on a frame's grid; a quadrant's for each wavelength.
+/// Light on a frame's grid: one grid for a round pupil, otherwise one for each wavelength.
 #[derive(Debug, Clone)]
 pub(super) struct Light {
     grids: Vec<Vec<f64>>,
     stride: usize,
 }
 
-/// What square pixels see of a frame's light.
+/// Conversion of a frame's light to spline coefficients of the light on square pixels.
 #[derive(Debug)]
 pub(super) struct Exposure {
     pub(super) layout: Layout,
-    /// For each grid of the light.
+    /// The two axes for each grid of the light.
     axes: Vec<[Axis; 2]>,
 }
 
-/// What pixels at chosen places see of a frame's light.
+/// Conversion of a frame's light to the light on pixels at given positions.
 #[derive(Debug)]
 pub(super) struct Probes {
     axes: Vec<[Axis; 2]>,
@@ -112,7 +112,7 @@ impl Model {
         2.0 * std::f64::consts::PI / self.wavelength_um
     }
 
-    /// All that images follow from, in words that say each number to the last digit.
+    /// All parameters that determine images, as text with exact numbers.
     pub(super) fn description(&self) -> String {
         let Model {
             pupil,
@@ -135,24 +135,24 @@ impl Model {
         self.pupil.system.cylinder.is_none() && self.obstacles.is_none()
     }
 
-    /// Farthest place on the sensor that the frame's images show, um from the particle's.
+    /// Largest distance on the sensor from the particle's image within the edge, um.
     fn corner_um(&self, edge_px: [usize; 2]) -> f64 {
         let [x, y] = edge_px.map(|edge| (edge as f64 + MARGIN_PX) * self.pixel_um);
         libm::sqrt(x * x + y * y)
     }
 
-    /// Frequencies of light on the sensor end here, cycles per px on both axes.
+    /// Band limits of the light on the sensor along x and y, cycles per px.
     pub(super) fn band_limits(&self, end_um: f64) -> [f64; 2] {
         let [_, bx] = self.pupil.across();
         let limit = |b: f64| 2.0 * self.pupil.sigma(end_um) / (self.wavelength_um * b.abs()) * self.pixel_um;
         let limits = [limit(bx), limit(self.pupil.b())];
-        // Rows of a turned cylinder hold both.
+        // With a rotated cylinder, both limits apply to both axes.
         let turned = self.obstacles.as_ref().is_some_and(|obstacles| obstacles.turn != 0.0);
         if turned { [libm::hypot(limits[0], limits[1]); 2] } else { limits }
     }
 
-    /// Where the pupil ends for images of this scope, um in the lens plane, and whether that is before the
-    /// aperture.
+    /// Radius in the lens plane (um) at which the pupil ends for images of this scope, and whether that is
+    /// inside the aperture.
     fn end(&self, scope: &Scope) -> (f64, bool) {
         let corner_um = self.corner_um(scope.edge_px);
         let useful = self.depths(scope).map(|z_um| self.pupil.useful(z_um, corner_um));
@@ -160,7 +160,7 @@ impl Model {
         (end, useful.iter().any(Option::is_some))
     }
 
-    /// Some depths of the scope's particles, their surfaces included.
+    /// Depths that sample the range of the scope's particles, including their surfaces, um.
     fn depths(&self, scope: &Scope) -> [f64; 5] {
         let (low, high) = (scope.from_um - scope.radius_um, scope.to_um + scope.radius_um);
         std::array::from_fn(|i| low + (high - low) * i as f64 / 4.0)
@@ -178,7 +178,7 @@ impl Model {
         }
         let aberrated = self.aberrated_um();
         (0..2).for_each(|axis| far[axis] += aberrated[1 - axis]);
-        // Rim of the bead's own image.
+        // Radius of the geometric image of the bead, um.
         let bead_um = scope.radius_um * b / self.pupil.system.objective.object_distance_0;
         let lines = self.lines(&depths, end);
         let shortest = lines.iter().map(|line| line.wavelength_um).fold(f64::INFINITY, f64::min);
@@ -228,9 +228,9 @@ impl Model {
         Frame { scope, engine: Engine::Quadrant(quadrant), lines, grid, steps_px, tapered }
     }
 
-    /// How pixels see this frame's light, with so many coefficients per px.
+    /// The exposure of this frame's light on pixels, with `per_px` spline coefficients per px.
     pub(super) fn exposure(&self, frame: &Frame, per_px: usize) -> Exposure {
-        // From the particle's own node on.
+        // Counted from the particle's own node outward.
         let side = frame.scope.edge_px.map(|edge| (edge * per_px + TAPS).next_multiple_of(per_px) + 1);
         let mirrored = frame.is_mirrored();
         let axes = self.axes(frame, |axis, step_px| {
@@ -240,7 +240,7 @@ impl Model {
         Exposure { axes, layout: Layout::new(per_px, side, mirrored) }
     }
 
-    /// How pixels at these columns and rows (px from the particle) see this frame's light.
+    /// Probes of this frame's light on pixels at the given columns and rows, px from the particle.
     pub(super) fn probes(&self, frame: &Frame, places_px: [&[f64]; 2]) -> Probes {
         let axes = self.axes(frame, |axis, step_px| {
             let make = if frame.is_mirrored() { Axis::even_at } else { Axis::both_at };
@@ -249,7 +249,8 @@ impl Model {
         Probes { axes }
     }
 
-    /// The two axes of each grid of a frame's light; `make` is given the axis and the step of its grid, px.
+    /// The two axes for each grid of a frame's light; `make` is called with the axis and its grid spacing,
+    /// px.
     fn axes(&self, frame: &Frame, make: impl Fn(usize, f64) -> Axis) -> Vec<[Axis; 2]> {
         let of_scale = |scale: f64| [0, 1].map(|axis| make(axis, frame.steps_px[axis] * scale));
         match frame.engine {
@@ -261,13 +262,13 @@ impl Model {
         }
     }
 
-    /// Coefficients on the exposure's nodes, row by row: light on a pixel as a share of what the sphere sends
-    /// into the half space.
+    /// Spline coefficients on the exposure's nodes, row by row, of the light on a pixel as a fraction of that
+    /// emitted into the half space.
     pub(super) fn plane(&self, light: &Light, exposure: &Exposure) -> Vec<f64> {
         self.seen(light, &exposure.axes)
     }
 
-    /// Light on the pixels at all columns of the first row, of the second, and so on, likewise.
+    /// Light on the pixels of the probes, row by row, as a fraction of that emitted into the half space.
     pub(super) fn probe(&self, light: &Light, probes: &Probes) -> Vec<f64> {
         self.seen(light, &probes.axes)
     }
@@ -282,14 +283,15 @@ impl Model {
         sum
     }
 
-    /// The same with more modes, and with more rings and wavelengths if `finer` is below 1.
+    /// A copy that neglects the fraction `share` of the light in weak modes and has `finer` times the
+    /// tolerance, which gives more rings and wavelengths if below 1.
     pub(super) fn with_share(&self, share: f64, finer: f64) -> Model {
         let (pupil, obstacles) = (self.pupil.clone(), self.obstacles.clone());
         Model { pupil, obstacles, tolerance: finer * self.tolerance, share, ..*self }
     }
 
-    /// How far aberrations throw light on the two axes, um. Behind a turned cylinder both are the farther
-    /// one.
+    /// Largest displacement of light on the sensor due to aberrations, um, for the two axes; with a rotated
+    /// cylinder, an upper bound for both.
     fn aberrated_um(&self) -> [f64; 2] {
         let Some(obstacles) = &self.obstacles else { return [0.0; 2] };
         let [_, bx] = self.pupil.across();
@@ -309,14 +311,15 @@ impl Model {
         [(across, aberrated[0]), (down, aberrated[1])].map(|(rim, more)| (rim + more + bead) / self.pixel_um)
     }
 
-    /// The share of a sphere's light into the half space that the aperture accepts.
+    /// The fraction of a sphere's light emitted into the half space that the aperture accepts.
     pub(super) fn accepted(&self, z_um: f64, radius_um: f64) -> f64 {
         let rings = self.rings(radius_um, self.pupil.aperture());
         rings.iter().map(|ring| ring.weight * self.pupil.accepted(z_um + ring.depth_um)).sum()
     }
 
-    /// Where the tails behind a rim (px) fall below this level, a share of the light per px. A hard edge of
-    /// the pupil throws A^2 2 sigma_a B / (pi k X (X - rim)^2); fringes are three times as bright.
+    /// Distances (px) at which the tails outside a rim (px) fall below `level`, a fraction of the light per
+    /// px. The mean intensity diffracted by a hard edge of the pupil is A^2 2 sigma_a B / (pi k X (X -
+    /// rim)^2); fringes are three times as bright.
     pub(super) fn tail_px(&self, z_um: f64, rim_px: [f64; 2], level: f64) -> [f64; 2] {
         let end = self.pupil.aperture();
         let radii = self.pupil.radii(vec![end], end);
@@ -326,7 +329,7 @@ impl Model {
             let along = b * b / self.pupil.b();
             let light =
                 6.0 * amplitude * amplitude * radii.sigma[0] * along / (std::f64::consts::PI * self.k());
-            // Light per um^2 to light per px: lengths in px.
+            // From light per um^2 to light per px, with lengths in px.
             let light = light / self.pixel_um;
             let (mut low, mut high) = (rim, rim + 1e6);
             for _ in 0..60 {
@@ -338,7 +341,7 @@ impl Model {
         })
     }
 
-    /// Orders of modes that a sphere may have.
+    /// Number of orders of modes that a sphere may have.
     fn orders(&self, radius_um: f64, depths: &[f64], end: f64, shortest: f64) -> usize {
         let radii = self.pupil.radii(vec![end], end);
         let steepest = depths
@@ -349,7 +352,8 @@ impl Model {
         libm::ceil(argument + 3.0 * libm::cbrt(argument)) as usize + 4
     }
 
-    /// Wavelengths with their share of the light, as many as the range of phases at these depths takes.
+    /// Wavelengths with their fractions of the light, as many as needed for the range of phases at these
+    /// depths.
     fn lines(&self, depths: &[f64], end: f64) -> Vec<Line> {
         let spread = depths.iter().map(|&z_um| self.pupil.spread(z_um, end)).fold(0.0, f64::max);
         super::band::lines(self.wavelength_um, self.bandwidth_um, spread, self.tolerance)
@@ -362,7 +366,7 @@ impl Model {
         bead::rings(self.emission, radius_um, self.k() * sine * radius_um, more)
     }
 
-    /// The light of a sphere, per px, as a share of what it sends into the half space.
+    /// The light of a sphere, per px, as a fraction of that emitted into the half space.
     pub(super) fn light(&self, frame: &Frame, z_um: f64, radius_um: f64) -> Light {
         let stride = match &frame.engine {
             Engine::Round(_) => frame.grid[0],
@@ -370,7 +374,7 @@ impl Model {
             Engine::General(general) => general.columns(),
         };
         if !self.pupil.sees(z_um - radius_um) {
-            // Beyond the lens, where planes only border on those in use.
+            // Behind the lens: such planes are only neighbors of those in use.
             return Light { grids: vec![vec![0.0; stride * 2 * frame.grid[1]]; frame.lines.len()], stride };
         }
         let useful =
@@ -403,13 +407,13 @@ impl Model {
         Light { grids, stride }
     }
 
-    /// Sums of round images on the grid.
+    /// Sums round images of all wavelengths on the grid.
     fn round_grid(&self, frame: &Frame, profiles: &[(f64, Profile)]) -> Vec<f64> {
         let [columns, rows] = frame.grid;
         let mut light = vec![0.0; columns * rows];
         for row in 0..rows {
             for column in 0..columns {
-                // Both axes have the same steps.
+                // Symmetric, as both axes have the same spacing.
                 if columns == rows && column < row {
                     light[row * columns + column] = light[column * columns + row];
                     continue;
@@ -448,7 +452,7 @@ fn times(mut values: Vec<f64>, factor: f64) -> Vec<f64> {
 }
 
 impl Exposure {
-    /// The spline's value at a place relative to the particle, px.
+    /// The spline's value at a position relative to the particle, px.
     pub(super) fn evaluate(&self, coefficients: &[f64], [x, y]: [f64; 2]) -> f64 {
         let axis = |x: f64| {
             let place = x * self.layout.per_px as f64;

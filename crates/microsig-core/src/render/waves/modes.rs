@@ -1,17 +1,17 @@
 //! The coherent modes of a bead.
 //!
-//! A ring of incoherent emitters of radius rho about the axis has the mean intensity sum over m of |U_m|^2
+//! A ring of incoherent emitters of radius rho around the axis has the mean intensity sum over m of |U_m|^2
 //! (Graf's addition theorem, DLMF 10.23.7), where U_m is the image of the pupil function times J_m(k rho H /
-//! b) exp(i m psi). Rings at several depths and radii give nearly the same U_m: their number is reduced to
-//! that of the singular values that count (a coherent-mode decomposition, Wolf 1982). Relative to the phase
-//! of the particle's center modes are smooth functions of the pupil's radius.
+//! b) exp(i m psi). Rings at different depths and radii have similar U_m, so they are reduced to the
+//! significant singular vectors (a coherent-mode decomposition, Wolf 1982). Relative to the phase of the
+//! particle's center, modes are smooth functions of the pupil's radius.
 
 use super::bead::Ring;
 use super::bessel::bessel;
 use super::pupil::{Pupil, Radii};
 
-/// Orders beyond which no particle that can be drawn needs any.
-const MOST_ORDERS: usize = 400;
+/// Maximum number of orders, sufficient for all particles that can be rendered.
+const MAX_ORDERS: usize = 400;
 
 /// One mode: a pupil function R(sigma) exp(i m psi) and, for m > 0, the one with -m, which has the same image
 /// if the pupil is round.
@@ -19,27 +19,27 @@ const MOST_ORDERS: usize = 400;
 pub(super) struct Mode {
     /// m >= 0.
     pub(super) order: usize,
-    /// Amplitude times the phase relative to that of the particle's center, at each radius: real and
+    /// Complex amplitude at each radius, with the phase relative to that of the particle's center: real and
     /// imaginary part, 1/um.
     pub(super) values: Vec<[f64; 2]>,
 }
 
 impl Mode {
-    /// How often its intensity counts: for m and -m.
+    /// Multiplicity of its intensity: 2 for m > 0, for m and -m.
     pub(super) fn count(&self) -> f64 {
         if self.order == 0 { 1.0 } else { 2.0 }
     }
 }
 
-/// The modes of a particle, and the phase of its center.
+/// The modes of a particle, and the phase for its center.
 #[derive(Debug, Clone)]
 pub(super) struct Modes {
-    /// Phase S of the center without a cylindrical lens, um, at each radius.
+    /// Optical path S for the center at each radius, without a cylindrical lens, um.
     pub(super) phase: Vec<f64>,
     pub(super) modes: Vec<Mode>,
 }
 
-/// A particle seen through the pupil.
+/// The input for the modes of a particle.
 pub(super) struct Bead<'a> {
     pub(super) pupil: &'a Pupil,
     pub(super) radii: &'a Radii,
@@ -49,15 +49,15 @@ pub(super) struct Bead<'a> {
     pub(super) rings: &'a [Ring],
     /// 2 pi / wavelength, 1/um.
     pub(super) k: f64,
-    /// Where the pupil ends (see [`Pupil::useful`]).
+    /// Radius at which the pupil is truncated, um (see [`Pupil::useful`]).
     pub(super) useful: Option<f64>,
-    /// Modes with less than this share of the light are left out.
+    /// Fraction of the light in the weak modes that are neglected.
     pub(super) share: f64,
 }
 
 /// The pupil function of one ring.
 struct Column {
-    /// Amplitude with its weight, and cosine and sine of the phase relative to the center's.
+    /// Weighted complex amplitude, with the phase relative to that of the center.
     value: Vec<[f64; 2]>,
     /// k rho |H| / b.
     argument: Vec<f64>,
@@ -69,8 +69,8 @@ impl Bead<'_> {
         let columns = self.columns(&center.phase);
         let total: f64 = columns.iter().map(|column| self.energy(column)).sum();
         let widest = columns.iter().flat_map(|column| &column.argument).copied().fold(0.0, f64::max);
-        // Orders beyond the argument vanish quickly.
-        let orders = (libm::ceil(widest + 4.0 * libm::cbrt(widest)) as usize + 6).min(MOST_ORDERS);
+        // Bessel functions of orders beyond the argument decay quickly.
+        let orders = (libm::ceil(widest + 4.0 * libm::cbrt(widest)) as usize + 6).min(MAX_ORDERS);
         let bessels = Bessels::new(&columns, orders);
         let mut found: Vec<Found> = Vec::new();
         let mut left = total;
@@ -86,7 +86,7 @@ impl Bead<'_> {
         Modes { phase: center.phase, modes }
     }
 
-    /// The strongest modes, all but a share of the light; they take over what the others would add.
+    /// The strongest modes, without the fraction `share` of the light; they are scaled up to the total light.
     fn kept(&self, mut found: Vec<Found>, total: f64, columns: &[Column], bessels: &Bessels) -> Vec<Mode> {
         found.sort_by(|a, b| b.light.total_cmp(&a.light));
         let mut kept = 0.0;
@@ -97,7 +97,7 @@ impl Bead<'_> {
         });
         let n = strong.count();
         found.truncate(n);
-        // Of one order follow each other; light that is left out is not lost.
+        // Modes of the same order are consecutive; the factor conserves the total light.
         found.sort_by(|a, b| a.order.cmp(&b.order).then(b.light.total_cmp(&a.light)));
         let factor = libm::sqrt(total / kept.max(f64::MIN_POSITIVE));
         let mode = |found: &Found| {
@@ -118,7 +118,7 @@ impl Bead<'_> {
         let mut columns: Vec<Column> = Vec::with_capacity(self.rings.len());
         let mut known = None;
         for ring in self.rings {
-            // Rings of one depth follow each other.
+            // Rings of the same depth are consecutive.
             let (_, value, off_axis) = match known.take() {
                 Some((depth, value, off_axis)) if depth == ring.depth_um => (depth, value, off_axis),
                 _ => {
@@ -147,22 +147,22 @@ impl Bead<'_> {
     }
 }
 
-/// A mode before it is made.
+/// A mode as a linear combination of columns.
 struct Found {
     order: usize,
-    /// All its light.
+    /// Its light.
     light: f64,
-    /// Its share of each column.
+    /// Its coefficient for each column.
     vector: Vec<[f64; 2]>,
 }
 
-/// All columns in one order.
+/// The columns for one order.
 struct Order {
     order: usize,
     columns: usize,
-    /// Their Gram matrix.
+    /// Gram matrix of the columns.
     gram: Vec<[f64; 2]>,
-    /// All their light.
+    /// Total light of the columns.
     light: f64,
 }
 
@@ -234,7 +234,7 @@ impl Bessels {
     }
 }
 
-/// Eigenvalues, the largest first, and eigenvectors (columns) of a Hermitian matrix, by Jacobi's rotations.
+/// Eigenvalues in descending order and eigenvectors (columns) of a Hermitian matrix, by Jacobi rotations.
 fn eigen(mut a: Vec<[f64; 2]>, n: usize) -> (Vec<f64>, Vec<[f64; 2]>) {
     let mut vectors = vec![[0.0; 2]; n * n];
     (0..n).for_each(|i| vectors[i * n + i] = [1.0, 0.0]);
@@ -250,7 +250,7 @@ fn eigen(mut a: Vec<[f64; 2]>, n: usize) -> (Vec<f64>, Vec<[f64; 2]>) {
                     continue;
                 }
                 let size = libm::sqrt(size2);
-                // a_pq = size exp(i alpha): after columns are turned by alpha the matrix is real.
+                // a_pq = size exp(i alpha): a rotation of the phase by alpha makes the element real.
                 let (cos_alpha, sin_alpha) = (x / size, y / size);
                 let theta = (a[q * n + q][0] - a[p * n + p][0]) / (2.0 * size);
                 let tangent = theta.signum() / (theta.abs() + libm::sqrt(1.0 + theta * theta));

@@ -1,4 +1,4 @@
-//! What wave optics needs to know beyond MicroSIG's settings, and which values it may have.
+//! Options of wave optics in addition to MicroSIG's settings, and their validation.
 
 use crate::error::{Error, Fault};
 use crate::settings::Settings;
@@ -10,21 +10,21 @@ pub struct WaveOptics {
     pub wavelength_um: f64,
     /// Full width at half maximum of the (Gaussian) band, um, 0 to 0.3 wavelengths; 0 is monochromatic light.
     pub bandwidth_um: f64,
-    /// Where light leaves a particle.
+    /// The part of a particle that emits light.
     pub emission: Emission,
     /// The model of the objective.
     pub lens: Lens,
-    /// What stands in the pupil.
+    /// Mask and aberrations of the pupil.
     pub pupil: PupilFunction,
-    /// Azimuth of the axis along which the cylindrical lens bends, degrees from image x toward image y; 0
-    /// without cylinder.
+    /// Azimuth of the direction in which the cylindrical lens has power, degrees from image x toward image y;
+    /// 0 without a cylindrical lens.
     pub cyl_angle_deg: f64,
-    /// Medium, cover slip and immersion; `None`: as the objective was designed for.
+    /// Medium, cover slip and immersion; `None`: those that the objective was designed for.
     pub layers: Option<Layers>,
 }
 
 impl WaveOptics {
-    /// Monochromatic light of this wavelength (um) from the surface of particles, through MicroSIG's own
+    /// Monochromatic light of the given wavelength (um) from the surface of particles, through MicroSIG's own
     /// lens.
     pub fn new(wavelength_um: f64) -> Self {
         WaveOptics {
@@ -38,20 +38,21 @@ impl WaveOptics {
         }
     }
 
-    /// Radius of the first dark ring of a point's image in focus without aberrations, px: 0.61 lambda M / NA.
+    /// Radius of the first dark ring of the aberration-free image of a point in focus, px: 0.61 lambda M /
+    /// (NA pixel_size).
     pub fn airy_radius_px(&self, settings: &Settings) -> f64 {
         let Settings { magnification, numerical_aperture, pixel_size, .. } = settings;
         0.61 * self.wavelength_um * magnification / (numerical_aperture * pixel_size)
     }
 }
 
-/// Where light leaves a spherical particle.
+/// The part of a spherical particle that emits light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Emission {
-    /// The half of the surface that faces the lens: MicroSIG's law.
+    /// The half of the surface that faces the lens, as in MicroSIG.
     #[default]
     Surface,
-    /// The whole volume: a transparent particle dyed throughout. It sends as much light as with
+    /// The entire volume: a transparent particle, dyed throughout. It emits as much light as with
     /// [`Emission::Surface`].
     Volume,
 }
@@ -86,25 +87,25 @@ impl Lens {
     }
 }
 
-/// What stands in the pupil, in units of its radius; axes as in the drawn image, x right, y down.
+/// Mask and aberrations of the pupil, in units of its radius; axes as in the image, x to the right, y down.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PupilFunction {
-    /// What is open.
+    /// The open part of the pupil.
     pub mask: Mask,
     /// Aberrations: Noll's index, 2 to 66, and the coefficient, waves rms at the center wavelength (an
-    /// optical path, the same in um over the band). Azimuth from x toward y.
+    /// optical path, which is the same in um over the band). The azimuth is measured from x toward y.
     pub zernike: Vec<(u32, f64)>,
 }
 
-/// The open part of the pupil. Masks take light away; nothing is rescaled.
+/// The open part of the pupil. Masks block light; intensities are not rescaled.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Mask {
-    /// All of it.
+    /// The entire pupil.
     #[default]
     Open,
-    /// Outside this radius, in [0, 1).
+    /// The part outside a radius.
     Annulus {
-        /// Inner radius, in units of the pupil's.
+        /// Inner radius, in units of the pupil's radius, in [0, 1).
         inner: f64,
     },
     /// Discs that do not overlap.
@@ -126,7 +127,7 @@ pub struct Pinhole {
 /// Lanni 1991).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Layers {
-    /// Refractive index of the medium that particles are in.
+    /// Refractive index of the medium around the particles.
     pub n_s: f64,
     /// Refractive index of the cover slip.
     pub n_g: f64,
@@ -142,7 +143,7 @@ pub struct Layers {
     pub n_i_design: f64,
     /// Working distance that the objective was designed for, um.
     pub t_i_design_um: f64,
-    /// Depth below the inner face of the cover slip that is in paraxial focus, um: the plane z = 0.
+    /// Depth of the plane z = 0, which is in paraxial focus, below the inner face of the cover slip, um.
     pub focus_depth_um: f64,
 }
 
@@ -155,8 +156,8 @@ impl Layers {
                 - self.focus_depth_um / self.n_s)
     }
 
-    /// Difference of the optical paths, um, of a ray whose sine times index is `s` and that along the
-    /// objective's design, for an emitter at depth `h_um` below the cover slip.
+    /// Optical path difference, um, of a ray with index times sine `s` between the layers and the objective's
+    /// design, for an emitter at depth `h_um` below the cover slip.
     pub(super) fn path(&self, s: f64, h_um: f64) -> f64 {
         let along = |t: f64, n: f64| t * libm::sqrt((n * n - s * s).max(0.0));
         along(h_um, self.n_s) + along(self.t_g_um, self.n_g) - along(self.t_g_design_um, self.n_g_design)
@@ -165,7 +166,7 @@ impl Layers {
     }
 }
 
-/// A list of faults, each with the key it concerns.
+/// A list of invalid values, each with its key.
 #[derive(Default)]
 struct Faults(Vec<Fault>);
 
@@ -186,15 +187,15 @@ impl Faults {
     }
 }
 
-/// Largest index of a Zernike term, and largest sum of their sizes, waves.
+/// Largest index of a Zernike term, and largest sum of the absolute coefficients, waves.
 const LAST_ZERNIKE: u32 = 66;
-const MOST_WAVES: f64 = 5.0;
+const MAX_WAVES: f64 = 5.0;
 
 impl WaveOptics {
-    /// Every value outside its range, with its key in a scenario.
+    /// Checks all values; messages have the keys of a scenario.
     ///
     /// # Errors
-    /// [`Error::Malformed`] with all of them.
+    /// [`Error::Malformed`] with all values out of range.
     pub fn validate(&self, settings: &Settings) -> Result<(), Error> {
         let mut faults = Faults::default();
         self.light(&mut faults);
@@ -277,10 +278,10 @@ impl WaveOptics {
         }
         let sum: f64 = self.pupil.zernike.iter().map(|(_, waves)| waves.abs()).sum();
         faults.unless(
-            sum <= MOST_WAVES || !sum.is_finite(),
+            sum <= MAX_WAVES || !sum.is_finite(),
             "optics.pupil.zernike",
             sum,
-            "at most 5 waves rms as the sum of all terms' sizes",
+            "at most 5 waves rms as the sum of the terms' absolute values",
         );
     }
 

@@ -1,27 +1,28 @@
-//! From light on a grid to the coefficients of a spline through what square pixels see.
+//! Converts light on a grid to the coefficients of a spline through the light on square pixels.
 //!
-//! Light is band-limited: intensities hold no frequency above 2 sigma_a / (lambda B). So a grid of that band
-//! gives its Fourier series; a pixel multiplies it by sinc f, and the spline that comes nearest to the result
-//! in the mean square (quintic, an orthogonal projection) by a factor too. All of it is one matrix an axis.
-//! Light is taken as even about the particle and, a few px beyond the edge, as periodic.
+//! Light is band-limited: intensities have no frequencies above 2 sigma_a / (lambda B). A grid that resolves
+//! this band determines its Fourier series. Integration over a pixel multiplies it by sinc f, and the
+//! least-squares quintic spline (an orthogonal projection) by another factor. All of this is one matrix for
+//! each axis. Light is assumed to be even about the particle where the pupil has mirror symmetry and, a few
+//! px beyond the edge, periodic.
 
 use super::matrix::{self, LANES};
 use crate::render::instructions::InstructionSet;
 
-/// The matrix of one axis, which takes `grid` values to `nodes` coefficients.
+/// The matrix of one axis, from `grid` values to `nodes` coefficients.
 #[derive(Debug, Clone)]
 pub(super) struct Axis {
     grid: usize,
     nodes: usize,
-    /// [nodes x grid]
+    /// The matrix, [nodes x grid].
     by_node: Vec<f64>,
 }
 
 impl Axis {
-    /// Values at k `step_px`, k < `grid`, to coefficients at k / `per_px`, k < `nodes`, of light that is even
-    /// about the particle.
+    /// From values at k `step_px`, k < `grid`, to coefficients at k / `per_px`, k < `nodes`, for light that
+    /// is even about the particle.
     pub(super) fn even(grid: usize, step_px: f64, nodes: usize, per_px: usize) -> Axis {
-        // A value stands for its mirror image too.
+        // A value also represents its mirror image.
         let twice = |j: usize| if j == 0 { 1.0 } else { 2.0 };
         let waves = Waves::of_nodes(grid, step_px, nodes, per_px).sums(libm::cos);
         let by_node =
@@ -29,8 +30,8 @@ impl Axis {
         Axis { grid, nodes, by_node: by_node.collect() }
     }
 
-    /// What pixels see at any places (px from the particle), without a spline, of light that is even about
-    /// the particle.
+    /// From the same values to the light on pixels at given positions (px from the particle), without a
+    /// spline.
     pub(super) fn even_at(grid: usize, step_px: f64, places_px: &[f64]) -> Axis {
         let twice = |j: usize| if j == 0 { 1.0 } else { 2.0 };
         let waves = Waves::of_places(grid, step_px, places_px).sums(libm::cos);
@@ -39,7 +40,7 @@ impl Axis {
         Axis { grid, nodes: places_px.len(), by_node: by_node.collect() }
     }
 
-    /// The same of values on both sides of the particle.
+    /// [`Axis::even_at`] for values on both sides of the particle, without symmetry.
     pub(super) fn both_at(grid: usize, step_px: f64, places_px: &[f64]) -> Axis {
         let waves = Waves::of_places(grid, step_px, places_px);
         let (even, odd) = (waves.sums(libm::cos), waves.sums(libm::sin));
@@ -52,7 +53,7 @@ impl Axis {
         Axis { grid: columns, nodes: places_px.len(), by_node: by_node.collect() }
     }
 
-    /// The same on both sides of the particle: values at k `step_px`, |k| < `grid`, to coefficients at k /
+    /// [`Axis::even`] without symmetry: from values at k `step_px`, |k| < `grid`, to coefficients at k /
     /// `per_px`, |k| < `nodes`.
     pub(super) fn both(grid: usize, step_px: f64, nodes: usize, per_px: usize) -> Axis {
         let waves = Waves::of_nodes(grid, step_px, nodes, per_px);
@@ -71,12 +72,12 @@ impl Axis {
     }
 }
 
-/// Places on an axis.
+/// Positions on an axis, with the parameters of the grid.
 struct Waves {
     grid: usize,
     step_px: f64,
     places_px: Vec<f64>,
-    /// Nodes per px of a spline whose coefficients are wanted; `None`: what pixels see.
+    /// Nodes per px of the spline; `None`: light on pixels, without a spline.
     per_px: Option<usize>,
 }
 
@@ -91,22 +92,22 @@ impl Waves {
         Waves { grid, step_px, places_px: places_px.to_vec(), per_px: None }
     }
 
-    /// Sums over all frequencies, weighted as pixels and the spline see them, of cosines (or sines) at places
-    /// times those at the grid: [places x grid].
+    /// Sums over all frequencies, with the factors of pixels and spline, of cosines (or sines) at the
+    /// positions times those on the grid: [places x grid].
     fn sums(&self, wave: fn(f64) -> f64) -> Vec<f64> {
         let Waves { grid, step_px, per_px, ref places_px } = *self;
-        // One period of the values on both sides is an odd number of steps.
+        // One period, which covers both sides, is an odd number of steps.
         let n = 2 * grid - 1;
         let frequency = |k: usize| k as f64 / (n as f64 * step_px);
         let wide = grid.next_multiple_of(LANES);
         let mut at_grid = vec![0.0; grid * wide];
         for k in 0..grid {
-            // Negative frequencies count too.
+            // Includes negative frequencies.
             let twice = if k == 0 { 1.0 } else { 2.0 };
             let spline = per_px.map_or(1.0, |per_px| nearest(frequency(k) / per_px as f64));
             let factor = sinc(frequency(k)) * spline * twice / n as f64;
             for j in 0..grid {
-                // Whole turns are left out of large angles.
+                // Reduces large angles by whole turns.
                 let angle = ((k * j) % n) as f64 / n as f64;
                 at_grid[k * wide + j] = factor * wave(2.0 * std::f64::consts::PI * angle);
             }
@@ -122,7 +123,7 @@ impl Waves {
     }
 }
 
-/// Coefficients, row by row, from light on a grid whose rows have `stride` numbers.
+/// Coefficients, row by row, from light on a grid with rows of `stride` numbers.
 pub(super) fn expose(
     light: &[f64],
     stride: usize,
@@ -148,7 +149,7 @@ fn sinc(f: f64) -> f64 {
     if angle.abs() < 1e-9 { 1.0 } else { libm::sin(angle) / angle }
 }
 
-/// The factor of the quintic spline nearest to a wave of this frequency (cycles per node).
+/// The factor of the least-squares quintic spline for a wave of this frequency (cycles per node).
 fn nearest(f: f64) -> f64 {
     let shape = |f: f64| {
         let s = sinc(f);
@@ -164,7 +165,7 @@ mod tests {
     use super::super::spline;
     use super::*;
 
-    /// Without a spline a pixel sees any wave within the band exactly.
+    /// Without a spline, the light on a pixel is exact for any wave within the band.
     #[test]
     fn a_wave_is_seen_exactly_at_any_place() {
         let (grid, step) = (60, 0.45);
@@ -188,12 +189,12 @@ mod tests {
         }
     }
 
-    /// A wave within the band: the spline gives what a pixel sees of it.
+    /// For a wave within the band, the spline gives the light on a pixel.
     #[test]
     fn a_wave_is_seen_through_a_pixel() {
         let (grid, step, per_px) = (60, 0.45, 2);
         let period = (2 * grid - 1) as f64 * step;
-        // The spline errs with the sixth power of the frequency.
+        // The error of the spline grows with the sixth power of the frequency.
         for (cycles, tolerance) in [(0.0, 1e-10), (5.0, 1e-7), (20.0, 3e-4), (30.0, 4e-3)] {
             let f = cycles / period;
             let wave = |x: f64| libm::cos(2.0 * std::f64::consts::PI * f * x);

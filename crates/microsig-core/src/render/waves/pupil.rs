@@ -1,11 +1,11 @@
-//! The pupil function of an objective for an emitter at some depth.
+//! The pupil function of an objective for an emitter at a given depth.
 //!
-//! MicroSIG's lens is no system of surfaces whose optical paths could be summed: its deflection depends on a
-//! ray's own slope. But for a point on the axis the slopes behind the lens are radial, so their integral
-//! exists and reproduces every ray: it is the phase. The coordinate of the pupil is the sine, sigma = q /
-//! sqrt(1 + (q / a0)^2) with q the radius in the lens plane and a0 the distance of the plane in focus: Abbe's
-//! condition, which gives the Airy radius of textbooks. The aplanatic lens has its phase from Gibson and
-//! Lanni's path.
+//! MicroSIG's lens is not a system of surfaces whose optical paths could be summed: the deflection depends on
+//! a ray's own slope. For a point on the axis, however, the slopes behind the lens are radial, so their
+//! integral exists and reproduces every ray; it is used as the phase. The pupil coordinate is the sine, sigma
+//! = q / sqrt(1 + (q / a0)^2), with q the radius in the lens plane and a0 the distance of the plane in focus
+//! (Abbe's sine condition), which gives the textbook Airy radius. The phase of the aplanatic lens is the
+//! optical path of Gibson and Lanni.
 
 use super::options::{Layers, Lens};
 use super::quadrature;
@@ -13,21 +13,21 @@ use crate::optics::{OpticalSystem, Ray};
 use crate::quadrature::gauss_legendre_on;
 use crate::settings::Settings;
 
-/// Rays of a fan.
+/// Number of rays in a fan.
 const STATIONS: usize = 48;
 
-/// Half the distance of the source points of a difference across the axis, um.
+/// Half the distance of the source points for the derivative across the axis, um.
 const OFFSET_UM: f64 = 0.02;
 
-/// The pupil is followed until rays land beyond so many times the farthest radius that is drawn ...
+/// The pupil is truncated where rays land beyond this multiple of the largest radius that is rendered ...
 const BEYOND: f64 = 3.0;
-/// ... and ends evenly over this share of its radius.
+/// ... with a taper over this fraction of its radius.
 const TAPER: f64 = 0.1;
 
-/// The aplanatic lens takes light up to this share of the largest angle in the medium.
+/// The aplanatic lens accepts light up to this fraction of the largest sine in the medium.
 const GRAZING: f64 = 0.999;
 
-/// Stops at which the end of the pupil is looked for.
+/// Number of radii at which the end of the pupil is searched.
 const STOPS: usize = 256;
 
 /// Objective, cylindrical lens and layers.
@@ -36,14 +36,14 @@ pub(super) struct Pupil {
     pub(super) system: OpticalSystem,
     lens: Lens,
     layers: Option<Layers>,
-    /// Radius in the lens plane where the aperture ends, um; for the aplanatic lens in the coordinate sigma.
+    /// Radius of the aperture in the lens plane, um; for the aplanatic lens, in the coordinate sigma.
     aperture: f64,
 }
 
-/// Radii of the pupil at which its function is wanted.
+/// Radii at which the pupil function is evaluated.
 #[derive(Debug, Clone)]
 pub(super) struct Radii {
-    /// In the lens plane, um; for the aplanatic lens the same as sigma.
+    /// Radii in the lens plane, um; for the aplanatic lens equal to sigma.
     pub(super) q: Vec<f64>,
     pub(super) sigma: Vec<f64>,
     /// d sigma / dq.
@@ -52,18 +52,19 @@ pub(super) struct Radii {
     pub(super) curvature: Vec<f64>,
     /// Radius of the outermost ray of the fan, um.
     end: f64,
-    /// From the rays of a fan to running integrals at the radii.
+    /// Matrix from the rays of a fan to running integrals at the radii.
     running: Vec<f64>,
 }
 
 /// The pupil function at some radii.
 #[derive(Debug, Clone)]
 pub(super) struct Fan {
-    /// S without a cylindrical lens, um.
+    /// Optical path S without a cylindrical lens, um.
     pub(super) phase: Vec<f64>,
-    /// A, 1/um: its square times d^2 sigma is a share of the light sent into the half space.
+    /// Amplitude A, 1/um: A^2 d^2 sigma is a fraction of the light emitted into the half space.
     pub(super) amplitude: Vec<f64>,
-    /// H / b: the phase's change by the emitter's offset from the axis along the same azimuth.
+    /// H / b: derivative of the phase with respect to the emitter's offset from the axis, along the same
+    /// azimuth.
     pub(super) off_axis: Vec<f64>,
 }
 
@@ -71,7 +72,7 @@ impl Pupil {
     pub(super) fn new(settings: &Settings, lens: Lens, layers: Option<Layers>) -> Pupil {
         let system = OpticalSystem::new(settings);
         let aperture = match lens {
-            // Just inside, where rounding loses no ray.
+            // Slightly smaller, so that no ray is lost by rounding.
             Lens::Microsig => system.objective.aperture_radius * (1.0 - 1e-12),
             Lens::Aplanatic => {
                 let n_s = layers.map_or(1.0, |layers| layers.n_s);
@@ -91,7 +92,7 @@ impl Pupil {
         self.system.objective.image_distance
     }
 
-    /// sigma at a radius of the lens plane.
+    /// The pupil coordinate sigma, um, at a radius in the lens plane, um.
     pub(super) fn sigma(&self, q: f64) -> f64 {
         match self.lens {
             Lens::Microsig => q / libm::sqrt(1.0 + (q / self.a0()) * (q / self.a0())),
@@ -99,7 +100,7 @@ impl Pupil {
         }
     }
 
-    /// The radius of the lens plane at sigma.
+    /// The radius in the lens plane, um, at a pupil coordinate sigma, um.
     pub(super) fn q(&self, sigma: f64) -> f64 {
         match self.lens {
             Lens::Microsig => sigma / libm::sqrt(1.0 - (sigma / self.a0()) * (sigma / self.a0())),
@@ -107,17 +108,17 @@ impl Pupil {
         }
     }
 
-    /// Radius of the whole pupil, sigma, um.
+    /// Radius of the full pupil in the coordinate sigma, um.
     pub(super) fn radius(&self) -> f64 {
         self.sigma(self.aperture)
     }
 
-    /// Radius of the whole pupil in the lens plane.
+    /// Radius of the full pupil in the lens plane, um.
     pub(super) fn aperture(&self) -> f64 {
         self.aperture
     }
 
-    /// Functions on these radii of the lens plane can be asked for; all are at most `end`.
+    /// Prepares the evaluation at radii `q` in the lens plane (um), none of which exceeds `end`.
     pub(super) fn radii(&self, q: Vec<f64>, end: f64) -> Radii {
         let a0 = self.a0();
         let sigma: Vec<f64> = q.iter().map(|&q| self.sigma(q)).collect();
@@ -128,7 +129,7 @@ impl Pupil {
         let (stretch, curvature) = match self.lens {
             Lens::Microsig => (
                 q.iter().map(stretch).collect(),
-                // a0^2 (1 - sqrt(1 - s^2)), without the difference of numbers that are nearly the same.
+                // a0^2 (1 - sqrt(1 - s^2)), without cancellation.
                 sigma.iter().map(|s| s * s / (1.0 + libm::sqrt(1.0 - (s / a0) * (s / a0)))).collect(),
             ),
             Lens::Aplanatic => (vec![1.0; q.len()], sigma.iter().map(|s| 0.5 * s * s).collect()),
@@ -140,7 +141,7 @@ impl Pupil {
         Radii { q, sigma, stretch, curvature, end, running }
     }
 
-    /// Depth in MicroSIG's own space, um: with layers, that of the paraxial image of the emitter.
+    /// Depth in the space of MicroSIG's lens, um: with layers, that of the paraxial image of the emitter.
     fn optical_depth(&self, z_um: f64) -> f64 {
         self.layers.map_or(z_um, |layers| z_um / layers.n_s)
     }
@@ -155,15 +156,15 @@ impl Pupil {
         self.distance(z_um) > 0.0
     }
 
-    /// Slope behind the lens of the ray through the radius `q` from an emitter off the axis. `None`: it is
-    /// lost.
+    /// Slope behind the lens of the ray through the radius `q` from an emitter at `offset` from the axis;
+    /// `None` if the ray is lost.
     fn slope(&self, distance: f64, offset: f64, q: f64) -> Option<f64> {
         let ray = Ray { q_x: q, q_y: 0.0, p_x: (q - offset) / distance, p_y: 0.0 };
         self.system.objective.refract(ray).map(|behind| behind.p_x)
     }
 
-    /// Where light through the radius `q` lands without a cylindrical lens, um from the axis, and along a
-    /// cylinder's power.
+    /// Landing position (um from the axis) of light through the radius `q`: without a cylindrical lens, and
+    /// in the direction in which it has power.
     pub(super) fn landing(&self, z_um: f64, q: f64) -> Option<[f64; 2]> {
         let b = self.b();
         match self.lens {
@@ -180,7 +181,8 @@ impl Pupil {
         }
     }
 
-    /// A and B of Collins's integral along the axis in which the cylindrical lens bends; without it, 1 and b.
+    /// A and B (um) of Collins's integral in the direction in which the cylindrical lens has power; without
+    /// it, 1 and b.
     pub(super) fn across(&self) -> [f64; 2] {
         let b = self.b();
         self.system.cylinder.map_or([1.0, b], |cylinder| {
@@ -189,7 +191,8 @@ impl Pupil {
         })
     }
 
-    /// Derivative by sigma of what layers add to MicroSIG's lens, by a difference.
+    /// Derivative with respect to sigma of the optical path that layers add to MicroSIG's lens, by finite
+    /// differences.
     fn layer_slope(&self, z_um: f64, q: f64) -> f64 {
         let Some(layers) = self.layers else { return 0.0 };
         let (a0, step) = (self.a0(), 1e-4 * self.aperture);
@@ -198,7 +201,7 @@ impl Pupil {
         (at(sigma + step) - at(sigma - step)) / (2.0 * step)
     }
 
-    /// What layers add to the phase of MicroSIG's lens at the sine `s`, um.
+    /// Optical path that layers add to that of MicroSIG's lens at the sine `s`, um.
     fn layer_path(&self, layers: &Layers, z_um: f64, s: f64) -> f64 {
         let h = layers.focus_depth_um + z_um;
         layers.path(s, h)
@@ -206,7 +209,7 @@ impl Pupil {
             - self.optical_depth(z_um) * (libm::sqrt((1.0 - s * s).max(0.0)) - 1.0)
     }
 
-    /// Phase of the aplanatic lens at the sine (times index) `s`, um.
+    /// Optical path of the aplanatic lens at index times sine `s`, um.
     fn aplanatic_phase(&self, z_um: f64, s: f64) -> f64 {
         match self.layers {
             None => z_um * (libm::sqrt((1.0 - s * s).max(0.0)) - 1.0),
@@ -220,13 +223,13 @@ impl Pupil {
     fn aplanatic_slope(&self, z_um: f64, sigma: f64) -> f64 {
         let (a0, step) = (self.a0(), 1e-4 * self.aperture);
         let at = |sigma: f64| self.aplanatic_phase(z_um, sigma / a0);
-        // One-sided at the rim, beyond which there may be no path.
+        // One-sided at the rim, beyond which the path may not exist.
         let (low, high) = (sigma - step, (sigma + step).min(self.aperture));
         (at(high) - at(low)) / (high - low)
     }
 
-    /// Where rays land farthest on either axis (across, along a cylinder's power), um, up to this radius of
-    /// the lens plane.
+    /// Largest distance (um) at which rays up to the radius `end` of the lens plane land: across and along
+    /// the direction in which a cylindrical lens has power.
     pub(super) fn farthest(&self, z_um: f64, end: f64) -> [f64; 2] {
         let mut far = [0.0f64; 2];
         for i in 0..=STOPS {
@@ -237,8 +240,8 @@ impl Pupil {
         far
     }
 
-    /// The radius of the lens plane up to which light counts, um, if places farther than `radius_um` on the
-    /// sensor are not drawn; `None`: all of the aperture.
+    /// The radius in the lens plane, um, up to which light matters if only positions within `radius_um` on
+    /// the sensor are rendered; `None`: the full aperture.
     pub(super) fn useful(&self, z_um: f64, radius_um: f64) -> Option<f64> {
         let stop = |i: usize| self.aperture * i as f64 / STOPS as f64;
         let refracted = (0..=STOPS).take_while(|&i| self.landing(z_um, stop(i)).is_some()).count() - 1;
@@ -250,18 +253,18 @@ impl Pupil {
         if last == STOPS {
             return None;
         }
-        // The taper ends inside the part that refracts.
+        // The taper must end within the part in which rays are refracted.
         let inside = stop(refracted.saturating_sub(1)) / (1.0 + TAPER);
         let within = if refracted == STOPS { f64::INFINITY } else { inside };
         Some(stop(last + 1).min(within))
     }
 
-    /// Where the taper behind a useful radius ends.
+    /// Radius at which the taper outside a useful radius ends, um.
     pub(super) fn taper_end(&self, useful: Option<f64>) -> f64 {
         useful.map_or(self.aperture, |useful| ((1.0 + TAPER) * useful).min(self.aperture))
     }
 
-    /// The share of the accepted light whose rays land within this radius on the sensor, um.
+    /// The fraction of the accepted light whose rays land within `radius_um` on the sensor.
     pub(super) fn share_within(&self, z_um: f64, radius_um: f64) -> f64 {
         let (q, weights) = gauss_legendre_on(0.0, self.aperture, STOPS);
         let radii = self.radii(q, self.aperture);
@@ -325,7 +328,7 @@ impl Pupil {
             for ((phase, amplitude), sigma) in phase.iter_mut().zip(&mut amplitude).zip(&radii.sigma) {
                 let s = sigma / a0;
                 *phase += self.layer_path(layers, z_um, s);
-                // Out of a dense medium less light is collected.
+                // Less light is collected from a medium of higher index.
                 let n_s = layers.n_s;
                 let collected = libm::sqrt(1.0 - s * s) / (n_s * libm::sqrt(n_s * n_s - s * s));
                 *amplitude *= libm::sqrt(collected);
@@ -350,18 +353,18 @@ impl Pupil {
         }
     }
 
-    /// How far phases of the pupil function differ, um, a cylindrical lens included.
+    /// Range of optical paths over the pupil, um, including a cylindrical lens.
     pub(super) fn spread(&self, z_um: f64, end: f64) -> f64 {
         let [ax, bx] = self.across();
         self.spread_behind(z_um, end, ax / bx - 1.0 / self.b())
     }
 
-    /// The same without a cylindrical lens, over the whole pupil.
+    /// Range of optical paths over the full pupil, um, without a cylindrical lens.
     pub(super) fn own_spread(&self, z_um: f64) -> f64 {
         self.spread_behind(z_um, self.aperture, 0.0)
     }
 
-    /// The same with what a cylindrical lens adds to the curvature of the phase along x, 1/um.
+    /// Range of optical paths, um, with the power (1/um) that a cylindrical lens adds along x.
     fn spread_behind(&self, z_um: f64, end: f64, power: f64) -> f64 {
         const PARTS: usize = 32;
         let radii = self.radii((0..=PARTS).map(|i| end * i as f64 / PARTS as f64).collect(), end);
@@ -376,7 +379,7 @@ impl Pupil {
         high - low
     }
 
-    /// The share of the light sent into the half space by an emitter at this depth that the aperture accepts.
+    /// The fraction of the light emitted into the half space at depth `z_um` that the aperture accepts.
     pub(super) fn accepted(&self, z_um: f64) -> f64 {
         let (q, weights) = gauss_legendre_on(0.0, self.aperture, STATIONS);
         let radii = self.radii(q, self.aperture);

@@ -1,10 +1,10 @@
-//! Images behind a pupil that is its own mirror image in x and y: a matrix Fourier transform of one quadrant.
+//! Images for a pupil with mirror symmetry in x and y: a matrix Fourier transform of one quadrant.
 //!
-//! Rows of the pupil are taken one by one, sigma_y = sigma_a sin t with t by Gauss's rule, and along each of
-//! them sigma_x = sigma_a cos t u with u by Gauss's rule in [0, 1]: no edge is cut. A mode of order m gives
-//! two pupil functions, with cos m psi and sin m psi, each even or odd in x and in y, so kernels are real:
-//! cosines or sines. They do not depend on depth. At another wavelength they belong to other places of the
-//! image.
+//! The pupil is integrated row by row, sigma_y = sigma_a sin t with Gauss-Legendre nodes t, and along each
+//! row sigma_x = sigma_a cos t u with Gauss-Legendre nodes u in [0, 1], so that the nodes follow the edge. A
+//! mode of order m gives two pupil functions, with cos m psi and sin m psi, each even or odd in x and in y,
+//! so kernels are real: cosines or sines. They do not depend on depth. At another wavelength, they apply to
+//! scaled positions in the image.
 
 use super::interpolation::{self, Around};
 use super::matrix::{self, LANES};
@@ -13,18 +13,18 @@ use super::pupil::{Pupil, Radii};
 use crate::quadrature::gauss_legendre_on;
 use crate::render::instructions::InstructionSet;
 
-/// Even and odd.
+/// Number of parities: even and odd.
 const PARITIES: usize = 2;
 
-/// One point of the quadrant.
+/// One quadrature point of the quadrant.
 #[derive(Debug, Clone)]
 struct Node {
     around: Around,
     cosine: f64,
     sine: f64,
-    /// K cos^2 psi (Ax/Bx - 1/b): the phase that a cylindrical lens adds, um.
+    /// K cos^2 psi (Ax/Bx - 1/b): the optical path that a cylindrical lens adds, um.
     cylinder: f64,
-    /// Weight in an integral over the whole pupil.
+    /// Weight in an integral over the full pupil.
     area: f64,
 }
 
@@ -34,24 +34,24 @@ pub(super) struct Quadrant {
     pub(super) radii: Radii,
     /// Weights of the radii in an integral over sigma d sigma.
     pub(super) weights: Vec<f64>,
-    /// Nodes of t and of u.
+    /// Numbers of nodes of t and of u.
     rows: usize,
     across: usize,
     nodes: Vec<Node>,
-    /// Places of the image: columns (a multiple of [`LANES`]) and rows.
+    /// Points of the image: columns (a multiple of [`LANES`]) and rows.
     columns: usize,
     lines: usize,
     /// By parity: for each t, [u x columns].
     along_x: [Vec<f64>; PARITIES],
     /// By parity: [lines x t].
     along_y: [Vec<f64>; PARITIES],
-    /// 1 / (2 pi sqrt(|Bx By|)): the field times k.
+    /// 1 / (2 pi sqrt(|Bx By|)): factor of the field, besides k.
     scale: f64,
 }
 
 impl Quadrant {
-    /// `end` is the radius of the lens plane where the pupil ends, um; `counts` are the nodes of t and u,
-    /// `places` the image's columns and rows at steps of `steps_um`.
+    /// `end`: radius in the lens plane where the pupil ends, um; `counts`: numbers of nodes of t and u;
+    /// `places`: the image's columns and rows at steps of `steps_um`.
     pub(super) fn new(
         pupil: &Pupil,
         k: f64,
@@ -121,12 +121,12 @@ impl Quadrant {
         }
     }
 
-    /// Columns of an image, a multiple of [`LANES`].
+    /// Number of columns of an image, a multiple of [`LANES`].
     pub(super) fn columns(&self) -> usize {
         self.columns
     }
 
-    /// Light per um^2 on all places, row by row, of these modes at the wave number `k`.
+    /// Light per um^2 at all points of the image, row by row, of these modes at the wave number `k` (1/um).
     pub(super) fn light(&self, modes: &Modes, k: f64, instructions: InstructionSet) -> Vec<f64> {
         let images = images(modes);
         let mut pupil_functions: Vec<Vec<f64>> =
@@ -166,9 +166,9 @@ impl Quadrant {
 struct Image {
     mode: usize,
     order: usize,
-    /// Whether it has sin m psi rather than cos m psi.
+    /// Whether it is the image with sin m psi instead of cos m psi.
     sine: bool,
-    /// How often its light counts.
+    /// Multiplicity of its light.
     count: f64,
 }
 
@@ -177,7 +177,8 @@ fn images(modes: &Modes) -> [Vec<Image>; PARITIES * PARITIES] {
     let mut images = [const { Vec::new() }; PARITIES * PARITIES];
     for (mode, of_mode) in modes.modes.iter().enumerate() {
         let (order, count) = (of_mode.order, of_mode.count());
-        // cos m psi is even in y and has the parity of m in x; sin m psi the contrary of both.
+        // cos m psi is even in y and has the parity of m in x; sin m psi is odd in y and has the opposite
+        // parity in x.
         images[order % 2].push(Image { mode, order, sine: false, count });
         if order > 0 {
             images[PARITIES + (order + 1) % 2].push(Image { mode, order, sine: true, count });
@@ -186,8 +187,7 @@ fn images(modes: &Modes) -> [Vec<Image>; PARITIES * PARITIES] {
     images
 }
 
-/// Writes the pupil functions of all images: by parity, for each t, each image, real and imaginary part, each
-/// u.
+/// Writes the pupil functions of all images. Order: parity, t, image, real and imaginary part, u.
 struct Fill<'a> {
     quadrant: &'a Quadrant,
     modes: &'a Modes,

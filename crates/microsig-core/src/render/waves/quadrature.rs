@@ -1,8 +1,8 @@
-//! Running integrals by Gauss's rule, and the Gauss-Hermite rule.
+//! Running integrals by Gauss-Legendre quadrature, and Gauss-Hermite quadrature.
 
 use crate::quadrature::gauss_legendre;
 
-/// Legendre's polynomials of degrees 0 to n - 1.
+/// Legendre polynomials of degrees 0 to n - 1.
 fn polynomials(n: usize, x: f64) -> Vec<f64> {
     let mut values = Vec::with_capacity(n);
     for k in 0..n {
@@ -16,8 +16,8 @@ fn polynomials(n: usize, x: f64) -> Vec<f64> {
     values
 }
 
-/// Weights by which values at the `n` Gauss-Legendre nodes of [0, end] give the integral of the polynomial
-/// through them from 0 to each target: row by row.
+/// Weights of values at the `n` Gauss-Legendre nodes of [0, end] that give the integral of the interpolating
+/// polynomial from 0 to each target; one row for each target.
 pub(super) fn running_integral(end: f64, n: usize, targets: &[f64]) -> Vec<f64> {
     let (nodes, weights) = gauss_legendre(n);
     let of_nodes: Vec<Vec<f64>> = nodes.iter().map(|&x| polynomials(n, x)).collect();
@@ -42,11 +42,11 @@ pub(super) fn running_integral(end: f64, n: usize, targets: &[f64]) -> Vec<f64> 
         .collect()
 }
 
-/// Gauss-Hermite: nodes in units of the standard deviation of a normal distribution, and weights, which sum
-/// to 1.
+/// Gauss-Hermite quadrature: nodes in units of the standard deviation of a normal distribution, and weights,
+/// which sum to 1.
 pub(super) fn hermite(n: usize) -> (Vec<f64>, Vec<f64>) {
     let (mut nodes, mut weights) = (vec![0.0; n], vec![0.0; n]);
-    // Normalised polynomials, of degrees n and n - 1.
+    // Normalized polynomials of degrees n and n - 1.
     let polynomial = |x: f64| {
         let (mut before, mut value) = (0.0, 1.0);
         for k in 1..=n {
@@ -55,7 +55,7 @@ pub(super) fn hermite(n: usize) -> (Vec<f64>, Vec<f64>) {
         }
         (value, before)
     };
-    // The roots lie apart by more than this; sign changes are refined by bisection and Newton's method.
+    // The roots are farther apart than the steps; sign changes are refined by bisection.
     let reach = 2.0 * libm::sqrt(n as f64) + 1.0;
     let steps = 64 * n;
     let mut found = 0;

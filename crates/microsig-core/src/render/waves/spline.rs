@@ -1,10 +1,10 @@
-//! The quintic B-spline on equal steps, in the plane, and the cubic one in depth.
+//! The quintic B-spline on equal steps, for images.
 
-/// Coefficients around a place.
+/// Number of coefficients around a position.
 pub(super) const TAPS: usize = 6;
 
-/// Weights of the six coefficients around a place `t` in [0, 1] behind the third of them, and their
-/// derivatives.
+/// Weights of the six coefficients around a position, which is `t` in [0, 1] beyond the third of them, and
+/// their derivatives.
 pub(super) fn basis(t: f64) -> ([f64; TAPS], [f64; TAPS]) {
     (quintic(t), {
         // Differences of the quartic spline's weights.
@@ -13,7 +13,7 @@ pub(super) fn basis(t: f64) -> ([f64; TAPS], [f64; TAPS]) {
     })
 }
 
-/// Weights of a B-spline from those of one degree less (Cox and de Boor).
+/// Weights of a B-spline from those of one degree lower (Cox and de Boor).
 fn raise<const N: usize, const M: usize>(lower: [f64; N], t: f64) -> [f64; M] {
     let degree = N as f64;
     std::array::from_fn(|i| {

@@ -1,9 +1,9 @@
-//! Images of spheres over a range of depths and of sizes: planes at equal steps of depth, interpolated
-//! between.
+//! Tables of images of spheres over a range of depths and sizes: planes at equal steps in depth, with
+//! interpolation.
 //!
-//! A plane holds coefficients of a quintic spline through the light on pixels. Between planes a cubic spline
-//! goes through the coefficients, so that images and their derivatives are continuous in depth as well as in
-//! the plane.
+//! A plane contains the coefficients of a quintic spline through the light on pixels. Coefficients are
+//! interpolated between planes by a cubic spline, so images and their derivatives are continuous in depth and
+//! in the plane.
 
 use super::layout::Layout;
 use super::spline::{self, TAPS};
@@ -13,41 +13,42 @@ use crate::render::store::{Reader, Writer};
 /// Images over a range of depths and sizes.
 #[derive(Debug, PartialEq)]
 pub(super) struct Table {
-    /// Depth of the plane with number 1; number 0 lies before the table's range.
+    /// Depth of plane 1, um; plane 0 is before the table's range.
     pub(super) start_um: f64,
     pub(super) step_um: f64,
-    /// Planes for each radius.
+    /// Number of planes for each radius.
     pub(super) planes: usize,
-    /// Radii of the nodes of interpolation, um.
+    /// Radii of spheres at the nodes of interpolation, um.
     pub(super) radii: Vec<f64>,
     pub(super) layout: Layout,
-    /// Half width and half height of what was computed, px.
+    /// Half width and half height of the computed area, px.
     pub(super) edge_px: [usize; 2],
-    /// Half width and half height beyond which images are not drawn, px, by plane.
+    /// Half width and half height beyond which images are not rendered, px, by plane.
     pub(super) reach_px: Vec<[f64; 2]>,
-    /// By radius and plane.
+    /// Coefficients by radius and plane.
     pub(super) coefficients: Vec<f32>,
-    /// The error found, as a share of the peak.
+    /// The error found, as a fraction of the peak.
     pub(super) error: f64,
 }
 
 /// A plane near a sphere.
 pub(super) struct Neighbor<'a> {
     pub(super) weight: f64,
-    /// Derivative of the weight by depth, 1/um.
+    /// Derivative of the weight with respect to depth, 1/um.
     pub(super) by_z: f64,
     pub(super) coefficients: &'a [f32],
 }
 
 impl Table {
-    /// The first of the four planes around a depth, and the depth's place behind it, in steps.
+    /// The first of the four planes around a depth, and the distance of the depth from it, in steps.
     fn first(&self, z_um: f64) -> (usize, f64) {
         let steps = (z_um - self.start_um) / self.step_um;
         let first = (steps.max(0.0) as usize).min(self.planes - 4);
         (first, steps - first as f64)
     }
 
-    /// The planes around a depth and a radius: four of each size that the radius lies between.
+    /// The planes around a depth, four for each radius of the table, with weights for interpolation in depth
+    /// and radius.
     pub(super) fn around(&self, z_um: f64, radius_um: f64) -> impl Iterator<Item = [Neighbor<'_>; 4]> {
         let length = self.layout.length();
         let (first, place) = self.first(z_um);
@@ -62,15 +63,15 @@ impl Table {
         })
     }
 
-    /// Half width and half height of an image at this depth, px.
+    /// Half width and half height of an image at depth `z_um`, px.
     pub(super) fn reach(&self, z_um: f64) -> [f64; 2] {
         let (first, _) = self.first(z_um);
-        // Of the planes before and behind; the outer two have little weight.
+        // The maximum of the two nearest planes; the outer two have little weight.
         let [a, b] = [self.reach_px[first + 1], self.reach_px[first + 2]];
         [a[0].max(b[0]), a[1].max(b[1])]
     }
 
-    /// As bytes, for a store.
+    /// The table as bytes, for a store.
     pub(super) fn to_bytes(&self) -> Vec<u8> {
         let Layout { per_px, columns, rows, mirrored, origin, .. } = self.layout;
         let mut out = Writer::default();
@@ -85,7 +86,7 @@ impl Table {
         out.0
     }
 
-    /// From such bytes; `None` if they are no table.
+    /// Reads a table from bytes; `None` if they are invalid.
     pub(super) fn from_bytes(bytes: &[u8]) -> Option<Table> {
         let mut from = Reader(bytes);
         let [start_um, step_um, error] = [from.number()?, from.number()?, from.number()?];
@@ -110,13 +111,13 @@ impl Table {
         (fits && from.is_done()).then_some(table)
     }
 
-    /// Memory, bytes.
+    /// Memory of the coefficients, bytes.
     pub(super) fn bytes(&self) -> usize {
         size_of_val(self.coefficients.as_slice())
     }
 }
 
-/// One sphere's image and its derivatives, in f64: for fits and bounds rather than for drawing.
+/// One sphere's image and its derivatives in f64, for fits and Cramer-Rao bounds.
 pub(super) struct Interpolated<'a> {
     layout: &'a Layout,
     value: Vec<f64>,
@@ -136,8 +137,8 @@ impl<'a> Interpolated<'a> {
         Interpolated { layout, value, by_z }
     }
 
-    /// The light on a pixel this far from the particle, px, and its derivatives by the pixel's place (1/px)
-    /// and by the particle's depth (1/um): value, by x, by y, by z.
+    /// The light on a pixel at `dx`, `dy` from the particle (px), and its derivatives with respect to the
+    /// pixel's position x and y (1/px) and the particle's depth z (1/um).
     pub(super) fn at(&self, dx: f64, dy: f64) -> [f64; 4] {
         let scale = self.layout.per_px as f64;
         let axis = |at: f64| {

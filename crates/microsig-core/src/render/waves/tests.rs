@@ -1,4 +1,4 @@
-//! The pupil function, layers, pixels and the limit of short waves, from inside.
+//! Tests with access to internals: pupil function, layers, pixels and the limit of short wavelengths.
 #![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
 
 use super::*;
@@ -8,7 +8,7 @@ fn rows(text: &str) -> impl Iterator<Item = Vec<&str>> {
     text.lines().skip(1).map(|line| line.split(',').collect())
 }
 
-/// Phases, amplitudes and landing places of the lens against an independent program's.
+/// Phases, amplitudes and landing positions of the lens, compared with those of an independent program.
 #[test]
 fn pupil_functions_are_those_of_an_independent_program() {
     let mut seen = 0;
@@ -33,7 +33,7 @@ fn pupil_functions_are_those_of_an_independent_program() {
         ];
         for (column, value) in found {
             let expected = number(column);
-            // The file's own digits, where a quantity passes through zero.
+            // Limited by the digits in the file where a quantity passes through zero.
             let allowed = 1e-6 * expected.abs().max(if column == 4 { 1.0 } else { 1e-3 });
             assert!((value - expected).abs() <= allowed, "{row:?}, column {column}: {value}");
         }
@@ -42,7 +42,7 @@ fn pupil_functions_are_those_of_an_independent_program() {
     assert_eq!(seen, 100);
 }
 
-/// The image of a point behind layers against an independent program's, in object space.
+/// The image of a point behind layers, in object space, compared with that of an independent program.
 #[test]
 fn layers_are_those_of_an_independent_program() {
     let mut seen = 0;
@@ -87,8 +87,8 @@ fn layers_are_those_of_an_independent_program() {
     assert_eq!(seen, 124);
 }
 
-/// For short wavelengths the image becomes that of rays: largest difference over the middle 41 px, of the
-/// peak, against what a numerical trial of the design found (0.008 and 0.022).
+/// For short wavelengths the image approaches that of rays: largest difference over the middle 41 px, as a
+/// fraction of the peak, compared with that of a numerical prototype (0.008 and 0.022).
 #[test]
 fn short_waves_give_the_geometric_image() {
     for (settings, z_um, wavelength_um, found) in
@@ -131,8 +131,8 @@ fn short_waves_give_the_geometric_image() {
     }
 }
 
-/// The pixel's factor in the Fourier series against a sum over the pixel's area, for fringes of four cycles
-/// per px.
+/// The pixel's factor in the Fourier series, compared with a sum over the pixel's area, for fringes of four
+/// cycles per px.
 #[test]
 fn pixels_see_the_mean_of_their_area() {
     let renderer = WavesRenderer::new(&Settings::setting1(), &WaveOptics::new(0.1), 1e-3).unwrap();

@@ -1,20 +1,20 @@
 //! Zernike polynomials in Noll's order, orthonormal over the unit disc (Noll 1976).
 
-/// Radial degree and azimuthal order of Noll's index j >= 1; the order is negative for terms with a sine.
+/// Radial degree and azimuthal order for Noll's index j >= 1; the order is negative for terms with a sine.
 fn indices(j: u32) -> (u32, i64) {
     let mut n = 0;
-    // The terms of degrees below n number n (n + 1) / 2.
+    // There are n (n + 1) / 2 terms of degrees below n.
     while (n + 1) * (n + 2) / 2 < j {
         n += 1;
     }
     let place = j - n * (n + 1) / 2;
-    // Orders of one degree grow in pairs: 0, 2, 2, 4, 4 ... or 1, 1, 3, 3 ...
+    // Orders of one degree increase in pairs: 0, 2, 2, 4, 4 ... or 1, 1, 3, 3 ...
     let m = if n % 2 == 0 { 2 * (place / 2) } else { 2 * ((place - 1) / 2) + 1 };
     // Even indices have the cosine.
     (n, if j.is_multiple_of(2) { i64::from(m) } else { -i64::from(m) })
 }
 
-/// One term on the way to values.
+/// One term, prepared for evaluation.
 #[derive(Debug, Clone)]
 struct Term {
     /// Coefficients of rho^m, rho^(m + 2), ...
@@ -31,13 +31,13 @@ pub(super) struct Aberration {
 }
 
 impl Aberration {
-    /// Noll's indices with their coefficients.
+    /// The sum of terms given by Noll's indices and coefficients.
     pub(super) fn new(coefficients: &[(u32, f64)]) -> Aberration {
         let factorial = |k: u32| (1..=k).map(f64::from).product::<f64>();
         let terms = coefficients.iter().filter(|(_, c)| *c != 0.0).map(|&(j, c)| {
             let (n, signed) = indices(j);
             let m = signed.unsigned_abs() as u32;
-            // From the highest power, rho^n, down.
+            // In the order of decreasing powers, from rho^n.
             let mut radial: Vec<f64> = (0..=(n - m) / 2)
                 .map(|k| {
                     let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
@@ -56,7 +56,7 @@ impl Aberration {
         self.terms.is_empty()
     }
 
-    /// The sum at a place of the unit disc.
+    /// The sum at a point of the unit disc.
     pub(super) fn at(&self, x: f64, y: f64) -> f64 {
         let rho2 = x * x + y * y;
         let mut sum = 0.0;
@@ -72,7 +72,7 @@ impl Aberration {
         sum
     }
 
-    /// The steepest slope over the disc, per unit of its radius, along x and y.
+    /// The steepest slopes over the disc along x and y, per unit of its radius.
     pub(super) fn steepest(&self) -> [f64; 2] {
         const SIDE: i32 = 24;
         const STEP: f64 = 1e-4;
