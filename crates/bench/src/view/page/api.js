@@ -1,13 +1,13 @@
-// What the server answers; in an exported page the answers are part of the page.
+// Requests to the server; an exported page contains the responses.
 
 const exported = window.MICROSIG_EXPORT;
 
-/** Whether this page is a file of its own, without the program. */
+/** Whether this page is an exported file, which runs without the program. */
 export const isExport = Boolean(exported);
 
 const home = new URL("./", location.href);
 
-/** An answer as JSON; null if there is none. Throws what the program says is wrong. */
+/** A response as JSON; null if there is none. Throws the error that the program reports. */
 export async function getJson(path, signal) {
   if (exported) {
     return exported[path] ?? exportedList(path);
@@ -47,7 +47,7 @@ export async function saveScenario(text) {
   return told;
 }
 
-/** The parts of a preview as they come: JSON and bytes. */
+/** The parts of a preview as they arrive: JSON and bytes. */
 export async function* previewParts(text, signal) {
   const answer = await fetch(new URL("preview", home), { method: "POST", body: text, signal });
   if (!answer.ok) {
@@ -100,12 +100,12 @@ export async function keepAlive(ended) {
     const reader = answer.body.getReader();
     while (!(await reader.read()).done);
   } catch {
-    // As if it had ended.
+    // A broken connection counts as ended.
   }
   ended();
 }
 
-/** Lists of the worst points are made here if there is no program: of the frames that were exported. */
+/** In an exported page, lists of the worst points are computed here, from the exported frames. */
 function exportedList(path) {
   const asked = /^dataset\/0\/result\/(\d+)\/worst\?(.*)$/.exec(path);
   if (!asked) {

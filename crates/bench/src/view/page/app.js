@@ -1,4 +1,4 @@
-// The page: its tabs, its colors, its end.
+// The page: tabs, theme, end of the program.
 
 import { getJson, isExport, keepAlive } from "./api.js";
 import { el, say } from "./dom.js";
@@ -48,7 +48,7 @@ async function begin() {
   const about = await getJson("about");
   document.getElementById("title").textContent = isExport ? `${about.title} (exported)` : about.title;
   document.title = `${about.title.split(/[\\/]/).pop()} \u2013 microsig`;
-  // What the last two pages show; the leaderboard changes it.
+  // Selection of the dataset and result pages; the leaderboard changes it.
   const first = about.trackers.map((tracker, t) => (tracker.has[0] ? t : -1)).filter((t) => t >= 0);
   const chosen = { dataset: 0, trackers: first };
   const names = about.trackers.map((tracker) => tracker.name);
@@ -77,9 +77,9 @@ async function begin() {
       all[(next + all.length) % all.length].click();
     }
   });
-  const asked = location.hash.slice(1);
+  const requested = location.hash.slice(1);
   const usual = about.is_sweep ? "board" : about.trackers.length ? "result" : about.datasets.length ? "dataset" : "scenario";
-  showTab(views[asked] ? asked : usual);
+  showTab(views[requested] ? requested : usual);
 }
 
 const dark = matchMedia("(prefers-color-scheme: dark)");
@@ -89,9 +89,9 @@ document.getElementById("theme").addEventListener("click", () => {
   setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
 });
 begin().catch((error) => say(error.message, true));
-keepAlive(() => say("The program has ended. Start `microsig view` again to go on.", true, true));
+keepAlive(() => say("The program has ended. Start `microsig view` again to continue.", true, true));
 
-// For scripts and tests: where a pixel of an image is on the screen, and what is in the middle.
+// For scripts and tests: screen position of an image pixel, and centering of the view.
 window.microsig = {
   toScreen: (name, x, y) => views[name].page.viewer.toScreen(x, y),
   page: (name) => views[name].page,

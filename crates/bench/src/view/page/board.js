@@ -53,7 +53,7 @@ export class BoardPage {
         }
         done++;
         this.progress.textContent = all.length ? `${done} of ${done + all.length} scored` : "";
-        // Few are drawn as they come, many by twenties.
+        // With few entries, draws after each one, otherwise after every twenty.
         if (datasets.length * trackers.length < 100 || done % 20 === 0) {
           this.draw();
         }
@@ -79,7 +79,7 @@ export class BoardPage {
     const rows = this.rows();
     if (!rows.length) {
       const what = this.about.is_sweep ? "microsig view SWEEP RESULTS..." : "microsig view DATASET RESULT...";
-      this.table.replaceChildren(el("p", { class: "note" }, `No results: name them after the ${this.about.is_sweep ? "sweep" : "dataset"}, ${what}`), this.datasets());
+      this.table.replaceChildren(el("p", { class: "note" }, `No results: list them after the ${this.about.is_sweep ? "sweep" : "dataset"}, ${what}`), this.datasets());
       return;
     }
     this.drawTable(rows);
@@ -157,17 +157,17 @@ export class BoardPage {
       return;
     }
     const axis = Number(this.axis.value);
-    const place = ({ d, dataset }) => (axis < 0 ? d : Number(dataset.values[axis]));
-    if (rows.some((row) => Number.isNaN(place(row)))) {
+    const position = ({ d, dataset }) => (axis < 0 ? d : Number(dataset.values[axis]));
+    if (rows.some((row) => Number.isNaN(position(row)))) {
       this.axis.value = "-1";
-      return say(`the values of ${this.about.axes[axis]} are no numbers; the curve is drawn over cases`);
+      return say(`the values of ${this.about.axes[axis]} are not numbers; the curve is drawn over cases`);
     }
     const { value: path } = this.score;
     const column = this.about.columns.find((one) => one.path === path);
-    const xs = [...new Set(rows.map(place))].sort((a, b) => a - b);
+    const xs = [...new Set(rows.map(position))].sort((a, b) => a - b);
     // The mean over cases that share a value of the axis.
     const mean = (t, x) => {
-      const values = rows.filter((row) => row.t === t && place(row) === x).map(({ entry }) => entry?.scores[path] ?? null).filter((value) => value !== null);
+      const values = rows.filter((row) => row.t === t && position(row) === x).map(({ entry }) => entry?.scores[path] ?? null).filter((value) => value !== null);
       return values.length ? values.reduce((a, b) => a + b) / values.length : null;
     };
     const { trackers } = this.about;
@@ -177,7 +177,7 @@ export class BoardPage {
       axes: { x: axis < 0 ? "case" : this.about.axes[axis], left: column.unit ? `${column.label}, ${column.unit}` : column.label },
       points: true,
       clicked: (k) => {
-        const found = rows.find((row) => place(row) === xs[k]);
+        const found = rows.find((row) => position(row) === xs[k]);
         this.open(found.d, trackers.map((tracker, t) => (tracker.has[found.d] ? t : -1)).filter((t) => t >= 0));
       },
     });

@@ -1,6 +1,6 @@
-// Color scales: of counts, of depth, of what was found.
+// Color scales of counts and depth, colors of found, missed and ghost particles.
 
-/** Colors of found, missed and ghost particles: told apart by people with any color vision, and by shape. */
+/** Colors of found, missed and ghost particles: distinguishable with any color vision, and also by shape. */
 export const KINDS = [
   { name: "found", color: "#2fd3b5" },
   { name: "missed", color: "#ffb000" },

@@ -6,10 +6,10 @@ import { MAP_NAMES, depthColor } from "./colors.js";
 import { Sizes, Viewer, arrow, thumbnail, usualContrast, zoomButtons } from "./viewer.js";
 import { Chart, binned } from "./plots.js";
 
-/** Bytes of images that are kept. */
+/** Maximum size of cached images, bytes. */
 const KEPT_BYTES = 160e6;
 
-/** A dataset: its facts, and its frames as they are asked for. */
+/** A dataset: its facts, and its frames, loaded when needed. */
 export class Source {
   constructor(number, about) {
     this.path = `dataset/${number}`;
@@ -19,7 +19,7 @@ export class Source {
     this.frames = about.exported_frames ?? Array.from({ length: about.frames }, (_, k) => k);
   }
 
-  /** Opens a dataset of the program by its number; null if there is none. */
+  /** Opens a dataset by its index; null if there is none. */
   static async open(number) {
     const about = await getJson(`dataset/${number}`);
     return about && new Source(number, about);
@@ -49,7 +49,7 @@ export class Source {
       found = make();
       found.catch(() => all.delete(key));
     }
-    // The last used is the last to go.
+    // Least recently used entries are dropped first.
     all.delete(key);
     all.set(key, found);
     for (const old of all.keys()) {
@@ -61,7 +61,7 @@ export class Source {
     return found;
   }
 
-  /** What a frame is called. */
+  /** Name of a frame, with its time. */
   name(frame) {
     const { are_pairs: arePairs, times_s: times, mode } = this.about;
     const time = times[frame] === undefined ? "" : `, t = ${num(times[frame], 4)} s`;
@@ -73,7 +73,7 @@ export class Source {
     return `${own}${time}`;
   }
 
-  /** The frame before, if the same particles are seen in it. */
+  /** The previous frame, if it shows the same particles. */
   before(frame) {
     const { are_pairs: arePairs, mode } = this.about;
     const each = arePairs ? 2 : mode === "four_pulse" ? 4 : Infinity;
@@ -81,20 +81,20 @@ export class Source {
   }
 }
 
-/** Slider, play and steps through frames; `moved` is called with the frame and shows it, late or not. */
+/** Slider, play and steps through frames; `moved` is called with the new frame. */
 export class Timeline {
   constructor(moved) {
     this.moved = moved;
     this.k = 0;
     this.slider = el("input", { type: "range", min: "0", value: "0", "aria-label": "Frame", oninput: () => this.to(Number(this.slider.value)) });
     this.playButton = el("button", { type: "button", onclick: () => this.play(!this.isPlaying), title: "Space" }, "Play");
-    this.speed = choice([[2, "2 / s"], [5, "5 / s"], [10, "10 / s"], [25, "25 / s"]], 5, () => {}, "Frames a second");
+    this.speed = choice([[2, "2 / s"], [5, "5 / s"], [10, "10 / s"], [25, "25 / s"]], 5, () => {}, "Frames per second");
     this.label = el("output", { class: "frame-name" });
     const step = (by, text, title) => el("button", { type: "button", title, "aria-label": title, onclick: () => this.to(this.k + by) }, text);
     this.element = el(
       "div",
       { class: "timeline bar" },
-      step(-1, "\u2039", "Frame before (\u2190)"),
+      step(-1, "\u2039", "Previous frame (\u2190)"),
       this.playButton,
       step(1, "\u203a", "Next frame (\u2192)"),
       this.slider,
@@ -182,7 +182,7 @@ export class Contrast {
     );
   }
 
-  /** As most pixels of the image lie. */
+  /** Sets the contrast to the range of most pixels. */
   auto() {
     const image = this.viewers[0].image;
     if (image) {
@@ -191,7 +191,7 @@ export class Contrast {
     }
   }
 
-  // Sliders move on a scale of square roots: faint light is where the particles are.
+  // Sliders have a cube-root scale, because particles are at low counts.
   slid() {
     const counts = (slider) => Math.round(65535 * (Number(slider.value) / 1000) ** 3);
     this.low.value = String(counts(this.lowSlider));
@@ -209,7 +209,7 @@ export class Contrast {
   }
 }
 
-/** The colors of depth with their numbers. */
+/** The color bar of depth with its limits. */
 export function depthBar([low, high]) {
   const canvas = el("canvas", { width: 160, height: 10, "aria-hidden": "true" });
   const context = canvas.getContext("2d");
@@ -233,7 +233,7 @@ export class DatasetPage {
     this.contrast = new Contrast([this.viewer]);
     this.side = el("aside", { class: "side", "aria-label": "Overlays and particle" });
     this.facts = el("dl", { class: "facts-grid" });
-    this.particle = el("div", { class: "particle", role: "status" }, el("p", { class: "note" }, "Click a particle to see its row of the truth and its noise-free image."));
+    this.particle = el("div", { class: "particle", role: "status" }, el("p", { class: "note" }, "Click a particle to see its truth and its noise-free image."));
     this.levels = new Chart({ label: "Light levels of this frame", share: 0.16 });
     this.element = el(
       "div",
@@ -269,7 +269,7 @@ export class DatasetPage {
         this.sizes = new Sizes(depth);
         this.viewer.draw();
       })
-      .catch((error) => say(`sizes of images are not known: ${error.message}`, true));
+      .catch((error) => say(`sizes of particle images are unknown: ${error.message}`, true));
   }
 
   makeSide(about) {
@@ -284,7 +284,7 @@ export class DatasetPage {
       ["Images", `${about.frames}, ${about.width} \u00d7 ${about.height} px, ${about.bits ?? "?"} bit`],
       ["In view", `${num(about.n_p)} particles, N_S ${num(about.n_s)}`],
       ["SNR", num(about.snr)],
-      ["Largest move", `${num(about.max_displacement_px)} px`],
+      ["Largest displacement", `${num(about.max_displacement_px)} px`],
       ["Renderer", about.renderer ?? "\u2013"],
     ];
     this.facts.replaceChildren(...rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", {}, value)]));
@@ -338,7 +338,7 @@ export class DatasetPage {
     }
   }
 
-  /** Loads what overlays need and draws. */
+  /** Loads the data for overlays and draws. */
   async again() {
     this.past = [];
     if (this.options.tails) {
@@ -486,7 +486,7 @@ export class DatasetPage {
     let [best, least] = [-1, Infinity];
     this.truth.x_px.forEach((own, i) => {
       const distance = Math.hypot(own - x, this.truth.y_px[i] - y);
-      // The smaller of two circles around a point is what one sees on top.
+      // A particle can be selected anywhere within its image, or within 12 screen pixels.
       const [rx, ry] = this.sizes.radii(this.truth.z_um[i]);
       const reach = Math.max(rx, ry, 12 / this.viewer.scale);
       if (this.visible(i) && distance < reach && distance < least) {
@@ -502,7 +502,7 @@ export class DatasetPage {
   async follow() {
     const k = this.selected === null || !this.truth ? -1 : this.truth.track.indexOf(this.selected);
     if (k < 0) {
-      const text = this.selected === null ? "Click a particle to see its row of the truth and its noise-free image." : `Particle ${this.selected} is not in this frame.`;
+      const text = this.selected === null ? "Click a particle to see its truth and its noise-free image." : `Particle ${this.selected} is not in this frame.`;
       return this.particle.replaceChildren(el("p", { class: "note" }, text));
     }
     const frame = this.timeline.frame;

@@ -1,4 +1,4 @@
-// Elements, numbers, and waiting.
+// Elements, formatting of numbers, debouncing.
 
 /** An element with attributes and children; `on...` attributes are listeners. */
 export function el(name, attributes = {}, ...children) {
@@ -16,7 +16,7 @@ export function el(name, attributes = {}, ...children) {
   return element;
 }
 
-/** A number in some digits, a dash for none. */
+/** A number with the given significant digits; a dash for a missing one. */
 export function num(value, digits = 3) {
   if (value === null || value === undefined || Number.isNaN(value)) {
     return "\u2013";
@@ -41,7 +41,7 @@ export function byteSize(bytes) {
   return bytes < 1e6 ? `${num(bytes / 1e3, 2)} kB` : bytes < 1e9 ? `${num(bytes / 1e6, 3)} MB` : `${num(bytes / 1e9, 3)} GB`;
 }
 
-/** Calls a function once input has rested for some milliseconds. */
+/** Calls a function once input has paused for some milliseconds. */
 export function afterRest(ms, run) {
   let timer = 0;
   return (...given) => {
@@ -50,7 +50,7 @@ export function afterRest(ms, run) {
   };
 }
 
-/** A labelled control. */
+/** A labeled control. */
 export function field(label, control, hint) {
   return el("label", { class: "field", title: hint ?? null }, el("span", {}, label), control);
 }
@@ -71,7 +71,7 @@ export function choice(options, value, changed, name) {
 
 let hasLastWord = false;
 
-/** Says something to screen readers and in the corner of the page; after the last word nothing more. */
+/** Shows a message in the corner of the page and to screen readers; none after the last one. */
 export function say(text, isWrong = false, isLast = false) {
   if (hasLastWord) {
     return;

@@ -1,4 +1,4 @@
-// The editor of scenarios: colors, messages at their lines, completion, help for the key at the cursor.
+// The scenario editor: colors, messages at their lines, completion, help for the key at the cursor.
 
 import { getJson } from "./api.js";
 import { el } from "./dom.js";
@@ -6,7 +6,7 @@ import { expectedAt, pathAt, walk } from "./ron.js";
 
 const known = new Map();
 
-/** What the program knows of a key. */
+/** Information on a key, from the program. */
 function keyInfo(path) {
   if (!known.has(path)) {
     known.set(path, getJson(path ? `keys/${encodeURIComponent(path)}` : "keys").catch(() => null));
@@ -154,7 +154,7 @@ export class Editor {
 
   listen() {
     this.area.addEventListener("input", () => {
-      // What was wrong moves; the next answer says where to.
+      // Positions of problems are no longer valid; the next response has the new ones.
       this.problems = [];
       this.paint();
       this.changed(this.text);
@@ -196,7 +196,7 @@ export class Editor {
     }
   }
 
-  /** Writes at the cursor; what follows it stays behind it. */
+  /** Inserts `before` at the cursor and `after` behind it. */
   insert(before, after = "") {
     const { selectionStart, selectionEnd } = this.area;
     this.area.setRangeText(before + after, selectionStart, selectionEnd, "end");
@@ -237,7 +237,7 @@ export class Editor {
         ),
       ),
     );
-    const [x, y] = this.placeOf(this.from);
+    const [x, y] = this.positionOf(this.from);
     this.list.hidden = false;
     const below = this.sheet.clientHeight - y;
     this.list.style.left = `${Math.min(x, this.sheet.clientWidth - this.list.offsetWidth - 8)}px`;
@@ -245,8 +245,8 @@ export class Editor {
     this.pick(0);
   }
 
-  /** Where a place of the text is in the sheet, px. */
-  placeOf(at) {
+  /** Position of a character in the sheet, px. */
+  positionOf(at) {
     const before = this.text.slice(0, at);
     const column = at - (before.lastIndexOf("\n") + 1);
     const line = before.split("\n").length - 1;
@@ -322,7 +322,7 @@ export class Editor {
       ...[wrong ? el("span", { class: "wrong" }, wrong.message) : null, ...(info?.path ? help(info) : [])].filter(Boolean),
     );
     this.tip.hidden = false;
-    const [x, y] = this.placeOf(found?.from ?? at);
+    const [x, y] = this.positionOf(found?.from ?? at);
     this.tip.style.left = `${Math.max(4, Math.min(x, this.sheet.clientWidth - this.tip.offsetWidth - 8))}px`;
     const under = y + lineHeight + 4;
     this.tip.style.top = `${under + this.tip.offsetHeight < this.sheet.clientHeight ? under : y - this.tip.offsetHeight - 4}px`;

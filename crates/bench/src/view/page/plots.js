@@ -1,4 +1,4 @@
-// Curves and histograms, by uPlot.
+// Curves and histograms, with uPlot.
 
 import { el, num } from "./dom.js";
 
@@ -11,15 +11,15 @@ const powersOfTen = (_, __, low, high) => {
   return Array.from({ length: Math.max(1, last - first + 1) }, (_, k) => 10 ** (first + k));
 };
 
-/** Redraws what is shown, in the colors of the page. */
+/** Redraws all charts in the colors of the page. */
 export function redrawCharts() {
   charts.forEach((chart) => chart.make());
 }
 
-/** A chart that fills the width of its box and a share of the window's height: `series` are { label, values, color, axis, dash }. */
+/** A chart that fills the width of its box and a fraction of the window's height: `series` are { label, values, color, axis, dash }. */
 export class Chart {
   constructor({ label, share = 0.17 }) {
-    // A share of the window, within limits in which text remains readable.
+    // A fraction of the window, limited so that text remains readable.
     this.height = Math.round(Math.min(Math.max(window.innerHeight * share, 120), 420));
     this.element = el("figure", { class: "chart", role: "group", "aria-label": label }, el("figcaption", {}, label));
     this.box = el("div", { class: "plot" });
@@ -29,7 +29,7 @@ export class Chart {
     charts.add(this);
   }
 
-  /** Shows curves over `x`; `axes` names them: { x, left, right }. */
+  /** Shows curves over `x`; `axes` are labels: { x, left, right }. */
   show(given) {
     this.given = given;
     this.make();
@@ -130,7 +130,7 @@ export class Chart {
   }
 }
 
-/** Counts of values in equal bins: middles and numbers. */
+/** Histogram with equal bins: centers and counts. */
 export function binned(values, low, high, bins) {
   const counts = new Float64Array(bins);
   const scale = bins / Math.max(high - low, 1e-12);

@@ -1,4 +1,4 @@
-// Page 3: what trackers found, missed and invented, each result in an image of its own.
+// Page 3: found, missed and ghost particles of trackers, one image for each result.
 
 import { getJson } from "./api.js";
 import { afterRest, check, el, field, num, say } from "./dom.js";
@@ -7,10 +7,10 @@ import { Sizes, Viewer, arrow, zoomButtons } from "./viewer.js";
 import { Chart } from "./plots.js";
 import { Contrast, Source, Timeline } from "./dataset.js";
 
-/** Results that are shown side by side at most. */
-const MOST_SIDE_BY_SIDE = 4;
+/** Maximum number of results shown side by side. */
+const MAX_SIDE_BY_SIDE = 4;
 
-/** Scores in the heads of results: path in score.json, name, unit. */
+/** Scores in the header of a result: path in score.json, name, unit. */
 const HEAD_SCORES = [
   ["detection.f1", "F1", ""],
   ["detection.recall", "recall", ""],
@@ -37,7 +37,7 @@ class ResultPane {
       drawn: (context) => this.drawOver(context),
       clicked: (x, y) => page.clicked(this, x, y),
     });
-    // Zoom and place are those of all results.
+    // Zoom and position are the same for all results.
     const draw = this.viewer.drawNow.bind(this.viewer);
     this.viewer.drawNow = () => {
       draw();
@@ -205,7 +205,7 @@ export class ResultPage {
     this.sizes = new Sizes(null);
     this.head.textContent = this.source.about.name;
     this.notes.replaceChildren();
-    this.panes = trackers.slice(0, MOST_SIDE_BY_SIDE).map((tracker) => new ResultPane(this, tracker, names[tracker]));
+    this.panes = trackers.slice(0, MAX_SIDE_BY_SIDE).map((tracker) => new ResultPane(this, tracker, names[tracker]));
     if (trackers.length > this.panes.length) {
       this.notes.append(el("li", {}, `${trackers.length - this.panes.length} more results are in the leaderboard`));
     }
@@ -234,7 +234,7 @@ export class ResultPage {
     this.showCounts();
   }
 
-  /** Two results stand beside each other or one above the other, whichever shows the images larger. */
+  /** Places two results side by side or one above the other, whichever makes the images larger. */
   arrange() {
     const { clientWidth: w, clientHeight: h } = this.stage;
     const { width, height } = this.source.about;
@@ -277,7 +277,7 @@ export class ResultPage {
               box.classList.add("kind");
               return box;
             })),
-        el("div", { class: "row" }, check("Errors", true, set((isOn) => (options.errors = isOn))), field("times", magnify), isField ? null : check("Links", true, set((isOn) => (options.links = isOn)), "To where the track was in the frame before; wrong links are dashed, switches marked \u21c4")),
+        el("div", { class: "row" }, check("Errors", true, set((isOn) => (options.errors = isOn))), field("times", magnify), isField ? null : check("Links", true, set((isOn) => (options.links = isOn)), "To the track's position in the previous frame; wrong links are dashed, switches are marked \u21c4")),
       ),
       isField ? null : el("fieldset", {}, el("legend", {}, "Filter"), range("z", "z, \u00b5m"), range("snr", "SNR"), range("overlap", "overlap")),
       isField
@@ -317,7 +317,7 @@ export class ResultPage {
     this.panes.forEach((pane) => pane.viewer.draw());
   }
 
-  /** The other results show the same part of the image. */
+  /** Aligns the other results to the same part of the image. */
   aligned(from) {
     for (const pane of this.panes) {
       const { viewer } = pane;
@@ -388,7 +388,7 @@ export class ResultPage {
     );
   }
 
-  /** Shows a point of the list where it is. */
+  /** Shows a point of the list in the image. */
   async goTo(rows, i) {
     this.chosen = { frame: rows.frame[i], truth: rows.truth_row[i], result: rows.result_row[i] };
     await this.timeline.toFrame(rows.frame[i]);

@@ -1,8 +1,8 @@
-// The text of a scenario as far as an editor must understand it: colors of words, and which key is where.
+// Analysis of a scenario's text for the editor: kinds of words, and positions of keys.
 
 const word = /[A-Za-z_][A-Za-z0-9_.+-]*|[-+]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?/y;
 
-/** Pieces of a text: { kind, from, to }. Whatever is between them is space. */
+/** Tokens of a text: { kind, from, to }, separated by white space. */
 export function pieces(text) {
   const found = [];
   let at = 0;
@@ -47,13 +47,13 @@ export function pieces(text) {
   return found;
 }
 
-/** Walks through a text; gives the pieces with the path of what each names or belongs to, and the open brackets at its end. */
+/** Walks through a text; returns the tokens with the path that each names or belongs to, and the open brackets at the end. */
 export function walk(text, end = text.length) {
   const all = pieces(text.slice(0, end));
   const named = [];
   const open = [];
   const top = () => open[open.length - 1];
-  // Path of the value that comes next.
+  // Path of the next value.
   const place = () => {
     const bracket = top();
     if (!bracket) {
@@ -104,13 +104,13 @@ export function walk(text, end = text.length) {
   return { named, open, place: place() };
 }
 
-/** The path of the key, variant or value at a place of the text. */
+/** The path of the key, variant or value at a position in the text. */
 export function pathAt(text, at) {
   const found = walk(text).named.find((piece) => piece.from <= at && at <= piece.to);
   return found ? { path: found.path.join("."), from: found.from, to: found.to, isKey: found.isKey } : null;
 }
 
-/** What may be written at a place: the path whose keys or variants fit, the part of the word that is there, keys already there. */
+/** What is expected at a position: the path whose keys or variants fit, the start of the word, the existing keys. */
 export function expectedAt(text, at) {
   const start = /[A-Za-z0-9_]*$/.exec(text.slice(0, at))[0];
   const from = at - start.length;
@@ -125,7 +125,7 @@ export function expectedAt(text, at) {
     return null;
   }
   const isValue = bracket.isAfterColon || bracket.kind === "[";
-  // Keys after the cursor count as well.
+  // Includes keys after the cursor.
   const rest = walk(text).named.filter((piece) => piece.isKey).map((piece) => piece.path.join("."));
   const prefix = bracket.path.join(".");
   const keys = rest.filter((path) => path.startsWith(prefix ? `${prefix}.` : "")).map((path) => path.slice(prefix ? prefix.length + 1 : 0));

@@ -1,4 +1,4 @@
-// Page 1: the text of a scenario beside what its dataset will look like.
+// Page 1: the text of a scenario beside a preview of its dataset.
 
 import { getJson, previewParts, saveScenario } from "./api.js";
 import { afterRest, byteSize, check, choice, duration, el, num, say } from "./dom.js";
@@ -7,7 +7,7 @@ import { Sizes, Viewer, arrow, thumbnail, usualContrast, zoomButtons } from "./v
 import { Chart, binned } from "./plots.js";
 import { Editor } from "./editor.js";
 
-/** Milliseconds without typing after which a preview begins. */
+/** Milliseconds without typing after which a preview starts. */
 const REST_MS = 120;
 
 /** The page of the scenario. */
@@ -53,7 +53,7 @@ export class ScenarioPage {
     this.buttons = ["A", "B"].map((name, k) =>
       el("button", { type: "button", "aria-pressed": "false", onclick: () => this.showFrame(k) }, name),
     );
-    this.blink = check("Blink", false, (isOn) => this.blinking(isOn), "Frames A and B by turns, 4 a second");
+    this.blink = check("Blink", false, (isOn) => this.blinking(isOn), "Frames A and B alternating, 4 per second");
     this.toolbar = el(
       "div",
       { class: "bar" },
@@ -102,7 +102,7 @@ export class ScenarioPage {
     if (preset && this.presets.value !== "") {
       this.editor.area.focus();
       this.editor.area.select();
-      // As if it were typed: undo brings the former text back.
+      // Inserted as if typed, so that undo restores the former text.
       if (!document.execCommand("insertText", false, preset.text)) {
         this.editor.text = preset.text;
       }
@@ -161,7 +161,7 @@ export class ScenarioPage {
   }
 
   take(part, block, ms) {
-    const next = { checked: "drawing frames\u2026", frame: "one particle over depth\u2026", depth: "numbers\u2026" };
+    const next = { checked: "rendering frames\u2026", frame: "one particle over depth\u2026", depth: "numbers\u2026" };
     if (next[part.part]) {
       this.state("busy", next[part.part]);
     }
@@ -211,7 +211,7 @@ export class ScenarioPage {
     this.buttons.forEach((button, k) => (button.disabled = k >= this.fresh.length));
     if (part.share < 1) {
       this.warnings.append(
-        el("li", {}, `frame ${part.index}: the first ${num(100 * part.share, 2)} % of its particles are drawn; all would take ${duration(part.seconds)}`),
+        el("li", {}, `frame ${part.index}: only the first ${num(100 * part.share, 2)} % of its particles are rendered; all would take ${duration(part.seconds)}`),
       );
     }
   }
@@ -279,10 +279,10 @@ export class ScenarioPage {
       ...this.row("In view", `${num(numbers.n_p)} particles`, `${num(numbers.n_ppp, 2)} per pixel`),
       ...this.row("N_S", num(numbers.n_s), "Source density: particles in view times the area of a particle image over that of the sensor"),
       ...this.row("SNR", num(part.snr), "Median over depth: peak of a particle over the standard deviation of the background"),
-      ...this.row("Moves A to B", most === null ? "\u2013" : `${num(least, 2)} to ${num(most, 2)}, median ${num(median, 2)} px`, "Least, median and greatest in the image plane from the first frame to the second"),
+      ...this.row("Moves A to B", most === null ? "\u2013" : `${num(least, 2)} to ${num(most, 2)}, median ${num(median, 2)} px`, "Displacement in the image plane from the first frame to the second: minimum, maximum, median"),
       ...this.row("along z", depth === null ? "\u2013" : `${num(depth[0], 2)} to ${num(depth[1], 2)} \u00b5m`),
-      ...this.row("Sharpest at", part.focus_um === null ? "all depths" : `z = ${num(part.focus_um)} \u00b5m`),
-      ...this.row("All of it", `about ${duration(part.seconds)}, ${byteSize(part.bytes)}`, "Time on this machine, from the frames of this preview; size counted"),
+      ...this.row("Best focus", part.focus_um === null ? "all depths" : `z = ${num(part.focus_um)} \u00b5m`),
+      ...this.row("All of it", `about ${duration(part.seconds)}, ${byteSize(part.bytes)}`, "Time on this machine, estimated from the frames of this preview; estimated size"),
     );
     this.showLevels(this.frames[0], part);
   }
@@ -323,7 +323,7 @@ export class ScenarioPage {
     this.sizes = new Sizes(curves);
     this.viewer.draw();
     this.showStrip();
-    const marks = curves.focus_um === null ? [] : [{ x: curves.focus_um, label: "sharpest" }];
+    const marks = curves.focus_um === null ? [] : [{ x: curves.focus_um, label: "best focus" }];
     this.depthChart.show({
       x: curves.z_um,
       series: [

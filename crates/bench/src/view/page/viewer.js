@@ -5,7 +5,7 @@
 import { el, num } from "./dom.js";
 import { lookup } from "./colors.js";
 
-/** Counts between which most pixels lie: what contrast is set to at first. */
+/** Quantiles of the counts that bracket most pixels, for the initial contrast. */
 export function usualContrast(counts) {
   const histogram = new Uint32Array(65536);
   for (const count of counts) {
@@ -27,7 +27,7 @@ export function usualContrast(counts) {
 
 /** An image that can be zoomed and panned. */
 export class Viewer {
-  /** `drawn(context, viewer)` draws on top, `clicked(x, y)` gets pixel coordinates. */
+  /** `drawn(context, viewer)` draws overlays, `clicked(x, y)` is called with pixel coordinates. */
   constructor({ drawn = () => {}, clicked = () => {}, hovered = () => {}, label = "Image" } = {}) {
     Object.assign(this, { drawn, clicked, hovered });
     this.base = el("canvas", { "aria-hidden": "true" });
@@ -51,7 +51,7 @@ export class Viewer {
     new ResizeObserver(() => this.resized()).observe(this.element);
   }
 
-  /** Shows counts of an image; zoom stays as it is if the size does. */
+  /** Shows an image; keeps the zoom if the size is unchanged. */
   show(image) {
     const isOther = !this.image || this.image.width !== image.width || this.image.height !== image.height;
     this.image = image;
@@ -100,7 +100,7 @@ export class Viewer {
     this.draw();
   }
 
-  /** Shows the whole image. */
+  /** Fits the image into the view. */
   fit() {
     const { clientWidth, clientHeight } = this.element;
     if (!this.image || !clientWidth) {
@@ -113,7 +113,7 @@ export class Viewer {
     this.draw();
   }
 
-  /** Zooms by a factor; the point of the screen stays where it is. */
+  /** Zooms by a factor about a point of the screen. */
   zoom(factor, x = this.element.clientWidth / 2, y = this.element.clientHeight / 2) {
     const scale = Math.min(Math.max(this.scale * factor, 0.02), 80);
     const by = scale / this.scale;
@@ -133,7 +133,7 @@ export class Viewer {
     this.draw();
   }
 
-  /** Where a pixel coordinate is on the screen, in CSS pixels. */
+  /** Screen position of a pixel coordinate, in CSS pixels. */
   toScreen(x, y) {
     const [left, upper] = this.corner();
     return [left + (x - 0.5) * this.scale, upper + (y - 0.5) * this.scale];
@@ -145,7 +145,7 @@ export class Viewer {
     return [(x - left) / this.scale + 0.5, (y - upper) / this.scale + 0.5];
   }
 
-  /** The image's corner, on a pixel of the screen. */
+  /** The image's corner, rounded to a pixel of the screen. */
   corner() {
     const ratio = window.devicePixelRatio || 1;
     return [Math.round(this.left * ratio) / ratio, Math.round(this.upper * ratio) / ratio];
@@ -180,7 +180,7 @@ export class Viewer {
     this.drawScaleBar(top);
   }
 
-  /** Length of a pixel, um; 0 shows no scale bar. */
+  /** Sets the pixel size, um; 0 hides the scale bar. */
   setScale(umPerPx) {
     this.umPerPx = umPerPx;
     this.draw();
@@ -309,14 +309,14 @@ export function zoomButtons(viewer) {
     button("\u2212", "Zoom out (-)", () => viewer.zoom(1 / 1.5)),
     button("+", "Zoom in (+)", () => viewer.zoom(1.5)),
     button("Fit", "Whole image (0)", () => viewer.fit()),
-    button("1:1", "A pixel is a pixel", () => {
+    button("1:1", "One image pixel per screen pixel", () => {
       const [x, y] = viewer.toImage(viewer.element.clientWidth / 2, viewer.element.clientHeight / 2);
       viewer.center(x, y, 1 / (window.devicePixelRatio || 1));
     }),
   );
 }
 
-/** An arrow on a drawing. */
+/** Draws an arrow. */
 export function arrow(context, x, y, toX, toY) {
   const length = Math.hypot(toX - x, toY - y);
   if (length < 1) {
@@ -334,7 +334,7 @@ export function arrow(context, x, y, toX, toY) {
   context.stroke();
 }
 
-/** Draws floating-point or whole counts into a small canvas, as large as its box allows. */
+/** Draws floating-point or integer counts into a small canvas of the given size. */
 export function thumbnail(canvas, { width, height, counts }, contrast) {
   const { low, high, gamma, map } = contrast;
   const table = lookup(low, high, gamma, map);
