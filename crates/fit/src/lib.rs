@@ -95,7 +95,7 @@ pub struct FitFiles {
 /// Fits the settings to a scan.
 ///
 /// # Errors
-/// [`crate::Error::Input`] if the scan has no usable particle or does not determine all parameters.
+/// [`storage::Error::Input`] if the scan has no usable particle or does not determine all parameters.
 pub fn fit(scan: &Scan, options: &FitOptions) -> Result<FitFiles> {
     let background = Background::of(&scan.planes);
     let candidates = match &options.places_px {
@@ -137,7 +137,7 @@ pub fn fit(scan: &Scan, options: &FitOptions) -> Result<FitFiles> {
     let chi2 = chi2(&misfits);
     let normal = problem.normal(&state)?;
     let covariance = Covariance::of(&normal, windows.particles.len(), chi2).ok_or_else(|| {
-        crate::Error::input("the scan does not determine all parameters: give --diameter, or a longer scan")
+        storage::Error::input("the scan does not determine all parameters: give --diameter, or a longer scan")
     })?;
     let resampled = intervals::bootstrap(&normal, windows.particles.len(), options.bootstrap, options.seed);
     let mut fitted = Fitted::of(&problem, &state, &misfits, &covariance, &resampled, options);
@@ -190,7 +190,7 @@ fn best_start(problem: &Problem, shape: &Shape, starts: &[Start]) -> Result<(Sta
     }
     tried.sort_by(|a, b| a.0.total_cmp(&b.0));
     let Some((least, best)) = tried.first().cloned() else {
-        return Err(crate::Error::input("the fit has no starting point"));
+        return Err(storage::Error::input("the fit has no starting point"));
     };
     let other = tried.iter().find(|(_, state)| state.direction != best.direction);
     Ok((best, other.map(|(likelihood, _)| likelihood - least)))

@@ -19,9 +19,9 @@ use tokio::sync::mpsc::Sender;
 use super::body::message;
 use super::columns::list;
 use super::state::{App, locked};
-use super::{optics, scenario};
+use super::{editor, optics};
 use generator::dataset::Camera;
-use generator::dataset::truth::{Viewer, depth};
+use generator::dataset::truth::{depth, rendered};
 use generator::runner::{Cost, Frames};
 use scenario::Scenario;
 
@@ -84,7 +84,7 @@ impl Preview {
 
     fn parts(&self, app: &App, text: &str) -> std::result::Result<(), Stop> {
         self.check()?;
-        let scenario = match scenario::read(app.subject(), text) {
+        let scenario = match editor::read(app.subject(), text) {
             Ok(scenario) => scenario,
             Err(problems) => return self.send(json!({ "part": "problems", "problems": problems }), &[]),
         };
@@ -142,7 +142,7 @@ impl Preview {
         camera: &Camera,
         frame: &Frame,
     ) -> std::result::Result<(Image, f64, f64), Stop> {
-        let rows = Viewer { scenario, renderer: camera.renderer() }.view(frame).rendered;
+        let rows = rendered(scenario, camera.renderer(), frame);
         let timed = |rows: &[Particle]| {
             let start = Instant::now();
             (camera.image(rows, frame.index), start.elapsed().as_secs_f64())

@@ -4,17 +4,17 @@
 //! problems ([`storage::problem`]), [`graft`] replaces values; [`template`] and [`document`] generate
 //! documentation.
 
-pub mod derive;
-pub mod document;
-pub mod graft;
-pub mod problems;
+pub(crate) mod derive;
+pub(crate) mod document;
+pub(crate) mod graft;
+pub(crate) mod problems;
 mod read;
-pub mod schema;
-pub mod template;
+pub(crate) mod schema;
+pub(crate) mod template;
 #[cfg(test)]
 mod tests;
-pub mod text;
-pub mod write;
+pub(crate) mod text;
+pub(crate) mod write;
 
 use serde::de::DeserializeOwned;
 
@@ -24,7 +24,7 @@ use schema::Schema;
 use text::Node;
 
 /// Converts a tree to a typed value, without the values that do not fit; `None` if required ones are missing.
-pub fn typed<T: DeserializeOwned>(
+pub(crate) fn typed<T: DeserializeOwned>(
     root: Schema<'_>,
     node: &Node,
     problems: &mut Problems,

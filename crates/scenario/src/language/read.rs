@@ -9,7 +9,7 @@ use storage::problem::Problem;
 
 /// The value of a tree as JSON (variants as objects with one key), without the values that do not fit; `None`
 /// if required ones are missing.
-pub fn read(root: Schema<'_>, node: &Node, problems: &mut Problems) -> Option<Value> {
+pub(super) fn read(root: Schema<'_>, node: &Node, problems: &mut Problems) -> Option<Value> {
     Walk { root, problems }.value(node, root, "")
 }
 

@@ -12,7 +12,7 @@ const MAX_DEPTH: usize = 100;
 
 /// A value and its position in a text.
 #[derive(Debug, Clone)]
-pub struct Node {
+pub(crate) struct Node {
     /// Its range in the text, including brackets.
     pub place: Place,
     /// The value as parsed, not yet interpreted.
@@ -21,7 +21,7 @@ pub struct Node {
 
 /// A parsed value, not yet interpreted.
 #[derive(Debug, Clone)]
-pub enum Content {
+pub(crate) enum Content {
     /// A number, or a word without quotes: `1e-3`, `true`, `open`.
     Word(String),
     /// A string in quotes, decoded.
@@ -36,7 +36,7 @@ pub enum Content {
 
 /// A key and its value.
 #[derive(Debug, Clone)]
-pub struct Field {
+pub(crate) struct Field {
     /// The key.
     pub key: String,
     /// Position of the key.
@@ -49,7 +49,7 @@ pub struct Field {
 ///
 /// # Errors
 /// The first syntax error.
-pub fn parse(source: &Arc<Source>) -> Result<Node, Problem> {
+pub(crate) fn parse(source: &Arc<Source>) -> Result<Node, Problem> {
     let mut reader = Reader { source, at: source.value_at };
     reader.skip();
     while reader.rest().starts_with("#!") {
@@ -67,12 +67,12 @@ pub fn parse(source: &Arc<Source>) -> Result<Node, Problem> {
 
 impl Node {
     /// A node without text of its own, reported at `place`.
-    pub fn new(place: &Place, content: Content) -> Self {
+    pub(crate) fn new(place: &Place, content: Content) -> Self {
         Node { place: place.clone(), content }
     }
 
     /// The text as written, on one line, truncated after 60 characters.
-    pub fn written(&self) -> String {
+    pub(crate) fn written(&self) -> String {
         let text = self.place.text().split_whitespace().collect::<Vec<_>>().join(" ");
         match text.char_indices().nth(60) {
             Some((end, _)) => format!("{} ...", &text[..end]),
@@ -81,7 +81,7 @@ impl Node {
     }
 
     /// The node without an optional `Some(...)` around it.
-    pub fn unwrapped(&self) -> &Node {
+    pub(crate) fn unwrapped(&self) -> &Node {
         match &self.content {
             Content::Variant(name, inner) if name == "Some" => inner.unwrapped(),
             _ => self,
@@ -90,7 +90,7 @@ impl Node {
 
     /// Position of the value at a path, or of the innermost part of the path that the text contains; and
     /// whether it contains the entire path.
-    pub fn find(&self, path: &str) -> (Place, bool) {
+    pub(crate) fn find(&self, path: &str) -> (Place, bool) {
         let (mut node, mut place) = (self.unwrapped(), &self.place);
         for step in path.split('.').filter(|step| !step.is_empty()) {
             let next = match &node.content {

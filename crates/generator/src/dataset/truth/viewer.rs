@@ -11,13 +11,13 @@ use scenario::Scenario;
 
 /// Scenario and renderer that determine what the camera images.
 #[derive(Clone, Copy)]
-pub struct Viewer<'a> {
+pub(crate) struct Viewer<'a> {
     pub scenario: &'a Scenario,
     pub renderer: &'a Renderer,
 }
 
 /// The particles of a frame.
-pub struct View<'a> {
+pub(crate) struct View<'a> {
     /// Factor on the light of the frame: pulse energy and bleaching.
     pub energy: f64,
     /// All tracers, in the order of the frame.
@@ -27,7 +27,7 @@ pub struct View<'a> {
 }
 
 /// A tracer and its particle in image coordinates.
-pub struct Sight<'a> {
+pub(crate) struct Sight<'a> {
     pub tracer: &'a Tracer,
     pub particle: Particle,
     pub visible: bool,
@@ -37,9 +37,14 @@ pub struct Sight<'a> {
     pub light: f64,
 }
 
+/// The particles that are drawn of a frame: the rows of its data file.
+pub fn rendered(scenario: &Scenario, renderer: &Renderer, frame: &Frame) -> Vec<Particle> {
+    Viewer { scenario, renderer }.view(frame).rendered
+}
+
 impl Viewer<'_> {
     /// The particles of a frame.
-    pub fn view<'f>(&self, frame: &'f Frame) -> View<'f> {
+    pub(crate) fn view<'f>(&self, frame: &'f Frame) -> View<'f> {
         let energy = self.energy(frame);
         let mut rendered = Vec::new();
         let mut sights = Vec::with_capacity(frame.tracers.len());
@@ -54,7 +59,7 @@ impl Viewer<'_> {
 
     /// The particle of a tracer. If the dataset has spheroids, those of aspect ratio 1 are also treated as
     /// spheroids, as the laws of emission differ.
-    pub fn particle(&self, tracer: &Tracer) -> Particle {
+    pub(crate) fn particle(&self, tracer: &Tracer) -> Particle {
         let at = self.scenario.scale.to_image(tracer.position);
         let spheroid = || Spheroid::from_axis(tracer.aspect, tracer.axis.to_array());
         let particle = Particle {
@@ -65,7 +70,7 @@ impl Viewer<'_> {
     }
 
     /// Whether a particle's center is on the sensor.
-    pub fn is_visible(&self, particle: &Particle) -> bool {
+    pub(crate) fn is_visible(&self, particle: &Particle) -> bool {
         let on = |x: f64, size: u32| x >= 0.5 && x < f64::from(size) + 0.5;
         let settings = &self.scenario.settings;
         on(particle.x_px, settings.pixel_dim_x) && on(particle.y_px, settings.pixel_dim_y)
