@@ -65,6 +65,13 @@ fn modules_beside_each_other_form_no_cycles() {
     for (name, file) in [
         ("microsig-core", "crates/microsig-core/src/lib.rs"),
         ("flows", "crates/flows/src/lib.rs"),
+        ("storage", "crates/storage/src/lib.rs"),
+        ("visibility", "crates/visibility/src/lib.rs"),
+        ("scenario", "crates/scenario/src/lib.rs"),
+        ("generator", "crates/generator/src/lib.rs"),
+        ("scoring", "crates/scoring/src/lib.rs"),
+        ("tracking", "crates/tracking/src/lib.rs"),
+        ("fit", "crates/fit/src/lib.rs"),
         ("bench", "crates/bench/src/lib.rs"),
         ("microsig", "crates/bench/src/main.rs"),
         ("suite", "tests/src/lib.rs"),

@@ -30,10 +30,10 @@ use moments::Shape;
 use optics::Shared;
 use state::{Bead, Misfit, State};
 
-use storage::error::Result;
 pub use optics::{ExtraParameter, Given};
 pub use outcome::{Fitted, FittedParticle, Parameter, PlaneFit, Verdict};
 pub use scan::{Scan, StagePositions};
+use storage::error::Result;
 
 /// Whether the fit has two focal planes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! Speed of the scores: assignment in one dense frame, and the whole evaluation of a sequence.
 //!
-//! `cargo bench -p bench`; measured figures are in docs/scoring.md.
+//! `cargo bench -p scoring`; measured figures are in docs/scoring.md.
 
 use std::hint::black_box;
 

@@ -6,8 +6,8 @@ use serde_json::{Value, json};
 
 use super::columns::list;
 use generator::dataset::truth::depth::{DepthRow, ParticleImage};
-use storage::error::Result;
 use scenario::Scenario;
+use storage::error::Result;
 use visibility::{DepthScan, ScanImage};
 
 /// Maximum half side of a crop, px.

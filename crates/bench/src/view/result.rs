@@ -9,7 +9,6 @@ use std::path::Path;
 use serde_json::{Map, Value, json};
 
 use super::columns::list;
-use storage::error::{Error, Result};
 use scoring::evaluate::candidates::Candidates;
 use scoring::evaluate::clear::switches;
 use scoring::evaluate::detection::error;
@@ -21,6 +20,7 @@ use scoring::evaluate::track_set::TrackSet;
 use scoring::evaluate::truth::TrueParticles;
 use scoring::evaluate::{EvaluateOptions, Evaluation, Particles, evaluate};
 use scoring::results::{Conventions, Position};
+use storage::error::{Error, Result};
 
 /// Maximum number of points in a list.
 const MAX_LIST: usize = 500;

@@ -10,8 +10,8 @@ use microsig_core::render::{ImageStreams, Renderer};
 use microsig_core::sensor::{Detector, Image, Sensor};
 use microsig_core::stream::{Purpose, Streams};
 
-use storage::error::Result;
 use scenario::sensor;
+use storage::error::Result;
 use storage::save_bytes;
 
 /// Renderer, sensor and random streams: everything needed to make an image of particles.

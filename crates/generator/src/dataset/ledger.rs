@@ -9,12 +9,12 @@ use std::sync::{Mutex, PoisonError};
 
 use tempfile::SpooledTempFile;
 
-use storage::error::{Error, Result};
 use storage::checksums::{Fingerprint, Hash};
+use storage::error::{Error, Result};
 
 /// Entry of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct FrameEntry {
+pub(crate) struct FrameEntry {
     /// Number of visible particles.
     pub visible: u64,
     /// Fingerprint of its data file.
@@ -31,25 +31,25 @@ const IN_MEMORY: usize = 1 << 15;
 
 /// Fingerprints of files that this run has written.
 #[derive(Debug)]
-pub struct Ledger {
+pub(crate) struct Ledger {
     /// Entries of equal length, in the order of frames.
     frames: Mutex<SpooledTempFile>,
     others: BTreeMap<String, Fingerprint>,
 }
 
 impl Ledger {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let frames = Mutex::new(tempfile::spooled_tempfile(IN_MEMORY));
         Ledger { frames, others: BTreeMap::new() }
     }
 
     /// Adds a file that does not belong to a frame.
-    pub fn add(&mut self, path: &str, fingerprint: Fingerprint) {
+    pub(crate) fn add(&mut self, path: &str, fingerprint: Fingerprint) {
         self.others.insert(path.to_owned(), fingerprint);
     }
 
     /// The fingerprint of a file that does not belong to a frame, if it has been added.
-    pub fn other(&self, path: &str) -> Option<Fingerprint> {
+    pub(crate) fn other(&self, path: &str) -> Option<Fingerprint> {
         self.others.get(path).copied()
     }
 
@@ -57,7 +57,7 @@ impl Ledger {
     ///
     /// # Errors
     /// Writing to the system's temporary folder.
-    pub fn add_frame(&mut self, entry: &FrameEntry) -> Result<()> {
+    pub(crate) fn add_frame(&mut self, entry: &FrameEntry) -> Result<()> {
         let frames = self.frames.get_mut().unwrap_or_else(PoisonError::into_inner);
         let mut bytes = Vec::with_capacity(ENTRY);
         bytes.extend(entry.visible.to_le_bytes());
@@ -72,7 +72,7 @@ impl Ledger {
     ///
     /// # Errors
     /// Reading from the system's temporary folder.
-    pub fn frame(&self, index: u32) -> Result<FrameEntry> {
+    pub(crate) fn frame(&self, index: u32) -> Result<FrameEntry> {
         let mut frames = self.frames.lock().unwrap_or_else(PoisonError::into_inner);
         let mut bytes = [0; ENTRY];
         frames

@@ -5,9 +5,9 @@ use std::path::Path;
 use microsig_core::formats::settings_file;
 
 use super::secret;
-use storage::error::{Error, Result};
 use scenario::license::LICENSE;
 use scenario::{self, SCENARIO, Scenario};
+use storage::error::{Error, Result};
 use storage::{save_bytes, save_private};
 
 /// Writes these files into a dataset's folder.

@@ -2,8 +2,8 @@
 
 use flows::{Frame, RecordedTracks, RecordingStart, Scene, Sequence};
 
-use storage::error::Result;
 use scenario::{MotionSource, Scenario};
+use storage::error::Result;
 
 /// The source of the recordings' tracers.
 enum Subject<'a> {

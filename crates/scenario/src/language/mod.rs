@@ -18,9 +18,9 @@ pub(crate) mod write;
 
 use serde::de::DeserializeOwned;
 
-use storage::problem::Problem;
 use problems::Problems;
 use schema::Schema;
+use storage::problem::Problem;
 use text::Node;
 
 /// Converts a tree to a typed value, without the values that do not fit; `None` if required ones are missing.

@@ -3,9 +3,9 @@
 //! One parser reads both: JSON objects are RON maps, and a variant is `name(content)` in RON, `{"name":
 //! content}` in JSON. [`super::read`] interprets the values by the schema.
 
-use storage::problem::{Place, Problem, Source};
 use std::ops::Range;
 use std::sync::Arc;
+use storage::problem::{Place, Problem, Source};
 
 /// Nesting beyond this depth is refused before it can exhaust the stack.
 const MAX_DEPTH: usize = 100;

@@ -15,7 +15,8 @@ use serde_json::{Map, Value};
 use storage::error::{Error, Result};
 use storage::read_text;
 pub use write::{N_S, SNR, manifest};
-pub use write::{bit_depth, license, resource, waves, write};
+pub(crate) use write::{bit_depth, waves, write};
+pub use write::{license, resource};
 
 /// Name of the manifest file.
 pub const MANIFEST: &str = "datapackage.json";

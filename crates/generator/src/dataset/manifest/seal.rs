@@ -10,8 +10,8 @@ use serde::ser::{Error as _, SerializeSeq};
 use serde::{Serialize, Serializer};
 
 use super::{MANIFEST, Manifest, Resource};
-use storage::error::{Error, Result};
 use storage::checksums::{self, Fingerprint, SHA256SUMS};
+use storage::error::{Error, Result};
 use storage::folder::FilesBelow;
 use storage::journal::JOURNAL;
 use storage::save;

@@ -14,11 +14,11 @@ use super::{
 use crate::dataset::truth::Census;
 use crate::dataset::truth::depth::ParticleImage;
 use crate::dataset::{IMAGES, Ledger, Stem};
-use storage::error::{Error, Result};
 use scenario::license::License;
 use scenario::spec::Timing;
 use scenario::{Scenario, Weighting};
 use storage::checksums::{Fingerprint, fingerprint};
+use storage::error::{Error, Result};
 use storage::folder::Partial;
 use storage::tables::{Column, Table};
 
@@ -26,7 +26,7 @@ use storage::tables::{Column, Table};
 ///
 /// # Errors
 /// A file in the folder that this program did not write; writing.
-pub fn write(partial: &Partial, scenario: &Scenario, ledger: &Ledger, head: Manifest) -> Result<()> {
+pub(crate) fn write(partial: &Partial, scenario: &Scenario, ledger: &Ledger, head: Manifest) -> Result<()> {
     let (folder, tables) = (partial.folder(), crate::dataset::tables(scenario));
     seal(folder, &head, |path: &str| {
         if partial.lists(path) {
@@ -62,7 +62,7 @@ pub fn license(License { id, title, url }: License) -> LicenseEntry {
 }
 
 /// Bit depth of the images.
-pub fn bit_depth(scenario: &Scenario) -> u8 {
+pub(crate) fn bit_depth(scenario: &Scenario) -> u8 {
     scenario.detector.as_ref().map_or(16, |d| d.bits)
 }
 
@@ -133,7 +133,7 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
 }
 
 /// Light and objective for wave optics; `None` for other renderers.
-pub fn waves(scenario: &Scenario) -> Option<WaveFacts> {
+pub(crate) fn waves(scenario: &Scenario) -> Option<WaveFacts> {
     let RendererSpec::Waves { optics, tolerance } = scenario.spec.renderer() else { return None };
     let written = &scenario.spec.optics;
     Some(WaveFacts {

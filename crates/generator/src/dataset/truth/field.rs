@@ -18,8 +18,8 @@ use glam::DVec3;
 use microsig_core::quadrature::GAUSS_LEGENDRE_8;
 use rayon::prelude::*;
 
-use storage::error::Result;
 use scenario::{Nodes, Scenario, Weighting};
+use storage::error::Result;
 use storage::tables::{Column, Table, TableFile, TableWriter, column};
 use visibility::{DepthScan, ScanImage};
 

@@ -21,7 +21,7 @@ pub(crate) struct View<'a> {
     /// Factor on the light of the frame: pulse energy and bleaching.
     pub energy: f64,
     /// All tracers, in the order of the frame.
-    pub sights: Vec<Sight<'a>>,
+    pub(crate) sights: Vec<Sight<'a>>,
     /// The rows of the data file.
     pub rendered: Vec<Particle>,
 }
