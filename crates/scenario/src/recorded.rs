@@ -7,6 +7,7 @@ use microsig_core::render::Renderer;
 use microsig_core::{Particle, Spheroid};
 
 use super::language::problems::Problems;
+use super::particles::Cloud;
 use super::recordings::Recordings;
 
 /// Maximum number of problems, and of warnings, listed for single particles.
@@ -14,17 +15,18 @@ const MAX_LISTED: usize = 20;
 
 /// Checks that the particles of recorded tracks can be rendered, and warns of rows outside the depth range or
 /// after the last frame.
-#[allow(clippy::too_many_arguments, reason = "a part of `resolve`")]
 pub(super) fn check_tracks(
     tracks: &RecordedTracks,
-    diameters: &Diameters,
-    renderer: &Renderer,
-    scale: &Scale,
-    recordings: &Recordings,
-    z_um: (f64, f64),
+    cloud: &Cloud,
+    (diameters, renderer, scale): (&Diameters, &Renderer, &Scale),
+    (recordings, z_um): (&Recordings, (f64, f64)),
     warnings: &mut Vec<String>,
     problems: &mut Problems,
 ) {
+    if cloud.photons.is_some() && tracks.rows().iter().any(|row| row.c_int.is_some()) {
+        let what = "expected nothing: the column `c_int` of the tracks gives the brightness of particles";
+        problems.other("particles.photons", what);
+    }
     const KEY: &str = "motion.tracks.file";
     let (mut wrong, mut drawn_badly, mut beyond, mut late) = (0, 0, 0, 0);
     for row in tracks.rows() {

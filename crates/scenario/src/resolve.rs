@@ -83,14 +83,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let depth_range_um = illuminated_depths(z_um, &illumination, &mut problems);
     let seeding = match &motion {
         MotionSource::Field(_) => {
-            check_extreme_depths(
-                &spec,
-                (z_um, depth_factor),
-                &diameters,
-                &renderer,
-                &mut warnings,
-                &mut problems,
-            );
+            check_depths(&spec, (z_um, depth_factor), &diameters, &renderer, &mut warnings, &mut problems);
             warn_spacing(&spec, &mut warnings);
             let mean_um = diameters.mean();
             // Taken out temporarily, because `draw` borrows the rest of the scenario.
@@ -103,21 +96,8 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
             seeding
         }
         MotionSource::Tracks(tracks) => {
-            if cloud.photons.is_some() && tracks.rows().iter().any(|row| row.c_int.is_some()) {
-                let what =
-                    "expected nothing: the column `c_int` of the tracks gives the brightness of particles";
-                problems.other("particles.photons", what);
-            }
-            check_tracks(
-                tracks,
-                &diameters,
-                &renderer,
-                &scale,
-                &recordings,
-                z_um,
-                &mut warnings,
-                &mut problems,
-            );
+            let optics = (&diameters, &renderer, &scale);
+            check_tracks(tracks, &cloud, optics, (&recordings, z_um), &mut warnings, &mut problems);
             problems.of("particles", Seeding::list(Vec::new(), diameters))
         }
     };
@@ -133,12 +113,8 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         problems.of("particles and boundaries", seeding.density(&fluid, 0.0));
         let (longest_s, whole_s) = recordings.spans_s();
         problems.of("motion.flow.field", flows::step_estimate::check(field.as_ref(), &fluid, 0.0, longest_s));
-        warnings.extend(compression_warning(
-            field.as_ref(),
-            &fluid,
-            &scale.view(z_um.0, z_um.1, 0.0)?,
-            whole_s,
-        ));
+        let view = scale.view(z_um.0, z_um.1, 0.0)?;
+        warnings.extend(compression_warning(field.as_ref(), &fluid, &view, whole_s));
     }
     problems.finish()?;
     Ok(Scenario {
@@ -246,7 +222,7 @@ fn default_margin_px(
 }
 
 /// Checks that the particles nearest to the lens and farthest from it can be rendered.
-fn check_extreme_depths(
+fn check_depths(
     spec: &Spec,
     (z_um, depth_factor): ((f64, f64), f64),
     diameters: &flows::Diameters,
