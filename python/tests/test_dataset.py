@@ -188,7 +188,7 @@ def test_ctrl_c_ends_long_work_within_a_second_and_leaves_nothing(what, tmp_path
         import sys, time, microsig as ms
         scenario = {LONG!r}
         if {what!r} == "save":
-            dataset = ms.generate(scenario, set={{"timing.pairs.count": 4000}})
+            dataset = ms.generate(scenario, set={{"timing.pairs.count": 300}})
             print("ready", flush=True)
             work = lambda: dataset.save("out")
         else:
