@@ -64,6 +64,7 @@ def render(
     *,
     frame: int = 0,
     spheroids: Literal["original", "uniform"] = "original",
+    round_once: bool = False,
 ) -> NDArray[np.uint16]:
     """The image of some particles, as ``microsig render`` makes it.
 
@@ -76,6 +77,7 @@ def render(
     :param seed: seed of rays and noise, 0 to 2^64 - 1
     :param frame: number of the frame, which addresses its random numbers
     :param spheroids: which points of a spheroid shine: as in MicroSIG's program, or uniform in area
+    :param round_once: round light and noise to counts together, as datasets do; MicroSIG's program rounds the noise by itself
     :returns: uint16 (rows, columns), counts
     :raises ValueError: settings or particles that cannot be drawn, with the number of the particle
     """
@@ -89,7 +91,7 @@ def render(
         raise ValueError(f"frame = {frame}: expected a whole number, 0 to 2^32 - 1")
     text, name = _settings(settings)
     rows = _particles(particles)
-    image, said = _microsig.render(text, name, rows, mode == "expected", spheroids == "uniform", seed, frame)
+    image, said = _microsig.render(text, name, rows, mode == "expected", spheroids == "uniform", round_once, seed, frame)
     for warning in said:
         warnings.warn(warning, stacklevel=2)
     return image

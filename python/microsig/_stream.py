@@ -98,6 +98,7 @@ class Stream:
         batch: int = 32,
         *,
         crop: tuple[int, int] | None = None,
+        crop_at: Literal["center", "random"] = "center",
         vary: Mapping[str, Law] | None = None,
         seed: int = 0,
         set: Mapping[str, Any] | None = None,
@@ -115,8 +116,10 @@ class Stream:
 
         :param scenario: path, text (RON or JSON) or dict
         :param batch: samples of a batch
-        :param crop: rows and columns of the images: a sensor of this size in the middle of the scenario's field of view;
-            a number of particles is that of a sample
+        :param crop: rows and columns of the images
+        :param crop_at: ``center``: a smaller sensor in the middle of the scenario's field of view; a number of particles is
+            that of a sample. ``random``: a window of the scenario's image, at a place of its own for each sample
+            (:meth:`window`); the whole image is drawn, so that this takes longer.
         :param vary: what varies, by path of the scenario: :func:`uniform`, :func:`log_uniform`, :func:`integers`,
             :func:`choice`. Light, noise and numbers cost next to nothing; other keys resolve the scenario anew for each
             sample, and new optics make new tables.
@@ -144,11 +147,20 @@ class Stream:
             raise ValueError(f"particles = {particles}: expected at least 0")
         if not 0 <= seed < 2**64:
             raise ValueError(f"seed = {seed}: expected a whole number, 0 to 2^64 - 1")
+        if crop_at not in ("center", "random"):
+            raise ValueError(f"crop_at = {crop_at!r}: expected one of center, random")
         if flow_components not in (2, 3):
             raise ValueError(f"flow_components = {flow_components}: expected 2 or 3")
         values = dict(set or {})
+        window = None
         if crop is not None:
-            values |= {"optics.pixel_dim_y": int(crop[0]), "optics.pixel_dim_x": int(crop[1])}
+            rows, columns = (int(side) for side in crop)
+            if crop_at == "center":
+                values |= {"optics.pixel_dim_y": rows, "optics.pixel_dim_x": columns}
+            elif min(rows, columns) < 1 or max(rows, columns) >= 2**31:
+                raise ValueError(f"crop = {crop}: expected at least a pixel")
+            else:
+                window = (rows, columns)
         self._batch, self._ahead_by = int(batch), int(ahead)
         wanted: _microsig.Labels = {
             "boxes": "boxes" in labels,
@@ -166,7 +178,8 @@ class Stream:
         number = (2 if "flow" in labels else 1) if frames is None else int(frames)
         if not 1 <= number < 2**31:
             raise ValueError(f"frames = {number}: expected at least 1")
-        self._arguments = (_scenario.text(scenario, None, values), laws, int(seed), split == "val", number, wanted, particles)
+        text = _scenario.text(scenario, None, values)
+        self._arguments = (text, laws, int(seed), split == "val", number, wanted, int(particles), window)
         self._position = 0
         self._process = -1
         self._start()
@@ -243,6 +256,10 @@ class Stream:
         """The values of a sample that vary, by path."""
         return {path: _parsed(value) for path, value in self._samples.values(index)}
 
+    def window(self, index: int) -> tuple[int, int] | None:
+        """First row and column of a sample in the images of its scenario, from 0, with ``crop_at="random"``; else None."""
+        return self._samples.window(index)
+
     def scenario(self, index: int) -> dict[str, Any]:
         """The scenario of a sample, every default written out: :func:`generate` makes a dataset of it that begins with it."""
         self._start()
@@ -252,8 +269,8 @@ class Stream:
     @property
     def fingerprint(self) -> str:
         """A hash of all that samples depend on."""
-        text, laws, seed, split, frames, wanted, rows = self._arguments
-        told = [text["text"], text["assignments"], laws, seed, split, frames, wanted]
+        text, laws, seed, split, frames, wanted, rows, window = self._arguments
+        told = [text["text"], text["assignments"], laws, seed, split, frames, wanted, window]
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
     def state_dict(self) -> dict[str, Any]:

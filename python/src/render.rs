@@ -8,6 +8,7 @@ use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::{data_file, settings_file};
 use microsig_core::render::RendererSpec;
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
+use microsig_core::sensor::NoiseRounding;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
@@ -16,6 +17,7 @@ use crate::run::{OnInterrupt, run};
 /// An image of particles, (rows, columns), and warnings about it. `settings` is the text of a settings file,
 /// which `name` is in messages; `rows` are those of a data file.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the options of the command")]
 fn render<'py>(
     py: Python<'py>,
     settings: String,
@@ -23,6 +25,7 @@ fn render<'py>(
     rows: PyReadonlyArray2<'py, f64>,
     expected: bool,
     uniform: bool,
+    round_once: bool,
     seed: u64,
     frame: u32,
 ) -> PyResult<(Bound<'py, PyArray2<u16>>, Vec<String>)> {
@@ -40,10 +43,11 @@ fn render<'py>(
     } else {
         RendererSpec::Rays { spheroids }
     };
+    let rounding = if round_once { NoiseRounding::AfterSum } else { NoiseRounding::BeforeSum };
     let (image, warnings) = run(py, false, OnInterrupt::Leave, move |_| {
         let read = settings_file::read(settings.as_bytes(), &name)?;
         let particles = data_file::read(text.as_bytes(), "particles")?;
-        let (image, more) = render_particles(&read.settings, renderer, &particles, (seed, frame))?;
+        let (image, more) = render_particles(&read.settings, renderer, &particles, (seed, frame), rounding)?;
         Ok((image, read.warnings.into_iter().chain(more).collect()))
     })?;
     let size = [image.height as usize, image.width as usize];

@@ -75,6 +75,7 @@ impl Samples {
         frames: u32,
         labels: Labels,
         rows: usize,
+        window: Option<(u32, u32)>,
     ) -> PyResult<Self> {
         let stream = run(py, false, OnInterrupt::Leave, move |_| {
             let flow = labels.flow_depth_um.map_or(Flow::Mean, Flow::At);
@@ -102,6 +103,7 @@ impl Samples {
                     heatmap_sigma_px: labels.heatmap_sigma_px,
                 },
                 rows,
+                window: window.map(|(height, width)| (width, height)),
             })
         })?;
         Ok(Samples(Arc::new(stream)))
@@ -121,6 +123,11 @@ impl Samples {
     /// The values of a sample that vary, as written in a scenario.
     fn values(&self, index: u64) -> Vec<(String, String)> {
         self.0.values(index).into_iter().map(|(path, drawn)| (path.to_owned(), drawn.text)).collect()
+    }
+
+    /// First row and column of the window of a sample, from 0.
+    fn window(&self, index: u64) -> Option<(usize, usize)> {
+        self.0.window(index).map(|window| (window.top, window.left))
     }
 
     /// The scenario of a sample as JSON and as RON.

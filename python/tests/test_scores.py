@@ -14,12 +14,20 @@ def test_particles_are_rendered_as_the_command_does(tmp_path):
     dataset = ms.generate(SMALL, set={"particles.diameter_um": {"uniform": {"min": 1, "max": 3}}})
     folder = dataset.save(tmp_path / "d")
     rows = np.loadtxt(folder / "particles/pair_00001_a.txt", ndmin=2)
-    image = ms.render(folder / "settings.txt", rows, seed=0, frame=2)
+    image = ms.render(folder / "settings.txt", rows, seed=0, frame=2, round_once=True)
     np.testing.assert_array_equal(image, dataset.images[2])
-    np.testing.assert_array_equal(ms.render(dataset.settings, rows, frame=2), image)
+    np.testing.assert_array_equal(ms.render(dataset.settings, rows, frame=2, round_once=True), image)
     seen = dataset.tracks[(dataset.tracks["frame"] == 2) & (dataset.tracks["rendered"] == 1)]
-    np.testing.assert_array_equal(ms.render(dataset.settings, seen, frame=2), image)
-    np.testing.assert_array_equal(ms.render(dataset.settings, seen.origin(0), frame=2), image)
+    np.testing.assert_array_equal(ms.render(dataset.settings, seen, frame=2, round_once=True), image)
+    np.testing.assert_array_equal(ms.render(dataset.settings, seen.origin(0), frame=2, round_once=True), image)
+    settings, data = folder / "settings.txt", folder / "particles/pair_00001_a.txt"
+    ran = command("render", settings, data, tmp_path / "r", "--seed", "3", "--first-frame", "2")
+    assert ran.returncode == 0, ran.stderr
+    image = ms.render(settings, rows, seed=3, frame=2)
+    written = pytest.importorskip("matplotlib.image").pil_to_array(
+        pytest.importorskip("PIL.Image").open(tmp_path / "r/pair_00001_a.tif")
+    )
+    np.testing.assert_array_equal(image, written)
     expected = ms.render(dataset.settings, rows, "expected")
     assert expected.shape == image.shape and not np.array_equal(expected, image)
     quiet = dict(dataset.settings, background_noise=0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import pickle
@@ -103,17 +104,104 @@ def test_a_stream_goes_on_where_it_was():
         stream(seed=6).load_state_dict(state)
 
 
+#: In focus, without walls: a sample takes a tenth of a millisecond.
+PLAIN = """(
+    name: "plain",
+    optics: (gaussian: (diameter_px: 2, reference_um: 2, peak_counts: 200), pixel_dim_x: 16, pixel_dim_y: 16),
+    motion: flow(field: uniform()),
+    particles: (number: count(2)),
+    boundaries: (z_um: (-5, 5)),
+    timing: pairs(count: 1),
+)"""
+
+
+def plain() -> ms.Stream:
+    return ms.Stream(PLAIN, batch=50, seed=3, vary={"optics.background_noise": ms.uniform(0, 50)})
+
+
 def test_a_killed_stream_that_is_resumed_at_sample_10000_gives_what_it_would_have_given(tmp_path):
-    plain = dict(labels=(), crop=(16, 16), batch=50, frames=1)
-    uninterrupted = stream(**plain)
-    digest = []
+    uninterrupted, sums = plain(), {}
     for batch in uninterrupted:
-        digest.append(batch["image"].sum())
-        if uninterrupted.position == 10_100:
+        sums[int(batch["index"][0])] = int(batch["image"].astype(np.int64).sum())
+        if uninterrupted.position == 10_200:
             break
-    resumed = stream(**plain)
-    resumed.load_state_dict({"position": 10_000, "fingerprint": uninterrupted.fingerprint})
-    assert [next(resumed)["image"].sum() for _ in range(2)] == digest[-2:]
+    assert len(set(sums.values())) > 200
+    program = textwrap.dedent(
+        f"""
+        import json, sys, time
+        sys.path.insert(0, {os.path.dirname(__file__)!r})
+        from test_stream import plain
+        stream = plain()
+        for batch in stream:
+            if stream.position == 10_000:
+                print(json.dumps(stream.state_dict()), flush=True)
+                time.sleep(60)
+        """
+    )
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    state = json.loads(process.stdout.readline())
+    process.kill()
+    assert process.wait(timeout=60) == -signal.SIGKILL
+    resumed = plain()
+    resumed.load_state_dict(state)
+    for first in (10_000, 10_050, 10_100, 10_150):
+        assert int(next(resumed)["image"].astype(np.int64).sum()) == sums[first]
+
+
+def test_any_sample_is_that_of_any_batch():
+    """Streams of arguments drawn at random: samples equal those of batches that begin anywhere."""
+    random = np.random.default_rng(11)
+    for _ in range(12):
+        labels = [label for label in LABELS if random.random() < 0.5]
+        window = dict(crop=(24, 32), crop_at="random") if random.random() < 0.5 else dict(crop=(24, 32))
+        arguments = dict(labels=labels, seed=int(random.integers(2**63)), split=str(random.choice(["train", "val"])))
+        vary = {path: law for path, law in VARY.items() if random.random() < 0.7}
+        drawn = stream(vary=vary, batch=int(random.integers(1, 6)), **window, **arguments)
+        first = int(random.integers(2**40))
+        drawn.seek(first)
+        batch = next(drawn)
+        again = stream(vary=vary, batch=1, **window, **arguments)
+        for k in random.permutation(drawn.batch):
+            sample = again[first + int(k)]
+            particles = len(sample["mask"])
+            assert batch["index"][k] == sample["index"] == first + k
+            same(trimmed({n: v[k] for n, v in batch.items()}, particles), sample)
+            assert not batch["mask"][k][particles:].any() and not batch["particles"][k][particles:].any()
+
+
+def test_windows_are_parts_of_datasets():
+    wide = stream(crop=(20, 30), crop_at="random", vary={}, set={"particles.number.count": 12})
+    whole = stream(crop=None, vary={}, set={"particles.number.count": 12})
+    assert wide.shape == (20, 30)
+    places = {wide.window(k) for k in range(200)}
+    assert len(places) > 150
+    rows, columns = zip(*places)
+    assert (min(rows), min(columns)) == (0, 0) and max(rows) > 40 and max(columns) > 60
+    seen = 0
+    for index in range(8):
+        part, full = wide[index], whole[index]
+        row, column = wide.window(index)
+        cut = np.s_[..., row : row + 20, column : column + 30]
+        for name in ("image", "clean", "heatmap", "flow"):
+            np.testing.assert_array_equal(part[name], full[name][cut])
+        dataset = ms.generate(wide.scenario(index))
+        np.testing.assert_array_equal(part["image"], dataset.images[:2][cut])
+        x, y = full["particles"][:, 0] - column, full["particles"][:, 1] - row
+        inside = (x >= 0.5) & (x < 30.5) & (y >= 0.5) & (y < 20.5)
+        assert len(part["mask"]) == inside.sum()
+        np.testing.assert_array_equal(part["particles"][:, 2:], full["particles"][inside][:, 2:])
+        np.testing.assert_allclose(part["particles"][:, 0], x[inside])
+        for new, old in enumerate(np.flatnonzero(inside)):
+            own = full["instances"][cut] == old + 1
+            np.testing.assert_array_equal(part["instances"] == new + 1, own)
+            assert (part["depth"][own] == full["boxes"][old, 4]).all()
+            seen += own.sum()
+        assert np.isnan(part["depth"][part["instances"] == 0]).all()
+    assert seen > 100
+    assert stream().window(0) is None
+    with pytest.raises(ValueError, match="at most 64 rows and 96 columns"):
+        stream(crop=(65, 10), crop_at="random")
 
 
 def test_seeds_splits_and_values_differ():
@@ -189,6 +277,8 @@ def test_flow_is_that_of_the_field():
         ({"frames": 0}, "frames"),
         ({"frames": 1}, "flow"),
         ({"batch": 0}, "batch"),
+        ({"crop_at": "left"}, "crop_at"),
+        ({"crop": (0, 10), "crop_at": "random"}, "crop"),
         ({"split": "test"}, "split"),
         ({"share": 2.0}, "share"),
         ({"heatmap_sigma_px": 0.0}, "heatmap_sigma_px"),

@@ -16,6 +16,7 @@ use crate::domain::Domain;
 use crate::field::VelocityField;
 use crate::region::{Axis, Region};
 use glam::DVec3;
+use std::sync::{Mutex, PoisonError};
 
 /// Maximum number of reflections of one step, and of passes over box, field and bodies when a particle is
 /// moved out of walls.
@@ -29,18 +30,50 @@ const MAX_CELLS: usize = 1 << 18;
 /// for clearances at curved or joined walls, which may exceed the true distance by up to this factor.
 const SOLID_DEPTH: f64 = 3.0;
 
+/// Volume fractions that are kept.
+const MAX_KEPT: usize = 16;
+
+/// The latest results of [`FluidRegion::share`] for one field, box and set of bodies: a region that is seeded
+/// many times is measured once.
+#[derive(Debug, Default)]
+pub struct KeptShares(Mutex<Vec<(Region, f64, f64, f64)>>);
+
+impl KeptShares {
+    /// The fraction for a part, time and radius; `measure` finds what is not kept.
+    fn get(&self, (part, t, radius): (&Region, f64, f64), measure: impl FnOnce() -> f64) -> f64 {
+        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let fits = |kept: &&(Region, f64, f64, f64)| kept.0 == *part && (kept.1, kept.2) == (t, radius);
+        if let Some(kept) = lock().iter().find(fits) {
+            return kept.3;
+        }
+        let share = measure();
+        let mut kept = lock();
+        if kept.len() >= MAX_KEPT {
+            kept.remove(0);
+        }
+        kept.push((*part, t, radius, share));
+        share
+    }
+}
+
 /// The fluid region, bounded by a box, the walls of a field and bodies.
 #[derive(Debug, Clone, Copy)]
 pub struct FluidRegion<'a> {
-    field: &'a dyn VelocityField,
-    domain: &'a Domain,
-    bodies: &'a [Body],
+    pub(crate) field: &'a dyn VelocityField,
+    pub(crate) domain: &'a Domain,
+    pub(crate) bodies: &'a [Body],
+    pub(crate) kept: Option<&'a KeptShares>,
 }
 
 impl<'a> FluidRegion<'a> {
     /// The fluid of `field` inside the box and outside the bodies.
     pub fn new(field: &'a dyn VelocityField, domain: &'a Domain, bodies: &'a [Body]) -> Self {
-        FluidRegion { field, domain, bodies }
+        FluidRegion { field, domain, bodies, kept: None }
+    }
+
+    /// The same region with volume fractions that are kept; those of this field, box and bodies alone.
+    pub fn keeping(self, shares: &'a KeptShares) -> Self {
+        FluidRegion { kept: Some(shares), ..self }
     }
 
     /// The box.
@@ -110,6 +143,13 @@ impl<'a> FluidRegion<'a> {
         if self.field.wall(part.at(DVec3::splat(0.5)), t).is_none() && self.bodies.is_empty() {
             return 1.0;
         }
+        match self.kept {
+            None => self.measured_share(part, t, radius),
+            Some(kept) => kept.get((part, t, radius), || self.measured_share(part, t, radius)),
+        }
+    }
+
+    fn measured_share(&self, part: &Region, t: f64, radius: f64) -> f64 {
         let (mut free, mut cut, mut weight, mut seen) = (0.0, vec![*part], 1.0, 0);
         loop {
             seen += 2 * cut.len();

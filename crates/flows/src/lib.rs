@@ -100,7 +100,7 @@ pub use domain::{Boundary, Domain};
 pub use error::{Error, Result};
 pub use exposure::Shutter;
 pub use field::VelocityField;
-pub use fluid::FluidRegion;
+pub use fluid::{FluidRegion, KeptShares};
 pub use frame::{Displacement, Frame, RecordingStart, Streak, StreakPoint, Tracer};
 pub use friction::SpheroidFriction;
 pub use illumination::Illumination;

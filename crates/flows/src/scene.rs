@@ -7,7 +7,7 @@ use crate::drift::Drifting;
 use crate::error::Result;
 use crate::exposure::Shutter;
 use crate::field::VelocityField;
-use crate::fluid::FluidRegion;
+use crate::fluid::{FluidRegion, KeptShares};
 use crate::frame::Tracer;
 use crate::friction::SpheroidFriction;
 use crate::intensities::Intensities;
@@ -25,6 +25,7 @@ pub struct Scene<'a> {
     /// Density of seeding candidates, 1/um^3; those that overlap no wall become particles.
     pub(crate) density: f64,
     bodies: &'a [Body],
+    kept: Option<&'a KeptShares>,
     pub(crate) settling: Option<Settling>,
     pub(crate) brownian: Option<Brownian>,
     pub(crate) spheroids: Option<Spheroids>,
@@ -38,12 +39,18 @@ impl<'a> Scene<'a> {
     /// A scene without bodies, settling, Brownian motion or exposure time; `Err` if the seeding is
     /// incompatible with the domain or its fluid at t = 0 (see [`Seeding::density`]).
     pub fn new(field: &'a dyn VelocityField, domain: &'a Domain, seeding: &'a Seeding) -> Result<Self> {
+        Scene::in_fluid(FluidRegion::new(field, domain, &[]), seeding)
+    }
+
+    /// The same in a fluid region, which may have bodies that tracers do not enter.
+    pub fn in_fluid(fluid: FluidRegion<'a>, seeding: &'a Seeding) -> Result<Self> {
         Scene {
-            field,
-            domain,
+            field: fluid.field,
+            domain: fluid.domain,
             seeding,
             density: 0.0,
-            bodies: &[],
+            bodies: fluid.bodies,
+            kept: fluid.kept,
             settling: None,
             brownian: None,
             spheroids: None,
@@ -57,7 +64,7 @@ impl<'a> Scene<'a> {
 
     /// With bodies that tracers do not enter; `Err` if the seeding is incompatible with them.
     pub fn with_bodies(self, bodies: &'a [Body]) -> Result<Self> {
-        Scene { bodies, ..self }.seeded_at(0.0)
+        Scene { bodies, kept: None, ..self }.seeded_at(0.0)
     }
 
     /// With the candidate density recomputed for the walls at `t` (s).
@@ -98,7 +105,7 @@ impl<'a> Scene<'a> {
 
     /// The fluid region: the domain without bodies and walls of the field.
     pub fn fluid(&self) -> FluidRegion<'a> {
-        FluidRegion::new(self.field, self.domain, self.bodies)
+        FluidRegion { field: self.field, domain: self.domain, bodies: self.bodies, kept: self.kept }
     }
 
     /// The deterministic velocity field of particles of diameter `d_um` (um) whose symmetry axis is `axis`.

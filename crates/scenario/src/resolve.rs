@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use flows::scale::Scale;
-use flows::{Boundary, Domain, FluidRegion, Illumination, Seeding, Shutter, VelocityField};
+use flows::{Boundary, Domain, FluidRegion, Illumination, KeptShares, Seeding, Shutter, VelocityField};
 use microsig_core::formats::data_file::Layout;
 use microsig_core::render::Renderer;
 use microsig_core::sensor::Detector;
@@ -130,6 +130,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         scale,
         domain,
         depth_range_um,
+        fluid_shares: KeptShares::default(),
         seeding,
         cloud,
         recordings,

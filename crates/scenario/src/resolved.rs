@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use flows::scale::Scale;
 use flows::tracks::ParticleDefaults;
-use flows::{Domain, FluidRegion, Illumination, RecordedTracks, Scene, Seeding, Shutter, VelocityField};
+use flows::{
+    Domain, FluidRegion, Illumination, KeptShares, RecordedTracks, Scene, Seeding, Shutter, VelocityField,
+};
 use glam::DVec3;
 use microsig_core::Settings;
 use microsig_core::formats::data_file::Layout;
@@ -50,6 +52,8 @@ pub struct Scenario {
     pub domain: Domain,
     /// The depth range of the measurement, um.
     pub depth_range_um: (f64, f64),
+    /// Volume fractions of fluid in parts of the box that have been measured.
+    pub fluid_shares: KeptShares,
     /// Number, diameters and initial positions of the particles.
     pub seeding: Seeding,
     /// Other properties of the particles, and their motion besides the flow.
@@ -83,9 +87,8 @@ impl Scenario {
 
     /// The flow with particles, bodies and shutter, as the recordings of a field need it.
     pub fn scene<'a>(&'a self, field: &'a dyn VelocityField) -> Result<Scene<'a>> {
-        let scene = Scene::new(field, &self.domain, &self.seeding)?;
         let cloud = &self.cloud;
-        let scene = scene.with_bodies(&cloud.bodies)?.with_intensities(cloud.intensities);
+        let scene = Scene::in_fluid(self.fluid(field), &self.seeding)?.with_intensities(cloud.intensities);
         let scene = cloud.spheroids.into_iter().fold(scene, Scene::with_spheroids);
         let scene = cloud.brownian.into_iter().fold(scene, Scene::with_brownian);
         let scene = cloud.settling.into_iter().fold(scene, Scene::with_settling);
@@ -95,7 +98,7 @@ impl Scenario {
 
     /// The region with fluid: the box without the walls of the field and the bodies.
     pub fn fluid<'a>(&'a self, field: &'a dyn VelocityField) -> FluidRegion<'a> {
-        FluidRegion::new(field, &self.domain, &self.cloud.bodies)
+        FluidRegion::new(field, &self.domain, &self.cloud.bodies).keeping(&self.fluid_shares)
     }
 
     /// Properties of the particles of recorded tracks that the file does not give.

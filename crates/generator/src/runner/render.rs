@@ -173,8 +173,10 @@ pub fn render_particles(
     renderer: RendererSpec,
     particles: &[Particle],
     (seed, frame): (u64, u32),
+    rounding: NoiseRounding,
 ) -> Result<(Image, Vec<String>)> {
-    let camera = Camera::new(renderer.build(settings)?, Sensor::new(settings), Streams::new(seed));
+    let sensor = Sensor::new(settings).with_rounding(rounding);
+    let camera = Camera::new(renderer.build(settings)?, sensor, Streams::new(seed));
     let mut warnings: Vec<String> = camera.renderer().warning().into_iter().collect();
     limit(check_particles(particles, &camera, "particles")?, &mut warnings);
     let image = camera.image(particles, frame);

@@ -12,6 +12,7 @@ mod batch;
 mod labels;
 mod law;
 mod sampler;
+mod window;
 
 use std::path::PathBuf;
 
@@ -21,6 +22,7 @@ pub use law::{Drawn, Law};
 use sampler::Sampler;
 use scenario::{Scenario, load_text};
 use storage::error::{Error, Result};
+pub use window::Window;
 
 /// The two disjoint parts of the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,6 +56,8 @@ pub struct StreamOptions {
     pub labels: LabelOptions,
     /// Minimum number of rows for particles in a batch.
     pub rows: usize,
+    /// Columns and rows of a window of the images, drawn at random for each sample.
+    pub window: Option<(u32, u32)>,
 }
 
 /// An endless sequence of samples.
@@ -61,6 +65,7 @@ pub struct StreamOptions {
 pub struct SampleStream {
     options: StreamOptions,
     sampler: Sampler,
+    image_px: (u32, u32),
     size_px: (u32, u32),
 }
 
@@ -78,9 +83,17 @@ impl SampleStream {
         if let Some(twice) = paths.windows(2).find(|two| two[0] == two[1]) {
             return Err(Error::input(format!("vary {}: is given twice", twice[0])));
         }
-        let mut stream = SampleStream { options, sampler: Sampler::default(), size_px: (0, 0) };
+        let mut stream =
+            SampleStream { options, sampler: Sampler::default(), image_px: (0, 0), size_px: (0, 0) };
         let base = stream.scenario(0)?;
-        stream.size_px = (base.settings.pixel_dim_x, base.settings.pixel_dim_y);
+        stream.image_px = (base.settings.pixel_dim_x, base.settings.pixel_dim_y);
+        stream.size_px = stream.options.window.unwrap_or(stream.image_px);
+        let ((width, height), (most_x, most_y)) = (stream.size_px, stream.image_px);
+        if !(1..=most_x).contains(&width) || !(1..=most_y).contains(&height) {
+            return Err(Error::input(format!(
+                "crop = ({height}, {width}): expected at least a pixel, and at most {most_y} rows and {most_x} columns"
+            )));
+        }
         let there = base.recordings.frames_each();
         if stream.options.frames > there {
             let asked = stream.options.frames;
@@ -91,14 +104,10 @@ impl SampleStream {
         }
         stream.options.labels.check(&base, stream.options.frames)?;
         for (path, law) in &stream.options.vary {
-            law.check(path)?;
-            if path == "seed" {
-                return Err(Error::input("vary seed: every sample has a seed of its own"));
-            }
             for end in law.ends() {
                 let found = stream.with(0, Some((path, &end)))?;
                 let size_px = (found.settings.pixel_dim_x, found.settings.pixel_dim_y);
-                if size_px != stream.size_px {
+                if size_px != stream.image_px {
                     return Err(Error::input(format!(
                         "vary {path}: samples of a stream have images of one size"
                     )));
@@ -135,6 +144,11 @@ impl SampleStream {
         self.options.vary.iter().map(|(path, law)| (path.as_str(), law.draw(seed, path))).collect()
     }
 
+    /// The window of a sample in the images of its scenario; `None` if it has all of them.
+    pub fn window(&self, index: u64) -> Option<Window> {
+        self.options.window.map(|size| Window::draw(self.seed_of(index), size, self.image_px))
+    }
+
     /// The scenario of a sample.
     ///
     /// # Errors
@@ -162,7 +176,12 @@ impl SampleStream {
     /// An invalid combination of values; a trajectory that cannot be integrated.
     pub fn sample(&self, index: u64) -> Result<Sample> {
         let values = self.values(index);
-        self.sampler.sample(&self.options, (index, self.seed_of(index)), &values, || self.scenario(index))
+        let place = (index, self.seed_of(index));
+        let mut sample = self.sampler.sample(&self.options, place, &values, || self.scenario(index))?;
+        if let Some(window) = self.window(index) {
+            window.cut(&mut sample, self.image_px);
+        }
+        Ok(sample)
     }
 }
 
