@@ -83,6 +83,12 @@ impl SampleStream {
         if let Some(twice) = paths.windows(2).find(|two| two[0] == two[1]) {
             return Err(Error::input(format!("vary {}: is given twice", twice[0])));
         }
+        for (path, law) in &options.vary {
+            law.check(path)?;
+            if path == "seed" {
+                return Err(Error::input("vary seed: every sample has a seed of its own"));
+            }
+        }
         let mut stream =
             SampleStream { options, sampler: Sampler::default(), image_px: (0, 0), size_px: (0, 0) };
         let base = stream.scenario(0)?;
