@@ -156,7 +156,7 @@ def main() -> None:
             f"SynthPix ({versions}) makes {other:.1f} pairs a CPU second, `Stream` {rate:.1f}, {rate / other:.1f} times as many."
         )
     before, most, size = memory(10_000)
-    template = (Path(__file__).parent / "speed.md").read_text(encoding="utf-8")
+    template = (Path(__file__).parent / "speed.md.in").read_text(encoding="utf-8")
     report = template.format(
         machine=machine(),
         load=load,

@@ -2,13 +2,42 @@
 
 import os
 from pathlib import Path
-from typing import Any, TypedDict, final
+from typing import Any, TypedDict, final, type_check_only
 
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "Ahead",
+    "FlowField",
+    "Made",
+    "PARTICLE_COLUMNS",
+    "Samples",
+    "SweepCases",
+    "__version__",
+    "command",
+    "compare",
+    "copy_dataset",
+    "evaluate",
+    "field",
+    "fields",
+    "generate",
+    "image_size",
+    "manifest",
+    "methods",
+    "read_images",
+    "read_table",
+    "render",
+    "resolve",
+    "scenario_of",
+    "set_threads",
+    "sweep",
+    "track",
+]
+
 __version__: str
 
+@type_check_only
 class ScenarioText(TypedDict):
     text: str
     name: str
@@ -26,7 +55,7 @@ def manifest(dataset: str | os.PathLike[str]) -> str: ...
 def scenario_of(dataset: str | os.PathLike[str]) -> tuple[str, str, dict[str, float]]: ...
 def read_table(path: str | os.PathLike[str], kinds: dict[str, str]) -> dict[str, Any]: ...
 def read_images(paths: list[Path], width: int, height: int) -> NDArray[np.uint16]: ...
-def image_size(path: str | os.PathLike[str]) -> tuple[int, int]: ...
+def image_size(settings: str | os.PathLike[str]) -> tuple[int, int]: ...
 def copy_dataset(dataset: str | os.PathLike[str], out: str | os.PathLike[str], force: bool) -> None: ...
 @final
 class Made:
@@ -40,6 +69,7 @@ class Made:
     def warnings(self) -> list[str]: ...
     def save(self, out: str | os.PathLike[str], force: bool, show: bool) -> None: ...
 
+@type_check_only
 class How(TypedDict):
     format: str | None
     gate: str | None
@@ -58,6 +88,7 @@ class How(TypedDict):
     crlb: bool
     seed: int
 
+@type_check_only
 class Labels(TypedDict):
     boxes: bool
     instances: bool
