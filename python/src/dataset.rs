@@ -7,14 +7,14 @@ use std::sync::Arc;
 
 use generator::dataset::manifest::Manifest;
 use generator::runner::{GenerateOptions, MemoryDataset};
-use scenario::{self, Scenario};
-use storage::tables::Columns;
 use microsig_core::formats::tiff;
 use numpy::ndarray::ArrayView3;
 use numpy::{PyArray1, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use scenario::{self, Scenario};
+use storage::tables::Columns;
 
 use crate::columns::{arrays, table};
 use crate::run::{OnInterrupt, raise, run};

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use scenario::Scenario;
 use flows::eulerian::{central, forward};
 use flows::registry;
 use flows::scale::ImageVector;
@@ -11,6 +10,7 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
+use scenario::Scenario;
 
 use crate::dataset::ScenarioText;
 use crate::run::{OnInterrupt, run};

@@ -6,7 +6,6 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
-use storage::Error;
 use bench::cli::printable;
 use generator::runner::{Progress, Stop};
 use pyo3::exceptions::{
@@ -14,6 +13,7 @@ use pyo3::exceptions::{
 };
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
+use storage::Error;
 
 /// How often signals are looked for.
 const TICK: Duration = Duration::from_millis(50);

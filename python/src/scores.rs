@@ -2,14 +2,14 @@
 
 use std::path::PathBuf;
 
-use scoring::evaluate::gate::Shape;
-use scoring::evaluate::{EvaluateOptions, evaluate as evaluate_result};
 use bench::report;
-use scoring::results::{Conventions, Format, Origin};
-use scenario::{self, Sweep};
-use tracking::{METHODS, TrackOptions, track as track_dataset};
 use clap::ValueEnum;
 use pyo3::prelude::*;
+use scenario::{self, Sweep};
+use scoring::evaluate::gate::Shape;
+use scoring::evaluate::{EvaluateOptions, evaluate as evaluate_result};
+use scoring::results::{Conventions, Format, Origin};
+use tracking::{METHODS, TrackOptions, track as track_dataset};
 
 use crate::run::{OnInterrupt, run};
 
