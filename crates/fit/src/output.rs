@@ -37,7 +37,12 @@ pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, diameter_um: f64) -> 
         .iter()
         .flat_map(|p| fitted.planes.iter().map(move |plane| depth(plane.stage_um, p.z_um)));
     let (low, high) = depths.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| (l.min(z), h.max(z)));
-    let text = format!(
+    ("scenario.ron", twin(depth_factor, diameter_um, (low, high)).into_bytes())
+}
+
+/// Text of a scenario with the optics of `settings.txt` beside it; depths in physical um.
+fn twin(depth_factor: f64, diameter_um: f64, (low, high): (f64, f64)) -> String {
+    format!(
         "// Images as the scanned microscope would take them; made by `microsig fit`.\n\
          // Choose a flow (`microsig flows`), a number of particles and a timing of your own.\n(\n    name: \"twin\",\n    \
          description: \"Twin of a real microscope\",\n    optics: (settings: \"settings.txt\", depth_factor: {depth_factor}),\n    \
@@ -46,8 +51,7 @@ pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, diameter_um: f64) -> 
         round(diameter_um, 4),
         round(low, 2),
         round(high, 2),
-    );
-    ("scenario.ron", text.into_bytes())
+    )
 }
 
 fn round(value: f64, digits: i32) -> f64 {
@@ -77,4 +81,24 @@ pub(super) fn images(problem: &Problem, state: &State) -> Result<[OutputFile; 2]
         })?;
     }
     Ok([("model.tif", model.into_inner()), ("residual.tif", residual.into_inner())])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use microsig_core::Settings;
+
+    #[test]
+    fn the_twin_is_a_scenario() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut settings = Vec::new();
+        settings_file::write(&mut settings, &Settings::setting1()).unwrap();
+        std::fs::write(folder.path().join("settings.txt"), settings).unwrap();
+        let text = twin(1.33, 2.00004, (-60.123, 19.5));
+        let scenario = scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None).unwrap();
+        assert_eq!(
+            (scenario.spec.name.as_str(), scenario.spec.boundaries.z_um),
+            ("twin", Some((-60.12, 19.5)))
+        );
+    }
 }

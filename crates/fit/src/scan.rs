@@ -67,7 +67,7 @@ impl Scan {
         let n = planes.planes.len();
         let mut warnings = Vec::new();
         let stage_um = match positions {
-            StagePositions::Table(file) => read_positions(file, &planes.names)?,
+            StagePositions::Table(file) => read_positions(file, &planes.names, n)?,
             StagePositions::Step(step) => (0..n).map(|i| step * i as f64).collect(),
             StagePositions::FromFile => {
                 let step = planes.spacing_um.ok_or_else(|| {
@@ -267,8 +267,8 @@ struct Position {
     z_um: f64,
 }
 
-/// Reads the stage position of each plane (um) from a table.
-fn read_positions(file: &Path, names: &[String]) -> Result<Vec<f64>> {
+/// Reads the stage position of each of the `n` planes (um) from a table.
+fn read_positions(file: &Path, names: &[String], n: usize) -> Result<Vec<f64>> {
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .from_path(file)
@@ -294,10 +294,9 @@ fn read_positions(file: &Path, names: &[String]) -> Result<Vec<f64>> {
         found.push((page, record.z_um));
     }
     found.sort_by_key(|(page, _)| *page);
-    let planes = if names.is_empty() { None } else { Some(names.len()) };
-    if found.iter().enumerate().any(|(i, (page, _))| i != *page) || planes.is_some_and(|n| n != found.len()) {
+    if found.len() != n || found.iter().enumerate().any(|(i, (page, _))| i != *page) {
         return Err(Error::input(format!(
-            "{}: {} positions: expected one for each page from 0 on, each once",
+            "{}: {} positions: expected one for each of the {n} planes, pages counted from 0",
             file.display(),
             found.len()
         )));
@@ -308,6 +307,22 @@ fn read_positions(file: &Path, names: &[String]) -> Result<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_plane_needs_one_position() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("z.csv");
+        let read = |text: &str| {
+            std::fs::write(&file, text).unwrap();
+            read_positions(&file, &[], 3).map_err(|e| e.to_string())
+        };
+        assert_eq!(read("page,z_um\n2,4\n0,0\n1,2\n"), Ok(vec![0.0, 2.0, 4.0]));
+        for text in ["page,z_um\n0,0\n1,2\n", "page,z_um\n0,0\n1,2\n2,4\n3,6\n", "page,z_um\n0,0\n1,2\n1,4\n"]
+        {
+            assert!(read(text).unwrap_err().contains("expected one for each of the 3 planes"), "{text}");
+        }
+        assert!(read("page,z_um\n0,NaN\n").unwrap_err().contains("z.csv:2: z_um = NaN"));
+    }
 
     #[test]
     fn positions_must_be_monotonic() {
