@@ -21,7 +21,7 @@ use super::language::derive::schema_of;
 use super::language::schema::Schema;
 use super::license::LICENSES;
 pub use super::motion::{FieldPlacement, Flow, Motion, Tracks};
-pub use super::objective::{Layers, Lens, Mask, Pinhole, Pupil};
+pub use super::objective::Lens;
 pub use super::particles::{
     Brightness, Brownian, Diameter, Emitted, Growth, Number, Obstacle, Orientation, Particles, Photons,
     Placement, Settling, Spheroids,
@@ -29,6 +29,7 @@ pub use super::particles::{
 pub use super::rendering::{Emission, Render, RenderMode, SpheroidPoints};
 pub use super::timing::{Flashes, FourPulse, PairSeeding, Pairs, Sequence, Timing};
 pub use super::truth_grid::{FieldGrid, Planes, TruthGrid, Weighting};
+pub use microsig_core::render::waves::{Layers, Mask, Pinhole, PupilFunction as Pupil};
 
 /// A scenario: what is imaged, through which optics, and when.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -116,9 +117,9 @@ impl Spec {
             bandwidth_um: self.render.bandwidth_um.unwrap_or_default(),
             emission: self.render.emission.unwrap_or_default().into(),
             lens: lens.unwrap_or_default().into(),
-            pupil: pupil.as_ref().map(Into::into).unwrap_or_default(),
+            pupil: pupil.clone().unwrap_or_default(),
             cyl_angle_deg: cyl_angle_deg.unwrap_or_default(),
-            layers: layers.map(Into::into),
+            layers: *layers,
         }
     }
 }

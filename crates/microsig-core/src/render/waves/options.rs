@@ -87,64 +87,113 @@ impl Lens {
     }
 }
 
-/// Mask and aberrations of the pupil, in units of its radius; axes as in the image, x to the right, y down.
-#[derive(Debug, Clone, PartialEq, Default)]
+/// The pupil of the objective, in units of its radius; x to the right and y down as in the image.
+#[derive(Debug, Clone, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(rename = "Pupil"))]
 pub struct PupilFunction {
-    /// The open part of the pupil.
+    /// The open part of the pupil; the rest blocks light.
     pub mask: Mask,
-    /// Aberrations: Noll's index, 2 to 66, and the coefficient, waves rms at the center wavelength (an
-    /// optical path, which is the same in um over the band). The azimuth is measured from x toward y.
+    /// Aberrations: Noll's index (2 to 66) and the coefficient, waves rms at `wavelength_um`; 6 is
+    /// astigmatism along x and y, 11 spherical aberration.
+    #[cfg_attr(feature = "schema", schemars(extend("x-unit" = "waves"), example = [(6, 0.1), (11, -0.05)]))]
     pub zernike: Vec<(u32, f64)>,
 }
 
-/// The open part of the pupil. Masks block light; intensities are not rescaled.
-#[derive(Debug, Clone, PartialEq, Default)]
+/// The open part of the pupil.
+#[derive(Debug, Clone, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Mask {
-    /// The entire pupil.
+    /// All of it.
     #[default]
     Open,
-    /// The part outside a radius.
+    /// A ring.
     Annulus {
-        /// Inner radius, in units of the pupil's radius, in [0, 1).
+        /// Inner radius, in units of the pupil's radius.
+        #[cfg_attr(feature = "schema", schemars(extend("x-range" = ">= 0 and < 1"), example = 0.5))]
         inner: f64,
     },
-    /// Discs that do not overlap.
-    Pinholes(Vec<Pinhole>),
+    /// Discs inside the pupil that do not overlap, as in a plate with pinholes.
+    Pinholes(
+        #[cfg_attr(feature = "schema", schemars(length(min = 1), example = [Pinhole { x: 0.0, y: 0.6, r: 0.2 }]))]
+         Vec<Pinhole>,
+    ),
 }
 
 /// An open disc, in units of the pupil's radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Pinhole {
     /// Center, to the right.
+    #[cfg_attr(feature = "schema", schemars(range(min = -1.0, max = 1.0)))]
     pub x: f64,
     /// Center, down.
+    #[cfg_attr(feature = "schema", schemars(range(min = -1.0, max = 1.0)))]
     pub y: f64,
     /// Radius.
+    #[cfg_attr(feature = "schema", schemars(extend("x-range" = "> 0 and <= 1")))]
     pub r: f64,
 }
 
+impl Default for Pinhole {
+    /// A pinhole in the middle of the pupil.
+    fn default() -> Self {
+        Pinhole { x: 0.0, y: 0.0, r: 0.2 }
+    }
+}
+
 /// The layers between a particle and the objective, and those that the objective was designed for (Gibson and
-/// Lanni 1991).
+/// Lanni 1991). Depths are physical: `depth_factor` is 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Layers {
     /// Refractive index of the medium around the particles.
+    #[cfg_attr(feature = "schema", schemars(range(min = 1.0, max = 4.0)))]
     pub n_s: f64,
     /// Refractive index of the cover slip.
+    #[cfg_attr(feature = "schema", schemars(range(min = 1.0, max = 4.0)))]
     pub n_g: f64,
-    /// Thickness of the cover slip, um.
+    /// Thickness of the cover slip.
+    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1e6)))]
     pub t_g_um: f64,
     /// Refractive index of the cover slip that the objective was designed for.
+    #[cfg_attr(feature = "schema", schemars(range(min = 1.0, max = 4.0)))]
     pub n_g_design: f64,
-    /// Thickness of the cover slip that the objective was designed for, um.
+    /// Thickness of the cover slip that the objective was designed for; 0: none.
+    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1e6)))]
     pub t_g_design_um: f64,
-    /// Refractive index of the immersion; 1 for a dry objective.
+    /// Refractive index of the immersion; 1: a dry objective.
+    #[cfg_attr(feature = "schema", schemars(range(min = 1.0, max = 4.0)))]
     pub n_i: f64,
     /// Refractive index of the immersion that the objective was designed for.
+    #[cfg_attr(feature = "schema", schemars(range(min = 1.0, max = 4.0)))]
     pub n_i_design: f64,
-    /// Working distance that the objective was designed for, um.
+    /// Working distance of the objective.
+    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1e6)))]
     pub t_i_design_um: f64,
-    /// Depth of the plane z = 0, which is in paraxial focus, below the inner face of the cover slip, um.
+    /// Depth of the plane z = 0, which is in paraxial focus, below the inner face of the cover slip.
+    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1e6)))]
     pub focus_depth_um: f64,
+}
+
+impl Default for Layers {
+    /// Water below a 0.17 mm cover slip, for which the dry objective was designed; the focus is 100 um deep.
+    fn default() -> Self {
+        Layers {
+            n_s: 1.33,
+            n_g: 1.515,
+            t_g_um: 170.0,
+            n_g_design: 1.515,
+            t_g_design_um: 170.0,
+            n_i: 1.0,
+            n_i_design: 1.0,
+            t_i_design_um: 1000.0,
+            focus_depth_um: 100.0,
+        }
+    }
 }
 
 impl Layers {
