@@ -1,5 +1,5 @@
-//! The `microsig` command ([`cli`]) and what it alone needs: challenges ([`release`]), reports of scores ([`report`]),
-//! results in the formats of others ([`export`]), plots of flows and the pages of `microsig view`.
+//! The `microsig` command ([`cli`]) and what it alone needs: challenges ([`release`]), reports of scores
+//! ([`report`]), results in the formats of others ([`export`]), plots of flows and the pages of `microsig view`.
 
 pub mod cli;
 pub mod export;

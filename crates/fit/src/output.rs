@@ -44,8 +44,8 @@ pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, diameter_um: f64) -> 
 fn twin(depth_factor: f64, diameter_um: f64, (low, high): (f64, f64)) -> String {
     format!(
         "// Images as the scanned microscope would take them; made by `microsig fit`.\n\
-         // Choose a flow (`microsig flows`), a number of particles and a timing of your own.\n(\n    name: \"twin\",\n    \
-         description: \"Twin of a real microscope\",\n    optics: (settings: \"settings.txt\", depth_factor: {depth_factor}),\n    \
+         // Choose a flow (`microsig flows`), a number of particles and a timing of your own.\n\
+         (\n    name: \"twin\",\n    description: \"Twin of a real microscope\",\n    optics: (settings: \"settings.txt\", depth_factor: {depth_factor}),\n    \
          motion: flow(field: poiseuille()),\n    particles: (number: n_s(0.1), diameter_um: constant({})),\n    \
          boundaries: (z_um: ({}, {})),\n    timing: pairs(count: 10),\n)\n",
         round(diameter_um, 4),

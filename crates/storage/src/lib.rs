@@ -1,5 +1,5 @@
-//! Files and folders written atomically, checksums and locks; the columns of tables ([`tables`]); the errors of
-//! all verbs ([`error`], [`problem`]).
+//! Files and folders written atomically, checksums and locks; the columns of tables ([`tables`]); the errors
+//! of all verbs ([`error`], [`problem`]).
 
 pub mod checksums;
 pub mod error;
