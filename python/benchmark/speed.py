@@ -28,7 +28,7 @@ import numpy as np  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 SYNTHPIX = ROOT / "xtask/src/bench/peers/synthpix_pairs.py"
-REPEATS = 5
+REPEATS = 3
 
 IN_FOCUS = """(
     name: "in_focus",
@@ -55,14 +55,14 @@ DEFOCUSED = """(
 
 #: Samples by name: scenario, arguments of the stream, samples of a timed run.
 CASES = {
-    "in-focus pairs, 512 x 512 px, 0.03 particles per pixel": (IN_FOCUS, dict(frames=2, batch=10), 400),
-    "defocused, 128 x 128 px, 5 particles, rays, with clean": (DEFOCUSED, dict(labels=["clean"]), 3000),
-    "defocused, 128 x 128 px, 5 particles, rays": (DEFOCUSED, dict(), 3000),
+    "in-focus pairs, 512 x 512 px, 0.03 particles per pixel": (IN_FOCUS, dict(frames=2, batch=10), 200),
+    "defocused, 128 x 128 px, 5 particles, rays, with clean": (DEFOCUSED, dict(labels=["clean"]), 1600),
+    "defocused, 128 x 128 px, 5 particles, rays": (DEFOCUSED, dict(), 1600),
     "defocused, 128 x 128 px, 5 particles, expected, with clean": (
-        DEFOCUSED, dict(labels=["clean"], set={"render.mode": "expected"}), 3000,
+        DEFOCUSED, dict(labels=["clean"], set={"render.mode": "expected"}), 1600,
     ),
     "defocused, 128 x 128 px, all labels of particles": (
-        DEFOCUSED, dict(labels=["boxes", "instances", "heatmap", "depth", "clean"]), 2000,
+        DEFOCUSED, dict(labels=["boxes", "instances", "heatmap", "depth", "clean"]), 960,
     ),
 }  # fmt: skip
 
@@ -106,7 +106,7 @@ def memory(batches: int) -> tuple[float, float, int]:
     def resident() -> float:
         return int(Path("/proc/self/statm").read_text().split()[1]) * page / 1e6
 
-    drawn = ms.Stream(IN_FOCUS, batch=16, crop=(64, 64), vary={"optics.background_noise": ms.uniform(0, 50)})
+    drawn = ms.Stream(IN_FOCUS, batch=8, crop=(64, 64), vary={"optics.background_noise": ms.uniform(0, 50)})
     most = before = 0.0
     for number, batch in zip(range(batches), drawn):
         if number == 500:
