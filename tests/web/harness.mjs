@@ -85,7 +85,7 @@ export async function look(address, { width = 1280, height = 720, theme = "light
       page.faults.push(message.text());
     }
   });
-  if (process.env.MICROSIG_PAGE) {
+  if (process.env.MICROSIG_PAGE && address.startsWith("http")) {
     // While the page is written: its files as they are now, not those in the command.
     await page.route(address.split("#")[0], (route) => route.fulfill({ path: join(process.env.MICROSIG_PAGE, "index.html") }));
     await page.route(/\/page\/[^/]+$/, (route) => route.fulfill({ path: join(process.env.MICROSIG_PAGE, route.request().url().split("/").pop()) }));

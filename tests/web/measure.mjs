@@ -1,6 +1,7 @@
 // Times and memory of `microsig view`: node measure.mjs [FOLDER]; prints the rows of results/view/README.md.
 
-import { readFileSync, writeFileSync } from "node:fs";
+import { existsSync, readFileSync, writeFileSync } from "node:fs";
+import { loadavg } from "node:os";
 import { join } from "node:path";
 import { closeBrowser, folder, generate, look, microsig, serve } from "./harness.mjs";
 
@@ -15,11 +16,12 @@ const LARGE = quickstart
 /** Peak memory of a process, MB. */
 const peakMb = (pid) => Number(/VmHWM:\s+(\d+)/.exec(readFileSync(`/proc/${pid}/status`, "utf8"))[1]) / 1024;
 
-const rows = [];
-const tell = (what, value, bar) => {
-  rows.push([what, value, bar]);
-  console.log(`| ${what} | ${value} | ${bar} |`);
-};
+const tell = (what, value, bar) => console.log(`| ${what} | ${value} | ${bar} | ${loadavg()[0].toFixed(1)} |`);
+
+/** Makes a dataset unless it is there already. */
+const dataset = (name, text, ...args) => (existsSync(join(place, name)) ? join(place, name) : generate(place, name, text, ...args, "--set", "calibration=none"));
+
+console.log("| what | found | bar | load before |\n|---|---|---|---|");
 
 /** Times from a key to the whole preview, ms. */
 async function typing(text, edits) {
@@ -32,11 +34,6 @@ async function typing(text, edits) {
   const times = [];
   const firsts = [];
   for (let k = 0; k < edits; k++) {
-    await page.evaluate(() => {
-      window.firstFrame = null;
-      const buttons = document.querySelectorAll(".preview canvas");
-      window.oldPixels = buttons.length;
-    });
     await page.locator("textarea").focus();
     await page.locator("textarea").evaluate((area) => {
       const at = area.value.indexOf("seed: ") + 6;
@@ -62,7 +59,7 @@ const large = await typing(LARGE, 5);
 tell("2048 x 2048 px, 500 particles, the same (of 5)", `${large.frame} / ${large.all}, ${large.worst} ms`, "2000 ms");
 tell("peak memory of the server, previews of 2048 x 2048 px", `${large.mb.toFixed(0)} MB`, "300 MB");
 
-const long = generate(place, "long", quickstart, "--resume", "--set", "timing=sequence(frames: 10000, dt_s: 0.0005)", "--set", "calibration=none");
+const long = dataset("long", quickstart, "--set", "timing=sequence(frames: 10000, dt_s: 0.0005)");
 {
   const server = await serve(long, "--stay");
   const began = Date.now();
@@ -100,7 +97,7 @@ const long = generate(place, "long", quickstart, "--resume", "--set", "timing=se
   await server.end();
 }
 {
-  const large = generate(place, "large", LARGE, "--resume", "--set", "timing.pairs.count=20", "--set", "calibration=none");
+  const large = dataset("large", LARGE, "--set", "timing.pairs.count=20");
   const server = await serve(large, "--stay");
   const page = await look(`${server.address}#dataset`, { width: 2560, height: 1440 });
   await page.waitForFunction(() => document.querySelector(".frame-name")?.textContent);

@@ -1,6 +1,6 @@
 // Screenshots of all pages, light and dark, small and large: node shots.mjs [FOLDER]
 
-import { mkdirSync, writeFileSync } from "node:fs";
+import { mkdirSync, readFileSync, readdirSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { closeBrowser, folder, look, microsig, serve } from "./harness.mjs";
 
@@ -11,7 +11,7 @@ const place = folder();
 const scenario = process.env.SCENARIO ?? "../../scenarios/quickstart.ron";
 const dataset = join(place, "quickstart");
 microsig("generate", scenario, "--out", dataset, "--quiet", "--set", "timing.pairs.count=6", "--set", "particles.number.count=46");
-const results = ["spots", "aptv"].map((method) => {
+const results = ["aptv", "ncc"].map((method) => {
   const path = join(place, `${method}.csv`);
   microsig("track", dataset, "--method", method, "--out", path, "--quiet");
   return path;
@@ -21,8 +21,6 @@ writeFileSync(sweep, `(name: "noise_and_density", base: "${join(process.cwd(), s
   (path: "particles.number.count", values: list([20, 60, 160])), (path: "optics.background_noise", values: list([2, 40]))])`);
 const cases = join(place, "sweep");
 microsig("sweep", sweep, "--out", cases, "--quiet");
-import("node:fs").then(({ readdirSync }) => readdirSync(cases));
-const { readdirSync } = await import("node:fs");
 const trackers = ["spots", "aptv"].map((method) => join(place, method));
 for (const tracker of trackers) {
   mkdirSync(tracker);
@@ -31,11 +29,15 @@ for (const tracker of trackers) {
   }
 }
 const own = join(place, "quickstart.ron");
-writeFileSync(own, (await import("node:fs")).readFileSync(scenario));
+writeFileSync(own, readFileSync(scenario));
+const vectors = join(place, "piv_gaussian");
+microsig("generate", "../../scenarios/piv_gaussian.ron", "--out", vectors, "--quiet", "--set", "timing.pairs.count=3");
+microsig("track", vectors, "--method", "piv", "--out", join(place, "piv.csv"), "--quiet");
 
 const servers = {
   scenario: await serve(own, "--stay"),
   dataset: await serve(dataset, ...results, "--stay"),
+  field: await serve(vectors, join(place, "piv.csv"), "--stay"),
   sweep: await serve(cases, ...trackers, "--stay"),
 };
 
@@ -80,6 +82,17 @@ const shots = {
     await page.locator(".list tbody tr").nth(2).click();
     await page.waitForTimeout(800);
   },
+  "result-field": async (page) => {
+    await page.waitForFunction(() => window.microsig?.page("result")?.panes[0]?.vectors?.x_px.length > 0);
+    await page.waitForTimeout(800);
+  },
+  "dataset-field": async (page) => {
+    await page.waitForFunction(() => document.querySelector(".frame-name")?.textContent);
+    await page.getByLabel("Circles of the image's size").uncheck();
+    await page.getByLabel("Velocity", { exact: true }).uncheck();
+    await page.getByLabel("Field", { exact: true }).check();
+    await page.waitForTimeout(1200);
+  },
   board: async (page) => {
     await page.waitForFunction(() => [...document.querySelectorAll(".board td")].length && !document.querySelector(".board").textContent.includes("\u2026"));
     await page.waitForTimeout(500);
@@ -91,7 +104,7 @@ for (const [name, prepare] of Object.entries(shots)) {
     continue;
   }
   const kind = name.split("-")[0];
-  const server = kind === "board" ? servers.sweep : kind === "scenario" ? servers.scenario : servers.dataset;
+  const server = name.endsWith("-field") ? servers.field : kind === "board" ? servers.sweep : (servers[kind] ?? servers.dataset);
   for (const theme of ["light", "dark"]) {
     for (const [width, height] of [[1280, 720], [2560, 1440]]) {
       const page = await look(server.address + `#${kind}`, { width, height, theme });

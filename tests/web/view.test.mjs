@@ -1,7 +1,7 @@
 // `microsig view` in a real browser.
 
 import assert from "node:assert/strict";
-import { existsSync, readFileSync, writeFileSync } from "node:fs";
+import { existsSync, mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
 import { pathToFileURL } from "node:url";
@@ -16,6 +16,16 @@ const GAUSSIAN = `(
     optics: (gaussian: (diameter_px: 4, peak_counts: 3000), pixel_dim_x: 200, pixel_dim_y: 140, background_mean: 100, background_noise: 0),
     motion: flow(field: poiseuille(max_speed_um_s: 300)),
     particles: (number: count(12), diameter_um: constant(2)),
+    timing: pairs(count: 2, dt_s: 0.005),
+)`;
+
+/** In focus and dense: a displacement field can be measured. */
+const VECTORS = `(
+    name: "vectors", seed: 4,
+    optics: (gaussian: (diameter_px: 2.75, peak_counts: 1000), pixel_dim_x: 192, pixel_dim_y: 160, background_mean: 100, background_noise: 10),
+    motion: flow(field: lamb_oseen(max_speed_um_s: 774, core_radius_um: 30)),
+    particles: (number: ppp(0.03), diameter_um: constant(1)),
+    boundaries: (z_um: (-5, 5)),
     timing: pairs(count: 2, dt_s: 0.005),
 )`;
 
@@ -149,6 +159,22 @@ test("a new edit cancels the preview under way, and Stop stops it", async () => 
     await page.waitForSelector(".state.busy");
     await page.getByRole("button", { name: "Stop" }).click();
     assert.equal(await page.locator(".state").first().textContent(), "stopped");
+    // In the midst of frames that take four seconds each.
+    await page.locator("textarea").evaluate((area) => {
+      area.value = area.value.replace("preset: setting1", "preset: setting1, n_rays: 50000");
+      area.dispatchEvent(new Event("input"));
+    });
+    await page.waitForFunction(() => document.querySelector(".state").textContent.startsWith("rendering frames"));
+    await page.waitForTimeout(300);
+    const began = Date.now();
+    await page.locator("textarea").evaluate((area, text) => {
+      area.value = text;
+      area.dispatchEvent(new Event("input"));
+    }, SMALL);
+    await page.waitForFunction(() => document.querySelector(".state.ready"), null, { timeout: 60000, polling: 20 });
+    const ms = Date.now() - began;
+    console.log(`# from an edit in the midst of a frame to the whole preview: ${ms} ms`);
+    assert.ok(ms < 4000, `${ms} ms`);
   });
 });
 
@@ -251,6 +277,11 @@ test("the numbers of the result page are those of score.json", async () => {
     await page.locator(".list tbody tr").nth(1).click();
     const frame = await page.locator(".list tbody tr").nth(1).locator("td").first().textContent();
     await page.waitForFunction((k) => document.querySelector(".result .frame-name").textContent.includes(`(${k + 1} of`), Number(frame));
+    // and to its place, in all results.
+    await page.waitForFunction(() => window.microsig?.page("result").panes.every(({ viewer }) => viewer.scale >= 3));
+    await page.waitForTimeout(200);
+    const places = await page.evaluate(() => window.microsig.page("result").panes.map(({ viewer }) => [viewer.scale, viewer.left, viewer.upper]));
+    assert.deepEqual(places[0], places[1]);
     await page.getByRole("tab", { name: "Leaderboard" }).click();
     await page.waitForFunction(() => document.querySelectorAll(".board td[data-value]").length > 8 && !document.querySelector(".board").textContent.includes("\u2026"));
     const rows = await page.locator(".board tbody tr").evaluateAll((all) => all.map((row) => [row.querySelector(".name").textContent, Number(row.querySelector('[data-score="detection.f1"]').dataset.value)]));
@@ -258,6 +289,70 @@ test("the numbers of the result page are those of score.json", async () => {
       assert.equal(f1, scores[name === "spots" ? 0 : 1].detection.f1);
     }
   });
+});
+
+test("vectors of a field are drawn where they are, with the scores of evaluate", async () => {
+  const out = generate(place, "vectors", VECTORS);
+  const path = join(place, "piv.csv");
+  microsig("track", out, "--method", "piv", "--out", path, "--quiet");
+  const scored = join(place, "vectors_score");
+  microsig("evaluate", out, path, "--out", scored, "--quiet");
+  const score = JSON.parse(readFileSync(join(scored, "score.json"), "utf8"));
+  await withPage([out, path], async (page) => {
+    await page.waitForSelector(".pane [data-score]");
+    for (const name of ["aee_px", "valid_vector_probability"]) {
+      const shown = await page.locator(`.pane [data-score="field.${name}"]`).getAttribute("data-value");
+      assert.equal(Number(shown), score.field[name], name);
+    }
+    assert.equal(await page.locator(".list").count(), 0, "a field has no list of particles");
+    const side = await page.locator(".result .side").innerText();
+    assert.ok(side.includes("Average endpoint error") && !side.includes("null"), side);
+    const text = await page.locator('.side [data-score="field.outlier_fraction"]').getAttribute("data-value");
+    assert.equal(Number(text), score.field.outlier_fraction);
+    await page.getByLabel("Magnification of errors").fill("1");
+    await page.keyboard.press("Tab");
+    await page.waitForFunction(() => window.microsig?.page("result").panes[0].vectors?.x_px.length > 0);
+    const vectors = await page.evaluate(() => window.microsig.page("result").panes[0].vectors);
+    // Each line of the result is a vector of the first pair.
+    const lines = readFileSync(path, "utf8").trim().split("\n").slice(1).map((line) => line.split(",").map(Number));
+    const first = lines.filter(([pair]) => pair === 0);
+    assert.equal(vectors.x_px.length, first.length);
+    assert.deepEqual([vectors.x_px[5], vectors.y_px[5], vectors.dx_px[5], vectors.dy_px[5]], first[5].slice(1, 5));
+    // Those that stand out, away from edges, in an image of 14 px of the screen for each of its own.
+    const long = vectors.x_px.map((_, i) => i).filter((i) => Math.hypot(vectors.dx_px[i], vectors.dy_px[i]) > 2.5 && Math.abs(vectors.x_px[i] - 96) < 60 && Math.abs(vectors.y_px[i] - 80) < 50);
+    assert.ok(long.length >= 4, `${long.length} long vectors`);
+    for (const i of long.slice(0, 4)) {
+      const [x, y, dx, dy] = ["x_px", "y_px", "dx_px", "dy_px"].map((name) => vectors[name][i]);
+      await page.evaluate(([x, y]) => window.microsig.page("result").panes[0].viewer.center(x, y, 14), [x, y]);
+      await page.waitForTimeout(150);
+      const box = await page.locator(".pane .viewer").boundingBox();
+      const png = PNG.sync.read(await page.screenshot());
+      const isBlue = async (share) => {
+        const [sx, sy] = await page.evaluate(([x, y]) => window.microsig.page("result").panes[0].viewer.toScreen(x, y), [x + share * dx, y + share * dy]);
+        for (const [ox, oy] of [[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1]]) {
+          const at = 4 * (Math.floor(box.y + sy + oy) * png.width + Math.floor(box.x + sx + ox));
+          if (png.data[at + 2] - png.data[at] > 60) {
+            return true;
+          }
+        }
+        return false;
+      };
+      assert.ok(await isBlue(0.4), `vector ${i} at 0.4 of its length`);
+      assert.ok(await isBlue(0.8), `vector ${i} at 0.8 of its length`);
+      assert.ok(!(await isBlue(-0.5)), `behind vector ${i}`);
+    }
+  });
+  const html = join(place, "vectors.html");
+  microsig("view", out, path, "--export", html, "--frames", "0,2", "--quiet");
+  const page = await look(pathToFileURL(html).href);
+  await page.waitForFunction(() => window.microsig?.page("result")?.panes[0]?.vectors?.x_px.length > 0);
+  assert.equal(Number(await page.locator('.pane [data-score="field.aee_px"]').getAttribute("data-value")), score.field.aee_px);
+  await page.locator(".pane .viewer").focus();
+  await page.keyboard.press("ArrowRight");
+  await page.waitForFunction(() => document.querySelector(".result .frame-name").textContent.includes("2 of 2"));
+  await page.waitForFunction(() => window.microsig?.page("result").panes[0].vectors?.pair[0] === 1);
+  assert.deepEqual([page.strays, page.faults], [[], []]);
+  await page.context().close();
 });
 
 test("a particle that is clicked shows its row and its noise-free image", async () => {
@@ -299,6 +394,55 @@ test("an exported page opens without the program and asks nobody", async () => {
   assert.deepEqual(page.strays, []);
   assert.deepEqual(page.faults, []);
   await page.context().close();
+});
+
+test("an exported sweep has its leaderboard, its curves and the frames of its first case", async () => {
+  const file = join(place, "sweep.ron");
+  const base = join(place, "sweep_base.ron");
+  writeFileSync(base, SMALL.replace("count: 10", "count: 2"));
+  writeFileSync(file, `(name: "sweep", base: "${base}", axes: [(path: "particles.number.count", values: list([10, 30]))])`);
+  const cases = join(place, "sweep");
+  microsig("sweep", file, "--out", cases, "--quiet");
+  const tracker = join(place, "tracker");
+  mkdirSync(tracker);
+  const scores = ["case_00000", "case_00001"].map((name) => {
+    const path = join(tracker, `${name}.csv`);
+    microsig("track", join(cases, name), "--method", "spots", "--out", path, "--quiet");
+    microsig("evaluate", join(cases, name), path, "--out", join(place, `score_${name}`), "--quiet");
+    return JSON.parse(readFileSync(join(place, `score_${name}`, "score.json"), "utf8"));
+  });
+  const out = join(place, "sweep.html");
+  const said = JSON.parse(microsig("view", cases, tracker, "--export", out, "--json", "--quiet"));
+  assert.equal(readFileSync(out).length, said.bytes);
+  assert.ok(said.bytes < said.limit_bytes);
+  const page = await look(pathToFileURL(out).href);
+  await page.waitForFunction(() => document.querySelectorAll(".board td[data-value]").length > 8 && !document.querySelector(".board").textContent.includes("\u2026"));
+  for (const [k, name] of ["case_00000", "case_00001"].entries()) {
+    const row = page.locator(".board tbody tr", { hasText: name });
+    for (const path of ["detection.f1", "detection.recall", "links.f1"]) {
+      const value = Number(await row.locator(`[data-score="${path}"]`).getAttribute("data-value"));
+      assert.equal(value, path.split(".").reduce((score, step) => score[step], scores[k]), `${name} ${path}`);
+    }
+  }
+  assert.match(await page.locator(".board figcaption").textContent(), /F1 over particles.number.count/);
+  assert.ok((await page.locator(".board .chart canvas").count()) > 0);
+  await page.locator(".board tbody tr", { hasText: "case_00001" }).getByRole("button").click();
+  await page.waitForFunction(() => document.getElementById("banner").textContent.includes("not in this file"));
+  await page.getByRole("tab", { name: "Leaderboard" }).click();
+  await page.locator(".board tbody tr", { hasText: "case_00000" }).getByRole("button").click();
+  await page.waitForSelector(".list tr[tabindex]");
+  assert.deepEqual([page.strays, page.faults], [[], []]);
+  await page.context().close();
+});
+
+test("an export that would be too large leaves frames out and says which", async () => {
+  const out = generate(place, "large", GAUSSIAN.replace("pixel_dim_x: 200, pixel_dim_y: 140", "pixel_dim_x: 2048, pixel_dim_y: 2048").replace("count: 2", "count: 4"), "--set", "calibration=none");
+  const html = join(place, "large.html");
+  const said = JSON.parse(microsig("view", out, "--export", html, "--frames", "0,1,2,3,4,5,6,7", "--json", "--quiet"));
+  assert.deepEqual([...said.frames, ...said.left_out], [0, 1, 2, 3, 4, 5, 6, 7]);
+  assert.ok(said.frames.length >= 4 && said.left_out.length >= 1, JSON.stringify(said));
+  assert.equal(said.bytes, readFileSync(html).length);
+  assert.ok(said.bytes <= said.limit_bytes && said.limit_bytes === 64 * 2 ** 20);
 });
 
 test("the program ends when the last page is closed, and by Ctrl-C", async () => {

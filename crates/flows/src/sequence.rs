@@ -30,6 +30,7 @@ use crate::path::Pose;
 use crate::scene::Scene;
 use crate::seeding::Seed;
 use glam::DVec3;
+use microsig_core::cancel::checkpoint;
 use microsig_core::stream::{Purpose, Streams};
 use rayon::prelude::*;
 
@@ -246,7 +247,11 @@ impl Iterator for Sequence<'_> {
 /// Applies `f` to all items in parallel; results are in the order of the items, and an error is that of the
 /// first item with one.
 fn in_parallel<T: Sync, U: Send>(items: &[T], f: impl Fn(&T) -> Result<U> + Sync + Send) -> Result<Vec<U>> {
-    let results: Vec<Result<U>> = items.par_iter().with_min_len(TRACERS_PER_TASK).map(f).collect();
+    let of = |item| {
+        checkpoint();
+        f(item)
+    };
+    let results: Vec<Result<U>> = items.par_iter().with_min_len(TRACERS_PER_TASK).map(of).collect();
     results.into_iter().collect()
 }
 

@@ -53,7 +53,8 @@ impl View {
                 ExportOptions { out: out.clone(), force: common.force, frames: self.frames.clone() };
             let exported = export(subject, &options)?;
             if !exported.left_out.is_empty() {
-                warn(&[format!("the page would be too large with frames {:?}", exported.left_out)], common);
+                let (limit, left_out) = (exported.limit_bytes >> 20, &exported.left_out);
+                warn(&[format!("frames {left_out:?} are left out: the page may have {limit} MB")], common);
             }
             let (mb, frames) = (exported.bytes as f64 / 1e6, exported.frames.len());
             let text = format!("{}: {frames} frames, {mb:.1} MB", exported.out.display());

@@ -9,6 +9,7 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
+use super::dataset::OpenDataset;
 use super::state::App;
 use super::subject::Subject;
 use super::{assets, board};
@@ -33,6 +34,8 @@ pub struct Exported {
     pub out: PathBuf,
     /// Size of the file, bytes.
     pub bytes: usize,
+    /// The largest size that it may have, bytes.
+    pub limit_bytes: usize,
     /// The frames in it.
     pub frames: Vec<u32>,
     /// Requested frames that are omitted, because the file would exceed its maximum size.
@@ -70,7 +73,7 @@ pub fn export(subject: Subject, options: &ExportOptions) -> Result<Exported> {
         return Err(Error::input("--export: expected a dataset or a sweep's folder"));
     }
     let app = App::new(subject, 0)?;
-    let mut answers = Answers { all: Map::new(), bytes: 0 };
+    let mut answers = Answers::default();
     answers.put("about", board::about(&app));
     let (datasets, trackers) = (app.subject().datasets.len(), app.subject().trackers.len());
     for dataset in 0..datasets {
@@ -86,10 +89,11 @@ pub fn export(subject: Subject, options: &ExportOptions) -> Result<Exported> {
     }
     let page = document(&Value::Object(answers.all))?;
     save_result(&options.out, options.force, page.as_bytes())?;
-    Ok(Exported { out: options.out.clone(), bytes: page.len(), frames, left_out })
+    Ok(Exported { out: options.out.clone(), bytes: page.len(), limit_bytes: LARGEST, frames, left_out })
 }
 
 /// Responses of the server by their paths.
+#[derive(Default)]
 struct Answers {
     all: Map<String, Value>,
     bytes: usize,
@@ -97,8 +101,10 @@ struct Answers {
 
 impl Answers {
     fn put(&mut self, path: &str, answer: Value) {
-        self.bytes += answer.to_string().len();
-        self.all.insert(path.to_owned(), answer);
+        let bytes = answer.to_string().len();
+        if self.all.insert(path.to_owned(), answer).is_none() {
+            self.bytes += bytes;
+        }
     }
 }
 
@@ -128,25 +134,35 @@ fn of_dataset(app: &App, wanted: &[u32], answers: &mut Answers) -> Result<(Vec<u
     }
     let (mut included, mut left_out) = (Vec::new(), Vec::new());
     for frame in wanted {
-        let counts = open.counts(frame as usize)?.unwrap_or_default();
-        if answers.bytes + counts.len() / 3 * 4 > LARGEST * 9 / 10 {
+        let of_frame = of_frame(app, &open, frame, about["are_pairs"] == true)?;
+        if answers.bytes + of_frame.bytes > LARGEST * 9 / 10 {
             left_out.push(frame);
             continue;
         }
-        answers.put(&format!("dataset/0/frame/{frame}"), json!({ "base64": BASE64.encode(&counts) }));
-        answers.put(&format!("dataset/0/truth/{frame}"), open.truth(frame)?);
-        answers.put(&format!("dataset/0/field/{}", frame / 2), open.field(frame / 2)?);
-        answers.put(&format!("dataset/0/field/{frame}"), open.field(frame)?);
-        for tracker in 0..app.subject().trackers.len() {
-            if let Some(result) = app.result(0, tracker)? {
-                answers.put(&format!("dataset/0/result/{tracker}/frame/{frame}"), result.frame(frame));
-            }
-        }
+        of_frame.all.into_iter().for_each(|(path, answer)| answers.put(&path, answer));
         included.push(frame);
     }
     about["exported_frames"] = json!(included);
     answers.put("dataset/0", about);
     Ok((included, left_out))
+}
+
+/// What the first dataset and its results are in one frame.
+fn of_frame(app: &App, open: &OpenDataset, frame: u32, are_pairs: bool) -> Result<Answers> {
+    let mut answers = Answers::default();
+    let counts = open.counts(frame as usize)?.unwrap_or_default();
+    answers.put(&format!("dataset/0/frame/{frame}"), json!({ "base64": BASE64.encode(&counts) }));
+    answers.put(&format!("dataset/0/truth/{frame}"), open.truth(frame)?);
+    let pair = if are_pairs { frame / 2 } else { frame };
+    answers.put(&format!("dataset/0/field/{pair}"), open.field(pair)?);
+    for tracker in 0..app.subject().trackers.len() {
+        if let Some(result) = app.result(0, tracker)? {
+            let path = format!("dataset/0/result/{tracker}");
+            answers.put(&format!("{path}/frame/{frame}"), result.frame(frame));
+            answers.put(&format!("{path}/vectors/{pair}"), result.vectors(pair));
+        }
+    }
+    Ok(answers)
 }
 
 /// The page with its code, styles and answers in one file.

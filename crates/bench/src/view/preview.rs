@@ -1,17 +1,17 @@
 //! The preview of a scenario: what can be computed of its dataset within about a second.
 //!
 //! It reads the text, renders the first two frames as `generate` does, renders a particle over depth, and
-//! computes the numbers of the dataset. Each part is sent as soon as it is ready; between parts, and before
-//! every frame, the preview stops if another one has started.
+//! computes the numbers of the dataset. Each part is sent as soon as it is ready. The preview is cancelled,
+//! even while a frame or a table is being computed, when another one starts or the reader leaves.
 
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use axum::body::Bytes;
 use flows::Frame;
 use microsig_core::Particle;
+use microsig_core::cancel::Cancellation;
 use microsig_core::sensor::Image;
 use serde_json::{Value, json};
 use tokio::sync::mpsc::Sender;
@@ -53,20 +53,20 @@ impl From<storage::error::Error> for Stop {
 
 /// A running preview.
 struct Preview {
-    stop: Arc<AtomicBool>,
+    cancellation: Cancellation,
     sender: Sender<Bytes>,
     start: Instant,
 }
 
 /// Computes a preview and sends its parts.
-pub(super) fn run(app: &App, text: &str, stop: Arc<AtomicBool>, sender: Sender<Bytes>) {
-    let preview = Preview { stop, sender, start: Instant::now() };
+pub(super) fn run(app: &App, text: &str, cancellation: Cancellation, sender: Sender<Bytes>) {
+    let preview = Preview { cancellation, sender, start: Instant::now() };
     let under_way = Arc::clone(&app.previewing);
     let _one_at_a_time = locked(&under_way);
-    let ended = match preview.parts(app, text) {
-        Ok(()) => json!({ "part": "end" }),
-        Err(Stop::Failed(why)) => json!({ "part": "failed", "message": why }),
-        Err(Stop::Replaced) => return,
+    let ended = match preview.cancellation.run(|| preview.parts(app, text)) {
+        Some(Ok(())) => json!({ "part": "end" }),
+        Some(Err(Stop::Failed(why))) => json!({ "part": "failed", "message": why }),
+        Some(Err(Stop::Replaced)) | None => return,
     };
     let _ = preview.send(ended, &[]);
 }
@@ -75,11 +75,12 @@ impl Preview {
     fn send(&self, mut part: Value, block: &[u8]) -> std::result::Result<(), Stop> {
         part["ms"] = json!(self.start.elapsed().as_millis() as u64);
         let sent = self.sender.blocking_send(message(&part, block));
-        if sent.is_err() || self.stop.load(Ordering::SeqCst) { Err(Stop::Replaced) } else { Ok(()) }
+        if sent.is_err() || self.cancellation.is_cancelled() { Err(Stop::Replaced) } else { Ok(()) }
     }
 
     fn check(&self) -> std::result::Result<(), Stop> {
-        if self.stop.load(Ordering::SeqCst) || self.sender.is_closed() { Err(Stop::Replaced) } else { Ok(()) }
+        let is_left = self.cancellation.is_cancelled() || self.sender.is_closed();
+        if is_left { Err(Stop::Replaced) } else { Ok(()) }
     }
 
     fn parts(&self, app: &App, text: &str) -> std::result::Result<(), Stop> {
@@ -230,4 +231,51 @@ fn numbers(scenario: &Scenario, frames: &[Frame], area_px: f64) -> Value {
     });
     json!({ "n_p": n_p, "n_ppp": n_p / pixels, "n_s": n_p * area_px / pixels,
         "displacement_px": [at(0.0), at(0.5), at(1.0)], "displacement_um": depth.map(|(low, high)| [low, high]) })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use tokio::sync::mpsc::channel;
+
+    use super::*;
+    use crate::view::Subject;
+
+    /// Its frames would be drawn for as long as [`FRAME_S`] allows.
+    const SLOW: &str = r#"(
+        name: "slow",
+        optics: (preset: setting1, pixel_dim_x: 2048, pixel_dim_y: 2048, n_rays: 2000),
+        motion: flow(field: poiseuille(max_speed_um_s: 300)),
+        particles: (number: count(50000), diameter_um: constant(2)),
+        timing: pairs(count: 1, dt_s: 0.005),
+    )"#;
+
+    #[test]
+    fn a_preview_ends_at_once_when_another_begins_or_its_reader_leaves() {
+        let app = Arc::new(App::new(Subject::default(), 1).unwrap());
+        for leaves in [false, true] {
+            let (sender, mut receiver) = channel(2);
+            let cancellation = app.next_preview();
+            let (own, made) = (cancellation.clone(), Arc::clone(&app));
+            let running = std::thread::spawn(move || run(&made, SLOW, own, sender));
+            // The scenario is checked; its first frame is being drawn.
+            assert!(receiver.blocking_recv().is_some());
+            std::thread::sleep(Duration::from_millis(500));
+            assert!(!running.is_finished());
+            let cancelled = Instant::now();
+            if leaves {
+                // As the route does once the reader has gone.
+                drop(receiver);
+                cancellation.cancel();
+            } else {
+                app.next_preview();
+            }
+            running.join().unwrap();
+            let ms = cancelled.elapsed().as_millis();
+            println!("cancelled after {ms} ms of work");
+            // A machine that is busy with all tests may take longer than the work.
+            assert!(ms < 1000, "{ms} ms");
+        }
+    }
 }

@@ -139,9 +139,17 @@ async fn preview_of(State(app): Shared, body: Body) -> Response {
         Ok(text) => text,
         Err(status) => return status.into_response(),
     };
-    let (stop, (sender, response)) = (app.next_preview(), body::stream());
+    let (cancellation, (sender, response)) = (app.next_preview(), body::stream());
+    let (reader, unread) = (sender.clone(), cancellation.clone());
+    let watch = tokio::spawn(async move {
+        reader.closed().await;
+        unread.cancel();
+    });
     // Not subject to the limit on jobs, as it waits for the previous preview to stop.
-    tokio::task::spawn_blocking(move || preview::run(&app, &text, stop, sender));
+    tokio::task::spawn_blocking(move || {
+        preview::run(&app, &text, cancellation, sender);
+        watch.abort();
+    });
     response
 }
 

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use microsig_core::cancel::Cancellation;
 use tokio::sync::{Notify, Semaphore};
 
 use super::dataset::OpenDataset;
@@ -43,8 +44,8 @@ pub(super) struct App {
     pub(super) large: Arc<Semaphore>,
     jobs: Arc<Semaphore>,
     waiting: AtomicU64,
-    /// Flag that stops the running preview.
-    preview: Mutex<Arc<AtomicBool>>,
+    /// Cancels the running preview.
+    preview: Mutex<Cancellation>,
     /// Locked by the running preview.
     pub(super) previewing: Arc<Mutex<()>>,
     viewers: AtomicU64,
@@ -115,7 +116,7 @@ impl App {
             large: Arc::new(Semaphore::new(LARGE_ANSWERS)),
             jobs: Arc::new(Semaphore::new(JOBS)),
             waiting: AtomicU64::new(0),
-            preview: Mutex::new(Arc::default()),
+            preview: Mutex::default(),
             previewing: Arc::default(),
             viewers: AtomicU64::new(0),
             seen: AtomicBool::new(false),
@@ -199,10 +200,10 @@ impl App {
         .ok()
     }
 
-    /// Stops the running preview; returns the stop flag of the next one.
-    pub(super) fn next_preview(&self) -> Arc<AtomicBool> {
-        let next = Arc::new(AtomicBool::new(false));
-        std::mem::replace(&mut *locked(&self.preview), Arc::clone(&next)).store(true, Ordering::SeqCst);
+    /// Cancels the running preview; returns the cancellation of the next one.
+    pub(super) fn next_preview(&self) -> Cancellation {
+        let next = Cancellation::default();
+        std::mem::replace(&mut *locked(&self.preview), next.clone()).cancel();
         next
     }
 

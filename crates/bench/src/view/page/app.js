@@ -1,7 +1,7 @@
 // The page: tabs, theme, end of the program.
 
 import { getJson, isExport, keepAlive } from "./api.js";
-import { el, say } from "./dom.js";
+import { el, lastPart, say } from "./dom.js";
 import { redrawCharts } from "./plots.js";
 import { ScenarioPage } from "./scenario.js";
 import { DatasetPage } from "./dataset.js";
@@ -46,8 +46,10 @@ function setTheme(theme) {
 
 async function begin() {
   const about = await getJson("about");
-  document.getElementById("title").textContent = isExport ? `${about.title} (exported)` : about.title;
-  document.title = `${about.title.split(/[\\/]/).pop()} \u2013 microsig`;
+  const title = document.getElementById("title");
+  title.textContent = isExport ? `${lastPart(about.title)} (exported)` : lastPart(about.title);
+  title.title = about.title;
+  document.title = `${lastPart(about.title)} \u2013 microsig`;
   // Selection of the dataset and result pages; the leaderboard changes it.
   const first = about.trackers.map((tracker, t) => (tracker.has[0] ? t : -1)).filter((t) => t >= 0);
   const chosen = { dataset: 0, trackers: first };
@@ -94,6 +96,6 @@ keepAlive(() => say("The program has ended. Start `microsig view` again to conti
 // For scripts and tests: screen position of an image pixel, and centering of the view.
 window.microsig = {
   toScreen: (name, x, y) => views[name].page.viewer.toScreen(x, y),
-  page: (name) => views[name].page,
+  page: (name) => views[name]?.page,
   center: (name, x, y, scale) => views[name].page.viewer.center(x, y, scale),
 };

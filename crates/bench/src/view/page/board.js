@@ -1,7 +1,7 @@
 // Page 4: the scores of all trackers on all datasets.
 
 import { getJson } from "./api.js";
-import { choice, el, field, num, say } from "./dom.js";
+import { choice, el, field, lastPart, num, say, unitText } from "./dom.js";
 import { Chart } from "./plots.js";
 
 const seriesColors = ["#5b9dff", "#ff9a4a", "#2fd3b5", "#c58bff", "#ff5fb0", "#c9b037"];
@@ -15,7 +15,7 @@ export class BoardPage {
     this.table = el("div", { class: "list", tabindex: "0", role: "region", "aria-label": "Scores" });
     this.progress = el("span", { class: "state", role: "status" });
     this.sorted = { by: null, isUp: false };
-    const options = about.columns.map(({ path, label, unit }) => [path, unit ? `${label}, ${unit}` : label]);
+    const options = about.columns.map(({ path, label, unit }) => [path, unit ? `${label}, ${unitText(unit)}` : label]);
     this.score = choice(options, "detection.f1", () => this.draw(), "Score");
     this.axis = choice(
       [...about.axes.map((axis, k) => [k, axis]), [-1, about.is_sweep ? "case" : "dataset"]],
@@ -27,7 +27,7 @@ export class BoardPage {
     this.element = el(
       "div",
       { class: "board" },
-      el("div", { class: "bar" }, el("span", { class: "file" }, about.title), el("span", { class: "gap" }), this.progress, field("Score", this.score), isSweep ? field("over", this.axis) : null),
+      el("div", { class: "bar" }, el("span", { class: "file", title: about.title }, lastPart(about.title)), el("span", { class: "gap" }), this.progress, field("Score", this.score), isSweep ? field("over", this.axis) : null),
       isSweep ? this.chart.element : null,
       this.table,
     );
@@ -113,7 +113,7 @@ export class BoardPage {
       }),
     );
     const head = (path, label, unit) =>
-      el("th", { scope: "col", "aria-sort": key === path ? (sign < 0 ? "descending" : "ascending") : "none" }, el("button", { type: "button", onclick: () => this.sortBy(path) }, unit ? `${label}, ${unit}` : label));
+      el("th", { scope: "col", "aria-sort": key === path ? (sign < 0 ? "descending" : "ascending") : "none" }, el("button", { type: "button", onclick: () => this.sortBy(path) }, unit ? `${label}, ${unitText(unit)}` : label));
     const name = ({ d, t, tracker }) => el("button", { type: "button", class: "link", onclick: () => this.open(d, [t]) }, tracker.name);
     this.table.replaceChildren(
       el(
@@ -170,11 +170,13 @@ export class BoardPage {
       const values = rows.filter((row) => row.t === t && position(row) === x).map(({ entry }) => entry?.scores[path] ?? null).filter((value) => value !== null);
       return values.length ? values.reduce((a, b) => a + b) / values.length : null;
     };
-    const { trackers } = this.about;
+    const { trackers, axes } = this.about;
+    const others = axis < 0 ? [] : axes.filter((_, k) => k !== axis);
+    this.chart.title = `${column.label} over ${axis < 0 ? "cases" : axes[axis]}${others.length ? `, mean over ${others.join(", ")}` : ""}`;
     this.chart.show({
       x: xs,
       series: trackers.map((tracker, t) => ({ label: tracker.name, values: xs.map((x) => mean(t, x)), color: seriesColors[t % seriesColors.length] })),
-      axes: { x: axis < 0 ? "case" : this.about.axes[axis], left: column.unit ? `${column.label}, ${column.unit}` : column.label },
+      axes: { x: axis < 0 ? "case" : axes[axis], left: column.unit ? `${column.label}, ${unitText(column.unit)}` : column.label },
       points: true,
       clicked: (k) => {
         const found = rows.find((row) => position(row) === xs[k]);

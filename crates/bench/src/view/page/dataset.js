@@ -1,7 +1,7 @@
 // Page 2: the frames of a dataset with their truth.
 
 import { getCounts, getJson, isExport } from "./api.js";
-import { check, choice, el, field, num, say } from "./dom.js";
+import { afterRest, check, choice, el, field, num, say, unitText } from "./dom.js";
 import { MAP_NAMES, depthColor } from "./colors.js";
 import { Sizes, Viewer, arrow, thumbnail, usualContrast, zoomButtons } from "./viewer.js";
 import { Chart, binned } from "./plots.js";
@@ -235,6 +235,8 @@ export class DatasetPage {
     this.facts = el("dl", { class: "facts-grid" });
     this.particle = el("div", { class: "particle", role: "status" }, el("p", { class: "note" }, "Click a particle to see its truth and its noise-free image."));
     this.levels = new Chart({ label: "Light levels of this frame", share: 0.16 });
+    // Not of frames that are only passed by.
+    this.levelsLater = afterRest(200, (image) => this.showLevels(image));
     this.element = el(
       "div",
       { class: "dataset", onkeydown: (event) => this.timeline.key(event) },
@@ -279,7 +281,7 @@ export class DatasetPage {
     };
     const numberBox = (name, label, least, most) =>
       el("input", { type: "number", min: String(least), max: String(most), value: String(this.options[name]), "aria-label": label, onchange: (e) => set(name)(Number(e.target.value)) });
-    this.planes = el("select", { "aria-label": "Plane of the field", onchange: () => set("plane")(this.planes.value) });
+    this.planes = el("select", { "aria-label": "Plane of the field", hidden: true, onchange: () => set("plane")(this.planes.value) });
     const rows = [
       ["Images", `${about.frames}, ${about.width} \u00d7 ${about.height} px, ${about.bits ?? "?"} bit`],
       ["In view", `${num(about.n_p)} particles, N_S ${num(about.n_s)}`],
@@ -303,9 +305,9 @@ export class DatasetPage {
     this.side.replaceChildren(
       el("fieldset", {}, el("legend", {}, "Dataset"), this.facts),
       truth,
-      this.contrast.element,
+      // On a small screen the particle comes first.
+      el("details", { open: window.innerHeight > 900 }, el("summary", {}, "Contrast"), this.contrast.element, this.levels.element),
       el("fieldset", {}, el("legend", {}, "Particle"), this.particle),
-      this.levels.element,
     );
   }
 
@@ -318,7 +320,7 @@ export class DatasetPage {
       }
       this.truth = truth?.columns ?? null;
       this.viewer.show(image);
-      this.showLevels(image);
+      this.levelsLater(image);
       await this.again();
       this.follow();
       this.ahead(frame);
@@ -362,6 +364,7 @@ export class DatasetPage {
   }
 
   async loadField() {
+    this.planes.hidden = !this.options.field;
     if (!this.options.field) {
       return this.viewer.draw();
     }
@@ -452,8 +455,9 @@ export class DatasetPage {
     if (!options.field || !field) {
       return;
     }
-    context.strokeStyle = "#ffffff";
-    context.lineWidth = 1.25;
+    // Told apart from particle images.
+    context.strokeStyle = "#ffc83d";
+    context.lineWidth = 1.75;
     const isWeighted = options.plane === "weighted";
     const [plane, kind] = isWeighted ? [String(field.plane[0]), "weighted"] : [options.plane, "central"];
     const [dx, dy] = [field[`${kind}_dx_px`], field[`${kind}_dy_px`]];
@@ -511,7 +515,7 @@ export class DatasetPage {
       "table",
       { class: "values" },
       el("caption", {}, `Particle ${this.selected}`),
-      el("tbody", {}, cells.map(([name, unit, about]) => el("tr", { title: about }, el("th", { scope: "row" }, name), el("td", {}, num(this.truth[name][k], 6)), el("td", {}, unit)))),
+      el("tbody", {}, cells.map(([name, unit, about]) => el("tr", { title: about }, el("th", { scope: "row" }, name), el("td", {}, num(this.truth[name][k], 6)), el("td", {}, unitText(unit))))),
     );
     const pictures = el("div", { class: "pictures" });
     this.particle.replaceChildren(pictures, table);

@@ -28,6 +28,16 @@ export function num(value, digits = 3) {
   return value.toExponential(digits - 1);
 }
 
+/** The last part of a path: what there is room for. */
+export function lastPart(path) {
+  return path.split(/[\\/]/).filter(Boolean).pop() ?? path;
+}
+
+/** A unit as it is written, where tables say `um`. */
+export function unitText(unit) {
+  return unit.replace(/\bum/g, "\u00b5m");
+}
+
 /** A duration in words. */
 export function duration(s) {
   if (s === null || s === undefined) {

@@ -4,6 +4,9 @@ import { el, num } from "./dom.js";
 
 const shade = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
+/** Height of text in charts, px: as that of the page. */
+const textSize = () => (window.innerWidth >= 2000 ? 14 : 11);
+
 const charts = new Set();
 
 const powersOfTen = (_, __, low, high) => {
@@ -21,12 +24,17 @@ export class Chart {
   constructor({ label, share = 0.17 }) {
     // A fraction of the window, limited so that text remains readable.
     this.height = Math.round(Math.min(Math.max(window.innerHeight * share, 120), 420));
-    this.element = el("figure", { class: "chart", role: "group", "aria-label": label }, el("figcaption", {}, label));
+    this.element = el("figure", { class: "chart", role: "group", "aria-label": label }, (this.caption = el("figcaption", {}, label)));
     this.box = el("div", { class: "plot" });
     this.element.append(this.box);
     this.given = null;
     new ResizeObserver(() => this.resized()).observe(this.box);
     charts.add(this);
+  }
+
+  /** The caption above the chart. */
+  set title(text) {
+    this.caption.textContent = text;
   }
 
   /** Shows curves over `x`; `axes` are labels: { x, left, right }. */
@@ -37,7 +45,10 @@ export class Chart {
 
   resized() {
     const width = this.box.clientWidth;
-    if (this.plot && Math.abs(width - this.plot.width) > 1) {
+    if (!this.plot) {
+      // It was hidden when it was made.
+      this.make();
+    } else if (Math.abs(width - this.plot.width) > 1) {
       this.plot.setSize({ width, height: this.height });
     }
   }
@@ -50,6 +61,7 @@ export class Chart {
       return;
     }
     const { x, series, axes, log = false, bars = false, marks = [], points = false, clicked } = this.given;
+    const size = textSize();
     const axis = (scale, label, side, stroke) => ({
       scale,
       label,
@@ -57,10 +69,10 @@ export class Chart {
       stroke: stroke ?? shade("--muted"),
       grid: { stroke: shade("--line"), width: 1, show: side !== 1 },
       ticks: { stroke: shade("--line"), width: 1, size: 4 },
-      font: "11px system-ui, sans-serif",
-      labelFont: "11px system-ui, sans-serif",
-      labelSize: 16,
-      size: side === 2 ? 30 : 46,
+      font: `${size}px system-ui, sans-serif`,
+      labelFont: `${size}px system-ui, sans-serif`,
+      labelSize: size + 5,
+      size: side === 2 ? size + 19 : 4 * size + 2,
       gap: 3,
       ...(log && side === 3 ? { splits: powersOfTen } : {}),
       values: (_, ticks) => ticks.map((tick) => (tick === null ? "" : tick >= 1e4 ? tick.toExponential(0).replace("e+", "e") : num(tick, 3))),
@@ -121,7 +133,7 @@ export class Chart {
       context.moveTo(at, top);
       context.lineTo(at, top + height);
       context.stroke();
-      context.font = `${11 * ratio}px system-ui, sans-serif`;
+      context.font = `${textSize() * ratio}px system-ui, sans-serif`;
       const isRight = at > left + 0.75 * width;
       context.textAlign = isRight ? "right" : "left";
       context.fillText(mark.label, at + (isRight ? -4 : 4) * ratio, top + 12 * ratio);

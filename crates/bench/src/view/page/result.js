@@ -23,6 +23,17 @@ const HEAD_SCORES = [
   ["field.valid_vector_probability", "valid", ""],
 ];
 
+/** Scores of displacement fields: name in score.json, what it is, unit. */
+const FIELD_SCORES = [
+  ["n_reported", "Vectors", ""],
+  ["n_interpolated", "Interpolated", ""],
+  ["aee_px", "Average endpoint error", " px"],
+  ["epe_rms_px", "RMS endpoint error", " px"],
+  ["angular_error_deg", "Angular error", "\u00b0"],
+  ["outlier_fraction", "Outliers", ""],
+  ["valid_vector_probability", "Valid vectors", ""],
+];
+
 /** A value of a score by its path. */
 export function scoreAt(score, path) {
   return path.split(".").reduce((value, step) => value?.[step], score) ?? null;
@@ -36,13 +47,9 @@ class ResultPane {
       label: `Frame with the result ${name}`,
       drawn: (context) => this.drawOver(context),
       clicked: (x, y) => page.clicked(this, x, y),
+      // Zoom and position are the same for all results.
+      moved: () => page.aligned(this),
     });
-    // Zoom and position are the same for all results.
-    const draw = this.viewer.drawNow.bind(this.viewer);
-    this.viewer.drawNow = () => {
-      draw();
-      page.aligned(this);
-    };
     this.scores = el("div", { class: "scores" });
     this.legend = el("div", { class: "legend" });
     this.element = el("section", { class: "pane", "aria-label": name }, el("h2", {}, name), this.scores, this.viewer.element, this.legend);
@@ -59,6 +66,16 @@ class ResultPane {
       ),
     );
     this.page.notes.append(...(score.warnings ?? []).map((text) => el("li", {}, `${this.name}: ${text}`)));
+  }
+
+  /** The scores of a displacement field, by their names in score.json. */
+  fieldScores() {
+    const { field } = this.about.score;
+    const rows = FIELD_SCORES.filter(([name]) => typeof field[name] === "number").flatMap(([name, text, unit]) => [
+      el("dt", { title: `field.${name}` }, text),
+      el("dd", { "data-score": `field.${name}`, "data-value": String(field[name]) }, num(field[name], 4) + unit),
+    ]);
+    return el("fieldset", {}, el("legend", {}, `Field, ${this.name}`), el("dl", { class: "facts-grid" }, rows));
   }
 
   async show(image, frame) {
@@ -82,7 +99,11 @@ class ResultPane {
             item.firstChild.style.color = color;
             return item;
           })
-        : [el("span", {}, "result in blue, truth in white, errors in magenta")]),
+        : [["#5b9dff", "result"], ["#8a94a6", "truth"], [KINDS[2].color, "error, magnified"]].map(([color, text]) => {
+            const item = el("span", {}, el("i", { "aria-hidden": "true" }, "\u2192"), ` ${text}`);
+            item.firstChild.style.color = color;
+            return item;
+          })),
     );
   }
 
@@ -97,7 +118,9 @@ class ResultPane {
   drawPoints(context) {
     const { points, viewer, page } = this;
     const { options } = page;
-    context.lineWidth = 1.75;
+    // Marks stay apart in images that are shown small.
+    const isSmall = viewer.scale < 1;
+    context.lineWidth = isSmall ? 1.25 : 1.75;
     points.kind.forEach((kind, i) => {
       const [x, y] = [points.x_px[i], points.y_px[i]];
       const [sx, sy] = viewer.toScreen(x, y);
@@ -114,7 +137,7 @@ class ResultPane {
       } else if (kind === 1) {
         context.rect(sx - w, sy - h, 2 * w, 2 * h);
       } else {
-        const half = Math.max(4, Math.min(9, 3 * viewer.scale));
+        const half = isSmall ? 3 : Math.min(9, 3 * viewer.scale + 1);
         context.moveTo(sx - half, sy - half);
         context.lineTo(sx + half, sy + half);
         context.moveTo(sx + half, sy - half);
@@ -152,7 +175,7 @@ class ResultPane {
 
   drawVectors(context) {
     const { vectors, viewer } = this;
-    const { magnify } = this.page.options;
+    const { magnify, errors } = this.page.options;
     vectors.x_px.forEach((x, i) => {
       const y = vectors.y_px[i];
       const from = viewer.toScreen(x, y);
@@ -165,7 +188,7 @@ class ResultPane {
       context.lineWidth = 1.5;
       draw("#ffffff", vectors.true_dx_px[i], vectors.true_dy_px[i]);
       draw("#5b9dff", vectors.dx_px[i], vectors.dy_px[i]);
-      if (vectors.dx_px[i] !== null && vectors.true_dx_px[i] !== null) {
+      if (errors && vectors.dx_px[i] !== null && vectors.true_dx_px[i] !== null) {
         draw(KINDS[2].color, (vectors.dx_px[i] - vectors.true_dx_px[i]) * magnify, (vectors.dy_px[i] - vectors.true_dy_px[i]) * magnify);
       }
     });
@@ -201,7 +224,12 @@ export class ResultPage {
       return;
     }
     this.key = key;
-    this.source = await Source.open(number);
+    const source = await Source.open(number);
+    if (!source) {
+      this.key = null;
+      return say("the frames of this dataset are not in this file", true);
+    }
+    this.source = source;
     this.sizes = new Sizes(null);
     this.head.textContent = this.source.about.name;
     this.notes.replaceChildren();
@@ -264,7 +292,7 @@ export class ResultPage {
     const of = el("select", { "aria-label": "Result of the list", onchange: () => ((this.listed = Number(of.value)), this.listWorst()) });
     of.append(...this.panes.map((pane, k) => el("option", { value: String(k) }, pane.name)));
     this.listed = 0;
-    this.side.replaceChildren(
+    const parts = [
       el(
         "fieldset",
         {},
@@ -296,10 +324,12 @@ export class ResultPage {
             ),
             this.list,
           ),
+      ...(isField ? this.panes.map((pane) => pane.fieldScores()) : []),
       el("details", {}, el("summary", {}, "Contrast"), this.contrast.element),
       isField ? null : this.counts.element,
       this.notes,
-    );
+    ];
+    this.side.replaceChildren(...parts.filter(Boolean));
   }
 
   isWithin(points, i) {
@@ -361,7 +391,7 @@ export class ResultPage {
       el(
         "table",
         { class: "values" },
-        el("thead", {}, el("tr", {}, ["frame", "", "error xy", "z", "depth", "SNR"].map((name) => el("th", { scope: "col" }, name)))),
+        el("thead", {}, el("tr", {}, [["frame"], [""], ["\u0394xy", "error in the image plane, px"], ["\u0394z", "error in depth, \u00b5m"], ["z", "true depth, \u00b5m"], ["SNR"]].map(([name, title]) => el("th", { scope: "col", title: title ?? null }, name, title ? el("small", {}, title.split(",")[1]) : null)))),
         el(
           "tbody",
           {},

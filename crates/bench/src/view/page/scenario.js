@@ -1,7 +1,7 @@
 // Page 1: the text of a scenario beside a preview of its dataset.
 
 import { getJson, previewParts, saveScenario } from "./api.js";
-import { afterRest, byteSize, check, choice, duration, el, num, say } from "./dom.js";
+import { afterRest, byteSize, check, choice, duration, el, lastPart, num, say } from "./dom.js";
 import { KINDS, depthColor } from "./colors.js";
 import { Sizes, Viewer, arrow, thumbnail, usualContrast, zoomButtons } from "./viewer.js";
 import { Chart, binned } from "./plots.js";
@@ -85,7 +85,8 @@ export class ScenarioPage {
   async load() {
     const about = await getJson("scenario");
     this.presetList = about.presets;
-    this.name.textContent = about.may_save && !about.exists ? `${about.name} (new)` : about.name;
+    this.name.textContent = about.may_save && !about.exists ? `${lastPart(about.name)} (new)` : lastPart(about.name);
+    this.name.title = about.name;
     this.saveButton.disabled = !about.may_save;
     this.saveButton.title = about.may_save ? "Ctrl+S" : "Open the page with `microsig view FILE.ron` to save";
     this.presets.append(
@@ -280,7 +281,7 @@ export class ScenarioPage {
       ...this.row("N_S", num(numbers.n_s), "Source density: particles in view times the area of a particle image over that of the sensor"),
       ...this.row("SNR", num(part.snr), "Median over depth: peak of a particle over the standard deviation of the background"),
       ...this.row("Moves A to B", most === null ? "\u2013" : `${num(least, 2)} to ${num(most, 2)}, median ${num(median, 2)} px`, "Displacement in the image plane from the first frame to the second: minimum, maximum, median"),
-      ...this.row("along z", depth === null ? "\u2013" : `${num(depth[0], 2)} to ${num(depth[1], 2)} \u00b5m`),
+      ...this.row("along z", depth === null ? "\u2013" : depth[0] === depth[1] ? `${num(depth[0], 2)} \u00b5m` : `${num(depth[0], 2)} to ${num(depth[1], 2)} \u00b5m`),
       ...this.row("Best focus", part.focus_um === null ? "all depths" : `z = ${num(part.focus_um)} \u00b5m`),
       ...this.row("All of it", `about ${duration(part.seconds)}, ${byteSize(part.bytes)}`, "Time on this machine, estimated from the frames of this preview; estimated size"),
     );
@@ -329,7 +330,7 @@ export class ScenarioPage {
       series: [
         { label: "peak, counts", values: curves.peak_counts, color: KINDS[0].color },
         { label: "width x, px", values: curves.width_x_px, color: "#5b9dff", axis: "right" },
-        { label: "width y, px", values: curves.width_y_px, color: "#c58bff", axis: "right", dash: [6, 4] },
+        { label: "width y, px", values: curves.width_y_px, color: "#ff9a4a", axis: "right", dash: [6, 6] },
       ],
       axes: { x: "z, \u00b5m", left: "peak, counts", right: "width at 10 %, px" },
       marks,

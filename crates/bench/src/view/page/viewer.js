@@ -27,9 +27,9 @@ export function usualContrast(counts) {
 
 /** An image that can be zoomed and panned. */
 export class Viewer {
-  /** `drawn(context, viewer)` draws overlays, `clicked(x, y)` is called with pixel coordinates. */
-  constructor({ drawn = () => {}, clicked = () => {}, hovered = () => {}, label = "Image" } = {}) {
-    Object.assign(this, { drawn, clicked, hovered });
+  /** `drawn(context, viewer)` draws overlays, `clicked(x, y)` is called with pixel coordinates, `moved()` after zoom and pan. */
+  constructor({ drawn = () => {}, clicked = () => {}, hovered = () => {}, moved = () => {}, label = "Image" } = {}) {
+    Object.assign(this, { drawn, clicked, hovered, moved });
     this.base = el("canvas", { "aria-hidden": "true" });
     this.top = el("canvas", { "aria-hidden": "true" });
     this.readout = el("div", { class: "readout" });
@@ -110,7 +110,7 @@ export class Viewer {
     this.scale = Math.min(clientWidth / this.image.width, clientHeight / this.image.height);
     this.left = (clientWidth - this.scale * this.image.width) / 2;
     this.upper = (clientHeight - this.scale * this.image.height) / 2;
-    this.draw();
+    this.changed();
   }
 
   /** Zooms by a factor about a point of the screen. */
@@ -121,7 +121,7 @@ export class Viewer {
     this.upper = y - (y - this.upper) * by;
     this.scale = scale;
     this.isFitted = false;
-    this.draw();
+    this.changed();
   }
 
   /** Brings a pixel to the middle. */
@@ -130,6 +130,12 @@ export class Viewer {
     this.left = this.element.clientWidth / 2 - (x - 0.5) * scale;
     this.upper = this.element.clientHeight / 2 - (y - 0.5) * scale;
     this.isFitted = false;
+    this.changed();
+  }
+
+  /** After a new zoom or place. */
+  changed() {
+    this.moved();
     this.draw();
   }
 
@@ -227,7 +233,7 @@ export class Viewer {
         this.upper += y - from[1];
         from = [x, y];
         this.isFitted = this.isFitted && moved < 4;
-        this.draw();
+        this.changed();
       }
       this.tell(...this.toImage(x, y));
     });
@@ -261,7 +267,7 @@ export class Viewer {
         this.left += pans[event.key][0];
         this.upper += pans[event.key][1];
         this.isFitted = false;
-        this.draw();
+        this.changed();
         event.stopPropagation();
       } else {
         return;

@@ -16,6 +16,7 @@ use super::interpolated::InterpolatedImage;
 use super::pixel_integral::{self, AZIMUTHS};
 use super::quadrant_layout::QuadrantLayout;
 use super::radial_layout::RadialLayout;
+use crate::cancel::checkpoint;
 use crate::render::spline::{self, SplineDegree};
 
 /// Radii of the spheres of a table, um.
@@ -70,6 +71,7 @@ struct TableBuilder<'a> {
 
 impl TableBuilder<'_> {
     fn sample(&self, z_um: f64, radius_um: f64, nodes: SampleNodes) -> Vec<f64> {
+        checkpoint();
         self.model.sample(z_um, radius_um, nodes, self.fineness)
     }
 

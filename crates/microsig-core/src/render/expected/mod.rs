@@ -45,6 +45,7 @@ use super::instructions::InstructionSet;
 use super::interface::{Description, ImageStreams, Render};
 use super::patch::Window;
 use super::rays::{LARGEST_EXCESS, RayRenderer};
+use crate::cancel::checkpoint;
 use crate::emission::{self, SpheroidLaw};
 use crate::error::Error;
 use crate::optics::OpticalSystem;
@@ -307,6 +308,7 @@ impl ExpectedRenderer {
         // sums do not depend on the number of threads.
         let band_rows = rows.div_ceil(rayon::current_num_threads()).max(BAND);
         for particles in particles.chunks(PARTICLES) {
+            checkpoint();
             let sources = self.sources(particles);
             image.par_chunks_mut(band_rows * stride).enumerate().for_each(|(i, pixels)| {
                 let band = ImageBand { x0: 1, y0: (i * band_rows) as i64 + 1, stride, pixels };
@@ -343,6 +345,7 @@ impl ExpectedRenderer {
             .par_iter()
             .map(|particle| {
                 self.is_spheroid(particle).then(|| {
+                    checkpoint();
                     let window = self.spheroid_window(particle);
                     let surface = spheroid::surface(self.settings(), self.law(), particle);
                     let place = [particle.x_px, particle.y_px, particle.z_um];

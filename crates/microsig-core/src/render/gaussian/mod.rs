@@ -17,6 +17,7 @@ mod spot;
 
 use rayon::prelude::*;
 
+use crate::cancel::checkpoint;
 use crate::emission::SpheroidLaw;
 use crate::error::{Error, Fault};
 use crate::particle::Particle;
@@ -113,6 +114,7 @@ impl GaussianRenderer {
 
     /// Computes the light of the rows from `first` on.
     fn band(&self, spots: &Footprints<'_>, first: usize, pixels: &mut [f64]) {
+        checkpoint();
         let width = self.settings.pixel_dim_x as usize;
         self.instructions.dispatch(Band { spots, width, first, pixels, pool: &self.sums });
     }

@@ -12,6 +12,7 @@ mod sources;
 
 use rayon::prelude::*;
 
+use crate::cancel::checkpoint;
 use crate::emission::{self, GoldenAzimuths, Point, SpheroidLaw};
 use crate::error::Error;
 use crate::optics::{self, OpticalSystem, Ray};
@@ -318,6 +319,7 @@ impl Render for RayRenderer {
                 .zip(windows)
                 .enumerate()
                 .map_init(Scratch::default, |scratch, (i, (particle, &window))| {
+                    checkpoint();
                     let mut angles = streams.stream(purpose, frame, (first + i) as u32);
                     self.patch_in(window, particle, &mut angles, scratch).map(|patch| (particle, patch))
                 })

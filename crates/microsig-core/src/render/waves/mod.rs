@@ -43,6 +43,7 @@ use super::instructions::InstructionSet;
 use super::interface::{Description, ImageStreams, Render};
 use super::patch::Window;
 use super::rays::RayRenderer;
+use crate::cancel::checkpoint;
 use crate::emission::{self, SpheroidLaw};
 use crate::error::Error;
 use crate::particle::Particle;
@@ -274,6 +275,7 @@ impl WavesRenderer {
         // do not depend on the number of threads.
         let band_rows = rows.div_ceil(rayon::current_num_threads()).max(BAND);
         for particles in particles.chunks(PARTICLES) {
+            checkpoint();
             let tables = self.cache.tables(particles.iter());
             image.par_chunks_mut(band_rows * stride).enumerate().for_each(|(i, pixels)| {
                 let band = Band { x0: 1, y0: (i * band_rows) as i64 + 1, stride, pixels };

@@ -11,6 +11,7 @@ use super::pixel::{self, Axis};
 use super::pupil::{Pupil, Radii};
 use super::quadrant::Quadrant;
 use super::spline::{self, TAPS};
+use crate::cancel::checkpoint;
 use crate::render::instructions::InstructionSet;
 
 /// Margin beyond the edge that is computed but not rendered, px, because the Fourier series is periodic.
@@ -368,6 +369,7 @@ impl Model {
 
     /// The light of a sphere, per px, as a fraction of that emitted into the half space.
     pub(super) fn light(&self, frame: &Frame, z_um: f64, radius_um: f64) -> Light {
+        checkpoint();
         let stride = match &frame.engine {
             Engine::Round(_) => frame.grid[0],
             Engine::Quadrant(quadrant) => quadrant.columns(),
