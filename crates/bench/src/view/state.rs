@@ -40,6 +40,8 @@ pub(super) struct App {
     port: u16,
     datasets: Cache<usize, OpenDataset>,
     results: Cache<(usize, usize), OpenResult>,
+    /// Locked while a result is scored: scoring may need much memory.
+    scoring: Mutex<()>,
     /// Limits responses that need much memory.
     pub(super) large: Arc<Semaphore>,
     jobs: Arc<Semaphore>,
@@ -113,6 +115,7 @@ impl App {
             port,
             datasets: Cache::at_most(OPEN_DATASETS),
             results: Cache::at_most(OPEN_RESULTS),
+            scoring: Mutex::default(),
             large: Arc::new(Semaphore::new(LARGE_ANSWERS)),
             jobs: Arc::new(Semaphore::new(JOBS)),
             waiting: AtomicU64::new(0),
@@ -174,6 +177,11 @@ impl App {
         let path =
             self.subject.trackers.get(tracker).and_then(|tracker| tracker.results.get(dataset)?.as_ref());
         let Some(path) = path else { return Ok(None) };
+        if let Some(open) = self.results.find((dataset, tracker)) {
+            return Ok(Some(open));
+        }
+        let _one_at_a_time = locked(&self.scoring);
+        // Another request may have scored it meanwhile.
         if let Some(open) = self.results.find((dataset, tracker)) {
             return Ok(Some(open));
         }
