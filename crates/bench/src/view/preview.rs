@@ -252,7 +252,7 @@ mod tests {
     )"#;
 
     #[test]
-    fn a_preview_ends_at_once_when_another_begins_or_its_reader_leaves() {
+    fn a_preview_is_not_finished_when_another_begins_or_its_reader_leaves() {
         let app = Arc::new(App::new(Subject::default(), 1).unwrap());
         for leaves in [false, true] {
             let (sender, mut receiver) = channel(2);
@@ -263,19 +263,17 @@ mod tests {
             assert!(receiver.blocking_recv().is_some());
             std::thread::sleep(Duration::from_millis(500));
             assert!(!running.is_finished());
-            let cancelled = Instant::now();
             if leaves {
                 // As the route does once the reader has gone.
-                drop(receiver);
                 cancellation.cancel();
             } else {
                 app.next_preview();
             }
+            // Until the preview ends, its sender is alive.
+            while let Some(part) = receiver.blocking_recv() {
+                assert!(!part.windows(5).any(|word| word == b"\"end\""), "the preview ran to its end");
+            }
             running.join().unwrap();
-            let ms = cancelled.elapsed().as_millis();
-            println!("cancelled after {ms} ms of work");
-            // A machine that is busy with all tests may take longer than the work.
-            assert!(ms < 1000, "{ms} ms");
         }
     }
 }
