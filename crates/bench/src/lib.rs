@@ -1,5 +1,6 @@
 //! The `microsig` command ([`cli`]) and what it alone needs: challenges ([`release`]), reports of scores
-//! ([`report`]), results in the formats of others ([`export`]), plots of flows and the pages of `microsig view`.
+//! ([`report`]), results in the formats of others ([`export`]), plots of flows and the pages of
+//! `microsig view`.
 
 pub mod cli;
 pub mod export;
