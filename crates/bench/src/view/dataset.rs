@@ -1,13 +1,12 @@
 //! A dataset on the page: frames, truth, optics.
 
 use std::fmt::Debug;
-use std::io::BufReader;
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
+use microsig_core::formats::tiff;
 use microsig_core::{Particle, Spheroid};
 use serde_json::{Value, json};
-use tiff::decoder::{Decoder, DecodingResult, Limits};
 
 use super::columns::{Indexed, by_column, list};
 use super::optics;
@@ -121,27 +120,9 @@ impl OpenDataset {
     /// An image that cannot be read or does not have the size given in the manifest.
     pub(super) fn counts(&self, frame: usize) -> Result<Option<Vec<u8>>> {
         let Some(image) = self.images.get(frame) else { return Ok(None) };
-        let (path, size) = (self.folder.join(image), self.size_px()?);
-        let damaged = |e: tiff::TiffError| Error::input(format!("{}: {e}", path.display()));
-        let file = BufReader::with_capacity(1 << 18, input::open_unlinked(&path)?);
-        let mut limits = Limits::default();
-        limits.decoding_buffer_size = 2 * MAX_IMAGE as usize;
-        let mut decoder = Decoder::new(file).map_err(damaged)?.with_limits(limits);
-        let found = decoder.dimensions().map_err(damaged)?;
-        let refuse = |what: String| Err(Error::input(format!("{}: {what}", path.display())));
-        if found != size {
-            return refuse(format!("{} x {} px: expected {} x {} px", found.0, found.1, size.0, size.1));
-        }
-        let bytes: Vec<u8> = match decoder.read_image().map_err(damaged)? {
-            DecodingResult::U8(counts) => counts.iter().flat_map(|c| u16::from(*c).to_le_bytes()).collect(),
-            DecodingResult::U16(counts) => counts.iter().flat_map(|c| c.to_le_bytes()).collect(),
-            _ => return refuse("expected gray counts of 8 or 16 bit".to_owned()),
-        };
-        let pixels = size.0 as usize * size.1 as usize;
-        if bytes.len() != 2 * pixels {
-            return refuse(format!("{} values: expected {pixels}, one per pixel", bytes.len() / 2));
-        }
-        Ok(Some(bytes))
+        let path = self.folder.join(image);
+        let file = input::open_unlinked(&path)?;
+        Ok(Some(tiff::read_bytes(file, &path.display().to_string(), self.size_px()?)?))
     }
 
     fn tracks(&self) -> Result<Arc<Option<Indexed>>> {

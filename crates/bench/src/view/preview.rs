@@ -12,6 +12,7 @@ use axum::body::Bytes;
 use flows::Frame;
 use microsig_core::Particle;
 use microsig_core::cancel::Cancellation;
+use microsig_core::formats::tiff;
 use microsig_core::sensor::Image;
 use serde_json::{Value, json};
 use tokio::sync::mpsc::Sender;
@@ -109,7 +110,7 @@ impl Preview {
             let frame = frame?;
             let (image, seconds, share) = self.draw(&scenario, &camera, &frame)?;
             drawn_s = f64::max(drawn_s, seconds);
-            let pixels: Vec<u8> = image.counts.iter().flat_map(|count| count.to_le_bytes()).collect();
+            let pixels = tiff::little_endian(&image.counts);
             let part = json!({ "part": "frame", "index": frame.index, "width": image.width, "height": image.height,
                 "t_s": frame.t_s, "share": share, "seconds": seconds, "particles": particles(&scenario, &frame) });
             self.send(part, &pixels)?;

@@ -4,7 +4,8 @@
 //! resolution tags, the unit and the time between frames in a description that starts with "ImageJ=". No
 //! other metadata are written: no date, no program, no path.
 
-use std::io::{BufRead, Seek, Write};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Seek, Write};
 
 use ::tiff::decoder::{Decoder, DecodingResult, ifd::Value};
 use ::tiff::encoder::{
@@ -116,6 +117,37 @@ fn malformed(name: &str, message: String) -> Error {
 /// # Errors
 /// [`Error::Malformed`] if the input is not such an image.
 pub fn read(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<Vec<f64>, Error> {
+    Ok(match decode(reader, name, size)? {
+        Counts::Bits8(counts) => counts.into_iter().map(f64::from).collect(),
+        Counts::Bits16(counts) => counts.into_iter().map(f64::from).collect(),
+    })
+}
+
+/// Reads a file like [`read`], as counts of 16 bit in [`little_endian`] bytes. Not generic, so that it is
+/// optimized like this crate, whoever calls it.
+///
+/// # Errors
+/// As of [`read`].
+pub fn read_bytes(file: File, name: &str, size: (u32, u32)) -> Result<Vec<u8>, Error> {
+    Ok(match decode(BufReader::with_capacity(1 << 18, file), name, size)? {
+        Counts::Bits8(counts) => {
+            counts.into_iter().flat_map(|count| u16::from(count).to_le_bytes()).collect()
+        }
+        Counts::Bits16(counts) => little_endian(&counts),
+    })
+}
+
+/// Counts as bytes, the lower one first.
+pub fn little_endian(counts: &[u16]) -> Vec<u8> {
+    counts.iter().flat_map(|count| count.to_le_bytes()).collect()
+}
+
+enum Counts {
+    Bits8(Vec<u8>),
+    Bits16(Vec<u16>),
+}
+
+fn decode(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<Counts, Error> {
     let refuse = |message: String| malformed(name, message);
     let damaged = |e: TiffError| refuse(e.to_string());
     let mut decoder = Decoder::new(reader).map_err(damaged)?;
@@ -124,16 +156,16 @@ pub fn read(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result
     if found != size {
         return Err(refuse(format!("{} x {} px: expected {} x {} px", found.0, found.1, size.0, size.1)));
     }
-    let counts: Vec<f64> = match decoder.read_image().map_err(damaged)? {
-        DecodingResult::U8(counts) => counts.into_iter().map(f64::from).collect(),
-        DecodingResult::U16(counts) => counts.into_iter().map(f64::from).collect(),
+    let (counts, values) = match decoder.read_image().map_err(damaged)? {
+        DecodingResult::U8(counts) => (counts.len(), Counts::Bits8(counts)),
+        DecodingResult::U16(counts) => (counts.len(), Counts::Bits16(counts)),
         _ => return Err(refuse("expected gray counts of 8 or 16 bit".to_owned())),
     };
     let pixels = size.0 as usize * size.1 as usize;
-    if counts.len() != pixels {
-        return Err(refuse(format!("{} values: expected {pixels}, one per pixel", counts.len())));
+    if counts != pixels {
+        return Err(refuse(format!("{counts} values: expected {pixels}, one per pixel")));
     }
-    Ok(counts)
+    Ok(values)
 }
 
 #[cfg(test)]
@@ -155,7 +187,12 @@ mod tests {
         for (bits, counts) in [(16, vec![0, 1, 350, 4464, 65_534, 65_535]), (8, vec![0, 1, 2, 127, 254, 255])]
         {
             let read = read(written(bits, counts.clone()), "i.tif", (3, 2)).unwrap();
-            assert_eq!(read, counts.into_iter().map(f64::from).collect::<Vec<_>>());
+            assert_eq!(read, counts.iter().copied().map(f64::from).collect::<Vec<_>>());
+            let path = std::env::temp_dir().join(format!("microsig-tiff-{}-{bits}", std::process::id()));
+            std::fs::write(&path, written(bits, counts.clone()).into_inner()).unwrap();
+            let bytes = read_bytes(File::open(&path).unwrap(), "i.tif", (3, 2)).unwrap();
+            std::fs::remove_file(path).unwrap();
+            assert_eq!(bytes, counts.iter().flat_map(|c| [*c as u8, (*c >> 8) as u8]).collect::<Vec<_>>());
         }
     }
 
