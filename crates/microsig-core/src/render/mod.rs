@@ -16,6 +16,7 @@ pub mod rays;
 mod renderer;
 mod spline;
 mod store;
+mod tables;
 pub mod waves;
 
 pub use expected::ExpectedRenderer;

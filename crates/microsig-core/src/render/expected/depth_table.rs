@@ -56,6 +56,16 @@ pub(super) struct DepthTable {
     pub(super) error: f64,
 }
 
+impl crate::render::tables::Table for DepthTable {
+    fn bytes(&self) -> usize {
+        size_of_val(self.coefficients.as_slice())
+    }
+
+    fn error(&self) -> f64 {
+        self.error
+    }
+}
+
 impl DepthTable {
     /// The planes around a depth and a radius (um): four for each interpolation radius.
     pub(super) fn planes_around(
@@ -117,11 +127,6 @@ impl DepthTable {
         let table =
             DepthTable { start_um, step_um, planes, radii, layout, reach_px: [x, y], coefficients, error };
         (table.coefficients.len() == length && planes >= 4 && from.is_done()).then_some(table)
-    }
-
-    /// Memory of the table, bytes.
-    pub(super) fn bytes(&self) -> usize {
-        size_of_val(self.coefficients.as_slice())
     }
 }
 

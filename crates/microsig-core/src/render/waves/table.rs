@@ -39,6 +39,16 @@ pub(super) struct Neighbor<'a> {
     pub(super) coefficients: &'a [f32],
 }
 
+impl crate::render::tables::Table for Table {
+    fn bytes(&self) -> usize {
+        size_of_val(self.coefficients.as_slice())
+    }
+
+    fn error(&self) -> f64 {
+        self.error
+    }
+}
+
 impl Table {
     /// The first of the four planes around a depth, and the distance of the depth from it, in steps.
     fn first(&self, z_um: f64) -> (usize, f64) {
@@ -109,11 +119,6 @@ impl Table {
         let length = table.radii.len().checked_mul(planes)?.checked_mul(table.layout.length())?;
         let fits = table.coefficients.len() == length && table.reach_px.len() == planes && planes >= 4;
         (fits && from.is_done()).then_some(table)
-    }
-
-    /// Memory of the coefficients, bytes.
-    pub(super) fn bytes(&self) -> usize {
-        size_of_val(self.coefficients.as_slice())
     }
 }
 
