@@ -1,6 +1,5 @@
 //! A resolved scenario: all defaults filled in, all rules checked.
 
-use std::sync::Arc;
 
 use flows::scale::Scale;
 use flows::tracks::ParticleDefaults;
@@ -110,19 +109,6 @@ impl Scenario {
         }
     }
 
-    /// Noise-free images of a sphere of the mean diameter through the depth range; taken from `noise_free` if
-    /// it has them.
-    ///
-    /// # Errors
-    /// None for a resolved scenario.
-    pub fn stack(&self, noise_free: &NoiseFree) -> Result<Arc<DepthScan>> {
-        let (d_um, range_um) = (self.seeding.diameters().mean(), self.depth_range_um);
-        if let Some(stack) = noise_free.stack(d_um, range_um) {
-            return Ok(stack);
-        }
-        Ok(Arc::new(self.scan(d_um, range_um)?))
-    }
-
     /// Noise-free images of a sphere of diameter `d_um` (um) through a range of physical depths (um).
     ///
     /// # Errors
@@ -154,16 +140,22 @@ impl Scenario {
         depths.map(move |(image, z_um)| counts * image.peak * self.illumination.at(DVec3::Z * *z_um))
     }
 
-    /// Noise-free images of particles of all diameters through the depth of the box.
+    /// The renderer of the light without ray noise.
     ///
     /// # Errors
-    /// None for a resolved scenario.
-    pub fn noise_free(&self) -> Result<NoiseFree> {
-        let (depth_factor, sizes) = (self.spec.optics.depth_factor.unwrap_or(1.0), self.seeding.diameters());
-        let box_um = (self.domain.region().min().z, self.domain.region().max().z);
-        let draw = |settings: &Settings| Ok(self.spec.renderer().for_depth_scans().build(settings)?);
-        let law = self.renderer.spheroid_law();
-        NoiseFree::new(draw, &self.settings, law, (sizes.min(), sizes.max()), box_um, depth_factor)
+    /// Ray images whose limit of infinitely many rays would take too long.
+    pub fn without_ray_noise(&self, tolerance: f64) -> Result<Renderer> {
+        if !self.renderer.has_ray_noise() {
+            return Ok(self.renderer.clone());
+        }
+        Ok(self.spec.renderer().without_ray_noise(tolerance).build(&self.settings)?)
+    }
+
+    /// Noise-free images of single particles.
+    pub fn noise_free(&self) -> NoiseFree {
+        let has_ray_noise = self.renderer.has_ray_noise();
+        let limit = || self.without_ray_noise(visibility::TOLERANCE).ok();
+        NoiseFree::new(self.renderer.clone(), has_ray_noise.then(limit).flatten())
     }
 
     /// The sensor with its fixed-pattern noise.

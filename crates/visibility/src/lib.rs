@@ -6,5 +6,5 @@ mod noise_free;
 mod overlap;
 
 pub use depth_scan::{DepthScan, ScanImage};
-pub use noise_free::{NoiseFree, Patch};
+pub use noise_free::{NoiseFree, Patch, TOLERANCE};
 pub use overlap::{Visibility, visibility};

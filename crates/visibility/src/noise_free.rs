@@ -1,32 +1,24 @@
-//! The noise-free image of any particle of a dataset, from precomputed depth scans.
+//! The noise-free image of any particle of a dataset.
 
-use std::sync::Arc;
-
-use microsig_core::emission::{SpheroidLaw, surface_points};
+use microsig_core::emission::aperture_excess;
 use microsig_core::render::Renderer;
 use microsig_core::{Particle, Settings};
 
-use super::depth_scan::DepthScan;
-use storage::error::Result;
+/// Tolerance of images that are made for the visibility alone: the root mean square error relative to the peak.
+pub const TOLERANCE: f64 = 0.01;
 
-/// Number of diameters scanned, from the smallest to the largest.
-const DIAMETERS: u32 = 5;
-
-/// Renders single particles without noise, accurately enough for peak, SNR and overlap.
+/// Renders single particles without noise, each at its sub-pixel position and depth.
 ///
-/// The image is that of the depth scan nearest in depth and diameter, shifted by whole pixels and scaled to
-/// the peak at the particle's depth (interpolated linearly) and to its number of source points. The peak is
-/// therefore that of a particle centered on a pixel. A spheroid is rendered as a sphere with its number of
-/// emitting points.
+/// Images of a dataset without ray noise come from its own renderer. For ray images they are the limit of
+/// infinitely many rays, times the light that few rays have in excess; where that limit takes too long
+/// (numerical apertures above 0.6 with a strong cylindrical lens), the mean of 32 ray images.
 #[derive(Debug, Clone)]
 pub struct NoiseFree {
-    settings: Settings,
-    /// Which surface points of spheroids emit light; `None` for renderers without source points.
-    law: Option<SpheroidLaw>,
-    depth_factor: f64,
-    range_um: (f64, f64),
-    /// Sorted by diameter, um.
-    stacks: Vec<(f64, Arc<DepthScan>)>,
+    renderer: Renderer,
+    /// For ray images: the limit of infinitely many rays.
+    limit: Option<Renderer>,
+    /// Light of the limit that ray images have.
+    factor: f64,
 }
 
 /// The light of a particle on a rectangle of pixels, in the unit of [`microsig_core::sensor::Light`].
@@ -41,74 +33,190 @@ pub struct Patch {
 }
 
 impl NoiseFree {
-    /// Scans spheres with diameters in a range (um) through a range of physical depths (um).
-    ///
-    /// # Errors
-    /// Settings that cannot be rendered.
-    pub fn new(
-        draw: impl Fn(&Settings) -> Result<Renderer>,
-        settings: &Settings,
-        law: Option<SpheroidLaw>,
-        (least_um, greatest_um): (f64, f64),
-        range_um: (f64, f64),
-        depth_factor: f64,
-    ) -> Result<Self> {
-        let n = if least_um < greatest_um { DIAMETERS } else { 1 };
-        let diameter =
-            |k: u32| least_um + (greatest_um - least_um) * f64::from(k) / f64::from((n - 1).max(1));
-        let stacks = (0..n)
-            .map(|k| {
-                let stack = DepthScan::measure(&draw, settings, diameter(k), range_um, depth_factor)?;
-                Ok((diameter(k), Arc::new(stack)))
-            })
-            .collect::<Result<_>>()?;
-        Ok(NoiseFree { settings: settings.clone(), law, depth_factor, range_um, stacks })
+    /// Images of a dataset that is drawn by `renderer`; `limit`: for ray images, the renderer of their limit of
+    /// infinitely many rays.
+    pub fn new(renderer: Renderer, limit: Option<Renderer>) -> Self {
+        let Settings { n_rays, numerical_aperture, .. } = *renderer.settings();
+        let factor = if limit.is_some() { 1.0 + aperture_excess(n_rays, numerical_aperture) } else { 1.0 };
+        NoiseFree { renderer, limit, factor }
     }
 
-    /// The depth scan of a diameter (um) through a range of physical depths (um), if it is available.
-    pub fn stack(&self, d_um: f64, range_um: (f64, f64)) -> Option<Arc<DepthScan>> {
-        let found = self.stacks.iter().find(|(of_um, _)| *of_um == d_um && self.range_um == range_um);
-        found.map(|(_, stack)| Arc::clone(stack))
+    /// Whether images are drawn from tables that take long to make.
+    pub fn needs_tables(&self) -> bool {
+        self.limit.as_ref().unwrap_or(&self.renderer).needs_tables()
     }
 
-    /// Renders one particle into a patch, which is resized to fit; empty if no light reaches the sensor.
-    pub fn draw(&self, particle: &Particle, patch: &mut Patch) {
-        patch.values.clear();
-        let distance = |d_um: &f64| (d_um - particle.d_um).abs();
-        let nearest = self.stacks.iter().min_by(|a, b| distance(&a.0).total_cmp(&distance(&b.0)));
-        let Some((d_um, stack)) = nearest else { return };
-        let (spot, peak) = stack.at(particle.z_um * self.depth_factor);
-        if spot.peak == 0.0 {
-            return;
+    /// Makes the tables that images of these particles take, once for all of them.
+    pub fn prepare(&self, particles: &[&[Particle]]) {
+        let Some(limit) = &self.limit else { return self.renderer.prepare(particles) };
+        let drawn: Vec<Particle> =
+            particles.iter().copied().flatten().filter(|p| limit.check(p).is_ok()).copied().collect();
+        limit.prepare(&[&drawn]);
+    }
+
+    /// The image of one particle; empty if no light reaches the sensor.
+    pub fn draw(&self, particle: &Particle) -> Patch {
+        let limit = self.limit.as_ref().filter(|limit| limit.check(particle).is_ok());
+        let renderer = limit.unwrap_or(&self.renderer);
+        let Some(patch) = renderer.mean_patch(particle) else { return Patch::default() };
+        let (window, mut values) = (patch.window, patch.counts);
+        if limit.is_some() {
+            values.iter_mut().for_each(|light| *light *= self.factor);
         }
-        let factor = particle.c_int * peak / spot.peak * self.points(particle, *d_um);
-        let side = 2 * spot.half_px + 1;
         // Pixels are counted from 0 here, from 1 in MicroSIG.
-        let visible = |center: f64, size: u32| {
-            let first = libm::rint(center) as i64 - 1 - spot.half_px as i64;
-            let (low, high) = (first.max(0), (first + side as i64).min(i64::from(size)));
-            (low < high).then(|| (low as usize, (low - first) as usize..(high - first) as usize))
-        };
-        let (Some((x, columns)), Some((y, rows))) = (
-            visible(particle.x_px, self.settings.pixel_dim_x),
-            visible(particle.y_px, self.settings.pixel_dim_y),
-        ) else {
-            return;
-        };
-        (patch.corner, patch.width) = ((x, y), columns.len());
-        for row in rows {
-            patch.values.extend(spot.light[row * side..][columns.clone()].iter().map(|light| factor * light));
+        Patch { corner: ((window.x0 - 1) as usize, (window.y0 - 1) as usize), width: window.width, values }
+    }
+
+    /// The image of several particles that are one, as the points of a streak.
+    pub fn draw_all(&self, particles: &[Particle]) -> Patch {
+        particles.iter().fold(Patch::default(), |whole, particle| whole.joined(self.draw(particle)))
+    }
+
+    /// Number of pixels that the image of a particle may illuminate.
+    pub fn pixels(&self, particle: &Particle) -> f64 {
+        let Settings { pixel_dim_x, pixel_dim_y, .. } = *self.renderer.settings();
+        let (x, y) = self.renderer.image_extent(particle);
+        (2.0 * x + 1.0).min(f64::from(pixel_dim_x)) * (2.0 * y + 1.0).min(f64::from(pixel_dim_y))
+    }
+}
+
+impl Patch {
+    /// The smallest patch that contains both, with the sum of their light.
+    pub fn joined(self, other: Patch) -> Patch {
+        if other.values.is_empty() {
+            return self;
+        }
+        if self.values.is_empty() {
+            return other;
+        }
+        let end = |p: &Patch| (p.corner.0 + p.width, p.corner.1 + p.values.len() / p.width);
+        let corner = (self.corner.0.min(other.corner.0), self.corner.1.min(other.corner.1));
+        let (a, b) = (end(&self), end(&other));
+        let width = a.0.max(b.0) - corner.0;
+        let mut values = vec![0.0; width * (a.1.max(b.1) - corner.1)];
+        for part in [&self, &other] {
+            let first = (part.corner.1 - corner.1) * width + part.corner.0 - corner.0;
+            for (row, light) in part.values.chunks(part.width).enumerate() {
+                let line = &mut values[first + row * width..][..light.len()];
+                line.iter_mut().zip(light).for_each(|(sum, l)| *sum += l);
+            }
+        }
+        Patch { corner, width, values }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use microsig_core::Spheroid;
+    use microsig_core::emission::SpheroidLaw;
+    use microsig_core::render::waves::WaveOptics;
+    use microsig_core::render::{GaussianSpot, RayRenderer, RendererSpec};
+    use microsig_core::stream::{Purpose, Streams};
+
+    const RAYS: RendererSpec = RendererSpec::Rays { spheroids: SpheroidLaw::Original };
+
+    fn settings() -> Settings {
+        Settings { pixel_dim_x: 160, pixel_dim_y: 140, ..Settings::setting1a() }
+    }
+
+    fn noise_free(spec: RendererSpec, settings: &Settings) -> NoiseFree {
+        let renderer = spec.clone().build(settings).unwrap();
+        let limit = renderer.has_ray_noise().then(|| spec.without_ray_noise(TOLERANCE).build(settings).unwrap());
+        NoiseFree::new(renderer, limit)
+    }
+
+    fn peak(values: &[f64]) -> f64 {
+        values.iter().copied().fold(0.0, f64::max)
+    }
+
+    /// Particles at sub-pixel positions, from one side of focus to the other, some at the edges of the sensor.
+    fn particles() -> Vec<Particle> {
+        (0..12)
+            .map(|k| {
+                let k = f64::from(k);
+                let (x_px, y_px) = (80.0 + 83.0 * (1.7 * k).sin(), 70.0 + 30.0 * (2.9 * k).cos());
+                Particle { c_int: 1.0 + 0.1 * k, ..Particle::sphere(x_px, y_px, -45.3 + 5.37 * k, 2.0) }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn images_are_those_of_the_datasets_renderer() {
+        let waves = RendererSpec::Waves { optics: WaveOptics::new(0.52), tolerance: 0.003 };
+        let expected = RAYS.without_ray_noise(0.003);
+        let spot = |reference_um| GaussianSpot { diameter_px: 1.5, reference_um, peak_counts: 800.0 };
+        let gaussian = [RendererSpec::Gaussian(spot(None)), RendererSpec::Gaussian(spot(Some(0.3)))];
+        for spec in gaussian.into_iter().chain([expected, waves]) {
+            let settings = settings();
+            let (single, renderer) = (noise_free(spec.clone(), &settings), spec.build(&settings).unwrap());
+            for particle in particles() {
+                let light = renderer.light(&[particle], &Streams::new(0), Purpose::Rays, 0).values;
+                let patch = single.draw(&particle);
+                let mut drawn = vec![0.0; light.len()];
+                for (row, values) in patch.values.chunks(patch.width.max(1)).enumerate() {
+                    let first = (patch.corner.1 + row) * settings.pixel_dim_x as usize + patch.corner.0;
+                    drawn[first..][..values.len()].copy_from_slice(values);
+                }
+                let most = light.iter().zip(&drawn).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                let name = renderer.name();
+                assert!(most < 2e-5 * peak(&light).max(1.0), "{name} {particle:?}: {most}");
+            }
         }
     }
 
-    /// Ratio of the number of emitting points of a particle to that of a sphere of diameter `d_um`.
-    fn points(&self, particle: &Particle, d_um: f64) -> f64 {
-        // The brightness of Gaussian images depends on c_int only, not on size.
-        let Some(law) = self.law else { return 1.0 };
-        let sphere = Particle { spheroid: None, d_um, ..*particle };
-        // In the original law about half of a spheroid's points emit light, and all of a sphere's.
-        let shining = if particle.spheroid.is_some() && law == SpheroidLaw::Original { 0.5 } else { 1.0 };
-        shining * surface_points(&self.settings, particle) as f64
-            / surface_points(&self.settings, &sphere) as f64
+    /// The bound of 1 % holds for the peak at any sub-pixel position and depth.
+    #[test]
+    fn peaks_of_ray_images_are_right_to_one_percent() {
+        let settings = settings();
+        let single = noise_free(RAYS, &settings);
+        let accurate = RAYS.without_ray_noise(3e-4).build(&settings).unwrap();
+        for particle in particles().into_iter().skip(1) {
+            let exact = accurate.mean_patch(&particle).map_or(0.0, |patch| peak(&patch.counts));
+            let found = peak(&single.draw(&particle).values);
+            assert!((found - exact).abs() < 0.01 * exact, "{particle:?}: {found} {exact}");
+        }
+    }
+
+    /// In focus, where a pixel-centered image of 2.5 px would be too bright by 20 % on average.
+    #[test]
+    fn ray_images_have_this_mean_even_with_few_rays() {
+        let settings = Settings { numerical_aperture: 0.13, n_rays: 59, ..settings() };
+        let rays = RayRenderer::new(&settings, SpheroidLaw::Original).unwrap();
+        let single = noise_free(RAYS, &settings);
+        let particle = Particle::sphere(80.42, 70.31, -4.3, 2.0);
+        let mut scratch = Default::default();
+        let mut image = |frame| rays.patch(&particle, &Streams::new(3), Purpose::Rays, frame, 0, &mut scratch);
+        const IMAGES: u32 = 400;
+        let total: u64 = (0..IMAGES).map(|frame| image(frame).unwrap().total()).sum();
+        let mean = total as f64 / f64::from(IMAGES);
+        let found: f64 = single.draw(&particle).values.iter().sum();
+        assert!((found / mean - 1.0).abs() < 0.003, "{found} {mean}");
+    }
+
+    /// 32 ray images have a noise of 2 to 3 % in the peak.
+    #[test]
+    fn without_a_limit_ray_images_are_averaged() {
+        let settings = settings();
+        let (averaged, exact) =
+            (NoiseFree::new(RAYS.build(&settings).unwrap(), None), noise_free(RAYS, &settings));
+        let particle = Particle::sphere(80.42, 70.31, -20.0, 2.0);
+        let [a, b] = [averaged, exact].map(|of| of.draw(&particle).values);
+        let sum = |values: &[f64]| values.iter().sum::<f64>();
+        assert!((sum(&a) / sum(&b) - 1.0).abs() < 0.005 && (peak(&a) / peak(&b) - 1.0).abs() < 0.08);
+    }
+
+    #[test]
+    fn spheroids_have_images_of_their_own() {
+        let settings = settings();
+        let single = noise_free(RAYS, &settings);
+        let accurate = RAYS.without_ray_noise(5e-4).build(&settings).unwrap();
+        for (z_um, e_p) in [(-60.0, 3.0), (-20.0, 3.0), (5.0, 2.0), (-30.0, 0.4)] {
+            let spheroid = Some(Spheroid { e_p, alpha_rad: 0.7, beta_rad: 0.5 });
+            let particle = Particle { spheroid, ..Particle::sphere(80.3, 70.2, z_um, 3.0) };
+            let exact = accurate.mean_patch(&particle).map_or(0.0, |patch| peak(&patch.counts));
+            let found = peak(&single.draw(&particle).values);
+            assert!((found - exact).abs() < 0.01 * exact, "{z_um} {e_p}: {found} {exact}");
+        }
     }
 }

@@ -29,6 +29,9 @@ pub struct Visibility {
     pub saturated: bool,
 }
 
+/// Light of patches that are in memory at a time, bytes.
+const PATCHES: f64 = 64e6;
+
 /// The visibility of every tracer of a frame. A tracer is a range of `particles`: empty if it is not
 /// rendered, several for a streak. `total` is a scratch buffer.
 pub fn visibility(
@@ -40,37 +43,50 @@ pub fn visibility(
     total: &mut Vec<f64>,
 ) -> Vec<Visibility> {
     let width = width as usize;
-    // Patches are rendered twice, which is faster than storing them.
-    let draw = |rows: &Range<usize>, [patch, part]: &mut [Patch; 2]| {
-        patch.values.clear();
-        match &particles[rows.clone()] {
-            [] => {}
-            [one] => noise_free.draw(one, patch),
-            many => {
-                for particle in many {
-                    noise_free.draw(particle, part);
-                    *patch = std::mem::take(patch).joined(part);
-                }
-            }
-        }
+    noise_free.prepare(&[particles]);
+    let draw = |tracers: &[Range<usize>]| -> Vec<Patch> {
+        let tracers = tracers.par_iter().with_min_len(TRACERS_PER_TASK);
+        tracers.map(|rows| noise_free.draw_all(&particles[rows.clone()])).collect()
     };
-    let mut patches = <[Patch; 2]>::default();
+    let batches = batches(noise_free, particles, tracers);
+    let mut kept = None;
     total.clear();
     total.resize(width * height as usize, 0.0);
-    for rows in tracers {
-        draw(rows, &mut patches);
-        patches[0].add_to(total, width);
+    for batch in &batches {
+        let patches = draw(&tracers[batch.clone()]);
+        patches.iter().for_each(|patch| patch.add_to(total, width));
+        // If there are several batches, patches are drawn again: they are too large to be stored.
+        kept = (batches.len() == 1).then_some(patches);
     }
     let total = total.as_slice();
-    let see = |patches: &mut [Patch; 2], rows: &Range<usize>| {
-        draw(rows, patches);
-        Visibility::of(&patches[0], total, width, sensor)
+    let see = |patches: Vec<Patch>| -> Vec<Visibility> {
+        let patches = patches.par_iter().with_min_len(TRACERS_PER_TASK);
+        patches.map(|patch| Visibility::of(patch, total, width, sensor)).collect()
     };
-    tracers.par_iter().with_min_len(TRACERS_PER_TASK).map_init(<[Patch; 2]>::default, see).collect()
+    match kept {
+        Some(patches) => see(patches),
+        None => batches.iter().flat_map(|batch| see(draw(&tracers[batch.clone()]))).collect(),
+    }
+}
+
+/// Consecutive tracers whose patches take up to [`PATCHES`] of memory, or a single one.
+fn batches(noise_free: &NoiseFree, particles: &[Particle], tracers: &[Range<usize>]) -> Vec<Range<usize>> {
+    let (mut batches, mut bytes): (Vec<Range<usize>>, f64) = (Vec::new(), 0.0);
+    for (k, rows) in tracers.iter().enumerate() {
+        let own: f64 = particles[rows.clone()].iter().map(|particle| 8.0 * noise_free.pixels(particle)).sum();
+        match batches.last_mut().filter(|_| bytes + own <= PATCHES) {
+            Some(batch) => (batch.end, bytes) = (k + 1, bytes + own),
+            None => {
+                batches.push(k..k + 1);
+                bytes = own;
+            }
+        }
+    }
+    batches
 }
 
 /// Minimum number of tracers per parallel task.
-const TRACERS_PER_TASK: usize = 64;
+const TRACERS_PER_TASK: usize = 16;
 
 impl Patch {
     /// For each row: index of its first pixel in an image of this width, and its light.
@@ -86,34 +102,6 @@ impl Patch {
         for (first, light) in self.rows(width) {
             image[first..][..light.len()].iter_mut().zip(light).for_each(|(sum, l)| *sum += l);
         }
-    }
-
-    /// The smallest patch that contains both, with the sum of their light.
-    pub fn joined(self, other: &Patch) -> Patch {
-        if other.values.is_empty() {
-            return self;
-        }
-        if self.values.is_empty() {
-            return other.clone();
-        }
-        let end = |p: &Patch| (p.corner.0 + p.width, p.corner.1 + p.values.len() / p.width);
-        let corner = (self.corner.0.min(other.corner.0), self.corner.1.min(other.corner.1));
-        let (a, b) = (end(&self), end(other));
-        let width = a.0.max(b.0) - corner.0;
-        let mut values = vec![0.0; width * (a.1.max(b.1) - corner.1)];
-        for part in [&self, other] {
-            let within = Patch {
-                corner: (part.corner.0 - corner.0, part.corner.1 - corner.1),
-                width: part.width,
-                values: Vec::new(),
-            };
-            let first = within.corner.1 * width + within.corner.0;
-            for (row, light) in part.values.chunks(part.width).enumerate() {
-                let line = &mut values[first + row * width..][..light.len()];
-                line.iter_mut().zip(light).for_each(|(sum, l)| *sum += l);
-            }
-        }
-        Patch { corner, width, values }
     }
 }
 
@@ -239,9 +227,9 @@ mod tests {
     #[test]
     fn rows_of_a_streak_are_one_image() {
         let (a, b) = (patch((1, 1), &[1.0, 2.0, 3.0, 4.0]), patch((2, 0), &[5.0, 6.0, 7.0, 8.0]));
-        let both = Patch::default().joined(&a).joined(&b);
+        let both = Patch::default().joined(a.clone()).joined(b);
         assert_eq!((both.corner, both.width), ((1, 0), 3));
         assert_eq!(both.values, [0.0, 5.0, 6.0, 1.0, 9.0, 8.0, 3.0, 4.0, 0.0]);
-        assert_eq!(a.joined(&Patch::default()).values, [1.0, 2.0, 3.0, 4.0]);
+        assert_eq!(a.joined(Patch::default()).values, [1.0, 2.0, 3.0, 4.0]);
     }
 }

@@ -102,8 +102,7 @@ impl Cost {
         let camera =
             Camera::of_dataset(scenario.renderer.clone(), scenario.detector.as_ref(), scenario.streams)?;
         let start = Instant::now();
-        let noise_free = scenario.noise_free()?;
-        let truth = crate::dataset::truth::Truth::new(scenario, camera.renderer(), &noise_free)?;
+        let truth = crate::dataset::truth::Truth::new(scenario, camera.renderer())?;
         let once = start.elapsed().as_secs_f64();
         let start = Instant::now();
         if let Some(frame) = Frames::new(scenario)?.next().transpose()? {

@@ -7,7 +7,6 @@
 use std::path::Path;
 
 use flows::Frame;
-use microsig_core::Particle;
 use microsig_core::formats::data_file;
 use microsig_core::pool::BufferPool;
 use microsig_core::sensor::Image;
@@ -15,7 +14,7 @@ use rayon::prelude::*;
 
 use super::progress::Progress;
 use super::recording::Frames;
-use crate::dataset::truth::{Census, FrameTruth, Truth, TruthWriter, Viewer};
+use crate::dataset::truth::{Census, FrameTruth, Truth, TruthWriter};
 use crate::dataset::{Camera, FrameEntry, Ledger, Preview, Stem};
 use scenario::Scenario;
 use storage::checksums::{Fingerprint, fingerprint};
@@ -24,7 +23,6 @@ use storage::folder::Partial;
 use storage::journal::{self, Listing};
 use storage::save_bytes;
 use storage::tables::TableSink;
-use visibility::NoiseFree;
 
 /// Maximum number of frames in a batch, per thread.
 pub(super) const FRAMES_PER_THREAD: usize = 3;
@@ -32,10 +30,11 @@ pub(super) const FRAMES_PER_THREAD: usize = 3;
 /// A batch ends with the frame that reaches this number of tracers, per thread.
 pub(super) const TRACERS_PER_THREAD: usize = 8_192;
 
-/// Computes all frames in batches. `take` is called in parallel with each frame and the previous one; `add`
+/// Computes all frames in batches; tables of images are made once for a batch. `take` is called in parallel with each frame and the previous one; `add`
 /// receives its results in the order of frames.
 pub(super) fn in_batches<T: Send>(
     scenario: &Scenario,
+    truth: &Truth<'_>,
     progress: &Progress,
     take: impl Fn(&Frame, Option<&Frame>) -> Result<T> + Sync,
     mut add: impl FnMut(Vec<T>) -> Result<()> + Send,
@@ -47,7 +46,7 @@ pub(super) fn in_batches<T: Send>(
     let (mut before, mut batch, mut taken) = (None, next_batch(&mut all)?, Vec::new());
     while !batch.is_empty() {
         let take_all = || {
-            prepare(scenario, &batch);
+            truth.prepare(&batch);
             let numbered = batch.par_iter().enumerate();
             let outputs = numbered.map(|(i, frame)| {
                 progress.check()?;
@@ -71,26 +70,15 @@ pub(super) fn in_batches<T: Send>(
     Ok(())
 }
 
-/// Computes the renderer's tables for a whole batch at once, instead of frame by frame.
-fn prepare(scenario: &Scenario, frames: &[Frame]) {
-    let renderer = &scenario.renderer;
-    if renderer.needs_tables() {
-        let viewer = Viewer { scenario, renderer };
-        let rows: Vec<Vec<Particle>> = frames.iter().map(|frame| viewer.view(frame).rendered).collect();
-        renderer.prepare(&rows.iter().map(Vec::as_slice).collect::<Vec<_>>());
-    }
-}
-
 /// Computes, renders and writes all frames. Returns the counts for the manifest, the fingerprints of the
 /// files and the largest fraction of saturated pixels in a frame of the preview.
 pub(super) fn write(
     partial: &Partial,
     scenario: &Scenario,
     camera: &Camera,
-    noise_free: &NoiseFree,
     progress: &Progress,
 ) -> Result<(Census, Ledger, f64)> {
-    let truth = Truth::new(scenario, camera.renderer(), noise_free)?;
+    let truth = Truth::new(scenario, camera.renderer())?;
     let files = FrameFiles::new(partial, scenario, camera);
     let mut writer = DatasetWriter::new(partial.folder(), scenario)?;
     let take = |frame: &Frame, before: Option<&Frame>| {
@@ -106,7 +94,7 @@ pub(super) fn write(
         }
         Ok(())
     };
-    in_batches(scenario, progress, take, add)?;
+    in_batches(scenario, &truth, progress, take, add)?;
     writer.finish(partial.folder())
 }
 

@@ -19,7 +19,7 @@ use scenario::{SCENARIO, Scenario, write};
 use storage::checksums::{Fingerprint, fingerprint};
 use storage::error::{Error, Result};
 use storage::folder::{FolderClaim, Partial, check_replaceable, partial_name};
-use visibility::NoiseFree;
+use visibility::DepthScan;
 
 /// Options of [`generate`].
 #[derive(Debug, Clone)]
@@ -78,10 +78,11 @@ pub fn generate_or_find(scenario: &Scenario, options: &GenerateOptions) -> Resul
     Frames::new(scenario)?.next().transpose()?;
     placing.finish_and_clear();
     let Some(partial) = begin(scenario, options)? else { return Ok(None) };
-    let (camera, noise_free) = (camera(scenario)?, scenario.noise_free()?);
+    let camera = camera(scenario)?;
+    let scan = scenario.scan_of_mean()?;
     let progress = &options.progress;
-    let frames = |partial: &Partial| frames::write(partial, scenario, &camera, &noise_free, progress);
-    let generated = assemble(partial, scenario, options, (&camera, &noise_free), frames)?;
+    let frames = |partial: &Partial| frames::write(partial, scenario, &camera, progress);
+    let generated = assemble(partial, scenario, options, (&camera, &scan), frames)?;
     Ok(Some(Generated { seconds: start.elapsed().as_secs_f64(), ..generated }))
 }
 
@@ -97,18 +98,17 @@ pub(super) fn assemble(
     partial: Partial,
     scenario: &Scenario,
     options: &GenerateOptions,
-    (camera, noise_free): (&Camera, &NoiseFree),
+    (camera, scan): (&Camera, &DepthScan),
     frames: impl FnOnce(&Partial) -> Result<(Census, Ledger, f64)>,
 ) -> Result<Generated> {
     let folder = partial.folder();
     source::write(folder, scenario)?;
     let (census, ledger, saturated) = frames(&partial).map_err(|e| e.below(folder))?;
-    let scan = scenario.stack(noise_free)?;
-    calibration::write(folder, scenario, camera, &scan, || options.progress.check())
+    calibration::write(folder, scenario, camera, scan, || options.progress.check())
         .map_err(|e| e.below(folder))?;
     options.progress.check()?;
-    let image = truth::write(folder, scenario, &scan)?;
-    let optics = preview::lines(&Preview::of_mean(scenario, &scan)?);
+    let image = truth::write(folder, scenario, scan)?;
+    let optics = preview::lines(&Preview::of_mean(scenario, scan)?);
     card::write(folder, scenario, &census, &image)?;
     options.progress.check()?;
     manifest::write(&partial, scenario, &ledger, manifest::manifest(scenario, &census, &image))?;

@@ -1,6 +1,7 @@
 //! A dataset in memory, which can be saved to a folder.
 
 use std::path::Path;
+use std::sync::OnceLock;
 use std::time::Instant;
 
 use flows::Frame;
@@ -19,14 +20,15 @@ use scenario::Scenario;
 use storage::error::{Error, Result};
 use storage::folder::{FolderClaim, check_replaceable};
 use storage::tables::{Columns, Table};
-use visibility::NoiseFree;
+use visibility::DepthScan;
 
 /// A dataset in memory.
 #[derive(Debug)]
 pub struct MemoryDataset {
     scenario: Scenario,
     camera: Camera,
-    noise_free: NoiseFree,
+    /// Images of the mean diameter over depth, made when first needed.
+    scan: OnceLock<DepthScan>,
     truths: Vec<FrameTruth>,
     counts: Vec<u16>,
     bits: u8,
@@ -53,14 +55,14 @@ impl MemoryDataset {
         let (disk_bytes, disk_free_bytes) = (0, None);
         let memory_bytes = cost.memory_bytes + cost.disk_bytes;
         Cost { memory_bytes, disk_bytes, disk_free_bytes, ..cost }.affordable(&scenario)?;
-        let (camera, noise_free) = (camera(&scenario)?, scenario.noise_free()?);
+        let camera = camera(&scenario)?;
         let frames = scenario.recordings.frames() as usize;
         let (mut truths, mut counts) = (Vec::new(), Vec::new());
         let mut bits = u16::BITS as u8;
         let pixels = scenario.settings.pixel_dim_x as usize * scenario.settings.pixel_dim_y as usize;
         // Reserved at once: growing the vector would need twice the memory.
         counts.reserve_exact(frames * pixels);
-        let truth = Truth::new(&scenario, camera.renderer(), &noise_free)?;
+        let truth = Truth::new(&scenario, camera.renderer())?;
         let take = |frame: &Frame, before: Option<&Frame>| {
             let truth = truth.frame(frame, before)?;
             let image = camera.image(&truth.particles, frame.index);
@@ -74,9 +76,9 @@ impl MemoryDataset {
             }
             Ok(())
         };
-        in_batches(&scenario, progress, take, add)?;
+        in_batches(&scenario, &truth, progress, take, add)?;
         drop(truth);
-        Ok(MemoryDataset { scenario, camera, noise_free, truths, counts, bits })
+        Ok(MemoryDataset { scenario, camera, scan: OnceLock::new(), truths, counts, bits })
     }
 
     /// The scenario of the dataset.
@@ -111,6 +113,14 @@ impl MemoryDataset {
         Image { width, height, bits: self.bits, counts: self.counts[frame * pixels..][..pixels].to_vec() }
     }
 
+    fn scan(&self) -> Result<&DepthScan> {
+        if let Some(scan) = self.scan.get() {
+            return Ok(scan);
+        }
+        let scan = self.scenario.scan_of_mean()?;
+        Ok(self.scan.get_or_init(|| scan))
+    }
+
     /// The tables `truth/frames.csv`, `truth/tracks.csv` and `truth/displacements.csv`.
     ///
     /// # Errors
@@ -124,9 +134,9 @@ impl MemoryDataset {
     /// # Errors
     /// None for a resolved scenario.
     pub fn field_tables(&self) -> Result<Vec<(Table, Columns)>> {
-        let scan = self.scenario.stack(&self.noise_free)?;
+        let scan = self.scan()?;
         let tables =
-            [Some(depth::in_memory(&self.scenario, &scan)?), field::in_memory(&self.scenario, &scan)?];
+            [Some(depth::in_memory(&self.scenario, scan)?), field::in_memory(&self.scenario, scan)?];
         tables.into_iter().flatten().map(columns).collect()
     }
 
@@ -135,8 +145,8 @@ impl MemoryDataset {
     /// # Errors
     /// Settings that cannot be rendered; [`Error::Interrupted`].
     pub fn calibration(&self, progress: &Progress) -> Result<Option<Calibration>> {
-        let scan = self.scenario.stack(&self.noise_free)?;
-        let Some(stack) = CalibrationStack::of(&self.scenario, &self.camera, &scan)? else { return Ok(None) };
+        let scan = self.scan()?;
+        let Some(stack) = CalibrationStack::of(&self.scenario, &self.camera, scan)? else { return Ok(None) };
         let steps = (0..stack.depths_um().len()).into_par_iter();
         let images = steps.map(|step| {
             progress.check()?;
@@ -160,7 +170,7 @@ impl MemoryDataset {
         let partial = claim.start(true)?;
         folders(&partial)?;
         let (scenario, camera, progress) = (&self.scenario, &self.camera, &options.progress);
-        let generated = assemble(partial, scenario, options, (camera, &self.noise_free), |partial| {
+        let generated = assemble(partial, scenario, options, (camera, self.scan()?), |partial| {
             frames::write_taken(partial, scenario, camera, &self.truths, |frame| self.image(frame), progress)
         })?;
         Ok(Generated { seconds: start.elapsed().as_secs_f64(), ..generated })

@@ -144,14 +144,10 @@ pub(super) fn frame_labels(wanted: &LabelOptions, shot: &FirstFrame<'_>, sample:
     sample.particles = particles(shot);
     if let Some(single) = shot.single {
         let mut instances = Instances::new(wanted, width * height);
+        single.prepare(&[&shot.view.rendered]);
         let visible = shot.view.sights.iter().filter(|sight| sight.visible);
         for (number, sight) in visible.enumerate() {
-            let mut patch = Patch::default();
-            for row in &shot.view.rendered[sight.rows.clone()] {
-                let mut part = Patch::default();
-                single.draw(row, &mut part);
-                patch = patch.joined(&part);
-            }
+            let patch = single.draw_all(&shot.view.rendered[sight.rows.clone()]);
             let z_um = sight.tracer.position.z as f32;
             let bounds = instances.add(&patch, wanted.share, width, (number as i32 + 1, z_um));
             if wanted.boxes {

@@ -32,7 +32,7 @@ struct Optics {
     /// Renders the noise-free light, if requested.
     clean: Option<Renderer>,
     /// Images of single particles, if labels need them.
-    single: Option<Arc<NoiseFree>>,
+    single: Option<NoiseFree>,
 }
 
 /// Everything that a renderer and its images depend on.
@@ -137,13 +137,16 @@ impl Sampler {
             None => {
                 // Without holding the lock: while tables are computed in parallel, this thread may start on
                 // another sample.
-                let single = options.labels.needs_single_images();
-                let made = Optics {
-                    renderer: scenario.renderer.clone(),
-                    clean: options.labels.clean.then(|| clean(&scenario)).transpose()?,
-                    single: if single { Some(Arc::new(scenario.noise_free()?)) } else { None },
-                    key,
-                };
+                let clean = options.labels.clean.then(|| scenario.without_ray_noise(DEFAULT_TOLERANCE));
+                let clean = clean.transpose()?;
+                let single = options.labels.needs_single_images().then(|| match &clean {
+                    // Both share the tables.
+                    Some(clean) if scenario.renderer.has_ray_noise() => {
+                        NoiseFree::new(scenario.renderer.clone(), Some(clean.clone()))
+                    }
+                    _ => scenario.noise_free(),
+                });
+                let made = Optics { renderer: scenario.renderer.clone(), clean, single, key };
                 let mut all = self.optics();
                 if all.len() >= MAX_OPTICS {
                     all.remove(0);
@@ -161,17 +164,6 @@ impl Sampler {
 /// The values that cannot be replaced in a scenario.
 fn fixed(scenario: &Scenario, values: &[(&str, Drawn)]) -> Vec<String> {
     values.iter().filter(|(path, _)| !scenario.can_replace(path)).map(|(_, v)| v.text.clone()).collect()
-}
-
-/// The renderer of a scenario's noise-free light: for rays, the limit of infinitely many rays.
-fn clean(scenario: &Scenario) -> Result<Renderer> {
-    Ok(match scenario.spec.renderer() {
-        RendererSpec::Rays { spheroids } => {
-            let expected = RendererSpec::Expected { spheroids, tolerance: DEFAULT_TOLERANCE };
-            expected.build(&scenario.settings)?
-        }
-        _ => scenario.renderer.clone(),
-    })
 }
 
 /// Computes the sample of a scenario.
@@ -204,7 +196,7 @@ fn draw(options: &StreamOptions, index: u64, prototype: &mut Prototype) -> Resul
                 view: &view,
                 frame,
                 next: frames.get(1),
-                single: optics.single.as_deref(),
+                single: optics.single.as_ref(),
             };
             frame_labels(&options.labels, &shot, &mut sample);
         }

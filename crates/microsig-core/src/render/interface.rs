@@ -3,6 +3,7 @@
 use std::fmt::Debug;
 
 use crate::emission::SpheroidLaw;
+use super::patch::ExpectedPatch;
 use crate::error::Error;
 use crate::particle::Particle;
 use crate::sensor::{Image, Light, Sensor};
@@ -106,4 +107,8 @@ pub trait Render: Debug + Send + Sync {
     fn mean_light(&self, particle: &Particle) -> Light {
         self.light(std::slice::from_ref(particle), &Streams::new(0), Purpose::CalibrationRays, 0)
     }
+
+    /// The mean light of one particle on the pixels that it illuminates, with its brightness and at its sub-pixel
+    /// position; `None` if no light reaches the sensor.
+    fn mean_patch(&self, particle: &Particle) -> Option<ExpectedPatch>;
 }

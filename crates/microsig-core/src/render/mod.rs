@@ -23,7 +23,7 @@ pub use expected::ExpectedRenderer;
 pub use gaussian::{GaussianRenderer, GaussianSpot};
 pub use instructions::InstructionSet;
 pub use interface::{Description, ImageStreams, Render};
-pub use patch::{Patch, Window};
+pub use patch::{ExpectedPatch, Patch, Window};
 pub use rays::RayRenderer;
 pub use renderer::{Renderer, RendererSpec};
 pub use store::{TableStore, keep_tables};

@@ -65,6 +65,23 @@ impl Patch {
     }
 }
 
+/// Expected light of one particle on the sensor pixels it can reach.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ExpectedPatch {
+    /// Where on the sensor.
+    pub window: Window,
+    /// Light in rays, row by row.
+    pub counts: Vec<f64>,
+}
+
+impl ExpectedPatch {
+    /// The same light for another brightness.
+    pub(super) fn scaled(mut self, factor: f64) -> Self {
+        self.counts.iter_mut().for_each(|light| *light *= factor);
+        self
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -59,6 +59,15 @@ impl RendererSpec {
         })
     }
 
+    /// The renderer of the same images without ray noise: for rays the limit of infinitely many, with this
+    /// tolerance.
+    pub fn without_ray_noise(self, tolerance: f64) -> RendererSpec {
+        match self {
+            RendererSpec::Rays { spheroids } => RendererSpec::Expected { spheroids, tolerance },
+            other => other,
+        }
+    }
+
     /// The renderer used for single particles at many depths, where building tables of expected images would
     /// cost more than averaging ray images.
     pub fn for_depth_scans(self) -> RendererSpec {

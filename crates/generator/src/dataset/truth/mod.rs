@@ -63,7 +63,7 @@ pub struct Truth<'a> {
     viewer: Viewer<'a>,
     tracks: Table,
     scene: Option<Scene<'a>>,
-    noise_free: &'a NoiseFree,
+    noise_free: NoiseFree,
     sensor: Sensor,
     /// Buffers for the light of all particles of a frame.
     totals: BufferPool<Vec<f64>>,
@@ -97,17 +97,25 @@ impl<'a> Truth<'a> {
     ///
     /// # Errors
     /// Settings that cannot be rendered.
-    pub fn new(scenario: &'a Scenario, renderer: &'a Renderer, noise_free: &'a NoiseFree) -> Result<Self> {
+    pub fn new(scenario: &'a Scenario, renderer: &'a Renderer) -> Result<Self> {
         Ok(Truth {
             scenario,
             viewer: Viewer { scenario, renderer },
             tracks: tracks(scenario),
             scene: scenario.field().map(|field| scenario.scene(field)).transpose()?,
-            noise_free,
+            noise_free: scenario.noise_free(),
             sensor: scenario.sensor()?,
             totals: BufferPool::default(),
             texts: BufferPool::default(),
         })
+    }
+
+    /// Makes the tables of the images of these frames, once for all of them.
+    pub fn prepare(&self, frames: &[Frame]) {
+        if self.noise_free.needs_tables() {
+            let rows: Vec<Vec<Particle>> = frames.iter().map(|frame| self.viewer.view(frame).rendered).collect();
+            self.noise_free.prepare(&rows.iter().map(Vec::as_slice).collect::<Vec<_>>());
+        }
     }
 
     /// The truth of a frame, with displacements from the previous frame if the two are linked.
@@ -120,7 +128,7 @@ impl<'a> Truth<'a> {
         let size_px = (scenario.settings.pixel_dim_x, scenario.settings.pixel_dim_y);
         let rows: Vec<_> = sights.iter().map(|sight| sight.rows.clone()).collect();
         let mut total = self.totals.get();
-        let seen = visibility(self.noise_free, &self.sensor, size_px, &rendered, &rows, &mut total);
+        let seen = visibility(&self.noise_free, &self.sensor, size_px, &rendered, &rows, &mut total);
         drop(total);
         let next_s = self.next_s(frame);
         let tracks = sights.par_chunks(TRACERS_PER_TASK).zip(seen.par_chunks(TRACERS_PER_TASK));

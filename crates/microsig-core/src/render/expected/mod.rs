@@ -43,6 +43,7 @@ use rayon::prelude::*;
 
 use super::instructions::InstructionSet;
 use super::interface::{Description, ImageStreams, Render};
+pub use super::patch::ExpectedPatch;
 use super::patch::Window;
 use super::rays::{LARGEST_EXCESS, RayRenderer};
 use crate::cancel::checkpoint;
@@ -110,15 +111,6 @@ pub struct ExpectedRenderer {
 enum ImageSource {
     Table(Arc<DepthTable>),
     Patch(Window, Vec<f32>),
-}
-
-/// Expected ray counts of one particle of brightness 1 on the sensor pixels it can reach.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ExpectedPatch {
-    /// Where on the sensor.
-    pub window: Window,
-    /// Counts, row by row.
-    pub counts: Vec<f64>,
 }
 
 /// Expected ray counts of one particle and their derivatives with respect to its position.
@@ -190,7 +182,7 @@ impl ExpectedRenderer {
         self.cache.tables(particles.iter().filter(|particle| !self.is_spheroid(particle)));
     }
 
-    /// The expected counts of one particle. `None`: its light cannot reach the sensor.
+    /// The expected counts of one particle if its brightness were 1. `None`: its light cannot reach the sensor.
     pub fn patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
         let image = self.sources(std::slice::from_ref(particle)).remove(0);
         let drawn = self.drawn_particle(particle, &image, 1.0);
@@ -486,5 +478,9 @@ impl Render for ExpectedRenderer {
 
     fn reaches_sensor(&self, particle: &Particle) -> bool {
         self.rays.reaches_sensor(particle)
+    }
+
+    fn mean_patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
+        Some(self.patch(particle)?.scaled(particle.c_int))
     }
 }

@@ -24,7 +24,7 @@ use crate::particle::Particle;
 use crate::pool::BufferPool;
 use crate::render::instructions::InstructionSet;
 use crate::render::interface::{Description, ImageStreams, Render};
-use crate::render::patch::Window;
+use crate::render::patch::{ExpectedPatch, Window};
 use crate::sensor::{Image, Light, Sensor};
 use crate::settings::Settings;
 use crate::stream::{Purpose, Streams};
@@ -202,6 +202,24 @@ impl Render for GaussianRenderer {
 
     fn reaches_sensor(&self, particle: &Particle) -> bool {
         self.window(particle).area() > 0
+    }
+
+    fn mean_patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
+        let window = self.window(particle);
+        if window.area() == 0 {
+            return None;
+        }
+        let diameter = self.scaling.diameter(particle.d_um as f32);
+        let per_px = f64::from((2.0 * std::f32::consts::SQRT_2) / diameter);
+        let light = f64::from(self.scaling.light(diameter, particle.c_int as f32));
+        let across = accumulate::shares(window.x0 as f64 - 0.5 - particle.x_px, window.width, per_px);
+        let down = accumulate::shares(window.y0 as f64 - 0.5 - particle.y_px, window.height, per_px);
+        let mut counts = Vec::with_capacity(window.area());
+        for of_row in &down {
+            let factor = light * of_row;
+            counts.extend(across.iter().map(|of_column| factor * of_column));
+        }
+        Some(ExpectedPatch { window, counts })
     }
 }
 

@@ -19,7 +19,7 @@ use crate::optics::{self, OpticalSystem, Ray};
 use crate::particle::{Particle, Spheroid};
 use crate::render::instructions::InstructionSet;
 use crate::render::interface::{Description, Render};
-use crate::render::patch::{Patch, Window};
+use crate::render::patch::{ExpectedPatch, Patch, Window};
 use crate::sensor::Light;
 use crate::settings::Settings;
 use crate::stream::{Purpose, Stream, Streams};
@@ -243,6 +243,10 @@ impl Render for RayRenderer {
 
     fn mean_light(&self, particle: &Particle) -> Light {
         mean::mean_light(self, particle)
+    }
+
+    fn mean_patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
+        mean::mean_patch(self, particle)
     }
 
     fn settings(&self) -> &Settings {

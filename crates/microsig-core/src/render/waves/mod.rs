@@ -38,10 +38,10 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::expected::{ExpectedPatch, Gradient, TOLERANCES};
+use super::expected::{Gradient, TOLERANCES};
 use super::instructions::InstructionSet;
 use super::interface::{Description, ImageStreams, Render};
-use super::patch::Window;
+use super::patch::{ExpectedPatch, Window};
 use super::rays::RayRenderer;
 use crate::cancel::checkpoint;
 use crate::emission::{self, SpheroidLaw};
@@ -435,6 +435,10 @@ impl Render for WavesRenderer {
 
     fn reaches_sensor(&self, particle: &Particle) -> bool {
         self.rays.reaches_sensor(particle)
+    }
+
+    fn mean_patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
+        Some(self.patch(particle)?.scaled(particle.c_int))
     }
 
     fn light(&self, particles: &[Particle], _: &Streams, _: Purpose, _: u32) -> Light {
