@@ -1,6 +1,5 @@
 //! A resolved scenario: all defaults filled in, all rules checked.
 
-
 use flows::scale::Scale;
 use flows::tracks::ParticleDefaults;
 use flows::{

@@ -7,6 +7,7 @@
 use std::path::Path;
 
 use flows::Frame;
+use microsig_core::Particle;
 use microsig_core::formats::data_file;
 use microsig_core::pool::BufferPool;
 use microsig_core::sensor::Image;

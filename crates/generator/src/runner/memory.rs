@@ -135,8 +135,7 @@ impl MemoryDataset {
     /// None for a resolved scenario.
     pub fn field_tables(&self) -> Result<Vec<(Table, Columns)>> {
         let scan = self.scan()?;
-        let tables =
-            [Some(depth::in_memory(&self.scenario, scan)?), field::in_memory(&self.scenario, scan)?];
+        let tables = [Some(depth::in_memory(&self.scenario, scan)?), field::in_memory(&self.scenario, scan)?];
         tables.into_iter().flatten().map(columns).collect()
     }
 

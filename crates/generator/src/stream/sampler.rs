@@ -1,6 +1,6 @@
 //! Computes samples, and caches what many of them share: resolved scenarios, tables of the optics.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use flows::Frame;
 use microsig_core::Settings;

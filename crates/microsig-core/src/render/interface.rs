@@ -2,8 +2,8 @@
 
 use std::fmt::Debug;
 
-use crate::emission::SpheroidLaw;
 use super::patch::ExpectedPatch;
+use crate::emission::SpheroidLaw;
 use crate::error::Error;
 use crate::particle::Particle;
 use crate::sensor::{Image, Light, Sensor};

@@ -113,7 +113,8 @@ impl<'a> Truth<'a> {
     /// Makes the tables of the images of these frames, once for all of them.
     pub fn prepare(&self, frames: &[Frame]) {
         if self.noise_free.needs_tables() {
-            let rows: Vec<Vec<Particle>> = frames.iter().map(|frame| self.viewer.view(frame).rendered).collect();
+            let rows: Vec<Vec<Particle>> =
+                frames.iter().map(|frame| self.viewer.view(frame).rendered).collect();
             self.noise_free.prepare(&rows.iter().map(Vec::as_slice).collect::<Vec<_>>());
         }
     }

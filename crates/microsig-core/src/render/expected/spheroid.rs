@@ -27,7 +27,7 @@ pub(super) fn patch(
 ) -> Vec<f32> {
     let first_px = [window.x0 as f64 - x_px, window.y0 as f64 - y_px];
     let grid = Grid { per_px: 1, first_px, columns: window.width, rows: window.height };
-    let fineness = Fineness(2.0 * (1e-3 / model.tolerance).clamp(0.1, 4.0));
+    let fineness = Fineness(2.0 * (1e-3 / model.tolerance).clamp(0.3, 4.0));
     let exposed = ApertureIntegral { pupil: &model.pupil, z_um, surface, grid };
     let mut light = exposed.light(PupilPart::Whole, fineness, model.instructions);
     let rays = (surface.points.len() as f64 * (f64::from(settings.n_rays) + 1.0)) as f32;
