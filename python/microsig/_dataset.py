@@ -25,6 +25,7 @@ _RawTable = tuple[str, str, dict[str, tuple[str, str]], dict[str, Any]]
 
 _FRAMES, _TRACKS = "truth/frames.csv", "truth/tracks.csv"
 _DISPLACEMENTS, _FIELD, _DEPTH = "truth/displacements.csv", "truth/field.csv", "truth/depth.csv"
+_BOXES = "truth/boxes.csv"
 
 
 class Calibration(NamedTuple):
@@ -252,6 +253,11 @@ class Dataset:
     def displacements(self) -> Table:
         """One row per particle that is in both frames of a pair: its displacement (px, um)."""
         return self._need(_DISPLACEMENTS)
+
+    @cached_property
+    def boxes(self) -> Table | None:
+        """One row per particle image and frame: box (px), mask, share hidden by others; None without ``truth.boxes``."""
+        return self._source.table(_BOXES)
 
     @cached_property
     def depth(self) -> Table:

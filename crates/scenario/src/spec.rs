@@ -153,12 +153,23 @@ impl From<Gaussian> for GaussianSpot {
     }
 }
 
-/// Optional columns of `truth/tracks.csv`.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+/// Optional truth.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct TruthColumns {
-    /// The velocity gradient at each particle: nine columns, which nearly double the table.
+    /// The velocity gradient at each particle: nine columns of `truth/tracks.csv`, which nearly double the table.
     pub gradient: bool,
+    /// Boxes and masks of particle images for detectors, `truth/boxes.csv`.
+    pub boxes: bool,
+    /// Share of an image's own noise-free peak above which pixels belong to it.
+    #[schemars(range(min = 0.001, max = 0.9))]
+    pub box_share: f64,
+}
+
+impl Default for TruthColumns {
+    fn default() -> Self {
+        TruthColumns { gradient: false, boxes: false, box_share: 0.1 }
+    }
 }
 
 /// MicroSIG's settings: from a preset or a settings file, and keys that replace single values.

@@ -3,8 +3,12 @@
 
 mod depth_scan;
 mod noise_free;
+mod outline;
 mod overlap;
+mod run_length;
 
 pub use depth_scan::{DepthScan, ScanImage};
 pub use noise_free::{NoiseFree, Patch, TOLERANCE};
-pub use overlap::{Visibility, visibility};
+pub use outline::Outline;
+pub use overlap::{Seen, Visibility, visibility};
+pub use run_length::RunLengths;

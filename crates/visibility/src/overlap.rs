@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use super::depth_scan::AREA_SHARE;
 use super::noise_free::{NoiseFree, Patch};
+use super::outline::Outline;
 
 /// Visibility of a particle.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -29,20 +30,31 @@ pub struct Visibility {
     pub saturated: bool,
 }
 
+/// What is seen of a tracer.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Seen {
+    /// Its visibility.
+    pub visibility: Visibility,
+    /// Its outline, if requested and if it has one.
+    pub outline: Option<Outline>,
+}
+
 /// Light of patches that are in memory at a time, bytes.
 const PATCHES: f64 = 64e6;
 
 /// The visibility of every tracer of a frame. A tracer is a range of `particles`: empty if it is not
-/// rendered, several for a streak. `total` is a scratch buffer.
+/// rendered, several for a streak. Outlines are found if `share` is the share of the peak at which they end.
+/// `total` is a scratch buffer.
 pub fn visibility(
     noise_free: &NoiseFree,
     sensor: &Sensor,
     (width, height): (u32, u32),
     particles: &[Particle],
     tracers: &[Range<usize>],
+    share: Option<f64>,
     total: &mut Vec<f64>,
-) -> Vec<Visibility> {
-    let width = width as usize;
+) -> Vec<Seen> {
+    let (width, height) = (width as usize, height as usize);
     noise_free.prepare(&[particles]);
     let draw = |tracers: &[Range<usize>]| -> Vec<Patch> {
         let tracers = tracers.par_iter().with_min_len(TRACERS_PER_TASK);
@@ -51,7 +63,7 @@ pub fn visibility(
     let batches = batches(noise_free, particles, tracers);
     let mut kept = None;
     total.clear();
-    total.resize(width * height as usize, 0.0);
+    total.resize(width * height, 0.0);
     for batch in &batches {
         let patches = draw(&tracers[batch.clone()]);
         patches.iter().for_each(|patch| patch.add_to(total, width));
@@ -59,9 +71,13 @@ pub fn visibility(
         kept = (batches.len() == 1).then_some(patches);
     }
     let total = total.as_slice();
-    let see = |patches: Vec<Patch>| -> Vec<Visibility> {
+    let see = |patches: Vec<Patch>| -> Vec<Seen> {
         let patches = patches.par_iter().with_min_len(TRACERS_PER_TASK);
-        patches.map(|patch| Visibility::of(patch, total, width, sensor)).collect()
+        let seen = patches.map(|patch| Seen {
+            visibility: Visibility::of(patch, total, width, sensor),
+            outline: share.and_then(|share| Outline::of(patch, share, total, (width, height), sensor)),
+        });
+        seen.collect()
     };
     match kept {
         Some(patches) => see(patches),

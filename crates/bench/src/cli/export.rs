@@ -41,7 +41,11 @@ impl Export {
                 force: common.force,
             },
         )?;
-        let of = exported.tracks.map_or_else(|| "vectors".to_owned(), |n| format!("points of {n} tracks"));
+        let rows = match self.format {
+            ExportFormat::Coco | ExportFormat::Yolo | ExportFormat::Masks => "boxes",
+            _ => "vectors",
+        };
+        let of = exported.tracks.map_or_else(|| rows.to_owned(), |n| format!("points of {n} tracks"));
         report(&format!("{}: {} {of}", exported.out.display(), exported.rows), &exported, common)
     }
 }

@@ -5,6 +5,7 @@
 //! therefore has a perfect score. Coordinates, units and first frame follow the format, as in the readers of
 //! [`scoring::results`].
 
+mod boxes;
 mod field;
 mod particles;
 
@@ -29,6 +30,12 @@ pub enum ExportFormat {
     TrackmateSpots,
     /// napari's tracks as CSV: px, first pixel's center at 0; z in um.
     Napari,
+    /// COCO's annotations as JSON: boxes and masks of particle images.
+    Coco,
+    /// YOLO's boxes: a zip archive of a text file for each image.
+    Yolo,
+    /// Label images: a zip archive of a 16-bit TIFF for each image.
+    Masks,
     /// Middlebury's dense flow: a vector for each pixel.
     Flo,
     /// OpenPIV's text file: a vector for each node of the truth's grid.
@@ -77,9 +84,9 @@ pub struct ExportOptions {
 pub struct Exported {
     /// Path of the output file.
     pub out: PathBuf,
-    /// Number of points or vectors.
+    /// Number of points, boxes or vectors.
     pub rows: usize,
-    /// Number of tracks; `None` for a field.
+    /// Number of tracks; `None` for boxes and fields.
     pub tracks: Option<usize>,
 }
 
@@ -98,6 +105,10 @@ pub fn export(dataset: &Path, options: &ExportOptions) -> Result<Exported> {
         ExportFormat::Flo | ExportFormat::Openpiv => {
             let (bytes, rows) = field::write(dataset, options)?;
             (bytes, rows, None)
+        }
+        format @ (ExportFormat::Coco | ExportFormat::Yolo | ExportFormat::Masks) => {
+            let boxes = boxes::Boxes::read(dataset)?;
+            (boxes.write(format)?, boxes.len(), None)
         }
         format => {
             let spots = particles::Spots::read(dataset)?;

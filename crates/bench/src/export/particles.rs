@@ -96,7 +96,7 @@ impl Spots {
                     self.facts.um_per_px.ok_or_else(|| self.missing("um_per_px, for TrackMate's um"))?;
                 self.trackmate(&mut text, um_per_px)
             }
-            ExportFormat::Flo | ExportFormat::Openpiv => Ok(()),
+            _ => Ok(()),
         };
         written.map_err(|e| Error::input(e.to_string()))?;
         Ok(text.into_bytes())

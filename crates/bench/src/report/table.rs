@@ -141,6 +141,20 @@ fn particles(out: &mut String, score: &Score) {
         );
         line(out, "GDPT", &text);
     }
+    if let Some(b) = &score.boxes {
+        let text = format!(
+            "AP {}  AP50 {}  AP75 {}  AR {}  recall at 1 % ghosts {}  at 10 % {}  ({} true, {} found)",
+            n(b.ap),
+            n(b.ap50),
+            n(b.ap75),
+            n(b.ar),
+            n(b.recall_at_1_percent_ghosts),
+            n(b.recall_at_10_percent_ghosts),
+            b.n_truth,
+            b.n_result
+        );
+        line(out, "boxes", &text);
+    }
     score.crlb.iter().for_each(|bound| bounds(out, bound));
     tracks(out, score);
     if let Some(claims) = &score.uncertainty {

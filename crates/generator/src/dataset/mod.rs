@@ -5,7 +5,7 @@
 //!   datapackage.json  SHA256SUMS  README.md  LICENSE  preview.png
 //!   scenario.ron      the scenario with every default written out    inputs/  files it names
 //!   settings.txt      particles/STEM.txt   images/STEM.tif
-//!   truth/            frames.csv, tracks.csv, displacements.csv, field.csv, depth.csv
+//!   truth/            frames.csv, tracks.csv, displacements.csv, field.csv, depth.csv, boxes.csv
 //!   calibration/      settings.txt, particles/, images/, calibration.csv
 //! ```
 
@@ -27,7 +27,7 @@ pub use preview::Preview;
 
 use scenario::{Recordings, Scenario};
 use storage::tables::Table;
-use storage::tables::truth::{DISPLACEMENTS, FRAMES};
+use storage::tables::truth::{BOXES, DISPLACEMENTS, FRAMES};
 
 /// The tables that a dataset of this scenario can hold.
 pub fn tables(scenario: &Scenario) -> Vec<Table> {
@@ -37,6 +37,7 @@ pub fn tables(scenario: &Scenario) -> Vec<Table> {
         .into_iter()
         .cloned()
         .chain([tracks(scenario)])
+        .chain(scenario.spec.truth.boxes.then(|| BOXES.clone()))
         .chain(grid.map(|nodes| field::table(&nodes)))
         .collect()
 }

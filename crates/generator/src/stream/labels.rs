@@ -6,9 +6,8 @@ use flows::scale::ImagePoint;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::dataset::truth::View;
+use crate::dataset::truth::{View, size_class};
 use scenario::Scenario;
-use scenario::spec::Diameter;
 use storage::error::{Error, Result};
 use visibility::{NoiseFree, Patch};
 
@@ -152,7 +151,7 @@ pub(super) fn frame_labels(wanted: &LabelOptions, shot: &FirstFrame<'_>, sample:
             let bounds = instances.add(&patch, wanted.share, width, (number as i32 + 1, z_um));
             if wanted.boxes {
                 let [x, y, w, h] = bounds.unwrap_or([sight.particle.x_px, sight.particle.y_px, 0.0, 0.0]);
-                let class = class(shot.scenario, sight.particle.d_um);
+                let class = size_class(shot.scenario, sight.particle.d_um) as f32;
                 sample.boxes.push([x as f32, y as f32, w as f32, h as f32, z_um, class]);
             }
         }
@@ -192,14 +191,6 @@ fn particles(shot: &FirstFrame<'_>) -> Vec<[f32; 8]> {
         [particle.x_px, particle.y_px, tracer.position.z, particle.d_um, c_int, dx, dy, dz].map(|v| v as f32)
     };
     shot.view.sights.iter().filter(|sight| sight.visible).map(row).collect()
-}
-
-/// The index of a diameter in the list of diameters, otherwise 0.
-fn class(scenario: &Scenario, d_um: f64) -> f32 {
-    match &scenario.spec.particles.diameter_um {
-        Some(Diameter::List(list)) => list.iter().position(|(d, _)| *d == d_um).unwrap_or(0) as f32,
-        _ => 0.0,
-    }
 }
 
 /// The brightest particle at each pixel.

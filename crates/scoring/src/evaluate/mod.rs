@@ -5,6 +5,7 @@
 //! score.
 
 pub mod assignment;
+pub mod boxes;
 pub mod candidates;
 pub mod clear;
 pub mod convention_check;
@@ -49,6 +50,7 @@ pub use options::EvaluateOptions;
 pub use score::{Counts, Definitions, DetectionAtGate, Offset, PositionUncertainty, Score, Versions};
 use statistics::Bootstrap;
 use storage::error::{Error, Result};
+use storage::tables::truth::BOXES;
 use track_set::TrackSet;
 use truth::{ScoredPoints, TrueParticles};
 
@@ -100,7 +102,16 @@ pub fn evaluate(dataset: &Path, result: &Path, options: &EvaluateOptions) -> Res
         return Err(Error::input(format!("{option}: is for results that are {of}; this one is {is}")));
     }
     let mut evaluation = match found {
-        TrackerResult::Points(points) => particles(&TrueParticles::read(dataset, &given)?, &points, options)?,
+        TrackerResult::Points(points) => {
+            let mut evaluation = particles(&TrueParticles::read(dataset, &given)?, &points, options)?;
+            let has_truth = dataset.join(BOXES.path).exists();
+            match (points.boxes.is_empty(), has_truth) {
+                (true, _) => {}
+                (false, true) => evaluation.score.boxes = Some(boxes::BoxScore::of(dataset, &points)?),
+                (false, false) => evaluation.score.warnings.push(NO_BOXES.to_owned()),
+            }
+            evaluation
+        }
         TrackerResult::Field(found) => vectors(dataset, &found, facts, options)?,
     };
     evaluation.is_truth_secret = dataset.is_dir() && dataset.join(secret::KEY_FILE).exists();
@@ -118,6 +129,8 @@ pub fn evaluate(dataset: &Path, result: &Path, options: &EvaluateOptions) -> Res
     }
     Ok(evaluation)
 }
+
+const NO_BOXES: &str = "boxes are not scored: the dataset has no truth/boxes.csv (truth: (boxes: true))";
 
 /// Scores a displacement field.
 fn vectors(

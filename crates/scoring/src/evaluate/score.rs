@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::gate::Gate;
 use super::hint::Hint;
 use super::uncertainty::Uncertainty;
-use super::{clear, crlb, ctc, curves, detection, field, gdpt, hota, identity, isbi, links, lpt};
+use super::{boxes, clear, crlb, ctc, curves, detection, field, gdpt, hota, identity, isbi, links, lpt};
 
 /// All scores of a result.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -44,6 +44,8 @@ pub struct Score {
     pub uncertainty: Option<PositionUncertainty>,
     /// Lagrangian particle tracking.
     pub lpt: Option<lpt::Lpt>,
+    /// Boxes of a detector; needs boxes in result and truth.
+    pub boxes: Option<boxes::BoxScore>,
     /// Displacement field; null for particles.
     pub field: Option<field::FieldScore>,
     /// Cramer-Rao bound.

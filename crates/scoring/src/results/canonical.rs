@@ -1,4 +1,4 @@
-//! microsig's own tables: `frame, track, x_px, y_px, z_um [, u_um_s, v_um_s, w_um_s]` for particles, `x_px,
+//! microsig's own tables: `frame, track, x_px, y_px, z_um [, u_um_s, v_um_s, w_um_s] [, w_px, h_px, score]` for particles, `x_px,
 //! y_px, dx_px, dy_px [, dz_um], flag [, pair]` for fields. Columns may be in any order; additional columns
 //! are ignored.
 
@@ -21,7 +21,8 @@ const FIELD: FormatDefaults =
     FormatDefaults { name: "canonical field", origin: Origin::Center1, frame_base: 0, unit: LengthUnit::Px };
 
 /// Known columns of particle tables.
-const COLUMNS: [&str; 8] = ["frame", "track", "x_px", "y_px", "z_um", "sx_px", "sy_px", "sz_um"];
+const COLUMNS: [&str; 11] =
+    ["frame", "track", "x_px", "y_px", "z_um", "sx_px", "sy_px", "sz_um", "w_px", "h_px", "score"];
 
 /// Columns of velocities along x, y, z with their units; the first set present is read.
 const VELOCITIES: [(VelocityUnit, [&str; 3], &str); 2] = [
@@ -48,7 +49,9 @@ pub fn points(path: &Path, given: &Conventions) -> Result<Points> {
         used.extend(names);
     }
     converter.ignores(&sheet.others(&used));
-    let more = OptionalColumns { sigma, velocity: velocity.map(|(unit, _, _, columns)| (unit, columns)) };
+    let size = ["w_px", "h_px", "score"].map(|name| sheet.column(name));
+    let velocity = velocity.map(|(unit, _, _, columns)| (unit, columns));
+    let more = OptionalColumns { sigma, velocity, size, negative_is_unknown: false };
     sheet.points(converter, z.is_some(), more, |cells| {
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         Ok((cells.number(frame)?, cells.track(track)?, [cells.number(x)?, cells.number(y)?, z_um]))

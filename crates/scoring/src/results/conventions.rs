@@ -5,7 +5,7 @@ use std::path::Path;
 use clap::ValueEnum;
 
 use super::Format;
-use super::table::Position;
+use super::table::{BoxSize, Position};
 use storage::error::{Error, Result};
 
 /// Coordinates of the first pixel's center.
@@ -252,6 +252,20 @@ impl Converter {
             let more = if more > 0 { format!(" and {more} more") } else { String::new() };
             self.notes.push(format!("columns not used: {}{more}", shown.join(", ")));
         }
+    }
+
+    /// Converts the size of a box to px and checks it and the score.
+    pub(crate) fn size(&self, [w, h]: [f64; 2], score: f64) -> std::result::Result<BoxSize, String> {
+        let (w_px, h_px) = (w * self.scale, h * self.scale);
+        for (name, value) in [("width", w_px), ("height", h_px)] {
+            if !(value >= 0.0 && value <= LARGEST_PX) {
+                return Err(format!("{name} = {value:?} px: expected a box of 0 to {LARGEST_PX:e} px"));
+            }
+        }
+        if !score.is_finite() {
+            return Err(format!("score = {score:?}: expected a number"));
+        }
+        Ok(BoxSize { w_px, h_px, score })
     }
 
     /// Converts claimed uncertainties from columns with these names: x and y to px, z unchanged.

@@ -1,7 +1,7 @@
 //! DefocusTracker's dataset: `fr, X, Y, Z, DX, DY, DZ, id, cm` as CSV, or its text file
 //! (`dataset_exportascii`): a title, `scaling = [sx, sy, sz, dt]`, column names, rows with six digits. Frames
 //! from 1, pixels from 1 as in MATLAB, Z in [0, 1] over the depth of the calibration, id 0 for points that
-//! are not tracked. Scaled tables have columns x, y, z with the lengths X sx, Y sy, Z sz.
+//! are not tracked. DefocusTrackerAI adds `W, H`, the sizes of boxes (px), and may leave out `id`. Scaled tables have columns x, y, z with the lengths X sx, Y sy, Z sz.
 
 use std::io::Read;
 use std::path::Path;
@@ -57,8 +57,10 @@ fn read(sheet: TextTable, given: &Conventions, scaling: [f64; 3]) -> Result<Poin
     let [sx, sy, sz] = if scaled { scaling } else { [1.0; 3] };
     let mut converter = Converter::new(DEFAULTS, given)?;
     converter.notes.push(format!("Z = 0 is taken as {low} um, Z = 1 as {high} um; id 0 as not tracked"));
-    converter.ignores(&sheet.others(&["fr", names[0], names[1], names[2], "id"]));
-    sheet.points(converter, true, OptionalColumns::default(), |cells| {
+    converter.ignores(&sheet.others(&["fr", names[0], names[1], names[2], "id", "W", "H", "score"]));
+    let size = ["W", "H", "score"].map(|name| sheet.column(name));
+    let more = OptionalColumns { size, ..OptionalColumns::default() };
+    sheet.points(converter, true, more, |cells| {
         let id = cells.track(track)?;
         let z_um = low + cells.number(z)? / sz * (high - low);
         let at = [cells.number(x)? / sx, cells.number(y)? / sy, z_um];

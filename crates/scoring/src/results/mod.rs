@@ -9,6 +9,7 @@
 //! a variant of [`Format`] and its cases in [`detect`] and [`read`].
 
 mod canonical;
+mod coco;
 mod conventions;
 mod defocustracker;
 mod flo;
@@ -31,7 +32,7 @@ pub use conventions::{Conventions, Limits, Origin};
 pub(crate) use conventions::{Converter, DroppedRows, FormatDefaults, LengthUnit};
 use storage::error::{Error, Result};
 use storage::input;
-pub use table::{Field, FlowVector, Points, Position, TrackRow, TrackerResult, Velocities, VelocityUnit};
+pub use table::{BoxSize, Field, FlowVector, Points, Position, TrackRow, TrackerResult, Velocities, VelocityUnit};
 
 /// Result formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -50,6 +51,8 @@ pub enum Format {
     Defocustracker,
     /// DefocusTracker's text file.
     DefocustrackerAscii,
+    /// Boxes of a detector as COCO's list of results.
+    Coco,
     /// napari's tracks as CSV.
     Napari,
     /// microsig's own CSV of a displacement field.
@@ -80,6 +83,7 @@ pub fn read(path: &Path, given: &Conventions) -> Result<TrackerResult> {
         Format::Isbi => TrackerResult::Points(xml::isbi(path, given)?),
         Format::Defocustracker => TrackerResult::Points(defocustracker::csv(path, given)?),
         Format::DefocustrackerAscii => TrackerResult::Points(defocustracker::ascii(path, given)?),
+        Format::Coco => TrackerResult::Points(coco::read(path, given)?),
         Format::Napari => TrackerResult::Points(napari::read(path, given)?),
         Format::Field => TrackerResult::Field(canonical::field(path, given)?),
         Format::Openpiv => TrackerResult::Field(openpiv::read(path, given)?),
@@ -149,6 +153,9 @@ pub fn detect(path: &Path) -> Result<Format> {
     }
     let text = String::from_utf8_lossy(&head);
     let text = text.trim_start_matches('\u{feff}');
+    if text.trim_start().starts_with('[') {
+        return Ok(Format::Coco);
+    }
     if text.trim_start().starts_with('<') {
         return match () {
             () if text.contains("TrackContestISBI2012") => Ok(Format::Isbi),

@@ -262,7 +262,14 @@ impl TextTable {
                         Ok::<_, String>([x?, y?, z?])
                     };
                     if more.sigma.iter().any(Option::is_some) {
-                        points.sigma.push(converter.uncertainty(all(more.sigma)?, cells.names(more.sigma))?);
+                        let known = |s: f64| if more.negative_is_unknown && s < 0.0 { f64::NAN } else { s };
+                        let sigma = all(more.sigma)?.map(known);
+                        points.sigma.push(converter.uncertainty(sigma, cells.names(more.sigma))?);
+                    }
+                    if let [Some(w), Some(h), score] = more.size {
+                        let size = [cells.number(w)?, cells.number(h)?];
+                        let confidence = score.map_or(Ok(1.0), |score| cells.number(score))?;
+                        points.boxes.push(converter.size(size, confidence)?);
                     }
                     if let Some((_, columns)) = more.velocity {
                         velocities.push(converter.velocity(all(columns)?, cells.names(columns))?);
@@ -284,8 +291,12 @@ impl TextTable {
 pub(crate) struct OptionalColumns {
     /// Claimed uncertainties.
     pub sigma: [Option<usize>; 3],
+    /// Whether a negative uncertainty means that it is unknown.
+    pub negative_is_unknown: bool,
     /// Velocities and their unit.
     pub velocity: Option<(VelocityUnit, [Option<usize>; 3])>,
+    /// Width and height of boxes, and the score of the detection.
+    pub size: [Option<usize>; 3],
 }
 
 /// The cells of a row.

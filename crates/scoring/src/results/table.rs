@@ -34,12 +34,25 @@ pub struct Points {
     pub sigma: Vec<[f64; 3]>,
     /// Velocities, if the file has any.
     pub velocities: Option<Velocities>,
+    /// Box of every row, whose middle is its position; empty if the file has none.
+    pub boxes: Vec<BoxSize>,
     /// Whether the file has z.
     pub has_z: bool,
     /// Number of rows dropped because a coordinate is missing or NaN.
     pub n_nan: usize,
     /// How the reader interpreted the file.
     pub notes: Vec<String>,
+}
+
+/// The box of a detection.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoxSize {
+    /// Width, px.
+    pub w_px: f64,
+    /// Height, px.
+    pub h_px: f64,
+    /// Confidence; detections are ranked by it.
+    pub score: f64,
 }
 
 /// Velocities reported by a file, y downward.

@@ -21,13 +21,13 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Points> {
     // trackpy's estimated position error, one value for all axes (column ep of `locate`).
     let ep = sheet.column("ep");
     if ep.is_some() {
-        converter.notes.push("ep is taken as the uncertainty of x and y".to_owned());
+        converter.notes.push("ep is taken as the uncertainty of x and y, negative ones as unknown".to_owned());
     }
     converter.ignores(&sheet.others(&["frame", "x", "y", "z", "particle", "ep"]));
     sheet.points(
         converter,
         z.is_some(),
-        OptionalColumns { sigma: [ep, ep, None], ..OptionalColumns::default() },
+        OptionalColumns { sigma: [ep, ep, None], negative_is_unknown: true, ..OptionalColumns::default() },
         |cells| {
             let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
             Ok((cells.number(frame)?, cells.track(track)?, [cells.number(x)?, cells.number(y)?, z_um]))

@@ -147,3 +147,29 @@ pub const GRADIENT: [Column; 9] = [
     column("dw_dy_1_s", "number", "1/s", "velocity gradient"),
     column("dw_dz_1_s", "number", "1/s", "velocity gradient"),
 ];
+
+/// `truth/boxes.csv`, optional: one row per particle image and frame.
+pub static BOXES: Table = Table::new(
+    "truth/boxes.csv",
+    "One row per particle image that appears in a frame. Pixels belong to it where its own noise-free light exceeds the \
+     given share of its peak and the standard deviation of the background.",
+    &[
+        FRAME,
+        TRACK,
+        column("x_px", "number", "px", "middle of the box; the first pixel's centre is 1"),
+        column("y_px", "number", "px", "middle of the box, downward; the first pixel's centre is 1"),
+        column("w_px", "integer", "px", "width of the box: of its pixels' outermost columns, both included"),
+        column("h_px", "integer", "px", "height of the box"),
+        column("area_px", "integer", "px^2", "number of its pixels"),
+        column("z_um", "number", "um", "physical depth of the centre, growing away from the lens"),
+        column("class", "integer", "", "number of its diameter in the list of diameters, from 0; else 0"),
+        column("hidden", "number", "", "share of its pixels in which the light of all others exceeds its own"),
+        column("visible", "integer", "", "1 if the centre is on the sensor"),
+        column(
+            "mask",
+            "string",
+            "",
+            "its pixels: COCO's compressed run lengths, column by column, over the whole image",
+        ),
+    ],
+);

@@ -1,5 +1,6 @@
 //! The truth of a dataset: position and motion of every particle, and the displacement field.
 
+mod boxes;
 pub mod depth;
 pub mod field;
 mod viewer;
@@ -20,11 +21,12 @@ use super::{Ledger, Stem};
 use depth::ParticleImage;
 use scenario::Scenario;
 use storage::error::Result;
-use storage::tables::truth::{DISPLACEMENTS, FRAMES, GRADIENT, TRACKS};
+use storage::tables::truth::{BOXES, DISPLACEMENTS, FRAMES, GRADIENT, TRACKS};
 use storage::tables::{Rows, Table, TableFile, TableSink, TableWriter};
+pub(crate) use boxes::size_class;
 pub use viewer::rendered;
 pub(crate) use viewer::{Sight, View, Viewer};
-use visibility::{DepthScan, NoiseFree, Visibility, visibility};
+use visibility::{DepthScan, NoiseFree, Seen, Visibility, visibility};
 
 /// The table of tracks with the columns of this scenario.
 pub fn tracks(scenario: &Scenario) -> Table {
@@ -79,6 +81,8 @@ pub struct FrameTruth {
     frame: Rows,
     tracks: Vec<Rows>,
     displacements: Vec<Rows>,
+    /// Empty if the scenario has no boxes.
+    boxes: Vec<Rows>,
     /// Number of visible particles.
     pub visible: u64,
     moved: DisplacementTotals,
@@ -129,18 +133,22 @@ impl<'a> Truth<'a> {
         let size_px = (scenario.settings.pixel_dim_x, scenario.settings.pixel_dim_y);
         let rows: Vec<_> = sights.iter().map(|sight| sight.rows.clone()).collect();
         let mut total = self.totals.get();
-        let seen = visibility(&self.noise_free, &self.sensor, size_px, &rendered, &rows, &mut total);
+        let wanted = &scenario.spec.truth;
+        let share = wanted.boxes.then_some(wanted.box_share);
+        let seen = visibility(&self.noise_free, &self.sensor, size_px, &rendered, &rows, share, &mut total);
         drop(total);
         let next_s = self.next_s(frame);
         let tracks = sights.par_chunks(TRACERS_PER_TASK).zip(seen.par_chunks(TRACERS_PER_TASK));
         let tracks = tracks.map(|(sights, seen)| {
             let mut rows = Rows::on(&self.tracks, self.texts.take());
             for (sight, seen) in sights.iter().zip(seen) {
-                self.track(&mut rows, frame, sight, self.midway(sight.tracer, frame, next_s)?, seen)?;
+                let midway = self.midway(sight.tracer, frame, next_s)?;
+                self.track(&mut rows, frame, sight, midway, &seen.visibility)?;
             }
             Ok(rows)
         });
         let tracks = tracks.collect::<Result<_>>()?;
+        let boxes = if wanted.boxes { self.boxes(frame, &sights, &seen)? } else { Vec::new() };
         let shining = sights.iter().filter(|sight| !sight.rows.is_empty()).count();
         let visible = sights.iter().filter(|sight| sight.visible).count();
         let (displacements, moved) = match (before, scenario.recordings.link_to(frame.index)) {
@@ -152,6 +160,7 @@ impl<'a> Truth<'a> {
             frame: self.summary(frame, energy, (shining, visible))?,
             tracks,
             displacements,
+            boxes,
             visible: visible as u64,
             moved,
         })
@@ -159,7 +168,23 @@ impl<'a> Truth<'a> {
 
     /// Takes back the truth of a written frame to reuse its memory.
     pub fn put(&self, truth: FrameTruth) {
-        truth.tracks.into_iter().chain(truth.displacements).for_each(|rows| self.texts.put(rows.into_text()));
+        let rows = truth.tracks.into_iter().chain(truth.displacements).chain(truth.boxes);
+        rows.for_each(|rows| self.texts.put(rows.into_text()));
+    }
+
+    /// The rows of boxes.csv.
+    fn boxes(&self, frame: &Frame, sights: &[Sight], seen: &[Seen]) -> Result<Vec<Rows>> {
+        let parts = sights.par_chunks(TRACERS_PER_TASK).zip(seen.par_chunks(TRACERS_PER_TASK));
+        let parts = parts.map(|(sights, seen)| {
+            let mut rows = Rows::on(&BOXES, self.texts.take());
+            for (sight, seen) in sights.iter().zip(seen) {
+                if let Some(outline) = &seen.outline {
+                    boxes::row(&mut rows, self.scenario, frame, sight, outline)?;
+                }
+            }
+            Ok(rows)
+        });
+        parts.collect()
     }
 
     /// The row of frames.csv.
@@ -283,6 +308,7 @@ pub struct TruthWriter<W: Write> {
     frames: TableWriter<W>,
     tracks: TableWriter<W>,
     displacements: TableWriter<W>,
+    boxes: Option<TableWriter<W>>,
     census: Census,
 }
 
@@ -299,6 +325,7 @@ impl<W: Write> TruthWriter<W> {
             frames: writer(&FRAMES)?,
             tracks: writer(&tracks(scenario))?,
             displacements: writer(&DISPLACEMENTS)?,
+            boxes: scenario.spec.truth.boxes.then(|| writer(&BOXES)).transpose()?,
             census: Census::default(),
         })
     }
@@ -311,6 +338,9 @@ impl<W: Write> TruthWriter<W> {
         self.frames.append(&truth.frame)?;
         truth.tracks.iter().try_for_each(|rows| self.tracks.append(rows))?;
         truth.displacements.iter().try_for_each(|rows| self.displacements.append(rows))?;
+        if let Some(boxes) = &mut self.boxes {
+            truth.boxes.iter().try_for_each(|rows| boxes.append(rows))?;
+        }
         let (census, DisplacementTotals { number, farthest_px }) = (&mut self.census, truth.moved);
         census.frames += 1;
         census.visible += truth.visible;
@@ -337,6 +367,9 @@ impl TruthWriter<TableSink> {
         ledger.add(FRAMES.path, self.frames.seal()?);
         ledger.add(TRACKS.path, self.tracks.seal()?);
         ledger.add(DISPLACEMENTS.path, self.displacements.seal()?);
+        if let Some(boxes) = self.boxes {
+            ledger.add(BOXES.path, boxes.seal()?);
+        }
         Ok(self.census)
     }
 }
@@ -349,15 +382,19 @@ impl TruthWriter<Vec<u8>> {
     pub fn in_memory<'f>(
         scenario: &Scenario,
         frames: impl Iterator<Item = &'f FrameTruth>,
-    ) -> Result<[(Table, Vec<u8>); 3]> {
+    ) -> Result<Vec<(Table, Vec<u8>)>> {
         let mut writer = TruthWriter::new(scenario, |table| TableWriter::new(table, Vec::new()))?;
         for frame in frames {
             writer.add(frame)?;
         }
-        Ok([
+        let mut tables = vec![
             (FRAMES.clone(), writer.frames.into_writer()?),
             (tracks(scenario), writer.tracks.into_writer()?),
             (DISPLACEMENTS.clone(), writer.displacements.into_writer()?),
-        ])
+        ];
+        if let Some(boxes) = writer.boxes {
+            tables.push((BOXES.clone(), boxes.into_writer()?));
+        }
+        Ok(tables)
     }
 }

@@ -1,0 +1,195 @@
+//! Export of boxes and masks to the formats of detectors.
+
+use std::collections::BTreeMap;
+use std::io::{Cursor, Write};
+use std::path::Path;
+
+use microsig_core::formats::tiff::{self, PixelScale};
+use microsig_core::sensor::Image;
+use serde_json::{Value, json};
+use visibility::RunLengths;
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, DateTime, ZipWriter};
+
+use super::ExportFormat;
+use scoring::evaluate::measurement::RecordingFacts;
+use scoring::results::Conventions;
+use scoring::results::sheet::{Separator, TextTable};
+use storage::error::{Error, Result};
+use storage::tables::truth::{BOXES, FRAMES};
+
+/// A particle image of `truth/boxes.csv`.
+#[derive(Debug)]
+struct ParticleBox {
+    track: i64,
+    /// Left, top, width, height, px; the corner of the first pixel is at (0, 0).
+    at: [f64; 4],
+    area_px: f64,
+    z_um: f64,
+    class: u32,
+    hidden: f64,
+    visible: bool,
+    mask: String,
+}
+
+/// The boxes of all frames.
+#[derive(Debug)]
+pub(super) struct Boxes {
+    name: String,
+    /// Width and height of the images, px.
+    size: (u32, u32),
+    /// Path of every image, and its boxes in the order of the table.
+    frames: BTreeMap<u32, (String, Vec<ParticleBox>)>,
+}
+
+impl Boxes {
+    /// Reads the boxes of a dataset.
+    pub(super) fn read(dataset: &Path) -> Result<Self> {
+        let facts = RecordingFacts::of(dataset, &Conventions::default())?;
+        facts.needs_truth(dataset)?;
+        let path = dataset.join(BOXES.path);
+        if !path.exists() {
+            return Err(Error::input(format!(
+                "{}: missing; generate the dataset with truth: (boxes: true)",
+                path.display()
+            )));
+        }
+        let (width, height) = facts.sensor_px.ok_or_else(|| {
+            Error::input(format!("{}: the manifest lacks the size of the images", facts.name))
+        })?;
+        let mut frames = images(dataset)?;
+        let sheet = TextTable::open(&path, Separator::Comma, 1)?;
+        let need = |name| sheet.need(name);
+        let (frame, track, mask) = (need("frame")?, need("track")?, need("mask")?);
+        let (x, y, w, h) = (need("x_px")?, need("y_px")?, need("w_px")?, need("h_px")?);
+        let (area, z, class) = (need("area_px")?, need("z_um")?, need("class")?);
+        let (hidden, visible) = (need("hidden")?, need("visible")?);
+        sheet.rows(|cells| {
+            let (w, h) = (cells.number(w)?, cells.number(h)?);
+            let number = cells.number(frame)?;
+            let (_, boxes) =
+                frames.get_mut(&(number as u32)).ok_or(format!("frame {number} is not in {}", FRAMES.path))?;
+            boxes.push(ParticleBox {
+                track: cells.track(Some(track))?,
+                at: [cells.number(x)? - 0.5 - 0.5 * w, cells.number(y)? - 0.5 - 0.5 * h, w, h],
+                area_px: cells.number(area)?,
+                z_um: cells.number(z)?,
+                class: cells.number(class)? as u32,
+                hidden: cells.number(hidden)?,
+                visible: cells.number(visible)? != 0.0,
+                mask: cells.text(mask)?.to_owned(),
+            });
+            Ok(())
+        })?;
+        Ok(Boxes { name: facts.name, size: (width as u32, height as u32), frames })
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.frames.values().map(|(_, boxes)| boxes.len()).sum()
+    }
+
+    /// The contents of the file.
+    pub(super) fn write(&self, format: ExportFormat) -> Result<Vec<u8>> {
+        match format {
+            ExportFormat::Yolo => self.archive(Self::yolo),
+            ExportFormat::Masks => self.archive(Self::labels),
+            _ => Ok(self.coco().to_string().into_bytes()),
+        }
+    }
+
+    fn classes(&self) -> u32 {
+        let all = self.frames.values().flat_map(|(_, boxes)| boxes);
+        all.map(|one| one.class).max().unwrap_or(0) + 1
+    }
+
+    /// COCO's annotations of instances; those of particles whose centers are off the sensor are crowds, which are
+    /// not scored.
+    fn coco(&self) -> Value {
+        let (width, height) = self.size;
+        let images = self.frames.iter().map(|(frame, (image, _))| {
+            json!({"id": frame, "file_name": image, "width": width, "height": height})
+        });
+        let all = self.frames.iter().flat_map(|(frame, (_, boxes))| boxes.iter().map(move |one| (frame, one)));
+        // Numbers begin at 1: pycocotools takes 0 for no match.
+        let annotations = all.enumerate().map(|(k, (frame, one))| {
+            json!({
+                "id": k + 1, "image_id": frame, "category_id": one.class, "bbox": one.at, "area": one.area_px,
+                "iscrowd": u8::from(!one.visible), "segmentation": {"size": [height, width], "counts": one.mask},
+                "track": one.track, "z_um": one.z_um, "hidden": one.hidden,
+            })
+        });
+        let categories = (0..self.classes()).map(|k| json!({"id": k, "name": format!("particle size {k}")}));
+        json!({
+            "info": {"description": self.name},
+            "images": images.collect::<Vec<_>>(),
+            "categories": categories.collect::<Vec<_>>(),
+            "annotations": annotations.collect::<Vec<_>>(),
+        })
+    }
+
+    /// YOLO's text of a frame: class, middle, width and height as shares of the image; of visible particles.
+    fn yolo(&self, stem: &str, boxes: &[ParticleBox]) -> Result<(String, Vec<u8>)> {
+        let (width, height) = (f64::from(self.size.0), f64::from(self.size.1));
+        let line = |one: &ParticleBox| {
+            let [x, y, w, h] = one.at;
+            let [x, y] = [(x + 0.5 * w) / width, (y + 0.5 * h) / height];
+            format!("{} {x} {y} {} {}\n", one.class, w / width, h / height)
+        };
+        let text: String = boxes.iter().filter(|one| one.visible).map(line).collect();
+        Ok((format!("labels/{stem}.txt"), text.into_bytes()))
+    }
+
+    /// The label image of a frame: the number of the row in the frame's part of the table, from 1. The smaller of
+    /// two images that overlap lies on top.
+    fn labels(&self, stem: &str, boxes: &[ParticleBox]) -> Result<(String, Vec<u8>)> {
+        let (width, height) = self.size;
+        if boxes.len() > usize::from(u16::MAX) {
+            let n = boxes.len();
+            return Err(Error::input(format!("{stem}: {n} particles; label images hold {}", u16::MAX)));
+        }
+        let (columns, rows) = (width as usize, height as usize);
+        let mut counts = vec![0u16; columns * rows];
+        let mut order: Vec<usize> = (0..boxes.len()).collect();
+        order.sort_by(|a, b| boxes[*b].area_px.total_cmp(&boxes[*a].area_px));
+        for k in order {
+            let mask = RunLengths::parse(&boxes[k].mask, columns * rows)
+                .ok_or_else(|| Error::input(format!("{}: track {}: mask: expected COCO's run lengths of {width} x {height} px", BOXES.path, boxes[k].track)))?;
+            for pixel in mask.pixels() {
+                counts[pixel % rows * columns + pixel / rows] = (k + 1) as u16;
+            }
+        }
+        let image = Image { width, height, bits: 16, counts };
+        let mut file = Cursor::new(Vec::new());
+        tiff::write(&mut file, &image, &PixelScale::default(), stem)?;
+        Ok((format!("masks/{stem}.tif"), file.into_inner()))
+    }
+
+    /// A zip archive of a file for each frame, named as its image.
+    fn archive(&self, of: impl Fn(&Self, &str, &[ParticleBox]) -> Result<(String, Vec<u8>)>) -> Result<Vec<u8>> {
+        let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+        let options = SimpleFileOptions::default()
+            .compression_method(CompressionMethod::Deflated)
+            .last_modified_time(DateTime::default())
+            .unix_permissions(0o644);
+        let failed = |e: zip::result::ZipError| Error::input(format!("{}: {e}", self.name));
+        for (image, boxes) in self.frames.values() {
+            let stem = Path::new(image).file_stem().unwrap_or_default().to_string_lossy();
+            let (path, bytes) = of(self, &stem, boxes)?;
+            zip.start_file(path, options).map_err(failed)?;
+            zip.write_all(&bytes).map_err(|e| failed(e.into()))?;
+        }
+        Ok(zip.finish().map_err(failed)?.into_inner())
+    }
+}
+
+/// Path of the image of every frame.
+fn images(dataset: &Path) -> Result<BTreeMap<u32, (String, Vec<ParticleBox>)>> {
+    let sheet = TextTable::open(&dataset.join(FRAMES.path), Separator::Comma, 1)?;
+    let (frame, image) = (sheet.need("frame")?, sheet.need("image")?);
+    let mut images = BTreeMap::new();
+    sheet.rows(|cells| {
+        images.insert(cells.number(frame)? as u32, (cells.text(image)?.to_owned(), Vec::new()));
+        Ok(())
+    })?;
+    Ok(images)
+}

@@ -1,0 +1,247 @@
+//! Average precision of boxes as COCO defines it (Lin et al., ECCV 2014), without classes and without a limit on the
+//! number of detections: pycocotools with `useCats = 0` and `maxDets` above that number gives the same values.
+//!
+//! True boxes of particles whose centers are off the sensor are not scored (COCO's `iscrowd`): a detection that they
+//! cover is neither right nor wrong.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::results::Points;
+use crate::results::sheet::{Separator, TextTable};
+use storage::error::Result;
+use storage::tables::truth::BOXES;
+
+/// Average precision and recall of boxes.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct BoxScore {
+    /// True boxes that are scored.
+    pub n_truth: usize,
+    /// Boxes of the result.
+    pub n_result: usize,
+    /// Average precision: mean over the intersections over union 0.50, 0.55, ..., 0.95 and over 101 recalls (COCO).
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub ap: Option<f64>,
+    /// Average precision at an intersection over union of 0.50.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub ap50: Option<f64>,
+    /// Average precision at an intersection over union of 0.75.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub ap75: Option<f64>,
+    /// Average recall: mean over the intersections over union 0.50, 0.55, ..., 0.95 (COCO).
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub ar: Option<f64>,
+    /// Greatest recall, at an intersection over union of 0.50, with at most one ghost in 100 true boxes.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub recall_at_1_percent_ghosts: Option<f64>,
+    /// The same with at most one ghost in 10 true boxes.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub recall_at_10_percent_ghosts: Option<f64>,
+}
+
+/// A box in COCO's coordinates: left, top, width, height, px.
+type Rectangle = [f64; 4];
+
+#[derive(Debug, Clone, Copy)]
+struct TrueBox {
+    at: Rectangle,
+    /// Not scored.
+    ignored: bool,
+}
+
+/// The boxes of a frame.
+#[derive(Debug, Default)]
+struct FrameBoxes {
+    /// Scored ones first.
+    truth: Vec<TrueBox>,
+    /// By falling score: box and score.
+    found: Vec<(Rectangle, f64)>,
+}
+
+/// What a detection is at each threshold.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Outcome {
+    Right,
+    Ghost,
+    Ignored,
+}
+
+/// Number of thresholds of the intersection over union.
+const THRESHOLDS: usize = 10;
+
+/// The thresholds as NumPy's `linspace(0.5, 0.95, 10)` rounds them.
+fn threshold(k: usize) -> f64 {
+    const STEP: f64 = (0.95 - 0.5) / 9.0;
+    if k == THRESHOLDS - 1 { 0.95 } else { k as f64 * STEP + 0.5 }
+}
+
+/// Number of recalls at which precision is sampled.
+const RECALLS: usize = 101;
+
+impl BoxScore {
+    /// Scores the boxes of a result against those of a dataset.
+    ///
+    /// # Errors
+    /// A malformed table of the truth.
+    pub fn of(dataset: &Path, points: &Points) -> Result<Self> {
+        let mut frames = truth(dataset)?;
+        for (row, size) in points.rows.iter().zip(&points.boxes) {
+            // From the first pixel's center at 1 to its corner at 0.
+            let corner = |middle: f64, size: f64| middle - 0.5 - 0.5 * size;
+            let (x, y) = (corner(row.at.x_px, size.w_px), corner(row.at.y_px, size.h_px));
+            frames.entry(row.frame).or_default().found.push(([x, y, size.w_px, size.h_px], size.score));
+        }
+        Ok(Self::of_frames(frames.into_values().collect(), points.boxes.len()))
+    }
+
+    fn of_frames(mut frames: Vec<FrameBoxes>, n_result: usize) -> Self {
+        for frame in &mut frames {
+            frame.truth.sort_by_key(|truth| truth.ignored);
+            frame.found.sort_by(|a, b| b.1.total_cmp(&a.1));
+        }
+        let n_truth = frames.iter().flat_map(|frame| &frame.truth).filter(|truth| !truth.ignored).count();
+        let mut score = BoxScore { n_truth, n_result, ..BoxScore::default() };
+        if n_truth == 0 {
+            return score;
+        }
+        // Of all frames, by falling score; the sort is stable, as COCO's is.
+        let mut all: Vec<(f64, [Outcome; THRESHOLDS])> = frames.iter().flat_map(FrameBoxes::outcomes).collect();
+        all.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let curves: Vec<Curve> =
+            (0..THRESHOLDS).map(|k| Curve::of(all.iter().map(|(_, at)| at[k]), n_truth)).collect();
+        let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / THRESHOLDS as f64;
+        score.ap = Some(mean(&mut curves.iter().map(Curve::average_precision)));
+        score.ap50 = Some(curves[0].average_precision());
+        score.ap75 = Some(curves[5].average_precision());
+        score.ar = Some(mean(&mut curves.iter().map(Curve::recall)));
+        score.recall_at_1_percent_ghosts = Some(curves[0].recall_at(0.01));
+        score.recall_at_10_percent_ghosts = Some(curves[0].recall_at(0.1));
+        score
+    }
+}
+
+/// The true boxes by frame.
+fn truth(dataset: &Path) -> Result<BTreeMap<u32, FrameBoxes>> {
+    let sheet = TextTable::open(&dataset.join(BOXES.path), Separator::Comma, 1)?;
+    let (frame, visible) = (sheet.need("frame")?, sheet.need("visible")?);
+    let [x, y, w, h] = ["x_px", "y_px", "w_px", "h_px"].map(|name| sheet.need(name));
+    let (x, y, w, h) = (x?, y?, w?, h?);
+    let mut frames: BTreeMap<u32, FrameBoxes> = BTreeMap::new();
+    sheet.rows(|cells| {
+        let (w, h) = (cells.number(w)?, cells.number(h)?);
+        let at = [cells.number(x)? - 0.5 - 0.5 * w, cells.number(y)? - 0.5 - 0.5 * h, w, h];
+        let number = cells.number(frame)?;
+        if !(at.iter().all(|v| v.is_finite()) && (0.0..f64::from(u32::MAX)).contains(&number)) {
+            return Err("expected a frame and a box".to_owned());
+        }
+        let ignored = cells.number(visible)? == 0.0;
+        frames.entry(number as u32).or_default().truth.push(TrueBox { at, ignored });
+        Ok(())
+    })?;
+    Ok(frames)
+}
+
+impl FrameBoxes {
+    /// For every detection its score and outcome at each threshold: the best free true box above the threshold, a
+    /// scored one before an ignored one.
+    fn outcomes(&self) -> Vec<(f64, [Outcome; THRESHOLDS])> {
+        let mut outcomes: Vec<(f64, [Outcome; THRESHOLDS])> =
+            self.found.iter().map(|(_, score)| (*score, [Outcome::Ghost; THRESHOLDS])).collect();
+        let overlaps: Vec<Vec<(usize, f64)>> = self.found.iter().map(|(at, _)| self.overlaps(at)).collect();
+        for k in 0..THRESHOLDS {
+            let mut taken = vec![false; self.truth.len()];
+            for ((_, outcome), overlaps) in outcomes.iter_mut().zip(&overlaps) {
+                let (mut best, mut match_of) = (threshold(k).min(1.0 - 1e-10), None::<usize>);
+                for &(g, overlap) in overlaps {
+                    let truth = &self.truth[g];
+                    if taken[g] && !truth.ignored {
+                        continue;
+                    }
+                    if match_of.is_some_and(|m| !self.truth[m].ignored) && truth.ignored {
+                        break;
+                    }
+                    if overlap >= best {
+                        (best, match_of) = (overlap, Some(g));
+                    }
+                }
+                if let Some(g) = match_of {
+                    taken[g] = true;
+                    outcome[k] = if self.truth[g].ignored { Outcome::Ignored } else { Outcome::Right };
+                }
+            }
+        }
+        outcomes
+    }
+
+    /// The true boxes that a detection may match at the lowest threshold, with their overlap.
+    fn overlaps(&self, found: &Rectangle) -> Vec<(usize, f64)> {
+        let overlap = |truth: &TrueBox| overlap(found, &truth.at, truth.ignored);
+        let all = self.truth.iter().enumerate().map(|(g, truth)| (g, overlap(truth)));
+        all.filter(|(_, overlap)| *overlap >= threshold(0)).collect()
+    }
+}
+
+/// Intersection over union; for an ignored true box over the area of the detection.
+fn overlap(found: &Rectangle, truth: &Rectangle, ignored: bool) -> f64 {
+    let along = |k: usize| (found[k] + found[k + 2]).min(truth[k] + truth[k + 2]) - found[k].max(truth[k]);
+    let (w, h) = (along(0), along(1));
+    if w <= 0.0 || h <= 0.0 {
+        return 0.0;
+    }
+    let area = |of: &Rectangle| of[2] * of[3];
+    w * h / if ignored { area(found) } else { area(found) + area(truth) - w * h }
+}
+
+/// Numbers of right detections and ghosts among the best detections.
+struct Curve {
+    counts: Vec<[usize; 2]>,
+    n_truth: usize,
+}
+
+impl Curve {
+    fn of(outcomes: impl Iterator<Item = Outcome>, n_truth: usize) -> Self {
+        let mut sums = [0, 0];
+        let counts = outcomes.map(|outcome| {
+            sums[0] += usize::from(outcome == Outcome::Right);
+            sums[1] += usize::from(outcome == Outcome::Ghost);
+            sums
+        });
+        Curve { counts: counts.collect(), n_truth }
+    }
+
+    /// Recall of all detections.
+    fn recall(&self) -> f64 {
+        self.counts.last().map_or(0.0, |[right, _]| *right as f64 / self.n_truth as f64)
+    }
+
+    /// Greatest recall with at most this number of ghosts per true box.
+    fn recall_at(&self, ghosts: f64) -> f64 {
+        let most = ghosts * self.n_truth as f64;
+        let right = self.counts.iter().filter(|[_, n]| *n as f64 <= most).map(|[right, _]| *right).max();
+        right.unwrap_or(0) as f64 / self.n_truth as f64
+    }
+
+    /// Mean over recalls of the greatest precision at that recall or a higher one.
+    fn average_precision(&self) -> f64 {
+        // COCO's guard against a division by zero, which the value of a perfect result keeps.
+        let precision = |[right, ghosts]: [usize; 2]| right as f64 / ((right + ghosts) as f64 + f64::EPSILON);
+        let mut best: Vec<f64> = self.counts.iter().map(|at| precision(*at)).collect();
+        for k in (1..best.len()).rev() {
+            best[k - 1] = best[k - 1].max(best[k]);
+        }
+        let recall = |k: usize| self.counts[k][0] as f64 / self.n_truth as f64;
+        let (mut at, mut sum) = (0, 0.0);
+        for step in 0..RECALLS {
+            let least = if step == RECALLS - 1 { 1.0 } else { step as f64 * 0.01 };
+            while at < best.len() && recall(at) < least {
+                at += 1;
+            }
+            sum += best.get(at).copied().unwrap_or(0.0);
+        }
+        sum / RECALLS as f64
+    }
+}

@@ -1,0 +1,81 @@
+//! COCO's list of results of a detector: `[{"image_id": 0, "bbox": [x, y, width, height], "score": 0.9}, ...]`.
+//! `image_id` is the frame, from 0; the corner of the first pixel is at (0, 0). A key `z_um` is read too; others
+//! are ignored.
+
+use std::path::Path;
+
+use serde::Deserialize;
+use serde::de::{Deserializer, IgnoredAny, SeqAccess, Visitor};
+
+use super::{Conventions, Converter, DroppedRows, FormatDefaults, LengthUnit, Origin, Points, TrackRow};
+use storage::error::{Error, Result};
+use storage::input;
+
+/// COCO counts from the corner of the first pixel.
+const DEFAULTS: FormatDefaults =
+    FormatDefaults { name: "COCO results", origin: Origin::Corner0, frame_base: 0, unit: LengthUnit::Px };
+
+#[derive(Deserialize)]
+struct Found {
+    image_id: f64,
+    bbox: [f64; 4],
+    #[serde(default = "one")]
+    score: f64,
+    z_um: Option<f64>,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// A list of at most so many results; more are an error, before they take memory.
+struct AtMost(usize);
+
+impl<'de> Visitor<'de> for AtMost {
+    type Value = Vec<Found>;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "a list of results with image_id, bbox and score")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> std::result::Result<Self::Value, A::Error> {
+        let mut all = Vec::new();
+        while all.len() < self.0 {
+            match list.next_element()? {
+                Some(found) => all.push(found),
+                None => return Ok(all),
+            }
+        }
+        match list.next_element::<IgnoredAny>()? {
+            Some(_) => Err(serde::de::Error::custom(format!("more than {} results", self.0))),
+            None => Ok(all),
+        }
+    }
+}
+
+pub(super) fn read(path: &Path, given: &Conventions) -> Result<Points> {
+    let mut converter = Converter::new(DEFAULTS, given)?;
+    converter.notes.push("image_id is taken as the frame".to_owned());
+    let file = std::io::BufReader::new(input::open(path)?);
+    let mut text = serde_json::Deserializer::from_reader(file);
+    let whole = text.deserialize_seq(AtMost(given.limits.rows)).and_then(|all| text.end().map(|()| all));
+    let all = whole.map_err(|e| Error::input(format!("{}:{}: {e}", path.display(), e.line())))?;
+    let (mut points, mut dropped) =
+        (Points { has_z: all.iter().any(|found| found.z_um.is_some()), ..Points::default() }, DroppedRows::default());
+    for (k, found) in all.iter().enumerate() {
+        let at = |e: String| Error::input(format!("{}: result {k}: {e}", path.display()));
+        let [x, y, w, h] = found.bbox;
+        let frame = converter.frame(found.image_id).map_err(at)?;
+        let z_um = found.z_um.unwrap_or(if points.has_z { f64::NAN } else { 0.0 });
+        match converter.position(x + 0.5 * w, y + 0.5 * h, z_um).map_err(at)? {
+            Some(at_px) => {
+                points.rows.push(TrackRow { frame, track: -1, at: at_px });
+                points.boxes.push(converter.size([w, h], found.score).map_err(at)?);
+            }
+            None => dropped.at(k as u64),
+        }
+    }
+    points.notes = converter.notes;
+    points.n_nan = dropped.told(&mut points.notes);
+    Ok(points)
+}
