@@ -2,6 +2,7 @@
 #![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
 
 mod baselines;
+mod boxes;
 mod centroid;
 mod challenge;
 mod command;

@@ -106,7 +106,7 @@ mod tests {
     /// Texts by `mask.encode` of pycocotools 2.0.11: images of 6 x 5 and of 100 x 100 px.
     #[test]
     fn texts_are_those_of_pycocotools() {
-        let ring: Vec<usize> = (0..10_000)
+        let ring: Vec<usize> = (0..10_000usize)
             .filter(|p| (145..400).contains(&((p / 100).abs_diff(40).pow(2) + (p % 100).abs_diff(60).pow(2))))
             .collect();
         assert_eq!(ring.len(), 804);

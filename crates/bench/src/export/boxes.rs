@@ -38,6 +38,7 @@ pub(super) struct Boxes {
     name: String,
     /// Width and height of the images, px.
     size: (u32, u32),
+    um_per_px: f64,
     /// Path of every image, and its boxes in the order of the table.
     frames: BTreeMap<u32, (String, Vec<ParticleBox>)>,
 }
@@ -67,8 +68,9 @@ impl Boxes {
         sheet.rows(|cells| {
             let (w, h) = (cells.number(w)?, cells.number(h)?);
             let number = cells.number(frame)?;
-            let (_, boxes) =
-                frames.get_mut(&(number as u32)).ok_or(format!("frame {number} is not in {}", FRAMES.path))?;
+            let (_, boxes) = frames
+                .get_mut(&(number as u32))
+                .ok_or(format!("frame {number} is not in {}", FRAMES.path))?;
             boxes.push(ParticleBox {
                 track: cells.track(Some(track))?,
                 at: [cells.number(x)? - 0.5 - 0.5 * w, cells.number(y)? - 0.5 - 0.5 * h, w, h],
@@ -81,7 +83,8 @@ impl Boxes {
             });
             Ok(())
         })?;
-        Ok(Boxes { name: facts.name, size: (width as u32, height as u32), frames })
+        let um_per_px = facts.um_per_px.unwrap_or(1.0);
+        Ok(Boxes { name: facts.name, size: (width as u32, height as u32), um_per_px, frames })
     }
 
     pub(super) fn len(&self) -> usize {
@@ -106,10 +109,11 @@ impl Boxes {
     /// not scored.
     fn coco(&self) -> Value {
         let (width, height) = self.size;
-        let images = self.frames.iter().map(|(frame, (image, _))| {
-            json!({"id": frame, "file_name": image, "width": width, "height": height})
-        });
-        let all = self.frames.iter().flat_map(|(frame, (_, boxes))| boxes.iter().map(move |one| (frame, one)));
+        let images = self.frames.iter().map(
+            |(frame, (image, _))| json!({"id": frame, "file_name": image, "width": width, "height": height}),
+        );
+        let all =
+            self.frames.iter().flat_map(|(frame, (_, boxes))| boxes.iter().map(move |one| (frame, one)));
         // Numbers begin at 1: pycocotools takes 0 for no match.
         let annotations = all.enumerate().map(|(k, (frame, one))| {
             json!({
@@ -152,20 +156,32 @@ impl Boxes {
         let mut order: Vec<usize> = (0..boxes.len()).collect();
         order.sort_by(|a, b| boxes[*b].area_px.total_cmp(&boxes[*a].area_px));
         for k in order {
-            let mask = RunLengths::parse(&boxes[k].mask, columns * rows)
-                .ok_or_else(|| Error::input(format!("{}: track {}: mask: expected COCO's run lengths of {width} x {height} px", BOXES.path, boxes[k].track)))?;
+            let mask = RunLengths::parse(&boxes[k].mask, columns * rows).ok_or_else(|| {
+                Error::input(format!(
+                    "{}: track {}: mask: expected COCO's run lengths of {width} x {height} px",
+                    BOXES.path, boxes[k].track
+                ))
+            })?;
             for pixel in mask.pixels() {
                 counts[pixel % rows * columns + pixel / rows] = (k + 1) as u16;
             }
         }
         let image = Image { width, height, bits: 16, counts };
         let mut file = Cursor::new(Vec::new());
-        tiff::write(&mut file, &image, &PixelScale::default(), stem)?;
+        tiff::write(
+            &mut file,
+            &image,
+            &PixelScale { um_per_px: self.um_per_px, frame_interval_s: None },
+            stem,
+        )?;
         Ok((format!("masks/{stem}.tif"), file.into_inner()))
     }
 
     /// A zip archive of a file for each frame, named as its image.
-    fn archive(&self, of: impl Fn(&Self, &str, &[ParticleBox]) -> Result<(String, Vec<u8>)>) -> Result<Vec<u8>> {
+    fn archive(
+        &self,
+        of: impl Fn(&Self, &str, &[ParticleBox]) -> Result<(String, Vec<u8>)>,
+    ) -> Result<Vec<u8>> {
         let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
         let options = SimpleFileOptions::default()
             .compression_method(CompressionMethod::Deflated)

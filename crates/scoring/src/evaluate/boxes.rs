@@ -109,7 +109,8 @@ impl BoxScore {
             return score;
         }
         // Of all frames, by falling score; the sort is stable, as COCO's is.
-        let mut all: Vec<(f64, [Outcome; THRESHOLDS])> = frames.iter().flat_map(FrameBoxes::outcomes).collect();
+        let mut all: Vec<(f64, [Outcome; THRESHOLDS])> =
+            frames.iter().flat_map(FrameBoxes::outcomes).collect();
         all.sort_by(|a, b| b.0.total_cmp(&a.0));
         let curves: Vec<Curve> =
             (0..THRESHOLDS).map(|k| Curve::of(all.iter().map(|(_, at)| at[k]), n_truth)).collect();
@@ -243,5 +244,84 @@ impl Curve {
             sum += best.get(at).copied().unwrap_or(0.0);
         }
         sum / RECALLS as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers in [0, 1) that are the same in Python.
+    struct Random(u64);
+
+    impl Random {
+        fn next(&mut self) -> f64 {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (self.0 >> 40) as f64 / f64::from(1 << 24)
+        }
+
+        fn rectangle(&mut self) -> Rectangle {
+            [self.next() * 200.0, self.next() * 150.0, 4.0 + self.next() * 40.0, 4.0 + self.next() * 40.0]
+        }
+    }
+
+    fn frames(seed: u64, frames: usize, per: usize, noise: f64, ghosts: usize) -> Vec<FrameBoxes> {
+        let mut random = Random(seed);
+        let frame = |_| {
+            let mut frame = FrameBoxes::default();
+            for _ in 0..per {
+                let at @ [x, y, w, h] = random.rectangle();
+                frame.truth.push(TrueBox { at, ignored: random.next() < 0.1 });
+                if random.next() < 0.85 {
+                    let mut off = || noise * (random.next() - 0.5);
+                    let found = [x + off() * w, y + off() * h, w * (1.0 + off()), h * (1.0 + off())];
+                    frame.found.push((found, random.next()));
+                }
+            }
+            for _ in 0..ghosts {
+                frame.found.push((random.rectangle(), random.next() * 0.8));
+            }
+            frame
+        };
+        (0..frames).map(frame).collect()
+    }
+
+    /// By pycocotools 2.0.11 (`useCats = 0`, `maxDets = [1, 10, 10000]`) for the same boxes.
+    #[test]
+    fn precision_and_recall_are_those_of_pycocotools() {
+        for (frames, [ap, ap50, ap75, ar]) in [
+            (
+                frames(1, 4, 30, 0.3, 5),
+                [0.2988872971396627, 0.7452341771473553, 0.10996521326067649, 0.401923076923077],
+            ),
+            (
+                frames(2, 1, 8, 0.1, 20),
+                [0.4619500961085119, 0.6713632901751715, 0.5827983897290826, 0.7857142857142857],
+            ),
+            (
+                frames(3, 6, 12, 0.6, 0),
+                [0.06696761094045607, 0.32655903835792804, 0.01702970297029703, 0.14516129032258066],
+            ),
+        ] {
+            let score = BoxScore::of_frames(frames, 0);
+            for (found, expected) in [(score.ap, ap), (score.ap50, ap50), (score.ap75, ap75), (score.ar, ar)]
+            {
+                let found = found.unwrap();
+                assert!((found - expected).abs() < 1e-12, "{found} {expected} of {score:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn ghosts_limit_the_recall() {
+        let at = |k: f64| [10.0 * k, 0.0, 5.0, 5.0];
+        let truth = (0..10).map(|k| TrueBox { at: at(f64::from(k)), ignored: false }).collect();
+        // By falling score: three right ones, a ghost, four right ones.
+        let places = [0.0, 1.0, 2.0, 20.0, 3.0, 4.0, 5.0, 6.0];
+        let found = places.iter().enumerate().map(|(k, place)| (at(*place), 1.0 - 0.1 * k as f64)).collect();
+        let score = BoxScore::of_frames(vec![FrameBoxes { truth, found }], 8);
+        assert_eq!(score.recall_at_1_percent_ghosts, Some(0.3));
+        assert_eq!(score.recall_at_10_percent_ghosts, Some(0.7));
+        assert_eq!(BoxScore::of_frames(Vec::new(), 0).ap, None);
     }
 }

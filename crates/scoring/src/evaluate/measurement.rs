@@ -118,7 +118,7 @@ impl RecordingFacts {
     ///
     /// # Errors
     /// If the truth is withheld.
-    pub(crate) fn needs_truth(&self, dataset: &Path) -> Result<()> {
+    pub fn needs_truth(&self, dataset: &Path) -> Result<()> {
         if self.is_withheld {
             return Err(Error::input(format!(
                 "{}: a test split, whose truth is withheld: only its organizers have it; \

@@ -60,8 +60,10 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Points> {
     let mut text = serde_json::Deserializer::from_reader(file);
     let whole = text.deserialize_seq(AtMost(given.limits.rows)).and_then(|all| text.end().map(|()| all));
     let all = whole.map_err(|e| Error::input(format!("{}:{}: {e}", path.display(), e.line())))?;
-    let (mut points, mut dropped) =
-        (Points { has_z: all.iter().any(|found| found.z_um.is_some()), ..Points::default() }, DroppedRows::default());
+    let (mut points, mut dropped) = (
+        Points { has_z: all.iter().any(|found| found.z_um.is_some()), ..Points::default() },
+        DroppedRows::default(),
+    );
     for (k, found) in all.iter().enumerate() {
         let at = |e: String| Error::input(format!("{}: result {k}: {e}", path.display()));
         let [x, y, w, h] = found.bbox;

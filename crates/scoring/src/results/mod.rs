@@ -32,7 +32,9 @@ pub use conventions::{Conventions, Limits, Origin};
 pub(crate) use conventions::{Converter, DroppedRows, FormatDefaults, LengthUnit};
 use storage::error::{Error, Result};
 use storage::input;
-pub use table::{BoxSize, Field, FlowVector, Points, Position, TrackRow, TrackerResult, Velocities, VelocityUnit};
+pub use table::{
+    BoxSize, Field, FlowVector, Points, Position, TrackRow, TrackerResult, Velocities, VelocityUnit,
+};
 
 /// Result formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -21,7 +21,9 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Points> {
     // trackpy's estimated position error, one value for all axes (column ep of `locate`).
     let ep = sheet.column("ep");
     if ep.is_some() {
-        converter.notes.push("ep is taken as the uncertainty of x and y, negative ones as unknown".to_owned());
+        converter
+            .notes
+            .push("ep is taken as the uncertainty of x and y, negative ones as unknown".to_owned());
     }
     converter.ignores(&sheet.others(&["frame", "x", "y", "z", "particle", "ep"]));
     sheet.points(

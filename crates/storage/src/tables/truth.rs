@@ -163,7 +163,12 @@ pub static BOXES: Table = Table::new(
         column("area_px", "integer", "px^2", "number of its pixels"),
         column("z_um", "number", "um", "physical depth of the centre, growing away from the lens"),
         column("class", "integer", "", "number of its diameter in the list of diameters, from 0; else 0"),
-        column("hidden", "number", "", "share of its pixels in which the light of all others exceeds its own"),
+        column(
+            "hidden",
+            "number",
+            "",
+            "share of its pixels in which the light of all others exceeds its own",
+        ),
         column("visible", "integer", "", "1 if the centre is on the sensor"),
         column(
             "mask",

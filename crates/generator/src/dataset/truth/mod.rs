@@ -18,12 +18,12 @@ use microsig_core::{Particle, Spheroid};
 use rayon::prelude::*;
 
 use super::{Ledger, Stem};
+pub(crate) use boxes::size_class;
 use depth::ParticleImage;
 use scenario::Scenario;
 use storage::error::Result;
 use storage::tables::truth::{BOXES, DISPLACEMENTS, FRAMES, GRADIENT, TRACKS};
 use storage::tables::{Rows, Table, TableFile, TableSink, TableWriter};
-pub(crate) use boxes::size_class;
 pub use viewer::rendered;
 pub(crate) use viewer::{Sight, View, Viewer};
 use visibility::{DepthScan, NoiseFree, Seen, Visibility, visibility};
