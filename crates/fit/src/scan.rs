@@ -1,6 +1,5 @@
 //! A calibration scan: images of particles at rest at known stage positions.
 
-use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
@@ -10,6 +9,7 @@ use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 
 use storage::error::{Error, Result};
+use storage::input;
 
 /// Minimum number of planes.
 const MIN_PLANES: usize = 7;
@@ -139,10 +139,7 @@ fn check_monotonic(stage_um: &[f64]) -> Result<()> {
 }
 
 fn read_pages(path: &Path) -> Result<Planes> {
-    let file = File::open(path).map_err(|e| Error::read(path, e))?;
-    if !file.metadata().map_err(|e| Error::read(path, e))?.is_file() {
-        return Err(Error::input(format!("{}: expected a file or a folder", path.display())));
-    }
+    let file = input::open(path)?;
     let mut all = Planes {
         width: 0,
         height: 0,
@@ -181,7 +178,7 @@ fn read_folder(path: &Path) -> Result<Planes> {
     };
     for name in names {
         let file = path.join(&name);
-        let reader = BufReader::new(File::open(&file).map_err(|e| Error::read(&file, e))?);
+        let reader = BufReader::new(input::open(&file)?);
         let before = all.planes.len();
         read_tiff(&mut all, reader, &file.display().to_string())?;
         if all.planes.len() != before + 1 {
@@ -269,10 +266,7 @@ struct Position {
 
 /// Reads the stage position of each of the `n` planes (um) from a table.
 fn read_positions(file: &Path, names: &[String], n: usize) -> Result<Vec<f64>> {
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_path(file)
-        .map_err(|e| Error::input(format!("{}: {e}", file.display())))?;
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(input::open(file)?);
     let mut found: Vec<(usize, f64)> = Vec::new();
     for (row, record) in reader.deserialize::<Position>().enumerate() {
         let line = row + 2;

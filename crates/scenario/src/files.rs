@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::language::problems::Problems;
-use storage::error::Error;
+use storage::input;
 
 /// A file that the scenario refers to.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -25,7 +25,7 @@ impl Files<'_> {
     /// Reads a file; an error becomes a problem at `key`.
     pub(super) fn read(&self, key: &str, file: &str, problems: &mut Problems) -> Option<(PathBuf, Vec<u8>)> {
         let path = self.folder.join(file);
-        let bytes = problems.of(key, std::fs::read(&path).map_err(|e| Error::read(&path, e)))?;
+        let bytes = problems.of(key, input::read(&path))?;
         Some((path, bytes))
     }
 

@@ -37,7 +37,9 @@ pub fn read_text(file: &Path) -> Result<String> {
     if bytes.len() as u64 > MAX_BYTES {
         return Err(refuse("at most 16 MB of text"));
     }
-    String::from_utf8(bytes).map_err(|_| refuse("a text in UTF-8, in RON or JSON"))
+    let text = String::from_utf8(bytes).map_err(|_| refuse("a text in UTF-8, in RON or JSON"))?;
+    // A byte order mark, as some editors write.
+    Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
 }
 
 /// Reads a scenario from a text; `name` is its name in messages.

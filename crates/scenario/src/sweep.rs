@@ -244,8 +244,18 @@ fn columns(spec: &SweepSpec, tree: &Node, base: &Node, problems: &mut Problems) 
         if axis.path == "name" {
             other("expected another key, as cases are named after the sweep");
         }
-        if spec.axes[..i].iter().any(|other| other.path == axis.path) {
-            other("is varied by two axes");
+        let below = |inner: &str, outer: &str| {
+            inner.strip_prefix(outer).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+        };
+        if let Some(before) = spec.axes[..i]
+            .iter()
+            .find(|before| below(&before.path, &axis.path) || below(&axis.path, &before.path))
+        {
+            if before.path == axis.path {
+                other("is varied by two axes");
+            } else {
+                other(&format!("one of the axes {} and {} contains the other", before.path, axis.path));
+            }
         }
         match axis.values.written() {
             Ok(values) => {
@@ -460,6 +470,9 @@ mod tests {
         let axis = "(path: \"optics.gain\", values: list([1, 2]))";
         let twice = of(&[axis, axis].join(", ")).unwrap_err().to_string();
         assert!(twice.contains("optics.gain: is varied by two axes"), "{twice}");
+        let outer = "(path: \"optics\", values: list([\"(gain: 2)\", \"(gain: 3)\"]))";
+        let nested = of(&[axis, outer].join(", ")).unwrap_err().to_string();
+        assert!(nested.contains("one of the axes optics.gain and optics contains the other"), "{nested}");
     }
 
     #[test]

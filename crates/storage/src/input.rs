@@ -41,6 +41,16 @@ fn regular(path: &Path, of: &Metadata) -> Result<()> {
     Err(Error::input(format!("{}: {what}; expected a regular file", path.display())))
 }
 
+/// Reads a regular file.
+///
+/// # Errors
+/// As [`open`]; a file that cannot be read.
+pub fn read(path: &Path) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open(path)?.read_to_end(&mut bytes).map_err(|e| Error::read(path, e))?;
+    Ok(bytes)
+}
+
 /// Maximum size of text files, bytes: a manifest of a million images has 400 MB.
 const LARGEST_TEXT: u64 = 1 << 30;
 

@@ -1,6 +1,5 @@
 //! The calibration stack: images of one particle at known depths. It is validated as untrusted input.
 
-use std::fs::File;
 use std::path::{Component, Path};
 
 use microsig_core::Settings;
@@ -11,6 +10,7 @@ use super::recording::read_image;
 use generator::dataset::calibration::CALIBRATION;
 use scoring::results::sheet::{Separator, TextTable};
 use storage::error::{Error, Result};
+use storage::input;
 
 /// Minimum number of depths.
 const LEAST_IMAGES: usize = 5;
@@ -75,7 +75,7 @@ pub(super) fn origin(dataset: &Path) -> Result<Origin> {
     let particle = |row: &Row| {
         let name = Path::new(&row.image).file_stem().unwrap_or_default();
         let path = dataset.join("calibration/particles").join(name).with_extension("txt");
-        let file = File::open(&path).map_err(|e| Error::read(&path, e))?;
+        let file = input::open(&path)?;
         let particles = data_file::read(file, &path.display().to_string())?;
         particles.into_iter().next().ok_or_else(|| {
             Error::input(format!("{}: no particle; expected that of the calibration image", path.display()))
@@ -99,7 +99,7 @@ pub(super) fn origin(dataset: &Path) -> Result<Origin> {
 
 fn settings(dataset: &Path) -> Result<Settings> {
     let path = dataset.join("calibration/settings.txt");
-    let file = File::open(&path).map_err(|e| Error::read(&path, e))?;
+    let file = input::open(&path)?;
     Ok(settings_file::read(file, &path.display().to_string())?.settings)
 }
 
@@ -186,7 +186,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir(folder.path().join("calibration")).unwrap();
         let settings = Settings { pixel_dim_x: 21, pixel_dim_y: 21, ..Settings::setting1() };
-        let file = File::create(folder.path().join("calibration/settings.txt")).unwrap();
+        let file = std::fs::File::create(folder.path().join("calibration/settings.txt")).unwrap();
         settings_file::write(file, &settings).unwrap();
         let mut table = "step,z_um,x_px,y_px,image\n".to_owned();
         rows.iter().for_each(|row| writeln!(table, "{row}").unwrap());

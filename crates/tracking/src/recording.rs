@@ -1,6 +1,5 @@
 //! The part of a dataset that is available to trackers.
 
-use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
@@ -9,6 +8,7 @@ use microsig_core::formats::tiff;
 use super::gray_image::GrayImage;
 use scoring::evaluate::measurement::{RecordingFacts, of_manifest};
 use storage::error::{Error, Result};
+use storage::input;
 
 /// The images of a dataset.
 #[derive(Debug)]
@@ -70,7 +70,7 @@ impl Recording {
 
 /// Reads an image of this size (px).
 pub(super) fn read_image(path: &Path, (width, height): (u32, u32)) -> Result<GrayImage> {
-    let file = BufReader::new(File::open(path).map_err(|e| Error::read(path, e))?);
+    let file = BufReader::new(input::open(path)?);
     let counts = tiff::read(file, &path.display().to_string(), (width, height))?;
     Ok(GrayImage {
         width: width as usize,

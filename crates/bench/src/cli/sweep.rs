@@ -8,7 +8,7 @@ use super::Common;
 use super::output::{progress, report, say};
 use generator::runner::{Shard, SweepOptions, collect, sweep};
 use scenario;
-use storage::error::{Error, Result};
+use storage::error::Result;
 
 /// Many datasets over the axes of a sweep
 #[derive(Debug, Args)]
@@ -38,7 +38,7 @@ pub(super) struct Sweep {
 impl Sweep {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
         let path = &self.sweep;
-        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+        let text = scenario::read_text(path)?;
         let folder = path.parent().unwrap_or(Path::new("."));
         let plan = scenario::parse_sweep(&text, &path.display().to_string(), folder, common.seed)?;
         if self.list {

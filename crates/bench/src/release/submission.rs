@@ -121,9 +121,13 @@ impl SubmissionFiles {
         for (name, most) in [(RESULTS, limits.bytes), (SUBMISSION, LARGEST_ABOUT)] {
             // At the top level, or one folder below it.
             let is_it = |n: &str| n == name || n.split_once('/').is_some_and(|(_, rest)| rest == name);
-            let at = (0..archive.len())
-                .find(|&i| archive.name_for_index(i).is_some_and(|n| n.is_ok_and(|n| is_it(&n))));
-            let Some(at) = at else { return Err(wrong(format!("has no {name}"))) };
+            let named = |i: &usize| archive.name_for_index(*i).is_some_and(|n| n.is_ok_and(|n| is_it(&n)));
+            let found: Vec<usize> = (0..archive.len()).filter(named).collect();
+            let at = match found[..] {
+                [] => return Err(wrong(format!("has no {name}"))),
+                [at] => at,
+                _ => return Err(wrong(format!("has {} entries {name}; expected one", found.len()))),
+            };
             let entry = archive.by_index(at).map_err(|e| wrong(e.to_string()))?;
             if entry.is_symlink() {
                 return Err(wrong(format!("{name} is a symbolic link; expected a regular file")));

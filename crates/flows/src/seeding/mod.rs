@@ -121,7 +121,7 @@ impl Seeding {
     }
 
     fn apart_in(self, gap: f64, dims: usize) -> Result<Self> {
-        CHECK.finite("min_gap_um", gap)?;
+        CHECK.finite("apart", gap)?;
         match self.number {
             Number::List(_) => Err(CHECK.fault("seeding", "a least distance", "places that are not given")),
             _ => Ok(Seeding { arrangement: Arrangement::MinimumDistance { gap, dims }, ..self }),

@@ -53,6 +53,6 @@ impl Spacing {
     }
 
     pub(super) fn full(&self) -> Error {
-        CHECK.fault("min_gap_um", self.gap, "a gap that leaves room for all particles")
+        CHECK.fault("apart", self.gap, "a least distance that leaves room for all particles")
     }
 }

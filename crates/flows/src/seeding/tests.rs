@@ -98,7 +98,7 @@ fn least_distances_are_kept_in_space_or_in_the_image() {
     assert!(flat.0 > 100 && flat.1 >= 2.0, "{flat:?}");
     // 1600 discs of 25 um do not fit into 400 x 200 um.
     let full = sow(&dense.apart_in_image(20.0).unwrap(), &[], &mut stream(1));
-    assert!(full.unwrap_err().to_string().contains("min_gap_um = 20"));
+    assert!(full.unwrap_err().to_string().contains("apart = 20"));
 }
 
 #[test]

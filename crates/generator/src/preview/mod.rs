@@ -227,7 +227,7 @@ impl Preview {
             let peak = size.depths.iter().map(|depth| depth.peak_counts).fold(0.0, f64::max);
             if self.background_counts + peak > self.saturation_counts {
                 doubts.push(format!(
-                    "images of {} um reach {:.0} counts, more than the {:.0} of a saturated pixel",
+                    "images of {:.3} um reach {:.0} counts, more than the {:.0} of a saturated pixel",
                     size.d_um,
                     self.background_counts + peak,
                     self.saturation_counts

@@ -28,7 +28,7 @@ pub fn lines(preview: &Preview) -> [String; 2] {
                 format!(", focal planes at {x:.1} um (narrow) and {y:.1} um (low)")
             };
             format!(
-                "best focus at z = {z_um:.1} um{field}{planes}; images of {} um are {:.1} x {:.1} px there, {}, {}",
+                "best focus at z = {z_um:.1} um{field}{planes}; images of {:.3} um are {:.1} x {:.1} px there, {}, {}",
                 mean.d_um,
                 best.width_px,
                 best.height_px,

@@ -25,8 +25,13 @@ pub(super) fn warnings(
     let mut warnings = Vec::new();
     if census.displacements > 0 && moved_px < 0.01 {
         warnings.push(format!(
-            "no particle moves: the largest displacement is {moved_px:.1e} px in the image plane"
+            "no particle moves in the image plane: the largest displacement is {moved_px:.1e} px"
         ));
+    }
+    let is_linked =
+        (0..scenario.recordings.frames()).any(|frame| scenario.recordings.link_to(frame).is_some());
+    if is_linked && census.displacements == 0 && census.visible > 0 {
+        warnings.push("no particle is in both frames of a pair: all leave within one time step".to_owned());
     }
     if moved_px > 0.25 * width.min(height) {
         warnings.push(format!(

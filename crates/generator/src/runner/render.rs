@@ -135,7 +135,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
 }
 
 fn open(path: &Path) -> Result<std::fs::File> {
-    std::fs::File::open(path).map_err(|e| Error::read(path, e))
+    storage::input::open(path)
 }
 
 fn read(path: &Path) -> Result<Vec<Particle>> {

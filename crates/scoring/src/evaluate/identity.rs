@@ -62,7 +62,8 @@ impl Identity {
             idtp: idtp as usize,
             idfp: (m - idtp) as usize,
             idfn: (n - idtp) as usize,
-            interval_idf1,
+            // Resampled tracks may be shared by more frames than they have.
+            interval_idf1: interval_idf1.map(|ends| ends.map(|end| end.min(1.0))),
         }
     }
 }

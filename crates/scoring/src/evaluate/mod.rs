@@ -116,6 +116,10 @@ pub fn evaluate(dataset: &Path, result: &Path, options: &EvaluateOptions) -> Res
     };
     evaluation.is_truth_secret = dataset.is_dir() && dataset.join(secret::KEY_FILE).exists();
     let score = &mut evaluation.score;
+    if evaluation.is_truth_secret {
+        // A hash of the truth would confirm guesses.
+        score.definitions.truth_sha256 = None;
+    }
     score.result = name;
     score.definitions.axes = measurement::axes(dataset)?;
     if options.crlb {

@@ -280,11 +280,13 @@ impl Render for RayRenderer {
     fn warning(&self) -> Option<String> {
         let Settings { n_rays, numerical_aperture, .. } = self.settings;
         let excess = emission::aperture_excess(n_rays, numerical_aperture);
-        (n_rays < FEW_RAYS || excess.abs() > LARGEST_EXCESS).then(|| {
+        let light = (excess.abs() > LARGEST_EXCESS)
+            .then(|| format!("total light is off by {:+.1} %, and ", 100.0 * excess));
+        (n_rays < FEW_RAYS || light.is_some()).then(|| {
             format!(
-                "n_rays = {n_rays} is so few for NA {numerical_aperture} that total light is off by {:+.1} %, and images show the \
-                 fixed directions of the rays; use {FEW_RAYS} or more",
-                100.0 * excess
+                "n_rays = {n_rays} is so few for NA {numerical_aperture} that {}images show the fixed directions of the rays; use \
+                 {FEW_RAYS} or more",
+                light.unwrap_or_default()
             )
         })
     }
