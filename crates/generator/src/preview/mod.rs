@@ -283,7 +283,9 @@ impl Accepted {
             Accepted::Rays(settings) => {
                 let Settings { numerical_aperture: na, focal_length, magnification, .. } = **settings;
                 let distance = focal_length * (1.0 + 1.0 / magnification);
-                let tangent = na / (1.0 - na * na).sqrt() * distance / (distance + sphere.z_um);
+                // The source points of a sphere, on the half that faces the lens, are nearer by half its radius.
+                let of_points = distance + sphere.z_um - 0.25 * sphere.d_um;
+                let tangent = na / (1.0 - na * na).sqrt() * distance / of_points;
                 let rays = emission::sphere_points(settings, sphere.d_um) as f64
                     * (f64::from(settings.n_rays) + 1.0);
                 Some(rays * (1.0 - 1.0 / (1.0 + tangent * tangent).sqrt()))
