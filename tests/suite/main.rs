@@ -27,5 +27,6 @@ mod scoring_results;
 mod shipped;
 mod spheroids;
 mod sweep;
+mod trial;
 mod truth;
 mod web;

@@ -1,4 +1,4 @@
-//! Robustness: killed runs, full disks, damaged datasets. `cargo xtask kill`, `disk` and `memory` are the
+//! Robustness: killed runs, full disks, damaged datasets. `cargo xtask robustness`, `disk` and `memory` are the
 //! long versions.
 
 use std::path::{Path, PathBuf};

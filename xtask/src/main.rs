@@ -93,25 +93,22 @@ enum Task {
         #[arg(long, default_value = "target/man")]
         out: PathBuf,
     },
-    /// Kills runs at random times, resumes them and compares; exit code 1 if one differs.
-    Kill {
-        /// Output folder of kill.md and kill.csv.
+    /// Attacks the command: changed inputs of every kind, pairs of runs into one folder, killed runs that are
+    /// resumed; exit code 1 if anything is found. A number of 0 leaves out a part.
+    Robustness {
+        /// Output folder of mutations.md, pairs.md, kill.md and kill.csv.
         #[arg(long, default_value = "target/robustness")]
         out: PathBuf,
+        /// Number of changed inputs of each kind.
+        #[arg(long, default_value_t = 1000)]
+        mutations: u32,
+        /// Number of pairs of runs, with random offsets, for each verb that writes a folder.
+        #[arg(long, default_value_t = 200)]
+        pairs: u32,
         /// Number of kills for each kind of run.
         #[arg(long, default_value_t = 50)]
         kills: u32,
-    },
-    /// Starts pairs of runs into one folder with random offsets, for every verb that writes a folder; exit
-    /// code 1 if a folder is incomplete.
-    Robustness {
-        /// Output folder of pairs.md.
-        #[arg(long, default_value = "target/robustness")]
-        out: PathBuf,
-        /// Number of pairs for each verb.
-        #[arg(long, default_value_t = 200)]
-        pairs: u32,
-        /// Seed of the offsets.
+        /// Seed of the changes and offsets.
         #[arg(long, default_value_t = 1)]
         seed: u64,
     },
@@ -188,8 +185,9 @@ fn main() -> anyhow::Result<ExitCode> {
         Task::Golden => golden::run().map(|()| ExitCode::SUCCESS),
         Task::LeakSearch { out } => leak_search::run(&out),
         Task::Man { out } => man::run(&out).map(|()| ExitCode::SUCCESS),
-        Task::Kill { out, kills } => robustness::kill::run(&out, kills),
-        Task::Robustness { out, pairs, seed } => robustness::pairs::run(&out, pairs, seed),
+        Task::Robustness { out, mutations, pairs, kills, seed } => {
+            robustness::run(&out, (mutations, pairs, kills), seed)
+        }
         Task::Disk { out } => robustness::disk::run(&out),
         Task::Memory { out, frames } => robustness::memory::run(&out, frames),
         Task::Scenarios { out } => shipped::run(&out),

@@ -48,7 +48,9 @@ impl Identity {
             .collect();
         let best = max_weight_matching(truth.n_tracks(), result.n_tracks(), pairs.clone());
         let idtp = best.iter().map(|p| p.value).sum::<f64>();
-        let shared = pairs.iter().map(|p| (p.row, p.column, p.value as usize));
+        // A result track belongs to the true track that it is paired with, even if it follows another one as long.
+        let paired = best.iter().map(|p| (p.row, p.column, usize::MAX));
+        let shared = paired.chain(pairs.iter().map(|p| (p.row, p.column, p.value as usize)));
         let mut units = TrackUnits::<2>::new(truth.n_tracks(), result.n_tracks(), shared);
         (0..truth.n_tracks()).for_each(|t| units.of_truth(t)[1] += truth.track(t).len() as f64);
         (0..result.n_tracks()).for_each(|r| units.of_result(r)[1] += result.track(r).len() as f64);
@@ -62,8 +64,7 @@ impl Identity {
             idtp: idtp as usize,
             idfp: (m - idtp) as usize,
             idfn: (n - idtp) as usize,
-            // Resampled tracks may be shared by more frames than they have.
-            interval_idf1: interval_idf1.map(|ends| ends.map(|end| end.min(1.0))),
+            interval_idf1,
         }
     }
 }

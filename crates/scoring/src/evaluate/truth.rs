@@ -12,7 +12,7 @@ use super::matching::{Cost, NONE, optimal};
 use super::measurement::RecordingFacts;
 use super::track_set::{TrackSet, UnsortedPoint};
 use crate::results::sheet::{Separator, TextTable};
-use crate::results::{Conventions, Points, TrackRow, VelocityUnit, read_points};
+use crate::results::{Conventions, Points, Position, TrackRow, VelocityUnit, read_points};
 use storage::error::{Error, Result};
 use storage::tables::truth::{FRAMES, TRACKS};
 
@@ -95,13 +95,12 @@ impl TrueParticles {
     }
 
     /// Selects the scored points of truth and result. `flat` ignores depth; particles within `border_px` of
-    /// the sensor's edge are not scored.
+    /// the sensor's edge are not scored, nor are ghosts there.
     ///
     /// # Errors
     /// A gate so wide that a frame has too many pairs.
     pub fn scored(&self, result: &Points, gate: &Gate, flat: bool, border_px: f64) -> Result<ScoredPoints> {
-        let at =
-            |row: &TrackRow| if flat { crate::results::Position { z_um: 0.0, ..row.at } } else { row.at };
+        let at = |row: &TrackRow| if flat { Position { z_um: 0.0, ..row.at } } else { row.at };
         let counts: Vec<bool> = (0..self.rows.len()).map(|i| self.is_scored(i, border_px)).collect();
         let loose = |rows: &[TrackRow]| -> Vec<UnsortedPoint> {
             let track = |r: &TrackRow| (r.track >= 0).then_some((r.track, 0));
@@ -112,18 +111,22 @@ impl TrueParticles {
         };
         let (mut all, mut found) = (loose(&self.rows), loose(&result.rows));
         let mut dropped = vec![false; found.len()];
-        if counts.contains(&false) {
-            let with_unscored: std::collections::BTreeSet<u32> =
-                self.rows.iter().zip(&counts).filter(|(_, c)| !**c).map(|(r, _)| r.frame).collect();
+        let at_border: Vec<bool> = result.rows.iter().map(|row| !self.is_clear(&row.at, border_px)).collect();
+        if counts.contains(&false) || at_border.contains(&true) {
+            let unscored = self.rows.iter().zip(&counts).filter(|(_, c)| !**c).map(|(r, _)| r.frame);
+            let ghosts = result.rows.iter().zip(&at_border).filter(|(_, b)| **b).map(|(r, _)| r.frame);
+            let with_unscored: std::collections::BTreeSet<u32> = unscored.chain(ghosts).collect();
             let part = |points: &[UnsortedPoint]| {
                 TrackSet::new(points.iter().copied().filter(|p| with_unscored.contains(&p.frame)).collect())
             };
             let (truths, results) = (part(&all), part(&found));
             let matching = optimal(&truths, &results, gate, Cost::Squares)?;
             for (r, &t) in matching.of_result.iter().enumerate() {
-                if t != NONE && !counts[truths.points[t as usize].source as usize] {
-                    dropped[results.points[r].source as usize] = true;
-                }
+                let source = results.points[r].source as usize;
+                dropped[source] = match t {
+                    NONE => at_border[source],
+                    t => !counts[truths.points[t as usize].source as usize],
+                };
             }
         }
         cut(&mut all, |i| !counts[i], self.facts.pairs);
@@ -145,12 +148,16 @@ impl TrueParticles {
         let at = &self.rows[i].at;
         let inside =
             self.facts.depth_um.is_none_or(|(low, high)| !self.has_z || (low..=high).contains(&at.z_um));
-        let clear = border_px <= 0.0
+        self.visible[i] && inside && self.is_clear(at, border_px)
+    }
+
+    /// Whether a position is at least `border_px` from the edge of the sensor.
+    fn is_clear(&self, at: &Position, border_px: f64) -> bool {
+        border_px <= 0.0
             || self.facts.sensor_px.is_none_or(|(width, height)| {
                 let on = |v: f64, size: f64| v >= 0.5 + border_px && v < size + 0.5 - border_px;
                 on(at.x_px, width) && on(at.y_px, height)
-            });
-        self.visible[i] && inside && clear
+            })
     }
 }
 

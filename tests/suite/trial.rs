@@ -1,0 +1,154 @@
+//! Faults that users found who had seen neither the code nor its tests.
+
+use std::io::{Cursor, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use serde_json::Value;
+use suite::microsig::{fail, microsig, path, run};
+
+/// Dense: many particles lie within the gate of others.
+const DENSE: &str = r#"(
+    name: "dense",
+    optics: (gaussian: (), pixel_dim_x: 64, pixel_dim_y: 64),
+    motion: flow(field: uniform(velocity_um_s: (100, 0, 0))),
+    particles: (number: count(60)),
+    timing: sequence(frames: 5),
+    calibration: none,
+)"#;
+
+fn write(folder: &Path, name: &str, text: &str) -> PathBuf {
+    let path = folder.join(name);
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+fn generate(folder: &Path, scenario: &str) -> PathBuf {
+    let (file, out) = (write(folder, "scenario.ron", scenario), folder.join("dataset"));
+    run(&["generate", path(&file), "--out", path(&out)]);
+    out
+}
+
+#[test]
+fn the_truth_has_no_uncertainty_of_idf1_and_its_score_can_be_compared() {
+    let place = tempfile::tempdir().unwrap();
+    let (dataset, score) = (generate(place.path(), DENSE), place.path().join("score"));
+    let tracks = dataset.join("truth/tracks.csv");
+    let result =
+        run(&["evaluate", path(&dataset), path(&tracks), "--out", path(&score), "--json", "--quiet"]);
+    let result: Value = serde_json::from_str(&result).unwrap();
+    assert_eq!(result["identity"]["interval_idf1"], serde_json::json!([1.0, 1.0]));
+    run(&["compare", path(&score), "--out", path(&place.path().join("board"))]);
+}
+
+#[test]
+fn ghosts_at_the_border_are_not_scored() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), DENSE);
+    let ghosts = write(place.path(), "ghosts.csv", "frame,x_px,y_px,z_um\n0,3,3,0\n0,62,40,0\n");
+    let score = |border: &str| -> Value {
+        let score = run(&[
+            "evaluate",
+            path(&dataset),
+            path(&ghosts),
+            "--border",
+            border,
+            "--gate-xy",
+            "0.01",
+            "--json",
+            "--quiet",
+        ]);
+        serde_json::from_str(&score).unwrap()
+    };
+    assert_eq!(score("0")["detection"]["fp"], 2);
+    assert_eq!(
+        (&score("5")["detection"]["fp"], &score("5")["counts"]["ignored_result"]),
+        (&0.into(), &2.into())
+    );
+}
+
+/// A run that must end by itself; it is stopped after a minute.
+fn ends(arguments: &[&str]) -> (Option<i32>, String) {
+    let mut child = microsig()
+        .args(arguments)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    for _ in 0..6000 {
+        if child.try_wait().unwrap().is_some() {
+            let output = child.wait_with_output().unwrap();
+            return (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned());
+        }
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    (None, format!("{arguments:?} does not end"))
+}
+
+#[test]
+fn pipes_are_refused_wherever_a_file_is_read() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), DENSE);
+    let pipe = |name: &str| {
+        let pipe = place.path().join(name);
+        std::fs::create_dir_all(pipe.parent().unwrap()).unwrap();
+        let _ = std::fs::remove_file(&pipe);
+        assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        pipe
+    };
+    let (settings, grid, tracks) = (pipe("settings.txt"), pipe("grid.npy"), pipe("tracks.csv"));
+    let refused = |arguments: &[&str]| {
+        let (code, message) = ends(arguments);
+        assert_eq!(code, Some(2), "{arguments:?}: {message}");
+        assert!(message.contains("pipe"), "{arguments:?}: {message}");
+    };
+    let out = place.path().join("out");
+    let data = dataset.join("particles/frame_00000.txt");
+    refused(&["render", path(&settings), path(&data), path(&out)]);
+    refused(&["sweep", path(&grid), "--list"]);
+    let scan = ["--magnification", "10", "--pixel-size", "6.5", "--z-step", "1", "--out", path(&out)];
+    refused(&[&["fit", path(&pipe("scan.tif"))], &scan[..]].concat());
+    pipe("planes/a.tif");
+    refused(&[&["fit", path(&place.path().join("planes"))], &scan[..]].concat());
+    for (from, to) in [
+        ("gaussian: ()", format!("settings: {:?}", settings)),
+        ("field: uniform(velocity_um_s: (100, 0, 0))", format!("field: gridded(file: {:?})", grid)),
+        ("flow(field: uniform(velocity_um_s: (100, 0, 0)))", format!("tracks(file: {:?})", tracks)),
+    ] {
+        let scenario = write(place.path(), "pipe.ron", &DENSE.replace(from, &to));
+        refused(&["generate", path(&scenario), "--out", path(&out)]);
+    }
+    let image = dataset.join("images/frame_00000.tif");
+    std::fs::remove_file(&image).unwrap();
+    pipe("dataset/images/frame_00000.tif");
+    refused(&["track", path(&dataset), "--method", "spots", "--out", path(&place.path().join("found.csv"))]);
+}
+
+#[test]
+fn archives_with_two_results_are_refused() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), DENSE);
+    let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
+    let options = zip::write::SimpleFileOptions::default();
+    for name in ["results.csv", "team/results.csv", "submission.json"] {
+        zip.start_file(name, options).unwrap();
+        zip.write_all(b"frame,x_px,y_px\n").unwrap();
+    }
+    let file = place.path().join("two.zip");
+    std::fs::write(&file, zip.finish().unwrap().into_inner()).unwrap();
+    let message = fail(2, &["evaluate", path(&dataset), path(&file)]);
+    assert!(message.contains("2 entries results.csv"), "{message}");
+}
+
+#[test]
+fn a_byte_order_mark_is_skipped_and_lost_particles_are_told() {
+    let place = tempfile::tempdir().unwrap();
+    let fast = DENSE.replace("(100, 0, 0)", "(1e9, 0, 0)");
+    let scenario = write(place.path(), "fast.ron", &format!("\u{feff}{fast}"));
+    let (code, message) = ends(&["generate", path(&scenario), "--out", path(&place.path().join("out"))]);
+    assert_eq!(code, Some(0), "{message}");
+    assert!(message.contains("no particle is in both frames"), "{message}");
+}
