@@ -53,7 +53,7 @@ struct Bench {
 /// Kills `kills` runs of each kind and writes `kill.md` and `kill.csv`.
 pub(crate) fn run(out: &Path, kills: u32) -> anyhow::Result<ExitCode> {
     let microsig = process::microsig()?;
-    let mut text = String::from("# Killed runs\n\nMade by `cargo xtask robustness --kills {kills}`.\n\n");
+    let mut text = format!("# Killed runs\n\nMade by `cargo xtask robustness --kills {kills}`.\n\n");
     let mut rows = String::from("run,kill,run_s,moment_s,left,files,resumed\n");
     let mut all_well = true;
     for (run, what) in [(Run::Generate, "generate"), (Run::Sweep, "sweep in 2 shards")] {
