@@ -17,13 +17,14 @@ from scipy import ndimage
 
 DEFAULTS = {
     "box": 41,  # width of the fitted part of the image, odd, px
-    "filter": 4.0,  # width of the Gaussian filter before spots are identified, px
+    "filters": [6.0, 12.0],  # widths of the Gaussian filters before spots are identified, px
     "identify": 15,  # box in which a spot is the maximum, odd, px
-    "min_gradient": 8.0,  # least net gradient, in standard deviations of the noise of the filtered image
-    "mle": True,  # maximum likelihood instead of least squares
-    "starts": 7,  # depths from which the fit begins
+    "min_gradient": 400.0,  # least net gradient, in standard deviations of the noise of the filtered image
+    "starts": 5,  # depths from which the fit begins
+    "iterations": 30,  # at most, of each fit
     "min_photons": 0.3,  # least and largest brightness relative to the calibration particle
     "max_photons": 3.0,
+    "min_explained": 0.7,  # least share of the variance of the pixels that the fit explains
     "separation": 4.0,  # of two fits to the same particle, the worse one is dropped, px
 }
 
@@ -31,10 +32,6 @@ DEFAULTS = {
 def camera(background, deviation):
     """Counts for which the variance of the background is its value, as Picasso's Poisson likelihood expects."""
     return {"Baseline": background - deviation**2, "Sensitivity": 1.0, "Gain": 1, "Pixelsize": 1000}
-
-
-def spots_of(images, found, box, info):
-    return localize.get_spots(images, found, box, info).astype(np.float32)
 
 
 def calibrate(dataset, box, info):
@@ -57,38 +54,40 @@ def calibrate(dataset, box, info):
     return calibration, box, (z[0] + z[-1]) / 2
 
 
-def identify(frames, params):
+def identify(frames, edge, params):
     """Spots by Picasso's net gradient on filtered images."""
     tables = []
     for number, frame in enumerate(frames):
-        smooth = ndimage.gaussian_filter(frame, params["filter"])
-        _, deviation = smooth_noise(frame, params["filter"])
-        y, x, gradient = localize.identify_in_image(smooth, params["min_gradient"] * deviation, params["identify"])
-        tables.append(pd.DataFrame({"frame": number, "x": x, "y": y, "net_gradient": gradient}))
-    return pd.concat(tables, ignore_index=True)
+        for width in params["filters"]:
+            smooth = ndimage.gaussian_filter(frame, width)
+            _, deviation = smooth_noise(frame[edge:-edge, edge:-edge], width)
+            y, x, gradient = localize.identify_in_image(smooth, params["min_gradient"] * deviation, params["identify"])
+            tables.append(pd.DataFrame({"frame": number, "x": x, "y": y, "net_gradient": gradient}))
+    found = pd.concat(tables, ignore_index=True)
+    return found.drop_duplicates(["frame", "x", "y"], ignore_index=True)
 
 
 def fit(images, found, calibration, box, params, info):
-    """x, y (px), z (nm), brightness and misfit of every identified spot."""
-    spots = spots_of(images, found, box, info)
-    theta, likelihood, iterations, chi2 = localize.fit_spots_spline(
-        spots, calibration, mle=params["mle"], n_z_starts=params["starts"], return_stats=True, use_gpu=False)
-    locs = localize.locs_from_fits_spline(found, theta, box, False, calibration, mle=params["mle"])
-    return locs.join(pd.DataFrame({"misfit": chi2 if likelihood is None else -np.asarray(likelihood)},
-                                  index=found.index))
+    """x, y (px), z (nm), brightness and explained share of variance of every identified spot: least squares."""
+    spots = localize.get_spots(images, found, box, info).astype(np.float32)
+    theta, _, _, residual = localize.fit_spots_spline(
+        spots, calibration, n_z_starts=params["starts"], return_stats=True, use_gpu=False,
+        max_iterations=params["iterations"])
+    locs = localize.locs_from_fits_spline(found, theta, box, False, calibration, mle=False, chi_square=residual)
+    total = pd.Series(spots.var(axis=(1, 2)) * box**2, index=found.index)
+    return locs.assign(explained=1 - locs["chi_square"] / total)
 
 
 def track(dataset, params):
     frames = [frame.image() for frame in dataset.frames]
     info = camera(*noise(frames[0]))
     calibration, box, zero = calibrate(dataset, params["box"], info)
-    edge = box // 2
-    # Particles near the edge of the image are fitted too: images are continued by their background.
+    # Particles near the edge of the image are found too: images are continued by their background.
+    edge = box // 2 + params["identify"] // 2 + 1
     images = np.array([np.pad(f, edge, constant_values=noise(f)[0]) for f in frames])
-    found = identify(frames, params)
+    found = identify(images, edge, params)
     if found.empty:
         return []
-    found[["x", "y"]] += edge
     locs = fit(images, found, calibration, box, params, info)
     locs[["x", "y"]] -= edge
     low, high = dataset.depth_range
@@ -96,11 +95,11 @@ def track(dataset, params):
     unit = np.median(reference_photons(dataset, calibration, box, info, params))
     height, width = frames[0].shape
     good = (locs["photons"].between(params["min_photons"] * unit, params["max_photons"] * unit)
-            & locs["z_um"].between(low, high) & locs["x"].between(-0.5, width - 0.5)
+            & (locs["explained"] > params["min_explained"]) & locs["z_um"].between(low, high) & locs["x"].between(-0.5, width - 0.5)
             & locs["y"].between(-0.5, height - 0.5))
     rows = []
     for number, group in locs[good].groupby("frame"):
-        kept = strongest_within(group[["x", "y"]].to_numpy(), group["net_gradient"].to_numpy(), params["separation"])
+        kept = strongest_within(group[["x", "y"]].to_numpy(), group["explained"].to_numpy(), params["separation"])
         rows += [(int(number), None, *row) for row in group.iloc[kept][["x", "y", "z_um"]].itertuples(index=False)]
     return rows
 
