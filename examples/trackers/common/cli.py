@@ -73,7 +73,7 @@ def field_score(score):
 
 
 def tune_main(track, defaults, grid, score=points_score, write=write_points, budget=24):
-    """A search along one parameter after the other, in the order of `grid`, from the defaults, until nothing
+    """A search along one parameter after the other, in the order of `grid`, until nothing
     improves or `budget` evaluations on the train split are used. The best three there are evaluated on the
     validation split, and the best of these is kept. Every evaluation is a line of tuning.csv."""
     parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__)
@@ -81,6 +81,7 @@ def tune_main(track, defaults, grid, score=points_score, write=write_points, bud
     parser.add_argument("--val", help="dataset on which the best three are compared")
     parser.add_argument("--out", required=True, help="the parameters found (JSON)")
     parser.add_argument("--log", help="the search (CSV), appended to [default: tuning.csv beside --out]")
+    parser.add_argument("--start", help="parameters (JSON) at which the search begins, instead of the defaults")
     parser.add_argument("--budget", type=int, default=budget, help=f"evaluations on train [default: {budget}]")
     options = parser.parse_args()
     log = Path(options.log) if options.log else Path(options.out).with_name("tuning.csv")
@@ -112,7 +113,7 @@ def tune_main(track, defaults, grid, score=points_score, write=write_points, bud
             tried[key] = run(train, "train", params)
         return tried.get(key, float("-inf"))
 
-    best = dict(defaults)
+    best = read_params(options.start, defaults)
     attempt(best)
     improved = True
     while improved and len(tried) < options.budget:

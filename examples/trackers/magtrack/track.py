@@ -18,22 +18,25 @@ with warnings.catch_warnings(action="ignore"):  # that there is no GPU
 
 DEFAULTS = {
     "region": 64,  # width of the square around a particle, even, px
-    "filter": 6.0,  # width of the Gaussian filter before particles are looked for, px
+    "filters": [4.0, 12.0],  # widths of the Gaussian filters before particles are looked for, px
     "min_snr": 20.0,  # least height of a maximum, in standard deviations of the filtered noise
-    "separation": 12.0,  # least distance of two maxima, px
+    "separation": 12.0,  # least distance of two particles, px
     "min_correlation": 0.9,  # of a radial profile with that of the calibration at its depth
     "n_local": 5,  # steps of the stack in the parabola that refines the depth
 }
 
 
 def find(image, params):
-    """Centers (x, y) of maxima of the filtered image: ours, since magtrack expects regions that a person chose."""
-    smooth = ndimage.gaussian_filter(image, params["filter"], mode="nearest")
-    background, deviation = smooth_noise(image, params["filter"])
+    """Centers (x, y) of maxima of the filtered images: ours, since magtrack expects regions that a person chose."""
     size = 2 * round(params["separation"] / 2) + 1
-    maxima = (smooth == ndimage.maximum_filter(smooth, size)) & (smooth > background + params["min_snr"] * deviation)
-    y, x = np.nonzero(maxima)
-    return np.stack([x, y], axis=1), smooth[y, x]
+    centers = []
+    for width in params["filters"]:
+        smooth = ndimage.gaussian_filter(image, width, mode="nearest")
+        background, deviation = smooth_noise(image, width)
+        high = smooth > background + params["min_snr"] * deviation
+        y, x = np.nonzero((smooth == ndimage.maximum_filter(smooth, size)) & high)
+        centers.append(np.stack([x, y], axis=1))
+    return np.unique(np.concatenate(centers), axis=0)
 
 
 def cut(image, centers, width):
@@ -72,7 +75,7 @@ def track(dataset, params):
     for frame in dataset.frames:
         image = frame.image()
         height, across = image.shape
-        centers, strength = find(image, params)
+        centers = find(image, params)
         if len(centers) == 0:
             continue
         regions, corners = cut(image, centers, width)
@@ -87,7 +90,7 @@ def track(dataset, params):
         good = (inside & (fits > params["min_correlation"]) & (x > -0.5) & (x < across - 0.5) & (y > -0.5)
                 & (y < height - 0.5))
         index = np.nonzero(good)[0]
-        kept = index[strongest_within(np.stack([x, y], axis=1)[index], strength[index], 5.0)] if len(index) else index
+        kept = index[strongest_within(np.stack([x, y], axis=1)[index], fits[index], params["separation"])] if len(index) else index
         rows += [(frame.number, None, x[i], y[i], z[i]) for i in kept]
     return rows
 

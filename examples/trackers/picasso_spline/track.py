@@ -10,10 +10,10 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 import numpy as np
 import pandas as pd
 from common.cli import track_main
-from common.dataset import noise, smooth_noise
+from common.dataset import noise
+from common.picasso_spots import camera, continued, identify
 from common.select import strongest_within
 from picasso import localize, spline
-from scipy import ndimage
 
 DEFAULTS = {
     "box": 41,  # width of the fitted part of the image, odd, px
@@ -27,11 +27,6 @@ DEFAULTS = {
     "min_explained": 0.7,  # least share of the variance of the pixels that the fit explains
     "separation": 4.0,  # of two fits to the same particle, the worse one is dropped, px
 }
-
-
-def camera(background, deviation):
-    """Counts for which the variance of the background is its value, as Picasso's Poisson likelihood expects."""
-    return {"Baseline": background - deviation**2, "Sensitivity": 1.0, "Gain": 1, "Pixelsize": 1000}
 
 
 def calibrate(dataset, box, info):
@@ -54,19 +49,6 @@ def calibrate(dataset, box, info):
     return calibration, box, (z[0] + z[-1]) / 2
 
 
-def identify(frames, edge, params):
-    """Spots by Picasso's net gradient on filtered images."""
-    tables = []
-    for number, frame in enumerate(frames):
-        for width in params["filters"]:
-            smooth = ndimage.gaussian_filter(frame, width)
-            _, deviation = smooth_noise(frame[edge:-edge, edge:-edge], width)
-            y, x, gradient = localize.identify_in_image(smooth, params["min_gradient"] * deviation, params["identify"])
-            tables.append(pd.DataFrame({"frame": number, "x": x, "y": y, "net_gradient": gradient}))
-    found = pd.concat(tables, ignore_index=True)
-    return found.drop_duplicates(["frame", "x", "y"], ignore_index=True)
-
-
 def fit(images, found, calibration, box, params, info):
     """x, y (px), z (nm), brightness and explained share of variance of every identified spot: least squares."""
     spots = localize.get_spots(images, found, box, info).astype(np.float32)
@@ -82,9 +64,8 @@ def track(dataset, params):
     frames = [frame.image() for frame in dataset.frames]
     info = camera(*noise(frames[0]))
     calibration, box, zero = calibrate(dataset, params["box"], info)
-    # Particles near the edge of the image are found too: images are continued by their background.
     edge = box // 2 + params["identify"] // 2 + 1
-    images = np.array([np.pad(f, edge, constant_values=noise(f)[0]) for f in frames])
+    images = continued(frames, edge)
     found = identify(images, edge, params)
     if found.empty:
         return []
