@@ -1,0 +1,16 @@
+"""Parameters of btrack and of its detector for a kind of dataset."""
+
+from track import DEFAULTS, track  # first: it finds the common code
+from common.cli import tracks_score, tune_main
+
+GRID = {
+    "sigma": [1.0, 2.0, 3.0, 5.0],
+    "min_snr": [4.0, 5.0, 8.0, 12.0],
+    "search_radius": [4.0, 15.0, 25.0],
+    "acceleration": [0.3, 2.0],
+    "start_speed": [2.0, 10.0],
+    "optimise": [True],
+}
+
+if __name__ == "__main__":
+    tune_main(track, DEFAULTS, GRID, score=tracks_score)

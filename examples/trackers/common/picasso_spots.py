@@ -1,0 +1,35 @@
+"""What both Picasso trackers share: identification of spots, and images continued beyond their edges."""
+
+import numpy as np
+import pandas as pd
+from picasso import localize
+from scipy import ndimage
+
+from .dataset import noise, smooth_noise
+
+
+def camera(background, deviation):
+    """Counts for which the variance of the background is its value, as Picasso's Poisson likelihood expects."""
+    return {"Baseline": background - deviation**2, "Sensitivity": 1.0, "Gain": 1, "Pixelsize": 1000}
+
+
+def continued(frames, edge):
+    """Images continued by their background, so that particles near the edge are found too."""
+    return np.array([np.pad(frame, edge, constant_values=noise(frame)[0]) for frame in frames])
+
+
+def identify(frames, edge, params):
+    """Spots by Picasso's net gradient on filtered images, within the images before they were continued."""
+    tables = []
+    for number, frame in enumerate(frames):
+        for width in params["filters"]:
+            smooth = ndimage.gaussian_filter(frame, width)
+            _, deviation = smooth_noise(frame[edge:-edge, edge:-edge], width)
+            y, x, gradient = localize.identify_in_image(smooth, params["min_gradient"] * deviation, params["identify"])
+            inside = (x >= edge) & (x < frame.shape[1] - edge) & (y >= edge) & (y < frame.shape[0] - edge)
+            y, x, gradient = y[inside], x[inside], gradient[inside]
+            tables.append(pd.DataFrame({"frame": number, "x": x, "y": y, "net_gradient": gradient}))
+    found = pd.concat(tables, ignore_index=True)
+    # What several filters find within a few pixels is fitted once, from the place that the widest filter gives.
+    places = (found[["x", "y"]] // 4).assign(frame=found["frame"])
+    return found[~places.duplicated(keep="last")].reset_index(drop=True)

@@ -1,0 +1,129 @@
+"""Each tracker on a dataset of a few images: it finds particles, without a shift, a turned axis or a sign of z.
+
+Run in the environment of a tracker: the tests of packages that are not installed are skipped, and all of them if there is no
+program `microsig` (or what the variable MICROSIG names).
+"""
+
+import csv
+import importlib.machinery
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).resolve().parents[1]
+SCENARIOS = HERE.parents[1] / "scenarios"
+PROGRAM = os.environ.get("MICROSIG", "microsig")
+pytestmark = pytest.mark.skipif(shutil.which(PROGRAM) is None, reason=f"no program {PROGRAM}")
+
+SETS = {
+    "spots": ["isbi_like.ron", "timing.sequence.frames=4", "optics.gaussian.peak_counts=200"],
+    "pairs": ["piv_gaussian.ron", "timing.pairs.count=1", "optics.pixel_dim_x=256", "optics.pixel_dim_y=192"],
+    "spherical": ["quickstart.ron", "timing.pairs.count=1", "particles.number.count=12"],
+    "astigmatic": ["quickstart_astigmatic.ron", "timing.pairs.count=1", "particles.number.count=12"],
+}
+# tracker, package, dataset, parameters, least F1 (fields: least share of valid vectors), largest bias in x and y (px), z (um)
+CASES = [
+    ("trackpy", "trackpy", "spots", "isbi_like", 0.9, 0.05, None),
+    ("laptrack", "laptrack", "spots", "isbi_like", 0.9, 0.05, None),
+    ("btrack", "btrack", "spots", "isbi_like", 0.9, 0.05, None),
+    ("picasso", "picasso", "spots", "isbi_like", 0.9, 0.05, None),
+    ("picasso", "picasso", "astigmatic", "quickstart_astigmatic_small", 0.3, 0.2, 2.5),
+    ("picasso_spline", "picasso", "astigmatic", "quickstart_astigmatic_small", 0.6, 0.2, 1.5),
+    ("magtrack", "magtrack", "spherical", "quickstart", 0.3, 0.2, 2.5),
+    ("openpiv", "openpiv", "pairs", None, 0.9, 0.05, None),
+    ("fluidimage", "fluidimage", "pairs", None, 0.9, 0.1, None),
+]
+
+
+def installed(package):
+    # The folders of the trackers are named like the packages; they must not be taken for them.
+    paths = [p for p in sys.path if Path(p or ".").resolve() != HERE]
+    found = importlib.machinery.PathFinder.find_spec(package, paths)
+    return found is not None and found.origin is not None
+
+
+@pytest.fixture(scope="session")
+def datasets(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("datasets")
+    made = {}
+
+    def make(name):
+        if name not in made:
+            scenario, *values = SETS[name]
+            sets = [word for value in values for word in ("--set", value)]
+            subprocess.run([PROGRAM, "generate", SCENARIOS / scenario, *sets, "--out", folder / name, "--quiet"], check=True)
+            made[name] = folder / name
+        return made[name]
+
+    return make
+
+
+def run(tracker, dataset, out, *options):
+    return subprocess.run([sys.executable, HERE / tracker / "track.py", dataset, "--out", out, *options],
+                          capture_output=True, text=True)
+
+
+def score(dataset, result):
+    text = subprocess.run([PROGRAM, "evaluate", dataset, result, "--json", "--quiet"], check=True, capture_output=True, text=True)
+    return json.loads(text.stdout)
+
+
+@pytest.mark.parametrize(("tracker", "package", "name", "params", "least", "bias", "bias_z"), CASES,
+                         ids=[f"{case[0]}-{case[2]}" for case in CASES])
+def test_finds_particles_without_bias(tracker, package, name, params, least, bias, bias_z, datasets, tmp_path):
+    if not installed(package):
+        pytest.skip(f"{package} is not installed")
+    options = ["--params", HERE / tracker / "params" / f"{params}.json"] if params else []
+    # The truth is hidden: a tracker that reads it fails.
+    blind = tmp_path / "blind"
+    shutil.copytree(datasets(name), blind, ignore=shutil.ignore_patterns("truth", "particles", "scenario.ron"))
+    out = tmp_path / "results.csv"
+    done = run(tracker, blind, out, *options)
+    assert done.returncode == 0, done.stderr
+    scores = score(datasets(name), out)
+    if name == "pairs":
+        field = scores["field"]
+        assert field["valid_vector_probability"] >= least
+        assert abs(field["u_inliers"]["bias_px"]) < bias and abs(field["v_inliers"]["bias_px"]) < bias
+        return
+    detection = scores["detection"]
+    assert detection["f1"] >= least
+    assert abs(detection["bias_x_px"]) < bias and abs(detection["bias_y_px"]) < bias
+    if bias_z is not None:
+        assert abs(detection["bias_z_um"]) < bias_z
+
+
+@pytest.mark.parametrize("tracker", sorted(path.parent.name for path in HERE.glob("*/tracker.toml")))
+def test_folder_is_complete(tracker):
+    folder = HERE / tracker
+    about = tomllib.loads((folder / "tracker.toml").read_text())
+    assert about["name"] == tracker
+    assert about["tracks"] and set(about["tracks"]) <= {"P2", "D3", "A3", "T", "V"}
+    for key in ("title", "version", "made_for", "out_of_depth", "citation", "url", "license"):
+        assert about[key].strip(), key
+    lines = (folder / "requirements.txt").read_text().split()
+    assert lines and all("==" in line for line in lines)
+    for name in ("README.md", "track.py", "tune.py", "tuning.csv"):
+        assert (folder / name).exists(), name
+    with open(folder / "tuning.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["split"] for row in rows} == {"train", "val"}
+    assert {row["dataset"].rsplit("_", 1)[0] for row in rows} == {path.stem for path in (folder / "params").glob("*.json")
+                                                                  if not path.stem.startswith("start_")}
+
+
+def test_errors_are_clear(datasets, tmp_path):
+    tracker = next((case[0] for case in CASES if installed(case[1])), None)
+    if tracker is None:
+        pytest.skip("no package is installed")
+    done = run(tracker, tmp_path, tmp_path / "results.csv")
+    assert done.returncode == 2 and "no folder images" in done.stderr
+    (tmp_path / "params.json").write_text('{"no_such": 1}')
+    done = run(tracker, datasets("spots"), tmp_path / "results.csv", "--params", tmp_path / "params.json")
+    assert done.returncode == 2 and "no_such" in done.stderr
