@@ -58,7 +58,7 @@ fn unpacked(archive: &Path) -> Vec<(String, Vec<u8>)> {
     let file = |k| {
         let (mut file, mut bytes) = (zip.by_index(k).unwrap(), Vec::new());
         file.read_to_end(&mut bytes).unwrap();
-        (file.name().to_owned(), bytes)
+        (file.name().unwrap().into_owned(), bytes)
     };
     (0..zip.len()).map(file).collect()
 }
