@@ -55,12 +55,13 @@ fn score(dataset: &Path, result: &Path) -> Value {
 /// Files of an archive.
 fn unpacked(archive: &Path) -> Vec<(String, Vec<u8>)> {
     let mut zip = zip::ZipArchive::new(File::open(archive).unwrap()).unwrap();
+    let files = zip.len();
     let file = |k| {
         let (mut file, mut bytes) = (zip.by_index(k).unwrap(), Vec::new());
         file.read_to_end(&mut bytes).unwrap();
         (file.name().unwrap().into_owned(), bytes)
     };
-    (0..zip.len()).map(file).collect()
+    (0..files).map(file).collect()
 }
 
 #[test]

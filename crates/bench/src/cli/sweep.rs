@@ -8,7 +8,7 @@ use super::Common;
 use super::output::{progress, report, say};
 use generator::runner::{Shard, SweepOptions, collect, sweep};
 use scenario;
-use storage::error::Result;
+use storage::error::{Error, Result};
 
 /// Many datasets over the axes of a sweep
 #[derive(Debug, Args)]

@@ -258,7 +258,7 @@ impl Converter {
     pub(crate) fn size(&self, [w, h]: [f64; 2], score: f64) -> std::result::Result<BoxSize, String> {
         let (w_px, h_px) = (w * self.scale, h * self.scale);
         for (name, value) in [("width", w_px), ("height", h_px)] {
-            if !(value >= 0.0 && value <= LARGEST_PX) {
+            if !(0.0..=LARGEST_PX).contains(&value) {
                 return Err(format!("{name} = {value:?} px: expected a box of 0 to {LARGEST_PX:e} px"));
             }
         }
