@@ -30,6 +30,8 @@ def identify(frames, edge, params):
             y, x, gradient = y[inside], x[inside], gradient[inside]
             tables.append(pd.DataFrame({"frame": number, "x": x, "y": y, "net_gradient": gradient}))
     found = pd.concat(tables, ignore_index=True)
+    if len(params["filters"]) == 1:
+        return found
     # What several filters find within a few pixels is fitted once, from the place that the widest filter gives.
     places = (found[["x", "y"]] // 4).assign(frame=found["frame"])
     return found[~places.duplicated(keep="last")].reset_index(drop=True)
