@@ -11,7 +11,7 @@ use suite::microsig::{fail, path, run};
 const SPOTS: &str = r#"(
     name: "spots",
     optics: (
-        gaussian: (diameter_px: 4, reference_um: 2), pixel_dim_x: 120, pixel_dim_y: 90, background_mean: 0, background_noise: 0,
+        gaussian: (diameter_px: 4, reference_um: 2, peak_counts: 50000), pixel_dim_x: 120, pixel_dim_y: 90, background_mean: 0, background_noise: 0,
     ),
     motion: flow(field: uniform(velocity_um_s: (900, 300, 0))),
     particles: (number: count(3), diameter_um: list([(2, 1), (4, 1)])),

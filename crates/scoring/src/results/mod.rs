@@ -150,7 +150,7 @@ pub fn detect(path: &Path) -> Result<Format> {
     if head.starts_with(b"\x89PNG") {
         return later_field("PNG (KITTI flow)");
     }
-    if head.len() == 4096 && !head.contains(&b'\n') && !head.starts_with(b"<") {
+    if head.len() == 4096 && !head.contains(&b'\n') && !head.starts_with(b"<") && !head.starts_with(b"[") {
         return Err(Error::input(format!("{name}:1: the first line is longer than 4096 bytes")));
     }
     let text = String::from_utf8_lossy(&head);

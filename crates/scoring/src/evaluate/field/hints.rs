@@ -60,7 +60,7 @@ pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], grid: &
         let (before, after) = (rms(&inliers), rms(&moved(by)));
         if after < before {
             let option = match by {
-                0.5 => "; --origin corner0 is right for OpenPIV's default coordinates",
+                0.5 => "; --origin corner0 is right for a single pass of OpenPIV",
                 1.0 => "; --origin center0",
                 _ => "",
             };
