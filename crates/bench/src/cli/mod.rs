@@ -2,6 +2,7 @@
 //!
 //! A new verb needs a file here and a line in each of the two lists below.
 
+mod check_submission;
 mod compare;
 mod completions;
 mod evaluate;
@@ -15,6 +16,7 @@ mod output;
 mod release;
 mod render;
 mod schema;
+mod suite;
 mod sweep;
 mod track;
 mod verify;
@@ -79,11 +81,13 @@ enum Verb {
     Render(render::Render),
     Generate(generate::Generate),
     Sweep(sweep::Sweep),
+    Suite(suite::Suite),
     Verify(verify::Verify),
     #[cfg(feature = "view")]
     View(view::View),
     Track(track::Track),
     Evaluate(evaluate::Evaluate),
+    CheckSubmission(check_submission::CheckSubmission),
     Compare(compare::Compare),
     Export(export::Export),
     Release(release::Release),
@@ -101,11 +105,13 @@ impl Verb {
             Verb::Render(verb) => verb.run(common),
             Verb::Generate(verb) => verb.run(common),
             Verb::Sweep(verb) => verb.run(common),
+            Verb::Suite(verb) => verb.run(common),
             Verb::Verify(verb) => verb.run(common),
             #[cfg(feature = "view")]
             Verb::View(verb) => verb.run(common),
             Verb::Track(verb) => verb.run(common),
             Verb::Evaluate(verb) => verb.run(common),
+            Verb::CheckSubmission(verb) => verb.run(common),
             Verb::Compare(verb) => verb.run(common),
             Verb::Export(verb) => verb.run(common),
             Verb::Release(verb) => verb.run(common),
