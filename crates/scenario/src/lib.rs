@@ -20,6 +20,8 @@ mod resolve;
 mod resolved;
 mod shipped;
 pub mod spec;
+mod splits;
+mod suite;
 mod sweep;
 mod timing;
 mod truth_grid;
@@ -39,6 +41,11 @@ pub use recordings::Recordings;
 pub use reference::{document, template};
 pub use resolve::resolve;
 pub use resolved::Scenario;
-pub use shipped::{SHIPPED, shipped};
+pub use shipped::{SHIPPED, shipped, shipped_suites};
+pub use splits::{Split, derived_seed, reseeded, sized};
+pub use suite::{
+    AxisLabel, AxisValue, LadderSpec, Metric, SUITE, Size, SizeSpec, Sizes, Suite, SuiteCase, SuiteSpec,
+    TrackSpec, suite_schema,
+};
 pub use sweep::{Axis, Case, Combine, Span, Sweep, SweepSpec, Values, parse_sweep, sweep_schema};
 pub use truth_grid::{Nodes, Weighting};

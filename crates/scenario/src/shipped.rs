@@ -1,4 +1,4 @@
-//! The scenarios and sweeps that are embedded in the program.
+//! The scenarios, sweeps and suites that are embedded in the program.
 
 use include_dir::{Dir, include_dir};
 
@@ -13,4 +13,10 @@ pub fn shipped() -> Vec<(&'static str, &'static str)> {
         .collect();
     all.sort_unstable();
     all
+}
+
+/// Names of the suites: the folders that hold a `suite.ron`.
+pub fn shipped_suites() -> Vec<&'static str> {
+    let is_suite = |folder: &&Dir<'static>| SHIPPED.contains(folder.path().join("suite.ron"));
+    SHIPPED.dirs().filter(is_suite).filter_map(|folder| folder.path().to_str()).collect()
 }

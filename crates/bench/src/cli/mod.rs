@@ -15,6 +15,7 @@ mod output;
 mod release;
 mod render;
 mod schema;
+mod suite;
 mod sweep;
 mod track;
 mod verify;
@@ -79,6 +80,7 @@ enum Verb {
     Render(render::Render),
     Generate(generate::Generate),
     Sweep(sweep::Sweep),
+    Suite(suite::Suite),
     Verify(verify::Verify),
     #[cfg(feature = "view")]
     View(view::View),
@@ -101,6 +103,7 @@ impl Verb {
             Verb::Render(verb) => verb.run(common),
             Verb::Generate(verb) => verb.run(common),
             Verb::Sweep(verb) => verb.run(common),
+            Verb::Suite(verb) => verb.run(common),
             Verb::Verify(verb) => verb.run(common),
             #[cfg(feature = "view")]
             Verb::View(verb) => verb.run(common),

@@ -1,16 +1,16 @@
-//! `microsig schema`: prints the JSON Schema of scenarios or sweeps.
+//! `microsig schema`: prints the JSON Schema of scenarios, sweeps or suites.
 
 use clap::{Args, ValueEnum};
 
 use super::Common;
 use super::output::report;
-use scenario::{SweepSpec, schema_of, spec::Spec};
+use scenario::{SuiteSpec, SweepSpec, schema_of, spec::Spec};
 use storage::error::{Error, Result};
 
-/// The keys of a scenario or sweep as JSON Schema: types, units, ranges, defaults, meanings
+/// The keys of a scenario, sweep or suite as JSON Schema: types, units, ranges, defaults, meanings
 #[derive(Debug, Args)]
 #[command(
-    long_about = "The keys of a scenario or sweep as JSON Schema (draft 2020-12), for editors and programs that write scenarios as JSON.\n\n\
+    long_about = "The keys of a scenario, sweep or suite as JSON Schema (draft 2020-12), for editors and programs that write scenarios as JSON.\n\n\
 Extensions: x-unit, x-range and x-default in words, x-infinite (null stands for inf).",
     after_help = "Example: microsig schema > scenario.schema.json"
 )]
@@ -27,6 +27,8 @@ enum Language {
     Scenario,
     /// A sweep, for `sweep`
     Sweep,
+    /// A suite, for `suite`
+    Suite,
 }
 
 impl Schema {
@@ -34,6 +36,7 @@ impl Schema {
         let schema = match self.language {
             Language::Scenario => schema_of::<Spec>(),
             Language::Sweep => schema_of::<SweepSpec>(),
+            Language::Suite => schema_of::<SuiteSpec>(),
         };
         let text = serde_json::to_string_pretty(&schema).map_err(|e| Error::input(e.to_string()))?;
         report(&text, &schema, common)

@@ -25,7 +25,7 @@ mod submission;
 mod test_split;
 
 pub use about::Publication;
-pub use splits::derived_seed;
+pub use scenario::derived_seed;
 pub use submission::{Submission, SubmissionFiles, Validated, limits, validate};
 
 use std::path::{Path, PathBuf};

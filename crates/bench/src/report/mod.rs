@@ -22,6 +22,8 @@ use storage::save_bytes;
 pub use compare::{Comparison, Ranking, compare, ranking};
 pub use files::SCORE;
 pub use leaderboard::Entry;
+pub(crate) use page::document;
+pub(crate) use ranks::{Criterion, ranks};
 pub use score_file::parse as parse_score;
 pub use table::table;
 
@@ -40,7 +42,13 @@ pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Re
     let replace = force.then_some(SCORE);
     check_replaceable(out, replace)?;
     let partial = Partial::start(out)?;
-    let folder = partial.folder();
+    let names = write_into(partial.folder(), evaluation, html)?;
+    partial.finish(replace)?;
+    Ok(names.iter().map(|n| out.join(n)).collect())
+}
+
+/// Writes the files of an evaluation into a folder that exists; returns their names.
+pub(crate) fn write_into(folder: &Path, evaluation: &Evaluation, html: bool) -> Result<Vec<String>> {
     let secret = evaluation.is_truth_secret;
     let with_truth = |name: &str| if secret { format!("{WITH_TRUTH}/{name}") } else { name.to_owned() };
     if secret {
@@ -71,8 +79,7 @@ pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Re
             names.push(whole);
         }
     }
-    partial.finish(replace)?;
-    Ok(names.iter().map(|n| out.join(n)).collect())
+    Ok(names)
 }
 
 /// All scores as JSON.

@@ -41,7 +41,7 @@ pre { overflow-x: auto; font-size: .82rem; border: 1px solid var(--grid); border
 ";
 
 /// An HTML document with this title and body.
-pub(super) fn document(title: &str, body: &Markup) -> String {
+pub(crate) fn document(title: &str, body: &Markup) -> String {
     html! {
         (DOCTYPE)
         html lang="en" {

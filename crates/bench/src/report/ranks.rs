@@ -4,19 +4,19 @@ use scoring::evaluate::statistics::Interval;
 
 /// A ranking criterion; greater values are better.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Criterion {
+pub(crate) struct Criterion {
     value: Option<f64>,
     interval: Interval,
 }
 
 impl Criterion {
     /// A rate: greater is better.
-    pub(super) fn rate(value: Option<f64>, interval: Interval) -> Self {
+    pub(crate) fn rate(value: Option<f64>, interval: Interval) -> Self {
         Criterion { value, interval }
     }
 
     /// An error: smaller is better, so signs are reversed.
-    pub(super) fn error(value: Option<f64>, interval: Interval) -> Self {
+    pub(crate) fn error(value: Option<f64>, interval: Interval) -> Self {
         Criterion { value: value.map(|v| -v), interval: interval.map(|[low, high]| [-high, -low]) }
     }
 
@@ -32,7 +32,7 @@ impl Criterion {
 
 /// Indices of the scores in order, each with its rank from 1. Scores tied with the best of their group at one
 /// criterion are compared by the next one; those tied at all criteria share a rank.
-pub(super) fn ranks(levels: &[Vec<Criterion>]) -> Vec<(usize, usize)> {
+pub(crate) fn ranks(levels: &[Vec<Criterion>]) -> Vec<(usize, usize)> {
     let mut groups = Vec::new();
     split(levels, (0..levels.len()).collect(), 0, &mut groups);
     let mut ranked = Vec::with_capacity(levels.len());

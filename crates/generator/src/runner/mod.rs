@@ -9,6 +9,7 @@ mod progress;
 mod recording;
 mod render;
 mod shard;
+mod suite;
 mod sweep;
 mod verify;
 
@@ -19,5 +20,9 @@ pub use progress::{Progress, Stop, Tables};
 pub use recording::Frames;
 pub use render::{RenderOptions, Rendered, render, render_particles};
 pub use shard::Shard;
+pub use suite::{
+    FROZEN, Frozen, FrozenDataset, SuiteCheck, SuiteOptions, SuiteRecord, SuiteSelection, check_suite,
+    digests, generate_suite,
+};
 pub use sweep::{SweepOptions, Swept, collect, sweep};
 pub use verify::{Verified, verify};

@@ -15,7 +15,7 @@ use super::generate::{GenerateOptions, generate_or_find};
 use super::progress::Progress;
 use super::shard::Shard;
 use crate::dataset::manifest::{MANIFEST, Manifest};
-use scenario::{Case, Sweep, resolve};
+use scenario::{Case, Scenario, Sweep, resolve};
 use storage::error::{Error, Result};
 use storage::folder::FolderClaim;
 use storage::save_bytes;
@@ -74,7 +74,7 @@ pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
     let mine: Vec<&Case> = sweep.cases.iter().filter(|c| options.shard.has(c.index)).collect();
     if !options.resume && !options.force {
         for case in &mine {
-            for path in [options.out.join(&case.name), failed(&options.out, case)] {
+            for path in [options.out.join(&case.name), reason(&options.out.join(&case.name))] {
                 if path.exists() {
                     let hint = "exists already; --resume continues, --force replaces it";
                     return Err(Error::input(format!("{}: {hint}", path.display())));
@@ -99,33 +99,45 @@ pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
 /// instead.
 fn run(sweep: &Sweep, case: &Case, options: &SweepOptions, progress: &Progress) -> Result<bool> {
     let out = options.out.join(&case.name);
-    let reason = failed(&options.out, case);
+    let scenario = sweep.scenario(case).and_then(|spec| resolve(spec, &options.inputs));
+    attempt(scenario, &out, (options.force, options.resume), progress)
+}
+
+/// Generates one of many datasets; returns `false` if it is already finished, or if it fails and the reason
+/// is written beside its folder instead. The caller has checked that, without `resume` or `force`, it does
+/// not exist.
+pub(super) fn attempt(
+    scenario: Result<Scenario>,
+    out: &Path,
+    (force, resume): (bool, bool),
+    progress: &Progress,
+) -> Result<bool> {
+    let reason = reason(out);
     // A failed case is tried again, as the cause may be gone.
     if reason.exists() {
         std::fs::remove_file(&reason).map_err(Error::write(&reason))?;
     }
-    let generated =
-        sweep.scenario(case).and_then(|spec| resolve(spec, &options.inputs)).and_then(|scenario| {
-            // Without --resume, `sweep` has checked that the case does not exist; an unfinished one starts
-            // over.
-            let (force, resume) = (options.force || !options.resume, options.resume);
-            let options = GenerateOptions { out: out.clone(), force, resume, progress: progress.clone() };
-            generate_or_find(&scenario, &options)
-        });
+    let generated = scenario.and_then(|scenario| {
+        // Without --resume an unfinished dataset starts over.
+        let (out, force) = (out.to_owned(), force || !resume);
+        generate_or_find(&scenario, &GenerateOptions { out, force, resume, progress: progress.clone() })
+    });
     match generated {
         Ok(generated) => Ok(generated.is_some()),
         // A full disk or a dataset of another sweep is not a failure of the case.
-        Err(error) if error.is_of_the_system() || (out.exists() && !options.force) => Err(error),
+        Err(error) if error.is_of_the_system() || (out.exists() && !force) => Err(error),
         Err(error) => {
-            FolderClaim::take(&out)?.discard()?;
+            FolderClaim::take(out)?.discard()?;
             save_bytes(&reason, format!("{error}\n").as_bytes())?;
             Ok(false)
         }
     }
 }
 
-fn failed(out: &Path, case: &Case) -> PathBuf {
-    out.join(format!("{}.failed", case.name))
+/// The file beside a dataset's folder with the reason why it could not be generated.
+pub(super) fn reason(out: &Path) -> PathBuf {
+    let name = out.file_name().unwrap_or_default().to_string_lossy();
+    out.with_file_name(format!("{name}.failed"))
 }
 
 /// Counts finished and failed cases, and writes the table if no others are left. Returns both numbers.
@@ -156,7 +168,7 @@ pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
             case.seed.to_string(),
         ];
         row.extend(axes().map(|(i, _)| case.values[i].clone()));
-        let (manifest, reason) = (out.join(&case.name).join(MANIFEST), failed(out, case));
+        let (manifest, reason) = (out.join(&case.name).join(MANIFEST), reason(&out.join(&case.name)));
         if manifest.exists() {
             let Manifest { name, microsig: facts, .. } = Manifest::read(&out.join(&case.name))?;
             if (name.as_str(), facts.seed.flatten()) != (sweep.name_of(case).as_str(), Some(case.seed)) {

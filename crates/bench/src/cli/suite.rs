@@ -1,0 +1,395 @@
+//! `microsig suite`: frozen sets of datasets, by which trackers are compared.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use serde_json::json;
+
+use super::Common;
+use super::output::{progress, report, warn};
+use crate::release::{Publication, ReleaseOptions, release};
+use crate::suite::{ScoreOptions, score};
+use generator::runner::{
+    Frozen, Shard, SuiteOptions, SuiteRecord, SuiteSelection, check_suite, generate_suite,
+};
+use scenario::{Size, Split};
+use storage::error::{Error, Result};
+use storage::save_bytes;
+
+/// Frozen sets of datasets, by which trackers are compared
+#[derive(Debug, Args)]
+#[command(
+    after_help = "SUITE is a suite's file or folder, or the name of one that comes with the program, such as odpc1.\n\
+Example: microsig suite generate odpc1 --size smoke --out suites/smoke"
+)]
+pub(super) struct Suite {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Tracks and cases
+    List(List),
+    /// The datasets: DIR/TRACK/CASE/{train,val,test}
+    Generate(Generate),
+    /// Whether the datasets have the frozen bytes; exit code 1 if one differs
+    Check(Check),
+    /// Scores of all results in one table, ranked case by case
+    Score(Score),
+    /// A challenge of each case: public packages, and withheld truths of test splits drawn from secret keys
+    Release(Release),
+}
+
+/// The datasets to work on.
+#[derive(Debug, Args)]
+struct Selection {
+    /// Only this track
+    #[arg(long, value_name = "NAME")]
+    track: Option<String>,
+    /// Only this case
+    #[arg(long, value_name = "NAME")]
+    case: Option<String>,
+    /// Only train, val or test
+    #[arg(long, value_name = "SPLIT")]
+    split: Option<String>,
+    /// Only every N-th dataset, from the K-th [default: from SLURM_ARRAY_TASK_*, else all]
+    #[arg(long, value_name = "K/N")]
+    shard: Option<String>,
+}
+
+impl Selection {
+    fn read(&self) -> Result<SuiteSelection> {
+        Ok(SuiteSelection {
+            track: self.track.clone(),
+            case: self.case.clone(),
+            split: self.split.as_deref().map(Split::parse).transpose()?,
+            shard: match &self.shard {
+                Some(text) => Some(Shard::parse(text)?),
+                None => Shard::of_slurm(|name| std::env::var(name).ok())?,
+            },
+        })
+    }
+}
+
+#[derive(Debug, Args)]
+struct List {
+    /// The suite
+    suite: PathBuf,
+    /// smoke, small or full
+    #[arg(long, default_value = "full")]
+    size: String,
+}
+
+#[derive(Debug, Args)]
+struct Generate {
+    /// The suite
+    suite: PathBuf,
+    /// smoke, small or full
+    #[arg(long)]
+    size: String,
+    /// The folder [default: suites/NAME-SIZE]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    selection: Selection,
+    /// Continue an interrupted run; failed datasets are tried again
+    #[arg(long)]
+    resume: bool,
+}
+
+#[derive(Debug, Args)]
+struct Check {
+    /// The suite
+    suite: PathBuf,
+    /// smoke, small or full
+    #[arg(long)]
+    size: String,
+    /// A generated suite, to be verified file by file [default: every dataset is generated again]
+    #[arg(long, value_name = "DIR")]
+    datasets: Option<PathBuf>,
+    #[command(flatten)]
+    selection: Selection,
+    /// Write the frozen list of a new version instead
+    #[arg(long)]
+    freeze: bool,
+}
+
+#[derive(Debug, Args)]
+struct Score {
+    /// The suite
+    suite: PathBuf,
+    /// The generated suite
+    datasets: PathBuf,
+    /// The results: RESULTS/TRACKER/TRACK/CASE/results.csv
+    #[arg(long, value_name = "RESULTS")]
+    results: PathBuf,
+    /// Folder of the scores
+    #[arg(long, value_name = "OUT")]
+    out: PathBuf,
+    /// Only this track
+    #[arg(long, value_name = "NAME")]
+    track: Option<String>,
+    /// Only this case
+    #[arg(long, value_name = "NAME")]
+    case: Option<String>,
+}
+
+#[derive(Debug, Args)]
+struct Release {
+    /// The suite
+    suite: PathBuf,
+    /// The generated suite; its train splits become those of the challenges
+    datasets: PathBuf,
+    /// Folder of the releases: OUT/TRACK/CASE
+    #[arg(long, value_name = "OUT")]
+    out: PathBuf,
+    /// Only this track
+    #[arg(long, value_name = "NAME")]
+    track: Option<String>,
+    /// Only this case
+    #[arg(long, value_name = "NAME")]
+    case: Option<String>,
+    /// Who is cited, `Family, Given` or a group's name; may be given several times
+    #[arg(long, value_name = "NAME")]
+    creator: Vec<String>,
+}
+
+impl Suite {
+    pub(super) fn run(&self, common: &Common) -> Result<()> {
+        match &self.action {
+            Action::List(action) => action.run(common),
+            Action::Generate(action) => action.run(common),
+            Action::Check(action) => action.run(common),
+            Action::Score(action) => action.run(common),
+            Action::Release(action) => action.run(common),
+        }
+    }
+}
+
+impl List {
+    fn run(&self, common: &Common) -> Result<()> {
+        let suite = scenario::Suite::open(&self.suite)?;
+        let size = Size::parse(&self.size)?;
+        let cases = suite.cases(size)?;
+        let (name, version) = (&suite.spec.name, &suite.spec.version);
+        let mut lines = vec![format!("{name} {version}, size {}: {}", size.name(), suite.spec.title)];
+        let mut tracks = Vec::new();
+        for track in &suite.spec.tracks {
+            let ranked: Vec<&str> = track.rank_by.iter().map(|metric| metric.name()).collect();
+            lines.push(format!("{}  {}; ranked by {}", track.name, track.title, ranked.join(", ")));
+            let mut listed = Vec::new();
+            for case in cases.iter().filter(|case| case.track == track.name) {
+                let [train, val, test] = case.counts;
+                lines.push(format!("    {:<28} {train} + {val} + {test}", case.name));
+                listed.push(json!({
+                    "case": case.name, "ladder": case.ladder, "dataset": case.dataset(), "axes": case.axes,
+                    "train": train, "val": val, "test": test,
+                }));
+            }
+            tracks.push(json!({
+                "track": track.name, "title": track.title, "rank_by": track.rank_by, "cases": listed,
+            }));
+        }
+        lines.push("(numbers of image pairs, frames or bursts of train + val + test)".to_owned());
+        let whole = json!({ "suite": name, "version": version, "size": size, "tracks": tracks });
+        report(&lines.join("\n"), &whole, common)
+    }
+}
+
+/// Refuses `--seed`: the seeds of a suite are part of it.
+fn without_seed(common: &Common) -> Result<()> {
+    match common.seed {
+        Some(seed) => Err(Error::input(format!("--seed {seed}: the seeds of a suite are part of it"))),
+        None => Ok(()),
+    }
+}
+
+impl Generate {
+    fn run(&self, common: &Common) -> Result<()> {
+        without_seed(common)?;
+        let suite = scenario::Suite::open(&self.suite)?;
+        let size = Size::parse(&self.size)?;
+        let default = || Path::new("suites").join(format!("{}-{}", suite.spec.name, size.name()));
+        let out = self.out.clone().unwrap_or_else(default);
+        let (force, resume, progress) = (common.force, self.resume, progress(common));
+        let options = SuiteOptions { out, force, resume, progress };
+        let made = generate_suite(&suite, size, &self.selection.read()?, &options)?;
+        let text = format!(
+            "suite {} {}, size {}: {} of {} datasets done, {} failed, {} made now in {:.2} s, in {}",
+            suite.spec.name,
+            suite.spec.version,
+            size.name(),
+            made.done,
+            made.cases,
+            made.failed,
+            made.made,
+            made.seconds,
+            made.out.display()
+        );
+        report(&text, &made, common)?;
+        if made.failed > 0 {
+            return Err(Error::Failed(vec![format!("{} datasets failed; see *.failed", made.failed)]));
+        }
+        Ok(())
+    }
+}
+
+impl Check {
+    fn run(&self, common: &Common) -> Result<()> {
+        without_seed(common)?;
+        let suite = scenario::Suite::open(&self.suite)?;
+        let size = Size::parse(&self.size)?;
+        let selection = self.selection.read()?;
+        if let Some(folder) = &self.datasets {
+            let found = SuiteRecord::read(folder)?;
+            found.matches(&suite, folder)?;
+            if found.size != size {
+                let (is, asked) = (found.size.name(), size.name());
+                return Err(Error::input(format!("{}: holds size {is}, not {asked}", folder.display())));
+            }
+        }
+        let frozen = frozen(&suite, size)?;
+        if self.freeze {
+            return self.freeze(&suite, size, &selection, frozen.as_ref(), common);
+        }
+        let Some(frozen) = frozen else {
+            let path = shown(&suite, size);
+            return Err(Error::input(format!("{path}: there is no frozen list; --freeze writes it")));
+        };
+        if frozen.version != suite.spec.version {
+            let (path, version) = (shown(&suite, size), &suite.spec.version);
+            let hint = "a new version of a suite has a new list, which --freeze writes";
+            let of = &frozen.version;
+            return Err(Error::Failed(vec![format!("{path}: is of version {of}, not {version}; {hint}")]));
+        }
+        let folder = self.datasets.as_deref();
+        let checked = check_suite(&suite, size, &selection, (folder, Some(&frozen)), &progress(common))?;
+        let text = format!(
+            "suite {} {}, size {}: {} datasets checked in {:.2} s, {} differences",
+            suite.spec.name,
+            suite.spec.version,
+            size.name(),
+            checked.datasets,
+            checked.seconds,
+            checked.differences.len()
+        );
+        report(&text, &checked, common)?;
+        if checked.differences.is_empty() { Ok(()) } else { Err(Error::Failed(checked.differences)) }
+    }
+
+    /// Writes the frozen list. That of a released version may not change.
+    fn freeze(
+        &self,
+        suite: &scenario::Suite,
+        size: Size,
+        selection: &SuiteSelection,
+        before: Option<&Frozen>,
+        common: &Common,
+    ) -> Result<()> {
+        let path = Frozen::path(suite, size);
+        if suite.is_shipped {
+            return Err(Error::input("--freeze: expected a suite's file, not the program's own copy"));
+        }
+        if !selection.is_all() {
+            return Err(Error::input("--freeze: expected all datasets, without --track, --case, --split, --shard"));
+        }
+        let checked = check_suite(suite, size, selection, (self.datasets.as_deref(), None), &progress(common))?;
+        if !checked.differences.is_empty() {
+            return Err(Error::Failed(checked.differences));
+        }
+        let now = Frozen { version: suite.spec.version.clone(), hashes: checked.hashes };
+        let is_released = |version: &str| !version.contains('-');
+        if let Some(before) = before.filter(|b| b.version == now.version && is_released(&b.version) && **b != now) {
+            let what = format!("version {} has other bytes already", before.version);
+            let hint = "raise `version` of the suite (X.Y.Z-dev until it is released)";
+            return Err(Error::Failed(vec![format!("{}: {what}; {hint}", path.display())]));
+        }
+        let folder = path.parent().unwrap_or(Path::new("."));
+        std::fs::create_dir_all(folder).map_err(Error::write(folder))?;
+        save_bytes(&path, now.text().as_bytes())?;
+        let text = format!("{}: {} datasets, {} hashes", path.display(), checked.datasets, now.hashes.len());
+        report(&text, &json!({ "file": path, "datasets": checked.datasets }), common)
+    }
+}
+
+/// The frozen list's path for messages.
+fn shown(suite: &scenario::Suite, size: Size) -> String {
+    Frozen::path(suite, size).display().to_string()
+}
+
+/// The frozen list, if there is one.
+fn frozen(suite: &scenario::Suite, size: Size) -> Result<Option<Frozen>> {
+    let path = Frozen::path(suite, size);
+    if !path.exists() {
+        return Ok(None);
+    }
+    Frozen::parse(&storage::read_text(&path)?, &path.display().to_string()).map(Some)
+}
+
+impl Score {
+    fn run(&self, common: &Common) -> Result<()> {
+        let suite = scenario::Suite::open(&self.suite)?;
+        let selection =
+            SuiteSelection { track: self.track.clone(), case: self.case.clone(), ..SuiteSelection::default() };
+        let options = ScoreOptions {
+            results: self.results.clone(),
+            out: self.out.clone(),
+            force: common.force,
+            selection,
+            seed: common.seed.unwrap_or(0),
+        };
+        let scores = score(&suite, &self.datasets, &options)?;
+        report(&scores.text(), &scores, common)
+    }
+}
+
+impl Release {
+    fn run(&self, common: &Common) -> Result<()> {
+        without_seed(common)?;
+        let suite = scenario::Suite::open(&self.suite)?;
+        let record = SuiteRecord::read(&self.datasets)?;
+        record.matches(&suite, &self.datasets)?;
+        let chosen = SuiteSelection {
+            track: self.track.clone(),
+            case: self.case.clone(),
+            split: Some(Split::Train),
+            ..SuiteSelection::default()
+        };
+        let mut released = Vec::new();
+        for (case, split) in chosen.of(&suite, record.size)? {
+            let out = self.out.join(case.folder());
+            let above = out.parent().unwrap_or(&self.out);
+            std::fs::create_dir_all(above).map_err(Error::write(above))?;
+            let [_, val, test] = case.counts;
+            let about = Publication {
+                title: Some(format!("{}: {} {}", suite.spec.title, case.track, case.name)),
+                creators: self.creator.clone(),
+                version: suite.spec.version.clone(),
+            };
+            let options = ReleaseOptions {
+                out,
+                force: common.force,
+                val: Some(val),
+                test: Some(test),
+                test_set: Vec::new(),
+                exact_times: false,
+                about,
+                progress: progress(common),
+            };
+            let one = release(&self.datasets.join(case.split_folder(split)), &options)?;
+            let warnings: Vec<String> =
+                one.warnings.iter().map(|warning| format!("{}: {warning}", case.folder())).collect();
+            warn(&warnings, common);
+            released.push(one);
+        }
+        let text = format!(
+            "{} challenges of suite {} {}, in {}; publish TRACK/CASE/public, keep TRACK/CASE/withheld to yourself",
+            released.len(),
+            suite.spec.name,
+            suite.spec.version,
+            self.out.display()
+        );
+        report(&text, &released, common)
+    }
+}

@@ -1,0 +1,424 @@
+//! `microsig suite generate` and `check`: the datasets of a suite, and whether they still have the frozen
+//! bytes.
+//!
+//! ```text
+//! OUT/suite.json                 name, version and size of the suite
+//! OUT/TRACK/CASE/{train,val,test}/   a dataset each, or SPLIT.failed with the reason
+//! OUT/suite.csv                  all datasets, once they are complete
+//! ```
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::generate::{GenerateOptions, generate};
+use super::progress::Progress;
+use super::shard::Shard;
+use super::sweep::{Swept, attempt, reason};
+use super::verify::verify;
+use crate::dataset::manifest::{MANIFEST, Manifest};
+use scenario::{Size, Split, Suite, SuiteCase, resolve};
+use storage::checksums::{Fingerprint, SHA256SUMS};
+use storage::error::{Error, Result};
+use storage::{TemporaryFolder, read_text, save_bytes};
+
+/// The datasets of a suite to work on.
+#[derive(Debug, Clone, Default)]
+pub struct SuiteSelection {
+    /// Only this track.
+    pub track: Option<String>,
+    /// Only this case.
+    pub case: Option<String>,
+    /// Only this split.
+    pub split: Option<Split>,
+    /// Every N-th dataset only; `None`: all.
+    pub shard: Option<Shard>,
+}
+
+impl SuiteSelection {
+    /// The chosen datasets of a size, in order.
+    ///
+    /// # Errors
+    /// A track or case that the suite does not have at this size.
+    pub fn of(&self, suite: &Suite, size: Size) -> Result<Vec<(SuiteCase, Split)>> {
+        if let Some(track) = &self.track {
+            suite.track(track)?;
+        }
+        let mut cases = suite.cases(size)?;
+        cases.retain(|case| self.track.as_ref().is_none_or(|track| case.track == *track));
+        if let Some(name) = &self.case {
+            let names: Vec<String> = cases.iter().map(|case| case.name.clone()).collect();
+            cases.retain(|case| case.name == *name);
+            if cases.is_empty() {
+                let (size, names) = (size.name(), names.join(", "));
+                return Err(Error::input(format!("--case {name}: size {size} has the cases {names}")));
+            }
+        }
+        let all = cases.into_iter().flat_map(|case| Split::ALL.map(|split| (case.clone(), split)));
+        let chosen = all.filter(|(_, split)| self.split.is_none_or(|only| only == *split));
+        let shard = self.shard.unwrap_or(Shard::ALL);
+        Ok(chosen.enumerate().filter(|(i, _)| shard.has(*i)).map(|(_, one)| one).collect())
+    }
+
+    /// Whether these are all datasets.
+    pub fn is_all(&self) -> bool {
+        self.track.is_none() && self.case.is_none() && self.split.is_none() && self.shard.is_none()
+    }
+}
+
+/// Options of [`generate_suite`].
+#[derive(Debug, Clone)]
+pub struct SuiteOptions {
+    /// Folder of the generated suite.
+    pub out: PathBuf,
+    /// Replace existing datasets.
+    pub force: bool,
+    /// Skip finished datasets and continue interrupted ones.
+    pub resume: bool,
+    /// How progress is shown.
+    pub progress: Progress,
+}
+
+/// `suite.json`: which suite a folder holds.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SuiteRecord {
+    /// Name of the suite.
+    pub name: String,
+    /// Version of the suite.
+    pub version: String,
+    /// Size.
+    pub size: Size,
+}
+
+/// Name of the record.
+const RECORD: &str = "suite.json";
+/// Name of the table of all datasets.
+const TABLE: &str = "suite.csv";
+
+impl SuiteRecord {
+    fn of(suite: &Suite, size: Size) -> Self {
+        SuiteRecord { name: suite.spec.name.clone(), version: suite.spec.version.clone(), size }
+    }
+
+    /// Reads the record of a generated suite.
+    ///
+    /// # Errors
+    /// A folder that `suite generate` has not made.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let path = folder.join(RECORD);
+        if !path.is_file() {
+            let hint = format!("has no {RECORD}; expected a folder that `microsig suite generate` has made");
+            return Err(Error::input(format!("{}: {hint}", folder.display())));
+        }
+        serde_json::from_str(&read_text(&path)?)
+            .map_err(|e| Error::input(format!("{}: {e}", path.display())))
+    }
+
+    /// Refuses a folder of another suite, version or size.
+    ///
+    /// # Errors
+    /// [`Error::Input`] with both.
+    pub fn matches(&self, suite: &Suite, folder: &Path) -> Result<()> {
+        let expected = SuiteRecord::of(suite, self.size);
+        if *self == expected {
+            return Ok(());
+        }
+        Err(Error::input(format!(
+            "{}: holds {} {}, expected {} {}",
+            folder.join(RECORD).display(),
+            self.name,
+            self.version,
+            expected.name,
+            expected.version
+        )))
+    }
+}
+
+/// Generates the chosen datasets of a suite. One that fails is recorded with the reason and does not stop the
+/// others.
+///
+/// # Errors
+/// A folder that holds another suite, version or size; an existing dataset, unless `resume` or `force`;
+/// writing.
+pub fn generate_suite(
+    suite: &Suite,
+    size: Size,
+    chosen: &SuiteSelection,
+    options: &SuiteOptions,
+) -> Result<Swept> {
+    let start = Instant::now();
+    let mine = chosen.of(suite, size)?;
+    let out = &options.out;
+    if out.join(RECORD).exists() {
+        let found = SuiteRecord::read(out)?;
+        found.matches(suite, out)?;
+        if found.size != size {
+            let (is, asked) = (found.size.name(), size.name());
+            return Err(Error::input(format!("{}: holds size {is}, not {asked}", out.display())));
+        }
+    }
+    if !options.resume && !options.force {
+        for (case, split) in &mine {
+            let dataset = out.join(case.split_folder(*split));
+            if let Some(path) = [dataset.clone(), reason(&dataset)].iter().find(|path| path.exists()) {
+                let hint = "exists already; --resume continues, --force replaces it";
+                return Err(Error::input(format!("{}: {hint}", path.display())));
+            }
+        }
+    }
+    std::fs::create_dir_all(out).map_err(Error::write(out))?;
+    let record = serde_json::to_string_pretty(&SuiteRecord::of(suite, size));
+    let record = record.map_err(|e| Error::input(e.to_string()))?;
+    save_bytes(&out.join(RECORD), format!("{record}\n").as_bytes())?;
+    let (bar, within) = options.progress.cases(mine.len() as u64);
+    let mut made = 0;
+    for (case, split) in &mine {
+        options.progress.check()?;
+        bar.set_message(case.split_folder(*split));
+        let dataset = out.join(case.split_folder(*split));
+        let above = out.join(case.folder());
+        std::fs::create_dir_all(&above).map_err(Error::write(&above))?;
+        let scenario = case.scenario(*split).and_then(|spec| resolve(spec, &case.inputs));
+        made += usize::from(attempt(scenario, &dataset, (options.force, options.resume), &within)?);
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let (cases, done, failed) = collect(suite, size, out)?;
+    Ok(Swept { out: out.clone(), cases, done, failed, made, seconds: start.elapsed().as_secs_f64() })
+}
+
+/// Counts all datasets of a size, finished and failed ones, and writes the table if no others are left.
+fn collect(suite: &Suite, size: Size, out: &Path) -> Result<(usize, usize, usize)> {
+    let all = SuiteSelection::default().of(suite, size)?;
+    let unwritable = |e: csv::Error| Error::Write { path: out.join(TABLE), source: std::io::Error::other(e) };
+    let mut table = csv::Writer::from_writer(Vec::new());
+    let header = [
+        "track", "ladder", "case", "split", "dataset", "seed", "axes", "status", "n_p", "n_ppp", "n_s",
+        "max_displacement_px", "reason",
+    ];
+    table.write_record(header).map_err(unwritable)?;
+    let (mut done, mut failures) = (0, 0);
+    for (case, split) in &all {
+        let dataset = out.join(case.split_folder(*split));
+        let spec = case.scenario(*split)?;
+        let axes: Vec<String> = case.axes.iter().map(|a| format!("{}={}", a.label, a.shown)).collect();
+        let [track, ladder, name] = [&case.track, &case.ladder, &case.name].map(String::to_owned);
+        let mut row = vec![track, ladder, name, split.name().to_owned(), spec.name.clone()];
+        row.extend([spec.seed.to_string(), axes.join("; ")]);
+        let reason = reason(&dataset);
+        if dataset.join(MANIFEST).exists() {
+            let Manifest { name, microsig: facts, .. } = Manifest::read(&dataset)?;
+            if (name.as_str(), facts.seed.flatten()) != (spec.name.as_str(), Some(spec.seed)) {
+                let hint = format!("expected `{}` with seed {}", spec.name, spec.seed);
+                return Err(Error::input(format!("{}: is of another suite; {hint}", dataset.display())));
+            }
+            row.push("done".to_owned());
+            let numbers = [facts.n_p, facts.n_ppp, facts.n_s, facts.max_displacement_px];
+            row.extend(numbers.map(|number| json!(number).to_string()));
+            row.push(String::new());
+            done += 1;
+        } else if reason.exists() {
+            row.push("failed".to_owned());
+            row.extend([const { String::new() }; 4]);
+            row.push(read_text(&reason)?.trim().to_owned());
+            failures += 1;
+        } else {
+            continue;
+        }
+        table.write_record(&row).map_err(unwritable)?;
+    }
+    if done + failures == all.len() {
+        let bytes = table.into_inner().map_err(|e| unwritable(csv::Error::from(e.into_error())))?;
+        save_bytes(&out.join(TABLE), &bytes)?;
+    }
+    Ok((all.len(), done, failures))
+}
+
+/// Folder beside a suite's file with a list of hashes for each size.
+pub const FROZEN: &str = "frozen";
+
+/// Parts of a dataset whose bytes are frozen. Card and manifest name the version of the program.
+const PARTS: [&str; 4] = ["images", "truth", "particles", "calibration"];
+
+/// The hashes of a dataset's parts, by part.
+pub type FrozenDataset = BTreeMap<String, String>;
+
+/// The hash of each part of a dataset: the SHA-256 of its lines of `SHA256SUMS`, which for images is `grep
+/// '  images/' SHA256SUMS | sha256sum`.
+///
+/// # Errors
+/// A dataset without readable checksums.
+pub fn digests(dataset: &Path) -> Result<FrozenDataset> {
+    let sums = read_text(&dataset.join(SHA256SUMS))?;
+    let of = |part: &str| {
+        let beginning = format!("{part}/");
+        let is_of = |line: &&str| {
+            line.split_once("  ").is_some_and(|(_, path)| path.starts_with(&beginning))
+        };
+        let lines: String = sums.lines().filter(is_of).map(|line| format!("{line}\n")).collect();
+        (!lines.is_empty())
+            .then(|| (part.to_owned(), Fingerprint::of(lines.as_bytes()).sha256.to_string()))
+    };
+    Ok(PARTS.iter().filter_map(|part| of(part)).collect())
+}
+
+/// The frozen hashes of a suite at one size, by `TRACK/CASE/SPLIT/PART`.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Frozen {
+    /// Version of the suite.
+    pub version: String,
+    /// SHA-256 by part.
+    pub hashes: BTreeMap<String, String>,
+}
+
+impl Frozen {
+    /// Where the list of a suite is.
+    pub fn path(suite: &Suite, size: Size) -> PathBuf {
+        suite.folder.join(FROZEN).join(format!("{}.sha256", size.name()))
+    }
+
+    /// Parses a list; `name` is its name in messages.
+    ///
+    /// # Errors
+    /// A line that is neither the version nor a hash with its part.
+    pub fn parse(text: &str, name: &str) -> Result<Self> {
+        let mut frozen = Frozen::default();
+        for (i, line) in text.lines().enumerate() {
+            if let Some(version) = line.strip_prefix("# version ") {
+                version.clone_into(&mut frozen.version);
+                continue;
+            }
+            // One line at a time, so that messages have the line of the file.
+            let refused = || Error::input(format!("{name}:{}: expected a SHA-256, two spaces, a part", i + 1));
+            frozen.hashes.extend(storage::checksums::read(line, name).map_err(|_| refused())?);
+        }
+        Ok(frozen)
+    }
+
+    /// The list as text.
+    pub fn text(&self) -> String {
+        let rows = self.hashes.iter().map(|(part, hash)| format!("{hash}  {part}\n"));
+        format!("# version {}\n{}", self.version, rows.collect::<String>())
+    }
+}
+
+/// Result of [`check_suite`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SuiteCheck {
+    /// Size.
+    pub size: Size,
+    /// Number of datasets.
+    pub datasets: usize,
+    /// Hash of each part, by `TRACK/CASE/SPLIT/PART`.
+    #[serde(skip)]
+    pub hashes: BTreeMap<String, String>,
+    /// What differs from the frozen list.
+    pub differences: Vec<String>,
+    /// Duration, s.
+    pub seconds: f64,
+}
+
+/// Compares the chosen datasets of a suite with the frozen list: those in `folder`, which are verified file
+/// by file, or else all of them, generated again. Without a list (`None`) there is nothing to differ from.
+///
+/// # Errors
+/// A dataset that cannot be generated.
+pub fn check_suite(
+    suite: &Suite,
+    size: Size,
+    chosen: &SuiteSelection,
+    (folder, frozen): (Option<&Path>, Option<&Frozen>),
+    progress: &Progress,
+) -> Result<SuiteCheck> {
+    let start = Instant::now();
+    let mine = chosen.of(suite, size)?;
+    let mut check =
+        SuiteCheck { size, datasets: mine.len(), hashes: BTreeMap::new(), differences: Vec::new(), seconds: 0.0 };
+    let (bar, within) = progress.cases(mine.len() as u64);
+    for (case, split) in &mine {
+        progress.check()?;
+        let name = case.split_folder(*split);
+        bar.set_message(name.clone());
+        let found = match folder {
+            Some(folder) => there(&folder.join(&name)),
+            None => again(case, *split, &within).map(Ok),
+        }?;
+        let found = found.unwrap_or_else(|problems| {
+            check.differences.extend(problems.iter().map(|problem| format!("{name}/{problem}")));
+            FrozenDataset::new()
+        });
+        let named = found.into_iter().map(|(part, hash)| (format!("{name}/{part}"), hash));
+        check.hashes.extend(named);
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    if let Some(frozen) = frozen {
+        let of_mine = |part: &&String| {
+            mine.iter().any(|(case, split)| {
+                part.strip_prefix(&case.split_folder(*split)).is_some_and(|rest| rest.starts_with('/'))
+            })
+        };
+        let is_read = |part: &str| !check.differences.iter().any(|told| same_dataset(told, part));
+        let mut differences = Vec::new();
+        for (part, hash) in &check.hashes {
+            match frozen.hashes.get(part) {
+                Some(expected) if expected == hash => {}
+                Some(_) => differences.push(format!("{part}: other bytes than the frozen ones")),
+                None => differences.push(format!("{part}: is not in the frozen list")),
+            }
+        }
+        for part in frozen.hashes.keys().filter(|part| chosen.is_all() || of_mine(part)) {
+            if !check.hashes.contains_key(part) && is_read(part) {
+                differences.push(format!("{part}: is in the frozen list, and no longer in the suite"));
+            }
+        }
+        check.differences.extend(differences);
+    }
+    check.seconds = start.elapsed().as_secs_f64();
+    Ok(check)
+}
+
+/// Whether two paths `TRACK/CASE/SPLIT/...` are of the same dataset.
+fn same_dataset(a: &str, b: &str) -> bool {
+    a.split('/').take(3).eq(b.split('/').take(3))
+}
+
+/// The hashes of a dataset on disk, or what is wrong with it.
+fn there(dataset: &Path) -> Result<std::result::Result<FrozenDataset, Vec<String>>> {
+    if !dataset.join(MANIFEST).is_file() {
+        return Ok(Err(vec![format!("{MANIFEST}: missing; there is no dataset")]));
+    }
+    match verify(dataset, false, Progress::Hidden) {
+        Ok(_) => digests(dataset).map(Ok),
+        Err(Error::Failed(problems)) => Ok(Err(problems)),
+        Err(e) => Err(e),
+    }
+}
+
+/// The hashes of a dataset, generated into a temporary folder.
+fn again(case: &SuiteCase, split: Split, progress: &Progress) -> Result<FrozenDataset> {
+    let place = TemporaryFolder::new()?;
+    let out = place.path().join("dataset");
+    let scenario = resolve(case.scenario(split)?, &case.inputs)?;
+    let progress = progress.clone();
+    generate(&scenario, &GenerateOptions { out: out.clone(), force: false, resume: false, progress })?;
+    digests(&out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frozen_list_is_read_as_it_is_written() {
+        let hash = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad".to_owned();
+        let hashes = BTreeMap::from([("D3/a/test/images".to_owned(), hash)]);
+        let frozen = Frozen { version: "1.0.0".to_owned(), hashes };
+        assert_eq!(Frozen::parse(&frozen.text(), "small.sha256").unwrap(), frozen);
+        let wrong = Frozen::parse("# version 1\nxyz\n", "small.sha256").unwrap_err().to_string();
+        assert!(wrong.contains("small.sha256:2: expected a SHA-256"), "{wrong}");
+    }
+}

@@ -1,0 +1,221 @@
+//! Reads and checks a suite's file.
+
+use std::path::Path;
+use std::sync::{Arc, LazyLock};
+
+use serde_json::Value;
+
+use super::spec::{LadderSpec, Size, SuiteSpec};
+use super::{AxisValue, Rung, Suite};
+use crate::language::derive::schema_of;
+use crate::language::problems::Problems;
+use crate::language::schema::{Schema, nearest};
+use crate::language::text::{self, Node};
+use crate::language::typed;
+use crate::load::{assignment, parse as parse_scenario, read_text, set};
+use crate::sweep::parse_sweep;
+use storage::error::{Error, Result};
+use storage::problem::{Problem, Source};
+
+/// The schema of suites' files.
+pub fn suite_schema() -> Schema<'static> {
+    static ROOT: LazyLock<Value> = LazyLock::new(schema_of::<SuiteSpec>);
+    Schema::root(&ROOT)
+}
+
+pub(super) fn parse(text: &str, name: &str, folder: &Path) -> Result<Suite> {
+    let source = Arc::new(Source::file(name, text));
+    let tree = text::parse(&source).map_err(|problem| Error::Problems(vec![problem]))?;
+    if tree.find("motion").1 || tree.find("axes").1 {
+        let verb = if tree.find("axes").1 { "sweep" } else { "generate" };
+        return Err(Error::input(format!("{name}: is no suite; `microsig {verb} {name}` makes its datasets")));
+    }
+    let mut problems = Problems::default();
+    let Some(spec) = typed::<SuiteSpec>(suite_schema(), &tree, &mut problems) else {
+        return Err(Error::Problems(problems.sorted()));
+    };
+    named(&spec, &tree, &mut problems);
+    let mut rungs = Vec::new();
+    for (t, track) in spec.tracks.iter().enumerate() {
+        let mut of_track: Vec<Vec<Rung>> = Vec::new();
+        for (l, ladder) in track.ladders.iter().enumerate() {
+            let at = format!("tracks.{t}.ladders.{l}");
+            let found = rungs_of(ladder, &at, folder, &tree, &mut problems);
+            for rung in &found {
+                if of_track.iter().flatten().any(|other| other.name == rung.name) {
+                    let message = format!("case `{}` occurs twice in track {}", rung.name, track.name);
+                    problems.push(Problem::other(&at, message).at(&tree.find(&at).0));
+                }
+            }
+            chosen(ladder, &at, &found, &tree, &mut problems);
+            of_track.push(found);
+        }
+        changes(&spec, t, &of_track, &tree, &mut problems);
+        rungs.push(of_track);
+    }
+    problems.finish()?;
+    Ok(Suite { spec, folder: folder.to_owned(), is_shipped: false, rungs, _unpacked: None })
+}
+
+/// Whether a name can be that of a folder, and in lower case a part of a dataset's name.
+fn is_name(name: &str) -> bool {
+    let allowed = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
+    (1..=60).contains(&name.len()) && name.chars().all(allowed) && !name.starts_with('.')
+}
+
+/// Checks the names of suite, tracks and ladders.
+fn named(spec: &SuiteSpec, tree: &Node, problems: &mut Problems) {
+    const ALLOWED: &str = "1 to 60 letters, digits, `.`, `_`, `-`";
+    let mut check = |path: &str, name: &str, is_lower: bool| {
+        if !is_name(name) || is_lower && name != name.to_lowercase() {
+            let allowed = if is_lower { format!("{ALLOWED}, in lower case") } else { ALLOWED.to_owned() };
+            problems.push(Problem::value(path, format!("{name:?}"), &allowed).at(&tree.find(path).0));
+        }
+    };
+    check("name", &spec.name, true);
+    for (t, track) in spec.tracks.iter().enumerate() {
+        check(&format!("tracks.{t}.name"), &track.name, false);
+        for (l, ladder) in track.ladders.iter().enumerate() {
+            check(&format!("tracks.{t}.ladders.{l}.name"), &ladder.name, true);
+        }
+    }
+    for (t, track) in spec.tracks.iter().enumerate() {
+        let is_same = |other: &&super::TrackSpec| other.name.eq_ignore_ascii_case(&track.name);
+        if spec.tracks[..t].iter().any(|other| is_same(&other)) {
+            let path = format!("tracks.{t}.name");
+            let message = format!("track {} occurs twice", track.name);
+            problems.push(Problem::other(&path, message).at(&tree.find(&path).0));
+        }
+    }
+}
+
+/// The cases of a ladder.
+fn rungs_of(
+    ladder: &LadderSpec,
+    at: &str,
+    folder: &Path,
+    tree: &Node,
+    problems: &mut Problems,
+) -> Vec<Rung> {
+    let from = format!("{at}.from");
+    let file = folder.join(&ladder.from);
+    let read = read_text(&file).and_then(|text| {
+        let name = file.display().to_string();
+        let inputs = file.parent().unwrap_or(folder).to_owned();
+        let source = Arc::new(Source::file(&name, &text));
+        let is_sweep = text::parse(&source).is_ok_and(|tree| tree.find("axes").1);
+        if !is_sweep {
+            return Ok((vec![(Vec::new(), parse_scenario(&text, &name)?)], Vec::new(), inputs));
+        }
+        let sweep = parse_sweep(&text, &name, &inputs, None)?;
+        let cases = sweep.cases.iter().map(|case| Ok((case.values.clone(), sweep.scenario(case)?)));
+        let paths = sweep.spec.axes.iter().map(|axis| axis.path.clone()).collect();
+        // Files are relative to the base scenario, which may be in another folder.
+        let inputs = inputs.join(&sweep.spec.base).parent().map_or(inputs.clone(), Path::to_owned);
+        Ok((cases.collect::<Result<Vec<_>>>()?, paths, inputs))
+    });
+    let (cases, paths, inputs): (_, Vec<String>, _) = match read {
+        Ok(read) => read,
+        Err(Error::Problems(found)) => {
+            found.into_iter().for_each(|problem| problems.push(problem));
+            return Vec::new();
+        }
+        Err(e) => {
+            problems.push(Problem::other(&from, e.to_string()).at(&tree.find(&from).0));
+            return Vec::new();
+        }
+    };
+    let places = ladder.case.as_ref().map_or(paths.len(), |case| case.matches("{}").count());
+    if places != paths.len() {
+        let path = format!("{at}.case");
+        let allowed = format!("`{{}}` for each of the {} axes of {}", paths.len(), ladder.from);
+        problems.push(Problem::value(&path, format!("{places} times `{{}}`"), &allowed).at(&tree.find(&path).0));
+        return Vec::new();
+    }
+    if ladder.labels.len() > paths.len() {
+        let path = format!("{at}.labels");
+        let (found, allowed) = (ladder.labels.len(), format!("at most {}, one for each axis", paths.len()));
+        problems.push(Problem::value(&path, format!("{found} labels"), &allowed).at(&tree.find(&path).0));
+    }
+    let mut rungs = Vec::new();
+    for (values, spec) in cases {
+        let axes = shown(ladder, &paths, &values);
+        let name = name_of(ladder, &axes);
+        if !is_name(&name) || name != name.to_lowercase() {
+            let allowed = "1 to 60 lower-case letters, digits, `.`, `_`, `-`; `case` gives other names";
+            let message = Problem::value(at, format!("case {name:?}"), allowed);
+            problems.push(message.at(&tree.find(at).0));
+        }
+        rungs.push(Rung { name, axes, spec, inputs: inputs.clone() });
+    }
+    rungs
+}
+
+/// The values of a case with the labels of the ladder.
+fn shown(ladder: &LadderSpec, paths: &[String], values: &[String]) -> Vec<AxisValue> {
+    let of = |(i, (path, value)): (usize, (&String, &String))| {
+        let label = ladder.labels.get(i);
+        let factor = label.map_or(1.0, |label| label.factor);
+        // The last number of a tuple such as (258, 0, 200) distinguishes the cases of a ladder; of a variant
+        // such as count(46) its content.
+        let inner = value.rsplit(['(', ',']).next().unwrap_or(value).trim_matches([')', ' ']);
+        let number = value.parse::<f64>().or_else(|_| inner.parse()).ok();
+        // Rounded to 6 digits: 0.1 times 30 is 3.0000000000000004.
+        let number = number.map(|x| format!("{:.5e}", x * factor).parse().unwrap_or(x));
+        AxisValue {
+            label: label.map_or_else(|| path.clone(), |label| label.name.clone()),
+            shown: number.map_or_else(|| value.clone(), |x: f64| x.to_string()),
+            number,
+        }
+    };
+    paths.iter().zip(values).enumerate().map(of).collect()
+}
+
+fn name_of(ladder: &LadderSpec, axes: &[AxisValue]) -> String {
+    let places = vec!["{}"; axes.len()].join("_");
+    let default = if axes.is_empty() { ladder.name.clone() } else { format!("{}_{places}", ladder.name) };
+    let mut parts = ladder.case.as_ref().unwrap_or(&default).split("{}").map(str::to_owned);
+    let first = parts.next().unwrap_or_default();
+    axes.iter().zip(parts).fold(first, |name, (axis, after)| name + &axis.shown + &after)
+}
+
+/// Checks the names of the cases that small sizes choose.
+fn chosen(ladder: &LadderSpec, at: &str, rungs: &[Rung], tree: &Node, problems: &mut Problems) {
+    if rungs.is_empty() {
+        return;
+    }
+    for size in Size::ALL {
+        for (i, name) in ladder.only(size).unwrap_or_default().iter().enumerate() {
+            if !rungs.iter().any(|rung| rung.name == *name) {
+                let path = format!("{at}.{}.{i}", size.name());
+                let names = || rungs.iter().map(|rung| rung.name.as_str());
+                let near = nearest(name, names()).map(|near| format!("did you mean \"{near}\"?"));
+                let allowed = format!("one of {}", names().collect::<Vec<_>>().join(", "));
+                let problem = Problem::value(&path, format!("{name:?}"), &allowed);
+                problems.push(problem.at(&tree.find(&path).0).hinted(near));
+            }
+        }
+    }
+}
+
+/// Checks the changes of each size in the first case of each ladder.
+fn changes(spec: &SuiteSpec, t: usize, rungs: &[Vec<Rung>], tree: &Node, problems: &mut Problems) {
+    let track = &spec.tracks[t];
+    for (l, (ladder, rungs)) in track.ladders.iter().zip(rungs).enumerate() {
+        let Some(first) = rungs.first() else { continue };
+        let (sizes, above) = match &ladder.sizes {
+            Some(sizes) => (sizes, format!("tracks.{t}.ladders.{l}.sizes")),
+            None => (&track.sizes, format!("tracks.{t}.sizes")),
+        };
+        for size in Size::ALL {
+            for (i, assigned) in sizes.of(size).set.iter().enumerate() {
+                let path = format!("{above}.{}.set.{i}", size.name());
+                let changed = assignment(assigned).and_then(|(key, value)| set(&first.spec, key, value));
+                if let Err(e) = changed {
+                    let message = format!("{assigned}: {} ({})", e.to_string().lines().next().unwrap_or_default(), ladder.from);
+                    problems.push(Problem::other(&path, message).at(&tree.find(&path).0));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,257 @@
+//! The keys of a suite's file.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A suite: a frozen, named set of datasets in tracks, by which trackers are compared.
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
+pub struct SuiteSpec {
+    /// Name of the suite; the names of its datasets begin with it.
+    #[schemars(example = &"stand-in")]
+    pub name: String,
+    /// Version of the suite; other bytes of any dataset are another version.
+    #[schemars(example = &"0")]
+    pub version: String,
+    /// One line.
+    #[serde(default)]
+    pub title: String,
+    /// What the suite is for.
+    #[serde(default)]
+    pub description: String,
+    /// Its tracks.
+    #[schemars(length(min = 1), example = Vec::<TrackSpec>::new())]
+    pub tracks: Vec<TrackSpec>,
+}
+
+/// A track: cases that are ranked by the same scores.
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
+pub struct TrackSpec {
+    /// Name of the track and of its folder.
+    pub name: String,
+    /// One line.
+    pub title: String,
+    /// The scores by which trackers are ranked, in order of priority.
+    #[schemars(length(min = 1))]
+    pub rank_by: Vec<Metric>,
+    /// Width of the gate in the image plane, px; by default that of `evaluate`.
+    #[serde(default)]
+    #[schemars(extend("x-range" = "> 0 and <= 1000"))]
+    pub gate_xy_px: Option<f64>,
+    /// Height of the gate, um; by default a tenth of the depth range.
+    #[serde(default)]
+    #[schemars(extend("x-range" = "> 0 and <= 1e6"))]
+    pub gate_z_um: Option<f64>,
+    /// Dimensions in which particles are scored; by default 3 if truth and result have depth.
+    #[serde(default)]
+    #[schemars(extend("x-range" = "2 or 3"))]
+    pub dims: Option<u8>,
+    /// The sizes of the track's datasets.
+    pub sizes: Sizes,
+    /// Its cases: scenarios and sweeps.
+    #[schemars(length(min = 1))]
+    pub ladders: Vec<LadderSpec>,
+}
+
+/// Numbers of frames and other changes for each size of a suite.
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
+pub struct Sizes {
+    /// For tests: seconds.
+    pub smoke: SizeSpec,
+    /// For a laptop: minutes.
+    pub small: SizeSpec,
+    /// For publications.
+    pub full: SizeSpec,
+}
+
+/// Size of the datasets of a case.
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
+pub struct SizeSpec {
+    /// Image pairs, frames or bursts of train.
+    #[schemars(range(min = 1, max = 10_000_000))]
+    pub train: u32,
+    /// Of val.
+    #[schemars(range(min = 1, max = 10_000_000))]
+    pub val: u32,
+    /// Of test.
+    #[schemars(range(min = 1, max = 10_000_000))]
+    pub test: u32,
+    /// Values of the scenario that this size replaces, `path=value`.
+    #[serde(default)]
+    pub set: Vec<String>,
+}
+
+/// Cases that differ in a few parameters: those of a sweep, or a single scenario.
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
+pub struct LadderSpec {
+    /// Name of the ladder.
+    pub name: String,
+    /// One line.
+    pub title: String,
+    /// Its sweep or scenario: a file, relative to the suite's.
+    pub from: String,
+    /// Names of the cases: `{}` stands for the value of each axis in turn. By default the ladder's name,
+    /// followed by the values.
+    #[serde(default)]
+    pub case: Option<String>,
+    /// How the values of the axes are named and shown; by default as in the sweep.
+    #[serde(default)]
+    pub labels: Vec<AxisLabel>,
+    /// The cases of size smoke, by name; by default all.
+    #[serde(default)]
+    pub smoke: Option<Vec<String>>,
+    /// The cases of size small, by name; by default all.
+    #[serde(default)]
+    pub small: Option<Vec<String>>,
+    /// Sizes, if they differ from those of the track.
+    #[serde(default)]
+    pub sizes: Option<Sizes>,
+}
+
+/// Label of an axis of a sweep.
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
+pub struct AxisLabel {
+    /// Name of the quantity.
+    pub name: String,
+    /// Factor from the key's value to the quantity, for example 0.1 from counts to SNR at a noise of 10
+    /// counts.
+    #[serde(default = "one")]
+    #[schemars(extend("x-range" = "> 0 and <= 1e9"))]
+    pub factor: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// A score by which a track is ranked: its key in `score.json`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Metric {
+    /// `detection.f1`.
+    F1,
+    /// `detection.recall`.
+    Recall,
+    /// `detection.precision`.
+    Precision,
+    /// `detection.rmse_xy_px`: RMS distance of found particles in the image plane.
+    RmseXyPx,
+    /// `gdpt.sigma_z_over_h`: RMS error of depth over the depth range.
+    SigmaZOverH,
+    /// `links.f1`.
+    LinkF1,
+    /// `hota.hota`.
+    Hota,
+    /// `isbi.beta`.
+    IsbiBeta,
+    /// `lpt.correct`: found particles per true particle.
+    LptCorrect,
+    /// `lpt.ghost`: ghosts per true particle.
+    LptGhost,
+    /// `lpt.motion.velocity_rms_um_s`: RMS error of velocity.
+    VelocityRmsUmS,
+    /// `field.valid_vector_probability`.
+    ValidVectorProbability,
+    /// RMS error of displacement of inliers, from `field.u_inliers.rms_px` and `field.v_inliers.rms_px`.
+    RmsInliersPx,
+    /// `field.modulation_u`: amplitude response along x, ranked by its distance from 1.
+    ModulationU,
+}
+
+impl Metric {
+    /// All of them.
+    pub const ALL: [Metric; 14] = [
+        Metric::F1,
+        Metric::Recall,
+        Metric::Precision,
+        Metric::RmseXyPx,
+        Metric::SigmaZOverH,
+        Metric::LinkF1,
+        Metric::Hota,
+        Metric::IsbiBeta,
+        Metric::LptCorrect,
+        Metric::LptGhost,
+        Metric::VelocityRmsUmS,
+        Metric::ValidVectorProbability,
+        Metric::RmsInliersPx,
+        Metric::ModulationU,
+    ];
+
+    /// Its name, as in the file of a suite.
+    pub fn name(self) -> &'static str {
+        match self {
+            Metric::F1 => "f1",
+            Metric::Recall => "recall",
+            Metric::Precision => "precision",
+            Metric::RmseXyPx => "rmse_xy_px",
+            Metric::SigmaZOverH => "sigma_z_over_h",
+            Metric::LinkF1 => "link_f1",
+            Metric::Hota => "hota",
+            Metric::IsbiBeta => "isbi_beta",
+            Metric::LptCorrect => "lpt_correct",
+            Metric::LptGhost => "lpt_ghost",
+            Metric::VelocityRmsUmS => "velocity_rms_um_s",
+            Metric::ValidVectorProbability => "valid_vector_probability",
+            Metric::RmsInliersPx => "rms_inliers_px",
+            Metric::ModulationU => "modulation_u",
+        }
+    }
+}
+
+/// Size of a suite.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Size {
+    /// For tests: seconds.
+    Smoke,
+    /// For a laptop: minutes.
+    Small,
+    /// For publications.
+    Full,
+}
+
+impl Size {
+    /// All sizes.
+    pub const ALL: [Size; 3] = [Size::Smoke, Size::Small, Size::Full];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Size::Smoke => "smoke",
+            Size::Small => "small",
+            Size::Full => "full",
+        }
+    }
+
+    /// The size of a name.
+    ///
+    /// # Errors
+    /// [`storage::Error::Input`] for another name.
+    pub fn parse(name: &str) -> storage::Result<Self> {
+        let found = Size::ALL.into_iter().find(|size| size.name() == name);
+        found.ok_or_else(|| {
+            storage::Error::input(format!("--size {name}: expected smoke, small or full"))
+        })
+    }
+}
+
+impl Sizes {
+    /// What a size means.
+    pub fn of(&self, size: Size) -> &SizeSpec {
+        match size {
+            Size::Smoke => &self.smoke,
+            Size::Small => &self.small,
+            Size::Full => &self.full,
+        }
+    }
+}
+
+impl LadderSpec {
+    /// Names of the cases that a size has; `None`: all.
+    pub fn only(&self, size: Size) -> Option<&[String]> {
+        match size {
+            Size::Smoke => self.smoke.as_deref(),
+            Size::Small => self.small.as_deref(),
+            Size::Full => None,
+        }
+    }
+}
