@@ -48,6 +48,12 @@ pub fn counts(path: &Path) -> anyhow::Result<Vec<f64>> {
     Ok(microsig_core::formats::tiff::read(open()?, &name, size)?)
 }
 
+/// Width and height of an image file, px.
+pub fn image_size(path: &Path) -> anyhow::Result<(u32, u32)> {
+    let file = std::io::BufReader::new(std::fs::File::open(path)?);
+    Ok(tiff::decoder::Decoder::new(file)?.dimensions()?)
+}
+
 /// SHA-256 of a file, in hexadecimal.
 pub fn sha256(path: &Path) -> anyhow::Result<String> {
     Ok(sha256_of(&std::fs::read(path)?))

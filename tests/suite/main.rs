@@ -26,6 +26,7 @@ mod scoring_mutations;
 mod scoring_results;
 mod shipped;
 mod spheroids;
+mod suites;
 mod sweep;
 mod trial;
 mod truth;

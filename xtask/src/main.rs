@@ -5,6 +5,7 @@ mod baselines;
 mod bench;
 mod figures;
 mod golden;
+mod leaderboard;
 mod leak_search;
 mod man;
 mod robustness;
@@ -60,6 +61,9 @@ enum Task {
         #[arg(long, default_value = "target/baselines")]
         out: PathBuf,
     },
+    /// Runs all trackers on a suite, each of those of others in an environment of its own, and writes the
+    /// page of the results. Runs whose inputs have not changed are skipped.
+    Leaderboard(leaderboard::Arguments),
     /// Times the scoring of a million points and of dense frames; exit code 1 if a limit is exceeded.
     Scoring {
         /// Where README.md goes.
@@ -168,6 +172,7 @@ enum Task {
 fn main() -> anyhow::Result<ExitCode> {
     match Cli::parse().task {
         Task::Baselines { out } => baselines::main(&out).map(|()| ExitCode::SUCCESS),
+        Task::Leaderboard(arguments) => leaderboard::run(&arguments).map(|()| ExitCode::SUCCESS),
         Task::Scoring { out } => {
             bench::scoring::main(&out).map(|met| if met { ExitCode::SUCCESS } else { ExitCode::FAILURE })
         }

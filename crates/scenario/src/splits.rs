@@ -126,7 +126,8 @@ mod tests {
 
     #[test]
     fn splits_have_names_seeds_and_sizes_of_their_own() {
-        let text = r#"(name: "a", seed: 7, motion: flow(field: kraichnan(seed: 5)), timing: sequence(frames: 9))"#;
+        let text =
+            r#"(name: "a", seed: 7, motion: flow(field: kraichnan(seed: 5)), timing: sequence(frames: 9))"#;
         let spec = parse(text, "a.ron").unwrap();
         let [train, val, test] = Split::ALL.map(|split| split.scenario(&spec, Some(4)).unwrap());
         assert_eq!([&train.name, &val.name, &test.name], ["a", "a-val", "a-test"]);

@@ -292,15 +292,20 @@ impl Check {
             return Err(Error::input("--freeze: expected a suite's file, not the program's own copy"));
         }
         if !selection.is_all() {
-            return Err(Error::input("--freeze: expected all datasets, without --track, --case, --split, --shard"));
+            return Err(Error::input(
+                "--freeze: expected all datasets, without --track, --case, --split, --shard",
+            ));
         }
-        let checked = check_suite(suite, size, selection, (self.datasets.as_deref(), None), &progress(common))?;
+        let checked =
+            check_suite(suite, size, selection, (self.datasets.as_deref(), None), &progress(common))?;
         if !checked.differences.is_empty() {
             return Err(Error::Failed(checked.differences));
         }
         let now = Frozen { version: suite.spec.version.clone(), hashes: checked.hashes };
         let is_released = |version: &str| !version.contains('-');
-        if let Some(before) = before.filter(|b| b.version == now.version && is_released(&b.version) && **b != now) {
+        if let Some(before) =
+            before.filter(|b| b.version == now.version && is_released(&b.version) && **b != now)
+        {
             let what = format!("version {} has other bytes already", before.version);
             let hint = "raise `version` of the suite (X.Y.Z-dev until it is released)";
             return Err(Error::Failed(vec![format!("{}: {what}; {hint}", path.display())]));
@@ -330,8 +335,11 @@ fn frozen(suite: &scenario::Suite, size: Size) -> Result<Option<Frozen>> {
 impl Score {
     fn run(&self, common: &Common) -> Result<()> {
         let suite = scenario::Suite::open(&self.suite)?;
-        let selection =
-            SuiteSelection { track: self.track.clone(), case: self.case.clone(), ..SuiteSelection::default() };
+        let selection = SuiteSelection {
+            track: self.track.clone(),
+            case: self.case.clone(),
+            ..SuiteSelection::default()
+        };
         let options = ScoreOptions {
             results: self.results.clone(),
             out: self.out.clone(),

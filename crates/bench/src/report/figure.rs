@@ -13,7 +13,7 @@ pub(super) fn figure(svg: String, caption: &str) -> Markup {
 }
 
 /// A plot of several series, with a legend in their colors above the caption.
-pub(super) fn figure_of(svg: String, names: &[&str], caption: &str) -> Markup {
+pub(crate) fn figure_of(svg: String, names: &[&str], caption: &str) -> Markup {
     html! {
         figure {
             (PreEscaped(svg))
@@ -29,7 +29,7 @@ pub(super) fn figure_of(svg: String, names: &[&str], caption: &str) -> Markup {
 }
 
 /// The names of series.
-pub(super) fn names(series: &[Series]) -> Vec<&str> {
+pub(crate) fn names(series: &[Series]) -> Vec<&str> {
     series.iter().map(|l| l.name.as_str()).collect()
 }
 

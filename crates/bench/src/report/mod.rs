@@ -20,9 +20,11 @@ use storage::folder::{Partial, check_replaceable};
 use storage::save_bytes;
 
 pub use compare::{Comparison, Ranking, compare, ranking};
+pub(crate) use figure::{figure_of, names};
 pub use files::SCORE;
 pub use leaderboard::Entry;
 pub(crate) use page::document;
+pub(crate) use plots::{AxisLabels, Series, lines, log_lines};
 pub(crate) use ranks::{Criterion, ranks};
 pub use score_file::parse as parse_score;
 pub use table::table;

@@ -20,17 +20,17 @@ const SERIES: [RGBColor; 6] = [
 
 /// A named series of points; values that are not finite leave gaps.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Series {
-    pub(super) name: String,
-    pub(super) points: Vec<(f64, f64)>,
+pub(crate) struct Series {
+    pub(crate) name: String,
+    pub(crate) points: Vec<(f64, f64)>,
     /// Ends of the error bar of every point; empty or NaN if there is none.
-    pub(super) bars: Vec<(f64, f64)>,
-    pub(super) style: Style,
+    pub(crate) bars: Vec<(f64, f64)>,
+    pub(crate) style: Style,
 }
 
 /// How the points of a series are drawn.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(super) enum Style {
+pub(crate) enum Style {
     /// Dots joined by lines.
     #[default]
     LinesAndDots,
@@ -41,31 +41,31 @@ pub(super) enum Style {
 }
 
 impl Series {
-    pub(super) fn new(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+    pub(crate) fn new(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Series { name: name.into(), points, ..Series::default() }
     }
 
-    pub(super) fn with_bars(self, bars: Vec<(f64, f64)>) -> Self {
+    pub(crate) fn with_bars(self, bars: Vec<(f64, f64)>) -> Self {
         Series { bars, ..self }
     }
 
-    pub(super) fn drawn(self, style: Style) -> Self {
+    pub(crate) fn drawn(self, style: Style) -> Self {
         Series { style, ..self }
     }
 
     /// Whether any point can be drawn.
-    pub(super) fn has_points(&self) -> bool {
+    pub(crate) fn has_points(&self) -> bool {
         self.points.iter().any(|p| p.0.is_finite() && p.1.is_finite())
     }
 }
 
 /// The texts of a plot.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct AxisLabels<'a> {
-    pub(super) x: &'a str,
-    pub(super) y: &'a str,
+pub(crate) struct AxisLabels<'a> {
+    pub(crate) x: &'a str,
+    pub(crate) y: &'a str,
     /// Title, for screen readers.
-    pub(super) title: &'a str,
+    pub(crate) title: &'a str,
 }
 
 /// Width and height of a plot, in the units of its font.
@@ -192,7 +192,7 @@ pub(super) fn sign(series: usize) -> char {
 }
 
 /// Plots series on linear axes.
-pub(super) fn lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<String> {
+pub(crate) fn lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<String> {
     let (x0, x1) = range(all_points(series).map(|p| p.0), false);
     let (y0, y1) = range(all_points(series).map(|p| p.1), true);
     draw(labels.title, SIZE, |area| {
@@ -209,7 +209,7 @@ pub(super) fn lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<String
 }
 
 /// Plots series on logarithmic axes, without values that are not positive. `None` if nothing remains.
-pub(super) fn log_lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<Option<String>> {
+pub(crate) fn log_lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<Option<String>> {
     let positive = |p: &&(f64, f64)| p.0 > 0.0 && p.1 > 0.0 && p.0.is_finite() && p.1.is_finite();
     let mut kept = series.to_vec();
     for s in &mut kept {

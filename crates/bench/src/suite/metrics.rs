@@ -93,9 +93,7 @@ fn found(metric: Metric, score: &Score) -> (Option<f64>, Interval) {
         Metric::Recall => of(detection.map(|d| (d.recall, d.interval.recall))),
         Metric::Precision => of(detection.map(|d| (d.precision, d.interval.precision))),
         Metric::RmseXyPx => of(detection.map(|d| (d.rmse_xy_px, d.interval.rmse_xy_px))),
-        Metric::SigmaZOverH => {
-            of(score.gdpt.as_ref().map(|g| (g.sigma_z_over_h, g.interval.sigma_z_over_h)))
-        }
+        Metric::SigmaZOverH => of(score.gdpt.as_ref().map(|g| (g.sigma_z_over_h, g.interval.sigma_z_over_h))),
         Metric::LinkF1 => of(score.links.as_ref().map(|l| (l.f1, l.interval_f1))),
         Metric::Hota => of(score.hota.as_ref().map(|h| (h.hota, h.interval_hota))),
         Metric::IsbiBeta => of(score.isbi.as_ref().map(|i| (i.beta, i.interval.beta))),

@@ -1,10 +1,11 @@
 //! Scores of trackers on a suite: one table of all cases, ranked case by case.
 //!
-//! Results are in `RESULTS/TRACKER/TRACK/CASE/results.csv`; each is scored by `evaluate` against the test split
-//! of its case. Scores of different cases are never averaged: a track's standing is the mean of the ranks in
+//! Results are in `RESULTS/TRACKER/TRACK/CASE/results.csv`; each is scored by `evaluate` against the test
+//! split of its case. Scores of different cases are never averaged: a track's standing is the mean of the ranks in
 //! its cases, in which a missing or refused result has the last rank.
 
 mod metrics;
+mod page;
 mod table;
 
 use std::path::{Path, PathBuf};
@@ -13,6 +14,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use metrics::{MetricValue, label};
+pub use page::{Annotations, Picture, page};
 
 use crate::report::{self, ranks};
 use generator::dataset::manifest::GENERATOR_VERSION;
@@ -27,6 +29,8 @@ use storage::save_bytes;
 pub const SUITE_SCORES_CSV: &str = "suite_scores.csv";
 /// Name of the same as JSON, with standings.
 pub const SUITE_SCORES: &str = "suite_scores.json";
+/// Name of the page with tables and curves.
+pub const PAGE: &str = "index.html";
 /// Folder of the complete scores: `TRACKER/TRACK/CASE/score.json` and its tables.
 pub const SCORES: &str = "scores";
 /// Name of a tracker's result for a case.
@@ -146,7 +150,8 @@ pub struct ScoreOptions {
 /// A result and its evaluation.
 type Scored = (String, std::result::Result<Option<Evaluation>, String>);
 
-/// Scores all results, and writes `suite_scores.csv`, `suite_scores.json` and the complete scores of each.
+/// Scores all results, and writes `suite_scores.csv`, `suite_scores.json`, `index.html` and the complete
+/// scores of each.
 ///
 /// # Errors
 /// A folder of another suite or version; a missing test split; existing scores, unless `force`; an I/O error.
@@ -179,6 +184,7 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
     save_bytes(&partial.folder().join(SUITE_SCORES_CSV), &table::csv(&scores)?)?;
     let json = serde_json::to_string_pretty(&scores).map_err(|e| Error::input(e.to_string()))?;
     save_bytes(&partial.folder().join(SUITE_SCORES), format!("{json}\n").as_bytes())?;
+    save_bytes(&partial.folder().join(PAGE), page(&scores, &Annotations::default())?.as_bytes())?;
     partial.finish(options.force.then_some(SUITE_SCORES))?;
     Ok(scores)
 }
@@ -245,7 +251,8 @@ fn foreign(suite: &Suite, size: Size, trackers: &[String], results: &Path) -> Re
             for case in folders(&of_track)? {
                 if !cases.iter().any(|known| known.track == track && known.name == case) {
                     let (path, size) = (of_track.join(&case), size.name());
-                    unknown.push(format!("{}: track {track} has no such case at size {size}", path.display()));
+                    unknown
+                        .push(format!("{}: track {track} has no such case at size {size}", path.display()));
                 }
             }
         }
@@ -268,7 +275,7 @@ fn scored_case(
     let rules = EvaluateOptions {
         gate_xy_px: track.gate_xy_px,
         gate_z_um: track.gate_z_um,
-        dims: track.dims,
+        dims: case.dims,
         seed: options.seed,
         ..EvaluateOptions::default()
     };
@@ -276,7 +283,8 @@ fn scored_case(
         .par_iter()
         .map(|tracker| {
             let result = options.results.join(tracker).join(case.folder()).join(RESULT);
-            let found = result.exists().then(|| evaluate(&dataset, &result, &rules).map_err(|e| e.to_string()));
+            let found =
+                result.exists().then(|| evaluate(&dataset, &result, &rules).map_err(|e| e.to_string()));
             ((*tracker).clone(), found.transpose())
         })
         .collect();
@@ -365,8 +373,10 @@ fn standings(suite: &Suite, cases: &[CaseScores]) -> Vec<Standing> {
         let mut standings: Vec<Standing> = trackers
             .iter()
             .map(|tracker| {
-                let own: Vec<&CaseResult> =
-                    of_track.iter().flat_map(|case| case.results.iter().filter(|r| r.tracker == **tracker)).collect();
+                let own: Vec<&CaseResult> = of_track
+                    .iter()
+                    .flat_map(|case| case.results.iter().filter(|r| r.tracker == **tracker))
+                    .collect();
                 let count = |status| own.iter().filter(|result| result.status == status).count();
                 let ranks = own.iter().map(|result| result.rank.unwrap_or(last) as f64);
                 Standing {

@@ -23,8 +23,7 @@ pub(super) fn csv(scores: &SuiteScores) -> Result<Vec<u8>> {
     for case in &scores.cases {
         let axes: Vec<String> = case.axes.iter().map(|a| format!("{}={}", a.label, a.shown)).collect();
         for result in &case.results {
-            let mut row =
-                vec![scores.suite.clone(), scores.version.clone(), scores.size.name().to_owned()];
+            let mut row = vec![scores.suite.clone(), scores.version.clone(), scores.size.name().to_owned()];
             row.extend([case.track.clone(), case.ladder.clone(), case.case.clone(), axes.join("; ")]);
             row.extend([result.tracker.clone(), status(result).to_owned()]);
             row.push(result.rank.map(|rank| rank.to_string()).unwrap_or_default());
@@ -63,11 +62,13 @@ pub(super) fn text(scores: &SuiteScores) -> String {
             continue;
         }
         // Writing to a string cannot fail.
-        let _ = writeln!(text, "\n{track}: {:<20} {:>9}  {:>6}  {:>5}", "tracker", "mean rank", "cases", "first");
+        let _ =
+            writeln!(text, "\n{track}: {:<20} {:>9}  {:>6}  {:>5}", "tracker", "mean rank", "cases", "first");
         for s in standings {
             let space = " ".repeat(track.len() + 2);
             let cases = format!("{}/{}", s.scored, s.cases);
-            let _ = writeln!(text, "{space}{:<20} {:>9.2}  {cases:>6}  {:>5}", s.tracker, s.mean_rank, s.first);
+            let _ =
+                writeln!(text, "{space}{:<20} {:>9.2}  {cases:>6}  {:>5}", s.tracker, s.mean_rank, s.first);
         }
         for case in scores.cases.iter().filter(|case| case.track == track) {
             let names: Vec<&str> = case.rank_by.iter().map(|metric| label(*metric)).collect();

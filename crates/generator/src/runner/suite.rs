@@ -113,8 +113,7 @@ impl SuiteRecord {
             let hint = format!("has no {RECORD}; expected a folder that `microsig suite generate` has made");
             return Err(Error::input(format!("{}: {hint}", folder.display())));
         }
-        serde_json::from_str(&read_text(&path)?)
-            .map_err(|e| Error::input(format!("{}: {e}", path.display())))
+        serde_json::from_str(&read_text(&path)?).map_err(|e| Error::input(format!("{}: {e}", path.display())))
     }
 
     /// Refuses a folder of another suite, version or size.
@@ -196,8 +195,19 @@ fn collect(suite: &Suite, size: Size, out: &Path) -> Result<(usize, usize, usize
     let unwritable = |e: csv::Error| Error::Write { path: out.join(TABLE), source: std::io::Error::other(e) };
     let mut table = csv::Writer::from_writer(Vec::new());
     let header = [
-        "track", "ladder", "case", "split", "dataset", "seed", "axes", "status", "n_p", "n_ppp", "n_s",
-        "max_displacement_px", "reason",
+        "track",
+        "ladder",
+        "case",
+        "split",
+        "dataset",
+        "seed",
+        "axes",
+        "status",
+        "n_p",
+        "n_ppp",
+        "n_s",
+        "max_displacement_px",
+        "reason",
     ];
     table.write_record(header).map_err(unwritable)?;
     let (mut done, mut failures) = (0, 0);
@@ -255,12 +265,9 @@ pub fn digests(dataset: &Path) -> Result<FrozenDataset> {
     let sums = read_text(&dataset.join(SHA256SUMS))?;
     let of = |part: &str| {
         let beginning = format!("{part}/");
-        let is_of = |line: &&str| {
-            line.split_once("  ").is_some_and(|(_, path)| path.starts_with(&beginning))
-        };
+        let is_of = |line: &&str| line.split_once("  ").is_some_and(|(_, path)| path.starts_with(&beginning));
         let lines: String = sums.lines().filter(is_of).map(|line| format!("{line}\n")).collect();
-        (!lines.is_empty())
-            .then(|| (part.to_owned(), Fingerprint::of(lines.as_bytes()).sha256.to_string()))
+        (!lines.is_empty()).then(|| (part.to_owned(), Fingerprint::of(lines.as_bytes()).sha256.to_string()))
     };
     Ok(PARTS.iter().filter_map(|part| of(part)).collect())
 }
@@ -292,7 +299,8 @@ impl Frozen {
                 continue;
             }
             // One line at a time, so that messages have the line of the file.
-            let refused = || Error::input(format!("{name}:{}: expected a SHA-256, two spaces, a part", i + 1));
+            let refused =
+                || Error::input(format!("{name}:{}: expected a SHA-256, two spaces, a part", i + 1));
             frozen.hashes.extend(storage::checksums::read(line, name).map_err(|_| refused())?);
         }
         Ok(frozen)
@@ -335,8 +343,13 @@ pub fn check_suite(
 ) -> Result<SuiteCheck> {
     let start = Instant::now();
     let mine = chosen.of(suite, size)?;
-    let mut check =
-        SuiteCheck { size, datasets: mine.len(), hashes: BTreeMap::new(), differences: Vec::new(), seconds: 0.0 };
+    let mut check = SuiteCheck {
+        size,
+        datasets: mine.len(),
+        hashes: BTreeMap::new(),
+        differences: Vec::new(),
+        seconds: 0.0,
+    };
     let (bar, within) = progress.cases(mine.len() as u64);
     for (case, split) in &mine {
         progress.check()?;

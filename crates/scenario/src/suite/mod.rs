@@ -67,6 +67,8 @@ pub struct SuiteCase {
     pub name: String,
     /// The values that distinguish it from other cases of its ladder.
     pub axes: Vec<AxisValue>,
+    /// Dimensions in which particles are scored, if the suite says so.
+    pub dims: Option<u8>,
     /// Number of pairs, frames or bursts of train, val and test.
     pub counts: [u32; 3],
     /// The scenario of train, with the changes of the size.
@@ -171,13 +173,13 @@ impl Suite {
                         let (path, value) = assignment(assigned)?;
                         spec = set(&spec, path, value)?;
                     }
-                    spec.name =
-                        format!("{}-{}-{}", self.spec.name, track.name.to_lowercase(), rung.name);
+                    spec.name = format!("{}-{}-{}", self.spec.name, track.name.to_lowercase(), rung.name);
                     cases.push(SuiteCase {
                         track: track.name.clone(),
                         ladder: ladder.name.clone(),
                         name: rung.name.clone(),
                         axes: rung.axes.clone(),
+                        dims: ladder.dims.or(track.dims),
                         counts: [of_size.train, of_size.val, of_size.test],
                         spec,
                         inputs: rung.inputs.clone(),

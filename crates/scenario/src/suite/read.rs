@@ -28,7 +28,9 @@ pub(super) fn parse(text: &str, name: &str, folder: &Path) -> Result<Suite> {
     let tree = text::parse(&source).map_err(|problem| Error::Problems(vec![problem]))?;
     if tree.find("motion").1 || tree.find("axes").1 {
         let verb = if tree.find("axes").1 { "sweep" } else { "generate" };
-        return Err(Error::input(format!("{name}: is no suite; `microsig {verb} {name}` makes its datasets")));
+        return Err(Error::input(format!(
+            "{name}: is no suite; `microsig {verb} {name}` makes its datasets"
+        )));
     }
     let mut problems = Problems::default();
     let Some(spec) = typed::<SuiteSpec>(suite_schema(), &tree, &mut problems) else {
@@ -90,13 +92,7 @@ fn named(spec: &SuiteSpec, tree: &Node, problems: &mut Problems) {
 }
 
 /// The cases of a ladder.
-fn rungs_of(
-    ladder: &LadderSpec,
-    at: &str,
-    folder: &Path,
-    tree: &Node,
-    problems: &mut Problems,
-) -> Vec<Rung> {
+fn rungs_of(ladder: &LadderSpec, at: &str, folder: &Path, tree: &Node, problems: &mut Problems) -> Vec<Rung> {
     let from = format!("{at}.from");
     let file = folder.join(&ladder.from);
     let read = read_text(&file).and_then(|text| {
@@ -129,7 +125,8 @@ fn rungs_of(
     if places != paths.len() {
         let path = format!("{at}.case");
         let allowed = format!("`{{}}` for each of the {} axes of {}", paths.len(), ladder.from);
-        problems.push(Problem::value(&path, format!("{places} times `{{}}`"), &allowed).at(&tree.find(&path).0));
+        problems
+            .push(Problem::value(&path, format!("{places} times `{{}}`"), &allowed).at(&tree.find(&path).0));
         return Vec::new();
     }
     if ladder.labels.len() > paths.len() {
@@ -160,8 +157,8 @@ fn shown(ladder: &LadderSpec, paths: &[String], values: &[String]) -> Vec<AxisVa
         // such as count(46) its content.
         let inner = value.rsplit(['(', ',']).next().unwrap_or(value).trim_matches([')', ' ']);
         let number = value.parse::<f64>().or_else(|_| inner.parse()).ok();
-        // Rounded to 6 digits: 0.1 times 30 is 3.0000000000000004.
-        let number = number.map(|x| format!("{:.5e}", x * factor).parse().unwrap_or(x));
+        // Rounded to 4 digits: 0.1 times 30 is 3.0000000000000004.
+        let number = number.map(|x| format!("{:.3e}", x * factor).parse().unwrap_or(x));
         AxisValue {
             label: label.map_or_else(|| path.clone(), |label| label.name.clone()),
             shown: number.map_or_else(|| value.clone(), |x: f64| x.to_string()),
@@ -212,7 +209,11 @@ fn changes(spec: &SuiteSpec, t: usize, rungs: &[Vec<Rung>], tree: &Node, problem
                 let path = format!("{above}.{}.set.{i}", size.name());
                 let changed = assignment(assigned).and_then(|(key, value)| set(&first.spec, key, value));
                 if let Err(e) = changed {
-                    let message = format!("{assigned}: {} ({})", e.to_string().lines().next().unwrap_or_default(), ladder.from);
+                    let message = format!(
+                        "{assigned}: {} ({})",
+                        e.to_string().lines().next().unwrap_or_default(),
+                        ladder.from
+                    );
                     problems.push(Problem::other(&path, message).at(&tree.find(&path).0));
                 }
             }

@@ -93,6 +93,10 @@ pub struct LadderSpec {
     /// followed by the values.
     #[serde(default)]
     pub case: Option<String>,
+    /// Dimensions in which particles are scored; by default those of the track.
+    #[serde(default)]
+    #[schemars(extend("x-range" = "2 or 3"))]
+    pub dims: Option<u8>,
     /// How the values of the axes are named and shown; by default as in the sweep.
     #[serde(default)]
     pub labels: Vec<AxisLabel>,
@@ -228,9 +232,7 @@ impl Size {
     /// [`storage::Error::Input`] for another name.
     pub fn parse(name: &str) -> storage::Result<Self> {
         let found = Size::ALL.into_iter().find(|size| size.name() == name);
-        found.ok_or_else(|| {
-            storage::Error::input(format!("--size {name}: expected smoke, small or full"))
-        })
+        found.ok_or_else(|| storage::Error::input(format!("--size {name}: expected smoke, small or full")))
     }
 }
 

@@ -1,0 +1,241 @@
+//! The page of a suite's scores: for each track the standings, curves over each ladder, tables of all cases,
+//! example images.
+
+use std::collections::BTreeMap;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use maud::{Markup, html};
+
+use super::{CaseResult, CaseScores, MetricValue, Standing, Status, SuiteScores, label};
+use crate::report::{AxisLabels, Series, document, figure_of, lines, log_lines, names};
+use scenario::Metric;
+use storage::error::Result;
+
+/// What is known besides the scores.
+#[derive(Debug, Clone, Default)]
+pub struct Annotations {
+    /// How the scores came about, a paragraph each.
+    pub notes: Vec<String>,
+    /// What each tracker was made for, by name.
+    pub made_for: BTreeMap<String, String>,
+    /// Time per frame, s, by tracker and `TRACK/CASE`.
+    pub seconds_per_frame: BTreeMap<(String, String), f64>,
+    /// Why a tracker has no result, by tracker and `TRACK/CASE`.
+    pub failures: BTreeMap<(String, String), String>,
+    /// Example images, by track.
+    pub pictures: BTreeMap<String, Vec<Picture>>,
+}
+
+/// A part of an image with what a tracker found in it.
+#[derive(Debug, Clone)]
+pub struct Picture {
+    /// The image as PNG.
+    pub png: Vec<u8>,
+    /// Width and height, px.
+    pub size: (u32, u32),
+    /// Points from `matches.csv`: match, miss or ghost, with x and y in px from the corner of the part.
+    pub points: Vec<(String, f64, f64)>,
+    /// Tracker, case and frame.
+    pub caption: String,
+}
+
+/// The page, without scripts or network access.
+///
+/// # Errors
+/// A plot that cannot be drawn.
+pub fn page(scores: &SuiteScores, more: &Annotations) -> Result<String> {
+    let mut tracks: Vec<&str> = scores.cases.iter().map(|case| case.track.as_str()).collect();
+    tracks.dedup();
+    let mut parts = Vec::new();
+    for track in tracks {
+        parts.push(of_track(scores, track, more)?);
+    }
+    let title = format!("{} {}, size {}", scores.suite, scores.version, scores.size.name());
+    let body = html! {
+        h1 { (title) }
+        p.soft { "Scored by microsig " (scores.microsig) ". Each case is ranked for itself, by the scores in the order of the \
+            columns as far as their 95 % intervals (in brackets) separate results; results of equal rank are not separated by any. \
+            Scores of different cases are never averaged. A track's standing is the mean of the ranks in its cases; a case \
+            without a result counts with the last rank. Errors cover found particles only: read them together with recall or F1." }
+        @for note in &more.notes { p { (note) } }
+        @for part in &parts { (part) }
+    };
+    Ok(document(&title, &body))
+}
+
+fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Markup> {
+    let cases: Vec<&CaseScores> = scores.cases.iter().filter(|case| case.track == track).collect();
+    let standings: Vec<&Standing> = scores.standings.iter().filter(|s| s.track == track).collect();
+    let mut plots = Vec::new();
+    let mut ladders: Vec<&str> = cases.iter().map(|case| case.ladder.as_str()).collect();
+    ladders.dedup();
+    for ladder in ladders {
+        let of_ladder: Vec<&CaseScores> = cases.iter().filter(|c| c.ladder == ladder).copied().collect();
+        plots.extend(curves(ladder, &of_ladder)?);
+    }
+    Ok(html! {
+        h2 { "Track " (track) }
+        @if standings.is_empty() { p { "No tracker has entered this track." } }
+        @else {
+            div.scroll { table.board {
+                tr { th { "tracker" } th { "mean rank" } th { "cases" } th { "first" } th { "s per frame, median" } th { "made for" } }
+                @for s in &standings { tr {
+                    td { (s.tracker) } td { (format!("{:.2}", s.mean_rank)) }
+                    td { (s.scored) " of " (s.cases) @if s.refused > 0 { ", " (s.refused) " refused" } }
+                    td { (s.first) } td { (time(&s.tracker, &cases, more)) }
+                    td { (more.made_for.get(&s.tracker).map_or("", String::as_str)) }
+                } }
+            } }
+            @if !plots.is_empty() { div.plots { @for plot in &plots { (plot) } } }
+            @if let Some(pictures) = more.pictures.get(track) { div.plots { @for picture in pictures { (drawn(picture)) } } }
+            @for case in &cases { (table(case, more)) }
+        }
+    })
+}
+
+/// Median time per frame of a tracker over the cases of a track.
+fn time(tracker: &str, cases: &[&CaseScores], more: &Annotations) -> String {
+    let of = |case: &&CaseScores| {
+        more.seconds_per_frame.get(&(tracker.to_owned(), format!("{}/{}", case.track, case.case))).copied()
+    };
+    let mut times: Vec<f64> = cases.iter().filter_map(of).collect();
+    times.sort_by(f64::total_cmp);
+    times.get(times.len() / 2).map_or_else(|| "-".to_owned(), |t| format!("{t:.3}"))
+}
+
+/// The results of a case.
+fn table(case: &CaseScores, more: &Annotations) -> Markup {
+    let axes: Vec<String> = case.axes.iter().map(|a| format!("{} = {}", a.label, a.shown)).collect();
+    let others: Vec<Metric> = Metric::ALL
+        .into_iter()
+        .filter(|m| !case.rank_by.contains(m))
+        .filter(|m| case.results.iter().any(|r| r.value(*m).is_some_and(|v| v.value.is_some())))
+        .collect();
+    let key = |result: &CaseResult| (result.tracker.clone(), format!("{}/{}", case.track, case.case));
+    let why = |result: &CaseResult| match result.status {
+        Status::Refused => format!("refused: {}", result.reason.as_deref().unwrap_or_default()),
+        _ => more
+            .failures
+            .get(&key(result))
+            .map_or_else(|| "missing".to_owned(), |failure| format!("missing: {failure}")),
+    };
+    let columns = case.rank_by.len() + others.len() + 1;
+    html! {
+        details {
+            summary { b { (case.case) } " " span.soft { (axes.join(", ")) } }
+            div.scroll { table.board {
+                tr {
+                    th { "rank" } th { "tracker" }
+                    @for metric in case.rank_by.iter().chain(&others) { th { (label(*metric)) } }
+                    th { "s per frame" }
+                }
+                @for result in &case.results { tr {
+                    td { (result.rank.map_or_else(|| "-".to_owned(), |rank| rank.to_string())) }
+                    td { (result.tracker) }
+                    @if result.status == Status::Scored {
+                        @for metric in case.rank_by.iter().chain(&others) { td { (shown(result.value(*metric))) } }
+                        td { (more.seconds_per_frame.get(&key(result)).map_or_else(|| "-".to_owned(), |t| format!("{t:.3}"))) }
+                    } @else { td colspan=(columns) style="text-align: left" { (why(result)) } }
+                } }
+            } }
+        }
+    }
+}
+
+fn shown(value: Option<MetricValue>) -> String {
+    let Some(value) = value else { return "-".to_owned() };
+    let digits = |x: f64| {
+        if x.abs() >= 100.0 {
+            format!("{x:.0}")
+        } else if x.abs() >= 10.0 {
+            format!("{x:.1}")
+        } else {
+            format!("{x:.3}")
+        }
+    };
+    let ends = value.low.zip(value.high).map(|(a, b)| format!(" [{}, {}]", digits(a), digits(b)));
+    value.value.map_or_else(|| "-".to_owned(), |x| digits(x) + &ends.unwrap_or_default())
+}
+
+/// The scores that rank, over each axis of a ladder on which cases differ.
+fn curves(ladder: &str, cases: &[&CaseScores]) -> Result<Vec<Markup>> {
+    let Some(first) = cases.first() else { return Ok(Vec::new()) };
+    let mut plots = Vec::new();
+    for axis in 0..first.axes.len() {
+        let mut values: Vec<f64> =
+            cases.iter().filter_map(|case| case.axes.get(axis).and_then(|a| a.number)).collect();
+        values.sort_by(f64::total_cmp);
+        values.dedup();
+        let [low, .., high] = values[..] else { continue };
+        let is_log = low > 0.0 && high / low >= 8.0;
+        for metric in &first.rank_by {
+            let series = over(axis, *metric, cases);
+            if series.is_empty() {
+                continue;
+            }
+            let x = &first.axes[axis].label;
+            let labels = AxisLabels { x, y: label(*metric), title: label(*metric) };
+            // An error over a quantity that spans a decade is shown on logarithmic axes.
+            let is_error =
+                !matches!(label(*metric), "F1" | "recall" | "link F1" | "HOTA" | "correct" | "valid vectors");
+            let svg = if is_log && is_error { log_lines(&labels, &series)? } else { None };
+            let svg = svg.map_or_else(|| lines(&labels, &series), Ok)?;
+            let caption = format!("{} over {x}, ladder {ladder}.", label(*metric));
+            plots.push(figure_of(svg, &names(&series), &caption));
+        }
+    }
+    Ok(plots)
+}
+
+/// A line for each tracker and each combination of values of the other axes with two points or more.
+fn over(axis: usize, metric: Metric, cases: &[&CaseScores]) -> Vec<Series> {
+    let mut points: BTreeMap<String, Vec<(f64, MetricValue)>> = BTreeMap::new();
+    for case in cases {
+        let Some(x) = case.axes.get(axis).and_then(|a| a.number) else { continue };
+        let others = case.axes.iter().enumerate().filter(|(i, _)| *i != axis);
+        let others: Vec<String> = others.map(|(_, a)| format!("{} {}", a.label, a.shown)).collect();
+        for result in &case.results {
+            let Some(value) = result.value(metric).filter(|v| v.value.is_some()) else { continue };
+            let name = [vec![result.tracker.clone()], others.clone()].concat().join(", ");
+            points.entry(name).or_default().push((x, value));
+        }
+    }
+    points.retain(|_, points| points.len() > 1);
+    points
+        .into_iter()
+        .map(|(name, mut points)| {
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let nan = f64::NAN;
+            let bars = points.iter().map(|(_, v)| v.low.zip(v.high).unwrap_or((nan, nan))).collect();
+            Series::new(name, points.iter().map(|(x, v)| (*x, v.value.unwrap_or(nan))).collect())
+                .with_bars(bars)
+        })
+        .collect()
+}
+
+/// An image with circles: found particles, missed ones, ghosts.
+fn drawn(picture: &Picture) -> Markup {
+    let (width, height) = picture.size;
+    let style = |kind: &str| match kind {
+        "match" => "fill: none; stroke: #3fb950; stroke-width: 1",
+        "miss" => "fill: none; stroke: #ff5f56; stroke-width: 1; stroke-dasharray: 3 2",
+        _ => "fill: none; stroke: #f2cc60; stroke-width: 1",
+    };
+    let data = format!("data:image/png;base64,{}", STANDARD.encode(&picture.png));
+    html! {
+        figure {
+            svg viewBox=(format!("0 0 {width} {height}")) role="img" aria-label=(picture.caption) {
+                image href=(data) width=(width) height=(height) {}
+                @for (kind, x, y) in &picture.points {
+                    @if kind == "ghost" {
+                        path d=(format!("M{:.1} {:.1} l8 8 m0 -8 l-8 8", x - 4.0, y - 4.0)) style=(style(kind)) {}
+                    } @else {
+                        circle cx=(format!("{x:.1}")) cy=(format!("{y:.1}")) r="5" style=(style(kind)) {}
+                    }
+                }
+            }
+            figcaption { (picture.caption) " Green circles: found; red dashed: missed; yellow crosses: ghosts." }
+        }
+    }
+}

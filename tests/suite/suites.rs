@@ -1,0 +1,334 @@
+//! Suites: the same bytes for any shards, what differs from the frozen list is named, scores are those of
+//! `evaluate`, and faults of a suite's file are shown with their line.
+
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+use serde_json::Value;
+use suite::microsig::{fail, path, run};
+
+const SCENARIO: &str = r#"(
+    name: "base",
+    seed: 3,
+    optics: (
+        gaussian: (diameter_px: 3, peak_counts: 200), pixel_dim_x: 80, pixel_dim_y: 60, background_mean: 50,
+        background_noise: 5,
+    ),
+    motion: flow(field: uniform(velocity_um_s: (129, 0, 0))),
+    particles: (number: count(12)),
+    boundaries: (z_um: (-5, 5)),
+    timing: sequence(frames: 3),
+    calibration: none,
+)"#;
+
+const SWEEP: &str = r#"(
+    name: "noise", base: "base.ron",
+    axes: [(path: "optics.background_noise", values: list([5, 20]))],
+)"#;
+
+const SUITE: &str = r#"(
+    name: "little",
+    version: "1.0.0",
+    title: "A suite for tests",
+    tracks: [
+        (
+            name: "P2",
+            title: "In focus",
+            rank_by: [f1, rmse_xy_px],
+            dims: 2,
+            sizes: (
+                smoke: (train: 2, val: 2, test: 3),
+                small: (train: 3, val: 3, test: 6, set: ["optics.pixel_dim_x=90"]),
+                full: (train: 3, val: 3, test: 6),
+            ),
+            ladders: [
+                (name: "noise", title: "Noise", from: "noise.ron", labels: [(name: "SNR", factor: 0.1)]),
+                (name: "one", title: "One", from: "base.ron", smoke: []),
+            ],
+        ),
+    ],
+)"#;
+
+fn write(folder: &Path, suite: &str) -> PathBuf {
+    std::fs::write(folder.join("base.ron"), SCENARIO).unwrap();
+    std::fs::write(folder.join("noise.ron"), SWEEP).unwrap();
+    let file = folder.join("suite.ron");
+    std::fs::write(&file, suite).unwrap();
+    file
+}
+
+/// A suite and its datasets of size smoke, shared by read-only tests.
+struct Little {
+    _place: tempfile::TempDir,
+    suite: PathBuf,
+    datasets: PathBuf,
+}
+
+static LITTLE: LazyLock<Little> = LazyLock::new(|| {
+    let place = tempfile::tempdir().unwrap();
+    let suite = write(place.path(), SUITE);
+    let datasets = place.path().join("datasets");
+    run(&["suite", "generate", path(&suite), "--size", "smoke", "--out", path(&datasets), "--quiet"]);
+    Little { _place: place, suite, datasets }
+});
+
+fn json(arguments: &[&str]) -> Value {
+    let quiet: &[&str] = if arguments.contains(&"--quiet") { &[] } else { &["--quiet"] };
+    serde_json::from_str(&run(&[arguments, quiet, &["--json"]].concat())).unwrap()
+}
+
+#[test]
+fn a_suite_is_listed_with_its_tracks_and_the_cases_of_a_size() {
+    let suite = path(&LITTLE.suite);
+    let names = |size: &str| -> Vec<String> {
+        let listed = json(&["suite", "list", suite, "--size", size]);
+        let cases = listed["tracks"][0]["cases"].as_array().unwrap();
+        cases.iter().map(|case| case["case"].as_str().unwrap().to_owned()).collect()
+    };
+    assert_eq!(names("smoke"), ["noise_0.5", "noise_2"]);
+    assert_eq!(names("small"), ["noise_0.5", "noise_2", "one"]);
+    let said = run(&["suite", "list", suite]);
+    assert!(said.contains("P2  In focus; ranked by f1, rmse_xy_px"), "{said}");
+}
+
+/// The suite that the program carries is the one of the repository, and is listed at every size.
+#[test]
+fn the_shipped_suite_is_carried_by_the_program() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/odpc1");
+    for size in ["smoke", "small", "full"] {
+        let [own, carried] =
+            [path(&file), "odpc1"].map(|suite| json(&["suite", "list", suite, "--size", size]));
+        assert_eq!(own, carried);
+        let tracks = own["tracks"].as_array().unwrap();
+        let names: Vec<&str> = tracks.iter().map(|track| track["track"].as_str().unwrap()).collect();
+        assert_eq!(names, ["P2", "D3", "A3", "T", "V", "S"]);
+        assert!(tracks.iter().all(|track| !track["cases"].as_array().unwrap().is_empty()), "{size}");
+    }
+}
+
+#[test]
+fn shards_and_resumed_runs_give_the_bytes_of_one_run() {
+    let c = &*LITTLE;
+    let expected = suite::tree(&c.datasets).unwrap();
+    assert!(expected.contains_key("suite.csv") && expected.contains_key("P2/noise_2/val/SHA256SUMS"));
+    let place = tempfile::tempdir().unwrap();
+    let again = place.path().join("again");
+    let all = ["suite", "generate", path(&c.suite), "--size", "smoke", "--quiet", "--out", path(&again)];
+    for k in [3, 1, 2] {
+        run(&[&all[..], &["--shard", &format!("{k}/3")]].concat());
+    }
+    assert!(suite::tree(&again).unwrap() == expected, "three shards");
+
+    let message = fail(2, &all);
+    assert!(message.contains("exists already; --resume continues"), "{message}");
+    std::fs::remove_dir_all(again.join("P2/noise_2/test")).unwrap();
+    let made = json(&[&all[..], &["--resume"]].concat());
+    assert_eq!((made["made"].as_u64(), made["done"].as_u64()), (Some(1), Some(6)));
+    assert!(suite::tree(&again).unwrap() == expected, "resumed");
+
+    // One case and split of another size has a folder of its own.
+    let message = fail(2, &["suite", "generate", path(&c.suite), "--size", "small", "--out", path(&again)]);
+    assert!(message.contains("holds size smoke, not small"), "{message}");
+    let one = place.path().join("one");
+    let only = ["--track", "P2", "--case", "one", "--split", "train", "--out", path(&one), "--quiet"];
+    run(&[&["suite", "generate", path(&c.suite), "--size", "small"][..], &only].concat());
+    let made: Vec<String> =
+        suite::tree(&one).unwrap().into_keys().filter(|p| p.ends_with("SHA256SUMS")).collect();
+    assert_eq!(made, ["P2/one/train/SHA256SUMS"]);
+}
+
+/// Train and val are those of a challenge made from train.
+#[test]
+fn a_released_case_has_the_train_and_val_of_the_suite() {
+    let c = &*LITTLE;
+    let place = tempfile::tempdir().unwrap();
+    let out = place.path().join("out");
+    let only = ["--case", "noise_2", "--creator", "Doe, Jane", "--quiet"];
+    run(&[&["suite", "release", path(&c.suite), path(&c.datasets), "--out", path(&out)][..], &only].concat());
+    let public = out.join("P2/noise_2/public");
+    for (split, name) in [("train", "little-p2-noise_2-train"), ("val", "little-p2-noise_2-val")] {
+        let files = suite::leak::unzip(&public.join(format!("{name}.zip"))).unwrap();
+        let sums = std::fs::read(c.datasets.join("P2/noise_2").join(split).join("SHA256SUMS")).unwrap();
+        assert!(files[&format!("{name}/SHA256SUMS")] == sums, "{split}");
+    }
+    let withheld = out.join("P2/noise_2/withheld/test");
+    let released = suite::tree(&withheld.join("images")).unwrap();
+    let own = suite::tree(&c.datasets.join("P2/noise_2/test/images")).unwrap();
+    assert!(released.keys().eq(own.keys()) && released != own, "the same frames, drawn from a secret key");
+}
+
+#[test]
+fn what_differs_from_the_frozen_list_is_named() {
+    let c = &*LITTLE;
+    let place = tempfile::tempdir().unwrap();
+    let file = write(place.path(), SUITE);
+    let check = ["suite", "check", path(&file), "--size", "smoke", "--quiet"];
+    assert!(fail(2, &check).contains("there is no frozen list"));
+    run(&[&check[..], &["--freeze"]].concat());
+    run(&check);
+    let copy = ["--datasets", path(&c.datasets)];
+    run(&[&check[..], &copy].concat());
+
+    // A byte of an image, in a copy of one dataset.
+    let datasets = place.path().join("datasets");
+    let only = ["--case", "noise_2", "--split", "test", "--quiet"];
+    run(&[&["suite", "generate", path(&file), "--size", "smoke", "--out", path(&datasets)][..], &only]
+        .concat());
+    let image = datasets.join("P2/noise_2/test/images/frame_00001.tif");
+    let mut bytes = std::fs::read(&image).unwrap();
+    bytes[2000] ^= 1;
+    std::fs::write(&image, bytes).unwrap();
+    let of_copy = [&check[..], &["--datasets", path(&datasets)], &only[..4]].concat();
+    let message = fail(1, &of_copy);
+    assert!(message.contains("P2/noise_2/test/images/frame_00001.tif: changed"), "{message}");
+    std::fs::remove_file(&image).unwrap();
+    assert!(fail(1, &of_copy).contains("P2/noise_2/test/images/frame_00001.tif: missing"));
+
+    // Another seed.
+    std::fs::write(place.path().join("base.ron"), SCENARIO.replace("peak_counts: 200", "peak_counts: 201"))
+        .unwrap();
+    let message = fail(1, &[&check[..], &["--case", "noise_2", "--split", "val"]].concat());
+    assert!(message.contains("P2/noise_2/val/images: other bytes than the frozen ones"), "{message}");
+    let message = fail(1, &[&check[..], &["--freeze"]].concat());
+    assert!(message.contains("version 1.0.0 has other bytes already"), "{message}");
+
+    // A case less.
+    let fewer =
+        SUITE.replace("small: (train: 3, val: 3, test: 6, set", "small: (train: 2, val: 3, test: 6, set");
+    let fewer = fewer.replace("title: \"Noise\",", "title: \"Noise\", smoke: [\"noise_2\"],");
+    write(place.path(), &fewer);
+    let message = fail(1, &check);
+    let gone = "P2/noise_0.5/test/images: is in the frozen list, and no longer in the suite";
+    assert!(message.contains(gone) && !message.contains("noise_2"), "{message}");
+    write(place.path(), &SUITE.replace("1.0.0", "1.1.0"));
+    let message = fail(1, &check);
+    assert!(message.contains("is of version 1.0.0, not 1.1.0"), "{message}");
+}
+
+#[test]
+fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
+    let c = &*LITTLE;
+    let place = tempfile::tempdir().unwrap();
+    let results = place.path().join("results");
+    let result = |tracker: &str, case: &str| {
+        let folder = results.join(tracker).join("P2").join(case);
+        std::fs::create_dir_all(&folder).unwrap();
+        folder.join("results.csv")
+    };
+    let test = |case: &str| c.datasets.join("P2").join(case).join("test");
+    for case in ["noise_0.5", "noise_2"] {
+        run(&[
+            "track",
+            path(&test(case)),
+            "--method",
+            "spots",
+            "--out",
+            path(&result("spots", case)),
+            "--quiet",
+        ]);
+    }
+    std::fs::copy(test("noise_2").join("truth/tracks.csv"), result("perfect", "noise_2")).unwrap();
+    std::fs::write(result("broken", "noise_2"), "frame,x_px,y_px\n0,1,a\n").unwrap();
+    std::fs::write(result("field", "noise_2"), "pair,x_px,y_px,dx_px,dy_px,flag\n0,40,40,1,0,0\n").unwrap();
+    let out = place.path().join("out");
+    let (suite, datasets) = (path(&c.suite), path(&c.datasets));
+    let all = ["suite", "score", suite, datasets, "--results", path(&results), "--out", path(&out)];
+    let scores = json(&all);
+
+    let case = |name: &str| {
+        scores["cases"].as_array().unwrap().iter().find(|case| case["case"] == name).unwrap().clone()
+    };
+    let of = |name: &str, tracker: &str| {
+        case(name)["results"].as_array().unwrap().iter().find(|r| r["tracker"] == tracker).unwrap().clone()
+    };
+    // The very numbers of evaluate.
+    let options = ["--dims", "2"];
+    let spots = results.join("spots/P2/noise_2/results.csv");
+    let alone = json(&[&["evaluate", path(&test("noise_2")), path(&spots)][..], &options].concat());
+    let written = std::fs::read(out.join("scores/spots/P2/noise_2/score.json")).unwrap();
+    assert_eq!(serde_json::from_slice::<Value>(&written).unwrap(), alone);
+    let ranked = &of("noise_2", "spots")["scores"];
+    assert_eq!(ranked[0]["value"], alone["detection"]["f1"]);
+    assert_eq!(ranked[1]["value"], alone["detection"]["rmse_xy_px"]);
+
+    assert_eq!(of("noise_2", "perfect")["rank"], 1);
+    assert_eq!(of("noise_0.5", "perfect")["status"], "missing");
+    assert!(of("noise_0.5", "perfect")["rank"].is_null());
+    let broken = of("noise_2", "broken");
+    assert!(
+        broken["status"] == "refused" && broken["reason"].as_str().unwrap().contains("results.csv:2: "),
+        "{broken}"
+    );
+    assert_eq!(of("noise_2", "field")["status"], "refused");
+    // Four trackers have entered; perfect is the first in one case and has no result in the other.
+    let standing = |tracker: &str| {
+        scores["standings"].as_array().unwrap().iter().find(|s| s["tracker"] == tracker).unwrap().clone()
+    };
+    assert_eq!(
+        (standing("perfect")["scored"].as_u64(), standing("perfect")["mean_rank"].as_f64()),
+        (Some(1), Some(2.5))
+    );
+    assert_eq!(standing("broken")["mean_rank"], 4.0);
+
+    let table = std::fs::read_to_string(out.join("suite_scores.csv")).unwrap();
+    assert_eq!(table.lines().count(), 1 + 2 * 4, "{table}");
+    assert!(table.contains(",perfect,missing,"), "{table}");
+    let page = std::fs::read_to_string(out.join("index.html")).unwrap();
+    assert!(page.contains("missing") && page.contains("perfect") && !page.contains("<script"), "no scripts");
+    assert!(fail(2, &all).contains("exists already"));
+
+    // A misspelled case would be a missing result.
+    result("spots", "noise_3");
+    let message = fail(2, &[&all[..], &["--force"]].concat());
+    assert!(message.contains("spots/P2/noise_3: track P2 has no such case at size smoke"), "{message}");
+}
+
+#[test]
+fn faults_of_a_suite_are_shown_with_their_line() {
+    let place = tempfile::tempdir().unwrap();
+    for (from, to, expected) in [
+        (
+            "rank_by: [f1,",
+            "rank_by: [f2,",
+            "suite.ron:9:23: tracks.0.rank_by.0: unknown variant `f2`: expected one of f1, recall",
+        ),
+        ("dims: 2,", "dims: 4,", "suite.ron:10:"),
+        ("dims: 2,", "dim: 2,", "suite.ron:10:13: unknown key `tracks.dim`; did you mean `dims`?"),
+        ("from: \"noise.ron\"", "from: \"nois.ron\"", "suite.ron:17:"),
+        ("smoke: []", "smoke: [\"two\"]", "\"two\": expected one of one"),
+        ("optics.pixel_dim_x=90", "optics.pixel_dim_z=90", "suite.ron:13:"),
+        ("name: \"one\"", "name: \"One\"", "name = \"One\": expected 1 to 60 letters"),
+        ("(name: \"SNR\", factor: 0.1)", "(name: \"a\"), (name: \"b\")", "2 labels: expected at most 1"),
+        (
+            "from: \"noise.ron\",",
+            "from: \"noise.ron\", case: \"x\",",
+            "0 times `{}`: expected `{}` for each of the 1 axes",
+        ),
+        (
+            "(name: \"one\", title: \"One\"",
+            "(name: \"noise_2\", title: \"One\"",
+            "case `noise_2` occurs twice in track P2",
+        ),
+        ("version: \"1.0.0\",", "", "`version`"),
+    ] {
+        assert!(SUITE.contains(from), "{from}");
+        let file = write(place.path(), &SUITE.replacen(from, to, 1));
+        let message = fail(2, &["suite", "list", path(&file)]);
+        assert!(message.contains(expected), "{expected}\n{message}");
+    }
+    // Faults of a scenario or sweep have the line of its own file.
+    let file = write(place.path(), SUITE);
+    std::fs::write(place.path().join("noise.ron"), SWEEP.replace("background_noise", "background_nois"))
+        .unwrap();
+    let message = fail(2, &["suite", "list", path(&file)]);
+    assert!(message.contains("noise.ron:3:") && message.contains("did you mean"), "{message}");
+    let message = fail(2, &["generate", path(&file)]);
+    assert!(message.contains("is a suite; `microsig suite generate"), "{message}");
+    let message = fail(2, &["suite", "list", path(&place.path().join("base.ron"))]);
+    assert!(message.contains("is no suite; `microsig generate"), "{message}");
+    assert!(fail(2, &["suite", "list", "odpc7"]).contains("odpc1"));
+    assert!(
+        fail(2, &["suite", "generate", path(&file), "--size", "tiny"])
+            .contains("expected smoke, small or full")
+    );
+}

@@ -1,0 +1,182 @@
+//! `cargo xtask leaderboard`: runs trackers on a suite, scores them, and writes the page of the results.
+//!
+//! ```text
+//! WORK/SIZE/datasets/    the suite
+//! WORK/SIZE/blind/       its test splits as trackers see them: images, calibration, optics, times
+//! WORK/SIZE/results/     TRACKER/TRACK/CASE/results.csv with run.json, which names the inputs by hash
+//! WORK/SIZE/scores/      those of `microsig suite score`
+//! WORK/venvs/TRACKER/    the environment of a tracker of others
+//! ```
+//!
+//! Runs whose inputs have not changed are skipped.
+
+mod example;
+mod output;
+mod run;
+mod trackers;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, ensure};
+use serde_json::Value;
+
+use suite::process;
+use trackers::Tracker;
+
+/// What to run.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// The suite.
+    #[arg(long, default_value = "scenarios/odpc1")]
+    suite: PathBuf,
+    /// smoke, small or full.
+    #[arg(long, default_value = "small")]
+    size: String,
+    /// Only these tracks, separated by commas.
+    #[arg(long, value_delimiter = ',')]
+    tracks: Vec<String>,
+    /// Only these trackers, separated by commas.
+    #[arg(long, value_delimiter = ',')]
+    trackers: Vec<String>,
+    /// Folder of datasets, environments and results.
+    #[arg(long, default_value = "target/leaderboard")]
+    work: PathBuf,
+    /// Output folder of README.md, scores.csv, index.html and versions.
+    #[arg(long, default_value = "target/leaderboard/page")]
+    out: PathBuf,
+    /// Longest time of a run on one case, s.
+    #[arg(long, default_value_t = 900)]
+    limit_s: u64,
+}
+
+/// A case of the suite, and whether it is among the chosen tracks.
+#[derive(Debug, Clone)]
+struct Case {
+    track: String,
+    name: String,
+}
+
+impl Case {
+    fn folder(&self) -> String {
+        format!("{}/{}", self.track, self.name)
+    }
+}
+
+/// Generates, runs, scores, and writes the page.
+pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let microsig = process::microsig()?;
+    let work = std::path::absolute(arguments.work.join(&arguments.size))?;
+    std::fs::create_dir_all(&work)?;
+    let cases = cases(&microsig, arguments)?;
+    let datasets = work.join("datasets");
+    for track in tracks(arguments, &cases) {
+        println!("datasets of {track}");
+        let mut command = Command::new(&microsig);
+        command.args(["suite", "generate"]).arg(&arguments.suite).args(["--size", &arguments.size]);
+        command.args(["--resume", "--quiet", "--track", &track, "--out"]).arg(&datasets);
+        process::run(&mut command)?;
+    }
+    let mut all = trackers::all(Path::new("examples/trackers"))?;
+    for name in &arguments.trackers {
+        ensure!(
+            all.iter().any(|tracker| tracker.name == *name),
+            "--trackers {name}: there is no such tracker"
+        );
+    }
+    all.retain(|tracker| arguments.trackers.is_empty() || arguments.trackers.contains(&tracker.name));
+    let venvs = std::path::absolute(arguments.work.join("venvs"))?;
+    let mut unusable = Vec::new();
+    for tracker in &mut all {
+        if let Err(e) = tracker.install(&venvs) {
+            println!("{}: {e:#}", tracker.name);
+            unusable.push((tracker.name.clone(), format!("cannot be installed: {e:#}")));
+        }
+    }
+    all.retain(|tracker| !unusable.iter().any(|(name, _)| *name == tracker.name));
+    let chosen = tracks(arguments, &cases);
+    for tracker in &all {
+        for case in cases.iter().filter(|case| chosen.contains(&case.track) && tracker.enters(case)) {
+            let job =
+                run::Job { microsig: &microsig, work: &work, tracker, case, limit_s: arguments.limit_s };
+            println!("{} on {}: {}", tracker.name, case.folder(), job.run()?);
+        }
+    }
+    let results = work.join("results");
+    forget(&results, &all, &cases)?;
+    let scores = work.join("scores");
+    let mut command = Command::new(&microsig);
+    command.args(["suite", "score"]).arg(&arguments.suite).arg(&datasets).arg("--results").arg(&results);
+    command.arg("--out").arg(&scores).args(["--force", "--quiet", "--json"]);
+    if let [track] = &arguments.tracks[..] {
+        command.args(["--track", track]);
+    }
+    // Tracks without datasets cannot be scored.
+    for track in chosen.iter().filter(|_| arguments.tracks.len() > 1) {
+        ensure!(datasets.join(track).is_dir(), "{track}: no datasets");
+    }
+    process::run(&mut command)?;
+    output::write(&arguments.out, &work, &all, &unusable, &description(arguments, &microsig)?)
+}
+
+/// Removes results of trackers and cases that there are no longer.
+fn forget(results: &Path, trackers: &[Tracker], cases: &[Case]) -> anyhow::Result<()> {
+    for tracker in trackers {
+        let of_tracker = results.join(&tracker.name);
+        for entry in std::fs::read_dir(&of_tracker).into_iter().flatten() {
+            let track = entry?.path();
+            for entry in std::fs::read_dir(&track).into_iter().flatten() {
+                let case = entry?.path();
+                let is_known = cases.iter().any(|known| case == of_tracker.join(known.folder()));
+                if !is_known {
+                    std::fs::remove_dir_all(&case)?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The command that makes this again, and where it ran.
+fn description(arguments: &Arguments, microsig: &Path) -> anyhow::Result<Vec<String>> {
+    let said = Command::new(microsig).arg("--version").output()?.stdout;
+    let mut command = format!("cargo xtask leaderboard --size {}", arguments.size);
+    if !arguments.tracks.is_empty() {
+        command += &format!(" --tracks {}", arguments.tracks.join(","));
+    }
+    if !arguments.trackers.is_empty() {
+        command += &format!(" --trackers {}", arguments.trackers.join(","));
+    }
+    Ok(vec![
+        format!("Made by `{command}` with {}.", String::from_utf8_lossy(&said).trim()),
+        format!("{}.", process::machine()),
+    ])
+}
+
+/// The chosen tracks in the order of the suite.
+fn tracks(arguments: &Arguments, cases: &[Case]) -> Vec<String> {
+    let mut tracks: Vec<String> = cases.iter().map(|case| case.track.clone()).collect();
+    tracks.dedup();
+    tracks.retain(|track| arguments.tracks.is_empty() || arguments.tracks.contains(track));
+    tracks
+}
+
+/// All cases of the suite.
+fn cases(microsig: &Path, arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
+    let mut command = Command::new(microsig);
+    command.args(["suite", "list"]).arg(&arguments.suite).args(["--size", &arguments.size, "--json"]);
+    let (_, said) = process::run(&mut command)?;
+    let listed: Value = serde_json::from_str(&said)?;
+    let mut cases = Vec::new();
+    for track in listed["tracks"].as_array().context("a suite has tracks")? {
+        let name = track["track"].as_str().context("a track has a name")?;
+        for case in track["cases"].as_array().context("a track has cases")? {
+            let case = case["case"].as_str().context("a case has a name")?;
+            cases.push(Case { track: name.to_owned(), name: case.to_owned() });
+        }
+    }
+    for track in &arguments.tracks {
+        ensure!(cases.iter().any(|case| case.track == *track), "--tracks {track}: there is no such track");
+    }
+    Ok(cases)
+}

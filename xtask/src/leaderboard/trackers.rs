@@ -1,0 +1,226 @@
+//! The trackers: microsig's own, and those of others in `examples/trackers/NAME/`.
+//!
+//! A tracker of others has `tracker.toml` (or the same keys as JSON in `tracker.json`): `name`, `command`
+//! (default `python track.py`), `tracks` (`"D3"`, or `"T/entering"` for a single case), `made_for`. Its
+//! `requirements.txt` is installed into an environment of its own. The command is run as `COMMAND DATASET
+//! --out results.csv [--params FILE]`, with `params/TRACK/CASE.json`, `params/TRACK.json` or `params.json`.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, bail, ensure};
+use serde_json::Value;
+
+use super::Case;
+use suite::process;
+
+/// A tracker of microsig.
+struct Own {
+    name: &'static str,
+    arguments: &'static [&'static str],
+    enters: &'static [&'static str],
+    made_for: &'static str,
+}
+
+const OWN: &[Own] = &[
+    Own {
+        name: "spots",
+        arguments: &["--method", "spots"],
+        enters: &["P2", "T/four_pulse", "T/entering"],
+        made_for: "particles in focus, in the image plane; default parameters",
+    },
+    Own {
+        name: "ncc",
+        arguments: &["--method", "ncc"],
+        enters: &["D3", "A3", "T/channel", "T/vortex", "T/brownian", "T/mixing", "T/turbulence", "S"],
+        made_for: "defocused images that look like those of the calibration stack (GDPT); spheroids do not; default parameters",
+    },
+    Own {
+        name: "mle",
+        arguments: &["--method", "mle"],
+        enters: &["D3", "A3", "T/channel", "T/vortex", "T/brownian", "T/mixing", "T/turbulence"],
+        made_for: "images that follow the optical model that also generated them: what a model that is exactly right can do; default parameters",
+    },
+    Own {
+        name: "aptv",
+        arguments: &["--method", "aptv"],
+        enters: &["A3", "T/turbulence"],
+        made_for: "isolated astigmatic images elongated along x or y; default parameters",
+    },
+    Own {
+        name: "piv",
+        arguments: &["--method", "piv"],
+        enters: &["V"],
+        made_for: "displacement fields of single image pairs in focus; default parameters",
+    },
+    Own {
+        name: "piv-ensemble",
+        arguments: &["--method", "piv", "--ensemble"],
+        enters: &["V"],
+        made_for: "one displacement field of a steady flow from all image pairs; default parameters",
+    },
+];
+
+/// How a tracker is run.
+#[derive(Debug, Clone)]
+pub(super) enum How {
+    /// `microsig track` with these arguments.
+    Own(Vec<String>),
+    /// A command in its folder, with an environment for Python.
+    Command { folder: PathBuf, command: Vec<String>, python: PathBuf },
+}
+
+/// A tracker.
+#[derive(Debug, Clone)]
+pub(super) struct Tracker {
+    pub(super) name: String,
+    pub(super) how: How,
+    /// Tracks and single cases.
+    pub(super) tracks: Vec<String>,
+    pub(super) made_for: String,
+    /// Versions of the packages in its environment.
+    pub(super) versions: String,
+}
+
+impl Tracker {
+    /// Whether it takes part in a case.
+    pub(super) fn enters(&self, case: &Case) -> bool {
+        self.tracks.iter().any(|entered| *entered == case.track || *entered == case.folder())
+    }
+
+    /// The file with its parameters for a case.
+    pub(super) fn params(&self, case: &Case) -> Option<PathBuf> {
+        let How::Command { folder, .. } = &self.how else { return None };
+        let choices = [
+            format!("params/{}.json", case.folder()),
+            format!("params/{}.json", case.track),
+            "params.json".to_owned(),
+        ];
+        choices.iter().map(|name| folder.join(name)).find(|path| path.is_file())
+    }
+
+    /// Makes its environment, unless it is there with the same requirements.
+    pub(super) fn install(&mut self, venvs: &Path) -> anyhow::Result<()> {
+        let How::Command { folder, python, .. } = &mut self.how else { return Ok(()) };
+        let requirements = folder.join("requirements.txt");
+        if !requirements.is_file() {
+            return Ok(());
+        }
+        let venv = venvs.join(&self.name);
+        let (installed, own) = (venv.join("installed.sha256"), venv.join("bin/python"));
+        let hash = suite::sha256(&requirements)?;
+        if std::fs::read_to_string(&installed).is_ok_and(|before| before == hash) {
+            *python = own;
+        } else {
+            println!("{}: installing", self.name);
+            if venv.exists() {
+                std::fs::remove_dir_all(&venv)?;
+            }
+            process::run(Command::new("python3").args(["-m", "venv"]).arg(&venv))?;
+            let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"];
+            process::run(Command::new(&own).args(pip).arg(&requirements))?;
+            std::fs::write(&installed, &hash)?;
+            *python = own;
+        }
+        let freeze = ["-m", "pip", "freeze", "--disable-pip-version-check"];
+        let (_, versions) = process::run(Command::new(&*python).args(freeze))?;
+        self.versions = versions;
+        Ok(())
+    }
+}
+
+/// All trackers: ours first.
+pub(super) fn all(examples: &Path) -> anyhow::Result<Vec<Tracker>> {
+    let texts = |texts: &[&str]| texts.iter().map(|text| (*text).to_owned()).collect();
+    let own = OWN.iter().map(|own| Tracker {
+        name: own.name.to_owned(),
+        how: How::Own(texts(own.arguments)),
+        tracks: texts(own.enters),
+        made_for: own.made_for.to_owned(),
+        versions: String::new(),
+    });
+    let mut all: Vec<Tracker> = own.collect();
+    let mut folders: Vec<PathBuf> = std::fs::read_dir(examples)
+        .map(|entries| entries.filter_map(|entry| Some(entry.ok()?.path())).collect())
+        .unwrap_or_default();
+    folders.sort();
+    for folder in folders {
+        let Some(told) = told(&folder)? else { continue };
+        let tracker = read(&folder, &told).with_context(|| folder.display().to_string())?;
+        if all.iter().any(|other| other.name == tracker.name) {
+            bail!("{}: name = {:?}: there is another tracker of this name", folder.display(), tracker.name);
+        }
+        all.push(tracker);
+    }
+    Ok(all)
+}
+
+/// What `tracker.toml` or `tracker.json` tells.
+fn told(folder: &Path) -> anyhow::Result<Option<Value>> {
+    let (toml, json) = (folder.join("tracker.toml"), folder.join("tracker.json"));
+    if toml.is_file() {
+        let text = std::fs::read_to_string(&toml)?;
+        return of_toml(&text).with_context(|| toml.display().to_string()).map(Some);
+    }
+    if json.is_file() {
+        let text = std::fs::read_to_string(&json)?;
+        return serde_json::from_str(&text).with_context(|| json.display().to_string()).map(Some);
+    }
+    Ok(None)
+}
+
+/// The texts and lists of texts of a TOML file as JSON; other values are ignored.
+fn of_toml(text: &str) -> anyhow::Result<Value> {
+    let document: toml_edit::DocumentMut = text.parse()?;
+    let mut told = serde_json::Map::new();
+    for (key, item) in document.iter() {
+        if let Some(text) = item.as_str() {
+            told.insert(key.to_owned(), text.into());
+        } else if let Some(list) = item.as_array() {
+            let texts: Vec<&str> = list.iter().filter_map(toml_edit::Value::as_str).collect();
+            told.insert(key.to_owned(), texts.into());
+        }
+    }
+    Ok(told.into())
+}
+
+fn read(folder: &Path, told: &Value) -> anyhow::Result<Tracker> {
+    let text = |key: &str| told[key].as_str().map(str::to_owned);
+    let name = text("name").context("name: expected a text")?;
+    let is_name = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
+    ensure!(
+        !name.is_empty() && name.chars().all(is_name),
+        "name = {name:?}: expected letters, digits, `.`, `_`, `-`"
+    );
+    let tracks = told["tracks"].as_array().context("tracks: expected a list of texts")?;
+    let command = text("command").unwrap_or_else(|| "python track.py".to_owned());
+    Ok(Tracker {
+        name,
+        how: How::Command {
+            folder: std::path::absolute(folder)?,
+            command: command.split_whitespace().map(str::to_owned).collect(),
+            python: "python3".into(),
+        },
+        tracks: tracks.iter().filter_map(|track| track.as_str().map(str::to_owned)).collect(),
+        made_for: text("made_for").context("made_for: expected a text")?,
+        versions: String::new(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tracker_of_others_is_read_from_its_file() {
+        let text =
+            "name = \"a\"\ntracks = [\"P2\", \"T/entering\"]\nmade_for = \"\"\"\nspots\"\"\"\nbudget = 24\n";
+        let tracker = read(Path::new("folder"), &of_toml(text).unwrap()).unwrap();
+        let case = |track: &str, name: &str| Case { track: track.to_owned(), name: name.to_owned() };
+        assert!(tracker.enters(&case("P2", "x")) && tracker.enters(&case("T", "entering")));
+        assert!(!tracker.enters(&case("T", "channel")));
+        assert_eq!(tracker.made_for.trim(), "spots");
+        let wrong = read(Path::new("folder"), &of_toml("name = \"a/b\"\ntracks = []").unwrap());
+        assert!(wrong.unwrap_err().to_string().contains("a/b"));
+    }
+}
