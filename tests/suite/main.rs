@@ -5,6 +5,7 @@ mod baselines;
 mod boxes;
 mod centroid;
 mod challenge;
+mod codabench;
 mod command;
 mod exact;
 mod expected;

@@ -137,6 +137,16 @@ fn shards_and_resumed_runs_give_the_bytes_of_one_run() {
     assert_eq!(made, ["P2/one/train/SHA256SUMS"]);
 }
 
+#[test]
+fn a_suite_of_the_program_is_a_start_for_ones_own() {
+    let place = tempfile::tempdir().unwrap();
+    let file = place.path().join("suite.ron");
+    run(&["new", path(&file), "--from", "odpc1"]);
+    let [own, carried] = [path(&file), "odpc1"].map(|suite| json(&["suite", "list", suite]));
+    assert_eq!(own, carried);
+    assert!(run(&["new", "--list"]).contains("odpc1"));
+}
+
 /// Train and val are those of a challenge made from train.
 #[test]
 fn a_released_case_has_the_train_and_val_of_the_suite() {
@@ -277,8 +287,19 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     assert!(page.contains("missing") && page.contains("perfect") && !page.contains("<script"), "no scripts");
     assert!(fail(2, &all).contains("exists already"));
 
+    // The same is told before an upload.
+    let mine = results.join("perfect");
+    let check = |folder: &Path| run(&["check-submission", datasets, path(folder), "--suite", suite]);
+    assert!(check(&mine).contains("1 results can be scored, 1 of 2 cases are missing"));
+    let message = fail(2, &["check-submission", datasets, path(&results.join("broken")), "--suite", suite]);
+    assert!(message.contains("results.csv:2: "), "{message}");
+
     // A misspelled case would be a missing result.
     result("spots", "noise_3");
+    std::fs::write(results.join("spots/P2/noise_3/results.csv"), "frame,x_px,y_px\n").unwrap();
+    let own = results.join("spots");
+    let message = fail(2, &["check-submission", datasets, path(&own), "--suite", suite]);
+    assert!(message.contains("noise_3/results.csv: the suite has no such case"), "{message}");
     let message = fail(2, &[&all[..], &["--force"]].concat());
     assert!(message.contains("spots/P2/noise_3: track P2 has no such case at size smoke"), "{message}");
 }
@@ -293,7 +314,7 @@ fn faults_of_a_suite_are_shown_with_their_line() {
             "suite.ron:9:23: tracks.0.rank_by.0: unknown variant `f2`: expected one of f1, recall",
         ),
         ("dims: 2,", "dims: 4,", "suite.ron:10:"),
-        ("dims: 2,", "dim: 2,", "suite.ron:10:13: unknown key `tracks.dim`; did you mean `dims`?"),
+        ("dims: 2,", "dim: 2,", "suite.ron:10:13: unknown key `tracks.0.dim`; did you mean `dims`?"),
         ("from: \"noise.ron\"", "from: \"nois.ron\"", "suite.ron:17:"),
         ("smoke: []", "smoke: [\"two\"]", "\"two\": expected one of one"),
         ("optics.pixel_dim_x=90", "optics.pixel_dim_z=90", "suite.ron:13:"),

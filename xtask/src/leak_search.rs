@@ -45,6 +45,8 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
         test: None,
         test_set: Vec::new(),
         exact_times: false,
+        codabench: false,
+        wheel: None,
         about,
         progress: Progress::Hidden,
     };

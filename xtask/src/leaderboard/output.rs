@@ -36,10 +36,8 @@ pub(super) fn write(
             let run: Value = serde_json::from_str(&text)?;
             let key = (result.tracker.clone(), folder.clone());
             match run["failure"].as_str() {
-                Some(failure) => drop(more.failures.insert(key, failure.to_owned())),
-                None => {
-                    drop(run["seconds_per_frame"].as_f64().map(|s| more.seconds_per_frame.insert(key, s)))
-                }
+                Some(failure) => more.failures.extend([(key, failure.to_owned())]),
+                None => more.seconds_per_frame.extend(run["seconds_per_frame"].as_f64().map(|s| (key, s))),
             }
         }
         let shown = more.pictures.entry(case.track.clone()).or_default();

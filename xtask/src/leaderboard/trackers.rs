@@ -202,7 +202,10 @@ fn read(folder: &Path, told: &Value) -> anyhow::Result<Tracker> {
             python: "python3".into(),
         },
         tracks: tracks.iter().filter_map(|track| track.as_str().map(str::to_owned)).collect(),
-        made_for: text("made_for").context("made_for: expected a text")?,
+        made_for: match (text("made_for").context("made_for: expected a text")?, text("out_of_depth")) {
+            (made_for, Some(limits)) => format!("{made_for} Out of its depth: {limits}"),
+            (made_for, None) => made_for,
+        },
         versions: String::new(),
     })
 }

@@ -1,10 +1,10 @@
 //! `microsig evaluate`: scores a result.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::Common;
 use super::output::{report as print, warn};
@@ -173,30 +173,46 @@ impl Evaluate {
     }
 
     fn validate(&self, given: Conventions, common: &Common) -> Result<()> {
-        if SubmissionFiles::are_at(&self.result) {
-            let validated = release::validate(&self.dataset, &self.submission()?)?;
-            warn(&validated.warnings, common);
-            let Validated { submission, kind, rows, .. } = &validated;
-            let text = format!(
-                "{}: a valid submission of {}: {rows} {kind} by {} {}",
-                self.result.display(),
-                submission.team,
-                submission.method,
-                submission.version
-            );
-            return print(&text, &validated, common);
-        }
-        let facts = RecordingFacts::of(&self.dataset, &given)?;
-        let found = results::read(&self.result, &facts.conventions(given))?;
-        let beyond = facts.beyond(&self.result, &found);
-        if !beyond.is_empty() {
-            return Err(Error::Input(beyond));
-        }
-        let (kind, rows, n_nan, notes) = match found {
-            TrackerResult::Points(p) => ("particles", p.rows.len(), p.n_nan, p.notes),
-            TrackerResult::Field(f) => ("vectors", f.vectors.len(), f.n_nan, f.notes),
-        };
-        let text = format!("{}: {rows} {kind}; {}", self.result.display(), notes.join("; "));
-        print(&text, &json!({ "kind": kind, "rows": rows, "n_nan": n_nan, "assumptions": notes }), common)
+        let Checked { text, told, warnings } = checked(&self.dataset, &self.result, given)?;
+        warn(&warnings, common);
+        print(&text, &told, common)
     }
+}
+
+/// A result or submission that can be scored.
+pub(super) struct Checked {
+    pub(super) text: String,
+    pub(super) told: Value,
+    pub(super) warnings: Vec<String>,
+}
+
+/// Checks without the truth that a result can be read, or that a submission is complete and fits the split.
+pub(super) fn checked(dataset: &Path, result: &Path, given: Conventions) -> Result<Checked> {
+    if SubmissionFiles::are_at(result) {
+        let files = SubmissionFiles::open(result, release::limits(dataset)?)?;
+        let validated = release::validate(dataset, &files)?;
+        let Validated { submission, kind, rows, .. } = &validated;
+        let text = format!(
+            "{}: a valid submission of {}: {rows} {kind} by {} {}",
+            result.display(),
+            submission.team,
+            submission.method,
+            submission.version
+        );
+        let told = serde_json::to_value(&validated).map_err(|e| Error::input(e.to_string()))?;
+        return Ok(Checked { text, told, warnings: validated.warnings });
+    }
+    let facts = RecordingFacts::of(dataset, &given)?;
+    let found = results::read(result, &facts.conventions(given))?;
+    let beyond = facts.beyond(result, &found);
+    if !beyond.is_empty() {
+        return Err(Error::Input(beyond));
+    }
+    let (kind, rows, n_nan, notes) = match found {
+        TrackerResult::Points(p) => ("particles", p.rows.len(), p.n_nan, p.notes),
+        TrackerResult::Field(f) => ("vectors", f.vectors.len(), f.n_nan, f.notes),
+    };
+    let text = format!("{}: {rows} {kind}; {}", result.display(), notes.join("; "));
+    let told = json!({ "kind": kind, "rows": rows, "n_nan": n_nan, "assumptions": notes });
+    Ok(Checked { text, told, warnings: Vec::new() })
 }

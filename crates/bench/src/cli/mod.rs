@@ -2,6 +2,7 @@
 //!
 //! A new verb needs a file here and a line in each of the two lists below.
 
+mod check_submission;
 mod compare;
 mod completions;
 mod evaluate;
@@ -86,6 +87,7 @@ enum Verb {
     View(view::View),
     Track(track::Track),
     Evaluate(evaluate::Evaluate),
+    CheckSubmission(check_submission::CheckSubmission),
     Compare(compare::Compare),
     Export(export::Export),
     Release(release::Release),
@@ -109,6 +111,7 @@ impl Verb {
             Verb::View(verb) => verb.run(common),
             Verb::Track(verb) => verb.run(common),
             Verb::Evaluate(verb) => verb.run(common),
+            Verb::CheckSubmission(verb) => verb.run(common),
             Verb::Compare(verb) => verb.run(common),
             Verb::Export(verb) => verb.run(common),
             Verb::Release(verb) => verb.run(common),

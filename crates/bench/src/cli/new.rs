@@ -1,13 +1,13 @@
 //! `microsig new`: writes a scenario to start from.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde_json::json;
 
 use super::Common;
 use super::output::report;
-use scenario::{self, SHIPPED, nearest, shipped};
+use scenario::{self, SHIPPED, SUITE, nearest, shipped, shipped_suites};
 use storage::error::{Error, Result};
 use storage::save_result;
 
@@ -20,10 +20,10 @@ pub(super) struct New {
     /// The file to write
     #[arg(required_unless_present = "list")]
     file: Option<PathBuf>,
-    /// Start from a scenario or sweep that comes with the program
+    /// Start from a scenario, sweep or suite that comes with the program
     #[arg(long, value_name = "NAME", conflicts_with = "list")]
     from: Option<String>,
-    /// List the scenarios and sweeps that come with the program
+    /// List the scenarios, sweeps and suites that come with the program
     #[arg(long, conflicts_with = "file")]
     list: bool,
 }
@@ -35,6 +35,15 @@ impl New {
         let mut files = Vec::new();
         let text = match &self.from {
             None => scenario::template()?,
+            Some(name) if shipped_suites().contains(&name.as_str()) => {
+                let suite = SHIPPED.get_dir(name).map(|folder| folder.files()).into_iter().flatten();
+                let own = format!("{name}/{SUITE}");
+                let beside = file.parent().map_or_else(PathBuf::new, PathBuf::from);
+                let others = suite.filter(|other| other.path() != Path::new(&own));
+                let path = |other: &Path| beside.join(other.file_name().unwrap_or_default());
+                files.extend(others.map(|other| (path(other.path()), other.contents().to_vec())));
+                SHIPPED.get_file(&own).and_then(|file| file.contents_utf8()).unwrap_or_default().to_owned()
+            }
             Some(name) => {
                 let all = shipped();
                 let found = all.iter().find(|(known, _)| known == name);
@@ -47,7 +56,12 @@ impl New {
                 (*text).to_owned()
             }
         };
-        let verb = if text.contains("\n    axes:") { "sweep" } else { "generate" };
+        let is = |key: &str| text.contains(&format!("\n    {key}:"));
+        let verb = match (is("axes"), is("tracks")) {
+            (true, _) => "sweep",
+            (_, true) => "suite list",
+            _ => "generate",
+        };
         files.push((file.clone(), text.into_bytes()));
         if let Some((existing, _)) = files.iter().find(|(path, _)| path.exists() && !common.force) {
             return Err(Error::Exists(existing.clone()));
@@ -68,6 +82,8 @@ fn list(common: &Common) -> Result<()> {
     let question =
         |text: &'static str| text.lines().next().unwrap_or_default().trim_start_matches("// Question: ");
     let all: Vec<_> = shipped().into_iter().map(|(name, text)| (name, question(text))).collect();
+    let suites = shipped_suites().into_iter().map(|name| (name, "a suite: see `microsig suite list`"));
+    let all: Vec<_> = all.into_iter().chain(suites).collect();
     let width = all.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
     let lines: Vec<String> =
         all.iter().map(|(name, question)| format!("{name:width$}  {question}")).collect();

@@ -37,6 +37,12 @@ pub(super) struct Release {
     /// State the exact times of the test split's frames [default: the nominal ones, without jitter]
     #[arg(long)]
     exact_times: bool,
+    /// Also write withheld/codabench.zip, a bundle for the platform Codabench
+    #[arg(long)]
+    codabench: bool,
+    /// The Python wheel of microsig, for the bundle's scoring program [default: the container has microsig]
+    #[arg(long, value_name = "FILE", requires = "codabench")]
+    wheel: Option<PathBuf>,
     /// Title of the challenge [default: the dataset's]
     #[arg(long)]
     title: Option<String>,
@@ -64,6 +70,8 @@ impl Release {
                 test: self.test,
                 test_set: self.test_set.clone(),
                 exact_times: self.exact_times,
+                codabench: self.codabench,
+                wheel: self.wheel.clone(),
                 about,
                 progress: progress(common),
             },

@@ -153,6 +153,12 @@ struct Release {
     /// Who is cited, `Family, Given` or a group's name; may be given several times
     #[arg(long, value_name = "NAME")]
     creator: Vec<String>,
+    /// Also write a bundle for the platform Codabench for each case
+    #[arg(long)]
+    codabench: bool,
+    /// The Python wheel of microsig, for the bundles' scoring programs
+    #[arg(long, value_name = "FILE", requires = "codabench")]
+    wheel: Option<PathBuf>,
 }
 
 impl Suite {
@@ -382,6 +388,8 @@ impl Release {
                 test: Some(test),
                 test_set: Vec::new(),
                 exact_times: false,
+                codabench: self.codabench,
+                wheel: self.wheel.clone(),
                 about,
                 progress: progress(common),
             };

@@ -10,6 +10,7 @@
 //! OUT/withheld/    to be kept until the deadline
 //!   test/                             the complete test split with its secret key, for scoring submissions
 //!   NAME-test-truth.zip  salt.bin     to be published after the deadline
+//!   codabench.zip                     a bundle for the platform of this name, with --codabench
 //!   README.md                         instructions
 //! ```
 //!
@@ -18,6 +19,7 @@
 //! precautions and their reasons.
 
 mod about;
+mod codabench;
 mod overlap;
 mod package;
 mod splits;
@@ -61,6 +63,10 @@ pub struct ReleaseOptions {
     /// Whether to publish the exact times of the test split's frames, including jitter, instead of the
     /// nominal ones.
     pub exact_times: bool,
+    /// Whether to write a bundle for Codabench.
+    pub codabench: bool,
+    /// The Python wheel of microsig that the bundle's scoring program installs.
+    pub wheel: Option<PathBuf>,
     /// Bibliographic data.
     pub about: Publication,
     /// Progress display.
@@ -137,6 +143,10 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Released> {
     let recordings = (!options.exact_times).then_some(&test.recordings);
     test_split::package(dataset, &folder, recordings, &scored, &about)?
         .zip(&format!("{name}-test"), &archive("test"))?;
+    if options.codabench {
+        let bundle = withheld.join(codabench::BUNDLE);
+        codabench::write(&bundle, (dataset, &folder), &scored, &about, options.wheel.as_deref())?;
+    }
     save_bytes(&withheld.join("README.md"), about.withheld().as_bytes())?;
     publish(&public, &about)?;
     partial.finish(options.force.then_some(MARK))?;

@@ -48,6 +48,11 @@ impl Package {
         Ok(())
     }
 
+    /// The paths of all files.
+    pub(super) fn paths(&self) -> Vec<String> {
+        self.files.keys().cloned().collect()
+    }
+
     /// Sizes and hashes of all files, by path.
     pub(super) fn fingerprints(&self) -> Result<BTreeMap<String, Fingerprint>> {
         let of = |content: &Content| match content {
@@ -57,8 +62,9 @@ impl Package {
         self.files.iter().map(|(path, content)| Ok((path.clone(), of(content)?))).collect()
     }
 
-    /// Writes all files into a zip archive, below the folder `root`.
+    /// Writes all files into a zip archive, below the folder `root`; an empty one is the archive itself.
     pub(super) fn zip(&self, root: &str, out: &Path) -> Result<()> {
+        let above = if root.is_empty() { String::new() } else { format!("{root}/") };
         save(out, |writer| {
             let failed = |e: zip::result::ZipError| Error::write(out)(e.into());
             let mut zip = ZipWriter::new(writer);
@@ -73,7 +79,7 @@ impl Package {
                     .last_modified_time(DateTime::default())
                     .unix_permissions(0o644)
                     .large_file(size >= u64::from(u32::MAX));
-                zip.start_file(format!("{root}/{path}"), options).map_err(failed)?;
+                zip.start_file(format!("{above}{path}"), options).map_err(failed)?;
                 match content {
                     Content::Bytes(bytes) => zip.write_all(bytes).map_err(Error::write(out))?,
                     Content::File(path) => {

@@ -1,8 +1,8 @@
 //! Scores of trackers on a suite: one table of all cases, ranked case by case.
 //!
 //! Results are in `RESULTS/TRACKER/TRACK/CASE/results.csv`; each is scored by `evaluate` against the test
-//! split of its case. Scores of different cases are never averaged: a track's standing is the mean of the ranks in
-//! its cases, in which a missing or refused result has the last rank.
+//! split of its case. Scores of different cases are never averaged: a track's standing is the mean of the
+//! ranks in its cases, in which a missing or refused result has the last rank.
 
 mod metrics;
 mod page;

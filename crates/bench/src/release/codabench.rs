@@ -1,0 +1,148 @@
+//! `release --codabench`: a bundle for the benchmark platform Codabench, which needs no server of one's own.
+//!
+//! ```text
+//! codabench.zip
+//!   competition.yaml  logo.png  overview.md  evaluation.md  data.md  terms.md
+//!   reference_data.zip   test/: the truth, without images, key and scenario
+//!   scoring_program.zip  metadata.yaml, scoring.py, and the wheel if one is given
+//! ```
+//!
+//! The bundle has the truth of the test split, so it belongs to the withheld part: the platform shows
+//! reference data to nobody but the organizers.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use super::about::ReleaseTexts;
+use super::package::Package;
+use super::submission::PARTICLES_ONLY;
+use storage::TemporaryFolder;
+use storage::error::{Error, Result};
+
+/// Name of the bundle.
+pub(super) const BUNDLE: &str = "codabench.zip";
+
+/// The scoring program.
+const SCORING: &str = include_str!("codabench/scoring.py");
+
+/// How the platform runs it.
+const METADATA: &str = "command: python3 /app/program/scoring.py /app/input /app/output\n";
+
+/// Columns of the leaderboard: key, title, and whether smaller values are better.
+const OF_PARTICLES: [(&str, &str, bool); 7] = [
+    ("f1", "F1", false),
+    ("recall", "Recall", false),
+    ("precision", "Precision", false),
+    ("rmse_xy_px", "RMSE xy, px", true),
+    ("sigma_z_over_h", "sigma z / h", true),
+    ("link_f1", "Link F1", false),
+    ("hota", "HOTA", false),
+];
+const OF_FIELDS: [(&str, &str, bool); 2] =
+    [("valid_vector_probability", "Valid vectors", false), ("aee_px", "AEE, px", true)];
+
+/// Files of the test split that scoring does not need; some tell more than the truth of this split.
+fn is_needed(path: &str) -> bool {
+    let left_out = ["images/", "particles/", "calibration/"];
+    let files = ["secret_key.txt", "scenario.ron", "preview.png", "README.md"];
+    !left_out.iter().any(|part| path.starts_with(part)) && !files.contains(&path)
+}
+
+/// Writes the bundle of a release. `test`: the withheld test split; `train`: for the logo; `wheel`: the
+/// Python wheel of microsig.
+pub(super) fn write(
+    out: &Path,
+    (train, test): (&Path, &Path),
+    scored: &[&str],
+    about: &ReleaseTexts<'_>,
+    wheel: Option<&Path>,
+) -> Result<()> {
+    let place = TemporaryFolder::new()?;
+    let mut reference = Package::default();
+    let mut truth = Package::default();
+    truth.copy_folder(test, is_needed)?;
+    for path in truth.paths() {
+        reference.copy(&format!("test/{path}"), test.join(&path));
+    }
+    if !scored.contains(&"fields") {
+        reference.write(PARTICLES_ONLY, "Submissions of fields are refused.\n");
+    }
+    let reference_data = place.path().join("reference_data.zip");
+    reference.zip("", &reference_data)?;
+
+    let mut program = Package::default();
+    program.write("metadata.yaml", METADATA);
+    program.write("scoring.py", SCORING);
+    if let Some(wheel) = wheel {
+        let name = wheel.file_name().unwrap_or_default().to_string_lossy();
+        if !wheel.is_file() || !name.ends_with(".whl") {
+            return Err(Error::input(format!("--wheel {}: expected a Python wheel (.whl)", wheel.display())));
+        }
+        program.copy(&name, wheel.to_owned());
+    }
+    let scoring_program = place.path().join("scoring_program.zip");
+    program.zip("", &scoring_program)?;
+
+    let mut bundle = Package::default();
+    bundle.write("competition.yaml", competition(scored, about, wheel.is_some()));
+    bundle.write("overview.md", about.readme());
+    bundle.write("evaluation.md", evaluation(about.name));
+    bundle.write("data.md", data(about.name));
+    bundle.write("terms.md", about.license_text());
+    let logo = train.join("preview.png");
+    if logo.is_file() {
+        bundle.copy("logo.png", logo);
+    }
+    bundle.copy("reference_data.zip", reference_data);
+    bundle.copy("scoring_program.zip", scoring_program);
+    bundle.zip("", out)
+}
+
+/// `competition.yaml`.
+fn competition(scored: &[&str], about: &ReleaseTexts<'_>, has_wheel: bool) -> String {
+    // A JSON string is a valid YAML string.
+    let quoted = |text: &str| Value::from(text).to_string();
+    let container =
+        if has_wheel { "" } else { " # replace it by a container in which microsig is installed" };
+    let mut text = format!(
+        "version: 2\ntitle: {title}\ndescription: {about}\nimage: logo.png\nregistration_auto_approve: true\n\
+         docker_image: python:3.12-slim{container}\nterms: terms.md\n\n\
+         pages:\n  - title: Overview\n    file: overview.md\n  - title: Evaluation\n    file: evaluation.md\n  - title: Data\n    file: data.md\n\n\
+         tasks:\n  - index: 0\n    name: {title}\n    description: Particles or fields of the test split\n    is_public: false\n    \
+         reference_data: reference_data.zip\n    scoring_program: scoring_program.zip\n\n\
+         # Set the dates before the upload; without an end the phase stays open.\n\
+         phases:\n  - index: 0\n    name: Test\n    description: Scores on the test split\n    start: 2000-01-01\n    \
+         max_submissions_per_day: 2\n    max_submissions: 20\n    execution_time_limit: 1800\n    tasks: [0]\n\n\
+         leaderboards:\n  - index: 0\n    title: Results\n    key: main\n    submission_rule: Force_Last\n    columns:\n",
+        title = quoted(&about.title),
+        about = quoted(&format!("{}, by microsig", about.title)),
+    );
+    let mut columns = OF_PARTICLES.to_vec();
+    if scored.contains(&"fields") {
+        columns.extend(OF_FIELDS);
+    }
+    for (i, (key, title, is_smaller_better)) in columns.into_iter().enumerate() {
+        let sorting = if is_smaller_better { "asc" } else { "desc" };
+        let title = quoted(title);
+        text += &format!(
+            "      - index: {i}\n        title: {title}\n        key: {key}\n        sorting: {sorting}\n"
+        );
+    }
+    text
+}
+
+fn evaluation(name: &str) -> String {
+    format!(
+        "# Evaluation\n\nSubmit a zip archive with `results.csv` and `submission.json`, as the template in `{name}-test.zip` has them. It is \
+         scored by `microsig evaluate`, whose definitions are in docs/scoring.md; the leaderboard has its numbers. Check it before you \
+         upload it:\n\n```sh\nmicrosig check-submission {name}-test SUBMISSION\nmicrosig evaluate {name}-val results_of_val.csv\n```\n"
+    )
+}
+
+fn data(name: &str) -> String {
+    format!(
+        "# Data\n\nDownload `{name}-train.zip`, `{name}-val.zip` and `{name}-test.zip` from the page of the release and check them with \
+         `sha256sum -c SHA256SUMS`. Train and val have their truth. Test has images, calibration images and times.\n"
+    )
+}

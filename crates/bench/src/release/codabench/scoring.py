@@ -1,0 +1,76 @@
+"""Scoring program for Codabench: scores a submission by `microsig evaluate`.
+
+Codabench unpacks the reference data to INPUT/ref and the submission to INPUT/res, runs
+`python3 scoring.py INPUT OUTPUT`, and reads OUTPUT/scores.json.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+# Keys of the leaderboard, and where they are in score.json.
+COLUMNS = {
+    "f1": ("detection", "f1"),
+    "recall": ("detection", "recall"),
+    "precision": ("detection", "precision"),
+    "rmse_xy_px": ("detection", "rmse_xy_px"),
+    "sigma_z_over_h": ("gdpt", "sigma_z_over_h"),
+    "link_f1": ("links", "f1"),
+    "hota": ("hota", "hota"),
+    "valid_vector_probability": ("field", "valid_vector_probability"),
+    "aee_px": ("field", "aee_px"),
+}
+
+
+def program():
+    """The microsig command: $MICROSIG, one beside this file, one that is installed, or the wheel beside this file."""
+    here = Path(__file__).resolve().parent
+    if os.environ.get("MICROSIG"):
+        return [os.environ["MICROSIG"]]
+    if (here / "microsig").is_file():
+        # Archives do not always keep the permission to execute.
+        own = Path("/tmp/microsig-scoring")
+        shutil.copy(here / "microsig", own)
+        own.chmod(0o755)
+        return [str(own)]
+    if shutil.which("microsig"):
+        return ["microsig"]
+    wheels = sorted(here.glob("*.whl"))
+    if wheels:
+        place = "/tmp/microsig-wheel"
+        pip = [sys.executable, "-m", "pip", "install", "--quiet", "--target", place, str(wheels[-1])]
+        subprocess.run(pip, check=True)
+        return [str(Path(place) / "bin" / "microsig")]
+    sys.exit("no microsig: build the bundle with --wheel, or use a container in which it is installed")
+
+
+def folder_of(submission):
+    """The folder with results.csv: the submission, or a single folder in it."""
+    if (submission / "results.csv").exists():
+        return submission
+    inner = [path for path in submission.iterdir() if (path / "results.csv").exists()]
+    return inner[0] if len(inner) == 1 else submission
+
+
+def main():
+    given = sys.argv[1:] or ["/app/input", "/app/output"]
+    source, out = Path(given[0]), Path(given[1])
+    command = program() + ["evaluate", str(source / "ref" / "test"), str(folder_of(source / "res")), "--json", "--quiet"]
+    run = subprocess.run(command, capture_output=True, text=True)
+    if run.returncode != 0:
+        # The platform shows this to the participant.
+        sys.exit(run.stderr.strip())
+    score = json.loads(run.stdout)
+    values = {key: (score.get(part) or {}).get(name) for key, (part, name) in COLUMNS.items()}
+    out.mkdir(parents=True, exist_ok=True)
+    scores = {key: value for key, value in values.items() if value is not None}
+    (out / "scores.json").write_text(json.dumps(scores, indent=2) + "\n")
+    (out / "score.json").write_text(json.dumps(score, indent=2) + "\n")
+    print(json.dumps(scores))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,120 @@
+//! The bundle for Codabench: its scoring program, run on files laid out as the platform does, gives the
+//! numbers of `evaluate`.
+
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+use suite::leak::unzip;
+use suite::microsig::{binary, fail, path, run};
+
+use crate::release::{CHALLENGE, images_sha256, submission};
+
+/// Unpacks an archive into a folder.
+fn unpack(archive: &Path, folder: &Path) {
+    for (name, bytes) in unzip(archive).unwrap() {
+        let file = folder.join(name);
+        std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+        std::fs::write(file, bytes).unwrap();
+    }
+}
+
+#[test]
+fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
+    let c = &*CHALLENGE;
+    let place = tempfile::tempdir().unwrap();
+    let out = place.path().join("challenge");
+    let wheel = place.path().join("microsig-0-py3-none-any.whl");
+    std::fs::write(&wheel, "a stand-in").unwrap();
+    let with = ["--codabench", "--wheel", path(&wheel), "--quiet"];
+    run(&[&["release", path(&c.dataset), "--out", path(&out)], &with[..]].concat());
+    assert!(!out.join("public/codabench.zip").exists(), "it has the truth");
+
+    // As the platform does: reference data, submission and program are unpacked below /app.
+    let bundle = place.path().join("bundle");
+    unpack(&out.join("withheld/codabench.zip"), &bundle);
+    let app = place.path().join("app");
+    unpack(&bundle.join("reference_data.zip"), &app.join("input/ref"));
+    unpack(&bundle.join("scoring_program.zip"), &app.join("program"));
+    let told = suite::tree(&app.join("input/ref")).unwrap();
+    assert!(
+        told.contains_key("test/truth/tracks.csv") && told.contains_key("particles_only.txt"),
+        "{told:?}"
+    );
+    let secret = ["secret_key", "scenario.ron", "images/"];
+    assert!(!told.keys().any(|file| secret.iter().any(|part| file.contains(part))), "{told:?}");
+    assert!(app.join("program/microsig-0-py3-none-any.whl").exists());
+    let metadata = std::fs::read_to_string(app.join("program/metadata.yaml")).unwrap();
+    assert_eq!(metadata, "command: python3 /app/program/scoring.py /app/input /app/output\n");
+
+    let test = out.join("withheld/test");
+    let sums = std::fs::read_to_string(test.join("SHA256SUMS")).unwrap();
+    let images: String = sums.lines().filter(|l| l.contains("  images/")).map(|l| format!("{l}\n")).collect();
+    let good = submission(place.path(), &suite::sha256_of(images.as_bytes()));
+    // Not a perfect result: every third point is missing.
+    let truth = std::fs::read_to_string(test.join("truth/tracks.csv")).unwrap();
+    let kept = truth.lines().enumerate().filter(|(i, _)| i % 3 != 1).map(|(_, line)| format!("{line}\n"));
+    std::fs::write(good.join("results.csv"), kept.collect::<String>()).unwrap();
+    std::fs::rename(&good, app.join("input/res")).unwrap();
+
+    let score = || {
+        let mut command = Command::new("python3");
+        command.env("MICROSIG", binary()).arg(app.join("program/scoring.py"));
+        command.args([app.join("input"), app.join("output")]).output().unwrap()
+    };
+    let said = score();
+    assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
+    let read = |name: &str| -> Value {
+        serde_json::from_slice(&std::fs::read(app.join("output").join(name)).unwrap()).unwrap()
+    };
+    let result = app.join("input/res");
+    let alone: Value =
+        serde_json::from_str(&run(&["evaluate", path(&test), path(&result), "--json", "--quiet"])).unwrap();
+    let scores = read("scores.json");
+    assert!(alone["detection"]["recall"].as_f64().unwrap() < 0.9, "{alone}");
+    for (key, part, name) in [
+        ("f1", "detection", "f1"),
+        ("recall", "detection", "recall"),
+        ("rmse_xy_px", "detection", "rmse_xy_px"),
+        ("sigma_z_over_h", "gdpt", "sigma_z_over_h"),
+        ("link_f1", "links", "f1"),
+        ("hota", "hota", "hota"),
+    ] {
+        assert_eq!(scores[key], alone[part][name], "{key}");
+    }
+    // Every column of the leaderboard has a number.
+    let competition = std::fs::read_to_string(bundle.join("competition.yaml")).unwrap();
+    let columns: Vec<&str> =
+        competition.lines().filter_map(|line| line.trim().strip_prefix("key: ")).collect();
+    assert_eq!(columns[0], "main");
+    assert!(columns[1..].iter().all(|key| scores[*key].is_number()), "{columns:?}: {scores}");
+    for line in competition.lines().filter_map(|line| line.trim().split_once(": ")) {
+        let is_file = line.1.ends_with(".md") || line.1.ends_with(".zip") || line.1.ends_with(".png");
+        assert!(!is_file || bundle.join(line.1).is_file(), "{line:?}");
+    }
+
+    // A submission that is refused is told why.
+    std::fs::write(app.join("input/res/results.csv"), "frame,x_px,y_px\n99,1,1\n").unwrap();
+    let said = score();
+    let message = String::from_utf8_lossy(&said.stderr).into_owned();
+    assert!(!said.status.success() && message.contains("results.csv:2: frame = 99"), "{message}");
+}
+
+#[test]
+fn a_submission_is_checked_by_a_verb_of_its_own() {
+    let c = &*CHALLENGE;
+    let place = tempfile::tempdir().unwrap();
+    let good = submission(place.path(), &images_sha256());
+    let said = run(&["check-submission", path(&c.test), path(&good), "--quiet"]);
+    assert!(said.contains("a valid submission of A: "), "{said}");
+    let other = fail(2, &["check-submission", path(&c.test), path(&c.test.join("submission"))]);
+    assert!(other.contains("submission.json: team"), "{other}");
+    let alone = run(&["check-submission", path(&c.test), path(&good.join("results.csv")), "--quiet"]);
+    assert!(alone.contains("particles; "), "{alone}");
+    let wheel = place.path().join("x.txt");
+    std::fs::write(&wheel, "").unwrap();
+    let out = place.path().join("out");
+    let with = ["--codabench", "--wheel", path(&wheel)];
+    let message = fail(2, &[&["release", path(&c.dataset), "--out", path(&out)], &with[..]].concat());
+    assert!(message.contains("x.txt: expected a Python wheel"), "{message}");
+}
