@@ -15,6 +15,7 @@ mod house;
 mod maxima;
 mod microscope;
 mod motion;
+mod orientation;
 mod reference;
 mod release;
 mod robust;

@@ -106,6 +106,12 @@ fn the_shipped_suite_is_carried_by_the_program() {
     }
 }
 
+/// All of it takes longer; `microsig suite check odpc1 --size smoke` does it.
+#[test]
+fn the_test_splits_of_the_shipped_suite_have_the_frozen_bytes() {
+    run(&["suite", "check", "odpc1", "--size", "smoke", "--split", "test", "--quiet"]);
+}
+
 #[test]
 fn shards_and_resumed_runs_give_the_bytes_of_one_run() {
     let c = &*LITTLE;
@@ -349,7 +355,6 @@ fn faults_of_a_suite_are_shown_with_their_line() {
     assert!(message.contains("is no suite; `microsig generate"), "{message}");
     assert!(fail(2, &["suite", "list", "odpc7"]).contains("odpc1"));
     assert!(
-        fail(2, &["suite", "generate", path(&file), "--size", "tiny"])
-            .contains("expected smoke, small or full")
+        fail(2, &["suite", "generate", "odpc1", "--size", "tiny"]).contains("expected smoke, small or full")
     );
 }

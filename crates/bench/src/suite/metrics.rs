@@ -42,6 +42,7 @@ fn better(metric: Metric) -> Better {
         | Metric::SigmaZOverH
         | Metric::LptGhost
         | Metric::VelocityRmsUmS
+        | Metric::AngleMeanAllDeg
         | Metric::RmsInliersPx => Better::Smaller,
         Metric::ModulationU => Better::NearOne,
     }
@@ -61,6 +62,7 @@ pub fn label(metric: Metric) -> &'static str {
         Metric::LptCorrect => "correct",
         Metric::LptGhost => "ghosts",
         Metric::VelocityRmsUmS => "velocity RMS, um/s",
+        Metric::AngleMeanAllDeg => "mean angle of all, deg",
         Metric::ValidVectorProbability => "valid vectors",
         Metric::RmsInliersPx => "RMS of inliers, px",
         Metric::ModulationU => "amplitude response",
@@ -101,6 +103,9 @@ fn found(metric: Metric, score: &Score) -> (Option<f64>, Interval) {
         Metric::LptGhost => of(score.lpt.as_ref().map(|l| (l.ghost, l.interval.ghost))),
         Metric::VelocityRmsUmS => {
             of(score.lpt.as_ref().map(|l| (l.motion.velocity_rms_um_s, l.interval.velocity_rms_um_s)))
+        }
+        Metric::AngleMeanAllDeg => {
+            of(score.orientation.as_ref().map(|o| (o.mean_all_deg, o.interval_mean_all_deg)))
         }
         Metric::ValidVectorProbability => of(score
             .field

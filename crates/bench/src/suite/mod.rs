@@ -169,6 +169,10 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
         let of_track: Vec<&SuiteCase> = cases.iter().filter(|case| case.track == track.name).collect();
         let has_entered = |tracker: &&String| options.results.join(tracker).join(&track.name).is_dir();
         let entered: Vec<&String> = trackers.iter().filter(has_entered).collect();
+        // A track that has not been generated is left out, unless there are results for it.
+        if entered.is_empty() && !datasets.join(&track.name).is_dir() {
+            continue;
+        }
         for case in of_track {
             all.push(scored_case(track, case, &entered, (datasets, partial.folder()), options)?);
         }

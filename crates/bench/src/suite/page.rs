@@ -84,7 +84,9 @@ fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Mar
                     td { (s.tracker) } td { (format!("{:.2}", s.mean_rank)) }
                     td { (s.scored) " of " (s.cases) @if s.refused > 0 { ", " (s.refused) " refused" } }
                     td { (s.first) } td { (time(&s.tracker, &cases, more)) }
-                    td { (more.made_for.get(&s.tracker).map_or("", String::as_str)) }
+                    td style="text-align: left; white-space: normal; max-width: 30rem" {
+                        (more.made_for.get(&s.tracker).map_or("", String::as_str))
+                    }
                 } }
             } }
             @if !plots.is_empty() { div.plots { @for plot in &plots { (plot) } } }
@@ -217,21 +219,23 @@ fn over(axis: usize, metric: Metric, cases: &[&CaseScores]) -> Vec<Series> {
 /// An image with circles: found particles, missed ones, ghosts.
 fn drawn(picture: &Picture) -> Markup {
     let (width, height) = picture.size;
+    // Small images are drawn larger.
+    let radius = f64::from(width) / 64.0;
     let style = |kind: &str| match kind {
-        "match" => "fill: none; stroke: #3fb950; stroke-width: 1",
-        "miss" => "fill: none; stroke: #ff5f56; stroke-width: 1; stroke-dasharray: 3 2",
-        _ => "fill: none; stroke: #f2cc60; stroke-width: 1",
+        "match" => "fill: none; stroke: #3fb950; stroke-width: 0.3%",
+        "miss" => "fill: none; stroke: #ff5f56; stroke-width: 0.3%; stroke-dasharray: 3 2",
+        _ => "fill: none; stroke: #f2cc60; stroke-width: 0.3%",
     };
     let data = format!("data:image/png;base64,{}", STANDARD.encode(&picture.png));
     html! {
-        figure {
+        figure style="max-width: 36rem" {
             svg viewBox=(format!("0 0 {width} {height}")) role="img" aria-label=(picture.caption) {
                 image href=(data) width=(width) height=(height) {}
                 @for (kind, x, y) in &picture.points {
                     @if kind == "ghost" {
-                        path d=(format!("M{:.1} {:.1} l8 8 m0 -8 l-8 8", x - 4.0, y - 4.0)) style=(style(kind)) {}
+                        path d=(format!("M{:.1} {:.1} l{r} {r} m0 -{r} l-{r} {r}", x - radius, y - radius, r = 2.0 * radius)) style=(style(kind)) {}
                     } @else {
-                        circle cx=(format!("{x:.1}")) cy=(format!("{y:.1}")) r="5" style=(style(kind)) {}
+                        circle cx=(format!("{x:.1}")) cy=(format!("{y:.1}")) r=(radius) style=(style(kind)) {}
                     }
                 }
             }

@@ -125,13 +125,10 @@ impl Suite {
             )));
         };
         let place = TemporaryFolder::new()?;
-        for file in files.files() {
-            let path = place.path().join(file.path().file_name().unwrap_or_default());
-            std::fs::write(&path, file.contents()).map_err(Error::write(&path))?;
-        }
-        let text = std::fs::read_to_string(place.path().join(SUITE))
-            .map_err(|e| Error::read(&place.path().join(SUITE), e))?;
-        let mut suite = Suite::parse(&text, &format!("{name}/{SUITE}"), place.path())?;
+        let folder = place.path().join(name);
+        std::fs::create_dir(&folder).map_err(Error::write(&folder))?;
+        files.extract(place.path()).map_err(Error::write(&folder))?;
+        let mut suite = Suite::parse(&read_text(&folder.join(SUITE))?, &format!("{name}/{SUITE}"), &folder)?;
         (suite.is_shipped, suite._unpacked) = (true, Some(Arc::new(place)));
         Ok(suite)
     }

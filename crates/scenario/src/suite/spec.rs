@@ -153,6 +153,9 @@ pub enum Metric {
     LptGhost,
     /// `lpt.motion.velocity_rms_um_s`: RMS error of velocity.
     VelocityRmsUmS,
+    /// `orientation.mean_all_deg`: mean angle between true and found axes of spheroids, those missed counted
+    /// as guesses.
+    AngleMeanAllDeg,
     /// `field.valid_vector_probability`.
     ValidVectorProbability,
     /// RMS error of displacement of inliers, from `field.u_inliers.rms_px` and `field.v_inliers.rms_px`.
@@ -163,7 +166,7 @@ pub enum Metric {
 
 impl Metric {
     /// All of them.
-    pub const ALL: [Metric; 14] = [
+    pub const ALL: [Metric; 15] = [
         Metric::F1,
         Metric::Recall,
         Metric::Precision,
@@ -175,6 +178,7 @@ impl Metric {
         Metric::LptCorrect,
         Metric::LptGhost,
         Metric::VelocityRmsUmS,
+        Metric::AngleMeanAllDeg,
         Metric::ValidVectorProbability,
         Metric::RmsInliersPx,
         Metric::ModulationU,
@@ -194,6 +198,7 @@ impl Metric {
             Metric::LptCorrect => "lpt_correct",
             Metric::LptGhost => "lpt_ghost",
             Metric::VelocityRmsUmS => "velocity_rms_um_s",
+            Metric::AngleMeanAllDeg => "angle_mean_all_deg",
             Metric::ValidVectorProbability => "valid_vector_probability",
             Metric::RmsInliersPx => "rms_inliers_px",
             Metric::ModulationU => "modulation_u",

@@ -27,6 +27,7 @@ pub mod measurement;
 pub mod motion;
 pub mod neighbors;
 mod options;
+pub mod orientation;
 mod score;
 pub mod score_keys;
 pub mod statistics;
@@ -234,6 +235,7 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         ctc: Some(ctc::Ctc::of(t, r, &matching)),
         gdpt,
         uncertainty: claims(points, (t, r), &matching, depth),
+        orientation: orientation::Orientation::of((t, r), (&truth.axes, &points.axes), &matching, bootstrap),
         lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth, velocities, bootstrap)),
         curves: curves::curves(truth, (t, r), &matching, depth),
         counts: counts(&scored, points, n_unlinked),

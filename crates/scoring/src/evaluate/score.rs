@@ -10,7 +10,9 @@ use serde::{Deserialize, Serialize};
 use super::gate::Gate;
 use super::hint::Hint;
 use super::uncertainty::Uncertainty;
-use super::{boxes, clear, crlb, ctc, curves, detection, field, gdpt, hota, identity, isbi, links, lpt};
+use super::{
+    boxes, clear, crlb, ctc, curves, detection, field, gdpt, hota, identity, isbi, links, lpt, orientation,
+};
 
 /// All scores of a result.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -46,6 +48,8 @@ pub struct Score {
     pub lpt: Option<lpt::Lpt>,
     /// Boxes of a detector; needs boxes in result and truth.
     pub boxes: Option<boxes::BoxScore>,
+    /// Orientation of spheroids; null without axes in truth and result.
+    pub orientation: Option<orientation::Orientation>,
     /// Displacement field; null for particles.
     pub field: Option<field::FieldScore>,
     /// Cramer-Rao bound.

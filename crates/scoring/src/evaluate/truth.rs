@@ -29,6 +29,8 @@ pub struct TrueParticles {
     pub visible: Vec<bool>,
     /// Velocity of each particle, um/s; empty if unknown.
     pub velocity_um_s: Vec<[f64; 3]>,
+    /// Symmetry axis of each spheroid, NaN for spheres; empty if there are no spheroids.
+    pub axes: Vec<[f64; 3]>,
     /// Time of each frame, s; empty if unknown.
     pub times_s: BTreeMap<u32, f64>,
     /// Further properties by which recall and errors are binned: name, and a value for each row.
@@ -207,15 +209,19 @@ fn tracks(path: &Path, facts: RecordingFacts) -> Result<TrueParticles> {
     let n = truth.rows.len();
     let sheet = TextTable::open(path, Separator::Comma, 1)?;
     let (visible, ignore) = (sheet.column("visible"), sheet.column("ignore"));
-    let time = sheet.column("t_s");
+    let (time, aspect) = (sheet.column("t_s"), sheet.column("e_p"));
+    truth.axes = if aspect.is_some() { points.axes } else { Vec::new() };
     let properties: Vec<(&'static str, usize)> =
         PROPERTIES.iter().filter_map(|&name| sheet.column(name).map(|c| (name, c))).collect();
     truth.visible = vec![true; n];
     truth.properties = properties.iter().map(|&(name, _)| (name, Vec::with_capacity(n))).collect();
     let mut row = 0;
-    if visible.is_some() || ignore.is_some() || time.is_some() || !properties.is_empty() {
+    if [visible, ignore, time, aspect].iter().any(Option::is_some) || !properties.is_empty() {
         sheet.rows(|cells| {
             truth.visible[row] = cells.number_or_nan(visible)? != 0.0 && cells.number_or_nan(ignore)? != 1.0;
+            if cells.number_or_nan(aspect)? == 1.0 && row < truth.axes.len() {
+                truth.axes[row] = [f64::NAN; 3];
+            }
             if let Some(time) = time {
                 truth.times_s.insert(truth.rows[row].frame, cells.number(time)?);
             }
@@ -225,6 +231,9 @@ fn tracks(path: &Path, facts: RecordingFacts) -> Result<TrueParticles> {
             row += 1;
             Ok(())
         })?;
+    }
+    if truth.axes.iter().all(|axis| axis[0].is_nan()) {
+        truth.axes.clear();
     }
     Ok(truth)
 }

@@ -1,10 +1,11 @@
-//! microsig's own tables: `frame, track, x_px, y_px, z_um [, u_um_s, v_um_s, w_um_s] [, w_px, h_px, score]` for particles, `x_px,
+//! microsig's own tables: `frame, track, x_px, y_px, z_um [, u_um_s, v_um_s, w_um_s] [, w_px, h_px, score]
+//! [, axis_x, axis_y, axis_z]` for particles, `x_px,
 //! y_px, dx_px, dy_px [, dz_um], flag [, pair]` for fields. Columns may be in any order; additional columns
 //! are ignored.
 
 use std::path::Path;
 
-use super::sheet::{OptionalColumns, Separator, TextTable};
+use super::sheet::{AxisColumns, OptionalColumns, Separator, TextTable};
 use super::{
     Conventions, Converter, DroppedRows, Field, FlowVector, FormatDefaults, LengthUnit, Origin, Points,
     Position, VelocityUnit,
@@ -30,6 +31,20 @@ const VELOCITIES: [(VelocityUnit, [&str; 3], &str); 2] = [
     (VelocityUnit::PerFrame, ["vx", "vy", "vz"], "px per frame, along z um per frame"),
 ];
 
+/// Columns of the symmetry axis of a spheroid: its components, or the angles of MicroSIG's data file.
+const AXIS: [&str; 3] = ["axis_x", "axis_y", "axis_z"];
+const ANGLES: [&str; 2] = ["alpha_rad", "beta_rad"];
+
+/// The columns with symmetry axes, if all of them are there.
+fn axis(sheet: &TextTable) -> Option<AxisColumns> {
+    let [x, y, z] = AXIS.map(|name| sheet.column(name));
+    if let (Some(x), Some(y), Some(z)) = (x, y, z) {
+        return Some(AxisColumns::Vector([x, y, z]));
+    }
+    let [alpha, beta] = ANGLES.map(|name| sheet.column(name));
+    Some(AxisColumns::Angles([alpha?, beta?]))
+}
+
 /// Reads a table of particles.
 ///
 /// # Errors
@@ -48,10 +63,16 @@ pub fn points(path: &Path, given: &Conventions) -> Result<Points> {
         converter.notes.push(format!("{} are velocities in {words}", names.join(", ")));
         used.extend(names);
     }
+    let axis = axis(&sheet);
+    match axis {
+        Some(AxisColumns::Vector(_)) => used.extend(AXIS),
+        Some(AxisColumns::Angles(_)) => used.extend(ANGLES),
+        None => {}
+    }
     converter.ignores(&sheet.others(&used));
     let size = ["w_px", "h_px", "score"].map(|name| sheet.column(name));
     let velocity = velocity.map(|(unit, _, _, columns)| (unit, columns));
-    let more = OptionalColumns { sigma, velocity, size, negative_is_unknown: false };
+    let more = OptionalColumns { sigma, velocity, axis, size, negative_is_unknown: false };
     sheet.points(converter, z.is_some(), more, |cells| {
         let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
         Ok((cells.number(frame)?, cells.track(track)?, [cells.number(x)?, cells.number(y)?, z_um]))

@@ -7,6 +7,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
 use csv::{ByteRecord, ReaderBuilder, Trim};
+use microsig_core::Spheroid;
 
 use super::conventions::MAX_ROWS;
 use super::{Converter, DroppedRows, Points, TrackRow, Velocities, VelocityUnit};
@@ -271,6 +272,18 @@ impl TextTable {
                         let confidence = score.map_or(Ok(1.0), |score| cells.number(score))?;
                         points.boxes.push(converter.size(size, confidence)?);
                     }
+                    match more.axis {
+                        Some(AxisColumns::Vector(columns)) => {
+                            let columns = columns.map(Some);
+                            points.axes.push(converter.velocity(all(columns)?, cells.names(columns))?);
+                        }
+                        Some(AxisColumns::Angles(columns)) => {
+                            let [alpha, beta] = columns.map(|c| cells.number_or_nan(Some(c)));
+                            let (alpha_rad, beta_rad) = (alpha?, beta?);
+                            points.axes.push(Spheroid { e_p: 1.0, alpha_rad, beta_rad }.axis());
+                        }
+                        None => {}
+                    }
                     if let Some((_, columns)) = more.velocity {
                         velocities.push(converter.velocity(all(columns)?, cells.names(columns))?);
                     }
@@ -297,6 +310,17 @@ pub(crate) struct OptionalColumns {
     pub velocity: Option<(VelocityUnit, [Option<usize>; 3])>,
     /// Width and height of boxes, and the score of the detection.
     pub size: [Option<usize>; 3],
+    /// Symmetry axes of spheroids.
+    pub axis: Option<AxisColumns>,
+}
+
+/// Columns with the symmetry axis of a spheroid.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum AxisColumns {
+    /// Components along x, y, z.
+    Vector([usize; 3]),
+    /// Angles alpha and beta of MicroSIG's data file, rad.
+    Angles([usize; 2]),
 }
 
 /// The cells of a row.

@@ -36,6 +36,9 @@ pub struct Points {
     pub velocities: Option<Velocities>,
     /// Box of every row, whose middle is its position; empty if the file has none.
     pub boxes: Vec<BoxSize>,
+    /// Symmetry axis of every row (x right, y down, z away from the lens; any length), NaN if missing; empty
+    /// if the file has none.
+    pub axes: Vec<[f64; 3]>,
     /// Whether the file has z.
     pub has_z: bool,
     /// Number of rows dropped because a coordinate is missing or NaN.
