@@ -1,5 +1,5 @@
-//! Robustness: killed runs, full disks, damaged datasets. `cargo xtask robustness`, `disk` and `memory` are the
-//! long versions.
+//! Robustness: killed runs, full disks, damaged datasets. `cargo xtask robustness`, `disk` and `memory` are
+//! the long versions.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};

@@ -121,9 +121,9 @@ fn formulas(schema: &mut Schema) {
 /// Velocities on a regular grid, from a file: `.npy` (with its geometry given here), `.csv` or legacy `.vtk`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Gridded {
-    /// A file with the velocities, um/s, relative to the scenario: `.npy` with an array of shape (z, y, x, 3) or (time, z, y,
-    /// x, 3); `.csv` with the columns x_um, y_um, z_um, u_um_s, v_um_s, w_um_s and, for several times, t_s; or legacy
-    /// `.vtk`. Beyond the outermost nodes their velocity holds.
+    /// A file with the velocities, um/s, relative to the scenario: `.npy` with an array of shape (z, y, x, 3)
+    /// or (time, z, y, x, 3); `.csv` with the columns x_um, y_um, z_um, u_um_s, v_um_s, w_um_s and, for
+    /// several times, t_s; or legacy `.vtk`. Beyond the outermost nodes their velocity holds.
     #[schemars(example = &"velocities.npy")]
     pub file: String,
     /// Interpolation between the nodes.

@@ -28,7 +28,7 @@ pub use super::particles::{
 };
 pub use super::rendering::{Emission, Render, RenderMode, SpheroidPoints};
 pub use super::timing::{Flashes, FourPulse, PairSeeding, Pairs, Sequence, Timing};
-pub use super::truth_grid::{FieldGrid, Planes, TruthGrid, Weighting};
+pub use super::truth_grid::{FieldGrid, Planes, TruthColumns, TruthGrid, Weighting};
 pub use microsig_core::render::waves::{Layers, Mask, Pinhole, PupilFunction as Pupil};
 
 /// A scenario: what is imaged, through which optics, and when.
@@ -150,25 +150,6 @@ impl Default for Gaussian {
 impl From<Gaussian> for GaussianSpot {
     fn from(g: Gaussian) -> Self {
         GaussianSpot { diameter_px: g.diameter_px, reference_um: g.reference_um, peak_counts: g.peak_counts }
-    }
-}
-
-/// Optional truth.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct TruthColumns {
-    /// The velocity gradient at each particle: nine columns of `truth/tracks.csv`, which nearly double the table.
-    pub gradient: bool,
-    /// Boxes and masks of particle images for detectors, `truth/boxes.csv`.
-    pub boxes: bool,
-    /// Share of an image's own noise-free peak above which pixels belong to it.
-    #[schemars(range(min = 0.001, max = 0.9))]
-    pub box_share: f64,
-}
-
-impl Default for TruthColumns {
-    fn default() -> Self {
-        TruthColumns { gradient: false, boxes: false, box_share: 0.1 }
     }
 }
 

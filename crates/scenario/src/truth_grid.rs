@@ -156,6 +156,26 @@ pub struct Nodes {
     pub backward: bool,
 }
 
+/// Optional truth.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct TruthColumns {
+    /// The velocity gradient at each particle: nine columns of `truth/tracks.csv`, which nearly double the
+    /// table.
+    pub gradient: bool,
+    /// Boxes and masks of particle images for detectors, `truth/boxes.csv`.
+    pub boxes: bool,
+    /// Share of an image's own noise-free peak above which pixels belong to it.
+    #[schemars(range(min = 0.001, max = 0.9))]
+    pub box_share: f64,
+}
+
+impl Default for TruthColumns {
+    fn default() -> Self {
+        TruthColumns { gradient: false, boxes: false, box_share: 0.1 }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

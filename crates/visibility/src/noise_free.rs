@@ -5,12 +5,12 @@ use microsig_core::emission::aperture_excess;
 use microsig_core::render::Renderer;
 use microsig_core::{Particle, Settings};
 
-/// Tolerance of images that are made for the visibility alone: the root mean square error relative to the peak.
-/// Peaks are then right to 1 %.
+/// Tolerance of images that are made for the visibility alone: the root mean square error relative to the
+/// peak. Peaks are then right to 1 %.
 pub const TOLERANCE: f64 = 0.005;
 
-/// Renders single particles without noise, each at its sub-pixel position and depth. Peaks of spheres are right to
-/// 1 %, those of spheroids, which are drawn as many small spheres, to 5 %.
+/// Renders single particles without noise, each at its sub-pixel position and depth. Peaks of spheres are
+/// right to 1 %, those of spheroids, which are drawn as many small spheres, to 5 %.
 ///
 /// Images of a dataset without ray noise come from its own renderer. For ray images they are the limit of
 /// infinitely many rays, times the light that few rays have in excess; where that limit takes too long
@@ -36,8 +36,8 @@ pub struct Patch {
 }
 
 impl NoiseFree {
-    /// Images of a dataset that is drawn by `renderer`; `limit`: for ray images, the renderer of their limit of
-    /// infinitely many rays.
+    /// Images of a dataset that is drawn by `renderer`; `limit`: for ray images, the renderer of their limit
+    /// of infinitely many rays.
     pub fn new(renderer: Renderer, limit: Option<Renderer>) -> Self {
         let Settings { n_rays, numerical_aperture, .. } = *renderer.settings();
         let factor = if limit.is_some() { 1.0 + aperture_excess(n_rays, numerical_aperture) } else { 1.0 };
@@ -150,7 +150,8 @@ mod tests {
         values.iter().copied().fold(0.0, f64::max)
     }
 
-    /// Particles at sub-pixel positions, from one side of focus to the other, some at the edges of the sensor.
+    /// Particles at sub-pixel positions, from one side of focus to the other, some at the edges of the
+    /// sensor.
     fn particles() -> Vec<Particle> {
         (0..12)
             .map(|k| {

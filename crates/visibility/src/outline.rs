@@ -5,8 +5,8 @@ use microsig_core::sensor::Sensor;
 use super::noise_free::Patch;
 use super::run_length::RunLengths;
 
-/// The pixels in which a particle's own noise-free light exceeds a share of its peak and the standard deviation
-/// of the background.
+/// The pixels in which a particle's own noise-free light exceeds a share of its peak and the standard
+/// deviation of the background.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outline {
     /// Left column and top row of the bounding box, from 0.
@@ -22,8 +22,8 @@ pub struct Outline {
 }
 
 impl Outline {
-    /// The outline of a patch; `total`: light of all particles on a sensor of this width and height, px. `None` if
-    /// nothing stands out from the noise.
+    /// The outline of a patch; `total`: light of all particles on a sensor of this width and height, px.
+    /// `None` if nothing stands out from the noise.
     pub(super) fn of(
         patch: &Patch,
         share: f64,

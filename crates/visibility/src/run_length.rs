@@ -1,8 +1,8 @@
 //! Masks as run lengths, in the compressed text of COCO (pycocotools, `rleToString`).
 //!
-//! The lengths of runs of pixels outside and inside the mask alternate, outside first, down the columns of the
-//! image. In the text each length, from the fourth on its difference from the one before the last, is a number
-//! of five bits per character, the lowest first; bit 5 says that more follow, and 48 is added.
+//! The lengths of runs of pixels outside and inside the mask alternate, outside first, down the columns of
+//! the image. In the text each length, from the fourth on its difference from the one before the last, is a
+//! number of five bits per character, the lowest first; bit 5 says that more follow, and 48 is added.
 
 /// Longest text of a number: 13 characters of five bits.
 const LONGEST: u32 = 13;

@@ -1,7 +1,8 @@
 //! The image of a spheroid as a sum of images of small spheres, which come from tables.
 //!
-//! An exact image takes 20 ms or more. Here the emitting surface is divided into cells, and a sphere as wide as a cell
-//! stands for the source points in it, at their centroid: at its own depth, and where its chief ray lands.
+//! An exact image takes 20 ms or more. Here the emitting surface is divided into cells, and a sphere as wide
+//! as a cell stands for the source points in it, at their centroid: at its own depth, and where its chief ray
+//! lands.
 
 use std::collections::BTreeMap;
 

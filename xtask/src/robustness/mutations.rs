@@ -1,5 +1,6 @@
-//! Hostile inputs: files of every kind, changed at random, given to the verb that reads them. A run must end in time
-//! with exit code 0, 1 or 2, without a panic, in bounded memory, and leave nothing behind if it fails.
+//! Hostile inputs: files of every kind, changed at random, given to the verb that reads them. A run must end
+//! in time with exit code 0, 1 or 2, without a panic, in bounded memory, and leave nothing behind if it
+//! fails.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

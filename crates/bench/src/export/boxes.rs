@@ -105,8 +105,8 @@ impl Boxes {
         all.map(|one| one.class).max().unwrap_or(0) + 1
     }
 
-    /// COCO's annotations of instances; those of particles whose centers are off the sensor are crowds, which are
-    /// not scored.
+    /// COCO's annotations of instances; those of particles whose centers are off the sensor are crowds, which
+    /// are not scored.
     fn coco(&self) -> Value {
         let (width, height) = self.size;
         let images = self.frames.iter().map(
@@ -143,8 +143,8 @@ impl Boxes {
         Ok((format!("labels/{stem}.txt"), text.into_bytes()))
     }
 
-    /// The label image of a frame: the number of the row in the frame's part of the table, from 1. The smaller of
-    /// two images that overlap lies on top.
+    /// The label image of a frame: the number of the row in the frame's part of the table, from 1. The
+    /// smaller of two images that overlap lies on top.
     fn labels(&self, stem: &str, boxes: &[ParticleBox]) -> Result<(String, Vec<u8>)> {
         let (width, height) = self.size;
         if boxes.len() > usize::from(u16::MAX) {

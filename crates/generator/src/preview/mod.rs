@@ -283,7 +283,8 @@ impl Accepted {
             Accepted::Rays(settings) => {
                 let Settings { numerical_aperture: na, focal_length, magnification, .. } = **settings;
                 let distance = focal_length * (1.0 + 1.0 / magnification);
-                // The source points of a sphere, on the half that faces the lens, are nearer by half its radius.
+                // The source points of a sphere, on the half that faces the lens, are nearer by half its
+                // radius.
                 let of_points = distance + sphere.z_um - 0.25 * sphere.d_um;
                 let tangent = na / (1.0 - na * na).sqrt() * distance / of_points;
                 let rays = emission::sphere_points(settings, sphere.d_um) as f64

@@ -31,8 +31,8 @@ pub(super) const FRAMES_PER_THREAD: usize = 3;
 /// A batch ends with the frame that reaches this number of tracers, per thread.
 pub(super) const TRACERS_PER_THREAD: usize = 8_192;
 
-/// Computes all frames in batches; tables of images are made once for a batch. `take` is called in parallel with each frame and the previous one; `add`
-/// receives its results in the order of frames.
+/// Computes all frames in batches; tables of images are made once for a batch. `take` is called in parallel
+/// with each frame and the previous one; `add` receives its results in the order of frames.
 pub(super) fn in_batches<T: Send>(
     scenario: &Scenario,
     truth: &Truth<'_>,

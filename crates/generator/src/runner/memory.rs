@@ -121,8 +121,8 @@ impl MemoryDataset {
         Ok(self.scan.get_or_init(|| scan))
     }
 
-    /// The tables `truth/frames.csv`, `truth/tracks.csv`, `truth/displacements.csv` and, if the scenario has it,
-    /// `truth/boxes.csv`.
+    /// The tables `truth/frames.csv`, `truth/tracks.csv`, `truth/displacements.csv` and, if the scenario has
+    /// it, `truth/boxes.csv`.
     ///
     /// # Errors
     /// None.

@@ -108,7 +108,7 @@ pub trait Render: Debug + Send + Sync {
         self.light(std::slice::from_ref(particle), &Streams::new(0), Purpose::CalibrationRays, 0)
     }
 
-    /// The mean light of one particle on the pixels that it illuminates, with its brightness and at its sub-pixel
-    /// position; `None` if no light reaches the sensor.
+    /// The mean light of one particle on the pixels that it illuminates, with its brightness and at its
+    /// sub-pixel position; `None` if no light reaches the sensor.
     fn mean_patch(&self, particle: &Particle) -> Option<ExpectedPatch>;
 }

@@ -1,8 +1,9 @@
-//! Average precision of boxes as COCO defines it (Lin et al., ECCV 2014), without classes and without a limit on the
-//! number of detections: pycocotools with `useCats = 0` and `maxDets` above that number gives the same values.
+//! Average precision of boxes as COCO defines it (Lin et al., ECCV 2014), without classes and without a limit
+//! on the number of detections: pycocotools with `useCats = 0` and `maxDets` above that number gives the same
+//! values.
 //!
-//! True boxes of particles whose centers are off the sensor are not scored (COCO's `iscrowd`): a detection that they
-//! cover is neither right nor wrong.
+//! True boxes of particles whose centers are off the sensor are not scored (COCO's `iscrowd`): a detection
+//! that they cover is neither right nor wrong.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -23,7 +24,8 @@ pub struct BoxScore {
     pub n_truth: usize,
     /// Boxes of the result.
     pub n_result: usize,
-    /// Average precision: mean over the intersections over union 0.50, 0.55, ..., 0.95 and over 101 recalls (COCO).
+    /// Average precision: mean over the intersections over union 0.50, 0.55, ..., 0.95 and over 101 recalls
+    /// (COCO).
     #[schemars(range(min = 0.0, max = 1.0))]
     pub ap: Option<f64>,
     /// Average precision at an intersection over union of 0.50.
@@ -147,8 +149,8 @@ fn truth(dataset: &Path) -> Result<BTreeMap<u32, FrameBoxes>> {
 }
 
 impl FrameBoxes {
-    /// For every detection its score and outcome at each threshold: the best free true box above the threshold, a
-    /// scored one before an ignored one.
+    /// For every detection its score and outcome at each threshold: the best free true box above the
+    /// threshold, a scored one before an ignored one.
     fn outcomes(&self) -> Vec<(f64, [Outcome; THRESHOLDS])> {
         let mut outcomes: Vec<(f64, [Outcome; THRESHOLDS])> =
             self.found.iter().map(|(_, score)| (*score, [Outcome::Ghost; THRESHOLDS])).collect();

@@ -48,7 +48,8 @@ impl Identity {
             .collect();
         let best = max_weight_matching(truth.n_tracks(), result.n_tracks(), pairs.clone());
         let idtp = best.iter().map(|p| p.value).sum::<f64>();
-        // A result track belongs to the true track that it is paired with, even if it follows another one as long.
+        // A result track belongs to the true track that it is paired with, even if it follows another one as
+        // long.
         let paired = best.iter().map(|p| (p.row, p.column, usize::MAX));
         let shared = paired.chain(pairs.iter().map(|p| (p.row, p.column, p.value as usize)));
         let mut units = TrackUnits::<2>::new(truth.n_tracks(), result.n_tracks(), shared);

@@ -1,6 +1,6 @@
-//! COCO's list of results of a detector: `[{"image_id": 0, "bbox": [x, y, width, height], "score": 0.9}, ...]`.
-//! `image_id` is the frame, from 0; the corner of the first pixel is at (0, 0). A key `z_um` is read too; others
-//! are ignored.
+//! COCO's list of results of a detector: `[{"image_id": 0, "bbox": [x, y, width, height], "score": 0.9},
+//! ...]`. `image_id` is the frame, from 0; the corner of the first pixel is at (0, 0). A key `z_um` is read
+//! too; others are ignored.
 
 use std::path::Path;
 

@@ -1,7 +1,8 @@
 //! DefocusTracker's dataset: `fr, X, Y, Z, DX, DY, DZ, id, cm` as CSV, or its text file
 //! (`dataset_exportascii`): a title, `scaling = [sx, sy, sz, dt]`, column names, rows with six digits. Frames
 //! from 1, pixels from 1 as in MATLAB, Z in [0, 1] over the depth of the calibration, id 0 for points that
-//! are not tracked. DefocusTrackerAI adds `W, H`, the sizes of boxes (px), and may leave out `id`. Scaled tables have columns x, y, z with the lengths X sx, Y sy, Z sz.
+//! are not tracked. DefocusTrackerAI adds `W, H`, the sizes of boxes (px), and may leave out `id`. Scaled
+//! tables have columns x, y, z with the lengths X sx, Y sy, Z sz.
 
 use std::io::Read;
 use std::path::Path;

@@ -182,7 +182,8 @@ impl ExpectedRenderer {
         self.cache.tables(particles.iter().filter(|particle| !self.is_spheroid(particle)));
     }
 
-    /// The expected counts of one particle if its brightness were 1. `None`: its light cannot reach the sensor.
+    /// The expected counts of one particle if its brightness were 1. `None`: its light cannot reach the
+    /// sensor.
     pub fn patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
         let image = self.sources(std::slice::from_ref(particle)).remove(0);
         let drawn = self.drawn_particle(particle, &image, 1.0);

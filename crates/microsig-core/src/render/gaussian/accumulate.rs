@@ -244,8 +244,8 @@ fn wide_profile(k: u32, center: f32, per_px: f32) -> Profile {
     from_fn(|i| (edges[(i + 1).min(TILE)] - edges[i]).max(0.0) as f32)
 }
 
-/// Differences of erf between the edges of `pixels` pixels; `first` is the first edge's distance from the center
-/// of the spot, px.
+/// Differences of erf between the edges of `pixels` pixels; `first` is the first edge's distance from the
+/// center of the spot, px.
 pub(super) fn shares(first: f64, pixels: usize, per_px: f64) -> Vec<f64> {
     let edges: Vec<f64> = (0..=pixels).map(|i| wide_erf((first + i as f64) * per_px)).collect();
     edges.windows(2).map(|pair| (pair[1] - pair[0]).max(0.0)).collect()

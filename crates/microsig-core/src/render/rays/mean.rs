@@ -9,8 +9,8 @@ use crate::stream::{Purpose, Streams};
 /// Number of ray images averaged.
 const IMAGES: u32 = 32;
 
-/// The sum of the ray counts of [`IMAGES`] images on all pixels of the sensor, and the pixels they reach; `None` if
-/// no light reaches the sensor.
+/// The sum of the ray counts of [`IMAGES`] images on all pixels of the sensor, and the pixels they reach;
+/// `None` if no light reaches the sensor.
 fn sum(renderer: &RayRenderer, particle: &Particle) -> Option<(Vec<u32>, Window)> {
     let streams = Streams::new(0);
     let mut scratch = Scratch::default();
