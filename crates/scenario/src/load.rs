@@ -64,9 +64,7 @@ fn tree(source: &Arc<Source>) -> Result<Node> {
         return Err(Error::input(format!("{name}: is a sweep; `microsig sweep {name}` makes its datasets")));
     }
     if is_written("tracks") && !is_written("motion") {
-        return Err(Error::input(format!(
-            "{name}: is a suite; `microsig suite generate {name}` makes its datasets"
-        )));
+        return Err(Error::input(format!("{name}: is a suite; see `microsig suite generate {name}`")));
     }
     if !matches!(tree.content, Content::Fields(_)) {
         let message = "expected a scenario: (name: ..., motion: ..., timing: ...)";
