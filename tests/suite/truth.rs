@@ -187,7 +187,8 @@ fn tracks_tell_how_visible_every_particle_is() {
     let at = |z: f64| depth["z_um"].iter().position(|d| *d == z).unwrap();
     let first = |name: &str, k: usize| tracks[name][k];
     for (k, z) in [(0, 0.0), (1, 0.0), (2, -12.0)] {
-        assert!((first("peak_counts", k) / depth["peak_counts"][at(z)] - 1.0).abs() < 1e-9, "{k}");
+        // depth.csv has the mean of ray images, whose peak is noisy, tracks.csv the limit of many rays.
+        assert!((first("peak_counts", k) / depth["peak_counts"][at(z)] - 1.0).abs() < 0.03, "{k}");
         assert!((first("snr", k) * 10.0 - first("peak_counts", k)).abs() < 1e-9);
     }
     // 2 px apart with a width of 9 px: most of the light overlaps, equally for both except for pixelation.
