@@ -15,7 +15,7 @@ const SPOTS: &str = r#"(
         gaussian: (diameter_px: 4, reference_um: 2, peak_counts: 50000), pixel_dim_x: 120, pixel_dim_y: 90, background_mean: 0, background_noise: 0,
     ),
     motion: flow(field: uniform(velocity_um_s: (900, 300, 0))),
-    particles: (number: count(3), diameter_um: list([(2, 1), (4, 1)])),
+    particles: (number: count(3), diameter_um: list([(2, 1), (4, 1)]), seeding: apart_in_image(12)),
     timing: pairs(count: 3),
     truth: (boxes: true),
     calibration: none,

@@ -45,7 +45,8 @@ impl Outline {
                 }
                 let (x, y) = (patch.corner.0 + column, patch.corner.1 + row);
                 let response = sensor.response(y * width + x);
-                if response.slope * light <= response.background_noise {
+                // Less than half a count is rounded to none.
+                if response.slope * light <= response.background_noise.max(0.5) {
                     continue;
                 }
                 low = (low.0.min(x), low.1.min(y));
