@@ -305,7 +305,9 @@ fn one(
     };
     *tally.codes.entry(code).or_default() += 1;
     anyhow::ensure!(!message.contains("panicked"), "{message}");
-    anyhow::ensure!(code == 0 || left.is_empty(), "exit code {code}, but {left:?} is left: {message}");
+    // A sweep keeps the reasons why its cases failed.
+    let may_keep = code == 0 || (code == 1 && target.name == "sweep");
+    anyhow::ensure!(may_keep || left.is_empty(), "exit code {code}, but {left:?} is left: {message}");
     anyhow::ensure!(code == 0 || !message.trim().is_empty(), "exit code {code} without a word");
     Ok(())
 }
