@@ -233,7 +233,8 @@ fn tracks(path: &Path, facts: RecordingFacts) -> Result<TrueParticles> {
         })?;
     }
     if truth.axes.iter().all(|axis| axis[0].is_nan()) {
-        truth.axes.clear();
+        // Not `clear`, which keeps the memory.
+        truth.axes = Vec::new();
     }
     Ok(truth)
 }
