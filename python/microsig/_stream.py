@@ -79,7 +79,7 @@ class Stream:
                                                     frame, NaN where there is none), of visible particles of the first frame
     mask       bool    (batch, n)                   which rows are particles; the others are 0
     boxes      float32 (batch, n, 6)                x, y of the center, width, height of what exceeds ``share`` of the
-                                                    particle's own peak (px), z_um, class (place of the diameter in
+                                                    particle's own peak and the noise (px), z_um, class (place of the diameter in
                                                     ``particles.diameter_um.list``, else 0)
     instances  int32   (batch, rows, cols)          0, or 1 + row of the particle that is brightest at the pixel
     depth      float32 (batch, rows, cols)          z_um of that particle, NaN where there is none
@@ -129,7 +129,7 @@ class Stream:
         :param split: ``train`` and ``val`` have no sample in common
         :param frames: frames of a sample, by default 2 with ``flow`` and else 1
         :param ahead: batches that are drawn ahead, at least 1
-        :param share: what belongs to a particle's image: pixels above this share of its peak
+        :param share: what belongs to a particle's image: pixels above this share of its peak and above the noise
         :param heatmap_sigma_px: standard deviation of a particle in ``heatmap``, px
         :param flow_depth_um: depth of ``flow``, um, or the mean over the depth range
         :param flow_components: 3 for the displacement along z (um) as well

@@ -35,6 +35,20 @@ pub fn fail(code: i32, arguments: &[&str]) -> String {
     text(&stderr)
 }
 
+/// Writes a file into a folder; returns its path.
+pub fn write(folder: &Path, name: &str, text: &str) -> PathBuf {
+    let path = folder.join(name);
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+/// Generates the dataset `name` of a scenario in a folder; returns its path. The scenario is kept beside it.
+pub fn generate(folder: &Path, name: &str, scenario: &str) -> PathBuf {
+    let (file, out) = (write(folder, &format!("{name}.ron"), scenario), folder.join(name));
+    run(&["generate", path(&file), "--out", path(&out), "--quiet"]);
+    out
+}
+
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use serde_json::Value;
-use suite::microsig::{fail, path, run};
+use suite::microsig::{fail, generate, path, run, write};
 
 /// Defocused particles on 376 x 240 px, mostly isolated.
 fn defocused(preset: &str, count: u32, pairs: u32) -> String {
@@ -34,12 +34,6 @@ fn in_focus(ppp: f64) -> String {
             timing: pairs(count: 2, dt_s: 0.005),
         )"#
     )
-}
-
-fn generate(folder: &Path, scenario: &str) {
-    let file = folder.join("scenario.ron");
-    std::fs::write(&file, scenario).unwrap();
-    run(&["generate", path(&file), "--out", path(&folder.join("dataset")), "--quiet"]);
 }
 
 /// Tracks the dataset of a folder and returns the score.
@@ -75,7 +69,7 @@ fn assert_tracks(score: &Value, what: &str, [precision, recall, xy, z]: [f64; 4]
 fn ncc_finds_defocused_particles_and_their_depth() {
     for preset in ["setting1", "setting1a"] {
         let folder = tempfile::tempdir().unwrap();
-        generate(folder.path(), &defocused(preset, 8, 3));
+        generate(folder.path(), "dataset", &defocused(preset, 8, 3));
         let found = score(folder.path(), "ncc");
         assert_tracks(&found, preset, [0.9, 0.9, 0.15, 0.012]);
         assert!(number(&found, "/links/f1") > 0.85, "{preset}: {}", found["links"]);
@@ -86,11 +80,11 @@ fn ncc_finds_defocused_particles_and_their_depth() {
 fn mle_is_more_precise_and_gives_the_same_bytes_for_any_number_of_threads() {
     for preset in ["setting1", "setting1a"] {
         let folder = tempfile::tempdir().unwrap();
-        generate(folder.path(), &defocused(preset, 8, 2));
+        generate(folder.path(), "dataset", &defocused(preset, 8, 2));
         assert_tracks(&score(folder.path(), "mle"), preset, [0.9, 0.9, 0.1, 0.006]);
     }
     let folder = tempfile::tempdir().unwrap();
-    generate(folder.path(), &defocused("setting1", 4, 2));
+    generate(folder.path(), "dataset", &defocused("setting1", 4, 2));
     let dataset = folder.path().join("dataset");
     for method in ["ncc", "mle"] {
         let results = ["1", "2", "7"].map(|threads| {
@@ -110,7 +104,7 @@ fn mle_is_more_precise_and_gives_the_same_bytes_for_any_number_of_threads() {
 #[test]
 fn aptv_finds_astigmatic_particles_and_their_depth() {
     let folder = tempfile::tempdir().unwrap();
-    generate(folder.path(), &defocused("setting1a", 6, 8));
+    generate(folder.path(), "dataset", &defocused("setting1a", 6, 8));
     // Widths can be measured for complete particle images only.
     assert_tracks(&score_inside(folder.path(), "aptv", 36), "aptv", [0.9, 0.6, 0.2, 0.01]);
 }
@@ -118,7 +112,7 @@ fn aptv_finds_astigmatic_particles_and_their_depth() {
 #[test]
 fn spots_finds_particles_in_focus() {
     let folder = tempfile::tempdir().unwrap();
-    generate(folder.path(), &in_focus(0.003));
+    generate(folder.path(), "dataset", &in_focus(0.003));
     assert_tracks(&score(folder.path(), "spots"), "spots", [0.98, 0.9, 0.15, 1.0]);
     let (dataset, out) = (folder.path().join("dataset"), folder.path().join("ncc.csv"));
     let said = fail(2, &["track", path(&dataset), "--method", "ncc", "--out", path(&out)]);
@@ -128,7 +122,7 @@ fn spots_finds_particles_in_focus() {
 #[test]
 fn piv_measures_a_vortex_far_better_than_a_field_of_zeros() {
     let folder = tempfile::tempdir().unwrap();
-    generate(folder.path(), &in_focus(0.03));
+    generate(folder.path(), "dataset", &in_focus(0.03));
     let [measured, zeros] = ["piv", "static"].map(|method| score(folder.path(), method));
     assert!(number(&measured, "/field/aee_px") < 0.2, "{}", measured["field"]["aee_px"]);
     assert!(number(&measured, "/field/valid_vector_probability") > 0.9);
@@ -138,7 +132,7 @@ fn piv_measures_a_vortex_far_better_than_a_field_of_zeros() {
 #[test]
 fn anchors_score_what_they_are_made_of() {
     let folder = tempfile::tempdir().unwrap();
-    generate(folder.path(), &defocused("setting1", 8, 3));
+    generate(folder.path(), "dataset", &defocused("setting1", 8, 3));
     let noisy = score(folder.path(), "truth-noise");
     let near = |pointer: &str, value: f64| {
         let got = number(&noisy, pointer);
@@ -160,7 +154,7 @@ fn anchors_score_what_they_are_made_of() {
 #[test]
 fn wrong_calibration_stacks_and_options_are_named_not_panicked_on() {
     let folder = tempfile::tempdir().unwrap();
-    generate(folder.path(), &defocused("setting1", 2, 1));
+    generate(folder.path(), "dataset", &defocused("setting1", 2, 1));
     let (dataset, out) = (folder.path().join("dataset"), folder.path().join("out.csv"));
     let table = dataset.join("calibration/calibration.csv");
     let whole = std::fs::read_to_string(&table).unwrap();

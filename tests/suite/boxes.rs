@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use microsig_core::formats::tiff;
 use serde_json::{Value, json};
-use suite::microsig::{fail, path, run};
+use suite::microsig::{fail, generate, path, run};
 
 /// Noise-free spots far apart and above a dark background, and images of two sizes.
 const SPOTS: &str = r#"(
@@ -30,13 +30,6 @@ const CROWDED: &str = r#"(
     truth: (boxes: true, box_share: 0.2),
     calibration: none,
 )"#;
-
-fn generate(folder: &Path, name: &str, scenario: &str) -> PathBuf {
-    let (file, out) = (folder.join(format!("{name}.ron")), folder.join(name));
-    std::fs::write(&file, scenario).unwrap();
-    run(&["generate", path(&file), "--out", path(&out)]);
-    out
-}
 
 fn rows(dataset: &Path) -> Vec<csv::StringRecord> {
     let table = csv::Reader::from_path(dataset.join("truth/boxes.csv")).unwrap();

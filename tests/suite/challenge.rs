@@ -5,9 +5,9 @@ use std::fs;
 use std::io::Write;
 use std::path::Path;
 
-use suite::microsig::{fail, path, run};
+use suite::microsig::{fail, generate, path, run};
 
-use crate::release::{CHALLENGE, generate, images_sha256, scenario, submission};
+use crate::release::{CHALLENGE, images_sha256, scenario, submission};
 
 /// A regular grid of particles does not depend on the key.
 #[test]

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use suite::microsig::{fail, microsig, path, run};
+use suite::microsig::{fail, generate, microsig, path, run, write};
 
 const SCENARIO: &str = r#"(
     name: "small",
@@ -11,19 +11,6 @@ const SCENARIO: &str = r#"(
     particles: (number: count(4)),
     timing: pairs(count: 2),
 )"#;
-
-fn write(folder: &Path, name: &str, text: &str) -> PathBuf {
-    let path = folder.join(name);
-    std::fs::write(&path, text).unwrap();
-    path
-}
-
-fn generate(folder: &Path, text: &str) -> PathBuf {
-    let scenario = write(folder, "scenario.ron", text);
-    let out = folder.join("dataset");
-    run(&["generate", path(&scenario), "--out", path(&out)]);
-    out
-}
 
 /// Every path in a folder, to check that nothing is left behind.
 fn listing(folder: &Path) -> Vec<String> {
@@ -36,11 +23,11 @@ fn listing(folder: &Path) -> Vec<String> {
 #[test]
 fn a_dataset_verifies_and_can_be_made_again() {
     let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), SCENARIO);
+    let dataset = generate(place.path(), "dataset", SCENARIO);
     let said = run(&["verify", path(&dataset), "--regenerate", "--json"]);
     let result: serde_json::Value = serde_json::from_str(&said).unwrap();
     assert_eq!(result["regenerated"], true);
-    assert_eq!(listing(place.path()), ["dataset", "scenario.ron"]);
+    assert_eq!(listing(place.path()), ["dataset", "dataset.ron"]);
 
     // The scenario stored in a dataset reproduces it.
     let again = place.path().join("again");
@@ -52,7 +39,7 @@ fn a_dataset_verifies_and_can_be_made_again() {
 #[test]
 fn verify_finds_every_kind_of_damage() {
     let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), SCENARIO);
+    let dataset = generate(place.path(), "dataset", SCENARIO);
     let image = dataset.join("images/pair_00001_b.tif");
     let whole = std::fs::read(&image).unwrap();
     for position in [0, whole.len() / 2, whole.len() - 1] {
@@ -78,8 +65,8 @@ fn verify_finds_every_kind_of_damage() {
 #[test]
 fn nothing_is_overwritten_without_force() {
     let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), SCENARIO);
-    let scenario = place.path().join("scenario.ron");
+    let dataset = generate(place.path(), "dataset", SCENARIO);
+    let scenario = place.path().join("dataset.ron");
     let arguments = ["generate", path(&scenario), "--out", path(&dataset)];
     assert!(fail(2, &arguments).contains("exists already"));
     run(&[&arguments[..], &["--force"]].concat());
@@ -319,7 +306,7 @@ fn render_takes_what_the_formats_allow() {
 #[test]
 fn the_truth_agrees_with_itself_and_with_the_data_files() {
     let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), &SCENARIO.replace("count: 2", "count: 3, dt_s: 0.004"));
+    let dataset = generate(place.path(), "dataset", &SCENARIO.replace("count: 2", "count: 3, dt_s: 0.004"));
     let rows = |name: &str| -> Vec<std::collections::HashMap<String, String>> {
         csv::Reader::from_path(dataset.join(name)).unwrap().deserialize().map(Result::unwrap).collect()
     };

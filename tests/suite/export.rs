@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use suite::microsig::{fail, path, run};
+use suite::microsig::{fail, generate, path, run};
 
 const PAIRS: &str = r#"(
     name: "pairs",
@@ -24,13 +24,6 @@ const SEQUENCE: &str = r#"(
     timing: sequence(frames: 12, dt_s: 0.002),
     calibration: none,
 )"#;
-
-fn generate(folder: &Path, name: &str, scenario: &str) -> PathBuf {
-    let (file, out) = (folder.join(format!("{name}.ron")), folder.join(name));
-    std::fs::write(&file, scenario).unwrap();
-    run(&["generate", path(&file), "--out", path(&out)]);
-    out
-}
 
 fn exported(dataset: &Path, format: &str, more: &[&str]) -> PathBuf {
     let out = dataset.with_extension(format);

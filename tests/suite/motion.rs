@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use suite::measure::{Measures, measure};
-use suite::microsig::{fail, path, run};
+use suite::microsig::{fail, path, run, write};
 
 /// A small dark sensor: a scenario with these sections.
 fn scenario(name: &str, sections: &str) -> String {
@@ -14,17 +14,8 @@ fn scenario(name: &str, sections: &str) -> String {
     )
 }
 
-fn write(folder: &Path, name: &str, text: &str) -> PathBuf {
-    let file = folder.join(name);
-    std::fs::write(&file, text).unwrap();
-    file
-}
-
 fn generate(folder: &Path, name: &str, sections: &str) -> PathBuf {
-    let file = write(folder, &format!("{name}.ron"), &scenario(name, sections));
-    let out = folder.join(name);
-    run(&["generate", path(&file), "--out", path(&out)]);
-    out
+    suite::microsig::generate(folder, name, &scenario(name, sections))
 }
 
 /// The rows of a table, by column name.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 use suite::leak::{Files, Known, guess_by_noise, guess_by_place, unzip};
-use suite::microsig::{fail, path, run};
+use suite::microsig::{fail, generate, path, run};
 
 /// A seed that cannot occur anywhere by chance.
 const SEED: u64 = 8_246_017_395_284_410_067;
@@ -21,13 +21,6 @@ pub(crate) fn scenario(seed: u64) -> String {
     timing: sequence(frames: 8, dt_s: 0.002),
 )"#
     )
-}
-
-pub(crate) fn generate(folder: &Path, name: &str, scenario: &str) -> PathBuf {
-    let (file, out) = (folder.join(format!("{name}.ron")), folder.join(name));
-    std::fs::write(&file, scenario).unwrap();
-    run(&["generate", path(&file), "--out", path(&out)]);
-    out
 }
 
 /// A dataset and a challenge made from it, shared by read-only tests.

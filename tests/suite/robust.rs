@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use suite::microsig::{binary, fail, microsig, path, run};
+use suite::microsig::{binary, fail, microsig, path, run, write};
 
 /// Each image takes long enough for an interruption.
 const SCENARIO: &str = r#"(
@@ -15,12 +15,6 @@ const SCENARIO: &str = r#"(
     timing: pairs(count: 40),
     calibration: none,
 )"#;
-
-fn write(folder: &Path, name: &str, text: &str) -> PathBuf {
-    let path = folder.join(name);
-    std::fs::write(&path, text).unwrap();
-    path
-}
 
 fn files_in(folder: &Path) -> usize {
     std::fs::read_dir(folder).map_or(0, |entries| entries.count())

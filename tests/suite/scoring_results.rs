@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use scoring::evaluate::EvaluateOptions;
 use scoring::evaluate::truth::TrueParticles;
 use scoring::results::{Points, TrackRow};
-use suite::microsig::{fail, path, run};
+use suite::microsig::{fail, generate, path, run, write};
 
 /// Fast rotation about the center of a small image: many particles leave it at the corners and return.
 const VORTEX: &str = r#"(
@@ -28,13 +28,6 @@ const PAIRS: &str = r#"(
     timing: pairs(count: 4),
     calibration: none,
 )"#;
-
-fn generate(folder: &Path, scenario: &str) -> PathBuf {
-    let (file, out) = (folder.join("scenario.ron"), folder.join("dataset"));
-    std::fs::write(&file, scenario).unwrap();
-    run(&["generate", path(&file), "--out", path(&out), "--quiet"]);
-    out
-}
 
 fn evaluated(arguments: &[&str]) -> serde_json::Value {
     let said = run(&[&["evaluate"], arguments, &["--json", "--quiet"]].concat());
@@ -99,7 +92,7 @@ fn is_perfect(score: &serde_json::Value) {
 #[test]
 fn the_truth_is_a_perfect_result_where_particles_leave_and_come_back() {
     let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), VORTEX);
+    let dataset = generate(place.path(), "dataset", VORTEX);
     let tracks = dataset.join("truth/tracks.csv");
     let score = evaluated(&[path(&dataset), path(&tracks)]);
     is_perfect(&score);
@@ -120,7 +113,7 @@ fn the_truth_is_a_perfect_result_where_particles_leave_and_come_back() {
 #[test]
 fn the_truth_of_pairs_is_a_perfect_result() {
     let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), PAIRS);
+    let dataset = generate(place.path(), "dataset", PAIRS);
     is_perfect(&evaluated(&[path(&dataset), path(&dataset.join("truth/tracks.csv"))]));
 }
 
@@ -145,7 +138,7 @@ fn velocities_are_those_of_the_times_at_which_frames_were_taken() {
     ] {
         let scenario = VORTEX.replace("sequence(frames: 30, dt_s: 0.005)", timing);
         let folder = tempfile::tempdir_in(place.path()).unwrap();
-        let dataset = generate(folder.path(), &scenario);
+        let dataset = generate(folder.path(), "dataset", &scenario);
         let tracks = dataset.join("truth/tracks.csv");
         is_perfect(&evaluated(&[path(&dataset), path(&tracks)]));
         columns(&tracks, &["frame", "track", "x_px", "y_px", "z_um"], &positions);
@@ -257,7 +250,7 @@ fn recall_is_binned_by_what_the_truth_tells_of_a_particle() {
 #[test]
 fn what_does_not_fit_a_dataset_is_told() {
     let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), PAIRS);
+    let dataset = generate(place.path(), "dataset", PAIRS);
     let result = place.path().join("result.csv");
     std::fs::write(&result, "frame,track,x_px,y_px\n1,0,5,5\n8,0,5,5\n").unwrap();
     let message = fail(2, &["evaluate", path(&dataset), path(&result), "--validate-only"]);
@@ -321,7 +314,7 @@ fn degenerate_results_have_null_scores() {
 #[test]
 fn an_evaluation_leaves_files_that_can_be_compared() {
     let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), VORTEX);
+    let dataset = generate(place.path(), "dataset", VORTEX);
     let tracks = dataset.join("truth/tracks.csv");
     let worse = place.path().join("worse.csv");
     let mut text = "frame,track,x_px,y_px,z_um\n".to_owned();
@@ -377,7 +370,7 @@ fn an_evaluation_leaves_files_that_can_be_compared() {
 fn a_comparison_knows_datasets_by_their_truth_and_ranks_fields_apart() {
     let place = tempfile::tempdir().unwrap();
     let (scenario, seven) = (place.path().join("vortex.ron"), place.path().join("seven"));
-    let dataset = generate(place.path(), VORTEX);
+    let dataset = generate(place.path(), "dataset", VORTEX);
     std::fs::write(&scenario, VORTEX).unwrap();
     run(&["generate", path(&scenario), "--out", path(&seven), "--seed", "7", "--quiet"]);
     let score = |dataset: &Path, result: &Path, name: &str| {
@@ -423,7 +416,7 @@ fn gaussian_spots_have_a_bound_of_x_and_y_but_not_of_z() {
         particles: (number: count(20)),
         timing: pairs(count: 1),
     )"#;
-    let dataset = generate(place.path(), scenario);
+    let dataset = generate(place.path(), "dataset", scenario);
     let tracks = dataset.join("truth/tracks.csv");
     let flat = place.path().join("flat.csv");
     columns(&tracks, &["frame", "track", "x_px", "y_px"], &flat);

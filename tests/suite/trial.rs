@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use serde_json::Value;
-use suite::microsig::{fail, microsig, path, run};
+use suite::microsig::{fail, generate, microsig, path, run, write};
 
 /// Dense: many particles lie within the gate of others.
 const DENSE: &str = r#"(
@@ -17,22 +17,10 @@ const DENSE: &str = r#"(
     calibration: none,
 )"#;
 
-fn write(folder: &Path, name: &str, text: &str) -> PathBuf {
-    let path = folder.join(name);
-    std::fs::write(&path, text).unwrap();
-    path
-}
-
-fn generate(folder: &Path, scenario: &str) -> PathBuf {
-    let (file, out) = (write(folder, "scenario.ron", scenario), folder.join("dataset"));
-    run(&["generate", path(&file), "--out", path(&out)]);
-    out
-}
-
 #[test]
 fn the_truth_has_no_uncertainty_of_idf1_and_its_score_can_be_compared() {
     let place = tempfile::tempdir().unwrap();
-    let (dataset, score) = (generate(place.path(), DENSE), place.path().join("score"));
+    let (dataset, score) = (generate(place.path(), "dataset", DENSE), place.path().join("score"));
     let tracks = dataset.join("truth/tracks.csv");
     let result =
         run(&["evaluate", path(&dataset), path(&tracks), "--out", path(&score), "--json", "--quiet"]);
@@ -44,7 +32,7 @@ fn the_truth_has_no_uncertainty_of_idf1_and_its_score_can_be_compared() {
 #[test]
 fn ghosts_at_the_border_are_not_scored() {
     let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), DENSE);
+    let dataset = generate(place.path(), "dataset", DENSE);
     let ghosts = write(place.path(), "ghosts.csv", "frame,x_px,y_px,z_um\n0,3,3,0\n0,62,40,0\n");
     let score = |border: &str| -> Value {
         let score = run(&[
@@ -91,7 +79,7 @@ fn ends(arguments: &[&str]) -> (Option<i32>, String) {
 #[test]
 fn pipes_are_refused_wherever_a_file_is_read() {
     let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), DENSE);
+    let dataset = generate(place.path(), "dataset", DENSE);
     let pipe = |name: &str| {
         let pipe = place.path().join(name);
         std::fs::create_dir_all(pipe.parent().unwrap()).unwrap();
@@ -130,7 +118,7 @@ fn pipes_are_refused_wherever_a_file_is_read() {
 #[test]
 fn archives_with_two_results_are_refused() {
     let place = tempfile::tempdir().unwrap();
-    let dataset = generate(place.path(), DENSE);
+    let dataset = generate(place.path(), "dataset", DENSE);
     let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
     let options = zip::write::SimpleFileOptions::default();
     for name in ["results.csv", "team/results.csv", "submission.json"] {

@@ -31,30 +31,15 @@ impl Outline {
         (width, height): (usize, usize),
         sensor: &Sensor,
     ) -> Option<Self> {
-        let peak = patch.values.iter().copied().fold(0.0, f64::max);
-        let least = share * peak;
         let (mut low, mut high) = ((usize::MAX, usize::MAX), (0, 0));
         let (mut area, mut hidden) = (0, 0);
-        let (mut mask, rows) = (RunLengths::default(), patch.values.len() / patch.width.max(1));
-        // COCO's masks run down the columns.
-        for column in 0..patch.width {
-            for row in 0..rows {
-                let light = patch.values[row * patch.width + column];
-                if light <= least {
-                    continue;
-                }
-                let (x, y) = (patch.corner.0 + column, patch.corner.1 + row);
-                let response = sensor.response(y * width + x);
-                // Less than half a count is rounded to none.
-                if response.slope * light <= response.background_noise.max(0.5) {
-                    continue;
-                }
-                low = (low.0.min(x), low.1.min(y));
-                high = (high.0.max(x), high.1.max(y));
-                area += 1;
-                hidden += usize::from(total[y * width + x] - light > light);
-                mask.push(x * height + y);
-            }
+        let mut mask = RunLengths::default();
+        for (x, y, light) in patch.belonging(share, sensor, width) {
+            low = (low.0.min(x), low.1.min(y));
+            high = (high.0.max(x), high.1.max(y));
+            area += 1;
+            hidden += usize::from(total[y * width + x] - light > light);
+            mask.push(x * height + y);
         }
         (area > 0).then(|| Outline {
             corner: low,
@@ -62,6 +47,33 @@ impl Outline {
             area,
             hidden: hidden as f64 / area as f64,
             mask,
+        })
+    }
+}
+
+impl Patch {
+    /// The pixels that belong to the particle's image, column by column as COCO's masks run: column and row on
+    /// a sensor of this width (px), from 0, and light. They exceed a share of the image's peak and stand out
+    /// from the noise.
+    pub fn belonging<'a>(
+        &'a self,
+        share: f64,
+        sensor: &'a Sensor,
+        width: usize,
+    ) -> impl Iterator<Item = (usize, usize, f64)> + 'a {
+        let least = share * self.values.iter().copied().fold(0.0, f64::max);
+        let rows = self.values.len() / self.width.max(1);
+        let all = (0..self.width).flat_map(move |column| (0..rows).map(move |row| (column, row)));
+        all.filter_map(move |(column, row)| {
+            let light = self.values[row * self.width + column];
+            if light <= least {
+                return None;
+            }
+            let (x, y) = (self.corner.0 + column, self.corner.1 + row);
+            let response = sensor.response(y * width + x);
+            // Less than half a count is rounded to none.
+            let stands_out = response.slope * light > response.background_noise.max(0.5);
+            stands_out.then_some((x, y, light))
         })
     }
 }

@@ -1,17 +1,16 @@
 //! Export of boxes and masks to the formats of detectors.
 
 use std::collections::BTreeMap;
-use std::io::{Cursor, Write};
+use std::io::Cursor;
 use std::path::Path;
 
 use microsig_core::formats::tiff::{self, PixelScale};
 use microsig_core::sensor::Image;
 use serde_json::{Value, json};
 use visibility::RunLengths;
-use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, DateTime, ZipWriter};
 
 use super::ExportFormat;
+use crate::release::package::Package;
 use scoring::evaluate::measurement::RecordingFacts;
 use scoring::results::Conventions;
 use scoring::results::sheet::{Separator, TextTable};
@@ -182,19 +181,13 @@ impl Boxes {
         &self,
         of: impl Fn(&Self, &str, &[ParticleBox]) -> Result<(String, Vec<u8>)>,
     ) -> Result<Vec<u8>> {
-        let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-        let options = SimpleFileOptions::default()
-            .compression_method(CompressionMethod::Deflated)
-            .last_modified_time(DateTime::default())
-            .unix_permissions(0o644);
-        let failed = |e: zip::result::ZipError| Error::input(format!("{}: {e}", self.name));
+        let mut package = Package::default();
         for (image, boxes) in self.frames.values() {
             let stem = Path::new(image).file_stem().unwrap_or_default().to_string_lossy();
             let (path, bytes) = of(self, &stem, boxes)?;
-            zip.start_file(path, options).map_err(failed)?;
-            zip.write_all(&bytes).map_err(|e| failed(e.into()))?;
+            package.write(&path, bytes);
         }
-        Ok(zip.finish().map_err(failed)?.into_inner())
+        package.zipped(&self.name)
     }
 }
 

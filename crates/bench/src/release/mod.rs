@@ -21,7 +21,7 @@
 mod about;
 mod codabench;
 mod overlap;
-mod package;
+pub(crate) mod package;
 mod splits;
 mod submission;
 mod test_split;

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::Write;
+use std::io::{Cursor, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use zip::write::SimpleFileOptions;
@@ -25,23 +25,23 @@ enum Content {
 
 /// Files by path in the archive.
 #[derive(Debug, Default)]
-pub(super) struct Package {
+pub(crate) struct Package {
     files: BTreeMap<String, Content>,
 }
 
 impl Package {
     /// Adds a file with these contents.
-    pub(super) fn write(&mut self, path: &str, bytes: impl Into<Vec<u8>>) {
+    pub(crate) fn write(&mut self, path: &str, bytes: impl Into<Vec<u8>>) {
         self.files.insert(path.to_owned(), Content::Bytes(bytes.into()));
     }
 
     /// Adds a file from disk.
-    pub(super) fn copy(&mut self, path: &str, from: PathBuf) {
+    pub(crate) fn copy(&mut self, path: &str, from: PathBuf) {
         self.files.insert(path.to_owned(), Content::File(from));
     }
 
     /// Adds the files of a folder whose relative paths satisfy `wanted`.
-    pub(super) fn copy_folder(&mut self, folder: &Path, wanted: impl Fn(&str) -> bool) -> Result<()> {
+    pub(crate) fn copy_folder(&mut self, folder: &Path, wanted: impl Fn(&str) -> bool) -> Result<()> {
         for path in files_below(folder)?.into_iter().filter(|p| wanted(p)) {
             self.copy(&path, folder.join(&path));
         }
@@ -49,12 +49,12 @@ impl Package {
     }
 
     /// The paths of all files.
-    pub(super) fn paths(&self) -> Vec<String> {
+    pub(crate) fn paths(&self) -> Vec<String> {
         self.files.keys().cloned().collect()
     }
 
     /// Sizes and hashes of all files, by path.
-    pub(super) fn fingerprints(&self) -> Result<BTreeMap<String, Fingerprint>> {
+    pub(crate) fn fingerprints(&self) -> Result<BTreeMap<String, Fingerprint>> {
         let of = |content: &Content| match content {
             Content::File(path) => fingerprint(path),
             Content::Bytes(bytes) => Ok(Fingerprint::of(bytes)),
@@ -63,38 +63,47 @@ impl Package {
     }
 
     /// Writes all files into a zip archive, below the folder `root`; an empty one is the archive itself.
-    pub(super) fn zip(&self, root: &str, out: &Path) -> Result<()> {
+    pub(crate) fn zip(&self, root: &str, out: &Path) -> Result<()> {
+        save(out, |writer| self.zip_into(writer, root, out))
+    }
+
+    /// A zip archive in memory; `name` is its name in messages.
+    pub(crate) fn zipped(&self, name: &str) -> Result<Vec<u8>> {
+        let mut archive = Cursor::new(Vec::new());
+        self.zip_into(&mut archive, "", Path::new(name))?;
+        Ok(archive.into_inner())
+    }
+
+    fn zip_into(&self, writer: impl Write + Seek, root: &str, out: &Path) -> Result<()> {
         let above = if root.is_empty() { String::new() } else { format!("{root}/") };
-        save(out, |writer| {
-            let failed = |e: zip::result::ZipError| Error::write(out)(e.into());
-            let mut zip = ZipWriter::new(writer);
-            for (path, content) in &self.files {
-                let size = match content {
-                    Content::File(path) => std::fs::metadata(path).map_err(|e| Error::read(path, e))?.len(),
-                    Content::Bytes(bytes) => bytes.len() as u64,
-                };
-                let options = SimpleFileOptions::default()
-                    .compression_method(CompressionMethod::Deflated)
-                    .compression_level(Some(6))
-                    .last_modified_time(DateTime::default())
-                    .unix_permissions(0o644)
-                    .large_file(size >= u64::from(u32::MAX));
-                zip.start_file(format!("{above}{path}"), options).map_err(failed)?;
-                match content {
-                    Content::Bytes(bytes) => zip.write_all(bytes).map_err(Error::write(out))?,
-                    Content::File(path) => {
-                        let mut file = File::open(path).map_err(|e| Error::read(path, e))?;
-                        std::io::copy(&mut file, &mut zip).map_err(Error::write(out))?;
-                    }
+        let failed = |e: zip::result::ZipError| Error::write(out)(e.into());
+        let mut zip = ZipWriter::new(writer);
+        for (path, content) in &self.files {
+            let size = match content {
+                Content::File(path) => std::fs::metadata(path).map_err(|e| Error::read(path, e))?.len(),
+                Content::Bytes(bytes) => bytes.len() as u64,
+            };
+            let options = SimpleFileOptions::default()
+                .compression_method(CompressionMethod::Deflated)
+                .compression_level(Some(6))
+                .last_modified_time(DateTime::default())
+                .unix_permissions(0o644)
+                .large_file(size >= u64::from(u32::MAX));
+            zip.start_file(format!("{above}{path}"), options).map_err(failed)?;
+            match content {
+                Content::Bytes(bytes) => zip.write_all(bytes).map_err(Error::write(out))?,
+                Content::File(path) => {
+                    let mut file = File::open(path).map_err(|e| Error::read(path, e))?;
+                    std::io::copy(&mut file, &mut zip).map_err(Error::write(out))?;
                 }
             }
-            zip.finish().map_err(failed)?;
-            Ok(())
-        })
+        }
+        zip.finish().map_err(failed)?;
+        Ok(())
     }
 
     /// Writes the files added by [`Package::write`] into a folder.
-    pub(super) fn unpack(&self, folder: &Path) -> Result<()> {
+    pub(crate) fn unpack(&self, folder: &Path) -> Result<()> {
         for (path, content) in &self.files {
             if let Content::Bytes(bytes) = content {
                 save_bytes(&folder.join(path), bytes)?;

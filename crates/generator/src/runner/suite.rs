@@ -12,14 +12,13 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 
 use super::generate::{GenerateOptions, generate};
 use super::progress::Progress;
 use super::shard::Shard;
-use super::sweep::{Swept, attempt, reason};
+use super::sweep::{Outcome, Swept, attempt, reason};
 use super::verify::verify;
-use crate::dataset::manifest::{MANIFEST, Manifest};
+use crate::dataset::manifest::MANIFEST;
 use scenario::{Size, Split, Suite, SuiteCase, resolve};
 use storage::checksums::{Fingerprint, SHA256SUMS};
 use storage::error::{Error, Result};
@@ -194,22 +193,9 @@ fn collect(suite: &Suite, size: Size, out: &Path) -> Result<(usize, usize, usize
     let all = SuiteSelection::default().of(suite, size)?;
     let unwritable = |e: csv::Error| Error::Write { path: out.join(TABLE), source: std::io::Error::other(e) };
     let mut table = csv::Writer::from_writer(Vec::new());
-    let header = [
-        "track",
-        "ladder",
-        "case",
-        "split",
-        "dataset",
-        "seed",
-        "axes",
-        "status",
-        "n_p",
-        "n_ppp",
-        "n_s",
-        "max_displacement_px",
-        "reason",
-    ];
-    table.write_record(header).map_err(unwritable)?;
+    let header = ["track", "ladder", "case", "split", "dataset", "seed", "axes"];
+    let header: Vec<&str> = header.into_iter().chain(Outcome::COLUMNS).collect();
+    table.write_record(&header).map_err(unwritable)?;
     let (mut done, mut failures) = (0, 0);
     for (case, split) in &all {
         let dataset = out.join(case.split_folder(*split));
@@ -218,26 +204,9 @@ fn collect(suite: &Suite, size: Size, out: &Path) -> Result<(usize, usize, usize
         let [track, ladder, name] = [&case.track, &case.ladder, &case.name].map(String::to_owned);
         let mut row = vec![track, ladder, name, split.name().to_owned(), spec.name.clone()];
         row.extend([spec.seed.to_string(), axes.join("; ")]);
-        let reason = reason(&dataset);
-        if dataset.join(MANIFEST).exists() {
-            let Manifest { name, microsig: facts, .. } = Manifest::read(&dataset)?;
-            if (name.as_str(), facts.seed.flatten()) != (spec.name.as_str(), Some(spec.seed)) {
-                let hint = format!("expected `{}` with seed {}", spec.name, spec.seed);
-                return Err(Error::input(format!("{}: is of another suite; {hint}", dataset.display())));
-            }
-            row.push("done".to_owned());
-            let numbers = [facts.n_p, facts.n_ppp, facts.n_s, facts.max_displacement_px];
-            row.extend(numbers.map(|number| json!(number).to_string()));
-            row.push(String::new());
-            done += 1;
-        } else if reason.exists() {
-            row.push("failed".to_owned());
-            row.extend([const { String::new() }; 4]);
-            row.push(read_text(&reason)?.trim().to_owned());
-            failures += 1;
-        } else {
-            continue;
-        }
+        let Some(outcome) = Outcome::of(&dataset, (&spec.name, spec.seed), "suite")? else { continue };
+        *(if outcome.is_done() { &mut done } else { &mut failures }) += 1;
+        row.extend(outcome.cells());
         table.write_record(&row).map_err(unwritable)?;
     }
     if done + failures == all.len() {

@@ -18,7 +18,7 @@ use crate::dataset::manifest::{MANIFEST, Manifest};
 use scenario::{Case, Scenario, Sweep, resolve};
 use storage::error::{Error, Result};
 use storage::folder::FolderClaim;
-use storage::save_bytes;
+use storage::{read_text, save_bytes};
 
 /// Options of [`sweep`].
 #[derive(Debug, Clone)]
@@ -140,6 +140,50 @@ pub(super) fn reason(out: &Path) -> PathBuf {
     out.with_file_name(format!("{name}.failed"))
 }
 
+/// What has become of one of many datasets: the facts of its manifest, or the reason of its failure.
+pub(super) enum Outcome {
+    Done([String; 4]),
+    Failed(String),
+}
+
+impl Outcome {
+    /// The columns of [`Outcome::cells`].
+    pub(super) const COLUMNS: [&str; 6] = ["status", "n_p", "n_ppp", "n_s", "max_displacement_px", "reason"];
+
+    /// Of the dataset in this folder, which is to have this name and seed; `None` if it is unfinished. `of`
+    /// says in messages what datasets belong to.
+    pub(super) fn of(dataset: &Path, (name, seed): (&str, u64), of: &str) -> Result<Option<Self>> {
+        if dataset.join(MANIFEST).exists() {
+            let Manifest { name: found, microsig: facts, .. } = Manifest::read(dataset)?;
+            if (found.as_str(), facts.seed.flatten()) != (name, Some(seed)) {
+                let path = dataset.join(MANIFEST);
+                let hint = format!("is of another {of}; expected `{name}` with seed {seed}");
+                return Err(Error::input(format!("{}: {hint}", path.display())));
+            }
+            let numbers = [facts.n_p, facts.n_ppp, facts.n_s, facts.max_displacement_px];
+            return Ok(Some(Outcome::Done(numbers.map(|number| json!(number).to_string()))));
+        }
+        let reason = reason(dataset);
+        if !reason.exists() {
+            return Ok(None);
+        }
+        Ok(Some(Outcome::Failed(read_text(&reason)?.trim().to_owned())))
+    }
+
+    pub(super) fn is_done(&self) -> bool {
+        matches!(self, Outcome::Done(_))
+    }
+
+    pub(super) fn cells(self) -> [String; 6] {
+        let empty = || [const { String::new() }; 4];
+        let (status, [n_p, n_ppp, n_s, moved], reason) = match self {
+            Outcome::Done(facts) => ("done", facts, String::new()),
+            Outcome::Failed(reason) => ("failed", empty(), reason),
+        };
+        [status.to_owned(), n_p, n_ppp, n_s, moved, reason]
+    }
+}
+
 /// Counts finished and failed cases, and writes the table if no others are left. Returns both numbers.
 ///
 /// # Errors
@@ -151,13 +195,10 @@ pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
     // The seed has its own column.
     let axes =
         || sweep.spec.axes.iter().map(|a| a.path.as_str()).enumerate().filter(|(_, path)| *path != "seed");
-    let facts = ["n_p", "n_ppp", "n_s", "max_displacement_px"];
     let header: Vec<&str> = ["case", "dataset", "repetition", "seed"]
         .into_iter()
         .chain(axes().map(|(_, path)| path))
-        .chain(["status"])
-        .chain(facts)
-        .chain(["reason"])
+        .chain(Outcome::COLUMNS)
         .collect();
     table.write_record(&header).map_err(unwritable)?;
     for case in &sweep.cases {
@@ -168,27 +209,11 @@ pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
             case.seed.to_string(),
         ];
         row.extend(axes().map(|(i, _)| case.values[i].clone()));
-        let (manifest, reason) = (out.join(&case.name).join(MANIFEST), reason(&out.join(&case.name)));
-        if manifest.exists() {
-            let Manifest { name, microsig: facts, .. } = Manifest::read(&out.join(&case.name))?;
-            if (name.as_str(), facts.seed.flatten()) != (sweep.name_of(case).as_str(), Some(case.seed)) {
-                let hint = format!("expected `{}` with seed {}", sweep.name_of(case), case.seed);
-                return Err(Error::input(format!("{}: is of another sweep; {hint}", manifest.display())));
-            }
-            row.push("done".to_owned());
-            let numbers = [facts.n_p, facts.n_ppp, facts.n_s, facts.max_displacement_px];
-            row.extend(numbers.map(|number| json!(number).to_string()));
-            row.push(String::new());
-            done += 1;
-        } else if reason.exists() {
-            let text = std::fs::read_to_string(&reason).map_err(|e| Error::read(&reason, e))?;
-            row.push("failed".to_owned());
-            row.extend(facts.map(|_| String::new()));
-            row.push(text.trim().to_owned());
-            failures += 1;
-        } else {
-            continue;
-        }
+        let name = sweep.name_of(case);
+        let dataset = out.join(&case.name);
+        let Some(outcome) = Outcome::of(&dataset, (&name, case.seed), "sweep")? else { continue };
+        *(if outcome.is_done() { &mut done } else { &mut failures }) += 1;
+        row.extend(outcome.cells());
         table.write_record(&row).map_err(unwritable)?;
     }
     if done + failures == sweep.cases.len() {

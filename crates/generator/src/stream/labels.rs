@@ -4,12 +4,13 @@ use flows::Frame;
 use flows::eulerian::{central, forward};
 use flows::scale::ImagePoint;
 use glam::DVec3;
+use microsig_core::sensor::Sensor;
 use rayon::prelude::*;
 
 use crate::dataset::truth::{View, size_class};
 use scenario::Scenario;
 use storage::error::{Error, Result};
-use visibility::{NoiseFree, Patch};
+use visibility::NoiseFree;
 
 /// Columns of [`Sample::particles`].
 pub const PARTICLE_COLUMNS: [&str; 8] = ["x_px", "y_px", "z_um", "d_um", "c_int", "dx_px", "dy_px", "dz_um"];
@@ -40,7 +41,7 @@ pub struct LabelOptions {
     pub flow_z: bool,
     /// Noise-free images.
     pub clean: bool,
-    /// Pixels above this fraction of its peak belong to a particle's image.
+    /// Pixels above this fraction of its peak, and above the noise, belong to a particle's image.
     pub share: f64,
     /// Standard deviation of a particle's Gaussian in the heatmap, px.
     pub heatmap_sigma_px: f64,
@@ -112,8 +113,8 @@ pub struct Sample {
     /// Particles whose center is on the sensor in the first frame, in the order of track numbers, with the
     /// columns [`PARTICLE_COLUMNS`]. Displacements are those to the second frame, NaN if there is none.
     pub particles: Vec<[f32; 8]>,
-    /// For the same particles: center x and y (px), width and height (px) of the bounding box of pixels above
-    /// a fraction of the particle's own peak, z (um), and class: the index of the diameter in
+    /// For the same particles: center x and y (px), width and height (px) of the bounding box of the pixels
+    /// that belong to its image, z (um), and class: the index of the diameter in
     /// `particles.diameter_um.list`, otherwise 0. The box of a particle without light has size 0.
     pub boxes: Vec<[f32; 6]>,
     /// Number, from 1, of the particle that is brightest at each pixel, or 0, shape (rows, columns).
@@ -134,6 +135,7 @@ pub(super) struct FirstFrame<'a> {
     pub(super) frame: &'a Frame,
     pub(super) next: Option<&'a Frame>,
     pub(super) single: Option<&'a NoiseFree>,
+    pub(super) sensor: &'a Sensor,
 }
 
 /// Adds the labels of the first frame.
@@ -148,7 +150,11 @@ pub(super) fn frame_labels(wanted: &LabelOptions, shot: &FirstFrame<'_>, sample:
         for (number, sight) in visible.enumerate() {
             let patch = single.draw_all(&shot.view.rendered[sight.rows.clone()]);
             let z_um = sight.tracer.position.z as f32;
-            let bounds = instances.add(&patch, wanted.share, width, (number as i32 + 1, z_um));
+            let bounds = instances.add(
+                patch.belonging(wanted.share, shot.sensor, width),
+                width,
+                (number as i32 + 1, z_um),
+            );
             if wanted.boxes {
                 let [x, y, w, h] = bounds.unwrap_or([sight.particle.x_px, sight.particle.y_px, 0.0, 0.0]);
                 let class = size_class(shot.scenario, sight.particle.d_um) as f32;
@@ -206,27 +212,20 @@ impl Instances {
         Instances { owner: vec![0; pixels], depth: vec![f32::NAN; pixels], brightest: vec![0.0; pixels] }
     }
 
-    /// Adds the image of a particle; returns center (px, from 1) and size (px) of the bounding box of pixels
-    /// above the fraction `share` of its peak.
+    /// Adds the pixels of a particle; returns center (px, from 1) and size (px) of their bounding box.
     fn add(
         &mut self,
-        patch: &Patch,
-        share: f64,
+        pixels: impl Iterator<Item = (usize, usize, f64)>,
         width: usize,
         (number, z_um): (i32, f32),
     ) -> Option<[f64; 4]> {
-        let least = share * patch.values.iter().copied().fold(0.0, f64::max);
         let mut bounds: Option<[usize; 4]> = None;
-        if least <= 0.0 {
-            return None;
-        }
-        for (i, light) in patch.values.iter().enumerate().filter(|(_, light)| **light > least) {
-            let (x, y) = (patch.corner.0 + i % patch.width, patch.corner.1 + i / patch.width);
+        for (x, y, light) in pixels {
             let [left, top, right, bottom] = bounds.unwrap_or([x, y, x, y]);
             bounds = Some([left.min(x), top.min(y), right.max(x), bottom.max(y)]);
             let pixel = y * width + x;
-            if self.brightest.get(pixel).is_some_and(|brightest| *light as f32 > *brightest) {
-                self.brightest[pixel] = *light as f32;
+            if self.brightest.get(pixel).is_some_and(|brightest| light as f32 > *brightest) {
+                self.brightest[pixel] = light as f32;
                 self.owner[pixel] = number;
                 self.depth[pixel] = z_um;
             }

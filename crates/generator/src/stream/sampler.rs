@@ -197,6 +197,7 @@ fn draw(options: &StreamOptions, index: u64, prototype: &mut Prototype) -> Resul
                 frame,
                 next: frames.get(1),
                 single: optics.single.as_ref(),
+                sensor: &sensor,
             };
             frame_labels(&options.labels, &shot, &mut sample);
         }

@@ -207,6 +207,8 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let n_unlinked = points.rows.iter().filter(|p| p.track < 0).count();
     let mut warnings: Vec<String> = hints.iter().map(|hint| hint.what.clone()).collect();
     warnings.extend(cautions(truth, points, n_unlinked, t.is_empty() && r.is_empty()));
+    // Positions alone say nothing about links.
+    let is_linked = points.rows.is_empty() || n_unlinked < points.rows.len();
 
     let candidates = candidates::Candidates::new(t, r, &gate)?;
     let isbi = isbi::Isbi::of(t, r, &isbi_gate(&gate, isbi_gate_px, depth), bootstrap)?;
@@ -231,7 +233,7 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let score = Score {
         dataset: truth.facts.name.clone(),
         gates: at_other_gates((t, r), &gate, h, depth, bootstrap)?,
-        links: Some(links::Links::of(t, r, &matching, bootstrap)),
+        links: is_linked.then(|| links::Links::of(t, r, &matching, bootstrap)),
         isbi: Some(isbi),
         isbi_2d,
         hota: Some(hota::Hota::of(t, r, &candidates, bootstrap)),
@@ -288,7 +290,7 @@ fn cautions(
         warnings.push(format!("{n} points lie in frames beyond the dataset's {frames}"));
     }
     if n_unlinked == points.rows.len() && n_unlinked > 0 {
-        warnings.push("no point is linked: track scores treat each point as a track of its own".to_owned());
+        warnings.push("no point is linked: links are not scored, track scores treat each point as a track of its own".to_owned());
     }
     if is_nothing_scored {
         let what = "neither truth nor result has a scored particle: nothing was missed, rates are null";
