@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use serde_json::Value;
-use suite::microsig::{fail, generate, path, run, write};
+use suite::microsig::{fail, generate, path, run};
 
 /// Defocused particles on 376 x 240 px, mostly isolated.
 fn defocused(preset: &str, count: u32, pairs: u32) -> String {

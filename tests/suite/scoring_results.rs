@@ -1,13 +1,13 @@
 //! General properties of scores: the truth is perfect, invariance, warnings, files.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::scoring_hints::{scene, scores};
 use proptest::prelude::*;
 use scoring::evaluate::EvaluateOptions;
 use scoring::evaluate::truth::TrueParticles;
 use scoring::results::{Points, TrackRow};
-use suite::microsig::{fail, generate, path, run, write};
+use suite::microsig::{fail, generate, path, run};
 
 /// Fast rotation about the center of a small image: many particles leave it at the corners and return.
 const VORTEX: &str = r#"(

@@ -1,7 +1,6 @@
 //! Faults that users found who had seen neither the code nor its tests.
 
 use std::io::{Cursor, Write};
-use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use serde_json::Value;

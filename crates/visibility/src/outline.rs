@@ -52,9 +52,9 @@ impl Outline {
 }
 
 impl Patch {
-    /// The pixels that belong to the particle's image, column by column as COCO's masks run: column and row on
-    /// a sensor of this width (px), from 0, and light. They exceed a share of the image's peak and stand out
-    /// from the noise.
+    /// The pixels that belong to the particle's image, column by column as COCO's masks run: column and row
+    /// on a sensor of this width (px), from 0, and light. They exceed a share of the image's peak and stand
+    /// out from the noise.
     pub fn belonging<'a>(
         &'a self,
         share: f64,

@@ -290,7 +290,10 @@ fn cautions(
         warnings.push(format!("{n} points lie in frames beyond the dataset's {frames}"));
     }
     if n_unlinked == points.rows.len() && n_unlinked > 0 {
-        warnings.push("no point is linked: links are not scored, track scores treat each point as a track of its own".to_owned());
+        warnings.push(
+            "no point is linked: links are not scored, track scores treat each point as a track of its own"
+                .to_owned(),
+        );
     }
     if is_nothing_scored {
         let what = "neither truth nor result has a scored particle: nothing was missed, rates are null";
