@@ -200,6 +200,7 @@ impl Sequence<'_> {
                 (survivors, wrapped, self.scene.arrivals(before.t_s, t_s, self.streams, index)?)
             }
         };
+        tracers.reserve(wrapped.len() + newcomers.len());
         for tracer in wrapped {
             tracers.push(Tracer { id: self.next_id, ..tracer });
             self.next_id += 1;

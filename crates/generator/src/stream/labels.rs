@@ -196,7 +196,9 @@ fn particles(shot: &FirstFrame<'_>) -> Vec<[f32; 8]> {
         let c_int = particle.c_int * sight.light;
         [particle.x_px, particle.y_px, tracer.position.z, particle.d_um, c_int, dx, dy, dz].map(|v| v as f32)
     };
-    shot.view.sights.iter().filter(|sight| sight.visible).map(row).collect()
+    let mut rows = Vec::with_capacity(shot.view.sights.len());
+    rows.extend(shot.view.sights.iter().filter(|sight| sight.visible).map(row));
+    rows
 }
 
 /// The brightest particle at each pixel.

@@ -46,7 +46,7 @@ impl Viewer<'_> {
     /// The particles of a frame.
     pub(crate) fn view<'f>(&self, frame: &'f Frame) -> View<'f> {
         let energy = self.energy(frame);
-        let mut rendered = Vec::new();
+        let mut rendered = Vec::with_capacity(frame.tracers.len());
         let mut sights = Vec::with_capacity(frame.tracers.len());
         for (i, tracer) in frame.tracers.iter().enumerate() {
             let (first, particle) = (rendered.len(), self.particle(tracer));
