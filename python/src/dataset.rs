@@ -1,6 +1,5 @@
 //! Datasets: made in memory, or read from a folder.
 
-use std::fs::File;
 use std::io::{BufReader, Cursor};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -192,7 +191,7 @@ fn read_table<'py>(
     kinds: std::collections::HashMap<String, String>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let columns = run(py, false, OnInterrupt::Leave, move |_| {
-        let file = BufReader::new(File::open(&path).map_err(|e| storage::Error::read(&path, e))?);
+        let file = BufReader::new(storage::input::open(&path)?);
         let kind = |name: &str| kinds.get(name).map_or("string", String::as_str);
         Columns::read(&path.display().to_string(), file, kind)
     })?;
@@ -221,7 +220,7 @@ fn read_images(
 }
 
 fn read_image(path: &Path, size: (u32, u32)) -> storage::Result<Vec<u16>> {
-    let bytes = std::fs::read(path).map_err(|e| storage::Error::read(path, e))?;
+    let bytes = storage::input::read(path)?;
     let counts = tiff::read(Cursor::new(bytes), &path.display().to_string(), size)?;
     // The reader gives whole numbers of at most 16 bit.
     Ok(counts.into_iter().map(|count| count as u16).collect())

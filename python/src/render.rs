@@ -58,7 +58,7 @@ fn render<'py>(
 #[pyfunction]
 fn image_size(py: Python<'_>, settings: PathBuf) -> PyResult<(u32, u32)> {
     run(py, false, OnInterrupt::Leave, move |_| {
-        let file = std::fs::File::open(&settings).map_err(|e| storage::Error::read(&settings, e))?;
+        let file = storage::input::open(&settings)?;
         let read = settings_file::read(file, &settings.display().to_string())?.settings;
         Ok((read.pixel_dim_x, read.pixel_dim_y))
     })

@@ -159,6 +159,40 @@ fn comments_stay_within_the_width_of_code() {
     );
 }
 
+/// Files that may open others past `storage::input`: what writes and locks them, and what reads the system's
+/// own (`/proc`).
+const OPENING: [&str; 6] = [
+    "crates/storage/src/file.rs",
+    "crates/storage/src/folder.rs",
+    "crates/storage/src/journal.rs",
+    "crates/storage/src/lock.rs",
+    "crates/generator/src/runner/cost.rs",
+    "crates/flows/examples/bars.rs",
+];
+
+/// A pipe in the place of a file would block whoever opens it, a device may be endless.
+#[test]
+fn files_are_opened_where_pipes_and_devices_are_refused() {
+    const CALLS: [&str; 5] =
+        ["File::open(", "fs::read(", "fs::read_to_string(", "OpenOptions::new(", "from_path("];
+    let is_program = |path: &str| {
+        (path.starts_with("crates/") || path.starts_with("python/src/"))
+            && !path.contains("/tests")
+            && !path.contains("/benches/")
+    };
+    let mut opening = Vec::new();
+    for (path, text) in files(".rs").into_iter().filter(|(path, _)| is_program(path)) {
+        // Tests are at the end of a file.
+        let program = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
+        for (number, line) in program.lines().enumerate() {
+            if CALLS.iter().any(|call| line.contains(call)) {
+                opening.push((path.clone(), format!("{path}:{}: {}", number + 1, line.trim())));
+            }
+        }
+    }
+    nothing_but(&OPENING, &opening, "files opened past storage::input");
+}
+
 #[test]
 fn every_public_item_is_documented() {
     let lax: Vec<_> = files(".rs")

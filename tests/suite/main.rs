@@ -10,6 +10,7 @@ mod command;
 mod exact;
 mod expected;
 mod export;
+mod extremes;
 mod golden;
 mod house;
 mod maxima;

@@ -143,3 +143,30 @@ fn a_dataset_is_no_place_for_cases() {
     assert!(message.contains("is a dataset"), "{message}");
     run(&["verify", path(&out)]);
 }
+
+#[test]
+fn a_sweep_leads_to_scores_over_its_axes() {
+    let place = tempfile::tempdir().unwrap();
+    let sweep = write(place.path(), SWEEP);
+    let out = place.path().join("out");
+    let scored =
+        ["sweep", path(&sweep), "--out", path(&out), "--track", "truth-noise,empty", "--evaluate", "--plot"];
+    // The first shard tracks its cases; scores wait for the others.
+    run(&[&scored[..], &["--shard", "1/2"]].concat());
+    assert!(out.join("results/empty/case_00002.csv").is_file() && !out.join("scores").exists());
+    assert!(!out.join("results/empty/case_00001.csv").exists());
+    run(&[&scored[..], &["--resume", "--shard", "1/1"]].concat());
+    let page = std::fs::read_to_string(out.join("comparison/leaderboard.html")).unwrap();
+    assert!(page.contains("Scores over the sweep") && page.contains("optics.background_noise"));
+    let board = csv::Reader::from_path(out.join("comparison/leaderboard.csv")).unwrap().into_records();
+    assert_eq!(board.count(), 12);
+    // The datasets are as they were.
+    run(&["verify", path(&out.join("case_00003"))]);
+    // The same as by hand.
+    let by_hand = place.path().join("by_hand");
+    let (dataset, result) = (out.join("case_00004"), out.join("results/truth-noise/case_00004.csv"));
+    run(&["evaluate", path(&dataset), path(&result), "--out", path(&by_hand)]);
+    let score = |folder: &Path| std::fs::read(folder.join("score.json")).unwrap();
+    assert!(score(&by_hand) == score(&out.join("scores/truth-noise/case_00004")));
+    assert!(fail(2, &scored).contains("exists already"));
+}

@@ -1,6 +1,7 @@
 //! The errors of this crate, and checks of parameters.
 
 use glam::DVec3;
+use microsig_core::shown;
 
 /// An error of a flow, its seeding or its trajectories.
 ///
@@ -58,7 +59,7 @@ pub(crate) struct ParameterCheck(pub(crate) &'static str);
 impl ParameterCheck {
     /// The error for a parameter, for rules that none of the other checks covers.
     pub(crate) fn fault(&self, parameter: &'static str, value: impl ToString, allowed: &str) -> Error {
-        Error::Parameter { owner: self.0, parameter, value: value.to_string(), allowed: allowed.to_owned() }
+        Error::Parameter { owner: self.0, parameter, value: shown(value), allowed: allowed.to_owned() }
     }
 
     /// Passes a finite number.
@@ -111,6 +112,8 @@ mod tests {
     #[test]
     fn a_fault_names_owner_parameter_value_and_range() {
         let fault = ParameterCheck("lamb_oseen").positive("core_radius_um", -3.5).unwrap_err();
+        let huge = ParameterCheck("f").positive("p", -1e308).unwrap_err().to_string();
+        assert_eq!(huge, "f: p = -1e308: expected a finite number > 0");
         assert_eq!(fault.to_string(), "lamb_oseen: core_radius_um = -3.5: expected a finite number > 0");
         for value in [0.0, f64::NAN, f64::INFINITY] {
             assert!(ParameterCheck("f").positive("p", value).is_err());

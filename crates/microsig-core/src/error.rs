@@ -62,3 +62,30 @@ impl Error {
 fn join(faults: &[Fault]) -> String {
     faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("\n")
 }
+
+/// A value in a message: numbers of more than [`LONGEST`] characters with an exponent, everything else as it
+/// is.
+pub fn shown(value: impl ToString) -> String {
+    let text = value.to_string();
+    match text.parse::<f64>() {
+        Ok(number) if text.len() > LONGEST => format!("{number:e}"),
+        _ => text,
+    }
+}
+
+/// Length of the longest numbers of common magnitude, such as -0.00012345678901234567.
+const LONGEST: usize = 24;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_show_huge_numbers_with_an_exponent() {
+        assert_eq!(
+            [shown(1e308), shown(-2.5e-300), shown(1e20)],
+            ["1e308", "-2.5e-300", "100000000000000000000"]
+        );
+        assert_eq!([shown(0.1 + 0.2), shown("a".repeat(40))], ["0.30000000000000004", &"a".repeat(40)]);
+    }
+}

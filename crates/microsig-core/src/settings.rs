@@ -1,6 +1,6 @@
 //! The 14 settings of MicroSIG: names, units, ranges, and the three sets of Rossi 2020, Table 1.
 
-use crate::error::{Error, Fault};
+use crate::error::{Error, Fault, shown};
 
 /// MicroSIG's settings; fields have the names used in its settings file.
 ///
@@ -12,7 +12,7 @@ pub struct Settings {
     pub magnification: f64,
     /// Numerical aperture NA, in (0, 1): immersion objectives are not modeled.
     pub numerical_aperture: f64,
-    /// Focal length of the virtual thin spherical lens, um, > 0 (350 is recommended).
+    /// Focal length of the virtual thin spherical lens, um, > 0 and at most 1e6 (350 is recommended).
     pub focal_length: f64,
     /// Refractive index of the medium, > 0.
     pub ri_medium: f64,
@@ -68,6 +68,8 @@ fn rays(v: f64) -> bool {
 
 /// Largest width or height of a sensor, px; bounds the memory that a settings file can demand.
 const MAX_SIZE: u32 = 32_768;
+/// Largest focal length, um: a meter.
+const MAX_FOCAL_LENGTH: f64 = 1e6;
 /// Largest number of rays per source point.
 const MAX_RAYS: u32 = 1_000_000;
 
@@ -80,7 +82,12 @@ pub const KEYS: [Key; 14] = [
         allowed: "a number > 0 and < 1 (the model has no immersion objectives)",
         in_range: |v| v > 0.0 && v < 1.0,
     },
-    Key { name: "focal_length", unit: "um", allowed: "a number > 0", in_range: positive },
+    Key {
+        name: "focal_length",
+        unit: "um",
+        allowed: "a number > 0 and <= 1e6",
+        in_range: |v| v > 0.0 && v <= MAX_FOCAL_LENGTH,
+    },
     Key { name: "ri_medium", unit: "", allowed: "a number > 0", in_range: positive },
     Key { name: "ri_lens", unit: "", allowed: "a number > ri_medium", in_range: positive },
     Key { name: "pixel_size", unit: "um", allowed: "a number > 0", in_range: positive },
@@ -173,7 +180,7 @@ pub(crate) fn check(values: &[f64; 14], place: impl Fn(usize) -> (String, Option
     let mut faults = Vec::new();
     let mut fault = |index: usize, allowed: &str| {
         let (source_name, line) = place(index);
-        let message = format!("{} = {}: expected {allowed}", KEYS[index].name, values[index]);
+        let message = format!("{} = {}: expected {allowed}", KEYS[index].name, shown(values[index]));
         faults.push(Fault { source_name, line, column: None, message });
     };
     for (index, key) in KEYS.iter().enumerate() {

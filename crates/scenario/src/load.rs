@@ -27,10 +27,7 @@ const MAX_BYTES: u64 = 16_000_000;
 /// A path that is not a regular file; text that is not UTF-8 or longer than 16 MB.
 pub fn read_text(file: &Path) -> Result<String> {
     let refuse = |expected: &str| Error::input(format!("{}: expected {expected}", file.display()));
-    if !std::fs::metadata(file).map_err(|e| Error::read(file, e))?.is_file() {
-        return Err(refuse("a file"));
-    }
-    let open = std::fs::File::open(file).map_err(|e| Error::read(file, e))?;
+    let open = storage::input::open(file)?;
     let mut bytes = Vec::new();
     open.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(|e| Error::read(file, e))?;
     if bytes.len() as u64 > MAX_BYTES {

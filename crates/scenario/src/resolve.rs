@@ -115,6 +115,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         problems.of("motion.flow.field", flows::step_estimate::check(field.as_ref(), &fluid, 0.0, longest_s));
         let view = scale.view(z_um.0, z_um.1, 0.0)?;
         warnings.extend(compression_warning(field.as_ref(), &fluid, &view, whole_s));
+        warnings.extend(coverage_warning(field.as_ref(), domain.region()));
     }
     problems.finish()?;
     Ok(Scenario {
@@ -260,6 +261,29 @@ fn compression_warning(
         )
     })
 }
+
+/// A warning if the data of the field end within the box of the particles.
+fn coverage_warning(field: &dyn VelocityField, region: &flows::Region) -> Option<String> {
+    let outside = field.share_without_data(region);
+    (outside > NOTICEABLE_OUTSIDE).then(|| {
+        let (min, max) = (region.min(), region.max());
+        format!(
+            "the data of the velocity field end within the box of the particles, ({:.1}, {:.1}, {:.1}) to ({:.1}, {:.1}, \
+             {:.1}) um: {:.1} % of its volume, and of the particles, lie beyond the outermost nodes, whose velocity \
+             holds there; see boundaries.margin_px and boundaries.z_um",
+            min.x,
+            min.y,
+            min.z,
+            max.x,
+            max.y,
+            max.z,
+            100.0 * outside
+        )
+    })
+}
+
+/// Share of the volume without data above which there is a warning.
+const NOTICEABLE_OUTSIDE: f64 = 0.01;
 
 /// Relative change of density during a recording above which there is a warning.
 const NOTICEABLE_COMPRESSION: f64 = 0.05;

@@ -108,6 +108,19 @@ impl Scenario {
         }
     }
 
+    /// Smallest, mean and largest diameter of the particles, um: recorded tracks may tell that of each row.
+    pub fn diameters_um(&self) -> [f64; 3] {
+        let drawn = self.seeding.diameters();
+        let own = [drawn.min(), drawn.mean(), drawn.max()];
+        let rows = self.tracks().map(RecordedTracks::rows).unwrap_or_default();
+        if rows.iter().all(|row| row.d_um.is_none()) {
+            return own;
+        }
+        let of = |k: usize| rows.iter().map(move |row| row.d_um.unwrap_or(own[k]));
+        let mean = of(1).sum::<f64>() / rows.len() as f64;
+        [of(0).fold(f64::INFINITY, f64::min), mean, of(2).fold(0.0, f64::max)]
+    }
+
     /// Noise-free images of a sphere of diameter `d_um` (um) through a range of physical depths (um).
     ///
     /// # Errors
@@ -123,7 +136,7 @@ impl Scenario {
     /// # Errors
     /// Depths at which the particle cannot be rendered.
     pub fn scan_of_mean(&self) -> Result<DepthScan> {
-        self.scan(self.seeding.diameters().mean(), self.depth_range_um)
+        self.scan(self.diameters_um()[1], self.depth_range_um)
     }
 
     /// Peak counts above the background at each depth of the scan of a sphere of diameter `d_um` (um), with

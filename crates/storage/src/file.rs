@@ -4,6 +4,7 @@ use std::fs::{File, FileType, OpenOptions};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use super::checksums::SHA256SUMS;
 use super::interrupt::{Temporary, pause_if_interrupted};
 use super::journal;
 use super::removal::TEMPORARY;
@@ -83,11 +84,34 @@ fn is_stream(_: FileType) -> bool {
     false
 }
 
+/// Checks that a path lies outside finished datasets, whose `SHA256SUMS` lists every file.
+///
+/// # Errors
+/// A path in a folder with `SHA256SUMS` and a manifest, or below one.
+pub fn outside_datasets(path: &Path) -> Result<()> {
+    let whole = std::path::absolute(path).map_err(|e| Error::read(path, e))?;
+    // Sees through links above the file.
+    let above = whole.parent().and_then(|above| above.ancestors().find_map(|p| p.canonicalize().ok()));
+    let is_dataset = |folder: &&Path| folder.join(SHA256SUMS).is_file() && folder.join(MANIFEST).is_file();
+    match above.as_deref().and_then(|above| above.ancestors().find(is_dataset)) {
+        None => Ok(()),
+        Some(dataset) => Err(Error::input(format!(
+            "{}: lies in the dataset {}, whose files are fixed by {SHA256SUMS}; expected a place outside of it",
+            path.display(),
+            dataset.display()
+        ))),
+    }
+}
+
+/// Name of a dataset's manifest.
+const MANIFEST: &str = "datapackage.json";
+
 /// Writes a result to a path given by the user. Removes temporary files left by killed runs.
 ///
 /// # Errors
-/// As [`may_write`]; an I/O error.
+/// As [`may_write`] and [`outside_datasets`]; an I/O error.
 pub fn save_result(path: &Path, force: bool, bytes: &[u8]) -> Result<()> {
+    outside_datasets(path)?;
     match destination(path, force)? {
         Destination::File(file) => {
             remove_stale(file.parent().unwrap_or(Path::new(".")));

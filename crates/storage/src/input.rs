@@ -1,8 +1,9 @@
 //! Reading untrusted files: regular files only, with a size limit.
 //!
-//! Pipes, devices and sockets may be endless or block the reader; they are refused before being opened.
+//! Pipes, devices and sockets may be endless or block the reader; they are refused before being opened. All
+//! files given by users are opened here (`tests/suite/house.rs` checks it).
 
-use std::fs::{File, Metadata};
+use std::fs::{File, Metadata, OpenOptions};
 use std::io::Read;
 use std::path::Path;
 
@@ -14,10 +15,20 @@ use crate::error::{Error, Result};
 /// A file that cannot be opened; a folder, pipe, device or socket.
 pub fn open(path: &Path) -> Result<File> {
     regular(path, &std::fs::metadata(path).map_err(|e| Error::read(path, e))?)?;
-    let file = File::open(path).map_err(|e| Error::read(path, e))?;
+    let file = without_waiting().open(path).map_err(|e| Error::read(path, e))?;
     // It may have been replaced since the check.
     regular(path, &file.metadata().map_err(|e| Error::read(path, e))?)?;
     Ok(file)
+}
+
+/// Options to read a file without waiting for the other end if it has become a pipe; of a regular file they
+/// change nothing.
+fn without_waiting() -> OpenOptions {
+    let mut options = File::options();
+    options.read(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, libc::O_NONBLOCK);
+    options
 }
 
 /// Opens a regular file that is not a symbolic link.
@@ -105,6 +116,11 @@ mod tests {
         let message = |e: Error| e.to_string();
         assert!(message(open(Path::new("/dev/zero")).unwrap_err()).contains("device"));
         let place = tempfile::tempdir().unwrap();
+        let pipe = place.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        assert!(message(open(&pipe).unwrap_err()).contains("pipe"));
+        // Also one that takes the place of a file after the check.
+        assert!(!without_waiting().open(&pipe).unwrap().metadata().unwrap().is_file());
         let (path, link) = (place.path().join("a.txt"), place.path().join("b.txt"));
         std::fs::write(&path, "four").unwrap();
         std::os::unix::fs::symlink(&path, &link).unwrap();

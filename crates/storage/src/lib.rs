@@ -16,7 +16,7 @@ pub mod tables;
 mod walk;
 
 pub use error::{Error, Result};
-pub use file::{may_write, save, save_bytes, save_private, save_result};
+pub use file::{may_write, outside_datasets, save, save_bytes, save_private, save_result};
 pub use input::read_text;
 pub use interrupt::{TemporaryFolder, clean_up_on_signals, on_interrupt};
 

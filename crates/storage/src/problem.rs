@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+use microsig_core::shown;
 
 /// Source text of values: a file or a command-line assignment.
 #[derive(Debug, PartialEq, Eq)]
@@ -100,7 +101,7 @@ impl Problem {
 
     /// A value of the wrong type or out of range.
     pub fn value(path: &str, found: impl fmt::Display, allowed: &str) -> Self {
-        Problem::new(path, Fault::Value { found: found.to_string(), allowed: allowed.to_owned() })
+        Problem::new(path, Fault::Value { found: shown(found), allowed: allowed.to_owned() })
     }
 
     /// A key that does not exist.

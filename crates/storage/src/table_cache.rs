@@ -12,6 +12,8 @@ use std::time::SystemTime;
 use microsig_core::render::TableStore;
 use sha2::{Digest, Sha256};
 
+use crate::input;
+
 /// What each file begins with.
 const MARK: &[u8] = b"microsig table 1\n";
 /// Length of a checksum.
@@ -108,7 +110,7 @@ impl TableFolder {
 impl TableStore for TableFolder {
     fn load(&self, description: &str) -> Option<Vec<u8>> {
         let path = self.path(description);
-        let bytes = std::fs::read(&path).ok()?;
+        let bytes = input::read(&path).ok()?;
         let content = content(&bytes, description).map(<[u8]>::to_vec);
         match content {
             Some(_) => {

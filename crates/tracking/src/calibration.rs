@@ -66,6 +66,15 @@ pub(super) fn read(dataset: &Path) -> Result<Vec<CalibrationImage>> {
         .collect()
 }
 
+/// Reads and checks the calibration stack of a dataset; returns its number of depths.
+///
+/// # Errors
+/// A stack that is missing or too large, has fewer than five depths, non-finite depths, images outside the
+/// dataset's folder, or a particle closer than 4 px to the edge of its image.
+pub fn check(dataset: &Path) -> Result<usize> {
+    Ok(read(dataset)?.len())
+}
+
 /// Reads the settings of the stack, and the diameter and depths of its particle.
 ///
 /// # Errors

@@ -28,6 +28,8 @@ mod spots;
 mod stack;
 mod templates;
 
+pub use calibration::check as check_calibration;
+
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -83,6 +85,32 @@ pub struct TrackOptions {
     pub ensemble: bool,
     /// Progress display.
     pub progress: Progress,
+}
+
+impl TrackOptions {
+    /// Default of `max_displacement_px`.
+    pub const MAX_DISPLACEMENT_PX: f64 = 15.0;
+    /// Default of `diameter_px`.
+    pub const DIAMETER_PX: f64 = 3.0;
+    /// Default of `noise_px`.
+    pub const NOISE_PX: f64 = 0.1;
+    /// Default of `noise_um`.
+    pub const NOISE_UM: f64 = 1.0;
+
+    /// The defaults of a method.
+    pub fn of(method: &str, progress: Progress) -> Self {
+        TrackOptions {
+            method: method.to_owned(),
+            max_displacement_px: Self::MAX_DISPLACEMENT_PX,
+            diameter_px: Self::DIAMETER_PX,
+            noise_px: Self::NOISE_PX,
+            noise_um: Self::NOISE_UM,
+            seed: 0,
+            force: false,
+            ensemble: false,
+            progress,
+        }
+    }
 }
 
 /// Summary of a tracker run.

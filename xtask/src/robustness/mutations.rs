@@ -11,9 +11,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use microsig_core::stream::{Purpose, Stream, Streams};
+use serde_json::Value;
 use suite::process;
-use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
+use zip::{ZipArchive, ZipWriter};
 
 use super::record;
 
@@ -95,6 +96,14 @@ pub(crate) fn run(out: &Path, mutations: u32, seed: u64) -> anyhow::Result<ExitC
     let mut findings = Vec::new();
     for (number, target) in targets(&microsig, place.path())?.into_iter().enumerate() {
         let mut tally = Tally::default();
+        // Otherwise the changes would test nothing but the refusal.
+        one(&microsig, &target, &target.original, place.path(), &mut tally)
+            .and_then(|()| {
+                anyhow::ensure!(tally.codes.contains_key(&0), "it is refused");
+                Ok(())
+            })
+            .with_context(|| format!("{} without changes", target.name))?;
+        tally.codes.clear();
         for run in 0..mutations {
             let mut random = Streams::new(seed).stream(Purpose::Rays, number as u32, run);
             let changed = mutated(&target.original, &mut random);
@@ -152,7 +161,11 @@ fn targets(microsig: &Path, place: &Path) -> anyhow::Result<Vec<Target>> {
         at("found.json"),
         r#"[{"image_id": 0, "category_id": 0, "bbox": [1, 2, 9, 8], "score": 0.5}]"#,
     )?;
-    std::fs::write(at("submission.zip"), submission(&at("challenge/withheld/test"))?)?;
+    let (results, about) = submission(&at("challenge"))?;
+    std::fs::create_dir(at("submission"))?;
+    std::fs::write(at("submission/results.csv"), &results)?;
+    std::fs::write(at("submission/submission.json"), &about)?;
+    std::fs::write(at("submission.zip"), zipped(&[("results.csv", &results), ("submission.json", &about)])?)?;
     let target = |name, file: &str, arguments: &[&str]| {
         let file = at(file);
         let original = std::fs::read(&file).with_context(|| file.display().to_string())?;
@@ -204,20 +217,50 @@ fn targets(microsig: &Path, place: &Path) -> anyhow::Result<Vec<Target>> {
             "submission.zip",
             &["evaluate", &withheld, &text("submission.zip"), "--out", "OUT"],
         )?,
+        // Changes of an archive are mostly found by its checksums: those of a folder reach the scorer.
+        target(
+            "results of a submission",
+            "submission/results.csv",
+            &["evaluate", &withheld, &text("submission"), "--out", "OUT"],
+        )?,
+        target(
+            "submission.json",
+            "submission/submission.json",
+            &["evaluate", &withheld, &text("submission"), "--out", "OUT"],
+        )?,
     ])
 }
 
-/// A valid submission for a withheld split, as a zip archive.
-fn submission(withheld: &Path) -> anyhow::Result<Vec<u8>> {
+/// `results.csv` and `submission.json` of a valid submission to the challenge: the withheld truth, and the
+/// filled-in template of the public test split.
+fn submission(challenge: &Path) -> anyhow::Result<(Vec<u8>, Vec<u8>)> {
+    let public = std::fs::read_dir(challenge.join("public"))?.filter_map(|entry| Some(entry.ok()?.path()));
+    let test = public.into_iter().find(|path| path.to_string_lossy().ends_with("-test.zip"));
+    let mut test = ZipArchive::new(std::fs::File::open(test.context("the public test split")?)?)?;
+    let mut read = |end: &str| -> anyhow::Result<String> {
+        let names = test.file_names().filter_map(|name| Some(name.ok()?.into_owned()));
+        let name = names.into_iter().find(|name| name.ends_with(end));
+        let mut text = String::new();
+        test.by_name(&name.with_context(|| end.to_owned())?)?.read_to_string(&mut text)?;
+        Ok(text)
+    };
+    let mut about: Value = serde_json::from_str(&read("submission/submission.json")?)?;
+    for key in ["team", "method", "version", "hardware"] {
+        about[key] = "a".into();
+    }
+    let sums = read("SHA256SUMS")?;
+    let images = sums.lines().filter(|line| line.contains("  images/")).map(|line| format!("{line}\n"));
+    about["images_sha256"] = suite::sha256_of(images.collect::<String>().as_bytes()).into();
+    let results = std::fs::read(challenge.join("withheld/test/truth/tracks.csv"))?;
+    Ok((results, about.to_string().into_bytes()))
+}
+
+/// A zip archive of files.
+fn zipped(files: &[(&str, &[u8])]) -> anyhow::Result<Vec<u8>> {
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    let options = SimpleFileOptions::default();
-    for (name, file) in
-        [("results.csv", "truth/tracks.csv"), ("submission.json", "submission/submission.json")]
-    {
-        zip.start_file(name, options)?;
-        let path = [withheld.join(file), withheld.join("../../public").join(file)];
-        let found = path.iter().find(|path| path.is_file());
-        zip.write_all(&found.map_or_else(|| Ok(b"{}".to_vec()), std::fs::read)?)?;
+    for (name, bytes) in files {
+        zip.start_file(*name, SimpleFileOptions::default())?;
+        zip.write_all(bytes)?;
     }
     Ok(zip.finish()?.into_inner())
 }

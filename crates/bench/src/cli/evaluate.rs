@@ -15,6 +15,7 @@ use scoring::evaluate::measurement::RecordingFacts;
 use scoring::evaluate::{EvaluateOptions, evaluate};
 use scoring::results::{self, Conventions, Format, Origin, TrackerResult};
 use storage::error::{Error, Result};
+use storage::outside_datasets;
 
 /// Scores of a tracker's result against the truth
 #[derive(Debug, Args)]
@@ -147,6 +148,7 @@ impl Evaluate {
         if let Some(out) = self.out.as_ref().filter(|out| out.exists() && !common.force) {
             return Err(Error::Exists(out.clone()));
         }
+        self.out.as_deref().map_or(Ok(()), outside_datasets)?;
         let (result, _unpacked) = if SubmissionFiles::are_at(&self.result) {
             let files = self.submission()?;
             warn(&release::validate(&self.dataset, &files)?.warnings, common);

@@ -186,10 +186,7 @@ fn read_positions(file: &Path) -> Result<Vec<[f64; 2]>> {
         #[serde(alias = "y", alias = "Y")]
         y_px: f64,
     }
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_path(file)
-        .map_err(|e| Error::input(format!("{}: {e}", file.display())))?;
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(storage::input::open(file)?);
     let mut places: Vec<[f64; 2]> = Vec::new();
     for (i, row) in reader.deserialize::<Row>().enumerate() {
         let row = row.map_err(|e| Error::input(format!("{}:{}: {e}", file.display(), i + 2)))?;

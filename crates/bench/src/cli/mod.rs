@@ -18,6 +18,7 @@ mod render;
 mod schema;
 mod suite;
 mod sweep;
+mod sweep_scores;
 mod track;
 mod verify;
 #[cfg(feature = "view")]

@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::Common;
 use super::output::{progress, report, say};
+use super::sweep_scores::SweepScores;
 use generator::runner::{Shard, SweepOptions, collect, sweep};
 use scenario;
 use storage::error::{Error, Result};
@@ -33,6 +34,8 @@ pub(super) struct Sweep {
     /// Write the table of all cases of a sweep whose shards are done, without running any
     #[arg(long)]
     collect: bool,
+    #[command(flatten)]
+    scores: SweepScores,
 }
 
 impl Sweep {
@@ -45,6 +48,7 @@ impl Sweep {
             return self.list(&plan, common);
         }
         let out = self.out.clone().unwrap_or_else(|| Path::new("datasets").join(&plan.spec.name));
+        self.scores.check(&out)?;
         if self.collect {
             return collected(&plan, &out, common);
         }
@@ -67,6 +71,7 @@ impl Sweep {
             swept.out.display()
         );
         report(&text, &swept, common)?;
+        self.scores.run(&plan, shard, &swept, self.resume, common)?;
         if swept.failed > 0 {
             return Err(Error::Failed(vec![format!("{} cases failed; see *.failed", swept.failed)]));
         }

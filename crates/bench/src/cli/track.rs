@@ -8,6 +8,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use super::Common;
 use super::output::{progress, report, warn};
 use storage::error::{Error, Result};
+use storage::outside_datasets;
 use tracking::{METHODS, TrackOptions, track};
 
 /// A baseline tracker's result
@@ -23,23 +24,24 @@ pub(super) struct Track {
     #[arg(long, value_name = "RESULT")]
     out: PathBuf,
     /// Largest displacement from frame to frame
-    #[arg(long, value_name = "PX", default_value_t = 15.0)]
+    #[arg(long, value_name = "PX", default_value_t = TrackOptions::MAX_DISPLACEMENT_PX)]
     max_displacement: f64,
     /// Diameter of a particle image (spots)
-    #[arg(long, value_name = "PX", default_value_t = 3.0)]
+    #[arg(long, value_name = "PX", default_value_t = TrackOptions::DIAMETER_PX)]
     diameter: f64,
     /// One field for all pairs of a steady flow, from the average of their correlations (piv)
     #[arg(long)]
     ensemble: bool,
     /// Standard deviation of the noise in x and y (truth-noise)
-    #[arg(long, value_name = "PX", default_value_t = 0.1)]
+    #[arg(long, value_name = "PX", default_value_t = TrackOptions::NOISE_PX)]
     noise_xy: f64,
     /// Standard deviation of the noise in z (truth-noise)
-    #[arg(long, value_name = "UM", default_value_t = 1.0)]
+    #[arg(long, value_name = "UM", default_value_t = TrackOptions::NOISE_UM)]
     noise_z: f64,
 }
 
-fn methods() -> PossibleValuesParser {
+/// The methods with their help.
+pub(super) fn methods() -> PossibleValuesParser {
     PossibleValuesParser::new(METHODS.iter().map(|m| PossibleValue::new(m.name).help(m.about)))
 }
 
@@ -61,6 +63,8 @@ impl Track {
         if !wrong.is_empty() {
             return Err(Error::Input(wrong));
         }
+        // Checked first, because tracking may take long.
+        outside_datasets(&self.out)?;
         let tracked = track(
             &self.dataset,
             &self.out,

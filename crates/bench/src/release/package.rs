@@ -4,7 +4,6 @@
 //! mode, and are compressed by the same code on every platform.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{Cursor, Seek, Write};
 use std::path::{Path, PathBuf};
 
@@ -93,7 +92,7 @@ impl Package {
             match content {
                 Content::Bytes(bytes) => zip.write_all(bytes).map_err(Error::write(out))?,
                 Content::File(path) => {
-                    let mut file = File::open(path).map_err(|e| Error::read(path, e))?;
+                    let mut file = storage::input::open(path)?;
                     std::io::copy(&mut file, &mut zip).map_err(Error::write(out))?;
                 }
             }

@@ -113,7 +113,7 @@ fn told(whole: manifest::Facts, images: &str, scored: &[&str], about: &ReleaseTe
 fn frames(test: &Path, nominal: Option<&Recordings>) -> Result<Vec<u8>> {
     let path = test.join(FRAMES.path);
     let failed = |e: csv::Error| Error::input(format!("{}: {e}", path.display()));
-    let mut reader = csv::Reader::from_path(&path).map_err(failed)?;
+    let mut reader = csv::Reader::from_reader(storage::input::open(&path)?);
     let header = reader.headers().map_err(failed)?.clone();
     let columns: Vec<usize> =
         COLUMNS.iter().filter_map(|name| header.iter().position(|h| h == *name)).collect();

@@ -24,7 +24,7 @@ use scoring::evaluate::Score;
 use scoring::evaluate::curves::Bin;
 use storage::error::{Error, Result};
 use storage::folder::Partial;
-use storage::save_bytes;
+use storage::{outside_datasets, save_bytes};
 
 /// The result of a comparison.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -48,6 +48,7 @@ pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Comparison>
     if out.exists() && !force {
         return Err(Error::Exists(out.to_owned()));
     }
+    outside_datasets(out)?;
     let Ranking { scores, entries, warnings, text } = ranking(&named(paths)?);
     let partial = Partial::start(out)?;
     save_bytes(&partial.folder().join("leaderboard.csv"), &leaderboard_csv(&entries)?)?;
@@ -338,7 +339,8 @@ fn page(scores: &[(Entry, Score)], warnings: &[String]) -> Result<String> {
         h1 { "Leaderboard" }
         p.soft { "Particles are ranked by detection F1, then by errors in the image plane and in depth, link F1, HOTA; \
             fields by valid-vector probability, then RMS error of inliers, AEE. If the 95 % intervals of one \
-            criterion overlap, the next one decides; scores with equal ranks are not separated by any. Errors cover found particles only: \
+            criterion overlap, the next one decides; after F1, and for fields first of all, complete results come before those \
+            that leave out frames or image pairs. Scores with equal ranks are not separated by any. Errors cover found particles only: \
             read them together with recall. A ! marks positions with a bias that F1 does not show." }
         @for warning in warnings { p.warning { (warning) } }
         @for same in scores.chunk_by(|a, b| a.0.kind == b.0.kind) {

@@ -115,7 +115,8 @@ pub(super) fn matches(of: &Particles) -> impl Iterator<Item = MatchRow> + '_ {
 pub(super) struct CurveLine<'a> {
     against: &'a str,
     from: f64,
-    to: f64,
+    /// Empty if the bin is open.
+    to: Option<f64>,
     n_true: usize,
     tp: usize,
     recall: Option<f64>,
@@ -135,7 +136,7 @@ pub(super) fn curves(evaluation: &Evaluation) -> impl Iterator<Item = CurveLine<
         CurveLine {
             against,
             from: b.from,
-            to: b.to,
+            to: Some(b.to).filter(|to| to.is_finite()),
             n_true: b.n_true,
             tp: b.tp,
             recall: b.recall,

@@ -63,6 +63,8 @@ pub struct Entry {
     pub bias_x_px: Option<f64>,
     /// detection.bias_y_px, or field.v.bias_px
     pub bias_y_px: Option<f64>,
+    /// Frames or image pairs that the result leaves out: counts.frames_missing, or field.n_pairs_missing
+    pub missing: usize,
     /// Whether the bias in the image plane exceeds 0.25 px (particles only).
     pub biased: bool,
     /// Parameter values of the sweep.
@@ -93,6 +95,7 @@ impl Entry {
             name,
             dataset: score.dataset.clone(),
             axes: score.definitions.axes.clone(),
+            missing: score.missing(),
             ..Entry::default()
         };
         if !entry.axes.is_empty() {
@@ -125,6 +128,7 @@ impl Entry {
         }
         self.criteria = vec![
             Criterion::rate(f1, first),
+            Criterion::complete(self.missing),
             Criterion::error(self.rmse_xy_px, rmse),
             Criterion::error(self.sigma_z_over_h, gdpt.and_then(|g| g.interval.sigma_z_over_h)),
             Criterion::rate(self.link_f1, links.and_then(|l| l.interval_f1)),
@@ -146,6 +150,8 @@ impl Entry {
         let ends = ends.map(|(u, v)| [u[0].hypot(v[0]), u[1].hypot(v[1])]);
         let first = errors.interval_valid_vector_probability;
         self.criteria = vec![
+            // Vectors of pairs that are left out are not missed by this share.
+            Criterion::complete(self.missing),
             Criterion::rate(self.valid_vector_probability, first),
             Criterion::error(both, ends),
             Criterion::error(self.aee_px, errors.interval_aee_px),

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use scoring::evaluate::Evaluation;
 use storage::error::{Error, Result};
 use storage::folder::{Partial, check_replaceable};
-use storage::save_bytes;
+use storage::{outside_datasets, save_bytes};
 
 pub use compare::{Comparison, Ranking, compare, ranking};
 pub(crate) use figure::{figure_of, names};
@@ -42,6 +42,7 @@ pub const WITH_TRUTH: &str = "with_truth";
 /// An existing folder, unless `force`; an I/O error.
 pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Result<Vec<PathBuf>> {
     let replace = force.then_some(SCORE);
+    outside_datasets(out)?;
     check_replaceable(out, replace)?;
     let partial = Partial::start(out)?;
     let names = write_into(partial.folder(), evaluation, html)?;

@@ -20,6 +20,11 @@ impl Criterion {
         Criterion { value: value.map(|v| -v), interval: interval.map(|[low, high]| [-high, -low]) }
     }
 
+    /// Whether a result leaves out no frame or image pair: errors of those that do cover fewer frames.
+    pub(crate) fn complete(missing: usize) -> Self {
+        Criterion { value: Some(f64::from(u8::from(missing == 0))), interval: None }
+    }
+
     /// Whether the intervals of two scores, the better one first, overlap. Without intervals only equal
     /// values are tied.
     fn is_tied_with(&self, worse: &Criterion) -> bool {
@@ -90,6 +95,16 @@ mod tests {
             vec![rate(0.70, 0.02), error(0.01, 0.01), rate(0.9, 0.1)],
         ];
         assert_eq!(ranks(&scores), [(1, 1), (2, 2), (0, 3), (3, 4)]);
+    }
+
+    #[test]
+    fn what_leaves_out_frames_comes_after_complete_results_of_the_same_score() {
+        let scores = [
+            vec![rate(0.88, 0.06), Criterion::complete(2), error(0.10, 0.01)],
+            vec![rate(0.90, 0.02), Criterion::complete(0), error(0.20, 0.01)],
+            vec![rate(0.70, 0.02), Criterion::complete(0), error(0.20, 0.01)],
+        ];
+        assert_eq!(ranks(&scores), [(1, 1), (0, 2), (2, 3)]);
     }
 
     #[test]

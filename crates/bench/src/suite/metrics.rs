@@ -48,6 +48,11 @@ fn better(metric: Metric) -> Better {
     }
 }
 
+/// Whether particles in frames that a result leaves out lower this score.
+pub(super) fn counts_missing(metric: Metric) -> bool {
+    better(metric) == Better::Greater && !matches!(metric, Metric::Precision | Metric::ValidVectorProbability)
+}
+
 /// The score as tables name it.
 pub fn label(metric: Metric) -> &'static str {
     match metric {

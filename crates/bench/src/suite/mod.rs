@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 pub use metrics::{MetricValue, label};
 pub use page::{Annotations, Picture, page};
 
-use crate::report::{self, ranks};
+use crate::report::{self, Criterion, ranks};
 use generator::dataset::manifest::GENERATOR_VERSION;
 use generator::runner::{SuiteRecord, SuiteSelection};
 use scenario::{Metric, Size, Split, Suite, SuiteCase, TrackSpec};
@@ -108,6 +108,9 @@ pub struct CaseResult {
     pub rank: Option<usize>,
     /// Its scores: those that rank first, then all others that are defined.
     pub scores: Vec<MetricValue>,
+    /// Frames or image pairs that it leaves out.
+    #[serde(default)]
+    pub missing: usize,
     /// Caveats of the evaluation.
     pub warnings: Vec<String>,
 }
@@ -305,7 +308,12 @@ fn scored_case(
         .iter()
         .map(|result| {
             let of = |metric: &Metric| result.value(*metric).map(|value| value.criterion());
-            track.rank_by.iter().map(|metric| of(metric).unwrap_or_default()).collect()
+            let mut criteria: Vec<_> =
+                track.rank_by.iter().map(|metric| of(metric).unwrap_or_default()).collect();
+            // Errors cover only what is found: frames that are left out count before them.
+            let before_errors = track.rank_by.first().is_some_and(|metric| metrics::counts_missing(*metric));
+            criteria.insert(usize::from(before_errors), Criterion::complete(result.missing));
+            criteria
         })
         .collect();
     let ranked = ranks(&criteria).into_iter().map(|(i, rank)| {
@@ -339,6 +347,7 @@ fn result(
         reason,
         rank: None,
         scores: Vec::new(),
+        missing: 0,
         warnings: Vec::new(),
     };
     let evaluation = match evaluation {
@@ -361,7 +370,12 @@ fn result(
         let kind = if score.field.is_some() { "a displacement field" } else { "particles" };
         return none(Status::Refused, Some(format!("{kind}; track {} ranks other results", track.name)));
     }
-    CaseResult { scores, warnings: score.warnings.clone(), ..none(Status::Scored, None) }
+    CaseResult {
+        scores,
+        missing: score.missing(),
+        warnings: score.warnings.clone(),
+        ..none(Status::Scored, None)
+    }
 }
 
 /// The standing of every tracker in every track, best first.

@@ -3,11 +3,13 @@
 //! It listens on 127.0.0.1, by default on a free port. Every path starts with a token of 128 random bits,
 //! `Host` must be the loopback address with the server's port (which prevents access by DNS rebinding), and
 //! `Origin`, if present, must be this server. Refused requests get a status from 400 to 499 without a reason.
-//! Connections, headers, bodies and memory for responses are limited.
+//! Connections, headers, bodies and memory for responses are limited; when no connection is left, the oldest
+//! one that has not shown the token is closed, so that idle connections do not keep pages out.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use axum::Router;
 use axum::extract::{Request, State};
@@ -16,10 +18,12 @@ use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use hyper::server::conn::http1;
+use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
+use tokio::task::AbortHandle;
 
 use super::routes;
 use super::state::App;
@@ -45,7 +49,7 @@ pub struct Served {
     pub title: String,
 }
 
-/// Maximum number of open connections; others wait.
+/// Maximum number of open connections; others wait until one ends or is closed.
 const CONNECTIONS: usize = 128;
 
 /// Maximum length of path and query, bytes.
@@ -56,6 +60,9 @@ const MAX_HEADERS: usize = 32 * 1024;
 
 /// Time limit for the headers of a request.
 const HEADERS_TIME: Duration = Duration::from_secs(10);
+
+/// Time that every connection has to show the token before it may be closed to make room.
+const GRACE: Duration = Duration::from_millis(100);
 
 /// Number of worker threads for long jobs.
 const WORKERS: usize = 6;
@@ -112,8 +119,10 @@ pub(super) fn router(app: &Arc<App>) -> Router {
 
 pub(super) async fn accept(listener: TcpListener, app: Arc<App>) {
     let (permits, router) = (Arc::new(Semaphore::new(CONNECTIONS)), router(&app));
+    let mut strangers = Strangers::default();
+    // A connection that waits for another to end looks for one to close this often.
+    const RETRY: Duration = Duration::from_millis(10);
     loop {
-        let Ok(permit) = Arc::clone(&permits).acquire_owned().await else { return };
         let (stream, from) = match listener.accept().await {
             Ok(accepted) => accepted,
             // Too many open files, or a connection that was closed at once.
@@ -126,14 +135,56 @@ pub(super) async fn accept(listener: TcpListener, app: Arc<App>) {
             continue;
         }
         let _ = stream.set_nodelay(true);
-        let service = TowerToHyperService::new(router.clone());
-        tokio::spawn(async move {
+        let permit = loop {
+            if permits.available_permits() == 0 {
+                strangers.close_oldest();
+            }
+            let acquired = tokio::time::timeout(RETRY, Arc::clone(&permits).acquire_owned()).await;
+            if let Ok(Ok(permit)) = acquired {
+                break permit;
+            }
+        };
+        let (admission, router) = (Admission::default(), TowerToHyperService::new(router.clone()));
+        let of_connection = admission.clone();
+        let service = service_fn(move |mut request: hyper::Request<_>| {
+            request.extensions_mut().insert(of_connection.clone());
+            router.call(request)
+        });
+        let task = tokio::spawn(async move {
             let mut http = http1::Builder::new();
             http.timer(TokioTimer::new()).header_read_timeout(HEADERS_TIME).max_buf_size(MAX_HEADERS);
             // Errors of one connection do not affect others.
             let _ = http.serve_connection(TokioIo::new(stream), service).await;
             drop(permit);
         });
+        strangers.add(admission, task.abort_handle());
+    }
+}
+
+/// Whether a request of a connection was admitted; clones share the same flag.
+#[derive(Debug, Clone, Default)]
+struct Admission(Arc<AtomicBool>);
+
+/// The open connections without an admitted request, in the order of their arrival.
+#[derive(Debug, Default)]
+struct Strangers(Vec<(Admission, Instant, AbortHandle)>);
+
+impl Strangers {
+    fn add(&mut self, admission: Admission, task: AbortHandle) {
+        self.forget();
+        self.0.push((admission, Instant::now(), task));
+    }
+
+    /// Forgets connections that ended or were admitted.
+    fn forget(&mut self) {
+        self.0.retain(|(admission, _, task)| !task.is_finished() && !admission.0.load(Ordering::Relaxed));
+    }
+
+    fn close_oldest(&mut self) {
+        self.forget();
+        if self.0.first().is_some_and(|(_, since, _)| since.elapsed() > GRACE) {
+            self.0.remove(0).2.abort();
+        }
     }
 }
 
@@ -144,7 +195,12 @@ fn is_local(from: SocketAddr) -> bool {
 /// Passes a request on if it is addressed to this server and has the token.
 async fn guard(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     let answer = match admitted(&app, &request) {
-        Ok(()) => next.run(request).await,
+        Ok(()) => {
+            if let Some(Admission(admitted)) = request.extensions().get() {
+                admitted.store(true, Ordering::Relaxed);
+            }
+            next.run(request).await
+        }
         Err(status) => status.into_response(),
     };
     with_headers(answer)

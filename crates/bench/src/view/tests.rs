@@ -278,6 +278,23 @@ fn a_thousand_requests_at_once_are_answered_or_refused() {
 }
 
 #[test]
+fn idle_connections_do_not_keep_pages_out() {
+    let server = Server::of(Subject::default());
+    let ask = || {
+        let start = Instant::now();
+        assert!(server.is_alive());
+        start.elapsed()
+    };
+    let alone = ask();
+    // More than are served at once; some have begun a request.
+    let mut idle: Vec<TcpStream> = (0..300).map(|_| server.connect()).collect();
+    idle.iter_mut().step_by(3).for_each(|stream| stream.write_all(b"GET /").unwrap());
+    // Without room being made, the page waits until the headers of the idle ones are overdue, 10 s.
+    let beside = ask();
+    assert!(beside < alone + Duration::from_secs(5), "{alone:?} alone, {beside:?} beside idle ones");
+}
+
+#[test]
 fn requests_that_end_half_way_harm_nobody() {
     let folder = tempfile::tempdir().unwrap();
     let server = Server::of(Subject::of(Some(&dataset(folder.path())), &[]).unwrap());

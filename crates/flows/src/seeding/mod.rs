@@ -15,13 +15,14 @@ mod spacing;
 #[cfg(test)]
 mod tests;
 
-use self::spacing::Spacing;
+use self::spacing::{Spacing, check_room};
 use crate::diameters::Diameters;
 use crate::domain::Domain;
 use crate::error::{ParameterCheck, Result};
 use crate::fluid::FluidRegion;
 use crate::region::Region;
 use glam::DVec3;
+use microsig_core::cancel::checkpoint;
 use microsig_core::random::{MAX_POISSON_MEAN, poisson};
 use microsig_core::stream::Stream;
 
@@ -137,7 +138,8 @@ impl Seeding {
     /// particles. Without walls of a field and bodies it is the density of particles.
     ///
     /// `Err` if the view is not inside the domain or contains no fluid, the largest particle does not fit
-    /// between the walls, or the expected number of candidates exceeds 1e7.
+    /// between the walls, the expected number of candidates exceeds 1e7, or the particles cannot keep their
+    /// minimum distance.
     pub fn density(&self, fluid: &FluidRegion<'_>, t: f64) -> Result<f64> {
         let domain = fluid.domain();
         let (largest, radius) = (0.5 * self.diameters.max(), 0.5 * self.diameters.mean());
@@ -160,12 +162,19 @@ impl Seeding {
             },
         };
         let expected = density * domain.region().volume();
-        if expected <= MAX_POISSON_MEAN {
-            Ok(density)
-        } else {
+        if expected > MAX_POISSON_MEAN {
             let allowed = format!("at most {MAX_POISSON_MEAN} in the whole domain");
-            Err(CHECK.fault("expected number of particles", expected, &allowed))
+            return Err(CHECK.fault("expected number of particles", expected, &allowed));
         }
+        if let Arrangement::MinimumDistance { gap, dims } = self.arrangement {
+            let (number, within) = match &self.number {
+                Number::CountInView(count, view) => (f64::from(*count), view),
+                // Candidates in solid walls are not placed.
+                _ => (expected * fluid.share(domain.region(), t, 0.0), domain.region()),
+            };
+            check_room((gap, dims), &self.diameters, number, within)?;
+        }
+        Ok(density)
     }
 
     /// The density of candidates that gives `number` particles in a view, and the fraction of the view's
@@ -305,6 +314,7 @@ impl Seeding {
         stream: &mut Stream,
     ) -> Result<Seed> {
         for _ in 0..MAX_TRIES {
+            checkpoint();
             if free(&seed) && spacing.admits(&seed) {
                 spacing.add(&seed);
                 return Ok(seed);
@@ -352,6 +362,7 @@ impl Seeding {
         let mut patience = u64::from(count) * 1000 + 1_000_000;
         let mut seeds = Vec::with_capacity(wanted);
         while seeds.len() < wanted {
+            checkpoint();
             let seed = self.place(domain, &wide, stream);
             let inside = view.contains(seed.position) && free(&seed);
             if inside && spacing.admits(&seed) {

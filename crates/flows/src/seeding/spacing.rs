@@ -1,10 +1,52 @@
 //! Minimum distances between the initial particles.
+//!
+//! Spheres (disks) placed one after the other at random jam when they fill 0.3841 of the volume (0.5470 of
+//! the area; Zhang and Torquato, Phys. Rev. E 88 (2013) 053312). Centers may lie on the boundary, so the
+//! spheres fill a box that is larger by one diameter along each axis.
 
 use super::{Arrangement, CHECK, Seed};
 use crate::diameters::Diameters;
-use crate::error::Error;
+use crate::error::{Error, Result};
+use crate::region::Region;
 use glam::DVec3;
 use std::collections::HashMap;
+use std::f64::consts::PI;
+
+/// Share of the volume that spheres fill when random placement jams.
+const JAMMED_SPHERES: f64 = 0.3841;
+/// Share of the area that disks fill when random placement jams.
+const JAMMED_DISKS: f64 = 0.5470;
+
+/// Checks that `number` particles can be placed in a region at random with their minimum distance. For
+/// different sizes it uses the mean diameter: the true limit of the number is lower.
+///
+/// # Errors
+/// More than the number at which random placement jams.
+pub(super) fn check_room(
+    (gap, dims): (f64, usize),
+    diameters: &Diameters,
+    number: f64,
+    region: &Region,
+) -> Result<()> {
+    let distance = diameters.mean() + gap;
+    let box_size = region.size() + DVec3::splat(distance);
+    let most = if dims == 2 {
+        JAMMED_DISKS * box_size.x * box_size.y / (0.25 * PI * distance * distance)
+    } else {
+        JAMMED_SPHERES * box_size.element_product() / (PI / 6.0 * distance * distance * distance)
+    };
+    if distance <= 0.0 || number <= most {
+        return Ok(());
+    }
+    let allowed = format!(
+        "room for {number:.0} particles with centers {distance} um apart in {:.0} x {:.0} x {:.0} um: random \
+         placement ends at {most:.0}; reduce the distance or the number",
+        region.size().x,
+        region.size().y,
+        region.size().z
+    );
+    Err(CHECK.fault(if dims == 2 { "apart_in_image" } else { "apart" }, gap, &allowed))
+}
 
 /// The particles placed so far, in a cell list whose cells are as wide as the largest minimum distance.
 pub(super) struct Spacing {

@@ -96,9 +96,48 @@ fn least_distances_are_kept_in_space_or_in_the_image() {
     let counted = Seeding::count_in_view(60, view, sizes.clone()).apart_in_image(2.0).unwrap();
     let flat = worst(&counted, true);
     assert!(flat.0 > 100 && flat.1 >= 2.0, "{flat:?}");
-    // 1600 discs of 25 um do not fit into 400 x 200 um.
-    let full = sow(&dense.apart_in_image(20.0).unwrap(), &[], &mut stream(1));
-    assert!(full.unwrap_err().to_string().contains("apart = 20"));
+    // 1600 disks of 23 um do not fit into 400 x 200 um, nor do 600 spheres into a view of 200 x 100 x 100 um:
+    // this is said before the first is placed.
+    let full = |seeding: &Seeding| density_of(seeding).unwrap_err().to_string();
+    let said = full(&dense.apart_in_image(18.0).unwrap());
+    assert!(said.contains("apart_in_image = 18: expected room for 1600 particles with centers 23"), "{said}");
+    let count = Seeding::count_in_view(600, view, sizes.clone());
+    assert!(
+        full(&count.clone().apart(18.0).unwrap()).contains("apart = 18: expected room for 600 particles")
+    );
+    // With 6 um they fill 0.42 of what the jammed state does, which is placed.
+    let seeds = sow(&count.apart(6.0).unwrap(), &[], &mut stream(1)).unwrap();
+    assert_eq!(seeds.iter().filter(|seed| view.contains(seed.position)).count(), 600);
+}
+
+#[test]
+fn random_placement_jams_below_the_limit() {
+    // Particles of diameter 1 placed in boxes until one finds no room in 10,000 trials: their number stays
+    // below the one that is refused, in boxes of any size, and reaches a good part of it.
+    let d = Diameters::equal(1.0).unwrap();
+    for (dims, edges) in [(3, [1.0, 3.0, 10.0]), (2, [1.0, 8.0, 40.0])] {
+        for edge in edges {
+            let region = Region::new(DVec3::ZERO, DVec3::splat(edge)).unwrap();
+            let mut spacing = Spacing::new(Arrangement::MinimumDistance { gap: 0.0, dims }, &d);
+            let (mut stream, mut placed) = (stream(3), 0.0);
+            'placing: loop {
+                for _ in 0..MAX_TRIES {
+                    let at = DVec3::new(stream.uniform(), stream.uniform(), stream.uniform());
+                    let seed = Seed { position: region.at(at), d_um: 1.0, axis: None };
+                    if spacing.admits(&seed) {
+                        spacing.add(&seed);
+                        placed += 1.0;
+                        continue 'placing;
+                    }
+                }
+                break;
+            }
+            assert!(check_room((0.0, dims), &d, placed, &region).is_ok(), "{dims} {edge}: {placed}");
+            // In small boxes the surface counts; 10,000 trials reach three quarters of the jammed state.
+            let refused = check_room((0.0, dims), &d, 1.35 * placed, &region).is_err();
+            assert!(edge < 8.0 || refused, "{dims} {edge}: {placed}");
+        }
+    }
 }
 
 #[test]

@@ -84,7 +84,7 @@ fn settings(scenario: &Scenario, camera: &Camera, depths_um: &[f64]) -> Settings
 
 fn particle(scenario: &Scenario, z_um: f64, center: f64) -> Particle {
     let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
-    let d_um = scenario.seeding.diameters().mean();
+    let d_um = scenario.diameters_um()[1];
     let sphere = Particle::sphere(center, center, z_um / depth_factor, d_um);
     // Without photons, the stack's particle has `c_int` 1, independent of that of the dataset's particles.
     match scenario.cloud.photons {

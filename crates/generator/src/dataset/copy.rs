@@ -24,7 +24,7 @@ pub fn copy(dataset: &Path, out: &Path, force: bool) -> Result<()> {
             std::fs::create_dir_all(within).map_err(Error::write(within))?;
         }
         journal::record_started(&to)?;
-        let bytes = std::fs::read(dataset.join(file)).map_err(|e| Error::read(&dataset.join(file), e))?;
+        let bytes = storage::input::read(&dataset.join(file))?;
         std::fs::write(&to, bytes).map_err(Error::write(&to))?;
     }
     partial.finish_without_journal(replace)

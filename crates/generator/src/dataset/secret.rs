@@ -32,7 +32,7 @@ pub fn streams(dataset: &Path) -> Result<Option<Streams>> {
     if !path.exists() {
         return Ok(None);
     }
-    let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
+    let text = storage::read_text(&path)?;
     let digits = text.trim_end().as_bytes();
     let byte = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
     let is_valid = digits.len() == 64 && digits.iter().all(u8::is_ascii_hexdigit);

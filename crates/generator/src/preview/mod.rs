@@ -116,15 +116,15 @@ impl Preview {
     /// # Errors
     /// Settings that cannot be drawn.
     pub fn of(scenario: &Scenario) -> Result<Self> {
-        let diameters = scenario.seeding.diameters();
-        let mut sizes_um = vec![diameters.mean()];
-        for d_um in [diameters.min(), diameters.max()] {
+        let [smallest_um, mean_um, largest_um] = scenario.diameters_um();
+        let mut sizes_um = vec![mean_um];
+        for d_um in [smallest_um, largest_um] {
             if sizes_um.iter().all(|known| (known - d_um).abs() > 1e-9) {
                 sizes_um.push(d_um);
             }
         }
         sizes_um.sort_by(f64::total_cmp);
-        let middle = sizes_um.iter().position(|d_um| *d_um == diameters.mean()).unwrap_or(0);
+        let middle = sizes_um.iter().position(|d_um| *d_um == mean_um).unwrap_or(0);
         let scans: Vec<DepthScan> = sizes_um
             .iter()
             .map(|d_um| scenario.scan(*d_um, scenario.depth_range_um))
@@ -138,7 +138,7 @@ impl Preview {
     /// # Errors
     /// None for a scenario that could be resolved.
     pub fn of_mean(scenario: &Scenario, scan: &DepthScan) -> Result<Self> {
-        let sizes_um = vec![scenario.seeding.diameters().mean()];
+        let sizes_um = vec![scenario.diameters_um()[1]];
         Preview::measured(scenario, sizes_um, 0, vec![scan.clone()], None)
     }
 
@@ -376,7 +376,7 @@ pub fn depth_of_field_um(scenario: &Scenario, scan: &DepthScan) -> Result<Option
     let reach = coarse + step;
     let (low, high) = scenario.depth_range_um;
     let range_um = ((focus_um - reach).max(low), (focus_um + reach).min(high));
-    let fine = scenario.scan(scenario.seeding.diameters().mean(), range_um)?;
+    let fine = scenario.scan(scenario.diameters_um()[1], range_um)?;
     Ok(Some(span(&fine, |spot| spot.peak, IN_FOCUS)))
 }
 

@@ -1,12 +1,12 @@
 //! Estimates the cost of a dataset before it is generated: frames, particles, time, memory, disk.
 //!
-//! Memory and disk are calculated from the sizes of buffers and files, rounded up. Time is measured on one
-//! frame.
+//! Memory and disk are calculated from the sizes of buffers and files, rounded up. Time is measured: the
+//! motion of two frames, and truth and images of some of the first one's particles.
 
 use std::path::Path;
 use std::time::Instant;
 
-use flows::Tracer;
+use flows::{Frame, Tracer};
 use microsig_core::Particle;
 use serde::Serialize;
 
@@ -14,6 +14,7 @@ use super::frames::{FRAMES_PER_THREAD, TRACERS_PER_THREAD};
 use super::recording::Frames;
 use crate::dataset::Camera;
 use crate::dataset::manifest::bit_depth;
+use crate::dataset::truth::Truth;
 use scenario::{MotionSource, Scenario};
 use storage::error::{Error, Result};
 
@@ -94,24 +95,32 @@ impl Cost {
         })
     }
 
-    /// Adds the duration, measured by generating one frame in memory.
+    /// Adds the duration of frames and images; calibration and tables of images come on top.
     ///
     /// # Errors
     /// A trajectory that cannot be integrated; settings that cannot be rendered.
     pub fn timed(self, scenario: &Scenario) -> Result<Self> {
         let camera =
             Camera::of_dataset(scenario.renderer.clone(), scenario.detector.as_ref(), scenario.streams)?;
-        let start = Instant::now();
-        let truth = crate::dataset::truth::Truth::new(scenario, camera.renderer())?;
-        let once = start.elapsed().as_secs_f64();
-        let start = Instant::now();
-        if let Some(frame) = Frames::new(scenario)?.next().transpose()? {
-            let mut truth = truth.frame(&frame, None)?;
-            let particles = std::mem::take(&mut truth.particles);
-            camera.image(&particles, frame.index);
-        }
-        let frame = start.elapsed().as_secs_f64();
-        Ok(Cost { seconds: Some(once + frame * f64::from(self.frames)), ..self })
+        let truth = Truth::new(scenario, camera.renderer())?;
+        self.timed_by(&FirstFrames::new(scenario)?, &truth, &camera)
+    }
+
+    /// [`Cost::timed`] with what a run has anyway.
+    pub(super) fn timed_by(self, first: &FirstFrames, truth: &Truth<'_>, camera: &Camera) -> Result<Self> {
+        let Some(frame) = &first.frame else { return Ok(self) };
+        let time = ImageTime::measure(frame.tracers.len(), |n| {
+            let mut part = truth.frame(&some_of(frame, n), None)?;
+            camera.image(&std::mem::take(&mut part.particles), frame.index);
+            Ok(())
+        })?;
+        let images = time.seconds(f64::from(self.frames), self.particles_per_frame * f64::from(self.frames));
+        Ok(Cost { seconds: Some(first.seconds * f64::from(self.frames) + images), ..self })
+    }
+
+    /// The cost as a sentence if it takes long.
+    pub(super) fn warning(&self) -> Option<String> {
+        self.seconds.filter(|s| *s > LONG_S).map(|_| self.text())
     }
 
     /// Checks that memory and disk of the machine are sufficient.
@@ -155,16 +164,8 @@ impl Cost {
     /// The cost as a sentence.
     pub fn text(&self) -> String {
         let free = |bytes: Option<u64>| bytes.map_or(String::new(), |b| format!(" of {} free", size_text(b)));
-        let time = self.seconds.map_or(String::new(), |s| {
-            let (value, unit) = if s < 90.0 {
-                (s, "s")
-            } else if s < 5400.0 {
-                (s / 60.0, "min")
-            } else {
-                (s / 3600.0, "h")
-            };
-            format!(", about {value:.1} {unit} on {} threads", self.threads)
-        });
+        let time =
+            self.seconds.map_or(String::new(), |s| format!(", about {}", duration_text(s, self.threads)));
         format!(
             "{} frames with {:.1} particles each{time}; memory {}{}; disk {}{}",
             self.frames,
@@ -174,6 +175,96 @@ impl Cost {
             size_text(self.disk_bytes),
             free(self.disk_free_bytes)
         )
+    }
+}
+
+/// A first frame that takes longer is enough for an estimate, s.
+const SLOW_S: f64 = 2.0;
+
+/// Durations from here on are announced, s.
+const LONG_S: f64 = 60.0;
+
+fn duration_text(s: f64, threads: usize) -> String {
+    let (value, unit) = match s {
+        s if s < 90.0 => (s, "s"),
+        s if s < 5400.0 => (s / 60.0, "min"),
+        s if s < 72.0 * 3600.0 => (s / 3600.0, "h"),
+        s => (s / 86400.0, "days"),
+    };
+    format!("{value:.1} {unit} on {threads} threads")
+}
+
+/// The first frame of a dataset, and the time that it takes to place and move the particles of a frame, s.
+pub(super) struct FirstFrames {
+    frame: Option<Frame>,
+    seconds: f64,
+}
+
+impl FirstFrames {
+    /// Places the particles and, unless that alone takes long, follows them to the second frame.
+    pub(super) fn new(scenario: &Scenario) -> Result<Self> {
+        let start = Instant::now();
+        let mut frames = Frames::new(scenario)?;
+        let frame = frames.next().transpose()?;
+        let is_slow = start.elapsed().as_secs_f64() > SLOW_S;
+        let second = if is_slow { None } else { frames.next().transpose()? };
+        let taken = 1 + second.iter().count();
+        Ok(FirstFrames { frame, seconds: start.elapsed().as_secs_f64() / taken as f64 })
+    }
+}
+
+/// About `n` tracers of a frame, spread over all.
+fn some_of(frame: &Frame, n: usize) -> Frame {
+    let step = frame.tracers.len().checked_div(n).unwrap_or(0);
+    let at = |n: usize| (0..n).map(|k| k * step);
+    Frame {
+        tracers: at(n).filter_map(|k| frame.tracers.get(k).cloned()).collect(),
+        streaks: at(n).filter_map(|k| frame.streaks.get(k).cloned()).collect(),
+        ..*frame
+    }
+}
+
+/// Time that images take on one thread: a part for each image, and a part for each particle.
+pub(super) struct ImageTime {
+    empty_s: f64,
+    particle_s: f64,
+}
+
+/// Number of particles whose images are timed.
+const TIMED: usize = 16;
+
+impl ImageTime {
+    /// Measures with `draw`, which draws an image of some of `particles` particles: one, or [`TIMED`] if that
+    /// takes little time.
+    pub(super) fn measure(particles: usize, draw: impl Fn(usize) -> Result<()> + Sync) -> Result<Self> {
+        let failed = |e: rayon::ThreadPoolBuildError| Error::input(format!("threads: {e}"));
+        let thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(failed)?;
+        let timed = |n: usize| -> Result<f64> {
+            let start = Instant::now();
+            thread.install(|| draw(n))?;
+            Ok(start.elapsed().as_secs_f64())
+        };
+        // The first image also makes what all share.
+        let first_s = timed(1.min(particles))?;
+        let empty_s = timed(0)?;
+        if first_s > 1.0 || particles <= 1 {
+            return Ok(ImageTime { empty_s, particle_s: (first_s - empty_s).max(0.0) });
+        }
+        let n = particles.min(TIMED);
+        timed(n)?;
+        Ok(ImageTime { empty_s, particle_s: (timed(n)? - empty_s).max(0.0) / n as f64 })
+    }
+
+    /// Duration of images with this total of particles on all threads, s.
+    pub(super) fn seconds(&self, images: f64, particles: f64) -> f64 {
+        (self.empty_s * images + self.particle_s * particles) / rayon::current_num_threads() as f64
+    }
+
+    /// The duration as a sentence if it is long.
+    pub(super) fn warning(&self, images: usize, particles: usize) -> Option<String> {
+        let seconds = self.seconds(images as f64, particles as f64);
+        let time = || duration_text(seconds, rayon::current_num_threads());
+        (seconds > LONG_S).then(|| format!("{images} images with {particles} particles, about {}", time()))
     }
 }
 

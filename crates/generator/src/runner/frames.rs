@@ -77,9 +77,9 @@ pub(super) fn write(
     partial: &Partial,
     scenario: &Scenario,
     camera: &Camera,
+    truth: &Truth<'_>,
     progress: &Progress,
 ) -> Result<(Census, Ledger, f64)> {
-    let truth = Truth::new(scenario, camera.renderer())?;
     let files = FrameFiles::new(partial, scenario, camera);
     let mut writer = DatasetWriter::new(partial.folder(), scenario)?;
     let take = |frame: &Frame, before: Option<&Frame>| {
@@ -95,7 +95,7 @@ pub(super) fn write(
         }
         Ok(())
     };
-    in_batches(scenario, &truth, progress, take, add)?;
+    in_batches(scenario, truth, progress, take, add)?;
     writer.finish(partial.folder())
 }
 

@@ -6,13 +6,12 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use super::cost::Cost;
+use super::cost::{Cost, FirstFrames};
 use super::frames;
 use super::plausibility;
 use super::progress::Progress;
-use super::recording::Frames;
 use crate::dataset::manifest::{self, GENERATOR_VERSION, MANIFEST};
-use crate::dataset::truth::Census;
+use crate::dataset::truth::{Census, Truth};
 use crate::dataset::{Camera, Ledger, calibration, card, source, truth};
 use crate::preview::{self, Preview};
 use scenario::{SCENARIO, Scenario, write};
@@ -72,16 +71,22 @@ pub fn generate(scenario: &Scenario, options: &GenerateOptions) -> Result<Genera
 /// As for [`generate`].
 pub fn generate_or_find(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Generated>> {
     let start = Instant::now();
-    Cost::of(scenario, &options.out)?.affordable(scenario)?;
+    let cost = Cost::of(scenario, &options.out)?;
+    cost.affordable(scenario)?;
     // Placing the particles shows whether they fit into the box; done here, before anything is written.
     let placing = options.progress.spinner("placing particles and following the first trajectories");
-    Frames::new(scenario)?.next().transpose()?;
+    let first = FirstFrames::new(scenario)?;
     placing.finish_and_clear();
     let Some(partial) = begin(scenario, options)? else { return Ok(None) };
     let camera = camera(scenario)?;
-    let scan = scenario.scan_of_mean()?;
+    let truth = Truth::new(scenario, camera.renderer())?;
     let progress = &options.progress;
-    let frames = |partial: &Partial| frames::write(partial, scenario, &camera, progress);
+    if progress.has_notes() {
+        let cost = cost.timed_by(&first, &truth, &camera)?;
+        cost.warning().iter().for_each(|text| progress.note(text));
+    }
+    let scan = scenario.scan_of_mean()?;
+    let frames = |partial: &Partial| frames::write(partial, scenario, &camera, &truth, progress);
     let generated = assemble(partial, scenario, options, (&camera, &scan), frames)?;
     Ok(Some(Generated { seconds: start.elapsed().as_secs_f64(), ..generated }))
 }
@@ -166,7 +171,7 @@ fn is_finished(scenario: &Scenario, out: &Path) -> Result<bool> {
         let hint = "cannot resume; --force replaces it";
         Err(Error::input(format!("{}: {what}; {hint}", out.display())))
     };
-    let text = std::fs::read_to_string(out.join(SCENARIO)).unwrap_or_default();
+    let text = storage::read_text(&out.join(SCENARIO)).unwrap_or_default();
     if text != write(&scenario.spec)? {
         return refuse("holds another scenario".to_owned());
     }

@@ -1,5 +1,6 @@
 //! Progress bars with rate and remaining time, shown on standard error if it is a terminal.
 
+use std::io::Write as _;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
@@ -51,6 +52,23 @@ impl Progress {
             Progress::Stoppable(stop, _) if stop.is_stopped() => Err(Error::Interrupted),
             Progress::Stoppable(_, within) => within.check(),
             _ => Ok(()),
+        }
+    }
+
+    /// Whether notes are printed: not where bars are hidden, nor for a part of longer work.
+    pub(crate) fn has_notes(&self) -> bool {
+        match self {
+            Progress::Bar => true,
+            Progress::Stoppable(_, shown) => shown.has_notes(),
+            Progress::Below(_) | Progress::Hidden => false,
+        }
+    }
+
+    /// Prints a note on standard error, above the bars.
+    pub(crate) fn note(&self, text: &str) {
+        if self.has_notes() {
+            // A note that cannot be printed does not stop the work.
+            let _ = BARS.suspend(|| writeln!(std::io::stderr().lock(), "{text}"));
         }
     }
 

@@ -11,6 +11,7 @@ use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::cost::ImageTime;
 use super::progress::Progress;
 use crate::dataset::Camera;
 use storage::error::{Error, Result};
@@ -85,7 +86,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
             u32::MAX
         )));
     }
-    let particles = check(&files, &camera, &mut warnings)?;
+    let particles = check(&files, &camera, &options.progress, &mut warnings)?;
 
     let image_names: Vec<PathBuf> = files
         .iter()
@@ -110,9 +111,13 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
         (Some(claim.start(true)?), None)
     };
     let folder = partial.as_ref().map_or(options.out.as_path(), Partial::folder);
+    if options.progress.has_notes() {
+        announce(&files, particles, &camera, &options.progress)?;
+    }
 
     let bar = options.progress.images(files.len() as u64);
     files.par_iter().zip(&image_names).enumerate().try_for_each(|(i, (file, name))| {
+        options.progress.check()?;
         let image = camera.image(&read(file)?, options.first_frame + i as u32);
         camera.save(&folder.join(name), &image)?;
         bar.inc(1);
@@ -132,6 +137,20 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
         seconds: start.elapsed().as_secs_f64(),
         warnings,
     })
+}
+
+/// Says how long the images take if that is long, from the first file with particles.
+fn announce(files: &[PathBuf], particles: usize, camera: &Camera, progress: &Progress) -> Result<()> {
+    let first = files.iter().map(|file| read(file)).find(|read| !matches!(read, Ok(rows) if rows.is_empty()));
+    let rows = first.transpose()?.unwrap_or_default();
+    let time = ImageTime::measure(rows.len(), |n| {
+        let step = rows.len().checked_div(n).unwrap_or(0);
+        let some: Vec<Particle> = (0..n).map(|k| rows[k * step]).collect();
+        camera.image(&some, 0);
+        Ok(())
+    })?;
+    time.warning(files.len(), particles).iter().for_each(|text| progress.note(text));
+    Ok(())
 }
 
 fn open(path: &Path) -> Result<std::fs::File> {
@@ -208,10 +227,16 @@ fn limit(mut found: Vec<String>, warnings: &mut Vec<String>) {
 }
 
 /// Reads all files and checks that every particle can be rendered; returns the number of particles.
-fn check(files: &[PathBuf], camera: &Camera, warnings: &mut Vec<String>) -> Result<usize> {
+fn check(
+    files: &[PathBuf],
+    camera: &Camera,
+    progress: &Progress,
+    warnings: &mut Vec<String>,
+) -> Result<usize> {
     let checked: Vec<Result<(usize, Vec<String>)>> = files
         .par_iter()
         .map(|file| {
+            progress.check()?;
             let particles = read(file)?;
             let warnings = check_particles(&particles, camera, &file.display().to_string())?;
             Ok((particles.len(), warnings))
@@ -221,6 +246,7 @@ fn check(files: &[PathBuf], camera: &Camera, warnings: &mut Vec<String>) -> Resu
     let mut found = Vec::new();
     for result in checked {
         match result {
+            Err(Error::Interrupted) => return Err(Error::Interrupted),
             Ok((n, more)) => {
                 particles += n;
                 found.extend(more);

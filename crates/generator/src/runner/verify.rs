@@ -11,11 +11,11 @@ use super::progress::Progress;
 use crate::dataset::manifest::{MANIFEST, Manifest, Resource, SchemaField, TableSchema};
 use crate::dataset::secret;
 use scenario::{self, Scenario, write};
-use storage::TemporaryFolder;
 use storage::checksums::{self, Fingerprint, SHA256SUMS};
 use storage::error::{Error, Result};
 use storage::folder::{files_below, is_partial};
 use storage::tables::truth::TRACKS;
+use storage::{TemporaryFolder, input, read_text};
 
 /// Summary of a verification.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -42,7 +42,7 @@ pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Ve
         let what = if dataset.is_dir() { "not a dataset: it has no SHA256SUMS" } else { "no such folder" };
         return Err(Error::input(format!("{}: {what}", dataset.display())));
     }
-    let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
+    let text = read_text(&path)?;
     let sums = checksums::read(&text, &path.display().to_string())?;
 
     let mut failures = Vec::new();
@@ -103,8 +103,8 @@ fn manifest_agrees(dataset: &Path, fingerprints: &BTreeMap<String, Fingerprint>,
 /// type.
 fn table_disagrees(path: &Path, schema: &TableSchema) -> Option<String> {
     let fields = &schema.fields;
-    let mut reader = match csv::Reader::from_path(path) {
-        Ok(reader) => reader,
+    let mut reader = match input::open(path) {
+        Ok(file) => csv::Reader::from_reader(file),
         Err(e) => return Some(format!(": {e}")),
     };
     match reader.headers() {
@@ -143,7 +143,7 @@ fn particles_in_fluid(dataset: &Path, scenario: &Scenario) -> Result<()> {
         return Ok(());
     }
     let broken = |e: csv::Error| Error::Failed(vec![format!("{}: {e}", TRACKS.path)]);
-    let mut reader = csv::Reader::from_path(&path).map_err(broken)?;
+    let mut reader = csv::Reader::from_reader(input::open(&path)?);
     let header = reader.headers().map_err(broken)?.clone();
     let columns = ["t_s", "x_um", "y_um", "z_um", "d_um"]
         .map(|name| header.iter().position(|found| found == name).unwrap_or(usize::MAX));
@@ -182,7 +182,7 @@ fn scenario_agrees(dataset: &Path, regenerate: Option<Progress>, sums: &str) -> 
     let temporary = TemporaryFolder::new()?;
     let out = temporary.path().join("again");
     generate(&scenario, &GenerateOptions { out: out.clone(), force: false, resume: false, progress })?;
-    let again = std::fs::read_to_string(out.join(SHA256SUMS)).map_err(Error::write(&out))?;
+    let again = read_text(&out.join(SHA256SUMS))?;
     if again == sums {
         return Ok(());
     }

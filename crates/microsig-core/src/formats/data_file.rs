@@ -13,8 +13,8 @@
 
 use std::io::{BufRead, BufReader, Read, Write};
 
-use crate::error::{Error, Fault};
-use crate::formats::number;
+use crate::error::{Error, Fault, shown};
+use crate::formats::{number, text_line};
 use crate::particle::{Particle, Spheroid};
 
 /// The columns of a data file.
@@ -87,21 +87,31 @@ impl Separator {
 ///
 /// # Errors
 /// [`Error::Malformed`] with file, line and column for rows of different lengths, 1-3, 6 or more than 8
-/// columns, non-numeric or non-finite values, d_p <= 0, e_p <= 0, c_int < 0 and decimal commas; [`Error::Io`]
-/// if reading fails.
+/// columns, non-numeric or non-finite values, d_p <= 0, e_p <= 0, c_int < 0, decimal commas, text that is not
+/// UTF-8 and lines that end in CR alone; [`Error::Io`] if reading fails.
 pub fn read(reader: impl Read, name: &str) -> Result<Vec<Particle>, Error> {
     let mut reader = BufReader::new(reader);
     let (mut particles, mut faults) = (Vec::new(), Vec::new());
     let mut style: Option<(Separator, Layout)> = None;
-    let mut line = String::new();
+    let mut line = Vec::new();
     let mut number = 0;
     while faults.len() < MAX_FAULTS {
         line.clear();
-        if reader.read_line(&mut line).map_err(|e| Error::io(name, e))? == 0 {
+        if reader.read_until(b'\n', &mut line).map_err(|e| Error::io(name, e))? == 0 {
             break;
         }
         number += 1;
-        let content = line.split(['#', '%']).next().unwrap_or_default();
+        let mut fault = |column: Option<usize>, message: String| {
+            faults.push(Fault { source_name: name.to_owned(), line: Some(number), column, message });
+        };
+        let text = match text_line::text_of(&line) {
+            Ok(text) => text,
+            Err(message) => {
+                fault(None, message);
+                continue;
+            }
+        };
+        let content = text.split(['#', '%']).next().unwrap_or_default();
         let content =
             if number == 1 { content.trim_start_matches('\u{feff}').trim() } else { content.trim() };
         if content.is_empty() {
@@ -109,9 +119,7 @@ pub fn read(reader: impl Read, name: &str) -> Result<Vec<Particle>, Error> {
         }
         match row(content, &mut style) {
             Ok(particle) => particles.push(particle),
-            Err((column, message)) => {
-                faults.push(Fault { source_name: name.to_owned(), line: Some(number), column, message });
-            }
+            Err((column, message)) => fault(column, message),
         }
     }
     if faults.is_empty() { Ok(particles) } else { Err(Error::Malformed(faults)) }
@@ -151,7 +159,7 @@ fn row(content: &str, style: &mut Option<(Separator, Layout)>) -> Result<Particl
     }
     let at_least = |column: usize, what: &str, bad: bool, allowed: &str| {
         if bad {
-            Err((Some(column), format!("{what} = {}: expected {allowed}", v[column - 1])))
+            Err((Some(column), format!("{what} = {}: expected {allowed}", shown(v[column - 1]))))
         } else {
             Ok(())
         }
@@ -243,6 +251,7 @@ mod tests {
             ("1,5 2,5 3 2\n", "d.txt:1, column 1: `1,5`: a decimal comma?"),
             ("1,5;2;3;2\n", "d.txt:1, column 1: `1,5`: a decimal comma?"),
             ("1 2 3 2\n1 2 x 2\n1 2 3 -2\n", "d.txt:2, column 3: `x`"),
+            ("# x y z d_p\r1 2 3 2\r", "d.txt:1: line end CR"),
         ] {
             assert!(message(text).contains(expected), "{} lacks {expected}", message(text));
         }

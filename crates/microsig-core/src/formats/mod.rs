@@ -4,4 +4,5 @@
 pub mod data_file;
 pub mod number;
 pub mod settings_file;
+mod text_line;
 pub mod tiff;

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::io::{Read, Write};
 
 use crate::error::{Error, Fault};
+use crate::formats::text_line;
 use crate::settings::{self, KEYS, Settings};
 
 /// The contents of a settings file.
@@ -20,21 +21,40 @@ pub struct SettingsFile {
     pub warnings: Vec<String>,
 }
 
+/// Number of unreadable lines that are listed.
+const MAX_UNREADABLE: usize = 3;
+
 /// Reads a settings file; `name` is the name of the file in messages.
 ///
 /// # Errors
 /// [`Error::Malformed`] with every line that is not `key = value`, every missing or duplicate key, and every
-/// value that is not a number or out of range; [`Error::Io`] if reading fails.
+/// value that is not a number or out of range; text that is not UTF-8 and lines that end in CR alone;
+/// [`Error::Io`] if reading fails.
 pub fn read(mut reader: impl Read, name: &str) -> Result<SettingsFile, Error> {
-    let mut text = String::new();
-    reader.read_to_string(&mut text).map_err(|e| Error::io(name, e))?;
+    let mut bytes = Vec::new();
+    reader.read_to_end(&mut bytes).map_err(|e| Error::io(name, e))?;
+    let (mut lines, mut faults) = (Vec::new(), Vec::new());
+    for (index, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
+        match text_line::text_of(line) {
+            Ok(text) => lines.push(text),
+            Err(message) => {
+                let source_name = name.to_owned();
+                faults.push(Fault { source_name, line: Some(index + 1), column: None, message });
+            }
+        }
+    }
+    // What such a file lacks is not worth a message.
+    if !faults.is_empty() {
+        faults.truncate(MAX_UNREADABLE);
+        return Err(Error::Malformed(faults));
+    }
 
-    let mut faults = Vec::new();
     let mut found: BTreeMap<usize, (f64, usize)> = BTreeMap::new();
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
     let (mut unknown, mut warnings) = (Vec::new(), Vec::new());
-    for (index, raw) in text.trim_start_matches('\u{feff}').lines().enumerate() {
+    for (index, raw) in lines.into_iter().enumerate() {
         let line = index + 1;
+        let raw = if line == 1 { raw.trim_start_matches('\u{feff}') } else { raw };
         let mut fault = |message: String| {
             faults.push(Fault { source_name: name.to_owned(), line: Some(line), column: None, message });
         };
@@ -129,6 +149,7 @@ mod tests {
         let good = text(&Settings::setting1());
         let cases = [
             (good.replace("gain = 3.2\n", ""), "s.txt: gain is missing"),
+            (good.replace('\n', "\r"), "s.txt:1: line end CR: expected lines that end in LF or CR LF"),
             (format!("{good}gain = 3\n"), "s.txt:15: gain is given a second time (first in line 13)"),
             (good.replace("= 0.3", "= 0,3"), "s.txt:2: numerical_aperture = 0,3: expected a number"),
             (

@@ -111,8 +111,8 @@ fn malformed(name: &str, message: String) -> Error {
     Error::Malformed(vec![Fault { source_name: name.to_owned(), line: None, column: None, message }])
 }
 
-/// Reads a gray image of 8 or 16 bit and of the given size (width, height in px) as counts, row by row;
-/// `name` is the name of the input in errors.
+/// Reads the only gray image of a file, of 8 or 16 bit and of the given size (width, height in px) as counts,
+/// row by row; `name` is the name of the input in errors.
 ///
 /// # Errors
 /// [`Error::Malformed`] if the input is not such an image.
@@ -165,8 +165,20 @@ fn decode(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<C
     if counts != pixels {
         return Err(refuse(format!("{counts} values: expected {pixels}, one per pixel")));
     }
-    Ok(values)
+    let mut pages = 1;
+    while decoder.more_images() && pages < MAX_PAGES {
+        decoder.next_image().map_err(damaged)?;
+        pages += 1;
+    }
+    match pages {
+        1 => Ok(values),
+        MAX_PAGES => Err(refuse(format!("{MAX_PAGES} pages or more: expected a file with one image"))),
+        _ => Err(refuse(format!("{pages} pages: expected a file with one image"))),
+    }
 }
+
+/// Pages are counted up to this number.
+const MAX_PAGES: usize = 10_000;
 
 #[cfg(test)]
 mod tests {
@@ -231,5 +243,11 @@ mod tests {
         assert_eq!(refuse(&file), "i.tif: 3 x 2 px: expected 3 x 3 px");
         assert!(refuse(b"no image").starts_with("i.tif: "));
         assert!(refuse(&file[..file.len() / 2]).starts_with("i.tif: "));
+        let mut stack = Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut stack).unwrap();
+        for _ in 0..3 {
+            encoder.write_image::<Gray8>(3, 3, &[7; 9]).unwrap();
+        }
+        assert_eq!(refuse(stack.get_ref()), "i.tif: 3 pages: expected a file with one image");
     }
 }

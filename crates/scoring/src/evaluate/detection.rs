@@ -147,6 +147,22 @@ pub fn per_frame(truth: &TrackSet, result: &TrackSet, matching: &Matching) -> Ve
         .collect()
 }
 
+/// Number of frames with true particles for which the result has no point. 0 if the recall explains them:
+/// finding each particle independently with that probability, as many empty frames are no more than three
+/// standard deviations above the expected number.
+pub fn missing_frames(frames: &[FrameCounts]) -> usize {
+    let with_truth = || frames.iter().filter(|f| f.counts[0] + f.counts[1] > 0);
+    let is_empty = |f: &FrameCounts| f.counts[0] + f.counts[2] == 0;
+    let (found, all) =
+        with_truth().fold((0, 0), |(found, all), f| (found + f.counts[0], all + f.counts[0] + f.counts[1]));
+    let missed = 1.0 - ratio(found as f64, all as f64).unwrap_or(0.0);
+    let chance = |f: &FrameCounts| missed.powf((f.counts[0] + f.counts[1]) as f64);
+    let (expected, variance) =
+        with_truth().map(chance).fold((0.0, 0.0), |(mean, variance), p| (mean + p, variance + p * (1.0 - p)));
+    let missing = with_truth().filter(|f| is_empty(f)).count();
+    if missing as f64 > expected + 3.0 * variance.sqrt() { missing } else { 0 }
+}
+
 impl Detection {
     /// Scores a matching; `depth` says whether z is scored.
     pub fn of(
@@ -207,5 +223,29 @@ impl Detection {
                 bias_y_px: i_bias_y,
             },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(tp: usize, missed: usize) -> FrameCounts {
+        FrameCounts { counts: [tp, missed, 0], ..FrameCounts::default() }
+    }
+
+    #[test]
+    fn frames_are_missing_if_recall_does_not_explain_them() {
+        let mut frames = vec![frame(9, 1); 20];
+        assert_eq!(missing_frames(&frames), 0);
+        frames[7] = frame(0, 10);
+        assert_eq!(missing_frames(&frames), 1);
+        // A ghost shows that the frame was looked at.
+        frames[7].counts[2] = 1;
+        assert_eq!(missing_frames(&frames), 0);
+        // Of single particles half are found: half of the frames are empty.
+        let single: Vec<FrameCounts> = (0..40).map(|k| frame(k % 2, 1 - k % 2)).collect();
+        assert_eq!(missing_frames(&single), 0);
+        assert_eq!(missing_frames(&[frame(0, 3), frame(0, 3)]), 0);
     }
 }

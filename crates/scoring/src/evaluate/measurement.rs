@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use crate::results::sheet::shorten;
-use crate::results::{Conventions, Limits, TrackerResult};
+use crate::results::{Conventions, LARGEST_UM, Limits, TrackerResult};
 use generator::dataset::manifest::{MANIFEST, Manifest, SensorFacts};
 use storage::checksums::fingerprint;
 use storage::error::{Error, Result};
@@ -192,7 +192,10 @@ fn told(manifest: &Manifest) -> RecordingFacts {
         // Recorded hash of the true particles, which saves reading them again.
         sha256: manifest.resource(TRACKS.path).map(|r| r.sha256().to_owned()),
         um_per_px: positive(own.um_per_px),
-        depth_um: own.depth_range_um.map(|[low, high]| (low, high)).filter(|(l, h)| l <= h),
+        depth_um: own
+            .depth_range_um
+            .map(|[low, high]| (low, high))
+            .filter(|(l, h)| l <= h && l.abs().max(h.abs()) <= LARGEST_UM),
         sensor_px: sensor(|s| s.width_px).zip(sensor(|s| s.height_px)),
         dt_s: positive(timing.dt_s()),
         pairs,

@@ -205,8 +205,9 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let hints = convention_check.hints(&detection)?;
     let offset = if options.auto_offset { convention_check.offset()? } else { None };
     let n_unlinked = points.rows.iter().filter(|p| p.track < 0).count();
+    let counts = counts(&scored, &matching, points, n_unlinked);
     let mut warnings: Vec<String> = hints.iter().map(|hint| hint.what.clone()).collect();
-    warnings.extend(cautions(truth, points, n_unlinked, t.is_empty() && r.is_empty()));
+    warnings.extend(cautions(truth, points, &counts));
     // Positions alone say nothing about links.
     let is_linked = points.rows.is_empty() || n_unlinked < points.rows.len();
 
@@ -245,7 +246,7 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         orientation: orientation::Orientation::of((t, r), (&truth.axes, &points.axes), &matching, bootstrap),
         lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth, velocities, bootstrap)),
         curves: curves::curves(truth, (t, r), &matching, depth),
-        counts: counts(&scored, points, n_unlinked),
+        counts,
         offset: offset.map(|(shift, f1_without)| Offset { x_px: shift[0], y_px: shift[1], f1_without }),
         definitions: Definitions {
             gate: Some(gate),
@@ -277,25 +278,26 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
 }
 
 /// Caveats for reading the scores.
-fn cautions(
-    truth: &TrueParticles,
-    points: &Points,
-    n_unlinked: usize,
-    is_nothing_scored: bool,
-) -> Vec<String> {
+fn cautions(truth: &TrueParticles, points: &Points, counts: &Counts) -> Vec<String> {
     let mut warnings = Vec::new();
     let beyond = |frames: u32| points.rows.iter().filter(|p| p.frame >= frames).count();
     if let Some(n) = truth.facts.frames.map(beyond).filter(|n| *n > 0) {
         let frames = truth.facts.frames.unwrap_or(0);
         warnings.push(format!("{n} points lie in frames beyond the dataset's {frames}"));
     }
-    if n_unlinked == points.rows.len() && n_unlinked > 0 {
+    if counts.frames_missing > 0 {
+        warnings.push(format!(
+            "nothing is found in {} of {} frames: rankings put it after complete results of the same score",
+            counts.frames_missing, counts.frames
+        ));
+    }
+    if counts.n_unlinked == points.rows.len() && counts.n_unlinked > 0 {
         warnings.push(
             "no point is linked: links are not scored, track scores treat each point as a track of its own"
                 .to_owned(),
         );
     }
-    if is_nothing_scored {
+    if counts.n_truth + counts.n_result == 0 {
         let what = "neither truth nor result has a scored particle: nothing was missed, rates are null";
         warnings.push(what.to_owned());
     }
@@ -334,10 +336,12 @@ fn at_other_gates(
     Ok(gates)
 }
 
-fn counts(scored: &ScoredPoints, points: &Points, n_unlinked: usize) -> Counts {
+fn counts(scored: &ScoredPoints, matching: &Matching, points: &Points, n_unlinked: usize) -> Counts {
     let (t, r) = (&scored.truth, &scored.result);
+    let frames = detection::per_frame(t, r, matching);
     Counts {
-        frames: track_set::side_by_side(t, r).len(),
+        frames: frames.len(),
+        frames_missing: detection::missing_frames(&frames),
         n_truth: t.len(),
         n_result: r.len(),
         ignored_truth: scored.ignored_truth,

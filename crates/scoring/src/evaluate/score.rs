@@ -70,6 +70,13 @@ pub struct Score {
     pub warnings: Vec<String>,
 }
 
+impl Score {
+    /// Number of frames or image pairs that the result leaves out.
+    pub fn missing(&self) -> usize {
+        self.counts.frames_missing + self.field.as_ref().map_or(0, |field| field.n_pairs_missing)
+    }
+}
+
 /// Calibration of claimed uncertainties of positions.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
@@ -111,6 +118,8 @@ pub struct DetectionAtGate {
 pub struct Counts {
     /// Frames with a scored point in truth or result.
     pub frames: usize,
+    /// Frames with true particles for which the result has no point; 0 if its recall explains them.
+    pub frames_missing: usize,
     /// True particles.
     pub n_truth: usize,
     /// Result points.

@@ -42,6 +42,9 @@ pub struct TrueParticles {
 /// Optional columns of the truth over which curves are computed.
 const PROPERTIES: [&str; 2] = ["snr", "overlap"];
 
+/// Largest plausible value of such a property.
+const LARGEST_PROPERTY: f64 = 1e12;
+
 impl TrueParticles {
     /// Reads the truth of a dataset, or a bare table of particles.
     ///
@@ -226,7 +229,15 @@ fn tracks(path: &Path, facts: RecordingFacts) -> Result<TrueParticles> {
                 truth.times_s.insert(truth.rows[row].frame, cells.number(time)?);
             }
             for (values, &(_, column)) in truth.properties.iter_mut().zip(&properties) {
-                values.1.push(cells.number(column)?);
+                let value = cells.number(column)?;
+                // Unknown and infinite values are in no bin; differences of the others must be finite.
+                if value.is_finite() && value.abs() > LARGEST_PROPERTY {
+                    return Err(format!(
+                        "{} = {value:e}: expected at most {LARGEST_PROPERTY:e} in size",
+                        values.0
+                    ));
+                }
+                values.1.push(value);
             }
             row += 1;
             Ok(())

@@ -162,7 +162,7 @@ impl DroppedRows {
 
 /// Largest plausible values; their squares are far from overflow.
 const LARGEST_PX: f64 = 1e7;
-const LARGEST_UM: f64 = 1e9;
+pub(crate) const LARGEST_UM: f64 = 1e9;
 const LARGEST_SPEED: f64 = 1e12;
 
 impl Converter {

@@ -29,7 +29,7 @@ use clap::ValueEnum;
 
 pub use canonical::{field as read_field, points as read_points};
 pub use conventions::{Conventions, Limits, Origin};
-pub(crate) use conventions::{Converter, DroppedRows, FormatDefaults, LengthUnit};
+pub(crate) use conventions::{Converter, DroppedRows, FormatDefaults, LARGEST_UM, LengthUnit};
 use storage::error::{Error, Result};
 use storage::input;
 pub use table::{

@@ -92,6 +92,10 @@ impl VelocityField for Scaled {
         Some(self.inner.step_limit(self.inward(x), t)? * (self.length / self.velocity).abs())
     }
 
+    fn share_without_data(&self, region: &Region) -> f64 {
+        self.inner.share_without_data(&region.mapped(|x| self.inward(x)))
+    }
+
     fn wall(&self, x: DVec3, t: f64) -> Option<Wall> {
         let wall = self.inner.wall(self.inward(x), t)?;
         Some(Wall { clearance_um: wall.clearance_um * self.length, ..wall })

@@ -67,6 +67,11 @@ impl VelocityField for Sum {
             .reduce(f64::min)
     }
 
+    /// The largest share of a part, below that of the sum if parts end in different places.
+    fn share_without_data(&self, region: &Region) -> f64 {
+        self.0.iter().map(|field| field.share_without_data(region)).fold(0.0, f64::max)
+    }
+
     fn wall(&self, x: DVec3, t: f64) -> Option<Wall> {
         self.0.iter().fold(None, |nearest, field| nearer(nearest, field.wall(x, t)))
     }

@@ -14,6 +14,7 @@
 //! is in general not divergence-free, so that a uniform cloud may not stay uniform;
 //! [`Gridded::divergence_rms`] quantifies this.
 
+mod coverage;
 mod entry;
 
 pub(crate) use entry::ENTRY;
@@ -344,6 +345,10 @@ impl VelocityField for Gridded {
 
     fn step_limit(&self, _x: DVec3, _t: f64) -> Option<f64> {
         self.step
+    }
+
+    fn share_without_data(&self, region: &Region) -> f64 {
+        self.uncovered(region)
     }
 }
 

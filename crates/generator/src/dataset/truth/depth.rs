@@ -94,7 +94,7 @@ pub type DepthRow = [f64; 5];
 /// # Errors
 /// None for a resolved scenario.
 pub fn measure(scenario: &Scenario, stack: &DepthScan) -> Result<(Vec<DepthRow>, ParticleImage)> {
-    let (settings, d_um) = (&scenario.settings, scenario.seeding.diameters().mean());
+    let (settings, d_um) = (&scenario.settings, scenario.diameters_um()[1]);
     let middle = (settings.pixel_dim_y / 2) as usize * settings.pixel_dim_x as usize
         + (settings.pixel_dim_x / 2) as usize;
     let response = scenario.sensor()?.response(middle);

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use crate::cancel::checkpoint;
 use crate::emission::{self, GoldenAzimuths, Point, SpheroidLaw};
-use crate::error::Error;
+use crate::error::{Error, shown};
 use crate::optics::{self, OpticalSystem, Ray};
 use crate::particle::{Particle, Spheroid};
 use crate::render::instructions::InstructionSet;
@@ -255,7 +255,7 @@ impl Render for RayRenderer {
 
     fn check(&self, particle: &Particle) -> Result<Option<String>, Error> {
         let n = emission::surface_points(&self.settings, particle);
-        let (d, ppp) = (particle.d_um, self.settings.points_per_pixel);
+        let (d, ppp) = (shown(particle.d_um), shown(self.settings.points_per_pixel));
         if n == 0 {
             return Err(Error::Unsupported(format!(
                 "d_p = {d} um is too small for points_per_pixel = {ppp}: it gets no source point"
@@ -271,7 +271,8 @@ impl Render for RayRenderer {
         if nearest <= 0.0 {
             return Err(Error::Unsupported(format!(
                 "z = {} um reaches the lens, which is at z = {} um",
-                particle.z_um, -self.system.objective.object_distance_0
+                shown(particle.z_um),
+                -self.system.objective.object_distance_0
             )));
         }
         Ok((n < 20).then(|| format!("d_p = {d} um has only {n} source points: its image is coarse")))

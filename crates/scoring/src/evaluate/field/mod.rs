@@ -14,7 +14,7 @@ mod spectrum;
 pub mod true_field;
 mod vector_grid;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use schemars::JsonSchema;
@@ -45,6 +45,8 @@ pub struct FieldScore {
     pub n_interpolated: usize,
     /// Valid vectors at positions without a truth.
     pub n_outside: usize,
+    /// Image pairs of the dataset without a vector, if the result tells the pairs of its vectors.
+    pub n_pairs_missing: usize,
     /// n_reported / n_total.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub data_yield: Option<f64>,
@@ -125,6 +127,18 @@ pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64)
             scored.vectors = compared;
         }
         scored.score.truths.insert(name.clone(), against);
+    }
+    let named: BTreeSet<u32> = field.vectors.iter().filter_map(|v| v.pair).collect();
+    if !named.is_empty() {
+        let pairs = || (0..facts.frames.unwrap_or(0)).filter(|pair| facts.has_pair(*pair));
+        let missing = pairs().filter(|pair| !named.contains(pair)).count();
+        scored.score.n_pairs_missing = missing;
+        if missing > 0 {
+            scored.warnings.push(format!(
+                "no vector is of {missing} of the {} image pairs: rankings put it after complete results",
+                pairs().count()
+            ));
+        }
     }
     let mut unknown: Vec<u32> =
         field.vectors.iter().filter(|v| !is_there(v)).filter_map(|v| v.pair).collect();

@@ -1,0 +1,120 @@
+//! Trackers and scores over the cases of a sweep: `microsig sweep --track --evaluate --plot`.
+//!
+//! Results are `results/METHOD/CASE.csv` in the sweep's folder, scores `scores/METHOD/CASE/`, the plots of
+//! scores against the axes `comparison/`. They are those of `microsig track`, `evaluate` and `compare`.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::Common;
+use super::output::{progress, say, warn};
+use super::track::methods;
+use crate::report;
+use generator::runner::{Shard, Swept};
+use scenario::Case;
+use scoring::evaluate::{EvaluateOptions, evaluate};
+use storage::error::{Error, Result};
+use tracking::{TrackOptions, track};
+
+/// What is done with the cases of a sweep.
+#[derive(Debug, Args)]
+pub(super) struct SweepScores {
+    /// Run these trackers on every case of the shard: results/METHOD/CASE.csv in the sweep's folder
+    #[arg(long, value_name = "METHOD", value_delimiter = ',', value_parser = methods())]
+    track: Vec<String>,
+    /// Score the results: scores/METHOD/CASE/; once all shards are done
+    #[arg(long, requires = "track")]
+    evaluate: bool,
+    /// Plot the scores against the axes of the sweep: comparison/leaderboard.html
+    #[arg(long, requires = "evaluate")]
+    plot: bool,
+}
+
+/// A result of a tracker on a case, and its scores.
+struct Entry<'a> {
+    method: &'a str,
+    dataset: PathBuf,
+    result: PathBuf,
+    scores: PathBuf,
+}
+
+impl SweepScores {
+    /// Checks before cases are generated that results can be written below the sweep's folder.
+    ///
+    /// # Errors
+    /// A folder in a dataset.
+    pub(super) fn check(&self, out: &Path) -> Result<()> {
+        if self.track.is_empty() { Ok(()) } else { storage::outside_datasets(&out.join("results")) }
+    }
+
+    /// Tracks, scores and plots the cases of a shard; failed cases are left out.
+    ///
+    /// # Errors
+    /// Existing results, unless they are replaced or (with `resume`) kept; a tracker that cannot be run.
+    pub(super) fn run(
+        &self,
+        plan: &scenario::Sweep,
+        shard: Shard,
+        swept: &Swept,
+        resume: bool,
+        common: &Common,
+    ) -> Result<()> {
+        let cases = plan.cases.iter().filter(|case| shard.has(case.index));
+        let entries: Vec<Entry> =
+            self.track.iter().flat_map(|method| self.entries(method, &swept.out, cases.clone())).collect();
+        for entry in entries.iter().filter(|entry| !(resume && entry.result.is_file())) {
+            let options = TrackOptions {
+                seed: common.seed.unwrap_or(0),
+                force: common.force,
+                ..TrackOptions::of(entry.method, progress(common))
+            };
+            create_parent(&entry.result)?;
+            let tracked = track(&entry.dataset, &entry.result, &options)?;
+            warn(&tracked.warnings, common);
+            say(&format!("{} rows in {}", tracked.rows, tracked.out.display()), common);
+        }
+        if !self.evaluate {
+            return Ok(());
+        }
+        if swept.done + swept.failed < swept.cases {
+            let hint = "scores and plots need all cases: run it once more with --resume and --shard 1/1";
+            say(hint, common);
+            return Ok(());
+        }
+        for entry in entries.iter().filter(|entry| !(resume && entry.scores.is_dir())) {
+            let evaluation = evaluate(&entry.dataset, &entry.result, &EvaluateOptions::default())?;
+            warn(&evaluation.score.warnings, common);
+            create_parent(&entry.scores)?;
+            report::write(&entry.scores, &evaluation, false, common.force)?;
+        }
+        if self.plot {
+            let scores: Vec<PathBuf> = entries.into_iter().map(|entry| entry.scores).collect();
+            let out = swept.out.join("comparison");
+            // It is made of the scores alone, whatever was there.
+            report::compare(&scores, &out, common.force || resume)?;
+            say(&format!("scores over the sweep in {}", out.join("leaderboard.html").display()), common);
+        }
+        Ok(())
+    }
+
+    fn entries<'a>(
+        &self,
+        method: &'a str,
+        out: &Path,
+        cases: impl Iterator<Item = &'a Case>,
+    ) -> Vec<Entry<'a>> {
+        let of = |case: &Case| Entry {
+            method,
+            dataset: out.join(&case.name),
+            result: out.join("results").join(method).join(format!("{}.csv", case.name)),
+            scores: out.join("scores").join(method).join(&case.name),
+        };
+        cases.map(of).filter(|entry| entry.dataset.is_dir()).collect()
+    }
+}
+
+fn create_parent(path: &Path) -> Result<()> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder).map_err(Error::write(folder))
+}
