@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +28,15 @@ _DISPLACEMENTS, _FIELD, _DEPTH = "truth/displacements.csv", "truth/field.csv", "
 _BOXES = "truth/boxes.csv"
 
 
+#: Counts of images: whole numbers, or with ``image_format: float32`` unrounded ones.
+Images = Union[NDArray[np.uint16], NDArray[np.float32]]
+
+
 class Calibration(NamedTuple):
     """The calibration scan of one particle."""
 
-    #: uint16 (steps, rows, columns): an image of the particle at each depth.
-    images: NDArray[np.uint16]
+    #: uint16 (or float32, see :attr:`Dataset.images`) (steps, rows, columns): an image of the particle at each depth.
+    images: Images
     #: float64 (steps,): depth of the particle in each image, um, growing away from the lens.
     z_um: NDArray[np.float64]
     #: ``calibration/calibration.csv``.
@@ -48,8 +52,8 @@ def _table(raw: _RawTable) -> Table:
 class _Source(Protocol):
     """Where a dataset is."""
 
-    def images(self) -> NDArray[np.uint16]: ...
-    def image(self, frame: int) -> NDArray[np.uint16]: ...
+    def images(self) -> Images: ...
+    def image(self, frame: int) -> Images: ...
     def frames(self) -> int: ...
     def table(self, path: str) -> Table | None: ...
     def calibration(self) -> Calibration | None: ...
@@ -69,14 +73,14 @@ class _Memory:
         self._place: tempfile.TemporaryDirectory[str] | None = None
 
     @cached_property
-    def _images(self) -> NDArray[np.uint16]:
+    def _images(self) -> Images:
         return self.made.images()
 
-    def images(self) -> NDArray[np.uint16]:
+    def images(self) -> Images:
         return self._images
 
-    def image(self, frame: int) -> NDArray[np.uint16]:
-        one: NDArray[np.uint16] = self._images[frame]
+    def image(self, frame: int) -> Images:
+        one: Images = self._images[frame]
         return one
 
     def frames(self) -> int:
@@ -146,18 +150,18 @@ class _Folder:
         return table
 
     @cached_property
-    def _images(self) -> NDArray[np.uint16]:
+    def _images(self) -> Images:
         return _microsig.read_images(self._paths, *self.size)
 
-    def images(self) -> NDArray[np.uint16]:
+    def images(self) -> Images:
         return self._images
 
-    def image(self, frame: int) -> NDArray[np.uint16]:
+    def image(self, frame: int) -> Images:
         images = self.__dict__.get("_images")
         if images is not None:
-            one: NDArray[np.uint16] = images[frame]
+            one: Images = images[frame]
             return one
-        alone: NDArray[np.uint16] = _microsig.read_images([self._paths[frame]], *self.size)[0]
+        alone: Images = _microsig.read_images([self._paths[frame]], *self.size)[0]
         return alone
 
     def frames(self) -> int:
@@ -221,12 +225,15 @@ class Dataset:
         return cls(_Memory(_microsig.generate(text, progress)))
 
     @property
-    def images(self) -> NDArray[np.uint16]:
-        """uint16 (frames, rows, columns): all images, counts; read-only, not copied."""
+    def images(self) -> Images:
+        """uint16 (frames, rows, columns): all images, counts; read-only, not copied.
+
+        float32 with ``image_format: float32``: counts before they are rounded and clamped to the sensor's range.
+        """
         return self._source.images()
 
-    def image(self, frame: int) -> NDArray[np.uint16]:
-        """uint16 (rows, columns): one image, counts; of a dataset in a folder only this file is read."""
+    def image(self, frame: int) -> Images:
+        """uint16 or float32 (rows, columns): one image, counts; of a dataset in a folder only this file is read."""
         return self._source.image(frame)
 
     def __len__(self) -> int:

@@ -65,7 +65,8 @@ def render(
     frame: int = 0,
     spheroids: Literal["original", "uniform"] = "original",
     round_once: bool = False,
-) -> NDArray[np.uint16]:
+    image_format: Literal["integer", "float32"] = "integer",
+) -> NDArray[np.uint16] | NDArray[np.float32]:
     """The image of some particles, as ``microsig render`` makes it.
 
     :param settings: path or text of a MicroSIG settings file, or a dict of its 14 names (as ``Dataset.settings``)
@@ -78,20 +79,24 @@ def render(
     :param frame: number of the frame, which addresses its random numbers
     :param spheroids: which points of a spheroid shine: as in MicroSIG's program, or uniform in area
     :param round_once: round light and noise to counts together, as datasets do; MicroSIG's program rounds the noise by itself
-    :returns: uint16 (rows, columns), counts
+    :param image_format: ``float32`` returns counts before they are rounded and clamped to 16 bit
+    :returns: uint16 (rows, columns), counts; float32 with ``image_format="float32"``
     :raises ValueError: settings or particles that cannot be drawn, with the number of the particle
     """
     if mode not in ("rays", "expected"):
         raise ValueError(f"mode = {mode!r}: expected one of rays, expected")
     if spheroids not in ("original", "uniform"):
         raise ValueError(f"spheroids = {spheroids!r}: expected one of original, uniform")
+    if image_format not in ("integer", "float32"):
+        raise ValueError(f"image_format = {image_format!r}: expected one of integer, float32")
     if not 0 <= seed < 2**64:
         raise ValueError(f"seed = {seed}: expected a whole number, 0 to 2^64 - 1")
     if not 0 <= frame < 2**32:
         raise ValueError(f"frame = {frame}: expected a whole number, 0 to 2^32 - 1")
     text, name = _settings(settings)
     rows = _particles(particles)
-    image, said = _microsig.render(text, name, rows, mode == "expected", spheroids == "uniform", round_once, seed, frame)
+    how = (mode == "expected", spheroids == "uniform", round_once, image_format == "float32")
+    image, said = _microsig.render(text, name, rows, *how, seed, frame)
     for warning in said:
         warnings.warn(warning, stacklevel=2)
     return image

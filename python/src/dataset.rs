@@ -7,8 +7,9 @@ use std::sync::Arc;
 use generator::dataset::manifest::Manifest;
 use generator::runner::{GenerateOptions, MemoryDataset};
 use microsig_core::formats::tiff;
-use numpy::ndarray::ArrayView3;
-use numpy::{PyArray1, PyArray3, PyArrayMethods};
+use microsig_core::sensor::Counts;
+use numpy::ndarray::{ArrayView3, IntoDimension};
+use numpy::{Element, PyArray1, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -51,15 +52,11 @@ pub(crate) struct Made(Arc<MemoryDataset>);
 #[pymethods]
 impl Made {
     /// Counts of all images, (frames, rows, columns), not copied.
-    fn images<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray3<u16>>> {
-        let made = &slf.get().0;
-        let view = ArrayView3::from_shape(made.shape(), made.counts())
-            .map_err(|e| PyRuntimeError::new_err(e.to_string()))?;
-        // SAFETY: the counts live as long as this object, which the array keeps alive, and neither moves nor
-        // changes: the class is frozen, and the array is made read-only before anybody else sees it.
-        let images = unsafe { PyArray3::borrow_from_array(&view, slf.clone().into_any()) };
-        images.readwrite().make_nonwriteable();
-        Ok(images)
+    fn images<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        match slf.get().0.counts() {
+            Counts::Whole(counts) => borrowed(slf, counts),
+            Counts::Unrounded(counts) => borrowed(slf, counts),
+        }
     }
 
     /// Tables of frames, tracks and displacements.
@@ -77,16 +74,13 @@ impl Made {
     }
 
     /// Table and images of the calibration stack, if there is one.
-    fn calibration<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<Option<(PyTable<'py>, Bound<'py, PyArray3<u16>>)>> {
+    fn calibration<'py>(&self, py: Python<'py>) -> PyResult<Option<(PyTable<'py>, Bound<'py, PyAny>)>> {
         let made = Arc::clone(&self.0);
         let calibration = run(py, false, OnInterrupt::Leave, move |progress| made.calibration(progress))?;
         let Some(calibration) = calibration else { return Ok(None) };
         let ((of, columns), images) = (calibration.table, calibration.images);
         let size = images.first().map_or((0, 0), |image| (image.height as usize, image.width as usize));
-        let counts = images.iter().flat_map(|image| image.counts.iter().copied()).collect();
+        let counts = images.iter().map(|image| image.counts.clone()).collect();
         Ok(Some((table(py, &of, columns)?, stack(py, counts, (images.len(), size.0, size.1))?)))
     }
 
@@ -157,12 +151,42 @@ fn settings<'py>(py: Python<'py>, scenario: &Scenario) -> PyResult<Bound<'py, Py
     Ok(dict)
 }
 
-fn stack<'py>(
-    py: Python<'py>,
-    counts: Vec<u16>,
+/// Numbers of a dataset in memory as an array that keeps it alive.
+fn borrowed<'py, T: Element>(made: &Bound<'py, Made>, counts: &[T]) -> PyResult<Bound<'py, PyAny>> {
+    let view = ArrayView3::from_shape(made.get().0.shape(), counts)
+        .map_err(|e| PyRuntimeError::new_err(e.to_string()))?;
+    // SAFETY: the counts live as long as this object, which the array keeps alive, and neither moves nor
+    // changes: the class is frozen, and the array is made read-only before anybody else sees it.
+    let images = unsafe { PyArray3::borrow_from_array(&view, made.clone().into_any()) };
+    images.readwrite().make_nonwriteable();
+    Ok(images.into_any())
+}
+
+/// Images as one array: of whole counts if all have them, otherwise of floating-point numbers.
+fn stack(
+    py: Python<'_>,
+    images: Vec<Counts>,
     (frames, rows, columns): (usize, usize, usize),
-) -> PyResult<Bound<'py, PyArray3<u16>>> {
-    PyArray1::from_vec(py, counts).reshape([frames, rows, columns])
+) -> PyResult<Bound<'_, PyAny>> {
+    let are_whole = images.iter().all(|counts| matches!(counts, Counts::Whole(_)));
+    let mut all = if are_whole { Counts::Whole(Vec::new()) } else { Counts::Unrounded(Vec::new()) };
+    images.iter().for_each(|counts| all.extend(counts));
+    array(py, all, [frames, rows, columns])
+}
+
+/// Counts as an array of this shape.
+pub(crate) fn array<const N: usize>(
+    py: Python<'_>,
+    counts: Counts,
+    shape: [usize; N],
+) -> PyResult<Bound<'_, PyAny>>
+where
+    [usize; N]: IntoDimension,
+{
+    Ok(match counts {
+        Counts::Whole(counts) => PyArray1::from_vec(py, counts).reshape(shape)?.into_any(),
+        Counts::Unrounded(counts) => PyArray1::from_vec(py, counts).reshape(shape)?.into_any(),
+    })
 }
 
 /// The manifest of a dataset's folder as JSON.
@@ -200,30 +224,22 @@ fn read_table<'py>(
 
 /// Images (TIFF) of one size, (frames, rows, columns).
 #[pyfunction]
-fn read_images(
-    py: Python<'_>,
-    paths: Vec<PathBuf>,
-    width: u32,
-    height: u32,
-) -> PyResult<Bound<'_, PyArray3<u16>>> {
+fn read_images(py: Python<'_>, paths: Vec<PathBuf>, width: u32, height: u32) -> PyResult<Bound<'_, PyAny>> {
     let frames = paths.len();
-    let counts = run(py, false, OnInterrupt::Leave, move |progress| {
+    let images = run(py, false, OnInterrupt::Leave, move |progress| {
         use rayon::prelude::*;
         let read = |path: &PathBuf| {
             progress.check()?;
             read_image(path, (width, height))
         };
-        let images: Vec<Vec<u16>> = paths.par_iter().map(read).collect::<storage::Result<_>>()?;
-        Ok(images.concat())
+        paths.par_iter().map(read).collect::<storage::Result<Vec<Counts>>>()
     })?;
-    stack(py, counts, (frames, height as usize, width as usize))
+    stack(py, images, (frames, height as usize, width as usize))
 }
 
-fn read_image(path: &Path, size: (u32, u32)) -> storage::Result<Vec<u16>> {
+fn read_image(path: &Path, size: (u32, u32)) -> storage::Result<Counts> {
     let bytes = storage::input::read(path)?;
-    let counts = tiff::read(Cursor::new(bytes), &path.display().to_string(), size)?;
-    // The reader gives whole numbers of at most 16 bit.
-    Ok(counts.into_iter().map(|count| count as u16).collect())
+    Ok(tiff::read_counts(Cursor::new(bytes), &path.display().to_string(), size)?)
 }
 
 /// Copies a dataset.

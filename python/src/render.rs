@@ -8,10 +8,11 @@ use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::{data_file, settings_file};
 use microsig_core::render::RendererSpec;
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
-use microsig_core::sensor::NoiseRounding;
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use microsig_core::sensor::{ImageFormat, NoiseRounding};
+use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 
+use crate::dataset::array;
 use crate::run::{OnInterrupt, run};
 
 /// An image of particles, (rows, columns), and warnings about it. `settings` is the text of a settings file,
@@ -26,9 +27,10 @@ fn render<'py>(
     expected: bool,
     uniform: bool,
     round_once: bool,
+    unrounded: bool,
     seed: u64,
     frame: u32,
-) -> PyResult<(Bound<'py, PyArray2<u16>>, Vec<String>)> {
+) -> PyResult<(Bound<'py, PyAny>, Vec<String>)> {
     let mut text = String::new();
     for row in rows.as_array().rows() {
         for value in row {
@@ -44,14 +46,16 @@ fn render<'py>(
         RendererSpec::Rays { spheroids }
     };
     let rounding = if round_once { NoiseRounding::AfterSum } else { NoiseRounding::BeforeSum };
+    let format = if unrounded { ImageFormat::Float32 } else { ImageFormat::Integer };
     let (image, warnings) = run(py, false, OnInterrupt::Leave, move |_| {
         let read = settings_file::read(settings.as_bytes(), &name)?;
         let particles = data_file::read(text.as_bytes(), "particles")?;
-        let (image, more) = render_particles(&read.settings, renderer, &particles, (seed, frame), rounding)?;
+        let exposed = (rounding, format);
+        let (image, more) = render_particles(&read.settings, renderer, &particles, (seed, frame), exposed)?;
         Ok((image, read.warnings.into_iter().chain(more).collect()))
     })?;
     let size = [image.height as usize, image.width as usize];
-    Ok((PyArray1::from_vec(py, image.counts).reshape(size)?, warnings))
+    Ok((array(py, image.counts, size)?, warnings))
 }
 
 /// Width and height that a settings file tells, px.

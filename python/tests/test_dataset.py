@@ -229,3 +229,22 @@ def test_the_command_is_installed():
     assert command("--version").stdout.startswith(f"microsig {ms.__version__}")
     assert command("nonsense").returncode == 2
     assert pickle.loads(pickle.dumps(ms.uniform(0, 1))) == ms.uniform(0, 1)
+
+
+def test_unrounded_images_are_floats_everywhere(tmp_path):
+    made = ms.generate(SMALL, set={"image_format": "float32", "optics.background_noise": 0})
+    assert made.images.dtype == np.float32 and made.bits == 32
+    assert np.any(made.images != np.round(made.images))
+    whole = ms.generate(SMALL, set={"optics.background_noise": 0})
+    assert whole.images.dtype == np.uint16
+    np.testing.assert_array_equal(np.clip(np.rint(made.images), 0, 65535), whole.images)
+    read = ms.open(made.save(tmp_path / "float"))
+    assert read.images.dtype == np.float32
+    np.testing.assert_array_equal(read.images, made.images)
+    assert made.calibration is not None and read.calibration is not None
+    assert made.calibration.images.dtype == read.calibration.images.dtype == np.float32
+    np.testing.assert_array_equal(read.calibration.images, made.calibration.images)
+    one = ms.render(whole.settings, [[40.0, 30.0, -30.0, 2.0]], mode="expected", image_format="float32")
+    assert one.dtype == np.float32 and np.any(one != np.round(one))
+    with pytest.raises(ValueError, match="image_format = float32"):
+        ms.Stream(SMALL, 1, set={"image_format": "float32"})

@@ -69,7 +69,7 @@ pub fn curve(
                     let frame = step as u32 * images + i;
                     let light = renderer.light(&[particle], &streams, Purpose::Rays, frame);
                     let image = sensor.expose(&light, &streams, Purpose::BackgroundNoise, frame);
-                    f64::from(image.counts.into_iter().max().unwrap_or(0))
+                    image.counts.values().fold(0.0, f64::max)
                 })
                 .collect();
             let n = f64::from(images);

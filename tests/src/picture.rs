@@ -4,19 +4,20 @@ use std::path::Path;
 
 use anyhow::Context;
 use image::{GrayImage, ImageFormat, Luma};
-use microsig_core::sensor::Image;
+use microsig_core::sensor::{Counts, Image};
 
 /// 8-bit picture of an image: black at `black` counts and below, white at `white` and above.
 pub fn stretch(image: &Image, black: f64, white: f64) -> GrayImage {
+    let counts = image.counts.whole();
     GrayImage::from_fn(image.width, image.height, |x, y| {
-        let level = (f64::from(image.counts[(y * image.width + x) as usize]) - black) / (white - black);
+        let level = (f64::from(counts[(y * image.width + x) as usize]) - black) / (white - black);
         Luma([(level * 255.0).round() as u8])
     })
 }
 
 /// Quantile of the counts: `share` (0 to 1) of the pixels lie below it.
 pub fn quantile(image: &Image, share: f64) -> f64 {
-    let mut sorted = image.counts.clone();
+    let mut sorted = image.counts.whole().into_owned();
     sorted.sort_unstable();
     f64::from(sorted[((sorted.len() - 1) as f64 * share) as usize])
 }
@@ -24,8 +25,8 @@ pub fn quantile(image: &Image, share: f64) -> f64 {
 /// `height` rows of an image from row `first` (from 0) on.
 pub fn crop(image: &Image, first: u32, height: u32) -> Image {
     let at = |row: u32| (row * image.width) as usize;
-    let counts = image.counts[at(first)..at(first + height)].to_vec();
-    Image { height, counts, ..image.clone() }
+    let counts = image.counts.whole()[at(first)..at(first + height)].to_vec();
+    Image { height, counts: Counts::Whole(counts), ..image.clone() }
 }
 
 /// Pictures on top of one another.

@@ -13,6 +13,7 @@ mod export;
 mod extremes;
 mod golden;
 mod house;
+mod image_format;
 mod maxima;
 mod microscope;
 mod motion;

@@ -24,7 +24,7 @@
 //! let particles = [Particle::sphere(41.0, 41.0, -30.0, 2.0)];
 //! let light = renderer.light(&particles, &streams, Purpose::Rays, 0);
 //! let image = Sensor::new(&settings).expose(&light, &streams, Purpose::BackgroundNoise, 0);
-//! assert!(image.counts[40 * 81 + 40] > 500, "bright in the middle");
+//! assert!(image.counts.whole()[40 * 81 + 40] > 500, "bright in the middle");
 //! # Ok::<(), microsig_core::Error>(())
 //! ```
 //!

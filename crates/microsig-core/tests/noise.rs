@@ -22,7 +22,7 @@ fn noise(sigma: f64, streams: &Streams, purpose: Purpose, frame: u32) -> Vec<f64
         ..Settings::setting1()
     };
     let image = Sensor::new(&settings).expose(&Light::dark(&settings), streams, purpose, frame);
-    image.counts.iter().map(|&count| f64::from(count) - MEAN).collect()
+    image.counts.values().map(|count| count - MEAN).collect()
 }
 
 fn frame(seed: u64, frame: u32) -> Vec<f64> {

@@ -245,6 +245,22 @@ fn counts_are_those_of_expected_images() {
     }
 }
 
+/// Far from the focal plane of x but near that of y, phases change along x within a row of the pupil, and
+/// from row to row.
+#[test]
+fn tables_are_accurate_where_a_cylinder_defocuses_one_axis_only() {
+    let renderer = WavesRenderer::new(&Settings::setting1a(), &WaveOptics::new(0.52), 1e-3).unwrap();
+    let particle = Particle::sphere(300.0, 180.0, 24.0, 2.0);
+    let patch = renderer.patch(&particle).unwrap();
+    let (_, _, error) = renderer.tables();
+    assert!(error < 1e-3, "{error}");
+    // Otherwise errors of the quadrature would seem to be light far away.
+    assert!(patch.window.height < 240, "{:?}", patch.window);
+    let drawn: f64 = patch.counts.iter().sum();
+    let outside = 1.0 - drawn / renderer.accepted(&particle);
+    assert!((0.0..0.03).contains(&outside), "{outside} outside");
+}
+
 #[test]
 fn derivatives_are_those_of_the_image() {
     let renderer = WavesRenderer::new(&Settings::setting1a(), &WaveOptics::new(0.52), 1e-3).unwrap();

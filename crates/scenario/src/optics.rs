@@ -2,7 +2,7 @@
 
 use microsig_core::Settings;
 use microsig_core::formats::{settings_file, tiff};
-use microsig_core::sensor::{Detector, NoiseRounding, Response, Sensor};
+use microsig_core::sensor::{Detector, ImageFormat, NoiseRounding, Response, Sensor};
 use microsig_core::stream::Streams;
 
 use super::files::Files;
@@ -90,7 +90,7 @@ pub(super) fn response(settings: &Settings, detector: Option<&Detector>) -> Resu
         let background = detector.background.as_ref().map(mean);
         Detector { prnu: 0.0, dsnu_e: 0.0, hot_pixels: None, background, ..detector.clone() }
     });
-    Ok(sensor(&pixel, uniform.as_ref(), &Streams::new(0))?.response(0))
+    Ok(sensor(&pixel, uniform.as_ref(), ImageFormat::Integer, &Streams::new(0))?.response(0))
 }
 
 /// The sensor of a dataset. Without a detector it is MicroSIG's own, except that counts are rounded only
@@ -98,12 +98,17 @@ pub(super) fn response(settings: &Settings, detector: Option<&Detector>) -> Resu
 ///
 /// # Errors
 /// A value of the detector that is out of range.
-pub fn sensor(settings: &Settings, detector: Option<&Detector>, streams: &Streams) -> Result<Sensor> {
+pub fn sensor(
+    settings: &Settings,
+    detector: Option<&Detector>,
+    format: ImageFormat,
+    streams: &Streams,
+) -> Result<Sensor> {
     let sensor = match detector {
         None => Sensor::new(settings),
         Some(detector) => Sensor::with_detector(settings, detector.clone(), streams)?,
     };
-    Ok(sensor.with_rounding(NoiseRounding::AfterSum))
+    Ok(sensor.with_rounding(NoiseRounding::AfterSum).with_format(format))
 }
 
 /// Sets MicroSIG's background noise to 0 if there is a camera, which has its own noise, unless the scenario

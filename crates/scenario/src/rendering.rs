@@ -4,6 +4,7 @@ use clap::ValueEnum;
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::render::expected::{DEFAULT_TOLERANCE, TOLERANCES};
 use microsig_core::render::waves;
+use microsig_core::sensor;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -59,6 +60,27 @@ impl From<SpheroidPoints> for SpheroidLaw {
         match points {
             SpheroidPoints::Original => SpheroidLaw::Original,
             SpheroidPoints::Uniform => SpheroidLaw::Uniform,
+        }
+    }
+}
+
+/// What the pixels of an image file hold.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum ImageFormat {
+    /// Whole counts of 16 bit, or of 8 bit for a sensor of 8 bit, clamped to the sensor's range.
+    #[default]
+    Integer,
+    /// 32-bit floating-point numbers: counts before they are rounded and clamped to the range of the sensor,
+    /// which keeps light below half a count. Noise is included, if there is any.
+    Float32,
+}
+
+impl From<ImageFormat> for sensor::ImageFormat {
+    fn from(format: ImageFormat) -> Self {
+        match format {
+            ImageFormat::Integer => sensor::ImageFormat::Integer,
+            ImageFormat::Float32 => sensor::ImageFormat::Float32,
         }
     }
 }

@@ -9,7 +9,7 @@ use flows::scale::Scale;
 use flows::{Boundary, Domain, FluidRegion, Illumination, KeptShares, Seeding, Shutter, VelocityField};
 use microsig_core::formats::data_file::Layout;
 use microsig_core::render::Renderer;
-use microsig_core::sensor::Detector;
+use microsig_core::sensor::{Detector, ImageFormat};
 use microsig_core::stream::Streams;
 use microsig_core::{Particle, Settings, Spheroid};
 
@@ -66,7 +66,9 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         return Err(Error::Problems(problems.0));
     };
     warnings.extend(renderer.warning());
-    warnings.extend(clipped(&response(&settings, detector.as_ref())?, detector.as_ref()));
+    if spec.image_format() == ImageFormat::Integer {
+        warnings.extend(clipped(&response(&settings, detector.as_ref())?, detector.as_ref()));
+    }
     let motion = match (field, &mut spec.motion) {
         (Some(field), _) => Some(MotionSource::Field(field)),
         (None, Motion::Tracks(tracks)) => {

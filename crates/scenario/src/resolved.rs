@@ -175,7 +175,7 @@ impl Scenario {
     /// # Errors
     /// None for a resolved scenario.
     pub fn sensor(&self) -> Result<Sensor> {
-        sensor(&self.settings, self.detector.as_ref(), &self.streams)
+        sensor(&self.settings, self.detector.as_ref(), self.spec.image_format(), &self.streams)
     }
 
     /// Response of the camera to light at the image center, without fixed-pattern noise.

@@ -26,7 +26,7 @@ pub use super::particles::{
     Brightness, Brownian, Diameter, Emitted, Growth, Number, Obstacle, Orientation, Particles, Photons,
     Placement, Settling, Spheroids,
 };
-pub use super::rendering::{Emission, Render, RenderMode, SpheroidPoints};
+pub use super::rendering::{Emission, ImageFormat, Render, RenderMode, SpheroidPoints};
 pub use super::timing::{Flashes, FourPulse, PairSeeding, Pairs, Sequence, Timing};
 pub use super::truth_grid::{FieldGrid, Planes, TruthColumns, TruthGrid, Weighting};
 pub use microsig_core::render::waves::{Layers, Mask, Pinhole, PupilFunction as Pupil};
@@ -73,6 +73,10 @@ pub struct Spec {
     /// How particle images are rendered.
     #[serde(default)]
     pub render: Render,
+    /// What the pixels of image files hold.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "integer"))]
+    pub image_format: Option<ImageFormat>,
     /// Optional columns of the truth.
     #[serde(default)]
     pub truth: TruthColumns,
@@ -107,6 +111,11 @@ impl Spec {
             (None, RenderMode::Expected) => RendererSpec::Expected { spheroids, tolerance },
             (None, RenderMode::Waves) => RendererSpec::Waves { optics: self.wave_optics(), tolerance },
         }
+    }
+
+    /// What the pixels of images hold.
+    pub fn image_format(&self) -> sensor::ImageFormat {
+        self.image_format.unwrap_or_default().into()
     }
 
     /// Light and objective for wave optics. A missing wavelength, which is an error, becomes 0.

@@ -9,7 +9,7 @@ use generator::runner::{GenerateOptions, Progress, generate};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{GrayImage, imageops};
 use microsig_core::formats::tiff;
-use microsig_core::sensor::Image;
+use microsig_core::sensor::{Counts, Image};
 use scenario::{self, Picture, Scene, assignment};
 
 use suite::picture::{quantile, side_by_side, stretch};
@@ -76,7 +76,7 @@ fn background((width, height): (u32, u32)) -> Image {
         (200.0 + 2.0 * x + light).round() as u16
     };
     let counts = (0..width * height).map(|i| at(f64::from(i % width), f64::from(i / width))).collect();
-    Image { width, height, bits: 16, counts }
+    Image { width, height, bits: 16, counts: Counts::Whole(counts) }
 }
 
 /// A frame of a scene with some keys changed.
@@ -119,6 +119,6 @@ fn image(scene: Scene, sets: &str) -> anyhow::Result<Image> {
         width: size.0,
         height: size.1,
         bits: 16,
-        counts: counts.into_iter().map(|count| count as u16).collect(),
+        counts: Counts::Whole(counts.into_iter().map(|count| count as u16).collect()),
     })
 }

@@ -11,7 +11,7 @@ use microsig_core::sensor::NoiseRounding;
 use super::Common;
 use super::output::{progress, report, warn};
 use generator::runner::{RenderOptions, render};
-use scenario::spec::{Emission, Lens, RenderMode, SpheroidPoints};
+use scenario::spec::{Emission, ImageFormat, Lens, RenderMode, SpheroidPoints};
 use storage::error::{Error, Result};
 
 /// Images from MicroSIG's own settings file and data files
@@ -48,6 +48,9 @@ pub(super) struct Render {
     /// Which points of a spheroid emit light: as in MicroSIG's program, or uniform in area
     #[arg(long, value_enum, default_value_t = SpheroidPoints::Original)]
     spheroids: SpheroidPoints,
+    /// What the pixels of the images hold: float32 has counts before rounding and clamping
+    #[arg(long, value_enum, default_value_t = ImageFormat::Integer)]
+    image_format: ImageFormat,
     /// Round counts only once, after noise is added, as in datasets; MicroSIG rounds the noise first, which
     /// loses faint light
     #[arg(long)]
@@ -64,6 +67,7 @@ impl Render {
             first_frame: self.first_frame,
             renderer: self.renderer()?,
             rounding: if self.round_once { NoiseRounding::AfterSum } else { NoiseRounding::BeforeSum },
+            format: self.image_format.into(),
             force: common.force,
             progress: progress(common),
         })?;

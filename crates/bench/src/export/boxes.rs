@@ -5,7 +5,7 @@ use std::io::Cursor;
 use std::path::Path;
 
 use microsig_core::formats::tiff::{self, PixelScale};
-use microsig_core::sensor::Image;
+use microsig_core::sensor::{Counts, Image};
 use serde_json::{Value, json};
 use visibility::RunLengths;
 
@@ -165,7 +165,7 @@ impl Boxes {
                 counts[pixel % rows * columns + pixel / rows] = (k + 1) as u16;
             }
         }
-        let image = Image { width, height, bits: 16, counts };
+        let image = Image { width, height, bits: 16, counts: Counts::Whole(counts) };
         let mut file = Cursor::new(Vec::new());
         tiff::write(
             &mut file,

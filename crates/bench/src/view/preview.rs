@@ -110,7 +110,7 @@ impl Preview {
             let frame = frame?;
             let (image, seconds, share) = self.draw(&scenario, &camera, &frame)?;
             drawn_s = f64::max(drawn_s, seconds);
-            let pixels = tiff::little_endian(&image.counts);
+            let pixels = tiff::little_endian(&image.counts.whole());
             let part = json!({ "part": "frame", "index": frame.index, "width": image.width, "height": image.height,
                 "t_s": frame.t_s, "share": share, "seconds": seconds, "particles": particles(&scenario, &frame) });
             self.send(part, &pixels)?;

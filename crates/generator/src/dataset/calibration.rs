@@ -130,7 +130,7 @@ impl CalibrationStack {
         let detector =
             scenario.detector.as_ref().map(|detector| cropped(detector, &scenario.settings, &settings));
         let renderer = scenario.spec.renderer().build(&settings)?;
-        let camera = Camera::of_dataset(renderer, detector.as_ref(), scenario.streams)?.calibrating();
+        let camera = Camera::of_dataset(scenario, renderer, detector.as_ref())?.calibrating();
         let (x_px, y_px) = (f64::from(settings.pixel_dim_x / 2 + 1), f64::from(settings.pixel_dim_y / 2 + 1));
         let at = |z_um: &f64| Particle { x_px, y_px, ..particle(scenario, *z_um, 0.0) };
         let particles: Vec<Particle> = depths_um.iter().map(at).collect();

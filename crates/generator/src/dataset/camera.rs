@@ -10,7 +10,7 @@ use microsig_core::render::{ImageStreams, Renderer};
 use microsig_core::sensor::{Detector, Image, Sensor};
 use microsig_core::stream::{Purpose, Streams};
 
-use scenario::sensor;
+use scenario::{Scenario, sensor};
 use storage::error::Result;
 use storage::save_bytes;
 
@@ -27,12 +27,14 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// The camera of a dataset; without a detector, its sensor is MicroSIG's own.
+    /// The camera of a dataset with this renderer and detector; without a detector, its sensor is MicroSIG's
+    /// own.
     ///
     /// # Errors
     /// A value of the detector that is out of range.
-    pub fn of_dataset(renderer: Renderer, detector: Option<&Detector>, streams: Streams) -> Result<Self> {
-        let sensor = sensor(renderer.settings(), detector, &streams)?;
+    pub fn of_dataset(scenario: &Scenario, renderer: Renderer, detector: Option<&Detector>) -> Result<Self> {
+        let streams = scenario.streams;
+        let sensor = sensor(renderer.settings(), detector, scenario.spec.image_format(), &streams)?;
         Ok(Camera::new(renderer, sensor, streams))
     }
 

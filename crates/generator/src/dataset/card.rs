@@ -6,6 +6,7 @@ use super::manifest::{COORDINATES, GENERATOR_VERSION, ScoringGates, WaveFacts, b
 use super::truth::Census;
 use super::truth::depth::ParticleImage;
 use microsig_core::render::Description;
+use microsig_core::sensor::ImageFormat;
 use scenario::spec::{PairSeeding, Timing};
 use scenario::{MotionSource, Scenario, compact};
 use storage::error::Result;
@@ -48,7 +49,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<S
          Synthetic images of tracer particles, {focus} and with known truth: {what}.\n\n\
          ![some of the frames](preview.png)\n\n\
          | | |\n|---|---|\n\
-         | image | {width} x {height} px, {bits} bit, {um_per_px} um per px |\n\
+         | image | {width} x {height} px, {bits} bit{unrounded}, {um_per_px} um per px |\n\
          | optics | {optics} |\n\
          {light}\
          | depth range | {low} to {high} um |\n\
@@ -77,10 +78,14 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<S
          {license}; see `LICENSE`.\n",
         name = spec.name,
         license = spec.license,
-        light = waves(scenario).map_or_else(String::new, |waves| light(&waves)),
+        light = waves(scenario, image).map_or_else(String::new, |waves| light(&waves)),
         moved = motion_note(scenario),
         shone = illumination_note(scenario)?,
         bits = bit_depth(scenario),
+        unrounded = match spec.image_format() {
+            ImageFormat::Integer => "",
+            ImageFormat::Float32 => " (floating point: counts before rounding and clamping)",
+        },
         n_ppp = n_p / pixels,
         area = image.area_px,
         n_s = n_p * image.area_px / pixels,
@@ -105,11 +110,15 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<S
 /// The rows on light and objective for wave optics.
 fn light(waves: &WaveFacts) -> String {
     let WaveFacts { wavelength_um, bandwidth_um, emission, lens, airy_radius_px, pupil, layers, .. } = waves;
+    let drawn = waves.drawn_share.map_or_else(String::new, |shares| {
+        let [least, greatest] = shares.map(|share| 100.0 * share);
+        format!("; images show {least:.1} to {greatest:.1} % of the light that it accepts")
+    });
     let layers = if layers.is_null() { "" } else { ", layers in front of it" };
     let pupil = if pupil.is_null() { "" } else { ", mask or aberrations in its pupil" };
     format!(
         "| light | {wavelength_um} um, band of {bandwidth_um} um, from each particle's {emission} |\n\
-         | objective | {lens}{layers}{pupil}; Airy radius {airy_radius_px:.2} px |\n"
+         | objective | {lens}{layers}{pupil}; Airy radius {airy_radius_px:.2} px{drawn} |\n"
     )
 }
 

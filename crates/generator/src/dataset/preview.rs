@@ -67,7 +67,8 @@ impl Preview {
 /// Converts counts to 8 bit, linearly from the 1 % quantile (black) to the 99.8 % quantile (white). Integer
 /// arithmetic gives the same bytes on all machines.
 fn stretch(image: &Image) -> GrayImage {
-    let mut counts = image.counts.clone();
+    let whole = image.counts.whole();
+    let mut counts = whole.to_vec();
     let mut quantile = |per_mille: usize| {
         let rank = (counts.len() - 1) * per_mille / 1000;
         u32::from(*counts.select_nth_unstable(rank).1)
@@ -75,6 +76,6 @@ fn stretch(image: &Image) -> GrayImage {
     let black = quantile(10);
     let white = quantile(998).max(black + 1);
     let gray = |count: &u16| ((u32::from(*count).clamp(black, white) - black) * 255 / (white - black)) as u8;
-    let pixels = image.counts.iter().map(gray).collect();
+    let pixels = whole.iter().map(gray).collect();
     GrayImage::from_raw(image.width, image.height, pixels).unwrap_or_default()
 }

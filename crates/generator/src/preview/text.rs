@@ -47,10 +47,12 @@ pub fn lines(preview: &Preview) -> [String; 2] {
         .map_or_else(|| "no background noise".to_owned(), |snr| format!("SNR {snr}"));
     let share = range(&|depth| depth.share.map(|share| 100.0 * share))
         .map_or_else(String::new, |share| format!(", {share} % of the accepted light on 801 x 801 px"));
-    let light = format!(
-        "peaks of {peaks} counts, {snr}, saturation at {:.0}{share}; N_S = {:.3}",
-        preview.saturation_counts, preview.source_density
-    );
+    let saturation = match preview.saturation_counts {
+        end if end.is_finite() => format!("saturation at {end:.0}"),
+        _ => "no saturation".to_owned(),
+    };
+    let light =
+        format!("peaks of {peaks} counts, {snr}, {saturation}{share}; N_S = {:.3}", preview.source_density);
     [format!("focus: {focus}"), format!("light: {light}")]
 }
 

@@ -80,7 +80,7 @@ impl Cost {
             pixels * BYTES_PER_PIXEL * at_a_time + (2.0 * batch * particles_per_frame) as u64 * per_tracer;
         let nodes =
             scenario.truth_grid().map_or(0, |n| (n.x_px.len() * n.y_px.len() * n.planes_um.len()) as u64);
-        let image = pixels * if bit_depth(scenario) > 8 { 2 } else { 1 } + 512;
+        let image = pixels * u64::from(bit_depth(scenario).next_multiple_of(8)) / 8 + 512;
         let rows = (particles_per_frame * BYTES_ON_DISK) as u64;
         Ok(Cost {
             frames,
@@ -100,8 +100,7 @@ impl Cost {
     /// # Errors
     /// A trajectory that cannot be integrated; settings that cannot be rendered.
     pub fn timed(self, scenario: &Scenario) -> Result<Self> {
-        let camera =
-            Camera::of_dataset(scenario.renderer.clone(), scenario.detector.as_ref(), scenario.streams)?;
+        let camera = Camera::of_dataset(scenario, scenario.renderer.clone(), scenario.detector.as_ref())?;
         let truth = Truth::new(scenario, camera.renderer())?;
         self.timed_by(&FirstFrames::new(scenario)?, &truth, &camera)
     }

@@ -171,8 +171,8 @@ impl DatasetWriter {
 
 /// Fraction of the pixels at or above the camera's highest count.
 fn saturated_fraction(image: &Image, end_counts: f64) -> f64 {
-    let last = (end_counts.floor() as u16).max(1);
-    image.counts.iter().filter(|count| **count >= last).count() as f64 / image.counts.len().max(1) as f64
+    let last = end_counts.floor().max(1.0);
+    image.counts.values().filter(|count| *count >= last).count() as f64 / image.counts.len().max(1) as f64
 }
 
 /// The next batch of frames.

@@ -93,7 +93,7 @@ pub fn generate_or_find(scenario: &Scenario, options: &GenerateOptions) -> Resul
 
 /// The camera that takes a scenario's frames.
 pub(super) fn camera(scenario: &Scenario) -> Result<Camera> {
-    let camera = Camera::of_dataset(scenario.renderer.clone(), scenario.detector.as_ref(), scenario.streams)?;
+    let camera = Camera::of_dataset(scenario, scenario.renderer.clone(), scenario.detector.as_ref())?;
     Ok(camera.every(scenario.recordings.dt_s()))
 }
 

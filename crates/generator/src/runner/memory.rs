@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use flows::Frame;
-use microsig_core::sensor::Image;
+use microsig_core::sensor::{Counts, Image, ImageFormat};
 use rayon::prelude::*;
 
 use super::cost::Cost;
@@ -14,7 +14,7 @@ use super::generate::{GenerateOptions, Generated, assemble, camera, folders};
 use super::progress::Progress;
 use crate::dataset::Camera;
 use crate::dataset::calibration::CalibrationStack;
-use crate::dataset::manifest::MANIFEST;
+use crate::dataset::manifest::{MANIFEST, bit_depth};
 use crate::dataset::truth::{FrameTruth, Truth, TruthWriter, depth, field};
 use scenario::Scenario;
 use storage::error::{Error, Result};
@@ -30,8 +30,7 @@ pub struct MemoryDataset {
     /// Images of the mean diameter over depth, made when first needed.
     scan: OnceLock<DepthScan>,
     truths: Vec<FrameTruth>,
-    counts: Vec<u16>,
-    bits: u8,
+    counts: Counts,
 }
 
 /// A calibration stack in memory.
@@ -57,11 +56,13 @@ impl MemoryDataset {
         Cost { memory_bytes, disk_bytes, disk_free_bytes, ..cost }.affordable(&scenario)?;
         let camera = camera(&scenario)?;
         let frames = scenario.recordings.frames() as usize;
-        let (mut truths, mut counts) = (Vec::new(), Vec::new());
-        let mut bits = u16::BITS as u8;
+        let mut truths = Vec::new();
         let pixels = scenario.settings.pixel_dim_x as usize * scenario.settings.pixel_dim_y as usize;
         // Reserved at once: growing the vector would need twice the memory.
-        counts.reserve_exact(frames * pixels);
+        let mut counts = match scenario.spec.image_format() {
+            ImageFormat::Integer => Counts::Whole(Vec::with_capacity(frames * pixels)),
+            ImageFormat::Float32 => Counts::Unrounded(Vec::with_capacity(frames * pixels)),
+        };
         let truth = Truth::new(&scenario, camera.renderer())?;
         let take = |frame: &Frame, before: Option<&Frame>| {
             let truth = truth.frame(frame, before)?;
@@ -71,14 +72,13 @@ impl MemoryDataset {
         let add = |taken: Vec<(FrameTruth, Image)>| {
             for (truth, image) in taken {
                 truths.push(truth);
-                counts.extend_from_slice(&image.counts);
-                bits = image.bits;
+                counts.extend(&image.counts);
             }
             Ok(())
         };
         in_batches(&scenario, &truth, progress, take, add)?;
         drop(truth);
-        Ok(MemoryDataset { scenario, camera, scan: OnceLock::new(), truths, counts, bits })
+        Ok(MemoryDataset { scenario, camera, scan: OnceLock::new(), truths, counts })
     }
 
     /// The scenario of the dataset.
@@ -92,7 +92,7 @@ impl MemoryDataset {
     }
 
     /// Counts of all images, an array of shape (frames, rows, columns).
-    pub fn counts(&self) -> &[u16] {
+    pub fn counts(&self) -> &Counts {
         &self.counts
     }
 
@@ -104,13 +104,14 @@ impl MemoryDataset {
 
     /// Bit depth of the images.
     pub fn bits(&self) -> u8 {
-        self.bits
+        bit_depth(&self.scenario)
     }
 
     fn image(&self, frame: usize) -> Image {
         let (width, height) = (self.scenario.settings.pixel_dim_x, self.scenario.settings.pixel_dim_y);
         let pixels = width as usize * height as usize;
-        Image { width, height, bits: self.bits, counts: self.counts[frame * pixels..][..pixels].to_vec() }
+        let counts = self.counts.slice(frame * pixels..(frame + 1) * pixels);
+        Image { width, height, bits: self.bits(), counts }
     }
 
     fn scan(&self) -> Result<&DepthScan> {

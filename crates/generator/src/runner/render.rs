@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use microsig_core::formats::{data_file, settings_file};
 use microsig_core::render::RendererSpec;
-use microsig_core::sensor::{Image, NoiseRounding, Sensor};
+use microsig_core::sensor::{Image, ImageFormat, NoiseRounding, Sensor};
 use microsig_core::stream::Streams;
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
@@ -35,6 +35,8 @@ pub struct RenderOptions {
     pub renderer: RendererSpec,
     /// Whether noise is rounded on its own or after it is added to the image.
     pub rounding: NoiseRounding,
+    /// What the pixels of the images hold.
+    pub format: ImageFormat,
     /// Whether existing images are replaced.
     pub force: bool,
     /// How progress is shown.
@@ -73,7 +75,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     let file = open(&options.settings)?;
     let settings = settings_file::read(file, &options.settings.display().to_string())?;
     let renderer = options.renderer.clone().build(&settings.settings)?;
-    let sensor = Sensor::new(&settings.settings).with_rounding(options.rounding);
+    let sensor = Sensor::new(&settings.settings).with_rounding(options.rounding).with_format(options.format);
     let camera = Camera::new(renderer, sensor, Streams::new(options.seed));
     let mut warnings = settings.warnings;
     warnings.extend(camera.renderer().warning());
@@ -192,9 +194,9 @@ pub fn render_particles(
     renderer: RendererSpec,
     particles: &[Particle],
     (seed, frame): (u64, u32),
-    rounding: NoiseRounding,
+    (rounding, format): (NoiseRounding, ImageFormat),
 ) -> Result<(Image, Vec<String>)> {
-    let sensor = Sensor::new(settings).with_rounding(rounding);
+    let sensor = Sensor::new(settings).with_rounding(rounding).with_format(format);
     let camera = Camera::new(renderer.build(settings)?, sensor, Streams::new(seed));
     let mut warnings: Vec<String> = camera.renderer().warning().into_iter().collect();
     limit(check_particles(particles, &camera, "particles")?, &mut warnings);

@@ -19,6 +19,7 @@ use std::path::PathBuf;
 pub use batch::Batch;
 pub use labels::{Flow, LabelOptions, PARTICLE_COLUMNS, Sample};
 pub use law::{Drawn, Law};
+use microsig_core::sensor::ImageFormat;
 use sampler::Sampler;
 use scenario::{Scenario, load_text};
 use storage::error::{Error, Result};
@@ -99,6 +100,12 @@ impl SampleStream {
             return Err(Error::input(format!(
                 "crop = ({height}, {width}): expected at least a pixel, and at most {most_y} rows and {most_x} columns"
             )));
+        }
+        if base.spec.image_format() == ImageFormat::Float32 {
+            return Err(Error::input(
+                "image_format = float32: expected integer, as samples have whole counts; the label `clean` has unrounded \
+                 ones without noise",
+            ));
         }
         let there = base.recordings.frames_each();
         if stream.options.frames > there {

@@ -185,7 +185,7 @@ fn draw(options: &StreamOptions, index: u64, prototype: &mut Prototype) -> Resul
             frame: frame.index,
         };
         let image = optics.renderer.image(&view.rendered, &sensor, random);
-        sample.images.extend_from_slice(&image.counts);
+        sample.images.extend_from_slice(&image.counts.whole());
         if let Some(clean) = &optics.clean {
             let light = clean.light(&view.rendered, &scenario.streams, Purpose::Rays, frame.index);
             expose(&sensor, &light, &mut sample.clean);

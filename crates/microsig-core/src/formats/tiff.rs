@@ -1,4 +1,5 @@
-//! Gray TIFF images, one per file, uncompressed: 8 bit for sensors of 8 bit, otherwise 16 bit.
+//! Gray TIFF images, one per file, uncompressed: 8 bit for sensors of 8 bit, otherwise 16 bit, and 32-bit
+//! floating point for unrounded counts.
 //!
 //! The scale is stored where ImageJ and Fiji expect it (ij.io.FileSaver, FileOpener): px per um in the
 //! resolution tags, the unit and the time between frames in a description that starts with "ImageJ=". No
@@ -10,13 +11,13 @@ use std::io::{BufRead, BufReader, Seek, Write};
 use ::tiff::decoder::{Decoder, DecodingResult, ifd::Value};
 use ::tiff::encoder::{
     Rational, TiffEncoder, TiffKindStandard,
-    colortype::{ColorType, Gray8, Gray16},
+    colortype::{ColorType, Gray8, Gray16, Gray32Float},
 };
 use ::tiff::tags::{ResolutionUnit, Tag};
 use ::tiff::{TiffError, TiffResult};
 
 use crate::error::{Error, Fault};
-use crate::sensor::Image;
+use crate::sensor::{Counts, Image};
 
 /// Spatial and temporal scale of an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,11 +33,13 @@ pub struct PixelScale {
 /// # Errors
 /// [`Error::Io`] if writing fails.
 pub fn write(writer: impl Write + Seek, image: &Image, scale: &PixelScale, name: &str) -> Result<(), Error> {
-    let written = if image.bits > 8 {
-        encode::<Gray16>(writer, image, &image.counts, scale)
-    } else {
-        let counts: Vec<u8> = image.counts.iter().map(|&c| c.min(255) as u8).collect();
-        encode::<Gray8>(writer, image, &counts, scale)
+    let written = match &image.counts {
+        Counts::Unrounded(counts) => encode::<Gray32Float>(writer, image, counts, scale),
+        Counts::Whole(counts) if image.bits > 8 => encode::<Gray16>(writer, image, counts, scale),
+        Counts::Whole(counts) => {
+            let counts: Vec<u8> = counts.iter().map(|&c| c.min(255) as u8).collect();
+            encode::<Gray8>(writer, image, &counts, scale)
+        }
     };
     written.map_err(|e| Error::io(name, std::io::Error::other(e)))
 }
@@ -111,30 +114,22 @@ fn malformed(name: &str, message: String) -> Error {
     Error::Malformed(vec![Fault { source_name: name.to_owned(), line: None, column: None, message }])
 }
 
-/// Reads the only gray image of a file, of 8 or 16 bit and of the given size (width, height in px) as counts,
-/// row by row; `name` is the name of the input in errors.
+/// Reads the only gray image of a file, of the given size (width, height in px) and of 8 or 16 bit or of finite
+/// 32-bit floating-point numbers, as counts, row by row; `name` is the name of the input in errors.
 ///
 /// # Errors
 /// [`Error::Malformed`] if the input is not such an image.
 pub fn read(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<Vec<f64>, Error> {
-    Ok(match decode(reader, name, size)? {
-        Counts::Bits8(counts) => counts.into_iter().map(f64::from).collect(),
-        Counts::Bits16(counts) => counts.into_iter().map(f64::from).collect(),
-    })
+    Ok(read_counts(reader, name, size)?.values().collect())
 }
 
-/// Reads a file like [`read`], as counts of 16 bit in [`little_endian`] bytes. Not generic, so that it is
-/// optimized like this crate, whoever calls it.
+/// Reads a file like [`read`], as whole counts in [`little_endian`] bytes; others are rounded and clamped.
+/// Not generic, so that it is optimized like this crate, whoever calls it.
 ///
 /// # Errors
 /// As of [`read`].
 pub fn read_bytes(file: File, name: &str, size: (u32, u32)) -> Result<Vec<u8>, Error> {
-    Ok(match decode(BufReader::with_capacity(1 << 18, file), name, size)? {
-        Counts::Bits8(counts) => {
-            counts.into_iter().flat_map(|count| u16::from(count).to_le_bytes()).collect()
-        }
-        Counts::Bits16(counts) => little_endian(&counts),
-    })
+    Ok(little_endian(&read_counts(BufReader::with_capacity(1 << 18, file), name, size)?.whole()))
 }
 
 /// Counts as bytes, the lower one first.
@@ -142,12 +137,11 @@ pub fn little_endian(counts: &[u16]) -> Vec<u8> {
     counts.iter().flat_map(|count| count.to_le_bytes()).collect()
 }
 
-enum Counts {
-    Bits8(Vec<u8>),
-    Bits16(Vec<u16>),
-}
-
-fn decode(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<Counts, Error> {
+/// Reads an image like [`read`], with the numbers that are in the file.
+///
+/// # Errors
+/// As of [`read`].
+pub fn read_counts(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<Counts, Error> {
     let refuse = |message: String| malformed(name, message);
     let damaged = |e: TiffError| refuse(e.to_string());
     let mut decoder = Decoder::new(reader).map_err(damaged)?;
@@ -156,14 +150,19 @@ fn decode(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<C
     if found != size {
         return Err(refuse(format!("{} x {} px: expected {} x {} px", found.0, found.1, size.0, size.1)));
     }
-    let (counts, values) = match decoder.read_image().map_err(damaged)? {
-        DecodingResult::U8(counts) => (counts.len(), Counts::Bits8(counts)),
-        DecodingResult::U16(counts) => (counts.len(), Counts::Bits16(counts)),
-        _ => return Err(refuse("expected gray counts of 8 or 16 bit".to_owned())),
+    let counts = match decoder.read_image().map_err(damaged)? {
+        DecodingResult::U8(counts) => Counts::Whole(counts.into_iter().map(u16::from).collect()),
+        DecodingResult::U16(counts) => Counts::Whole(counts),
+        DecodingResult::F32(counts) => Counts::Unrounded(counts),
+        _ => return Err(refuse("expected gray counts of 8, 16 or 32 (floating-point) bit".to_owned())),
     };
     let pixels = size.0 as usize * size.1 as usize;
-    if counts != pixels {
-        return Err(refuse(format!("{counts} values: expected {pixels}, one per pixel")));
+    if counts.len() != pixels {
+        return Err(refuse(format!("{} values: expected {pixels}, one per pixel", counts.len())));
+    }
+    if let Some(at) = counts.values().position(|count| !count.is_finite()) {
+        let (column, row) = (at % size.0 as usize + 1, at / size.0 as usize + 1);
+        return Err(refuse(format!("column {column}, row {row} is not finite: expected counts")));
     }
     let mut pages = 1;
     while decoder.more_images() && pages < MAX_PAGES {
@@ -171,7 +170,7 @@ fn decode(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<C
         pages += 1;
     }
     match pages {
-        1 => Ok(values),
+        1 => Ok(counts),
         MAX_PAGES => Err(refuse(format!("{MAX_PAGES} pages or more: expected a file with one image"))),
         _ => Err(refuse(format!("{pages} pages: expected a file with one image"))),
     }
@@ -189,9 +188,28 @@ mod tests {
 
     fn written(bits: u8, counts: Vec<u16>) -> Cursor<Vec<u8>> {
         let mut file = Cursor::new(Vec::new());
-        write(&mut file, &Image { width: 3, height: 2, bits, counts }, &SCALE, "i.tif").unwrap();
+        let image = Image { width: 3, height: 2, bits, counts: Counts::Whole(counts) };
+        write(&mut file, &image, &SCALE, "i.tif").unwrap();
         file.set_position(0);
         file
+    }
+
+    fn unrounded(counts: Vec<f32>) -> Cursor<Vec<u8>> {
+        let mut file = Cursor::new(Vec::new());
+        let counts = Counts::Unrounded(counts);
+        write(&mut file, &Image { width: 3, height: 2, bits: 32, counts }, &SCALE, "i.tif").unwrap();
+        file.set_position(0);
+        file
+    }
+
+    #[test]
+    fn unrounded_counts_survive_the_round_trip() {
+        let counts = vec![-0.25, 0.0, 1e-3, 350.51, 70_000.5, 1e9];
+        let read = |file| read_counts(file, "i.tif", (3, 2));
+        assert_eq!(read(unrounded(counts.clone())).unwrap(), Counts::Unrounded(counts.clone()));
+        assert_eq!(read(unrounded(counts)).unwrap().whole(), vec![0, 0, 0, 351, 65_535, 65_535]);
+        let message = read(unrounded(vec![0.0, 1.0, 2.0, 3.0, f32::NAN, 0.0])).unwrap_err().to_string();
+        assert_eq!(message, "i.tif: column 2, row 2 is not finite: expected counts");
     }
 
     #[test]
@@ -213,7 +231,7 @@ mod tests {
         for um_per_px in [0.645, 6.45 / 63.0, 1e-8, 1.0, 123_456.75, 4e9] {
             for frame_interval_s in [None, Some(0.005), Some(1e-7)] {
                 let (mut file, scale) = (Cursor::new(Vec::new()), PixelScale { um_per_px, frame_interval_s });
-                let image = Image { width: 3, height: 2, bits: 16, counts: vec![0; 6] };
+                let image = Image { width: 3, height: 2, bits: 16, counts: Counts::Whole(vec![0; 6]) };
                 write(&mut file, &image, &scale, "i.tif").unwrap();
                 file.set_position(0);
                 let read = read_scale(file, "i.tif").unwrap().unwrap();

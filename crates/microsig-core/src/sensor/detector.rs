@@ -226,7 +226,7 @@ mod tests {
     }
 
     fn counts(image: &Image) -> impl Iterator<Item = f64> + Clone {
-        image.counts.iter().map(|&c| f64::from(c))
+        image.counts.values()
     }
 
     #[test]
@@ -278,7 +278,8 @@ mod tests {
     #[test]
     fn the_full_well_cuts_and_bit_depths_use_their_full_range() {
         let full = Detector { full_well_e: 9000.0, ..Default::default() };
-        let largest = |detector, level| image(detector, level, 0).counts.iter().copied().max().unwrap();
+        let largest =
+            |detector, level| image(detector, level, 0).counts.whole().iter().copied().max().unwrap();
         // Without noise the full well is recovered exactly.
         assert_eq!(largest(full, 50_000.0), 9000);
         for (bits, top) in [(8, 255), (10, 1023), (12, 4095), (14, 16_383), (16, 65_535)] {
@@ -289,26 +290,25 @@ mod tests {
             let sensor = Sensor::with_detector(&settings(), camera, &Streams::new(1)).unwrap();
             let light = Light { width: SIDE, height: SIDE, values: ramp };
             let image = sensor.expose(&light, &Streams::new(1), Purpose::BackgroundNoise, 0);
-            assert_eq!((image.counts.iter().min(), image.counts.iter().max()), (Some(&0), Some(&top)));
+            let counts = image.counts.whole();
+            assert_eq!((counts.iter().min(), counts.iter().max()), (Some(&0), Some(&top)));
             // The last quarter is at 1.125 to 1.5 times the top of the scale; a value that wrapped around
             // would be dark.
-            assert!(
-                image.counts[(SIDE * SIDE * 3 / 4) as usize..].iter().all(|&c| c > top / 2),
-                "{bits} bit"
-            );
+            assert!(counts[(SIDE * SIDE * 3 / 4) as usize..].iter().all(|&c| c > top / 2), "{bits} bit");
         }
     }
 
     #[test]
     fn light_falls_off_toward_the_corners_and_hot_pixels_glow() {
         let image = image(Detector { vignetting: 0.4, ..Default::default() }, 10_000.0, 0);
-        let at = |x: u32, y: u32| f64::from(image.counts[(y * SIDE + x) as usize]);
+        let at = |x: u32, y: u32| f64::from(image.counts.whole()[(y * SIDE + x) as usize]);
         assert!((at(SIDE / 2, SIDE / 2) / 10_000.0 - 1.0).abs() < 0.001);
         // The center of the corner pixel is 1 % closer to the center of the image than the corner.
         assert!((at(0, 0) / 6000.0 - 1.0).abs() < 0.01);
         let hot = HotPixels { fraction: 0.01, dark_e: 5000.0 };
         let dark = super::tests::image(Detector { hot_pixels: Some(hot), ..Default::default() }, 0.0, 0);
-        let share = dark.counts.iter().filter(|&&c| c == 5000).count() as f64 / f64::from(SIDE * SIDE);
+        let share =
+            dark.counts.whole().iter().filter(|&&c| c == 5000).count() as f64 / f64::from(SIDE * SIDE);
         // The standard deviation of a fraction of 1 % of 40,000 pixels is 0.0005.
         assert!((share - 0.01).abs() < 0.002, "{share}");
     }

@@ -5,9 +5,10 @@
 //! 65535]. Rounded noise does not dither: light below half a count is lost. With [`NoiseRounding::AfterSum`]
 //! the noise is added before rounding, so that counts are unbiased. The original program truncates and wraps
 //! around (-5 becomes 65531), which is a bug and is not reproduced. A [`Detector`] adds the signal chain of a
-//! camera.
+//! camera. With [`ImageFormat::Float32`] an image holds what would be rounded and clamped.
 
 mod detector;
+mod image;
 mod normal_steps;
 #[cfg(target_arch = "x86_64")]
 mod registers;
@@ -15,6 +16,7 @@ mod response;
 mod rounded_normal;
 
 pub use detector::{Detector, HotPixels};
+pub use image::{Counts, Image, ImageFormat};
 pub use response::Response;
 pub use rounded_normal::RoundedNormal;
 
@@ -25,20 +27,8 @@ use crate::pool::BufferPool;
 use crate::settings::Settings;
 use crate::stream::{Purpose, Stream, Streams};
 use detector::FixedPattern;
+use image::Pixel;
 use normal_steps::NormalSteps;
-
-/// A gray image of 8 to 16 bit.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Image {
-    /// Width, px.
-    pub width: u32,
-    /// Height, px.
-    pub height: u32,
-    /// Bit depth, 8 to 16.
-    pub bits: u8,
-    /// Counts of `width * height` pixels, row by row from the top.
-    pub counts: Vec<u16>,
-}
 
 /// Light on the sensor: ray counts per pixel, weighted with the particles' c_int.
 #[derive(Debug, Clone, PartialEq)]
@@ -84,6 +74,7 @@ pub struct Sensor {
     background_noise: f64,
     noise: Option<Noise>,
     detector: Option<(Detector, FixedPattern)>,
+    format: ImageFormat,
     /// Working memory for [`Sensor::expose_bands`], reused from image to image.
     bands: BufferPool<Vec<f64>>,
 }
@@ -98,6 +89,7 @@ impl Sensor {
             noise: (settings.background_noise > 0.0)
                 .then(|| Noise::Rounded(RoundedNormal::new(settings.background_noise))),
             detector: None,
+            format: ImageFormat::Integer,
             bands: BufferPool::default(),
         }
     }
@@ -123,19 +115,30 @@ impl Sensor {
         Sensor { noise, ..self }
     }
 
+    /// The same sensor with images in this format.
+    pub fn with_format(self, format: ImageFormat) -> Self {
+        Sensor { format, ..self }
+    }
+
     /// The image of `light`, with the noise of `frame` from the streams of `purpose`.
     pub fn expose(&self, light: &Light, streams: &Streams, purpose: Purpose, frame: u32) -> Image {
+        let of_row = |row: usize| streams.stream(purpose, frame, row as u32);
+        let size = (light.width, light.height);
+        match self.format {
+            ImageFormat::Integer => self.image(size, Counts::Whole(self.rows(light, of_row))),
+            ImageFormat::Float32 => self.image(size, Counts::Unrounded(self.rows(light, of_row))),
+        }
+    }
+
+    fn rows<P: Pixel>(&self, light: &Light, stream: impl Fn(usize) -> Stream + Sync) -> Vec<P> {
         let width = light.width as usize;
-        self.image((light.width, light.height), |counts| {
-            let rows = counts.par_chunks_mut(width).zip(light.values.par_chunks(width)).enumerate();
-            rows.with_min_len(16).for_each_init(
-                || RowBuffers::new(width),
-                |buffers, (row, (counts, values))| {
-                    let stream = streams.stream(purpose, frame, row as u32);
-                    self.expose_row(row, values, stream, buffers, counts);
-                },
-            );
-        })
+        let mut counts = vec![P::default(); light.values.len()];
+        let rows = counts.par_chunks_mut(width).zip(light.values.par_chunks(width)).enumerate();
+        rows.with_min_len(16).for_each_init(
+            || RowBuffers::new(width),
+            |buffers, (row, (counts, values))| self.expose_row(row, values, stream(row), buffers, counts),
+        );
+        counts
     }
 
     /// The same for light that is computed band by band, without storing all of it: `make` is called with the
@@ -143,51 +146,61 @@ impl Sensor {
     /// pixels of the band. The size is (width, height), px.
     pub fn expose_bands(
         &self,
-        (width, height): (u32, u32),
+        size: (u32, u32),
         rows: usize,
         streams: &Streams,
         purpose: Purpose,
         frame: u32,
         make: impl Fn(usize, &mut [f64]) + Sync,
     ) -> Image {
-        let columns = width as usize;
-        self.image((width, height), |counts| {
-            let bands = counts.par_chunks_mut(rows * columns).enumerate();
-            let buffers = || {
-                let mut light = self.bands.get();
-                light.resize(rows * columns, 0.0);
-                (light, RowBuffers::new(columns))
-            };
-            bands.for_each_init(buffers, |(light, buffers), (band, counts)| {
-                let (first, light) = (band * rows, &mut light[..counts.len()]);
-                make(first, light);
-                let of_rows = counts.chunks_exact_mut(columns).zip(light.chunks_exact(columns));
-                for (row, (counts, values)) in (first..).zip(of_rows) {
-                    let stream = streams.stream(purpose, frame, row as u32);
-                    self.expose_row(row, values, stream, buffers, counts);
-                }
-            });
-        })
-    }
-
-    fn image(&self, (width, height): (u32, u32), fill: impl FnOnce(&mut [u16])) -> Image {
-        let mut counts = vec![0; width as usize * height as usize];
-        fill(&mut counts);
-        Image {
-            width,
-            height,
-            bits: self.detector.as_ref().map_or(16, |(detector, _)| detector.bits),
-            counts,
+        let of_row = |row: usize| streams.stream(purpose, frame, row as u32);
+        match self.format {
+            ImageFormat::Integer => self.image(size, Counts::Whole(self.bands(size, rows, of_row, make))),
+            ImageFormat::Float32 => self.image(size, Counts::Unrounded(self.bands(size, rows, of_row, make))),
         }
     }
 
-    fn expose_row(
+    fn bands<P: Pixel>(
+        &self,
+        (width, height): (u32, u32),
+        rows: usize,
+        stream: impl Fn(usize) -> Stream + Sync,
+        make: impl Fn(usize, &mut [f64]) + Sync,
+    ) -> Vec<P> {
+        let columns = width as usize;
+        let mut counts = vec![P::default(); columns * height as usize];
+        let bands = counts.par_chunks_mut(rows * columns).enumerate();
+        let buffers = || {
+            let mut light = self.bands.get();
+            light.resize(rows * columns, 0.0);
+            (light, RowBuffers::new(columns))
+        };
+        bands.for_each_init(buffers, |(light, buffers), (band, counts)| {
+            let (first, light) = (band * rows, &mut light[..counts.len()]);
+            make(first, light);
+            let of_rows = counts.chunks_exact_mut(columns).zip(light.chunks_exact(columns));
+            for (row, (counts, values)) in (first..).zip(of_rows) {
+                self.expose_row(row, values, stream(row), buffers, counts);
+            }
+        });
+        counts
+    }
+
+    fn image(&self, (width, height): (u32, u32), counts: Counts) -> Image {
+        let bits = match counts {
+            Counts::Whole(_) => self.detector.as_ref().map_or(16, |(detector, _)| detector.bits),
+            Counts::Unrounded(_) => Image::FLOAT_BITS,
+        };
+        Image { width, height, bits, counts }
+    }
+
+    fn expose_row<P: Pixel>(
         &self,
         row: usize,
         values: &[f64],
         mut stream: Stream,
         buffers: &mut RowBuffers,
-        counts: &mut [u16],
+        counts: &mut [P],
     ) {
         if let Some((detector, pattern)) = &self.detector {
             let largest = f64::from((1u32 << detector.bits) - 1);
@@ -200,7 +213,7 @@ impl Sensor {
                     Some(Noise::Rounded(law)) => f64::from(law.sample(stream.next_u32())),
                     Some(Noise::Unrounded(law)) => law.sample([stream.next_u32(), stream.next_u32()]),
                 };
-                *count = libm::rint(level + noise).clamp(0.0, largest) as u16;
+                *count = P::of(level + noise, largest);
             }
             return;
         }
@@ -248,18 +261,18 @@ impl RowBuffers {
     }
 }
 
-/// 2^52: adding it to a number in [0, 2^52) puts the nearest integer (ties to even) into the low bits.
-const ROUND: f64 = 4_503_599_627_370_496.0;
+/// Largest count of MicroSIG's sensor.
+const LARGEST: f64 = 65_535.0;
 
 /// Exposure of a row by MicroSIG's sensor, compiled for every instruction set.
-struct MicrosigRow<'a> {
+struct MicrosigRow<'a, P> {
     sensor: &'a Sensor,
     values: &'a [f64],
     noise: &'a [i32],
-    counts: &'a mut [u16],
+    counts: &'a mut [P],
 }
 
-impl pulp::WithSimd for MicrosigRow<'_> {
+impl<P: Pixel> pulp::WithSimd for MicrosigRow<'_, P> {
     type Output = ();
 
     #[inline(always)]
@@ -267,23 +280,23 @@ impl pulp::WithSimd for MicrosigRow<'_> {
         let (gain, background) = (self.sensor.gain, self.sensor.background_mean);
         for ((count, value), noise) in self.counts.iter_mut().zip(self.values).zip(self.noise) {
             let level = gain * value + background + f64::from(*noise);
-            *count = (level.clamp(0.0, 65_535.0) + ROUND).to_bits() as u16;
+            *count = P::of(level, LARGEST);
         }
     }
 }
 
 /// Exposure of a row with noise rounded in the sum: noise in steps, and positions within a step in units of
 /// 2^-32.
-struct UnroundedRow<'a> {
+struct UnroundedRow<'a, P> {
     sensor: &'a Sensor,
     values: &'a [f64],
     noise: &'a [i32],
     step: f64,
     within: &'a [u32],
-    counts: &'a mut [u16],
+    counts: &'a mut [P],
 }
 
-impl pulp::WithSimd for UnroundedRow<'_> {
+impl<P: Pixel> pulp::WithSimd for UnroundedRow<'_, P> {
     type Output = ();
 
     #[inline(always)]
@@ -292,7 +305,7 @@ impl pulp::WithSimd for UnroundedRow<'_> {
         let random = self.noise.iter().zip(self.within);
         for ((count, value), (&noise, &within)) in self.counts.iter_mut().zip(self.values).zip(random) {
             let level = gain * value + background + self.step * normal_steps::place(noise, within);
-            *count = (level.clamp(0.0, 65_535.0) + ROUND).to_bits() as u16;
+            *count = P::of(level, LARGEST);
         }
     }
 }
@@ -310,8 +323,48 @@ mod tests {
         let settings =
             Settings { background_mean: 0.0, background_noise: 0.0, gain: 1.0, ..Settings::setting1() };
         let sensor = Sensor::new(&settings);
-        let expose = |v| sensor.expose(&flat(v, 1), &Streams::new(0), Purpose::BackgroundNoise, 0).counts[0];
+        let expose =
+            |v| sensor.expose(&flat(v, 1), &Streams::new(0), Purpose::BackgroundNoise, 0).counts.whole()[0];
         assert_eq!([expose(-5.0), expose(0.4), expose(0.6), expose(70_000.0)], [0, 0, 1, 65_535]);
+    }
+
+    /// Rounding and clamping are all that is between the two formats, whatever the noise and the camera.
+    #[test]
+    fn whole_counts_are_rounded_unrounded_ones() {
+        let settings =
+            Settings { pixel_dim_x: 64, pixel_dim_y: 64, background_mean: -1.0, ..Settings::setting1() };
+        let light =
+            Light { width: 64, height: 64, values: (0..64 * 64).map(|i| 6.0 * f64::from(i)).collect() };
+        let camera = Detector { shot_noise: true, read_noise_e: 2.0, bits: 12, ..Detector::default() };
+        let streams = Streams::new(3);
+        let plain = Sensor::new(&settings);
+        let quiet = Sensor::new(&Settings { background_noise: 0.0, ..settings.clone() });
+        let with_camera = Sensor::with_detector(&settings, camera, &streams).unwrap();
+        for (sensor, largest) in [(plain, 65_535.0), (quiet, 65_535.0), (with_camera, 4_095.0)] {
+            for rounding in [NoiseRounding::BeforeSum, NoiseRounding::AfterSum] {
+                let sensor = sensor.clone().with_rounding(rounding);
+                let of = |format| {
+                    let sensor = sensor.clone().with_format(format);
+                    let image = sensor.expose(&light, &streams, Purpose::BackgroundNoise, 0);
+                    let rows = |first: usize, out: &mut [f64]| {
+                        out.copy_from_slice(&light.values[64 * first..][..out.len()]);
+                    };
+                    let banded =
+                        sensor.expose_bands((64, 64), 5, &streams, Purpose::BackgroundNoise, 0, rows);
+                    assert_eq!(image, banded);
+                    image
+                };
+                let (whole, unrounded) = (of(ImageFormat::Integer), of(ImageFormat::Float32));
+                assert_eq!(unrounded.bits, 32);
+                let differ = |(whole, unrounded): (f64, f64)| {
+                    let rounded = unrounded.clamp(0.0, largest);
+                    // Numbers of f32 near ties may round to the other side.
+                    (whole - rounded).abs() > 0.5 + 4e-3
+                };
+                assert!(!whole.counts.values().zip(unrounded.counts.values()).any(differ), "{rounding:?}");
+                assert!(unrounded.counts.values().any(|count| count > largest || largest == 65_535.0));
+            }
+        }
     }
 
     #[test]
@@ -323,7 +376,8 @@ mod tests {
         assert_eq!(image(0), image(0));
         assert_ne!(image(0), image(1));
         let first = image(0);
-        assert_ne!(first.counts[..64], first.counts[64..128]);
+        let counts = first.counts.whole();
+        assert_ne!(counts[..64], counts[64..128]);
     }
 
     /// The mean of exposures follows the light in steps far below one count.
@@ -340,7 +394,7 @@ mod tests {
             let sensor = Sensor::new(&settings).with_rounding(NoiseRounding::AfterSum);
             for value in [0.0, 0.2, 0.4, 0.5, 0.7] {
                 let image = sensor.expose(&flat(value, N), &Streams::new(2), Purpose::BackgroundNoise, 0);
-                let counts = image.counts.iter().map(|&count| f64::from(count) - 100.0);
+                let counts = image.counts.values().map(|count| count - 100.0);
                 let mean = counts.clone().sum::<f64>() / N as f64;
                 let variance = counts.map(|c| (c - mean) * (c - mean)).sum::<f64>() / N as f64;
                 // The exact distribution of a rounded sum: normal probabilities of the intervals about

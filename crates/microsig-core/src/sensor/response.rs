@@ -1,7 +1,7 @@
 //! The mean response of a pixel: the noise-free counterpart of an exposure, for ground truth and expected
 //! values.
 
-use super::Sensor;
+use super::{ImageFormat, Sensor};
 
 /// The mean response of a pixel to light, and the noise of its background.
 ///
@@ -50,12 +50,16 @@ impl Sensor {
         self.detector.is_some() || of_all.background + of_all.slope * light >= counts
     }
 
-    /// The counts at which a pixel saturates: full well or top of the scale, whichever is lower.
+    /// The counts at which a pixel saturates: full well or top of the scale, whichever is lower. Images of
+    /// unrounded counts have no top of the scale; without a full well, the result is infinite.
     pub fn saturation_counts(&self) -> f64 {
         let (bits, well) = self.detector.as_ref().map_or((16, f64::INFINITY), |(detector, _)| {
             (detector.bits, detector.full_well_e * detector.gain_counts_per_e + detector.offset_counts)
         });
-        f64::from((1u32 << bits) - 1).min(well)
+        match self.format {
+            ImageFormat::Integer => f64::from((1u32 << bits) - 1).min(well),
+            ImageFormat::Float32 => well,
+        }
     }
 }
 
@@ -70,9 +74,9 @@ mod tests {
 
     fn mean_and_deviation(image: &Image) -> (f64, f64) {
         let n = image.counts.len() as f64;
-        let mean = image.counts.iter().map(|&c| f64::from(c)).sum::<f64>() / n;
-        let square = |c: &u16| (f64::from(*c) - mean) * (f64::from(*c) - mean);
-        (mean, libm::sqrt(image.counts.iter().map(square).sum::<f64>() / n))
+        let mean = image.counts.values().sum::<f64>() / n;
+        let square = |c: f64| (c - mean) * (c - mean);
+        (mean, libm::sqrt(image.counts.values().map(square).sum::<f64>() / n))
     }
 
     /// Mean and noise of exposures of a dark and of an illuminated sensor agree with the response.
@@ -117,5 +121,7 @@ mod tests {
         assert_eq!(Sensor::new(&settings).saturation_counts(), 65_535.0);
         assert_eq!(end(Detector { bits: 12, ..Detector::default() }), 4_095.0);
         assert_eq!(end(Detector { bits: 12, full_well_e: 3000.0, ..Detector::default() }), 3_000.0);
+        let float = Sensor::new(&settings).with_format(ImageFormat::Float32);
+        assert_eq!(float.saturation_counts(), f64::INFINITY);
     }
 }

@@ -327,7 +327,7 @@ fn bounds<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[f64; N]> {
 #[cfg(test)]
 mod tests {
     use microsig_core::formats::tiff::{self, PixelScale};
-    use microsig_core::sensor::Image;
+    use microsig_core::sensor::{Counts, Image};
 
     use super::*;
     use scenario::{parse, resolve};
@@ -377,7 +377,12 @@ mod tests {
     #[test]
     fn a_camera_adds_the_noise_of_its_electrons() {
         let dataset = tempfile::tempdir().unwrap();
-        let uneven = Image { width: 4, height: 2, bits: 16, counts: (0..8).map(|i| 5 + 10 * i).collect() };
+        let uneven = Image {
+            width: 4,
+            height: 2,
+            bits: 16,
+            counts: Counts::Whole((0..8).map(|i| 5 + 10 * i).collect()),
+        };
         let scale = PixelScale { um_per_px: 1.0, frame_interval_s: None };
         let file = std::fs::File::create(dataset.path().join("uneven.tif")).unwrap();
         tiff::write(file, &uneven, &scale, "uneven.tif").unwrap();

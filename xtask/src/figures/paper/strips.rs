@@ -65,7 +65,7 @@ impl Strip {
             let particle = Particle::sphere(middle, middle, f64::from(z_um), self.d_um);
             let light = renderer.light(&[particle], &streams, Purpose::Rays, step as u32);
             let image = sensor.expose(&light, &streams, Purpose::BackgroundNoise, step as u32);
-            let peak = f64::from(image.counts.iter().copied().max().unwrap_or(1));
+            let peak = image.counts.values().fold(1.0, f64::max);
             let background = settings.background_mean;
             let white = background + self.white * (peak - background);
             tiles.push(stretch(&image, background - settings.background_noise, white));

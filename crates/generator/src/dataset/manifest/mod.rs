@@ -12,6 +12,7 @@ use std::path::Path;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
+use scenario::spec::ImageFormat;
 use storage::error::{Error, Result};
 use storage::read_text;
 pub use write::{N_S, SNR, manifest};
@@ -222,6 +223,9 @@ pub struct SensorFacts {
     pub background_mean_counts: f64,
     /// Background noise of MicroSIG's own sensor, counts.
     pub background_noise_counts: f64,
+    /// What the pixels of images hold, unless it is whole counts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub image_format: Option<ImageFormat>,
     /// Whether counts are rounded once, after noise is added; MicroSIG's program rounds the noise first.
     pub rounded_once: bool,
     /// The camera as in the scenario; null for MicroSIG's own sensor.
@@ -264,6 +268,10 @@ pub struct WaveFacts {
     pub layers: Value,
     /// Largest error of an image as a fraction of its peak.
     pub tolerance: f64,
+    /// Least and greatest share over depth of the light accepted by the aperture that images of the mean
+    /// diameter show; the rest lies outside the drawn part of an image or, with a mask, is blocked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub drawn_share: Option<[f64; 2]>,
 }
 
 /// The image of a single particle.

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use microsig_core::render::RendererSpec;
+use microsig_core::sensor::{Image, ImageFormat};
 use serde_json::{Map, Value, json};
 
 use super::seal::seal;
@@ -63,7 +64,10 @@ pub fn license(License { id, title, url }: License) -> LicenseEntry {
 
 /// Bit depth of the images.
 pub(crate) fn bit_depth(scenario: &Scenario) -> u8 {
-    scenario.detector.as_ref().map_or(16, |d| d.bits)
+    match scenario.spec.image_format() {
+        ImageFormat::Integer => scenario.detector.as_ref().map_or(16, |d| d.bits),
+        ImageFormat::Float32 => Image::FLOAT_BITS,
+    }
 }
 
 /// Definition of the SNR.
@@ -102,12 +106,13 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
             gain: settings.gain,
             background_mean_counts: settings.background_mean,
             background_noise_counts: settings.background_noise,
-            rounded_once: true,
+            image_format: scenario.spec.image_format,
+            rounded_once: scenario.spec.image_format() == ImageFormat::Integer,
             // JSON has no infinity: an infinite full well becomes null.
             detector: serde_json::to_value(&scenario.spec.sensor).unwrap_or_default(),
         }),
         renderer: Some(scenario.renderer.name().to_owned()),
-        waves: waves(scenario),
+        waves: waves(scenario, image),
         depth_range_um: Some([low, high]),
         depth_range_h_um: Some(high - low),
         coordinates: Some(COORDINATES.to_owned()),
@@ -133,7 +138,7 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
 }
 
 /// Light and objective for wave optics; `None` for other renderers.
-pub(crate) fn waves(scenario: &Scenario) -> Option<WaveFacts> {
+pub(crate) fn waves(scenario: &Scenario, image: &ParticleImage) -> Option<WaveFacts> {
     let RendererSpec::Waves { optics, tolerance } = scenario.spec.renderer() else { return None };
     let written = &scenario.spec.optics;
     Some(WaveFacts {
@@ -145,6 +150,7 @@ pub(crate) fn waves(scenario: &Scenario) -> Option<WaveFacts> {
         pupil: serde_json::to_value(&written.pupil).unwrap_or_default(),
         layers: serde_json::to_value(written.layers).unwrap_or_default(),
         tolerance,
+        drawn_share: image.drawn_share,
     })
 }
 

@@ -6,6 +6,9 @@ use std::path::Path;
 
 use super::field;
 use glam::DVec3;
+use microsig_core::Particle;
+use microsig_core::render::RendererSpec;
+use microsig_core::render::waves::WavesRenderer;
 use scenario::{Scenario, Weighting};
 use storage::error::Result;
 use storage::tables::{Table, TableFile, TableWriter, column};
@@ -50,6 +53,9 @@ pub struct ParticleImage {
     pub background_noise_counts: f64,
     /// Depth of the highest peak, um; `None` if all depths are in focus.
     pub focus_um: Option<f64>,
+    /// With wave optics: least and greatest share over depth of the light accepted by the aperture that
+    /// images show. The rest lies outside the drawn part of an image or, with a mask, is blocked.
+    pub drawn_share: Option<[f64; 2]>,
 }
 
 /// Writes the table into a dataset's folder.
@@ -121,6 +127,20 @@ pub fn measure(scenario: &Scenario, stack: &DepthScan) -> Result<(Vec<DepthRow>,
         background_counts: response.background,
         background_noise_counts: noise,
         focus_um: stack.focus_um(),
+        drawn_share: drawn_share(scenario, d_um, stack)?,
     };
     Ok((rows, image))
+}
+
+fn drawn_share(scenario: &Scenario, d_um: f64, stack: &DepthScan) -> Result<Option<[f64; 2]>> {
+    let RendererSpec::Waves { optics, tolerance } = scenario.spec.renderer() else { return Ok(None) };
+    let renderer = WavesRenderer::new(&scenario.settings, &optics, tolerance)?;
+    let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
+    let shares = stack.depths_um.iter().zip(&stack.images).map(|(z_um, spot)| {
+        spot.total / renderer.accepted(&Particle::sphere(1.0, 1.0, z_um / depth_factor, d_um))
+    });
+    let shares = shares.filter(|share| share.is_finite());
+    Ok(shares.fold(None, |range: Option<[f64; 2]>, share| {
+        Some(range.map_or([share; 2], |[least, greatest]| [least.min(share), greatest.max(share)]))
+    }))
 }

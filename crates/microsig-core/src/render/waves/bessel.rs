@@ -1,4 +1,5 @@
-//! Bessel functions of the first kind, J_0 to J_m together, by Miller's downward recurrence.
+//! Bessel functions of the first kind, J_0 to J_m together: by upward recurrence where it is stable,
+//! otherwise by Miller's downward recurrence.
 
 /// Fills `values` with J_0(x), J_1(x), ...; x >= 0. Errors are about 1e-15.
 pub(super) fn bessel(x: f64, values: &mut [f64]) {
@@ -8,6 +9,13 @@ pub(super) fn bessel(x: f64, values: &mut [f64]) {
         values[0] = 1.0 - 0.25 * x * x;
         if last > 0 {
             values[1] = 0.5 * x;
+        }
+        return;
+    }
+    if last >= 1 && x > last as f64 {
+        (values[0], values[1]) = (libm::j0(x), libm::j1(x));
+        for order in 1..last {
+            values[order + 1] = 2.0 * order as f64 / x * values[order] - values[order - 1];
         }
         return;
     }

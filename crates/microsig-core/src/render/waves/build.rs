@@ -103,18 +103,20 @@ impl Draft<'_> {
     }
 
     /// A table with a sufficiently wide edge: the given one or a wider one.
-    fn widened(&self, mut edge_px: [usize; 2]) -> Table {
-        for attempt in 0.. {
+    fn widened(&self, edge_px: [usize; 2]) -> Table {
+        let mut frame = self.frame(edge_px, 1.0);
+        for _ in 0..MAX_ATTEMPTS {
             // A few images determine the edge; the entire table is rebuilt only if others extend farther.
-            let wider = self.wider(edge_px, &self.reaches(edge_px));
-            if wider == edge_px || attempt >= MAX_ATTEMPTS {
+            let edge_px = frame.scope.edge_px;
+            let wider = self.wider(edge_px, &self.reaches(&frame));
+            if wider == edge_px {
                 break;
             }
-            edge_px = wider;
+            frame = self.frame(wider, 1.0);
         }
-        let table = self.with_edge(edge_px);
-        let wider = self.wider(edge_px, &table.reach_px);
-        if wider == edge_px { table } else { self.with_edge(wider) }
+        let table = self.on_frame(&frame);
+        let wider = self.wider(frame.scope.edge_px, &table.reach_px);
+        if wider == frame.scope.edge_px { table } else { self.on_frame(&self.frame(wider, 1.0)) }
     }
 
     /// The edge needed for images with the given extents.
@@ -126,17 +128,13 @@ impl Draft<'_> {
         })
     }
 
-    /// Extents (px) of images at both ends and in the middle of the depth range, computed up to the given
+    /// Extents (px) of images at both ends and in the middle of the depth range, computed up to the frame's
     /// edge.
-    fn reaches(&self, edge_px: [usize; 2]) -> Vec<[f64; 2]> {
-        let frame = self.frame(edge_px, 1.0);
-        let exposure = self.model.exposure(&frame, 1);
+    fn reaches(&self, frame: &Frame) -> Vec<[f64; 2]> {
+        let exposure = self.model.exposure(frame, 1);
         let depths: Vec<f64> = (0..3).map(|i| self.start_um + 0.5 * self.length_um * f64::from(i)).collect();
         let reach = |z_um: &f64| {
-            self.reach(
-                &self.model.plane(&self.model.light(&frame, *z_um, self.large()), &exposure),
-                &exposure,
-            )
+            self.reach(&self.model.plane(&self.model.light(frame, *z_um, self.large()), &exposure), &exposure)
         };
         depths.par_iter().map(reach).collect()
     }
@@ -192,19 +190,19 @@ impl Draft<'_> {
         edges
     }
 
-    fn with_edge(&self, edge_px: [usize; 2]) -> Table {
-        let frame = self.frame(edge_px, 1.0);
-        let lights = self.lights(&frame, self.small(), STEPS);
-        let exposure = self.exposure(&frame, &lights);
+    fn on_frame(&self, frame: &Frame) -> Table {
+        let edge_px = frame.scope.edge_px;
+        let lights = self.lights(frame, self.small(), STEPS);
+        let exposure = self.exposure(frame, &lights);
         let first = lights.iter().map(|light| self.model.plane(light, &exposure)).collect();
-        let mut planes = self.planes(&frame, &exposure, first);
+        let mut planes = self.planes(frame, &exposure, first);
         let radii = match self.radii {
             TableRadii::One(radius) => vec![radius],
-            TableRadii::Between(small, large) => self.sizes(&frame, &exposure, small, large),
+            TableRadii::Between(small, large) => self.sizes(frame, &exposure, small, large),
         };
         let mut values = std::mem::take(&mut planes.values);
         for &radius_um in &radii[1..] {
-            let lights = self.lights(&frame, radius_um, planes.steps);
+            let lights = self.lights(frame, radius_um, planes.steps);
             values.extend(lights.iter().map(|light| self.model.plane(light, &exposure)));
         }
         let mut table = self.assemble(&values, planes.steps, radii, (edge_px, &exposure));

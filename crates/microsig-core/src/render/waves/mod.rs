@@ -271,15 +271,16 @@ impl WavesRenderer {
         let rows = self.settings.pixel_dim_y as usize;
         let mut image = self.images.get();
         image.resize(rows * stride, 0.0);
-        // Each thread has its own band of rows and adds all particles in the order of the data file, so sums
-        // do not depend on the number of threads.
+        // Each thread has its own band of rows and adds all particles in the same order, so sums do not
+        // depend on the number of threads.
         let band_rows = rows.div_ceil(rayon::current_num_threads()).max(BAND);
         for particles in particles.chunks(PARTICLES) {
             checkpoint();
             let tables = self.cache.tables(particles.iter());
+            let order = by_depth(particles, &tables);
             image.par_chunks_mut(band_rows * stride).enumerate().for_each(|(i, pixels)| {
                 let band = Band { x0: 1, y0: (i * band_rows) as i64 + 1, stride, pixels };
-                let spheres = particles.iter().zip(&tables);
+                let spheres = order.iter().map(|&at| (&particles[at], &tables[at]));
                 let spheres = spheres.map(|(particle, table)| self.sphere(particle, table, particle.c_int));
                 draw::draw(self.model().instructions, spheres, band);
             });
@@ -315,6 +316,18 @@ impl WavesRenderer {
         let [x, y] = table.reach(particle.z_um);
         Window::around(particle.x_px, particle.y_px, (x, y), sensor)
     }
+}
+
+/// The particles in an order in which neighbors use the same planes of the same tables, which then stay in
+/// the processor's cache.
+fn by_depth(particles: &[Particle], tables: &[Arc<Table>]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..particles.len()).collect();
+    order.sort_by(|&a, &b| {
+        let key = |at: usize| [tables[at].radii[0], particles[at].z_um];
+        let ([radius_a, z_a], [radius_b, z_b]) = (key(a), key(b));
+        radius_a.total_cmp(&radius_b).then(z_a.total_cmp(&z_b)).then(a.cmp(&b))
+    });
+    order
 }
 
 /// Mask, aberrations and rotated cylinder, if they break the pupil's mirror symmetries; `None` otherwise.

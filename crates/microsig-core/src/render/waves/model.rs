@@ -211,15 +211,17 @@ impl Model {
                 count as usize,
                 (columns, step_um),
                 orders,
+                self.instructions,
             );
             return Frame { scope, engine: Engine::Round(hankel), lines, grid, steps_px, tapered };
         }
         let grid = [0, 1].map(|axis| libm::ceil(drawn[axis] / (steps_px[axis] * shrink)) as usize + 1);
         let reach = [0, 1].map(|axis| grid[axis] as f64 * steps_px[axis] * self.pixel_um);
-        let count = |axis: usize, b: f64| {
-            libm::ceil((1.5 * cycles(far[1 - axis], reach[axis], b) + 44.0) * scope.fineness) as usize
-        };
-        let counts = [count(1, b), count(0, bx)];
+        let [along_x, along_y] =
+            [(0, bx), (1, b)].map(|(axis, b): (usize, f64)| cycles(far[1 - axis], reach[axis], b));
+        let count = |cycles: f64| libm::ceil((1.5 * cycles + 44.0) * scope.fineness) as usize;
+        // Rows of nodes end at the edge of the pupil, so phases along x change from row to row too.
+        let counts = [count(libm::hypot(along_x, along_y)), count(along_x)];
         let steps_um = steps_px.map(|step| step * self.pixel_um);
         if let Some(obstacles) = &self.obstacles {
             let general = General::new(&self.pupil, self.k(), end, obstacles, counts, (grid, steps_um));
@@ -234,7 +236,7 @@ impl Model {
         // Counted from the particle's own node outward.
         let side = frame.scope.edge_px.map(|edge| (edge * per_px + TAPS).next_multiple_of(per_px) + 1);
         let mirrored = frame.is_mirrored();
-        let axes = self.axes(frame, |axis, step_px| {
+        let axes = self.axes(frame, side[0] == side[1], |axis, step_px| {
             let make = if mirrored { Axis::even } else { Axis::both };
             make(frame.grid[axis], step_px, side[axis], per_px)
         });
@@ -243,7 +245,7 @@ impl Model {
 
     /// Probes of this frame's light on pixels at the given columns and rows, px from the particle.
     pub(super) fn probes(&self, frame: &Frame, places_px: [&[f64]; 2]) -> Probes {
-        let axes = self.axes(frame, |axis, step_px| {
+        let axes = self.axes(frame, places_px[0] == places_px[1], |axis, step_px| {
             let make = if frame.is_mirrored() { Axis::even_at } else { Axis::both_at };
             make(frame.grid[axis], step_px, places_px[axis])
         });
@@ -251,9 +253,15 @@ impl Model {
     }
 
     /// The two axes for each grid of a frame's light; `make` is called with the axis and its grid spacing,
-    /// px.
-    fn axes(&self, frame: &Frame, make: impl Fn(usize, f64) -> Axis) -> Vec<[Axis; 2]> {
-        let of_scale = |scale: f64| [0, 1].map(|axis| make(axis, frame.steps_px[axis] * scale));
+    /// px. `alike`: both axes have the same positions.
+    fn axes(&self, frame: &Frame, alike: bool, make: impl Fn(usize, f64) -> Axis) -> Vec<[Axis; 2]> {
+        let Frame { grid, steps_px, .. } = frame;
+        let alike = alike && grid[0] == grid[1] && steps_px[0] == steps_px[1];
+        let of_scale = |scale: f64| {
+            let across = make(0, steps_px[0] * scale);
+            let down = if alike { across.clone() } else { make(1, steps_px[1] * scale) };
+            [across, down]
+        };
         match frame.engine {
             Engine::Round(_) => vec![of_scale(1.0)],
             Engine::Quadrant(_) | Engine::General(_) => {

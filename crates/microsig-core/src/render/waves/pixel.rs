@@ -15,10 +15,36 @@ pub(super) struct Axis {
     grid: usize,
     nodes: usize,
     /// The matrix, [nodes x grid].
+    #[cfg(test)]
     by_node: Vec<f64>,
+    /// The same in f32, and its transpose with rows of `wide` numbers.
+    down: Vec<f32>,
+    across: Vec<f32>,
+    wide: usize,
 }
 
 impl Axis {
+    fn new(grid: usize, by_node: Vec<f64>) -> Axis {
+        let nodes = by_node.len() / grid;
+        let wide = nodes.next_multiple_of(LANES);
+        let mut across = vec![0.0; grid * wide];
+        for (node, row) in by_node.chunks_exact(grid).enumerate() {
+            for (j, value) in row.iter().enumerate() {
+                across[j * wide + node] = *value as f32;
+            }
+        }
+        let down = by_node.iter().map(|value| *value as f32).collect();
+        Axis {
+            grid,
+            nodes,
+            down,
+            across,
+            wide,
+            #[cfg(test)]
+            by_node,
+        }
+    }
+
     /// From values at k `step_px`, k < `grid`, to coefficients at k / `per_px`, k < `nodes`, for light that
     /// is even about the particle.
     pub(super) fn even(grid: usize, step_px: f64, nodes: usize, per_px: usize) -> Axis {
@@ -27,7 +53,7 @@ impl Axis {
         let waves = Waves::of_nodes(grid, step_px, nodes, per_px).sums(libm::cos);
         let by_node =
             waves.chunks_exact(grid).flat_map(|row| row.iter().enumerate().map(|(j, w)| twice(j) * w));
-        Axis { grid, nodes, by_node: by_node.collect() }
+        Axis::new(grid, by_node.collect())
     }
 
     /// From the same values to the light on pixels at given positions (px from the particle), without a
@@ -37,7 +63,7 @@ impl Axis {
         let waves = Waves::of_places(grid, step_px, places_px).sums(libm::cos);
         let by_node =
             waves.chunks_exact(grid).flat_map(|row| row.iter().enumerate().map(|(j, w)| twice(j) * w));
-        Axis { grid, nodes: places_px.len(), by_node: by_node.collect() }
+        Axis::new(grid, by_node.collect())
     }
 
     /// [`Axis::even_at`] for values on both sides of the particle, without symmetry.
@@ -50,7 +76,7 @@ impl Axis {
             let place = at / columns * grid + j.unsigned_abs();
             even[place] + if j < 0 { -odd[place] } else { odd[place] }
         });
-        Axis { grid: columns, nodes: places_px.len(), by_node: by_node.collect() }
+        Axis::new(columns, by_node.collect())
     }
 
     /// [`Axis::even`] without symmetry: from values at k `step_px`, |k| < `grid`, to coefficients at k /
@@ -68,7 +94,7 @@ impl Axis {
             // cos (a - b) = cos a cos b + sin a sin b
             even[place] + if (node < 0) == (j < 0) { odd[place] } else { -odd[place] }
         });
-        Axis { grid: columns, nodes: rows, by_node: by_node.collect() }
+        Axis::new(columns, by_node.collect())
     }
 }
 
@@ -130,18 +156,14 @@ pub(super) fn expose(
     [across, down]: [&Axis; 2],
     instructions: InstructionSet,
 ) -> Vec<f64> {
-    let wide = across.nodes.next_multiple_of(LANES);
-    let mut turned = vec![0.0; stride * wide];
-    for (node, row) in across.by_node.chunks_exact(across.grid).enumerate() {
-        for (j, value) in row.iter().enumerate() {
-            turned[j * wide + node] = *value;
-        }
-    }
-    let mut rows = vec![0.0; down.grid * wide];
-    matrix::multiply(instructions, &light[..down.grid * stride], &turned, stride, wide, &mut rows);
-    let mut coefficients = vec![0.0; down.nodes * wide];
-    matrix::multiply(instructions, &down.by_node, &rows, down.grid, wide, &mut coefficients);
-    coefficients.chunks_exact(wide).flat_map(|row| row[..across.nodes].iter().copied()).collect()
+    let light = light.chunks_exact(stride).take(down.grid);
+    let light: Vec<f32> = light.flat_map(|row| &row[..across.grid]).map(|value| *value as f32).collect();
+    let mut rows = vec![0.0; down.grid * across.wide];
+    matrix::multiply(instructions, &light, &across.across, across.grid, across.wide, &mut rows);
+    let mut coefficients = vec![0.0; down.nodes * across.wide];
+    matrix::multiply(instructions, &down.down, &rows, down.grid, across.wide, &mut coefficients);
+    let rows = coefficients.chunks_exact(across.wide);
+    rows.flat_map(|row| &row[..across.nodes]).map(|value| f64::from(*value)).collect()
 }
 
 fn sinc(f: f64) -> f64 {

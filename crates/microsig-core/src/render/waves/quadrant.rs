@@ -42,9 +42,9 @@ pub(super) struct Quadrant {
     columns: usize,
     lines: usize,
     /// By parity: for each t, [u x columns].
-    along_x: [Vec<f64>; PARITIES],
+    along_x: [Vec<f32>; PARITIES],
     /// By parity: [lines x t].
-    along_y: [Vec<f64>; PARITIES],
+    along_y: [Vec<f32>; PARITIES],
     /// 1 / (2 pi sqrt(|Bx By|)): factor of the field, besides k.
     scale: f64,
 }
@@ -91,8 +91,8 @@ impl Quadrant {
                 let (sine, cosine) = libm::sincos(angle);
                 let mut turn = [1.0, 0.0];
                 for _ in 0..columns {
-                    along_x[0].push(turn[0]);
-                    along_x[1].push(turn[1]);
+                    along_x[0].push(turn[0] as f32);
+                    along_x[1].push(turn[1] as f32);
                     turn = [turn[0] * cosine - turn[1] * sine, turn[1] * cosine + turn[0] * sine];
                 }
             }
@@ -103,8 +103,8 @@ impl Quadrant {
             for t in &t {
                 let angle = k * sigma_end * libm::sin(*t) * steps_um[1] * line as f64 / pupil.b();
                 let (sine, cosine) = libm::sincos(angle);
-                along_y[0].push(cosine);
-                along_y[1].push(sine);
+                along_y[0].push(cosine as f32);
+                along_y[1].push(sine as f32);
             }
         }
         Quadrant {
@@ -129,7 +129,7 @@ impl Quadrant {
     /// Light per um^2 at all points of the image, row by row, of these modes at the wave number `k` (1/um).
     pub(super) fn light(&self, modes: &Modes, k: f64, instructions: InstructionSet) -> Vec<f64> {
         let images = images(modes);
-        let mut pupil_functions: Vec<Vec<f64>> =
+        let mut pupil_functions: Vec<Vec<f32>> =
             images.iter().map(|class| vec![0.0; 2 * class.len() * self.nodes.len()]).collect();
         instructions.dispatch(Fill { quadrant: self, modes, k, images: &images, out: &mut pupil_functions });
         let mut light = vec![0.0; self.lines * self.columns];
@@ -152,7 +152,7 @@ impl Quadrant {
                 for (image, parts) in images.iter().zip(field.chunks_exact(2 * self.columns)) {
                     let (real, imaginary) = parts.split_at(self.columns);
                     for ((light, re), im) in light.iter_mut().zip(real).zip(imaginary) {
-                        *light += image.count * (re * re + im * im);
+                        *light += image.count * f64::from(re * re + im * im);
                     }
                 }
             }
@@ -193,7 +193,7 @@ struct Fill<'a> {
     modes: &'a Modes,
     k: f64,
     images: &'a [Vec<Image>; PARITIES * PARITIES],
-    out: &'a mut [Vec<f64>],
+    out: &'a mut [Vec<f32>],
 }
 
 impl pulp::WithSimd for Fill<'_> {
@@ -223,8 +223,8 @@ impl pulp::WithSimd for Fill<'_> {
                     let (re, im) = (here[1 + 2 * image.mode], here[2 + 2 * image.mode]);
                     let azimuth = turns[image.order][usize::from(image.sine)];
                     let at = first + 2 * i * quadrant.across;
-                    out[at] = azimuth * (re * carrier[0] - im * carrier[1]);
-                    out[at + quadrant.across] = azimuth * (re * carrier[1] + im * carrier[0]);
+                    out[at] = (azimuth * (re * carrier[0] - im * carrier[1])) as f32;
+                    out[at + quadrant.across] = (azimuth * (re * carrier[1] + im * carrier[0])) as f32;
                 }
             }
         }

@@ -65,7 +65,15 @@ fn layers_are_those_of_an_independent_program() {
         let k = 2.0 * std::f64::consts::PI / number(2);
         let (z_um, m) = (number(3) - number(4), settings.magnification);
         let step_um = 0.01 * m;
-        let kernel = hankel::Hankel::new(&pupil, k, [0.0, pupil.aperture()], 400, (400, step_um), 1);
+        let kernel = hankel::Hankel::new(
+            &pupil,
+            k,
+            [0.0, pupil.aperture()],
+            400,
+            (400, step_um),
+            1,
+            InstructionSet::best(),
+        );
         let rings = bead::rings(Emission::Surface, 0.0, 0.0, 0);
         let modes = modes::Bead {
             pupil: &pupil,
@@ -138,7 +146,8 @@ fn pixels_see_the_mean_of_their_area() {
     let renderer = WavesRenderer::new(&Settings::setting1(), &WaveOptics::new(0.1), 1e-3).unwrap();
     let pupil = &renderer.model().pupil;
     let (k, z_um) = (2.0 * std::f64::consts::PI / 0.1, -40.0);
-    let kernel = hankel::Hankel::new(pupil, k, [0.0, pupil.aperture()], 400, (400, 0.2), 34);
+    let kernel =
+        hankel::Hankel::new(pupil, k, [0.0, pupil.aperture()], 400, (400, 0.2), 34, InstructionSet::best());
     let rings = bead::rings(Emission::Surface, 1.0, k * 0.3, 0);
     let (radii, weights) = (&kernel.radii, &kernel.weights);
     let modes = modes::Bead { pupil, radii, weights, z_um, rings: &rings, k, useful: None, share: 1e-5 };
