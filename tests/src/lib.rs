@@ -15,6 +15,7 @@ pub mod picture;
 pub mod process;
 pub mod python;
 pub mod reference;
+pub mod scan;
 pub mod template;
 pub mod web;
 

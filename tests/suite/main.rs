@@ -11,6 +11,7 @@ mod exact;
 mod expected;
 mod export;
 mod extremes;
+mod fit;
 mod golden;
 mod house;
 mod image_format;

@@ -3,6 +3,7 @@
 
 mod expected;
 mod exports;
+mod fit;
 mod original;
 
 use std::path::PathBuf;
@@ -33,6 +34,9 @@ enum Comparison {
     },
     /// Compares expected images with the mean of very many rays; exit code 1 if one differs.
     Expected(expected::Comparison),
+    /// Fits calibration scans with known truth, many simulated scans, and real beads; exit code 1 if a bar is
+    /// missed.
+    Fit(fit::Comparison),
     /// Opens exports, images and a release with the programs they are intended for, in a separate Python
     /// environment.
     Exports {
@@ -49,6 +53,7 @@ fn main() -> anyhow::Result<ExitCode> {
     match Cli::parse().comparison {
         Comparison::Original { dir, out, images } => original::run(&dir, &out, images),
         Comparison::Expected(comparison) => expected::run(&comparison),
+        Comparison::Fit(comparison) => fit::run(&comparison),
         Comparison::Exports { out, imagej } => {
             exports::run(&out, imagej.as_deref()).map(|()| ExitCode::SUCCESS)
         }

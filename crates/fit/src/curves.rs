@@ -184,6 +184,7 @@ impl Curves {
             focus_shift_um: shift_um,
             angle,
             diameter_um: known.diameter_um.unwrap_or((2.5 * least * um_per_px).clamp(0.2, 10.0)),
+            waves: None,
         }
         .bounded();
         let mut free = vec![Shared::NumericalAperture, Shared::FocalLength];
@@ -321,7 +322,7 @@ fn radii(
 }
 
 /// Quantiles of the light; `values` are pairs of coordinate and light.
-fn quantiles(values: &mut [(f64, f64)]) -> [f64; 3] {
+pub(super) fn quantiles(values: &mut [(f64, f64)]) -> [f64; 3] {
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
     let total: f64 = values.iter().map(|v| v.1).sum();
     FRACTIONS.map(|share| {

@@ -8,8 +8,8 @@
 
 use rand::{RngExt, SeedableRng};
 
-use super::images::Normal;
 use super::linear::Symmetric;
+use super::normal::Normal;
 
 /// Number of particles from which on groups are particles.
 const PARTICLES_AS_GROUPS: usize = 5;

@@ -9,31 +9,45 @@
 //! According to Rossi 2020, the virtual focal lengths "must be found empirically"; this module does so.
 
 mod background;
+mod comparison;
 mod curves;
+mod evidence;
+mod imager;
 mod images;
 mod intervals;
 mod linear;
+mod minimize;
 mod moments;
+mod normal;
 mod optics;
 mod outcome;
 mod output;
 mod particles;
 mod rejection;
+mod renderers;
 mod scan;
+mod search;
 mod state;
+mod waves;
 
 use background::Background;
-use curves::{Known, Start};
+use comparison::Run;
+use curves::Known;
 use images::Problem;
 use intervals::Covariance;
+use microsig_core::render::waves::Lens;
 use moments::Shape;
-use optics::Shared;
-use state::{Bead, Misfit, State};
+use optics::{Microscope, Shared};
+use renderers::Renderers;
+use state::State;
 
+pub use comparison::{Comparison, Score};
+pub use evidence::{Evidence, Sample, Seen};
 pub use optics::{ExtraParameter, Given};
-pub use outcome::{Fitted, FittedParticle, Parameter, PlaneFit, Verdict};
+pub use outcome::{Correlations, Fitted, FittedParticle, Parameter, PlaneFit, Verdict};
 pub use scan::{Scan, StagePositions};
 use storage::error::Result;
+pub use waves::WaveModel;
 
 /// Whether the fit has two focal planes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,6 +75,8 @@ pub struct FitOptions {
     pub half_window: Option<usize>,
     /// Positions of the particles, px, with the first pixel's center at (1, 1); detected if `None`.
     pub places_px: Option<Vec<[f64; 2]>>,
+    /// Fit by wave optics, and compare with the fit of geometrical optics; `None`: geometrical optics alone.
+    pub waves: Option<WaveModel>,
     /// Additional quantities to fit, which scans of real objectives determine poorly.
     pub free: Vec<ExtraParameter>,
     /// Resamples of the particles for a second estimate of standard deviations; 0: none.
@@ -69,25 +85,13 @@ pub struct FitOptions {
     pub seed: u64,
 }
 
-/// Tolerances of expected images, as a fraction of their peaks: while starting points are compared, and in
-/// the final fit.
-const COARSE: f64 = 1e-2;
-const FINE: f64 = 1e-3;
-const FINE_ASTIGMATIC: f64 = 3e-3;
-
-/// Maximum number of iterations of minimization, estimate of the variance of light and rejection in the final
-/// fit.
-const ROUNDS: usize = 3;
-
-/// Minimum difference of -2 ln(likelihood) between the two directions of the stage, for the direction to be
-/// known.
-const KNOWN_DIRECTION: f64 = 20.0;
-
 /// A fit with the files that describe it.
 #[derive(Debug)]
 pub struct FitFiles {
     /// Result of the fit.
     pub fitted: Fitted,
+    /// Images and curves for a report.
+    pub evidence: Evidence,
     /// Names and contents of the files.
     pub files: Vec<(&'static str, Vec<u8>)>,
 }
@@ -121,39 +125,73 @@ pub fn fit(scan: &Scan, options: &FitOptions) -> Result<FitFiles> {
         directions,
         astigmatic,
     };
-    let mut problem = Problem {
+    let problem = |shared: Vec<Shared>| Problem {
         scan,
         background,
         windows: &windows,
-        shared: shared(options, astigmatic),
+        shared,
         free_flux: options.free_flux,
         rejected: vec![vec![false; scan.planes.len()]; windows.particles.len()],
-        tolerance: COARSE,
+        accuracy: search::COARSE,
+        converged: search::ROUGHLY,
+        renderers: Renderers::default(),
     };
-    let (start, margin) = best_start(&problem, &shape, &curves::starts(&known))?;
-    problem.tolerance = if astigmatic { FINE_ASTIGMATIC } else { FINE };
-    let state = converge(&mut problem, start)?;
-    let misfits = problem.misfits(&state, None)?;
-    let chi2 = chi2(&misfits);
-    let normal = problem.normal(&state)?;
-    let covariance = Covariance::of(&normal, windows.particles.len(), chi2).ok_or_else(|| {
+    let geometric = by_rays(problem(shared(options, astigmatic)), &known)?;
+    let run = match options.waves {
+        None => geometric,
+        Some(model) => {
+            let State { microscope, direction, .. } = geometric.state;
+            let shared = shared_by_waves(model, options.diameter_um.is_none());
+            let mut waves = by_waves(problem(shared), &shape, (microscope, direction), model)?;
+            waves.direction_margin = geometric.direction_margin;
+            waves.comparison = Some(Comparison::of(&geometric, &waves)?);
+            waves
+        }
+    };
+    files(run, options, astigmatic && options.waves.is_none())
+}
+
+/// The fit of geometrical optics.
+fn by_rays<'a>(mut problem: Problem<'a>, known: &Known) -> Result<Run<'a>> {
+    let (start, margin) = search::best_start(&mut problem, known.shape, &curves::starts(known))?;
+    let mut sides = None;
+    let state = search::converge(&mut problem, start, &mut sides)?;
+    Ok(Run { problem, state, sides, direction_margin: margin, comparison: None })
+}
+
+/// The fit of wave optics; `seed` has what is not fitted, and the direction of the stage.
+fn by_waves<'a>(
+    mut problem: Problem<'a>,
+    shape: &Shape,
+    (seed, direction): (Microscope, f64),
+    model: WaveModel,
+) -> Result<Run<'a>> {
+    let start = search::best_wave_start(&problem, shape, seed, model, direction)?;
+    let mut sides = None;
+    let state = search::converge(&mut problem, start, &mut sides)?;
+    Ok(Run { problem, state, sides, direction_margin: None, comparison: None })
+}
+
+/// Result and files of a fit.
+fn files(mut run: Run, options: &FitOptions, astigmatic: bool) -> Result<FitFiles> {
+    let mut sides = run.sides.take();
+    let Run { problem, state, .. } = &run;
+    let particles = problem.windows.particles.len();
+    let misfits = problem.misfits(state, None)?;
+    let normal = problem.normal(state, &mut sides)?;
+    let covariance = Covariance::of(&normal, particles, comparison::chi2(&misfits)).ok_or_else(|| {
         storage::Error::input("the scan does not determine all parameters: give --diameter, or a longer scan")
     })?;
-    let resampled = intervals::bootstrap(&normal, windows.particles.len(), options.bootstrap, options.seed);
-    let mut fitted = Fitted::of(&problem, &state, &misfits, &covariance, &resampled, options);
-    fitted.direction_margin = margin;
-    if margin.is_some_and(|margin| margin < KNOWN_DIRECTION) {
-        fitted.warnings.push(
-            "the scan does not determine whether stage positions increase away from the lens or toward it: give --z-direction".to_owned(),
-        );
-    }
+    let resampled = intervals::bootstrap(&normal, particles, options.bootstrap, options.seed);
+    let fitted = Fitted::of(&run, &misfits, &covariance, &resampled, options);
     let mut files = vec![
         output::settings(&fitted)?,
         output::parameters(&fitted)?,
-        output::scenario(&fitted, options.given.depth_factor, state.microscope.diameter_um),
+        output::scenario(&fitted, options.given.depth_factor, &state.microscope),
     ];
-    files.extend(output::images(&problem, &state)?);
-    Ok(FitFiles { fitted, files })
+    files.extend(output::images(problem, state)?);
+    let evidence = Evidence::of(problem, state, astigmatic)?;
+    Ok(FitFiles { fitted, evidence, files })
 }
 
 fn shared(options: &FitOptions, astigmatic: bool) -> Vec<Shared> {
@@ -168,70 +206,97 @@ fn shared(options: &FitOptions, astigmatic: bool) -> Vec<Shared> {
     shared
 }
 
-fn chi2(misfits: &[(usize, usize, Misfit)]) -> f64 {
-    let (chi2, n) = misfits.iter().fold((0.0, 0), |(c, n), (_, _, m)| (c + m.chi2, n + m.pixels));
-    chi2 / f64::from(u32::try_from(n).unwrap_or(u32::MAX).max(1))
-}
-
-/// The state with the highest likelihood after a few steps from each starting point, and the difference of -2
-/// ln(likelihood) to the other direction of the stage; `None` if that was not tried.
-fn best_start(problem: &Problem, shape: &Shape, starts: &[Start]) -> Result<(State, Option<f64>)> {
-    let mut tried: Vec<(f64, State)> = Vec::new();
-    for start in starts {
-        let mut state = first_state(problem, shape, start)?;
-        for steps in [3, 4] {
-            state.variance_per_count = problem.variance_per_count(&state)?;
-            state = problem.minimize(state, steps, 1e-2)?;
+/// Fitted quantities of wave optics. The focal length acts by the aberration of MicroSIG's lens only.
+fn shared_by_waves(model: WaveModel, with_diameter: bool) -> Vec<Shared> {
+    let mut shared = vec![Shared::NumericalAperture];
+    let terms = match model.lens {
+        Lens::Microsig => {
+            shared.push(Shared::FocalLength);
+            1..waves::TERMS.len()
         }
-        state.variance_per_count = problem.variance_per_count(&state)?;
-        let likelihood =
-            problem.misfits(&state, None)?.iter().map(|(_, _, m)| m.minus_two_log_likelihood).sum();
-        tried.push((likelihood, state));
-    }
-    tried.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((least, best)) = tried.first().cloned() else {
-        return Err(storage::Error::input("the fit has no starting point"));
+        Lens::Aplanatic => 0..waves::TERMS.len(),
     };
-    let other = tried.iter().find(|(_, state)| state.direction != best.direction);
-    Ok((best, other.map(|(likelihood, _)| likelihood - least)))
-}
-
-/// Final fit: minimizes, estimates the variance of light from the residuals and rejects outlying windows,
-/// repeatedly.
-fn converge(problem: &mut Problem, mut state: State) -> Result<State> {
-    for round in 0..ROUNDS {
-        state = problem.minimize(state, 15, 1e-3)?;
-        state.variance_per_count = problem.variance_per_count(&state)?;
-        let outliers = rejection::outliers(&problem.misfits(&state, None)?);
-        if outliers.is_empty() && round > 0 {
-            break;
-        }
-        for (k, i) in outliers {
-            problem.rejected[k][i] = true;
-        }
+    shared.extend(terms.map(Shared::Aberration));
+    if model.layers.is_some() {
+        shared.push(Shared::FocusDepth);
     }
-    problem.minimize(state, 15, 1e-3)
+    if with_diameter {
+        shared.push(Shared::Diameter);
+    }
+    shared
 }
 
-fn first_state(problem: &Problem, shape: &Shape, start: &Start) -> Result<State> {
-    let beads = shape
-        .places
-        .iter()
-        .zip(&start.z_um)
-        .map(|(place, &z_um)| Bead {
-            x: place[0],
-            y: place[1],
-            z_um,
-            light: 1.0,
-            background: problem.background.mean,
-        })
-        .collect();
-    problem.with_light(State {
-        microscope: start.microscope,
-        direction: start.direction,
-        drift: shape.drift,
-        beads,
-        flux: vec![1.0; problem.scan.planes.len()],
-        variance_per_count: 1.0,
-    })
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imager::Imager;
+    use crate::particles::Window;
+    use crate::particles::Windows;
+    use crate::waves::Waves;
+
+    /// Half width of the test's images, px.
+    const HALF: usize = 10;
+
+    #[test]
+    fn waves_find_aperture_and_aberrations_of_a_bead() {
+        let model = WaveModel { wavelength_um: 0.52, lens: Lens::Aplanatic, layers: None };
+        let mut waves = Waves::new(model);
+        waves.aberrations = [0.06, 0.12, 0.0, -0.05, 0.0];
+        let na = 0.8;
+        let truth = Microscope {
+            magnification: 1.0,
+            pixel_size_um: 0.1,
+            ri_medium: 1.0,
+            ri_lens: 1.5,
+            depth_factor: 1.0,
+            slope: na / libm::sqrt(1.0 - na * na),
+            focal_length_um: 350.0,
+            focus_shift_um: 0.0,
+            angle: 0.0,
+            diameter_um: 0.2,
+            waves: Some(waves),
+        };
+        let edge = 2 * HALF + 1;
+        let place = |i: usize| [(i % edge) as f64 - HALF as f64, (i / edge) as f64 - HALF as f64];
+        let imager = Imager::new(&truth, 1e-3, edge).unwrap();
+        let stage_um: Vec<f64> = (0..9).map(|i| 0.3 * (f64::from(i) - 4.0)).collect();
+        let plane = |s: &f64| {
+            let places: Vec<[f64; 2]> =
+                (0..edge * edge).map(|i| [place(i)[0] - 0.2, place(i)[1] + 0.1]).collect();
+            let values = imager.values(&truth, s + 0.1, &places);
+            values.iter().map(|v| (100.0 + 40_000.0 * v).round() as u16).collect::<Vec<u16>>()
+        };
+        let scan = Scan {
+            width: edge,
+            height: edge,
+            planes: stage_um.iter().map(plane).collect(),
+            stage_um,
+            full_scale: u16::MAX,
+            warnings: Vec::new(),
+        };
+        let pixels = (0..edge * edge).map(|i| (i, place(i))).collect();
+        let windows = Windows { half: HALF, particles: vec![Window { column: HALF, row: HALF, pixels }] };
+        let background = Background { mean: 100.0, noise: 1.0 };
+        let shape = Shape::of(&scan, background, &windows);
+        let problem = Problem {
+            scan: &scan,
+            background,
+            windows: &windows,
+            shared: shared_by_waves(model, false),
+            free_flux: true,
+            rejected: vec![vec![false; scan.planes.len()]],
+            accuracy: search::COARSE,
+            converged: search::ROUGHLY,
+            renderers: Renderers::default(),
+        };
+        let run = by_waves(problem, &shape, (truth, 1.0), model).unwrap();
+        let found = run.state.microscope;
+        // Counts are rounded, without other noise: 0.3 counts of a peak of several hundred.
+        assert!((found.numerical_aperture() - na).abs() < 5e-3, "{found:?}");
+        let aberrations = found.waves.unwrap().aberrations;
+        for (found, truth) in aberrations.iter().zip(waves.aberrations) {
+            assert!((found - truth).abs() < 5e-3, "{aberrations:?}");
+        }
+        assert!((run.state.beads[0].z_um - 0.1).abs() < 0.01, "{:?}", run.state.beads);
+    }
 }

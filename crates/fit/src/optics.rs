@@ -2,6 +2,8 @@
 
 use microsig_core::Settings;
 
+use super::waves::{TERMS, Waves};
+
 /// Given properties of the microscope.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Given {
@@ -36,11 +38,19 @@ pub(super) struct Microscope {
     pub(super) angle: f64,
     /// Particle diameter, um.
     pub(super) diameter_um: f64,
+    /// Wave optics; rays if `None`. There is no cylindrical lens then.
+    pub(super) waves: Option<Waves>,
 }
 
 impl Microscope {
     pub(super) fn numerical_aperture(&self) -> f64 {
         self.slope / libm::sqrt(1.0 + self.slope * self.slope)
+    }
+
+    fn change_waves(&mut self, change: impl FnOnce(&mut Waves)) {
+        if let Some(waves) = &mut self.waves {
+            change(waves);
+        }
     }
 
     /// Distance from the paraxial object plane to the lens, um.
@@ -110,6 +120,10 @@ pub(super) enum Shared {
     RiLens,
     PixelSize,
     DepthFactor,
+    /// An aberration: index in [`TERMS`].
+    Aberration(usize),
+    /// Depth of the plane in focus below the cover slip.
+    FocusDepth,
 }
 
 impl Shared {
@@ -124,11 +138,13 @@ impl Shared {
             Shared::RiLens => "ri_lens",
             Shared::PixelSize => "pixel_size",
             Shared::DepthFactor => "depth_factor",
+            Shared::Aberration(term) => TERMS[term].1,
+            Shared::FocusDepth => "focus_depth_um",
         }
     }
 
-    /// The microscope with the quantity changed by `by`: in um for the focus shift, in rad for the angle,
-    /// otherwise in the logarithm.
+    /// The microscope with the quantity changed by `by`: in um for the focus shift and the focus depth, in
+    /// rad for the angle, in waves for aberrations, otherwise in the logarithm.
     pub(super) fn moved(self, from: Microscope, by: f64) -> Microscope {
         let mut to = from;
         let factor = libm::exp(by);
@@ -141,8 +157,33 @@ impl Shared {
             Shared::RiLens => to.ri_lens *= factor,
             Shared::PixelSize => to.pixel_size_um *= factor,
             Shared::DepthFactor => to.depth_factor *= factor,
+            Shared::Aberration(term) => to.change_waves(|waves| waves.aberrations[term] += by),
+            Shared::FocusDepth => to.change_waves(|waves| waves.move_focus(by)),
         }
         to
+    }
+
+    /// The change from one microscope to another, in the units of [`Self::moved`].
+    pub(super) fn distance(self, from: &Microscope, to: &Microscope) -> f64 {
+        let ratio = |from: f64, to: f64| libm::log(to / from);
+        match self {
+            Shared::NumericalAperture => ratio(from.slope, to.slope),
+            Shared::FocalLength => ratio(from.focal_length_um, to.focal_length_um),
+            Shared::FocusShift => to.focus_shift_um - from.focus_shift_um,
+            Shared::Angle => to.angle - from.angle,
+            Shared::Diameter => ratio(from.diameter_um, to.diameter_um),
+            Shared::RiLens => ratio(from.ri_lens, to.ri_lens),
+            Shared::PixelSize => ratio(from.pixel_size_um, to.pixel_size_um),
+            Shared::DepthFactor => ratio(from.depth_factor, to.depth_factor),
+            Shared::Aberration(term) => {
+                let at = |m: &Microscope| m.waves.map_or(0.0, |waves| waves.aberrations[term]);
+                at(to) - at(from)
+            }
+            Shared::FocusDepth => {
+                let at = |m: &Microscope| m.waves.map_or(0.0, |waves| waves.focus_depth_um());
+                at(to) - at(from)
+            }
+        }
     }
 
     /// Step of central differences, in the units of [`Self::moved`]; `None` if the derivative is analytical.
@@ -153,6 +194,8 @@ impl Shared {
             Shared::Diameter => Some(0.04),
             Shared::RiLens => Some(0.01),
             Shared::PixelSize => Some(0.01),
+            Shared::Aberration(_) => Some(0.02),
+            Shared::FocusDepth => Some(2.0),
             Shared::Angle | Shared::DepthFactor => None,
         }
     }
@@ -166,6 +209,8 @@ impl Shared {
             Shared::Angle => 0.2,
             Shared::Diameter => 0.3,
             Shared::RiLens | Shared::PixelSize | Shared::DepthFactor => 0.05,
+            Shared::Aberration(_) => 0.1,
+            Shared::FocusDepth => 20.0,
         }
     }
 }
@@ -178,6 +223,7 @@ impl Microscope {
         self.focal_length_um = self.focal_length_um.clamp(15.0, 20_000.0);
         self.diameter_um = self.diameter_um.clamp(0.05, 60.0);
         self.ri_lens = self.ri_lens.max(1.05 * self.ri_medium).min(4.0);
+        self.change_waves(Waves::bound);
         self
     }
 }

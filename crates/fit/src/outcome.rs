@@ -1,13 +1,16 @@
 //! Result of a fit: parameters with confidence intervals, goodness of fit, verdict.
 
+use microsig_core::render::waves::Lens;
 use microsig_core::{Settings, emission};
 use serde::Serialize;
 
 use super::FitOptions;
+use super::comparison::{self, Comparison, Run};
 use super::images::Problem;
 use super::intervals::Covariance;
 use super::optics::Shared;
 use super::state::{Misfit, State};
+use super::waves::TERMS;
 
 /// Half width of the 95 % interval of a normal distribution, standard deviations.
 const NORMAL_95: f64 = 1.959_964;
@@ -18,6 +21,10 @@ const RAYS: (f64, f64) = (100.0, 500.0);
 
 /// Variance of MicroSIG's ray counts divided by their mean (for spheres 0.84 to 1.01).
 const FANO: f64 = 0.9;
+
+/// Minimum difference of -2 ln(likelihood) between the two directions of the stage, for the direction to be
+/// known.
+const KNOWN_DIRECTION: f64 = 20.0;
 
 /// A fitted or given quantity.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -61,6 +68,15 @@ pub struct FittedParticle {
     pub background_counts: f64,
 }
 
+/// Correlations of the fitted quantities that are common to all particles.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Correlations {
+    /// Names of the quantities.
+    pub names: Vec<String>,
+    /// Correlation coefficients, row by row.
+    pub matrix: Vec<Vec<f64>>,
+}
+
 /// Goodness of fit of one plane.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PlaneFit {
@@ -91,8 +107,15 @@ pub enum Verdict {
 pub struct Fitted {
     /// Version of the program.
     pub version: &'static str,
+    /// `geometric` or `waves`.
+    pub model: &'static str,
+    /// Comparison of a fit by waves with that of geometrical optics.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub comparison: Option<Comparison>,
     /// Quantities that are common to all particles.
     pub parameters: Vec<Parameter>,
+    /// Their correlations.
+    pub correlations: Correlations,
     /// +1: stage positions increase away from the lens; -1: toward it.
     pub direction: f64,
     /// Difference of -2 ln(likelihood) to the other direction; `None` if the direction was given.
@@ -125,19 +148,14 @@ pub struct Fitted {
 
 impl Fitted {
     pub(super) fn of(
-        problem: &Problem,
-        state: &State,
+        run: &Run,
         misfits: &[(usize, usize, Misfit)],
         covariance: &Covariance,
         resampled: &[Vec<f64>],
         options: &FitOptions,
     ) -> Fitted {
-        let sum = |value: &dyn Fn(&Misfit) -> f64| misfits.iter().map(|(_, _, m)| value(m)).sum::<f64>();
-        let pixels = sum(&|m| m.pixels as f64).max(1.0);
-        let chi2 = sum(&|m| m.chi2) / pixels;
-        let noise2 = sum(&|m| m.noise2);
-        let r2 =
-            1.0 - (sum(&|m| m.residual2) - noise2) / (sum(&|m| m.signal2) - noise2).max(f64::MIN_POSITIVE);
+        let Run { problem, state, .. } = run;
+        let (chi2, r2) = (comparison::chi2(misfits), comparison::r2(misfits));
         let planes = (0..problem.scan.planes.len())
             .map(|i| {
                 let own = misfits.iter().filter(|(_, plane, _)| *plane == i);
@@ -192,11 +210,35 @@ impl Fitted {
                 -rotation_deg
             ));
         }
+        let half = problem.windows.half;
+        let (width, height) = (problem.scan.width, problem.scan.height);
+        if problem.windows.particles.iter().any(|w| {
+            w.column == half || w.row == half || w.column + half + 1 == width || w.row + half + 1 == height
+        }) {
+            warnings.push("a window ends at the edge of the image: light beyond it is not fitted".to_owned());
+        }
+        let waves = state.microscope.waves;
+        if run.direction_margin.is_some_and(|margin| margin < KNOWN_DIRECTION) {
+            warnings.push(
+                "the scan does not determine whether stage positions increase away from the lens or toward it: give --z-direction"
+                    .to_owned(),
+            );
+        }
+        if let Some(comparison) = &run.comparison
+            && !comparison.recommends_waves()
+        {
+            warnings.push(
+                "geometrical optics describes this scan better: fit it with --model geometric".to_owned(),
+            );
+        }
         Fitted {
             version: storage::VERSION,
+            model: if waves.is_some() { "waves" } else { "geometric" },
+            comparison: run.comparison,
             parameters: parameters(problem, state, covariance, resampled, options),
+            correlations: correlations(problem, covariance),
             direction: state.direction,
-            direction_margin: None,
+            direction_margin: run.direction_margin,
             rotation_deg,
             drift_px_per_um: state.drift,
             particles,
@@ -220,6 +262,9 @@ impl Fitted {
             Verdict::Good => format!("the model describes the scan well ({numbers})"),
             Verdict::Fair => {
                 format!("the model describes the scan roughly ({numbers}); look at the residuals")
+            }
+            Verdict::NotDescribed if self.model == "waves" => {
+                format!("wave optics does not describe this scan ({numbers}); look at the residuals")
             }
             Verdict::NotDescribed => format!(
                 "geometrical optics does not describe this scan ({numbers}): images this close to focus, or particles this small, \
@@ -297,9 +342,24 @@ fn parameters(
             at(Shared::NumericalAperture),
             one(Shared::NumericalAperture, by_slope),
         ),
-        entry("focal_length", "um", f, at(Shared::FocalLength), one(Shared::FocalLength, f)),
         entry("particle_diameter_um", "um", d, at(Shared::Diameter), one(Shared::Diameter, d)),
     ];
+    let corrected = microscope.waves.is_some_and(|waves| waves.model.lens == Lens::Aplanatic);
+    if !corrected {
+        let combination = one(Shared::FocalLength, f);
+        all.insert(1, entry("focal_length", "um", f, at(Shared::FocalLength), combination));
+    }
+    if let Some(waves) = &microscope.waves {
+        for (term, ((_, name), value)) in TERMS.iter().zip(waves.aberrations).enumerate() {
+            let shared = Shared::Aberration(term);
+            all.push(entry(name, "waves", value, at(shared), one(shared, 1.0)));
+        }
+        if waves.model.layers.is_some() {
+            let (shared, depth) = (Shared::FocusDepth, waves.focus_depth_um());
+            all.push(entry(shared.name(), "um", depth, at(shared), one(shared, 1.0)));
+        }
+        all.push(entry("wavelength_um", "um", waves.model.wavelength_um, None, Vec::new()));
+    }
     if let Some(shift) = at(Shared::FocusShift) {
         let (cylinder, delta) = (microscope.cylinder_um(), microscope.focus_shift_um);
         let mut combination = one(Shared::FocalLength, 2.0 * cylinder);
@@ -325,6 +385,15 @@ fn parameters(
     all.push(entry("magnification", "", given.magnification, None, Vec::new()));
     all.push(entry("ri_medium", "", given.ri_medium, None, Vec::new()));
     all
+}
+
+fn correlations(problem: &Problem, covariance: &Covariance) -> Correlations {
+    let n = problem.shared.len();
+    let row = |i: usize| (0..n).map(|j| covariance.correlation(i, j)).collect();
+    Correlations {
+        names: problem.shared.iter().map(|shared| shared.name().to_owned()).collect(),
+        matrix: (0..n).map(row).collect(),
+    }
 }
 
 /// Standard deviation of a linear combination of parameters over resampled fits; `None` if it is fixed or

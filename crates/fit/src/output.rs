@@ -8,8 +8,10 @@ use tiff::encoder::TiffEncoder;
 use tiff::encoder::colortype::{Gray16, Gray32Float};
 
 use super::images::Problem;
+use super::optics::Microscope;
 use super::outcome::Fitted;
 use super::state::State;
+use super::waves::Waves;
 use storage::error::{Error, Result};
 
 /// A file of the folder.
@@ -30,24 +32,47 @@ pub(super) fn parameters(fitted: &Fitted) -> Result<OutputFile> {
 }
 
 /// A scenario with the fitted optics and the depth range of the scan.
-pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, diameter_um: f64) -> OutputFile {
+pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, microscope: &Microscope) -> OutputFile {
     let depth = |stage: f64, z: f64| fitted.direction * stage + z * depth_factor;
     let depths = fitted
         .particles
         .iter()
         .flat_map(|p| fitted.planes.iter().map(move |plane| depth(plane.stage_um, p.z_um)));
     let (low, high) = depths.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| (l.min(z), h.max(z)));
-    ("scenario.ron", twin(depth_factor, diameter_um, (low, high)).into_bytes())
+    let optics = microscope.waves.as_ref().map_or((String::new(), String::new()), wave_keys);
+    ("scenario.ron", twin(depth_factor, microscope.diameter_um, (low, high), &optics).into_bytes())
+}
+
+/// Keys of wave optics, for `optics` and for `render`.
+fn wave_keys(waves: &Waves) -> (String, String) {
+    let model = &waves.model;
+    let terms = waves.zernike().into_iter().map(|(j, value)| format!("({j}, {})", round(value, 5)));
+    let terms = terms.collect::<Vec<_>>().join(", ");
+    let layers = model.layers.map_or(String::new(), |l| {
+        format!(
+            ", layers: (n_s: {:?}, n_g: {:?}, t_g_um: {:?}, n_g_design: {:?}, t_g_design_um: {:?}, n_i: {:?}, n_i_design: {:?}, \
+             t_i_design_um: {:?}, focus_depth_um: {:?})",
+            l.n_s, l.n_g, l.t_g_um, l.n_g_design, l.t_g_design_um, l.n_i, l.n_i_design, l.t_i_design_um, l.focus_depth_um
+        )
+    });
+    let optics = format!(", lens: {}, pupil: (zernike: [{terms}]){layers}", model.lens.name());
+    (optics, format!("    render: (mode: waves, wavelength_um: {:?}),\n", model.wavelength_um))
 }
 
 /// Text of a scenario with the optics of `settings.txt` beside it; depths in physical um.
-fn twin(depth_factor: f64, diameter_um: f64, (low, high): (f64, f64)) -> String {
+fn twin(
+    depth_factor: f64,
+    diameter_um: f64,
+    (low, high): (f64, f64),
+    (optics, render): &(String, String),
+) -> String {
     format!(
         "// Images as the scanned microscope would take them; made by `microsig fit`.\n\
          // Choose a flow (`microsig flows`), a number of particles and a timing of your own.\n\
-         (\n    name: \"twin\",\n    description: \"Twin of a real microscope\",\n    optics: (settings: \"settings.txt\", depth_factor: {depth_factor}),\n    \
+         (\n    name: \"twin\",\n    description: \"Twin of a real microscope\",\n    \
+         optics: (settings: \"settings.txt\", depth_factor: {depth_factor:?}{optics}),\n    \
          motion: flow(field: poiseuille()),\n    particles: (number: n_s(0.1), diameter_um: constant({})),\n    \
-         boundaries: (z_um: ({}, {})),\n    timing: pairs(count: 10),\n)\n",
+         boundaries: (z_um: ({}, {})),\n    timing: pairs(count: 10),\n{render})\n",
         round(diameter_um, 4),
         round(low, 2),
         round(high, 2),
@@ -86,7 +111,9 @@ pub(super) fn images(problem: &Problem, state: &State) -> Result<[OutputFile; 2]
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::waves::WaveModel;
     use microsig_core::Settings;
+    use microsig_core::render::waves::{Layers, Lens};
 
     #[test]
     fn the_twin_is_a_scenario() {
@@ -94,11 +121,26 @@ mod tests {
         let mut settings = Vec::new();
         settings_file::write(&mut settings, &Settings::setting1()).unwrap();
         std::fs::write(folder.path().join("settings.txt"), settings).unwrap();
-        let text = twin(1.33, 2.00004, (-60.123, 19.5));
+        let text = twin(1.33, 2.00004, (-60.123, 19.5), &(String::new(), String::new()));
         let scenario = scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None).unwrap();
         assert_eq!(
             (scenario.spec.name.as_str(), scenario.spec.boundaries.z_um),
             ("twin", Some((-60.12, 19.5)))
         );
+    }
+
+    #[test]
+    fn the_twin_by_waves_is_a_scenario() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut settings = Vec::new();
+        settings_file::write(&mut settings, &Settings::setting1()).unwrap();
+        std::fs::write(folder.path().join("settings.txt"), settings).unwrap();
+        let layers = Some(Layers::default());
+        let mut waves = Waves::new(WaveModel { wavelength_um: 0.52, lens: Lens::Aplanatic, layers });
+        waves.aberrations = [0.07, -0.1, 0.0, 0.01, 0.2];
+        let text = twin(1.0, 0.2, (-2.0, 3.0), &wave_keys(&waves));
+        let scenario = scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None).unwrap();
+        let text = format!("{:?}", scenario.spec);
+        assert!(text.contains("(11, 0.07)") && text.contains("Aplanatic"), "{text}");
     }
 }

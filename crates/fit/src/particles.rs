@@ -22,6 +22,9 @@ const RING_SD: f64 = 3.0;
 const WINDOW_MARGIN: usize = 4;
 const MAX_HALF_WIDTH: usize = 64;
 
+/// Windows are never made smaller than this to fit into the image (half width, px).
+const SMALLEST_HALF_WIDTH: usize = 8;
+
 /// Number of pixels at full scale from which on a plane is saturated.
 const SATURATED_PIXELS: usize = 3;
 
@@ -127,9 +130,9 @@ pub(super) fn given(places_px: &[[f64; 2]]) -> Vec<Candidate> {
 }
 
 /// Half width of the windows, px: the largest radius at which the ring around a particle is lit in any plane,
-/// plus a margin.
+/// plus a margin; no larger than fits around the particle that is farthest from the edge of the image.
 pub(super) fn half_width(scan: &Scan, background: Background, candidates: &[Candidate]) -> usize {
-    let mut farthest = 0;
+    let (mut farthest, mut largest) = (0, 0);
     for (k, candidate) in candidates.iter().enumerate().take(MAX_PARTICLES) {
         // Rings beyond half the distance to the nearest neighbor would include its light.
         let nearest = candidates
@@ -144,6 +147,7 @@ pub(super) fn half_width(scan: &Scan, background: Background, candidates: &[Cand
             scan.width as f64 - 1.0 - candidate.x,
             scan.height as f64 - 1.0 - candidate.y,
         ];
+        largest = largest.max(room.into_iter().fold(f64::INFINITY, f64::min).max(0.0) as usize);
         let most = room.into_iter().fold(0.5 * nearest, f64::min).min(MAX_HALF_WIDTH as f64) as usize;
         for plane in &scan.planes {
             let mut rings = vec![(0.0, 0usize); most + 1];
@@ -165,7 +169,7 @@ pub(super) fn half_width(scan: &Scan, background: Background, candidates: &[Cand
             farthest = farthest.max(last);
         }
     }
-    (farthest + WINDOW_MARGIN).min(MAX_HALF_WIDTH)
+    (farthest + WINDOW_MARGIN).min(largest.max(SMALLEST_HALF_WIDTH)).min(MAX_HALF_WIDTH)
 }
 
 /// Windows around the usable particles.

@@ -6,7 +6,11 @@ use clap::{Args, ValueEnum};
 
 use super::Common;
 use super::output::{report, warn};
-use fit::{Astigmatic, ExtraParameter, FitOptions, Fitted, Given, Scan, StagePositions, Verdict, fit};
+use crate::report::fit_page;
+use fit::{
+    Astigmatic, ExtraParameter, FitOptions, Fitted, Given, Scan, StagePositions, Verdict, WaveModel, fit,
+};
+use microsig_core::render::waves::{Layers, Lens};
 use storage::error::{Error, Result};
 use storage::folder::Partial;
 
@@ -54,6 +58,22 @@ pub(super) struct Fit {
     /// Additional quantities to fit; for experts
     #[arg(long, value_enum, value_delimiter = ',', value_name = "KEYS")]
     free: Vec<ExtraParameter>,
+    /// The physics of the images
+    #[arg(long, value_enum, default_value_t = Model::Geometric)]
+    model: Model,
+    /// Wavelength in vacuum, um; for `--model waves`
+    #[arg(long, value_name = "UM", required_if_eq("model", "waves"))]
+    wavelength: Option<f64>,
+    /// The objective; for `--model waves`
+    #[arg(long, value_enum, default_value_t = Objective::Aplanatic, value_name = "LENS")]
+    lens: Objective,
+    /// Refractive index of the fluid below a cover slip of 0.17 mm, whose aberration is fitted; for `--model
+    /// waves` [default: what the objective was designed for]
+    #[arg(long, value_name = "N")]
+    fluid: Option<f64>,
+    /// Depth of the plane in focus below the cover slip, um, from which the fit starts; for `--fluid`
+    #[arg(long, value_name = "UM", default_value_t = 100.0, requires = "fluid")]
+    fluid_depth: f64,
     /// Planes to use, counted from 0
     #[arg(long, value_name = "A-B")]
     planes: Option<String>,
@@ -89,6 +109,22 @@ enum Cylinder {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Model {
+    /// Rays, for images far from focus
+    Geometric,
+    /// Diffraction, with aberrations of the objective; also fits rays and says which is better
+    Waves,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Objective {
+    /// Corrected for the plane in focus, as microscope objectives are
+    Aplanatic,
+    /// MicroSIG's thin lens with its spherical aberration
+    Microsig,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Flux {
     /// Fitted for each plane
     Free,
@@ -110,6 +146,9 @@ impl Fit {
         }
         let partial = Partial::start(&self.out)?;
         let made = fit(&scan, &options)?;
+        let (scan_name, out) = (self.scan.display().to_string(), self.out.display().to_string());
+        let page = fit_page(&made.fitted, &made.evidence, &scan_name, &out)?;
+        storage::save_bytes(&partial.folder().join("report.html"), page.as_bytes())?;
         for (name, bytes) in &made.files {
             storage::save_bytes(&partial.folder().join(name), bytes)?;
         }
@@ -136,6 +175,19 @@ impl Fit {
         if let Some(diameter) = self.diameter {
             positive("diameter", diameter, 100.0);
         }
+        if self.model == Model::Geometric {
+            let idle = [("wavelength", self.wavelength.is_some()), ("fluid", self.fluid.is_some())];
+            let idle = idle.into_iter().filter(|(_, given)| *given);
+            problems.extend(idle.map(|(name, _)| format!("--{name}: expected with --model waves only")));
+        }
+        let mut within = |name: &str, value: f64, least: f64, most: f64| {
+            if !(least..=most).contains(&value) {
+                problems.push(format!("--{name} {value}: expected {least} to {most}"));
+            }
+        };
+        within("wavelength", self.wavelength.unwrap_or(0.5), 0.1, 2.0);
+        within("fluid", self.fluid.unwrap_or(1.33), 1.0, 4.0);
+        within("fluid-depth", self.fluid_depth, 0.0, 1e5);
         if !problems.is_empty() {
             return Err(Error::Input(problems));
         }
@@ -162,6 +214,18 @@ impl Fit {
             free_flux: self.flux == Flux::Free,
             half_window: self.window.map(|width| usize::from(width) / 2),
             places_px,
+            waves: self.wavelength.map(|wavelength_um| WaveModel {
+                wavelength_um,
+                lens: match self.lens {
+                    Objective::Aplanatic => Lens::Aplanatic,
+                    Objective::Microsig => Lens::Microsig,
+                },
+                layers: self.fluid.map(|n_s| Layers {
+                    n_s,
+                    focus_depth_um: self.fluid_depth,
+                    ..Layers::default()
+                }),
+            }),
             free: self.free.clone(),
             bootstrap: usize::from(self.bootstrap),
             seed,
@@ -233,6 +297,17 @@ fn text(fitted: &Fitted, out: &Path) -> String {
         fitted.rejected.len(),
         if fitted.direction > 0.0 { "away from" } else { "toward" }
     ));
+    lines.extend(fitted.comparison.map(|c| {
+        format!(
+            "rays: chi2 {:.3}, {:.1} % explained; waves: chi2 {:.3}, {:.1} % explained; {} are better by {:.0} in BIC",
+            c.geometric.chi2,
+            100.0 * c.geometric.r2,
+            c.waves.chi2,
+            100.0 * c.waves.r2,
+            if c.recommends_waves() { "waves" } else { "rays" },
+            (c.geometric.bic - c.waves.bic).abs()
+        )
+    }));
     lines.push(fitted.sentence());
     lines.push(format!(
         "in {}: next, `microsig generate {}`",

@@ -144,7 +144,9 @@ impl Cli {
             .build_global()
             .map_err(|e| Error::input(format!("--threads {}: {e}", common.threads)))?;
         clean_up_on_signals()?;
-        let folder = if common.no_cache { None } else { TableFolder::of_user() };
+        // A fit visits many microscopes, each once.
+        let once = matches!(verb, Verb::Fit(_));
+        let folder = if common.no_cache || once { None } else { TableFolder::of_user() };
         keep_tables(Box::new(Tables::new(folder, output::progress(common))));
         verb.run(common)
     }

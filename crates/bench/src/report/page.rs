@@ -36,6 +36,8 @@ th:first-child, td:first-child { text-align: left; white-space: nowrap; }
 .board { font-size: .9rem; } .board th, .board td { padding: .25rem .4rem; } .board td { white-space: nowrap; }
 .board th:nth-child(2), .board td:nth-child(2) { text-align: left; }
 @media print { .scroll { overflow: visible; } .board { font-size: 10px; } .board th, .board td { padding: .2rem .3rem; } }
+.windows td, .windows th { padding: .1rem; border: 0; text-align: center; font-size: .8rem; }
+.windows img { display: block; width: 5.6rem; image-rendering: pixelated; }
 pre { overflow-x: auto; font-size: .82rem; border: 1px solid var(--grid); border-radius: .4rem; padding: .8rem; }
 .warning { border-left: .3rem solid var(--c1); padding: .3rem .8rem; margin: .6rem 0; }
 ";

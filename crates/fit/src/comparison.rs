@@ -1,0 +1,82 @@
+//! Comparison of the fits of geometrical and of wave optics.
+
+use serde::Serialize;
+
+use super::images::Problem;
+use super::renderers::Sides;
+use super::state::{Misfit, State};
+use storage::error::Result;
+
+/// A converged fit.
+pub(super) struct Run<'a> {
+    pub(super) problem: Problem<'a>,
+    pub(super) state: State,
+    /// Renderers for numerical derivatives at the last step.
+    pub(super) sides: Option<Sides>,
+    /// Difference of -2 ln(likelihood) to the other direction of the stage; `None` if that was not tried.
+    pub(super) direction_margin: Option<f64>,
+    /// Comparison of a fit by waves with that of geometrical optics.
+    pub(super) comparison: Option<Comparison>,
+}
+
+/// How well a model describes a scan.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Score {
+    /// Sum of squared residuals over variance, per pixel.
+    pub chi2: f64,
+    /// Fraction of the squared signal above the noise that the model explains.
+    pub r2: f64,
+    /// Number of fitted quantities.
+    pub parameters: usize,
+    /// -2 ln(likelihood) + parameters x ln(pixels) (Schwarz 1978); smaller is better.
+    pub bic: f64,
+}
+
+/// Both models on the windows that neither rejects.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Comparison {
+    /// Geometrical optics.
+    pub geometric: Score,
+    /// Wave optics.
+    pub waves: Score,
+}
+
+impl Comparison {
+    pub(super) fn of(geometric: &Run, waves: &Run) -> Result<Comparison> {
+        let both = |k: usize, i: usize| !(geometric.problem.rejected[k][i] || waves.problem.rejected[k][i]);
+        let score = |run: &Run| -> Result<Score> {
+            let mut misfits = run.problem.misfits(&run.state, None)?;
+            misfits.retain(|(k, i, _)| both(*k, *i));
+            // The variance per count of light is fitted, too.
+            Ok(Score::of(&misfits, run.problem.n_parameters() + 1))
+        };
+        Ok(Comparison { geometric: score(geometric)?, waves: score(waves)? })
+    }
+
+    /// Whether waves describe the scan better, fitted quantities considered.
+    pub fn recommends_waves(&self) -> bool {
+        self.waves.bic < self.geometric.bic
+    }
+}
+
+impl Score {
+    fn of(misfits: &[(usize, usize, Misfit)], parameters: usize) -> Score {
+        let pixels: usize = misfits.iter().map(|(_, _, m)| m.pixels).sum();
+        let likelihood: f64 = misfits.iter().map(|(_, _, m)| m.minus_two_log_likelihood).sum();
+        let bic = likelihood + parameters as f64 * libm::log(pixels.max(1) as f64);
+        Score { chi2: chi2(misfits), r2: r2(misfits), parameters, bic }
+    }
+}
+
+/// Sum of squared residuals over variance, per pixel.
+pub(super) fn chi2(misfits: &[(usize, usize, Misfit)]) -> f64 {
+    let (chi2, n) = misfits.iter().fold((0.0, 0), |(c, n), (_, _, m)| (c + m.chi2, n + m.pixels));
+    chi2 / (n.max(1) as f64)
+}
+
+/// Fraction of the squared signal above the noise that the model explains.
+pub(super) fn r2(misfits: &[(usize, usize, Misfit)]) -> f64 {
+    let sum = |value: &dyn Fn(&Misfit) -> f64| misfits.iter().map(|(_, _, m)| value(m)).sum::<f64>();
+    let noise2 = sum(&|m| m.noise2);
+    1.0 - (sum(&|m| m.residual2) - noise2) / (sum(&|m| m.signal2) - noise2).max(f64::MIN_POSITIVE)
+}

@@ -1,0 +1,78 @@
+//! Levenberg-Marquardt minimization of the image fit.
+
+use super::images::Problem;
+use super::renderers::Sides;
+use super::state::State;
+use storage::error::Result;
+
+impl Problem<'_> {
+    /// The state moved by a step of the parameters.
+    pub(super) fn moved(&self, state: &State, step: &[f64]) -> State {
+        let mut to = state.clone();
+        for (shared, &by) in self.shared.iter().zip(step) {
+            let longest = shared.longest(&state.microscope);
+            to.microscope = shared.moved(to.microscope, by.clamp(-longest, longest));
+        }
+        to.microscope = to.microscope.bounded();
+        let n = self.shared.len();
+        to.drift = [state.drift[0] + step[n], state.drift[1] + step[n + 1]];
+        for (k, bead) in to.beads.iter_mut().enumerate() {
+            let step = &step[self.bead_parameter(k)..];
+            bead.x += step[0].clamp(-2.0, 2.0);
+            bead.y += step[1].clamp(-2.0, 2.0);
+            bead.z_um += step[2].clamp(-20.0, 20.0);
+            bead.light = (bead.light + step[3]).max(0.1 * bead.light);
+            bead.background += step[4];
+        }
+        if self.free_flux {
+            for (i, flux) in to.flux.iter_mut().enumerate() {
+                *flux = (*flux + step[self.flux_parameter(i)]).max(0.1 * *flux);
+            }
+        }
+        to
+    }
+
+    /// Levenberg-Marquardt minimization from a state, with at most `steps` steps. `sides`: the renderers for
+    /// numerical derivatives of the last step before.
+    pub(super) fn minimize(
+        &self,
+        mut state: State,
+        steps: usize,
+        damping: f64,
+        sides: &mut Option<Sides>,
+    ) -> Result<State> {
+        let mut damping = damping;
+        for _ in 0..steps {
+            let normal = self.normal(&state, sides)?;
+            let n = normal.right.len();
+            let mut accepted = None;
+            while damping < 1e8 {
+                let mut damped = normal.matrix.clone();
+                (0..n).for_each(|i| damped.add(i, i, damping * normal.matrix.at(i, i) + 1e-12));
+                let Some(step) = damped.solve(&normal.right) else {
+                    damping *= 10.0;
+                    continue;
+                };
+                let predicted = step.iter().zip(&normal.right).map(|(s, r)| s * r).sum::<f64>();
+                let next = self.moved(&state, &step);
+                let misfits = self.misfits(&next, Some(&normal.variances))?;
+                let loss: f64 = misfits.iter().map(|(_, _, m)| m.loss).sum();
+                if loss < normal.loss {
+                    damping = (0.2 * damping).max(1e-7);
+                    accepted = Some((next, predicted));
+                    break;
+                }
+                if predicted < self.converged {
+                    return Ok(state);
+                }
+                damping = (5.0 * damping).max(1e-4);
+            }
+            let Some((next, predicted)) = accepted else { break };
+            state = next;
+            if predicted < self.converged {
+                break;
+            }
+        }
+        Ok(state)
+    }
+}

@@ -1,0 +1,176 @@
+//! The search for the best fit: from several starting points to one state.
+
+use super::curves::Start;
+use super::images::Problem;
+use super::moments::Shape;
+use super::optics::Microscope;
+use super::rejection;
+use super::renderers::{Accuracy, Sides};
+use super::state::{Bead, State};
+use super::waves::{WaveModel, Waves};
+use storage::error::{Error, Result};
+
+/// Maximum number of iterations of minimization, estimate of the variance of light and rejection in the final
+/// fit.
+const ROUNDS: usize = 3;
+
+/// Accuracy while starting points are compared, and in the final fit.
+pub(super) const COARSE: Accuracy = Accuracy { tolerance: 1e-2, of_sides: 1e-2, central: false };
+const FINE: Accuracy = Accuracy { tolerance: 3e-3, of_sides: 3e-3, central: true };
+/// Accuracy of the last steps with a spherical lens, whose images are cheap: the error of [`FINE`] moves the
+/// focal length of a scan at low noise by one standard deviation, that of these by half of one.
+const FINEST: Accuracy = Accuracy { tolerance: 1e-3, ..FINE };
+
+/// Predicted decrease of chi2 at which minimization ends: while starting points are compared, and in the
+/// final fit.
+pub(super) const ROUGHLY: f64 = 10.0;
+const CONVERGED: f64 = 0.1;
+
+/// While starting points are compared, one particle in this many planes represents the scan.
+const COMPARED_PLANES: usize = 9;
+
+/// Starting points whose curves fit worse than the best ones by this factor are not tried.
+const MUCH_WORSE: f64 = 4.0;
+
+/// Initial numerical apertures of fits by waves.
+const APERTURES: [f64; 9] = [0.1, 0.15, 0.22, 0.32, 0.45, 0.6, 0.75, 0.87, 0.95];
+
+/// The state with the highest likelihood after a few steps from each starting point, and the difference of -2
+/// ln(likelihood) to the other direction of the stage; `None` if that was not tried.
+pub(super) fn best_start(
+    problem: &mut Problem,
+    shape: &Shape,
+    starts: &[Start],
+) -> Result<(State, Option<f64>)> {
+    let (beads, planes) = (problem.windows.particles.len(), problem.scan.planes.len());
+    let is_compared = |k: usize, i: usize| {
+        let step = |i: usize| i * (COMPARED_PLANES - 1) / (planes - 1).max(1);
+        k == 0 && (i == 0 || i + 1 == planes || step(i) != step(i - 1))
+    };
+    problem.rejected = (0..beads).map(|k| (0..planes).map(|i| !is_compared(k, i)).collect()).collect();
+    let least_cost = starts.iter().map(|start| start.cost).fold(f64::INFINITY, f64::min);
+    let mut tried: Vec<(f64, f64, State)> = Vec::new();
+    for start in starts.iter().filter(|start| start.cost <= MUCH_WORSE * least_cost) {
+        let mut state = first_state(problem, shape, start.microscope, start.direction, &start.z_um)?;
+        let mut sides = None;
+        for steps in [3, 5] {
+            state.variance_per_count = problem.variance_per_count(&state)?;
+            state = problem.minimize(state, steps, 1e-2, &mut sides)?;
+        }
+        state.variance_per_count = problem.variance_per_count(&state)?;
+        let moved_um = state.beads[0].z_um - start.z_um[0];
+        tried.push((problem.likelihood(&state)?, moved_um, state));
+    }
+    problem.rejected = vec![vec![false; planes]; beads];
+    tried.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let Some((least, moved_um, best)) = tried.first() else {
+        return Err(Error::input("the fit has no starting point"));
+    };
+    let other = tried.iter().find(|(.., state)| state.direction != best.direction);
+    let mut best = best.clone();
+    // The other particles move with the first.
+    best.beads.iter_mut().skip(1).for_each(|bead| bead.z_um += moved_um);
+    Ok((problem.with_light(best)?, other.map(|(likelihood, ..)| likelihood - least)))
+}
+
+/// Final fit: minimizes, estimates the variance of light from the residuals and rejects outlying windows,
+/// repeatedly. `sides` become those of the last step.
+pub(super) fn converge(problem: &mut Problem, mut state: State, sides: &mut Option<Sides>) -> Result<State> {
+    problem.accuracy = FINE;
+    problem.converged = CONVERGED;
+    state.variance_per_count = problem.variance_per_count(&state)?;
+    for round in 0..ROUNDS {
+        state = problem.minimize(state, 15, 1e-3, sides)?;
+        state.variance_per_count = problem.variance_per_count(&state)?;
+        let outliers = rejection::outliers(&problem.misfits(&state, None)?);
+        if outliers.is_empty() && round > 0 {
+            break;
+        }
+        for (k, i) in outliers {
+            problem.rejected[k][i] = true;
+        }
+    }
+    if state.microscope.focus_shift_um == 0.0 {
+        problem.accuracy = FINEST;
+    }
+    problem.minimize(state, 15, 1e-4, sides)
+}
+
+fn first_state(
+    problem: &Problem,
+    shape: &Shape,
+    microscope: Microscope,
+    direction: f64,
+    z_um: &[f64],
+) -> Result<State> {
+    let beads = shape
+        .places
+        .iter()
+        .zip(z_um)
+        .map(|(place, &z_um)| Bead {
+            x: place[0],
+            y: place[1],
+            z_um,
+            light: 1.0,
+            background: problem.background.mean,
+        })
+        .collect();
+    problem.with_light(State {
+        microscope,
+        direction,
+        drift: shape.drift,
+        beads,
+        flux: vec![1.0; problem.scan.planes.len()],
+        variance_per_count: 1.0,
+    })
+}
+
+/// The start of a fit by waves: the numerical aperture with the highest likelihood after a few steps, with
+/// the sharpest image of each particle in focus. `seed` has the other properties of the microscope.
+pub(super) fn best_wave_start(
+    problem: &Problem,
+    shape: &Shape,
+    seed: Microscope,
+    model: WaveModel,
+    direction: f64,
+) -> Result<State> {
+    let sharpest: Vec<f64> = (0..problem.windows.particles.len())
+        .map(|k| -direction * problem.scan.stage_um[sharpest_plane(problem, k)] / seed.depth_factor)
+        .collect();
+    let mut best: Option<(f64, State)> = None;
+    for na in APERTURES {
+        let microscope = Microscope {
+            slope: na / libm::sqrt(1.0 - na * na),
+            focus_shift_um: 0.0,
+            angle: 0.0,
+            waves: Some(Waves::new(model)),
+            ..seed
+        };
+        let mut state = first_state(problem, shape, microscope, direction, &sharpest)?;
+        state.variance_per_count = problem.variance_per_count(&state)?;
+        state = problem.minimize(state, 2, 1e-2, &mut None)?;
+        state.variance_per_count = problem.variance_per_count(&state)?;
+        let likelihood = problem.likelihood(&state)?;
+        if best.as_ref().is_none_or(|(least, _)| likelihood < *least) {
+            best = Some((likelihood, state));
+        }
+    }
+    best.map(|(_, state)| state).ok_or_else(|| Error::input("the fit has no starting point"))
+}
+
+/// The plane with the brightest square of three pixels near the middle of a particle's window.
+fn sharpest_plane(problem: &Problem, k: usize) -> usize {
+    let (scan, window) = (problem.scan, &problem.windows.particles[k]);
+    let near = |[dx, dy]: [f64; 2]| dx.abs().max(dy.abs()) < 0.5 * problem.windows.half as f64;
+    let square = |plane: &[u16], at: usize| -> u32 {
+        [at - scan.width, at, at + scan.width]
+            .iter()
+            .map(|row| (row - 1..=row + 1).map(|at| u32::from(plane[at])).sum::<u32>())
+            .sum()
+    };
+    let brightest = |plane: &[u16]| {
+        window.pixels.iter().filter(|(_, place)| near(*place)).map(|&(at, _)| square(plane, at)).max()
+    };
+    let brightness: Vec<_> = scan.planes.iter().map(|plane| brightest(plane)).collect();
+    (0..brightness.len()).max_by_key(|&i| (brightness[i], std::cmp::Reverse(i))).unwrap_or(0)
+}

@@ -1,0 +1,139 @@
+//! `microsig fit`: the settings of a microscope from its calibration scan, and inputs that it refuses.
+
+use std::path::Path;
+
+use microsig_core::Settings;
+use suite::microsig::{fail, path, run};
+use suite::scan::{Bead, SimulatedScan, write_pages};
+
+/// Arguments that every fit needs, with the scan and the output folder.
+fn arguments<'a>(scan: &'a Path, out: &'a Path) -> Vec<&'a str> {
+    vec!["fit", path(scan), "--magnification", "10", "--pixel-size", "6.45", "--out", path(out)]
+}
+
+/// A message about a scan of these pages that is refused.
+fn refused(pages: &[Vec<u16>], size: (u32, u32), more: &[&str]) -> String {
+    let place = tempfile::tempdir().unwrap();
+    let (scan, out) = (place.path().join("scan.tif"), place.path().join("out"));
+    write_pages(&scan, size, pages).unwrap();
+    let message = fail(2, &[&arguments(&scan, &out)[..], more].concat());
+    assert!(!out.exists(), "nothing is written");
+    message
+}
+
+/// A small scan with one particle in the middle of 61 x 61 px.
+fn single(n: usize) -> SimulatedScan {
+    let four = SimulatedScan::tenfold(n, 6.0);
+    SimulatedScan {
+        settings: Settings { pixel_dim_x: 61, pixel_dim_y: 61, ..four.settings.clone() },
+        beads: vec![Bead { x_px: 30.6, y_px: 31.2, z_um: -12.0, c_int: 1.0 }],
+        ..four
+    }
+}
+
+#[test]
+fn scans_that_cannot_be_fitted_are_refused_with_advice() {
+    let step = ["--z-step", "5"];
+    let scan = single(9);
+    let pages = scan.planes(1).unwrap();
+    let size = (61, 61);
+    let few = refused(&pages[..6], size, &step);
+    assert!(few.contains("6 planes: expected at least 7"), "{few}");
+
+    let dark = SimulatedScan { beads: Vec::new(), ..single(9) }.planes(1).unwrap();
+    let empty = refused(&dark, size, &step);
+    assert!(empty.contains("no particle found") && empty.contains("the threshold is"), "{empty}");
+
+    let full: Vec<Vec<u16>> =
+        pages.iter().map(|page| page.iter().map(|&v| if v > 500 { u16::MAX } else { v }).collect()).collect();
+    let full = refused(&full, size, &step);
+    assert!(full.contains("saturated") && full.contains("exposure"), "{full}");
+
+    let cut = refused(&pages, size, &["--z-step", "5", "--window", "91"]);
+    assert!(cut.contains("cut by the edge") && cut.contains("--planes"), "{cut}");
+
+    let unknown = refused(&pages, size, &[]);
+    assert!(unknown.contains("give --z FILE or --z-step UM"), "{unknown}");
+
+    let range = refused(&pages, size, &["--z-step", "5", "--planes", "3-5"]);
+    assert!(range.contains("at least 7 planes within 0-8"), "{range}");
+}
+
+#[test]
+fn wrong_tables_of_positions_are_refused() {
+    let scan = single(9);
+    let pages = scan.planes(1).unwrap();
+    let place = tempfile::tempdir().unwrap();
+    let table = place.path().join("z.csv");
+    let with = |rows: &[f64]| {
+        let rows: Vec<String> = rows.iter().enumerate().map(|(i, z)| format!("{i},{z}\n")).collect();
+        std::fs::write(&table, format!("page,z_um\n{}", rows.concat())).unwrap();
+        refused(&pages, (61, 61), &["--z", path(&table)])
+    };
+    let order = with(&[0.0, 5.0, 10.0, 15.0, 12.0, 25.0, 30.0, 35.0, 40.0]);
+    assert!(order.contains("plane 4 is 12 um after 15 um") && order.contains("wrong order"), "{order}");
+    let short = with(&[0.0, 5.0, 10.0]);
+    assert!(short.contains("3 positions: expected one for each of the 9 planes"), "{short}");
+    let still = with(&[5.0; 9]);
+    assert!(still.contains("all stage positions are equal"), "{still}");
+    std::fs::write(&table, "page,depth\n0,1\n").unwrap();
+    let column = refused(&pages, (61, 61), &["--z", path(&table)]);
+    assert!(column.contains("z.csv:2") && column.contains("z_um"), "{column}");
+}
+
+#[test]
+fn colors_and_missing_or_impossible_options_are_refused() {
+    let place = tempfile::tempdir().unwrap();
+    let (scan, out) = (place.path().join("scan.tif"), place.path().join("out"));
+    {
+        let file = std::fs::File::create(&scan).unwrap();
+        let mut encoder = tiff::encoder::TiffEncoder::new(file).unwrap();
+        encoder.write_image::<tiff::encoder::colortype::RGB8>(4, 4, &[9; 48]).unwrap();
+    }
+    let color = fail(2, &[&arguments(&scan, &out)[..], &["--z-step", "5"]].concat());
+    assert!(color.contains("page 0 is RGB(8): expected gray counts of 8 or 16 bit"), "{color}");
+
+    write_pages(&scan, (61, 61), &single(9).planes(1).unwrap()).unwrap();
+    let (scan, out) = (path(&scan), path(&out));
+    let without = fail(2, &["fit", scan, "--pixel-size", "6.45", "--z-step", "5", "--out", out]);
+    assert!(without.contains("--magnification"), "{without}");
+    let without = fail(2, &["fit", scan, "--magnification", "10", "--z-step", "5", "--out", out]);
+    assert!(without.contains("--pixel-size"), "{without}");
+    let base = ["fit", scan, "--magnification", "10", "--pixel-size", "6.45", "--z-step", "5", "--out", out];
+    for (more, expected) in [
+        (&["--depth-factor", "0"][..], "--depth-factor 0: expected a number > 0"),
+        (&["--diameter", "0"], "--diameter 0: expected a number > 0"),
+        (&["--model", "waves"], "--wavelength"),
+        (&["--wavelength", "0.5"], "--wavelength: expected with --model waves only"),
+        (&["--model", "waves", "--wavelength", "50"], "--wavelength 50: expected 0.1 to 2"),
+        (&["--planes", "x"], "expected A-B"),
+    ] {
+        let message = fail(2, &[&base[..], more].concat());
+        assert!(message.contains(expected), "{more:?}: {message}");
+    }
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_settings() {
+    let place = tempfile::tempdir().unwrap();
+    let truth = single(9);
+    truth.write(place.path(), 7).unwrap();
+    let (scan, z) = (place.path().join("scan.tif"), place.path().join("z.csv"));
+    let fit = |threads: &str| {
+        let out = place.path().join(threads);
+        let more = ["--z", path(&z), "--diameter", "2", "--z-direction", "away", "--threads", threads];
+        run(&[&arguments(&scan, &out)[..], &more].concat());
+        ["fit.json", "settings.txt", "scenario.ron", "model.tif"]
+            .map(|name| std::fs::read(out.join(name)).unwrap())
+    };
+    let [one, two] = ["1", "2"].map(fit);
+    assert!(one == two);
+    let fitted: serde_json::Value = serde_json::from_slice(&one[0]).unwrap();
+    let na = fitted["parameters"][0]["value"].as_f64().unwrap();
+    // One particle in 9 planes: three times the bar for scans of several particles in 20 planes and more.
+    assert!((na / 0.3 - 1.0).abs() < 0.015, "{na}");
+    let report = std::fs::read_to_string(place.path().join("1/report.html")).unwrap();
+    for part in ["Data, model and residual", "Correlations", "What to do next", "data:image/png;base64"] {
+        assert!(report.contains(part), "{part}");
+    }
+}

@@ -1,0 +1,99 @@
+//! Real beads near focus: geometrical optics must say that it does not describe them, wave optics must.
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::path::Path;
+use std::process::Command;
+
+use anyhow::Context;
+use serde_json::Value;
+
+/// Largest chi2 per pixel of a fit by waves.
+const LARGEST_CHI2: f64 = 1.25;
+
+/// Fits all scans below `real` by waves; writes a row for each.
+pub(super) fn run(program: &Path, real: &Path, file: &Path) -> anyhow::Result<()> {
+    let mut folders: Vec<_> = std::fs::read_dir(real)
+        .with_context(|| real.display().to_string())?
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| path.is_dir())
+        .collect();
+    folders.sort();
+    let mut table = csv::Writer::from_path(file)?;
+    table.write_record(HEADER)?;
+    let place = tempfile::tempdir()?;
+    for folder in folders {
+        let name = folder.file_name().and_then(|n| n.to_str()).context("a name")?.to_owned();
+        let given: Value = serde_json::from_reader(File::open(folder.join("given.json"))?)?;
+        let given = |key: &str| given["given"][key].as_f64().with_context(|| format!("{name}: {key}"));
+        let out = place.path().join(&name);
+        let mut command = Command::new(program);
+        command.arg("fit").arg(folder.join("scan.tif")).args(["--model", "waves", "--magnification", "1"]);
+        for (option, value) in [
+            ("--pixel-size", given("um_per_px")?),
+            ("--z-step", given("z_step_um")?),
+            ("--wavelength", given("emission_um")?),
+            ("--diameter", given("particle_diameter_um")?),
+        ] {
+            command.arg(option).arg(value.to_string());
+        }
+        // Exit code 1: the fit is poor, but there is one.
+        let output = command.arg("--out").arg(&out).output()?;
+        let fit: Value = serde_json::from_reader(
+            File::open(out.join("fit.json"))
+                .with_context(|| String::from_utf8_lossy(&output.stderr).into_owned())?,
+        )?;
+        let parameter = |name: &str| {
+            let all = fit["parameters"].as_array().into_iter().flatten();
+            all.clone().find(|p| p["name"] == name).and_then(|p| p["value"].as_f64()).unwrap_or(f64::NAN)
+        };
+        let compared = |model: &str, key: &str| fit["comparison"][model][key].as_f64().unwrap_or(f64::NAN);
+        let astigmatism = parameter("astigmatism").hypot(parameter("astigmatism_45"));
+        let coma = parameter("coma_x").hypot(parameter("coma_y"));
+        let numbers = [
+            compared("geometric", "chi2"),
+            compared("geometric", "r2"),
+            compared("waves", "chi2"),
+            compared("waves", "r2"),
+            compared("geometric", "bic") - compared("waves", "bic"),
+            given("nominal_numerical_aperture")?,
+            parameter("numerical_aperture"),
+            parameter("spherical_aberration"),
+            astigmatism,
+            coma,
+        ];
+        println!("{name}: {numbers:?}");
+        table.write_record([name].into_iter().chain(numbers.map(|v| format!("{v:.4}"))))?;
+    }
+    Ok(table.flush()?)
+}
+
+const HEADER: [&str; 11] = [
+    "bead",
+    "rays_chi2",
+    "rays_r2",
+    "waves_chi2",
+    "waves_r2",
+    "bic_gain",
+    "nominal_na",
+    "na",
+    "spherical",
+    "astigmatism",
+    "coma",
+];
+
+/// The beads as Markdown, and the number of bars missed.
+pub(super) fn table(file: &Path) -> anyhow::Result<(String, usize)> {
+    let (mut lines, mut above) = (String::new(), 0);
+    for row in csv::Reader::from_path(file)?.deserialize() {
+        let (name, numbers): (String, [f64; 10]) = row?;
+        let [rays_chi2, rays_r2, chi2, r2, gain, nominal, na, spherical, astigmatism, coma] = numbers;
+        above += [chi2 < LARGEST_CHI2, gain > 0.0].into_iter().filter(|is_met| !is_met).count();
+        writeln!(
+            lines,
+            "| {name} | {rays_chi2:.2} | {rays_r2:.3} | {chi2:.3} | {r2:.3} | {gain:.0} | {nominal:.2} | {na:.3} | {spherical:+.3} | \
+             {astigmatism:.3} | {coma:.3} |"
+        )?;
+    }
+    Ok((lines, above))
+}

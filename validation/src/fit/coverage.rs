@@ -1,0 +1,120 @@
+//! Coverage of the truth by 95 % intervals, over simulated scans with different noise.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::fs::OpenOptions;
+use std::path::Path;
+
+use anyhow::Context;
+use fit::{Astigmatic, FitOptions, Given, Scan};
+use suite::process::median;
+use suite::scan::SimulatedScan;
+
+use super::quantity::quantities;
+
+/// Cases with rays that can be simulated again.
+const CASES: [&str; 2] = ["a", "b"];
+
+/// The coverage should lie within these limits.
+const LIMITS: std::ops::RangeInclusive<f64> = 0.85..=1.0;
+
+/// First seed: the shared scans have lower ones.
+const FIRST_SEED: u64 = 1000;
+
+/// Fits `seeds` simulated scans of each case and writes a row for each quantity. Rows that the file has
+/// already are kept, so that an interrupted run goes on.
+pub(super) fn run(own: &Path, seeds: u64, file: &Path) -> anyhow::Result<()> {
+    let mut done = std::collections::BTreeSet::new();
+    if file.exists() {
+        for row in csv::Reader::from_path(file)?.deserialize() {
+            let (case, seed, _, _, _, _, _): (String, u64, String, f64, f64, f64, bool) = row?;
+            done.insert((case, seed));
+        }
+    } else {
+        std::fs::write(file, "case,seed,quantity,truth,value,sd,covered\n")?;
+    }
+    for seed in FIRST_SEED..FIRST_SEED + seeds {
+        for case in CASES {
+            if done.contains(&(case.to_owned(), seed)) {
+                continue;
+            }
+            let truth = SimulatedScan::read(&own.join(case))?;
+            let scan = Scan {
+                width: truth.settings.pixel_dim_x as usize,
+                height: truth.settings.pixel_dim_y as usize,
+                planes: truth.planes(seed)?,
+                stage_um: truth.stage_um.clone(),
+                full_scale: u16::MAX,
+                warnings: Vec::new(),
+            };
+            let made =
+                fit::fit(&scan, &options(&truth)).with_context(|| format!("case {case}, seed {seed}"))?;
+            let found = quantities(&truth, &serde_json::to_value(&made.fitted)?);
+            // Appended as a whole, so that an interrupted run leaves no part of a seed.
+            let mut rows = csv::Writer::from_writer(Vec::new());
+            for q in found.iter().filter(|q| q.counts) {
+                let numbers = [q.truth, q.value, q.sd].map(|v| format!("{v:.6}"));
+                let head = [case.to_owned(), seed.to_string(), q.name.clone()];
+                rows.write_record(head.into_iter().chain(numbers).chain([q.is_covered().to_string()]))?;
+            }
+            let mut to = OpenOptions::new().append(true).open(file)?;
+            std::io::Write::write_all(&mut to, &rows.into_inner()?)?;
+            let covered = found.iter().filter(|q| q.counts && q.is_covered()).count();
+            let all = found.iter().filter(|q| q.counts).count();
+            println!("case {case}, seed {seed}: {covered} of {all} intervals cover the truth");
+        }
+    }
+    Ok(())
+}
+
+fn options(truth: &SimulatedScan) -> FitOptions {
+    FitOptions {
+        given: Given {
+            magnification: truth.settings.magnification,
+            pixel_size_um: truth.settings.pixel_size,
+            ri_medium: truth.settings.ri_medium,
+            ri_lens: truth.settings.ri_lens,
+            depth_factor: truth.depth_factor,
+        },
+        diameter_um: None,
+        direction: None,
+        astigmatic: Astigmatic::Auto,
+        free_flux: true,
+        half_window: None,
+        places_px: None,
+        waves: None,
+        free: Vec::new(),
+        bootstrap: 0,
+        seed: 0,
+    }
+}
+
+/// The coverage of each quantity as Markdown, and the number of quantities outside the limits.
+pub(super) fn table(file: &Path) -> anyhow::Result<(String, usize)> {
+    type Row = (f64, f64, f64, bool);
+    let mut groups: BTreeMap<(String, String), Vec<Row>> = BTreeMap::new();
+    for row in csv::Reader::from_path(file)?.deserialize() {
+        let (case, _, name, truth, value, sd, covered): (String, u64, String, f64, f64, f64, bool) = row?;
+        // The depths of all particles are one quantity.
+        let name = name.split(" of ").next().unwrap_or_default().to_owned();
+        groups.entry((case, name)).or_default().push((truth, value, sd, covered));
+    }
+    let (mut lines, mut outside) = (String::new(), 0);
+    for ((case, name), rows) in groups {
+        let n = rows.len();
+        let covered = rows.iter().filter(|row| row.3).count();
+        let share = covered as f64 / n as f64;
+        outside += usize::from(!LIMITS.contains(&share));
+        let errors = || rows.iter().map(|(truth, value, ..)| value - truth);
+        let bias = errors().sum::<f64>() / n as f64;
+        let spread =
+            (errors().map(|e| (e - bias) * (e - bias)).sum::<f64>() / (n as f64 - 1.0).max(1.0)).sqrt();
+        let claimed = median(rows.iter().map(|row| row.2));
+        writeln!(
+            lines,
+            "| {case} | {name} | {covered} of {n} | {:.0} % | {bias:+.5} | {spread:.5} | {claimed:.5} |",
+            100.0 * share
+        )?;
+    }
+    Ok((lines, outside))
+}

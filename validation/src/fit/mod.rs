@@ -1,0 +1,73 @@
+//! `cargo validate fit`: fits calibration scans with known truth, many simulated scans, and real beads.
+
+mod beads;
+mod cases;
+mod coverage;
+mod quantity;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::{Args, ValueEnum};
+use suite::process;
+use suite::template::fill;
+
+/// Selection of comparisons.
+#[derive(Args)]
+pub(crate) struct Comparison {
+    /// Folder with `own` (scans with truth) and `real` (scans of single beads).
+    dir: PathBuf,
+    /// Output folder of the tables and README.md.
+    #[arg(long, default_value = "target/fit")]
+    out: PathBuf,
+    /// Number of simulated scans of each of the cases a and b.
+    #[arg(long, default_value_t = 40)]
+    seeds: u64,
+    /// Parts to run; the tables of the others are taken from the output folder.
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "cases,coverage,beads")]
+    parts: Vec<Part>,
+}
+
+/// A part of the comparison.
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Part {
+    /// Scans with truth.
+    Cases,
+    /// Coverage of the truth by intervals over many seeds.
+    Coverage,
+    /// Real beads, by waves.
+    Beads,
+}
+
+pub(crate) fn run(comparison: &Comparison) -> anyhow::Result<ExitCode> {
+    let Comparison { dir, out, seeds, parts } = comparison;
+    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    let program = process::microsig()?;
+    if parts.contains(&Part::Cases) {
+        cases::run(&program, &dir.join("own"), &out.join("cases.csv"), &out.join("runs.csv"))?;
+    }
+    if parts.contains(&Part::Coverage) {
+        coverage::run(&dir.join("own"), *seeds, &out.join("coverage.csv"))?;
+    }
+    if parts.contains(&Part::Beads) {
+        beads::run(&program, &dir.join("real"), &out.join("beads.csv"))?;
+    }
+    let (cases, missed) = cases::table(&out.join("cases.csv"))?;
+    let (coverage, outside) = coverage::table(&out.join("coverage.csv"))?;
+    let (beads, above) = beads::table(&out.join("beads.csv"))?;
+    let values = [
+        ("version", env!("CARGO_PKG_VERSION")),
+        ("machine", &process::machine()),
+        ("missed", &missed.to_string()),
+        ("cases", &cases),
+        ("runs", &cases::runs(&out.join("runs.csv"))?),
+        ("coverage", &coverage),
+        ("outside", &outside.to_string()),
+        ("beads", &beads),
+        ("above", &above.to_string()),
+    ];
+    std::fs::write(out.join("README.md"), fill(include_str!("fit.md"), &values))?;
+    println!("bars missed: {missed} of cases, {outside} of coverage, {above} of beads");
+    Ok(if missed + outside + above == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
