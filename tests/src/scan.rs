@@ -155,7 +155,8 @@ impl SimulatedScan {
         let (sensor, streams) = (Sensor::new(&self.settings), Streams::new(seed));
         let plane = |i: usize| {
             let light = renderer.light(&self.particles(i), &streams, Purpose::Rays, i as u32);
-            sensor.expose(&light, &streams, Purpose::BackgroundNoise, i as u32).counts
+            let image = sensor.expose(&light, &streams, Purpose::BackgroundNoise, i as u32);
+            image.counts.whole().into_owned()
         };
         Ok((0..self.stage_um.len()).map(plane).collect())
     }

@@ -69,12 +69,9 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     if spec.image_format() == ImageFormat::Integer {
         warnings.extend(clipped(&response(&settings, detector.as_ref())?, detector.as_ref()));
     }
-    let motion = match (field, &mut spec.motion) {
-        (Some(field), _) => Some(MotionSource::Field(field)),
-        (None, Motion::Tracks(tracks)) => {
-            tracks.build(&scale, &mut files, &mut warnings, &mut problems).map(MotionSource::Tracks)
-        }
-        (None, Motion::Flow(_)) => None,
+    let motion = match field {
+        Some(field) => Some(MotionSource::Field(field)),
+        None => tracks(&mut spec.motion, &scale, &mut files, &mut warnings, &mut problems),
     };
     let Some(motion) = motion else { return Err(Error::Problems(problems.0)) };
     let longest = diameters.max() * spec.particles.spheroids.map_or(1.0, |s| s.e_p.max(1.0));
@@ -141,6 +138,18 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         illumination,
         layout,
     })
+}
+
+/// Recorded tracks; `None` if there are none, or if they are refused.
+fn tracks(
+    motion: &mut Motion,
+    scale: &Scale,
+    files: &mut Files<'_>,
+    warnings: &mut Vec<String>,
+    problems: &mut Problems,
+) -> Option<MotionSource> {
+    let Motion::Tracks(tracks) = motion else { return None };
+    tracks.build(scale, files, warnings, problems).map(MotionSource::Tracks)
 }
 
 /// The sections of a scenario, each checked on its own; `None` where there are problems.
