@@ -114,8 +114,8 @@ fn malformed(name: &str, message: String) -> Error {
     Error::Malformed(vec![Fault { source_name: name.to_owned(), line: None, column: None, message }])
 }
 
-/// Reads the only gray image of a file, of the given size (width, height in px) and of 8 or 16 bit or of finite
-/// 32-bit floating-point numbers, as counts, row by row; `name` is the name of the input in errors.
+/// Reads the only gray image of a file, of the given size (width, height in px) and of 8 or 16 bit or of
+/// finite 32-bit floating-point numbers, as counts, row by row; `name` is the name of the input in errors.
 ///
 /// # Errors
 /// [`Error::Malformed`] if the input is not such an image.
