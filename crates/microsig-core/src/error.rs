@@ -63,8 +63,7 @@ fn join(faults: &[Fault]) -> String {
     faults.iter().map(Fault::to_string).collect::<Vec<_>>().join("\n")
 }
 
-/// A value in a message: numbers of more than [`LONGEST`] characters with an exponent, everything else as it
-/// is.
+/// A value in a message: long numbers with an exponent, everything else as it is.
 pub fn shown(value: impl ToString) -> String {
     let text = value.to_string();
     match text.parse::<f64>() {
