@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::images::Problem;
-use super::renderers::Sides;
+use super::derivatives::Derivatives;
 use super::state::{Misfit, State};
 use storage::error::Result;
 
@@ -11,8 +11,8 @@ use storage::error::Result;
 pub(super) struct Run<'a> {
     pub(super) problem: Problem<'a>,
     pub(super) state: State,
-    /// Renderers for numerical derivatives at the last step.
-    pub(super) sides: Option<Sides>,
+    /// Derivatives of the last step.
+    pub(super) derivatives: Option<Derivatives>,
     /// Difference of -2 ln(likelihood) to the other direction of the stage; `None` if that was not tried.
     pub(super) direction_margin: Option<f64>,
     /// Comparison of a fit by waves with that of geometrical optics.

@@ -1,6 +1,6 @@
-//! Images of single particles for a fit, by rays or by waves.
+//! Images of single particles for a fit, by rays or by waves. They are computed directly, without tables: a
+//! fit draws most images only once.
 
-use microsig_core::Particle;
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::render::expected::ExpectedRenderer;
 use microsig_core::render::waves::WavesRenderer;
@@ -15,14 +15,14 @@ const STEP_DEPTHS: f64 = 0.05;
 /// Images of the particles of a microscope.
 #[derive(Debug, Clone)]
 pub(super) enum Imager {
-    /// Infinitely many rays, from tables.
+    /// Infinitely many rays.
     Rays(Box<ExpectedRenderer>),
-    /// Scalar wave optics, computed directly: a fit draws each image only once.
+    /// Scalar wave optics.
     Waves(Box<WavesRenderer>),
 }
 
 impl Imager {
-    /// Images on windows of `edge_px` px; `tolerance` is the error of tables relative to an image's peak.
+    /// Images on windows of `edge_px` px; `tolerance` is their error relative to the peak.
     pub(super) fn new(microscope: &Microscope, tolerance: f64, edge_px: usize) -> Result<Imager> {
         let settings = microscope.settings(edge_px);
         Ok(match &microscope.waves {
@@ -36,20 +36,13 @@ impl Imager {
         })
     }
 
-    /// Computes the tables for particles at these depths, um.
-    pub(super) fn prepare(&self, depths: impl Iterator<Item = f64>, diameter_um: f64) {
-        if let Imager::Rays(renderer) = self {
-            let spheres: Vec<Particle> =
-                depths.map(|z_um| Particle::sphere(1.0, 1.0, z_um, diameter_um)).collect();
-            renderer.prepare(&spheres);
-        }
-    }
-
     /// Fractions of the light on pixels at these positions relative to the particle (px), without
     /// derivatives.
     pub(super) fn values(&self, microscope: &Microscope, z_um: f64, places: &[[f64; 2]]) -> Vec<f64> {
         match self {
-            Imager::Rays(_) => self.shares(microscope, z_um, places).iter().map(|share| share[0]).collect(),
+            Imager::Rays(renderer) => {
+                renderer.shares(z_um, microscope.diameter_um, &in_cylinder_frame(microscope, places))
+            }
             Imager::Waves(renderer) => renderer.share_at(z_um, microscope.diameter_um, places),
         }
     }
@@ -57,12 +50,23 @@ impl Imager {
     /// Fractions of the light on pixels at these positions relative to the particle (px), with their
     /// derivatives with respect to the particle's x, y (1/px), z (1/um), and the angle of the cylindrical
     /// lens (1/rad).
-    pub(super) fn shares(&self, microscope: &Microscope, z_um: f64, places: &[[f64; 2]]) -> Vec<[f64; 5]> {
+    pub(super) fn gradients(
+        &self,
+        microscope: &Microscope,
+        z_um: f64,
+        places: &[[f64; 2]],
+    ) -> Vec<[f64; 5]> {
         match self {
             Imager::Rays(renderer) => by_rays(renderer, microscope, z_um, places),
             Imager::Waves(renderer) => by_waves(renderer, microscope, z_um, places),
         }
     }
+}
+
+/// Positions of pixels in the frame of the cylindrical lens.
+fn in_cylinder_frame(microscope: &Microscope, places: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let (c, s) = (libm::cos(microscope.angle), libm::sin(microscope.angle));
+    places.iter().map(|[x, y]| [c * x + s * y, c * y - s * x]).collect()
 }
 
 fn by_rays(
@@ -71,11 +75,10 @@ fn by_rays(
     z_um: f64,
     places: &[[f64; 2]],
 ) -> Vec<[f64; 5]> {
-    // In the frame of the cylindrical lens.
     let (c, s) = (libm::cos(microscope.angle), libm::sin(microscope.angle));
-    let turned: Vec<[f64; 2]> = places.iter().map(|[x, y]| [c * x + s * y, c * y - s * x]).collect();
+    let turned = in_cylinder_frame(microscope, places);
     renderer
-        .shares(z_um, microscope.diameter_um, &turned)
+        .share_gradients(z_um, microscope.diameter_um, &turned)
         .into_iter()
         .zip(&turned)
         .map(|([value, by_u, by_v, by_z], [u, v])| {

@@ -15,7 +15,7 @@ use super::background::Background;
 use super::imager::Imager;
 use super::optics::{Microscope, Shared};
 use super::particles::Windows;
-use super::renderers::{Accuracy, Renderers};
+use super::derivatives::Accuracy;
 use super::scan::Scan;
 use super::state::{HUBER, Misfit, State, huber};
 use storage::error::Result;
@@ -38,8 +38,6 @@ pub(super) struct Problem<'a> {
     pub(super) accuracy: Accuracy,
     /// The fit has converged when the predicted decrease of chi2, summed over all pixels, is less than this.
     pub(super) converged: f64,
-    /// Renderers that are kept from step to step.
-    pub(super) renderers: Renderers,
 }
 
 impl Problem<'_> {
@@ -74,17 +72,9 @@ impl Problem<'_> {
         2 * self.windows.half + 1
     }
 
-    /// The renderer of a state, with tables for all windows.
+    /// The renderer of a state.
     pub(super) fn renderer(&self, state: &State) -> Result<Imager> {
-        let renderer = self.renderers.get(&state.microscope, self.accuracy.tolerance, self.edge_px())?;
-        self.prepare(&renderer, state, &state.microscope);
-        Ok(renderer)
-    }
-
-    /// Computes the renderer's tables for all windows.
-    pub(super) fn prepare(&self, renderer: &Imager, state: &State, microscope: &Microscope) {
-        let depths = self.used().map(|(k, i)| self.depth(state, microscope, k, i));
-        renderer.prepare(depths, microscope.diameter_um);
+        Imager::new(&state.microscope, self.accuracy.tolerance, self.edge_px())
     }
 
     /// Particles and planes whose windows are used.
@@ -95,7 +85,7 @@ impl Problem<'_> {
     }
 
     /// Positions of the pixels of a window relative to the particle, px.
-    fn places(&self, state: &State, k: usize, i: usize) -> Vec<[f64; 2]> {
+    pub(super) fn places(&self, state: &State, k: usize, i: usize) -> Vec<[f64; 2]> {
         let [x, y] = self.position(state, k, i);
         self.windows.particles[k].pixels.iter().map(|&(_, [px, py])| [px - x, py - y]).collect()
     }
@@ -110,13 +100,6 @@ impl Problem<'_> {
         i: usize,
     ) -> Vec<f64> {
         imager.values(microscope, self.depth(state, microscope, k, i), &self.places(state, k, i))
-    }
-
-    /// Fractions of light on the pixels of a window, with their derivatives with respect to x, y (1/px), z
-    /// (1/um) and the angle (1/rad).
-    pub(super) fn shares(&self, imager: &Imager, state: &State, k: usize, i: usize) -> Vec<[f64; 5]> {
-        let microscope = &state.microscope;
-        imager.shares(microscope, self.depth(state, microscope, k, i), &self.places(state, k, i))
     }
 
     /// Mean count, its derivative with respect to the fraction of light, and the variance (counts^2).

@@ -11,6 +11,7 @@
 mod background;
 mod comparison;
 mod curves;
+mod derivatives;
 mod evidence;
 mod imager;
 mod images;
@@ -24,7 +25,6 @@ mod outcome;
 mod output;
 mod particles;
 mod rejection;
-mod renderers;
 mod scan;
 mod search;
 mod state;
@@ -38,7 +38,6 @@ use intervals::Covariance;
 use microsig_core::render::waves::Lens;
 use moments::Shape;
 use optics::{Microscope, Shared};
-use renderers::Renderers;
 use state::State;
 
 pub use comparison::{Comparison, Score};
@@ -134,7 +133,6 @@ pub fn fit(scan: &Scan, options: &FitOptions) -> Result<FitFiles> {
         rejected: vec![vec![false; scan.planes.len()]; windows.particles.len()],
         accuracy: search::COARSE,
         converged: search::ROUGHLY,
-        renderers: Renderers::default(),
     };
     let geometric = by_rays(problem(shared(options, astigmatic)), &known)?;
     let run = match options.waves {
@@ -154,9 +152,9 @@ pub fn fit(scan: &Scan, options: &FitOptions) -> Result<FitFiles> {
 /// The fit of geometrical optics.
 fn by_rays<'a>(mut problem: Problem<'a>, known: &Known) -> Result<Run<'a>> {
     let (start, margin) = search::best_start(&mut problem, known.shape, &curves::starts(known))?;
-    let mut sides = None;
-    let state = search::converge(&mut problem, start, &mut sides)?;
-    Ok(Run { problem, state, sides, direction_margin: margin, comparison: None })
+    let mut derivatives = None;
+    let state = search::converge(&mut problem, start, &mut derivatives)?;
+    Ok(Run { problem, state, derivatives, direction_margin: margin, comparison: None })
 }
 
 /// The fit of wave optics; `seed` has what is not fitted, and the direction of the stage.
@@ -167,18 +165,18 @@ fn by_waves<'a>(
     model: WaveModel,
 ) -> Result<Run<'a>> {
     let start = search::best_wave_start(&problem, shape, seed, model, direction)?;
-    let mut sides = None;
-    let state = search::converge(&mut problem, start, &mut sides)?;
-    Ok(Run { problem, state, sides, direction_margin: None, comparison: None })
+    let mut derivatives = None;
+    let state = search::converge(&mut problem, start, &mut derivatives)?;
+    Ok(Run { problem, state, derivatives, direction_margin: None, comparison: None })
 }
 
 /// Result and files of a fit.
 fn files(mut run: Run, options: &FitOptions, astigmatic: bool) -> Result<FitFiles> {
-    let mut sides = run.sides.take();
+    let derivatives = run.derivatives.take();
     let Run { problem, state, .. } = &run;
     let particles = problem.windows.particles.len();
     let misfits = problem.misfits(state, None)?;
-    let normal = problem.normal(state, &mut sides)?;
+    let normal = problem.normal(state, &problem.derivatives(derivatives, state)?)?;
     let covariance = Covariance::of(&normal, particles, comparison::chi2(&misfits)).ok_or_else(|| {
         storage::Error::input("the scan does not determine all parameters: give --diameter, or a longer scan")
     })?;
@@ -287,8 +285,7 @@ mod tests {
             rejected: vec![vec![false; scan.planes.len()]],
             accuracy: search::COARSE,
             converged: search::ROUGHLY,
-            renderers: Renderers::default(),
-        };
+            };
         let run = by_waves(problem, &shape, (truth, 1.0), model).unwrap();
         let found = run.state.microscope;
         // Counts are rounded, without other noise: 0.3 counts of a peak of several hundred.

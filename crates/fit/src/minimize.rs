@@ -1,7 +1,7 @@
 //! Levenberg-Marquardt minimization of the image fit.
 
 use super::images::Problem;
-use super::renderers::Sides;
+use super::derivatives::Derivatives;
 use super::state::State;
 use storage::error::Result;
 
@@ -32,18 +32,21 @@ impl Problem<'_> {
         to
     }
 
-    /// Levenberg-Marquardt minimization from a state, with at most `steps` steps. `sides`: the renderers for
-    /// numerical derivatives of the last step before.
+    /// Levenberg-Marquardt minimization from a state, with at most `steps` steps. `known`: the derivatives of
+    /// the last step before, replaced by those of the last step.
     pub(super) fn minimize(
         &self,
         mut state: State,
         steps: usize,
         damping: f64,
-        sides: &mut Option<Sides>,
+        known: &mut Option<Derivatives>,
     ) -> Result<State> {
         let mut damping = damping;
         for _ in 0..steps {
-            let normal = self.normal(&state, sides)?;
+            let derivatives = self.derivatives(known.take(), &state)?;
+            let derivatives = known.insert(derivatives);
+            let normal = self.normal(&state, derivatives)?;
+            let fresh = derivatives.are_of(&state);
             let n = normal.right.len();
             let mut accepted = None;
             while damping < 1e8 {
@@ -65,9 +68,19 @@ impl Problem<'_> {
                 if predicted < self.converged {
                     return Ok(state);
                 }
+                if !fresh {
+                    break;
+                }
                 damping = (5.0 * damping).max(1e-4);
             }
-            let Some((next, predicted)) = accepted else { break };
+            let Some((next, predicted)) = accepted else {
+                if fresh {
+                    break;
+                }
+                // Perhaps the step failed because its derivatives are old.
+                *known = None;
+                continue;
+            };
             state = next;
             if predicted < self.converged {
                 break;

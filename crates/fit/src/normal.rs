@@ -2,11 +2,10 @@
 
 use rayon::prelude::*;
 
+use super::derivatives::Derivatives;
 use super::imager::Imager;
 use super::images::Problem;
 use super::linear::Symmetric;
-use super::optics::Shared;
-use super::renderers::{Side, Sides};
 use super::state::{HUBER, State, huber};
 use storage::error::Result;
 
@@ -49,22 +48,12 @@ impl WindowNormal {
 }
 
 impl Problem<'_> {
-    /// The normal equations at a state, with the state's own weights. `sides`: the renderers for numerical
-    /// derivatives of the step before, which are replaced if they do not hold any more.
-    pub(super) fn normal(&self, state: &State, sides: &mut Option<Sides>) -> Result<Normal> {
+    /// The normal equations at a state, with the state's own weights.
+    pub(super) fn normal(&self, state: &State, derivatives: &Derivatives) -> Result<Normal> {
         let own = self.renderer(state)?;
-        let accuracy = self.accuracy;
-        let kept = sides.take().filter(|sides| sides.hold_at(&state.microscope, &self.shared, accuracy));
-        let about = || Sides::about(&state.microscope, &own, &self.shared, accuracy, self.edge_px());
-        let sides = &*sides.insert(kept.map_or_else(about, Ok)?);
-        for side in sides.of.iter().flatten() {
-            for (renderer, microscope) in side.renderers.iter().zip(&side.microscopes) {
-                self.prepare(renderer, state, microscope);
-            }
-        }
         let windows: Vec<(usize, usize)> = self.used().collect();
         let mut windows: Vec<WindowNormal> =
-            windows.into_par_iter().map(|(k, i)| self.window_normal(state, &own, sides, k, i)).collect();
+            windows.into_par_iter().map(|(k, i)| self.window_normal(state, &own, derivatives, k, i)).collect();
         let n = self.n_parameters();
         let (mut matrix, mut right) = (Symmetric::zeros(n), vec![0.0; n]);
         // Added in the order of windows, so that sums do not depend on the number of threads.
@@ -96,21 +85,16 @@ impl Problem<'_> {
         Ok(Normal { matrix, right, windows, gauge, variances, loss })
     }
 
-    fn window_normal(&self, state: &State, own: &Imager, sides: &Sides, k: usize, i: usize) -> WindowNormal {
-        let shares = self.shares(own, state, k, i);
-        let derivatives: Vec<Option<Vec<f64>>> = sides
-            .of
-            .iter()
-            .map(|side| {
-                side.as_ref().map(|Side { renderers: [low, high], microscopes, step }| {
-                    let low = self.values(low, state, &microscopes[0], k, i);
-                    let high = self.values(high, state, &microscopes[1], k, i);
-                    low.iter().zip(&high).map(|(l, h)| (h - l) / step).collect()
-                })
-            })
-            .collect();
-        let s = self.scan.stage_um[i];
-        let from_mean = s - self.scan.mean_stage_um();
+    fn window_normal(
+        &self,
+        state: &State,
+        own: &Imager,
+        derivatives: &Derivatives,
+        k: usize,
+        i: usize,
+    ) -> WindowNormal {
+        let values = self.values(own, state, &state.microscope, k, i);
+        let from_mean = self.scan.stage_um[i] - self.scan.mean_stage_um();
         let n_shared = self.shared.len();
         let bead = self.bead_parameter(k);
         let mut entries: Vec<usize> = (0..n_shared + 2).chain(bead..bead + 5).collect();
@@ -119,25 +103,18 @@ impl Problem<'_> {
         }
         let n = entries.len();
         let (matrix, right) = (vec![0.0; n * n], vec![0.0; n]);
-        let variances = Vec::with_capacity(shares.len());
+        let variances = Vec::with_capacity(values.len());
         let mut part = WindowNormal { bead: k, plane: i, entries, matrix, right, variances, loss: 0.0 };
         let mut row = vec![0.0; n];
-        for (pixel, (&(at, _), share)) in self.windows.particles[k].pixels.iter().zip(&shares).enumerate() {
-            let [value, by_x, by_y, by_z, by_angle] = *share;
+        let derivatives = derivatives.window(k, i).chunks(n_shared + 3);
+        let pixels = self.windows.particles[k].pixels.iter();
+        for ((&(at, _), &value), derivatives) in pixels.zip(&values).zip(derivatives) {
             let (mean, factor, variance) = self.count(state, k, i, value);
-            for (entry, (shared, derivative)) in row.iter_mut().zip(self.shared.iter().zip(&derivatives)) {
-                *entry = factor
-                    * match (shared, derivative) {
-                        (_, Some(values)) => values[pixel],
-                        (Shared::Angle, None) => by_angle,
-                        (_, None) => -by_z * state.direction * s / state.microscope.depth_factor,
-                    };
-            }
-            row[n_shared] = factor * by_x * from_mean;
-            row[n_shared + 1] = factor * by_y * from_mean;
-            row[n_shared + 2] = factor * by_x;
-            row[n_shared + 3] = factor * by_y;
-            row[n_shared + 4] = factor * by_z;
+            let by = |entry: usize| factor * f64::from(derivatives[entry]);
+            row.iter_mut().take(n_shared).enumerate().for_each(|(entry, slot)| *slot = by(entry));
+            row[n_shared] = by(n_shared) * from_mean;
+            row[n_shared + 1] = by(n_shared + 1) * from_mean;
+            (0..3).for_each(|axis| row[n_shared + 2 + axis] = by(n_shared + axis));
             row[n_shared + 5] = state.flux[i] * value;
             row[n_shared + 6] = 1.0;
             if self.free_flux {

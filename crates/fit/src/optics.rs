@@ -64,6 +64,14 @@ impl Microscope {
         if self.focus_shift_um == 0.0 { 0.0 } else { -(4.0 / 9.0) * a * a / self.focus_shift_um }
     }
 
+    /// Motion of the edge of an image with depth, px/um; with waves no more than a pixel over a fifth of the
+    /// depth of field.
+    pub(super) fn edge_px_per_um(&self) -> f64 {
+        let by_rays = self.slope * self.magnification / self.pixel_size_um;
+        let na = self.numerical_aperture();
+        self.waves.map_or(by_rays, |waves| by_rays.max(5.0 * na * na / waves.model.wavelength_um))
+    }
+
     /// Axial extent of the focus due to spherical aberration, um.
     pub(super) fn aberration_um(&self) -> f64 {
         1.1 * self.focal_length_um * self.slope * self.slope

@@ -5,7 +5,7 @@ use super::images::Problem;
 use super::moments::Shape;
 use super::optics::Microscope;
 use super::rejection;
-use super::renderers::{Accuracy, Sides};
+use super::derivatives::{Accuracy, Derivatives};
 use super::state::{Bead, State};
 use super::waves::{WaveModel, Waves};
 use storage::error::{Error, Result};
@@ -52,10 +52,10 @@ pub(super) fn best_start(
     let mut tried: Vec<(f64, f64, State)> = Vec::new();
     for start in starts.iter().filter(|start| start.cost <= MUCH_WORSE * least_cost) {
         let mut state = first_state(problem, shape, start.microscope, start.direction, &start.z_um)?;
-        let mut sides = None;
+        let mut derivatives = None;
         for steps in [3, 5] {
             state.variance_per_count = problem.variance_per_count(&state)?;
-            state = problem.minimize(state, steps, 1e-2, &mut sides)?;
+            state = problem.minimize(state, steps, 1e-2, &mut derivatives)?;
         }
         state.variance_per_count = problem.variance_per_count(&state)?;
         let moved_um = state.beads[0].z_um - start.z_um[0];
@@ -74,13 +74,17 @@ pub(super) fn best_start(
 }
 
 /// Final fit: minimizes, estimates the variance of light from the residuals and rejects outlying windows,
-/// repeatedly. `sides` become those of the last step.
-pub(super) fn converge(problem: &mut Problem, mut state: State, sides: &mut Option<Sides>) -> Result<State> {
+/// repeatedly. `derivatives` become those of the last step.
+pub(super) fn converge(
+    problem: &mut Problem,
+    mut state: State,
+    derivatives: &mut Option<Derivatives>,
+) -> Result<State> {
     problem.accuracy = FINE;
     problem.converged = CONVERGED;
     state.variance_per_count = problem.variance_per_count(&state)?;
     for round in 0..ROUNDS {
-        state = problem.minimize(state, 15, 1e-3, sides)?;
+        state = problem.minimize(state, 15, 1e-3, derivatives)?;
         state.variance_per_count = problem.variance_per_count(&state)?;
         let outliers = rejection::outliers(&problem.misfits(&state, None)?);
         if outliers.is_empty() && round > 0 {
@@ -93,7 +97,7 @@ pub(super) fn converge(problem: &mut Problem, mut state: State, sides: &mut Opti
     if state.microscope.focus_shift_um == 0.0 {
         problem.accuracy = FINEST;
     }
-    problem.minimize(state, 15, 1e-4, sides)
+    problem.minimize(state, 15, 1e-4, derivatives)
 }
 
 fn first_state(

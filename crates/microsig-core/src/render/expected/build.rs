@@ -296,7 +296,7 @@ impl TableBuilder<'_> {
 
 /// The azimuthal orders of values given by azimuth and radius, as coefficients of quadratic splines along the
 /// radius.
-fn round_spline(values: &[f64], columns: usize) -> Vec<f64> {
+pub(super) fn round_spline(values: &[f64], columns: usize) -> Vec<f64> {
     let of_nodes: Vec<[f64; AZIMUTHS]> = (0..columns)
         .map(|k| pixel_integral::harmonics(std::array::from_fn(|azimuth| values[azimuth * columns + k])))
         .collect();

@@ -22,14 +22,10 @@ pub(super) struct TableCache {
 
 impl TableCache {
     pub(super) fn new(model: ImageModel) -> Self {
-        let objective = model.pupil.system.objective;
-        let px_per_um = objective.image_distance / objective.object_distance_0 / model.pupil.pixel_size;
-        // With a large aperture, light from near the rim lands far outside.
-        let aperture_slope = (objective.aperture_radius / objective.object_distance_0).min(0.3);
         TableCache {
             // Over the depth range of a table the edge of an image moves by about 4 px; over its size range
             // the geometric image changes by 2 px.
-            ranges: TableRanges::up_to(4.0 / (px_per_um * aperture_slope), 2.0 / px_per_um),
+            ranges: TableRanges::up_to(4.0 / model.edge_px_per_um(), 2.0 / model.px_per_um()),
             tables: SharedTables::default(),
             cells: RwLock::default(),
             model,

@@ -3,7 +3,7 @@
 
 use super::aperture_integral::{self, Fineness, Grid, PupilPart};
 use super::encircled;
-use super::pixel_integral::{self, AZIMUTHS, PixelIntegrator};
+use super::pixel_integral::{self, AZIMUTHS};
 use super::pupil::Pupil;
 use super::radial_layout::RadialLayout;
 use super::surface::EmittingSurface;
@@ -26,7 +26,6 @@ pub(super) struct ImageModel {
     pub(super) tolerance: f64,
     /// Largest relevant distances of pixels from the center of a particle image along the two axes, px.
     pub(super) farthest_px: [f64; 2],
-    pub(super) pixels: PixelIntegrator,
     pub(super) instructions: InstructionSet,
 }
 
@@ -96,6 +95,19 @@ impl ImageModel {
         self.pupil.reach(z_um, radius_um).map(|r| r + pixel)
     }
 
+    /// Motion of the edge of an image with depth, px/um. With a large aperture, light from near the rim lands
+    /// far outside; it does not count.
+    pub(super) fn edge_px_per_um(&self) -> f64 {
+        let objective = &self.pupil.system.objective;
+        self.px_per_um() * (objective.aperture_radius / objective.object_distance_0).min(0.3)
+    }
+
+    /// Magnification at depth 0, px/um.
+    pub(super) fn px_per_um(&self) -> f64 {
+        let objective = &self.pupil.system.objective;
+        objective.image_distance / objective.object_distance_0 / self.pupil.pixel_size
+    }
+
     pub(super) fn quadrant(&self, reach_px: [f64; 2], per_px: usize) -> QuadrantGrid {
         let nodes = |axis: usize| {
             let seen = reach_px[axis].min(self.farthest_px[axis]);
@@ -149,7 +161,7 @@ impl ImageModel {
         let annuli = (nodes / FIXED_PER_PX + 2) * encircled::ANNULI_PER_PX;
         let encircled =
             encircled::encircled(&self.pupil, z_um, radius_um, annuli, fineness, self.instructions);
-        let values = self.pixels.integrate(&encircled, FIXED_PER_PX, nodes);
+        let values = pixel_integral::integrate(&encircled, FIXED_PER_PX, nodes);
         let spline = |azimuth: &[f64]| {
             let mut azimuth = azimuth.to_vec();
             spline::even_spline(&mut azimuth, SplineDegree::Three);
@@ -206,7 +218,8 @@ impl ImageModel {
         integral.cells(PupilPart::Quadrant, self.first_fineness())
     }
 
-    fn first_fineness(&self) -> Fineness {
+    /// The resolution from which [`Self::fineness`] starts.
+    pub(super) fn first_fineness(&self) -> Fineness {
         Fineness(2.0 * (1e-3 / self.tolerance).clamp(0.3, 4.0))
     }
 

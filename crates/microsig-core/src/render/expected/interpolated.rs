@@ -1,21 +1,91 @@
-//! The image of one sphere and its derivatives in f64, for fits and error bounds.
+//! The image of one sphere and its derivatives in f64, for fits and error bounds: from a table, or computed
+//! for its own depth.
 
+use super::build::round_spline;
 use super::depth_table::{DepthTable, PlaneLayout};
+use super::image_model::{ImageModel, QuadrantGrid, SampleNodes};
 use super::quadrant_layout::QuadrantLayout;
 use super::radial_layout::RadialLayout;
-use crate::render::spline;
+use crate::render::spline::{self, SplineDegree};
+
+/// Nodes per px of a quadrant that is computed for one image.
+const DIRECT_PER_PX: usize = 2;
+
+/// Motion of an image's edge (px) over half the distance of the two images whose difference is a derivative
+/// with respect to depth.
+const EDGE_STEP_PX: f64 = 0.15;
 
 /// An interpolated plane and its derivative with respect to depth.
-pub(super) struct InterpolatedImage<'a> {
-    layout: &'a PlaneLayout,
+pub(super) struct InterpolatedImage {
+    layout: PlaneLayout,
     z_um: f64,
     value: Vec<f64>,
     by_z: Vec<f64>,
 }
 
-impl<'a> InterpolatedImage<'a> {
-    pub(super) fn new(table: &'a DepthTable, z_um: f64, radius_um: f64) -> Self {
-        let layout = &table.layout;
+impl InterpolatedImage {
+    /// The image of a sphere within `farthest_px` of its center along both axes, without a table. The error
+    /// is that of the quadrature and of the nodes, without verification; the derivative with respect to depth
+    /// is zero unless asked for.
+    pub(super) fn direct(
+        model: &ImageModel,
+        z_um: f64,
+        radius_um: f64,
+        farthest_px: [f64; 2],
+        with_derivative: bool,
+    ) -> Self {
+        let seen = |reach: [f64; 2]| [0, 1].map(|axis| reach[axis].min(farthest_px[axis]));
+        let nodes = if model.is_round() {
+            let [x, y] = farthest_px;
+            let reach = model.reach(z_um, radius_um)[0].min(libm::hypot(x, y));
+            SampleNodes::Radial(RadialLayout::new(z_um, 0.0, f64::INFINITY, |_| reach + 1.0))
+        } else {
+            SampleNodes::Quadrant(model.quadrant(seen(model.reach(z_um, radius_um)), DIRECT_PER_PX))
+        };
+        let fineness = model.first_fineness();
+        let coefficients = |z_um: f64| {
+            let values = model.sample(z_um, radius_um, nodes, fineness);
+            match nodes {
+                SampleNodes::Radial(rings) => round_spline(&values, rings.columns),
+                SampleNodes::Quadrant(QuadrantGrid { columns, .. }) => quadrant_spline(values, columns),
+            }
+        };
+        let value = coefficients(z_um);
+        let by_z = if with_derivative {
+            let step = EDGE_STEP_PX / model.edge_px_per_um();
+            let (low, high) = (coefficients(z_um - step), coefficients(z_um + step));
+            low.iter().zip(&high).map(|(low, high)| (high - low) / (2.0 * step)).collect()
+        } else {
+            vec![0.0; value.len()]
+        };
+        let layout = match nodes {
+            SampleNodes::Radial(rings) => PlaneLayout::Radial(rings),
+            SampleNodes::Quadrant(QuadrantGrid { per_px, columns, rows }) => {
+                return Self::of_quadrant(QuadrantLayout::new(per_px, columns, rows), columns, z_um, [value, by_z]);
+            }
+        };
+        InterpolatedImage { layout, z_um, value, by_z }
+    }
+
+    /// From the coefficients of a quadrant in row-major order: the image, and its derivative.
+    fn of_quadrant(layout: QuadrantLayout, columns: usize, z_um: f64, planes: [Vec<f64>; 2]) -> Self {
+        let [value, by_z] = planes.map(|plane| {
+            let mut out = vec![0.0; layout.length()];
+            for (line, out) in plane.chunks(columns).zip(out.chunks_mut(layout.row())) {
+                for (column, &value) in line.iter().enumerate() {
+                    if let Some(place) = layout.place(column) {
+                        out[place] = value;
+                    }
+                }
+            }
+            out
+        });
+        InterpolatedImage { layout: PlaneLayout::Quadrant(layout), z_um, value, by_z }
+    }
+
+    /// The image at a depth and a radius within the range of a table.
+    pub(super) fn new(table: &DepthTable, z_um: f64, radius_um: f64) -> Self {
+        let layout = table.layout.clone();
         let (mut value, mut by_z) = (vec![0.0; layout.length()], vec![0.0; layout.length()]);
         for plane in table.planes_around(z_um, radius_um).flatten() {
             for ((v, d), &c) in value.iter_mut().zip(&mut by_z).zip(plane.coefficients) {
@@ -29,7 +99,7 @@ impl<'a> InterpolatedImage<'a> {
     /// The light on a pixel at (`dx`, `dy`) from the particle (px), and its derivatives with respect to the
     /// position of the pixel (1/px) and the depth of the particle (1/um): value, d/dx, d/dy, d/dz.
     pub(super) fn at(&self, dx: f64, dy: f64) -> [f64; 4] {
-        match self.layout {
+        match &self.layout {
             PlaneLayout::Radial(rings) => self.round(rings, dx, dy),
             PlaneLayout::Quadrant(layout) => self.quadrant(layout, dx, dy),
         }
@@ -96,6 +166,17 @@ impl<'a> InterpolatedImage<'a> {
         }
         [sum[0], sum[1] * dx.signum(), sum[2] * dy.signum(), sum[3]]
     }
+}
+
+/// Coefficients of the cubic spline through values over a quadrant, even about both axes.
+fn quadrant_spline(mut values: Vec<f64>, columns: usize) -> Vec<f64> {
+    values.chunks_mut(columns).for_each(|line| spline::even_spline(line, SplineDegree::Three));
+    for column in 0..columns {
+        let mut line: Vec<f64> = values.iter().skip(column).step_by(columns).copied().collect();
+        spline::even_spline(&mut line, SplineDegree::Three);
+        values.iter_mut().skip(column).step_by(columns).zip(line).for_each(|(value, c)| *value = c);
+    }
+    values
 }
 
 /// The index of the first of the four coefficients around a position (in nodes), their weights and the

@@ -61,7 +61,6 @@ use draw::DrawnParticle;
 use image_band::{ImageBand, SphereImage};
 use image_model::ImageModel;
 use interpolated::InterpolatedImage;
-use pixel_integral::PixelIntegrator;
 use pupil::Pupil;
 use surface::EmittingSurface;
 
@@ -158,7 +157,7 @@ impl ExpectedRenderer {
             if pupil.system.cylinder.is_some() { [x, y] } else { [libm::sqrt(x * x + y * y); 2] };
         limits::check_cylinder(settings, &pupil)?;
         let model =
-            ImageModel { pupil, tolerance, farthest_px, pixels: PixelIntegrator::default(), instructions };
+            ImageModel { pupil, tolerance, farthest_px, instructions };
         Ok(ExpectedRenderer {
             rays,
             instructions,
@@ -234,13 +233,24 @@ impl ExpectedRenderer {
     }
 
     /// The light of a sphere on pixels at these positions relative to its center (px), as fractions of the
-    /// light that it emits toward the lens side, with the derivatives with respect to the position of the
-    /// pixel (1/px) and the depth of the sphere (1/um): value, d/dx, d/dy, d/dz.
-    pub fn shares(&self, z_um: f64, d_um: f64, places_px: &[[f64; 2]]) -> Vec<[f64; 4]> {
-        let sphere = Particle::sphere(1.0, 1.0, z_um, d_um);
-        let table = self.cache.tables(std::iter::once(&sphere)).remove(0);
-        let image = InterpolatedImage::new(&table, z_um, 0.5 * d_um);
+    /// light that it emits toward the lens side. Computed for this depth and diameter, without tables and
+    /// without verifying the tolerance: for fits, which draw most images only once.
+    pub fn shares(&self, z_um: f64, d_um: f64, places_px: &[[f64; 2]]) -> Vec<f64> {
+        let image = self.direct(z_um, d_um, places_px, false);
+        places_px.iter().map(|&[x, y]| image.at(x, y)[0]).collect()
+    }
+
+    /// The same with the derivatives with respect to the position of the pixel (1/px) and the depth of the
+    /// sphere (1/um): value, d/dx, d/dy, d/dz.
+    pub fn share_gradients(&self, z_um: f64, d_um: f64, places_px: &[[f64; 2]]) -> Vec<[f64; 4]> {
+        let image = self.direct(z_um, d_um, places_px, true);
         places_px.iter().map(|&[x, y]| image.at(x, y)).collect()
+    }
+
+    fn direct(&self, z_um: f64, d_um: f64, places_px: &[[f64; 2]], by_z: bool) -> InterpolatedImage {
+        let farthest = |axis: usize| places_px.iter().fold(0.0f64, |most, at| most.max(at[axis].abs()));
+        let seen = [farthest(0) + 1.0, farthest(1) + 1.0];
+        InterpolatedImage::direct(&self.cache.model, z_um, 0.5 * d_um, seen, by_z)
     }
 
     fn gradient_by_differences(&self, particle: &Particle) -> Option<Gradient> {

@@ -121,28 +121,25 @@ fn disc_corner(r: f64, x: f64, y: f64) -> f64 {
     if y >= 0.0 { 2.0 * (below(x) + below(r)) + cut - cap } else { cut + cap }
 }
 
-/// Pixel integrals of round images; the fractions are computed once for each node spacing and cached.
-#[derive(Debug, Default)]
-pub(super) struct PixelIntegrator {
-    shares: RwLock<BTreeMap<usize, Arc<AnnulusShares>>>,
-}
+/// The fractions by node spacing, computed once: they are geometry alone, the same for all optics.
+static KNOWN_SHARES: RwLock<BTreeMap<usize, Arc<AnnulusShares>>> = RwLock::new(BTreeMap::new());
 
-impl PixelIntegrator {
-    /// Light on the pixels whose centers are `k / per_px` px from the axis, k < `nodes`, for each of the
-    /// [`AZIMUTHS`], azimuth by azimuth. `encircled` is the light within each radius, [`ANNULI_PER_PX`] per
-    /// px.
-    pub(super) fn integrate(&self, encircled: &[f64], per_px: usize, nodes: usize) -> Vec<f64> {
-        let known = |map: &BTreeMap<usize, Arc<AnnulusShares>>| {
-            map.get(&per_px).filter(|shares| shares.nodes >= nodes).cloned()
-        };
-        let shares = known(&self.shares.read().unwrap_or_else(PoisonError::into_inner));
-        let shares = shares.unwrap_or_else(|| {
+/// Light on the pixels whose centers are `k / per_px` px from the axis, k < `nodes`, for each of the
+/// [`AZIMUTHS`], azimuth by azimuth. `encircled` is the light within each radius, [`ANNULI_PER_PX`] per px.
+pub(super) fn integrate(encircled: &[f64], per_px: usize, nodes: usize) -> Vec<f64> {
+    let known = |map: &BTreeMap<usize, Arc<AnnulusShares>>| {
+        map.get(&per_px).filter(|shares| shares.nodes >= nodes).cloned()
+    };
+    let shares = known(&KNOWN_SHARES.read().unwrap_or_else(PoisonError::into_inner));
+    let shares = shares.unwrap_or_else(|| {
+        let mut map = KNOWN_SHARES.write().unwrap_or_else(PoisonError::into_inner);
+        known(&map).unwrap_or_else(|| {
             let shares = Arc::new(AnnulusShares::new(per_px, nodes.next_power_of_two()));
-            self.shares.write().unwrap_or_else(PoisonError::into_inner).insert(per_px, Arc::clone(&shares));
+            map.insert(per_px, Arc::clone(&shares));
             shares
-        });
-        shares.integrate(encircled, nodes)
-    }
+        })
+    });
+    shares.integrate(encircled, nodes)
 }
 
 #[cfg(test)]
@@ -181,7 +178,7 @@ mod tests {
         let encircled: Vec<f64> =
             (0..=rings).map(|k| (k as f64 / ANNULI_PER_PX as f64 / radius).min(1.0)).map(|r| r * r).collect();
         let nodes = 24;
-        let values = PixelIntegrator::default().integrate(&encircled, 2, nodes);
+        let values = integrate(&encircled, 2, nodes);
         let density = 1.0 / (std::f64::consts::PI * radius * radius);
         for azimuth in 0..AZIMUTHS {
             for k in 0..18 {

@@ -36,7 +36,7 @@ impl RadialLayout {
     ) -> RadialLayout {
         let middle_um = start_um + 0.5 * length_um;
         let grown = (reach(start_um + length_um) - reach(start_um)) / reach(middle_um);
-        let growth = grown.clamp(-MOST_GROWTH, MOST_GROWTH) / length_um;
+        let growth = if length_um > 0.0 { grown.clamp(-MOST_GROWTH, MOST_GROWTH) / length_um } else { 0.0 };
         let mut rings = RadialLayout { middle_um, growth, per_px: PER_PX, columns: 0, orders: AZIMUTHS };
         for i in 0..9 {
             let z_um = start_um + length_um * f64::from(i) / 8.0;
