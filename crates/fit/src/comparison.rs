@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use super::images::Problem;
 use super::derivatives::Derivatives;
+use super::images::Problem;
 use super::state::{Misfit, State};
 use storage::error::Result;
 
@@ -45,7 +45,8 @@ impl Comparison {
     pub(super) fn of(geometric: &Run, waves: &Run) -> Result<Comparison> {
         let both = |k: usize, i: usize| !(geometric.problem.rejected[k][i] || waves.problem.rejected[k][i]);
         let score = |run: &Run| -> Result<Score> {
-            let mut misfits = run.problem.misfits(&run.state, None)?;
+            let noise = run.problem.noises(&run.state)?.pure;
+            let mut misfits = run.problem.misfits(&State { noise, ..run.state.clone() }, None)?;
             misfits.retain(|(k, i, _)| both(*k, *i));
             // The variance per count of light is fitted, too.
             Ok(Score::of(&misfits, run.problem.n_parameters() + 1))
@@ -77,6 +78,6 @@ pub(super) fn chi2(misfits: &[(usize, usize, Misfit)]) -> f64 {
 /// Fraction of the squared signal above the noise that the model explains.
 pub(super) fn r2(misfits: &[(usize, usize, Misfit)]) -> f64 {
     let sum = |value: &dyn Fn(&Misfit) -> f64| misfits.iter().map(|(_, _, m)| value(m)).sum::<f64>();
-    let noise2 = sum(&|m| m.noise2);
-    1.0 - (sum(&|m| m.residual2) - noise2) / (sum(&|m| m.signal2) - noise2).max(f64::MIN_POSITIVE)
+    let signal = sum(&|m| m.signal);
+    if signal > 0.0 { 1.0 - sum(&|m| m.unexplained) / signal } else { 0.0 }
 }

@@ -48,21 +48,6 @@ struct Side {
     step: f64,
 }
 
-impl Side {
-    fn about(at: &Microscope, shared: Shared, accuracy: Accuracy, edge_px: usize) -> Result<Option<Side>> {
-        let Some(step) = shared.step(at) else { return Ok(None) };
-        let new = |microscope: &Microscope| Imager::new(microscope, accuracy.of_sides, edge_px).map(Some);
-        let high = shared.moved(*at, step);
-        let side = if accuracy.central {
-            let low = shared.moved(*at, -step);
-            Side { microscopes: [low, high], imagers: [new(&low)?, new(&high)?], step: 2.0 * step }
-        } else {
-            Side { microscopes: [*at, high], imagers: [None, new(&high)?], step }
-        };
-        Ok(Some(side))
-    }
-}
-
 impl Derivatives {
     /// The derivatives of a window: for each pixel, those with respect to the shared quantities and to x, y
     /// and z.
@@ -111,17 +96,35 @@ impl Problem<'_> {
 
     fn new_derivatives(&self, state: &State) -> Result<Derivatives> {
         let (accuracy, microscope, planes) = (self.accuracy, &state.microscope, self.scan.planes.len());
-        let own = Imager::new(microscope, accuracy.of_sides, self.edge_px())?;
-        let side = |shared: &Shared| Side::about(microscope, *shared, accuracy, self.edge_px());
-        let sides = self.shared.iter().map(side).collect::<Result<Vec<_>>>()?;
+        let own = self.imager(state, microscope, accuracy.of_sides)?;
+        let sides = self.shared.iter().map(|shared| self.side(state, *shared)).collect::<Result<Vec<_>>>()?;
         let windows = (0..self.n_beads() * planes)
             .into_par_iter()
             .map(|at| {
                 let (k, i) = (at / planes, at % planes);
-                if self.rejected[k][i] { Vec::new() } else { self.window_derivatives(state, &own, &sides, k, i) }
+                if self.rejected[k][i] {
+                    Vec::new()
+                } else {
+                    self.window_derivatives(state, &own, &sides, k, i)
+                }
             })
             .collect();
         Ok(Derivatives { at: state.clone(), accuracy, planes, windows })
+    }
+
+    /// `None` if the derivative is analytical.
+    fn side(&self, state: &State, shared: Shared) -> Result<Option<Side>> {
+        let (at, accuracy) = (&state.microscope, self.accuracy);
+        let Some(step) = shared.step(at) else { return Ok(None) };
+        let new = |microscope: &Microscope| self.imager(state, microscope, accuracy.of_sides).map(Some);
+        let high = shared.moved(*at, step);
+        let side = if accuracy.central {
+            let low = shared.moved(*at, -step);
+            Side { microscopes: [low, high], imagers: [new(&low)?, new(&high)?], step: 2.0 * step }
+        } else {
+            Side { microscopes: [*at, high], imagers: [None, new(&high)?], step }
+        };
+        Ok(Some(side))
     }
 
     fn window_derivatives(

@@ -3,27 +3,32 @@
 
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::render::expected::ExpectedRenderer;
-use microsig_core::render::waves::WavesRenderer;
+use microsig_core::render::waves::{SingleImages, WavesRenderer};
 
 use super::optics::Microscope;
 use storage::error::Result;
 
-/// Steps of differences of images by waves: across, px; along z in units of lambda / NA^2.
-const STEP_PX: f64 = 0.05;
-const STEP_DEPTHS: f64 = 0.05;
+/// Margin of images by waves beyond the window, px, for the particle's distance from its middle.
+const MARGIN_PX: usize = 3;
 
 /// Images of the particles of a microscope.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) enum Imager {
     /// Infinitely many rays.
     Rays(Box<ExpectedRenderer>),
     /// Scalar wave optics.
-    Waves(Box<WavesRenderer>),
+    Waves(Box<SingleImages>),
 }
 
 impl Imager {
-    /// Images on windows of `edge_px` px; `tolerance` is their error relative to the peak.
-    pub(super) fn new(microscope: &Microscope, tolerance: f64, edge_px: usize) -> Result<Imager> {
+    /// Images on windows of `edge_px` px of particles at these depths (um, from and to); `tolerance` is their
+    /// error relative to the peak.
+    pub(super) fn new(
+        microscope: &Microscope,
+        tolerance: f64,
+        edge_px: usize,
+        depths_um: [f64; 2],
+    ) -> Result<Imager> {
         let settings = microscope.settings(edge_px);
         Ok(match &microscope.waves {
             None => {
@@ -31,7 +36,9 @@ impl Imager {
                 Imager::Rays(Box::new(renderer))
             }
             Some(waves) => {
-                Imager::Waves(Box::new(WavesRenderer::new(&settings, &waves.optics(), tolerance)?))
+                let renderer = WavesRenderer::new(&settings, &waves.optics(), tolerance)?;
+                let edge_px = [edge_px / 2 + MARGIN_PX; 2];
+                Imager::Waves(Box::new(renderer.single_images(depths_um, microscope.diameter_um, edge_px)))
             }
         })
     }
@@ -43,22 +50,20 @@ impl Imager {
             Imager::Rays(renderer) => {
                 renderer.shares(z_um, microscope.diameter_um, &in_cylinder_frame(microscope, places))
             }
-            Imager::Waves(renderer) => renderer.share_at(z_um, microscope.diameter_um, places),
+            Imager::Waves(images) => images.shares(z_um, places),
         }
     }
 
     /// Fractions of the light on pixels at these positions relative to the particle (px), with their
     /// derivatives with respect to the particle's x, y (1/px), z (1/um), and the angle of the cylindrical
     /// lens (1/rad).
-    pub(super) fn gradients(
-        &self,
-        microscope: &Microscope,
-        z_um: f64,
-        places: &[[f64; 2]],
-    ) -> Vec<[f64; 5]> {
+    pub(super) fn gradients(&self, microscope: &Microscope, z_um: f64, places: &[[f64; 2]]) -> Vec<[f64; 5]> {
         match self {
             Imager::Rays(renderer) => by_rays(renderer, microscope, z_um, places),
-            Imager::Waves(renderer) => by_waves(renderer, microscope, z_um, places),
+            Imager::Waves(images) => {
+                let gradients = images.share_gradients(z_um, places);
+                gradients.into_iter().map(|[value, x, y, z]| [value, -x, -y, z, 0.0]).collect()
+            }
         }
     }
 }
@@ -84,29 +89,6 @@ fn by_rays(
         .map(|([value, by_u, by_v, by_z], [u, v])| {
             // A displacement of the particle moves the pixel relative to it in the opposite direction.
             [value, -(c * by_u - s * by_v), -(s * by_u + c * by_v), by_z, by_u * v - by_v * u]
-        })
-        .collect()
-}
-
-fn by_waves(
-    renderer: &WavesRenderer,
-    microscope: &Microscope,
-    z_um: f64,
-    places: &[[f64; 2]],
-) -> Vec<[f64; 5]> {
-    let n = places.len();
-    let shifts = [[0.0, 0.0], [-STEP_PX, 0.0], [STEP_PX, 0.0], [0.0, -STEP_PX], [0.0, STEP_PX]];
-    let shifted: Vec<[f64; 2]> =
-        shifts.iter().flat_map(|[dx, dy]| places.iter().map(move |[x, y]| [x + dx, y + dy])).collect();
-    let drawn = renderer.share_at(z_um, microscope.diameter_um, &shifted);
-    let na = microscope.numerical_aperture();
-    let step = STEP_DEPTHS * renderer.optics().wavelength_um / (na * na);
-    let [low, high] = [-step, step].map(|by| renderer.share_at(z_um + by, microscope.diameter_um, places));
-    (0..n)
-        .map(|i| {
-            let across =
-                |low: usize, high: usize| (drawn[high * n + i] - drawn[low * n + i]) / (2.0 * STEP_PX);
-            [drawn[i], -across(1, 2), -across(3, 4), (high[i] - low[i]) / (2.0 * step), 0.0]
         })
         .collect()
 }

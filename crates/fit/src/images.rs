@@ -3,7 +3,7 @@
 //! For particle k in plane i at stage position s
 //! ```text
 //! z = direction s / depth_factor + z_k        x = x_k + d_x (s - mean s), y alike
-//! mean count = b_k + A_i P_k E(x, y, z)       variance = noise^2 + 1/12 + g max(mean - b_k, 0)
+//! mean count = b_k + A_i P_k E(x, y, z)       variance = noise^2 + g max(mean - b_k, 0)
 //! ```
 //! with E the fraction of the light emitted toward the lens that falls on a pixel. Microscope and drift are
 //! common to all particles, the brightness A_i (mean 1) to all particles in a plane. Weights are those of the
@@ -12,16 +12,13 @@
 use rayon::prelude::*;
 
 use super::background::Background;
+use super::derivatives::Accuracy;
 use super::imager::Imager;
 use super::optics::{Microscope, Shared};
 use super::particles::Windows;
-use super::derivatives::Accuracy;
 use super::scan::Scan;
-use super::state::{HUBER, Misfit, State, huber};
+use super::state::{Misfit, State, huber};
 use storage::error::Result;
-
-/// Variance of rounding to whole counts.
-const ROUNDING: f64 = 1.0 / 12.0;
 
 /// The data of a fit and its free parameters.
 pub(super) struct Problem<'a> {
@@ -72,9 +69,19 @@ impl Problem<'_> {
         2 * self.windows.half + 1
     }
 
-    /// The renderer of a state.
+    /// The images of a state.
     pub(super) fn renderer(&self, state: &State) -> Result<Imager> {
-        Imager::new(&state.microscope, self.accuracy.tolerance, self.edge_px())
+        self.imager(state, &state.microscope, self.accuracy.tolerance)
+    }
+
+    /// The images of a microscope at the depths of a state.
+    pub(super) fn imager(&self, state: &State, microscope: &Microscope, tolerance: f64) -> Result<Imager> {
+        let depths = || {
+            let windows = (0..self.n_beads()).flat_map(|k| (0..self.scan.planes.len()).map(move |i| (k, i)));
+            windows.map(|(k, i)| self.depth(state, microscope, k, i))
+        };
+        let depths_um = [depths().fold(f64::INFINITY, f64::min), depths().fold(f64::NEG_INFINITY, f64::max)];
+        Imager::new(microscope, tolerance, self.edge_px(), depths_um)
     }
 
     /// Particles and planes whose windows are used.
@@ -106,8 +113,7 @@ impl Problem<'_> {
     pub(super) fn count(&self, state: &State, k: usize, i: usize, share: f64) -> (f64, f64, f64) {
         let factor = state.flux[i] * state.beads[k].light;
         let light = factor * share;
-        let noise2 = self.background.noise * self.background.noise + ROUNDING;
-        (state.beads[k].background + light, factor, noise2 + state.variance_per_count * light.max(0.0))
+        (state.beads[k].background + light, factor, state.noise.variance(light))
     }
 
     /// Misfit of each window, by particle and plane. The loss has the given variances of pixels, or the
@@ -125,9 +131,9 @@ impl Problem<'_> {
             .map(|(window, (k, i))| {
                 let values = self.values(&renderer, state, &state.microscope, k, i);
                 let mut misfit = Misfit { pixels: values.len(), ..Misfit::default() };
-                for (n, (&(at, _), &value)) in
-                    self.windows.particles[k].pixels.iter().zip(&values).enumerate()
-                {
+                let own = &self.windows.particles[k];
+                let mut seen = Vec::with_capacity(values.len());
+                for (n, (&(at, _), &value)) in own.pixels.iter().zip(&values).enumerate() {
                     let (mean, _, variance) = self.count(state, k, i, value);
                     let weighed = variances.map_or(variance, |given| f64::from(given[window][n]));
                     let data = f64::from(self.scan.planes[i][at]);
@@ -135,10 +141,11 @@ impl Problem<'_> {
                     misfit.loss += huber(r / libm::sqrt(weighed));
                     misfit.chi2 += r * r / variance;
                     misfit.minus_two_log_likelihood += huber(r / libm::sqrt(variance)) + libm::log(variance);
-                    misfit.residual2 += r * r;
-                    misfit.noise2 += variance;
-                    let signal = data - state.beads[k].background;
-                    misfit.signal2 += signal * signal;
+                    seen.push((r, data - state.beads[k].background));
+                }
+                for &(a, b) in &own.neighbors {
+                    misfit.unexplained += seen[a].0 * seen[b].0;
+                    misfit.signal += seen[a].1 * seen[b].1;
                 }
                 (k, i, misfit)
             })
@@ -173,50 +180,6 @@ impl Problem<'_> {
             state.beads[k].background = self.background.mean + (d - slope * e) / n;
         }
         Ok(state)
-    }
-
-    /// Variance per count of light (counts), from the squared residuals of the brighter half of the lit
-    /// pixels.
-    pub(super) fn variance_per_count(&self, state: &State) -> Result<f64> {
-        let renderer = self.renderer(state)?;
-        let windows: Vec<(usize, usize)> = self.used().collect();
-        let pixels: Vec<Vec<(f64, f64)>> = windows
-            .into_par_iter()
-            .map(|(k, i)| {
-                let values = self.values(&renderer, state, &state.microscope, k, i);
-                let pixels = self.windows.particles[k].pixels.iter().zip(values);
-                pixels
-                    .map(|(&(at, _), value)| {
-                        let (mean, _, _) = self.count(state, k, i, value);
-                        (mean - state.beads[k].background, f64::from(self.scan.planes[i][at]) - mean)
-                    })
-                    .filter(|(light, _)| *light > self.background.noise.max(0.5))
-                    .collect()
-            })
-            .collect();
-        let mut pixels: Vec<(f64, f64)> = pixels.concat();
-        pixels.sort_by(|a, b| b.0.total_cmp(&a.0));
-        pixels.truncate(pixels.len() / 2);
-        let noise2 = self.background.noise * self.background.noise + ROUNDING;
-        let mut g = state.variance_per_count;
-        for _ in 0..20 {
-            let (mut above, mut below) = (0.0, 0.0);
-            for &(light, r) in &pixels {
-                let variance = noise2 + g * light;
-                let weight = light / (variance * variance);
-                // Limits the effect of outliers, which are not noise.
-                let r2 = (r * r).min(HUBER * HUBER * variance);
-                above += weight * (r2 - noise2);
-                below += weight * light;
-            }
-            let next = if below > 0.0 { (above / below).max(0.0) } else { 0.0 };
-            let done = (next - g).abs() < 1e-4 * (g + 1e-3);
-            g = next;
-            if done {
-                break;
-            }
-        }
-        Ok(g)
     }
 
     /// Calls `visit` for each plane in order, with the pixels of all windows: index in the plane, mean count,

@@ -19,6 +19,7 @@ mod intervals;
 mod linear;
 mod minimize;
 mod moments;
+mod noise;
 mod normal;
 mod optics;
 mod outcome;
@@ -173,14 +174,17 @@ fn by_waves<'a>(
 /// Result and files of a fit.
 fn files(mut run: Run, options: &FitOptions, astigmatic: bool) -> Result<FitFiles> {
     let derivatives = run.derivatives.take();
-    let Run { problem, state, .. } = &run;
-    let particles = problem.windows.particles.len();
-    let misfits = problem.misfits(state, None)?;
-    let normal = problem.normal(state, &problem.derivatives(derivatives, state)?)?;
-    let covariance = Covariance::of(&normal, particles, comparison::chi2(&misfits)).ok_or_else(|| {
+    let particles = run.problem.windows.particles.len();
+    let normal = run.problem.normal(&run.state, &run.problem.derivatives(derivatives, &run.state)?)?;
+    let weighed = comparison::chi2(&run.problem.misfits(&run.state, None)?);
+    let covariance = Covariance::of(&normal, particles, weighed).ok_or_else(|| {
         storage::Error::input("the scan does not determine all parameters: give --diameter, or a longer scan")
     })?;
     let resampled = intervals::bootstrap(&normal, particles, options.bootstrap, options.seed);
+    // From here on the noise alone counts, without what the fit takes for errors of the model.
+    run.state.noise = run.problem.noises(&run.state)?.pure;
+    let Run { problem, state, .. } = &run;
+    let misfits = problem.misfits(state, None)?;
     let fitted = Fitted::of(&run, &misfits, &covariance, &resampled, options);
     let mut files = vec![
         output::settings(&fitted)?,
@@ -256,7 +260,7 @@ mod tests {
         };
         let edge = 2 * HALF + 1;
         let place = |i: usize| [(i % edge) as f64 - HALF as f64, (i / edge) as f64 - HALF as f64];
-        let imager = Imager::new(&truth, 1e-3, edge).unwrap();
+        let imager = Imager::new(&truth, 1e-3, edge, [-1.5, 1.5]).unwrap();
         let stage_um: Vec<f64> = (0..9).map(|i| 0.3 * (f64::from(i) - 4.0)).collect();
         let plane = |s: &f64| {
             let places: Vec<[f64; 2]> =
@@ -273,7 +277,7 @@ mod tests {
             warnings: Vec::new(),
         };
         let pixels = (0..edge * edge).map(|i| (i, place(i))).collect();
-        let windows = Windows { half: HALF, particles: vec![Window { column: HALF, row: HALF, pixels }] };
+        let windows = Windows { half: HALF, particles: vec![Window::new([HALF, HALF], pixels)] };
         let background = Background { mean: 100.0, noise: 1.0 };
         let shape = Shape::of(&scan, background, &windows);
         let problem = Problem {
@@ -285,7 +289,7 @@ mod tests {
             rejected: vec![vec![false; scan.planes.len()]],
             accuracy: search::COARSE,
             converged: search::ROUGHLY,
-            };
+        };
         let run = by_waves(problem, &shape, (truth, 1.0), model).unwrap();
         let found = run.state.microscope;
         // Counts are rounded, without other noise: 0.3 counts of a peak of several hundred.

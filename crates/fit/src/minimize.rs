@@ -1,7 +1,7 @@
 //! Levenberg-Marquardt minimization of the image fit.
 
-use super::images::Problem;
 use super::derivatives::Derivatives;
+use super::images::Problem;
 use super::state::State;
 use storage::error::Result;
 

@@ -52,8 +52,10 @@ impl Problem<'_> {
     pub(super) fn normal(&self, state: &State, derivatives: &Derivatives) -> Result<Normal> {
         let own = self.renderer(state)?;
         let windows: Vec<(usize, usize)> = self.used().collect();
-        let mut windows: Vec<WindowNormal> =
-            windows.into_par_iter().map(|(k, i)| self.window_normal(state, &own, derivatives, k, i)).collect();
+        let mut windows: Vec<WindowNormal> = windows
+            .into_par_iter()
+            .map(|(k, i)| self.window_normal(state, &own, derivatives, k, i))
+            .collect();
         let n = self.n_parameters();
         let (mut matrix, mut right) = (Symmetric::zeros(n), vec![0.0; n]);
         // Added in the order of windows, so that sums do not depend on the number of threads.

@@ -200,7 +200,7 @@ impl Fitted {
             warnings.push(format!(
                 "noise of {:.3} counts^2 per count of light cannot be reproduced by rays: render with `render: (mode: expected)` and a \
                  sensor of gain_counts_per_e {:.3} with shot noise",
-                state.variance_per_count, state.variance_per_count
+                state.noise.per_count, state.noise.per_count
             ));
         }
         if rotation_deg.abs() > 1.0 {
@@ -248,7 +248,7 @@ impl Fitted {
             r2,
             verdict: verdict(chi2, r2),
             settings,
-            variance_per_count: state.variance_per_count,
+            variance_per_count: state.noise.per_count,
             warnings,
         }
     }
@@ -292,7 +292,7 @@ fn settings(problem: &Problem, state: &State) -> (Settings, bool) {
     settings.points_per_pixel = POINTS_PER_PIXEL;
     let light = state.beads.iter().map(|b| b.light).sum::<f64>() / state.beads.len() as f64;
     let points = (emission::sphere_points(&settings, state.microscope.diameter_um) as f64).max(1.0);
-    let rays = light / (state.variance_per_count.max(1e-9) / FANO * points) - 1.0;
+    let rays = light / (state.noise.per_count.max(1e-9) / FANO * points) - 1.0;
     let clamped = !(RAYS.0..=RAYS.1).contains(&rays);
     settings.n_rays = rays.clamp(RAYS.0, RAYS.1).round() as u32;
     settings.gain = light / (points * (f64::from(settings.n_rays) + 1.0));

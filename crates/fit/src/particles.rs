@@ -1,5 +1,7 @@
 //! The particles of a scan: their positions, and the surrounding pixels without other particles.
 
+use std::collections::BTreeMap;
+
 use super::background::Background;
 use super::scan::Scan;
 use storage::error::{Error, Result};
@@ -57,6 +59,22 @@ pub(super) struct Window {
     pub(super) row: usize,
     /// Indices of the pixels in a plane, and their offsets from the middle, px.
     pub(super) pixels: Vec<(usize, [f64; 2])>,
+    /// Pairs of pixels that share an edge, as indices in `pixels`.
+    pub(super) neighbors: Vec<(usize, usize)>,
+}
+
+impl Window {
+    pub(super) fn new([column, row]: [usize; 2], pixels: Vec<(usize, [f64; 2])>) -> Window {
+        let place = |[dx, dy]: [f64; 2]| (dy as i64, dx as i64);
+        let places: BTreeMap<(i64, i64), usize> =
+            pixels.iter().enumerate().map(|(i, &(_, offset))| (place(offset), i)).collect();
+        let neighbors = places.iter().flat_map(|(&(dy, dx), &i)| {
+            let other = |at: (i64, i64)| places.get(&at).map(|&j| (i, j));
+            [other((dy, dx + 1)), other((dy + 1, dx))].into_iter().flatten()
+        });
+        let neighbors = neighbors.collect();
+        Window { column, row, pixels, neighbors }
+    }
 }
 
 /// Sum of all planes above the background, smoothed by a Gaussian filter.
@@ -241,5 +259,5 @@ fn window(scan: &Scan, candidates: &[Candidate], k: usize, half: usize) -> Windo
             (at, [dx as f64, dy as f64])
         })
         .collect();
-    Window { column, row, pixels }
+    Window::new([column, row], pixels)
 }

@@ -1,11 +1,12 @@
 //! The search for the best fit: from several starting points to one state.
 
 use super::curves::Start;
+use super::derivatives::{Accuracy, Derivatives};
 use super::images::Problem;
 use super::moments::Shape;
+use super::noise::Noise;
 use super::optics::Microscope;
 use super::rejection;
-use super::derivatives::{Accuracy, Derivatives};
 use super::state::{Bead, State};
 use super::waves::{WaveModel, Waves};
 use storage::error::{Error, Result};
@@ -54,12 +55,14 @@ pub(super) fn best_start(
         let mut state = first_state(problem, shape, start.microscope, start.direction, &start.z_um)?;
         let mut derivatives = None;
         for steps in [3, 5] {
-            state.variance_per_count = problem.variance_per_count(&state)?;
+            state.noise = problem.noises(&state)?.with_model;
             state = problem.minimize(state, steps, 1e-2, &mut derivatives)?;
         }
-        state.variance_per_count = problem.variance_per_count(&state)?;
+        let noises = problem.noises(&state)?;
+        let pure = State { noise: noises.pure, ..state.clone() };
+        state.noise = noises.with_model;
         let moved_um = state.beads[0].z_um - start.z_um[0];
-        tried.push((problem.likelihood(&state)?, moved_um, state));
+        tried.push((problem.likelihood(&pure)?, moved_um, state));
     }
     problem.rejected = vec![vec![false; planes]; beads];
     tried.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -82,10 +85,10 @@ pub(super) fn converge(
 ) -> Result<State> {
     problem.accuracy = FINE;
     problem.converged = CONVERGED;
-    state.variance_per_count = problem.variance_per_count(&state)?;
+    state.noise = problem.noises(&state)?.with_model;
     for round in 0..ROUNDS {
         state = problem.minimize(state, 15, 1e-3, derivatives)?;
-        state.variance_per_count = problem.variance_per_count(&state)?;
+        state.noise = problem.noises(&state)?.with_model;
         let outliers = rejection::outliers(&problem.misfits(&state, None)?);
         if outliers.is_empty() && round > 0 {
             break;
@@ -125,7 +128,7 @@ fn first_state(
         drift: shape.drift,
         beads,
         flux: vec![1.0; problem.scan.planes.len()],
-        variance_per_count: 1.0,
+        noise: Noise { background2: problem.background.noise * problem.background.noise, per_count: 1.0 },
     })
 }
 
@@ -151,10 +154,11 @@ pub(super) fn best_wave_start(
             ..seed
         };
         let mut state = first_state(problem, shape, microscope, direction, &sharpest)?;
-        state.variance_per_count = problem.variance_per_count(&state)?;
+        state.noise = problem.noises(&state)?.with_model;
         state = problem.minimize(state, 2, 1e-2, &mut None)?;
-        state.variance_per_count = problem.variance_per_count(&state)?;
-        let likelihood = problem.likelihood(&state)?;
+        let noises = problem.noises(&state)?;
+        let likelihood = problem.likelihood(&State { noise: noises.pure, ..state.clone() })?;
+        state.noise = noises.with_model;
         if best.as_ref().is_none_or(|(least, _)| likelihood < *least) {
             best = Some((likelihood, state));
         }

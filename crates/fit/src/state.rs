@@ -1,5 +1,6 @@
 //! The state of an image fit (microscope and particles), and its misfit.
 
+use super::noise::Noise;
 use super::optics::Microscope;
 
 /// The loss is linear for residuals beyond this many standard deviations.
@@ -29,8 +30,8 @@ pub(super) struct State {
     pub(super) beads: Vec<Bead>,
     /// Brightness of each plane, mean 1.
     pub(super) flux: Vec<f64>,
-    /// Variance per count of light, counts.
-    pub(super) variance_per_count: f64,
+    /// Variance of counts.
+    pub(super) noise: Noise,
 }
 
 /// Misfit of one window.
@@ -43,10 +44,10 @@ pub(super) struct Misfit {
     pub(super) chi2: f64,
     /// Sum of the Huber loss of r/sd plus ln(variance).
     pub(super) minus_two_log_likelihood: f64,
-    /// Sums of squares of residuals, of data minus background, and of the noise, counts^2.
-    pub(super) residual2: f64,
-    pub(super) signal2: f64,
-    pub(super) noise2: f64,
+    /// Sums over pairs of neighboring pixels of products of residuals, and of data minus background, counts^2:
+    /// without noise, which neighbors do not share.
+    pub(super) unexplained: f64,
+    pub(super) signal: f64,
 }
 
 /// Huber loss of a residual in standard deviations: quadratic, and linear beyond [`HUBER`].

@@ -61,7 +61,12 @@ impl InterpolatedImage {
         let layout = match nodes {
             SampleNodes::Radial(rings) => PlaneLayout::Radial(rings),
             SampleNodes::Quadrant(QuadrantGrid { per_px, columns, rows }) => {
-                return Self::of_quadrant(QuadrantLayout::new(per_px, columns, rows), columns, z_um, [value, by_z]);
+                return Self::of_quadrant(
+                    QuadrantLayout::new(per_px, columns, rows),
+                    columns,
+                    z_um,
+                    [value, by_z],
+                );
             }
         };
         InterpolatedImage { layout, z_um, value, by_z }

@@ -156,8 +156,7 @@ impl ExpectedRenderer {
         let farthest_px =
             if pupil.system.cylinder.is_some() { [x, y] } else { [libm::sqrt(x * x + y * y); 2] };
         limits::check_cylinder(settings, &pupil)?;
-        let model =
-            ImageModel { pupil, tolerance, farthest_px, instructions };
+        let model = ImageModel { pupil, tolerance, farthest_px, instructions };
         Ok(ExpectedRenderer {
             rays,
             instructions,

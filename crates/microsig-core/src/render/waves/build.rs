@@ -238,7 +238,7 @@ impl Draft<'_> {
                 let allowed = PART * model.tolerance * peak(&ours);
                 truth.iter().enumerate().all(|(i, truth)| {
                     let position = [x[i % x.len()], y[i / x.len()]];
-                    (exposure.evaluate(&ours, position) - truth).abs() <= allowed
+                    (exposure.evaluate(&ours, position)[0] - truth).abs() <= allowed
                 })
             };
             if probed.iter().all(meets) {

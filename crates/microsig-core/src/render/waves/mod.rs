@@ -17,6 +17,7 @@ mod bead;
 mod bessel;
 mod build;
 mod cache;
+mod direct;
 mod draw;
 mod general;
 mod hankel;
@@ -52,9 +53,10 @@ use crate::sensor::{Image, Light, Sensor};
 use crate::settings::Settings;
 use crate::stream::{Purpose, Streams};
 use cache::TableCache;
+pub use direct::SingleImages;
 use draw::{Band, Sphere};
 use general::{Disc, Obstacles};
-use model::{Model, Scope};
+use model::Model;
 pub use options::{Emission, Layers, Lens, Mask, Pinhole, PupilFunction, WaveOptics};
 use pupil::Pupil;
 use table::{Interpolated, Table};
@@ -235,21 +237,6 @@ impl WavesRenderer {
             })
             .collect();
         Some(Gradient { window, pixels })
-    }
-
-    /// Light on pixels whose centers are at `places` relative to a particle, px, as a fraction of its light
-    /// emitted into the half space; computed directly, without tables. `d_um` may be 0 for a point.
-    pub fn share_at(&self, z_um: f64, d_um: f64, places: &[[f64; 2]]) -> Vec<f64> {
-        // Uses more modes than tables, as the cost is small here.
-        let model = self.model().with_share(0.2 * self.model().share, 1.0);
-        let far = |axis: usize| places.iter().map(|place| place[axis].abs()).fold(0.0, f64::max);
-        let edge_px = [0, 1].map(|axis| libm::ceil(far(axis)) as usize + 1);
-        let (from_um, to_um, radius_um) = (z_um, z_um, 0.5 * d_um);
-        let frame = model.frame(Scope { from_um, to_um, radius_um, edge_px, fineness: 1.0 });
-        let limits = model.band_limits(model.pupil.aperture());
-        let exposure = model.exposure(&frame, libm::ceil(3.0 * limits[0].max(limits[1])).max(2.0) as usize);
-        let plane = model.plane(&model.light(&frame, z_um, radius_um), &exposure);
-        places.iter().map(|&place| exposure.evaluate(&plane, place)).collect()
     }
 
     /// The light of a particle that the aperture accepts, counts: what an infinite sensor would record

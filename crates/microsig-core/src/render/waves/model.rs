@@ -462,22 +462,30 @@ fn times(mut values: Vec<f64>, factor: f64) -> Vec<f64> {
 }
 
 impl Exposure {
-    /// The spline's value at a position relative to the particle, px.
-    pub(super) fn evaluate(&self, coefficients: &[f64], [x, y]: [f64; 2]) -> f64 {
+    /// The spline's value at a position relative to the particle (px) and its derivatives along x and y.
+    pub(super) fn evaluate(&self, coefficients: &[f64], [x, y]: [f64; 2]) -> [f64; 3] {
+        let per_px = self.layout.per_px as f64;
         let axis = |x: f64| {
-            let place = x * self.layout.per_px as f64;
+            let place = x * per_px;
             let cell = libm::floor(place);
-            (cell as isize - 2, spline::basis(place - cell).0)
+            (cell as isize - 2, spline::basis(place - cell))
         };
         let ((first_x, of_x), (first_y, of_y)) = (axis(x), axis(y));
-        let mut sum = 0.0;
-        for (j, of_y) in of_y.iter().enumerate() {
+        let columns: [Option<usize>; TAPS] =
+            std::array::from_fn(|i| self.layout.column_of(first_x + i as isize));
+        let mut sum = [0.0; 3];
+        for j in 0..TAPS {
             let Some(row) = self.layout.row_of(first_y + j as isize) else { continue };
-            for (i, of_x) in of_x.iter().enumerate() {
-                if let Some(column) = self.layout.column_of(first_x + i as isize) {
-                    sum += of_x * of_y * coefficients[row * self.layout.columns + column];
-                }
+            let line = &coefficients[row * self.layout.columns..];
+            let (mut value, mut slope) = (0.0, 0.0);
+            for (i, column) in columns.iter().enumerate() {
+                let Some(column) = *column else { continue };
+                value += of_x.0[i] * line[column];
+                slope += of_x.1[i] * line[column];
             }
+            sum[0] += of_y.0[j] * value;
+            sum[1] += of_y.0[j] * slope * per_px;
+            sum[2] += of_y.1[j] * value * per_px;
         }
         sum
     }

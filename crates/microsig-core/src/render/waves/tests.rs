@@ -131,7 +131,7 @@ fn short_waves_give_the_geometric_image() {
             if x.abs().max(y.abs()) > 20.0 {
                 continue;
             }
-            largest = largest.max((counts * exposure.evaluate(&plane, [x, y]) - count).abs());
+            largest = largest.max((counts * exposure.evaluate(&plane, [x, y])[0] - count).abs());
             peak = peak.max(count);
         }
         println!("{wavelength_um} um: {:.4} of the peak", largest / peak);

@@ -1,0 +1,162 @@
+//! The noise of a scan, from the residuals of a fit.
+//!
+//! The variance of a count is that of the background plus a multiple of the light. Errors of the model look
+//! like noise that grows with light, too, but neighboring pixels share them, and they do not share noise: the
+//! mean of r^2 minus the product of the residuals r of neighbors has only noise left.
+
+use rayon::prelude::*;
+
+use super::images::Problem;
+use super::state::{HUBER, State};
+use storage::error::Result;
+
+/// Variance of rounding to whole counts.
+const ROUNDING: f64 = 1.0 / 12.0;
+
+/// Maximum number of iterations of the weighted regression, and the relative change at which it ends.
+const ITERATIONS: usize = 30;
+const CONVERGED: f64 = 1e-4;
+
+/// Variance of a count: that of the background, rounding included (counts^2), and that per count of light
+/// (counts).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Noise {
+    pub(super) background2: f64,
+    pub(super) per_count: f64,
+}
+
+/// Two estimates of the variance of counts.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Noises {
+    /// Noise alone.
+    pub(super) pure: Noise,
+    /// With the errors of the model, for weights.
+    pub(super) with_model: Noise,
+}
+
+/// A lit pixel: light, squared residual, and the mean product with the residuals of its neighbors, counts^2.
+#[derive(Clone, Copy)]
+struct Pixel {
+    light: f64,
+    square: f64,
+    shared: f64,
+}
+
+impl Noise {
+    pub(super) fn variance(self, light: f64) -> f64 {
+        self.background2 + self.per_count * light.max(0.0)
+    }
+}
+
+impl Problem<'_> {
+    /// The noise at a state.
+    pub(super) fn noises(&self, state: &State) -> Result<Noises> {
+        let imager = self.renderer(state)?;
+        let windows: Vec<(usize, usize)> = self.used().collect();
+        let pixels: Vec<Vec<Pixel>> = windows
+            .into_par_iter()
+            .map(|(k, i)| {
+                let values = self.values(&imager, state, &state.microscope, k, i);
+                let window = &self.windows.particles[k];
+                let residual: Vec<(f64, f64)> = window
+                    .pixels
+                    .iter()
+                    .zip(values)
+                    .map(|(&(at, _), value)| {
+                        let (mean, ..) = self.count(state, k, i, value);
+                        (mean - state.beads[k].background, f64::from(self.scan.planes[i][at]) - mean)
+                    })
+                    .collect();
+                let mut products = vec![(0.0, 0.0); residual.len()];
+                for &(a, b) in &window.neighbors {
+                    let product = residual[a].1 * residual[b].1;
+                    for pixel in [a, b] {
+                        products[pixel].0 += product;
+                        products[pixel].1 += 1.0;
+                    }
+                }
+                let pixel = |(&(light, r), &(sum, n)): (&(f64, f64), &(f64, f64))| Pixel {
+                    light: light.max(0.0),
+                    square: r * r,
+                    shared: sum / f64::max(n, 1.0),
+                };
+                residual.iter().zip(&products).map(pixel).collect()
+            })
+            .collect();
+        let histogram2 = self.background.noise * self.background.noise + ROUNDING;
+        Ok(estimate(&pixels.concat(), Noise { background2: histogram2, ..state.noise }))
+    }
+}
+
+/// Weighted regression of squared residuals on light; `start` has the most that the background's variance can
+/// be.
+fn estimate(pixels: &[Pixel], start: Noise) -> Noises {
+    let most = start.background2;
+    let step = |noise: Noise, value: &dyn Fn(&Pixel) -> f64| {
+        // Sums of weights w, w light, w light^2, w value and w light value.
+        let mut sums = [0.0; 5];
+        for pixel in pixels {
+            let variance = noise.variance(pixel.light);
+            let weight = 1.0 / (variance * variance);
+            // Limits the effect of outliers, which are not noise.
+            let value = value(pixel).clamp(-HUBER * HUBER * variance, HUBER * HUBER * variance);
+            let x = pixel.light;
+            [1.0, x, x * x, value, x * value].iter().zip(&mut sums).for_each(|(v, sum)| *sum += weight * v);
+        }
+        sums
+    };
+    let pure_value = |pixel: &Pixel| pixel.square - pixel.shared;
+    let pure = iterate(start, |noise| {
+        let [w, x, xx, y, xy] = step(noise, &pure_value);
+        let determinant = w * xx - x * x;
+        if determinant <= 0.0 {
+            return noise;
+        }
+        let background2 = ((xx * y - x * xy) / determinant).clamp(ROUNDING, most);
+        Noise { background2, per_count: ((xy - background2 * x) / xx).max(0.0) }
+    });
+    let with_model = iterate(pure, |noise| {
+        let [_, x, xx, _, xy] = step(noise, &|pixel| pixel.square);
+        let per_count = if xx > 0.0 { ((xy - noise.background2 * x) / xx).max(0.0) } else { 0.0 };
+        Noise { per_count, ..noise }
+    });
+    Noises { pure, with_model }
+}
+
+fn iterate(start: Noise, step: impl Fn(Noise) -> Noise) -> Noise {
+    let mut noise = start;
+    for _ in 0..ITERATIONS {
+        let next = step(noise);
+        let close = |a: f64, b: f64| (a - b).abs() <= CONVERGED * (b + 1e-3);
+        let done = close(next.background2, noise.background2) && close(next.per_count, noise.per_count);
+        noise = next;
+        if done {
+            break;
+        }
+    }
+    noise
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Noise of a known variance, with an error of the model that neighbors share.
+    #[test]
+    fn errors_of_the_model_are_not_noise() {
+        let (background2, per_count) = (9.0, 1.5);
+        let pixels: Vec<Pixel> = (0..20_000)
+            .map(|i| {
+                let light = f64::from(i % 200);
+                let model = 0.2 * light;
+                let noise2 = background2 + per_count * light;
+                Pixel { light, square: noise2 + model * model, shared: model * model }
+            })
+            .collect();
+        let start = Noise { background2: 12.0, per_count: 1.0 };
+        let Noises { pure, with_model } = estimate(&pixels, start);
+        assert!((pure.background2 - background2).abs() < 0.01, "{pure:?}");
+        assert!((pure.per_count - per_count).abs() < 0.01, "{pure:?}");
+        assert!(with_model.per_count > 2.0 * per_count, "{with_model:?}");
+    }
+}
