@@ -20,6 +20,9 @@ use super::scan::Scan;
 use super::state::{Misfit, State, huber};
 use storage::error::Result;
 
+/// Is told what a fit does, in a few words.
+pub type Watch<'a> = &'a (dyn Fn(&str) + Sync);
+
 /// The data of a fit and its free parameters.
 pub(super) struct Problem<'a> {
     pub(super) scan: &'a Scan,
@@ -33,11 +36,23 @@ pub(super) struct Problem<'a> {
     pub(super) rejected: Vec<Vec<bool>>,
     /// Accuracy of images.
     pub(super) accuracy: Accuracy,
+    /// What the fit does, in words, and who is told.
+    pub(super) stage: String,
+    pub(super) watch: Watch<'a>,
     /// The fit has converged when the predicted decrease of chi2, summed over all pixels, is less than this.
     pub(super) converged: f64,
 }
 
 impl Problem<'_> {
+    /// The model, in a word.
+    pub(super) fn name(&self) -> &'static str {
+        if self.shared.iter().any(|shared| matches!(shared, Shared::Aberration(_))) {
+            "waves"
+        } else {
+            "rays"
+        }
+    }
+
     pub(super) fn n_beads(&self) -> usize {
         self.windows.particles.len()
     }

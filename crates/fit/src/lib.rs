@@ -43,6 +43,7 @@ use state::State;
 
 pub use comparison::{Comparison, Score};
 pub use evidence::{Evidence, Sample, Seen};
+pub use images::Watch;
 pub use optics::{ExtraParameter, Given};
 pub use outcome::{Correlations, Fitted, FittedParticle, Parameter, PlaneFit, Verdict};
 pub use scan::{Scan, StagePositions};
@@ -96,11 +97,12 @@ pub struct FitFiles {
     pub files: Vec<(&'static str, Vec<u8>)>,
 }
 
-/// Fits the settings to a scan.
+/// Fits the settings to a scan; `watch` is told what it does.
 ///
 /// # Errors
 /// [`storage::Error::Input`] if the scan has no usable particle or does not determine all parameters.
-pub fn fit(scan: &Scan, options: &FitOptions) -> Result<FitFiles> {
+pub fn fit(scan: &Scan, options: &FitOptions, watch: Watch<'_>) -> Result<FitFiles> {
+    watch("background, particles and widths");
     let background = Background::of(&scan.planes);
     let candidates = match &options.places_px {
         Some(places) => particles::given(places),
@@ -134,15 +136,19 @@ pub fn fit(scan: &Scan, options: &FitOptions) -> Result<FitFiles> {
         rejected: vec![vec![false; scan.planes.len()]; windows.particles.len()],
         accuracy: search::COARSE,
         converged: search::ROUGHLY,
+        watch,
+        stage: String::new(),
     };
     let geometric = by_rays(problem(shared(options, astigmatic)), &known)?;
     let run = match options.waves {
         None => geometric,
         Some(model) => {
-            let State { microscope, direction, .. } = geometric.state;
+            let State { microscope, .. } = geometric.state;
+            // Rays do not tell the direction of a scan that they do not describe.
+            let direction = options.direction.unwrap_or(1.0);
             let shared = shared_by_waves(model, options.diameter_um.is_none());
             let mut waves = by_waves(problem(shared), &shape, (microscope, direction), model)?;
-            waves.direction_margin = geometric.direction_margin;
+            waves.direction_margin = options.direction.is_none().then_some(0.0);
             waves.comparison = Some(Comparison::of(&geometric, &waves)?);
             waves
         }
@@ -165,7 +171,7 @@ fn by_waves<'a>(
     (seed, direction): (Microscope, f64),
     model: WaveModel,
 ) -> Result<Run<'a>> {
-    let start = search::best_wave_start(&problem, shape, seed, model, direction)?;
+    let start = search::best_wave_start(&mut problem, shape, seed, model, direction)?;
     let mut derivatives = None;
     let state = search::converge(&mut problem, start, &mut derivatives)?;
     Ok(Run { problem, state, derivatives, direction_margin: None, comparison: None })
@@ -289,6 +295,8 @@ mod tests {
             rejected: vec![vec![false; scan.planes.len()]],
             accuracy: search::COARSE,
             converged: search::ROUGHLY,
+            watch: &|_| (),
+            stage: String::new(),
         };
         let run = by_waves(problem, &shape, (truth, 1.0), model).unwrap();
         let found = run.state.microscope;

@@ -42,11 +42,14 @@ impl Problem<'_> {
         known: &mut Option<Derivatives>,
     ) -> Result<State> {
         let mut damping = damping;
-        for _ in 0..steps {
+        for step in 1..=steps {
             let derivatives = self.derivatives(known.take(), &state)?;
             let derivatives = known.insert(derivatives);
             let normal = self.normal(&state, derivatives)?;
             let fresh = derivatives.are_of(&state);
+            let pixels: usize = normal.variances.iter().map(Vec::len).sum();
+            let loss = normal.loss / (pixels.max(1) as f64);
+            (self.watch)(&format!("{}, step {step}: misfit {loss:.4} per pixel", self.stage));
             let n = normal.right.len();
             let mut accepted = None;
             while damping < 1e8 {

@@ -5,7 +5,7 @@ use super::derivatives::{Accuracy, Derivatives};
 use super::images::Problem;
 use super::moments::Shape;
 use super::noise::Noise;
-use super::optics::Microscope;
+use super::optics::{Microscope, Shared};
 use super::rejection;
 use super::state::{Bead, State};
 use super::waves::{WaveModel, Waves};
@@ -18,8 +18,8 @@ const ROUNDS: usize = 3;
 /// Accuracy while starting points are compared, and in the final fit.
 pub(super) const COARSE: Accuracy = Accuracy { tolerance: 1e-2, of_sides: 1e-2, central: false };
 const FINE: Accuracy = Accuracy { tolerance: 3e-3, of_sides: 3e-3, central: true };
-/// Accuracy of the last steps with a spherical lens, whose images are cheap: the error of [`FINE`] moves the
-/// focal length of a scan at low noise by one standard deviation, that of these by half of one.
+/// Accuracy of the last steps: the error of [`FINE`] moves the focal length of a scan at low noise by one
+/// standard deviation, that of these by half of one.
 const FINEST: Accuracy = Accuracy { tolerance: 1e-3, ..FINE };
 
 /// Predicted decrease of chi2 at which minimization ends: while starting points are compared, and in the
@@ -51,7 +51,9 @@ pub(super) fn best_start(
     problem.rejected = (0..beads).map(|k| (0..planes).map(|i| !is_compared(k, i)).collect()).collect();
     let least_cost = starts.iter().map(|start| start.cost).fold(f64::INFINITY, f64::min);
     let mut tried: Vec<(f64, f64, State)> = Vec::new();
-    for start in starts.iter().filter(|start| start.cost <= MUCH_WORSE * least_cost) {
+    let good = || starts.iter().filter(|start| start.cost <= MUCH_WORSE * least_cost);
+    for (i, start) in good().enumerate() {
+        problem.stage = format!("starting point {} of {}", i + 1, good().count());
         let mut state = first_state(problem, shape, start.microscope, start.direction, &start.z_um)?;
         let mut derivatives = None;
         for steps in [3, 5] {
@@ -87,6 +89,7 @@ pub(super) fn converge(
     problem.converged = CONVERGED;
     state.noise = problem.noises(&state)?.with_model;
     for round in 0..ROUNDS {
+        problem.stage = format!("{}, round {}", problem.name(), round + 1);
         state = problem.minimize(state, 15, 1e-3, derivatives)?;
         state.noise = problem.noises(&state)?.with_model;
         let outliers = rejection::outliers(&problem.misfits(&state, None)?);
@@ -97,9 +100,8 @@ pub(super) fn converge(
             problem.rejected[k][i] = true;
         }
     }
-    if state.microscope.focus_shift_um == 0.0 {
-        problem.accuracy = FINEST;
-    }
+    problem.stage = format!("{}, last round", problem.name());
+    problem.accuracy = FINEST;
     problem.minimize(state, 15, 1e-4, derivatives)
 }
 
@@ -135,7 +137,7 @@ fn first_state(
 /// The start of a fit by waves: the numerical aperture with the highest likelihood after a few steps, with
 /// the sharpest image of each particle in focus. `seed` has the other properties of the microscope.
 pub(super) fn best_wave_start(
-    problem: &Problem,
+    problem: &mut Problem,
     shape: &Shape,
     seed: Microscope,
     model: WaveModel,
@@ -146,7 +148,13 @@ pub(super) fn best_wave_start(
         .collect();
     let mut best: Option<(f64, State)> = None;
     for na in APERTURES {
+        problem.stage = format!("waves, numerical aperture {na}");
+        // Smaller particles all look alike, so their diameter is best found from below.
+        let resolved_um = 0.5 * model.wavelength_um / na;
+        let is_given = !problem.shared.contains(&Shared::Diameter);
+        let diameter_um = if is_given { seed.diameter_um } else { seed.diameter_um.min(resolved_um) };
         let microscope = Microscope {
+            diameter_um,
             slope: na / libm::sqrt(1.0 - na * na),
             focus_shift_um: 0.0,
             angle: 0.0,

@@ -47,8 +47,8 @@ pub(super) fn run(own: &Path, seeds: u64, file: &Path) -> anyhow::Result<()> {
                 full_scale: u16::MAX,
                 warnings: Vec::new(),
             };
-            let made =
-                fit::fit(&scan, &options(&truth)).with_context(|| format!("case {case}, seed {seed}"))?;
+            let made = fit::fit(&scan, &options(&truth), &|_| ())
+                .with_context(|| format!("case {case}, seed {seed}"))?;
             let found = quantities(&truth, &serde_json::to_value(&made.fitted)?);
             // Appended as a whole, so that an interrupted run leaves no part of a seed.
             let mut rows = csv::Writer::from_writer(Vec::new());

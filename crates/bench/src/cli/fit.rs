@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::Common;
-use super::output::{report, warn};
+use super::output::{progress, report, warn};
 use crate::report::fit_page;
 use fit::{
     Astigmatic, ExtraParameter, FitOptions, Fitted, Given, Scan, StagePositions, Verdict, WaveModel, fit,
 };
 use microsig_core::render::waves::{Layers, Lens};
 use storage::error::{Error, Result};
-use storage::folder::Partial;
+use storage::folder::{Partial, check_replaceable};
 
 /// The settings of a real microscope from its calibration scan
 #[derive(Debug, Args)]
@@ -144,15 +144,19 @@ impl Fit {
         if let Some((first, last)) = self.range()? {
             scan = scan.cut(first, last)?;
         }
+        let replace = common.force.then_some("fit.json");
+        check_replaceable(&self.out, replace)?;
         let partial = Partial::start(&self.out)?;
-        let made = fit(&scan, &options)?;
+        let spinner = progress(common).spinner("fit");
+        let made = fit(&scan, &options, &|what| spinner.set_message(format!("fit: {what}")))?;
+        spinner.finish_and_clear();
         let (scan_name, out) = (self.scan.display().to_string(), self.out.display().to_string());
         let page = fit_page(&made.fitted, &made.evidence, &scan_name, &out)?;
         storage::save_bytes(&partial.folder().join("report.html"), page.as_bytes())?;
         for (name, bytes) in &made.files {
             storage::save_bytes(&partial.folder().join(name), bytes)?;
         }
-        partial.finish(common.force.then_some("fit.json"))?;
+        partial.finish(replace)?;
         warn(&made.fitted.warnings, common);
         report(&text(&made.fitted, &self.out), &made.fitted, common)?;
         if made.fitted.verdict == Verdict::NotDescribed {

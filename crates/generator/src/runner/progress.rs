@@ -93,7 +93,7 @@ impl Progress {
     }
 
     /// A spinner with the elapsed time, for work of unknown duration.
-    pub(crate) fn spinner(&self, what: &'static str) -> ProgressBar {
+    pub fn spinner(&self, what: &'static str) -> ProgressBar {
         let bar = match self {
             Progress::Hidden => return ProgressBar::hidden(),
             Progress::Stoppable(_, shown) => return shown.spinner(what),

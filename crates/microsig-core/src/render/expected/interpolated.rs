@@ -8,8 +8,9 @@ use super::quadrant_layout::QuadrantLayout;
 use super::radial_layout::RadialLayout;
 use crate::render::spline::{self, SplineDegree};
 
-/// Nodes per px of a quadrant that is computed for one image.
-const DIRECT_PER_PX: usize = 2;
+/// Nodes per px of a quadrant that is computed for one image: for coarse tolerances and for others.
+const DIRECT_PER_PX: [usize; 2] = [2, 4];
+const COARSE: f64 = 2e-3;
 
 /// Motion of an image's edge (px) over half the distance of the two images whose difference is a derivative
 /// with respect to depth.
@@ -40,7 +41,8 @@ impl InterpolatedImage {
             let reach = model.reach(z_um, radius_um)[0].min(libm::hypot(x, y));
             SampleNodes::Radial(RadialLayout::new(z_um, 0.0, f64::INFINITY, |_| reach + 1.0))
         } else {
-            SampleNodes::Quadrant(model.quadrant(seen(model.reach(z_um, radius_um)), DIRECT_PER_PX))
+            let per_px = DIRECT_PER_PX[usize::from(model.tolerance < COARSE)];
+            SampleNodes::Quadrant(model.quadrant(seen(model.reach(z_um, radius_um)), per_px))
         };
         let fineness = model.first_fineness();
         let coefficients = |z_um: f64| {
