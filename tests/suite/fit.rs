@@ -2,7 +2,10 @@
 
 use std::path::Path;
 
-use microsig_core::Settings;
+use microsig_core::emission::SpheroidLaw;
+use microsig_core::render::expected::{DEFAULT_TOLERANCE, ExpectedRenderer};
+use microsig_core::{Particle, Settings};
+use serde_json::Value;
 use suite::microsig::{fail, path, run};
 use suite::scan::{Bead, SimulatedScan, write_pages};
 
@@ -135,5 +138,136 @@ fn any_number_of_threads_gives_the_same_settings() {
     let report = std::fs::read_to_string(place.path().join("1/report.html")).unwrap();
     for part in ["Data, model and residual", "Correlations", "What to do next", "data:image/png;base64"] {
         assert!(report.contains(part), "{part}");
+    }
+}
+
+/// The result of a fit of a scan's pages, with the scan's own stage positions.
+fn fitted(truth: &SimulatedScan, pages: &[Vec<u16>]) -> (tempfile::TempDir, Value) {
+    let place = tempfile::tempdir().unwrap();
+    truth.write(place.path(), 1).unwrap();
+    let settings = &truth.settings;
+    let scan = place.path().join("scan.tif");
+    write_pages(&scan, (settings.pixel_dim_x, settings.pixel_dim_y), pages).unwrap();
+    let (z, out) = (place.path().join("z.csv"), place.path().join("out"));
+    let more = ["--z", path(&z), "--quiet"];
+    run(&[&arguments(&scan, &out)[..], &more].concat());
+    let fit = serde_json::from_slice(&std::fs::read(out.join("fit.json")).unwrap()).unwrap();
+    (place, fit)
+}
+
+/// Value and standard deviation of a parameter.
+fn parameter(fit: &Value, name: &str) -> [f64; 2] {
+    let all = fit["parameters"].as_array().unwrap();
+    let own = all.iter().find(|parameter| parameter["name"] == name).unwrap();
+    ["value", "sd"].map(|key| own[key].as_f64().unwrap())
+}
+
+/// Asserts that the settings found are those of a scan, within relative errors.
+fn assert_found(fit: &Value, truth: &SimulatedScan) {
+    let settings = &truth.settings;
+    let mut expected = vec![
+        ("numerical_aperture", settings.numerical_aperture, 0.005),
+        ("focal_length", settings.focal_length, 0.015),
+        ("particle_diameter_um", truth.diameter_um, 0.02),
+    ];
+    if settings.cyl_focal_length != 0.0 {
+        expected.push(("cyl_focal_length", settings.cyl_focal_length, 0.015));
+    }
+    for (name, truth, error) in expected {
+        let [value, sd] = parameter(fit, name);
+        assert!((value / truth - 1.0).abs() < error, "{name}: {value} +- {sd} for {truth}");
+    }
+    assert_eq!(fit["direction"], truth.direction, "{fit}");
+    let chi2 = fit["chi2"].as_f64().unwrap();
+    assert!((0.85..1.15).contains(&chi2), "{chi2}");
+    let mut found: Vec<[f64; 3]> = fit["particles"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|p| ["x_px", "y_px", "z_um"].map(|key| p[key].as_f64().unwrap()))
+        .collect();
+    found.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mut beads: Vec<&Bead> = truth.beads.iter().collect();
+    beads.sort_by(|a, b| a.x_px.total_cmp(&b.x_px));
+    assert_eq!(found.len(), beads.len());
+    for (found, bead) in found.iter().zip(beads) {
+        let off = [found[0] - bead.x_px, found[1] - bead.y_px, found[2] - bead.z_um].map(f64::abs);
+        assert!(off[0] < 0.02 && off[1] < 0.02 && off[2] < 0.2, "{found:?} for {bead:?}");
+    }
+}
+
+/// The direction of the stage is reversed. A second scan rendered with the settings found differs from the
+/// data by noise only.
+#[test]
+fn settings_of_a_spherical_scan_are_found() {
+    let four = SimulatedScan::tenfold(16, 6.0);
+    let truth = SimulatedScan { direction: -1.0, beads: four.beads[..2].to_vec(), ..four };
+    let pages = truth.planes(3).unwrap();
+    let (place, fit) = fitted(&truth, &pages);
+    assert_found(&fit, &truth);
+
+    let settings = suite::settings(&place.path().join("out/settings.txt")).unwrap();
+    let expected = ExpectedRenderer::new(&settings, SpheroidLaw::Original, DEFAULT_TOLERANCE).unwrap();
+    let second = truth.planes(4).unwrap();
+    let per_count = fit["variance_per_count"].as_f64().unwrap();
+    let (mut chi2, mut n) = (0.0, 0.0);
+    for (i, page) in second.iter().enumerate() {
+        let particles: Vec<Particle> = truth.particles(i);
+        let counts = expected.light(&particles).values;
+        for (count, light) in page.iter().zip(&counts) {
+            let mean = settings.gain * *light;
+            let variance = settings.background_noise.powi(2) + per_count * mean;
+            let r = f64::from(*count) - settings.background_mean - mean;
+            chi2 += r * r / variance;
+            n += 1.0;
+        }
+    }
+    assert!(chi2 / n < 1.15, "{} per pixel", chi2 / n);
+}
+
+/// A cylindrical lens and its axis are found without being told.
+#[test]
+fn settings_of_an_astigmatic_scan_are_found() {
+    let four = SimulatedScan::tenfold(17, 6.0);
+    let settings = Settings {
+        numerical_aperture: 0.27,
+        focal_length: 310.0,
+        cyl_focal_length: -3300.0,
+        ..four.settings.clone()
+    };
+    let bead = |bead: &Bead| Bead { z_um: bead.z_um - 5.0, ..*bead };
+    let truth = SimulatedScan { settings, beads: four.beads[..2].iter().map(bead).collect(), ..four };
+    let pages = truth.planes(5).unwrap();
+    let (_, fit) = fitted(&truth, &pages);
+    assert_found(&fit, &truth);
+}
+
+/// A neighbor 12 px beside a particle in three planes moves no quantity by more than two standard deviations.
+#[test]
+fn a_passing_neighbor_does_not_move_the_settings() {
+    let four = SimulatedScan::tenfold(16, 6.0);
+    let truth = SimulatedScan { beads: four.beads[..2].to_vec(), ..four };
+    let alone = truth.planes(6).unwrap();
+    let passing = Bead { x_px: truth.beads[0].x_px + 12.0, ..truth.beads[0] };
+    let dark = truth.settings.background_mean;
+    let neighbor = SimulatedScan {
+        beads: vec![passing],
+        settings: Settings { background_noise: 0.0, ..truth.settings.clone() },
+        ..truth.clone()
+    };
+    let light = neighbor.planes(8).unwrap();
+    let mut disturbed = alone.clone();
+    for plane in 6..9 {
+        for (count, more) in disturbed[plane].iter_mut().zip(&light[plane]) {
+            *count += more.saturating_sub(dark as u16);
+        }
+    }
+    let brightest = |pages: &[Vec<u16>]| pages[7].iter().copied().max();
+    assert!(brightest(&light) > Some(2 * dark as u16), "the neighbor is bright");
+    let (_, before) = fitted(&truth, &alone);
+    let (_, after) = fitted(&truth, &disturbed);
+    for name in ["numerical_aperture", "focal_length", "particle_diameter_um"] {
+        let ([old, _], [new, sd]) = (parameter(&before, name), parameter(&after, name));
+        assert!((new - old).abs() < 2.0 * sd, "{name}: {old} to {new} +- {sd}");
     }
 }

@@ -120,6 +120,9 @@ fn estimate(pixels: &[Pixel], start: Noise) -> Noises {
         let per_count = if xx > 0.0 { ((xy - noise.background2 * x) / xx).max(0.0) } else { 0.0 };
         Noise { per_count, ..noise }
     });
+    // Where neighbors share noise with opposite signs, as when a ray falls on one pixel or on the next, the
+    // products are negative; noise alone is never more than all residuals.
+    let pure = Noise { per_count: pure.per_count.min(with_model.per_count), ..pure };
     Noises { pure, with_model }
 }
 

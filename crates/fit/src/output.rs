@@ -14,6 +14,12 @@ use super::state::State;
 use super::waves::Waves;
 use storage::error::{Error, Result};
 
+/// Fewest particles of the scenario; the largest displacement in a pair of its images (px) and the time
+/// between them (s).
+const FEWEST_PARTICLES: usize = 5;
+const DISPLACEMENT_PX: f64 = 5.0;
+const DT_S: f64 = 0.005;
+
 /// A file of the folder.
 pub(super) type OutputFile = (&'static str, Vec<u8>);
 
@@ -40,7 +46,28 @@ pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, microscope: &Microsco
         .flat_map(|p| fitted.planes.iter().map(move |plane| depth(plane.stage_um, p.z_um)));
     let (low, high) = depths.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| (l.min(z), h.max(z)));
     let optics = microscope.waves.as_ref().map_or((String::new(), String::new()), wave_keys);
-    ("scenario.ron", twin(depth_factor, microscope.diameter_um, (low, high), &optics).into_bytes())
+    let twin = Twin {
+        depth_factor,
+        diameter_um: microscope.diameter_um,
+        depths_um: (low, high),
+        px_um: microscope.pixel_size_um / microscope.magnification,
+        particles: fitted.particles.len().max(FEWEST_PARTICLES),
+        optics,
+    };
+    ("scenario.ron", twin.text().into_bytes())
+}
+
+/// What the scenario of a fit is made of.
+struct Twin {
+    depth_factor: f64,
+    diameter_um: f64,
+    /// Physical depths of the scan, um.
+    depths_um: (f64, f64),
+    /// Edge of a pixel in the object plane, um.
+    px_um: f64,
+    particles: usize,
+    /// Keys of wave optics, for `optics` and for `render`.
+    optics: (String, String),
 }
 
 /// Keys of wave optics, for `optics` and for `render`.
@@ -59,24 +86,24 @@ fn wave_keys(waves: &Waves) -> (String, String) {
     (optics, format!("    render: (mode: waves, wavelength_um: {:?}),\n", model.wavelength_um))
 }
 
-/// Text of a scenario with the optics of `settings.txt` beside it; depths in physical um.
-fn twin(
-    depth_factor: f64,
-    diameter_um: f64,
-    (low, high): (f64, f64),
-    (optics, render): &(String, String),
-) -> String {
-    format!(
-        "// Images as the scanned microscope would take them; made by `microsig fit`.\n\
-         // Choose a flow (`microsig flows`), a number of particles and a timing of your own.\n\
-         (\n    name: \"twin\",\n    description: \"Twin of a real microscope\",\n    \
-         optics: (settings: \"settings.txt\", depth_factor: {depth_factor:?}{optics}),\n    \
-         motion: flow(field: poiseuille()),\n    particles: (number: n_s(0.1), diameter_um: constant({})),\n    \
-         boundaries: (z_um: ({}, {})),\n    timing: pairs(count: 10),\n{render})\n",
-        round(diameter_um, 4),
-        round(low, 2),
-        round(high, 2),
-    )
+impl Twin {
+    /// The scenario, with the optics of `settings.txt` beside it.
+    fn text(&self) -> String {
+        let Twin { depth_factor, optics: (optics, render), .. } = self;
+        let (low, high) = (round(self.depths_um.0, 2), round(self.depths_um.1, 2));
+        let speed = round(DISPLACEMENT_PX * self.px_um / DT_S, 1);
+        format!(
+            "// Images as the scanned microscope would take them; made by `microsig fit`.\n\
+             // Choose a flow (`microsig flows`), a number of particles and a timing of your own.\n\
+             (\n    name: \"twin\",\n    description: \"Twin of a real microscope\",\n    \
+             optics: (settings: \"settings.txt\", depth_factor: {depth_factor:?}{optics}),\n    \
+             motion: flow(field: poiseuille(max_speed_um_s: {speed:?}, walls_z_um: ({low:?}, {high:?}))),\n    \
+             particles: (number: count({}), diameter_um: constant({})),\n    \
+             boundaries: (z_um: ({low:?}, {high:?})),\n    timing: pairs(count: 10, dt_s: {DT_S:?}),\n{render})\n",
+            self.particles,
+            round(self.diameter_um, 4),
+        )
+    }
 }
 
 fn round(value: f64, digits: i32) -> f64 {
@@ -115,13 +142,17 @@ mod tests {
     use microsig_core::Settings;
     use microsig_core::render::waves::{Layers, Lens};
 
+    fn twin(depth_factor: f64, diameter_um: f64, depths_um: (f64, f64), optics: (String, String)) -> String {
+        Twin { depth_factor, diameter_um, depths_um, px_um: 0.65, particles: 5, optics }.text()
+    }
+
     #[test]
     fn the_twin_is_a_scenario() {
         let folder = tempfile::tempdir().unwrap();
         let mut settings = Vec::new();
         settings_file::write(&mut settings, &Settings::setting1()).unwrap();
         std::fs::write(folder.path().join("settings.txt"), settings).unwrap();
-        let text = twin(1.33, 2.00004, (-60.123, 19.5), &(String::new(), String::new()));
+        let text = twin(1.33, 2.00004, (-60.123, 19.5), (String::new(), String::new()));
         let scenario = scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None).unwrap();
         assert_eq!(
             (scenario.spec.name.as_str(), scenario.spec.boundaries.z_um),
@@ -138,7 +169,7 @@ mod tests {
         let layers = Some(Layers::default());
         let mut waves = Waves::new(WaveModel { wavelength_um: 0.52, lens: Lens::Aplanatic, layers });
         waves.aberrations = [0.07, -0.1, 0.0, 0.01, 0.2];
-        let text = twin(1.0, 0.2, (-2.0, 3.0), &wave_keys(&waves));
+        let text = twin(1.0, 0.2, (-2.0, 3.0), wave_keys(&waves));
         let scenario = scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None).unwrap();
         let text = format!("{:?}", scenario.spec);
         assert!(text.contains("(11, 0.07)") && text.contains("Aplanatic"), "{text}");

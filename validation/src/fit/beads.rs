@@ -11,6 +11,11 @@ use serde_json::Value;
 /// Largest chi2 per pixel of a fit by waves.
 const LARGEST_CHI2: f64 = 1.25;
 
+/// Least share of the light that a fit by waves explains, and the share that rays must not reach: they do not
+/// describe these beads.
+const LEAST_R2: f64 = 0.94;
+const RAYS_R2: f64 = 0.9;
+
 /// Fits all scans below `real` by waves; writes a row for each.
 pub(super) fn run(program: &Path, real: &Path, file: &Path) -> anyhow::Result<()> {
     let mut folders: Vec<_> = std::fs::read_dir(real)
@@ -88,7 +93,8 @@ pub(super) fn table(file: &Path) -> anyhow::Result<(String, usize)> {
     for row in csv::Reader::from_path(file)?.deserialize() {
         let (name, numbers): (String, [f64; 10]) = row?;
         let [rays_chi2, rays_r2, chi2, r2, gain, nominal, na, spherical, astigmatism, coma] = numbers;
-        above += [chi2 < LARGEST_CHI2, gain > 0.0].into_iter().filter(|is_met| !is_met).count();
+        let bars = [chi2 < LARGEST_CHI2, r2 >= LEAST_R2, rays_r2 < RAYS_R2, gain > 0.0];
+        above += bars.into_iter().filter(|is_met| !is_met).count();
         writeln!(
             lines,
             "| {name} | {rays_chi2:.2} | {rays_r2:.3} | {chi2:.3} | {r2:.3} | {gain:.0} | {nominal:.2} | {na:.3} | {spherical:+.3} | \

@@ -12,7 +12,8 @@ pub fn lines(preview: &Preview) -> [String; 2] {
         return Default::default();
     };
     let size = |depth: &DepthFacts| {
-        format!("{:.0} x {:.0} px at {} um", depth.width_px, depth.height_px, depth.z_um)
+        let z_um = 0.01 * libm::round(100.0 * depth.z_um);
+        format!("{:.0} x {:.0} px at {} um", depth.width_px, depth.height_px, z_um as f32)
     };
     let best = best(mean);
     let focus = match mean.focus_um {

@@ -1,6 +1,7 @@
 //! Tests with access to internals: pupil function, layers, pixels and the limit of short wavelengths.
 #![expect(clippy::print_stdout, reason = "the margins of a test are shown when it fails, or on request")]
 
+use super::model::Scope;
 use super::*;
 use crate::quadrature::gauss_legendre_on;
 
