@@ -17,12 +17,13 @@ const ROUNDING: f64 = 1.0 / 12.0;
 const ITERATIONS: usize = 30;
 const CONVERGED: f64 = 1e-4;
 
-/// Variance of a count: that of the background, rounding included (counts^2), and that per count of light
-/// (counts).
+/// Variance of a count: that of the background, rounding included (counts^2), that per count of light
+/// (counts), and that per squared count of light, by which errors of the model grow.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Noise {
     pub(super) background2: f64,
     pub(super) per_count: f64,
+    pub(super) per_count2: f64,
 }
 
 /// Two estimates of the variance of counts.
@@ -44,7 +45,8 @@ struct Pixel {
 
 impl Noise {
     pub(super) fn variance(self, light: f64) -> f64 {
-        self.background2 + self.per_count * light.max(0.0)
+        let light = light.max(0.0);
+        self.background2 + (self.per_count + self.per_count2 * light) * light
     }
 }
 
@@ -92,37 +94,44 @@ impl Problem<'_> {
 /// be.
 fn estimate(pixels: &[Pixel], start: Noise) -> Noises {
     let most = start.background2;
-    let step = |noise: Noise, value: &dyn Fn(&Pixel) -> f64| {
-        // Sums of weights w, w light, w light^2, w value and w light value.
-        let mut sums = [0.0; 5];
+    // Sums over pixels of weights times powers of light, 0 to 4, and times powers of light and the value.
+    let sums = |noise: Noise, value: &dyn Fn(&Pixel) -> f64| {
+        let (mut powers, mut values) = ([0.0; 5], [0.0; 3]);
         for pixel in pixels {
             let variance = noise.variance(pixel.light);
-            let weight = 1.0 / (variance * variance);
             // Limits the effect of outliers, which are not noise.
             let value = value(pixel).clamp(-HUBER * HUBER * variance, HUBER * HUBER * variance);
-            let x = pixel.light;
-            [1.0, x, x * x, value, x * value].iter().zip(&mut sums).for_each(|(v, sum)| *sum += weight * v);
+            let mut weight = 1.0 / (variance * variance);
+            for (power, sum) in powers.iter_mut().enumerate() {
+                *sum += weight;
+                values.get_mut(power).into_iter().for_each(|sum| *sum += weight * value);
+                weight *= pixel.light;
+            }
         }
-        sums
+        (powers, values)
     };
-    let pure_value = |pixel: &Pixel| pixel.square - pixel.shared;
-    let pure = iterate(start, |noise| {
-        let [w, x, xx, y, xy] = step(noise, &pure_value);
+    let positive = |above: f64, below: f64| if below > 0.0 { (above / below).max(0.0) } else { 0.0 };
+    let alone = iterate(Noise { per_count2: 0.0, ..start }, |noise| {
+        let ([w, x, xx, ..], [y, xy, _]) = sums(noise, &|pixel| pixel.square - pixel.shared);
         let determinant = w * xx - x * x;
         if determinant <= 0.0 {
             return noise;
         }
         let background2 = ((xx * y - x * xy) / determinant).clamp(ROUNDING, most);
-        Noise { background2, per_count: ((xy - background2 * x) / xx).max(0.0) }
+        Noise { background2, per_count: positive(xy - background2 * x, xx), ..noise }
     });
-    let with_model = iterate(pure, |noise| {
-        let [_, x, xx, _, xy] = step(noise, &|pixel| pixel.square);
-        let per_count = if xx > 0.0 { ((xy - noise.background2 * x) / xx).max(0.0) } else { 0.0 };
-        Noise { per_count, ..noise }
+    let all = iterate(alone, |noise| {
+        let ([_, x, xx, ..], [_, xy, _]) = sums(noise, &|pixel| pixel.square);
+        Noise { per_count: positive(xy - noise.background2 * x, xx), ..noise }
     });
     // Where neighbors share noise with opposite signs, as when a ray falls on one pixel or on the next, the
     // products are negative; noise alone is never more than all residuals.
-    let pure = Noise { per_count: pure.per_count.min(with_model.per_count), ..pure };
+    let pure = Noise { per_count: alone.per_count.min(all.per_count), ..alone };
+    let with_model = iterate(pure, |noise| {
+        let ([_, _, xx, xxx, xxxx], [_, _, xxy]) = sums(noise, &|pixel| pixel.square);
+        let above = xxy - noise.background2 * xx - noise.per_count * xxx;
+        Noise { per_count2: positive(above, xxxx), ..noise }
+    });
     Noises { pure, with_model }
 }
 
@@ -156,10 +165,10 @@ mod tests {
                 Pixel { light, square: noise2 + model * model, shared: model * model }
             })
             .collect();
-        let start = Noise { background2: 12.0, per_count: 1.0 };
+        let start = Noise { background2: 12.0, per_count: 1.0, per_count2: 0.0 };
         let Noises { pure, with_model } = estimate(&pixels, start);
         assert!((pure.background2 - background2).abs() < 0.01, "{pure:?}");
         assert!((pure.per_count - per_count).abs() < 0.01, "{pure:?}");
-        assert!(with_model.per_count > 2.0 * per_count, "{with_model:?}");
+        assert!((with_model.per_count2 - 0.04).abs() < 1e-3, "{with_model:?}");
     }
 }

@@ -124,13 +124,14 @@ fn first_state(
             background: problem.background.mean,
         })
         .collect();
+    let background2 = problem.background.noise * problem.background.noise;
     problem.with_light(State {
         microscope,
         direction,
         drift: shape.drift,
         beads,
         flux: vec![1.0; problem.scan.planes.len()],
-        noise: Noise { background2: problem.background.noise * problem.background.noise, per_count: 1.0 },
+        noise: Noise { background2, per_count: 1.0, per_count2: 0.0 },
     })
 }
 

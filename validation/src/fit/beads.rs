@@ -38,7 +38,6 @@ pub(super) fn run(program: &Path, real: &Path, file: &Path) -> anyhow::Result<()
             ("--pixel-size", given("um_per_px")?),
             ("--z-step", given("z_step_um")?),
             ("--wavelength", given("emission_um")?),
-            ("--diameter", given("particle_diameter_um")?),
         ] {
             command.arg(option).arg(value.to_string());
         }
@@ -63,6 +62,7 @@ pub(super) fn run(program: &Path, real: &Path, file: &Path) -> anyhow::Result<()
             compared("geometric", "bic") - compared("waves", "bic"),
             given("nominal_numerical_aperture")?,
             parameter("numerical_aperture"),
+            parameter("particle_diameter_um"),
             parameter("spherical_aberration"),
             astigmatism,
             coma,
@@ -73,7 +73,7 @@ pub(super) fn run(program: &Path, real: &Path, file: &Path) -> anyhow::Result<()
     Ok(table.flush()?)
 }
 
-const HEADER: [&str; 11] = [
+const HEADER: [&str; 12] = [
     "bead",
     "rays_chi2",
     "rays_r2",
@@ -82,6 +82,7 @@ const HEADER: [&str; 11] = [
     "bic_gain",
     "nominal_na",
     "na",
+    "diameter_um",
     "spherical",
     "astigmatism",
     "coma",
@@ -91,13 +92,14 @@ const HEADER: [&str; 11] = [
 pub(super) fn table(file: &Path) -> anyhow::Result<(String, usize)> {
     let (mut lines, mut above) = (String::new(), 0);
     for row in csv::Reader::from_path(file)?.deserialize() {
-        let (name, numbers): (String, [f64; 10]) = row?;
-        let [rays_chi2, rays_r2, chi2, r2, gain, nominal, na, spherical, astigmatism, coma] = numbers;
+        let (name, numbers): (String, [f64; 11]) = row?;
+        let [rays_chi2, rays_r2, chi2, r2, gain, nominal, na, diameter, spherical, astigmatism, coma] =
+            numbers;
         let bars = [chi2 < LARGEST_CHI2, r2 >= LEAST_R2, rays_r2 < RAYS_R2, gain > 0.0];
         above += bars.into_iter().filter(|is_met| !is_met).count();
         writeln!(
             lines,
-            "| {name} | {rays_chi2:.2} | {rays_r2:.3} | {chi2:.3} | {r2:.3} | {gain:.0} | {nominal:.2} | {na:.3} | {spherical:+.3} | \
+            "| {name} | {rays_chi2:.2} | {rays_r2:.3} | {chi2:.3} | {r2:.3} | {gain:.0} | {nominal:.2} | {na:.3} | {diameter:.2} | {spherical:+.3} | \
              {astigmatism:.3} | {coma:.3} |"
         )?;
     }
