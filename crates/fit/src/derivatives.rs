@@ -6,7 +6,7 @@
 use rayon::prelude::*;
 
 use super::imager::Imager;
-use super::images::Problem;
+use super::images::{Accuracy, Problem};
 use super::optics::{Microscope, Shared};
 use super::state::State;
 use storage::error::Result;
@@ -15,17 +15,6 @@ use storage::error::Result;
 /// of the step of their differences, or an image has moved or an edge of it by more than this many px.
 const STALE: f64 = 0.5;
 const STALE_PX: f64 = 0.3;
-
-/// Accuracy of images and of their derivatives.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Accuracy {
-    /// Error of images, as a fraction of their peaks.
-    pub(super) tolerance: f64,
-    /// Error of the images of which differences are taken.
-    pub(super) of_sides: f64,
-    /// Whether differences are central; otherwise only the upper image is new.
-    pub(super) central: bool,
-}
 
 /// Derivatives of the fractions of light on all pixels of all windows.
 #[derive(Debug)]

@@ -12,7 +12,6 @@
 use rayon::prelude::*;
 
 use super::background::Background;
-use super::derivatives::Accuracy;
 use super::imager::Imager;
 use super::optics::{Microscope, Shared};
 use super::particles::Windows;
@@ -22,6 +21,17 @@ use storage::error::Result;
 
 /// Is told what a fit does, in a few words.
 pub type Watch<'a> = &'a (dyn Fn(&str) + Sync);
+
+/// Accuracy of images and of their derivatives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Accuracy {
+    /// Error of images, as a fraction of their peaks.
+    pub(super) tolerance: f64,
+    /// Error of the images of which differences are taken.
+    pub(super) of_sides: f64,
+    /// Whether differences are central; otherwise only the upper image is new.
+    pub(super) central: bool,
+}
 
 /// The data of a fit and its free parameters.
 pub(super) struct Problem<'a> {

@@ -7,7 +7,7 @@
 use rayon::prelude::*;
 
 use super::images::Problem;
-use super::state::{HUBER, State};
+use super::state::{HUBER, Noise, State};
 use storage::error::Result;
 
 /// Variance of rounding to whole counts.
@@ -16,15 +16,6 @@ const ROUNDING: f64 = 1.0 / 12.0;
 /// Maximum number of iterations of the weighted regression, and the relative change at which it ends.
 const ITERATIONS: usize = 30;
 const CONVERGED: f64 = 1e-4;
-
-/// Variance of a count: that of the background, rounding included (counts^2), that per count of light
-/// (counts), and that per squared count of light, by which errors of the model grow.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Noise {
-    pub(super) background2: f64,
-    pub(super) per_count: f64,
-    pub(super) per_count2: f64,
-}
 
 /// Two estimates of the variance of counts.
 #[derive(Debug, Clone, Copy)]
@@ -41,13 +32,6 @@ struct Pixel {
     light: f64,
     square: f64,
     shared: f64,
-}
-
-impl Noise {
-    pub(super) fn variance(self, light: f64) -> f64 {
-        let light = light.max(0.0);
-        self.background2 + (self.per_count + self.per_count2 * light) * light
-    }
 }
 
 impl Problem<'_> {

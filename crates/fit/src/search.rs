@@ -1,13 +1,12 @@
 //! The search for the best fit: from several starting points to one state.
 
 use super::curves::Start;
-use super::derivatives::{Accuracy, Derivatives};
-use super::images::Problem;
+use super::derivatives::Derivatives;
+use super::images::{Accuracy, Problem};
 use super::moments::Shape;
-use super::noise::Noise;
 use super::optics::{Microscope, Shared};
 use super::rejection;
-use super::state::{Bead, State};
+use super::state::{Bead, Noise, State};
 use super::waves::{WaveModel, Waves};
 use storage::error::{Error, Result};
 

@@ -1,6 +1,5 @@
 //! The state of an image fit (microscope and particles), and its misfit.
 
-use super::noise::Noise;
 use super::optics::Microscope;
 
 /// The loss is linear for residuals beyond this many standard deviations.
@@ -18,6 +17,22 @@ pub(super) struct Bead {
     pub(super) light: f64,
     /// Background, counts.
     pub(super) background: f64,
+}
+
+/// Variance of a count: that of the background, rounding included (counts^2), that per count of light
+/// (counts), and that per squared count of light, by which errors of the model grow.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Noise {
+    pub(super) background2: f64,
+    pub(super) per_count: f64,
+    pub(super) per_count2: f64,
+}
+
+impl Noise {
+    pub(super) fn variance(self, light: f64) -> f64 {
+        let light = light.max(0.0);
+        self.background2 + (self.per_count + self.per_count2 * light) * light
+    }
 }
 
 /// All quantities that the fit changes.
@@ -44,8 +59,8 @@ pub(super) struct Misfit {
     pub(super) chi2: f64,
     /// Sum of the Huber loss of r/sd plus ln(variance).
     pub(super) minus_two_log_likelihood: f64,
-    /// Sums over pairs of neighboring pixels of products of residuals, and of data minus background, counts^2:
-    /// without noise, which neighbors do not share.
+    /// Sums over pairs of neighboring pixels of products of residuals, and of data minus background,
+    /// counts^2: without noise, which neighbors do not share.
     pub(super) unexplained: f64,
     pub(super) signal: f64,
 }

@@ -13,11 +13,11 @@ use super::aperture_integral::Fineness;
 use super::depth_table::{DepthTable, PlaneLayout};
 use super::image_model::{ImageModel, QuadrantGrid, SampleNodes, deviation, measure, peak};
 use super::interpolated::InterpolatedImage;
-use super::pixel_integral::{self, AZIMUTHS};
+use super::pixel_integral::AZIMUTHS;
 use super::quadrant_layout::QuadrantLayout;
-use super::radial_layout::RadialLayout;
+use super::radial_layout::{RadialLayout, round_spline};
 use crate::cancel::checkpoint;
-use crate::render::spline::{self, SplineDegree};
+use crate::render::spline;
 
 /// Radii of the spheres of a table, um.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -292,21 +292,6 @@ impl TableBuilder<'_> {
         let ours: Vec<f64> = nodes.places(z_um).into_iter().map(|[x, y]| interpolated.at(x, y)[0]).collect();
         deviation(&ours, &truth)
     }
-}
-
-/// The azimuthal orders of values given by azimuth and radius, as coefficients of quadratic splines along the
-/// radius.
-pub(super) fn round_spline(values: &[f64], columns: usize) -> Vec<f64> {
-    let of_nodes: Vec<[f64; AZIMUTHS]> = (0..columns)
-        .map(|k| pixel_integral::harmonics(std::array::from_fn(|azimuth| values[azimuth * columns + k])))
-        .collect();
-    (0..AZIMUTHS)
-        .flat_map(|order| {
-            let mut line: Vec<f64> = of_nodes.iter().map(|harmonics| harmonics[order]).collect();
-            spline::even_spline(&mut line, SplineDegree::Two);
-            line
-        })
-        .collect()
 }
 
 /// Number of additional planes that the spline in depth needs before and after the range.

@@ -1,11 +1,10 @@
 //! The image of one sphere and its derivatives in f64, for fits and error bounds: from a table, or computed
 //! for its own depth.
 
-use super::build::round_spline;
 use super::depth_table::{DepthTable, PlaneLayout};
 use super::image_model::{ImageModel, QuadrantGrid, SampleNodes};
 use super::quadrant_layout::QuadrantLayout;
-use super::radial_layout::RadialLayout;
+use super::radial_layout::{RadialLayout, round_spline};
 use crate::render::spline::{self, SplineDegree};
 
 /// Nodes per px of a quadrant that is computed for one image: for coarse tolerances and for others.

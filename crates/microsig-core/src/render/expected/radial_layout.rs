@@ -3,8 +3,9 @@
 //! Nodes are equidistant along the radius. Their spacing in a table is linear in depth, like the radius of
 //! the rim, so that edges keep their positions relative to the nodes from plane to plane.
 
-use super::pixel_integral::AZIMUTHS;
+use super::pixel_integral::{self, AZIMUTHS};
 
+use crate::render::spline::{self, SplineDegree};
 use crate::render::store::{Reader, Writer};
 
 /// Nodes per px at the middle depth of a table.
@@ -88,4 +89,19 @@ impl RadialLayout {
     pub(super) fn length(&self) -> usize {
         self.orders * self.columns
     }
+}
+
+/// The azimuthal orders of values given by azimuth and radius, as coefficients of quadratic splines along the
+/// radius.
+pub(super) fn round_spline(values: &[f64], columns: usize) -> Vec<f64> {
+    let of_nodes: Vec<[f64; AZIMUTHS]> = (0..columns)
+        .map(|k| pixel_integral::harmonics(std::array::from_fn(|azimuth| values[azimuth * columns + k])))
+        .collect();
+    (0..AZIMUTHS)
+        .flat_map(|order| {
+            let mut line: Vec<f64> = of_nodes.iter().map(|harmonics| harmonics[order]).collect();
+            spline::even_spline(&mut line, SplineDegree::Two);
+            line
+        })
+        .collect()
 }
