@@ -3,7 +3,7 @@
 use super::depth_table::{DepthTable, PlaneLayout};
 use super::quadrant_layout::QuadrantLayout;
 use super::radial_layout::RadialLayout;
-use crate::render::spline;
+use crate::bspline;
 
 /// An interpolated plane and its derivative with respect to depth.
 pub(super) struct InterpolatedImage<'a> {
@@ -41,7 +41,7 @@ impl<'a> InterpolatedImage<'a> {
         let r2 = dx * dx + dy * dy;
         let r = libm::sqrt(r2);
         let node = libm::floor(r * per_px + 0.5);
-        let (weights, slopes) = spline::quadratic_basis(r * per_px - node);
+        let (weights, slopes) = bspline::quadratic(r * per_px - node);
         let near = [0, 1, 2].map(|i| (node as isize + i - 1).unsigned_abs());
         // On the axis, orders above 0 and all lateral derivatives vanish.
         let inverse = if r2 > 0.0 { 1.0 / r2 } else { 0.0 };
@@ -102,6 +102,6 @@ impl<'a> InterpolatedImage<'a> {
 /// derivatives of these.
 fn place(nodes: f64) -> (isize, [f64; 4], [f64; 4]) {
     let cell = libm::floor(nodes);
-    let (weights, slopes) = spline::basis(nodes - cell);
+    let (weights, slopes) = bspline::cubic(nodes - cell);
     (cell as isize - 1, weights, slopes)
 }

@@ -10,7 +10,7 @@ use super::options::Emission;
 use super::pixel::{self, Axis};
 use super::pupil::{Pupil, Radii};
 use super::quadrant::Quadrant;
-use super::spline::{self, TAPS};
+use crate::bspline::{self, QUINTIC_TAPS as TAPS};
 use crate::cancel::checkpoint;
 use crate::render::instructions::InstructionSet;
 
@@ -467,7 +467,7 @@ impl Exposure {
         let axis = |x: f64| {
             let place = x * self.layout.per_px as f64;
             let cell = libm::floor(place);
-            (cell as isize - 2, spline::basis(place - cell).0)
+            (cell as isize - 2, bspline::quintic(place - cell).0)
         };
         let ((first_x, of_x), (first_y, of_y)) = (axis(x), axis(y));
         let mut sum = 0.0;
