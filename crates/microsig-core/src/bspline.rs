@@ -12,8 +12,8 @@ pub fn quadratic(t: f64) -> ([f64; 3], [f64; 3]) {
     ([0.5 * low * low, 0.75 - t * t, 0.5 * high * high], [-low, -2.0 * t, high])
 }
 
-/// Cubic: weights of the four coefficients around a position `t` in [0, 1] after the second of them, and their
-/// derivatives.
+/// Cubic: weights of the four coefficients around a position `t` in [0, 1] after the second of them, and
+/// their derivatives.
 #[inline]
 pub fn cubic(t: f64) -> ([f64; 4], [f64; 4]) {
     let s = 1.0 - t;
@@ -31,8 +31,8 @@ pub fn cubic(t: f64) -> ([f64; 4], [f64; 4]) {
 /// Number of coefficients around a position in [`quintic`].
 pub const QUINTIC_TAPS: usize = 6;
 
-/// Quintic: weights of the six coefficients around a position `t` in [0, 1] after the third of them, and their
-/// derivatives.
+/// Quintic: weights of the six coefficients around a position `t` in [0, 1] after the third of them, and
+/// their derivatives.
 #[inline]
 pub fn quintic(t: f64) -> ([f64; QUINTIC_TAPS], [f64; QUINTIC_TAPS]) {
     let linear: [f64; 2] = [1.0 - t, t];

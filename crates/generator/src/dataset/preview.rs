@@ -62,8 +62,8 @@ impl Preview {
     }
 }
 
-/// The image as a frame on the sheet: a wide one is reduced to [`WIDTH`]; a narrow one is enlarged by the largest
-/// whole number that fits, so that its pixels stay sharp and of one size.
+/// The image as a frame on the sheet: a wide one is reduced to [`WIDTH`]; a narrow one is enlarged by the
+/// largest whole number that fits, so that its pixels stay sharp and of one size.
 fn fit(image: GrayImage) -> GrayImage {
     let (width, height) = image.dimensions();
     match WIDTH / width {
