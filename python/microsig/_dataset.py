@@ -35,7 +35,8 @@ Images = Union[NDArray[np.uint16], NDArray[np.float32]]
 class Calibration(NamedTuple):
     """The calibration scan of one particle."""
 
-    #: uint16 (or float32, see :attr:`Dataset.images`) (steps, rows, columns): an image of the particle at each depth.
+    #: uint16 (or float32, see :attr:`Dataset.images`) (steps, rows, columns): an image of the particle at
+    #: each depth.
     images: Images
     #: float64 (steps,): depth of the particle in each image, um, growing away from the lens.
     z_um: NDArray[np.float64]

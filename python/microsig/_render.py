@@ -38,7 +38,8 @@ def _particles(particles: Any) -> NDArray[np.float64]:
     columns: Any = particles.keys() if isinstance(particles, Mapping) else getattr(particles, "columns", None)
     if columns is not None:
         names = {str(name) for name in columns}
-        # The truth of spheres has these columns too; a spheroid of aspect ratio 1 shines by another law than a sphere.
+        # The truth of spheres has these columns too; a spheroid of aspect ratio 1 shines by another law than
+        # a sphere.
         spheroids = {"e_p", "alpha_rad", "beta_rad"} <= names and bool(np.any(np.asarray(particles["e_p"]) != 1))
         used = [c for c in _COLUMNS[:4]]
         used += [c for c in _COLUMNS[4:7] if spheroids]

@@ -10,7 +10,10 @@ import { closeBrowser, folder, generate, look, microsig, serve } from "./harness
 
 const place = folder();
 
-/** Gaussian particle images of known places, no noise: their centroids can be measured to a hundredth of a pixel. */
+/**
+ * Gaussian particle images of known places, no noise: their centroids can be measured to a hundredth of a
+ * pixel.
+ */
 const GAUSSIAN = `(
     name: "gaussian", seed: 3,
     optics: (gaussian: (diameter_px: 4, peak_counts: 3000), pixel_dim_x: 200, pixel_dim_y: 140, background_mean: 100, background_noise: 0),

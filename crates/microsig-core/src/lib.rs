@@ -30,6 +30,7 @@
 //!
 //! The crate opens no path, reads no clock and no environment, and prints nothing.
 
+pub mod bspline;
 pub mod cancel;
 pub mod emission;
 mod error;

@@ -1,5 +1,7 @@
 //! Grayscale images of the baseline trackers: counts, filters, and spline interpolation.
 
+use microsig_core::bspline;
+
 /// A grayscale image. Pixels are indexed from 0 here, from 1 in datasets; [`super`] converts.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct GrayImage {
@@ -141,7 +143,7 @@ impl Spline {
     pub(super) fn at(&self, x: f32, y: f32) -> f32 {
         let c = &self.coefficients;
         let (x0, y0) = (x.floor(), y.floor());
-        let (wx, wy) = (weights(x - x0), weights(y - y0));
+        let ((wx, _), (wy, _)) = (weights(x - x0), weights(y - y0));
         let columns: [usize; 4] = std::array::from_fn(|i| mirrored(x0 as isize + i as isize - 1, c.width));
         let mut value = 0.0;
         for (j, weight) in wy.into_iter().enumerate() {
@@ -153,21 +155,11 @@ impl Spline {
     }
 }
 
-/// Weights of the four coefficients around a position at a distance `t` (0 to 1) beyond a pixel.
-pub(super) fn weights(t: f32) -> [f32; 4] {
-    let s = 1.0 - t;
-    [
-        s * s * s / 6.0,
-        2.0 / 3.0 - 0.5 * t * t * (2.0 - t),
-        2.0 / 3.0 - 0.5 * s * s * (2.0 - s),
-        t * t * t / 6.0,
-    ]
-}
-
-/// Derivatives of [`weights`].
-pub(super) fn weights_slope(t: f32) -> [f32; 4] {
-    let s = 1.0 - t;
-    [-0.5 * s * s, 0.5 * t * (3.0 * t - 4.0), -0.5 * s * (3.0 * s - 4.0), 0.5 * t * t]
+/// Weights of the four coefficients around a position at a distance `t` (0 to 1) beyond a pixel, and their
+/// derivatives.
+pub(super) fn weights(t: f32) -> ([f32; 4], [f32; 4]) {
+    let (weights, slopes) = bspline::cubic(f64::from(t));
+    (weights.map(|w| w as f32), slopes.map(|s| s as f32))
 }
 
 fn mirrored(i: isize, n: usize) -> usize {

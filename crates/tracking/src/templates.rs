@@ -2,7 +2,7 @@
 //! B-splines.
 
 use super::denoise::PixelNoise;
-use super::gray_image::{GrayImage, Spline, prefilter, weights, weights_slope};
+use super::gray_image::{GrayImage, Spline, prefilter, weights};
 use super::images::{ImagePatch, ParticleImages};
 
 /// The search template extends to pixels brighter than this share of its peak, ...
@@ -105,14 +105,14 @@ impl ParticleImages for Templates {
         let place = place.clamp(0.0, (self.len() - 1) as f64);
         let low = (place as usize).min(self.len() - 2);
         let t = (place - low as f64) as f32;
-        let (value, slope) = (weights(t), weights_slope(t).map(|s| s * per_um as f32));
+        let (value, slope) = weights(t);
+        let slope = slope.map(|s| s * per_um as f32);
         let knots: [&GrayImage; 4] = std::array::from_fn(|i| &self.coefficients[low + PADDING + i - 1]);
         let (width, center) = (knots[0].width, (knots[0].width / 2) as isize);
         // All pixels of the square have the same sub-pixel offset from those of the template.
         let base = offset.map(|o| (-o).floor());
         let part: [f32; 2] = std::array::from_fn(|i| (-offset[i] - base[i]) as f32);
-        let (wx, wy) = (weights(part[0]), weights(part[1]));
-        let (sx, sy) = (weights_slope(part[0]), weights_slope(part[1]));
+        let ((wx, sx), (wy, sy)) = (weights(part[0]), weights(part[1]));
         let (side, r) = (2 * radius + 1, radius as isize);
         let inside = |i: isize| (0..width as isize).contains(&i).then_some(i as usize);
         // Interpolate along x (and z) first, for all rows needed.

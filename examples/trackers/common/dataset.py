@@ -49,7 +49,8 @@ class Dataset:
         manifest = {}
         if (folder / "datapackage.json").exists():
             manifest = json.loads((folder / "datapackage.json").read_text()).get("microsig", {})
-        # Test splits have a table of frames. Elsewhere the names of the images say the same, in the same order.
+        # Test splits have a table of frames. Elsewhere the names of the images say the same, in the same
+        # order.
         frames = []
         if (folder / "frames.csv").exists():
             with open(folder / "frames.csv", newline="") as file:

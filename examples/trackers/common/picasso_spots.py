@@ -32,6 +32,7 @@ def identify(frames, edge, params):
     found = pd.concat(tables, ignore_index=True)
     if len(params["filters"]) == 1:
         return found
-    # What several filters find within a few pixels is fitted once, from the place that the widest filter gives.
+    # What several filters find within a few pixels is fitted once, from the place that the widest filter
+    # gives.
     places = (found[["x", "y"]] // 4).assign(frame=found["frame"])
     return found[~places.duplicated(keep="last")].reset_index(drop=True)

@@ -41,9 +41,10 @@ def track(dataset, params):
             fail(f"{dataset.folder} is not a dataset of image pairs")
         a, b = (frame.image() for frame in group)
         x, y, u, v, flags = windef.simple_multipass(a, b, settings(params))
-        # OpenPIV turns y and v upward at the end: undo it. Its positions are half a window, so half a pixel beyond the
-        # windows' centers; but it deforms images as if they counted from the center of the first pixel, so that the
-        # vectors of deformed passes are those at these positions from that center, as `write_field` takes them.
+        # OpenPIV turns y and v upward at the end: undo it. Its positions are half a window, so half a pixel
+        # beyond the windows' centers; but it deforms images as if they counted from the center of the first
+        # pixel, so that the vectors of deformed passes are those at these positions from that center, as
+        # `write_field` takes them.
         y = y[::-1]
         half = 0.5 if len(params["windows"]) + params["last_passes"] == 1 else 0.0  # no deformed pass
         replaced = np.asarray(flags) != 0

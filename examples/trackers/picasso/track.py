@@ -27,8 +27,8 @@ DEFAULTS = {
 }
 
 
-# Picasso looks for z in the range of single molecules, about a micrometer: depths are given to it a hundred times
-# smaller, in units of 0.1 um instead of nm.
+# Picasso looks for z in the range of single molecules, about a micrometer: depths are given to it a hundred
+# times smaller, in units of 0.1 um instead of nm.
 UNIT_UM = 0.1
 
 
@@ -50,8 +50,8 @@ def calibrate(dataset, info, params):
     z, stack, (x, y) = dataset.calibration()
     beads = pd.DataFrame({"frame": range(len(stack)), "x": round(x), "y": round(y), "net_gradient": 1.0})
     locs = fit(stack, beads, info, params)
-    # Without scatter between beads nothing is an outlier: three copies, slightly apart, keep `calibrate_z` from
-    # comparing with a variance that is undefined.
+    # Without scatter between beads nothing is an outlier: three copies, slightly apart, keep `calibrate_z`
+    # from comparing with a variance that is undefined.
     copies = pd.concat([locs.assign(sx=locs["sx"] * f, sy=locs["sy"] * f) for f in (0.999, 1.0, 1.001)])
     meta = metadata(stack)
     curve = zfit.calibrate_z(copies, meta, (z[-1] - z[0]) / (len(z) - 1) / UNIT_UM, 1.0)

@@ -27,7 +27,8 @@ SETS = {
     "spherical": ["quickstart.ron", "timing.pairs.count=1", "particles.number.count=12"],
     "astigmatic": ["quickstart_astigmatic.ron", "timing.pairs.count=1", "particles.number.count=12"],
 }
-# tracker, package, dataset, parameters, least F1 (fields: least share of valid vectors), largest bias in x and y (px), z (um)
+# tracker, package, dataset, parameters, least F1 (fields: least share of valid vectors), largest bias in x
+# and y (px), z (um)
 CASES = [
     ("trackpy", "trackpy", "spots", "isbi_like", 0.9, 0.05, None),
     ("laptrack", "laptrack", "spots", "isbi_like", 0.9, 0.05, None),

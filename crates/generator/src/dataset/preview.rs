@@ -13,7 +13,7 @@ use storage::save_bytes;
 const FRAMES: u32 = 6;
 /// Frames side by side: the two images of a pair, or two of a sequence.
 const COLUMNS: u32 = 2;
-/// Width of a frame on the sheet, px.
+/// Largest width of a frame on the sheet, px.
 const WIDTH: u32 = 376;
 /// White gap between frames, px.
 const GAP: u32 = 6;
@@ -37,23 +37,21 @@ impl Preview {
 
     /// Adds a frame.
     pub fn add(&mut self, frame: u32, image: &Image) {
-        let height = (WIDTH * image.height / image.width).max(1);
-        let tile = imageops::thumbnail(&stretch(image), WIDTH, height);
-        self.tiles.push((frame, tile));
+        self.tiles.push((frame, fit(stretch(image))));
     }
 
     /// Writes the sheet as PNG.
     pub fn write(mut self, path: &Path) -> Result<()> {
         self.tiles.sort_by_key(|&(frame, _)| frame);
-        let height = self.tiles.first().map_or(1, |(_, tile)| tile.height());
+        let (width, height) = self.tiles.first().map_or((WIDTH, 1), |(_, tile)| tile.dimensions());
         let rows = (self.tiles.len() as u32).div_ceil(COLUMNS);
         let columns = COLUMNS.min(self.tiles.len() as u32).max(1);
         let size = |n: u32, side: u32| n * side + (n + 1) * GAP;
         let mut sheet =
-            GrayImage::from_pixel(size(columns, WIDTH), size(rows.max(1), height), image::Luma([255]));
+            GrayImage::from_pixel(size(columns, width), size(rows.max(1), height), image::Luma([255]));
         for (i, (_, tile)) in self.tiles.iter().enumerate() {
             let (column, row) = (i as u32 % COLUMNS, i as u32 / COLUMNS);
-            let (x, y) = (GAP + column * (WIDTH + GAP), GAP + row * (height + GAP));
+            let (x, y) = (GAP + column * (width + GAP), GAP + row * (height + GAP));
             imageops::replace(&mut sheet, tile, i64::from(x), i64::from(y));
         }
         let mut bytes = std::io::Cursor::new(Vec::new());
@@ -61,6 +59,19 @@ impl Preview {
             .write_to(&mut bytes, image::ImageFormat::Png)
             .map_err(|e| Error::Write { path: path.to_owned(), source: std::io::Error::other(e) })?;
         save_bytes(path, bytes.get_ref())
+    }
+}
+
+/// The image as a frame on the sheet: a wide one is reduced to [`WIDTH`]; a narrow one is enlarged by the
+/// largest whole number that fits, so that its pixels stay sharp and of one size.
+fn fit(image: GrayImage) -> GrayImage {
+    let (width, height) = image.dimensions();
+    match WIDTH / width {
+        0 => imageops::thumbnail(&image, WIDTH, (WIDTH * height / width).max(1)),
+        1 => image,
+        times => {
+            GrayImage::from_fn(times * width, times * height, |x, y| *image.get_pixel(x / times, y / times))
+        }
     }
 }
 

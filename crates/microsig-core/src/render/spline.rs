@@ -1,4 +1,6 @@
-//! B-splines on equidistant nodes, and interpolation weights.
+//! Interpolating and least-squares splines on equidistant nodes, and weights of Lagrange interpolation.
+
+use crate::bspline;
 
 /// Degree of a spline; the discriminant is the weight of a node's own coefficient relative to those of its
 /// two neighbors.
@@ -33,7 +35,7 @@ pub(super) fn even_spline(values: &mut [f64], degree: SplineDegree) {
 /// The value of the even cubic spline at a position in steps from node 0.
 pub(super) fn evaluate(coefficients: &[f64], place: f64) -> f64 {
     let cell = libm::floor(place);
-    let (weights, _) = basis(place - cell);
+    let (weights, _) = bspline::cubic(place - cell);
     let first = cell as isize - 1;
     let c = |i: usize| coefficients.get((first + i as isize).unsigned_abs()).copied().unwrap_or(0.0);
     (0..4).map(|i| weights[i] * c(i)).sum()
@@ -169,29 +171,6 @@ pub(super) fn plane_at_half_nodes(coefficients: &[f64], columns: usize) -> Vec<f
     values
 }
 
-/// Cubic B-spline weights of the four coefficients around a position `t` in [0, 1] after the second of them,
-/// and their derivatives.
-pub(super) fn basis(t: f64) -> ([f64; 4], [f64; 4]) {
-    let s = 1.0 - t;
-    let (t2, s2) = (t * t, s * s);
-    (
-        [
-            s2 * s / 6.0,
-            (4.0 - 6.0 * t2 + 3.0 * t2 * t) / 6.0,
-            (4.0 - 6.0 * s2 + 3.0 * s2 * s) / 6.0,
-            t2 * t / 6.0,
-        ],
-        [-s2 / 2.0, (3.0 * t2 - 4.0 * t) / 2.0, (4.0 * s - 3.0 * s2) / 2.0, t2 / 2.0],
-    )
-}
-
-/// Quadratic B-spline weights of a node and its two neighbors at a position `t` in [-0.5, 0.5] relative to
-/// the node, and their derivatives.
-pub(super) fn quadratic_basis(t: f64) -> ([f64; 3], [f64; 3]) {
-    let (low, high) = (0.5 - t, 0.5 + t);
-    ([0.5 * low * low, 0.75 - t * t, 0.5 * high * high], [-low, -2.0 * t, high])
-}
-
 /// Weights of the values at these nodes in Lagrange interpolation at `at`, and their derivatives.
 pub(super) fn lagrange(nodes: &[f64], at: f64) -> Vec<(f64, f64)> {
     let product = |i: usize, leave: Option<usize>| {
@@ -228,18 +207,6 @@ mod tests {
         }
         // Halving the step divides the error by about 16.
         assert!(worst[0] < 1e-3 && worst[1] < worst[0] / 12.0, "{worst:?}");
-    }
-
-    #[test]
-    fn weights_sum_to_one_and_derivatives_to_zero() {
-        for t in [0.0, 0.3, 0.99] {
-            let (w, d) = basis(t);
-            assert!((w.iter().sum::<f64>() - 1.0).abs() < 1e-15 && d.iter().sum::<f64>().abs() < 1e-15);
-            let (ahead, _) = basis(t + 1e-6);
-            for i in 0..4 {
-                assert!(((ahead[i] - w[i]) / 1e-6 - d[i]).abs() < 2e-6);
-            }
-        }
     }
 
     #[test]

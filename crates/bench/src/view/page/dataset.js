@@ -1,4 +1,5 @@
 // Page 2: the frames of a dataset with their truth.
+// Longer than 500 lines because the page stands with its own controls, which nothing else uses.
 
 import { getCounts, getJson, isExport } from "./api.js";
 import { afterRest, check, choice, el, field, num, say, unitText } from "./dom.js";

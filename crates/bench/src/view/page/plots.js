@@ -19,7 +19,10 @@ export function redrawCharts() {
   charts.forEach((chart) => chart.make());
 }
 
-/** A chart that fills the width of its box and a fraction of the window's height: `series` are { label, values, color, axis, dash }. */
+/**
+ * A chart that fills the width of its box and a fraction of the window's height: `series` are { label,
+ * values, color, axis, dash }.
+ */
 export class Chart {
   constructor({ label, share = 0.17 }) {
     // A fraction of the window, limited so that text remains readable.

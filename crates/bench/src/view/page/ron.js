@@ -47,7 +47,10 @@ export function pieces(text) {
   return found;
 }
 
-/** Walks through a text; returns the tokens with the path that each names or belongs to, and the open brackets at the end. */
+/**
+ * Walks through a text; returns the tokens with the path that each names or belongs to, and the open brackets
+ * at the end.
+ */
 export function walk(text, end = text.length) {
   const all = pieces(text.slice(0, end));
   const named = [];
@@ -110,7 +113,10 @@ export function pathAt(text, at) {
   return found ? { path: found.path.join("."), from: found.from, to: found.to, isKey: found.isKey } : null;
 }
 
-/** What is expected at a position: the path whose keys or variants fit, the start of the word, the existing keys. */
+/**
+ * What is expected at a position: the path whose keys or variants fit, the start of the word, the existing
+ * keys.
+ */
 export function expectedAt(text, at) {
   const start = /[A-Za-z0-9_]*$/.exec(text.slice(0, at))[0];
   const from = at - start.length;

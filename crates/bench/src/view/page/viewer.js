@@ -27,7 +27,10 @@ export function usualContrast(counts) {
 
 /** An image that can be zoomed and panned. */
 export class Viewer {
-  /** `drawn(context, viewer)` draws overlays, `clicked(x, y)` is called with pixel coordinates, `moved()` after zoom and pan. */
+  /**
+   * `drawn(context, viewer)` draws overlays, `clicked(x, y)` is called with pixel coordinates, `moved()`
+   * after zoom and pan.
+   */
   constructor({ drawn = () => {}, clicked = () => {}, hovered = () => {}, moved = () => {}, label = "Image" } = {}) {
     Object.assign(this, { drawn, clicked, hovered, moved });
     this.base = el("canvas", { "aria-hidden": "true" });

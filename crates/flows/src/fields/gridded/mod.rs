@@ -25,6 +25,7 @@ use crate::field::VelocityField;
 use crate::region::Region;
 use crate::velocity_grid::VelocityGrid;
 use glam::{DMat3, DVec3};
+use microsig_core::bspline;
 
 const CHECK: ParameterCheck = ParameterCheck("gridded");
 
@@ -209,14 +210,7 @@ impl Nodes {
             let (value, slope) = ([1.0 - f, f, 0.0, 0.0], [-slope, slope, 0.0, 0.0]);
             return Weights { first, number: 2, value, slope };
         }
-        let g = 1.0 - f;
-        let value = [
-            g * g * g / 6.0,
-            (4.0 - 3.0 * f * f * (1.0 + g)) / 6.0,
-            (4.0 - 3.0 * g * g * (1.0 + f)) / 6.0,
-            f * f * f / 6.0,
-        ];
-        let slopes = [-0.5 * g * g, 0.5 * f * (3.0 * f - 4.0), 0.5 * g * (4.0 - 3.0 * g), 0.5 * f * f];
+        let (value, slopes) = bspline::cubic(f);
         Weights { first, number: 4, value, slope: slopes.map(|s| s * slope) }
     }
 

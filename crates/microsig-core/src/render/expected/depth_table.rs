@@ -7,6 +7,7 @@
 
 use super::quadrant_layout::QuadrantLayout;
 use super::radial_layout::RadialLayout;
+use crate::bspline;
 use crate::render::spline;
 use crate::render::store::{Reader, Writer};
 
@@ -76,7 +77,7 @@ impl DepthTable {
         let length = self.layout.length();
         let steps = (z_um - self.start_um) / self.step_um;
         let first = (steps.max(0.0) as usize).min(self.planes - 4);
-        let (weights, slopes) = spline::basis(steps - first as f64);
+        let (weights, slopes) = bspline::cubic(steps - first as f64);
         let sizes = spline::lagrange(&self.radii, radius_um);
         sizes.into_iter().enumerate().map(move |(size, (of_size, _))| {
             std::array::from_fn(|i| WeightedPlane {

@@ -9,8 +9,8 @@
 
 use super::image_band::{ImageBand, SphereImage};
 use super::quadrant_layout::{Group, LANES, QuadrantLayout};
+use crate::bspline;
 use crate::render::patch::Window;
-use crate::render::spline;
 
 /// Number of zero groups before and after a line: the last group of pixels may extend beyond the nodes.
 const BEFORE: usize = 1;
@@ -176,7 +176,7 @@ impl Axis {
     fn new(first: i64, sphere_px: f64, per_px: usize) -> Axis {
         let place = (first as f64 - sphere_px) * per_px as f64;
         let cell = libm::floor(place);
-        Axis { cell: cell as isize, weights: spline::basis(place - cell).0.map(|w| w as f32) }
+        Axis { cell: cell as isize, weights: bspline::cubic(place - cell).0.map(|w| w as f32) }
     }
 
     /// The rows of nodes that contribute to `pixels` pixel rows; rows beyond the axis are mirror images.

@@ -5,6 +5,7 @@ use super::depth_table::{DepthTable, PlaneLayout};
 use super::image_model::{ImageModel, QuadrantGrid, SampleNodes};
 use super::quadrant_layout::QuadrantLayout;
 use super::radial_layout::{RadialLayout, round_spline};
+use crate::bspline;
 use crate::render::spline::{self, SplineDegree};
 
 /// Nodes per px of a quadrant that is computed for one image: for coarse tolerances and for others.
@@ -117,7 +118,7 @@ impl InterpolatedImage {
         let r2 = dx * dx + dy * dy;
         let r = libm::sqrt(r2);
         let node = libm::floor(r * per_px + 0.5);
-        let (weights, slopes) = spline::quadratic_basis(r * per_px - node);
+        let (weights, slopes) = bspline::quadratic(r * per_px - node);
         let near = [0, 1, 2].map(|i| (node as isize + i - 1).unsigned_abs());
         // On the axis, orders above 0 and all lateral derivatives vanish.
         let inverse = if r2 > 0.0 { 1.0 / r2 } else { 0.0 };
@@ -189,6 +190,6 @@ fn quadrant_spline(mut values: Vec<f64>, columns: usize) -> Vec<f64> {
 /// derivatives of these.
 fn place(nodes: f64) -> (isize, [f64; 4], [f64; 4]) {
     let cell = libm::floor(nodes);
-    let (weights, slopes) = spline::basis(nodes - cell);
+    let (weights, slopes) = bspline::cubic(nodes - cell);
     (cell as isize - 1, weights, slopes)
 }

@@ -7,8 +7,8 @@
 //! same bits.
 
 use super::layout::{LANES, Layout};
-use super::spline::{self, TAPS};
 use super::table::Table;
+use crate::bspline::{self, QUINTIC_TAPS as TAPS};
 use crate::render::instructions::InstructionSet;
 use crate::render::patch::Window;
 
@@ -87,7 +87,7 @@ impl Axis {
     fn new(first_px: i64, sphere_px: f64, per_px: usize) -> Axis {
         let place = (first_px as f64 - sphere_px) * per_px as f64;
         let cell = libm::floor(place);
-        Axis { first: cell as isize - 2, weights: spline::basis(place - cell).0.map(|w| w as f32) }
+        Axis { first: cell as isize - 2, weights: bspline::quintic(place - cell).0.map(|w| w as f32) }
     }
 
     /// The stored nodes that contribute to `pixels` pixels.

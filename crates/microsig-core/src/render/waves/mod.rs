@@ -31,7 +31,6 @@ mod pixel;
 mod pupil;
 mod quadrant;
 mod quadrature;
-mod spline;
 mod table;
 mod zernike;
 

@@ -10,7 +10,7 @@ use super::options::Emission;
 use super::pixel::{self, Axis};
 use super::pupil::{Pupil, Radii};
 use super::quadrant::Quadrant;
-use super::spline::{self, TAPS};
+use crate::bspline::{self, QUINTIC_TAPS as TAPS};
 use crate::cancel::checkpoint;
 use crate::render::instructions::InstructionSet;
 
@@ -468,7 +468,7 @@ impl Exposure {
         let axis = |x: f64| {
             let place = x * per_px;
             let cell = libm::floor(place);
-            (cell as isize - 2, spline::basis(place - cell))
+            (cell as isize - 2, bspline::quintic(place - cell))
         };
         let ((first_x, of_x), (first_y, of_y)) = (axis(x), axis(y));
         let columns: [Option<usize>; TAPS] =

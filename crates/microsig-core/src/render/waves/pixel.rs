@@ -184,8 +184,8 @@ fn nearest(f: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::spline;
     use super::*;
+    use crate::bspline;
 
     /// Without a spline, the light on a pixel is exact for any wave within the band.
     #[test]
@@ -229,7 +229,7 @@ mod tests {
             for x in [0.0, 0.1, 3.37, 9.9] {
                 let place = x * f64::from(per_px as u32);
                 let cell = libm::floor(place);
-                let (weights, _) = spline::basis(place - cell);
+                let (weights, _) = bspline::quintic(place - cell);
                 let value: f64 = weights
                     .iter()
                     .enumerate()

@@ -6,8 +6,8 @@
 //! in the plane.
 
 use super::layout::Layout;
-use super::spline::{self, TAPS};
-use crate::render::spline as depth_spline;
+use crate::bspline::{self, QUINTIC_TAPS as TAPS};
+use crate::render::spline;
 use crate::render::store::{Reader, Writer};
 
 /// Images over a range of depths and sizes.
@@ -62,8 +62,8 @@ impl Table {
     pub(super) fn around(&self, z_um: f64, radius_um: f64) -> impl Iterator<Item = [Neighbor<'_>; 4]> {
         let length = self.layout.length();
         let (first, place) = self.first(z_um);
-        let (weights, slopes) = depth_spline::basis(place);
-        let sizes = depth_spline::lagrange(&self.radii, radius_um);
+        let (weights, slopes) = bspline::cubic(place);
+        let sizes = spline::lagrange(&self.radii, radius_um);
         sizes.into_iter().enumerate().map(move |(size, (of_size, _))| {
             std::array::from_fn(|i| Neighbor {
                 weight: of_size * weights[i],
@@ -148,7 +148,7 @@ impl<'a> Interpolated<'a> {
         let scale = self.layout.per_px as f64;
         let axis = |at: f64| {
             let cell = libm::floor(at * scale);
-            let (weights, slopes) = spline::basis(at * scale - cell);
+            let (weights, slopes) = bspline::quintic(at * scale - cell);
             (cell as isize - 2, weights, slopes)
         };
         let ((first_x, weights_x, slopes_x), (first_y, weights_y, slopes_y)) = (axis(dx), axis(dy));
