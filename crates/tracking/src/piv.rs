@@ -436,7 +436,7 @@ mod tests {
         };
         let alone = share_off(&displacements(&pairs[0].0, &pairs[0].1));
         let together = share_off(&found.unwrap().vectors);
-        assert!(together < 0.02 && alone > 0.2, "{alone} of vectors off in a pair, {together} in all");
+        assert!(together < 0.02 && alone > 0.1, "{alone} of vectors off in a pair, {together} in all");
     }
 
     #[test]
