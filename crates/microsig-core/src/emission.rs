@@ -16,15 +16,17 @@ use crate::settings::Settings;
 /// A point on a particle's surface relative to its center, um, in internal axes.
 pub type Point = [f64; 3];
 
-/// Selection of the source points of a spheroid.
+/// Distribution of the source points over a spheroid's surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum SpheroidLaw {
-    /// As in the MicroSIG program: a stretched sphere spiral (too dense at the tips); the points on the lens
-    /// side of a plane fitted to four extreme points emit, about half of them.
+    /// As in MicroSIG's program: a stretched spiral, denser toward the poles; the points on the lens side of a
+    /// plane through four extreme points emit, about half of them.
     #[default]
     Original,
-    /// As described in the paper: points uniform in area; of each pair of points mirrored at the center, the
-    /// one whose surface normal faces the lens emits. With e_p = 1 this is the sphere.
+    /// Uniform in area, as the paper describes it; of each pair of points mirrored at the center, the one whose
+    /// surface normal faces the lens emits. With e_p = 1 this is the sphere.
     Uniform,
 }
 

@@ -8,11 +8,13 @@
 pub mod exact;
 pub mod expected;
 pub mod gaussian;
+mod image_sum;
 mod instructions;
 mod interface;
 mod lanes;
 mod patch;
 pub mod rays;
+mod refinement;
 mod renderer;
 mod spline;
 mod store;

@@ -84,13 +84,16 @@ impl Counts {
     }
 }
 
-/// What the pixels of images hold.
+/// What the pixels of an image file hold.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum ImageFormat {
-    /// Whole counts, clamped to the bit depth of the sensor.
+    /// Whole counts of 16 bit, or of 8 bit for a sensor of 8 bit, clamped to the sensor's range.
     #[default]
     Integer,
-    /// Counts before they are rounded and clamped, as 32-bit floating-point numbers.
+    /// 32-bit floating-point numbers: counts before they are rounded and clamped to the range of the sensor,
+    /// which keeps light below half a count. Noise is included, if there is any.
     Float32,
 }
 

@@ -9,9 +9,9 @@
 //! Subaperture images are computed for some points of the aperture and interpolated between them.
 
 use super::pupil::{Pupil, PupilView, density};
-use super::quadrant_layout::LANES;
 use super::subaperture::SubapertureImage;
 use super::surface::EmittingSurface;
+use crate::render::image_sum::LANES;
 use crate::render::instructions::InstructionSet;
 
 /// Resolution of the computation of an image: at 1 the error is about 1/1000 of the peak; it is inversely

@@ -17,14 +17,8 @@ use super::pixel_integral::AZIMUTHS;
 use super::quadrant_layout::QuadrantLayout;
 use super::radial_layout::{RadialLayout, round_spline};
 use crate::cancel::checkpoint;
+use crate::render::refinement::{PlaneDepths, Refinement, TableRadii, filtered};
 use crate::render::spline;
-
-/// Radii of the spheres of a table, um.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum TableRadii {
-    One(f64),
-    Between(f64, f64),
-}
 
 /// Allowed numbers of nodes per px of a quadrant.
 const DENSITIES: [usize; 4] = [1, 2, 4, 8];
@@ -35,14 +29,10 @@ const LARGEST_ROUND: usize = 1 << 16;
 /// Initial and maximum number of depth steps of a table.
 const STEPS: usize = 4;
 const MOST_STEPS: usize = 64;
-/// Initial and maximum number of particle radii of a table.
-const SIZES: usize = 4;
-const MOST_SIZES: usize = 8;
 
 /// The table of spheres of these radii for depths from `start_um` to `start_um + length_um` (um).
 pub(super) fn table(model: &ImageModel, start_um: f64, length_um: f64, radii: TableRadii) -> DepthTable {
-    let (TableRadii::One(small) | TableRadii::Between(small, _)) = radii;
-    let Fineness(mut fineness) = model.fineness(start_um + 0.5 * length_um, small);
+    let Fineness(mut fineness) = model.fineness(start_um + 0.5 * length_um, radii.smallest());
     let mut part = 0.75 * model.tolerance;
     let mut attempts = 0;
     loop {
@@ -80,10 +70,7 @@ impl TableBuilder<'_> {
     }
 
     fn table(&self, radii: TableRadii) -> DepthTable {
-        let (small, large) = match radii {
-            TableRadii::One(radius) => (radius, radius),
-            TableRadii::Between(small, large) => (small, large),
-        };
+        let (small, large) = (radii.smallest(), radii.largest());
         let mut reach_px = [0.0f64; 2];
         for i in 0..9 {
             let z_um = self.start_um + self.length_um * f64::from(i) / 8.0;
@@ -91,19 +78,19 @@ impl TableBuilder<'_> {
             (0..2).for_each(|axis| reach_px[axis] = reach_px[axis].max(more[axis]));
         }
         let nodes = self.nodes(small, large, reach_px);
-        let (mut planes, steps) = self.planes(small, nodes);
-        let radii = match radii {
-            TableRadii::One(radius) => vec![radius],
-            TableRadii::Between(..) => self.sizes(small, large, nodes),
-        };
-        if radii.len() > 1 {
-            planes = radii.iter().flat_map(|&radius| self.planes_at(radius, nodes, steps)).collect();
+        let refinement = Refinement { deviation, allowed: self.part, most_steps: MOST_STEPS };
+        let depths = PlaneDepths { start_um: self.start_um, length_um: self.length_um, steps: STEPS };
+        let of_small = |z_um: f64| self.sample(z_um, small, nodes);
+        let (depths, mut planes) = refinement.planes(depths, depths.sample(of_small), of_small);
+        let radii = refinement.radii(radii, |radius| self.sample(self.middle(), radius, nodes));
+        for &radius in &radii[1..] {
+            planes.extend(depths.sample(|z_um| self.sample(z_um, radius, nodes)));
         }
-        let (layout, coefficients) = self.coefficients(planes, nodes, steps);
+        let (layout, coefficients) = self.coefficients(planes, nodes, depths);
         let mut table = DepthTable {
             start_um: self.start_um,
-            step_um: self.length_um / steps as f64,
-            planes: steps + 3,
+            step_um: depths.step_um(),
+            planes: depths.steps + 3,
             radii,
             layout,
             reach_px,
@@ -149,89 +136,16 @@ impl TableBuilder<'_> {
         )
     }
 
-    /// Sampled planes of one sphere, before spline filtering in depth, starting [`AROUND`] planes before the
-    /// range.
-    fn planes_at(&self, radius_um: f64, nodes: SampleNodes, steps: usize) -> Vec<Vec<f64>> {
-        let step = self.length_um / steps as f64;
-        let at = |i: usize| self.start_um + (i as f64 - AROUND as f64) * step;
-        (0..steps + 1 + 2 * AROUND).into_par_iter().map(|i| self.sample(at(i), radius_um, nodes)).collect()
-    }
-
-    /// Planes so closely spaced that a spline through them is accurate midway between them, and the number of
-    /// steps over the range.
-    fn planes(&self, radius_um: f64, nodes: SampleNodes) -> (Vec<Vec<f64>>, usize) {
-        let mut steps = STEPS;
-        let mut planes = self.planes_at(radius_um, nodes, steps);
-        let mut error_before = f64::INFINITY;
-        loop {
-            let step = self.length_um / steps as f64;
-            let error = [0, steps / 2, steps - 1]
-                .into_par_iter()
-                .map(|i| {
-                    let z_um = self.start_um + (i as f64 + 0.5) * step;
-                    let between = self.sample(z_um, radius_um, nodes);
-                    deviation(&blend(MIDWAY.into_iter().zip(&planes[i..i + 8])), &between)
-                })
-                .reduce(|| 0.0, f64::max);
-            // If finer steps do not reduce the error, it has another cause.
-            let helped = error < 0.6 * error_before;
-            if error <= self.part || steps >= MOST_STEPS || !helped {
-                return (planes, steps);
-            }
-            error_before = error;
-            // Planes midway between the existing ones are added; some of the outermost are no longer needed.
-            let finer = 0.5 * step;
-            let old = planes;
-            let at = |i: usize| self.start_um + (i as f64 - AROUND as f64) * finer;
-            planes = (0..2 * steps + 1 + 2 * AROUND)
-                .into_par_iter()
-                .map(|i| {
-                    let from_start = i as isize - AROUND as isize;
-                    if from_start % 2 == 0 {
-                        old[(from_start / 2 + AROUND as isize) as usize].clone()
-                    } else {
-                        self.sample(at(i), radius_um, nodes)
-                    }
-                })
-                .collect();
-            steps *= 2;
-        }
-    }
-
-    /// The particle radii needed to interpolate between `small` and `large` (um).
-    fn sizes(&self, small: f64, large: f64, nodes: SampleNodes) -> Vec<f64> {
-        let mut count = SIZES;
-        loop {
-            let radii = size_nodes(small, large, count);
-            let known: Vec<Vec<f64>> =
-                radii.par_iter().map(|&r| self.sample(self.middle(), r, nodes)).collect();
-            let between: Vec<f64> = radii.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect();
-            let error = between
-                .par_iter()
-                .map(|&radius| {
-                    let weights = spline::lagrange(&radii, radius);
-                    let ours = blend(weights.iter().map(|w| w.0).zip(&known));
-                    deviation(&ours, &self.sample(self.middle(), radius, nodes))
-                })
-                .reduce(|| 0.0, f64::max);
-            if error <= self.part || count >= MOST_SIZES {
-                return radii;
-            }
-            count += 1;
-        }
-    }
-
     /// Converts the planes of all radii to spline coefficients.
     fn coefficients(
         &self,
         planes: Vec<Vec<f64>>,
         nodes: SampleNodes,
-        steps: usize,
+        depths: PlaneDepths,
     ) -> (PlaneLayout, Vec<f32>) {
-        let of_one = steps + 1 + 2 * AROUND;
-        let splines = planes.par_chunks(of_one).flat_map(|planes| {
+        let splines = planes.par_chunks(depths.planes()).flat_map(|planes| {
             planes.par_windows(5).map(|five| {
-                let plane = blend(FILTER.into_iter().zip(five));
+                let plane = filtered(five);
                 match nodes {
                     SampleNodes::Radial(rings) => round_spline(&plane, rings.columns),
                     SampleNodes::Quadrant(QuadrantGrid { columns, .. }) => {
@@ -292,45 +206,4 @@ impl TableBuilder<'_> {
         let ours: Vec<f64> = nodes.places(z_um).into_iter().map(|[x, y]| interpolated.at(x, y)[0]).collect();
         deviation(&ours, &truth)
     }
-}
-
-/// Number of additional planes that the spline in depth needs before and after the range.
-const AROUND: usize = 3;
-
-/// Filter from equidistant values to the coefficients of the cubic spline: 1 - d2/6 + (d2/6)^2, d2 being the
-/// second difference; its error is of order (d2/6)^3.
-const FILTER: [f64; 5] = [1.0 / 36.0, -5.0 / 18.0, 1.5, -5.0 / 18.0, 1.0 / 36.0];
-
-/// Weights of eight values in that spline at the midpoint of the middle two: [`FILTER`] convolved with (1,
-/// 23, 23, 1)/48.
-const MIDWAY: [f64; 8] = {
-    let mut weights = [0.0; 8];
-    let spline = [1.0 / 48.0, 23.0 / 48.0, 23.0 / 48.0, 1.0 / 48.0];
-    let mut i = 0;
-    while i < 4 {
-        let mut j = 0;
-        while j < 5 {
-            weights[i + j] += spline[i] * FILTER[j];
-            j += 1;
-        }
-        i += 1;
-    }
-    weights
-};
-
-/// Weighted sum of planes.
-fn blend<'a>(planes: impl Iterator<Item = (f64, &'a Vec<f64>)>) -> Vec<f64> {
-    let mut sum = Vec::new();
-    for (weight, plane) in planes {
-        sum.resize(plane.len(), 0.0);
-        sum.iter_mut().zip(plane).for_each(|(s, v)| *s += weight * v);
-    }
-    sum
-}
-
-/// Chebyshev points including both ends.
-fn size_nodes(small: f64, large: f64, n: usize) -> Vec<f64> {
-    let (middle, half) = (0.5 * (small + large), 0.5 * (large - small));
-    let angle = |i: usize| std::f64::consts::PI * i as f64 / (n - 1) as f64;
-    (0..n).map(|i| middle - half * libm::cos(angle(i))).collect()
 }

@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, PoisonError, RwLock};
 
-use super::build::{self, TableRadii};
+use super::build;
 use super::depth_table::DepthTable;
 use super::image_model::ImageModel;
 use crate::particle::Particle;
+use crate::render::refinement::TableRadii;
 use crate::render::store::store;
 use crate::render::tables::{Key, SharedTables, TableRanges};
 
@@ -52,7 +53,7 @@ impl TableCache {
 
     fn build(&self, (depth, small, large): Key) -> DepthTable {
         let (small, large) = (0.5 * f64::from_bits(small), 0.5 * f64::from_bits(large));
-        let radii = if small == large { TableRadii::One(small) } else { TableRadii::Between(small, large) };
+        let radii = TableRadii::new(small, large);
         build::table(&self.model, depth as f64 * self.ranges.length_um, self.ranges.length_um, radii)
     }
 

@@ -3,16 +3,16 @@
 //! The planes around the depth of a sphere are interpolated to one plane, which is drawn by `draw_radial` or
 //! `draw_quadrant`.
 
-use super::depth_table::PlaneLayout;
+use super::depth_table::{DepthTable, PlaneLayout};
 use super::draw_quadrant::QuadrantInterpolator;
 use super::draw_radial::RadialInterpolator;
-use super::image_band::{ImageBand, SphereImage};
+use crate::render::image_sum::{ImageBand, SphereImage};
 use crate::render::instructions::InstructionSet;
 use crate::render::patch::Window;
 
 /// A particle to draw.
 pub(super) enum DrawnParticle<'a> {
-    Sphere(SphereImage<'a>),
+    Sphere(SphereImage<'a, DepthTable>),
     /// Light on the pixels of a window, row by row, and a factor on it.
     Patch {
         window: Window,
@@ -61,7 +61,7 @@ struct Interpolator {
 
 impl Interpolator {
     #[inline(always)]
-    fn add(&mut self, sphere: &SphereImage, band: &mut ImageBand) {
+    fn add(&mut self, sphere: &SphereImage<DepthTable>, band: &mut ImageBand) {
         if band.rows(&sphere.window).is_empty() || sphere.window.width == 0 {
             return;
         }

@@ -7,9 +7,10 @@
 //! run over whole groups and have the same length for a whole sphere: the superfluous work at the corners
 //! costs less than mispredicted branches.
 
-use super::image_band::{ImageBand, SphereImage};
-use super::quadrant_layout::{Group, LANES, QuadrantLayout};
+use super::depth_table::DepthTable;
+use super::quadrant_layout::{Group, QuadrantLayout};
 use crate::bspline;
+use crate::render::image_sum::{ImageBand, LANES, SphereImage};
 use crate::render::patch::Window;
 
 /// Number of zero groups before and after a line: the last group of pixels may extend beyond the nodes.
@@ -32,7 +33,12 @@ pub(super) struct QuadrantInterpolator {
 
 impl QuadrantInterpolator {
     #[inline(always)]
-    pub(super) fn add(&mut self, sphere: &SphereImage, layout: &QuadrantLayout, band: &mut ImageBand) {
+    pub(super) fn add(
+        &mut self,
+        sphere: &SphereImage<DepthTable>,
+        layout: &QuadrantLayout,
+        band: &mut ImageBand,
+    ) {
         let Window { x0, width, .. } = sphere.window;
         let pixel_rows = band.rows(&sphere.window);
         let down = Axis::new(pixel_rows.start, sphere.y_px, layout.per_px);
@@ -72,7 +78,7 @@ impl QuadrantInterpolator {
     #[inline(always)]
     fn blend(
         &mut self,
-        sphere: &SphereImage,
+        sphere: &SphereImage<DepthTable>,
         layout: &QuadrantLayout,
         rows: &std::ops::Range<usize>,
         line: usize,

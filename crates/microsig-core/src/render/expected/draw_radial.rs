@@ -5,9 +5,10 @@
 //! are then loaded one by one and evaluated in vectors. Only + and * in a fixed order, never fused, and
 //! correctly rounded roots and quotients occur: every instruction set gives the same bits.
 
-use super::image_band::{ImageBand, SphereImage};
-use super::quadrant_layout::{Group, LANES};
+use super::depth_table::DepthTable;
+use super::quadrant_layout::Group;
 use super::radial_layout::RadialLayout;
+use crate::render::image_sum::{ImageBand, LANES, SphereImage};
 use crate::render::patch::Window;
 
 /// Adding and subtracting this rounds a number below 2^22 to the nearest integer.
@@ -53,7 +54,12 @@ struct Batch {
 
 impl RadialInterpolator {
     #[inline(always)]
-    pub(super) fn add(&mut self, sphere: &SphereImage, rings: &RadialLayout, band: &mut ImageBand) {
+    pub(super) fn add(
+        &mut self,
+        sphere: &SphereImage<DepthTable>,
+        rings: &RadialLayout,
+        band: &mut ImageBand,
+    ) {
         let rows = band.rows(&sphere.window);
         self.blend(sphere, rings);
         self.solve(rings.orders);
@@ -86,7 +92,7 @@ impl RadialInterpolator {
 
     /// Interpolates the coefficients of the planes.
     #[inline(always)]
-    fn blend(&mut self, sphere: &SphereImage, rings: &RadialLayout) {
+    fn blend(&mut self, sphere: &SphereImage<DepthTable>, rings: &RadialLayout) {
         let (columns, length) = (rings.columns, rings.columns + 4);
         self.lines.clear();
         self.lines.resize(rings.orders * length, 0.0);

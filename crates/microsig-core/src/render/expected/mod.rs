@@ -25,7 +25,6 @@ mod draw;
 mod draw_quadrant;
 mod draw_radial;
 mod encircled;
-mod image_band;
 mod image_model;
 mod interpolated;
 mod limits;
@@ -41,6 +40,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::image_sum::{self, ImageSum, SphereImage};
 use super::instructions::InstructionSet;
 use super::interface::{Description, ImageStreams, Render};
 pub use super::patch::ExpectedPatch;
@@ -51,14 +51,13 @@ use crate::emission::{self, SpheroidLaw};
 use crate::error::Error;
 use crate::optics::OpticalSystem;
 use crate::particle::Particle;
-use crate::pool::{BufferPool, Pooled};
+use crate::pool::BufferPool;
 use crate::sensor::{Image, Light, Sensor};
 use crate::settings::Settings;
 use crate::stream::{Purpose, Streams};
 use cache::TableCache;
 use depth_table::DepthTable;
 use draw::DrawnParticle;
-use image_band::{ImageBand, SphereImage};
 use image_model::ImageModel;
 use interpolated::InterpolatedImage;
 use pupil::Pupil;
@@ -74,9 +73,6 @@ pub const DEFAULT_TOLERANCE: f64 = 3e-3;
 
 /// The allowed range of tolerances, relative to the peak.
 pub const TOLERANCES: std::ops::RangeInclusive<f64> = 1e-4..=0.1;
-
-/// Rows per exposed band, and minimum number of rows per drawing task.
-const BAND: usize = 64;
 
 /// Maximum number of particles whose images are in memory at the same time.
 const PARTICLES: usize = 1024;
@@ -120,6 +116,28 @@ pub struct Gradient {
     /// For each pixel, row by row: counts, and their derivatives with respect to x (1/px), y (1/px) and z
     /// (1/um).
     pub pixels: Vec<[f64; 4]>,
+}
+
+impl Gradient {
+    /// From light on a pixel at this distance from the particle (px) and its derivatives with respect to that
+    /// distance and the depth of the particle, times `light`.
+    pub(super) fn new(
+        window: Window,
+        particle: &Particle,
+        light: f64,
+        at: impl Fn(f64, f64) -> [f64; 4],
+    ) -> Self {
+        let pixels = (0..window.area())
+            .map(|i| {
+                let dx = (window.x0 + (i % window.width) as i64) as f64 - particle.x_px;
+                let dy = (window.y0 + (i / window.width) as i64) as f64 - particle.y_px;
+                let [value, by_x, by_y, by_z] = at(dx, dy);
+                // Moving the particle to the right is equivalent to moving the pixel to the left.
+                [light * value, -light * by_x, -light * by_y, light * by_z]
+            })
+            .collect();
+        Gradient { window, pixels }
+    }
 }
 
 impl ExpectedRenderer {
@@ -186,16 +204,7 @@ impl ExpectedRenderer {
         let image = self.sources(std::slice::from_ref(particle)).remove(0);
         let drawn = self.drawn_particle(particle, &image, 1.0);
         let (DrawnParticle::Sphere(SphereImage { window, .. }) | DrawnParticle::Patch { window, .. }) = drawn;
-        if window.area() == 0 {
-            return None;
-        }
-        let stride = image_band::stride(window.width);
-        let mut pixels = vec![0.0; window.height * stride];
-        let band = ImageBand { x0: window.x0, y0: window.y0, stride, pixels: &mut pixels };
-        draw::draw(self.instructions, std::iter::once(drawn), band);
-        let mut counts = vec![0.0; window.area()];
-        image_band::copy(&pixels, window.width, &mut counts);
-        Some(ExpectedPatch { window, counts })
+        image_sum::patch(window, |band| draw::draw(self.instructions, std::iter::once(drawn), band))
     }
 
     /// The expected counts of one particle with their derivatives: for spheres from the tables, for spheroids
@@ -218,17 +227,7 @@ impl ExpectedRenderer {
 
     fn gradient_of_sphere(&self, particle: &Particle, table: &DepthTable, window: Window) -> Gradient {
         let interpolated = InterpolatedImage::new(table, particle.z_um, 0.5 * particle.d_um);
-        let light = self.total(particle);
-        let pixels = (0..window.area())
-            .map(|i| {
-                let dx = (window.x0 + (i % window.width) as i64) as f64 - particle.x_px;
-                let dy = (window.y0 + (i / window.width) as i64) as f64 - particle.y_px;
-                let [value, by_x, by_y, by_z] = interpolated.at(dx, dy);
-                // Moving the particle to the right is equivalent to moving the pixel to the left.
-                [light * value, -light * by_x, -light * by_y, light * by_z]
-            })
-            .collect();
-        Gradient { window, pixels }
+        Gradient::new(window, particle, self.total(particle), |dx, dy| interpolated.at(dx, dy))
     }
 
     /// The light of a sphere on pixels at these positions relative to its center (px), as fractions of the
@@ -277,43 +276,23 @@ impl ExpectedRenderer {
 
     /// The light of all particles of one image.
     pub fn light(&self, particles: &[Particle]) -> Light {
-        let mut light = Light::dark(self.settings());
-        image_band::copy(&self.draw_all(particles), light.width as usize, &mut light.values);
-        light
+        self.draw_all(particles).light(self.settings())
     }
 
     /// The exposure of [`ExpectedRenderer::light`] by `sensor`, which must have the settings of the renderer;
     /// faster, because the light is not stored.
     pub fn image(&self, particles: &[Particle], sensor: &Sensor, random: ImageStreams<'_>) -> Image {
-        let image = self.draw_all(particles);
-        let (columns, rows) = (self.settings().pixel_dim_x, self.settings().pixel_dim_y);
-        let stride = image_band::stride(columns as usize);
-        sensor.expose_bands(
-            (columns, rows),
-            BAND,
-            random.streams,
-            random.noise,
-            random.frame,
-            |first, light| {
-                image_band::copy(&image[first * stride..], columns as usize, light);
-            },
-        )
+        self.draw_all(particles).exposed(sensor, random)
     }
 
     /// Draws all particles of one image.
-    fn draw_all(&self, particles: &[Particle]) -> Pooled<'_, Vec<f32>> {
-        let stride = image_band::stride(self.settings().pixel_dim_x as usize);
-        let rows = self.settings().pixel_dim_y as usize;
-        let mut image = self.images.get();
-        image.resize(rows * stride, 0.0);
-        // Each thread draws all particles, in the order of their rows in the data file, on a band of rows:
-        // sums do not depend on the number of threads.
-        let band_rows = rows.div_ceil(rayon::current_num_threads()).max(BAND);
+    fn draw_all(&self, particles: &[Particle]) -> ImageSum<'_> {
+        let mut image = ImageSum::new(self.settings(), &self.images);
         for particles in particles.chunks(PARTICLES) {
             checkpoint();
             let sources = self.sources(particles);
-            image.par_chunks_mut(band_rows * stride).enumerate().for_each(|(i, pixels)| {
-                let band = ImageBand { x0: 1, y0: (i * band_rows) as i64 + 1, stride, pixels };
+            // On every band in the order of rows in the data file.
+            image.add(|band| {
                 let drawn = particles.iter().zip(&sources);
                 let drawn =
                     drawn.map(|(particle, image)| self.drawn_particle(particle, image, particle.c_int));

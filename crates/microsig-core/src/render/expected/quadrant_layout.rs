@@ -4,10 +4,9 @@
 //! relative to the nodes. A row of nodes is therefore stored phase by phase, each phase as a run that
 //! adjacent pixels read contiguously.
 
-/// Number of values per group; the length of a run is a multiple of it.
-pub(super) const LANES: usize = 8;
+use crate::render::image_sum::LANES;
 
-/// One group of values.
+/// One group of values; the length of a run is a multiple of its length.
 pub(super) type Group = [f32; LANES];
 
 /// A quadrant of nodes, the axes included.

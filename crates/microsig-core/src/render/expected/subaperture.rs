@@ -8,8 +8,8 @@
 //! each sub-node phase of the landing position.
 
 use super::pupil::{PupilView, density};
-use super::quadrant_layout::LANES;
 use super::surface::EmittingSurface;
+use crate::render::image_sum::LANES;
 
 /// Small images of a surface, one for each phase of its centroid relative to the nodes.
 #[derive(Debug, Clone)]

@@ -11,14 +11,7 @@ use rayon::prelude::*;
 use super::layout::Layout;
 use super::model::{Exposure, Frame, Light, Model, Scope};
 use super::table::{Interpolated, Table};
-use crate::render::spline as depth_spline;
-
-/// Radii of the spheres of a table, um.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum TableRadii {
-    One(f64),
-    Between(f64, f64),
-}
+use crate::render::refinement::{AROUND, PlaneDepths, Refinement, TableRadii, filtered};
 
 /// Nodes per px of a plane that are tried, and the number used if none of these is sufficient.
 const DENSITIES: [usize; 5] = [1, 2, 3, 4, 6];
@@ -26,9 +19,6 @@ const MAX_DENSITY: usize = 8;
 /// Initial and maximum number of steps in depth.
 const STEPS: usize = 8;
 const MAX_STEPS: usize = 128;
-/// Initial and maximum number of nodes in the radius of the sphere.
-const SIZES: usize = 4;
-const MAX_SIZES: usize = 8;
 /// Edges are rounded up to multiples of this, px.
 const EDGE_PX: f64 = 4.0;
 /// Maximum number of attempts with a wider edge.
@@ -42,30 +32,6 @@ const CUT: f64 = 0.25;
 pub(super) const SHARE: f64 = 0.4;
 const MIN_SHARE: f64 = 0.05;
 
-/// Number of planes before and after the range that the spline through planes needs.
-const AROUND: usize = 3;
-
-/// Filter from values at equal steps to coefficients of the cubic spline: 1 - d2/6 + (d2/6)^2 with d2 the
-/// second difference; the error is of order (d2/6)^3.
-const FILTER: [f64; 5] = [1.0 / 36.0, -5.0 / 18.0, 1.5, -5.0 / 18.0, 1.0 / 36.0];
-
-/// Weights of eight values for that spline halfway between the middle two: [`FILTER`] applied to (1, 23, 23,
-/// 1)/48.
-const MIDWAY: [f64; 8] = {
-    let mut weights = [0.0; 8];
-    let spline = [1.0 / 48.0, 23.0 / 48.0, 23.0 / 48.0, 1.0 / 48.0];
-    let mut i = 0;
-    while i < 4 {
-        let mut j = 0;
-        while j < 5 {
-            weights[i + j] += spline[i] * FILTER[j];
-            j += 1;
-        }
-        i += 1;
-    }
-    weights
-};
-
 /// The input for building a table.
 pub(super) struct Draft<'a> {
     pub(super) model: &'a Model,
@@ -74,12 +40,6 @@ pub(super) struct Draft<'a> {
     pub(super) radii: TableRadii,
     /// Maximum distance of pixels from a particle's image along x and y, px.
     pub(super) farthest_px: [f64; 2],
-}
-
-/// Planes of one size of sphere, starting [`AROUND`] steps before the range.
-struct Planes {
-    values: Vec<Vec<f64>>,
-    steps: usize,
 }
 
 impl Draft<'_> {
@@ -140,13 +100,11 @@ impl Draft<'_> {
     }
 
     fn small(&self) -> f64 {
-        let (TableRadii::One(small) | TableRadii::Between(small, _)) = self.radii;
-        small
+        self.radii.smallest()
     }
 
     fn large(&self) -> f64 {
-        let (TableRadii::One(large) | TableRadii::Between(_, large)) = self.radii;
-        large
+        self.radii.largest()
     }
 
     fn end_um(&self) -> f64 {
@@ -191,35 +149,26 @@ impl Draft<'_> {
     }
 
     fn on_frame(&self, frame: &Frame) -> Table {
-        let edge_px = frame.scope.edge_px;
-        let lights = self.lights(frame, self.small(), STEPS);
+        let (model, small) = (self.model, self.small());
+        let depths = PlaneDepths { start_um: self.start_um, length_um: self.length_um, steps: STEPS };
+        let lights = depths.sample(|z_um| model.light(frame, z_um, small));
         let exposure = self.exposure(frame, &lights);
-        let first = lights.iter().map(|light| self.model.plane(light, &exposure)).collect();
-        let mut planes = self.planes(frame, &exposure, first);
-        let radii = match self.radii {
-            TableRadii::One(radius) => vec![radius],
-            TableRadii::Between(small, large) => self.sizes(frame, &exposure, small, large),
-        };
-        let mut values = std::mem::take(&mut planes.values);
-        for &radius_um in &radii[1..] {
-            let lights = self.lights(frame, radius_um, planes.steps);
-            values.extend(lights.iter().map(|light| self.model.plane(light, &exposure)));
+        let first = lights.iter().map(|light| model.plane(light, &exposure)).collect();
+        let refinement = Refinement { deviation, allowed: PART * model.tolerance, most_steps: MAX_STEPS };
+        let (depths, mut planes) =
+            refinement.planes(depths, first, |z_um| self.plane(frame, &exposure, z_um, small));
+        let middle = self.start_um + 0.5 * self.length_um;
+        let radii = refinement.radii(self.radii, |radius| self.plane(frame, &exposure, middle, radius));
+        for &radius in &radii[1..] {
+            planes.extend(depths.sample(|z_um| self.plane(frame, &exposure, z_um, radius)));
         }
-        let mut table = self.assemble(&values, planes.steps, radii, (edge_px, &exposure));
-        table.error = self.error(&table, edge_px);
+        let mut table = self.assemble(&planes, depths, radii, (frame.scope.edge_px, &exposure));
+        table.error = self.error(&table, frame.scope.edge_px);
         table
     }
 
-    fn depth(&self, plane: f64, steps: usize) -> f64 {
-        self.start_um + (plane - AROUND as f64) * self.length_um / steps as f64
-    }
-
-    /// The light of spheres of one size at all depths.
-    fn lights(&self, frame: &Frame, radius_um: f64, steps: usize) -> Vec<Light> {
-        (0..steps + 1 + 2 * AROUND)
-            .into_par_iter()
-            .map(|i| self.model.light(frame, self.depth(i as f64, steps), radius_um))
-            .collect()
+    fn plane(&self, frame: &Frame, exposure: &Exposure, z_um: f64, radius_um: f64) -> Vec<f64> {
+        self.model.plane(&self.model.light(frame, z_um, radius_um), exposure)
     }
 
     /// The exposure with the fewest nodes per px whose spline reproduces the light between them.
@@ -248,81 +197,21 @@ impl Draft<'_> {
         model.exposure(frame, MAX_DENSITY)
     }
 
-    /// Planes close enough for a spline through them to reproduce those between.
-    fn planes(&self, frame: &Frame, exposure: &Exposure, first: Vec<Vec<f64>>) -> Planes {
-        let mut planes = Planes { values: first, steps: STEPS };
-        let mut error_before = f64::INFINITY;
-        loop {
-            let steps = planes.steps;
-            let between = |i: usize| {
-                let z_um = self.depth((i + AROUND) as f64 + 0.5, steps);
-                self.model.plane(&self.model.light(frame, z_um, self.small()), exposure)
-            };
-            let errors = [0, steps / 2, steps - 1].into_par_iter().map(|i| {
-                let known = MIDWAY.into_iter().zip(&planes.values[i..i + 8]);
-                deviation(&blend(known), &between(i))
-            });
-            let error = errors.reduce(|| 0.0, f64::max);
-            // If finer steps do not help, the error has another cause.
-            let helped = error < 0.6 * error_before;
-            if error <= PART * self.model.tolerance || steps >= MAX_STEPS || !helped {
-                return planes;
-            }
-            error_before = error;
-            // Adds planes halfway between the existing ones; some of the outermost are no longer needed.
-            let old = std::mem::take(&mut planes.values);
-            planes.steps = 2 * steps;
-            planes.values = (0..2 * steps + 1 + 2 * AROUND)
-                .into_par_iter()
-                .map(|i| {
-                    let from_start = i as isize - AROUND as isize;
-                    if from_start % 2 == 0 {
-                        return old[(from_start / 2 + AROUND as isize) as usize].clone();
-                    }
-                    let z_um = self.depth(i as f64, 2 * steps);
-                    self.model.plane(&self.model.light(frame, z_um, self.small()), exposure)
-                })
-                .collect();
-        }
-    }
-
-    /// The nodes needed to interpolate between two radii, um.
-    fn sizes(&self, frame: &Frame, exposure: &Exposure, small: f64, large: f64) -> Vec<f64> {
-        let z_um = self.start_um + 0.5 * self.length_um;
-        let sample = |radius: &f64| self.model.plane(&self.model.light(frame, z_um, *radius), exposure);
-        let mut count = SIZES;
-        loop {
-            let radii = size_nodes(small, large, count);
-            let known: Vec<Vec<f64>> = radii.par_iter().map(sample).collect();
-            let between: Vec<f64> = radii.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect();
-            let error = between
-                .par_iter()
-                .map(|&radius| {
-                    let weights = depth_spline::lagrange(&radii, radius);
-                    deviation(&blend(weights.iter().map(|w| w.0).zip(&known)), &sample(&radius))
-                })
-                .reduce(|| 0.0, f64::max);
-            if error <= PART * self.model.tolerance || count >= MAX_SIZES {
-                return radii;
-            }
-            count += 1;
-        }
-    }
-
     /// Converts planes of all radii to splines and collects them in a table.
     fn assemble(
         &self,
         values: &[Vec<f64>],
-        steps: usize,
+        depths: PlaneDepths,
         radii: Vec<f64>,
         (edge_px, exposure): ([usize; 2], &Exposure),
     ) -> Table {
         let layout = exposure.layout.clone();
-        let of_one = steps + 1 + 2 * AROUND;
+        let PlaneDepths { steps, .. } = depths;
+        let of_one = depths.planes();
         let mut coefficients = vec![0.0f32; radii.len() * (steps + 3) * layout.length()];
         let windows = values.chunks(of_one).flat_map(|of_size| of_size.windows(5));
         for (five, out) in windows.zip(coefficients.chunks_exact_mut(layout.length())) {
-            layout.store(&blend(FILTER.into_iter().zip(five)), out);
+            layout.store(&filtered(five), out);
         }
         // The extent is the maximum over all sizes.
         let reach = |i: usize| {
@@ -332,7 +221,7 @@ impl Draft<'_> {
         };
         Table {
             start_um: self.start_um,
-            step_um: self.length_um / steps as f64,
+            step_um: depths.step_um(),
             planes: steps + 3,
             radii,
             reach_px: (0..steps + 3).map(reach).collect(),
@@ -397,21 +286,4 @@ fn peak(values: &[f64]) -> f64 {
 /// The largest error of values, as a fraction of the peak.
 fn deviation(ours: &[f64], truth: &[f64]) -> f64 {
     ours.iter().zip(truth).fold(0.0, |largest, (a, b)| f64::max(largest, (a - b).abs())) / peak(truth)
-}
-
-/// The weighted sum of planes.
-fn blend<'a>(planes: impl Iterator<Item = (f64, &'a Vec<f64>)>) -> Vec<f64> {
-    let mut sum = Vec::new();
-    for (weight, plane) in planes {
-        sum.resize(plane.len(), 0.0);
-        sum.iter_mut().zip(plane).for_each(|(s, v)| *s += weight * v);
-    }
-    sum
-}
-
-/// Chebyshev points, including both ends.
-fn size_nodes(small: f64, large: f64, n: usize) -> Vec<f64> {
-    let (middle, half) = (0.5 * (small + large), 0.5 * (large - small));
-    let angle = |i: usize| std::f64::consts::PI * i as f64 / (n - 1) as f64;
-    (0..n).map(|i| middle - half * libm::cos(angle(i))).collect()
 }

@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use super::build::{Draft, TableRadii};
+use super::build::Draft;
 use super::model::Model;
 use super::table::Table;
 use crate::particle::Particle;
+use crate::render::refinement::TableRadii;
 use crate::render::store::store;
 use crate::render::tables::{Key, SharedTables, TableRanges};
 
@@ -62,7 +63,7 @@ impl TableCache {
             model: &self.model,
             start_um: depth as f64 * self.ranges.length_um,
             length_um: self.ranges.length_um,
-            radii: if small == large { TableRadii::One(small) } else { TableRadii::Between(small, large) },
+            radii: TableRadii::new(small, large),
             farthest_px: self.farthest_px,
         }
         .table()

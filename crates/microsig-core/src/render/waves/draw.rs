@@ -6,63 +6,28 @@
 //! a row of pixels. Only + and * in a fixed order are used, never fused, so all instruction sets give the
 //! same bits.
 
-use super::layout::{LANES, Layout};
+use super::layout::Layout;
 use super::table::Table;
 use crate::bspline::{self, QUINTIC_TAPS as TAPS};
+use crate::render::image_sum::{ImageBand, LANES, SphereImage};
 use crate::render::instructions::InstructionSet;
 use crate::render::patch::Window;
-
-/// A sphere to be rendered.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Sphere<'a> {
-    pub(super) table: &'a Table,
-    pub(super) window: Window,
-    pub(super) x_px: f64,
-    pub(super) y_px: f64,
-    pub(super) z_um: f64,
-    pub(super) radius_um: f64,
-    /// Light emitted toward the lens, counts.
-    pub(super) light: f64,
-}
-
-/// Rows of an image in f32, to which spheres are added.
-pub(super) struct Band<'a> {
-    /// Leftmost column and topmost row, px.
-    pub(super) x0: i64,
-    pub(super) y0: i64,
-    /// Distance between rows in memory, numbers (see [`stride`]).
-    pub(super) stride: usize,
-    pub(super) pixels: &'a mut [f32],
-}
-
-/// Distance in memory between rows of `columns` pixels: spheres are rendered in groups of pixels, the last of
-/// which may extend beyond the columns.
-pub(super) fn stride(columns: usize) -> usize {
-    columns + LANES
-}
-
-/// Copies rows of `columns` pixels, as many as fit into `pixels`.
-pub(super) fn copy(band: &[f32], columns: usize, pixels: &mut [f64]) {
-    for (from, to) in band.chunks_exact(stride(columns)).zip(pixels.chunks_exact_mut(columns)) {
-        to.iter_mut().zip(from).for_each(|(to, from)| *to = f64::from(*from));
-    }
-}
 
 /// Adds spheres to a band, in order.
 pub(super) fn draw<'a>(
     instructions: InstructionSet,
-    spheres: impl Iterator<Item = Sphere<'a>>,
-    band: Band<'_>,
+    spheres: impl Iterator<Item = SphereImage<'a, Table>>,
+    band: ImageBand<'_>,
 ) {
     instructions.dispatch(Draw { spheres, band });
 }
 
 struct Draw<'b, I> {
     spheres: I,
-    band: Band<'b>,
+    band: ImageBand<'b>,
 }
 
-impl<'a, I: Iterator<Item = Sphere<'a>>> pulp::WithSimd for Draw<'_, I> {
+impl<'a, I: Iterator<Item = SphereImage<'a, Table>>> pulp::WithSimd for Draw<'_, I> {
     type Output = ();
 
     #[inline(always)]
@@ -120,15 +85,15 @@ struct Scratch {
 
 impl Scratch {
     #[inline(always)]
-    fn add(&mut self, sphere: &Sphere, band: &mut Band) {
-        let Window { x0, y0, width, height } = sphere.window;
-        let band_end = band.y0 + (band.pixels.len() / band.stride) as i64;
-        let (top, bottom) = (y0.max(band.y0), (y0 + height as i64).min(band_end));
-        if width == 0 || bottom <= top {
+    fn add(&mut self, sphere: &SphereImage<Table>, band: &mut ImageBand) {
+        let Window { x0, width, .. } = sphere.window;
+        let pixel_rows = band.rows(&sphere.window);
+        if width == 0 || pixel_rows.is_empty() {
             return;
         }
+        let top = pixel_rows.start;
         let layout = &sphere.table.layout;
-        let count = (bottom - top) as usize;
+        let count = (pixel_rows.end - top) as usize;
         let down = Axis::new(top, sphere.y_px, layout.per_px);
         let across = Axis::new(x0, sphere.x_px, layout.per_px);
         let rows = down.nodes(count, layout, layout.origin[1], layout.rows);
@@ -139,7 +104,7 @@ impl Scratch {
         let columns = width.next_multiple_of(LANES);
         self.across(layout, &across, rows.len(), run, width, columns);
 
-        let first = (top - band.y0) as usize * band.stride + (x0 - band.x0) as usize;
+        let first = band.first(&sphere.window, top);
         let dark = rows.len();
         for row in 0..count {
             let pixels = &mut band.pixels[first + row * band.stride..][..columns];
@@ -159,7 +124,13 @@ impl Scratch {
 
     /// Blends rows of nodes of the planes around a sphere, `run` nodes of each phase.
     #[inline(always)]
-    fn blend(&mut self, sphere: &Sphere, layout: &Layout, rows: &std::ops::Range<usize>, run: usize) {
+    fn blend(
+        &mut self,
+        sphere: &SphereImage<Table>,
+        layout: &Layout,
+        rows: &std::ops::Range<usize>,
+        run: usize,
+    ) {
         self.nodes.resize(rows.len() * layout.per_px * run, 0.0);
         for (size, four) in sphere.table.around(sphere.z_um, sphere.radius_um).enumerate() {
             let w: [f32; 4] = std::array::from_fn(|i| (four[i].weight * sphere.light) as f32);

@@ -4,8 +4,7 @@
 //! nodes. A row of nodes is therefore stored phase by phase; the nodes of one phase form a contiguous run,
 //! which neighboring pixels read at consecutive addresses.
 
-/// Numbers processed at a time; the length of a run is a multiple of this.
-pub(super) const LANES: usize = 8;
+use crate::render::image_sum::LANES;
 
 /// Nodes of a plane: one quadrant, including the axes, or all.
 #[derive(Debug, Clone, PartialEq)]

@@ -36,9 +36,8 @@ mod zernike;
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
 use super::expected::{Gradient, TOLERANCES};
+use super::image_sum::{self, ImageSum, SphereImage};
 use super::instructions::InstructionSet;
 use super::interface::{Description, ImageStreams, Render};
 use super::patch::{ExpectedPatch, Window};
@@ -47,22 +46,18 @@ use crate::cancel::checkpoint;
 use crate::emission::{self, SpheroidLaw};
 use crate::error::Error;
 use crate::particle::Particle;
-use crate::pool::{BufferPool, Pooled};
+use crate::pool::BufferPool;
 use crate::sensor::{Image, Light, Sensor};
 use crate::settings::Settings;
 use crate::stream::{Purpose, Streams};
 use cache::TableCache;
 pub use direct::SingleImages;
-use draw::{Band, Sphere};
 use general::{Disc, Obstacles};
 use model::Model;
 pub use options::{Emission, Layers, Lens, Mask, Pinhole, PupilFunction, WaveOptics};
 use pupil::Pupil;
 use table::{Interpolated, Table};
 use zernike::Aberration;
-
-/// Rows that are exposed at a time, and the minimum number of rows that a thread renders.
-const BAND: usize = 64;
 
 /// Number of particles whose tables are held at a time.
 const PARTICLES: usize = 1024;
@@ -205,16 +200,9 @@ impl WavesRenderer {
         let table = self.cache.tables(std::iter::once(particle)).remove(0);
         let sphere = self.sphere(particle, &table, 1.0);
         let window = sphere.window;
-        if window.area() == 0 {
-            return None;
-        }
-        let stride = draw::stride(window.width);
-        let mut pixels = vec![0.0; window.height * stride];
-        let band = Band { x0: window.x0, y0: window.y0, stride, pixels: &mut pixels };
-        draw::draw(self.model().instructions, std::iter::once(sphere), band);
-        let mut counts = vec![0.0; window.area()];
-        draw::copy(&pixels, window.width, &mut counts);
-        Some(ExpectedPatch { window, counts })
+        image_sum::patch(window, |band| {
+            draw::draw(self.model().instructions, std::iter::once(sphere), band);
+        })
     }
 
     /// The counts of one particle with their derivatives; `None` if none of its light can fall on the sensor.
@@ -225,17 +213,7 @@ impl WavesRenderer {
             return None;
         }
         let interpolated = Interpolated::new(&table, particle.z_um, 0.5 * particle.d_um);
-        let light = self.total(particle);
-        let pixels = (0..window.area())
-            .map(|i| {
-                let dx = (window.x0 + (i % window.width) as i64) as f64 - particle.x_px;
-                let dy = (window.y0 + (i / window.width) as i64) as f64 - particle.y_px;
-                let [value, by_x, by_y, by_z] = interpolated.at(dx, dy);
-                // A displacement of the particle moves the pixel relative to it in the opposite direction.
-                [light * value, -light * by_x, -light * by_y, light * by_z]
-            })
-            .collect();
-        Some(Gradient { window, pixels })
+        Some(Gradient::new(window, particle, self.total(particle), |dx, dy| interpolated.at(dx, dy)))
     }
 
     /// The light of a particle that the aperture accepts, counts: what an infinite sensor would record
@@ -246,26 +224,17 @@ impl WavesRenderer {
 
     /// Sums the light of all particles of one image.
     pub fn light(&self, particles: &[Particle]) -> Light {
-        let mut light = Light::dark(&self.settings);
-        draw::copy(&self.draw_all(particles), light.width as usize, &mut light.values);
-        light
+        self.draw_all(particles).light(&self.settings)
     }
 
     /// Renders all particles of one image.
-    fn draw_all(&self, particles: &[Particle]) -> Pooled<'_, Vec<f32>> {
-        let stride = draw::stride(self.settings.pixel_dim_x as usize);
-        let rows = self.settings.pixel_dim_y as usize;
-        let mut image = self.images.get();
-        image.resize(rows * stride, 0.0);
-        // Each thread has its own band of rows and adds all particles in the same order, so sums do not
-        // depend on the number of threads.
-        let band_rows = rows.div_ceil(rayon::current_num_threads()).max(BAND);
+    fn draw_all(&self, particles: &[Particle]) -> ImageSum<'_> {
+        let mut image = ImageSum::new(&self.settings, &self.images);
         for particles in particles.chunks(PARTICLES) {
             checkpoint();
             let tables = self.cache.tables(particles.iter());
             let order = by_depth(particles, &tables);
-            image.par_chunks_mut(band_rows * stride).enumerate().for_each(|(i, pixels)| {
-                let band = Band { x0: 1, y0: (i * band_rows) as i64 + 1, stride, pixels };
+            image.add(|band| {
                 let spheres = order.iter().map(|&at| (&particles[at], &tables[at]));
                 let spheres = spheres.map(|(particle, table)| self.sphere(particle, table, particle.c_int));
                 draw::draw(self.model().instructions, spheres, band);
@@ -285,8 +254,8 @@ impl WavesRenderer {
         points as f64 * (f64::from(self.settings.n_rays) + 1.0)
     }
 
-    fn sphere<'a>(&self, particle: &Particle, table: &'a Table, factor: f64) -> Sphere<'a> {
-        Sphere {
+    fn sphere<'a>(&self, particle: &Particle, table: &'a Table, factor: f64) -> SphereImage<'a, Table> {
+        SphereImage {
             table,
             window: self.window(particle, table),
             x_px: particle.x_px,
@@ -445,13 +414,7 @@ impl Render for WavesRenderer {
     }
 
     fn image(&self, particles: &[Particle], sensor: &Sensor, random: ImageStreams<'_>) -> Image {
-        let image = self.draw_all(particles);
-        let size = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
-        let columns = size.0 as usize;
-        let stride = draw::stride(columns);
-        sensor.expose_bands(size, BAND, random.streams, random.noise, random.frame, |first, light| {
-            draw::copy(&image[first * stride..], columns, light);
-        })
+        self.draw_all(particles).exposed(sensor, random)
     }
 }
 

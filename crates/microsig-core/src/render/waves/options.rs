@@ -46,14 +46,15 @@ impl WaveOptics {
     }
 }
 
-/// The part of a spherical particle that emits light.
+/// The part of a particle that emits light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Emission {
-    /// The half of the surface that faces the lens, as in MicroSIG.
+    /// The half of its surface that faces the lens, as in MicroSIG.
     #[default]
     Surface,
-    /// The entire volume: a transparent particle, dyed throughout. It emits as much light as with
-    /// [`Emission::Surface`].
+    /// Its entire volume: a transparent particle, dyed throughout, which emits as much light.
     Volume,
 }
 
@@ -67,13 +68,16 @@ impl Emission {
     }
 }
 
-/// The model of the objective.
+/// The model of the objective, for wave optics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Lens {
     /// MicroSIG's thin lens with its spherical aberration; dry.
     #[default]
     Microsig,
-    /// An objective corrected for the plane in focus (Abbe's sine condition), dry or immersed.
+    /// An objective corrected for the plane in focus (Abbe's sine condition), as microscope objectives are; dry
+    /// or immersed.
     Aplanatic,
 }
 
