@@ -81,7 +81,9 @@ impl Server {
         let request = format!(
             "{method} {path} HTTP/1.1\r\n{host}{headers}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
         );
-        self.raw(request.as_bytes()).unwrap()
+        // On a busy machine a request may come so late that its connection was closed to make room; browsers
+        // ask again, too.
+        (0..5).find_map(|_| self.raw(request.as_bytes())).unwrap()
     }
 
     /// Asks as the page does.
