@@ -2,10 +2,11 @@
 
 use microsig_core::render::RendererSpec;
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
+use microsig_core::render::waves::Lens;
 use microsig_core::{Error as Core, Settings};
 
 use super::language::problems::Problems;
-use super::spec::{Brightness, Calibration, Lens, RenderMode, Spec};
+use super::spec::{Brightness, Calibration, RenderMode, Spec};
 
 /// Fills in defaults of the renderer and checks its keys.
 pub(super) fn mode(spec: &mut Spec, problems: &mut Problems) {

@@ -9,7 +9,6 @@ mod language;
 pub mod license;
 mod load;
 mod motion;
-mod objective;
 mod optics;
 pub mod particles;
 mod recorded;

@@ -7,9 +7,9 @@
 use std::sync::LazyLock;
 
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
-use microsig_core::render::waves::WaveOptics;
+use microsig_core::render::waves::{Lens, WaveOptics};
 use microsig_core::render::{GaussianSpot, RendererSpec};
-use microsig_core::sensor::{self, Detector};
+use microsig_core::sensor::{self, Detector, ImageFormat};
 use microsig_core::{KEYS, Settings};
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -21,12 +21,11 @@ use super::language::derive::schema_of;
 use super::language::schema::Schema;
 use super::license::LICENSES;
 pub use super::motion::{FieldPlacement, Flow, Motion, Tracks};
-pub use super::objective::Lens;
 pub use super::particles::{
     Brightness, Brownian, Diameter, Emitted, Growth, Number, Obstacle, Orientation, Particles, Photons,
     Placement, Settling, Spheroids,
 };
-pub use super::rendering::{Emission, ImageFormat, Render, RenderMode, SpheroidPoints};
+pub use super::rendering::{Render, RenderMode};
 pub use super::timing::{Flashes, FourPulse, PairSeeding, Pairs, Sequence, Timing};
 pub use super::truth_grid::{FieldGrid, Planes, TruthColumns, TruthGrid, Weighting};
 pub use microsig_core::render::waves::{Layers, Mask, Pinhole, PupilFunction as Pupil};
@@ -103,7 +102,7 @@ fn license() -> String {
 impl Spec {
     /// The renderer and its options.
     pub fn renderer(&self) -> RendererSpec {
-        let spheroids = self.render.spheroids.into();
+        let spheroids = self.render.spheroids;
         let tolerance = self.render.tolerance.unwrap_or(DEFAULT_TOLERANCE);
         match (self.optics.gaussian, self.render.mode) {
             (Some(spot), _) => RendererSpec::Gaussian(spot.into()),
@@ -114,8 +113,8 @@ impl Spec {
     }
 
     /// What the pixels of images hold.
-    pub fn image_format(&self) -> sensor::ImageFormat {
-        self.image_format.unwrap_or_default().into()
+    pub fn image_format(&self) -> ImageFormat {
+        self.image_format.unwrap_or_default()
     }
 
     /// Light and objective for wave optics. A missing wavelength, which is an error, becomes 0.
@@ -124,8 +123,8 @@ impl Spec {
         WaveOptics {
             wavelength_um: self.render.wavelength_um.unwrap_or_default(),
             bandwidth_um: self.render.bandwidth_um.unwrap_or_default(),
-            emission: self.render.emission.unwrap_or_default().into(),
-            lens: lens.unwrap_or_default().into(),
+            emission: self.render.emission.unwrap_or_default(),
+            lens: lens.unwrap_or_default(),
             pupil: pupil.clone().unwrap_or_default(),
             cyl_angle_deg: cyl_angle_deg.unwrap_or_default(),
             layers: *layers,

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::Common;
+use super::choice::choice;
 use super::output::{progress, report, warn};
 use crate::report::fit_page;
 use fit::{
@@ -65,8 +66,8 @@ pub(super) struct Fit {
     #[arg(long, value_name = "UM", required_if_eq("model", "waves"))]
     wavelength: Option<f64>,
     /// The objective; for `--model waves`
-    #[arg(long, value_enum, default_value_t = Objective::Aplanatic, value_name = "LENS")]
-    lens: Objective,
+    #[arg(long, value_parser = choice::<Lens>(), default_value = "aplanatic", value_name = "LENS")]
+    lens: Lens,
     /// Refractive index of the fluid below a cover slip of 0.17 mm, whose aberration is fitted; for `--model
     /// waves` [default: what the objective was designed for]
     #[arg(long, value_name = "N")]
@@ -114,14 +115,6 @@ enum Model {
     Geometric,
     /// Diffraction, with aberrations of the objective; also fits rays and says which is better
     Waves,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Objective {
-    /// Corrected for the plane in focus, as microscope objectives are
-    Aplanatic,
-    /// MicroSIG's thin lens with its spherical aberration
-    Microsig,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -220,10 +213,7 @@ impl Fit {
             places_px,
             waves: self.wavelength.map(|wavelength_um| WaveModel {
                 wavelength_um,
-                lens: match self.lens {
-                    Objective::Aplanatic => Lens::Aplanatic,
-                    Objective::Microsig => Lens::Microsig,
-                },
+                lens: self.lens,
                 layers: self.fluid.map(|n_s| Layers {
                     n_s,
                     focus_depth_um: self.fluid_depth,

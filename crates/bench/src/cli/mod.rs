@@ -3,6 +3,7 @@
 //! A new verb needs a file here and a line in each of the two lists below.
 
 mod check_submission;
+mod choice;
 mod compare;
 mod completions;
 mod evaluate;

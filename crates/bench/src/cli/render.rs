@@ -3,15 +3,17 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use microsig_core::emission::SpheroidLaw;
 use microsig_core::render::RendererSpec;
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
-use microsig_core::render::waves::WaveOptics;
-use microsig_core::sensor::NoiseRounding;
+use microsig_core::render::waves::{Emission, Lens, WaveOptics};
+use microsig_core::sensor::{ImageFormat, NoiseRounding};
 
 use super::Common;
+use super::choice::choice;
 use super::output::{progress, report, warn};
 use generator::runner::{RenderOptions, render};
-use scenario::spec::{Emission, ImageFormat, Lens, RenderMode, SpheroidPoints};
+use scenario::spec::RenderMode;
 use storage::error::{Error, Result};
 
 /// Images from MicroSIG's own settings file and data files
@@ -25,7 +27,7 @@ pub(super) struct Render {
     /// Folder for the images (STEM.tif)
     out: PathBuf,
     /// Renderer
-    #[arg(long, value_enum, default_value_t = RenderMode::Rays)]
+    #[arg(long, value_parser = choice::<RenderMode>(), default_value = "rays")]
     mode: RenderMode,
     /// With --mode waves: wavelength in vacuum, um
     #[arg(long, value_name = "UM", required_if_eq("mode", "waves"))]
@@ -34,10 +36,10 @@ pub(super) struct Render {
     #[arg(long, value_name = "UM")]
     bandwidth: Option<f64>,
     /// With --mode waves: the part of a particle that emits light [default: surface]
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = choice::<Emission>())]
     emission: Option<Emission>,
     /// With --mode waves: the model of the objective [default: microsig]
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = choice::<Lens>())]
     lens: Option<Lens>,
     /// With --mode expected and --mode waves: error of an image as a fraction of its peak [default: 0.003]
     #[arg(long, value_name = "SHARE")]
@@ -46,10 +48,10 @@ pub(super) struct Render {
     #[arg(long, default_value_t = 0, value_name = "N")]
     first_frame: u32,
     /// Which points of a spheroid emit light: as in MicroSIG's program, or uniform in area
-    #[arg(long, value_enum, default_value_t = SpheroidPoints::Original)]
-    spheroids: SpheroidPoints,
+    #[arg(long, value_parser = choice::<SpheroidLaw>(), default_value = "original")]
+    spheroids: SpheroidLaw,
     /// What the pixels of the images hold: float32 has counts before rounding and clamping
-    #[arg(long, value_enum, default_value_t = ImageFormat::Integer)]
+    #[arg(long, value_parser = choice::<ImageFormat>(), default_value = "integer")]
     image_format: ImageFormat,
     /// Round counts only once, after noise is added, as in datasets; MicroSIG rounds the noise first, which
     /// loses faint light
@@ -67,7 +69,7 @@ impl Render {
             first_frame: self.first_frame,
             renderer: self.renderer()?,
             rounding: if self.round_once { NoiseRounding::AfterSum } else { NoiseRounding::BeforeSum },
-            format: self.image_format.into(),
+            format: self.image_format,
             force: common.force,
             progress: progress(common),
         })?;
@@ -106,15 +108,15 @@ impl Render {
         if let Some(tolerance) = self.tolerance.filter(|_| self.mode == RenderMode::Rays) {
             return only("--tolerance", tolerance.to_string(), "--mode expected and --mode waves have");
         }
-        let (spheroids, tolerance) = (self.spheroids.into(), self.tolerance.unwrap_or(DEFAULT_TOLERANCE));
+        let (spheroids, tolerance) = (self.spheroids, self.tolerance.unwrap_or(DEFAULT_TOLERANCE));
         Ok(match self.mode {
             RenderMode::Rays => RendererSpec::Rays { spheroids },
             RenderMode::Expected => RendererSpec::Expected { spheroids, tolerance },
             RenderMode::Waves => {
                 let mut optics = WaveOptics::new(self.wavelength.unwrap_or_default());
                 optics.bandwidth_um = self.bandwidth.unwrap_or_default();
-                optics.emission = self.emission.unwrap_or_default().into();
-                optics.lens = self.lens.unwrap_or_default().into();
+                optics.emission = self.emission.unwrap_or_default();
+                optics.lens = self.lens.unwrap_or_default();
                 RendererSpec::Waves { optics, tolerance }
             }
         })

@@ -9,8 +9,8 @@ use microsig_core::render::waves::WavesRenderer;
 use microsig_core::{Particle, Settings, emission};
 use serde::Serialize;
 
+use microsig_core::render::waves::Lens;
 pub use picture::svg;
-use scenario::spec::Lens;
 use scenario::{MotionSource, Scenario};
 use storage::error::Result;
 pub use text::{lines, text};

@@ -12,7 +12,7 @@ use std::path::Path;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
-use scenario::spec::ImageFormat;
+use microsig_core::sensor::ImageFormat;
 use storage::error::{Error, Result};
 use storage::read_text;
 pub use write::{N_S, SNR, manifest};

@@ -1,0 +1,38 @@
+//! Options whose values are those of a key of scenarios: names and meanings from the schema.
+
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use schemars::JsonSchema;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+/// Parses the variants of an enum without fields, under the names that they have in scenarios.
+pub(super) fn choice<T>() -> impl TypedValueParser<Value = T>
+where
+    T: JsonSchema + DeserializeOwned + Clone + Send + Sync + 'static,
+{
+    let schema = schemars::schema_for!(T);
+    let variants = schema.get("oneOf").and_then(Value::as_array).into_iter().flatten();
+    let named = variants.filter_map(|variant| {
+        let meaning = variant.get("description").and_then(Value::as_str).unwrap_or_default();
+        Some(PossibleValue::new(variant.get("const")?.as_str()?.to_owned()).help(meaning.to_owned()))
+    });
+    PossibleValuesParser::new(named).try_map(|name| serde_json::from_value(Value::String(name)))
+}
+
+#[cfg(test)]
+mod tests {
+    use microsig_core::render::waves::Lens;
+
+    use super::*;
+
+    #[test]
+    fn options_have_the_names_and_meanings_of_keys() {
+        let parser = choice::<Lens>();
+        let values: Vec<_> = parser.possible_values().into_iter().flatten().collect();
+        let names: Vec<&str> = values.iter().map(PossibleValue::get_name).collect();
+        assert_eq!(names, ["microsig", "aplanatic"]);
+        assert!(values[1].get_help().is_some_and(|help| help.to_string().contains("sine condition")));
+        let parsed = parser.parse_ref(&clap::Command::new("x"), None, "aplanatic".as_ref());
+        assert_eq!(parsed.ok(), Some(Lens::Aplanatic));
+    }
+}
