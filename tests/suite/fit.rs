@@ -162,9 +162,12 @@ fn parameter(fit: &Value, name: &str) -> [f64; 2] {
     ["value", "sd"].map(|key| own[key].as_f64().unwrap())
 }
 
-/// Asserts that the settings found are those of a scan, within relative errors.
-fn assert_found(fit: &Value, truth: &SimulatedScan) {
+/// Asserts that the settings found, in a folder and its fit.json, are those of a scan within relative errors.
+/// Returns those written.
+fn assert_found(place: &Path, fit: &Value, truth: &SimulatedScan) -> Settings {
     let settings = &truth.settings;
+    let written = suite::settings(&place.join("out/settings.txt")).unwrap();
+    assert!((written.gain / settings.gain - 1.0).abs() < 0.1, "{} for {}", written.gain, settings.gain);
     let mut expected = vec![
         ("numerical_aperture", settings.numerical_aperture, 0.005),
         ("focal_length", settings.focal_length, 0.015),
@@ -194,6 +197,7 @@ fn assert_found(fit: &Value, truth: &SimulatedScan) {
         let off = [found[0] - bead.x_px, found[1] - bead.y_px, found[2] - bead.z_um].map(f64::abs);
         assert!(off[0] < 0.02 && off[1] < 0.02 && off[2] < 0.2, "{found:?} for {bead:?}");
     }
+    written
 }
 
 /// The direction of the stage is reversed. A second scan rendered with the settings found differs from the
@@ -204,9 +208,7 @@ fn settings_of_a_spherical_scan_are_found() {
     let truth = SimulatedScan { direction: -1.0, beads: four.beads[..2].to_vec(), ..four };
     let pages = truth.planes(3).unwrap();
     let (place, fit) = fitted(&truth, &pages);
-    assert_found(&fit, &truth);
-
-    let settings = suite::settings(&place.path().join("out/settings.txt")).unwrap();
+    let settings = assert_found(place.path(), &fit, &truth);
     let expected = ExpectedRenderer::new(&settings, SpheroidLaw::Original, DEFAULT_TOLERANCE).unwrap();
     let second = truth.planes(4).unwrap();
     let per_count = fit["variance_per_count"].as_f64().unwrap();
@@ -238,8 +240,8 @@ fn settings_of_an_astigmatic_scan_are_found() {
     let bead = |bead: &Bead| Bead { z_um: bead.z_um - 5.0, ..*bead };
     let truth = SimulatedScan { settings, beads: four.beads[..2].iter().map(bead).collect(), ..four };
     let pages = truth.planes(5).unwrap();
-    let (_, fit) = fitted(&truth, &pages);
-    assert_found(&fit, &truth);
+    let (place, fit) = fitted(&truth, &pages);
+    assert_found(place.path(), &fit, &truth);
 }
 
 /// A neighbor 12 px beside a particle in three planes moves no quantity by more than two standard deviations.

@@ -19,8 +19,9 @@ const NORMAL_95: f64 = 1.959_964;
 const POINTS_PER_PIXEL: f64 = 18.0;
 const RAYS: (f64, f64) = (100.0, 500.0);
 
-/// Variance of MicroSIG's ray counts divided by their mean (for spheres 0.84 to 1.01).
-const FANO: f64 = 0.9;
+/// Variance of MicroSIG's ray counts divided by their mean. It is less than 1 where many rays of one source
+/// point fall on one pixel; over a scan, of which most images are out of focus, it is 0.95 to 0.99.
+const FANO: f64 = 0.97;
 
 /// Minimum difference of -2 ln(likelihood) between the two directions of the stage, for the direction to be
 /// known.

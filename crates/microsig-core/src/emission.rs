@@ -21,12 +21,12 @@ pub type Point = [f64; 3];
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum SpheroidLaw {
-    /// As in MicroSIG's program: a stretched spiral, denser toward the poles; the points on the lens side of a
-    /// plane through four extreme points emit, about half of them.
+    /// As in MicroSIG's program: a stretched spiral, denser toward the poles; the points on the lens side of
+    /// a plane through four extreme points emit, about half of them.
     #[default]
     Original,
-    /// Uniform in area, as the paper describes it; of each pair of points mirrored at the center, the one whose
-    /// surface normal faces the lens emits. With e_p = 1 this is the sphere.
+    /// Uniform in area, as the paper describes it; of each pair of points mirrored at the center, the one
+    /// whose surface normal faces the lens emits. With e_p = 1 this is the sphere.
     Uniform,
 }
 

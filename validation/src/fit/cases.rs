@@ -41,7 +41,7 @@ pub(super) fn run(program: &Path, own: &Path, cases: &Path, runs: &Path) -> anyh
         let (usage, _) = process::run(command.arg("--out").arg(&out))?;
         let fit: Value = serde_json::from_reader(File::open(out.join("fit.json"))?)?;
         let mut found = quantities(&scan, &fit);
-        found.extend(camera(&scan, &suite::settings(&out.join("settings.txt"))?));
+        found.extend(camera(&scan, &fit, &suite::settings(&out.join("settings.txt"))?));
         for q in &found {
             let row = [q.truth, q.value, q.sd, q.bar].map(|v| format!("{v:.6}"));
             let flags = [q.is_within(), q.is_covered()].map(|flag| flag.to_string());

@@ -89,15 +89,22 @@ pub(super) fn quantities(scan: &SimulatedScan, fit: &Value) -> Vec<Quantity> {
 }
 
 /// Quantities of the camera, from the settings that were written.
-pub(super) fn camera(scan: &SimulatedScan, written: &microsig_core::Settings) -> Vec<Quantity> {
+pub(super) fn camera(scan: &SimulatedScan, fit: &Value, written: &microsig_core::Settings) -> Vec<Quantity> {
     let truth = &scan.settings;
     let plain = |name: &str, truth: f64, value: f64, bar: f64| {
         let (name, interval) = (name.to_owned(), [f64::NAN; 2]);
         Quantity { name, truth, value, sd: f64::NAN, interval, bar, counts: false }
     };
     let noise = truth.background_noise;
+    // Rays cannot show a rotated cylindrical lens: the noise of such a scan is that of photons, each of which
+    // is worth `gain` counts.
+    let gain = if scan.rotation_deg == 0.0 {
+        written.gain
+    } else {
+        fit["variance_per_count"].as_f64().unwrap_or(f64::NAN)
+    };
     vec![
-        plain("gain", truth.gain, written.gain, 0.1 * truth.gain),
+        plain("gain", truth.gain, gain, 0.1 * truth.gain),
         plain("background_mean", truth.background_mean, written.background_mean, 0.5),
         plain("background_noise", noise, written.background_noise, 0.03 * noise),
     ]

@@ -77,8 +77,8 @@ impl<'p> ImageSum<'p> {
         ImageSum { pixels, columns, rows }
     }
 
-    /// Draws on all bands in parallel. Sums do not depend on the number of threads if `draw` adds particles to
-    /// every band in the same order.
+    /// Draws on all bands in parallel. Sums do not depend on the number of threads if `draw` adds particles
+    /// to every band in the same order.
     pub(super) fn add(&mut self, draw: impl Fn(ImageBand) + Sync) {
         let stride = stride(self.columns as usize);
         let rows = (self.rows as usize).div_ceil(rayon::current_num_threads()).max(ROWS);

@@ -76,8 +76,8 @@ pub enum Lens {
     /// MicroSIG's thin lens with its spherical aberration; dry.
     #[default]
     Microsig,
-    /// An objective corrected for the plane in focus (Abbe's sine condition), as microscope objectives are; dry
-    /// or immersed.
+    /// An objective corrected for the plane in focus (Abbe's sine condition), as microscope objectives are;
+    /// dry or immersed.
     Aplanatic,
 }
 
