@@ -1,22 +1,54 @@
 //! Options whose values are those of a key of scenarios: names and meanings from the schema.
 
+use std::ffi::OsStr;
+use std::marker::PhantomData;
+
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Arg, Command};
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-/// Parses the variants of an enum without fields, under the names that they have in scenarios.
-pub(super) fn choice<T>() -> impl TypedValueParser<Value = T>
+/// Parser of the variants of an enum without fields, under the names that they have in scenarios.
+#[derive(Debug, Clone)]
+pub(super) struct Choice<T>(PhantomData<T>);
+
+/// See [`Choice`].
+pub(super) fn choice<T>() -> Choice<T> {
+    Choice(PhantomData)
+}
+
+impl<T> Choice<T>
+where
+    T: JsonSchema,
+{
+    // Not kept: most runs of the program ask for no schema at all.
+    fn variants() -> Vec<PossibleValue> {
+        let schema = schemars::schema_for!(T);
+        let variants = schema.get("oneOf").and_then(Value::as_array).into_iter().flatten();
+        let named = variants.filter_map(|variant| {
+            let meaning = variant.get("description").and_then(Value::as_str).unwrap_or_default();
+            Some(PossibleValue::new(variant.get("const")?.as_str()?.to_owned()).help(meaning.replace('\n', " ")))
+        });
+        named.collect()
+    }
+}
+
+impl<T> TypedValueParser for Choice<T>
 where
     T: JsonSchema + DeserializeOwned + Clone + Send + Sync + 'static,
 {
-    let schema = schemars::schema_for!(T);
-    let variants = schema.get("oneOf").and_then(Value::as_array).into_iter().flatten();
-    let named = variants.filter_map(|variant| {
-        let meaning = variant.get("description").and_then(Value::as_str).unwrap_or_default();
-        Some(PossibleValue::new(variant.get("const")?.as_str()?.to_owned()).help(meaning.to_owned()))
-    });
-    PossibleValuesParser::new(named).try_map(|name| serde_json::from_value(Value::String(name)))
+    type Value = T;
+
+    fn parse_ref(&self, command: &Command, arg: Option<&Arg>, value: &OsStr) -> Result<T, clap::Error> {
+        PossibleValuesParser::new(Self::variants())
+            .try_map(|name| serde_json::from_value(Value::String(name)))
+            .parse_ref(command, arg, value)
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        Some(Box::new(Self::variants().into_iter()))
+    }
 }
 
 #[cfg(test)]
