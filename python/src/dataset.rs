@@ -120,7 +120,7 @@ impl Made {
 /// A dataset in memory from a scenario.
 #[pyfunction]
 fn generate(py: Python<'_>, text: ScenarioText, show: bool) -> PyResult<Made> {
-    let made = run(py, show, OnInterrupt::Leave, move |progress| {
+    let made = run(py, show, OnInterrupt::Wait, move |progress| {
         MemoryDataset::take(text.resolve()?, progress).map(Arc::new)
     })?;
     Ok(Made(made))

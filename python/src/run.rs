@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use bench::cli::printable;
 use generator::runner::{Progress, Stop};
+use microsig_core::cancel::Cancellation;
 use pyo3::exceptions::{
     PyFileExistsError, PyFileNotFoundError, PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError,
 };
@@ -67,7 +68,7 @@ pub(crate) fn set_threads(threads: u16) -> PyResult<()> {
 pub(crate) enum OnInterrupt {
     /// It is left to end by itself: it touches nothing but memory.
     Leave,
-    /// It is waited for, so that it has cleaned up.
+    /// It is cancelled at its next step and waited for, so that it has cleaned up. It has threads of its own.
     Wait,
 }
 
@@ -78,12 +79,18 @@ pub(crate) fn run<T: Send + 'static>(
     on_interrupt: OnInterrupt,
     work: impl FnOnce(&Progress) -> storage::Result<T> + Send + 'static,
 ) -> PyResult<T> {
-    let (pool, stop) = (pool(py)?, Stop::default());
+    let (pool, stop, cancellation) = (pool(py)?, Stop::default(), Cancellation::default());
     let shown = if show && std::io::stderr().is_terminal() { Progress::Bar } else { Progress::Hidden };
     let progress = Progress::Stoppable(stop.clone(), Box::new(shown));
     let (sender, receiver) = mpsc::channel();
+    let cancelled = cancellation.clone();
     let job = move || {
-        let result = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&progress))));
+        let result = catch_unwind(AssertUnwindSafe(|| match on_interrupt {
+            OnInterrupt::Leave => pool.install(|| work(&progress)),
+            OnInterrupt::Wait => cancelled
+                .run(pool.current_num_threads(), || work(&progress))
+                .unwrap_or(Err(Error::Interrupted)),
+        }));
         // Nobody may be waiting any more.
         let _ = sender.send(result);
     };
@@ -102,6 +109,7 @@ pub(crate) fn run<T: Send + 'static>(
             Err(mpsc::RecvTimeoutError::Timeout) => {
                 if let Err(signal) = py.check_signals() {
                     stop.stop();
+                    cancellation.cancel();
                     while on_interrupt == OnInterrupt::Wait
                         && matches!(next(TICK), Err(mpsc::RecvTimeoutError::Timeout))
                     {}

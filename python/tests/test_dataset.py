@@ -180,13 +180,22 @@ def test_threads_change_nothing():
 
 LONG = SMALL.replace("count: 2", "count: 100000").replace("count(5)", "count(40)")
 
+# Places for so many particles are found in some ten seconds, all in the first step of the work.
+DENSE = """(
+    name: "dense",
+    optics: (preset: setting1, gaussian: (diameter_px: 2)),
+    motion: flow(field: poiseuille()),
+    particles: (number: count(15600), seeding: apart_in_image(0.25)),
+    timing: pairs(count: 2),
+)"""
 
-@pytest.mark.parametrize("what", ["generate", "save"])
+
+@pytest.mark.parametrize("what", ["generate", "place", "save"])
 def test_ctrl_c_ends_long_work_within_a_second_and_leaves_nothing(what, tmp_path):
     program = textwrap.dedent(
         f"""
         import sys, time, microsig as ms
-        scenario = {LONG!r}
+        scenario = {DENSE!r} if {what!r} == "place" else {LONG!r}
         if {what!r} == "save":
             dataset = ms.generate(scenario, set={{"timing.pairs.count": 300}})
             print("ready", flush=True)
@@ -204,7 +213,7 @@ def test_ctrl_c_ends_long_work_within_a_second_and_leaves_nothing(what, tmp_path
     )
     process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, cwd=tmp_path)
     assert process.stdout is not None and process.stdout.readline() == "ready\n"
-    time.sleep(0.4 if what == "generate" else 0.1)
+    time.sleep(0.1 if what == "save" else 0.4)
     sent = time.monotonic()
     process.send_signal(signal.SIGINT)
     told = process.stdout.readline().split()

@@ -13,6 +13,9 @@ thread_local! {
     static CANCELLATION: RefCell<Option<Cancellation>> = const { RefCell::new(None) };
 }
 
+/// Stack of the threads that work, bytes: that of a program's first thread.
+const STACK: usize = 8 << 20;
+
 /// With this the stack is unwound; no message is printed.
 struct Cancelled;
 
@@ -31,11 +34,13 @@ impl Cancellation {
         self.0.load(Ordering::SeqCst)
     }
 
-    /// Runs work on threads of its own; `None` if it was cancelled before its end. What the work was about to
-    /// change is left as after a panic, so it should own what it changes.
-    pub fn run<T: Send>(&self, work: impl FnOnce() -> T + Send) -> Option<T> {
+    /// Runs work on `threads` threads of its own (0: one for each core); `None` if it was cancelled before
+    /// its end. What the work was about to change is left as after a panic, so it should own what it changes.
+    pub fn run<T: Send>(&self, threads: usize, work: impl FnOnce() -> T + Send) -> Option<T> {
         let of_thread = self.clone();
         let threads = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .stack_size(STACK)
             .start_handler(move |_| CANCELLATION.set(Some(of_thread.clone())))
             .build();
         let done = match threads {
@@ -72,9 +77,9 @@ mod tests {
     #[test]
     fn work_ends_with_its_result_its_cancellation_or_its_panic() {
         let sign = Cancellation::default();
-        assert_eq!(sign.run(|| (0..100).into_par_iter().inspect(|_| checkpoint()).sum()), Some(4950));
+        assert_eq!(sign.run(0, || (0..100).into_par_iter().inspect(|_| checkpoint()).sum()), Some(4950));
         let seen = std::sync::atomic::AtomicUsize::new(0);
-        let cancelled = sign.run(|| {
+        let cancelled = sign.run(0, || {
             (0..100_000).into_par_iter().for_each(|k| {
                 checkpoint();
                 seen.fetch_add(1, Ordering::Relaxed);
@@ -87,9 +92,9 @@ mod tests {
         assert!(seen.into_inner() < 100_000);
         // Other work goes on: on this thread, and under another sign.
         checkpoint();
-        assert_eq!(Cancellation::default().run(checkpoint), Some(()));
+        assert_eq!(Cancellation::default().run(0, checkpoint), Some(()));
         let other = Cancellation::default();
-        assert!(catch_unwind(AssertUnwindSafe(|| other.run(|| resume_unwind(Box::new(7))))).is_err());
+        assert!(catch_unwind(AssertUnwindSafe(|| other.run(0, || resume_unwind(Box::new(7))))).is_err());
     }
 
     /// Checks that a renderer does not finish an image that is cancelled meanwhile.
@@ -100,7 +105,7 @@ mod tests {
             std::thread::sleep(Duration::from_millis(30));
             cancel.cancel();
         });
-        let light = sign.run(|| renderer.light(particles, &Streams::new(1), Purpose::Rays, 0));
+        let light = sign.run(0, || renderer.light(particles, &Streams::new(1), Purpose::Rays, 0));
         cancelling.join().unwrap();
         assert!(light.is_none(), "{} was finished", renderer.name());
     }

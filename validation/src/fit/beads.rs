@@ -8,6 +8,11 @@ use std::process::Command;
 use anyhow::Context;
 use serde_json::Value;
 
+use fit::{Scan, StagePositions};
+
+use super::montage::montage;
+use super::noise::goodness;
+
 /// Largest chi2 per pixel of a fit by waves.
 const LARGEST_CHI2: f64 = 1.25;
 
@@ -16,37 +21,43 @@ const LARGEST_CHI2: f64 = 1.25;
 const LEAST_R2: f64 = 0.94;
 const RAYS_R2: f64 = 0.9;
 
-/// Fits all scans below `real` by waves; writes a row for each.
-pub(super) fn run(program: &Path, real: &Path, file: &Path) -> anyhow::Result<()> {
+/// Beads of which a picture is made.
+const SHOWN: [&str; 2] = ["astig085_0", "dry095_0"];
+
+/// Fits all scans below `real` by waves; writes `beads.csv` with a row for each, and pictures of some.
+pub(super) fn run(program: &Path, real: &Path, out: &Path) -> anyhow::Result<()> {
     let mut folders: Vec<_> = std::fs::read_dir(real)
         .with_context(|| real.display().to_string())?
         .filter_map(|entry| Some(entry.ok()?.path()))
         .filter(|path| path.is_dir())
         .collect();
     folders.sort();
-    let mut table = csv::Writer::from_path(file)?;
+    let mut table = csv::Writer::from_path(out.join("beads.csv"))?;
     table.write_record(HEADER)?;
     let place = tempfile::tempdir()?;
     for folder in folders {
         let name = folder.file_name().and_then(|n| n.to_str()).context("a name")?.to_owned();
         let given: Value = serde_json::from_reader(File::open(folder.join("given.json"))?)?;
         let given = |key: &str| given["given"][key].as_f64().with_context(|| format!("{name}: {key}"));
-        let out = place.path().join(&name);
-        let mut command = Command::new(program);
-        command.arg("fit").arg(folder.join("scan.tif")).args(["--model", "waves", "--magnification", "1"]);
-        for (option, value) in [
-            ("--pixel-size", given("um_per_px")?),
-            ("--z-step", given("z_step_um")?),
-            ("--wavelength", given("emission_um")?),
-        ] {
-            command.arg(option).arg(value.to_string());
+        let [um_per_px, step_um, wavelength_um] =
+            [given("um_per_px")?, given("z_step_um")?, given("emission_um")?].map(|value| value.to_string());
+        let scan = folder.join("scan.tif");
+        let fitted = |name: String, more: &[&str]| {
+            let out = place.path().join(name);
+            let mut command = Command::new(program);
+            command.arg("fit").arg(&scan).args(["--magnification", "1", "--pixel-size", &um_per_px]);
+            command.args(["--z-step", &step_um]).args(more).arg("--out").arg(&out);
+            // Exit code 1: the fit is poor, but there is one.
+            let output = command.output()?;
+            let said = || String::from_utf8_lossy(&output.stderr).into_owned();
+            let fit: Value = serde_json::from_reader(File::open(out.join("fit.json")).with_context(said)?)?;
+            anyhow::Ok((fit, out.join("model.tif")))
+        };
+        let (fit, model) = fitted(name.clone(), &["--model", "waves", "--wavelength", &wavelength_um])?;
+        if SHOWN.contains(&name.as_str()) {
+            let (_, rays) = fitted(format!("{name} by rays"), &[])?;
+            montage(&[&scan, &rays, &model], out, &name)?;
         }
-        // Exit code 1: the fit is poor, but there is one.
-        let output = command.arg("--out").arg(&out).output()?;
-        let fit: Value = serde_json::from_reader(
-            File::open(out.join("fit.json"))
-                .with_context(|| String::from_utf8_lossy(&output.stderr).into_owned())?,
-        )?;
         let parameter = |name: &str| {
             let all = fit["parameters"].as_array().into_iter().flatten();
             all.clone().find(|p| p["name"] == name).and_then(|p| p["value"].as_f64()).unwrap_or(f64::NAN)
@@ -54,11 +65,16 @@ pub(super) fn run(program: &Path, real: &Path, file: &Path) -> anyhow::Result<()
         let compared = |model: &str, key: &str| fit["comparison"][model][key].as_f64().unwrap_or(f64::NAN);
         let astigmatism = parameter("astigmatism").hypot(parameter("astigmatism_45"));
         let coma = parameter("coma_x").hypot(parameter("coma_y"));
+        let page = |path: &Path| anyhow::Ok(Scan::read(path, &StagePositions::Step(1.0))?);
+        let background = fit["particles"][0]["background_counts"].as_f64().unwrap_or(f64::NAN);
+        let [chi2_as_noise, r2_as_noise] = goodness(&page(&scan)?, &page(&model)?, background);
         let numbers = [
             compared("geometric", "chi2"),
             compared("geometric", "r2"),
             compared("waves", "chi2"),
             compared("waves", "r2"),
+            chi2_as_noise,
+            r2_as_noise,
             compared("geometric", "bic") - compared("waves", "bic"),
             given("nominal_numerical_aperture")?,
             parameter("numerical_aperture"),
@@ -73,12 +89,14 @@ pub(super) fn run(program: &Path, real: &Path, file: &Path) -> anyhow::Result<()
     Ok(table.flush()?)
 }
 
-const HEADER: [&str; 12] = [
+const HEADER: [&str; 14] = [
     "bead",
     "rays_chi2",
     "rays_r2",
     "waves_chi2",
     "waves_r2",
+    "chi2_as_noise",
+    "r2_as_noise",
     "bic_gain",
     "nominal_na",
     "na",
@@ -92,14 +110,15 @@ const HEADER: [&str; 12] = [
 pub(super) fn table(file: &Path) -> anyhow::Result<(String, usize)> {
     let (mut lines, mut above) = (String::new(), 0);
     for row in csv::Reader::from_path(file)?.deserialize() {
-        let (name, numbers): (String, [f64; 11]) = row?;
-        let [rays_chi2, rays_r2, chi2, r2, gain, nominal, na, diameter, spherical, astigmatism, coma] =
+        let (name, numbers): (String, [f64; 13]) = row?;
+        let [rays_chi2, rays_r2, chi2, r2, chi2_as_noise, r2_as_noise, gain, nominal, na, more @ ..] =
             numbers;
+        let [diameter, spherical, astigmatism, coma] = more;
         let bars = [chi2 < LARGEST_CHI2, r2 >= LEAST_R2, rays_r2 < RAYS_R2, gain > 0.0];
         above += bars.into_iter().filter(|is_met| !is_met).count();
         writeln!(
             lines,
-            "| {name} | {rays_chi2:.2} | {rays_r2:.3} | {chi2:.3} | {r2:.3} | {gain:.0} | {nominal:.2} | {na:.3} | {diameter:.2} | {spherical:+.3} | \
+            "| {name} | {rays_chi2:.2} | {rays_r2:.3} | {chi2:.3} | {r2:.3} | {chi2_as_noise:.2} | {r2_as_noise:.3} | {gain:.0} | {nominal:.2} | {na:.3} | {diameter:.2} | {spherical:+.3} | \
              {astigmatism:.3} | {coma:.3} |"
         )?;
     }

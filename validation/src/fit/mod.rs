@@ -3,6 +3,8 @@
 mod beads;
 mod cases;
 mod coverage;
+mod montage;
+mod noise;
 mod quantity;
 
 use std::path::PathBuf;
@@ -51,7 +53,7 @@ pub(crate) fn run(comparison: &Comparison) -> anyhow::Result<ExitCode> {
         coverage::run(&dir.join("own"), *seeds, &out.join("coverage.csv"))?;
     }
     if parts.contains(&Part::Beads) {
-        beads::run(&program, &dir.join("real"), &out.join("beads.csv"))?;
+        beads::run(&program, &dir.join("real"), out)?;
     }
     let (cases, missed) = cases::table(&out.join("cases.csv"))?;
     let (coverage, outside) = coverage::table(&out.join("coverage.csv"))?;

@@ -28,7 +28,10 @@ where
         let variants = schema.get("oneOf").and_then(Value::as_array).into_iter().flatten();
         let named = variants.filter_map(|variant| {
             let meaning = variant.get("description").and_then(Value::as_str).unwrap_or_default();
-            Some(PossibleValue::new(variant.get("const")?.as_str()?.to_owned()).help(meaning.replace('\n', " ")))
+            Some(
+                PossibleValue::new(variant.get("const")?.as_str()?.to_owned())
+                    .help(meaning.replace('\n', " ")),
+            )
         });
         named.collect()
     }

@@ -64,7 +64,7 @@ pub(super) fn run(app: &App, text: &str, cancellation: Cancellation, sender: Sen
     let preview = Preview { cancellation, sender, start: Instant::now() };
     let under_way = Arc::clone(&app.previewing);
     let _one_at_a_time = locked(&under_way);
-    let ended = match preview.cancellation.run(|| preview.parts(app, text)) {
+    let ended = match preview.cancellation.run(0, || preview.parts(app, text)) {
         Some(Ok(())) => json!({ "part": "end" }),
         Some(Err(Stop::Failed(why))) => json!({ "part": "failed", "message": why }),
         Some(Err(Stop::Replaced)) | None => return,
