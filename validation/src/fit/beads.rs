@@ -8,10 +8,7 @@ use std::process::Command;
 use anyhow::Context;
 use serde_json::Value;
 
-use fit::{Scan, StagePositions};
-
 use super::montage::montage;
-use super::noise::goodness;
 
 /// Largest chi2 per pixel of a fit by waves.
 const LARGEST_CHI2: f64 = 1.25;
@@ -65,16 +62,11 @@ pub(super) fn run(program: &Path, real: &Path, out: &Path) -> anyhow::Result<()>
         let compared = |model: &str, key: &str| fit["comparison"][model][key].as_f64().unwrap_or(f64::NAN);
         let astigmatism = parameter("astigmatism").hypot(parameter("astigmatism_45"));
         let coma = parameter("coma_x").hypot(parameter("coma_y"));
-        let page = |path: &Path| anyhow::Ok(Scan::read(path, &StagePositions::Step(1.0))?);
-        let background = fit["particles"][0]["background_counts"].as_f64().unwrap_or(f64::NAN);
-        let [chi2_as_noise, r2_as_noise] = goodness(&page(&scan)?, &page(&model)?, background);
         let numbers = [
             compared("geometric", "chi2"),
             compared("geometric", "r2"),
             compared("waves", "chi2"),
             compared("waves", "r2"),
-            chi2_as_noise,
-            r2_as_noise,
             compared("geometric", "bic") - compared("waves", "bic"),
             given("nominal_numerical_aperture")?,
             parameter("numerical_aperture"),
@@ -89,14 +81,12 @@ pub(super) fn run(program: &Path, real: &Path, out: &Path) -> anyhow::Result<()>
     Ok(table.flush()?)
 }
 
-const HEADER: [&str; 14] = [
+const HEADER: [&str; 12] = [
     "bead",
     "rays_chi2",
     "rays_r2",
     "waves_chi2",
     "waves_r2",
-    "chi2_as_noise",
-    "r2_as_noise",
     "bic_gain",
     "nominal_na",
     "na",
@@ -110,15 +100,14 @@ const HEADER: [&str; 14] = [
 pub(super) fn table(file: &Path) -> anyhow::Result<(String, usize)> {
     let (mut lines, mut above) = (String::new(), 0);
     for row in csv::Reader::from_path(file)?.deserialize() {
-        let (name, numbers): (String, [f64; 13]) = row?;
-        let [rays_chi2, rays_r2, chi2, r2, chi2_as_noise, r2_as_noise, gain, nominal, na, more @ ..] =
-            numbers;
+        let (name, numbers): (String, [f64; 11]) = row?;
+        let [rays_chi2, rays_r2, chi2, r2, gain, nominal, na, more @ ..] = numbers;
         let [diameter, spherical, astigmatism, coma] = more;
         let bars = [chi2 < LARGEST_CHI2, r2 >= LEAST_R2, rays_r2 < RAYS_R2, gain > 0.0];
         above += bars.into_iter().filter(|is_met| !is_met).count();
         writeln!(
             lines,
-            "| {name} | {rays_chi2:.2} | {rays_r2:.3} | {chi2:.3} | {r2:.3} | {chi2_as_noise:.2} | {r2_as_noise:.3} | {gain:.0} | {nominal:.2} | {na:.3} | {diameter:.2} | {spherical:+.3} | \
+            "| {name} | {rays_chi2:.2} | {rays_r2:.3} | {chi2:.3} | {r2:.3} | {gain:.0} | {nominal:.2} | {na:.3} | {diameter:.2} | {spherical:+.3} | \
              {astigmatism:.3} | {coma:.3} |"
         )?;
     }

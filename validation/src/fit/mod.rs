@@ -4,7 +4,6 @@ mod beads;
 mod cases;
 mod coverage;
 mod montage;
-mod noise;
 mod quantity;
 
 use std::path::PathBuf;
