@@ -33,16 +33,16 @@ pub struct Sample {
     /// Sum of squared residuals over variance, per pixel.
     pub chi2: f64,
     /// The data.
-    pub data: Seen,
+    pub data: MeasuredImage,
     /// The model.
-    pub model: Seen,
+    pub model: MeasuredImage,
     /// Residuals in standard deviations, row by row; NaN where a pixel belongs to another particle.
     pub residual: Vec<f32>,
 }
 
 /// An image of a particle and what is measured in it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Seen {
+pub struct MeasuredImage {
     /// Counts above the background, row by row; NaN where a pixel belongs to another particle.
     pub counts: Vec<f32>,
     /// Distances from the particle within which half of the light lies, px: along the axis of the cylindrical
@@ -113,7 +113,7 @@ fn brightest(model: &[(usize, f64)]) -> Vec<usize> {
 }
 
 impl View<'_> {
-    fn seen(&self, pixels: &[(usize, f64)]) -> Seen {
+    fn seen(&self, pixels: &[(usize, f64)]) -> MeasuredImage {
         let edge = self.problem.edge_px();
         let mut counts = vec![f32::NAN; edge * edge];
         pixels.iter().for_each(|&(place, value)| counts[place] = value as f32);
@@ -136,7 +136,7 @@ impl View<'_> {
         } else {
             [within(&|dx, dy| libm::hypot(dx, dy)); 2]
         };
-        Seen {
+        MeasuredImage {
             counts,
             half_light_px,
             peak: self.brightest.iter().map(|&i| pixels[i].1).sum::<f64>()

@@ -42,7 +42,7 @@ use optics::{Microscope, Shared};
 use state::State;
 
 pub use comparison::{Comparison, Score};
-pub use evidence::{Evidence, Sample, Seen};
+pub use evidence::{Evidence, MeasuredImage, Sample};
 pub use images::Watch;
 pub use optics::{ExtraParameter, Given};
 pub use outcome::{Correlations, Fitted, FittedParticle, Parameter, PlaneFit, Verdict};

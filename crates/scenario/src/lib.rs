@@ -29,7 +29,7 @@ mod vary;
 pub use files::Input;
 pub use language::derive::schema_of;
 pub use language::document::{Picture, Scene};
-pub use language::schema::{Entry, Kind, Schema, nearest};
+pub use language::schema::{Entry, Schema, ValueKind, nearest};
 pub use language::write::ron;
 pub use language::write::{compact, write};
 pub use load::read_text;

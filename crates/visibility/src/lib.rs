@@ -11,5 +11,5 @@ mod spheroid;
 pub use depth_scan::{DepthScan, ScanImage};
 pub use noise_free::{NoiseFree, Patch, TOLERANCE};
 pub use outline::Outline;
-pub use overlap::{Seen, Visibility, visibility};
+pub use overlap::{TracerImage, Visibility, visibility};
 pub use run_length::RunLengths;

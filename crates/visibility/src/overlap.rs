@@ -30,9 +30,9 @@ pub struct Visibility {
     pub saturated: bool,
 }
 
-/// What is seen of a tracer.
+/// Visibility and outline of a tracer's image in a frame.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Seen {
+pub struct TracerImage {
     /// Its visibility.
     pub visibility: Visibility,
     /// Its outline, if requested and if it has one.
@@ -53,7 +53,7 @@ pub fn visibility(
     tracers: &[Range<usize>],
     share: Option<f64>,
     total: &mut Vec<f64>,
-) -> Vec<Seen> {
+) -> Vec<TracerImage> {
     let (width, height) = (width as usize, height as usize);
     noise_free.prepare(&[particles]);
     let draw = |tracers: &[Range<usize>]| -> Vec<Patch> {
@@ -71,9 +71,9 @@ pub fn visibility(
         kept = (batches.len() == 1).then_some(patches);
     }
     let total = total.as_slice();
-    let see = |patches: Vec<Patch>| -> Vec<Seen> {
+    let see = |patches: Vec<Patch>| -> Vec<TracerImage> {
         let patches = patches.par_iter().with_min_len(TRACERS_PER_TASK);
-        let seen = patches.map(|patch| Seen {
+        let seen = patches.map(|patch| TracerImage {
             visibility: Visibility::of(patch, total, width, sensor),
             outline: share.and_then(|share| Outline::of(patch, share, total, (width, height), sensor)),
         });

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use serde_json::{Value, json};
 
 use scenario::spec::Spec;
-use scenario::{Entry, Kind, Schema, ron, schema_of};
+use scenario::{Entry, Schema, ValueKind, ron, schema_of};
 
 /// Maximum number of steps in a path, as fields nest without limit.
 const DEEPEST: usize = 60;
@@ -58,15 +58,15 @@ fn described(entry: &Entry<'_>) -> Value {
 
 fn kind(schema: Schema<'_>) -> &'static str {
     match schema.kind() {
-        Kind::Section => "section",
-        Kind::Choice => "choice",
-        Kind::List(_) => "list",
-        Kind::Tuple(_) => "tuple",
-        Kind::Number => "number",
-        Kind::Whole => "whole number",
-        Kind::Flag => "true or false",
-        Kind::Text => "text",
-        Kind::Raw => "value",
+        ValueKind::Section => "section",
+        ValueKind::Choice => "choice",
+        ValueKind::List(_) => "list",
+        ValueKind::Tuple(_) => "tuple",
+        ValueKind::Number => "number",
+        ValueKind::Whole => "whole number",
+        ValueKind::Flag => "true or false",
+        ValueKind::Text => "text",
+        ValueKind::Raw => "value",
     }
 }
 
@@ -83,11 +83,11 @@ fn insert(entry: &Entry<'_>, value: Option<String>) -> String {
         };
     }
     match (kind, short) {
-        (Some(Kind::Section), _) => format!("{name}: (|)"),
+        (Some(ValueKind::Section), _) => format!("{name}: (|)"),
         (_, Some(value)) => format!("{name}: {value}|"),
-        (Some(Kind::List(_)), _) => format!("{name}: [|]"),
-        (Some(Kind::Tuple(_)), _) => format!("{name}: (|)"),
-        (Some(Kind::Text), _) => format!("{name}: \"|\""),
+        (Some(ValueKind::List(_)), _) => format!("{name}: [|]"),
+        (Some(ValueKind::Tuple(_)), _) => format!("{name}: (|)"),
+        (Some(ValueKind::Text), _) => format!("{name}: \"|\""),
         _ => format!("{name}: |"),
     }
 }

@@ -38,9 +38,9 @@ pub(super) struct OpenResult {
     vectors: Vec<[f64; 7]>,
 }
 
-/// Kind of a scored point.
+/// PointOutcome of a scored point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum PointOutcome {
     Found,
     Missed,
     Ghost,
@@ -50,7 +50,7 @@ enum Kind {
 #[derive(Debug, Clone, Copy)]
 struct Point {
     frame: u32,
-    kind: Kind,
+    kind: PointOutcome,
     /// Row in the table of the truth ([`NONE`] for ghosts) and in the result ([`NONE`] for missed particles).
     truth_row: u32,
     result_row: u32,
@@ -204,7 +204,7 @@ fn points(evaluation: &Evaluation, particles: &Particles, truth: &TrueParticles)
         });
         points.push(Point {
             frame: p.frame,
-            kind: if partner.is_some() { Kind::Found } else { Kind::Missed },
+            kind: if partner.is_some() { PointOutcome::Found } else { PointOutcome::Missed },
             truth_row: p.source,
             result_row,
             // Particles have their depth even if they are scored in two dimensions.
@@ -222,7 +222,7 @@ fn points(evaluation: &Evaluation, particles: &Particles, truth: &TrueParticles)
         let (result_row, track, from, is_switch) = of_result(j);
         Point {
             frame: r.points[j].frame,
-            kind: Kind::Ghost,
+            kind: PointOutcome::Ghost,
             truth_row: NONE,
             result_row,
             at: place(&r.points[j].at, particles.depth),

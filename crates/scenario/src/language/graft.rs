@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use super::read::find;
-use super::schema::{Kind, Schema, joined};
+use super::schema::{Schema, ValueKind, joined};
 use super::text::{Content, Field, Node, parse};
 use storage::problem::{Place, Problem, Source};
 
@@ -18,7 +18,7 @@ pub(crate) fn assigned(root: Schema<'_>, path: &str, value: &str) -> Result<Node
     let source = Arc::new(Source::assignment(path, value));
     let whole = Place { source: source.clone(), span: source.value_at..source.text.len() };
     let is_text =
-        root.find(path).and_then(|entry| entry.schema).is_some_and(|s| matches!(s.kind(), Kind::Text));
+        root.find(path).and_then(|entry| entry.schema).is_some_and(|s| matches!(s.kind(), ValueKind::Text));
     if is_text && !value.trim_start().starts_with(['"', 'r']) {
         return Ok(Node { content: Content::Text(value.to_owned()), place: whole });
     }
@@ -61,7 +61,7 @@ impl Graft<'_, '_> {
         });
         let entries = schema.below();
         match schema.kind() {
-            Kind::Section => {
+            ValueKind::Section => {
                 let key = find(&entries, step).ok_or_else(unknown)?;
                 let inner = key.schema.ok_or_else(unknown)?;
                 let (mut fields, at) = match node {
@@ -74,7 +74,7 @@ impl Graft<'_, '_> {
                 fields.push(Field { key: key.name.to_owned(), place, value });
                 Ok(Node { place: at, content: Content::Fields(fields) })
             }
-            Kind::Choice => {
+            ValueKind::Choice => {
                 let variant = find(&entries, step).ok_or_else(unknown)?;
                 let Some(inner) = variant.schema else {
                     return Err(Problem::other(
@@ -93,7 +93,7 @@ impl Graft<'_, '_> {
                 let content = self.below(content, inner, depth + 1, value)?;
                 Ok(Node { place, content: Content::Variant(variant.name.to_owned(), Box::new(content)) })
             }
-            Kind::List(_) | Kind::Tuple(_) => {
+            ValueKind::List(_) | ValueKind::Tuple(_) => {
                 let inner = schema.step(step).and_then(|entry| entry.schema).ok_or_else(unknown)?;
                 let index: usize = step.parse().map_err(|_| unknown())?;
                 let Some(Node { content: Content::Items(mut items), place: at }) = node else {

@@ -3,7 +3,7 @@
 use serde_json::{Map, Number, Value};
 
 use super::problems::Problems;
-use super::schema::{Entry, Kind, Schema, joined, nearest};
+use super::schema::{Entry, Schema, ValueKind, joined, nearest};
 use super::text::{Content, Field, Node};
 use storage::problem::Problem;
 
@@ -27,10 +27,10 @@ impl Walk<'_, '_> {
             return Some(Value::Null);
         }
         match (schema.kind(), &node.content) {
-            (Kind::Choice, _) => self.choice(node, schema, path),
-            (Kind::Section, Content::Fields(fields)) => self.section(node, fields, schema, path),
-            (Kind::List(_), Content::Fields(none)) if none.is_empty() => Some(Value::Array(Vec::new())),
-            (Kind::List(item), Content::Items(items)) => {
+            (ValueKind::Choice, _) => self.choice(node, schema, path),
+            (ValueKind::Section, Content::Fields(fields)) => self.section(node, fields, schema, path),
+            (ValueKind::List(_), Content::Fields(none)) if none.is_empty() => Some(Value::Array(Vec::new())),
+            (ValueKind::List(item), Content::Items(items)) => {
                 let (least, most) = (count(schema, "minItems"), count(schema, "maxItems"));
                 let fits = least.is_none_or(|least| items.len() >= least)
                     && most.is_none_or(|most| items.len() <= most);
@@ -43,14 +43,16 @@ impl Walk<'_, '_> {
                 }
                 self.items(items, items.iter().map(|_| item), path)
             }
-            (Kind::Tuple(types), Content::Items(items)) if types.len() == items.len() => {
+            (ValueKind::Tuple(types), Content::Items(items)) if types.len() == items.len() => {
                 self.items(items, types.into_iter(), path)
             }
-            (Kind::Number | Kind::Whole, Content::Word(word)) => self.number(node, word, schema, path),
-            (Kind::Flag, Content::Word(word)) if word == "true" || word == "false" => {
+            (ValueKind::Number | ValueKind::Whole, Content::Word(word)) => {
+                self.number(node, word, schema, path)
+            }
+            (ValueKind::Flag, Content::Word(word)) if word == "true" || word == "false" => {
                 Some((word == "true").into())
             }
-            (Kind::Text, Content::Text(text)) => {
+            (ValueKind::Text, Content::Text(text)) => {
                 let one_of = schema.attribute("enum").and_then(Value::as_array);
                 if one_of.is_none_or(|names| names.contains(&text.as_str().into())) {
                     return Some(text.as_str().into());
@@ -60,7 +62,7 @@ impl Walk<'_, '_> {
                 self.problems.push(problem.hinted(near.map(|near| format!("did you mean \"{near}\"?"))));
                 None
             }
-            (Kind::Raw, _) => Some(node.place.text().trim().into()),
+            (ValueKind::Raw, _) => Some(node.place.text().trim().into()),
             _ => {
                 self.refuse(node, path, node.written(), &schema.allowed());
                 None
@@ -170,7 +172,7 @@ impl Walk<'_, '_> {
     }
 
     fn number(&mut self, node: &Node, word: &str, schema: Schema<'_>, path: &str) -> Option<Value> {
-        let is_whole = matches!(schema.kind(), Kind::Whole);
+        let is_whole = matches!(schema.kind(), ValueKind::Whole);
         let real = ron::from_str::<f64>(word).ok();
         let number = match (is_whole, real) {
             (true, _) => ron::from_str::<u64>(word)

@@ -14,7 +14,7 @@ pub struct Schema<'a> {
 
 /// The kind of a value.
 #[derive(Debug, Clone)]
-pub enum Kind<'a> {
+pub enum ValueKind<'a> {
     /// Keys with values.
     Section,
     /// One of several variants.
@@ -90,32 +90,32 @@ impl<'a> Schema<'a> {
     }
 
     /// The kind of value that the schema describes.
-    pub fn kind(&self) -> Kind<'a> {
+    pub fn kind(&self) -> ValueKind<'a> {
         let count = |name| self.node.get(name).and_then(Value::as_u64);
         if self.node.get("oneOf").is_some()
             || self.is("string") && self.node.get("enum").is_some() && self.attribute("x-quoted").is_none()
         {
-            Kind::Choice
+            ValueKind::Choice
         } else if let Some(items) = self.node.get("prefixItems").and_then(Value::as_array) {
-            Kind::Tuple(items.iter().map(|item| Schema::at(self.root, item)).collect())
+            ValueKind::Tuple(items.iter().map(|item| Schema::at(self.root, item)).collect())
         } else if let Some(items) = self.node.get("items") {
             let item = Schema::at(self.root, items);
             match (count("minItems"), count("maxItems")) {
-                (Some(n), Some(most)) if n == most => Kind::Tuple(vec![item; n as usize]),
-                _ => Kind::List(item),
+                (Some(n), Some(most)) if n == most => ValueKind::Tuple(vec![item; n as usize]),
+                _ => ValueKind::List(item),
             }
         } else if self.is("object") {
-            Kind::Section
+            ValueKind::Section
         } else if self.is("integer") {
-            Kind::Whole
+            ValueKind::Whole
         } else if self.is("number") {
-            Kind::Number
+            ValueKind::Number
         } else if self.is("boolean") {
-            Kind::Flag
+            ValueKind::Flag
         } else if self.is("string") {
-            Kind::Text
+            ValueKind::Text
         } else {
-            Kind::Raw
+            ValueKind::Raw
         }
     }
 
@@ -125,10 +125,10 @@ impl<'a> Schema<'a> {
         let properties =
             |node: &'a Value| node.get("properties").and_then(Value::as_object).into_iter().flatten();
         match self.kind() {
-            Kind::Section => properties(self.node)
+            ValueKind::Section => properties(self.node)
                 .map(|(name, site)| Entry { name, is_variant: false, schema: Some(at(site)), site })
                 .collect(),
-            Kind::Choice => {
+            ValueKind::Choice => {
                 let unit = |name: &'a Value, site| {
                     name.as_str().map(|name| Entry { name, is_variant: true, schema: None, site })
                 };
@@ -152,7 +152,7 @@ impl<'a> Schema<'a> {
                     None => one(self.node),
                 }
             }
-            Kind::List(item) => item.below(),
+            ValueKind::List(item) => item.below(),
             _ => Vec::new(),
         }
     }
@@ -161,8 +161,8 @@ impl<'a> Schema<'a> {
     pub fn step(&self, name: &str) -> Option<Entry<'a>> {
         if let Ok(i) = name.parse::<usize>() {
             let item = match self.kind() {
-                Kind::List(item) => Some(item),
-                Kind::Tuple(items) => items.get(i).copied(),
+                ValueKind::List(item) => Some(item),
+                ValueKind::Tuple(items) => items.get(i).copied(),
                 _ => None,
             };
             return item.map(|item| Entry {
@@ -199,7 +199,7 @@ impl<'a> Schema<'a> {
             return;
         }
         above.push(self.node);
-        let inner = if let Kind::List(item) = self.kind() { item } else { *self };
+        let inner = if let ValueKind::List(item) = self.kind() { item } else { *self };
         let again =
             !std::ptr::eq(inner.node, self.node) && above.iter().any(|n| std::ptr::eq(*n, inner.node));
         for entry in if again { Vec::new() } else { self.below() } {
@@ -293,16 +293,16 @@ impl<'a> Schema<'a> {
             if unit.is_empty() { range } else { format!("{range}{join}{unit}") }
         };
         match self.kind() {
-            Kind::Section => "values in round brackets".to_owned(),
-            Kind::Choice => one_of(self.below().iter().map(|entry| entry.name.to_owned())),
-            Kind::List(_) => "a list in square brackets".to_owned(),
-            Kind::Tuple(items) => format!("{} values in round brackets", items.len()),
-            Kind::Number => with("number"),
-            Kind::Whole => with("whole number"),
-            Kind::Flag => "true or false".to_owned(),
-            Kind::Text if range.is_empty() => "a text in quotes".to_owned(),
-            Kind::Text => range,
-            Kind::Raw => "a value".to_owned(),
+            ValueKind::Section => "values in round brackets".to_owned(),
+            ValueKind::Choice => one_of(self.below().iter().map(|entry| entry.name.to_owned())),
+            ValueKind::List(_) => "a list in square brackets".to_owned(),
+            ValueKind::Tuple(items) => format!("{} values in round brackets", items.len()),
+            ValueKind::Number => with("number"),
+            ValueKind::Whole => with("whole number"),
+            ValueKind::Flag => "true or false".to_owned(),
+            ValueKind::Text if range.is_empty() => "a text in quotes".to_owned(),
+            ValueKind::Text => range,
+            ValueKind::Raw => "a value".to_owned(),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::schema::{Entry, Kind, Schema};
+use super::schema::{Entry, Schema, ValueKind};
 use super::write::ron;
 
 /// Width of comment lines, characters.
@@ -28,31 +28,31 @@ pub(crate) fn sample(schema: Schema<'_>) -> Option<Value> {
     }
     let number = |name| schema.attribute(name).and_then(Value::as_f64);
     Some(match schema.kind() {
-        Kind::Section => {
+        ValueKind::Section => {
             let required =
                 schema.required().map(|key| Some((key.to_owned(), sample(schema.step(key)?.schema?)?)));
             Value::Object(required.collect::<Option<_>>()?)
         }
-        Kind::Choice => {
+        ValueKind::Choice => {
             let first = *schema.below().first()?;
             match first.schema {
                 None => first.name.into(),
                 Some(inner) => Value::Object([(first.name.to_owned(), sample(inner)?)].into_iter().collect()),
             }
         }
-        Kind::List(_) => Value::Array(Vec::new()),
-        Kind::Tuple(types) => types.into_iter().map(sample).collect::<Option<Vec<_>>>()?.into(),
-        Kind::Number => {
+        ValueKind::List(_) => Value::Array(Vec::new()),
+        ValueKind::Tuple(types) => types.into_iter().map(sample).collect::<Option<Vec<_>>>()?.into(),
+        ValueKind::Number => {
             match (number("exclusiveMinimum"), number("maximum").or(number("exclusiveMaximum"))) {
                 (Some(low), Some(high)) => 0.5 * (low + high),
                 (low, _) => number("minimum").or(low.map(|low| low + 1.0)).unwrap_or(1.0),
             }
             .into()
         }
-        Kind::Whole => number("minimum").map_or(1, |low| (low as u64).max(1)).into(),
-        Kind::Flag => false.into(),
-        Kind::Text => "text".into(),
-        Kind::Raw => "1".into(),
+        ValueKind::Whole => number("minimum").map_or(1, |low| (low as u64).max(1)).into(),
+        ValueKind::Flag => false.into(),
+        ValueKind::Text => "text".into(),
+        ValueKind::Raw => "1".into(),
     })
 }
 
@@ -65,7 +65,7 @@ fn section(text: &mut String, schema: Schema<'_>, values: Option<&Value>, depth:
         // A default that depends on other keys is commented out: once given, it would no longer follow them.
         let out = is_out
             || value.is_none() && !is_infinite
-            || follows && (depth > 2 || !matches!(inner.kind(), Kind::Choice));
+            || follows && (depth > 2 || !matches!(inner.kind(), ValueKind::Choice));
         let written = value.cloned().or_else(|| if is_infinite { Some(Value::Null) } else { sample(inner) });
         let Some(written) = written else { continue };
         let indent = "    ".repeat(depth) + if out { "// " } else { "" };
@@ -76,16 +76,16 @@ fn section(text: &mut String, schema: Schema<'_>, values: Option<&Value>, depth:
             *text += &format!("{indent}),\n");
         };
         let variant = written.as_object().and_then(|one| one.iter().next());
-        let variant = variant.filter(|_| matches!(inner.kind(), Kind::Choice));
+        let variant = variant.filter(|_| matches!(inner.kind(), ValueKind::Choice));
         let of_variant = variant.and_then(|(name, value)| Some((name, value, inner.step(name)?.schema?)));
         match (inner.kind(), of_variant) {
-            (Kind::Section, _) => content(text, inner, &written, ""),
-            (_, Some((name, value, schema))) if matches!(schema.kind(), Kind::Section) => {
+            (ValueKind::Section, _) => content(text, inner, &written, ""),
+            (_, Some((name, value, schema))) if matches!(schema.kind(), ValueKind::Section) => {
                 content(text, schema, value, name);
             }
             _ => *text += &format!("{indent}{}: {},\n", entry.name, ron(&written, inner)),
         }
-        if depth == 1 && matches!(inner.kind(), Kind::Section) {
+        if depth == 1 && matches!(inner.kind(), ValueKind::Section) {
             text.push('\n');
         }
     }
@@ -100,7 +100,7 @@ fn about(text: &mut String, entry: &Entry<'_>, schema: Schema<'_>, depth: usize,
         None if !is_given && schema.is_optional() => "default: none".to_owned(),
         None => String::new(),
     };
-    let is_number = matches!(schema.kind(), Kind::Number | Kind::Whole | Kind::Tuple(_));
+    let is_number = matches!(schema.kind(), ValueKind::Number | ValueKind::Whole | ValueKind::Tuple(_));
     let range = if is_number || entry.words("x-quoted").is_some() { range } else { String::new() };
     let range = if unit.is_empty() || range.is_empty() {
         format!("{range}{unit}")
@@ -110,7 +110,7 @@ fn about(text: &mut String, entry: &Entry<'_>, schema: Schema<'_>, depth: usize,
     let facts: Vec<String> = [range, default].into_iter().filter(|fact| !fact.is_empty()).collect();
     let facts = if facts.is_empty() { String::new() } else { format!(" [{}]", facts.join("; ")) };
     comment(text, &indent, "", &(entry.meaning() + &facts));
-    let variants = if let Kind::Choice = schema.kind() { schema.below() } else { Vec::new() };
+    let variants = if let ValueKind::Choice = schema.kind() { schema.below() } else { Vec::new() };
     if variants.len() > MAX_VARIANTS {
         let names: Vec<&str> = variants.iter().map(|variant| variant.name).collect();
         comment(text, &indent, "  ", &format!("One of {}.", names.join(", ")));

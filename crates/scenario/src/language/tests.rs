@@ -14,7 +14,7 @@ use super::derive::schema_of;
 use super::document::{Picture, Scene, document};
 use super::graft::{assigned, graft};
 use super::problems::Problems;
-use super::schema::{Kind, Schema};
+use super::schema::{Schema, ValueKind};
 use super::template::{sample, template};
 use super::text::{self, Node};
 use super::typed;
@@ -132,7 +132,7 @@ fn around(path: &str) -> (Node, String) {
     };
     for step in path.split('.') {
         let before = (!at.is_empty()).then(|| scenario().find(&at).unwrap().schema.unwrap());
-        if let Some(Kind::List(item)) = before.map(|schema| schema.kind()) {
+        if let Some(ValueKind::List(item)) = before.map(|schema| schema.kind()) {
             let content = item.step(step).unwrap().schema.and_then(sample).unwrap();
             let item = Value::Object([(step.to_owned(), content)].into_iter().collect());
             whole = put(whole, &at, before.unwrap(), &Value::Array(vec![item]));
@@ -153,7 +153,7 @@ fn every_number_with_a_range_is_refused_outside_with_path_and_range() {
     let mut checked = 0;
     for (path, entry) in scenario().keys() {
         let Some(schema) = entry.schema else { continue };
-        if !matches!(schema.kind(), Kind::Number | Kind::Whole) {
+        if !matches!(schema.kind(), ValueKind::Number | ValueKind::Whole) {
             continue;
         }
         let (whole, at) = around(&path);
@@ -189,7 +189,8 @@ fn every_number_with_a_range_is_refused_outside_with_path_and_range() {
 #[test]
 fn ranges_in_words_of_fields_have_bounds() {
     for (path, entry) in scenario().keys() {
-        let Some(schema) = entry.schema.filter(|schema| matches!(schema.kind(), Kind::Number | Kind::Whole))
+        let Some(schema) =
+            entry.schema.filter(|schema| matches!(schema.kind(), ValueKind::Number | ValueKind::Whole))
         else {
             continue;
         };

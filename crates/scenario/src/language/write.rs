@@ -4,7 +4,7 @@ use ron::extensions::Extensions;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::schema::{Kind, Schema};
+use super::schema::{Schema, ValueKind};
 use storage::error::{Error, Result};
 
 /// RON options: `Some` and the inner brackets of a variant are omitted.
@@ -33,13 +33,13 @@ pub fn ron(value: &Value, schema: Schema<'_>) -> String {
     match (schema.kind(), value) {
         (_, Value::Null) if schema.attribute("x-infinite").is_some() => "inf".to_owned(),
         (_, Value::Null) => "None".to_owned(),
-        (Kind::Choice, Value::String(name)) => name.clone(),
-        (Kind::Choice, Value::Object(one)) => one.iter().fold(String::new(), |_, (name, content)| {
+        (ValueKind::Choice, Value::String(name)) => name.clone(),
+        (ValueKind::Choice, Value::Object(one)) => one.iter().fold(String::new(), |_, (name, content)| {
             let inner = schema.step(name).and_then(|entry| entry.schema);
             let content = inner.map_or_else(String::new, |inner| ron(content, inner));
             if content.starts_with('(') { format!("{name}{content}") } else { format!("{name}({content})") }
         }),
-        (Kind::Section, Value::Object(fields)) => {
+        (ValueKind::Section, Value::Object(fields)) => {
             let field = |(key, value): (&String, &Value)| {
                 let inner = schema.step(key)?.schema?;
                 (!value.is_null() || inner.attribute("x-infinite").is_some())
@@ -47,13 +47,13 @@ pub fn ron(value: &Value, schema: Schema<'_>) -> String {
             };
             format!("({})", join(fields.iter().filter_map(field).collect()))
         }
-        (Kind::Tuple(types), Value::Array(items)) => {
+        (ValueKind::Tuple(types), Value::Array(items)) => {
             format!("({})", join(items.iter().zip(types).map(|(item, schema)| ron(item, schema)).collect()))
         }
-        (Kind::List(inner), Value::Array(items)) => {
+        (ValueKind::List(inner), Value::Array(items)) => {
             format!("[{}]", join(items.iter().map(|item| ron(item, inner)).collect()))
         }
-        (Kind::Raw, Value::String(text)) => text.clone(),
+        (ValueKind::Raw, Value::String(text)) => text.clone(),
         (_, value) => value.to_string(),
     }
 }

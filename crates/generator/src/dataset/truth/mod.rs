@@ -26,7 +26,7 @@ use storage::tables::truth::{BOXES, DISPLACEMENTS, FRAMES, GRADIENT, TRACKS};
 use storage::tables::{Rows, Table, TableFile, TableSink, TableWriter};
 pub use viewer::rendered;
 pub(crate) use viewer::{Sight, View, Viewer};
-use visibility::{DepthScan, NoiseFree, Seen, Visibility, visibility};
+use visibility::{DepthScan, NoiseFree, TracerImage, Visibility, visibility};
 
 /// The table of tracks with the columns of this scenario.
 pub fn tracks(scenario: &Scenario) -> Table {
@@ -173,7 +173,7 @@ impl<'a> Truth<'a> {
     }
 
     /// The rows of boxes.csv.
-    fn boxes(&self, frame: &Frame, sights: &[Sight], seen: &[Seen]) -> Result<Vec<Rows>> {
+    fn boxes(&self, frame: &Frame, sights: &[Sight], seen: &[TracerImage]) -> Result<Vec<Rows>> {
         let parts = sights.par_chunks(TRACERS_PER_TASK).zip(seen.par_chunks(TRACERS_PER_TASK));
         let parts = parts.map(|(sights, seen)| {
             let mut rows = Rows::on(&BOXES, self.texts.take());
