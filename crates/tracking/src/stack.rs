@@ -9,9 +9,14 @@ use super::calibration::CalibrationImage;
 use super::denoise::{PixelNoise, denoised};
 use super::gray_image::{GrayImage, Spline};
 
-/// A symmetry is accepted if its squared differences are at most this many times those of a rotation by 180
-/// degrees.
-const AS_SYMMETRIC: f64 = 1.25;
+/// A symmetry is accepted if its squared differences exceed those of a rotation by 180 degrees by at most this
+/// fraction of them, ...
+const AS_SYMMETRIC: f64 = 0.25;
+
+/// ... and by no more than this fraction of the squared light, beyond this many standard deviations of the
+/// noise: most pixels of a large image are dark, and their noise hides that its light is not symmetric.
+const OF_LIGHT: f64 = 0.1;
+const BEYOND_NOISE: f64 = 3.0;
 
 /// Variance of rounding to integer counts.
 const ROUNDING: f32 = 1.0 / 12.0;
@@ -87,8 +92,14 @@ impl Symmetry {
                 })
                 .sum()
         };
-        let rounding: f64 = stack.iter().map(|i| 2.0 * f64::from(ROUNDING) * i.counts.len() as f64).sum();
-        let limit = AS_SYMMETRIC * (difference(|x, y, last| (last - x, last - y)) + rounding);
+        let pixels: f64 = stack.iter().map(|image| image.counts.len() as f64).sum();
+        let rotated = difference(|x, y, last| (last - x, last - y)) + 2.0 * f64::from(ROUNDING) * pixels;
+        let squares: f64 = stack.iter().flat_map(|image| &image.counts).map(|c| f64::from(*c).powi(2)).sum();
+        // Squared differences of equivalent pixels are twice the variance of their noise, and each pair is
+        // counted twice.
+        let light = (squares - 0.5 * rotated).max(0.0);
+        let chance = 2.0 * (2.0 / pixels).sqrt() * rotated;
+        let limit = rotated + (AS_SYMMETRIC * rotated).min(OF_LIGHT * light + BEYOND_NOISE * chance);
         if difference(|x, y, last| (last - x, y)) > limit {
             Symmetry::Rotation
         } else if difference(|x, y, _| (y, x)) > limit {
@@ -205,4 +216,29 @@ fn noise(stack: &[GrayImage]) -> PixelNoise {
     }
     let gain = if light > 0.0 { (squares / light).max(0.0) } else { 0.0 };
     PixelNoise { dark, gain: gain as f32 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Most of these pixels are noise, which has every symmetry.
+    #[test]
+    fn noise_does_not_hide_that_images_are_not_round() {
+        let side = 301;
+        let spot = |[wide, high]: [f32; 2], seed: usize| {
+            GrayImage::from_fn((side, side), |x, y| {
+                let [dx, dy] = [x, y].map(|c| c as f32 - (side / 2) as f32);
+                let mut bits = (y * side + x + seed * side * side + 1) as u64;
+                for _ in 0..3 {
+                    bits = (bits ^ (bits >> 31)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+                }
+                let noise = 100.0 * ((bits >> 40) as f32 / (1 << 24) as f32 - 0.5);
+                300.0 * (-0.5 * ((dx / wide).powi(2) + (dy / high).powi(2))).exp() + noise
+            })
+        };
+        let stack = |widths: [f32; 2]| (0..20).map(|k| spot(widths, k)).collect::<Vec<_>>();
+        assert_eq!(Symmetry::of(&stack([12.0, 3.0])), Symmetry::Mirrors);
+        assert_eq!(Symmetry::of(&stack([6.0, 6.0])), Symmetry::Octants);
+    }
 }
