@@ -9,8 +9,8 @@ use super::calibration::CalibrationImage;
 use super::denoise::{PixelNoise, denoised};
 use super::gray_image::{GrayImage, Spline};
 
-/// A symmetry is accepted if its squared differences exceed those of a rotation by 180 degrees by at most this
-/// fraction of them, ...
+/// A symmetry is accepted if its squared differences exceed those of a rotation by 180 degrees by at most
+/// this fraction of them, ...
 const AS_SYMMETRIC: f64 = 0.25;
 
 /// ... and by no more than this fraction of the squared light, beyond this many standard deviations of the
