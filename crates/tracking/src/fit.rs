@@ -29,8 +29,20 @@ pub(super) struct ParticleFit {
     pub(super) amplitude: f64,
     /// Reduction of chi^2 (the weighted sum of squares) by the particle.
     pub(super) chi2_reduction: f64,
-    /// Weighted correlation of the particle's image with the residual.
+    /// Weighted correlation of the particle's image with the light of the residual, see [`correlation`].
     pub(super) correlation: f64,
+}
+
+/// Light beyond the expected noise counts only above this many standard deviations of that noise.
+const BEYOND_NOISE: f64 = 3.0;
+
+/// Weighted correlation of an image t with the light in data f: `own` is the sum of w t^2, `both` of w t f,
+/// `seen` of w f^2 over this number of pixels. Faint images extend over many pixels whose counts are mostly
+/// noise: as weights w are inverse variances, it adds one per pixel to `seen`, which is not light.
+pub(super) fn correlation([own, both, seen]: [f64; 3], pixels: usize) -> f64 {
+    let (n, explained) = (pixels as f64, both * both / own);
+    let light = seen - n - BEYOND_NOISE * (2.0 * n).sqrt();
+    (explained / light.max(explained)).sqrt()
 }
 
 impl Residual {
@@ -65,12 +77,13 @@ impl ParticleFit {
         let mut normal = (DMat4::ZERO, DVec4::ZERO);
         for k in 0..MAX_ITERATIONS {
             let patch = images.patch(next.at, next.z_um, radius);
-            let (mut own, mut both, mut seen) = (0.0, 0.0, 0.0);
+            let (mut own, mut both, mut seen, mut pixels) = (0.0, 0.0, 0.0, 0);
             for (i, light) in patch.pixels(residual.size()) {
                 let (w, f, t) = (residual.weight[i], residual.image.counts[i], light[0]);
                 own += f64::from(w * t * t);
                 both += f64::from(w * f * t);
                 seen += f64::from(w * f * f);
+                pixels += 1;
             }
             if own <= 0.0 || both <= 0.0 {
                 return (k > 0).then_some(best);
@@ -81,7 +94,7 @@ impl ParticleFit {
                 next = ParticleFit {
                     amplitude,
                     chi2_reduction,
-                    correlation: both / (own * seen).sqrt(),
+                    correlation: correlation([own, both, seen], pixels),
                     ..next
                 };
                 best = next;

@@ -202,6 +202,19 @@ pub(super) fn three_points(low: f32, middle: f32, high: f32) -> f32 {
     if curvature < 0.0 { (0.5 * (low - high) / curvature).clamp(-0.5, 0.5) } else { 0.0 }
 }
 
+/// Approximately normal noise of unit variance for tests, a function of its number.
+#[cfg(test)]
+pub(super) fn normal(number: usize) -> f32 {
+    let uniform = |k: u64| {
+        let mut bits = number as u64 * 12 + k + 1;
+        for _ in 0..3 {
+            bits = (bits ^ (bits >> 31)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        }
+        (bits >> 40) as f32 / (1u64 << 24) as f32 - 0.5
+    };
+    (0..12).map(uniform).sum()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,5 +1,6 @@
 //! A run of a tracker on a dataset: frames in parallel, progress, timing, warnings.
 
+use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Mutex;
 use std::time::Instant;
@@ -7,7 +8,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::gray_image::GrayImage;
-use super::output::{DisplacementVector, Output};
+use super::output::{DisplacementVector, Output, Row};
 use super::recording::Recording;
 use super::{Localization, TrackOptions, link};
 use storage::error::Result;
@@ -99,7 +100,30 @@ impl<'a> Job<'a> {
         let found = self.timed(&frames, |k| Ok(find(&self.recording.frame(k)?)))?;
         let range =
             link::SearchRange { px: self.options.max_displacement_px, um: self.recording.depth_h_um() };
-        Ok(Output::Points(link::link(&found, range, self.recording.pairs())))
+        let rows = link::link(&found, range, self.recording.pairs());
+        self.warn_of_few_links(&rows);
+        Ok(Output::Points(rows))
+    }
+
+    /// Warns if hardly any particle is found in two frames, as if displacements exceeded the search range.
+    fn warn_of_few_links(&self, rows: &[Row]) {
+        /// Numbers of particles below which this is chance, and the smallest share of linked ones.
+        const MANY: usize = 20;
+        const LEAST_LINKED: f64 = 0.2;
+        let mut points: HashMap<i64, usize> = HashMap::new();
+        for row in rows {
+            *points.entry(row.track).or_default() += 1;
+        }
+        let linked = rows.iter().filter(|row| points[&row.track] > 1).count();
+        let share = linked as f64 / rows.len() as f64;
+        if self.recording.frames() > 1 && rows.len() >= MANY && share < LEAST_LINKED {
+            self.warn(format!(
+                "{linked} of {} particles are found again in another frame: do they move by more than --max-displacement \
+                 ({} px), or leave the image?",
+                rows.len(),
+                self.options.max_displacement_px
+            ));
+        }
     }
 
     /// Measures the displacement field of every image pair.

@@ -5,11 +5,11 @@
 //! as a group (Levenberg-Marquardt), one group after the other with all other particles subtracted. Variances
 //! and background are updated in every round.
 
+use super::acceptance::{Verdict, verdict};
 use super::denoise::PixelNoise;
-use super::fit::ParticleFit;
+use super::fit::{ParticleFit, correlation};
 use super::gray_image::GrayImage;
 use super::images::{ImagePatch, ParticleImages};
-use super::search::is_particle;
 
 /// Number of rounds over all groups.
 const ROUNDS: usize = 3;
@@ -59,7 +59,7 @@ pub(super) fn fit_all(
         for group in frame.groups(&particles) {
             frame.fit(&mut particles, &group);
         }
-        particles.retain(is_particle);
+        particles.retain(|particle| verdict(particle) == Verdict::Particle);
     }
     particles
 }
@@ -269,16 +269,17 @@ impl<'a> Region<'a> {
     /// The particles with their reduction of chi^2 and their correlation with the data.
     fn judged(&self, state: &State) -> Vec<ParticleFit> {
         let judge = |(patch, particle): (&ImagePatch, &ParticleFit)| {
-            let (mut own, mut both, mut seen) = (0.0, 0.0, 0.0);
+            let (mut own, mut both, mut seen, mut pixels) = (0.0, 0.0, 0.0, 0);
             for (i, [t, ..]) in patch.pixels(self.size) {
                 let data = state.residual[i] + particle.amplitude as f32 * t;
                 own += f64::from(self.weight[i] * t * t);
                 both += f64::from(self.weight[i] * t * data);
                 seen += f64::from(self.weight[i] * data * data);
+                pixels += 1;
             }
             let positive = own > 0.0 && both > 0.0;
             let chi2_reduction = if positive { both * both / own } else { 0.0 };
-            let correlation = if positive { both / (own * seen).sqrt() } else { 0.0 };
+            let correlation = if positive { correlation([own, both, seen], pixels) } else { 0.0 };
             ParticleFit { chi2_reduction, correlation, ..*particle }
         };
         state.patches.iter().zip(&state.particles).map(judge).collect()

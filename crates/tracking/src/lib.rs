@@ -6,6 +6,7 @@
 //!
 //! To add a tracker, write a file in this folder that defines a [`Method`], and list it in [`METHODS`].
 
+mod acceptance;
 mod anchors;
 mod aptv;
 mod calibration;

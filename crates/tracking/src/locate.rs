@@ -1,13 +1,19 @@
 //! Localization in a frame: background, search on a binned image, final fit at full resolution.
 
+use std::sync::{Mutex, PoisonError};
+
 use super::Localization;
+use super::acceptance::Rejections;
 use super::denoise::PixelNoise;
 use super::fit::Residual;
 use super::gray_image::GrayImage;
 use super::images::ParticleImages;
+use super::job::Job;
 use super::joint_fit::{Model, fit_all};
+use super::output::Output;
 use super::search::Search;
 use super::templates::Templates;
+use storage::error::Result;
 
 /// Maximum half width of a template in the search, px: images are binned for larger templates.
 const SEARCH_RADIUS: usize = 40;
@@ -49,15 +55,29 @@ impl<I: ParticleImages> Locator<I> {
         }
     }
 
-    /// Localizes the particles of an image.
-    pub(super) fn find(&self, image: &GrayImage) -> Vec<Localization> {
+    /// Localizes and links the particles of a recording.
+    pub(super) fn particles(&self, job: &Job) -> Result<Output> {
+        let rejections = Mutex::new(Rejections::default());
+        let output = job.particles(|image| {
+            let (found, rejected) = self.find(image);
+            rejections.lock().unwrap_or_else(PoisonError::into_inner).add(rejected);
+            found
+        })?;
+        if output.rows() == 0 {
+            job.warn(rejections.into_inner().unwrap_or_else(PoisonError::into_inner).warning());
+        }
+        Ok(output)
+    }
+
+    /// Localizes the particles of an image, and counts the candidates that are rejected.
+    pub(super) fn find(&self, image: &GrayImage) -> (Vec<Localization>, Rejections) {
         let (level, deviation) = image.background();
         // Without noise, the rounding error remains.
         let noise = PixelNoise { dark: deviation.powi(2).max(ROUNDING), gain: self.gain };
         let mut coarse = image.binned(self.bin);
         coarse.counts.iter_mut().for_each(|c| *c -= level);
         let weight = weights(&coarse, noise.binned(self.bin));
-        let mut found = Search::run(&self.coarse, Residual { image: coarse, weight });
+        let (mut found, rejections) = Search::run(&self.coarse, Residual { image: coarse, weight });
         for fit in &mut found {
             fit.at = fit.at.map(|c| c * self.bin as f64 + (self.bin / 2) as f64);
         }
@@ -65,11 +85,11 @@ impl<I: ParticleImages> Locator<I> {
         let found = fit_all(image, level, &model, found);
         // Drop particles outside the image, whose light may reach it.
         let size = [image.width, image.height].map(|n| n as f64);
-        found
+        let inside = found
             .iter()
             .filter(|fit| fit.at.iter().zip(size).all(|(c, n)| (-0.5..n - 0.5).contains(c)))
-            .map(|fit| Localization { x_px: fit.at[0] + 1.0, y_px: fit.at[1] + 1.0, z_um: Some(fit.z_um) })
-            .collect()
+            .map(|fit| Localization { x_px: fit.at[0] + 1.0, y_px: fit.at[1] + 1.0, z_um: Some(fit.z_um) });
+        (inside.collect(), rejections)
     }
 }
 

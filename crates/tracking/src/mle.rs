@@ -35,10 +35,7 @@ const LEAST_CORRELATION: (f64, f64) = (0.6, 0.97);
 pub(super) const METHOD: Method = Method {
     name: "mle",
     about: "Position and depth by maximum likelihood with the optical model, linked",
-    run: |job| {
-        let locator = locator(job)?;
-        job.particles(|image| locator.find(image))
-    },
+    run: |job| locator(job)?.particles(job),
 };
 
 /// Particle images from the optical model.

@@ -17,10 +17,7 @@ const TEMPLATE_ERROR: f32 = 0.02;
 pub(super) const METHOD: Method = Method {
     name: "ncc",
     about: "Depth by correlation with the calibration stack (GDPT), linked",
-    run: |job| {
-        let locator = locator(&calibration::read(job.dataset)?);
-        job.particles(|image| locator.find(image))
-    },
+    run: |job| locator(&calibration::read(job.dataset)?).particles(job),
 };
 
 fn locator(steps: &[CalibrationImage]) -> Locator<Templates> {
@@ -31,7 +28,7 @@ fn locator(steps: &[CalibrationImage]) -> Locator<Templates> {
 #[cfg(test)]
 mod tests {
     use super::super::Localization;
-    use super::super::gray_image::GrayImage;
+    use super::super::gray_image::{GrayImage, normal};
     use super::*;
 
     /// Adds a ring whose radius grows with depth.
@@ -66,7 +63,7 @@ mod tests {
         for (at, z, brightness) in truth {
             ring(&mut image, at, z, brightness);
         }
-        let found = stack().find(&image);
+        let found = stack().find(&image).0;
         assert_eq!(found.len(), 3, "{found:?}");
         for ([x, y], z, _) in truth {
             let off = |f: &&Localization| (f.x_px - 1.0 - x).hypot(f.y_px - 1.0 - y);
@@ -88,7 +85,7 @@ mod tests {
         let stack = locator(&(0..40).map(image).collect::<Vec<_>>());
         let mut frame = noise(100);
         ring(&mut frame, [50.2, 47.9], 55.0, 200.0);
-        let found = stack.find(&frame);
+        let found = stack.find(&frame).0;
         assert_eq!(found.len(), 1, "{found:?}");
         assert!((found[0].x_px - 51.2).abs() < 0.1 && (found[0].y_px - 48.9).abs() < 0.1, "{found:?}");
         assert!((found[0].z_um.unwrap() - 55.0).abs() < 0.7, "{found:?}");
@@ -99,11 +96,34 @@ mod tests {
         let mut image = noise(120);
         ring(&mut image, [50.0, 60.0], 60.0, 200.0);
         ring(&mut image, [62.0, 60.0], 30.0, 250.0);
-        assert_eq!(stack().find(&image).len(), 2);
+        assert_eq!(stack().find(&image).0.len(), 2);
     }
 
     #[test]
     fn noise_holds_no_particles() {
-        assert_eq!(stack().find(&noise(100)), []);
+        assert_eq!(stack().find(&noise(100)).0, []);
+    }
+
+    /// The noise of many pixels exceeds the light of a faint image, which is significant all the same.
+    #[test]
+    fn faint_images_are_found_in_noise() {
+        let noise = |size: (usize, usize), seed: usize| {
+            GrayImage::from_fn(size, |x, y| 600.0 + 30.0 * normal((seed * 300 + y) * 300 + x))
+        };
+        let step = |k: i32| {
+            let mut image = noise((201, 201), k as usize);
+            ring(&mut image, [100.0, 100.0], 3.0 * f64::from(k), 45.0);
+            image.counts.iter_mut().for_each(|c| *c = c.round());
+            CalibrationImage { z_um: 3.0 * f64::from(k), at: [100.0, 100.0], image }
+        };
+        let stack = locator(&(0..40).map(step).collect::<Vec<_>>());
+        let mut frame = noise((300, 150), 50);
+        ring(&mut frame, [80.2, 70.9], 40.0, 45.0);
+        ring(&mut frame, [210.4, 80.1], 80.0, 45.0);
+        let (found, _) = stack.find(&frame);
+        assert_eq!(found.len(), 2, "{found:?}");
+        let (empty, rejections) = stack.find(&noise((100, 100), 51));
+        assert_eq!(empty, []);
+        assert!(rejections.warning().contains("no particles are found"));
     }
 }

@@ -5,6 +5,7 @@
 //! template, it is subtracted from the frame, so that it is not detected twice and overlapped particles
 //! become visible.
 
+use super::acceptance::{LEAST_BRIGHTNESS, LEAST_SIGNIFICANCE, Rejections, Verdict, verdict};
 use super::fit::{ParticleFit, Residual};
 use super::images::ParticleImages;
 use super::maps::CorrelationMaps;
@@ -12,16 +13,6 @@ use super::templates::Templates;
 
 /// Number of templates for which correlation maps are computed.
 const COARSE: usize = 13;
-
-/// Minimum significance of a particle: integrated signal in standard deviations of the noise.
-const LEAST_SIGNIFICANCE: f64 = 8.0;
-
-/// Minimum correlation of a particle with its template.
-const LEAST_CORRELATION: f64 = 0.5;
-
-/// Allowed brightness relative to the calibration particle. Bright parts of large images resemble faint small
-/// images.
-const BRIGHTNESS: std::ops::RangeInclusive<f64> = 0.25..=4.0;
 
 /// A candidate is fitted if its amplitude exceeds this share of the minimum brightness.
 const WORTH_A_FIT: f64 = 0.5;
@@ -55,29 +46,24 @@ struct Match {
     amplitude: f64,
 }
 
-/// Whether a fit is accepted as a particle.
-pub(super) fn is_particle(fit: &ParticleFit) -> bool {
-    fit.chi2_reduction > LEAST_SIGNIFICANCE.powi(2)
-        && fit.correlation > LEAST_CORRELATION
-        && BRIGHTNESS.contains(&fit.amplitude)
-}
-
 /// The state of the search in a frame.
 pub(super) struct Search<'a> {
     templates: &'a Templates,
     residual: Residual,
     found: Vec<ParticleFit>,
+    rejections: Rejections,
 }
 
 impl<'a> Search<'a> {
-    /// Finds the particles in a background-subtracted frame with pixel weights.
-    pub(super) fn run(templates: &'a Templates, residual: Residual) -> Vec<ParticleFit> {
-        let mut search = Search { templates, residual, found: Vec::new() };
+    /// Finds the particles in a background-subtracted frame with pixel weights, and counts the candidates
+    /// that are rejected.
+    pub(super) fn run(templates: &'a Templates, residual: Residual) -> (Vec<ParticleFit>, Rejections) {
+        let mut search = Search { templates, residual, found: Vec::new(), rejections: Rejections::default() };
         for candidate in search.candidates() {
             search.take(candidate);
         }
         search.again();
-        search.found
+        (search.found, search.rejections)
     }
 
     /// Local maxima of the correlation maps of a subset of the templates, the most likely first.
@@ -115,7 +101,7 @@ impl<'a> Search<'a> {
     /// Fits a candidate and, if it is accepted as a particle, subtracts it from the frame.
     fn take(&mut self, candidate: Candidate) {
         let Candidate { template, x, y, .. } = candidate;
-        let worth = |m: &Match| m.amplitude > WORTH_A_FIT * BRIGHTNESS.start();
+        let worth = |m: &Match| m.amplitude > WORTH_A_FIT * LEAST_BRIGHTNESS;
         // Particles accepted in the meantime may account for this candidate.
         let now = self.match_at(template, x, y);
         if now.chi2_reduction
@@ -135,7 +121,10 @@ impl<'a> Search<'a> {
         let fits =
             starts.into_iter().filter_map(|k| self.fit([x as f64, y as f64], self.templates.depth_um(k)));
         let best = fits.max_by(|a, b| a.chi2_reduction.total_cmp(&b.chi2_reduction));
-        if let Some(fit) = best.filter(is_particle) {
+        let Some(fit) = best else { return };
+        let verdict = verdict(&fit);
+        self.rejections.count(verdict);
+        if verdict == Verdict::Particle {
             let fit = self.at_other_depths(fit);
             self.residual.add(self.templates, &fit, -1.0);
             self.found.push(fit);
@@ -184,7 +173,7 @@ impl<'a> Search<'a> {
     fn again(&mut self) {
         for fit in std::mem::take(&mut self.found) {
             self.residual.add(self.templates, &fit, 1.0);
-            if let Some(better) = self.fit(fit.at, fit.z_um).filter(is_particle) {
+            if let Some(better) = self.fit(fit.at, fit.z_um).filter(|fit| verdict(fit) == Verdict::Particle) {
                 self.residual.add(self.templates, &better, -1.0);
                 self.found.push(better);
             }

@@ -16,7 +16,15 @@ pub(super) const METHOD: Method = Method {
     about: "Particles in focus, in the image plane (Laplacian of Gaussian), linked",
     run: |job| {
         let detector = LogDetector::new(job.options.diameter_px);
-        job.particles(|image| detector.find(image))
+        let output = job.particles(|image| detector.find(image))?;
+        if output.rows() == 0 {
+            job.warn(format!(
+                "no particles are found: nothing of the size of --diameter ({} px) exceeds {ABOVE_NOISE} standard deviations of \
+                 the noise; defocused images need `ncc`, `mle` or `aptv`",
+                job.options.diameter_px
+            ));
+        }
+        Ok(output)
     },
 };
 

@@ -5,6 +5,8 @@
 //! lens also symmetric about the diagonals. The symmetry is determined from the stack itself. Differences
 //! between equivalent pixels are noise: background noise, and a part that grows with the light.
 
+use rayon::prelude::*;
+
 use super::calibration::CalibrationImage;
 use super::denoise::{PixelNoise, denoised};
 use super::gray_image::{GrayImage, Spline};
@@ -198,28 +200,43 @@ fn centered(step: &CalibrationImage, room: usize, level: f32) -> GrayImage {
     })
 }
 
-/// Noise estimate: the background part from the smallest median absolute deviation of all images, the
-/// light-dependent part from differences between each image and itself rotated by 180 degrees.
+/// Noise estimate: the straight line of squared differences between each image and itself rotated by 180
+/// degrees over their mean light, weighted by the variance of these squares under the estimate before.
 fn noise(stack: &[GrayImage]) -> PixelNoise {
-    let mut dark: Vec<f32> = stack.iter().map(GrayImage::noise).collect();
-    dark.sort_unstable_by(f32::total_cmp);
-    // The minimum, because images that the particle fills have no background.
-    let dark = dark.first().map_or(0.0, |d| d * d).max(ROUNDING);
-    let (mut light, mut squares) = (0.0, 0.0);
-    for image in stack {
+    /// Number of estimates; the first assumes equal variances.
+    const ESTIMATES: usize = 4;
+    // Of a pair of pixels, the sum and the difference are independent.
+    let pairs = |image: &GrayImage| -> Vec<[f64; 2]> {
+        let smooth = image.smoothed(1.0).counts;
         let n = image.counts.len();
-        for i in 0..n / 2 {
-            let (a, b) = (image.counts[i], image.counts[n - 1 - i]);
-            light += f64::from(0.5 * (a + b));
-            squares += f64::from(0.5 * (a - b).powi(2) - dark);
+        let pair = |i: usize| {
+            let j = n - 1 - i;
+            let light = 0.5 * (smooth[i] + smooth[j]);
+            [f64::from(light), f64::from(0.5 * (image.counts[i] - image.counts[j]).powi(2))]
+        };
+        (0..n / 2).map(pair).collect()
+    };
+    let pairs: Vec<Vec<[f64; 2]>> = stack.par_iter().map(pairs).collect();
+    let mut noise = PixelNoise { dark: 1.0, gain: 0.0 };
+    for _ in 0..ESTIMATES {
+        // Sums of weights, of light, squared light, squares, and light times squares.
+        let mut sums = [0.0; 5];
+        for [light, square] in pairs.iter().flatten() {
+            let weight = f64::from(noise.variance(*light as f32)).powi(-2);
+            let terms = [1.0, *light, light * light, *square, light * square];
+            sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += weight * term);
         }
+        let [n, x, xx, y, xy] = sums;
+        let spread = n * xx - x * x;
+        let gain = if spread > 1e-9 * n * xx { ((n * xy - x * y) / spread).max(0.0) } else { 0.0 };
+        noise = PixelNoise { dark: (((y - gain * x) / n) as f32).max(ROUNDING), gain: gain as f32 };
     }
-    let gain = if light > 0.0 { (squares / light).max(0.0) } else { 0.0 };
-    PixelNoise { dark, gain: gain as f32 }
+    noise
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::gray_image::normal;
     use super::*;
 
     /// Most of these pixels are noise, which has every symmetry.
@@ -240,5 +257,23 @@ mod tests {
         let stack = |widths: [f32; 2]| (0..20).map(|k| spot(widths, k)).collect::<Vec<_>>();
         assert_eq!(Symmetry::of(&stack([12.0, 3.0])), Symmetry::Mirrors);
         assert_eq!(Symmetry::of(&stack([6.0, 6.0])), Symmetry::Octants);
+    }
+
+    /// Faint images on many pixels whose noise is known to whole counts only.
+    #[test]
+    fn noise_that_grows_with_light_is_told_from_that_of_the_background() {
+        let side = 301;
+        let truth = PixelNoise { dark: 33.4 * 33.4, gain: 2.1 };
+        let mut stack: Vec<GrayImage> = Vec::new();
+        for k in 0..10 {
+            stack.push(GrayImage::from_fn((side, side), |x, y| {
+                let r = (x as f32 - 150.0).hypot(y as f32 - 150.0);
+                let light = 300.0 * (-0.5 * (r / 9.0).powi(2)).exp();
+                (light + truth.variance(light).sqrt() * normal((k * side + y) * side + x)).round()
+            }));
+        }
+        let found = noise(&stack);
+        assert!((found.dark / truth.dark - 1.0).abs() < 0.01, "{found:?}");
+        assert!((found.gain / truth.gain - 1.0).abs() < 0.3, "{found:?}");
     }
 }

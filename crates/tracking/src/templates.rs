@@ -191,8 +191,11 @@ impl Template {
             (0..image.counts.len()).filter(|&i| smooth.counts[i] > threshold).map(from_middle).collect();
         reach.sort_unstable();
         let farthest = reach.get(reach.len() * 99 / 100).copied().unwrap_or(0);
+        // What does not stand out of the template's own noise would add the more information the larger the
+        // image of the calibration is.
+        let visible = ABOVE_NOISE * smooth.noise();
         let mut information = vec![0.0f64; middle + 1];
-        for (i, count) in image.counts.iter().enumerate() {
+        for (i, count) in image.counts.iter().enumerate().filter(|(i, _)| smooth.counts[*i] > visible) {
             information[from_middle(i)] += f64::from(count * count / noise.variance(*count));
         }
         let total: f64 = information.iter().sum();

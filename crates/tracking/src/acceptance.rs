@@ -1,0 +1,79 @@
+//! Which fits are accepted as particles, and what is said if none is.
+
+use super::fit::ParticleFit;
+
+/// Minimum significance of a particle: integrated signal in standard deviations of the noise.
+pub(super) const LEAST_SIGNIFICANCE: f64 = 8.0;
+
+/// Minimum correlation of a particle with its template.
+const LEAST_CORRELATION: f64 = 0.5;
+
+/// Allowed brightness relative to the calibration particle. Bright parts of large images resemble faint small
+/// images.
+pub(super) const LEAST_BRIGHTNESS: f64 = 0.25;
+const LARGEST_BRIGHTNESS: f64 = 4.0;
+
+/// What a fit is taken for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Verdict {
+    Particle,
+    Faint,
+    Unlike,
+    OtherBrightness,
+}
+
+/// Whether a fit is accepted as a particle, or why it is not.
+pub(super) fn verdict(fit: &ParticleFit) -> Verdict {
+    if fit.chi2_reduction <= LEAST_SIGNIFICANCE.powi(2) {
+        Verdict::Faint
+    } else if fit.correlation <= LEAST_CORRELATION {
+        Verdict::Unlike
+    } else if !(LEAST_BRIGHTNESS..=LARGEST_BRIGHTNESS).contains(&fit.amplitude) {
+        Verdict::OtherBrightness
+    } else {
+        Verdict::Particle
+    }
+}
+
+/// Numbers of candidates that are not particles.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Rejections {
+    faint: usize,
+    unlike: usize,
+    other_brightness: usize,
+}
+
+impl Rejections {
+    pub(super) fn count(&mut self, verdict: Verdict) {
+        match verdict {
+            Verdict::Particle => {}
+            Verdict::Faint => self.faint += 1,
+            Verdict::Unlike => self.unlike += 1,
+            Verdict::OtherBrightness => self.other_brightness += 1,
+        }
+    }
+
+    pub(super) fn add(&mut self, other: Self) {
+        self.faint += other.faint;
+        self.unlike += other.unlike;
+        self.other_brightness += other.other_brightness;
+    }
+
+    /// Why no particle is found, and possible remedies.
+    pub(super) fn warning(&self) -> String {
+        let all = self.faint + self.unlike + self.other_brightness;
+        if all == 0 {
+            return format!(
+                "no particles are found: nothing in the images is like the calibration images and exceeds \
+                 {LEAST_SIGNIFICANCE} standard deviations of the noise; more light or less noise would help"
+            );
+        }
+        format!(
+            "no particles are found: of {all} candidates, {} do not exceed {LEAST_SIGNIFICANCE} standard deviations of the \
+             noise, {} are unlike the calibration images (correlation below {LEAST_CORRELATION}), {} are not \
+             {LEAST_BRIGHTNESS} to {LARGEST_BRIGHTNESS} times as bright as the calibration particle; more light, fewer \
+             particles, or calibration images of such particles would help",
+            self.faint, self.unlike, self.other_brightness
+        )
+    }
+}
