@@ -3,7 +3,7 @@
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::random::normal;
 use microsig_core::render::Render;
-use microsig_core::render::expected::{ExpectedRenderer, Gradient};
+use microsig_core::render::{ExpectedRenderer, Gradient};
 use microsig_core::render::{ImageStreams, InstructionSet};
 use microsig_core::sensor::Sensor;
 use microsig_core::stream::{Purpose, Streams};

@@ -4,10 +4,12 @@ use std::path::{Component, Path};
 
 use microsig_core::Settings;
 use microsig_core::formats::{data_file, settings_file};
+use microsig_core::render::WaveOptics;
 
 use super::gray_image::GrayImage;
 use super::recording::read_image;
 use generator::dataset::calibration::CALIBRATION;
+use generator::dataset::manifest::Manifest;
 use scoring::results::sheet::{Separator, TextTable};
 use storage::error::{Error, Result};
 use storage::input;
@@ -49,6 +51,8 @@ pub(super) struct Origin {
     pub(super) d_um: f64,
     /// Physical depth over depth in MicroSIG's data files.
     pub(super) depth_factor: f64,
+    /// Light and objective if the images are diffracted.
+    pub(super) waves: Option<WaveOptics>,
 }
 
 /// Reads the stack of a dataset, sorted by depth, without duplicate depths.
@@ -75,7 +79,7 @@ pub fn check(dataset: &Path) -> Result<usize> {
     Ok(read(dataset)?.len())
 }
 
-/// Reads the settings of the stack, and the diameter and depths of its particle.
+/// Reads the settings and optics of the stack, and the diameter and depths of its particle.
 ///
 /// # Errors
 /// As [`read`]; a data file without a particle.
@@ -103,7 +107,8 @@ pub(super) fn origin(dataset: &Path) -> Result<Origin> {
             last.z_um
         )));
     }
-    Ok(Origin { settings: settings(dataset)?, d_um: last.d_um, depth_factor })
+    let waves = Manifest::read(dataset)?.microsig.waves.map(|facts| facts.optics());
+    Ok(Origin { settings: settings(dataset)?, d_um: last.d_um, depth_factor, waves })
 }
 
 fn settings(dataset: &Path) -> Result<Settings> {

@@ -6,8 +6,7 @@
 //! calibration stack provides the counts per ray and the camera noise.
 
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::render::expected::Gradient;
-use microsig_core::render::{ExpectedRenderer, Window};
+use microsig_core::render::{Gradient, Renderer, RendererSpec, Window};
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 
@@ -40,7 +39,7 @@ pub(super) const METHOD: Method = Method {
 
 /// Particle images from the optical model.
 struct ModelImages {
-    renderer: ExpectedRenderer,
+    renderer: Renderer,
     d_um: f64,
     /// Physical depth over depth in the model.
     depth_factor: f64,
@@ -80,14 +79,18 @@ fn locator(job: &Job) -> Result<Locator<ModelImages>> {
 
 impl ModelImages {
     fn new(origin: &Origin, steps: &[CalibrationImage], side: usize) -> Result<Self> {
-        let Origin { settings, d_um, depth_factor } = origin;
+        let Origin { settings, d_um, depth_factor, waves } = origin;
         let (d_um, depth_factor) = (*d_um, *depth_factor);
         // Margin for sub-pixel shifts.
         let size = side as u32 + 4;
         let settings = Settings { pixel_dim_x: size, pixel_dim_y: size, ..settings.clone() };
         let depths_um: Vec<f64> = steps.iter().map(|s| s.z_um).collect();
         let radii = vec![side / 2; depths_um.len()];
-        let renderer = ExpectedRenderer::new(&settings, SpheroidLaw::Original, TOLERANCE)?;
+        let spec = match waves.clone() {
+            Some(optics) => RendererSpec::Waves { optics, tolerance: TOLERANCE },
+            None => RendererSpec::Expected { spheroids: SpheroidLaw::Original, tolerance: TOLERANCE },
+        };
+        let renderer = spec.build(&settings)?;
         let middle = i64::from(size / 2 + 1);
         Ok(ModelImages { renderer, d_um, depth_factor, unit: 1.0, middle, depths_um, radii })
     }
@@ -143,9 +146,10 @@ impl ParticleImages for ModelImages {
         let particle = Particle::sphere(x, y, z_um / self.depth_factor, self.d_um);
         let (corner, side) = (self.middle - radius as i64, 2 * radius + 1);
         let window = Window { x0: corner, y0: corner, width: side, height: side };
-        let Gradient { pixels, .. } = self.renderer.gradient_within(&particle, window);
+        let pixels = self.renderer.gradient_within(&particle, window).map(|Gradient { pixels, .. }| pixels);
         let by_z = self.unit / self.depth_factor;
         let light = pixels
+            .unwrap_or_default()
             .into_iter()
             .map(|[light, x, y, z]| {
                 [self.unit * light, self.unit * x, self.unit * y, by_z * z].map(|v| v as f32)

@@ -114,11 +114,13 @@ fn light(waves: &WaveFacts) -> String {
         let [least, greatest] = shares.map(|share| 100.0 * share);
         format!("; images show {least:.1} to {greatest:.1} % of the light that it accepts")
     });
-    let layers = if layers.is_null() { "" } else { ", layers in front of it" };
-    let pupil = if pupil.is_null() { "" } else { ", mask or aberrations in its pupil" };
+    let layers = if layers.is_none() { "" } else { ", layers in front of it" };
+    let pupil = if pupil.is_none() { "" } else { ", mask or aberrations in its pupil" };
     format!(
-        "| light | {wavelength_um} um, band of {bandwidth_um} um, from each particle's {emission} |\n\
-         | objective | {lens}{layers}{pupil}; Airy radius {airy_radius_px:.2} px{drawn} |\n"
+        "| light | {wavelength_um} um, band of {bandwidth_um} um, from each particle's {} |\n\
+         | objective | {}{layers}{pupil}; Airy radius {airy_radius_px:.2} px{drawn} |\n",
+        emission.name(),
+        lens.name()
     )
 }
 

@@ -2,7 +2,8 @@
 
 use std::fmt::Debug;
 
-use super::patch::ExpectedPatch;
+use super::gradient::Gradient;
+use super::patch::{ExpectedPatch, Window};
 use crate::emission::SpheroidLaw;
 use crate::error::Error;
 use crate::particle::Particle;
@@ -111,4 +112,18 @@ pub trait Render: Debug + Send + Sync {
     /// The mean light of one particle on the pixels that it illuminates, with its brightness and at its
     /// sub-pixel position; `None` if no light reaches the sensor.
     fn mean_patch(&self, particle: &Particle) -> Option<ExpectedPatch>;
+
+    /// The noise-free image of one particle with its derivatives; `None` if no light reaches the sensor, and
+    /// from renderers that do not compute derivatives.
+    fn gradient(&self, particle: &Particle) -> Option<Gradient> {
+        let _ = particle;
+        None
+    }
+
+    /// The same for a sphere on the pixels of a window, which may extend beyond the sensor; `None` from
+    /// renderers that do not compute derivatives.
+    fn gradient_within(&self, sphere: &Particle, window: Window) -> Option<Gradient> {
+        let _ = (sphere, window);
+        None
+    }
 }

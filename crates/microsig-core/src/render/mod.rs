@@ -8,6 +8,7 @@
 pub mod exact;
 pub mod expected;
 pub mod gaussian;
+mod gradient;
 mod image_sum;
 mod instructions;
 mod interface;
@@ -23,6 +24,7 @@ pub mod waves;
 
 pub use expected::ExpectedRenderer;
 pub use gaussian::{GaussianRenderer, GaussianSpot};
+pub use gradient::Gradient;
 pub use instructions::InstructionSet;
 pub use interface::{Description, ImageStreams, Render};
 pub use patch::{ExpectedPatch, Patch, Window};

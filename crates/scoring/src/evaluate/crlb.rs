@@ -13,8 +13,7 @@
 use std::path::Path;
 
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::render::expected::Gradient;
-use microsig_core::render::{ExpectedRenderer, Render, RendererSpec, WavesRenderer};
+use microsig_core::render::{Renderer, RendererSpec};
 use microsig_core::sensor::Response;
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
@@ -101,9 +100,9 @@ pub fn of_dataset(
     }
     let Some(curve) = curve else { return Ok(Err("truth and result must both have a depth")) };
     let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
-    let model = ImageModel::of(&scenario)?;
+    let renderer = renderer_of(scenario.spec.renderer(), &scenario.settings)?;
     let bins = curve.bins.par_iter().map(|bin| {
-        let bound = bound(&model, &noise, d_um, f64::midpoint(bin.from, bin.to) / depth_factor)?;
+        let bound = bound(&renderer, &noise, d_um, f64::midpoint(bin.from, bin.to) / depth_factor)?;
         let bound = bound.map_or([None; 3], |b| [Some(b[0]), Some(b[1]), Some(b[2] * depth_factor)]);
         Ok(bin_of(bin, bound))
     });
@@ -194,7 +193,7 @@ fn of_spot(spot: spec::Gaussian, noise: &Noise, d_um: f64) -> Option<[f64; 2]> {
 /// # Errors
 /// Settings or a particle that cannot be rendered.
 pub fn of_particle(settings: &Settings, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
-    bound(&ImageModel::of_rays(settings)?, &Noise::of_rays(settings), d_um, z_um)
+    bound(&renderer_of(rays(), settings)?, &Noise::of_rays(settings), d_um, z_um)
 }
 
 /// Camera response: a pixel with `n` rays has `slope n` counts above the background, with variance
@@ -230,43 +229,19 @@ impl Noise {
     }
 }
 
-/// Noise-free images with their derivatives, on a sensor large enough.
-enum ImageModel {
-    Rays(Box<ExpectedRenderer>),
-    Waves(Box<WavesRenderer>),
+/// The renderer of noise-free images with derivatives that a scenario's images have, on a sensor that holds
+/// them.
+fn renderer_of(spec: RendererSpec, settings: &Settings) -> Result<Renderer> {
+    let spec = match spec {
+        RendererSpec::Waves { optics, .. } => RendererSpec::Waves { optics, tolerance: TOLERANCE },
+        _ => rays(),
+    };
+    Ok(spec.build(&large(settings))?)
 }
 
-impl ImageModel {
-    /// Of MicroSIG's own rays.
-    fn of_rays(settings: &Settings) -> Result<Self> {
-        let renderer = ExpectedRenderer::new(&large(settings), SpheroidLaw::Original, TOLERANCE)?;
-        Ok(ImageModel::Rays(Box::new(renderer)))
-    }
-
-    /// Of a scenario with optics.
-    fn of(scenario: &Scenario) -> Result<Self> {
-        match scenario.spec.renderer() {
-            RendererSpec::Waves { optics, .. } => {
-                let renderer = WavesRenderer::new(&large(&scenario.settings), &optics, TOLERANCE)?;
-                Ok(ImageModel::Waves(Box::new(renderer)))
-            }
-            _ => ImageModel::of_rays(&scenario.settings),
-        }
-    }
-
-    fn renderer(&self) -> &dyn Render {
-        match self {
-            ImageModel::Rays(renderer) => renderer.as_ref(),
-            ImageModel::Waves(renderer) => renderer.as_ref(),
-        }
-    }
-
-    fn gradient(&self, particle: &Particle) -> Option<Gradient> {
-        match self {
-            ImageModel::Rays(renderer) => renderer.gradient(particle),
-            ImageModel::Waves(renderer) => renderer.gradient(particle),
-        }
-    }
+/// MicroSIG's own images, in the limit of many rays.
+fn rays() -> RendererSpec {
+    RendererSpec::Expected { spheroids: SpheroidLaw::Original, tolerance: TOLERANCE }
 }
 
 /// The same settings with a sensor that holds all images.
@@ -274,11 +249,11 @@ fn large(settings: &Settings) -> Settings {
     Settings { pixel_dim_x: SIZE, pixel_dim_y: SIZE, ..settings.clone() }
 }
 
-fn bound(model: &ImageModel, noise: &Noise, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
+fn bound(renderer: &Renderer, noise: &Noise, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
     let middle = f64::from(SIZE / 2 + 1);
     let particle = Particle::sphere(middle, middle, z_um, d_um);
-    model.renderer().check(&particle)?;
-    let Some(image) = model.gradient(&particle) else { return Ok(None) };
+    renderer.check(&particle)?;
+    let Some(image) = renderer.gradient(&particle) else { return Ok(None) };
     let mut information = [[0.0; 4]; 4];
     for [counts, by_x, by_y, by_z] in image.pixels {
         let variance = noise.background + noise.of_light * counts.max(0.0);

@@ -12,6 +12,8 @@ use std::path::Path;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
+use microsig_core::render::WaveOptics;
+use microsig_core::render::waves::{Emission, Layers, Lens, PupilFunction};
 use microsig_core::sensor::ImageFormat;
 use storage::error::{Error, Result};
 use storage::read_text;
@@ -256,22 +258,46 @@ pub struct WaveFacts {
     /// Full width of the band at half maximum, um.
     pub bandwidth_um: f64,
     /// Part of a particle that emits light: `surface` or `volume`.
-    pub emission: String,
+    pub emission: Emission,
     /// Model of the objective: `microsig` or `aplanatic`.
-    pub lens: String,
+    pub lens: Lens,
     /// Radius of the Airy disc, px: 0.61 wavelength M / (NA pixel).
     pub airy_radius_px: f64,
     /// Mask and aberrations of the pupil as in the scenario; null for an open pupil without aberrations.
-    pub pupil: Value,
+    pub pupil: Option<PupilFunction>,
     /// Medium, cover slip and immersion as in the scenario; null if they are those that the objective was
     /// designed for.
-    pub layers: Value,
+    pub layers: Option<Layers>,
+    /// Azimuth of the direction in which the cylindrical lens has power, degrees from image x toward image y;
+    /// left out if it is 0.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub cyl_angle_deg: f64,
     /// Largest error of an image as a fraction of its peak.
     pub tolerance: f64,
     /// Least and greatest share over depth of the light accepted by the aperture that images of the mean
     /// diameter show; the rest lies outside the drawn part of an image or, with a mask, is blocked.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drawn_share: Option<[f64; 2]>,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
+impl WaveFacts {
+    /// The light and the optics.
+    pub fn optics(&self) -> WaveOptics {
+        WaveOptics {
+            wavelength_um: self.wavelength_um,
+            bandwidth_um: self.bandwidth_um,
+            emission: self.emission,
+            lens: self.lens,
+            pupil: self.pupil.clone().unwrap_or_default(),
+            cyl_angle_deg: self.cyl_angle_deg,
+            layers: self.layers,
+        }
+    }
 }
 
 /// The image of a single particle.

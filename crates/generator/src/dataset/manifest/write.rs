@@ -144,11 +144,12 @@ pub(crate) fn waves(scenario: &Scenario, image: &ParticleImage) -> Option<WaveFa
     Some(WaveFacts {
         wavelength_um: optics.wavelength_um,
         bandwidth_um: optics.bandwidth_um,
-        emission: optics.emission.name().to_owned(),
-        lens: optics.lens.name().to_owned(),
+        emission: optics.emission,
+        lens: optics.lens,
         airy_radius_px: optics.airy_radius_px(&scenario.settings),
-        pupil: serde_json::to_value(&written.pupil).unwrap_or_default(),
-        layers: serde_json::to_value(written.layers).unwrap_or_default(),
+        pupil: written.pupil.clone(),
+        layers: written.layers,
+        cyl_angle_deg: optics.cyl_angle_deg,
         tolerance,
         drawn_share: image.drawn_share,
     })

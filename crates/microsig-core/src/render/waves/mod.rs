@@ -36,7 +36,8 @@ mod zernike;
 
 use std::sync::Arc;
 
-use super::expected::{Gradient, TOLERANCES};
+use super::expected::TOLERANCES;
+use super::gradient::Gradient;
 use super::image_sum::{self, ImageSum, SphereImage};
 use super::instructions::InstructionSet;
 use super::interface::{Description, ImageStreams, Render};
@@ -212,8 +213,19 @@ impl WavesRenderer {
         if window.area() == 0 {
             return None;
         }
-        let interpolated = Interpolated::new(&table, particle.z_um, 0.5 * particle.d_um);
-        Some(Gradient::new(window, particle, self.total(particle), |dx, dy| interpolated.at(dx, dy)))
+        Some(self.gradient_on(particle, &table, window))
+    }
+
+    /// The same on the pixels of the given window, for fits to a part of an image. The window may extend
+    /// beyond the sensor.
+    pub fn gradient_within(&self, particle: &Particle, window: Window) -> Gradient {
+        let table = self.cache.tables(std::iter::once(particle)).remove(0);
+        self.gradient_on(particle, &table, window)
+    }
+
+    fn gradient_on(&self, particle: &Particle, table: &Table, window: Window) -> Gradient {
+        let interpolated = Interpolated::new(table, particle.z_um, 0.5 * particle.d_um);
+        Gradient::new(window, particle, self.total(particle), |dx, dy| interpolated.at(dx, dy))
     }
 
     /// The light of a particle that the aperture accepts, counts: what an infinite sensor would record
@@ -403,6 +415,14 @@ impl Render for WavesRenderer {
 
     fn reaches_sensor(&self, particle: &Particle) -> bool {
         self.rays.reaches_sensor(particle)
+    }
+
+    fn gradient(&self, particle: &Particle) -> Option<Gradient> {
+        WavesRenderer::gradient(self, particle)
+    }
+
+    fn gradient_within(&self, sphere: &Particle, window: Window) -> Option<Gradient> {
+        Some(WavesRenderer::gradient_within(self, sphere, window))
     }
 
     fn mean_patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
