@@ -56,9 +56,9 @@ struct Rows {
     /// By t and u: the nodes at (t, u), (t, -u), (-t, u), (-t, -u).
     nodes: Vec<[Node; 4]>,
     /// Cosines and sines: for each t, [u x columns of the right half].
-    along_x: [Vec<f64>; 2],
+    along_x: [Vec<f32>; 2],
     /// Cosines and sines: [rows of the lower half x t].
-    along_y: [Vec<f64>; 2],
+    along_y: [Vec<f32>; 2],
     /// Phase per column of the middle of the rows at t and -t, and per row of the center of the disc, rad.
     middle_x: Vec<[f64; 2]>,
     middle_y: f64,
@@ -122,22 +122,33 @@ impl General {
             .enumerate()
             .flat_map(|(i, mode)| [false, true].map(|sine| (i, sine)).into_iter().take(1 + mode.order.min(1)))
             .collect();
+        let transformed: Vec<_> =
+            self.discs.iter().map(|disc| disc.across(self, modes, &images, k, instructions)).collect();
         let (wide, rows) = (self.columns(), 2 * self.half[1] - 1);
-        // Real and imaginary part of each image.
-        let mut fields = vec![0.0; 2 * images.len() * rows * wide];
-        for disc in &self.discs {
-            disc.add(self, modes, &images, k, instructions, &mut fields);
-        }
         let mut light = vec![0.0; rows * wide];
-        for (&(mode, _), field) in images.iter().zip(fields.chunks_exact(2 * rows * wide)) {
+        let mut field = vec![0.0f32; 2 * rows * wide];
+        let mut halves = [(); 2].map(|()| vec![0.0f32; self.half[1] * 2 * wide]);
+        for (image, &(mode, _)) in images.iter().enumerate() {
+            field.fill(0.0);
+            for (disc, across) in self.discs.iter().zip(&transformed) {
+                disc.down(self, across, image, instructions, &mut halves, &mut field);
+            }
             let count = modes.modes[mode].count();
             let (real, imaginary) = field.split_at(rows * wide);
             for ((light, re), im) in light.iter_mut().zip(real).zip(imaginary) {
+                let (re, im) = (f64::from(*re), f64::from(*im));
                 *light += count * (re * re + im * im);
             }
         }
         light
     }
+}
+
+/// The transform of a disc's rows along x: for each image and t, real and imaginary part of a row of the sum
+/// and of the difference of t and -t.
+struct Across {
+    sums: Vec<f32>,
+    differences: Vec<f32>,
 }
 
 /// The input for a disc's kernels.
@@ -200,8 +211,8 @@ impl Setup<'_> {
             for t in &t {
                 let angle = k * radius * libm::sin(*t) * length * steps_um[1] * row as f64;
                 let (sine, cosine) = libm::sincos(angle);
-                along_y[0].push(cosine);
-                along_y[1].push(sine);
+                along_y[0].push(cosine as f32);
+                along_y[1].push(sine as f32);
             }
         }
         let middle_y = k * dot(of_y, center) * steps_um[1];
@@ -226,27 +237,26 @@ impl Setup<'_> {
 }
 
 /// Appends cosines and sines of the multiples of an angle.
-fn push_multiples(kernels: &mut [Vec<f64>; 2], angle: f64, count: usize) {
+fn push_multiples(kernels: &mut [Vec<f32>; 2], angle: f64, count: usize) {
     let (sine, cosine) = libm::sincos(angle);
     let mut turn = [1.0, 0.0];
     for _ in 0..count {
-        kernels[0].push(turn[0]);
-        kernels[1].push(turn[1]);
+        kernels[0].push(turn[0] as f32);
+        kernels[1].push(turn[1] as f32);
         turn = [turn[0] * cosine - turn[1] * sine, turn[1] * cosine + turn[0] * sine];
     }
 }
 
 impl Rows {
-    /// Adds the disc's contribution to the fields of all images.
-    fn add(
+    /// The first step of the transform of all images, along x.
+    fn across(
         &self,
         general: &General,
         modes: &Modes,
         images: &[(usize, bool)],
         k: f64,
         instructions: InstructionSet,
-        fields: &mut [f64],
-    ) {
+    ) -> Across {
         let Rows { t: nt, u: nu, .. } = *self;
         let (n, padded) = (images.len(), general.padded);
         // For each t, image, sign of t, real and imaginary part: each u.
@@ -255,91 +265,82 @@ impl Rows {
         let out = [&mut sums[..], &mut differences[..]];
         instructions.dispatch(Fill { rows: self, general, modes, images, k, out });
 
-        let wide = general.columns();
-        // For each t, image, real and imaginary part: a row of the sum and the difference of t and -t.
-        let mut plus = vec![0.0; nt * 2 * n * wide];
+        let row = 2 * general.columns();
+        let mut plus = vec![0.0; n * nt * row];
         let mut minus = plus.clone();
         let (mut even, mut odd) = (vec![0.0; 4 * n * padded], vec![0.0; 4 * n * padded]);
         for t in 0..nt {
             let left = t * 4 * n * nu..(t + 1) * 4 * n * nu;
             let kernel = t * nu * padded..(t + 1) * nu * padded;
-            matrix::multiply(
-                instructions,
-                &sums[left.clone()],
-                &self.along_x[0][kernel.clone()],
-                nu,
-                padded,
-                &mut even,
-            );
-            matrix::multiply(
-                instructions,
-                &differences[left],
-                &self.along_x[1][kernel],
-                nu,
-                padded,
-                &mut odd,
-            );
+            let [cosines, sines] = [0, 1].map(|part| &self.along_x[part][kernel.clone()]);
+            matrix::multiply(instructions, &sums[left.clone()], cosines, nu, padded, &mut even);
+            matrix::multiply(instructions, &differences[left], sines, nu, padded, &mut odd);
             let turns = self.middle_x[t].map(|angle| PhaseFactors::new(angle, general.half[0]));
             for image in 0..n {
-                let at = (t * n + image) * 2 * wide;
-                let (plus, minus) = (&mut plus[at..][..2 * wide], &mut minus[at..][..2 * wide]);
-                for (sign, turns) in turns.iter().enumerate() {
-                    let part = |values: &'_ [f64], part: usize, column: usize| {
-                        values[((image * 2 + sign) * 2 + part) * padded + column]
-                    };
-                    let factor = if sign == 0 { 1.0 } else { -1.0 };
-                    for column in 0..general.half[0] {
-                        let [cr, ci] = [part(&even, 0, column), part(&even, 1, column)];
-                        let [sr, si] = [part(&odd, 0, column), part(&odd, 1, column)];
-                        // cos - i sin to the right, cos + i sin to the left; -i (sr + i si) = si - i sr.
-                        let right = turns.back(column, [cr + si, ci - sr]);
-                        let left = turns.forth(column, [cr - si, ci + sr]);
-                        let middle = general.half[0] - 1;
-                        let places = [(middle + column, right), (middle - column, left)];
-                        for (place, value) in places.into_iter().take(1 + column.min(1)) {
-                            for part in 0..2 {
-                                plus[part * wide + place] += value[part];
-                                minus[part * wide + place] += factor * value[part];
-                            }
-                        }
-                    }
-                }
+                let of_image = image * 4 * padded..(image + 1) * 4 * padded;
+                let at = (image * nt + t) * row;
+                let halves = [&even[of_image.clone()], &odd[of_image]];
+                general.spread(halves, &turns, [&mut plus[at..][..row], &mut minus[at..][..row]]);
             }
         }
-        self.down(general, n, [&plus, &minus], instructions, fields);
+        Across { sums: plus, differences: minus }
     }
 
-    /// The second step of the transform, along y.
+    /// The second step of the transform of an image, along y: adds the disc's contribution to its field.
     fn down(
         &self,
         general: &General,
-        n: usize,
-        [plus, minus]: [&[f64]; 2],
+        across: &Across,
+        image: usize,
         instructions: InstructionSet,
-        fields: &mut [f64],
+        [even, odd]: &mut [Vec<f32>; 2],
+        field: &mut [f32],
     ) {
         let wide = general.columns();
         let (rows, lower) = (2 * general.half[1] - 1, general.half[1]);
-        let columns = 2 * n * wide;
-        let (mut even, mut odd) = (vec![0.0; lower * columns], vec![0.0; lower * columns]);
-        matrix::multiply(instructions, &self.along_y[0], plus, self.t, columns, &mut even);
-        matrix::multiply(instructions, &self.along_y[1], minus, self.t, columns, &mut odd);
+        let columns = 2 * wide;
+        let of_image = image * self.t * columns..(image + 1) * self.t * columns;
+        let [cosines, sines] = &self.along_y;
+        matrix::multiply(instructions, cosines, &across.sums[of_image.clone()], self.t, columns, even);
+        matrix::multiply(instructions, sines, &across.differences[of_image], self.t, columns, odd);
         let turns = PhaseFactors::new(self.middle_y, lower);
+        let (real, imaginary) = field.split_at_mut(rows * wide);
         for row in 0..lower {
-            for image in 0..n {
-                let at = row * columns + image * 2 * wide;
-                let (cos, sin) = (&even[at..][..2 * wide], &odd[at..][..2 * wide]);
-                let field = &mut fields[image * 2 * rows * wide..][..2 * rows * wide];
-                let (real, imaginary) = field.split_at_mut(rows * wide);
-                for column in 0..wide {
-                    let [cr, ci] = [cos[column], cos[wide + column]];
-                    let [sr, si] = [sin[column], sin[wide + column]];
-                    let below = turns.back(row, [cr + si, ci - sr]);
-                    let above = turns.forth(row, [cr - si, ci + sr]);
-                    let places = [(lower - 1 + row, below), (lower - 1 - row, above)];
-                    for (place, value) in places.into_iter().take(1 + row.min(1)) {
-                        real[place * wide + column] += value[0];
-                        imaginary[place * wide + column] += value[1];
+            let (cos, sin) = (&even[row * columns..][..columns], &odd[row * columns..][..columns]);
+            for column in 0..wide {
+                let [cr, ci] = [cos[column], cos[wide + column]];
+                let [sr, si] = [sin[column], sin[wide + column]];
+                let below = turns.back(row, [cr + si, ci - sr]);
+                let above = turns.forth(row, [cr - si, ci + sr]);
+                let places = [(lower - 1 + row, below), (lower - 1 - row, above)];
+                for (place, value) in places.into_iter().take(1 + row.min(1)) {
+                    real[place * wide + column] += value[0];
+                    imaginary[place * wide + column] += value[1];
+                }
+            }
+        }
+    }
+}
+
+impl General {
+    /// Adds the products with cosines and sines of a row at t and of that at -t, for the columns from the
+    /// middle to the right, to the columns of both halves of their sum and their difference.
+    fn spread(&self, [even, odd]: [&[f32]; 2], turns: &[PhaseFactors; 2], [plus, minus]: [&mut [f32]; 2]) {
+        let (wide, middle) = (self.columns(), self.half[0] - 1);
+        for (sign, (turns, factor)) in turns.iter().zip([1.0, -1.0]).enumerate() {
+            let part =
+                |values: &[f32], part: usize, column: usize| values[(sign * 2 + part) * self.padded + column];
+            for column in 0..self.half[0] {
+                let [cr, ci] = [part(even, 0, column), part(even, 1, column)];
+                let [sr, si] = [part(odd, 0, column), part(odd, 1, column)];
+                // cos - i sin to the right, cos + i sin to the left; -i (sr + i si) = si - i sr.
+                let right = turns.back(column, [cr + si, ci - sr]);
+                let left = turns.forth(column, [cr - si, ci + sr]);
+                let places = [(middle + column, right), (middle - column, left)];
+                for (place, value) in places.into_iter().take(1 + column.min(1)) {
+                    for part in 0..2 {
+                        plus[part * wide + place] += value[part];
+                        minus[part * wide + place] += factor * value[part];
                     }
                 }
             }
@@ -348,23 +349,26 @@ impl Rows {
 }
 
 /// Phase factors of the multiples of an angle.
-struct PhaseFactors(Vec<[f64; 2]>);
+struct PhaseFactors(Vec<[f32; 2]>);
 
 impl PhaseFactors {
     fn new(angle: f64, count: usize) -> PhaseFactors {
         PhaseFactors(
-            (0..count).map(|i| libm::sincos(angle * i as f64)).map(|(sine, cosine)| [cosine, sine]).collect(),
+            (0..count)
+                .map(|i| libm::sincos(angle * i as f64))
+                .map(|(sine, cosine)| [cosine as f32, sine as f32])
+                .collect(),
         )
     }
 
     /// Multiplies a complex number by exp(-i angle).
-    fn back(&self, i: usize, v: [f64; 2]) -> [f64; 2] {
+    fn back(&self, i: usize, v: [f32; 2]) -> [f32; 2] {
         let [c, s] = self.0[i];
         [v[0] * c + v[1] * s, v[1] * c - v[0] * s]
     }
 
     /// Multiplies a complex number by exp(i angle).
-    fn forth(&self, i: usize, v: [f64; 2]) -> [f64; 2] {
+    fn forth(&self, i: usize, v: [f32; 2]) -> [f32; 2] {
         let [c, s] = self.0[i];
         [v[0] * c - v[1] * s, v[1] * c + v[0] * s]
     }
@@ -377,7 +381,7 @@ struct Fill<'a> {
     modes: &'a Modes,
     images: &'a [(usize, bool)],
     k: f64,
-    out: [&'a mut [f64]; 2],
+    out: [&'a mut [f32]; 2],
 }
 
 impl pulp::WithSimd for Fill<'_> {
@@ -420,8 +424,8 @@ impl pulp::WithSimd for Fill<'_> {
                     );
                     for part in 0..2 {
                         let at = ((((t * images.len() + image) * 2 + sign) * 2) + part) * rows.u + u;
-                        sums[at] = a[part] + b[part];
-                        differences[at] = a[part] - b[part];
+                        sums[at] = (a[part] + b[part]) as f32;
+                        differences[at] = (a[part] - b[part]) as f32;
                     }
                 }
             }
