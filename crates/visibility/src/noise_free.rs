@@ -52,10 +52,20 @@ impl NoiseFree {
     /// Makes the tables that images of these particles take, once for all of them.
     pub fn prepare(&self, particles: &[&[Particle]]) {
         if self.needs_tables() {
-            let drawn = particles.iter().copied().flatten().flat_map(|particle| self.parts(particle));
-            let drawn: Vec<Particle> = drawn.filter(|part| self.by_limit(part)).collect();
+            let drawn = self.drawn(particles.iter().copied().flatten());
             self.limit.as_ref().unwrap_or(&self.renderer).prepare(&[&drawn]);
         }
+    }
+
+    /// Number of tables that images of these particles need and that are not made yet.
+    pub fn missing_tables(&self, particles: &[Particle]) -> usize {
+        self.limit.as_ref().unwrap_or(&self.renderer).missing_tables(&self.drawn(particles.iter()))
+    }
+
+    /// The spheres that are drawn from tables.
+    fn drawn<'a>(&self, particles: impl Iterator<Item = &'a Particle>) -> Vec<Particle> {
+        let parts = particles.flat_map(|particle| self.parts(particle));
+        parts.filter(|part| self.by_limit(part)).collect()
     }
 
     /// The image of one particle; empty if no light reaches the sensor.

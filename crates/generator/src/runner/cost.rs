@@ -108,7 +108,8 @@ impl Cost {
     /// [`Cost::timed`] with what a run has anyway.
     pub(super) fn timed_by(self, first: &FirstFrames, truth: &Truth<'_>, camera: &Camera) -> Result<Self> {
         let Some(frame) = &first.frame else { return Ok(self) };
-        let time = ImageTime::measure(frame.tracers.len(), |n| {
+        let tables = || truth.missing_tables(frame);
+        let time = ImageTime::measure(frame.tracers.len(), tables, |n| {
             let mut part = truth.frame(&some_of(frame, n), None)?;
             camera.image(&std::mem::take(&mut part.particles), frame.index);
             Ok(())
@@ -223,10 +224,12 @@ fn some_of(frame: &Frame, n: usize) -> Frame {
     }
 }
 
-/// Time that images take on one thread: a part for each image, and a part for each particle.
+/// Time that images take on one thread: a part for each image, a part for each particle, and the tables that
+/// all share.
 pub(super) struct ImageTime {
     empty_s: f64,
     particle_s: f64,
+    tables_s: f64,
 }
 
 /// Number of particles whose images are timed.
@@ -234,8 +237,12 @@ const TIMED: usize = 16;
 
 impl ImageTime {
     /// Measures with `draw`, which draws an image of some of `particles` particles: one, or [`TIMED`] if that
-    /// takes little time.
-    pub(super) fn measure(particles: usize, draw: impl Fn(usize) -> Result<()> + Sync) -> Result<Self> {
+    /// takes little time. `tables`: the number of tables still to be made for all of them.
+    pub(super) fn measure(
+        particles: usize,
+        tables: impl Fn() -> usize,
+        draw: impl Fn(usize) -> Result<()> + Sync,
+    ) -> Result<Self> {
         let failed = |e: rayon::ThreadPoolBuildError| Error::input(format!("threads: {e}"));
         let thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(failed)?;
         let timed = |n: usize| -> Result<f64> {
@@ -243,20 +250,29 @@ impl ImageTime {
             thread.install(|| draw(n))?;
             Ok(start.elapsed().as_secs_f64())
         };
-        // The first image also makes what all share.
-        let first_s = timed(1.min(particles))?;
+        // The first image also makes what all share, and the tables that it needs itself.
+        let before = tables();
+        let mut first_s = timed(1.min(particles))?;
         let empty_s = timed(0)?;
-        if first_s > 1.0 || particles <= 1 {
-            return Ok(ImageTime { empty_s, particle_s: (first_s - empty_s).max(0.0) });
+        let rest = tables();
+        let mut tables_s = 0.0;
+        if before > rest {
+            let again_s = timed(1.min(particles))?;
+            tables_s = (first_s - again_s).max(0.0) / (before - rest) as f64 * rest as f64;
+            first_s = again_s;
+        }
+        if first_s > 1.0 || tables_s > 1.0 || particles <= 1 {
+            return Ok(ImageTime { empty_s, particle_s: (first_s - empty_s).max(0.0), tables_s });
         }
         let n = particles.min(TIMED);
         timed(n)?;
-        Ok(ImageTime { empty_s, particle_s: (timed(n)? - empty_s).max(0.0) / n as f64 })
+        Ok(ImageTime { empty_s, particle_s: (timed(n)? - empty_s).max(0.0) / n as f64, tables_s })
     }
 
     /// Duration of images with this total of particles on all threads, s.
     pub(super) fn seconds(&self, images: f64, particles: f64) -> f64 {
-        (self.empty_s * images + self.particle_s * particles) / rayon::current_num_threads() as f64
+        (self.tables_s + self.empty_s * images + self.particle_s * particles)
+            / rayon::current_num_threads() as f64
     }
 
     /// The duration as a sentence if it is long.

@@ -145,7 +145,8 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
 fn announce(files: &[PathBuf], particles: usize, camera: &Camera, progress: &Progress) -> Result<()> {
     let first = files.iter().map(|file| read(file)).find(|read| !matches!(read, Ok(rows) if rows.is_empty()));
     let rows = first.transpose()?.unwrap_or_default();
-    let time = ImageTime::measure(rows.len(), |n| {
+    let tables = || camera.renderer().missing_tables(&rows);
+    let time = ImageTime::measure(rows.len(), tables, |n| {
         let step = rows.len().checked_div(n).unwrap_or(0);
         let some: Vec<Particle> = (0..n).map(|k| rows[k * step]).collect();
         camera.image(&some, 0);

@@ -86,6 +86,12 @@ pub trait Render: Debug + Send + Sync {
         false
     }
 
+    /// Number of tables that images of these particles need and that are not made yet.
+    fn missing_tables(&self, particles: &[Particle]) -> usize {
+        let _ = particles;
+        0
+    }
+
     /// Makes the tables that images of these particles take, once for all of them; else they are made while
     /// images are drawn.
     fn prepare(&self, particles: &[&[Particle]]) {

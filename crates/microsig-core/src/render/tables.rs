@@ -101,6 +101,12 @@ impl<T: Table> SharedTables<T> {
         keys.iter().map(|key| Arc::clone(&found[key])).collect()
     }
 
+    /// Number of tables of these keys that are not made yet.
+    pub(super) fn missing(&self, keys: impl Iterator<Item = Key>) -> usize {
+        let tables = self.0.read().unwrap_or_else(PoisonError::into_inner);
+        keys.filter(|key| !tables.contains_key(key)).collect::<BTreeSet<_>>().len()
+    }
+
     /// Number of tables, their memory in bytes and the largest error found in any of them.
     pub(super) fn state(&self) -> (usize, usize, f64) {
         let tables = self.0.read().unwrap_or_else(PoisonError::into_inner);

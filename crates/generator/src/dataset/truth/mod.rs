@@ -123,6 +123,11 @@ impl<'a> Truth<'a> {
         }
     }
 
+    /// Number of tables that images of this frame need and that are not made yet.
+    pub fn missing_tables(&self, frame: &Frame) -> usize {
+        self.noise_free.missing_tables(&self.viewer.view(frame).rendered)
+    }
+
     /// The truth of a frame, with displacements from the previous frame if the two are linked.
     ///
     /// # Errors

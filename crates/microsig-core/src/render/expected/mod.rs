@@ -364,6 +364,10 @@ impl Render for ExpectedRenderer {
         true
     }
 
+    fn missing_tables(&self, particles: &[Particle]) -> usize {
+        self.cache.missing(particles.iter().filter(|particle| !self.is_spheroid(particle)))
+    }
+
     fn prepare(&self, particles: &[&[Particle]]) {
         let spheres = particles.iter().copied().flatten().filter(|particle| !self.is_spheroid(particle));
         self.cache.tables(spheres);

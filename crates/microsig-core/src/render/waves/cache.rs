@@ -88,6 +88,11 @@ impl TableCache {
         self.tables.get(&keys, |key| self.table(key))
     }
 
+    /// Number of tables that these spheres need and that are not made yet.
+    pub(super) fn missing<'a>(&self, spheres: impl Iterator<Item = &'a Particle>) -> usize {
+        self.tables.missing(spheres.map(|sphere| self.ranges.key(sphere)))
+    }
+
     /// Number of tables, their memory in bytes and their largest error as a fraction of the peak.
     pub(super) fn state(&self) -> (usize, usize, f64) {
         self.tables.state()

@@ -326,6 +326,10 @@ impl Render for WavesRenderer {
         true
     }
 
+    fn missing_tables(&self, particles: &[Particle]) -> usize {
+        self.cache.missing(particles.iter())
+    }
+
     fn prepare(&self, particles: &[&[Particle]]) {
         self.cache.tables(particles.iter().copied().flatten());
     }
