@@ -101,6 +101,40 @@ fn mle_is_more_precise_and_gives_the_same_bytes_for_any_number_of_threads() {
     }
 }
 
+/// Diffracted images, behind a cylindrical lens that is turned.
+#[test]
+fn mle_fits_images_by_wave_optics() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = r#"(
+        name: "diffracted",
+        optics: (magnification: 10, numerical_aperture: 0.3, pixel_size: 6.5, pixel_dim_x: 200, pixel_dim_y: 160,
+                 lens: aplanatic, cyl_focal_length: 8000, cyl_angle_deg: 20),
+        render: (mode: waves, wavelength_um: 0.6),
+        particles: (number: count(4)), boundaries: (z_um: (-20, 20)),
+        motion: flow(field: poiseuille(max_speed_um_s: 300)), timing: pairs(count: 2, dt_s: 0.002),
+    )"#;
+    generate(folder.path(), "dataset", scenario);
+    assert_tracks(&score(folder.path(), "mle"), "waves", [0.9, 0.9, 0.05, 0.003]);
+}
+
+#[test]
+fn a_lost_or_additional_image_is_named_instead_of_shifting_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    generate(folder.path(), "dataset", &in_focus(0.001));
+    let images = folder.path().join("dataset/images");
+    let (dataset, out) = (folder.path().join("dataset"), folder.path().join("out.csv"));
+    let command = ["track", path(&dataset), "--method", "spots", "--out", path(&out)];
+    let (first, other) = (images.join("pair_00000_a.tif"), images.join("pair_00000_a copy.tif"));
+    std::fs::rename(&first, &other).unwrap();
+    let said = fail(2, &command);
+    assert!(said.contains("1 missing: pair_00000_a.tif; 1 unknown: pair_00000_a copy.tif"), "{said}");
+    std::fs::rename(&other, &first).unwrap();
+    std::fs::File::options().write(true).open(&first).unwrap().set_len(2000).unwrap();
+    let said = fail(2, &command);
+    assert!(said.contains("pair_00000_a.tif") && said.contains("truncated"), "{said}");
+    assert!(!out.exists());
+}
+
 #[test]
 fn aptv_finds_astigmatic_particles_and_their_depth() {
     let folder = tempfile::tempdir().unwrap();

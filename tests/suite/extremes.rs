@@ -424,3 +424,29 @@ fn pipes_in_the_place_of_files_are_refused_in_time() {
         std::fs::rename(&aside, &file).unwrap();
     }
 }
+
+#[test]
+fn images_that_show_nothing_or_saturate_are_told() {
+    let place = tempfile::tempdir().unwrap();
+    let scenario = write(place.path(), "s.ron", SCENARIO.as_bytes());
+    for (set, expected) in [
+        ("optics.gain=0", "the particles give no light"),
+        ("optics.gain=1000", "have pixels saturated at 65535 counts"),
+        ("particles.number=count(0)", "no particle is in view"),
+    ] {
+        let out = place.path().join(expected);
+        let command = [
+            "generate",
+            path(&scenario),
+            "--out",
+            path(&out),
+            "--set",
+            set,
+            "--set",
+            "timing.sequence.frames=2",
+        ];
+        let said = microsig().args(command).output().unwrap();
+        let text = String::from_utf8_lossy(&said.stderr);
+        assert!(said.status.success() && text.contains(expected), "{set}: {text}");
+    }
+}

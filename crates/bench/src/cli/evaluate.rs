@@ -56,17 +56,17 @@ pub(super) struct Evaluate {
     #[arg(long, value_enum)]
     y: Option<Direction>,
     /// Number of the result's first frame [default: as usual in its format]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N")]
     frame_base: Option<i64>,
     /// Pixel size in object space [default: the dataset's]
     #[arg(long, value_name = "UM")]
     um_per_px: Option<f64>,
     /// Depth range [default: the dataset's]
-    #[arg(long, value_names = ["UM", "UM"], num_args = 2, allow_negative_numbers = true)]
+    #[arg(long, value_names = ["UM", "UM"], num_args = 2)]
     depth: Option<Vec<f64>>,
     /// Score a field against the plane of the truth nearest to this depth [default: where particles are
     /// sharpest]
-    #[arg(long, value_name = "UM", allow_negative_numbers = true)]
+    #[arg(long, value_name = "UM")]
     plane: Option<f64>,
     /// Report the uniform shift that fits the result best; it is never applied
     #[arg(long)]

@@ -33,7 +33,7 @@ pub(super) struct Fit {
     #[arg(long, value_name = "FILE", conflicts_with = "z_step")]
     z: Option<PathBuf>,
     /// Step of the stage between planes, um
-    #[arg(long, value_name = "UM", allow_negative_numbers = true)]
+    #[arg(long, value_name = "UM")]
     z_step: Option<f64>,
     /// Whether stage positions grow away from the lens
     #[arg(long, value_enum, default_value_t = Direction::Auto, value_name = "DIRECTION")]

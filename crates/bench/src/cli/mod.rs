@@ -29,7 +29,7 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::error::ErrorKind;
-use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use microsig_core::render::keep_tables;
 pub use output::printable;
 use serde_json::json;
@@ -153,9 +153,15 @@ impl Cli {
     }
 }
 
+/// The arguments. Negative numbers are values of options, not options, so that their range is told.
+fn arguments() -> Cli {
+    let command = Cli::command().mut_subcommands(|verb| verb.allow_negative_numbers(true));
+    Cli::from_arg_matches(&command.get_matches()).unwrap_or_else(|e| e.exit())
+}
+
 /// The program: reads the arguments, runs the verb, writes errors to standard error, returns the exit code.
 pub fn main() -> ExitCode {
-    match Cli::parse().run() {
+    match arguments().run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) => {
             let mut stderr = std::io::stderr().lock();

@@ -116,7 +116,8 @@ impl SubmissionFiles {
             return Ok(SubmissionFiles { folder: path.to_owned(), _unpacked: None });
         }
         let wrong = |what: String| Error::input(format!("{}: {what}", path.display()));
-        let mut archive = zip::ZipArchive::new(input::open(path)?).map_err(|e| wrong(e.to_string()))?;
+        let mut archive = zip::ZipArchive::new(input::open(path)?)
+            .map_err(|e| wrong(format!("not a complete ZIP archive: {e}")))?;
         let place = TemporaryFolder::new()?;
         for (name, most) in [(RESULTS, limits.bytes), (SUBMISSION, LARGEST_ABOUT)] {
             // At the top level, or one folder below it.

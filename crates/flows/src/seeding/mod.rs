@@ -145,7 +145,11 @@ impl Seeding {
         let (largest, radius) = (0.5 * self.diameters.max(), 0.5 * self.diameters.mean());
         let widest = domain.room(largest)?;
         if fluid.share(&widest, t, largest) == 0.0 {
-            let allowed = "less than the room between the walls of the flow and the bodies";
+            let allowed = if fluid.share(domain.region(), t, 0.0) == 0.0 {
+                "a flow that is in view: there is only wall or body in the region of the particles"
+            } else {
+                "less than the room between the walls of the flow and the bodies"
+            };
             return Err(CHECK.fault("diameter_um", 2.0 * largest, allowed));
         }
         let density = match self.number {

@@ -25,8 +25,12 @@ pub fn lines(preview: &Preview) -> [String; 2] {
             let planes = if preview.cyl_focal_length_um == 0.0 {
                 String::new()
             } else {
-                let [x, y] = mean.focal_planes_um;
-                format!(", focal planes at {x:.1} um (narrow) and {y:.1} um (low)")
+                let ends = [first.z_um, last.z_um];
+                let [x, y] = mean.focal_planes_um.map(|z_um| {
+                    // Only images within the depth range are compared.
+                    format!("{z_um:.1} um{}", if ends.contains(&z_um) { " or beyond" } else { "" })
+                });
+                format!(", focal planes at {x} (narrow) and {y} (low)")
             };
             format!(
                 "best focus at z = {z_um:.1} um{field}{planes}; images of {:.3} um are {:.1} x {:.1} px there, {}, {}",

@@ -232,11 +232,14 @@ pub(super) struct ImageTime {
     tables_s: f64,
 }
 
-/// Number of particles whose images are timed.
+/// Number of particles whose images are timed first.
 const TIMED: usize = 16;
 
+/// A duration that can be measured, s.
+const MEASURABLE_S: f64 = 0.02;
+
 impl ImageTime {
-    /// Measures with `draw`, which draws an image of some of `particles` particles: one, or [`TIMED`] if that
+    /// Measures with `draw`, which draws an image of some of `particles` particles: one, or more if that
     /// takes little time. `tables`: the number of tables still to be made for all of them.
     pub(super) fn measure(
         particles: usize,
@@ -264,9 +267,16 @@ impl ImageTime {
         if first_s > 1.0 || tables_s > 1.0 || particles <= 1 {
             return Ok(ImageTime { empty_s, particle_s: (first_s - empty_s).max(0.0), tables_s });
         }
-        let n = particles.min(TIMED);
-        timed(n)?;
-        Ok(ImageTime { empty_s, particle_s: (timed(n)? - empty_s).max(0.0) / n as f64, tables_s })
+        // More and more particles until the time can be measured: images of many overlap.
+        let mut n = particles.min(TIMED);
+        loop {
+            // Again, as the first time may also make tables.
+            let all_s = (timed(n)?.min(timed(n)?) - empty_s).max(0.0);
+            if n == particles || all_s > MEASURABLE_S {
+                return Ok(ImageTime { empty_s, particle_s: all_s / n as f64, tables_s });
+            }
+            n = particles.min(4 * n);
+        }
     }
 
     /// Duration of images with this total of particles on all threads, s.

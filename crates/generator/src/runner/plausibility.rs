@@ -53,6 +53,16 @@ pub(super) fn warnings(
             "{:.0} % of the pixels of a frame are saturated at {end:.0} counts",
             100.0 * saturated
         ));
+    } else if census.saturated > 0 {
+        warnings.push(format!(
+            "{} of {} images of particles have pixels saturated at {end:.0} counts",
+            census.saturated, census.visible
+        ));
+    }
+    if census.visible == 0 {
+        warnings.push("no particle is in view".to_owned());
+    } else if census.light <= 0.0 || scenario.response()?.slope == 0.0 {
+        warnings.push("the particles give no light".to_owned());
     }
     let (low, high) = scenario.depth_range_um;
     if let Some(focus) = image.focus_um.filter(|focus| (*focus <= low || *focus >= high) && low < high) {

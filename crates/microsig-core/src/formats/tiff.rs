@@ -87,7 +87,7 @@ fn px_per_um(um_per_px: f64) -> Rational {
 /// # Errors
 /// [`Error::Malformed`] if the input is not a TIFF image.
 pub fn read_scale(reader: impl BufRead + Seek, name: &str) -> Result<Option<PixelScale>, Error> {
-    let damaged = |e: TiffError| malformed(name, e.to_string());
+    let damaged = |e: TiffError| malformed(name, told(&e));
     let mut decoder = Decoder::new(reader).map_err(damaged)?;
     let description = match decoder.find_tag(Tag::ImageDescription).map_err(damaged)? {
         Some(value) => value.into_string().map_err(damaged)?,
@@ -143,7 +143,7 @@ pub fn little_endian(counts: &[u16]) -> Vec<u8> {
 /// As of [`read`].
 pub fn read_counts(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) -> Result<Counts, Error> {
     let refuse = |message: String| malformed(name, message);
-    let damaged = |e: TiffError| refuse(e.to_string());
+    let damaged = |e: TiffError| refuse(told(&e));
     let mut decoder = Decoder::new(reader).map_err(damaged)?;
     let found = decoder.dimensions().map_err(damaged)?;
     // Checked before anything is allocated for the pixels.
@@ -178,6 +178,16 @@ pub fn read_counts(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) ->
 
 /// Pages are counted up to this number.
 const MAX_PAGES: usize = 10_000;
+
+/// What is wrong with a file.
+fn told(e: &TiffError) -> String {
+    match e {
+        TiffError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
+            "it ends before its data do; is it truncated?".to_owned()
+        }
+        _ => e.to_string(),
+    }
+}
 
 #[cfg(test)]
 mod tests {

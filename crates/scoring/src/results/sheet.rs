@@ -55,6 +55,57 @@ impl<R: Read> Read for Bounded<R> {
     }
 }
 
+/// A reader of text whose lines all end with a single newline, also those that end with a carriage return,
+/// with both, or with the file.
+#[derive(Debug)]
+struct UnixLines<R> {
+    inner: R,
+    /// Whether the last byte read was a carriage return, for which a newline was given.
+    after_return: bool,
+    /// The last byte given.
+    last: u8,
+}
+
+impl<R: Read> UnixLines<R> {
+    fn new(inner: R) -> Self {
+        UnixLines { inner, after_return: false, last: b'\n' }
+    }
+}
+
+impl<R: Read> Read for UnixLines<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        if buffer.is_empty() {
+            return Ok(0);
+        }
+        loop {
+            let n = self.inner.read(buffer)?;
+            if n == 0 {
+                if self.last == b'\n' {
+                    return Ok(0);
+                }
+                (self.last, buffer[0]) = (b'\n', b'\n');
+                return Ok(1);
+            }
+            let mut given = n;
+            if self.after_return || buffer[..n].contains(&b'\r') {
+                given = 0;
+                for i in 0..n {
+                    let byte = buffer[i];
+                    if !(self.after_return && byte == b'\n') {
+                        buffer[given] = if byte == b'\r' { b'\n' } else { byte };
+                        given += 1;
+                    }
+                    self.after_return = byte == b'\r';
+                }
+            }
+            if given > 0 {
+                self.last = buffer[given - 1];
+                return Ok(given);
+            }
+        }
+    }
+}
+
 /// Column separator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Separator {
@@ -65,8 +116,8 @@ pub enum Separator {
 }
 
 enum Source {
-    Comma(csv::Reader<Bounded<File>>),
-    Space(BufReader<Bounded<File>>, u64),
+    Comma(csv::Reader<UnixLines<Bounded<File>>>),
+    Space(BufReader<UnixLines<Bounded<File>>>, u64),
 }
 
 /// A table in a text file.
@@ -85,7 +136,7 @@ pub struct TextTable {
 impl TextTable {
     /// Opens a table whose header is line `header_line`, counted from 1.
     pub fn open(path: &Path, separator: Separator, header_line: u64) -> Result<Self> {
-        let file = Bounded::new(input::open(path)?, b'\n');
+        let file = UnixLines::new(Bounded::new(input::open(path)?, b'\n'));
         let source = match separator {
             Separator::Comma => Source::Comma(
                 ReaderBuilder::new()
@@ -147,7 +198,8 @@ impl TextTable {
         match &mut self.source {
             Source::Comma(reader) => {
                 let more = reader.read_byte_record(record).map_err(|e| failed(std::io::Error::from(e)))?;
-                Ok(more.then(|| record.position().map_or(0, csv::Position::line)))
+                // A record is a line; its own position is that of empty lines before it.
+                Ok(more.then(|| reader.position().line() - 1))
             }
             Source::Space(reader, line) => {
                 let mut text = Vec::new();
@@ -422,6 +474,9 @@ mod tests {
         assert!(message("a,b\n1,x\n").contains("t.csv:2: b = \"x\": expected a number"));
         assert!(message("a\n1\n").contains("column b is missing"));
         assert!(message("").contains("empty"));
+        for lines in ["a,b\r\n\r\n1,2\r\n1,x\r\n", "a,b\r\r1,2\r1,x", "a,b\n\n1,2\n1,x"] {
+            assert!(message(lines).contains("t.csv:4: b = \"x\": expected"), "{lines:?}: {}", message(lines));
+        }
         let many = format!("a,b\n{}", "1,x\n".repeat(1000));
         assert_eq!(message(&many).lines().count(), LISTED + 1);
         let long = format!("a,b\n1,{}", "1".repeat(LONGEST_LINE + 1));

@@ -50,6 +50,10 @@ pub struct Census {
     pub frames: u32,
     /// Visible particles, summed over frames.
     pub visible: u64,
+    /// Those of them with a saturated pixel.
+    pub saturated: u64,
+    /// Light of all particles, summed over frames, in that of a particle of brightness 1.
+    pub light: f64,
     /// Rows of displacements.csv.
     pub displacements: u64,
     /// Largest displacement of a visible particle in the image plane, px.
@@ -85,6 +89,10 @@ pub struct FrameTruth {
     boxes: Vec<Rows>,
     /// Number of visible particles.
     pub visible: u64,
+    /// Those of them with a saturated pixel.
+    pub saturated: u64,
+    /// Light of all particles, in that of a particle of brightness 1.
+    pub light: f64,
     moved: DisplacementTotals,
 }
 
@@ -156,6 +164,9 @@ impl<'a> Truth<'a> {
         let boxes = if wanted.boxes { self.boxes(frame, &sights, &seen)? } else { Vec::new() };
         let shining = sights.iter().filter(|sight| !sight.rows.is_empty()).count();
         let visible = sights.iter().filter(|sight| sight.visible).count();
+        let saturated =
+            sights.iter().zip(&seen).filter(|(sight, seen)| sight.visible && seen.visibility.saturated);
+        let saturated = saturated.count();
         let (displacements, moved) = match (before, scenario.recordings.link_to(frame.index)) {
             (Some(before), Some(pair)) => self.displacements(pair, before, frame)?,
             _ => Default::default(),
@@ -167,6 +178,8 @@ impl<'a> Truth<'a> {
             displacements,
             boxes,
             visible: visible as u64,
+            saturated: saturated as u64,
+            light: sights.iter().map(|sight| sight.light).sum(),
             moved,
         })
     }
@@ -349,6 +362,8 @@ impl<W: Write> TruthWriter<W> {
         let (census, DisplacementTotals { number, farthest_px }) = (&mut self.census, truth.moved);
         census.frames += 1;
         census.visible += truth.visible;
+        census.saturated += truth.saturated;
+        census.light += truth.light;
         census.displacements += number;
         census.max_displacement_px = census.max_displacement_px.max(farthest_px);
         Ok(())

@@ -286,8 +286,9 @@ impl Render for RayRenderer {
         (n_rays < FEW_RAYS || light.is_some()).then(|| {
             format!(
                 "n_rays = {n_rays} is so few for NA {numerical_aperture} that {}images show the fixed directions of the rays; use \
-                 {FEW_RAYS} or more",
-                light.unwrap_or_default()
+                 {}",
+                light.unwrap_or_default(),
+                if n_rays < FEW_RAYS { format!("{FEW_RAYS} or more") } else { "more".to_owned() }
             )
         })
     }
