@@ -18,7 +18,7 @@ pub(crate) fn figure_of(svg: String, names: &[&str], caption: &str) -> Markup {
         figure {
             (PreEscaped(svg))
             figcaption {
-                @for (i, name) in names.iter().enumerate() {
+                @for (i, name) in names.iter().enumerate().filter(|(_, name)| !name.is_empty()) {
                     span.name style=(format!("color: var(--c{})", i % 6)) { (sign(i)) " " (name) }
                 }
                 @if !names.is_empty() { br; }
@@ -28,9 +28,10 @@ pub(crate) fn figure_of(svg: String, names: &[&str], caption: &str) -> Markup {
     }
 }
 
-/// The names of series.
+/// The names of series, empty for those without points, which keep the colors of the others the same from plot to
+/// plot.
 pub(crate) fn names(series: &[Series]) -> Vec<&str> {
-    series.iter().map(|l| l.name.as_str()).collect()
+    series.iter().map(|s| if s.has_points() { s.name.as_str() } else { "" }).collect()
 }
 
 /// RMS error against claimed uncertainty, in classes of similar claims.

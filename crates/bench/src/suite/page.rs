@@ -173,7 +173,7 @@ fn curves(ladder: &str, cases: &[&CaseScores]) -> Result<Vec<Markup>> {
         let is_log = low > 0.0 && high / low >= 8.0;
         for metric in &first.rank_by {
             let series = over(axis, *metric, cases);
-            if series.is_empty() {
+            if !series.iter().any(Series::has_points) {
                 continue;
             }
             let x = &first.axes[axis].label;
@@ -190,7 +190,7 @@ fn curves(ladder: &str, cases: &[&CaseScores]) -> Result<Vec<Markup>> {
     Ok(plots)
 }
 
-/// A line for each tracker and each combination of values of the other axes with two points or more.
+/// A line for each tracker and each combination of values of the other axes, without points if there is only one.
 fn over(axis: usize, metric: Metric, cases: &[&CaseScores]) -> Vec<Series> {
     let mut points: BTreeMap<String, Vec<(f64, MetricValue)>> = BTreeMap::new();
     for case in cases {
@@ -198,15 +198,17 @@ fn over(axis: usize, metric: Metric, cases: &[&CaseScores]) -> Vec<Series> {
         let others = case.axes.iter().enumerate().filter(|(i, _)| *i != axis);
         let others: Vec<String> = others.map(|(_, a)| format!("{} {}", a.label, a.shown)).collect();
         for result in &case.results {
-            let Some(value) = result.value(metric).filter(|v| v.value.is_some()) else { continue };
             let name = [vec![result.tracker.clone()], others.clone()].concat().join(", ");
-            points.entry(name).or_default().push((x, value));
+            let of_name = points.entry(name).or_default();
+            of_name.extend(result.value(metric).filter(|v| v.value.is_some()).map(|value| (x, value)));
         }
     }
-    points.retain(|_, points| points.len() > 1);
     points
         .into_iter()
         .map(|(name, mut points)| {
+            if points.len() == 1 {
+                points.clear();
+            }
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
             let nan = f64::NAN;
             let bars = points.iter().map(|(_, v)| v.low.zip(v.high).unwrap_or((nan, nan))).collect();
