@@ -285,6 +285,12 @@ fn cautions(truth: &TrueParticles, points: &Points, counts: &Counts) -> Vec<Stri
         let frames = truth.facts.frames.unwrap_or(0);
         warnings.push(format!("{n} points lie in frames beyond the dataset's {frames}"));
     }
+    if points.n_nan > 0 && points.rows.is_empty() {
+        warnings.push(format!(
+            "none of the {} rows of the result has coordinates: nothing is scored",
+            points.n_nan
+        ));
+    }
     if counts.frames_missing > 0 {
         warnings.push(format!(
             "nothing is found in {} of {} frames: rankings put it after complete results of the same score",
