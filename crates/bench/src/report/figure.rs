@@ -28,8 +28,8 @@ pub(crate) fn figure_of(svg: String, names: &[&str], caption: &str) -> Markup {
     }
 }
 
-/// The names of series, empty for those without points, which keep the colors of the others the same from plot to
-/// plot.
+/// The names of series, empty for those without points, which keep the colors of the others the same from
+/// plot to plot.
 pub(crate) fn names(series: &[Series]) -> Vec<&str> {
     series.iter().map(|s| if s.has_points() { s.name.as_str() } else { "" }).collect()
 }

@@ -190,7 +190,8 @@ fn curves(ladder: &str, cases: &[&CaseScores]) -> Result<Vec<Markup>> {
     Ok(plots)
 }
 
-/// A line for each tracker and each combination of values of the other axes, without points if there is only one.
+/// A line for each tracker and each combination of values of the other axes, without points if there is only
+/// one.
 fn over(axis: usize, metric: Metric, cases: &[&CaseScores]) -> Vec<Series> {
     let mut points: BTreeMap<String, Vec<(f64, MetricValue)>> = BTreeMap::new();
     for case in cases {
