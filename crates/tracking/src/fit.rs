@@ -29,20 +29,56 @@ pub(super) struct ParticleFit {
     pub(super) amplitude: f64,
     /// Reduction of chi^2 (the weighted sum of squares) by the particle.
     pub(super) chi2_reduction: f64,
-    /// Weighted correlation of the particle's image with the light of the residual, see [`correlation`].
+    /// Weighted correlation of the particle's image with the light of the residual, see [`Agreement`].
     pub(super) correlation: f64,
 }
 
 /// Light beyond the expected noise counts only above this many standard deviations of that noise.
 const BEYOND_NOISE: f64 = 3.0;
 
-/// Weighted correlation of an image t with the light in data f: `own` is the sum of w t^2, `both` of w t f,
-/// `seen` of w f^2 over this number of pixels. Faint images extend over many pixels whose counts are mostly
-/// noise: as weights w are inverse variances, it adds one per pixel to `seen`, which is not light.
-pub(super) fn correlation([own, both, seen]: [f64; 3], pixels: usize) -> f64 {
-    let (n, explained) = (pixels as f64, both * both / own);
-    let light = seen - n - BEYOND_NOISE * (2.0 * n).sqrt();
-    (explained / light.max(explained)).sqrt()
+/// Agreement of an image with data: weighted sums over pixels, weights being inverse variances.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Agreement {
+    /// Of squares of the image.
+    own: f64,
+    /// Of the image times the data.
+    both: f64,
+    /// Of squares of the data.
+    seen: f64,
+    pixels: usize,
+}
+
+impl Agreement {
+    /// Adds a pixel with this weight, data and image.
+    pub(super) fn add(&mut self, weight: f32, data: f32, image: f32) {
+        self.own += f64::from(weight * image * image);
+        self.both += f64::from(weight * image * data);
+        self.seen += f64::from(weight * data * data);
+        self.pixels += 1;
+    }
+
+    /// Whether image and data correlate at all.
+    pub(super) fn is_positive(&self) -> bool {
+        self.own > 0.0 && self.both > 0.0
+    }
+
+    /// Brightness of the image that fits best.
+    pub(super) fn amplitude(&self) -> f64 {
+        self.both / self.own
+    }
+
+    /// Reduction of chi^2 by the image of that brightness.
+    pub(super) fn chi2_reduction(&self) -> f64 {
+        self.both * self.both / self.own
+    }
+
+    /// Weighted correlation of the image with the light in the data. Faint images extend over many pixels
+    /// whose counts are mostly noise, which is not light: it adds one per pixel to the squares of the data.
+    pub(super) fn correlation(&self) -> f64 {
+        let (n, explained) = (self.pixels as f64, self.chi2_reduction());
+        let light = self.seen - n - BEYOND_NOISE * (2.0 * n).sqrt();
+        (explained / light.max(explained)).sqrt()
+    }
 }
 
 impl Residual {
@@ -77,26 +113,18 @@ impl ParticleFit {
         let mut normal = (DMat4::ZERO, DVec4::ZERO);
         for k in 0..MAX_ITERATIONS {
             let patch = images.patch(next.at, next.z_um, radius);
-            let (mut own, mut both, mut seen, mut pixels) = (0.0, 0.0, 0.0, 0);
+            let mut agreement = Agreement::default();
             for (i, light) in patch.pixels(residual.size()) {
-                let (w, f, t) = (residual.weight[i], residual.image.counts[i], light[0]);
-                own += f64::from(w * t * t);
-                both += f64::from(w * f * t);
-                seen += f64::from(w * f * f);
-                pixels += 1;
+                agreement.add(residual.weight[i], residual.image.counts[i], light[0]);
             }
-            if own <= 0.0 || both <= 0.0 {
+            if !agreement.is_positive() {
                 return (k > 0).then_some(best);
             }
-            let chi2_reduction = both * both / own;
+            let chi2_reduction = agreement.chi2_reduction();
             if chi2_reduction > best.chi2_reduction {
-                let amplitude = both / own;
-                next = ParticleFit {
-                    amplitude,
-                    chi2_reduction,
-                    correlation: correlation([own, both, seen], pixels),
-                    ..next
-                };
+                let amplitude = agreement.amplitude();
+                next =
+                    ParticleFit { amplitude, chi2_reduction, correlation: agreement.correlation(), ..next };
                 best = next;
                 damping = (0.3 * damping).max(1e-4);
                 normal = equations(residual, &patch, amplitude);

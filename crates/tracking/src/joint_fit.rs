@@ -7,7 +7,7 @@
 
 use super::acceptance::{Verdict, verdict};
 use super::denoise::PixelNoise;
-use super::fit::{ParticleFit, correlation};
+use super::fit::{Agreement, ParticleFit};
 use super::gray_image::GrayImage;
 use super::images::{ImagePatch, ParticleImages};
 
@@ -269,17 +269,15 @@ impl<'a> Region<'a> {
     /// The particles with their reduction of chi^2 and their correlation with the data.
     fn judged(&self, state: &State) -> Vec<ParticleFit> {
         let judge = |(patch, particle): (&ImagePatch, &ParticleFit)| {
-            let (mut own, mut both, mut seen, mut pixels) = (0.0, 0.0, 0.0, 0);
+            let mut agreement = Agreement::default();
             for (i, [t, ..]) in patch.pixels(self.size) {
-                let data = state.residual[i] + particle.amplitude as f32 * t;
-                own += f64::from(self.weight[i] * t * t);
-                both += f64::from(self.weight[i] * t * data);
-                seen += f64::from(self.weight[i] * data * data);
-                pixels += 1;
+                agreement.add(self.weight[i], state.residual[i] + particle.amplitude as f32 * t, t);
             }
-            let positive = own > 0.0 && both > 0.0;
-            let chi2_reduction = if positive { both * both / own } else { 0.0 };
-            let correlation = if positive { correlation([own, both, seen], pixels) } else { 0.0 };
+            let (chi2_reduction, correlation) = if agreement.is_positive() {
+                (agreement.chi2_reduction(), agreement.correlation())
+            } else {
+                (0.0, 0.0)
+            };
             ParticleFit { chi2_reduction, correlation, ..*particle }
         };
         state.patches.iter().zip(&state.particles).map(judge).collect()

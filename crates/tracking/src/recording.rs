@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use microsig_core::formats::tiff;
 
 use super::gray_image::GrayImage;
-use generator::dataset::manifest::{Manifest, Resource};
 use scoring::evaluate::measurement::{RecordingFacts, of_manifest};
 use storage::error::{Error, Result};
 use storage::input;
@@ -24,7 +23,6 @@ impl Recording {
     /// Lists the images of a dataset or of a split of a challenge.
     pub(super) fn open(dataset: &Path) -> Result<Self> {
         let facts = of_manifest(dataset)?;
-        let listed = Manifest::read(dataset)?.resources;
         let Some((width, height)) = facts.sensor_px else {
             return Err(Error::input(format!(
                 "{}: the manifest does not contain the size of the sensor",
@@ -42,7 +40,7 @@ impl Recording {
         if images.is_empty() {
             return Err(Error::input(format!("{}: expected images (*.tif), found none", folder.display())));
         }
-        check_names(&folder, &images, &listed)?;
+        check_names(&folder, &images, &facts.images)?;
         images.sort_by(|a, b| natord::compare(&a.to_string_lossy(), &b.to_string_lossy()));
         Ok(Recording { images, size: (width as u32, height as u32), facts })
     }
@@ -73,14 +71,10 @@ impl Recording {
 }
 
 /// Checks that the images are those that the manifest lists: any other number of images would shift frames.
-fn check_names(folder: &Path, images: &[PathBuf], listed: &[Resource]) -> Result<()> {
+fn check_names(folder: &Path, images: &[PathBuf], listed: &[String]) -> Result<()> {
     let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let found: BTreeSet<String> = images.iter().map(name).collect();
-    let listed: BTreeSet<String> = listed
-        .iter()
-        .filter_map(|resource| resource.path.strip_prefix("images/"))
-        .map(str::to_owned)
-        .collect();
+    let listed: BTreeSet<String> = listed.iter().cloned().collect();
     let some = |names: Vec<&String>| -> String {
         let text: Vec<&str> = names.iter().take(5).map(|name| name.as_str()).collect();
         format!("{}{}", text.join(", "), if names.len() > 5 { ", ..." } else { "" })

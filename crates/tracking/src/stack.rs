@@ -246,11 +246,7 @@ mod tests {
         let spot = |[wide, high]: [f32; 2], seed: usize| {
             GrayImage::from_fn((side, side), |x, y| {
                 let [dx, dy] = [x, y].map(|c| c as f32 - (side / 2) as f32);
-                let mut bits = (y * side + x + seed * side * side + 1) as u64;
-                for _ in 0..3 {
-                    bits = (bits ^ (bits >> 31)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-                }
-                let noise = 100.0 * ((bits >> 40) as f32 / (1 << 24) as f32 - 0.5);
+                let noise = 29.0 * normal((seed * side + y) * side + x);
                 300.0 * (-0.5 * ((dx / wide).powi(2) + (dy / high).powi(2))).exp() + noise
             })
         };

@@ -28,6 +28,8 @@ pub struct RecordingFacts {
     pub sensor_px: Option<(f64, f64)>,
     /// Time between frames (in double-frame recordings: between the frames of a pair), s.
     pub dt_s: Option<f64>,
+    /// File names of the images.
+    pub images: Vec<String>,
     /// Whether frames are recorded in pairs, so that links exist from A to B only.
     pub pairs: bool,
     /// Number of frames.
@@ -187,7 +189,9 @@ fn told(manifest: &Manifest) -> RecordingFacts {
     let positive = |v: Option<f64>| v.filter(|v| *v > 0.0 && v.is_finite());
     let sensor = |side: fn(&SensorFacts) -> u32| positive(own.sensor.as_ref().map(|s| f64::from(side(s))));
     let pairs = timing.are_pairs();
+    let images = manifest.resources.iter().filter_map(|resource| resource.path.strip_prefix("images/"));
     RecordingFacts {
+        images: images.map(str::to_owned).collect(),
         name: if manifest.name.is_empty() { "dataset".to_owned() } else { manifest.name.clone() },
         // Recorded hash of the true particles, which saves reading them again.
         sha256: manifest.resource(TRACKS.path).map(|r| r.sha256().to_owned()),
