@@ -10,7 +10,7 @@ use crate::error::{Error, Fault, shown};
 pub struct Settings {
     /// Magnification M, dimensionless, > 0.
     pub magnification: f64,
-    /// Numerical aperture NA, in (0, 1): immersion objectives are not modeled.
+    /// Numerical aperture NA, > 0 and < 1 or, of an aplanatic lens, below the refractive index of its immersion.
     pub numerical_aperture: f64,
     /// Focal length of the virtual thin spherical lens, um, > 0 and at most 1e6 (350 is recommended).
     pub focal_length: f64,
@@ -66,6 +66,8 @@ fn rays(v: f64) -> bool {
     v >= 1.0 && v <= f64::from(MAX_RAYS) && v.fract() == 0.0
 }
 
+/// Index of the numerical aperture in [`KEYS`].
+const NUMERICAL_APERTURE: usize = 1;
 /// Largest width or height of a sensor, px; bounds the memory that a settings file can demand.
 const MAX_SIZE: u32 = 32_768;
 /// Largest focal length, um: a meter.
@@ -79,7 +81,7 @@ pub const KEYS: [Key; 14] = [
     Key {
         name: "numerical_aperture",
         unit: "",
-        allowed: "a number > 0 and < 1 (the model has no immersion objectives)",
+        allowed: "a number > 0; < 1, or with lens: aplanatic less than n_i and n_i_design of the layers",
         in_range: |v| v > 0.0 && v < 1.0,
     },
     Key {
@@ -164,7 +166,21 @@ impl Settings {
     /// # Errors
     /// [`Error::Malformed`] with every value out of range.
     pub fn validate(&self) -> Result<(), Error> {
-        let faults = check(&self.values(), |_| ("settings".to_owned(), None));
+        self.validate_immersed(1.0)
+    }
+
+    /// Checks all values; the numerical aperture must be less than the refractive index `n_i` of the immersion.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] with every value out of range.
+    pub fn validate_immersed(&self, n_i: f64) -> Result<(), Error> {
+        let mut values = self.values();
+        let na = &mut values[NUMERICAL_APERTURE];
+        // MicroSIG's range is for air.
+        if *na >= 1.0 && *na < n_i {
+            *na /= n_i;
+        }
+        let faults = check(&values, |_| ("settings".to_owned(), None));
         if faults.is_empty() { Ok(()) } else { Err(Error::Malformed(faults)) }
     }
 
@@ -218,7 +234,7 @@ mod tests {
         };
         let message = broken.validate().unwrap_err().to_string();
         assert_eq!(message.lines().count(), 4, "{message}");
-        assert!(message.contains("numerical_aperture = 1.2: expected a number > 0 and < 1"), "{message}");
+        assert!(message.contains("numerical_aperture = 1.2: expected a number > 0; < 1"), "{message}");
         assert!(message.contains("ri_lens = 1: expected a number > ri_medium = 1"), "{message}");
     }
 }

@@ -49,7 +49,10 @@ pub(super) fn optics(
         if optics.cyl_focal_length.is_some() {
             problems.other("optics", "expected either `cyl_focal_length` or `focal_planes_um`, not both");
         }
-        match cylinder(&settings, apart_um / depth_factor) {
+        let distance_um = settings.focal_length * (1.0 + 1.0 / settings.magnification);
+        let lens = optics.lens.unwrap_or_default();
+        let moved = lens.depth_of_equal_defocus(optics.layers.as_ref(), distance_um, apart_um / depth_factor);
+        match moved.and_then(|moved_um| cylinder(&settings, moved_um)) {
             Some(focal_length) => settings.cyl_focal_length = focal_length,
             None => problems.value(
                 "optics.focal_planes_um",
@@ -64,7 +67,8 @@ pub(super) fn optics(
         problems.value("optics.ri_lens", settings.ri_lens, &allowed);
         return None;
     }
-    problems.of("optics", settings.validate()).map(|()| settings)
+    let largest = optics.lens.unwrap_or_default().largest_aperture(optics.layers.as_ref());
+    problems.of("optics", settings.validate_immersed(largest)).map(|()| settings)
 }
 
 /// Focal length (um; 0: no lens) of the cylindrical lens that shifts the plane in focus along x by
@@ -185,5 +189,35 @@ mod tests {
         assert!((diverging / -2609.4 - 1.0).abs() < 0.001, "{diverging}");
         assert_eq!(cylinder(&Settings::setting1(), 0.0), Some(0.0));
         assert_eq!(cylinder(&Settings::setting1(), -400.0), None);
+    }
+
+    /// The images of an aplanatic lens in a layer of water are narrowest where the scenario asks for.
+    #[test]
+    fn focal_planes_are_where_they_are_asked_for() {
+        use microsig_core::render::waves::{Layers, Lens, WaveOptics, WavesRenderer};
+        let layers = Layers { focus_depth_um: 60.0, ..Layers::default() };
+        for (lens, layers) in
+            [(Lens::Aplanatic, None), (Lens::Aplanatic, Some(layers)), (Lens::Microsig, Some(layers))]
+        {
+            let distance_um = 350.0 * (1.0 + 1.0 / 10.0);
+            let moved = lens.depth_of_equal_defocus(layers.as_ref(), distance_um, -30.0).unwrap();
+            let settings = Settings {
+                numerical_aperture: 0.2,
+                cyl_focal_length: cylinder(&Settings::setting1(), moved).unwrap(),
+                ..Settings::setting1()
+            };
+            let optics = WaveOptics { lens, layers, ..WaveOptics::new(0.52) };
+            let renderer = WavesRenderer::new(&settings, &optics, 0.003).unwrap();
+            // Light 2 px from the center, along each axis: least where images are narrowest along it.
+            let halo = |z_um: f64, at: [f64; 2]| {
+                renderer.share_at(z_um, 0.5, &[at])[0] / renderer.share_at(z_um, 0.5, &[[0.0, 0.0]])[0]
+            };
+            let narrowest = |at: [f64; 2]| {
+                let depths = (-50..=10).map(f64::from);
+                depths.min_by(|a, b| halo(*a, at).total_cmp(&halo(*b, at))).unwrap()
+            };
+            let (x, y) = (narrowest([2.0, 0.0]), narrowest([0.0, 2.0]));
+            assert!((x - y + 30.0).abs() <= 2.0, "{lens:?}: {x} and {y} um");
+        }
     }
 }

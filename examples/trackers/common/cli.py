@@ -72,6 +72,12 @@ def field_score(score):
     return (field["valid_vector_probability"] or 0.0) - (field["aee_px"] or 0.0)
 
 
+def name_of(dataset):
+    """The folder's name; TRACK/CASE for a split of a suite."""
+    folder = dataset.folder.resolve()
+    return "/".join(folder.parts[-3:-1]) if folder.name in ("train", "val") else folder.name
+
+
 def tune_main(track, defaults, grid, score=points_score, write=write_points, budget=24):
     """A search along one parameter after the other, in the order of `grid`, until nothing
     improves or `budget` evaluations on the train split are used. The best three there are evaluated on the
@@ -92,15 +98,19 @@ def tune_main(track, defaults, grid, score=points_score, write=write_points, bud
         with tempfile.TemporaryDirectory() as folder:
             result = Path(folder) / "result.csv"
             began = time.perf_counter()
-            write(result, track(dataset, params))
+            try:
+                write(result, track(dataset, params))
+                value = score(evaluate(dataset.folder, result))
+            except Exception as error:  # Some programs end with an error for some parameters.
+                print(f"{type(error).__name__}: {error}", file=sys.stderr)
+                value = float("-inf")
             seconds = time.perf_counter() - began
-            value = score(evaluate(dataset.folder, result))
         new = not log.exists()
         with open(log, "a", newline="") as file:
             out = csv.writer(file, lineterminator="\n")
             if new:
                 out.writerow(["dataset", "split", "score", "seconds", *names])
-            out.writerow([dataset.folder.name, split, f"{value:.4f}", f"{seconds:.2f}",
+            out.writerow([name_of(dataset), split, f"{value:.4f}", f"{seconds:.2f}",
                           *(json.dumps(params[name]) for name in names)])
         print(f"{split} {value:.4f} {params}", file=sys.stderr)
         return value
@@ -127,6 +137,7 @@ def tune_main(track, defaults, grid, score=points_score, write=write_points, bud
         val = Dataset.open(options.val)
         finalists = sorted(tried, key=tried.get, reverse=True)[:3]
         best = max((json.loads(key) for key in finalists), key=lambda params: run(val, "val", params))
+    Path(options.out).parent.mkdir(parents=True, exist_ok=True)
     Path(options.out).write_text(json.dumps(best, indent=2) + "\n")
 
 

@@ -14,6 +14,7 @@ mod example;
 mod output;
 mod run;
 mod trackers;
+mod tune;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -45,6 +46,9 @@ pub(crate) struct Arguments {
     /// Output folder of README.md, scores.csv, index.html and versions.
     #[arg(long, default_value = "results/leaderboard")]
     out: PathBuf,
+    /// Search parameters of the trackers of others first, on train and val, where there are none yet.
+    #[arg(long)]
+    tune: bool,
     /// Longest time of a run on one case, s.
     #[arg(long, default_value_t = 900)]
     limit_s: u64,
@@ -96,7 +100,16 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     all.retain(|tracker| !unusable.iter().any(|(name, _)| *name == tracker.name));
     let chosen = tracks(arguments, &cases);
     for tracker in &all {
-        for case in cases.iter().filter(|case| chosen.contains(&case.track) && tracker.enters(case)) {
+        let entered: Vec<&Case> =
+            cases.iter().filter(|case| chosen.contains(&case.track) && tracker.enters(case)).collect();
+        for case in entered.iter().filter(|_| arguments.tune) {
+            match tune::search(&microsig, &datasets, tracker, case) {
+                Ok(None) => {}
+                Ok(Some(said)) => println!("{} on {}: {said}", tracker.name, case.folder()),
+                Err(e) => println!("{} on {}: no parameters found: {e:#}", tracker.name, case.folder()),
+            }
+        }
+        for case in entered {
             let job =
                 run::Job { microsig: &microsig, work: &work, tracker, case, limit_s: arguments.limit_s };
             println!("{} on {}: {}", tracker.name, case.folder(), job.run()?);

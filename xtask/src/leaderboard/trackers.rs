@@ -1,7 +1,8 @@
 //! The trackers: microsig's own, and those of others in `examples/trackers/NAME/`.
 //!
 //! A tracker of others has `tracker.toml` (or the same keys as JSON in `tracker.json`): `name`, `command`
-//! (default `python track.py`), `tracks` (`"D3"`, or `"T/entering"` for a single case), `made_for`. Its
+//! (default `python track.py`), `tracks` (`"D3"`, or `"T/entering"` for a single case), `made_for`, and
+//! `tune` and `tune_once`, see [`Tuning`]. Its
 //! `requirements.txt` is installed into an environment of its own. The command is run as `COMMAND DATASET
 //! --out results.csv [--params FILE]`, with `params/TRACK/CASE.json`, `params/TRACK.json` or `params.json`.
 
@@ -70,6 +71,37 @@ pub(super) enum How {
     Command { folder: PathBuf, command: Vec<String>, python: PathBuf },
 }
 
+/// Cases on which a tracker is tuned.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Tuning {
+    /// Tracks and cases with parameters of their own.
+    each: Vec<String>,
+    /// Cases whose parameters count for their track.
+    once: Vec<String>,
+}
+
+impl Tuning {
+    /// As `tracker.toml` tells.
+    fn of(told: &Value) -> Self {
+        let list = |key: &str| -> Vec<String> {
+            told[key].as_array().into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
+        };
+        Tuning { each: list("tune"), once: list("tune_once") }
+    }
+
+    /// The file of the parameters that a search on this case gives, in the tracker's folder.
+    pub(super) fn params(&self, case: &Case) -> Option<PathBuf> {
+        let has = |list: &[String], name: &str| list.iter().any(|listed| listed == name);
+        if has(&self.once, &case.folder()) {
+            Some(format!("params/{}.json", case.track).into())
+        } else if has(&self.each, &case.track) || has(&self.each, &case.folder()) {
+            Some(format!("params/{}.json", case.folder()).into())
+        } else {
+            None
+        }
+    }
+}
+
 /// A tracker.
 #[derive(Debug, Clone)]
 pub(super) struct Tracker {
@@ -78,6 +110,7 @@ pub(super) struct Tracker {
     /// Tracks and single cases.
     pub(super) tracks: Vec<String>,
     pub(super) made_for: String,
+    pub(super) tuning: Tuning,
     /// Versions of the packages in its environment.
     pub(super) versions: String,
 }
@@ -137,6 +170,7 @@ pub(super) fn all(examples: &Path) -> anyhow::Result<Vec<Tracker>> {
         how: How::Own(texts(own.arguments)),
         tracks: texts(own.enters),
         made_for: own.made_for.to_owned(),
+        tuning: Tuning::default(),
         versions: String::new(),
     });
     let mut all: Vec<Tracker> = own.collect();
@@ -206,6 +240,7 @@ fn read(folder: &Path, told: &Value) -> anyhow::Result<Tracker> {
             (made_for, Some(limits)) => format!("{made_for} Out of its depth: {limits}"),
             (made_for, None) => made_for,
         },
+        tuning: Tuning::of(told),
         versions: String::new(),
     })
 }
@@ -225,5 +260,18 @@ mod tests {
         assert_eq!(tracker.made_for.trim(), "spots");
         let wrong = read(Path::new("folder"), &of_toml("name = \"a/b\"\ntracks = []").unwrap());
         assert!(wrong.unwrap_err().to_string().contains("a/b"));
+    }
+
+    #[test]
+    fn cases_are_tuned_alone_or_for_their_track() {
+        let tuning = Tuning::of(&serde_json::json!({ "tune": ["P2", "T/a"], "tune_once": ["A3/x"] }));
+        let params = |track: &str, name: &str| {
+            let path = tuning.params(&Case { track: track.to_owned(), name: name.to_owned() })?;
+            Some(path.to_string_lossy().into_owned())
+        };
+        assert_eq!(params("P2", "x").as_deref(), Some("params/P2/x.json"));
+        assert_eq!(params("T", "a").as_deref(), Some("params/T/a.json"));
+        assert_eq!(params("A3", "x").as_deref(), Some("params/A3.json"));
+        assert_eq!((params("T", "b"), params("A3", "y")), (None, None));
     }
 }

@@ -322,6 +322,13 @@ fn particles_or_vectors(
         if !points.has_z {
             warnings.push("no z_um: scored in the image plane only".to_owned());
         }
+        let sure = Limits::of_truth(0, 0, (width * height) as u64).rows;
+        if rows > sure {
+            warnings.push(format!(
+                "more than {sure} rows: scoring refuses results of more than {} rows for each row of the truth",
+                Limits::TIMES
+            ));
+        }
         if points.rows.iter().all(|r| r.track < 0) {
             warnings.push("no point is linked: track scores are not meaningful".to_owned());
         }

@@ -24,7 +24,7 @@ params! {
     DoubleGyreParams {
         /// Greatest speed along x, um/s.
         max_speed_um_s: f64 = 1290.0, "finite";
-        /// Length of the box along y, half of that along x, um.
+        /// Length of the box along y, um; along x it is twice as long.
         size_um: f64 = 236.0, "> 0";
         /// Amplitude of the swaying.
         epsilon: f64 = 0.25, "0 to 0.5";

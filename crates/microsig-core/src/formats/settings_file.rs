@@ -154,7 +154,7 @@ mod tests {
             (good.replace("= 0.3", "= 0,3"), "s.txt:2: numerical_aperture = 0,3: expected a number"),
             (
                 good.replace("= 0.3", "= 1.25"),
-                "s.txt:2: numerical_aperture = 1.25: expected a number > 0 and < 1",
+                "s.txt:2: numerical_aperture = 1.25: expected a number > 0; < 1",
             ),
             (
                 good.replace("n_rays = 500", "n_rays = 12.5"),

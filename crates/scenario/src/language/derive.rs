@@ -143,10 +143,8 @@ mod tests {
             ("> 1.05 radius_um", "{}"),
             ("finite, floor below ceiling", "{}"),
             ("x, y or z", "{}"),
-            (
-                "> 0 and < 1 (the model has no immersion objectives)",
-                r#"{"exclusiveMinimum":0,"exclusiveMaximum":1}"#,
-            ),
+            ("> 0 and < 1 (a note)", r#"{"exclusiveMinimum":0,"exclusiveMaximum":1}"#),
+            ("> 0; < 1, or with an option more", r#"{"exclusiveMinimum":0}"#),
             ("1 to 32768", r#"{"minimum":1,"maximum":32768}"#),
         ] {
             assert_eq!(of(words), expected, "{words}");

@@ -79,7 +79,7 @@ impl Default for Limits {
 
 impl Limits {
     /// Maximum ratio of the sizes of result and truth.
-    const TIMES: u64 = 100;
+    pub const TIMES: u64 = 100;
 
     /// Limits for a truth of this size: 100 times as large, with a minimum for small truths and dense fields;
     /// `pixels` is the number of pixels of an image.

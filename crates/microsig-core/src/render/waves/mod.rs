@@ -42,7 +42,7 @@ use super::image_sum::{self, ImageSum, SphereImage};
 use super::instructions::InstructionSet;
 use super::interface::{Description, ImageStreams, Render};
 use super::patch::{ExpectedPatch, Window};
-use super::rays::RayRenderer;
+use super::rays::{RayRenderer, lens_phrase};
 use crate::cancel::checkpoint;
 use crate::emission::{self, SpheroidLaw};
 use crate::error::Error;
@@ -65,6 +65,12 @@ const PARTICLES: usize = 1024;
 
 /// Largest numerical aperture for which scalar wave optics is valid.
 const SCALAR_NA: f64 = 0.7;
+
+/// Path differences over the pupil in paraxial focus, waves, above which an objective is not used as designed.
+const MANY_WAVES: f64 = 10.0;
+
+/// Largest sine of the angle to the axis at which light is followed geometrically, to tell how far it reaches.
+const LARGEST_SINE: f64 = 0.99;
 
 /// There is a warning if less than this fraction of the accepted light lands on the sensor.
 const MIN_NEAR: f64 = 0.5;
@@ -121,8 +127,15 @@ impl WavesRenderer {
                 TOLERANCES.end()
             )));
         }
-        let rays = RayRenderer::new(settings, SpheroidLaw::Original)?;
+        settings.validate_immersed(optics.lens.largest_aperture(optics.layers.as_ref()))?;
         optics.validate(settings)?;
+        // The directions that an aplanatic lens accepts, in the medium: MicroSIG's aperture is for air.
+        let numerical_aperture = match (optics.lens, &optics.layers) {
+            (Lens::Aplanatic, Some(layers)) => (settings.numerical_aperture / layers.n_s).min(LARGEST_SINE),
+            _ => settings.numerical_aperture,
+        };
+        let rays =
+            RayRenderer::new(&Settings { numerical_aperture, ..settings.clone() }, SpheroidLaw::Original)?;
         let pupil = Pupil::new(settings, optics.lens, optics.layers);
         let [_, bx] = pupil.across();
         if bx == 0.0 {
@@ -335,7 +348,7 @@ impl Render for WavesRenderer {
     }
 
     fn description(&self) -> Description {
-        let optics = self.rays.description().optics;
+        let optics = lens_phrase(&self.settings);
         let lens = match self.optics.lens {
             Lens::Microsig => "",
             Lens::Aplanatic => ", corrected (aplanatic)",
@@ -399,10 +412,15 @@ impl Render for WavesRenderer {
                 100.0 * near
             )
         });
-        match (scalar, lost) {
-            (Some(a), Some(b)) => Some(format!("{a}; {b}")),
-            (a, b) => a.or(b),
-        }
+        let waves = self.path_difference_waves(0.0);
+        let aberrated = (self.optics.lens == Lens::Aplanatic && waves > MANY_WAVES).then(|| {
+            format!(
+                "the layers are so different from those that the objective is designed for (n_i_design, t_g_design_um, ...) that \
+                 optical paths differ by {waves:.0} waves over the pupil at z = 0: images are wide, faint and slow to compute"
+            )
+        });
+        let warnings: Vec<String> = [scalar, lost, aberrated].into_iter().flatten().collect();
+        (!warnings.is_empty()).then(|| warnings.join("; "))
     }
 
     fn shortfall(&self) -> Option<String> {

@@ -82,6 +82,28 @@ pub enum Lens {
 }
 
 impl Lens {
+    /// The depth, um, at which MicroSIG's lens, at this distance (um) from the plane in focus, defocuses
+    /// light near the axis as much as this lens does at the physical depth `z_um`. `None`: at no depth.
+    pub fn depth_of_equal_defocus(self, layers: Option<&Layers>, distance_um: f64, z_um: f64) -> Option<f64> {
+        let optical_um = layers.map_or(z_um, |layers| z_um / layers.n_s);
+        match self {
+            Lens::Microsig => Some(optical_um),
+            // Paths across the pupil differ by -z s^2 / 2 here and by -z s^2 a0 / 2 (a0 + z) there.
+            Lens::Aplanatic => {
+                (optical_um < distance_um).then(|| optical_um * distance_um / (distance_um - optical_um))
+            }
+        }
+    }
+
+    /// What its numerical aperture must stay below: the refractive index of the immersion, which only
+    /// aplanatic lenses have.
+    pub fn largest_aperture(self, layers: Option<&Layers>) -> f64 {
+        match (self, layers) {
+            (Lens::Aplanatic, Some(layers)) => layers.n_i.min(layers.n_i_design),
+            _ => 1.0,
+        }
+    }
+
     /// Its name in scenarios and manifests.
     pub fn name(self) -> &'static str {
         match self {
@@ -263,7 +285,6 @@ impl WaveOptics {
             angle,
             "0: there is no cylindrical lens (cyl_focal_length = 0)",
         );
-        self.objective(settings, &mut faults);
         if let Some(layers) = &self.layers {
             self.layers(layers, &mut faults);
         }
@@ -336,23 +357,6 @@ impl WaveOptics {
             sum,
             "at most 5 waves rms as the sum of the terms' absolute values",
         );
-    }
-
-    fn objective(&self, settings: &Settings, faults: &mut Faults) {
-        let na = settings.numerical_aperture;
-        match self.lens {
-            Lens::Microsig => faults.unless(
-                na < 1.0,
-                "optics.numerical_aperture",
-                na,
-                "less than 1: MicroSIG's lens has no immersion (lens: aplanatic has)",
-            ),
-            Lens::Aplanatic => {
-                let index = self.layers.map_or(1.0, |layers| layers.n_i);
-                let expected = format!("less than the index of the immersion, {index}");
-                faults.unless(na < index, "optics.numerical_aperture", na, &expected);
-            }
-        }
     }
 
     fn layers(&self, layers: &Layers, faults: &mut Faults) {

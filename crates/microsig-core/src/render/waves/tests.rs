@@ -165,3 +165,42 @@ fn pixels_see_the_mean_of_their_area() {
         assert!((share / sum - 1.0).abs() < 1e-3, "{place:?}: {share}, not {sum}");
     }
 }
+
+/// An objective of 60x / 1.2 in water accepts what its cone of directions has of the half space; the aperture
+/// cannot exceed the index of the immersion, nor that which the objective is designed for.
+#[test]
+fn immersed_objectives_have_apertures_above_1() {
+    let settings = Settings {
+        magnification: 60.0,
+        numerical_aperture: 1.2,
+        pixel_dim_x: 101,
+        pixel_dim_y: 101,
+        ..Settings::setting1()
+    };
+    let water = Layers {
+        n_i: 1.33,
+        n_i_design: 1.33,
+        t_i_design_um: 280.0,
+        focus_depth_um: 20.0,
+        ..Layers::default()
+    };
+    let renderer = |settings: &Settings, layers: Layers| {
+        let optics = WaveOptics { lens: Lens::Aplanatic, layers: Some(layers), ..WaveOptics::new(0.52) };
+        WavesRenderer::new(settings, &optics, 0.01)
+    };
+    let sine = 1.2 / water.n_s;
+    let accepted = renderer(&settings, water).unwrap().model().accepted(0.0, 0.0);
+    assert!((accepted / (1.0 - (1.0 - sine * sine).sqrt()) - 1.0).abs() < 1e-6, "{accepted}");
+    for refused in [
+        renderer(&Settings { numerical_aperture: 1.33, ..settings.clone() }, water),
+        renderer(&settings, Layers { n_i_design: 1.0, ..water }),
+        renderer(&settings, Layers { n_i: 1.0, ..water }),
+        WavesRenderer::new(&settings, &WaveOptics::new(0.52), 0.01),
+    ] {
+        let message = refused.unwrap_err().to_string();
+        assert!(message.contains("numerical_aperture = 1."), "{message}");
+    }
+    let oiled = Layers { n_i: 1.5, ..water };
+    let warning = renderer(&settings, oiled).unwrap().warning().unwrap();
+    assert!(warning.contains("n_i_design"), "{warning}");
+}
