@@ -191,6 +191,26 @@ fn the_command_tells_its_version_and_completes_itself() {
 }
 
 #[test]
+fn a_seed_and_a_plot_that_cannot_be_are_refused_with_what_can() {
+    for seed in ["-1", "18446744073709551616", "x"] {
+        let said = fail(2, &["flows", "--seed", seed]);
+        let expected = "for '--seed <N>': expected an integer from 0 to 18446744073709551615";
+        assert!(said.contains(&format!("'{seed}' {expected}")), "{said}");
+    }
+    let place = tempfile::tempdir().unwrap();
+    let scenario = write(place.path(), "scenario.ron", SCENARIO);
+    let (png, nowhere) = (place.path().join("a.png"), place.path().join("none/a.svg"));
+    for verb in [vec!["optics", path(&scenario)], vec!["flows", "uniform"]] {
+        let plot = |file: &Path, code| fail(code, &[&verb[..], &["--plot", path(file)]].concat());
+        let said = plot(&png, 2);
+        assert!(said.contains("expected a name that ends in .svg") && !png.exists(), "{said}");
+        let said = plot(&nowhere, 1);
+        let missing = format!("the folder {} does not exist", place.path().join("none").display());
+        assert!(said.contains(&format!("{}: {missing}", nowhere.display())), "{said}");
+    }
+}
+
+#[test]
 fn wrong_scenarios_name_what_is_wrong_and_leave_nothing() {
     let place = tempfile::tempdir().unwrap();
     for (from, to, expected) in [

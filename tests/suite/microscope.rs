@@ -304,3 +304,25 @@ fn a_datasets_own_data_files_hold_its_photons() {
     let rows: Vec<Particle> = data_file::read(&rows[..], "rows").unwrap();
     assert!(rows.len() == 1 && rows[0].c_int != 1.0);
 }
+
+#[test]
+fn ticks_of_a_preview_are_short_and_beside_the_name_of_their_axis() {
+    let place = tempfile::tempdir().unwrap();
+    let file = place.path().join("optics.svg");
+    run(&["optics", path(&objective_20x()), "--quiet", "--plot", path(&file)]);
+    let svg = std::fs::read_to_string(&file).unwrap();
+    let lines: Vec<&str> = svg.lines().collect();
+    let of = |text: &str| {
+        let at = lines.iter().position(|line| *line == text).unwrap_or_else(|| panic!("no text {text}"));
+        let value = |name: &str| -> f64 {
+            let (_, rest) = lines[at - 1].split_once(&format!(" {name}=\"")).unwrap();
+            rest.split('"').next().unwrap().parse().unwrap()
+        };
+        (value("x"), value("font-size"))
+    };
+    // The name is upright and begins at its place; the tick ends at its own.
+    let ((name, high), (tick, size)) = (of("peak, counts above the background"), of("10000"));
+    // Digits are about 0.6 times as wide as high, letters with their ascent 1.2 times the size of the font.
+    assert!(name + 1.2 * high < tick - 0.6 * 5.0 * size, "{name} {high} {tick} {size}");
+    assert!(lines.contains(&"-15") && lines.contains(&"35"));
+}

@@ -8,6 +8,7 @@ use glam::DVec3;
 use image::RgbImage;
 use plotters::prelude::*;
 
+use generator::preview::tick_label;
 use storage::error::{Error, Result};
 
 /// The default scene, um: field of view of setting 1 in a channel 100 um deep.
@@ -88,6 +89,8 @@ fn draw(entry: &FieldEntry, field: &dyn VelocityField, text: &mut String) -> Dra
         .disable_mesh()
         .x_desc(label(right))
         .y_desc(label(down))
+        .x_label_formatter(&|u| tick_label(*u, &(u0..u1)))
+        .y_label_formatter(&|v| tick_label(*v, &(v0..v1)))
         .label_style(("sans-serif", 13))
         .draw()?;
 

@@ -10,7 +10,8 @@ use crate::error::{Error, Fault, shown};
 pub struct Settings {
     /// Magnification M, dimensionless, > 0.
     pub magnification: f64,
-    /// Numerical aperture NA, > 0 and < 1 or, of an aplanatic lens, below the refractive index of its immersion.
+    /// Numerical aperture NA, > 0 and < 1 or, of an aplanatic lens, below the refractive index of its
+    /// immersion.
     pub numerical_aperture: f64,
     /// Focal length of the virtual thin spherical lens, um, > 0 and at most 1e6 (350 is recommended).
     pub focal_length: f64,
@@ -169,7 +170,8 @@ impl Settings {
         self.validate_immersed(1.0)
     }
 
-    /// Checks all values; the numerical aperture must be less than the refractive index `n_i` of the immersion.
+    /// Checks all values; the numerical aperture must be less than the refractive index `n_i` of the
+    /// immersion.
     ///
     /// # Errors
     /// [`Error::Malformed`] with every value out of range.

@@ -2,6 +2,7 @@
 
 use microsig_core::Settings;
 use microsig_core::formats::{settings_file, tiff};
+use microsig_core::render::waves::Lens;
 use microsig_core::sensor::{Detector, ImageFormat, NoiseRounding, Response, Sensor};
 use microsig_core::stream::Streams;
 
@@ -54,11 +55,15 @@ pub(super) fn optics(
         let moved = lens.depth_of_equal_defocus(optics.layers.as_ref(), distance_um, apart_um / depth_factor);
         match moved.and_then(|moved_um| cylinder(&settings, moved_um)) {
             Some(focal_length) => settings.cyl_focal_length = focal_length,
-            None => problems.value(
-                "optics.focal_planes_um",
-                apart_um,
-                "a distance that a cylindrical lens can make",
-            ),
+            None => {
+                let n_s = optics.layers.map_or(1.0, |layers| layers.n_s);
+                let most_um = distance_um * depth_factor * n_s;
+                let allowed = match lens {
+                    Lens::Microsig => format!("more than {:.0}, which is at the lens", -most_um),
+                    Lens::Aplanatic => format!("less than {most_um:.0}, which no cylindrical lens makes"),
+                };
+                problems.value("optics.focal_planes_um", apart_um, &allowed);
+            }
         }
     }
     optics.fill(&settings);
@@ -194,7 +199,7 @@ mod tests {
     /// The images of an aplanatic lens in a layer of water are narrowest where the scenario asks for.
     #[test]
     fn focal_planes_are_where_they_are_asked_for() {
-        use microsig_core::render::waves::{Layers, Lens, WaveOptics, WavesRenderer};
+        use microsig_core::render::waves::{Layers, WaveOptics, WavesRenderer};
         let layers = Layers { focus_depth_um: 60.0, ..Layers::default() };
         for (lens, layers) in
             [(Lens::Aplanatic, None), (Lens::Aplanatic, Some(layers)), (Lens::Microsig, Some(layers))]

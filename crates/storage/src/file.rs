@@ -150,8 +150,11 @@ fn replace(path: &Path, mode: u32, write: impl FnOnce(&File) -> Result<()>) -> R
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
     builder.prefix(TEMPORARY);
-    permit(&mut builder, mode);
-    let file = builder.tempfile_in(folder).map_err(|e| Error::write(path)(bare(e)))?;
+    let refused = |e: std::io::Error| {
+        let is_folder_missing = e.kind() == std::io::ErrorKind::NotFound && !folder.exists();
+        Error::write(path)(if is_folder_missing { no_folder(folder) } else { e })
+    };
+    let file = builder.make_in(folder, |at| create(at, mode)).map_err(refused)?;
     let _temporary = Temporary::file(file.path());
     // Without support for locks, stale files are not removed.
     let _ = file.as_file().try_lock();
@@ -161,22 +164,25 @@ fn replace(path: &Path, mode: u32, write: impl FnOnce(&File) -> Result<()>) -> R
     Ok(())
 }
 
+/// Creates a temporary file. Unlike those of `tempfile`, its errors do not name the file.
+fn create(path: &Path, mode: u32) -> std::io::Result<File> {
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).create_new(true);
+    permit(&mut options, mode);
+    options.open(path)
+}
+
 #[cfg(unix)]
-fn permit(builder: &mut tempfile::Builder<'_, '_>, mode: u32) {
-    use std::os::unix::fs::PermissionsExt;
-    builder.permissions(std::fs::Permissions::from_mode(mode));
+fn permit(options: &mut OpenOptions, mode: u32) {
+    std::os::unix::fs::OpenOptionsExt::mode(options, mode);
 }
 
 #[cfg(not(unix))]
-fn permit(_: &mut tempfile::Builder<'_, '_>, _: u32) {}
+fn permit(_: &mut OpenOptions, _: u32) {}
 
-/// Extracts the system error from one of `tempfile`, whose message names a temporary file.
-fn bare(error: std::io::Error) -> std::io::Error {
-    let inner = error.get_ref().and_then(|e| e.source()).and_then(|e| e.downcast_ref::<std::io::Error>());
-    match inner.and_then(std::io::Error::raw_os_error) {
-        Some(code) => std::io::Error::from_raw_os_error(code),
-        None => error,
-    }
+fn no_folder(folder: &Path) -> std::io::Error {
+    let message = format!("the folder {} does not exist", folder.display());
+    std::io::Error::new(std::io::ErrorKind::NotFound, message)
 }
 
 #[cfg(all(test, unix))]
@@ -205,6 +211,20 @@ mod tests {
             let message = save_result(&at(name), true, b"new").unwrap_err().to_string();
             assert!(message.contains(what), "{message}");
         }
+    }
+
+    #[test]
+    fn what_cannot_be_written_is_told_without_the_temporary_file() {
+        let place = tempfile::tempdir().unwrap();
+        std::fs::write(place.path().join("file"), "").unwrap();
+        let message = |name: &str| {
+            let path = place.path().join(name);
+            let said = save_result(&path, false, b"").unwrap_err().to_string();
+            said.strip_prefix(&format!("{}: ", path.display())).map(str::to_owned).unwrap_or(said)
+        };
+        let missing = place.path().join("a/b");
+        assert_eq!(message("a/b/c.svg"), format!("the folder {} does not exist", missing.display()));
+        assert_eq!(message("file/c.svg"), std::io::Error::from_raw_os_error(20).to_string());
     }
 
     #[test]

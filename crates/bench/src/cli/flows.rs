@@ -8,6 +8,7 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::Common;
+use super::argument::plot_file;
 use super::output::report;
 use crate::flow_plot;
 use scenario;
@@ -21,7 +22,7 @@ pub(super) struct Flows {
     /// Name of a field
     name: Option<String>,
     /// Draw the field's speed and streamlines in the default scene (SVG)
-    #[arg(long, value_name = "FILE", requires = "name")]
+    #[arg(long, value_name = "FILE", requires = "name", value_parser = plot_file())]
     plot: Option<PathBuf>,
 }
 

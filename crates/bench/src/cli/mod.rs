@@ -2,6 +2,7 @@
 //!
 //! A new verb needs a file here and a line in each of the two lists below.
 
+mod argument;
 mod check_submission;
 mod choice;
 mod compare;
@@ -61,7 +62,7 @@ struct Common {
         value_parser = clap::value_parser!(u16).range(0..=1024))]
     threads: u16,
     /// Seed of all random numbers [default: the scenario's; 0 for render]
-    #[arg(long, global = true, value_name = "N")]
+    #[arg(long, global = true, value_name = "N", value_parser = argument::seed)]
     seed: Option<u64>,
     /// No progress and no warnings
     #[arg(long, global = true)]

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Common;
+use super::argument::plot_file;
 use super::output::{report, warn};
 use generator::preview::{Preview, svg, text};
 use scenario;
@@ -21,7 +22,7 @@ pub(super) struct Optics {
     #[arg(long, value_name = "PATH=VALUE")]
     set: Vec<String>,
     /// Draw one particle of each size over depth, and curves of peak and size (SVG)
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = plot_file())]
     plot: Option<PathBuf>,
 }
 

@@ -19,6 +19,7 @@ use super::page::document;
 use super::particle_plots::axis;
 use super::plots::{AxisLabels, Series, lines};
 use super::score_file;
+use super::sweep_plots::axis_plots;
 use super::table::number;
 use scoring::evaluate::Score;
 use scoring::evaluate::curves::Bin;
@@ -118,16 +119,6 @@ fn name(path: &Path) -> String {
     }
 }
 
-/// Name of the tracker: the name of the score without the sweep case.
-fn tracker(entry: &Entry) -> String {
-    if entry.axes.is_empty() {
-        return entry.name.clone();
-    }
-    let parts = entry.name.split(['/', '-', '.']).filter(|part| !part.starts_with("case_"));
-    let name = parts.collect::<Vec<_>>().join("-");
-    if name.is_empty() { "result".to_owned() } else { name }
-}
-
 /// Warnings about differences that make scores incomparable.
 fn differences(scores: &[(Entry, Score)]) -> Vec<String> {
     let mut warnings = Vec::new();
@@ -197,7 +188,8 @@ fn leaderboard_csv(entries: &[Entry]) -> Result<Vec<u8>> {
             Value::String(text) => cell(text),
             number => number.to_string(),
         };
-        let values = axes.iter().map(|axis| entry.axes.get(*axis).map_or(String::new(), of));
+        let on_axis = |value: &Value| if value.is_number() { axis_text(value) } else { of(value) };
+        let values = axes.iter().map(|axis| entry.axes.get(*axis).map_or(String::new(), on_axis));
         writer.write_record(columns.values().map(of).chain(values)).map_err(unwritable)?;
     }
     writer.into_inner().map_err(unwritable)
@@ -285,55 +277,9 @@ fn curve_plots(scores: &[(Entry, Score)]) -> Result<Vec<Markup>> {
     Ok(plots)
 }
 
-/// Scores against each parameter of a sweep, with a line for every tracker and every combination of the other
-/// parameters.
-fn axis_plots(scores: &[(Entry, Score)]) -> Result<Vec<Markup>> {
-    let mut axes: Vec<&String> = scores.iter().flat_map(|s| s.0.axes.keys()).collect();
-    axes.sort_unstable();
-    axes.dedup();
-    let quantities: [(&str, Column, bool); 9] = [
-        ("F1", |e| e.f1, true),
-        ("recall", |e| e.recall, false),
-        ("RMSE xy, px", |e| e.rmse_xy_px, false),
-        ("sigma z / h", |e| e.sigma_z_over_h, false),
-        ("link F1", |e| e.link_f1, false),
-        ("HOTA", |e| e.hota, false),
-        ("probability of a valid vector", |e| e.valid_vector_probability, true),
-        ("RMS u of inliers, px", |e| e.rms_u_inliers_px, false),
-        ("AEE, px", |e| e.aee_px, false),
-    ];
-    let mut plots = Vec::new();
-    for axis in axes {
-        let mut by_line: std::collections::BTreeMap<String, Vec<(f64, &Entry)>> =
-            std::collections::BTreeMap::new();
-        for (entry, _) in scores {
-            let Some(x) = entry.axes.get(axis).and_then(Value::as_f64) else { continue };
-            let others = entry.axes.iter().filter(|(other, _)| *other != axis);
-            let others: Vec<String> = others
-                .map(|(other, v)| format!("{} {}", other.rsplit('.').next().unwrap_or(other), axis_text(v)))
-                .collect();
-            let line = [vec![tracker(entry)], others].concat().join(", ");
-            by_line.entry(line).or_default().push((x, entry));
-        }
-        for points in by_line.values_mut() {
-            points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        }
-        for (y, value, has_interval) in quantities {
-            let series = by_line.iter().map(|(name, entries)| {
-                let points =
-                    entries.iter().map(|(x, e)| (*x, value(e).unwrap_or(f64::NAN))).collect::<Vec<_>>();
-                let ends = |e: &Entry| e.low.zip(e.high).filter(|_| has_interval);
-                let bars = entries.iter().map(|(_, e)| ends(e).unwrap_or((f64::NAN, f64::NAN))).collect();
-                Series::new(name, points).with_bars(bars)
-            });
-            plots.extend(plot_of(axis, y, series.collect())?);
-        }
-    }
-    Ok(plots)
-}
-
 fn page(scores: &[(Entry, Score)], warnings: &[String]) -> Result<String> {
-    let (axis_plots, curves) = (axis_plots(scores)?, curve_plots(scores)?);
+    let entries: Vec<&Entry> = scores.iter().map(|s| &s.0).collect();
+    let (axis_plots, curves) = (axis_plots(&entries)?, curve_plots(scores)?);
     let with_axes = scores.iter().any(|s| !s.0.axes.is_empty());
     let body = html! {
         h1 { "Leaderboard" }

@@ -1,5 +1,6 @@
 //! Entries of a leaderboard: ranking criteria, and the table for terminals and CSV.
 
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
 use serde::Serialize;
@@ -173,17 +174,60 @@ impl Entry {
     }
 }
 
-/// A parameter value as text.
+/// A parameter value as text; every number is a float in scores, also that of an integer key.
 pub(super) fn axis_text(value: &Value) -> String {
-    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+    match value {
+        Value::String(text) => text.clone(),
+        Value::Number(number) => number.as_f64().filter(|_| number.is_f64()).map_or_else(
+            || number.to_string(),
+            |v| if v == 0.0 || (1e-5..1e15).contains(&v.abs()) { v.to_string() } else { format!("{v:e}") },
+        ),
+        other => other.to_string(),
+    }
+}
+
+/// The place of parameter values in an order: of each its axis, the text before its first number, its
+/// numbers, the whole text. Numbers are sorted by size and texts so that `constant(2)` comes before
+/// `constant(10)`.
+pub(super) type AxesOrder<'a> = Vec<(&'a str, &'a str, Vec<f64>, &'a str)>;
+
+/// See [`AxesOrder`].
+pub(super) fn order_of_axes<'a>(axes: impl Iterator<Item = (&'a String, &'a Value)>) -> AxesOrder<'a> {
+    let of_number = |c: char| c.is_ascii_digit() || matches!(c, '+' | '-' | '.');
+    let of = |(axis, value): (&'a String, &'a Value)| {
+        let text = value.as_str().unwrap_or_default();
+        let stem = text.split(of_number).next().unwrap_or_default();
+        let parts = text.split(|c: char| !(of_number(c) || matches!(c, 'e' | 'E')));
+        let numbers = parts.filter_map(|part| part.parse().ok()).chain(value.as_f64());
+        (axis.as_str(), stem, numbers.filter(|v: &f64| v.is_finite()).collect(), text)
+    };
+    axes.map(of).collect()
+}
+
+/// What is ranked together, in its order: kind, case of a sweep, its dataset, its truth.
+type Case<'a> = (ResultKind, AxesOrder<'a>, Option<&'a String>, &'a str);
+
+fn case<'a>(e: &'a Entry, datasets: &'a BTreeMap<String, String>) -> Case<'a> {
+    (e.kind, order_of_axes(e.axes.iter()), datasets.get(&e.group), &e.group)
 }
 
 /// Sorts the scores of each kind (and sweep case) by rank.
 pub(super) fn ranked(mut scores: Vec<(Entry, Score)>) -> Vec<(Entry, Score)> {
-    let case = |e: &Entry| (e.kind, e.case(), e.group.clone());
-    scores.sort_by(|a, b| case(&a.0).cmp(&case(&b.0)).then_with(|| a.0.name.cmp(&b.0.name)));
+    // Repetitions are in the order of their datasets; those with the same truth are one.
+    let mut datasets: BTreeMap<String, String> = BTreeMap::new();
+    for (e, _) in scores.iter().filter(|s| !s.0.group.is_empty()) {
+        let first = datasets.entry(e.group.clone()).or_insert_with(|| e.dataset.clone());
+        if e.dataset < *first {
+            first.clone_from(&e.dataset);
+        }
+    }
+    scores.sort_by(|(a, _), (b, _)| {
+        // All numbers are finite.
+        let cases = case(a, &datasets).partial_cmp(&case(b, &datasets)).unwrap_or(Ordering::Equal);
+        cases.then_with(|| a.name.cmp(&b.name))
+    });
     let mut ranked = Vec::with_capacity(scores.len());
-    for same in scores.chunk_by(|a, b| case(&a.0) == case(&b.0)) {
+    for same in scores.chunk_by(|a, b| case(&a.0, &datasets) == case(&b.0, &datasets)) {
         let criteria: Vec<Vec<Criterion>> = same.iter().map(|s| s.0.criteria.clone()).collect();
         ranked.extend(ranks(&criteria).into_iter().map(|(i, rank)| {
             let (entry, score) = &same[i];
@@ -272,4 +316,56 @@ pub(super) fn text(entries: &[Entry], warnings: &[String]) -> String {
     }
     lines.extend(warnings.iter().map(|w| format!("WARNING {w}")));
     lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn cases_are_in_the_order_of_their_numbers_and_repetitions_in_that_of_their_datasets() {
+        let case = |noise: Value, repetition: u32, size: &str| {
+            let axes = BTreeMap::from([("o.noise".to_owned(), noise), ("p.size".to_owned(), json!(size))]);
+            // Hashes have another order than the repetitions.
+            let (dataset, group) = (format!("case_{repetition}"), format!("{}{axes:?}", 9 - repetition));
+            (Entry { axes, dataset, group, ..Entry::default() }, Score::default())
+        };
+        let small = "constant(2)";
+        let scores = vec![
+            case(json!(0.0), 0, "constant(10)"),
+            case(json!(100.0), 0, small),
+            case(json!(20), 1, small),
+            case(json!(400.0), 0, small),
+            case(json!(20.0), 0, small),
+            case(json!(0.0), 0, small),
+        ];
+        let ranked = ranked(scores);
+        let found: Vec<String> = ranked.iter().map(|(e, _)| format!("{} {}", e.case(), e.dataset)).collect();
+        let expected = [
+            "noise 0, size constant(2) case_0",
+            "noise 0, size constant(10) case_0",
+            "noise 20, size constant(2) case_0",
+            "noise 20, size constant(2) case_1",
+            "noise 100, size constant(2) case_0",
+            "noise 400, size constant(2) case_0",
+        ];
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn values_of_parameters_are_short() {
+        for (value, expected) in [
+            (json!(16.0), "16"),
+            (json!(16), "16"),
+            (json!(0.25), "0.25"),
+            (json!(-0.5), "-0.5"),
+            (json!(1e-9), "1e-9"),
+            (json!(1e20), "1e20"),
+            (json!("constant(2)"), "constant(2)"),
+        ] {
+            assert_eq!(axis_text(&value), expected);
+        }
+    }
 }

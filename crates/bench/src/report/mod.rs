@@ -11,6 +11,7 @@ mod particle_plots;
 mod plots;
 mod ranks;
 mod score_file;
+mod sweep_plots;
 mod table;
 
 use std::path::{Path, PathBuf};

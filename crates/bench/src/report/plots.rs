@@ -4,6 +4,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
+use generator::preview::tick_label;
 use storage::error::{Error, Result};
 
 /// Placeholder colors that are replaced by CSS variables: plotters writes fixed colors only.
@@ -25,6 +26,8 @@ pub(crate) struct Series {
     pub(crate) points: Vec<(f64, f64)>,
     /// Ends of the error bar of every point; empty or NaN if there is none.
     pub(crate) bars: Vec<(f64, f64)>,
+    /// The single values of which the points are means, drawn as faint dots.
+    pub(crate) singles: Vec<(f64, f64)>,
     pub(crate) style: Style,
 }
 
@@ -74,6 +77,10 @@ const SIZE: (u32, u32) = (560, 360);
 const TICKS: i32 = 15;
 /// Font size of axis labels.
 const NAMES: i32 = 16;
+/// Opacity of single values behind their mean.
+const FAINT: f64 = 0.35;
+/// Maximum number of labels of a horizontal axis.
+const ACROSS: usize = 7;
 /// Space for tick and axis labels.
 const BELOW: u32 = 50;
 const LEFT: u32 = 84;
@@ -123,18 +130,9 @@ fn range(values: impl Iterator<Item = f64>, from_zero: bool) -> (f64, f64) {
     (low, high)
 }
 
-/// A tick label without trailing zeros.
-fn label(value: &f64) -> String {
-    if *value != 0.0 && !(1e-4..1e6).contains(&value.abs()) {
-        return format!("{value:.0e}");
-    }
-    let text = format!("{value:.6}");
-    let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" { "0".to_owned() } else { text.to_owned() }
-}
-
 macro_rules! mesh {
     ($chart:expr, $labels:expr) => {
+        let (x_range, y_range) = ($chart.x_range(), $chart.y_range());
         $chart
             .configure_mesh()
             .axis_style(INK)
@@ -144,10 +142,10 @@ macro_rules! mesh {
             .axis_desc_style(("sans-serif", NAMES, &INK))
             .x_desc($labels.x)
             .y_desc($labels.y)
-            .x_labels(7)
+            .x_labels(ACROSS)
             .y_labels(6)
-            .x_label_formatter(&label)
-            .y_label_formatter(&label)
+            .x_label_formatter(&|x| tick_label(*x, &x_range))
+            .y_label_formatter(&|y| tick_label(*y, &y_range))
             .draw()
             .map_err(failed)?
     };
@@ -158,6 +156,9 @@ macro_rules! draw_all {
         for (i, series) in $series.iter().enumerate() {
             let color = SERIES[i % SERIES.len()];
             let whole = |p: &(f64, f64)| p.0.is_finite() && p.1.is_finite();
+            let faint = color.mix(FAINT).filled();
+            let singles = series.singles.iter().filter(|p| whole(p)).map(|p| Circle::new(*p, 2, faint));
+            $chart.draw_series(singles).map_err(failed)?;
             let bars = series.points.iter().zip(&series.bars).filter(|(p, b)| whole(p) && whole(b));
             for ((x, _), (low, high)) in bars {
                 let bar = PathElement::new(vec![(*x, *low), (*x, *high)], color.stroke_width(1));
@@ -214,6 +215,7 @@ pub(crate) fn log_lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<Op
     let mut kept = series.to_vec();
     for s in &mut kept {
         s.points = s.points.iter().filter(positive).copied().collect();
+        s.singles.retain(|p| positive(&p));
         s.bars.clear();
     }
     if !kept.iter().any(Series::has_points) {
@@ -241,11 +243,32 @@ pub(crate) fn log_lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<Op
     .map(Some)
 }
 
-/// All points and ends of error bars.
+/// Plots series over a logarithmic axis. `values`: positive ones, in order, at which it has ticks.
+pub(super) fn lines_over_log(labels: &AxisLabels<'_>, series: &[Series], values: &[f64]) -> Result<String> {
+    let (x0, x1) = match values {
+        [low, .., high] => (low / 1.3, high * 1.3),
+        _ => return lines(labels, series),
+    };
+    let (y0, y1) = range(all_points(series).map(|p| p.1), true);
+    let ticks = values.iter().copied().step_by(values.len().div_ceil(ACROSS)).collect();
+    draw(labels.title, SIZE, |area| {
+        let mut chart = ChartBuilder::on(area)
+            .margin(12)
+            .x_label_area_size(BELOW)
+            .y_label_area_size(LEFT)
+            .build_cartesian_2d((x0..x1).log_scale().with_key_points(ticks), y0..y1)
+            .map_err(failed)?;
+        mesh!(chart, labels);
+        draw_all!(chart, series);
+        Ok(())
+    })
+}
+
+/// All points, single values and ends of error bars.
 fn all_points(series: &[Series]) -> impl Iterator<Item = (f64, f64)> {
     series.iter().flat_map(|s| {
         let ends = s.points.iter().zip(&s.bars).flat_map(|(p, b)| [(p.0, b.0), (p.0, b.1)]);
-        s.points.iter().copied().chain(ends)
+        s.points.iter().chain(&s.singles).copied().chain(ends)
     })
 }
 
@@ -292,7 +315,7 @@ pub(super) fn classes(labels: &AxisLabels<'_>, names: &[&str], series: [&[usize]
             .y_desc(labels.y)
             .x_labels(0)
             .y_labels(6)
-            .y_label_formatter(&label)
+            .y_label_formatter(&|y| tick_label(*y, &(0.0..most)))
             .disable_x_mesh()
             .draw()
             .map_err(failed)?;
@@ -417,4 +440,22 @@ pub(super) fn sensor(labels: &AxisLabels<'_>, size_px: (f64, f64), marks: &Marks
         }
         Ok(())
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_axis_across_0_has_a_tick_0() {
+        let labels = AxisLabels { x: "x", y: "y", title: "title" };
+        for k in 1..30 {
+            let low = -0.01 * f64::from(k);
+            let svg = lines(&labels, &[Series::new("bias", vec![(low, low), (0.3, 0.3)])]).unwrap();
+            let text = |line: &&str| !line.starts_with('<');
+            let ticks: Vec<&str> = svg.lines().map(str::trim).filter(text).collect();
+            assert_eq!(ticks.iter().filter(|tick| **tick == "0").count(), 2, "{low}: {ticks:?}");
+            assert!(!ticks.iter().any(|tick| tick.contains("e-")), "{low}: {ticks:?}");
+        }
+    }
 }

@@ -3,6 +3,7 @@
 
 mod picture;
 mod text;
+mod ticks;
 
 use microsig_core::render::RendererSpec;
 use microsig_core::render::waves::WavesRenderer;
@@ -14,6 +15,7 @@ pub use picture::svg;
 use scenario::{MotionSource, Scenario};
 use storage::error::Result;
 pub use text::{lines, text};
+pub use ticks::tick_label;
 use visibility::{DepthScan, ScanImage};
 
 /// In focus the peak is at least this share of the highest.

@@ -5,7 +5,7 @@ use image::GrayImage;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::{DepthFacts, Preview};
+use super::{DepthFacts, Preview, tick_label};
 use storage::error::{Error, Result};
 use visibility::{DepthScan, ScanImage};
 
@@ -21,6 +21,8 @@ const GAP: i32 = 4;
 /// Height of the caption of a strip, and of the depths below it.
 const CAPTION: i32 = 24;
 const DEPTHS: i32 = 18;
+/// Room for the ticks and the name of a vertical axis: six digits.
+const BESIDE: u32 = 76;
 /// Height of a chart.
 const CHART: u32 = 300;
 /// Longest side of an image that is shown, px.
@@ -129,13 +131,16 @@ fn peaks(preview: &Preview, area: &Area<'_>) -> Drawn<()> {
         .margin(8)
         .margin_right(20)
         .x_label_area_size(38)
-        .y_label_area_size(60)
+        .y_label_area_size(BESIDE)
         .build_cartesian_2d(z0..z1, (0.7 * low..1.5 * high).log_scale())?;
+    let (depths, counts) = (chart.x_range(), chart.y_range());
     chart
         .configure_mesh()
         .light_line_style(TRANSPARENT)
         .x_desc("z, um (away from the lens)")
         .y_desc("peak, counts above the background")
+        .x_label_formatter(&|z| tick_label(*z, &depths))
+        .y_label_formatter(&|peak| tick_label(*peak, &counts))
         .label_style(("sans-serif", 13))
         .draw()?;
     // Each label on the side of its line that is within the chart.
@@ -171,13 +176,16 @@ fn sizes(preview: &Preview, area: &Area<'_>) -> Drawn<()> {
         .margin(8)
         .margin_right(20)
         .x_label_area_size(38)
-        .y_label_area_size(60)
+        .y_label_area_size(BESIDE)
         .build_cartesian_2d(z0..z1, 0.0..1.08 * largest)?;
+    let (depths, pixels) = (chart.x_range(), chart.y_range());
     chart
         .configure_mesh()
         .light_line_style(TRANSPARENT)
         .x_desc("z, um (away from the lens)")
         .y_desc("width (full) and height (dashed), px")
+        .x_label_formatter(&|z| tick_label(*z, &depths))
+        .y_label_formatter(&|size| tick_label(*size, &pixels))
         .label_style(("sans-serif", 13))
         .draw()?;
     for (size, color) in preview.sizes.iter().zip(COLORS) {

@@ -66,10 +66,12 @@ const PARTICLES: usize = 1024;
 /// Largest numerical aperture for which scalar wave optics is valid.
 const SCALAR_NA: f64 = 0.7;
 
-/// Path differences over the pupil in paraxial focus, waves, above which an objective is not used as designed.
+/// Path differences over the pupil in paraxial focus, waves, above which an objective is not used as
+/// designed.
 const MANY_WAVES: f64 = 10.0;
 
-/// Largest sine of the angle to the axis at which light is followed geometrically, to tell how far it reaches.
+/// Largest sine of the angle to the axis at which light is followed geometrically, to tell how far it
+/// reaches.
 const LARGEST_SINE: f64 = 0.99;
 
 /// There is a warning if less than this fraction of the accepted light lands on the sensor.

@@ -1,0 +1,35 @@
+//! Parsers of arguments of several verbs, whose messages tell what is allowed.
+
+use std::path::PathBuf;
+
+use clap::builder::{PathBufValueParser, TypedValueParser};
+
+/// A seed.
+pub(super) fn seed(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| format!("expected an integer from 0 to {}", u64::MAX))
+}
+
+/// A file for a plot. Names without an extension are allowed, as of devices and pipes.
+pub(super) fn plot_file() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().try_map(|path| {
+        let is_svg = path.extension().is_none_or(|extension| extension.eq_ignore_ascii_case("svg"));
+        if is_svg { Ok(path) } else { Err("plots are SVG: expected a name that ends in .svg") }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn plots_have_the_extension_of_their_format() {
+        let parse = |name: &str| plot_file().parse_ref(&clap::Command::new("x"), None, name.as_ref());
+        for name in ["a.svg", "folder.png/A.SVG", "/dev/stdout"] {
+            assert_eq!(parse(name).ok(), Some(PathBuf::from(name)));
+        }
+        for name in ["a.png", "a.svg.pdf"] {
+            let said = parse(name).unwrap_err().to_string();
+            assert!(said.contains("plots are SVG: expected a name that ends in .svg"), "{said}");
+        }
+    }
+}

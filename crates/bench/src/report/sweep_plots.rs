@@ -1,0 +1,235 @@
+//! Scores against the parameters of a sweep.
+//!
+//! Scores of one tracker on cases with the same values are repetitions: the line is their mean, the bar their
+//! standard deviation, and each is a faint dot. A score without repetitions has its own 95 % interval as bar.
+
+use std::cmp::Ordering;
+
+use maud::Markup;
+use serde_json::Value;
+
+use super::figure::{figure_of, names};
+use super::leaderboard::{Entry, axis_text, order_of_axes};
+use super::plots::{AxisLabels, Series, lines, lines_over_log};
+use scoring::evaluate::statistics::Errors;
+use storage::error::Result;
+
+/// A score: its name, its value, and whether the ends of the entry are its 95 % interval.
+type Quantity = (&'static str, fn(&Entry) -> Option<f64>, bool);
+
+const QUANTITIES: [Quantity; 9] = [
+    ("F1", |e| e.f1, true),
+    ("recall", |e| e.recall, false),
+    ("RMSE xy, px", |e| e.rmse_xy_px, false),
+    ("sigma z / h", |e| e.sigma_z_over_h, false),
+    ("link F1", |e| e.link_f1, false),
+    ("HOTA", |e| e.hota, false),
+    ("probability of a valid vector", |e| e.valid_vector_probability, true),
+    ("RMS u of inliers, px", |e| e.rms_u_inliers_px, false),
+    ("AEE, px", |e| e.aee_px, false),
+];
+
+/// Plots of every score over each parameter, with a line for every tracker and every combination of the other
+/// parameters.
+pub(super) fn axis_plots(entries: &[&Entry]) -> Result<Vec<Markup>> {
+    let mut axes: Vec<&str> = entries.iter().flat_map(|e| e.axes.keys().map(String::as_str)).collect();
+    axes.sort_unstable();
+    axes.dedup();
+    let mut plots = Vec::new();
+    for axis in axes {
+        let on_axis = lines_over(axis, entries);
+        for quantity in QUANTITIES {
+            plots.extend(plot(axis, &on_axis, quantity)?);
+        }
+    }
+    Ok(plots)
+}
+
+/// The scores of a tracker over an axis.
+struct Line<'a> {
+    name: String,
+    /// Values of the axis, rising, each with its repetitions.
+    points: Vec<(f64, Vec<&'a Entry>)>,
+}
+
+fn lines_over<'a>(axis: &str, entries: &[&'a Entry]) -> Vec<Line<'a>> {
+    let number = |e: &Entry| e.axes.get(axis).and_then(Value::as_f64);
+    let mut placed: Vec<(f64, String, &Entry)> =
+        entries.iter().filter_map(|e| Some((number(e)?, tracker(e), *e))).collect();
+    let others = |e: &'a Entry| order_of_axes(e.axes.iter().filter(|(other, _)| *other != axis));
+    placed.sort_by(|a, b| {
+        let line =
+            a.1.cmp(&b.1).then_with(|| others(a.2).partial_cmp(&others(b.2)).unwrap_or(Ordering::Equal));
+        line.then_with(|| a.0.total_cmp(&b.0))
+    });
+    let same_line =
+        |a: &(f64, String, &'a Entry), b: &(f64, String, &'a Entry)| a.1 == b.1 && others(a.2) == others(b.2);
+    let of_line = |line: &[(f64, String, &'a Entry)]| {
+        let (_, tracker, first) = &line[0];
+        let fixed = first.axes.iter().filter(|(other, _)| *other != axis);
+        let fixed =
+            fixed.map(|(other, v)| format!("{} {}", other.rsplit('.').next().unwrap_or(other), axis_text(v)));
+        let name = std::iter::once(tracker.clone()).chain(fixed).collect::<Vec<_>>().join(", ");
+        let points = line.chunk_by(|a, b| a.0.total_cmp(&b.0).is_eq());
+        Line { name, points: points.map(|same| (same[0].0, same.iter().map(|p| p.2).collect())).collect() }
+    };
+    placed.chunk_by(same_line).map(of_line).collect()
+}
+
+/// Name of the tracker: the name of the score without the sweep case.
+fn tracker(entry: &Entry) -> String {
+    let parts = entry.name.split(['/', '-', '.']).filter(|part| !part.starts_with("case_"));
+    let name = parts.collect::<Vec<_>>().join("-");
+    if name.is_empty() { "result".to_owned() } else { name }
+}
+
+/// A score over an axis; `None` if no case has it.
+fn plot(x: &str, on_axis: &[Line<'_>], (y, value, has_interval): Quantity) -> Result<Option<Markup>> {
+    // How many repetitions the points have, at least and at most.
+    let counts = on_axis.iter().flat_map(|line| &line.points);
+    let counts = counts.map(|(_, same)| same.iter().filter(|e| value(e).is_some()).count());
+    let (least, most) = counts.filter(|n| *n > 0).fold((usize::MAX, 0), |(a, b), n| (a.min(n), b.max(n)));
+    let mut series: Vec<Series> =
+        on_axis.iter().map(|line| series(line, value, has_interval, most > 1)).collect();
+    series.retain(Series::has_points);
+    if series.is_empty() {
+        return Ok(None);
+    }
+    let mut at: Vec<f64> = on_axis.iter().flat_map(|line| line.points.iter().map(|p| p.0)).collect();
+    at.sort_unstable_by(f64::total_cmp);
+    at.dedup();
+    let (labels, is_log) = (AxisLabels { x, y, title: y }, is_logarithmic(&at));
+    let svg = if is_log { lines_over_log(&labels, &series, &at) } else { lines(&labels, &series) }?;
+    let mut caption = format!("{y} against {x}{}", if is_log { " (logarithmic)" } else { "" });
+    if most > 1 {
+        let n = if least == most { format!("{most}") } else { format!("{least} to {most}") };
+        caption += &format!(
+            ": mean of {n} repetitions, each of them a dot; bars are their standard deviation (divisor n - 1)"
+        );
+    } else if series.iter().any(|s| s.bars.iter().any(|bar| bar.0.is_finite())) {
+        caption += "; bars are 95 % intervals";
+    }
+    caption += ".";
+    caption[..1].make_ascii_uppercase();
+    Ok(Some(figure_of(svg, &names(&series), &caption)))
+}
+
+fn series(
+    line: &Line<'_>,
+    value: fn(&Entry) -> Option<f64>,
+    has_interval: bool,
+    has_repetitions: bool,
+) -> Series {
+    const NONE: (f64, f64) = (f64::NAN, f64::NAN);
+    let mut drawn = Series::new(&line.name, Vec::new());
+    for (x, same) in &line.points {
+        let values: Vec<f64> = same.iter().filter_map(|e| value(e)).collect();
+        let of = Errors::of(values.iter().copied());
+        let mean = of.bias.unwrap_or(f64::NAN);
+        drawn.points.push((*x, mean));
+        if has_repetitions {
+            drawn.singles.extend(values.iter().map(|v| (*x, *v)));
+            let n = values.len() as f64;
+            let deviation = of.random.filter(|_| n > 1.0).map(|random| random * (n / (n - 1.0)).sqrt());
+            drawn.bars.push(deviation.map_or(NONE, |d| (mean - d, mean + d)));
+        } else {
+            let ends = same.iter().find_map(|e| e.low.zip(e.high)).filter(|_| has_interval);
+            drawn.bars.push(ends.unwrap_or(NONE));
+        }
+    }
+    drawn
+}
+
+/// The least ratio of the largest to the smallest value of a logarithmic axis.
+const LOGARITHMIC: f64 = 30.0;
+
+/// Whether rising values have roughly equal ratios, over more than a decade.
+fn is_logarithmic(values: &[f64]) -> bool {
+    let [low, _, .., high] = values else { return false };
+    let steps = || values.windows(2).map(|pair| (pair[1] / pair[0]).ln());
+    let (least, most) = steps().fold((f64::INFINITY, 0.0f64), |(a, b), step| (a.min(step), b.max(step)));
+    // 1, 2, 5, 10, ... has steps of 2 and 2.5.
+    *low > 0.0 && high / low >= LOGARITHMIC && most <= 2.0 * least
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entry(name: &str, f1: f64, axes: &[(&str, Value)]) -> Entry {
+        let mut entry = Entry::default();
+        (entry.name, entry.f1) = (name.to_owned(), Some(f1));
+        entry.axes = axes.iter().map(|(axis, value)| ((*axis).to_owned(), value.clone())).collect();
+        entry
+    }
+
+    #[test]
+    fn repetitions_are_a_mean_with_its_standard_deviation() {
+        let of = |case: usize, x: f64, f1: f64| entry(&format!("ncc/case_{case}"), f1, &[("a.x", x.into())]);
+        let entries = [of(0, 1.0, 0.9), of(1, 1.0, 0.7), of(2, 20.0, 0.4), of(3, 20.0, 0.6), of(4, 3.0, 0.5)];
+        let entries: Vec<&Entry> = entries.iter().collect();
+        let on_axis = lines_over("a.x", &entries);
+        let [line] = &on_axis[..] else { panic!("{} lines", on_axis.len()) };
+        let drawn = series(line, |e| e.f1, true, true);
+        // One point for each value, so that no line goes from repetition to repetition.
+        let expected = [(1.0, 0.8, 0.1), (3.0, 0.5, f64::NAN), (20.0, 0.5, 0.1)];
+        assert_eq!((drawn.points.len(), drawn.bars.len(), drawn.singles.len()), (3, 3, 5));
+        for ((point, bar), (x, mean, half)) in drawn.points.iter().zip(&drawn.bars).zip(expected) {
+            // Of two values, the standard deviation is the distance over the root of 2; rounding.
+            let half = half * 2f64.sqrt();
+            assert!((point.0, (point.1 - mean).abs() < 1e-12) == (x, true), "{point:?}");
+            assert!(half.is_nan() && bar.0.is_nan() || (bar.1 - mean - half).abs() < 1e-12, "{bar:?}");
+        }
+        let page = plot("a.x", &on_axis, QUANTITIES[0]).unwrap().unwrap().into_string();
+        assert!(page.contains("F1 against a.x: mean of 1 to 2 repetitions") && page.contains("deviation"));
+        assert_eq!(page.matches("opacity=\"0.35\"").count(), 5, "faint dots");
+    }
+
+    #[test]
+    fn a_score_without_repetitions_has_its_interval() {
+        let mut entries = [1.0, 2.0].map(|x: f64| entry("ncc", 0.5, &[("x", x.into())]));
+        for entry in &mut entries {
+            (entry.low, entry.high) = (Some(0.4), Some(0.6));
+        }
+        let on_axis = lines_over("x", &entries.iter().collect::<Vec<_>>());
+        let drawn = series(&on_axis[0], |e| e.f1, true, false);
+        assert_eq!((drawn.bars, drawn.singles.len()), (vec![(0.4, 0.6); 2], 0));
+        let page = plot("x", &on_axis, QUANTITIES[0]).unwrap().unwrap().into_string();
+        assert!(page.contains("F1 against x; bars are 95 % intervals."), "{page}");
+    }
+
+    #[test]
+    fn lines_are_in_the_order_of_numbers() {
+        let values = [100.0, 20.0, 400.0, 0.0];
+        let of =
+            |noise: f64| entry("ncc/case_0", 0.5, &[("o.noise", noise.into()), ("n.count", 16.0.into())]);
+        let entries = values.map(of);
+        let on_axis = lines_over("n.count", &entries.iter().collect::<Vec<_>>());
+        let names: Vec<&str> = on_axis.iter().map(|line| line.name.as_str()).collect();
+        assert_eq!(names, ["ncc, noise 0", "ncc, noise 20", "ncc, noise 100", "ncc, noise 400"]);
+    }
+
+    #[test]
+    fn an_axis_of_equal_ratios_is_logarithmic() {
+        for (values, expected) in [
+            (&[4.0, 16.0, 64.0, 256.0][..], true),
+            (&[1.0, 2.0, 5.0, 10.0, 20.0, 50.0], true),
+            (&[4.0, 16.0, 64.0], false),
+            (&[0.0, 20.0, 100.0, 400.0], false),
+            (&[-1.0, 10.0, 100.0], false),
+            (&[1.0, 20.0, 40.0, 60.0], false),
+            (&[1.0, 100.0], false),
+            (&[], false),
+        ] {
+            assert_eq!(is_logarithmic(values), expected, "{values:?}");
+        }
+        let of = |x: f64| entry("ncc", 0.5, &[("x", x.into())]);
+        let entries = [4.0, 16.0, 64.0, 256.0].map(of);
+        let on_axis = lines_over("x", &entries.iter().collect::<Vec<_>>());
+        let page = plot("x", &on_axis, QUANTITIES[0]).unwrap().unwrap().into_string();
+        assert!(page.contains("F1 against x (logarithmic)."));
+        for tick in ["4", "16", "64", "256"] {
+            assert!(page.lines().any(|line| line.trim() == tick), "{tick} is no tick");
+        }
+    }
+}
