@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import operator
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +16,10 @@ from . import _microsig
 
 #: A scenario: the path of a file, a text in RON or JSON, or a dict of the same keys.
 Scenario = Union[str, "os.PathLike[str]", Mapping[str, Any]]
+
+
+#: The largest seed.
+LAST_SEED = 2**64 - 1
 
 
 def _value(value: Any) -> str:
@@ -41,13 +46,33 @@ def _is_text(scenario: str) -> bool:
     return "\n" in scenario or scenario.lstrip().startswith(("(", "{", "//", "#!["))
 
 
+def whole(name: str, value: Any, low: int = 0, high: int = 2**63 - 1) -> int:
+    """An argument that is a whole number, also one of NumPy; floats and truth values are refused rather than rounded."""
+    ends = {2**63 - 1: f" from {low}", LAST_SEED: f", {low} to 2^64 - 1"}
+    allowed = "expected a whole number" + ends.get(high, f", {low} to {high}")
+    try:
+        number = None if isinstance(value, (bool, np.bool_)) else operator.index(value)
+    except TypeError:
+        number = None
+    if number is None:
+        raise TypeError(f"{name} = {value!r}: {allowed}")
+    if not low <= number <= high:
+        raise ValueError(f"{name} = {value!r}: {allowed}")
+    return number
+
+
+def values_by_path(given: Any) -> dict[str, Any]:
+    """The argument ``set``: values by path."""
+    if not isinstance(given, (Mapping, type(None))):
+        raise TypeError(f"set = {given!r}: expected a dict of values by path, as {{'optics.gain': 1}}")
+    return dict(given or {})
+
+
 def text(
     scenario: Scenario, seed: int | None = None, values: Mapping[str, Any] | None = None
 ) -> _microsig.ScenarioText:
     """The arguments of the compiled part: text, its name in messages, folder of its files, assignments, seed."""
-    if seed is not None and not 0 <= seed < 2**64:
-        raise ValueError(f"seed = {seed}: expected a whole number, 0 to 2^64 - 1")
-    assignments = [f"{path}={_value(value)}" for path, value in (values or {}).items()]
+    assignments = [f"{path}={_value(value)}" for path, value in values_by_path(values).items()]
     if isinstance(scenario, Mapping):
         content, name, folder = _value(scenario), "scenario", Path(".")
     elif isinstance(scenario, str) and _is_text(scenario):
@@ -66,5 +91,5 @@ def text(
         "name": name,
         "folder": folder,
         "assignments": assignments,
-        "seed": None if seed is None else int(seed),
+        "seed": None if seed is None else whole("seed", seed, 0, LAST_SEED),
     }

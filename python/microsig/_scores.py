@@ -171,6 +171,8 @@ def _cells(name: str, values: Any) -> list[str]:
 def _write(result: Any, path: Path) -> None:
     """Writes columns as CSV; numbers in their shortest form that reads back to the same value."""
     columns = {name: _cells(name, values) for name, values in _columns(result).items()}
+    if not columns:
+        raise ValueError("result: no columns; expected frame, track, x_px, y_px [, z_um] or x_px, y_px, dx_px, dy_px")
     if len({len(cells) for cells in columns.values()}) > 1:
         told = ", ".join(f"{name} {len(cells)}" for name, cells in columns.items())
         raise ValueError(f"result: columns of different lengths: {told}")
@@ -253,7 +255,11 @@ def evaluate(
     with tempfile.TemporaryDirectory(prefix="microsig-") as place:
         path = Path(place) / "result.csv"
         _write(result, path)
-        return Scores(*_microsig.evaluate(_folder(dataset), path, how))
+        try:
+            return Scores(*_microsig.evaluate(_folder(dataset), path, how))
+        except ValueError as error:
+            # The file is no concern of the caller.
+            raise ValueError(str(error).replace(str(path), "result")) from None
 
 
 def methods() -> dict[str, str]:
@@ -289,6 +295,8 @@ def track(
     :returns: ``frame, track, x_px, y_px [, z_um]`` of particles, or ``x_px, y_px, dx_px, dy_px, ...`` of a field
     :raises ValueError: an unknown method, an option out of range, a dataset without what the method needs
     """
+    if not isinstance(method, str):
+        raise TypeError(f"method = {method!r}: expected one of {', '.join(methods())}")
     with tempfile.TemporaryDirectory(prefix="microsig-") as place:
         out = Path(place) / f"{method}.csv" if method.replace("-", "").isalnum() else Path(place) / "result.csv"
         _microsig.track(

@@ -46,7 +46,8 @@ def log_uniform(low: float, high: float) -> Law:
 
 def integers(low: int, high: int) -> Law:
     """Whole numbers, all alike, from ``low`` to ``high``, both included."""
-    return Law("integers", (low, high))
+    ends = [_scenario.whole(name, value, -(2**53), 2**53) for name, value in (("low", low), ("high", high))]
+    return Law("integers", tuple(ends))
 
 
 def choice(values: Sequence[Any]) -> Law:
@@ -58,6 +59,21 @@ def _law(path: str, given: Any) -> Law:
     if isinstance(given, Law):
         return given
     raise TypeError(f"vary {path}: expected ms.uniform, ms.log_uniform, ms.integers or ms.choice, not {given!r}")
+
+
+def _check_paths(paths: Sequence[str]) -> None:
+    """Refuses paths of which one holds another: what a sample is would depend on their order."""
+    for outer in paths:
+        for inner in paths:
+            if inner.startswith(f"{outer}."):
+                raise ValueError(f"vary: {inner} is a part of {outer}, which varies too; expected one of them")
+
+
+def _sides(crop: Any) -> tuple[int, int]:
+    if not isinstance(crop, (Sequence, np.ndarray)) or isinstance(crop, str) or len(crop) != 2:
+        raise TypeError(f"crop = {crop!r}: expected two whole numbers, rows and columns")
+    rows, columns = (_scenario.whole("crop", side, 1, 2**31 - 1) for side in crop)
+    return rows, columns
 
 
 class Stream:
@@ -141,27 +157,27 @@ class Stream:
             raise ValueError(f"labels = {unknown}: expected some of {', '.join(LABELS)}")
         if split not in ("train", "val"):
             raise ValueError(f"split = {split!r}: expected one of train, val")
-        if batch < 1 or ahead < 1:
-            raise ValueError(f"batch = {batch}, ahead = {ahead}: expected at least 1")
-        if particles < 0:
-            raise ValueError(f"particles = {particles}: expected at least 0")
-        if not 0 <= seed < 2**64:
-            raise ValueError(f"seed = {seed}: expected a whole number, 0 to 2^64 - 1")
+        batch, ahead = _scenario.whole("batch", batch, 1), _scenario.whole("ahead", ahead, 1)
+        particles, seed = _scenario.whole("particles", particles), _scenario.whole("seed", seed, 0, _scenario.LAST_SEED)
         if crop_at not in ("center", "random"):
             raise ValueError(f"crop_at = {crop_at!r}: expected one of center, random")
         if flow_components not in (2, 3):
             raise ValueError(f"flow_components = {flow_components}: expected 2 or 3")
-        values = dict(set or {})
+        values = _scenario.values_by_path(set)
         window = None
         if crop is not None:
-            rows, columns = (int(side) for side in crop)
-            if crop_at == "center":
-                values |= {"optics.pixel_dim_y": rows, "optics.pixel_dim_x": columns}
-            elif min(rows, columns) < 1 or max(rows, columns) >= 2**31:
-                raise ValueError(f"crop = {crop}: expected at least a pixel")
-            else:
+            rows, columns = _sides(crop)
+            if crop_at == "random":
                 window = (rows, columns)
-        self._batch, self._ahead_by = int(batch), int(ahead)
+            else:
+                optics = json.loads(_microsig.resolve(_scenario.text(scenario, None, values))[0])["optics"]
+                if rows > optics["pixel_dim_y"] or columns > optics["pixel_dim_x"]:
+                    raise ValueError(
+                        f"crop = {crop}: expected at most the rows and columns of the scenario's images, "
+                        f"({optics['pixel_dim_y']}, {optics['pixel_dim_x']})"
+                    )
+                values |= {"optics.pixel_dim_y": rows, "optics.pixel_dim_x": columns}
+        self._batch, self._ahead_by = batch, ahead
         wanted: _microsig.Labels = {
             "boxes": "boxes" in labels,
             "instances": "instances" in labels,
@@ -174,12 +190,13 @@ class Stream:
             "share": float(share),
             "heatmap_sigma_px": float(heatmap_sigma_px),
         }
+        if not isinstance(vary, (Mapping, type(None))):
+            raise TypeError(f"vary = {vary!r}: expected a dict of laws by path, as {{'optics.gain': ms.uniform(1, 2)}}")
+        _check_paths(list(vary or {}))
         laws = [(path, _law(path, law)._parts()) for path, law in (vary or {}).items()]
-        number = (2 if "flow" in labels else 1) if frames is None else int(frames)
-        if not 1 <= number < 2**31:
-            raise ValueError(f"frames = {number}: expected at least 1")
+        number = (2 if "flow" in labels else 1) if frames is None else _scenario.whole("frames", frames, 1, 2**31 - 1)
         text = _scenario.text(scenario, None, values)
-        self._arguments = (text, laws, int(seed), split == "val", number, wanted, int(particles), window)
+        self._arguments = (text, laws, seed, split == "val", number, wanted, particles, window)
         self._position = 0
         self._process = -1
         self._start()
@@ -210,13 +227,16 @@ class Stream:
 
     def __getitem__(self, index: int) -> Arrays:
         """Sample ``index`` (from 0): arrays without the axis of the batch."""
-        if isinstance(index, slice) or not 0 <= index < 2**63:
-            raise IndexError(f"sample {index}: expected a whole number from 0")
+        try:
+            number = _scenario.whole("sample", index)
+        except ValueError as error:
+            raise IndexError(str(error)) from None
         self._start()
-        return {name: values[0] for name, values in self._samples.batch(int(index), 1).items()}
+        return {name: values[0] for name, values in self._samples.batch(number, 1).items()}
 
     def samples(self, first: int, n: int) -> Arrays:
         """``n`` samples from number ``first`` on, as a batch; does not move the stream."""
+        first, n = _scenario.whole("first", first), _scenario.whole("n", n, 1)
         self._start()
         return self._samples.batch(first, n)
 
@@ -250,7 +270,7 @@ class Stream:
 
     def seed_of(self, index: int) -> int:
         """The seed of a sample."""
-        return self._samples.seed_of(index)
+        return self._samples.seed_of(_scenario.whole("sample", index))
 
     def values(self, index: int) -> dict[str, Any]:
         """The values of a sample that vary, by path."""
@@ -282,14 +302,15 @@ class Stream:
 
         :raises ValueError: the state of a stream of other samples
         """
+        if not isinstance(state, Mapping) or not {"fingerprint", "position"} <= set(state):
+            raise ValueError(f"{state!r}: expected what state_dict() gives, with fingerprint and position")
         if state["fingerprint"] != self.fingerprint:
             raise ValueError("the state is that of a stream of other samples (scenario, vary, seed, split or labels differ)")
-        self.seek(int(state["position"]))
+        self.seek(state["position"])
 
     def seek(self, position: int) -> None:
         """Go on with a batch that begins with sample number ``position``."""
-        if not 0 <= position < 2**63:
-            raise ValueError(f"position = {position}: expected a whole number from 0")
+        position = _scenario.whole("position", position)
         self.close()
         self._position = position
 

@@ -49,11 +49,11 @@ pub(crate) fn pool(_: Python<'_>) -> PyResult<Arc<ThreadPool>> {
 
 /// Sets the number of threads of all calls that follow; 0: one for every core.
 #[pyfunction]
-pub(crate) fn set_threads(threads: u16) -> PyResult<()> {
-    if threads > 1024 {
-        return Err(PyValueError::new_err(format!("threads = {threads}: expected 0 to 1024")));
-    }
-    let threads = build(usize::from(threads))?;
+pub(crate) fn set_threads(threads: i64) -> PyResult<()> {
+    let number = usize::try_from(threads).ok().filter(|number| *number <= 1024);
+    let number =
+        number.ok_or_else(|| PyValueError::new_err(format!("threads = {threads}: expected 0 to 1024")))?;
+    let threads = build(number)?;
     let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some((of, before)) = pool.replace((std::process::id(), threads))
         && of != std::process::id()

@@ -196,3 +196,20 @@ def test_the_shipped_scenarios_are_good():
         if path.stem.endswith("_sweep") or "axes" in path.read_text():
             continue
         assert ms.resolve(path)["name"]
+
+
+def test_columns_are_told_without_the_file_that_they_are_written_to():
+    dataset = ms.generate(SMALL)
+    with pytest.raises(ValueError, match="no columns"):
+        ms.evaluate(dataset, {})
+    with pytest.raises(ValueError) as told:
+        ms.evaluate(dataset, {"frame": ["x"], "track": [1], "x_px": [1.0], "y_px": [1.0]})
+    assert "tmp" not in str(told.value) and "result" in str(told.value)
+    with pytest.raises(TypeError, match="method = 3: expected one of"):
+        ms.track(dataset, 3)
+
+
+def test_threads_are_told_their_range():
+    for threads in (-1, 1025):
+        with pytest.raises(ValueError, match="expected 0 to 1024"):
+            ms.set_threads(threads)

@@ -272,7 +272,7 @@ def test_flow_is_that_of_the_field():
         ({"vary": {"optics.background_noise": ms.choice([])}}, "at least one"),
         ({"vary": {"seed": ms.integers(0, 1)}}, "seed"),
         ({"vary": {"optics.pixel_dim_x": ms.integers(10, 20)}}, "one size"),
-        ({"crop": (0, 10)}, "pixel_dim"),
+        ({"crop": (0, 10)}, "crop"),
         ({"frames": 3}, "frames"),
         ({"frames": 0}, "frames"),
         ({"frames": 1}, "flow"),
@@ -367,7 +367,8 @@ def test_ctrl_c_ends_a_stream_within_a_second():
 
 
 def test_memory_stays_flat():
-    drawn = ms.Stream(PLAIN, batch=50, crop=(64, 64), vary={"optics.background_noise": ms.uniform(0, 50)})
+    side = {"optics.pixel_dim_x": 64, "optics.pixel_dim_y": 64}
+    drawn = ms.Stream(PLAIN, batch=50, set=side, vary={"optics.background_noise": ms.uniform(0, 50)})
     page = os.sysconf("SC_PAGE_SIZE")
 
     def resident() -> int:
@@ -397,3 +398,70 @@ def test_torch_data_sets_share_the_stream():
         for batch, values in zip(loader, wanted):
             np.testing.assert_array_equal(batch["image"].numpy(), values["image"].astype(np.float32))
             np.testing.assert_array_equal(batch["clean"].numpy(), values["clean"])
+
+
+def test_torch_epochs_go_on_where_the_one_before_ended():
+    torch = pytest.importorskip("torch")
+    from microsig.torch import dataset
+
+    for options in ({}, {"num_workers": 2}, {"num_workers": 2, "persistent_workers": True}):
+        made = dataset(stream(batch=2), batches=3)
+        loader = torch.utils.data.DataLoader(made, batch_size=None, **options)
+        seen = [[int(batch["index"][0]) for batch in loader] for _ in range(3)]
+        assert seen == [[0, 2, 4], [6, 8, 10], [12, 14, 16]], options
+        assert len(made) == 3
+        resumed = dataset(stream(batch=2), batches=3)
+        resumed.load_state_dict(made.state_dict())
+        loader = torch.utils.data.DataLoader(resumed, batch_size=None, **options)
+        assert [int(batch["index"][0]) for batch in loader] == [18, 20, 22], options
+
+
+def test_paths_of_which_one_holds_another_are_refused():
+    vary = {"particles.number.count": ms.integers(1, 4), "particles.number": ms.choice([{"count": 20}])}
+    with pytest.raises(ValueError, match="particles.number.count is a part of particles.number"):
+        stream(vary=vary)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"batch": 1.5},
+        {"seed": 1.7},
+        {"seed": "x"},
+        {"crop": (32.9, 32.9)},
+        {"crop": 32},
+        {"crop": (32,)},
+        {"particles": 2.5},
+        {"frames": 1.5},
+        {"ahead": True},
+        {"set": ["optics.gain=1"]},
+        {"vary": ["optics.gain"]},
+    ],
+)
+def test_arguments_of_other_kinds_are_refused_with_what_is_expected(arguments):
+    (name,) = arguments
+    with pytest.raises(TypeError, match=f"{name} = .*expected "):
+        stream(**arguments)
+
+
+def test_whole_numbers_are_not_rounded():
+    drawn = stream()
+    for call in (
+        lambda: drawn[1.9],
+        lambda: drawn["a"],
+        lambda: drawn.seek(2.5),
+        lambda: ms.integers(1.9, 3.9),
+        lambda: ms.generate(drawn.scenario(0), seed=1.5),
+        lambda: ms.generate(drawn.scenario(0), seed="a"),
+    ):
+        with pytest.raises(TypeError, match="expected a whole number"):
+            call()
+    assert drawn[np.uint8(1)]["index"] == 1
+    with pytest.raises(ValueError, match="expected what state_dict"):
+        drawn.load_state_dict({})
+
+
+def test_a_crop_is_smaller_than_the_images():
+    rows, columns = stream(crop=None).shape
+    with pytest.raises(ValueError, match="at most the rows and columns"):
+        stream(crop=(rows + 1, columns))
