@@ -13,4 +13,4 @@ GRID = {
 }
 
 if __name__ == "__main__":
-    tune_main(track, DEFAULTS, GRID, score=field_score, write=write_field)
+    tune_main(track, DEFAULTS, GRID, score=field_score, write=write_field, budget=12)

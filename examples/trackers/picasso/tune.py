@@ -14,4 +14,4 @@ GRID = {
 }
 
 if __name__ == "__main__":
-    tune_main(track, DEFAULTS, GRID, score=points_score)
+    tune_main(track, DEFAULTS, GRID, score=points_score, budget=16)

@@ -37,6 +37,7 @@ CASES = [
     ("picasso", "picasso", "astigmatic", "quickstart_astigmatic_small", 0.3, 0.2, 2.5),
     ("picasso_spline", "picasso", "astigmatic", "quickstart_astigmatic_small", 0.6, 0.2, 1.5),
     ("magtrack", "magtrack", "spherical", "quickstart", 0.3, 0.2, 2.5),
+    ("unet", "onnxruntime", "spherical", None, 0.6, 0.2, 2.5),
     ("openpiv", "openpiv", "pairs", None, 0.9, 0.05, None),
     ("fluidimage", "fluidimage", "pairs", None, 0.9, 0.1, None),
 ]

@@ -4,11 +4,12 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
+use anyhow::ensure;
 use serde_json::Value;
 
 use super::example;
 use super::run::RECORD;
-use super::trackers::Tracker;
+use super::trackers::{How, Tracker};
 use bench::suite::{Annotations, PAGE, SUITE_SCORES, SUITE_SCORES_CSV, SuiteScores, page};
 
 /// Writes the leaderboard of the scores in `work`.
@@ -24,6 +25,12 @@ pub(super) fn write(
     more.notes.push(
         "Trackers see images, calibration images, optics and times of the test splits, not the truth. The seeds of these test splits \
          are public: this is a comparison among friends, and `microsig suite release` makes a challenge with secret ones."
+            .to_owned(),
+    );
+    more.notes.push(
+        "microsig's own trackers run with their default parameters. Those in `examples/trackers` run with parameters that their `tune.py` \
+         found on train and val splits, with a limited number of evaluations (`--tune`; `tuning.csv` has each), or with defaults where \
+         there are none."
             .to_owned(),
     );
     more.notes.extend(unusable.iter().map(|(name, why)| format!("{name} {why}")));
@@ -56,6 +63,12 @@ pub(super) fn write(
         std::fs::write(versions.join(format!("{}.txt", tracker.name)), &tracker.versions)?;
     }
     println!("{}", out.join(PAGE).display());
+    // Programs of others may fail where they are out of their depth; ours may not.
+    let own = |name: &str| trackers.iter().any(|t| t.name == name && matches!(t.how, How::Own(_)));
+    let failed: Vec<String> = (more.failures.iter().filter(|((name, _), _)| own(name)))
+        .map(|((name, case), why)| format!("{name} on {case}: {why}"))
+        .collect();
+    ensure!(failed.is_empty(), "trackers of microsig failed: {}", failed.join("; "));
     Ok(())
 }
 

@@ -1,0 +1,4 @@
+"""What training and tracking share."""
+
+LOW, HIGH = -80.0, 20.0  # depths that the network tells, um
+OFFSET_PX = 4.0  # largest offset from a pixel to a particle

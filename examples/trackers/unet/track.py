@@ -1,0 +1,59 @@
+"""A small U-Net on a microsig dataset: places and depths of defocused particles; no links."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+import onnxruntime
+from common.cli import track_main
+from common.select import strongest_within
+from network import HIGH, LOW, OFFSET_PX
+
+DEFAULTS = {
+    "threshold": 0.5,  # least probability of a particle
+    "separation": 3.0,  # least distance of two particles, px
+}
+ROWS_AND_COLUMNS = 16  # image sizes are multiples of this in the network
+
+
+def network():
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    model = Path(__file__).with_name("model.onnx")
+    return onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
+
+
+def maps(session, image):
+    """Maps of probability, depth (um) and offset (px) of the particle at or near each pixel."""
+    rows, columns = image.shape
+    padded = np.pad(image, ((0, -rows % ROWS_AND_COLUMNS), (0, -columns % ROWS_AND_COLUMNS)), mode="edge")
+    scaled = np.arcsinh((padded - 350) / 50) / 3
+    (told,) = session.run(None, {"image": scaled[None, None].astype(np.float32)})
+    place, z, x, y = 1 / (1 + np.exp(-told[0, :, :rows, :columns].astype(float)))
+    return place, LOW + (HIGH - LOW) * z, 2 * OFFSET_PX * (x - 0.5), 2 * OFFSET_PX * (y - 0.5)
+
+
+def maxima(place, threshold):
+    """Rows and columns of pixels that no neighbor exceeds."""
+    padded = np.pad(place, 1, constant_values=0)
+    height, width = place.shape
+    neighbors = [padded[1 + dy:1 + dy + height, 1 + dx:1 + dx + width] for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
+    return np.nonzero((place >= np.max(neighbors, axis=0)) & (place > threshold))
+
+
+def track(dataset, params):
+    session, rows = network(), []
+    for frame in dataset.frames:
+        place, z, dx, dy = maps(session, frame.image())
+        r, c = maxima(place, params["threshold"])
+        x, y = c + dx[r, c], r + dy[r, c]
+        points = np.stack([x, y], axis=1)
+        for i in strongest_within(points, place[r, c], params["separation"]):
+            rows.append((frame.number, None, x[i], y[i], z[r[i], c[i]]))
+    return rows
+
+
+if __name__ == "__main__":
+    track_main(track, DEFAULTS)
