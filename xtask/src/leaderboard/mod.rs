@@ -43,7 +43,7 @@ pub(crate) struct Arguments {
     /// Folder of datasets, environments and results.
     #[arg(long, default_value = "target/leaderboard")]
     work: PathBuf,
-    /// Output folder of README.md, scores.csv, index.html and versions.
+    /// Output folder of SIZE/README.md, scores.csv, index.html and versions.
     #[arg(long, default_value = "results/leaderboard")]
     out: PathBuf,
     /// Search parameters of the trackers of others first, on train and val, where there are none yet.
@@ -125,7 +125,13 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         command.args(["--track", track]);
     }
     process::run(&mut command)?;
-    output::write(&arguments.out, &work, &all, &unusable, &description(arguments, &microsig)?)
+    output::write(
+        &arguments.out.join(&arguments.size),
+        &work,
+        &all,
+        &unusable,
+        &description(arguments, &microsig)?,
+    )
 }
 
 /// Removes results of trackers and cases that there are no longer.
