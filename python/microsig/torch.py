@@ -38,7 +38,7 @@ class StreamDataset(IterableDataset):  # type: ignore[misc,type-arg,unused-ignor
         self.stream = stream
         self.batches = None if batches is None else whole("batches", batches, 1)
         self._first = stream.position
-        # Epochs begun, by worker: in memory that workers share, as they are copies and may be new in every epoch.
+        # Epochs begun, by worker: in shared memory, as workers have copies and may be new in every epoch.
         self._epochs = torch.zeros(WORKERS, dtype=torch.int64).share_memory_()
 
     def __len__(self) -> int:
