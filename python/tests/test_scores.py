@@ -142,7 +142,7 @@ def test_the_truth_scores_perfectly_and_reads_well():
     [
         ({"frame": [0], "x_px": [1.0]}, {}, ValueError, "fits no format"),
         ({"frame": [0], "x_px": [1.0], "y_px": [1.0, 2.0]}, {}, ValueError, "different lengths"),
-        ({"frame": [0], "x_px": ["a"], "y_px": [1.0]}, {}, ValueError, "result.csv:2"),
+        ({"frame": [0], "x_px": ["a"], "y_px": [1.0]}, {}, ValueError, "result:2"),
         ({"frame": [-5], "x_px": [1.0], "y_px": [1.0]}, {}, ValueError, "frame"),
         ({"frame": [0], "x_px": [1.0], "y_px": [1.0]}, {"gate": "round"}, ValueError, "ellipsoid"),
         ({"frame": [0], "x_px": [1.0], "y_px": [1.0]}, {"border_px": -1}, ValueError, "border_px"),
