@@ -9,7 +9,7 @@ import numpy as np
 import onnxruntime
 from common.cli import track_main
 from common.select import strongest_within
-from network import HIGH, LOW, OFFSET_PX
+from network import HIGH, LOW, OFFSET_PX, scaled
 
 DEFAULTS = {
     "threshold": 0.5,  # least probability of a particle
@@ -29,8 +29,8 @@ def maps(session, image):
     """Maps of probability, depth (um) and offset (px) of the particle at or near each pixel."""
     rows, columns = image.shape
     padded = np.pad(image, ((0, -rows % ROWS_AND_COLUMNS), (0, -columns % ROWS_AND_COLUMNS)), mode="edge")
-    scaled = np.arcsinh((padded - 350) / 50) / 3
-    (told,) = session.run(None, {"image": scaled[None, None].astype(np.float32)})
+    seen = scaled(padded, np.arcsinh).astype(np.float32)
+    (told,) = session.run(None, {"image": seen[None, None]})
     place, z, x, y = 1 / (1 + np.exp(-told[0, :, :rows, :columns].astype(float)))
     return place, LOW + (HIGH - LOW) * z, 2 * OFFSET_PX * (x - 0.5), 2 * OFFSET_PX * (y - 0.5)
 

@@ -14,14 +14,14 @@ import torch
 from microsig.torch import dataset
 from torch import nn
 
-from network import HIGH, LOW, OFFSET_PX
+from network import HIGH, LOW, OFFSET_PX, scaled
 
 SCENARIO = {
     "name": "d3",
     "optics": {"preset": "setting1", "background_noise": 50},
     "motion": {"flow": {"field": {"poiseuille": {"max_speed_um_s": 1290}}}},
     "particles": {"number": {"count": 10}, "diameter_um": {"constant": 2}},
-    "boundaries": {"z_um": [-80, 20]},
+    "boundaries": {"z_um": [LOW, HIGH]},
     "timing": {"pairs": {"count": 1, "dt_s": 0.005}},
 }
 VARIED = {"particles.number.count": ms.integers(1, 48), "optics.background_noise": ms.log_uniform(10, 200)}
@@ -54,7 +54,7 @@ class Net(nn.Module):
 
 
 def loss_of(net, batch):
-    out, heat, mask = net(torch.asinh((batch["image"] - 350.0) / 50.0) / 3.0), batch["heatmap"], batch["mask"]
+    out, heat, mask = net(scaled(batch["image"], torch.asinh)), batch["heatmap"], batch["mask"]
     # Places are few: pixels near them weigh more.
     place = nn.functional.binary_cross_entropy_with_logits(out[:, 0], heat, reduction="none")
     loss = (place * (1 + 20 * heat)).mean()

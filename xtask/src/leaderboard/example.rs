@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 
 use bench::suite::{CaseScores, Picture, SCORES, Status};
 
@@ -60,6 +61,10 @@ fn png(counts: &[f64], (width, height): (u32, u32)) -> anyhow::Result<Vec<u8>> {
     let image = image::GrayImage::from_raw(width, height, counts.iter().map(gray).collect());
     let mut bytes = Vec::new();
     let image = image.context("an image has as many pixels as its size says")?;
-    image.write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png)?;
+    image.write_with_encoder(PngEncoder::new_with_quality(
+        &mut bytes,
+        CompressionType::Best,
+        FilterType::Adaptive,
+    ))?;
     Ok(bytes)
 }

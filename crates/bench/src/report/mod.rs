@@ -27,7 +27,7 @@ pub use files::SCORE;
 pub(crate) use fit_page::fit_page;
 pub use leaderboard::Entry;
 pub(crate) use page::document;
-pub(crate) use plots::{AxisLabels, Series, lines, log_lines};
+pub(crate) use plots::{AxisLabels, Series, is_logarithmic, lines, lines_over_log, log_lines};
 pub(crate) use ranks::{Criterion, ranks};
 pub use score_file::parse as parse_score;
 pub use table::table;

@@ -243,8 +243,20 @@ pub(crate) fn log_lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<Op
     .map(Some)
 }
 
+/// The least ratio of the largest to the smallest value of a logarithmic axis.
+const LOGARITHMIC: f64 = 10.0;
+
+/// Whether rising values have roughly equal ratios, over a decade or more.
+pub(crate) fn is_logarithmic(values: &[f64]) -> bool {
+    let [low, _, .., high] = values else { return false };
+    let steps = || values.windows(2).map(|pair| (pair[1] / pair[0]).ln());
+    let (least, most) = steps().fold((f64::INFINITY, 0.0f64), |(a, b), step| (a.min(step), b.max(step)));
+    // 2, 4, 10, 50 has steps of 2 to 5.
+    *low > 0.0 && high / low >= LOGARITHMIC && most <= 2.5 * least
+}
+
 /// Plots series over a logarithmic axis. `values`: positive ones, in order, at which it has ticks.
-pub(super) fn lines_over_log(labels: &AxisLabels<'_>, series: &[Series], values: &[f64]) -> Result<String> {
+pub(crate) fn lines_over_log(labels: &AxisLabels<'_>, series: &[Series], values: &[f64]) -> Result<String> {
     let (x0, x1) = match values {
         [low, .., high] => (low / 1.3, high * 1.3),
         _ => return lines(labels, series),
@@ -456,6 +468,23 @@ mod tests {
             let ticks: Vec<&str> = svg.lines().map(str::trim).filter(text).collect();
             assert_eq!(ticks.iter().filter(|tick| **tick == "0").count(), 2, "{low}: {ticks:?}");
             assert!(!ticks.iter().any(|tick| tick.contains("e-")), "{low}: {ticks:?}");
+        }
+    }
+
+    #[test]
+    fn an_axis_of_equal_ratios_is_logarithmic() {
+        for (values, expected) in [
+            (&[4.0, 16.0, 64.0, 256.0][..], true),
+            (&[1.0, 2.0, 5.0, 10.0, 20.0, 50.0], true),
+            (&[2.0, 4.0, 10.0, 50.0], true),
+            (&[1.0, 2.0, 4.0], false),
+            (&[0.0, 20.0, 100.0, 400.0], false),
+            (&[-1.0, 10.0, 100.0], false),
+            (&[1.0, 20.0, 40.0, 60.0], false),
+            (&[1.0, 100.0], false),
+            (&[], false),
+        ] {
+            assert_eq!(is_logarithmic(values), expected, "{values:?}");
         }
     }
 }

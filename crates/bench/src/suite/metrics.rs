@@ -48,6 +48,11 @@ fn better(metric: Metric) -> Better {
     }
 }
 
+/// Whether the score is an error: 0 is perfect.
+pub(super) fn is_error(metric: Metric) -> bool {
+    better(metric) == Better::Smaller
+}
+
 /// Whether particles in frames that a result leaves out lower this score.
 pub(super) fn counts_missing(metric: Metric) -> bool {
     better(metric) == Better::Greater && !matches!(metric, Metric::Precision | Metric::ValidVectorProbability)

@@ -7,8 +7,11 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
 
+use super::metrics::is_error;
 use super::{CaseResult, CaseScores, MetricValue, Standing, Status, SuiteScores, label};
-use crate::report::{AxisLabels, Series, document, figure_of, lines, log_lines, names};
+use crate::report::{
+    AxisLabels, Series, document, figure_of, is_logarithmic, lines, lines_over_log, log_lines, names,
+};
 use scenario::Metric;
 use storage::error::Result;
 
@@ -169,8 +172,10 @@ fn curves(ladder: &str, cases: &[&CaseScores]) -> Result<Vec<Markup>> {
             cases.iter().filter_map(|case| case.axes.get(axis).and_then(|a| a.number)).collect();
         values.sort_by(f64::total_cmp);
         values.dedup();
-        let [low, .., high] = values[..] else { continue };
-        let is_log = low > 0.0 && high / low >= 8.0;
+        if values.len() < 2 {
+            continue;
+        }
+        let is_log = is_logarithmic(&values);
         for metric in &first.rank_by {
             let series = over(axis, *metric, cases);
             if !series.iter().any(Series::has_points) {
@@ -178,11 +183,13 @@ fn curves(ladder: &str, cases: &[&CaseScores]) -> Result<Vec<Markup>> {
             }
             let x = &first.axes[axis].label;
             let labels = AxisLabels { x, y: label(*metric), title: label(*metric) };
-            // An error over a quantity that spans a decade is shown on logarithmic axes.
-            let is_error =
-                !matches!(label(*metric), "F1" | "recall" | "link F1" | "HOTA" | "correct" | "valid vectors");
-            let svg = if is_log && is_error { log_lines(&labels, &series)? } else { None };
-            let svg = svg.map_or_else(|| lines(&labels, &series), Ok)?;
+            // Errors grow in ratios with a quantity that does.
+            let svg = if is_log && is_error(*metric) { log_lines(&labels, &series)? } else { None };
+            let svg = match svg {
+                Some(svg) => svg,
+                None if is_log => lines_over_log(&labels, &series, &values)?,
+                None => lines(&labels, &series)?,
+            };
             let caption = format!("{} over {x}, ladder {ladder}.", label(*metric));
             plots.push(figure_of(svg, &names(&series), &caption));
         }
@@ -219,27 +226,30 @@ fn over(axis: usize, metric: Metric, cases: &[&CaseScores]) -> Vec<Series> {
         .collect()
 }
 
+/// Kinds of points in `matches.csv`, with their color and dashes.
+const KINDS: [(&str, &str); 3] =
+    [("match", "#3fb950"), ("miss", "#ff5f56; stroke-dasharray: 3 2"), ("ghost", "#f2cc60")];
+
 /// An image with circles: found particles, missed ones, ghosts.
 fn drawn(picture: &Picture) -> Markup {
     let (width, height) = picture.size;
     // Small images are drawn larger.
     let radius = f64::from(width) / 64.0;
-    let style = |kind: &str| match kind {
-        "match" => "fill: none; stroke: #3fb950; stroke-width: 0.3%",
-        "miss" => "fill: none; stroke: #ff5f56; stroke-width: 0.3%; stroke-dasharray: 3 2",
-        _ => "fill: none; stroke: #f2cc60; stroke-width: 0.3%",
+    let diameter = 2.0 * radius;
+    let circle = format!("a{radius} {radius} 0 1 1 {diameter} 0a{radius} {radius} 0 1 1 -{diameter} 0");
+    let cross = format!("m0 -{radius}l{diameter} {diameter}m0 -{diameter}l-{diameter} {diameter}");
+    let signs = |kind: &str| -> String {
+        let sign = if kind == "ghost" { &cross } else { &circle };
+        let of_kind = picture.points.iter().filter(|point| point.0 == kind);
+        of_kind.map(|(_, x, y)| format!("M{:.1} {y:.1}{sign}", x - radius)).collect()
     };
     let data = format!("data:image/png;base64,{}", STANDARD.encode(&picture.png));
     html! {
         figure style="max-width: 36rem" {
             svg viewBox=(format!("0 0 {width} {height}")) role="img" aria-label=(picture.caption) {
                 image href=(data) width=(width) height=(height) {}
-                @for (kind, x, y) in &picture.points {
-                    @if kind == "ghost" {
-                        path d=(format!("M{:.1} {:.1} l{r} {r} m0 -{r} l-{r} {r}", x - radius, y - radius, r = 2.0 * radius)) style=(style(kind)) {}
-                    } @else {
-                        circle cx=(format!("{x:.1}")) cy=(format!("{y:.1}")) r=(radius) style=(style(kind)) {}
-                    }
+                @for (kind, stroke) in KINDS {
+                    path d=(signs(kind)) style=(format!("fill: none; stroke-width: 0.3%; stroke: {stroke}")) {}
                 }
             }
             figcaption { (picture.caption) " Green circles: found; red dashed: missed; yellow crosses: ghosts." }
