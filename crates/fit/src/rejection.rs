@@ -2,7 +2,8 @@
 
 use super::state::Misfit;
 
-/// A window is rejected if its chi2 per pixel exceeds the median over all windows by this factor.
+/// A window is rejected if its chi2 per pixel exceeds the median over all windows, or 1 if that is greater,
+/// by this factor.
 const FACTOR: f64 = 1.5;
 
 /// Maximum fraction of windows that are rejected at a time.
@@ -17,7 +18,9 @@ pub(super) fn outliers(misfits: &[(usize, usize, Misfit)]) -> Vec<(usize, usize)
     let mut found: Vec<(f64, usize, usize)> = misfits
         .iter()
         .map(|(k, i, m)| (per_pixel(m), *k, *i))
-        .filter(|(chi2, _, _)| *chi2 > FACTOR * median)
+        // Where rounding hides the noise of dark windows, the median is far below 1, and windows that show
+        // the particle are not worse than noise lets them be.
+        .filter(|(chi2, _, _)| *chi2 > FACTOR * median.max(1.0))
         .collect();
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     found.truncate((MAX_FRACTION * misfits.len() as f64) as usize);
@@ -34,6 +37,9 @@ mod tests {
         let mut all: Vec<(usize, usize, Misfit)> =
             (0..20).map(|i| (0, i, misfit(1.0 + 0.01 * i as f64))).collect();
         all[7].2 = misfit(1.9);
+        assert_eq!(outliers(&all), [(0, 7)]);
+        // Dark windows whose noise is lost by rounding are no measure for those with a particle.
+        all.iter_mut().skip(8).for_each(|window| window.2.chi2 *= 0.2);
         assert_eq!(outliers(&all), [(0, 7)]);
     }
 }
