@@ -179,7 +179,7 @@ fn what_waves_cannot_do_is_refused_at_its_key() {
         ),
         (
             "render: (mode: waves, wavelength_um: 0.5), particles: (spheroids: (e_p: 2))",
-            "it is a spheroid; waves draw spheres",
+            "it is a spheroid, which waves draw with lens: aplanatic only",
         ),
         (
             "particles: (photons: (emitted: constant(1e6)), c_int: constant(2))",

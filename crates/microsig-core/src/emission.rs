@@ -176,7 +176,7 @@ fn area_uniform(radius: f64, spheroid: &Spheroid, azimuths: &[(f64, f64)], point
 }
 
 /// Rotates the symmetry axis from e3 to its orientation: by beta about e2, then by alpha about e3.
-struct Rotation {
+pub(crate) struct Rotation {
     sin_a: f64,
     cos_a: f64,
     sin_b: f64,
@@ -184,18 +184,28 @@ struct Rotation {
 }
 
 impl Rotation {
-    fn new(spheroid: &Spheroid) -> Self {
+    pub(crate) fn new(spheroid: &Spheroid) -> Self {
         let (sin_a, cos_a) = libm::sincos(spheroid.alpha_rad);
         let (sin_b, cos_b) = libm::sincos(spheroid.beta_rad);
         Rotation { sin_a, cos_a, sin_b, cos_b }
     }
 
-    fn apply(&self, [e1, e2, e3]: Point) -> Point {
+    pub(crate) fn apply(&self, [e1, e2, e3]: Point) -> Point {
         let tilted = e1 * self.cos_b + e3 * self.sin_b;
         [
             tilted * self.cos_a - e2 * self.sin_a,
             tilted * self.sin_a + e2 * self.cos_a,
             -e1 * self.sin_b + e3 * self.cos_b,
+        ]
+    }
+
+    /// The rotation back.
+    pub(crate) fn inverse(&self, [e1, e2, e3]: Point) -> Point {
+        let tilted = e1 * self.cos_a + e2 * self.sin_a;
+        [
+            tilted * self.cos_b - e3 * self.sin_b,
+            e2 * self.cos_a - e1 * self.sin_a,
+            tilted * self.sin_b + e3 * self.cos_b,
         ]
     }
 }

@@ -167,7 +167,7 @@ impl PhotonScale {
             RendererSpec::Rays { spheroids } | RendererSpec::Expected { spheroids, .. } => {
                 Unit::Rays(spheroids)
             }
-            RendererSpec::Waves { .. } => Unit::Rays(SpheroidLaw::Original),
+            RendererSpec::Waves { .. } => Unit::Rays(SpheroidLaw::Uniform),
             RendererSpec::Gaussian(spot) => Unit::Spots {
                 // The integral of exp(-8 r^2 / d^2).
                 counts: spot.peak_counts * std::f64::consts::PI / 8.0 * spot.diameter_px * spot.diameter_px,

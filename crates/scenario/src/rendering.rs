@@ -12,7 +12,8 @@ use serde::{Deserialize, Serialize};
 pub struct Render {
     /// The renderer.
     pub mode: RenderMode,
-    /// Distribution of the source points over a spheroid's surface.
+    /// For `rays` and `expected`: distribution of the source points over a spheroid's surface. `waves` draw
+    /// spheroids with `lens: aplanatic` only, evenly lit as `emission` says.
     pub spheroids: SpheroidLaw,
     /// For `waves`: wavelength in vacuum, the center of the detected band.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -51,6 +52,7 @@ pub enum RenderMode {
     Rays,
     /// The limit of infinitely many rays, without ray noise; for shot noise add `sensor: (shot_noise: true)`.
     Expected,
-    /// Diffraction at the lens (scalar wave optics; spheres only), without ray noise; needs `wavelength_um`.
+    /// Diffraction at the lens (scalar wave optics; spheroids with `lens: aplanatic` only), without ray
+    /// noise; needs `wavelength_um`.
     Waves,
 }

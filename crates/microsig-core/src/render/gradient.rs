@@ -13,7 +13,36 @@ pub struct Gradient {
     pub pixels: Vec<[f64; 4]>,
 }
 
+/// Half the distance between the two images of a difference: px, px, um.
+const STEPS: [f64; 3] = [0.25, 0.25, 0.5];
+
 impl Gradient {
+    /// By differences over half a pixel and 1 um. `draw`: light of a particle on the pixels of the window.
+    pub(super) fn by_differences(
+        window: Window,
+        particle: &Particle,
+        draw: impl Fn(&Particle) -> Vec<f32>,
+    ) -> Self {
+        let mut pixels: Vec<[f64; 4]> =
+            draw(particle).into_iter().map(|v| [f64::from(v), 0.0, 0.0, 0.0]).collect();
+        for axis in 0..3 {
+            let [low, high] = Self::displaced(particle, axis).map(|displaced| draw(&displaced));
+            for ((pixel, low), high) in pixels.iter_mut().zip(low).zip(high) {
+                pixel[axis + 1] = f64::from(high - low) / (2.0 * STEPS[axis]);
+            }
+        }
+        Gradient { window, pixels }
+    }
+
+    /// The two places of a particle for a difference along an axis: x, y, z.
+    pub(super) fn displaced(particle: &Particle, axis: usize) -> [Particle; 2] {
+        [-STEPS[axis], STEPS[axis]].map(|by| {
+            let mut displaced = *particle;
+            *[&mut displaced.x_px, &mut displaced.y_px, &mut displaced.z_um][axis] += by;
+            displaced
+        })
+    }
+
     /// From light on a pixel at this distance from the particle (px) and its derivatives with respect to that
     /// distance and the depth of the particle, times `light`.
     pub(super) fn new(

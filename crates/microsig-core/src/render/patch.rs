@@ -28,6 +28,23 @@ impl Window {
         if width == 0 || height == 0 { Window::default() } else { Window { x0, y0, width, height } }
     }
 
+    /// The smallest window that contains both.
+    pub(super) fn joined(self, other: Window) -> Window {
+        if self.area() == 0 {
+            return other;
+        }
+        if other.area() == 0 {
+            return self;
+        }
+        let side = |a: i64, of_a: usize, b: i64, of_b: usize| {
+            let first = a.min(b);
+            (first, ((a + of_a as i64).max(b + of_b as i64) - first) as usize)
+        };
+        let (x0, width) = side(self.x0, self.width, other.x0, other.width);
+        let (y0, height) = side(self.y0, self.height, other.y0, other.height);
+        Window { x0, y0, width, height }
+    }
+
     /// Number of pixels.
     pub fn area(&self) -> usize {
         self.width * self.height

@@ -221,26 +221,13 @@ impl ExpectedRenderer {
     }
 
     fn gradient_by_differences(&self, particle: &Particle) -> Option<Gradient> {
-        /// Half the distance between the two images of a central difference: px, px, um.
-        const STEPS: [f64; 3] = [0.25, 0.25, 0.5];
         let window = self.spheroid_window(particle);
         if window.area() == 0 {
             return None;
         }
         let surface = spheroid::surface(self.settings(), self.law(), particle);
-        let at = |axis: usize, by: f64| {
-            let mut place = [particle.x_px, particle.y_px, particle.z_um];
-            place[axis] += by;
-            self.spheroid(&surface, place, window)
-        };
-        let mut pixels: Vec<[f64; 4]> =
-            at(0, 0.0).into_iter().map(|v| [f64::from(v), 0.0, 0.0, 0.0]).collect();
-        for (axis, step) in STEPS.into_iter().enumerate() {
-            for ((pixel, low), high) in pixels.iter_mut().zip(at(axis, -step)).zip(at(axis, step)) {
-                pixel[axis + 1] = f64::from(high - low) / (2.0 * step);
-            }
-        }
-        Some(Gradient { window, pixels })
+        let draw = |at: &Particle| self.spheroid(&surface, [at.x_px, at.y_px, at.z_um], window);
+        Some(Gradient::by_differences(window, particle, draw))
     }
 
     /// The light of all particles of one image.

@@ -272,7 +272,7 @@ impl Render for RayRenderer {
             return Err(Error::Unsupported(format!(
                 "z = {} um reaches the lens, which is at z = {} um",
                 shown(particle.z_um),
-                -self.system.objective.object_distance_0
+                -libm::rint(1e6 * self.system.objective.object_distance_0) / 1e6
             )));
         }
         Ok((n < 20).then(|| format!("d_p = {d} um has only {n} source points: its image is coarse")))

@@ -82,6 +82,11 @@ impl TableCache {
         draft.edges().map(|edge| edge as f64)
     }
 
+    /// Range of depths of a table, um.
+    pub(super) fn length_um(&self) -> f64 {
+        self.ranges.length_um
+    }
+
     /// The table of each sphere; missing tables are built in parallel.
     pub(super) fn tables<'a>(&self, spheres: impl Iterator<Item = &'a Particle>) -> Vec<Arc<Table>> {
         let keys: Vec<Key> = spheres.map(|sphere| self.ranges.key(sphere)).collect();

@@ -31,6 +31,8 @@ mod pixel;
 mod pupil;
 mod quadrant;
 mod quadrature;
+mod sources;
+mod spheroid;
 mod table;
 mod zernike;
 
@@ -44,7 +46,7 @@ use super::interface::{Description, ImageStreams, Render};
 use super::patch::{ExpectedPatch, Window};
 use super::rays::{RayRenderer, lens_phrase};
 use crate::cancel::checkpoint;
-use crate::emission::{self, SpheroidLaw};
+use crate::emission::SpheroidLaw;
 use crate::error::Error;
 use crate::particle::Particle;
 use crate::pool::BufferPool;
@@ -57,11 +59,12 @@ use general::{Disc, Obstacles};
 use model::Model;
 pub use options::{Emission, Layers, Lens, Mask, Pinhole, PupilFunction, WaveOptics};
 use pupil::Pupil;
+use sources::Source;
 use table::{Interpolated, Table};
 use zernike::Aberration;
 
-/// Number of particles whose tables are held at a time.
-const PARTICLES: usize = 1024;
+/// Number of sources after which those gathered are drawn, which bounds the tables held at a time.
+const SOURCES: usize = 1024;
 
 /// Largest numerical aperture for which scalar wave optics is valid.
 const SCALAR_NA: f64 = 0.7;
@@ -208,21 +211,37 @@ impl WavesRenderer {
 
     /// Builds the tables for these particles in advance.
     pub fn prepare(&self, particles: &[Particle]) {
-        self.cache.tables(particles.iter());
+        self.cache.tables(self.tabled(particles.iter()).iter());
     }
 
     /// The counts of one particle; `None` if none of its light can fall on the sensor.
     pub fn patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
-        let table = self.cache.tables(std::iter::once(particle)).remove(0);
-        let sphere = self.sphere(particle, &table, 1.0);
-        let window = sphere.window;
+        let sources = self.sources(particle, 1.0);
+        self.drawn(&sources, self.windows(&sources))
+    }
+
+    /// The pixels on which light of the sources falls.
+    fn windows(&self, sources: &[Source]) -> Window {
+        let tables = self.tables_of(sources);
+        let windows = sources.iter().zip(&tables).map(|(source, table)| self.window(&source.at, table));
+        windows.fold(Window::default(), Window::joined)
+    }
+
+    /// The sources on a window that contains theirs.
+    fn drawn(&self, sources: &[Source], window: Window) -> Option<ExpectedPatch> {
+        let tables = self.tables_of(sources);
         image_sum::patch(window, |band| {
-            draw::draw(self.model().instructions, std::iter::once(sphere), band);
+            let spheres = sources.iter().zip(&tables).map(|(source, table)| self.sphere(source, table));
+            draw::draw(self.model().instructions, spheres, band);
         })
     }
 
-    /// The counts of one particle with their derivatives; `None` if none of its light can fall on the sensor.
+    /// The counts of one particle with their derivatives: for spheres from the tables, for spheroids by
+    /// differences. `None` if none of its light can fall on the sensor.
     pub fn gradient(&self, particle: &Particle) -> Option<Gradient> {
+        if particle.spheroid.is_some() {
+            return self.gradient_by_differences(particle);
+        }
         let table = self.cache.tables(std::iter::once(particle)).remove(0);
         let window = self.window(particle, &table);
         if window.area() == 0 {
@@ -231,8 +250,8 @@ impl WavesRenderer {
         Some(self.gradient_on(particle, &table, window))
     }
 
-    /// The same on the pixels of the given window, for fits to a part of an image. The window may extend
-    /// beyond the sensor.
+    /// The same for a sphere on the pixels of the given window, for fits to a part of an image. The window
+    /// may extend beyond the sensor.
     pub fn gradient_within(&self, particle: &Particle, window: Window) -> Gradient {
         let table = self.cache.tables(std::iter::once(particle)).remove(0);
         self.gradient_on(particle, &table, window)
@@ -246,7 +265,8 @@ impl WavesRenderer {
     /// The light of a particle that the aperture accepts, counts: what an infinite sensor would record
     /// without a pupil mask.
     pub fn accepted(&self, particle: &Particle) -> f64 {
-        self.total(particle) * self.model().accepted(particle.z_um, 0.5 * particle.d_um)
+        let of = |source: &Source| source.light * self.model().accepted(source.at.z_um, 0.5 * source.at.d_um);
+        self.sources(particle, 1.0).iter().map(of).sum()
     }
 
     /// Sums the light of all particles of one image.
@@ -257,17 +277,30 @@ impl WavesRenderer {
     /// Renders all particles of one image.
     fn draw_all(&self, particles: &[Particle]) -> ImageSum<'_> {
         let mut image = ImageSum::new(&self.settings, &self.images);
-        for particles in particles.chunks(PARTICLES) {
-            checkpoint();
-            let tables = self.cache.tables(particles.iter());
-            let order = by_depth(particles, &tables);
-            image.add(|band| {
-                let spheres = order.iter().map(|&at| (&particles[at], &tables[at]));
-                let spheres = spheres.map(|(particle, table)| self.sphere(particle, table, particle.c_int));
-                draw::draw(self.model().instructions, spheres, band);
-            });
+        let mut sources = Vec::new();
+        for particle in particles {
+            sources.extend(self.sources(particle, particle.c_int));
+            if sources.len() >= SOURCES {
+                self.add(&sources, &mut image);
+                sources.clear();
+            }
         }
+        self.add(&sources, &mut image);
         image
+    }
+
+    fn add(&self, sources: &[Source], image: &mut ImageSum<'_>) {
+        checkpoint();
+        let tables = self.tables_of(sources);
+        let order = by_depth(sources, &tables);
+        image.add(|band| {
+            let spheres = order.iter().map(|&at| self.sphere(&sources[at], &tables[at]));
+            draw::draw(self.model().instructions, spheres, band);
+        });
+    }
+
+    fn tables_of(&self, sources: &[Source]) -> Vec<Arc<Table>> {
+        self.cache.tables(sources.iter().map(|source| &source.at))
     }
 
     /// Number of tables, their memory in bytes, and their largest error as a fraction of an image's peak.
@@ -275,21 +308,15 @@ impl WavesRenderer {
         self.cache.state()
     }
 
-    /// The light of a sphere emitted into the half space toward the lens, in rays.
-    fn total(&self, particle: &Particle) -> f64 {
-        let points = emission::sphere_points(&self.settings, particle.d_um);
-        points as f64 * (f64::from(self.settings.n_rays) + 1.0)
-    }
-
-    fn sphere<'a>(&self, particle: &Particle, table: &'a Table, factor: f64) -> SphereImage<'a, Table> {
+    fn sphere<'a>(&self, Source { at, light }: &Source, table: &'a Table) -> SphereImage<'a, Table> {
         SphereImage {
             table,
-            window: self.window(particle, table),
-            x_px: particle.x_px,
-            y_px: particle.y_px,
-            z_um: particle.z_um,
-            radius_um: 0.5 * particle.d_um,
-            light: factor * self.total(particle),
+            window: self.window(at, table),
+            x_px: at.x_px,
+            y_px: at.y_px,
+            z_um: at.z_um,
+            radius_um: 0.5 * at.d_um,
+            light: *light,
         }
     }
 
@@ -300,12 +327,12 @@ impl WavesRenderer {
     }
 }
 
-/// The particles in an order in which neighbors use the same planes of the same tables, which then stay in
-/// the processor's cache.
-fn by_depth(particles: &[Particle], tables: &[Arc<Table>]) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..particles.len()).collect();
+/// The sources in an order in which neighbors use the same planes of the same tables, which then stay in the
+/// processor's cache.
+fn by_depth(sources: &[Source], tables: &[Arc<Table>]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..sources.len()).collect();
     order.sort_by(|&a, &b| {
-        let key = |at: usize| [tables[at].radii[0], particles[at].z_um];
+        let key = |at: usize| [tables[at].radii[0], sources[at].at.z_um];
         let ([radius_a, z_a], [radius_b, z_b]) = (key(a), key(b));
         radius_a.total_cmp(&radius_b).then(z_a.total_cmp(&z_b)).then(a.cmp(&b))
     });
@@ -342,11 +369,11 @@ impl Render for WavesRenderer {
     }
 
     fn missing_tables(&self, particles: &[Particle]) -> usize {
-        self.cache.missing(particles.iter())
+        self.cache.missing(self.tabled(particles.iter()).iter())
     }
 
     fn prepare(&self, particles: &[&[Particle]]) {
-        self.cache.tables(particles.iter().copied().flatten());
+        self.cache.tables(self.tabled(particles.iter().copied().flatten()).iter());
     }
 
     fn description(&self) -> Description {
@@ -371,13 +398,15 @@ impl Render for WavesRenderer {
     }
 
     fn check(&self, particle: &Particle) -> Result<Option<String>, Error> {
-        if particle.spheroid.is_some() {
+        if particle.spheroid.is_some() && self.model().pupil.magnifications().is_none() {
             return Err(Error::Unsupported(
-                "it is a spheroid; waves draw spheres (rays and expected draw spheroids)".to_owned(),
+                "it is a spheroid, which waves draw with lens: aplanatic only (rays and expected draw them with MicroSIG's lens)"
+                    .to_owned(),
             ));
         }
+        let near_um = particle.spheroid.map_or(0.0, |s| spheroid::half_extents(0.5 * particle.d_um, &s)[0]);
         if let Some(layers) = &self.optics.layers
-            && layers.focus_depth_um + particle.z_um < 0.0
+            && layers.focus_depth_um + particle.z_um - near_um < 0.0
         {
             return Err(Error::Unsupported(format!(
                 "z = {} um: it would lie inside the cover slip, whose inner face is at z = {} um (focus_depth_um)",
@@ -387,8 +416,9 @@ impl Render for WavesRenderer {
         let warning = self.rays.check(particle)?;
         let (settings, margin) = (&self.settings, Self::margin(&self.settings));
         let outside = |at: f64, size: u32| (0.5 - at).max(at - f64::from(size) - 0.5);
-        let farthest =
-            outside(particle.x_px, settings.pixel_dim_x).max(outside(particle.y_px, settings.pixel_dim_y));
+        let farthest = outside(particle.x_px, settings.pixel_dim_x)
+            .max(outside(particle.y_px, settings.pixel_dim_y))
+            + particle.spheroid.map_or(0.0, |s| self.half_image_px(particle, &s));
         if farthest > margin && self.rays.reaches_sensor(particle) {
             return Err(Error::Unsupported(format!(
                 "it lies {farthest:.1} px outside the sensor, but its light falls on it; wave optics supports particles up to {margin} px outside"
@@ -433,8 +463,7 @@ impl Render for WavesRenderer {
     }
 
     fn image_extent(&self, particle: &Particle) -> (f64, f64) {
-        let [x, y] = self.cache.extent_px(particle.z_um, 0.5 * particle.d_um);
-        (x, y)
+        self.extent_px(particle).into()
     }
 
     fn reaches_sensor(&self, particle: &Particle) -> bool {

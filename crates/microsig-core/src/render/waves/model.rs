@@ -370,9 +370,17 @@ impl Model {
 
     /// Rings of a sphere.
     fn rings(&self, radius_um: f64, end: f64) -> Vec<Ring> {
-        let sine = self.pupil.sigma(end) / self.pupil.system.objective.object_distance_0;
         let more = usize::from(self.tolerance < 1e-3);
-        bead::rings(self.emission, radius_um, self.k() * sine * radius_um, more)
+        bead::rings(self.emission, radius_um, self.k_sine_within(end) * radius_um, more)
+    }
+
+    /// Largest wave number across the optical axis that the lens accepts, 1/um.
+    pub(super) fn k_sine(&self) -> f64 {
+        self.k_sine_within(self.pupil.aperture())
+    }
+
+    fn k_sine_within(&self, end: f64) -> f64 {
+        self.k() * (self.pupil.sigma(end) / self.pupil.system.objective.object_distance_0)
     }
 
     /// The light of a sphere, per px, as a fraction of that emitted into the half space.

@@ -191,6 +191,14 @@ impl Pupil {
         })
     }
 
+    /// Displacement on the sensor of the light of an emitter over its distance from the axis: in the
+    /// direction in which a cylindrical lens has power, and across it. `None` if images depend on that
+    /// distance: those of MicroSIG's lens have coma.
+    pub(super) fn magnifications(&self) -> Option<[f64; 2]> {
+        let [_, bx] = self.across();
+        (self.lens == Lens::Aplanatic).then(|| [bx, self.b()].map(|b| -b / self.a0()))
+    }
+
     /// Derivative with respect to sigma of the optical path that layers add to MicroSIG's lens, by finite
     /// differences.
     fn layer_slope(&self, z_um: f64, q: f64) -> f64 {

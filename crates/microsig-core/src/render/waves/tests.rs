@@ -3,6 +3,8 @@
 
 use super::model::Scope;
 use super::*;
+use crate::emission::{self, GoldenAzimuths, shining_points};
+use crate::particle::Spheroid;
 use crate::quadrature::gauss_legendre_on;
 
 fn rows(text: &str) -> impl Iterator<Item = Vec<&str>> {
@@ -203,4 +205,136 @@ fn immersed_objectives_have_apertures_above_1() {
     let oiled = Layers { n_i: 1.5, ..water };
     let warning = renderer(&settings, oiled).unwrap().warning().unwrap();
     assert!(warning.contains("n_i_design"), "{warning}");
+}
+
+fn spheroid(at: Particle, e_p: f64, axis: [f64; 3]) -> Particle {
+    Particle { spheroid: Some(Spheroid::from_axis(e_p, axis)), ..at }
+}
+
+/// A window's values on the whole sensor, 0 elsewhere.
+fn whole(settings: &Settings, window: Window, values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let columns = settings.pixel_dim_x as usize;
+    let mut whole = vec![0.0; columns * settings.pixel_dim_y as usize];
+    for (i, value) in values.enumerate() {
+        let (x, y) = (window.x0 as usize - 1 + i % window.width, window.y0 as usize - 1 + i / window.width);
+        whole[y * columns + x] = value;
+    }
+    whole
+}
+
+/// Largest difference of two images, as a fraction of the largest value of the first.
+fn largest_difference([a, b]: [Vec<f64>; 2]) -> f64 {
+    let largest = |values: &mut dyn Iterator<Item = f64>| values.map(f64::abs).fold(0.0, f64::max);
+    largest(&mut a.iter().zip(&b).map(|(a, b)| a - b)) / largest(&mut a.iter().copied())
+}
+
+fn largest_difference_of_patches(settings: &Settings, a: &ExpectedPatch, b: &ExpectedPatch) -> f64 {
+    largest_difference([a, b].map(|patch| whole(settings, patch.window, patch.counts.iter().copied())))
+}
+
+/// A spheroid of aspect ratio 1, drawn by its emitters, is the sphere drawn by its modes.
+#[test]
+fn a_round_spheroid_is_a_sphere() {
+    let settings = Settings { pixel_dim_x: 121, pixel_dim_y: 121, ..Settings::setting1() };
+    let air = WaveOptics { lens: Lens::Aplanatic, ..WaveOptics::new(0.52) };
+    let turned = WaveOptics { cyl_angle_deg: 30.0, ..air.clone() };
+    let volume = WaveOptics { emission: Emission::Volume, ..air.clone() };
+    let layers = Layers { focus_depth_um: 60.0, ..Layers::default() };
+    let water = WaveOptics { layers: Some(layers), ..air.clone() };
+    for (name, cyl_focal_length, optics, z_um, d_um) in [
+        ("plain", 0.0, air.clone(), -30.0, 5.0),
+        ("in focus", 0.0, air, -2.0, 8.0),
+        ("volume", 0.0, volume, 15.0, 4.0),
+        ("water", 0.0, water, 20.0, 6.0),
+        ("cylinder", 4000.0, turned, -5.0, 4.0),
+    ] {
+        let settings = Settings { cyl_focal_length, ..settings.clone() };
+        let renderer = WavesRenderer::new(&settings, &optics, 1e-3).unwrap();
+        let sphere = Particle::sphere(60.3, 61.4, z_um, d_um);
+        let [of_modes, of_emitters] =
+            [sphere, spheroid(sphere, 1.0, [0.5, 0.3, 0.7])].map(|p| renderer.patch(&p).unwrap());
+        let difference = largest_difference_of_patches(&settings, &of_modes, &of_emitters);
+        println!("{name}: {difference:.1e}");
+        assert!(difference < 2e-3, "{name}: {difference}");
+    }
+}
+
+/// Tilted rods and discs are the sum of very many points, and lie along their axes.
+#[test]
+fn spheroids_are_sums_of_points() {
+    let settings = Settings { pixel_dim_x: 121, pixel_dim_y: 121, ..Settings::setting1() };
+    let air = WaveOptics { lens: Lens::Aplanatic, ..WaveOptics::new(0.52) };
+    let turned = WaveOptics { cyl_angle_deg: 30.0, ..air.clone() };
+    for (name, cyl_focal_length, optics, e_p, axis, z_um) in [
+        ("rod", 0.0, &air, 4.0, [0.8, 0.5, 0.3], -20.0),
+        ("disc", 0.0, &air, 0.25, [0.8, 0.3, 0.5], 10.0),
+        ("rod behind a turned cylinder", 4000.0, &turned, 3.0, [0.3, 0.9, -0.3], -10.0),
+    ] {
+        let settings = Settings { cyl_focal_length, ..settings.clone() };
+        let renderer = WavesRenderer::new(&settings, optics, 3e-3).unwrap();
+        let particle = spheroid(Particle::sphere(60.3, 61.4, z_um, 4.0), e_p, axis);
+        let image = renderer.patch(&particle).unwrap();
+
+        let (mut azimuths, mut points) = (GoldenAzimuths::default(), Vec::new());
+        shining_points(&particle, 4000, SpheroidLaw::Uniform, &mut azimuths, &mut points);
+        let [_, bx] = renderer.model().pupil.across();
+        let [along, across] = [bx, renderer.model().pupil.b()].map(|b| -b / 385.0 / settings.pixel_size);
+        let (sine, cosine) = libm::sincos(optics.cyl_angle_deg.to_radians());
+        let light = renderer.total(&particle) / points.len() as f64;
+        let points: Vec<Source> = (points.iter())
+            .map(|[e1, e2, e3]| {
+                let (x, y) = (along * (e2 * cosine + e3 * sine), across * (e3 * cosine - e2 * sine));
+                let (x_px, y_px) = (60.3 + x * cosine - y * sine, 61.4 + x * sine + y * cosine);
+                Source { at: Particle::sphere(x_px, y_px, z_um + e1, 0.0), light }
+            })
+            .collect();
+        let sum = renderer.drawn(&points, renderer.windows(&points)).unwrap();
+        let difference = largest_difference_of_patches(&settings, &image, &sum);
+        let longest = longest_direction_deg(&image);
+        println!("{name}: {difference:.1e}, {longest:.1} degrees");
+        assert!(difference < 5e-3, "{name}: {difference}");
+        if e_p > 1.0 && cyl_focal_length == 0.0 {
+            let expected = libm::atan2(axis[1], axis[0]).to_degrees();
+            assert!((longest - expected).abs() < 1.0, "{name}: {longest}, not {expected}");
+        }
+    }
+}
+
+/// Direction of an image's largest variance, degrees from x (right) to y (down).
+fn longest_direction_deg(patch: &ExpectedPatch) -> f64 {
+    let Window { x0, y0, width, .. } = patch.window;
+    let mut sums = [0.0; 6];
+    for (i, light) in patch.counts.iter().enumerate() {
+        let (x, y) = ((x0 as usize + i % width) as f64, (y0 as usize + i / width) as f64);
+        for (sum, term) in sums.iter_mut().zip([1.0, x, y, x * x, y * y, x * y]) {
+            *sum += light * term;
+        }
+    }
+    let [light, x, y, xx, yy, xy] = sums;
+    let (x, y) = (x / light, y / light);
+    let (xx, yy, xy) = (xx / light - x * x, yy / light - y * y, xy / light - x * y);
+    0.5 * libm::atan2(2.0 * xy, xx - yy).to_degrees()
+}
+
+/// The derivatives of a spheroid's image are those of its displaced images.
+#[test]
+fn spheroids_have_derivatives() {
+    let settings = Settings { pixel_dim_x: 81, pixel_dim_y: 81, ..Settings::setting1() };
+    let optics = WaveOptics { lens: Lens::Aplanatic, ..WaveOptics::new(0.52) };
+    let renderer = WavesRenderer::new(&settings, &optics, 3e-3).unwrap();
+    let sphere = Particle::sphere(40.3, 41.4, -15.0, 2.0);
+    let [of_sphere, of_emitters] =
+        [sphere, spheroid(sphere, 1.0, [0.5, 0.3, 0.7])].map(|p| renderer.gradient(&p).unwrap());
+    for k in 0..4 {
+        let of = |gradient: &Gradient| {
+            whole(&settings, gradient.window, gradient.pixels.iter().map(|pixel| pixel[k]))
+        };
+        let difference = largest_difference([of(&of_sphere), of(&of_emitters)]);
+        // Differences over half a pixel and 1 um are not quite derivatives.
+        assert!(difference < 0.05, "{k}: {difference}");
+    }
+    // MicroSIG's lens has coma, which emitters beside the axis would need.
+    let own = WavesRenderer::new(&settings, &WaveOptics::new(0.52), 3e-3).unwrap();
+    let refused = Render::check(&own, &spheroid(sphere, 2.0, [1.0, 0.0, 0.0])).unwrap_err().to_string();
+    assert!(refused.contains("lens: aplanatic"), "{refused}");
 }

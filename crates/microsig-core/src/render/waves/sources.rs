@@ -1,0 +1,86 @@
+//! What is drawn from tables: spheres, and the emitters of spheroids.
+
+use super::WavesRenderer;
+use super::spheroid::{self, Emitter};
+use crate::emission;
+use crate::particle::{Particle, Spheroid};
+use crate::render::gradient::Gradient;
+use crate::render::patch::Window;
+
+/// A sphere, or an emitter of a spheroid, which is a sphere of diameter 0.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Source {
+    pub(super) at: Particle,
+    /// Light emitted toward the lens, in rays.
+    pub(super) light: f64,
+}
+
+impl WavesRenderer {
+    /// What is drawn from tables for a particle whose brightness is multiplied by `factor`: the particle, or
+    /// the emitters of a spheroid.
+    pub(super) fn sources(&self, particle: &Particle, factor: f64) -> Vec<Source> {
+        let light = factor * self.total(particle);
+        let model = self.model();
+        let (Some(spheroid), Some(magnifications)) = (particle.spheroid, model.pupil.magnifications()) else {
+            return vec![Source { at: *particle, light }];
+        };
+        let [power, plain] = magnifications.map(|m| m / self.settings.pixel_size);
+        let (sine, cosine) = libm::sincos(self.optics.cyl_angle_deg.to_radians());
+        let source = |Emitter { at: [e1, e2, e3], weight }| {
+            // Along the axes of the cylindrical lens and back.
+            let (x, y) = (power * (e2 * cosine + e3 * sine), plain * (e3 * cosine - e2 * sine));
+            let (x_px, y_px) = (particle.x_px + x * cosine - y * sine, particle.y_px + x * sine + y * cosine);
+            Source { at: Particle::sphere(x_px, y_px, particle.z_um + e1, 0.0), light: light * weight }
+        };
+        let emitters = spheroid::emitters(0.5 * particle.d_um, &spheroid, model.emission, model.k_sine());
+        emitters.into_iter().map(source).collect()
+    }
+
+    /// The light of a particle emitted into the half space toward the lens, in rays.
+    pub(super) fn total(&self, particle: &Particle) -> f64 {
+        let points = emission::surface_points(&self.settings, particle);
+        points as f64 * (f64::from(self.settings.n_rays) + 1.0)
+    }
+
+    pub(super) fn gradient_by_differences(&self, particle: &Particle) -> Option<Gradient> {
+        let displaced = (0..3).flat_map(|axis| Gradient::displaced(particle, axis)).chain([*particle]);
+        let windows = displaced.map(|displaced| self.windows(&self.sources(&displaced, 1.0)));
+        let window = windows.fold(Window::default(), Window::joined);
+        // The light is summed in f32.
+        let draw = |at: &Particle| -> Vec<f32> {
+            let patch = self.drawn(&self.sources(at, 1.0), window);
+            patch.into_iter().flat_map(|patch| patch.counts).map(|light| light as f32).collect()
+        };
+        (window.area() > 0).then(|| Gradient::by_differences(window, particle, draw))
+    }
+
+    /// Spheres of the tables that these particles need.
+    pub(super) fn tabled<'a>(&self, particles: impl Iterator<Item = &'a Particle>) -> Vec<Particle> {
+        let of = |particle: &'a Particle| {
+            let Some(spheroid) = particle.spheroid else { return vec![*particle] };
+            let [half_um, ..] = spheroid::half_extents(0.5 * particle.d_um, &spheroid);
+            let step_um = self.cache.length_um();
+            let steps = libm::ceil(2.0 * half_um / step_um) as usize;
+            let depths = (0..=steps).map(|i| particle.z_um + (i as f64 * step_um - half_um).min(half_um));
+            depths.map(|z_um| Particle::sphere(0.0, 0.0, z_um, 0.0)).collect()
+        };
+        particles.flat_map(of).collect()
+    }
+
+    /// Largest distance of an emitter of a spheroid from its center in the image, px.
+    pub(super) fn half_image_px(&self, particle: &Particle, spheroid: &Spheroid) -> f64 {
+        let [power, plain] = self.model().pupil.magnifications().unwrap_or_default().map(f64::abs);
+        power.max(plain) * 0.5 * particle.d_um * spheroid.e_p.max(1.0) / self.settings.pixel_size
+    }
+
+    /// Half width and half height of a particle's image, px.
+    pub(super) fn extent_px(&self, particle: &Particle) -> [f64; 2] {
+        let Some(spheroid) = particle.spheroid else {
+            return self.cache.extent_px(particle.z_um, 0.5 * particle.d_um);
+        };
+        let [half_um, ..] = spheroid::half_extents(0.5 * particle.d_um, &spheroid);
+        let ends = [-half_um, 0.0, half_um].map(|dz| self.cache.extent_px(particle.z_um + dz, 0.0));
+        let half_px = self.half_image_px(particle, &spheroid);
+        [0, 1].map(|axis| ends.iter().map(|end| end[axis]).fold(0.0, f64::max) + half_px)
+    }
+}

@@ -1,0 +1,122 @@
+//! Spheroids: sums of the images of incoherent point emitters.
+//!
+//! A linear map takes a sphere to the spheroid, and the hemisphere about one direction to the side of its
+//! surface that faces the lens. So the emitters are those of a sphere's rings ([`bead`](super::bead)), spaced
+//! equally in azimuth, and their weights are the areas that the map makes of theirs. A volume stays uniform.
+
+use super::bead::{self, Ring};
+use super::options::Emission;
+use crate::emission::{Point, Rotation};
+use crate::particle::Spheroid;
+
+/// Azimuths of a ring in addition to two for each period of the light's phase around it.
+const MORE_AZIMUTHS: f64 = 8.0;
+
+/// A point that emits a fraction `weight` of a spheroid's light.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Emitter {
+    /// Its place relative to the center, um, in the internal axes.
+    pub(super) at: Point,
+    pub(super) weight: f64,
+}
+
+/// The emitters of a spheroid. `k_sine`: largest wave number across the optical axis that the lens accepts,
+/// 1/um.
+pub(super) fn emitters(radius_um: f64, spheroid: &Spheroid, emission: Emission, k_sine: f64) -> Vec<Emitter> {
+    let (rotation, e_p) = (Rotation::new(spheroid), spheroid.e_p);
+    let etendue = k_sine * radius_um * e_p.max(1.0);
+    let rings = bead::rings(emission, 1.0, etendue, 1);
+    // Normals are those of the sphere, divided by the axes of the spheroid: they face the lens where their
+    // product with this direction is negative.
+    let away = rotation.inverse([1.0, 0.0, 0.0]);
+    let away = unit([away[0], away[1], away[2] / e_p]);
+    let (right, down) = across(away);
+    let mut emitters = Vec::new();
+    for Ring { depth_um: depth, radius_um: radius, weight } in rings {
+        let n = libm::ceil(2.0 * etendue * radius + MORE_AZIMUTHS) as usize;
+        emitters.extend((0..n).map(|i| {
+            let (sine, cosine) = libm::sincos((i as f64 + 0.5) * std::f64::consts::TAU / n as f64);
+            let on_sphere: Point =
+                std::array::from_fn(|j| depth * away[j] + radius * (cosine * right[j] + sine * down[j]));
+            let [x, y, z] = on_sphere;
+            let area = match emission {
+                Emission::Surface => libm::sqrt(x * x + y * y + z * z / (e_p * e_p)),
+                Emission::Volume => 1.0,
+            };
+            Emitter {
+                at: rotation.apply([radius_um * x, radius_um * y, radius_um * e_p * z]),
+                weight: weight * area / n as f64,
+            }
+        }));
+    }
+    let total: f64 = emitters.iter().map(|emitter| emitter.weight).sum();
+    emitters.iter_mut().for_each(|emitter| emitter.weight /= total);
+    emitters
+}
+
+/// Half the extent of a spheroid along each of the internal axes, um.
+pub(super) fn half_extents(radius_um: f64, spheroid: &Spheroid) -> [f64; 3] {
+    let rotation = Rotation::new(spheroid);
+    std::array::from_fn(|axis| {
+        let mut direction = [0.0; 3];
+        direction[axis] = 1.0;
+        let [x, y, z] = rotation.inverse(direction);
+        radius_um * libm::sqrt(x * x + y * y + spheroid.e_p * spheroid.e_p * z * z)
+    })
+}
+
+fn unit(v: Point) -> Point {
+    let length = libm::sqrt(v.iter().map(|c| c * c).sum());
+    v.map(|c| c / length)
+}
+
+/// Two unit vectors at right angles to a unit vector and to each other.
+fn across(v: Point) -> (Point, Point) {
+    // The axis that is least along it.
+    let least = (0..3).fold(0, |least, i| if v[i].abs() < v[least].abs() { i } else { least });
+    let mut right = v.map(|c| -c * v[least]);
+    right[least] += 1.0;
+    let right = unit(right);
+    let down = [
+        v[1] * right[2] - v[2] * right[1],
+        v[2] * right[0] - v[0] * right[2],
+        v[0] * right[1] - v[1] * right[0],
+    ];
+    (right, down)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::emission::{GoldenAzimuths, SpheroidLaw, shining_points};
+    use crate::particle::Particle;
+
+    /// Means and mean squares of the places of emitters are those of very many points of the uniform law.
+    #[test]
+    fn emitters_are_uniform_on_the_surface_that_faces_the_lens() {
+        for (e_p, alpha_rad, beta_rad) in [(3.0, 0.6, 0.9), (0.4, 0.3, 1.2), (4.0, 0.0, 0.0), (1.0, 0.2, 0.1)]
+        {
+            let spheroid = Spheroid { e_p, alpha_rad, beta_rad };
+            let particle = Particle { spheroid: Some(spheroid), ..Particle::sphere(0.0, 0.0, 0.0, 2.0) };
+            let (mut azimuths, mut points) = (GoldenAzimuths::default(), Vec::new());
+            shining_points(&particle, 200_000, SpheroidLaw::Uniform, &mut azimuths, &mut points);
+            let emitters = emitters(1.0, &spheroid, Emission::Surface, 3.6);
+            let extents = half_extents(1.0, &spheroid);
+            for axis in 0..3 {
+                let powers: [fn(f64) -> f64; 2] = [|v| v, |v| v * v];
+                for power in powers {
+                    let of = |at: &Point| power(at[axis]);
+                    let expected = points.iter().map(of).sum::<f64>() / points.len() as f64;
+                    let found: f64 = emitters.iter().map(|emitter| emitter.weight * of(&emitter.at)).sum();
+                    let scale = power(extents[axis]);
+                    assert!(
+                        (found - expected).abs() < 2e-4 * scale,
+                        "{spheroid:?} {axis}: {found} {expected}"
+                    );
+                }
+                let farthest = emitters.iter().map(|emitter| emitter.at[axis].abs()).fold(0.0, f64::max);
+                assert!(farthest <= extents[axis] && farthest > 0.9 * extents[axis], "{axis}: {farthest}");
+            }
+        }
+    }
+}
