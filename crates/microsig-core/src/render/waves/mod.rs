@@ -398,13 +398,13 @@ impl Render for WavesRenderer {
     }
 
     fn check(&self, particle: &Particle) -> Result<Option<String>, Error> {
-        if particle.spheroid.is_some() && self.model().pupil.magnifications().is_none() {
-            return Err(Error::Unsupported(
-                "it is a spheroid, which waves draw with lens: aplanatic only (rays and expected draw them with MicroSIG's lens)"
-                    .to_owned(),
-            ));
-        }
-        let near_um = particle.spheroid.map_or(0.0, |s| spheroid::half_extents(0.5 * particle.d_um, &s)[0]);
+        let near_um = match &particle.spheroid {
+            None => 0.0,
+            Some(spheroid) => {
+                self.check_spheroid(particle.d_um, spheroid)?;
+                spheroid::half_extents(0.5 * particle.d_um, spheroid)[0]
+            }
+        };
         if let Some(layers) = &self.optics.layers
             && layers.focus_depth_um + particle.z_um - near_um < 0.0
         {

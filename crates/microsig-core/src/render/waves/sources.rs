@@ -1,8 +1,9 @@
 //! What is drawn from tables: spheres, and the emitters of spheroids.
 
 use super::WavesRenderer;
-use super::spheroid::{self, Emitter};
+use super::spheroid::{self, Emitter, MAX_EMITTERS};
 use crate::emission;
+use crate::error::{Error, shown};
 use crate::particle::{Particle, Spheroid};
 use crate::render::gradient::Gradient;
 use crate::render::patch::Window;
@@ -16,6 +17,27 @@ pub(super) struct Source {
 }
 
 impl WavesRenderer {
+    /// Refuses spheroids that cannot be drawn.
+    pub(super) fn check_spheroid(&self, d_um: f64, spheroid: &Spheroid) -> Result<(), Error> {
+        let model = self.model();
+        if model.pupil.magnifications().is_none() {
+            return Err(Error::Unsupported(
+                "it is a spheroid, which waves draw with lens: aplanatic only (rays and expected draw them with MicroSIG's lens)"
+                    .to_owned(),
+            ));
+        }
+        let emitters = spheroid::number(0.5 * d_um, spheroid, model.emission, model.k_sine());
+        if emitters > MAX_EMITTERS {
+            return Err(Error::Unsupported(format!(
+                "it is a spheroid so large, d_p = {} um and e_p = {}, that waves need {emitters:.1e} emitters; at most {MAX_EMITTERS:.0e} are \
+                 possible",
+                shown(d_um),
+                shown(spheroid.e_p)
+            )));
+        }
+        Ok(())
+    }
+
     /// What is drawn from tables for a particle whose brightness is multiplied by `factor`: the particle, or
     /// the emitters of a spheroid.
     pub(super) fn sources(&self, particle: &Particle, factor: f64) -> Vec<Source> {

@@ -12,12 +12,26 @@ use crate::particle::Spheroid;
 /// Azimuths of a ring in addition to two for each period of the light's phase around it.
 const MORE_AZIMUTHS: f64 = 8.0;
 
+/// Largest number of emitters of a spheroid, which bounds memory and time.
+pub(super) const MAX_EMITTERS: f64 = 1e6;
+
 /// A point that emits a fraction `weight` of a spheroid's light.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Emitter {
     /// Its place relative to the center, um, in the internal axes.
     pub(super) at: Point,
     pub(super) weight: f64,
+}
+
+/// Approximate number of emitters of a spheroid; `k_sine` as for [`emitters`].
+pub(super) fn number(radius_um: f64, spheroid: &Spheroid, emission: Emission, k_sine: f64) -> f64 {
+    let etendue = k_sine * radius_um * spheroid.e_p.max(1.0);
+    let azimuths = 1.5 * etendue + MORE_AZIMUTHS;
+    azimuths
+        * match emission {
+            Emission::Surface => 4.0 + 0.8 * etendue,
+            Emission::Volume => (5.0 + etendue) * (4.5 + 0.4 * etendue),
+        }
 }
 
 /// The emitters of a spheroid. `k_sine`: largest wave number across the optical axis that the lens accepts,
@@ -101,6 +115,8 @@ mod tests {
             let (mut azimuths, mut points) = (GoldenAzimuths::default(), Vec::new());
             shining_points(&particle, 200_000, SpheroidLaw::Uniform, &mut azimuths, &mut points);
             let emitters = emitters(1.0, &spheroid, Emission::Surface, 3.6);
+            let told = number(1.0, &spheroid, Emission::Surface, 3.6) / emitters.len() as f64;
+            assert!((0.7..1.4).contains(&told), "{told}");
             let extents = half_extents(1.0, &spheroid);
             for axis in 0..3 {
                 let powers: [fn(f64) -> f64; 2] = [|v| v, |v| v * v];

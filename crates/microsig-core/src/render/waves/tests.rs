@@ -337,4 +337,7 @@ fn spheroids_have_derivatives() {
     let own = WavesRenderer::new(&settings, &WaveOptics::new(0.52), 3e-3).unwrap();
     let refused = Render::check(&own, &spheroid(sphere, 2.0, [1.0, 0.0, 0.0])).unwrap_err().to_string();
     assert!(refused.contains("lens: aplanatic"), "{refused}");
+    let huge = spheroid(Particle { d_um: 4000.0, ..sphere }, 2.0, [1.0, 0.0, 0.0]);
+    let refused = Render::check(&renderer, &huge).unwrap_err().to_string();
+    assert!(refused.contains("at most 1e6 are possible"), "{refused}");
 }
