@@ -234,13 +234,25 @@ pub(crate) fn log_lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<Op
             .margin(12)
             .x_label_area_size(BELOW)
             .y_label_area_size(LEFT)
-            .build_cartesian_2d((x0..x1).log_scale(), (y0..y1).log_scale())
+            .build_cartesian_2d(
+                (x0..x1).log_scale().with_key_points(log_ticks(x0, x1)),
+                (y0..y1).log_scale().with_key_points(log_ticks(y0, y1)),
+            )
             .map_err(failed)?;
         mesh!(chart, labels);
         draw_all!(chart, kept);
         Ok(())
     })
     .map(Some)
+}
+
+/// Ticks of a logarithmic axis: 1, 2, 5 of each decade, or powers of ten if there are many.
+fn log_ticks(low: f64, high: f64) -> Vec<f64> {
+    let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
+    let every = decades.clone().count().div_ceil(ACROSS);
+    let steps: &[f64] = if high / low < 1e3 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+    let of_decade = |decade: i32| steps.iter().map(move |step| step * 10f64.powi(decade));
+    decades.step_by(every).flat_map(of_decade).filter(|tick| (low..=high).contains(tick)).collect()
 }
 
 /// The least ratio of the largest to the smallest value of a logarithmic axis.
@@ -469,6 +481,14 @@ mod tests {
             assert_eq!(ticks.iter().filter(|tick| **tick == "0").count(), 2, "{low}: {ticks:?}");
             assert!(!ticks.iter().any(|tick| tick.contains("e-")), "{low}: {ticks:?}");
         }
+    }
+
+    #[test]
+    fn a_logarithmic_axis_has_ticks_at_1_2_and_5() {
+        assert_eq!(log_ticks(0.13, 1.4), [0.2, 0.5, 1.0]);
+        assert_eq!(log_ticks(1.5, 65.0), [2.0, 5.0, 10.0, 20.0, 50.0]);
+        assert_eq!(log_ticks(0.5, 2e3), [1.0, 10.0, 100.0, 1000.0]);
+        assert_eq!(log_ticks(1e-12, 1.0).len(), 7);
     }
 
     #[test]

@@ -61,10 +61,19 @@ pub fn page(scores: &SuiteScores, more: &Annotations) -> Result<String> {
             columns as far as their 95 % intervals (in brackets) separate results; results of equal rank are not separated by any. \
             Scores of different cases are never averaged. A track's standing is the mean of the ranks in its cases; a case \
             without a result counts with the last rank. Errors cover found particles only: read them together with recall or F1." }
-        @for note in &more.notes { p { (note) } }
+        @for note in &more.notes { p { (with_code(note)) } }
         @for part in &parts { (part) }
     };
     Ok(document(&title, &body))
+}
+
+/// A text whose parts between backticks are code.
+fn with_code(text: &str) -> Markup {
+    html! {
+        @for (i, part) in text.split('`').enumerate() {
+            @if i % 2 == 0 { (part) } @else { code { (part) } }
+        }
+    }
 }
 
 fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Markup> {
@@ -82,7 +91,7 @@ fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Mar
         @if standings.is_empty() { p { "No tracker has entered this track." } }
         @else {
             div.scroll { table.board {
-                tr { th { "tracker" } th { "mean rank" } th { "cases" } th { "first" } th { "s per frame, median" } th { "made for" } }
+                tr { th { "tracker" } th { "mean rank" } th { "cases" } th { "first" } th { "s per frame, median" } th style="text-align: left" { "made for" } }
                 @for s in &standings { tr {
                     td { (s.tracker) } td { (format!("{:.2}", s.mean_rank)) }
                     td { (s.scored) " of " (s.cases) @if s.refused > 0 { ", " (s.refused) " refused" } }
