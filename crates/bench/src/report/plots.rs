@@ -4,6 +4,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
+use super::log_axis::{ACROSS, log_ticks};
 use generator::preview::tick_label;
 use storage::error::{Error, Result};
 
@@ -79,8 +80,6 @@ const TICKS: i32 = 15;
 const NAMES: i32 = 16;
 /// Opacity of single values behind their mean.
 const FAINT: f64 = 0.35;
-/// Maximum number of labels of a horizontal axis.
-const ACROSS: usize = 7;
 /// Space for tick and axis labels.
 const BELOW: u32 = 50;
 const LEFT: u32 = 84;
@@ -244,27 +243,6 @@ pub(crate) fn log_lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<Op
         Ok(())
     })
     .map(Some)
-}
-
-/// Ticks of a logarithmic axis: 1, 2, 5 of each decade, or powers of ten if there are many.
-fn log_ticks(low: f64, high: f64) -> Vec<f64> {
-    let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
-    let every = decades.clone().count().div_ceil(ACROSS);
-    let steps: &[f64] = if high / low < 1e3 { &[1.0, 2.0, 5.0] } else { &[1.0] };
-    let of_decade = |decade: i32| steps.iter().map(move |step| step * 10f64.powi(decade));
-    decades.step_by(every).flat_map(of_decade).filter(|tick| (low..=high).contains(tick)).collect()
-}
-
-/// The least ratio of the largest to the smallest value of a logarithmic axis.
-const LOGARITHMIC: f64 = 10.0;
-
-/// Whether rising values have roughly equal ratios, over a decade or more.
-pub(crate) fn is_logarithmic(values: &[f64]) -> bool {
-    let [low, _, .., high] = values else { return false };
-    let steps = || values.windows(2).map(|pair| (pair[1] / pair[0]).ln());
-    let (least, most) = steps().fold((f64::INFINITY, 0.0f64), |(a, b), step| (a.min(step), b.max(step)));
-    // 2, 4, 10, 50 has steps of 2 to 5.
-    *low > 0.0 && high / low >= LOGARITHMIC && most <= 2.5 * least
 }
 
 /// Plots series over a logarithmic axis. `values`: positive ones, in order, at which it has ticks.
@@ -480,31 +458,6 @@ mod tests {
             let ticks: Vec<&str> = svg.lines().map(str::trim).filter(text).collect();
             assert_eq!(ticks.iter().filter(|tick| **tick == "0").count(), 2, "{low}: {ticks:?}");
             assert!(!ticks.iter().any(|tick| tick.contains("e-")), "{low}: {ticks:?}");
-        }
-    }
-
-    #[test]
-    fn a_logarithmic_axis_has_ticks_at_1_2_and_5() {
-        assert_eq!(log_ticks(0.13, 1.4), [0.2, 0.5, 1.0]);
-        assert_eq!(log_ticks(1.5, 65.0), [2.0, 5.0, 10.0, 20.0, 50.0]);
-        assert_eq!(log_ticks(0.5, 2e3), [1.0, 10.0, 100.0, 1000.0]);
-        assert_eq!(log_ticks(1e-12, 1.0).len(), 7);
-    }
-
-    #[test]
-    fn an_axis_of_equal_ratios_is_logarithmic() {
-        for (values, expected) in [
-            (&[4.0, 16.0, 64.0, 256.0][..], true),
-            (&[1.0, 2.0, 5.0, 10.0, 20.0, 50.0], true),
-            (&[2.0, 4.0, 10.0, 50.0], true),
-            (&[1.0, 2.0, 4.0], false),
-            (&[0.0, 20.0, 100.0, 400.0], false),
-            (&[-1.0, 10.0, 100.0], false),
-            (&[1.0, 20.0, 40.0, 60.0], false),
-            (&[1.0, 100.0], false),
-            (&[], false),
-        ] {
-            assert_eq!(is_logarithmic(values), expected, "{values:?}");
         }
     }
 }

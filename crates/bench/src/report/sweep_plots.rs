@@ -10,7 +10,8 @@ use serde_json::Value;
 
 use super::figure::{figure_of, names};
 use super::leaderboard::{Entry, axis_text, order_of_axes};
-use super::plots::{AxisLabels, Series, is_logarithmic, lines, lines_over_log};
+use super::log_axis::is_logarithmic;
+use super::plots::{AxisLabels, Series, lines, lines_over_log};
 use scoring::evaluate::statistics::Errors;
 use storage::error::Result;
 
