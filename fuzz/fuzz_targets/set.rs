@@ -5,7 +5,7 @@ use scenario::{assignment, parse, set, template, write};
 
 libfuzzer_sys::fuzz_target!(|text: &str| {
     let Ok((path, value)) = assignment(text) else { return };
-    let base = parse("template").unwrap();
+    let base = parse(&template().unwrap(), "template").unwrap();
     let Ok(spec) = set(&base, path, value) else { return };
     let written = write(&spec).unwrap();
     assert_eq!(write(&parse(&written, "written").unwrap()).unwrap(), written);

@@ -128,17 +128,18 @@ impl Draft<'_> {
     pub(super) fn edges(&self) -> [usize; 2] {
         let model = self.model;
         let rim = |z_um: f64| model.rim_px(z_um, self.large());
-        let depths = [self.start_um, self.end_um()];
-        let rims = depths.map(rim);
+        let mut depths = vec![self.start_um, self.end_um()];
+        depths.dedup();
+        let rims: Vec<_> = depths.iter().map(|&z_um| rim(z_um)).collect();
         let limit = self.farthest_px.map(|far| libm::ceil(far) as usize);
         let whole =
             |axis: usize, far: f64| (libm::ceil(far / EDGE_PX) * EDGE_PX).min(limit[axis] as f64) as usize;
-        let bare = [0, 1].map(|axis| whole(axis, rims[0][axis].max(rims[1][axis]) + 2.0));
+        let bare = [0, 1].map(|axis| whole(axis, rims.iter().map(|rim| rim[axis]).fold(0.0, f64::max) + 2.0));
         let frame = self.frame(bare, 1.0);
         let exposure = model.exposure(&frame, 1);
         let peaks: Vec<f64> = depths
-            .into_par_iter()
-            .map(|z_um| peak(&model.plane(&model.light(&frame, z_um, self.large()), &exposure)))
+            .par_iter()
+            .map(|&z_um| peak(&model.plane(&model.light(&frame, z_um, self.large()), &exposure)))
             .collect();
         let mut edges = bare;
         for ((z_um, rim), peak) in depths.into_iter().zip(rims).zip(peaks) {

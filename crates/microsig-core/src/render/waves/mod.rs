@@ -398,11 +398,11 @@ impl Render for WavesRenderer {
     }
 
     fn check(&self, particle: &Particle) -> Result<Option<String>, Error> {
-        let near_um = match &particle.spheroid {
-            None => 0.0,
+        let (near_um, slow) = match &particle.spheroid {
+            None => (0.0, self.slow_sphere(particle.d_um)),
             Some(spheroid) => {
-                self.check_spheroid(particle.d_um, spheroid)?;
-                spheroid::half_extents(0.5 * particle.d_um, spheroid)[0]
+                let slow = self.check_spheroid(particle.d_um, spheroid)?;
+                (spheroid::half_extents(0.5 * particle.d_um, spheroid)[0], slow)
             }
         };
         if let Some(layers) = &self.optics.layers
@@ -424,7 +424,7 @@ impl Render for WavesRenderer {
                 "it lies {farthest:.1} px outside the sensor, but its light falls on it; wave optics supports particles up to {margin} px outside"
             )));
         }
-        Ok(warning)
+        Ok(warning.or(slow))
     }
 
     fn warning(&self) -> Option<String> {
@@ -463,7 +463,11 @@ impl Render for WavesRenderer {
     }
 
     fn image_extent(&self, particle: &Particle) -> (f64, f64) {
-        self.extent_px(particle).into()
+        // The extents of a particle that is too large to be drawn would take as long as its image.
+        match Render::check(self, particle) {
+            Ok(_) => self.extent_px(particle).into(),
+            Err(_) => self.rays.image_extent(particle),
+        }
     }
 
     fn reaches_sensor(&self, particle: &Particle) -> bool {

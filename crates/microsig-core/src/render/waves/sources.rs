@@ -1,12 +1,19 @@
 //! What is drawn from tables: spheres, and the emitters of spheroids.
 
 use super::WavesRenderer;
-use super::spheroid::{self, Emitter, MAX_EMITTERS};
+use super::spheroid::{self, Emitter, MANY_EMITTERS, MAX_EMITTERS};
 use crate::emission;
 use crate::error::{Error, shown};
 use crate::particle::{Particle, Spheroid};
 use crate::render::gradient::Gradient;
 use crate::render::patch::Window;
+
+/// Radius of a sphere times the largest wave number across the optical axis, above which its modes take
+/// seconds: the extent of its image is then derived from that of a sphere of this size.
+const LARGE_ETENDUE: f64 = 30.0;
+
+/// The image of a sphere's rim lies within the magnified sphere times this factor, a cylindrical lens included.
+const SPARE: f64 = 1.5;
 
 /// A sphere, or an emitter of a spheroid, which is a sphere of diameter 0.
 #[derive(Debug, Clone, Copy)]
@@ -17,8 +24,8 @@ pub(super) struct Source {
 }
 
 impl WavesRenderer {
-    /// Refuses spheroids that cannot be drawn.
-    pub(super) fn check_spheroid(&self, d_um: f64, spheroid: &Spheroid) -> Result<(), Error> {
+    /// Refuses spheroids that cannot be drawn; a warning about those that take long.
+    pub(super) fn check_spheroid(&self, d_um: f64, spheroid: &Spheroid) -> Result<Option<String>, Error> {
         let model = self.model();
         if model.pupil.magnifications().is_none() {
             return Err(Error::Unsupported(
@@ -27,15 +34,35 @@ impl WavesRenderer {
             ));
         }
         let emitters = spheroid::number(0.5 * d_um, spheroid, model.emission, model.k_sine());
+        let size = || format!("d_p = {} um and e_p = {}", shown(d_um), shown(spheroid.e_p));
         if emitters > MAX_EMITTERS {
             return Err(Error::Unsupported(format!(
-                "it is a spheroid so large, d_p = {} um and e_p = {}, that waves need {emitters:.1e} emitters; at most {MAX_EMITTERS:.0e} are \
-                 possible",
-                shown(d_um),
-                shown(spheroid.e_p)
+                "it is a spheroid so large, {}, that waves need {emitters:.1e} emitters; at most {MAX_EMITTERS:.0e} are possible",
+                size()
             )));
         }
-        Ok(())
+        Ok((emitters > MANY_EMITTERS).then(|| {
+            format!(
+                "waves draw a spheroid as large as {} as {emitters:.1e} emitters, which takes seconds",
+                size()
+            )
+        }))
+    }
+
+    /// A warning about a sphere whose tables take long.
+    pub(super) fn slow_sphere(&self, d_um: f64) -> Option<String> {
+        self.is_large(0.5 * d_um).then(|| {
+            format!(
+                "waves need seconds, or minutes, for the tables of spheres as large as d_p = {} um, many times the resolution of {:.2} um",
+                shown(d_um),
+                0.61 * self.optics.wavelength_um / self.settings.numerical_aperture
+            )
+        })
+    }
+
+    /// Whether a sphere has very many modes.
+    fn is_large(&self, radius_um: f64) -> bool {
+        self.model().k_sine() * radius_um > LARGE_ETENDUE
     }
 
     /// What is drawn from tables for a particle whose brightness is multiplied by `factor`: the particle, or
@@ -97,12 +124,20 @@ impl WavesRenderer {
 
     /// Half width and half height of a particle's image, px.
     pub(super) fn extent_px(&self, particle: &Particle) -> [f64; 2] {
-        let Some(spheroid) = particle.spheroid else {
-            return self.cache.extent_px(particle.z_um, 0.5 * particle.d_um);
+        let radius_um = 0.5 * particle.d_um;
+        let (drawn_um, half_um, half_px) = match &particle.spheroid {
+            Some(spheroid) => {
+                (0.0, spheroid::half_extents(radius_um, spheroid)[0], self.half_image_px(particle, spheroid))
+            }
+            None => {
+                let drawn_um = radius_um.min(LARGE_ETENDUE / self.model().k_sine());
+                let rest_um = radius_um - drawn_um;
+                (drawn_um, rest_um, SPARE * self.settings.magnification * rest_um / self.settings.pixel_size)
+            }
         };
-        let [half_um, ..] = spheroid::half_extents(0.5 * particle.d_um, &spheroid);
-        let ends = [-half_um, 0.0, half_um].map(|dz| self.cache.extent_px(particle.z_um + dz, 0.0));
-        let half_px = self.half_image_px(particle, &spheroid);
-        [0, 1].map(|axis| ends.iter().map(|end| end[axis]).fold(0.0, f64::max) + half_px)
+        let depths = if half_um > 0.0 { vec![-half_um, 0.0, half_um] } else { vec![0.0] };
+        let ends = depths.iter().map(|dz| self.cache.extent_px(particle.z_um + dz, drawn_um));
+        ends.fold([0.0; 2], |largest, end| [0, 1].map(|axis| end[axis].max(largest[axis])))
+            .map(|px| px + half_px)
     }
 }

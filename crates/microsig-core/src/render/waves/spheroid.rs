@@ -13,7 +13,10 @@ use crate::particle::Spheroid;
 const MORE_AZIMUTHS: f64 = 8.0;
 
 /// Largest number of emitters of a spheroid, which bounds memory and time.
-pub(super) const MAX_EMITTERS: f64 = 1e6;
+pub(super) const MAX_EMITTERS: f64 = 3e5;
+
+/// Number of emitters of a spheroid above which there is a warning: an image of it takes seconds.
+pub(super) const MANY_EMITTERS: f64 = 2e4;
 
 /// A point that emits a fraction `weight` of a spheroid's light.
 #[derive(Debug, Clone, Copy)]

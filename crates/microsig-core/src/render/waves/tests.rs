@@ -339,5 +339,15 @@ fn spheroids_have_derivatives() {
     assert!(refused.contains("lens: aplanatic"), "{refused}");
     let huge = spheroid(Particle { d_um: 4000.0, ..sphere }, 2.0, [1.0, 0.0, 0.0]);
     let refused = Render::check(&renderer, &huge).unwrap_err().to_string();
-    assert!(refused.contains("at most 1e6 are possible"), "{refused}");
+    assert!(refused.contains("at most 3e5 are possible"), "{refused}");
+    // At once, though its modes would be countless.
+    assert!(Render::image_extent(&renderer, &huge).0 > 1000.0);
+    let sphere_alone = Render::check(&renderer, &Particle { d_um: 40.0, ..sphere }).unwrap().unwrap();
+    assert!(sphere_alone.contains("resolution of 1.06 um"), "{sphere_alone}");
+    // Extents are continuous where they are no longer computed from the modes.
+    let extents = [16.0, 17.0].map(|d_um| Render::image_extent(&renderer, &Particle { d_um, ..sphere }).0);
+    assert!((extents[1] / extents[0] - 1.0).abs() < 0.1, "{extents:?}");
+    let large = spheroid(Particle { d_um: 40.0, ..sphere }, 2.0, [1.0, 0.0, 0.0]);
+    let slow = Render::check(&renderer, &large).unwrap().unwrap();
+    assert!(slow.contains("takes seconds"), "{slow}");
 }
