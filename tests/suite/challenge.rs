@@ -5,6 +5,7 @@ use std::fs;
 use std::io::Write;
 use std::path::Path;
 
+use serde_json::{Value, json};
 use suite::microsig::{fail, generate, path, run};
 
 use crate::release::{CHALLENGE, images_sha256, scenario, submission};
@@ -137,15 +138,28 @@ fn scores_for_a_team_stand_apart_from_the_truth() {
         names.sort();
         names
     };
-    assert_eq!(names(&out), ["curves.csv", "per_frame.csv", "report.html", "score.json", "with_truth"]);
-    assert_eq!(names(&out.join("with_truth")), ["matches.csv", "report.html"]);
-    let report = fs::read_to_string(out.join("report.html")).unwrap();
+    let private = ["curves.csv", "for_team", "matches.csv", "per_frame.csv", "report.html", "score.json"];
+    assert_eq!(names(&out), private);
+    let for_team = out.join("for_team");
+    assert_eq!(names(&for_team), ["report.html", "score.json"]);
+    let report = fs::read_to_string(for_team.join("report.html")).unwrap();
     assert!(!report.contains("found (rings)") && !report.contains("z found"));
+    // One row each in a few frames: the errors of the frames would be those of single particles.
+    let rows = fs::read_to_string(good.join("results.csv")).unwrap();
+    let few: Vec<&str> = rows.lines().take(4).collect();
+    fs::write(good.join("results.csv"), few.join("\n")).unwrap();
+    let test = c.out.join("withheld/test");
+    run(&["evaluate", path(&test), path(&good), "--out", path(&out), "--report", "--force", "--quiet"]);
+    assert_eq!(names(&for_team), ["score.json"]);
+    let told: Value =
+        serde_json::from_str(&fs::read_to_string(for_team.join("score.json")).unwrap()).unwrap();
+    assert!(told["detection"].is_null() && told["gdpt"].is_null() && told["curves"] == json!([]), "{told}");
+    assert!(told["warnings"].to_string().contains("fewer than 20 particles"), "{told}");
     // For a public dataset all files are in one folder.
     let own = place.path().join("own");
     let tracks = c.dataset.join("truth/tracks.csv");
     run(&["evaluate", path(&c.dataset), path(&tracks), "--out", path(&own), "--quiet"]);
-    assert!(own.join("matches.csv").is_file() && !own.join("with_truth").exists());
+    assert!(own.join("matches.csv").is_file() && !own.join("for_team").exists());
 }
 
 #[test]
@@ -155,13 +169,13 @@ fn names_from_submissions_are_shown_as_text() {
     let good = submission(place.path(), &images_sha256());
     let about = good.join("submission.json");
     let text = fs::read_to_string(&about).unwrap();
-    let disguised = text.replace("\"team\":\"A\"", "\"team\":\"\\u001b[2J\\u009b31mB\"");
+    let disguised = text.replace("\"team\":\"A\"", "\"team\":\"\\u001b[2J\\u009b31m\\u202eB\"");
     assert_ne!(text, disguised);
     fs::write(&about, disguised).unwrap();
     for more in [&[][..], &["--json"]] {
         let said =
             run(&[&["evaluate", "--validate-only", path(&c.test), path(&good), "--quiet"], more].concat());
-        assert!(said.contains("[2J") && !said.contains(['\u{1b}', '\u{9b}']), "{said:?}");
+        assert!(said.contains("[2J") && !said.contains(['\u{1b}', '\u{9b}', '\u{202e}']), "{said:?}");
     }
     let (tracks, scores) = (c.dataset.join("truth/tracks.csv"), place.path().join("=1+1"));
     run(&["evaluate", path(&c.dataset), path(&tracks), "--out", path(&scores), "--quiet"]);

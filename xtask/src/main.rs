@@ -122,6 +122,13 @@ enum Task {
         #[arg(long, default_value = "target/robustness")]
         out: PathBuf,
     },
+    /// Generates the golden scenarios on emulated processors (qemu-user), some minutes; exit code 1 if bytes
+    /// differ.
+    Emulation {
+        /// Output folder of emulation.md.
+        #[arg(long, default_value = "target/robustness")]
+        out: PathBuf,
+    },
     /// Compares the peak memory of a long sequence with that of 100 frames; exit code 1 if it grows.
     Memory {
         /// Output folder of memory.md.
@@ -194,6 +201,7 @@ fn main() -> anyhow::Result<ExitCode> {
             robustness::run(&out, (mutations, pairs, kills), seed)
         }
         Task::Disk { out } => robustness::disk::run(&out),
+        Task::Emulation { out } => robustness::emulation::run(&out),
         Task::Memory { out, frames } => robustness::memory::run(&out, frames),
         Task::Scenarios { out } => shipped::run(&out),
         Task::WebTest { shots } => {

@@ -175,21 +175,21 @@ impl Partial {
     /// As [`check_replaceable`]; an I/O error.
     pub fn finish(self, replace: Option<&str>) -> Result<()> {
         journal::keep_list(&self.partial)?;
-        self.give_name(replace)
+        self.give_name(replace, || Ok(()))
     }
 
     /// [`Partial::finish`] for folders that do not keep a journal: datasets, whose checksums list their
     /// files, and images, which are never removed.
     pub fn finish_without_journal(self, replace: Option<&str>) -> Result<()> {
-        check_replaceable(&self.path, replace)?;
         let journal = self.partial.join(JOURNAL);
-        std::fs::remove_file(&journal).map_err(Error::write(&journal))?;
-        self.give_name(replace)
+        // At the last moment: without it an interrupted run is not resumed.
+        self.give_name(replace, || std::fs::remove_file(&journal).map_err(Error::write(&journal)))
     }
 
-    fn give_name(mut self, replace: Option<&str>) -> Result<()> {
+    fn give_name(mut self, replace: Option<&str>, last: impl FnOnce() -> Result<()>) -> Result<()> {
         check_replaceable(&self.path, replace)?;
         sync_below(&self.partial)?;
+        last()?;
         let replaced = replaced_name(&self.path);
         let replaces = self.path.exists();
         if replaces {
@@ -333,5 +333,26 @@ mod tests {
         std::fs::create_dir(&path).unwrap();
         drop(FolderClaim::take(&path).unwrap());
         assert!(path.exists() && !replaced_name(&path).exists());
+    }
+
+    /// A dataset that was complete but for its name, and whose resumed run was killed as well.
+    #[test]
+    fn a_dataset_killed_at_its_end_and_again_while_it_is_resumed_is_known() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("set");
+        let folder = partial_name(&path);
+        std::fs::create_dir(&folder).unwrap();
+        std::fs::write(folder.join("datapackage.json"), r#"{"microsig": {"generator": "microsig"}}"#)
+            .unwrap();
+        let sums = ["a", "datapackage.json"].map(|file| format!("{:064x}  {file}\n", 0)).concat();
+        std::fs::write(folder.join("SHA256SUMS"), sums).unwrap();
+        std::fs::write(folder.join("a"), "1").unwrap();
+        for _ in 0..2 {
+            drop(FolderClaim::take(&path).unwrap().resume().unwrap());
+            assert!(folder.join(JOURNAL).is_file());
+        }
+        std::fs::write(folder.join("notes"), "").unwrap();
+        let message = FolderClaim::take(&path).unwrap().resume().unwrap_err().to_string();
+        assert!(message.contains("notes") && !message.contains("more"), "{message}");
     }
 }

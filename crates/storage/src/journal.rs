@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::checksums::Fingerprint;
 use super::input::read_text;
+use super::removal::TEMPORARY;
 use crate::error::{Error, Result};
 
 /// Name of the journal.
@@ -172,7 +173,10 @@ pub(crate) fn keep_list(folder: &Path) -> Result<()> {
         text += &line;
         text.push('\n');
     }
-    std::fs::write(&path, text).map_err(Error::write(&path))
+    // A crash leaves either list.
+    let unfinished = folder.join(format!("{TEMPORARY}journal"));
+    std::fs::write(&unfinished, text).map_err(Error::write(&unfinished))?;
+    std::fs::rename(&unfinished, &path).map_err(Error::write(&path))
 }
 
 #[cfg(test)]

@@ -15,9 +15,28 @@ use crate::error::{Error, Result};
 /// Prefix of temporary files, by which a later run recognizes files left by an interrupted one.
 pub(super) const TEMPORARY: &str = ".unfinished-";
 
-/// Files that microsig wrote into a folder, from its journal or from a dataset's checksums. `None` if it has
+/// Files that microsig wrote into a folder, from its journal and from a dataset's checksums: a dataset loses
+/// its journal when it is finished, and gets another one if it is resumed after that. `None` if it has
 /// neither.
 fn listed(folder: &Path) -> Result<Option<BTreeSet<String>>> {
+    let journal = journal::read(folder)?.map(|listing| {
+        let mut files = listing.files;
+        files.insert(JOURNAL.to_owned());
+        files
+    });
+    let checksums = match in_checksums(folder) {
+        // Those of an interrupted run.
+        Err(_) if journal.is_some() => None,
+        read => read?,
+    };
+    Ok(match (journal, checksums) {
+        (Some(journal), Some(checksums)) => Some(journal.into_iter().chain(checksums).collect()),
+        (journal, checksums) => journal.or(checksums),
+    })
+}
+
+/// The files that the checksums of a dataset list; `None` if it has none.
+fn in_checksums(folder: &Path) -> Result<Option<BTreeSet<String>>> {
     /// The part of a manifest that identifies the generator.
     #[derive(Deserialize)]
     struct Head {
@@ -26,11 +45,6 @@ fn listed(folder: &Path) -> Result<Option<BTreeSet<String>>> {
     #[derive(Deserialize)]
     struct Generator {
         generator: String,
-    }
-    if let Some(listing) = journal::read(folder)? {
-        let mut files = listing.files;
-        files.insert(JOURNAL.to_owned());
-        return Ok(Some(files));
     }
     let (sums, manifest) = (folder.join(SHA256SUMS), folder.join("datapackage.json"));
     if !sums.is_file() || !manifest.is_file() {

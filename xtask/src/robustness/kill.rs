@@ -64,7 +64,7 @@ pub(crate) fn run(out: &Path, kills: u32) -> anyhow::Result<ExitCode> {
             text,
             "- **{what}**: {kills} kills (SIGKILL), uniform over the run time of an undisturbed run measured just before (median {typical:.2} s); {} left an \
              unfinished dataset, {} nothing, {} came after the end. No unfinished dataset passed `verify`, under any name. \
-             After `--resume` {well} of {kills} trees were byte-identical to the undisturbed one.",
+             What was left was resumed, killed at a random time again, and resumed once more: {well} of {kills} trees were byte-identical to the undisturbed one.",
             counts[1], counts[0], counts[2]
         )?;
     }
@@ -101,11 +101,16 @@ impl Bench {
             let typical = times[times.len() - 1];
             let out = place.join("out");
             let moment = moments.uniform() * typical;
-            self.kill_after(&out, moment)?;
+            self.kill_after(&out, moment, false)?;
             let left = self.left(&out)?;
             counts[left as usize] += 1;
             let files = self.files(&out)?;
             self.nothing_torn_passes(&out)?;
+            // The run that resumes it is killed, too.
+            if left != Left::Whole {
+                self.kill_after(&out, moments.uniform() * typical, true)?;
+                self.nothing_torn_passes(&out)?;
+            }
             self.finish(&out, true)?;
             let same = tree(&out)? == expected;
             well += u32::from(same);
@@ -150,9 +155,9 @@ impl Bench {
         Ok(())
     }
 
-    fn kill_after(&self, out: &Path, moment_s: f64) -> anyhow::Result<()> {
+    fn kill_after(&self, out: &Path, moment_s: f64, resume: bool) -> anyhow::Result<()> {
         let start = Instant::now();
-        let mut children = self.start(out, false)?;
+        let mut children = self.start(out, resume)?;
         std::thread::sleep(Duration::from_secs_f64(moment_s).saturating_sub(start.elapsed()));
         for child in &mut children {
             // SIGKILL; fails if the process has already ended.

@@ -1,7 +1,8 @@
-//! Robustness: killed runs, full disks, long sequences, a cluster scheduler. Each task writes a record, with
+//! Robustness: killed runs, full disks, other processors, long sequences, a cluster scheduler. Each task writes a record, with
 //! the exact commands, for `results/`.
 
 pub(crate) mod disk;
+pub(crate) mod emulation;
 pub(crate) mod kill;
 pub(crate) mod memory;
 pub(crate) mod mutations;

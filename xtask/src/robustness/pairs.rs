@@ -40,12 +40,26 @@ fn verbs(place: &Path) -> Vec<Verb> {
     let owned = |arguments: &[&str]| arguments.iter().map(|a| (*a).to_owned()).collect::<Vec<_>>();
     let dataset = at("dataset");
     let scores = owned(&["evaluate", &dataset, &at("dataset/truth/tracks.csv")]);
+    let suite = owned(&["suite", "generate", "odpc1", "--size", "smoke", "--track", "P2"]);
+    let mut fit = owned(&["fit", &at("dataset/calibration/images"), "--z-step", "2", "--planes", "10-30"]);
+    fit.extend(owned(&[
+        "--magnification",
+        "10",
+        "--pixel-size",
+        "6.45",
+        "--diameter",
+        "2",
+        "--astigmatic",
+        "no",
+    ]));
     let out: &[&str] = &["--out"];
     let verb = |name, arguments, second| Verb { name, arguments, second, out };
     vec![
         verb("generate, second --resume", owned(&["generate", &at("base.ron")]), "--resume"),
         verb("generate, second --force", owned(&["generate", &at("base.ron")]), "--force"),
         verb("sweep, second --resume", owned(&["sweep", &at("sweep.ron")]), "--resume"),
+        verb("suite generate, second --resume", suite, "--resume"),
+        verb("fit, second --force", fit, "--force"),
         verb("release, second --force", owned(&["release", &dataset]), "--force"),
         verb("evaluate, second --force", scores, "--force"),
         verb("compare, second --force", owned(&["compare", &at("score")]), "--force"),

@@ -15,18 +15,18 @@ pub(super) fn progress(common: &Common) -> Progress {
     if common.quiet { Progress::Hidden } else { Progress::Bar }
 }
 
-/// Replaces control characters, with which names from untrusted files could manipulate a terminal.
+/// Replaces hidden characters, with which names from untrusted files could manipulate a terminal.
 pub fn printable(text: &str) -> String {
-    let shown = |c: char| if c.is_control() && !matches!(c, '\n' | '\t') { '\u{fffd}' } else { c };
+    let shown = |c: char| if storage::is_hidden(c) && !matches!(c, '\n' | '\t') { '\u{fffd}' } else { c };
     text.chars().map(shown).collect()
 }
 
-/// Escapes control characters in JSON.
+/// Escapes hidden characters in JSON.
 fn escaped(json: &str) -> String {
     let mut text = String::with_capacity(json.len());
     for c in json.chars() {
         match c {
-            c if c.is_control() => text += &format!("\\u{:04x}", u32::from(c)),
+            c if storage::is_hidden(c) => text += &format!("\\u{:04x}", u32::from(c)),
             c => text.push(c),
         }
     }

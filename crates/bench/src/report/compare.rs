@@ -159,10 +159,10 @@ fn differences(scores: &[(Entry, Score)]) -> Vec<String> {
     warnings
 }
 
-/// Escapes text for spreadsheets: cells that begin like a formula are quoted, control characters are
+/// Escapes text for spreadsheets: cells that begin like a formula are quoted, hidden characters are
 /// replaced.
 pub(super) fn cell(text: &str) -> String {
-    let shown: String = text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
+    let shown: String = text.chars().map(|c| if storage::is_hidden(c) { '\u{fffd}' } else { c }).collect();
     if shown.starts_with(['=', '+', '-', '@']) { format!("'{shown}") } else { shown }
 }
 

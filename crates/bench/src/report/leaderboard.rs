@@ -128,6 +128,7 @@ impl Entry {
             (self.alpha, self.beta, self.jsc, self.jsc_theta) = (i.alpha, i.beta, i.jsc, i.jsc_theta);
         }
         self.criteria = vec![
+            Criterion::dimensions(score.definitions.dims),
             Criterion::rate(f1, first),
             Criterion::complete(self.missing),
             Criterion::error(self.rmse_xy_px, rmse),
@@ -320,6 +321,8 @@ pub(super) fn text(entries: &[Entry], warnings: &[String]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use scoring::evaluate::Definitions;
+    use scoring::evaluate::detection::Detection;
     use serde_json::json;
 
     use super::*;
@@ -352,6 +355,19 @@ mod tests {
             "noise 400, size constant(2) case_0",
         ];
         assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn results_without_depth_come_after_those_with_it() {
+        let entry = |name: &str, dims: u8, f1: f64| {
+            let detection = Some(Detection { f1: Some(f1), ..Detection::default() });
+            let definitions = Definitions { dims, ..Definitions::default() };
+            let score = Score { detection, definitions, ..Score::default() };
+            (Entry::of(name.to_owned(), &score), score)
+        };
+        let ranked = ranked(vec![entry("flat", 2, 0.99), entry("deep", 3, 0.6), entry("deeper", 3, 0.7)]);
+        let found: Vec<(&str, usize)> = ranked.iter().map(|(e, _)| (e.name.as_str(), e.rank)).collect();
+        assert_eq!(found, [("deeper", 1), ("deep", 2), ("flat", 3)]);
     }
 
     #[test]

@@ -5,6 +5,7 @@ mod field_plots;
 mod figure;
 mod files;
 mod fit_page;
+mod for_team;
 mod leaderboard;
 mod log_axis;
 mod page;
@@ -34,14 +35,14 @@ pub(crate) use ranks::{Criterion, ranks};
 pub use score_file::parse as parse_score;
 pub use table::table;
 
-/// Folder of the files that reveal the truth of a test split and must not be given to participants.
-pub const WITH_TRUTH: &str = "with_truth";
+/// The report's file.
+const REPORT: &str = "report.html";
 
 /// Writes the folder of an evaluation: `score.json`, `per_frame.csv`, `curves.csv`, `matches.csv` of
 /// particles, `vectors.csv` of a field, and `report.html` if asked for.
 ///
-/// For a test split generated with a secret key, everything that reveals true positions or vectors goes to
-/// the folder `with_truth`; the rest may be sent to the participants.
+/// For a test split generated with a secret key these files reveal the truth; what may be sent to the
+/// participants is in the folder `for_team`.
 ///
 /// # Errors
 /// An existing folder, unless `force`; an I/O error.
@@ -57,35 +58,25 @@ pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Re
 
 /// Writes the files of an evaluation into a folder that exists; returns their names.
 pub(crate) fn write_into(folder: &Path, evaluation: &Evaluation, html: bool) -> Result<Vec<String>> {
-    let secret = evaluation.is_truth_secret;
-    let with_truth = |name: &str| if secret { format!("{WITH_TRUTH}/{name}") } else { name.to_owned() };
-    if secret {
-        let path = folder.join(WITH_TRUTH);
-        std::fs::create_dir(&path).map_err(Error::write(&path))?;
-    }
-    let mut names = vec![SCORE.to_owned()];
+    let mut names = vec![SCORE];
     save_bytes(&folder.join(SCORE), json(evaluation)?.as_bytes())?;
     if let Some(particles) = &evaluation.particles {
-        let matches = with_truth("matches.csv");
         files::rows(&folder.join("per_frame.csv"), files::frames(particles))?;
-        files::rows(&folder.join(&matches), files::matches(particles))?;
+        files::rows(&folder.join("matches.csv"), files::matches(particles))?;
         files::rows(&folder.join("curves.csv"), files::curves(evaluation))?;
-        names.extend(["per_frame.csv".to_owned(), matches, "curves.csv".to_owned()]);
+        names.extend(["per_frame.csv", "matches.csv", "curves.csv"]);
     }
     if !evaluation.vectors.is_empty() {
-        let vectors = with_truth("vectors.csv");
-        files::rows(&folder.join(&vectors), files::vectors(evaluation))?;
-        names.push(vectors);
+        files::rows(&folder.join("vectors.csv"), files::vectors(evaluation))?;
+        names.push("vectors.csv");
     }
     if html {
-        let report = "report.html".to_owned();
-        save_bytes(&folder.join(&report), page::page(evaluation, !secret)?.as_bytes())?;
-        names.push(report);
-        if secret {
-            let whole = with_truth("report.html");
-            save_bytes(&folder.join(&whole), page::page(evaluation, true)?.as_bytes())?;
-            names.push(whole);
-        }
+        save_bytes(&folder.join(REPORT), page::page(evaluation, true)?.as_bytes())?;
+        names.push(REPORT);
+    }
+    let mut names: Vec<String> = names.into_iter().map(str::to_owned).collect();
+    if evaluation.is_truth_secret {
+        names.extend(for_team::write(folder, evaluation, html)?);
     }
     Ok(names)
 }

@@ -78,8 +78,8 @@ pub(super) fn plots(score: &Score, of: &Particles, with_true_positions: bool) ->
         let svg = classes(&labels, &LENGTHS, [&lpt.true_lengths, &lpt.lengths])?;
         plots.push(figure_of(svg, &["truth", "result"], "Lengths of true and measured tracks."));
     }
-    plots.extend(error_over_sensor(of)?);
     if with_true_positions {
+        plots.extend(error_over_sensor(of)?);
         plots.extend(frames(of)?);
     }
     Ok(plots)

@@ -20,6 +20,11 @@ impl Criterion {
         Criterion { value: value.map(|v| -v), interval: interval.map(|[low, high]| [-high, -low]) }
     }
 
+    /// Number of dimensions in which a result was scored: without depth more of it is within the gate.
+    pub(crate) fn dimensions(dims: u8) -> Self {
+        Criterion { value: Some(f64::from(dims)), interval: None }
+    }
+
     /// Whether a result leaves out no frame or image pair: errors of those that do cover fewer frames.
     pub(crate) fn complete(missing: usize) -> Self {
         Criterion { value: Some(f64::from(u8::from(missing == 0))), interval: None }

@@ -9,6 +9,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 # Keys of the leaderboard, and where they are in score.json.
@@ -58,17 +59,24 @@ def folder_of(submission):
 def main():
     given = sys.argv[1:] or ["/app/input", "/app/output"]
     source, out = Path(given[0]), Path(given[1])
-    command = program() + ["evaluate", str(source / "ref" / "test"), str(folder_of(source / "res")), "--json", "--quiet"]
-    run = subprocess.run(command, capture_output=True, text=True)
-    if run.returncode != 0:
-        # The platform shows this to the participant.
-        sys.exit(run.stderr.strip())
-    score = json.loads(run.stdout)
-    values = {key: (score.get(part) or {}).get(name) for key, (part, name) in COLUMNS.items()}
     out.mkdir(parents=True, exist_ok=True)
-    scores = {key: value for key, value in values.items() if value is not None}
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "scores"
+        given = [str(source / "ref" / "test"), str(folder_of(source / "res"))]
+        command = program() + ["evaluate", *given, "--out", str(folder), "--json", "--quiet"]
+        run = subprocess.run(command, capture_output=True, text=True)
+        if run.returncode != 0:
+            # The platform shows this to the participant.
+            sys.exit(run.stderr.strip())
+        # Participants can download all output: nothing that reveals single particles.
+        shutil.copy(folder / "for_team" / "score.json", out / "score.json")
+    told, score = json.loads((out / "score.json").read_text()), json.loads(run.stdout)
+
+    def of(whole, part, name):
+        return (whole.get(part) or {}).get(name)
+
+    scores = {key: of(score, *at) for key, at in COLUMNS.items() if of(told, *at) is not None}
     (out / "scores.json").write_text(json.dumps(scores, indent=2) + "\n")
-    (out / "score.json").write_text(json.dumps(score, indent=2) + "\n")
     print(json.dumps(scores))
 
 
