@@ -25,6 +25,11 @@ impl Particle {
     pub fn sphere(x_px: f64, y_px: f64, z_um: f64, d_um: f64) -> Self {
         Particle { x_px, y_px, z_um, d_um, spheroid: None, c_int: 1.0 }
     }
+
+    /// The shape, if it is not round: `None` for spheres, those given as spheroids of aspect ratio 1 included.
+    pub fn elongated(&self) -> Option<Spheroid> {
+        self.spheroid.filter(|spheroid| spheroid.e_p != 1.0)
+    }
 }
 
 /// Aspect ratio and orientation of a spheroid (axes in `emission`).

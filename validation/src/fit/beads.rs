@@ -2,10 +2,11 @@
 
 use std::fmt::Write as _;
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::Context;
+use fit::{Scan, StagePositions};
 use serde_json::Value;
 
 use super::montage::montage;
@@ -33,27 +34,12 @@ pub(super) fn run(program: &Path, real: &Path, out: &Path) -> anyhow::Result<()>
     table.write_record(HEADER)?;
     let place = tempfile::tempdir()?;
     for folder in folders {
-        let name = folder.file_name().and_then(|n| n.to_str()).context("a name")?.to_owned();
-        let given: Value = serde_json::from_reader(File::open(folder.join("given.json"))?)?;
-        let given = |key: &str| given["given"][key].as_f64().with_context(|| format!("{name}: {key}"));
-        let [um_per_px, step_um, wavelength_um] =
-            [given("um_per_px")?, given("z_step_um")?, given("emission_um")?].map(|value| value.to_string());
-        let scan = folder.join("scan.tif");
-        let fitted = |name: String, more: &[&str]| {
-            let out = place.path().join(name);
-            let mut command = Command::new(program);
-            command.arg("fit").arg(&scan).args(["--magnification", "1", "--pixel-size", &um_per_px]);
-            command.args(["--z-step", &step_um]).args(more).arg("--out").arg(&out);
-            // Exit code 1: the fit is poor, but there is one.
-            let output = command.output()?;
-            let said = || String::from_utf8_lossy(&output.stderr).into_owned();
-            let fit: Value = serde_json::from_reader(File::open(out.join("fit.json")).with_context(said)?)?;
-            anyhow::Ok((fit, out.join("model.tif")))
-        };
-        let (fit, model) = fitted(name.clone(), &["--model", "waves", "--wavelength", &wavelength_um])?;
-        if SHOWN.contains(&name.as_str()) {
-            let (_, rays) = fitted(format!("{name} by rays"), &[])?;
-            montage(&[&scan, &rays, &model], out, &name)?;
+        let bead = Bead::read(&folder)?;
+        let (fit, model) = fitted(program, &bead, &place.path().join(&bead.name), true)?;
+        if SHOWN.contains(&bead.name.as_str()) {
+            let by_rays = place.path().join(format!("{} by rays", bead.name));
+            let (_, rays) = fitted(program, &bead, &by_rays, false)?;
+            montage(&[&folder.join(SCAN), &rays, &model], out, &bead.name)?;
         }
         let parameter = |name: &str| {
             let all = fit["parameters"].as_array().into_iter().flatten();
@@ -68,17 +54,74 @@ pub(super) fn run(program: &Path, real: &Path, out: &Path) -> anyhow::Result<()>
             compared("waves", "chi2"),
             compared("waves", "r2"),
             compared("geometric", "bic") - compared("waves", "bic"),
-            given("nominal_numerical_aperture")?,
+            bead.nominal_na,
             parameter("numerical_aperture"),
             parameter("particle_diameter_um"),
             parameter("spherical_aberration"),
             astigmatism,
             coma,
         ];
-        println!("{name}: {numbers:?}");
-        table.write_record([name].into_iter().chain(numbers.map(|v| format!("{v:.4}"))))?;
+        println!("{}: {numbers:?}", bead.name);
+        table.write_record([bead.name].into_iter().chain(numbers.map(|v| format!("{v:.4}"))))?;
     }
     Ok(table.flush()?)
+}
+
+/// The file with the planes.
+const SCAN: &str = "scan.tif";
+
+/// The scan of a bead.
+pub(super) struct Bead {
+    pub(super) name: String,
+    pub(super) scan: Scan,
+    file: PathBuf,
+    um_per_px: f64,
+    pub(super) step_um: f64,
+    wavelength_um: f64,
+    nominal_na: f64,
+}
+
+impl Bead {
+    pub(super) fn read(folder: &Path) -> anyhow::Result<Self> {
+        let name = folder.file_name().and_then(|n| n.to_str()).context("a name")?.to_owned();
+        let given: Value = serde_json::from_reader(File::open(folder.join("given.json"))?)?;
+        let given = |key: &str| given["given"][key].as_f64().with_context(|| format!("{name}: {key}"));
+        let (file, step_um) = (folder.join(SCAN), given("z_step_um")?);
+        Ok(Bead {
+            scan: Scan::read(&file, &StagePositions::Step(step_um))?,
+            file,
+            um_per_px: given("um_per_px")?,
+            step_um,
+            wavelength_um: given("emission_um")?,
+            nominal_na: given("nominal_numerical_aperture")?,
+            name,
+        })
+    }
+}
+
+/// Fits the scan of a bead into the folder `out`; `fit.json` and the file of fitted images.
+pub(super) fn fitted(
+    program: &Path,
+    bead: &Bead,
+    out: &Path,
+    by_waves: bool,
+) -> anyhow::Result<(Value, PathBuf)> {
+    let mut command = Command::new(program);
+    command.arg("fit").arg(&bead.file).args([
+        "--magnification",
+        "1",
+        "--pixel-size",
+        &bead.um_per_px.to_string(),
+    ]);
+    command.args(["--z-step", &bead.step_um.to_string()]);
+    if by_waves {
+        command.args(["--model", "waves", "--wavelength", &bead.wavelength_um.to_string()]);
+    }
+    // Exit code 1: the fit is poor, but there is one.
+    let output = command.arg("--out").arg(out).output()?;
+    let said = || String::from_utf8_lossy(&output.stderr).into_owned();
+    let fit = serde_json::from_reader(File::open(out.join("fit.json")).with_context(said)?)?;
+    Ok((fit, out.join("model.tif")))
 }
 
 const HEADER: [&str; 12] = [

@@ -5,6 +5,7 @@ mod cases;
 mod coverage;
 mod montage;
 mod quantity;
+mod trackers;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -26,7 +27,7 @@ pub(crate) struct Comparison {
     #[arg(long, default_value_t = 40)]
     seeds: u64,
     /// Parts to run; the tables of the others are taken from the output folder.
-    #[arg(long, value_enum, value_delimiter = ',', default_value = "cases,coverage,beads")]
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "cases,coverage,beads,trackers")]
     parts: Vec<Part>,
 }
 
@@ -39,6 +40,8 @@ enum Part {
     Coverage,
     /// Real beads, by waves.
     Beads,
+    /// Trackers on real beads.
+    Trackers,
 }
 
 pub(crate) fn run(comparison: &Comparison) -> anyhow::Result<ExitCode> {
@@ -54,6 +57,9 @@ pub(crate) fn run(comparison: &Comparison) -> anyhow::Result<ExitCode> {
     if parts.contains(&Part::Beads) {
         beads::run(&program, &dir.join("real"), out)?;
     }
+    if parts.contains(&Part::Trackers) {
+        trackers::run(&program, &dir.join("real"), out)?;
+    }
     let (cases, missed) = cases::table(&out.join("cases.csv"))?;
     let (coverage, outside) = coverage::table(&out.join("coverage.csv"))?;
     let (beads, above) = beads::table(&out.join("beads.csv"))?;
@@ -67,6 +73,7 @@ pub(crate) fn run(comparison: &Comparison) -> anyhow::Result<ExitCode> {
         ("outside", &outside.to_string()),
         ("beads", &beads),
         ("above", &above.to_string()),
+        ("trackers", &trackers::table(&out.join("trackers.csv"))?),
     ];
     std::fs::write(out.join("README.md"), fill(include_str!("fit.md"), &values))?;
     println!("bars missed: {missed} of cases, {outside} of coverage, {above} of beads");

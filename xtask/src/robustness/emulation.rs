@@ -2,11 +2,12 @@
 //! qemu's user mode.
 
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, ExitCode};
 use std::time::Instant;
 
-use anyhow::{Context, ensure};
+use anyhow::Context;
+use suite::golden::Golden;
 use suite::process;
 
 use super::record;
@@ -33,8 +34,8 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
     }
     writeln!(text, "\n|---|---|---|---|---|")?;
     let mut different = 0;
-    for scenario in golden()? {
-        let name = scenario.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    for name in Golden::read()?.datasets.keys() {
+        let scenario = Golden::folder().join(format!("{name}.ron"));
         let generate = |command: &mut Command, folder: &str| -> anyhow::Result<(String, f64)> {
             let (begun, folder) = (Instant::now(), place.path().join(folder));
             command.arg("generate").arg(&scenario).arg("--out").arg(&folder);
@@ -58,15 +59,4 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
     record(out, "emulation.md", &text)?;
     print!("{text}");
     Ok(if different == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
-}
-
-/// The golden scenarios, in the order of their names.
-fn golden() -> anyhow::Result<Vec<PathBuf>> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/golden");
-    let paths = std::fs::read_dir(&folder)?.map(|entry| Ok(entry?.path()));
-    let mut scenarios = paths.collect::<std::io::Result<Vec<_>>>()?;
-    scenarios.retain(|path| path.extension().is_some_and(|extension| extension == "ron"));
-    scenarios.sort();
-    ensure!(!scenarios.is_empty(), "{}: no scenario", folder.display());
-    Ok(scenarios)
 }

@@ -15,13 +15,29 @@ pub(crate) fn is_logarithmic(values: &[f64]) -> bool {
     *low > 0.0 && high / low >= LOGARITHMIC && most <= 2.5 * least
 }
 
-/// Ticks of a logarithmic axis: 1, 2, 5 of each decade, or powers of ten if there are many.
+/// Multiples of powers of ten at which ticks may be, from few to many.
+const MULTIPLES: [&[f64]; 4] = [
+    &[1.0],
+    &[1.0, 2.0, 5.0],
+    &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0],
+    &[1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 7.5, 8.0, 8.5, 9.0, 9.5],
+];
+
+/// Ticks of a logarithmic axis: as many as there is room for, or some of the powers of ten.
 pub(super) fn log_ticks(low: f64, high: f64) -> Vec<f64> {
     let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
     let every = decades.clone().count().div_ceil(ACROSS);
-    let steps: &[f64] = if high / low < 1e3 { &[1.0, 2.0, 5.0] } else { &[1.0] };
-    let of_decade = |decade: i32| steps.iter().map(move |step| step * 10f64.powi(decade));
-    decades.step_by(every).flat_map(of_decade).filter(|tick| (low..=high).contains(tick)).collect()
+    let ticks = |multiples: &[f64], every: usize| -> Vec<f64> {
+        let of_decade = |decade: i32| multiples.iter().map(move |multiple| multiple * 10f64.powi(decade));
+        decades
+            .clone()
+            .step_by(every)
+            .flat_map(of_decade)
+            .filter(|tick| (low..=high).contains(tick))
+            .collect()
+    };
+    let all = MULTIPLES.iter().rev().map(|multiples| ticks(multiples, 1));
+    all.into_iter().find(|ticks| ticks.len() <= ACROSS).unwrap_or_else(|| ticks(MULTIPLES[0], every))
 }
 
 #[cfg(test)]
@@ -34,6 +50,11 @@ mod tests {
         assert_eq!(log_ticks(1.5, 65.0), [2.0, 5.0, 10.0, 20.0, 50.0]);
         assert_eq!(log_ticks(0.5, 2e3), [1.0, 10.0, 100.0, 1000.0]);
         assert_eq!(log_ticks(1e-12, 1.0).len(), 7);
+        // Values that hardly vary.
+        assert_eq!(log_ticks(0.231, 0.455), [0.25, 0.3, 0.35, 0.4, 0.45]);
+        assert_eq!(log_ticks(2.7, 3.8), [3.0, 3.5]);
+        // The most that fit across.
+        assert!(log_ticks(1.0, 999.0).len() <= ACROSS);
     }
 
     #[test]

@@ -55,8 +55,7 @@ pub trait Render: Debug + Send + Sync {
         false
     }
 
-    /// Selection of the source points of a spheroid. `None`: the light of a particle does not depend on its
-    /// surface.
+    /// Selection of the source points of a spheroid. `None`: there is no choice.
     fn spheroid_law(&self) -> Option<SpheroidLaw>;
 
     /// Checks that this particle can be drawn, and returns a warning about its image, if any.

@@ -272,7 +272,7 @@ impl ExpectedRenderer {
     /// Whether the image of a particle is computed directly. With [`SpheroidLaw::Uniform`] a spheroid of
     /// aspect ratio 1 is a sphere.
     fn is_spheroid(&self, particle: &Particle) -> bool {
-        particle.spheroid.is_some_and(|s| s.e_p != 1.0 || self.law() == SpheroidLaw::Original)
+        particle.elongated().is_some() || particle.spheroid.is_some() && self.law() == SpheroidLaw::Original
     }
 
     /// The data from which each particle is drawn.

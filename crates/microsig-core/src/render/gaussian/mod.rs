@@ -183,7 +183,7 @@ impl Render for GaussianRenderer {
     }
 
     fn check(&self, particle: &Particle) -> Result<Option<String>, Error> {
-        if particle.spheroid.is_some_and(|s| s.e_p != 1.0) {
+        if particle.elongated().is_some() {
             return Err(Error::Unsupported("spheroids: Gaussian spots are round; use rays".to_owned()));
         }
         let diameter_px = self.diameter_px(particle);

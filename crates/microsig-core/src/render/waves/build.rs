@@ -25,8 +25,10 @@ const EDGE_PX: f64 = 4.0;
 const MAX_ATTEMPTS: usize = 4;
 /// Fraction of the tolerance allowed for each spacing.
 const PART: f64 = 0.4;
-/// Light below this fraction of the tolerance is not rendered.
+/// Light below this fraction of the tolerance is not rendered: of spheres, and of points. Points are the
+/// emitters of spheroids, whose tails overlap.
 const CUT: f64 = 0.25;
+const CUT_OF_POINTS: f64 = 0.025;
 
 /// Fraction of the light in neglected modes, relative to the tolerance: initial and minimum value.
 pub(super) const SHARE: f64 = 0.4;
@@ -143,10 +145,15 @@ impl Draft<'_> {
             .collect();
         let mut edges = bare;
         for ((z_um, rim), peak) in depths.into_iter().zip(rims).zip(peaks) {
-            let tails = model.tail_px(z_um, rim, CUT * model.tolerance * peak);
+            let tails = model.tail_px(z_um, rim, self.cut() * peak);
             (0..2).for_each(|axis| edges[axis] = edges[axis].max(whole(axis, tails[axis])));
         }
         edges
+    }
+
+    /// Fraction of the peak below which light is not rendered.
+    fn cut(&self) -> f64 {
+        self.model.tolerance * if self.large() > 0.0 { CUT } else { CUT_OF_POINTS }
     }
 
     fn on_frame(&self, frame: &Frame) -> Table {
@@ -235,7 +242,7 @@ impl Draft<'_> {
 
     /// Half width and half height (px) of the part of a plane that is brighter than the cut.
     fn reach(&self, plane: &[f64], exposure: &Exposure) -> [f64; 2] {
-        let cut = CUT * self.model.tolerance * peak(plane);
+        let cut = self.cut() * peak(plane);
         let Layout { per_px, columns, origin, .. } = exposure.layout;
         let mut far = [0; 2];
         for (row, line) in plane.chunks_exact(columns).enumerate() {

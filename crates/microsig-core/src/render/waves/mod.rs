@@ -239,7 +239,7 @@ impl WavesRenderer {
     /// The counts of one particle with their derivatives: for spheres from the tables, for spheroids by
     /// differences. `None` if none of its light can fall on the sensor.
     pub fn gradient(&self, particle: &Particle) -> Option<Gradient> {
-        if particle.spheroid.is_some() {
+        if particle.elongated().is_some() {
             return self.gradient_by_differences(particle);
         }
         let table = self.cache.tables(std::iter::once(particle)).remove(0);
@@ -260,13 +260,6 @@ impl WavesRenderer {
     fn gradient_on(&self, particle: &Particle, table: &Table, window: Window) -> Gradient {
         let interpolated = Interpolated::new(table, particle.z_um, 0.5 * particle.d_um);
         Gradient::new(window, particle, self.total(particle), |dx, dy| interpolated.at(dx, dy))
-    }
-
-    /// The light of a particle that the aperture accepts, counts: what an infinite sensor would record
-    /// without a pupil mask.
-    pub fn accepted(&self, particle: &Particle) -> f64 {
-        let of = |source: &Source| source.light * self.model().accepted(source.at.z_um, 0.5 * source.at.d_um);
-        self.sources(particle, 1.0).iter().map(of).sum()
     }
 
     /// Sums the light of all particles of one image.
@@ -398,7 +391,8 @@ impl Render for WavesRenderer {
     }
 
     fn check(&self, particle: &Particle) -> Result<Option<String>, Error> {
-        let (near_um, slow) = match &particle.spheroid {
+        let shape = particle.elongated();
+        let (near_um, slow) = match &shape {
             None => (0.0, self.slow_sphere(particle.d_um)),
             Some(spheroid) => {
                 let slow = self.check_spheroid(particle.d_um, spheroid)?;
@@ -413,18 +407,19 @@ impl Render for WavesRenderer {
                 particle.z_um, -layers.focus_depth_um
             )));
         }
-        let warning = self.rays.check(particle)?;
+        // What it warns of, few source points, does not matter here.
+        self.rays.check(particle)?;
         let (settings, margin) = (&self.settings, Self::margin(&self.settings));
         let outside = |at: f64, size: u32| (0.5 - at).max(at - f64::from(size) - 0.5);
         let farthest = outside(particle.x_px, settings.pixel_dim_x)
             .max(outside(particle.y_px, settings.pixel_dim_y))
-            + particle.spheroid.map_or(0.0, |s| self.half_image_px(particle, &s));
+            + shape.map_or(0.0, |shape| self.half_image_px(particle, &shape));
         if farthest > margin && self.rays.reaches_sensor(particle) {
             return Err(Error::Unsupported(format!(
-                "it lies {farthest:.1} px outside the sensor, but its light falls on it; wave optics supports particles up to {margin} px outside"
+                "it reaches {farthest:.1} px outside the sensor, and its light falls on it; wave optics supports particles up to {margin} px outside"
             )));
         }
-        Ok(warning.or(slow))
+        Ok(slow)
     }
 
     fn warning(&self) -> Option<String> {
@@ -463,7 +458,7 @@ impl Render for WavesRenderer {
     }
 
     fn image_extent(&self, particle: &Particle) -> (f64, f64) {
-        // The extents of a particle that is too large to be drawn would take as long as its image.
+        // The extents of a particle that is not drawn, since it is too large, would take as long as its image.
         match Render::check(self, particle) {
             Ok(_) => self.extent_px(particle).into(),
             Err(_) => self.rays.image_extent(particle),

@@ -192,11 +192,15 @@ impl Pupil {
     }
 
     /// Displacement on the sensor of the light of an emitter over its distance from the axis: in the
-    /// direction in which a cylindrical lens has power, and across it. `None` if images depend on that
-    /// distance: those of MicroSIG's lens have coma.
-    pub(super) fn magnifications(&self) -> Option<[f64; 2]> {
+    /// direction in which a cylindrical lens has power, and across it.
+    pub(super) fn magnifications(&self) -> [f64; 2] {
         let [_, bx] = self.across();
-        (self.lens == Lens::Aplanatic).then(|| [bx, self.b()].map(|b| -b / self.a0()))
+        [bx, self.b()].map(|b| -b / self.a0())
+    }
+
+    /// Whether images depend on the distance from the axis.
+    pub(super) fn has_coma(&self) -> bool {
+        self.lens == Lens::Microsig
     }
 
     /// Derivative with respect to sigma of the optical path that layers add to MicroSIG's lens, by finite

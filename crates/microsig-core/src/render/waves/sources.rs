@@ -10,10 +10,7 @@ use crate::render::patch::Window;
 
 /// Radius of a sphere times the largest wave number across the optical axis, above which its modes take
 /// seconds: the extent of its image is then derived from that of a sphere of this size.
-const LARGE_ETENDUE: f64 = 30.0;
-
-/// The image of a sphere's rim lies within the magnified sphere times this factor, a cylindrical lens included.
-const SPARE: f64 = 1.5;
+const LARGEST_RIM_PHASE: f64 = 30.0;
 
 /// A sphere, or an emitter of a spheroid, which is a sphere of diameter 0.
 #[derive(Debug, Clone, Copy)]
@@ -27,7 +24,7 @@ impl WavesRenderer {
     /// Refuses spheroids that cannot be drawn; a warning about those that take long.
     pub(super) fn check_spheroid(&self, d_um: f64, spheroid: &Spheroid) -> Result<Option<String>, Error> {
         let model = self.model();
-        if model.pupil.magnifications().is_none() {
+        if model.pupil.has_coma() {
             return Err(Error::Unsupported(
                 "it is a spheroid, which waves draw with lens: aplanatic only (rays and expected draw them with MicroSIG's lens)"
                     .to_owned(),
@@ -37,7 +34,7 @@ impl WavesRenderer {
         let size = || format!("d_p = {} um and e_p = {}", shown(d_um), shown(spheroid.e_p));
         if emitters > MAX_EMITTERS {
             return Err(Error::Unsupported(format!(
-                "it is a spheroid so large, {}, that waves need {emitters:.1e} emitters; at most {MAX_EMITTERS:.0e} are possible",
+                "it is a spheroid so large, {}, that waves need {emitters:.2e} emitters; at most {MAX_EMITTERS:.0e} are possible",
                 size()
             )));
         }
@@ -62,7 +59,7 @@ impl WavesRenderer {
 
     /// Whether a sphere has very many modes.
     fn is_large(&self, radius_um: f64) -> bool {
-        self.model().k_sine() * radius_um > LARGE_ETENDUE
+        self.model().k_sine() * radius_um > LARGEST_RIM_PHASE
     }
 
     /// What is drawn from tables for a particle whose brightness is multiplied by `factor`: the particle, or
@@ -70,19 +67,25 @@ impl WavesRenderer {
     pub(super) fn sources(&self, particle: &Particle, factor: f64) -> Vec<Source> {
         let light = factor * self.total(particle);
         let model = self.model();
-        let (Some(spheroid), Some(magnifications)) = (particle.spheroid, model.pupil.magnifications()) else {
-            return vec![Source { at: *particle, light }];
-        };
-        let [power, plain] = magnifications.map(|m| m / self.settings.pixel_size);
+        let Some(spheroid) = particle.elongated() else { return vec![Source { at: *particle, light }] };
+        let [along, across] = model.pupil.magnifications().map(|m| m / self.settings.pixel_size);
         let (sine, cosine) = libm::sincos(self.optics.cyl_angle_deg.to_radians());
         let source = |Emitter { at: [e1, e2, e3], weight }| {
             // Along the axes of the cylindrical lens and back.
-            let (x, y) = (power * (e2 * cosine + e3 * sine), plain * (e3 * cosine - e2 * sine));
+            let (x, y) = (along * (e2 * cosine + e3 * sine), across * (e3 * cosine - e2 * sine));
             let (x_px, y_px) = (particle.x_px + x * cosine - y * sine, particle.y_px + x * sine + y * cosine);
             Source { at: Particle::sphere(x_px, y_px, particle.z_um + e1, 0.0), light: light * weight }
         };
         let emitters = spheroid::emitters(0.5 * particle.d_um, &spheroid, model.emission, model.k_sine());
         emitters.into_iter().map(source).collect()
+    }
+
+    /// The light of a particle that the aperture accepts, counts: what an infinite sensor would record
+    /// without a pupil mask.
+    pub fn accepted(&self, particle: &Particle) -> f64 {
+        // Of the lens that draws spheroids, the same at any depth.
+        let radius_um = if particle.elongated().is_some() { 0.0 } else { 0.5 * particle.d_um };
+        self.total(particle) * self.model().accepted(particle.z_um, radius_um)
     }
 
     /// The light of a particle emitted into the half space toward the lens, in rays.
@@ -106,7 +109,7 @@ impl WavesRenderer {
     /// Spheres of the tables that these particles need.
     pub(super) fn tabled<'a>(&self, particles: impl Iterator<Item = &'a Particle>) -> Vec<Particle> {
         let of = |particle: &'a Particle| {
-            let Some(spheroid) = particle.spheroid else { return vec![*particle] };
+            let Some(spheroid) = particle.elongated() else { return vec![*particle] };
             let [half_um, ..] = spheroid::half_extents(0.5 * particle.d_um, &spheroid);
             let step_um = self.cache.length_um();
             let steps = libm::ceil(2.0 * half_um / step_um) as usize;
@@ -116,23 +119,29 @@ impl WavesRenderer {
         particles.flat_map(of).collect()
     }
 
-    /// Largest distance of an emitter of a spheroid from its center in the image, px.
+    /// Distance within which the emitters of a spheroid are from its center in the image, px.
     pub(super) fn half_image_px(&self, particle: &Particle, spheroid: &Spheroid) -> f64 {
-        let [power, plain] = self.model().pupil.magnifications().unwrap_or_default().map(f64::abs);
-        power.max(plain) * 0.5 * particle.d_um * spheroid.e_p.max(1.0) / self.settings.pixel_size
+        let [_, right, down] = spheroid::half_extents(0.5 * particle.d_um, spheroid);
+        self.magnified_px(libm::hypot(right, down))
+    }
+
+    /// Distance within which the images of points at this distance from a particle's center are, px.
+    fn magnified_px(&self, distance_um: f64) -> f64 {
+        let [along, across] = self.model().pupil.magnifications().map(f64::abs);
+        along.max(across) * distance_um / self.settings.pixel_size
     }
 
     /// Half width and half height of a particle's image, px.
     pub(super) fn extent_px(&self, particle: &Particle) -> [f64; 2] {
         let radius_um = 0.5 * particle.d_um;
-        let (drawn_um, half_um, half_px) = match &particle.spheroid {
+        let (drawn_um, half_um, half_px) = match &particle.elongated() {
             Some(spheroid) => {
                 (0.0, spheroid::half_extents(radius_um, spheroid)[0], self.half_image_px(particle, spheroid))
             }
             None => {
-                let drawn_um = radius_um.min(LARGE_ETENDUE / self.model().k_sine());
+                let drawn_um = radius_um.min(LARGEST_RIM_PHASE / self.model().k_sine());
                 let rest_um = radius_um - drawn_um;
-                (drawn_um, rest_um, SPARE * self.settings.magnification * rest_um / self.settings.pixel_size)
+                (drawn_um, rest_um, self.magnified_px(rest_um))
             }
         };
         let depths = if half_um > 0.0 { vec![-half_um, 0.0, half_um] } else { vec![0.0] };

@@ -28,21 +28,21 @@ pub(super) struct Emitter {
 
 /// Approximate number of emitters of a spheroid; `k_sine` as for [`emitters`].
 pub(super) fn number(radius_um: f64, spheroid: &Spheroid, emission: Emission, k_sine: f64) -> f64 {
-    let etendue = k_sine * radius_um * spheroid.e_p.max(1.0);
-    let azimuths = 1.5 * etendue + MORE_AZIMUTHS;
-    azimuths
-        * match emission {
-            Emission::Surface => 4.0 + 0.8 * etendue,
-            Emission::Volume => (5.0 + etendue) * (4.5 + 0.4 * etendue),
-        }
+    let rim_phase = k_sine * radius_um * spheroid.e_p.max(1.0);
+    // Mean radii of rings, and their number.
+    let (mean, rings) = match emission {
+        Emission::Surface => (1.5, 4.0 + 0.8 * rim_phase),
+        Emission::Volume => (0.8, (5.0 + rim_phase) * (4.5 + 0.4 * rim_phase)),
+    };
+    rings * kink(spheroid) * (mean * rim_phase + MORE_AZIMUTHS)
 }
 
 /// The emitters of a spheroid. `k_sine`: largest wave number across the optical axis that the lens accepts,
 /// 1/um.
 pub(super) fn emitters(radius_um: f64, spheroid: &Spheroid, emission: Emission, k_sine: f64) -> Vec<Emitter> {
     let (rotation, e_p) = (Rotation::new(spheroid), spheroid.e_p);
-    let etendue = k_sine * radius_um * e_p.max(1.0);
-    let rings = bead::rings(emission, 1.0, etendue, 1);
+    let rim_phase = k_sine * radius_um * e_p.max(1.0);
+    let rings = bead::rings(emission, 1.0, rim_phase, 1);
     // Normals are those of the sphere, divided by the axes of the spheroid: they face the lens where their
     // product with this direction is negative.
     let away = rotation.inverse([1.0, 0.0, 0.0]);
@@ -50,7 +50,7 @@ pub(super) fn emitters(radius_um: f64, spheroid: &Spheroid, emission: Emission, 
     let (right, down) = across(away);
     let mut emitters = Vec::new();
     for Ring { depth_um: depth, radius_um: radius, weight } in rings {
-        let n = libm::ceil(2.0 * etendue * radius + MORE_AZIMUTHS) as usize;
+        let n = libm::ceil(kink(spheroid) * (2.0 * rim_phase * radius + MORE_AZIMUTHS)) as usize;
         emitters.extend((0..n).map(|i| {
             let (sine, cosine) = libm::sincos((i as f64 + 0.5) * std::f64::consts::TAU / n as f64);
             let on_sphere: Point =
@@ -69,6 +69,11 @@ pub(super) fn emitters(radius_um: f64, spheroid: &Spheroid, emission: Emission, 
     let total: f64 = emitters.iter().map(|emitter| emitter.weight).sum();
     emitters.iter_mut().for_each(|emitter| emitter.weight /= total);
     emitters
+}
+
+/// Factor on the number of azimuths: light around the rings of thin discs has a kink at their rim.
+fn kink(spheroid: &Spheroid) -> f64 {
+    (0.1 / spheroid.e_p).clamp(1.0, 4.0)
 }
 
 /// Half the extent of a spheroid along each of the internal axes, um.
@@ -117,9 +122,12 @@ mod tests {
             let particle = Particle { spheroid: Some(spheroid), ..Particle::sphere(0.0, 0.0, 0.0, 2.0) };
             let (mut azimuths, mut points) = (GoldenAzimuths::default(), Vec::new());
             shining_points(&particle, 200_000, SpheroidLaw::Uniform, &mut azimuths, &mut points);
+            for (emission, k_sine) in [Emission::Surface, Emission::Volume].into_iter().zip([3.6, 15.0]) {
+                let n = emitters(1.0, &spheroid, emission, k_sine).len();
+                let told = number(1.0, &spheroid, emission, k_sine) / n as f64;
+                assert!((0.7..1.4).contains(&told), "{emission:?}: {told}");
+            }
             let emitters = emitters(1.0, &spheroid, Emission::Surface, 3.6);
-            let told = number(1.0, &spheroid, Emission::Surface, 3.6) / emitters.len() as f64;
-            assert!((0.7..1.4).contains(&told), "{told}");
             let extents = half_extents(1.0, &spheroid);
             for axis in 0..3 {
                 let powers: [fn(f64) -> f64; 2] = [|v| v, |v| v * v];
