@@ -26,7 +26,8 @@ impl Particle {
         Particle { x_px, y_px, z_um, d_um, spheroid: None, c_int: 1.0 }
     }
 
-    /// The shape, if it is not round: `None` for spheres, those given as spheroids of aspect ratio 1 included.
+    /// The shape, if it is not round: `None` for spheres, those given as spheroids of aspect ratio 1
+    /// included.
     pub fn elongated(&self) -> Option<Spheroid> {
         self.spheroid.filter(|spheroid| spheroid.e_p != 1.0)
     }

@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::checksums::SHA256SUMS;
 use super::interrupt::{Temporary, pause_if_interrupted};
-use super::journal;
-use super::removal::TEMPORARY;
+use super::journal::{self, TEMPORARY};
 use crate::error::{Error, Result};
 
 /// Write buffer, bytes.

@@ -15,11 +15,13 @@ use serde::{Deserialize, Serialize};
 
 use super::checksums::Fingerprint;
 use super::input::read_text;
-use super::removal::TEMPORARY;
 use crate::error::{Error, Result};
 
 /// Name of the journal.
 pub const JOURNAL: &str = ".microsig-journal";
+
+/// Prefix of temporary files, by which a later run recognizes files left by an interrupted one.
+pub(super) const TEMPORARY: &str = ".unfinished-";
 
 /// An entry of the journal.
 #[derive(Debug, Serialize, Deserialize)]

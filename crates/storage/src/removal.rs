@@ -8,12 +8,9 @@ use serde::Deserialize;
 
 use super::checksums::{self, SHA256SUMS};
 use super::input::read_text;
-use super::journal::{self, JOURNAL};
+use super::journal::{self, JOURNAL, TEMPORARY};
 use super::walk::files_below;
 use crate::error::{Error, Result};
-
-/// Prefix of temporary files, by which a later run recognizes files left by an interrupted one.
-pub(super) const TEMPORARY: &str = ".unfinished-";
 
 /// Files that microsig wrote into a folder, from its journal and from a dataset's checksums: a dataset loses
 /// its journal when it is finished, and gets another one if it is resumed after that. `None` if it has

@@ -1,8 +1,8 @@
 //! Trackers on real beads: depths found in scans of beads, against the positions of the stage.
 //!
-//! The first bead of each microscope is the calibration, as its scan and as the model fitted to it. The planes
-//! of each other bead are the frames of a recording. Beads lie at slightly different depths, so the median
-//! difference of each is removed.
+//! The first bead of each microscope is the calibration, as its scan and as the model fitted to it. The
+//! planes of each other bead are the frames of a recording. Beads lie at slightly different depths, so the
+//! median difference of each is removed.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

@@ -1,5 +1,5 @@
-//! Other processors: the golden scenarios give the same bytes on processors with fewer instructions, emulated by
-//! qemu's user mode.
+//! Other processors: the golden scenarios give the same bytes on processors with fewer instructions, emulated
+//! by qemu's user mode.
 
 use std::fmt::Write;
 use std::path::Path;

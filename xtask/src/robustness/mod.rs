@@ -1,5 +1,5 @@
-//! Robustness: killed runs, full disks, other processors, long sequences, a cluster scheduler. Each task writes a record, with
-//! the exact commands, for `results/`.
+//! Robustness: killed runs, full disks, other processors, long sequences, a cluster scheduler. Each task
+//! writes a record, with the exact commands, for `results/`.
 
 pub(crate) mod disk;
 pub(crate) mod emulation;

@@ -44,6 +44,8 @@ pub struct RecordingFacts {
     pub is_all_in_focus: bool,
     /// Whether this is a test split, whose truth only the organizers have.
     pub is_withheld: bool,
+    /// Whether it was generated with a secret key.
+    pub is_from_key: bool,
     /// Whether only particles are scored, because the velocity field is that of the train split.
     pub is_for_particles_only: bool,
 }
@@ -209,6 +211,7 @@ fn told(manifest: &Manifest) -> RecordingFacts {
         focus_um: own.particle_image.as_ref().and_then(|p| p.focus_um),
         is_all_in_focus: own.particle_image.as_ref().is_some_and(|p| p.focus_um.is_none()),
         is_withheld: own.truth.as_deref() == Some("withheld"),
+        is_from_key: own.seed == Some(None),
         is_for_particles_only: own.scored.as_ref().is_some_and(|s| !s.iter().any(|s| s == "fields")),
     }
 }

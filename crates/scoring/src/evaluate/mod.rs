@@ -43,7 +43,6 @@ use detection::Detection;
 use gate::Gate;
 use generator::dataset::manifest::GENERATOR_VERSION;
 use generator::dataset::manifest::ScoringGates;
-use generator::dataset::secret;
 pub use hint::Hint;
 use matching::{Cost, Matching};
 use measurement::RecordingFacts;
@@ -93,6 +92,7 @@ pub struct Particles {
 /// Files that are unreadable or malformed; options that do not apply to them.
 pub fn evaluate(dataset: &Path, result: &Path, options: &EvaluateOptions) -> Result<Evaluation> {
     let facts = RecordingFacts::of(dataset, &options.conventions)?;
+    let is_truth_secret = facts.is_from_key;
     let limits = measurement::limits(dataset, &facts)?;
     let given = Conventions { limits, ..facts.conventions(options.conventions) };
     let name = result.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -120,7 +120,7 @@ pub fn evaluate(dataset: &Path, result: &Path, options: &EvaluateOptions) -> Res
         }
         TrackerResult::Field(found) => vectors(dataset, &found, facts, options)?,
     };
-    evaluation.is_truth_secret = dataset.is_dir() && dataset.join(secret::KEY_FILE).exists();
+    evaluation.is_truth_secret = is_truth_secret;
     let score = &mut evaluation.score;
     if evaluation.is_truth_secret {
         // A hash of the truth would confirm guesses.

@@ -458,7 +458,8 @@ impl Render for WavesRenderer {
     }
 
     fn image_extent(&self, particle: &Particle) -> (f64, f64) {
-        // The extents of a particle that is not drawn, since it is too large, would take as long as its image.
+        // The extents of a particle that is not drawn, since it is too large, would take as long as its
+        // image.
         match Render::check(self, particle) {
             Ok(_) => self.extent_px(particle).into(),
             Err(_) => self.rays.image_extent(particle),
