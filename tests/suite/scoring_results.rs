@@ -356,6 +356,15 @@ fn an_evaluation_leaves_files_that_can_be_compared() {
     assert_eq!(score["definitions"]["assignment"], "lap-maxcard-d2");
     assert_eq!(score["definitions"]["gate"]["z_um"], 6.0);
 
+    // A truth that is not the one of the manifest.
+    let whole = std::fs::read_to_string(&tracks).unwrap();
+    std::fs::write(&tracks, whole.trim_end().rsplit_once('\n').unwrap().0).unwrap();
+    let said = run(&["evaluate", path(&dataset), path(&worse), "--json"]);
+    let changed: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert!(changed["warnings"].to_string().contains("truth/tracks.csv has changed"), "{changed}");
+    assert!(changed["definitions"]["truth_sha256"] != score["definitions"]["truth_sha256"]);
+    std::fs::write(&tracks, whole).unwrap();
+
     let board = place.path().join("board");
     let said = run(&["compare", path(&b), path(&a), "--out", path(&board), "--json"]);
     let compared: serde_json::Value = serde_json::from_str(&said).unwrap();

@@ -170,4 +170,13 @@ fn a_sweep_leads_to_scores_over_its_axes() {
     let score = |folder: &Path| std::fs::read(folder.join("score.json")).unwrap();
     assert!(score(&by_hand) == score(&out.join("scores/truth-noise/case_00004")));
     assert!(fail(2, &scored).contains("exists already"));
+    // What was made of other datasets is made again.
+    let stale = out.join("results/empty/case_00001.csv");
+    let made = std::fs::read(&stale).unwrap();
+    std::fs::write(&stale, "of the dataset before").unwrap();
+    run(&["sweep", path(&sweep), "--out", path(&out), "--force"]);
+    run(&[&scored[..], &["--resume"]].concat());
+    assert!(std::fs::read(&stale).unwrap() == made);
+    let written = |file: &Path| file.metadata().unwrap().modified().unwrap();
+    assert!(written(&out.join("scores/empty/case_00001/score.json")) >= written(&stale));
 }

@@ -196,7 +196,7 @@ fn read_folder(path: &Path) -> Result<Planes> {
 /// Appends all pages of a TIFF file.
 fn read_tiff(all: &mut Planes, reader: BufReader<impl Read + Seek>, name: &str) -> Result<()> {
     let refuse = |message: String| Error::input(format!("{name}: {message}"));
-    let damaged = |e: tiff::TiffError| Error::input(format!("{name}: {e}"));
+    let damaged = |e: tiff::TiffError| refuse(microsig_core::formats::tiff::told(&e));
     let mut decoder = Decoder::new(reader).map_err(damaged)?;
     let mut limits = Limits::default();
     limits.decoding_buffer_size = 2 * MAX_PIXELS;
@@ -277,9 +277,11 @@ fn read_positions(file: &Path, names: &[String], n: usize) -> Result<Vec<f64>> {
         }
         let page = match (record.page, record.image) {
             (Some(page), _) => page,
+            // Paths as in a dataset's table of its stack: the names tell the planes.
             (None, Some(image)) => names
                 .iter()
                 .position(|name| {
+                    let image = image.rsplit(['/', '\\']).next().unwrap_or_default();
                     *name == image || name.rsplit_once('.').is_some_and(|(stem, _)| stem == image)
                 })
                 .ok_or_else(|| refuse(format!("image {image:?} is not in the scan's folder")))?,

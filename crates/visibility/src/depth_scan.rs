@@ -40,6 +40,8 @@ pub struct ScanImage {
     pub area_px: f64,
     /// Sum over pixels of the squared slope, light^2/px^2: the curvature of the autocorrelation's peak.
     pub curvature: f64,
+    /// Mean squares of the distances of light from the center along x and y, px^2.
+    pub squares_px: [f64; 2],
     /// Number of pixels on each side of the central one.
     pub half_px: usize,
     /// Light, row by row, `2 half_px + 1` rows and columns.
@@ -97,6 +99,25 @@ impl DepthScan {
         best.map(|(_, z)| *z)
     }
 
+    /// Depths at which images are narrowest along x and along y, um: the two focal planes of a cylindrical
+    /// lens. Widths are root mean squares, whose squares are parabolas over depth in ray optics.
+    pub fn focal_planes_um(&self) -> [f64; 2] {
+        [0, 1].map(|axis| {
+            let square = |i: usize| self.images[i].squares_px[axis];
+            let last = self.images.len() - 1;
+            let least = (0..=last).min_by(|a, b| square(*a).total_cmp(&square(*b))).unwrap_or_default();
+            // The vertex of the parabola through the least width and its neighbors.
+            let shift = if (1..last).contains(&least) {
+                let [below, at, above] = [least - 1, least, least + 1].map(square);
+                let curvature = below - 2.0 * at + above;
+                if curvature > 0.0 { 0.5 * (below - above) / curvature } else { 0.0 }
+            } else {
+                0.0
+            };
+            self.depths_um[least] + shift * (self.depths_um[1] - self.depths_um[0])
+        })
+    }
+
     /// The image nearest to a physical depth (um), and the peak there, interpolated linearly and constant
     /// beyond the ends.
     pub fn at(&self, z_um: f64) -> (&ScanImage, f64) {
@@ -115,7 +136,7 @@ impl ScanImage {
     pub fn new(half_px: usize, light: Vec<f64>) -> Self {
         let side = 2 * half_px + 1;
         let peak = light.iter().copied().fold(0.0, f64::max);
-        let total = light.iter().sum();
+        let total: f64 = light.iter().sum();
         let area = light.iter().filter(|v| **v > AREA_SHARE * peak).count();
         let square = |a: f64, b: f64| (b - a) * (b - a);
         let rows = light.chunks(side);
@@ -123,6 +144,14 @@ impl ScanImage {
             rows.clone().flat_map(|row| row.windows(2)).map(|pair| square(pair[0], pair[1])).sum();
         let across: f64 =
             light.iter().zip(&light[side.min(light.len())..]).map(|(a, b)| square(*a, *b)).sum();
+        let mut squares_px = [0.0; 2];
+        for (k, light) in light.iter().enumerate() {
+            for (sum, at) in squares_px.iter_mut().zip([k % side, k / side]) {
+                let distance = at as f64 - half_px as f64;
+                *sum += light * distance * distance;
+            }
+        }
+        let squares_px = squares_px.map(|sum| if total > 0.0 { sum / total } else { 0.0 });
         let cut = rows
             .enumerate()
             .flat_map(|(y, row)| {
@@ -137,6 +166,7 @@ impl ScanImage {
             total,
             area_px: area as f64,
             curvature: along + across,
+            squares_px,
             half_px: cut,
             light: cropped,
         }

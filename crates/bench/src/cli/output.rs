@@ -17,7 +17,8 @@ pub(super) fn progress(common: &Common) -> Progress {
 
 /// Replaces hidden characters, with which names from untrusted files could manipulate a terminal.
 pub fn printable(text: &str) -> String {
-    let shown = |c: char| if storage::is_hidden(c) && !matches!(c, '\n' | '\t') { '\u{fffd}' } else { c };
+    let shown =
+        |c: char| if storage::shown::is_hidden(c) && !matches!(c, '\n' | '\t') { '\u{fffd}' } else { c };
     text.chars().map(shown).collect()
 }
 
@@ -26,7 +27,7 @@ fn escaped(json: &str) -> String {
     let mut text = String::with_capacity(json.len());
     for c in json.chars() {
         match c {
-            c if storage::is_hidden(c) => text += &format!("\\u{:04x}", u32::from(c)),
+            c if storage::shown::is_hidden(c) => text += &format!("\\u{:04x}", u32::from(c)),
             c => text.push(c),
         }
     }

@@ -14,6 +14,7 @@ use crate::report;
 use generator::runner::{Shard, Swept};
 use scenario::Case;
 use scoring::evaluate::{EvaluateOptions, evaluate};
+use storage::checksums::SHA256SUMS;
 use storage::error::{Error, Result};
 use tracking::{TrackOptions, track};
 
@@ -51,7 +52,8 @@ impl SweepScores {
     /// Tracks, scores and plots the cases of a shard; failed cases are left out.
     ///
     /// # Errors
-    /// Existing results, unless they are replaced or (with `resume`) kept; a tracker that cannot be run.
+    /// Existing results, unless they are replaced or, with `resume`, kept if they are newer than what they
+    /// are made of; a tracker that cannot be run.
     pub(super) fn run(
         &self,
         plan: &scenario::Sweep,
@@ -63,10 +65,11 @@ impl SweepScores {
         let cases = plan.cases.iter().filter(|case| shard.has(case.index));
         let entries: Vec<Entry> =
             self.track.iter().flat_map(|method| self.entries(method, &swept.out, cases.clone())).collect();
-        for entry in entries.iter().filter(|entry| !(resume && entry.result.is_file())) {
+        let is_new = |made: &Path, of: &Path| resume && !is_older(made, of);
+        for entry in entries.iter().filter(|entry| !is_new(&entry.result, &entry.dataset.join(SHA256SUMS))) {
             let options = TrackOptions {
                 seed: common.seed.unwrap_or(0),
-                force: common.force,
+                force: common.force || resume,
                 ..TrackOptions::of(entry.method, progress(common))
             };
             create_parent(&entry.result)?;
@@ -82,11 +85,12 @@ impl SweepScores {
             say(hint, common);
             return Ok(());
         }
-        for entry in entries.iter().filter(|entry| !(resume && entry.scores.is_dir())) {
+        for entry in entries.iter().filter(|entry| !is_new(&entry.scores.join(report::SCORE), &entry.result))
+        {
             let evaluation = evaluate(&entry.dataset, &entry.result, &EvaluateOptions::default())?;
             warn(&evaluation.score.warnings, common);
             create_parent(&entry.scores)?;
-            report::write(&entry.scores, &evaluation, false, common.force)?;
+            report::write(&entry.scores, &evaluation, false, common.force || resume)?;
         }
         if self.plot {
             let scores: Vec<PathBuf> = entries.into_iter().map(|entry| entry.scores).collect();
@@ -112,6 +116,12 @@ impl SweepScores {
         };
         cases.map(of).filter(|entry| entry.dataset.is_dir()).collect()
     }
+}
+
+/// Whether a file is missing or was written before another one.
+fn is_older(file: &Path, than: &Path) -> bool {
+    let written = |path: &Path| path.metadata().and_then(|metadata| metadata.modified()).ok();
+    written(file).zip(written(than)).is_none_or(|(file, than)| file < than)
 }
 
 fn create_parent(path: &Path) -> Result<()> {

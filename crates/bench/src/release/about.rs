@@ -142,13 +142,14 @@ impl ReleaseTexts<'_> {
              ## Submitting\n\n\
              `results.csv` has a row per particle and frame: `frame, track, x_px, y_px, z_um`, and if you have them `d_um`, \
              `quality`, `sx_px`, `sy_px`, `sz_um` (claimed standard uncertainties). `track` identifies a particle \
-             in all frames; -1 or empty if it is not linked. `z_um` may be left out. Results of PIV have the columns \
+             in all frames; -1 or empty if it is not linked. {depth}Results of PIV have the columns \
              `pair, x_px, y_px, dx_px, dy_px, flag` instead (flag 0 valid, 1 invalid, 2 interpolated).\n\n\
              `submission.json` describes team and method; leave `coordinate_declaration` unchanged, and put the hash of the images you used \
              into `images_sha256`: `grep '  images/' SHA256SUMS | sha256sum`.\n\n\
              ## License\n\n{license}; see `LICENSE`.\n",
             title = self.title,
             focus = self.focus(),
+            depth = if self.in_focus { "`z_um` may be left out. " } else { "" },
             license = self.license.id,
         )
     }

@@ -319,8 +319,13 @@ fn particles_or_vectors(
         if n_deep > 0 {
             warnings.push(format!("{n_deep} points lie outside the depth range"));
         }
-        if !points.has_z {
-            warnings.push("no z_um: scored in the image plane only".to_owned());
+        match (points.has_z, facts.is_scored_in_depth()) {
+            (true, _) => {}
+            // The gate would be a wider one.
+            (false, true) => {
+                problems.push(format!("{}: no z_um; this challenge is scored in depth", path.display()))
+            }
+            (false, false) => warnings.push("no z_um: scored in the image plane only".to_owned()),
         }
         let sure = Limits::of_truth(0, 0, (width * height) as u64).rows;
         if rows > sure {

@@ -25,6 +25,7 @@ use scoring::evaluate::Score;
 use scoring::evaluate::curves::Bin;
 use storage::error::{Error, Result};
 use storage::folder::Partial;
+use storage::shown::cell;
 use storage::{outside_datasets, save_bytes};
 
 /// The result of a comparison.
@@ -157,13 +158,6 @@ fn differences(scores: &[(Entry, Score)]) -> Vec<String> {
         }
     }
     warnings
-}
-
-/// Escapes text for spreadsheets: cells that begin like a formula are quoted, hidden characters are
-/// replaced.
-pub(super) fn cell(text: &str) -> String {
-    let shown: String = text.chars().map(|c| if storage::is_hidden(c) { '\u{fffd}' } else { c }).collect();
-    if shown.starts_with(['=', '+', '-', '@']) { format!("'{shown}") } else { shown }
 }
 
 fn unwritable(e: impl std::fmt::Display) -> Error {

@@ -257,8 +257,9 @@ pub(super) fn text(entries: &[Entry], warnings: &[String]) -> String {
         format!("{}{}{}", e.rank, if tied(e) { "=" } else { "" }, if e.biased { "!" } else { "" })
     };
     let name = |e: &Entry| {
-        let name: String = e.name.chars().take(14).collect();
-        if name.len() < e.name.len() { name + "~" } else { name }
+        let whole = storage::shown::name(&e.name);
+        let name: String = whole.chars().take(14).collect();
+        if name.len() < whole.len() { name + "~" } else { name }
     };
     let ends = |e: &Entry| e.low.zip(e.high).map_or("-".to_owned(), |(l, h)| format!("[{l:.4}, {h:.4}]"));
     let mut lines = Vec::new();

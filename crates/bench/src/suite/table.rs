@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use super::{CaseResult, Status, SuiteScores, label};
 use scenario::Metric;
 use storage::error::{Error, Result};
+use storage::shown::cell;
 
 /// One row for each tracker and case; every score with the ends of its 95 % interval.
 pub(super) fn csv(scores: &SuiteScores) -> Result<Vec<u8>> {
@@ -25,7 +26,7 @@ pub(super) fn csv(scores: &SuiteScores) -> Result<Vec<u8>> {
         for result in &case.results {
             let mut row = vec![scores.suite.clone(), scores.version.clone(), scores.size.name().to_owned()];
             row.extend([case.track.clone(), case.ladder.clone(), case.case.clone(), axes.join("; ")]);
-            row.extend([result.tracker.clone(), status(result).to_owned()]);
+            row.extend([cell(&result.tracker), status(result).to_owned()]);
             row.push(result.rank.map(|rank| rank.to_string()).unwrap_or_default());
             let text = |number: Option<f64>| number.map(|x| x.to_string()).unwrap_or_default();
             for metric in Metric::ALL {
@@ -36,7 +37,7 @@ pub(super) fn csv(scores: &SuiteScores) -> Result<Vec<u8>> {
                     text(value.and_then(|v| v.high)),
                 ]);
             }
-            row.push(result.reason.clone().unwrap_or_default());
+            row.push(result.reason.as_deref().map(cell).unwrap_or_default());
             table.write_record(&row).map_err(failed)?;
         }
     }

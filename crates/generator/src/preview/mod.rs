@@ -84,7 +84,8 @@ pub struct SizeCurves {
     pub d_um: f64,
     /// Depth of the highest peak, um; `None` where all are as high.
     pub focus_um: Option<f64>,
-    /// Depths of the narrowest and of the lowest image, um: the two focal planes of a cylindrical lens.
+    /// Depths of the least widths along x and along y (root mean square), um: the two focal planes of a
+    /// cylindrical lens.
     pub focal_planes_um: [f64; 2],
     /// Growth of the diameter far below and far above focus, px/um.
     pub ring_slopes_px_um: [f64; 2],
@@ -325,10 +326,6 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan, accepted: &Accepted)
         })
         .collect();
     let at = |i: usize| &depths[i];
-    let narrowest = |of: fn(&DepthFacts) -> f64| {
-        let least = depths.iter().min_by(|a, b| of(a).total_cmp(&of(b)));
-        least.map_or(f64::NAN, |depth| depth.z_um)
-    };
     let last = depths.len() - 1;
     let outer = OUTER.min(last);
     let slope = |a: &DepthFacts, b: &DepthFacts| {
@@ -337,7 +334,7 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan, accepted: &Accepted)
     Ok(SizeCurves {
         d_um,
         focus_um: scan.focus_um(),
-        focal_planes_um: [narrowest(|depth| depth.width_px), narrowest(|depth| depth.height_px)],
+        focal_planes_um: scan.focal_planes_um(),
         ring_slopes_px_um: [slope(at(0), at(outer)), slope(at(last - outer), at(last))],
         depths,
     })
@@ -445,8 +442,11 @@ mod tests {
     #[test]
     fn a_cylinder_has_two_focal_planes_and_a_bright_particle_saturates() {
         let shown = preview("cyl_focal_length: 4000, gain: 500", "");
-        let [x, y] = shown.sizes[0].focal_planes_um;
-        assert!((x - y).abs() > 15.0, "{x} {y}");
+        // As far apart as the key says, which is converted into the lens.
+        for apart_um in [-10.0, -20.0, -40.0] {
+            let [x, y] = preview(&format!("focal_planes_um: {apart_um}"), "").sizes[0].focal_planes_um;
+            assert!((x - y - apart_um).abs() < 0.03 * -apart_um, "{x} {y}");
+        }
         assert!(shown.warnings.iter().any(|warning| warning.contains("saturated")), "{:?}", shown.warnings);
     }
 

@@ -127,8 +127,15 @@ pub(super) fn attempt(
         // A full disk or a dataset of another sweep is not a failure of the case.
         Err(error) if error.is_of_the_system() || (out.exists() && !force) => Err(error),
         Err(error) => {
-            FolderClaim::take(out)?.discard()?;
-            save_bytes(&reason, format!("{error}\n").as_bytes())?;
+            let mut text = format!("{error}\n");
+            match FolderClaim::take(out).and_then(FolderClaim::discard) {
+                Ok(()) => {}
+                Err(error) if error.is_of_the_system() => return Err(error),
+                // What is left of an interrupted run stays where it is.
+                Err(kept) if kept.to_string() != error.to_string() => text += &format!("{kept}\n"),
+                Err(_) => {}
+            }
+            save_bytes(&reason, text.as_bytes())?;
             Ok(false)
         }
     }

@@ -150,6 +150,10 @@ pub fn read_counts(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) ->
     if found != size {
         return Err(refuse(format!("{} x {} px: expected {} x {} px", found.0, found.1, size.0, size.1)));
     }
+    let colors = decoder.colortype().map_err(damaged)?;
+    if !matches!(colors, ::tiff::ColorType::Gray(_)) {
+        return Err(refuse(format!("{colors:?}: expected a gray image")));
+    }
     let counts = match decoder.read_image().map_err(damaged)? {
         DecodingResult::U8(counts) => Counts::Whole(counts.into_iter().map(u16::from).collect()),
         DecodingResult::U16(counts) => Counts::Whole(counts),
@@ -180,7 +184,7 @@ pub fn read_counts(reader: impl BufRead + Seek, name: &str, size: (u32, u32)) ->
 const MAX_PAGES: usize = 10_000;
 
 /// What is wrong with a file.
-fn told(e: &TiffError) -> String {
+pub fn told(e: &TiffError) -> String {
     match e {
         TiffError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
             "it ends before its data do; is it truncated?".to_owned()

@@ -119,6 +119,8 @@ impl Detector {
                 fits,
                 &format!("{pixels} finite values, one per pixel"),
             );
+            let mean = background.iter().sum::<f64>() / pixels as f64;
+            check("mean of the background", mean, !fits || mean >= 0.0, "0 counts or more");
         }
         if faults.is_empty() { Ok(()) } else { Err(Error::Malformed(faults)) }
     }

@@ -133,6 +133,11 @@ impl RecordingFacts {
         Ok(())
     }
 
+    /// Whether images tell depth, so that results of a challenge need it.
+    pub fn is_scored_in_depth(&self) -> bool {
+        self.depth_h_um().is_some() && !self.is_all_in_focus
+    }
+
     /// The depth range, um; `None` if it is unknown or empty.
     pub fn depth_h_um(&self) -> Option<f64> {
         self.depth_um.map(|(low, high)| high - low).filter(|h| *h > 0.0)

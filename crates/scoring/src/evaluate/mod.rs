@@ -49,8 +49,9 @@ use measurement::RecordingFacts;
 pub use options::EvaluateOptions;
 pub use score::{Counts, Definitions, DetectionAtGate, Offset, PositionUncertainty, Score, Versions};
 use statistics::Bootstrap;
+use storage::checksums::fingerprint;
 use storage::error::{Error, Result};
-use storage::tables::truth::BOXES;
+use storage::tables::truth::{BOXES, TRACKS};
 use track_set::TrackSet;
 use truth::{ScoredPoints, TrueParticles};
 
@@ -110,6 +111,7 @@ pub fn evaluate(dataset: &Path, result: &Path, options: &EvaluateOptions) -> Res
                 points.axes = Vec::new();
             }
             let mut evaluation = particles(&truth, &points, options)?;
+            check_unchanged(dataset, &mut evaluation.score)?;
             let has_truth = dataset.join(BOXES.path).exists();
             match (points.boxes.is_empty(), has_truth) {
                 (true, _) => {}
@@ -168,6 +170,24 @@ fn vectors(
         ..Score::default()
     };
     Ok(Evaluation { score, particles: None, vectors, is_truth_secret: false })
+}
+
+/// Warns if the true particles of a dataset are not those that its manifest lists; the score is then of the
+/// table as it is.
+///
+/// # Errors
+/// A truth that is unreadable.
+fn check_unchanged(dataset: &Path, score: &mut Score) -> Result<()> {
+    let truth = dataset.join(TRACKS.path);
+    let Some(recorded) = score.definitions.truth_sha256.clone().filter(|_| truth.is_file()) else {
+        return Ok(());
+    };
+    let found = fingerprint(&truth)?.sha256.to_string();
+    if found != recorded {
+        score.warnings.push(format!("{} has changed since the dataset was made", TRACKS.path));
+        score.definitions.truth_sha256 = Some(found);
+    }
+    Ok(())
 }
 
 /// The part of the definitions that comes from the dataset.

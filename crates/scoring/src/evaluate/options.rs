@@ -59,6 +59,9 @@ pub(super) fn dimensions(truth: &TrueParticles, points: &Points, options: &Evalu
     let both = truth.has_z && points.has_z;
     match options.dims {
         None => Ok(both),
+        Some(2) if options.gate_z_um.is_some() => {
+            Err(Error::input("--gate-z: has no meaning with --dims 2, in the image plane"))
+        }
         Some(2) => Ok(false),
         Some(3) if both => Ok(true),
         Some(3) => Err(Error::input("--dims 3: truth and result must both have a depth")),
