@@ -28,7 +28,9 @@ pub(super) fn log_ticks(low: f64, high: f64) -> Vec<f64> {
     let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
     let every = decades.clone().count().div_ceil(ACROSS);
     let ticks = |multiples: &[f64], every: usize| -> Vec<f64> {
-        let of_decade = |decade: i32| multiples.iter().map(move |multiple| multiple * 10f64.powi(decade));
+        // Read as written, since products are not exact.
+        let tick = |multiple: &f64, decade: i32| format!("{multiple}e{decade}").parse().unwrap_or(f64::NAN);
+        let of_decade = |decade: i32| multiples.iter().map(move |multiple| tick(multiple, decade));
         decades
             .clone()
             .step_by(every)
