@@ -128,6 +128,9 @@ enum Task {
         /// Output folder of emulation.md.
         #[arg(long, default_value = "target/robustness")]
         out: PathBuf,
+        /// Only these scenarios.
+        #[arg(long, value_delimiter = ',')]
+        only: Vec<String>,
     },
     /// Compares the peak memory of a long sequence with that of 100 frames; exit code 1 if it grows.
     Memory {
@@ -201,7 +204,7 @@ fn main() -> anyhow::Result<ExitCode> {
             robustness::run(&out, (mutations, pairs, kills), seed)
         }
         Task::Disk { out } => robustness::disk::run(&out),
-        Task::Emulation { out } => robustness::emulation::run(&out),
+        Task::Emulation { out, only } => robustness::emulation::run(&out, &only),
         Task::Memory { out, frames } => robustness::memory::run(&out, frames),
         Task::Scenarios { out } => shipped::run(&out),
         Task::WebTest { shots } => {

@@ -12,7 +12,8 @@ use std::process::Command;
 
 use anyhow::{Context, ensure};
 use fit::Scan;
-use image::{ImageBuffer, Luma};
+use microsig_core::formats::tiff::{self, PixelScale};
+use microsig_core::sensor::{Counts, Image};
 use serde_json::Value;
 use suite::process;
 
@@ -24,8 +25,18 @@ const MICROSCOPES: [(&str, [&str; 3]); 2] = [
     ("dry095_0", ["dry095_1", "dry095_3", "dry095_4"]),
 ];
 
-/// Trackers: method, and whether it is calibrated by the scan rather than by the fitted model.
-const TRACKERS: [(&str, bool); 3] = [("ncc", true), ("ncc", false), ("mle", false)];
+/// What calibrates a tracker.
+#[derive(Clone, Copy, PartialEq)]
+enum Calibration {
+    /// The model that was fitted.
+    Model,
+    /// The scan.
+    Scan,
+}
+
+/// Methods with their calibration.
+const TRACKERS: [(&str, Calibration); 3] =
+    [("ncc", Calibration::Model), ("mle", Calibration::Model), ("ncc", Calibration::Scan)];
 
 /// Distance from the brightest pixel within which a found particle is the bead, px.
 const NEAR_PX: f64 = 6.0;
@@ -44,19 +55,19 @@ pub(super) fn run(program: &Path, real: &Path, out: &Path) -> anyhow::Result<()>
         let (fit, _) = fitted(program, &calibration, &folder, true)?;
         for name in beads {
             let bead = Bead::read(&real.join(name))?;
-            for (method, by_scan) in TRACKERS {
-                let recording = Recording { program, folder: &folder, bead: &bead };
-                let dataset = recording.dataset(&fit)?;
-                if by_scan {
+            let recording = Recording { program, folder: &folder, bead: &bead };
+            let dataset = recording.dataset(&fit)?;
+            for (method, by) in TRACKERS {
+                if by == Calibration::Scan {
                     recording.calibrate_by(&dataset, &calibration, &fit)?;
                 }
                 let found = recording.track(&dataset, method)?;
                 let row = summary(&bead, &recording.stage_um(&fit)?, &found)?;
                 println!("{name} {method}: {row:?}");
-                let kind = if by_scan { "scan" } else { "model" };
+                let kind = if by == Calibration::Scan { "scan" } else { "model" };
                 table.write_record([name, method, kind].into_iter().chain(row.iter().map(String::as_str)))?;
-                std::fs::remove_dir_all(&dataset)?;
             }
+            std::fs::remove_dir_all(&dataset)?;
         }
     }
     Ok(table.flush()?)
@@ -149,8 +160,10 @@ impl Recording<'_> {
 }
 
 fn save(scan: &Scan, plane: &[u16], path: &Path) -> anyhow::Result<()> {
-    let image = ImageBuffer::<Luma<u16>, _>::from_raw(scan.width as u32, scan.height as u32, plane.to_vec());
-    Ok(image.context("a plane")?.save(path)?)
+    let (width, height, counts) = (scan.width as u32, scan.height as u32, Counts::Whole(plane.to_vec()));
+    let scale = PixelScale { um_per_px: 1.0, frame_interval_s: None };
+    let image = Image { width, height, bits: 16, counts };
+    Ok(tiff::write(File::create(path)?, &image, &scale, &path.display().to_string())?)
 }
 
 /// Columns of the table after the first three.
