@@ -102,13 +102,19 @@ pub(crate) fn run(out: &Path, pairs: u32, seed: u64) -> anyhow::Result<ExitCode>
     let mut all_well = true;
     for (number, verb) in verbs(place.path()).iter().enumerate() {
         let mut moments = Streams::new(seed).stream(Purpose::Rays, number as u32, 0);
-        let (alone, took) = alone(&microsig, verb, &at("alone"))?;
+        let (alone, took) = alone(&microsig, verb, &at("out"))?;
         let (mut refused, mut wrong) = (0, Vec::new());
         for pair in 0..pairs {
             let offset = Duration::from_secs_f64(moments.uniform() * took.as_secs_f64());
             match one_pair(&microsig, verb, &at("out"), offset, &alone) {
                 Ok(n) => refused += n,
-                Err(e) => wrong.push(format!("pair {pair}, offset {:.4} s: {e}", offset.as_secs_f64())),
+                Err(e) => {
+                    wrong.push(format!("pair {pair}, offset {:.4} s: {e}", offset.as_secs_f64()));
+                    // What is left must not count against the next pair.
+                    if at("out").exists() {
+                        std::fs::remove_dir_all(at("out"))?;
+                    }
+                }
             }
         }
         all_well &= wrong.is_empty();
