@@ -1,10 +1,10 @@
 //! `microsig compare`: a leaderboard of several scores, their curves in common plots, and scores against the
 //! parameters of a sweep.
 //!
-//! Particles are ranked by detection F1; if 95 % intervals overlap, by the errors in the image plane and in
-//! depth, then by link F1, then by HOTA. Fields are ranked separately, by valid-vector probability, RMS error
-//! of inliers, then AEE. Scores that no criterion separates share a rank. Errors are always shown together
-//! with recall.
+//! Results with depth come first. Particles are ranked by detection F1; if 95 % intervals overlap, by the
+//! errors in the image plane and in depth, then by link F1, then by HOTA. Fields are ranked separately, by
+//! valid-vector probability, RMS error of inliers, then AEE. Scores that no criterion separates share a rank.
+//! Errors are always shown together with recall.
 
 use std::path::{Path, PathBuf};
 
@@ -277,7 +277,8 @@ fn page(scores: &[(Entry, Score)], warnings: &[String]) -> Result<String> {
     let with_axes = scores.iter().any(|s| !s.0.axes.is_empty());
     let body = html! {
         h1 { "Leaderboard" }
-        p.soft { "Particles are ranked by detection F1, then by errors in the image plane and in depth, link F1, HOTA; \
+        p.soft { "Particles scored with depth come before those scored in the image plane alone; they are ranked by detection F1, then by \
+             errors in the image plane and in depth, link F1, HOTA; \
             fields by valid-vector probability, then RMS error of inliers, AEE. If the 95 % intervals of one \
             criterion overlap, the next one decides; after F1, and for fields first of all, complete results come before those \
             that leave out frames or image pairs. Scores with equal ranks are not separated by any. Errors cover found particles only: \
