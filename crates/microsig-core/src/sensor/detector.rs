@@ -328,4 +328,15 @@ mod tests {
         assert_eq!(message.lines().count(), 4, "{message}");
         assert!(message.contains("bits = 9: expected 8, 10, 12, 14 or 16"), "{message}");
     }
+
+    #[test]
+    fn a_background_is_not_negative_on_average() {
+        let settings = Settings { pixel_dim_x: 2, pixel_dim_y: 1, ..Settings::setting1() };
+        let validated = |background: [f64; 2]| {
+            Detector { background: Some(background.to_vec()), ..Detector::default() }.validate(&settings)
+        };
+        assert!(validated([-1.0, 3.0]).is_ok());
+        let message = validated([-3.0, 1.0]).unwrap_err().to_string();
+        assert!(message.contains("mean of the background = -1"), "{message}");
+    }
 }
