@@ -8,7 +8,7 @@
 //! those of one quadrant serve the entire image.
 
 use super::interpolation::{self, Around};
-use super::matrix::{self, LANES};
+use super::matrix::{self, LANES, Panels};
 use super::modes::Modes;
 use super::pupil::{Pupil, Radii};
 use super::zernike::Aberration;
@@ -56,7 +56,7 @@ struct Rows {
     /// By t and u: the nodes at (t, u), (t, -u), (-t, u), (-t, -u).
     nodes: Vec<[Node; 4]>,
     /// Cosines and sines: for each t, [u x columns of the right half].
-    along_x: [Vec<f32>; 2],
+    along_x: [Vec<Panels<f32>>; 2],
     /// Cosines and sines: [rows of the lower half x t].
     along_y: [Vec<f32>; 2],
     /// Phase per column of the middle of the rows at t and -t, and per row of the center of the disc, rad.
@@ -187,11 +187,11 @@ impl Setup<'_> {
         let sign = if disc.open { 1.0 } else { -1.0 };
         let power = ax / bx - 1.0 / by;
         let mut nodes = Vec::with_capacity(nt * nu);
-        let mut along_x = [Vec::new(), Vec::new()];
+        let mut along_x = [(); 2].map(|()| vec![Panels::zeros(nu, padded); nt]);
         let mut middle_x = Vec::with_capacity(nt);
-        for (t, of_t) in t.iter().zip(&of_t) {
+        for (row, (t, of_t)) in t.iter().zip(&of_t).enumerate() {
             let (sine_t, cosine_t) = libm::sincos(*t);
-            for (u, of_u) in u.iter().zip(&of_u) {
+            for (across, (u, of_u)) in u.iter().zip(&of_u).enumerate() {
                 let area = sign * radius * radius * cosine_t * cosine_t * of_t * of_u;
                 nodes.push([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(st, su)| {
                     let (v, w) = (radius * st * sine_t, radius * su * cosine_t * u);
@@ -200,7 +200,8 @@ impl Setup<'_> {
                     self.node(place, power, area)
                 }));
                 let step = k * radius * cosine_t * u * dot(of_x, along) * steps_um[0];
-                push_multiples(&mut along_x, step, padded);
+                let [cosines, sines] = &mut along_x;
+                set_multiples([&mut cosines[row], &mut sines[row]], across, step, padded);
             }
             let of_center = dot(of_x, center);
             let drift = radius * sine_t * dot(of_x, down);
@@ -236,13 +237,14 @@ impl Setup<'_> {
     }
 }
 
-/// Appends cosines and sines of the multiples of an angle.
-fn push_multiples(kernels: &mut [Vec<f32>; 2], angle: f64, count: usize) {
+/// Writes cosines and sines of the multiples of an angle to a row of kernels.
+fn set_multiples(kernels: [&mut Panels<f32>; 2], row: usize, angle: f64, count: usize) {
     let (sine, cosine) = libm::sincos(angle);
     let mut turn = [1.0, 0.0];
-    for _ in 0..count {
-        kernels[0].push(turn[0] as f32);
-        kernels[1].push(turn[1] as f32);
+    let [cosines, sines] = kernels;
+    for column in 0..count {
+        cosines.set(row, column, turn[0] as f32);
+        sines.set(row, column, turn[1] as f32);
         turn = [turn[0] * cosine - turn[1] * sine, turn[1] * cosine + turn[0] * sine];
     }
 }
@@ -271,10 +273,9 @@ impl Rows {
         let (mut even, mut odd) = (vec![0.0; 4 * n * padded], vec![0.0; 4 * n * padded]);
         for t in 0..nt {
             let left = t * 4 * n * nu..(t + 1) * 4 * n * nu;
-            let kernel = t * nu * padded..(t + 1) * nu * padded;
-            let [cosines, sines] = [0, 1].map(|part| &self.along_x[part][kernel.clone()]);
-            matrix::multiply(instructions, &sums[left.clone()], cosines, nu, padded, &mut even);
-            matrix::multiply(instructions, &differences[left], sines, nu, padded, &mut odd);
+            let [cosines, sines] = &self.along_x;
+            matrix::multiply(instructions, &sums[left.clone()], &cosines[t], &mut even);
+            matrix::multiply(instructions, &differences[left], &sines[t], &mut odd);
             let turns = self.middle_x[t].map(|angle| PhaseFactors::new(angle, general.half[0]));
             for image in 0..n {
                 let of_image = image * 4 * padded..(image + 1) * 4 * padded;
@@ -301,8 +302,9 @@ impl Rows {
         let columns = 2 * wide;
         let of_image = image * self.t * columns..(image + 1) * self.t * columns;
         let [cosines, sines] = &self.along_y;
-        matrix::multiply(instructions, cosines, &across.sums[of_image.clone()], self.t, columns, even);
-        matrix::multiply(instructions, sines, &across.differences[of_image], self.t, columns, odd);
+        let panels = |rows: &[f32]| Panels::from_rows(rows, columns);
+        matrix::multiply(instructions, cosines, &panels(&across.sums[of_image.clone()]), even);
+        matrix::multiply(instructions, sines, &panels(&across.differences[of_image]), odd);
         let turns = PhaseFactors::new(self.middle_y, lower);
         let (real, imaginary) = field.split_at_mut(rows * wide);
         for row in 0..lower {

@@ -4,7 +4,7 @@
 //! radii of the image.
 
 use super::bessel::bessel;
-use super::matrix::{self, LANES};
+use super::matrix::{self, LANES, Panels};
 use super::modes::Modes;
 use super::pupil::{Pupil, Radii};
 use crate::quadrature::gauss_legendre_on;
@@ -27,7 +27,7 @@ pub(super) struct Hankel {
     step: f64,
     table: Table,
     /// Kernels by order, radius of the pupil and radius of the image; empty if they are computed when needed.
-    kernels: Vec<Vec<f32>>,
+    kernels: Vec<Panels<f32>>,
 }
 
 /// Number of orders whose kernels are computed together.
@@ -72,9 +72,8 @@ impl Hankel {
     }
 
     /// J_m(k sigma r / b) of [`ORDERS`] orders by radius of the pupil and radius of the image.
-    fn kernels_from(&self, first: usize, instructions: InstructionSet) -> [Vec<f32>; ORDERS] {
-        let size = self.radii.sigma.len() * self.columns;
-        let out = std::array::from_fn(|_| vec![0.0; size]);
+    fn kernels_from(&self, first: usize, instructions: InstructionSet) -> [Panels<f32>; ORDERS] {
+        let out = std::array::from_fn(|_| Panels::zeros(self.radii.sigma.len(), self.columns));
         instructions.dispatch(Kernels { hankel: self, first, out })
     }
 
@@ -97,7 +96,7 @@ impl Hankel {
         let mut light = vec![0.0; self.columns];
         let (mut left, mut field) = (Vec::new(), Vec::new());
         // The kernels of some orders, if they are not kept.
-        let (mut first, mut block): (usize, Vec<Vec<f32>>) = (0, Vec::new());
+        let (mut first, mut block): (usize, Vec<Panels<f32>>) = (0, Vec::new());
         for of_order in modes.modes.chunk_by(|a, b| a.order == b.order) {
             let order = of_order[0].order;
             if order >= self.table.orders {
@@ -123,7 +122,7 @@ impl Hankel {
                 left.extend(part(1).map(|value| value as f32));
             }
             field.resize(left.len() / nodes * self.columns, 0.0);
-            matrix::multiply(instructions, &left, kernel, nodes, self.columns, &mut field);
+            matrix::multiply(instructions, &left, kernel, &mut field);
             let count = of_order[0].count();
             for row in field.chunks_exact(self.columns) {
                 light
@@ -187,14 +186,14 @@ struct Kernels<'a> {
     hankel: &'a Hankel,
     /// The first of the orders.
     first: usize,
-    out: [Vec<f32>; ORDERS],
+    out: [Panels<f32>; ORDERS],
 }
 
 impl pulp::WithSimd for Kernels<'_> {
-    type Output = [Vec<f32>; ORDERS];
+    type Output = [Panels<f32>; ORDERS];
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) -> [Vec<f32>; ORDERS] {
+    fn with_simd<S: pulp::Simd>(self, _: S) -> [Panels<f32>; ORDERS] {
         let Kernels { hankel, first, mut out } = self;
         let (columns, table) = (hankel.columns, &hankel.table);
         for (i, sigma) in hankel.radii.sigma.iter().enumerate() {
@@ -213,7 +212,7 @@ impl pulp::WithSimd for Kernels<'_> {
                     }
                 }
                 for order in 0..ORDERS {
-                    out[order][i * columns + column] = sums[order] as f32;
+                    out[order].set(i, column, sums[order] as f32);
                 }
             }
         }

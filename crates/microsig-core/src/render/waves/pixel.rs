@@ -6,7 +6,7 @@
 //! each axis. Light is assumed to be even about the particle where the pupil has mirror symmetry and, a few
 //! px beyond the edge, periodic.
 
-use super::matrix::{self, LANES};
+use super::matrix::{self, LANES, Panels};
 use crate::render::instructions::InstructionSet;
 
 /// The matrix of one axis, from `grid` values to `nodes` coefficients.
@@ -19,7 +19,7 @@ pub(super) struct Axis {
     by_node: Vec<f64>,
     /// The same in f32, and its transpose with rows of `wide` numbers.
     down: Vec<f32>,
-    across: Vec<f32>,
+    across: Panels<f32>,
     wide: usize,
 }
 
@@ -27,10 +27,10 @@ impl Axis {
     fn new(grid: usize, by_node: Vec<f64>) -> Axis {
         let nodes = by_node.len() / grid;
         let wide = nodes.next_multiple_of(LANES);
-        let mut across = vec![0.0; grid * wide];
+        let mut across = Panels::zeros(grid, wide);
         for (node, row) in by_node.chunks_exact(grid).enumerate() {
             for (j, value) in row.iter().enumerate() {
-                across[j * wide + node] = *value as f32;
+                across.set(j, node, *value as f32);
             }
         }
         let down = by_node.iter().map(|value| *value as f32).collect();
@@ -126,7 +126,7 @@ impl Waves {
         let n = 2 * grid - 1;
         let frequency = |k: usize| k as f64 / (n as f64 * step_px);
         let wide = grid.next_multiple_of(LANES);
-        let mut at_grid = vec![0.0; grid * wide];
+        let mut at_grid = Panels::zeros(grid, wide);
         for k in 0..grid {
             // Includes negative frequencies.
             let twice = if k == 0 { 1.0 } else { 2.0 };
@@ -135,7 +135,7 @@ impl Waves {
             for j in 0..grid {
                 // Reduces large angles by whole turns.
                 let angle = ((k * j) % n) as f64 / n as f64;
-                at_grid[k * wide + j] = factor * wave(2.0 * std::f64::consts::PI * angle);
+                at_grid.set(k, j, factor * wave(2.0 * std::f64::consts::PI * angle));
             }
         }
         let at_places: Vec<f64> = places_px
@@ -144,7 +144,7 @@ impl Waves {
             .map(|(place, k)| wave(2.0 * std::f64::consts::PI * frequency(k) * place))
             .collect();
         let mut padded = vec![0.0; places_px.len() * wide];
-        matrix::multiply(InstructionSet::best(), &at_places, &at_grid, grid, wide, &mut padded);
+        matrix::multiply(InstructionSet::best(), &at_places, &at_grid, &mut padded);
         padded.chunks_exact(wide).flat_map(|row| row[..grid].iter().copied()).collect()
     }
 }
@@ -158,10 +158,10 @@ pub(super) fn expose(
 ) -> Vec<f64> {
     let light = light.chunks_exact(stride).take(down.grid);
     let light: Vec<f32> = light.flat_map(|row| &row[..across.grid]).map(|value| *value as f32).collect();
-    let mut rows = vec![0.0; down.grid * across.wide];
-    matrix::multiply(instructions, &light, &across.across, across.grid, across.wide, &mut rows);
+    let mut rows = Panels::zeros(down.grid, across.wide);
+    matrix::multiply_to_panels(instructions, &light, &across.across, &mut rows);
     let mut coefficients = vec![0.0; down.nodes * across.wide];
-    matrix::multiply(instructions, &down.down, &rows, down.grid, across.wide, &mut coefficients);
+    matrix::multiply(instructions, &down.down, &rows, &mut coefficients);
     let rows = coefficients.chunks_exact(across.wide);
     rows.flat_map(|row| &row[..across.nodes]).map(|value| f64::from(*value)).collect()
 }

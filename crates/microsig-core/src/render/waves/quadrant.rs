@@ -7,7 +7,7 @@
 //! scaled positions in the image.
 
 use super::interpolation::{self, Around};
-use super::matrix::{self, LANES};
+use super::matrix::{self, LANES, Panels};
 use super::modes::Modes;
 use super::pupil::{Pupil, Radii};
 use crate::quadrature::gauss_legendre_on;
@@ -42,7 +42,7 @@ pub(super) struct Quadrant {
     columns: usize,
     lines: usize,
     /// By parity: for each t, [u x columns].
-    along_x: [Vec<f32>; PARITIES],
+    along_x: [Vec<Panels<f32>>; PARITIES],
     /// By parity: [lines x t].
     along_y: [Vec<f32>; PARITIES],
     /// 1 / (2 pi sqrt(|Bx By|)): factor of the field, besides k.
@@ -70,11 +70,10 @@ impl Quadrant {
         let (u, of_u) = gauss_legendre_on(0.0, 1.0, counts[1]);
         let mut nodes = Vec::with_capacity(t.len() * u.len());
         let columns = places[0].next_multiple_of(LANES);
-        let size = t.len() * u.len() * columns;
-        let mut along_x = [Vec::with_capacity(size), Vec::with_capacity(size)];
-        for (t, of_t) in t.iter().zip(&of_t) {
+        let mut along_x = [(); PARITIES].map(|()| vec![Panels::zeros(u.len(), columns); t.len()]);
+        for (row, (t, of_t)) in t.iter().zip(&of_t).enumerate() {
             let (sine_t, cosine_t) = libm::sincos(*t);
-            for (u, of_u) in u.iter().zip(&of_u) {
+            for (across, (u, of_u)) in u.iter().zip(&of_u).enumerate() {
                 let (x, y) = (cosine_t * u, sine_t);
                 let r = libm::sqrt(x * x + y * y);
                 let around = interpolation::around(r);
@@ -90,9 +89,9 @@ impl Quadrant {
                 let angle = k * sigma_end * cosine_t * u * steps_um[0] / bx;
                 let (sine, cosine) = libm::sincos(angle);
                 let mut turn = [1.0, 0.0];
-                for _ in 0..columns {
-                    along_x[0].push(turn[0] as f32);
-                    along_x[1].push(turn[1] as f32);
+                for column in 0..columns {
+                    along_x[0][row].set(across, column, turn[0] as f32);
+                    along_x[1][row].set(across, column, turn[1] as f32);
                     turn = [turn[0] * cosine - turn[1] * sine, turn[1] * cosine + turn[0] * sine];
                 }
             }
@@ -140,14 +139,13 @@ impl Quadrant {
             let (of_x, of_y) = (&self.along_x[class % PARITIES], &self.along_y[class / PARITIES]);
             let parts = 2 * images.len();
             let wide = parts * self.columns;
-            let mut half = vec![0.0; self.rows * wide];
-            let kernels = of_x.chunks_exact(self.across * self.columns);
+            let mut half = Panels::zeros(self.rows, wide);
             let functions = functions.chunks_exact(parts * self.across);
-            for ((kernel, functions), out) in kernels.zip(functions).zip(half.chunks_exact_mut(wide)) {
-                matrix::multiply(instructions, functions, kernel, self.across, self.columns, out);
+            for (row, (kernel, functions)) in of_x.iter().zip(functions).enumerate() {
+                matrix::multiply_to_row(instructions, functions, kernel, &mut half, row);
             }
             let mut field = vec![0.0; self.lines * wide];
-            matrix::multiply(instructions, of_y, &half, self.rows, wide, &mut field);
+            matrix::multiply(instructions, of_y, &half, &mut field);
             for (light, field) in light.chunks_exact_mut(self.columns).zip(field.chunks_exact(wide)) {
                 for (image, parts) in images.iter().zip(field.chunks_exact(2 * self.columns)) {
                     let (real, imaginary) = parts.split_at(self.columns);
