@@ -114,6 +114,31 @@ fn archives_are_bounded_by_the_size_of_the_truth() {
     refused("rows.zip", (many.as_bytes(), 1), (&about, 1), "results.csv: more than 100000 rows");
 }
 
+/// In the image plane the gate is wider: a result without depth would win.
+#[test]
+fn results_without_depth_are_refused_where_depth_is_scored() {
+    let c = &*CHALLENGE;
+    let place = tempfile::tempdir().unwrap();
+    let good = submission(place.path(), &images_sha256());
+    let mut reader = csv::Reader::from_path(good.join("results.csv")).unwrap();
+    let header = reader.headers().unwrap().clone();
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for record in std::iter::once(header.clone()).chain(reader.records().map(Result::unwrap)) {
+        writer
+            .write_record(record.iter().zip(&header).filter(|(_, name)| *name != "z_um").map(|(v, _)| v))
+            .unwrap();
+    }
+    let text = writer.into_inner().unwrap();
+    fs::write(good.join("results.csv"), text).unwrap();
+    let test = c.out.join("withheld/test");
+    for verb in
+        [&["check-submission", path(&c.test), path(&good)][..], &["evaluate", path(&test), path(&good)]]
+    {
+        let message = fail(2, verb);
+        assert!(message.contains("no z_um; this challenge is scored in depth"), "{message}");
+    }
+}
+
 /// Files for a team contain no true positions.
 #[test]
 fn scores_for_a_team_stand_apart_from_the_truth() {

@@ -85,6 +85,19 @@ fn wrong_tables_of_positions_are_refused() {
 }
 
 #[test]
+fn a_truncated_scan_is_told() {
+    let place = tempfile::tempdir().unwrap();
+    let (scan, out) = (place.path().join("scan.tif"), place.path().join("out"));
+    write_pages(&scan, (61, 61), &single(9).planes(1).unwrap()).unwrap();
+    let bytes = std::fs::read(&scan).unwrap();
+    // Its last page lies at the end of the file.
+    std::fs::write(&scan, &bytes[..bytes.len() - 2000]).unwrap();
+    let message = fail(2, &[&arguments(&scan, &out)[..], &["--z-step", "6"]].concat());
+    assert!(message.contains("scan.tif: it ends before its data do; is it truncated?"), "{message}");
+    assert!(!out.exists());
+}
+
+#[test]
 fn colors_and_missing_or_impossible_options_are_refused() {
     let place = tempfile::tempdir().unwrap();
     let (scan, out) = (place.path().join("scan.tif"), place.path().join("out"));

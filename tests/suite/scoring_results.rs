@@ -452,6 +452,8 @@ fn gaussian_spots_have_a_bound_of_x_and_y_but_not_of_z() {
     }
     let said = fail(2, &["evaluate", path(&dataset), path(&tracks), "--plane", "0"]);
     assert!(said.contains("--plane: is for results that are fields"), "{said}");
+    let said = fail(2, &["evaluate", path(&dataset), path(&tracks), "--dims", "2", "--gate-z", "5"]);
+    assert!(said.contains("--gate-z: has no meaning with --dims 2"), "{said}");
     let score = evaluated(&[path(&dataset), path(&field), "--crlb"]);
     assert_eq!(score["crlb"], serde_json::Value::Null);
     assert!(

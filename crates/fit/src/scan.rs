@@ -321,6 +321,22 @@ mod tests {
     }
 
     #[test]
+    fn images_of_a_folder_are_named_as_in_a_dataset() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("stack.csv");
+        let names = ["00000.tif", "00001.tif"].map(str::to_owned);
+        for images in
+            [["calibration/images/00001.tif", "calibration/images/00000.tif"], ["00001.tif", "00000"]]
+        {
+            std::fs::write(&file, format!("image,z_um\n{},6\n{},0\n", images[0], images[1])).unwrap();
+            assert_eq!(read_positions(&file, &names, 2).unwrap(), [0.0, 6.0]);
+        }
+        std::fs::write(&file, "image,z_um\na/1.tif,6\n").unwrap();
+        let message = read_positions(&file, &names, 2).unwrap_err().to_string();
+        assert!(message.contains("stack.csv:2: image \"a/1.tif\" is not in the scan's folder"), "{message}");
+    }
+
+    #[test]
     fn positions_must_be_monotonic() {
         assert!(check_monotonic(&[0.0, 1.0, 1.0, 2.0]).is_ok());
         assert!(check_monotonic(&[3.0, 1.0, 0.0]).is_ok());

@@ -86,7 +86,8 @@ pub enum Placement {
     /// Independent and uniform.
     #[default]
     Uniform,
-    /// One in each cell of a regular grid, displaced by up to this fraction of half a cell.
+    /// One in each cell of a regular grid, displaced by up to this fraction of half a cell. Not with an exact
+    /// number (`count`, `file`).
     JitteredGrid(#[schemars(range(min = 0.0, max = 1.0), example = 0.5)] f64),
     /// Surfaces at least this far apart.
     Apart(#[schemars(range(min = 0.0, max = 1e6), extend("x-unit" = "um"), example = 1.0)] f64),

@@ -105,7 +105,11 @@ impl Seeding {
             Number::Density(_) | Number::MeanInView(..) => {
                 Ok(Seeding { arrangement: Arrangement::JitteredGrid { jitter }, ..self })
             }
-            _ => Err(CHECK.fault("seeding", "a jittered grid", "a number per volume with it")),
+            _ => Err(CHECK.fault(
+                "seeding",
+                "a jittered grid",
+                "a mean number (a density) with it, not an exact one",
+            )),
         }
     }
 

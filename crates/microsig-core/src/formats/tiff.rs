@@ -282,4 +282,47 @@ mod tests {
         }
         assert_eq!(refuse(stack.get_ref()), "i.tif: 3 pages: expected a file with one image");
     }
+    /// An image of 3 x 2 px whose red, green and blue lie one after another in the file.
+    fn planar() -> Vec<u8> {
+        let (short, long) = (3u16, 4u16);
+        let after = 8 + 2 + 10 * 12 + 4;
+        let (offsets, sizes, samples) = (after, after + 12, after + 24);
+        let planes = after + 30;
+        let entries = [
+            (256, long, 1, 3),
+            (257, long, 1, 2),
+            (258, short, 3, samples),
+            (259, short, 1, 1),
+            (262, short, 1, 2),
+            (273, long, 3, offsets),
+            (277, short, 1, 3),
+            (278, long, 1, 2),
+            (279, long, 3, sizes),
+            (284, short, 1, 2),
+        ];
+        let mut bytes = b"II*\0\x08\0\0\0\x0a\0".to_vec();
+        for (tag, kind, count, value) in entries {
+            bytes.extend(u16::to_le_bytes(tag));
+            bytes.extend(kind.to_le_bytes());
+            bytes.extend(u32::to_le_bytes(count));
+            bytes.extend(u32::to_le_bytes(value));
+        }
+        bytes.extend([0; 4]);
+        bytes.extend([planes, planes + 6, planes + 12, 6, 6, 6].into_iter().flat_map(u32::to_le_bytes));
+        bytes.extend([8u16; 3].into_iter().flat_map(u16::to_le_bytes));
+        bytes.extend(1..=18u8);
+        bytes
+    }
+
+    #[test]
+    fn colors_are_refused_however_they_are_stored() {
+        let file = planar();
+        assert_eq!(Decoder::new(Cursor::new(&file)).unwrap().colortype().unwrap(), ::tiff::ColorType::RGB(8));
+        let refuse = |bytes: &[u8]| read(Cursor::new(bytes), "i.tif", (3, 2)).unwrap_err().to_string();
+        assert_eq!(refuse(&file), "i.tif: RGB(8): expected a gray image");
+        let mut chunky = Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut chunky).unwrap();
+        encoder.write_image::<::tiff::encoder::colortype::RGB8>(3, 2, &[9; 18]).unwrap();
+        assert_eq!(refuse(chunky.get_ref()), "i.tif: RGB(8): expected a gray image");
+    }
 }

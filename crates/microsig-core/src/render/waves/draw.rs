@@ -75,9 +75,9 @@ const PADDING: usize = 2 * LANES;
 /// Working memory for rendering.
 #[derive(Default)]
 struct Scratch {
-    /// Rows of nodes, ordered by phase.
+    /// A row of nodes, ordered by phase.
     nodes: Vec<f32>,
-    /// One row of nodes: for each phase, the mirror image and the row itself.
+    /// The same row: for each phase, the mirror image and the row itself.
     line: Vec<f32>,
     /// Values at the columns of pixels, by row of nodes; after the last, a row of zeros.
     values: Vec<f32>,
@@ -100,9 +100,8 @@ impl Scratch {
         // Number of nodes needed of each phase, a multiple of the lanes.
         let far = across.nodes(width, layout, layout.origin[0], layout.row()).end;
         let run = (far / layout.per_px + 1).next_multiple_of(LANES).min(layout.run);
-        self.blend(sphere, layout, &rows, run);
         let columns = width.next_multiple_of(LANES);
-        self.across(layout, &across, rows.len(), run, width, columns);
+        self.values_at_columns(sphere, layout, &rows, (&across, run), (width, columns));
 
         let first = band.first(&sphere.window, top);
         let dark = rows.len();
@@ -113,61 +112,33 @@ impl Scratch {
                 let line = stored.filter(|node| rows.contains(node)).map_or(dark, |node| node - rows.start);
                 &self.values[line * columns..][..columns]
             });
-            let w = down.weights;
-            let [a, b, c, d, e, f] = lines;
-            for i in 0..columns {
-                pixels[i] +=
-                    (w[0] * a[i] + w[1] * b[i]) + (w[2] * c[i] + w[3] * d[i]) + (w[4] * e[i] + w[5] * f[i]);
+            for (pixels, six) in pixels.as_chunks_mut::<LANES>().0.iter_mut().zip(chunks(lines)) {
+                let mut sums = weighed(&down.weights, six);
+                (0..LANES).for_each(|i| sums[i] += pixels[i]);
+                *pixels = sums;
             }
         }
     }
 
-    /// Blends rows of nodes of the planes around a sphere, `run` nodes of each phase.
+    /// The spline's values at the columns of pixels, for each row of nodes, from `run` nodes of each phase.
+    /// One row after the other, so that nodes and line stay in the cache.
     #[inline(always)]
-    fn blend(
+    fn values_at_columns(
         &mut self,
         sphere: &SphereImage<Table>,
         layout: &Layout,
         rows: &std::ops::Range<usize>,
-        run: usize,
-    ) {
-        self.nodes.resize(rows.len() * layout.per_px * run, 0.0);
-        for (size, four) in sphere.table.around(sphere.z_um, sphere.radius_um).enumerate() {
-            let w: [f32; 4] = std::array::from_fn(|i| (four[i].weight * sphere.light) as f32);
-            let of_rows = rows.start * layout.row()..rows.end * layout.row();
-            let [a, b, c, d] = four.map(|plane| plane.coefficients[of_rows.clone()].chunks_exact(layout.run));
-            for ((((out, a), b), c), d) in self.nodes.chunks_exact_mut(run).zip(a).zip(b).zip(c).zip(d) {
-                let (a, b, c, d) = (&a[..run], &b[..run], &c[..run], &d[..run]);
-                if size == 0 {
-                    for i in 0..run {
-                        out[i] = (w[0] * a[i] + w[1] * b[i]) + (w[2] * c[i] + w[3] * d[i]);
-                    }
-                } else {
-                    for i in 0..run {
-                        out[i] += (w[0] * a[i] + w[1] * b[i]) + (w[2] * c[i] + w[3] * d[i]);
-                    }
-                }
-            }
-        }
-    }
-
-    /// The spline's values at the columns of pixels, for each row of nodes.
-    #[inline(always)]
-    fn across(
-        &mut self,
-        layout: &Layout,
-        axis: &Axis,
-        rows: usize,
-        run: usize,
-        width: usize,
-        columns: usize,
+        (axis, run): (&Axis, usize),
+        (width, columns): (usize, usize),
     ) {
         let per_px = layout.per_px;
         let length = (2 * (run + PADDING)).max(2 * PADDING + columns);
-        self.line.clear();
-        self.line.resize(per_px * length, 0.0);
-        self.values.resize((rows + 1) * columns, 0.0);
-        self.values[rows * columns..].fill(0.0);
+        let Scratch { nodes, line, values } = self;
+        nodes.resize(per_px * run, 0.0);
+        line.clear();
+        line.resize(per_px * length, 0.0);
+        values.resize((rows.len() + 1) * columns, 0.0);
+        values[rows.len() * columns..].fill(0.0);
         let middle =
             if layout.mirrored { run + PADDING } else { layout.origin[0] / per_px + PADDING } as isize;
         // Pixels far beyond the nodes read only zeros.
@@ -177,32 +148,72 @@ impl Scratch {
             let place = place.clamp(0, length as isize - columns as isize) as usize;
             node.rem_euclid(per_px as isize) as usize * length + place
         });
-        let w = axis.weights;
         let masked = columns - LANES;
-        let of_rows = self.nodes.chunks_exact(per_px * run).zip(self.values.chunks_exact_mut(columns));
-        for (nodes, values) in of_rows {
+        let planes: Vec<[(f32, &[f32]); 4]> = (sphere.table.around(sphere.z_um, sphere.radius_um))
+            .map(|four| four.map(|plane| ((plane.weight * sphere.light) as f32, plane.coefficients)))
+            .collect();
+        for (row, values) in rows.clone().zip(values.chunks_exact_mut(columns)) {
+            blend(&planes, row * layout.row(), layout.run, run, nodes);
             for (phase, nodes) in nodes.chunks_exact(run).enumerate() {
                 if !layout.mirrored {
-                    self.line[phase * length + PADDING..][..run].copy_from_slice(nodes);
+                    line[phase * length + PADDING..][..run].copy_from_slice(nodes);
                     continue;
                 }
                 let right = phase * length + run + PADDING;
-                self.line[right..][..run].copy_from_slice(nodes);
+                line[right..][..run].copy_from_slice(nodes);
                 // The mirror image of a node of phase p has phase per_px - p; for phase 0, the node on the
                 // axis is its own mirror image.
                 let (mirrored, skip) = if phase == 0 { (0, 0) } else { (per_px - phase, 1) };
                 let left = mirrored * length + PADDING - skip;
-                for (to, from) in self.line[left + 1..][..run].iter_mut().rev().zip(nodes) {
+                for (to, from) in line[left + 1..][..run].iter_mut().rev().zip(nodes) {
                     *to = *from;
                 }
             }
-            let [a, b, c, d, e, f] = starts.map(|start| &self.line[start..][..columns]);
-            for i in 0..columns {
-                values[i] =
-                    (w[0] * a[i] + w[1] * b[i]) + (w[2] * c[i] + w[3] * d[i]) + (w[4] * e[i] + w[5] * f[i]);
+            let shifted = starts.map(|start| &line[start..][..columns]);
+            for (values, six) in values.as_chunks_mut::<LANES>().0.iter_mut().zip(chunks(shifted)) {
+                *values = weighed(&axis.weights, six);
             }
             for (i, value) in values[masked..].iter_mut().enumerate() {
                 *value *= if masked + i < width { 1.0 } else { 0.0 };
+            }
+        }
+    }
+}
+
+/// The chunks of six lines at the same places. Loops of this constant length have no remainder, which
+/// compilers would compute one by one.
+#[inline(always)]
+fn chunks(lines: [&[f32]; TAPS]) -> impl Iterator<Item = [&[f32; LANES]; TAPS]> {
+    let [a, b, c, d, e, f] = lines.map(|line| line.as_chunks::<LANES>().0);
+    a.iter().zip(b).zip(c).zip(d).zip(e).zip(f).map(|(((((a, b), c), d), e), f)| [a, b, c, d, e, f])
+}
+
+/// Weighted sums of chunks of six lines.
+#[inline(always)]
+fn weighed(w: &[f32; TAPS], [a, b, c, d, e, f]: [&[f32; LANES]; TAPS]) -> [f32; LANES] {
+    std::array::from_fn(|i| {
+        (w[0] * a[i] + w[1] * b[i]) + (w[2] * c[i] + w[3] * d[i]) + (w[4] * e[i] + w[5] * f[i])
+    })
+}
+
+/// Blends a row of nodes, which begins at `at`, of the planes around a sphere: `run` nodes of each phase, of
+/// which `stored` are stored.
+#[inline(always)]
+fn blend(planes: &[[(f32, &[f32]); 4]], at: usize, stored: usize, run: usize, nodes: &mut [f32]) {
+    nodes.fill(0.0);
+    for four in planes {
+        let w = four.map(|(weight, _)| weight);
+        for (phase, out) in nodes.chunks_exact_mut(run).enumerate() {
+            let runs = four.map(|(_, plane)| plane[at + phase * stored..][..run].as_chunks::<LANES>().0);
+            let [a, b, c, d] = runs;
+            for ((((out, a), b), c), d) in
+                out.as_chunks_mut::<LANES>().0.iter_mut().zip(a).zip(b).zip(c).zip(d)
+            {
+                let mut sums = *out;
+                for i in 0..LANES {
+                    sums[i] += (w[0] * a[i] + w[1] * b[i]) + (w[2] * c[i] + w[3] * d[i]);
+                }
+                *out = sums;
             }
         }
     }
