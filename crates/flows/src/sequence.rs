@@ -79,6 +79,7 @@ impl<'a> Scene<'a> {
             next_id: start.first_id,
             made: 0,
             latest: None,
+            velocities: true,
         })
     }
 
@@ -110,7 +111,11 @@ impl<'a> Scene<'a> {
             let step = (!new).then_some(step);
             Ok((!gone).then_some(Tracer { position, axis, step, ..*tracer }))
         })?;
-        Ok(moved.into_iter().flatten().partition(|tracer| tracer.step.is_some()))
+        let (mut stay, mut wrapped) = (Vec::with_capacity(moved.len()), Vec::new());
+        for tracer in moved.into_iter().flatten() {
+            if tracer.step.is_some() { &mut stay } else { &mut wrapped }.push(tracer);
+        }
+        Ok((stay, wrapped))
     }
 
     /// The particles that have entered through open faces between `t0` and `t1` (s), at their positions at
@@ -165,7 +170,7 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Iterator over the frames of a recording; only the latest frame is kept in memory.
+/// Iterator over the frames of a recording; only the latest frame is kept in memory, unless it is the last.
 ///
 /// It ends after the first `Err`.
 #[derive(Debug, Clone)]
@@ -178,9 +183,16 @@ pub struct Sequence<'a> {
     next_id: u64,
     made: usize,
     latest: Option<Frame>,
+    velocities: bool,
 }
 
 impl Sequence<'_> {
+    /// The same without the velocities of tracers where they do not make streaks: `None`.
+    #[must_use]
+    pub fn without_velocities(self) -> Self {
+        Sequence { velocities: false, ..self }
+    }
+
     /// The smallest id not yet used by the frames made so far.
     pub fn next_id(&self) -> u64 {
         self.next_id
@@ -209,7 +221,11 @@ impl Sequence<'_> {
             tracers.push(self.scene.tracer(seed, self.next_id, self.streams));
             self.next_id += 1;
         }
-        let streaks = self.expose(&mut tracers, index, t_s)?;
+        let streaks = if self.velocities || self.scene.shutter.is_some() {
+            self.expose(&mut tracers, index, t_s)?
+        } else {
+            Vec::new()
+        };
         Ok(Frame { index, t_s, tracers, streaks })
     }
 
@@ -240,7 +256,8 @@ impl Iterator for Sequence<'_> {
         let t_s = *self.times_s.get(self.made)?;
         let frame = self.make(t_s);
         self.made = if frame.is_ok() { self.made + 1 } else { self.times_s.len() };
-        self.latest = frame.as_ref().ok().cloned();
+        let is_last = self.made == self.times_s.len();
+        self.latest = frame.as_ref().ok().filter(|_| !is_last).cloned();
         Some(frame)
     }
 }

@@ -106,7 +106,7 @@ impl Streams {
                 Source::ChaCha(Box::new(ChaCha20::new(&key.into(), &nonce.into())))
             }
         };
-        Stream { source, block: [0; 4], used: 4 }
+        Stream { source, block: [0; 4], used: 4, ahead: Vec::new(), singles: 0 }
     }
 }
 
@@ -126,7 +126,15 @@ pub struct Stream {
     source: Source,
     block: [u32; 4],
     used: usize,
+    /// Blocks drawn ahead, in reverse order; of long streams only.
+    ahead: Vec<[u32; 4]>,
+    /// Blocks drawn one by one so far.
+    singles: u32,
 }
+
+/// Streams that need more blocks than this draw [`AHEAD`] at a time.
+const SINGLES: u32 = 16;
+const AHEAD: usize = 64;
 
 /// Where the next four words of a stream come from.
 #[derive(Debug)]
@@ -167,13 +175,28 @@ impl Stream {
     /// The next 32 random bits.
     pub fn next_u32(&mut self) -> u32 {
         if self.used == 4 {
-            let mut block = [[0; 4]];
-            self.source.fill(&mut block);
-            [self.block] = block;
+            self.block = self.next_block();
             self.used = 0;
         }
         self.used += 1;
         self.block[self.used - 1]
+    }
+
+    #[inline(never)]
+    fn next_block(&mut self) -> [u32; 4] {
+        if let Some(block) = self.ahead.pop() {
+            return block;
+        }
+        if self.singles < SINGLES {
+            self.singles += 1;
+            let mut block = [[0; 4]];
+            self.source.fill(&mut block);
+            return block[0];
+        }
+        self.ahead.resize(AHEAD, [0; 4]);
+        self.source.fill(&mut self.ahead);
+        self.ahead.reverse();
+        self.ahead.pop().unwrap_or_default()
     }
 
     /// Fills a slice with the numbers that repeated calls of [`Stream::next_u32`] would give, many blocks at
@@ -182,6 +205,8 @@ impl Stream {
         let (rest, words) = words.split_at_mut(words.len().min(4 - self.used));
         let (blocks, last) = words.as_chunks_mut::<4>();
         rest.fill_with(|| self.next_u32());
+        let (known, blocks) = blocks.split_at_mut(blocks.len().min(self.ahead.len()));
+        known.fill_with(|| self.ahead.pop().unwrap_or_default());
         self.source.fill(blocks);
         last.fill_with(|| self.next_u32());
     }
@@ -257,7 +282,13 @@ mod tests {
     #[test]
     fn secret_streams_are_the_published_keystream() {
         let zero = ChaCha20::new(&[0; 32].into(), &[0; 12].into());
-        let mut stream = Stream { source: Source::ChaCha(Box::new(zero)), block: [0; 4], used: 4 };
+        let mut stream = Stream {
+            source: Source::ChaCha(Box::new(zero)),
+            block: [0; 4],
+            used: 4,
+            ahead: Vec::new(),
+            singles: 0,
+        };
         assert_eq!([stream.next_u32(), stream.next_u32()], [0xade0_b876, 0x903d_f1a0]);
         let second_block = (2..17).map(|_| stream.next_u32()).last();
         assert_eq!(second_block, Some(0xbee7_079f));

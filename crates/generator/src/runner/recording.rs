@@ -24,6 +24,7 @@ pub struct Frames<'a> {
     number: u32,
     first_id: u64,
     recording: Option<Recording<'a>>,
+    velocities: bool,
 }
 
 impl<'a> Frames<'a> {
@@ -33,7 +34,12 @@ impl<'a> Frames<'a> {
             MotionSource::Field(field) => Subject::Scene(Box::new(scenario.scene(field.as_ref())?)),
             MotionSource::Tracks(tracks) => Subject::Tracks(tracks),
         };
-        Ok(Frames { scenario, subject, number: 0, first_id: 0, recording: None })
+        Ok(Frames { scenario, subject, number: 0, first_id: 0, recording: None, velocities: true })
+    }
+
+    /// The same frames with tracers whose velocities are not computed unless they make streaks.
+    pub fn without_velocities(self) -> Self {
+        Frames { velocities: false, ..self }
     }
 
     fn begin(&self) -> Result<Recording<'a>> {
@@ -42,7 +48,11 @@ impl<'a> Frames<'a> {
         let start = RecordingStart { recording: self.number, first_frame, first_id: self.first_id };
         let times_s = scenario.recordings.times_s(self.number, streams);
         Ok(match &self.subject {
-            Subject::Scene(scene) => Recording::OfScene(Box::new(scene.record(&times_s, streams, start)?)),
+            Subject::Scene(scene) => {
+                let sequence = scene.record(&times_s, streams, start)?;
+                let sequence = if self.velocities { sequence } else { sequence.without_velocities() };
+                Recording::OfScene(Box::new(sequence))
+            }
             Subject::Tracks(tracks) => {
                 let next_s = scenario.recordings.next_s(streams);
                 let frames = tracks.record(

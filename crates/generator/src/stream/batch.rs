@@ -43,6 +43,7 @@ impl Batch {
             batch.images.reserve_exact(room * first.images.len());
             batch.clean.reserve_exact(room * first.clean.len());
             batch.flow.reserve_exact(room * first.flow.len());
+            batch.particles.reserve_exact(room * batch.rows * 8);
         }
         for (number, sample) in samples.iter().enumerate() {
             batch.indices.push(sample.index);
@@ -52,13 +53,13 @@ impl Batch {
             batch.depth.extend_from_slice(&sample.depth);
             batch.heatmap.extend_from_slice(&sample.heatmap);
             batch.flow.extend_from_slice(&sample.flow);
-            batch.particles.extend(sample.particles.iter().flatten());
+            batch.particles.extend_from_slice(sample.particles.as_flattened());
             batch.particles.resize((number + 1) * batch.rows * 8, 0.0);
-            batch.mask.extend(sample.particles.iter().map(|_| true));
+            batch.mask.resize(number * batch.rows + sample.particles.len(), true);
             batch.mask.resize((number + 1) * batch.rows, false);
             if !sample.boxes.is_empty() || !batch.boxes.is_empty() {
                 batch.boxes.resize(number * batch.rows * 6, 0.0);
-                batch.boxes.extend(sample.boxes.iter().flatten());
+                batch.boxes.extend_from_slice(sample.boxes.as_flattened());
             }
         }
         if !batch.boxes.is_empty() {

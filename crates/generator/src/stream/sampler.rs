@@ -172,8 +172,10 @@ fn draw(options: &StreamOptions, index: u64, prototype: &mut Prototype) -> Resul
     let sensor = scenario.sensor()?;
     let (width, height) = (scenario.settings.pixel_dim_x, scenario.settings.pixel_dim_y);
     let viewer = Viewer { scenario, renderer: &optics.renderer };
-    let frames: Vec<Frame> =
-        Frames::new(scenario)?.take(options.frames as usize).collect::<Result<Vec<_>>>()?;
+    let frames: Vec<Frame> = Frames::new(scenario)?
+        .without_velocities()
+        .take(options.frames as usize)
+        .collect::<Result<Vec<_>>>()?;
     let pixels = width as usize * height as usize;
     let mut sample = Sample { index, images: Vec::with_capacity(pixels * frames.len()), ..Sample::default() };
     for (number, frame) in frames.iter().enumerate() {
