@@ -307,6 +307,20 @@ mod tests {
     }
 
     #[test]
+    fn velocities_that_nobody_asks_for_change_nothing_else() {
+        let field = Linear::uniform(DVec3::X).unwrap();
+        let (domain, seeding) = (domain(), seeding());
+        let scene = Scene::new(&field, &domain, &seeding).unwrap();
+        let record = || scene.record(&[0.0, 1.0], Streams::new(1), RecordingStart::default()).unwrap();
+        for (with, without) in record().zip(record().without_velocities()) {
+            let (mut with, without) = (with.unwrap(), without.unwrap());
+            assert!(with.tracers.iter().all(|tracer| tracer.velocity == Some(DVec3::X)));
+            with.tracers.iter_mut().for_each(|tracer| tracer.velocity = None);
+            assert_eq!(with, without);
+        }
+    }
+
+    #[test]
     fn times_and_numbers_are_checked() {
         let field = Linear::uniform(DVec3::X).unwrap();
         let (domain, seeding) = (domain(), seeding());

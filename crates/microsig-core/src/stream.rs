@@ -248,7 +248,9 @@ mod tests {
     #[test]
     fn filling_gives_the_same_numbers_as_asking_one_by_one() {
         for streams in [Streams::new(7), Streams::secret([7; 32])] {
-            for (before, n) in [(0, 0), (0, 3), (1, 2), (1, 3), (3, 100), (4, 64), (5, 333)] {
+            for (before, n) in
+                [(0, 0), (0, 3), (1, 2), (3, 100), (4, 64), (5, 333), (0, 500), (66, 9), (101, 600)]
+            {
                 let stream = || streams.stream(Purpose::Rays, 1, 2);
                 let (mut filled, mut asked) = (stream(), stream());
                 let mut words = vec![0; n];

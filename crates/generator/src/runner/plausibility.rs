@@ -25,7 +25,8 @@ pub(super) fn warnings(
     let mut warnings = Vec::new();
     if census.displacements > 0 && moved_px < 0.01 {
         warnings.push(format!(
-            "no particle moves in the image plane: the largest displacement is {moved_px:.1e} px"
+            "no particle moves in the image plane: the largest displacement is {} px",
+            (1e4 * moved_px).round() / 1e4
         ));
     }
     let is_linked =
