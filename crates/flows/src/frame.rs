@@ -17,8 +17,8 @@ pub struct Tracer {
     pub axis: DVec3,
     /// Brightness factor relative to a particle of its size.
     pub c_int: f64,
-    /// Velocity of the center, um/s; with a finite exposure, the mean over the exposure. `None` for a recorded
-    /// track that is present in neither the previous nor the next frame, and if it is not computed
+    /// Velocity of the center, um/s; with a finite exposure, the mean over the exposure. `None` for a
+    /// recorded track that is present in neither the previous nor the next frame, and if it is not computed
     /// ([`crate::Sequence::without_velocities`]).
     pub velocity: Option<DVec3>,
     /// Displacement from the previous frame; `None` for a new tracer.
