@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::derivatives::Derivatives;
 use super::images::Problem;
-use super::state::{Misfit, State};
+use super::state::{Misfit, Noise, State};
 use storage::error::Result;
 
 /// A converged fit.
@@ -24,6 +24,9 @@ pub(super) struct Run<'a> {
 pub struct Score {
     /// Sum of squared residuals over variance, per pixel.
     pub chi2: f64,
+    /// The same with a variance per count of light that is fitted to the residuals, so that errors of the
+    /// model count as noise.
+    pub chi2_of_fitted_noise: f64,
     /// Fraction of the squared signal above the noise that the model explains.
     pub r2: f64,
     /// Number of fitted quantities.
@@ -45,11 +48,25 @@ impl Comparison {
     pub(super) fn of(geometric: &Run, waves: &Run) -> Result<Comparison> {
         let both = |k: usize, i: usize| !(geometric.problem.rejected[k][i] || waves.problem.rejected[k][i]);
         let score = |run: &Run| -> Result<Score> {
-            let noise = run.problem.noises(&run.state)?.pure;
-            let mut misfits = run.problem.misfits(&State { noise, ..run.state.clone() }, None)?;
-            misfits.retain(|(k, i, _)| both(*k, *i));
+            let misfits = |noise: Noise| -> Result<_> {
+                let mut misfits = run.problem.misfits(&State { noise, ..run.state.clone() }, None)?;
+                misfits.retain(|(k, i, _)| both(*k, *i));
+                Ok(misfits)
+            };
+            let noises = run.problem.noises(&run.state)?;
+            let misfits_of_fitted_noise = misfits(noises.of_residuals)?;
+            let misfits = misfits(noises.pure)?;
             // The variance per count of light is fitted, too.
-            Ok(Score::of(&misfits, run.problem.n_parameters() + 1))
+            let parameters = run.problem.n_parameters() + 1;
+            let pixels: usize = misfits.iter().map(|(_, _, m)| m.pixels).sum();
+            let likelihood: f64 = misfits.iter().map(|(_, _, m)| m.minus_two_log_likelihood).sum();
+            Ok(Score {
+                chi2: chi2(&misfits),
+                chi2_of_fitted_noise: chi2(&misfits_of_fitted_noise),
+                r2: r2(&misfits),
+                parameters,
+                bic: likelihood + parameters as f64 * libm::log(pixels.max(1) as f64),
+            })
         };
         Ok(Comparison { geometric: score(geometric)?, waves: score(waves)? })
     }
@@ -57,15 +74,6 @@ impl Comparison {
     /// Whether waves describe the scan better, fitted quantities considered.
     pub fn recommends_waves(&self) -> bool {
         self.waves.bic < self.geometric.bic
-    }
-}
-
-impl Score {
-    fn of(misfits: &[(usize, usize, Misfit)], parameters: usize) -> Score {
-        let pixels: usize = misfits.iter().map(|(_, _, m)| m.pixels).sum();
-        let likelihood: f64 = misfits.iter().map(|(_, _, m)| m.minus_two_log_likelihood).sum();
-        let bic = likelihood + parameters as f64 * libm::log(pixels.max(1) as f64);
-        Score { chi2: chi2(misfits), r2: r2(misfits), parameters, bic }
     }
 }
 

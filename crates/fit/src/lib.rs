@@ -236,6 +236,8 @@ fn shared_by_waves(model: WaveModel, with_diameter: bool) -> Vec<Shared> {
 
 #[cfg(test)]
 mod tests {
+    use microsig_core::render::waves::Emission;
+
     use super::*;
     use crate::imager::Imager;
     use crate::particles::Window;
@@ -247,7 +249,8 @@ mod tests {
 
     #[test]
     fn waves_find_aperture_and_aberrations_of_a_bead() {
-        let model = WaveModel { wavelength_um: 0.52, lens: Lens::Aplanatic, layers: None };
+        let (emission, lens) = (Emission::Surface, Lens::Aplanatic);
+        let model = WaveModel { wavelength_um: 0.52, emission, lens, layers: None };
         let mut waves = Waves::new(model);
         waves.aberrations = [0.06, 0.12, 0.0, -0.05, 0.0];
         let na = 0.8;

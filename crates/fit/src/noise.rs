@@ -17,11 +17,13 @@ const ROUNDING: f64 = 1.0 / 12.0;
 const ITERATIONS: usize = 30;
 const CONVERGED: f64 = 1e-4;
 
-/// Two estimates of the variance of counts.
+/// Estimates of the variance of counts.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Noises {
     /// Noise alone.
     pub(super) pure: Noise,
+    /// That of all residuals, as if the errors of the model were noise.
+    pub(super) of_residuals: Noise,
     /// With the errors of the model, for weights.
     pub(super) with_model: Noise,
 }
@@ -116,7 +118,7 @@ fn estimate(pixels: &[Pixel], start: Noise) -> Noises {
         let above = xxy - noise.background2 * xx - noise.per_count * xxx;
         Noise { per_count2: positive(above, xxxx), ..noise }
     });
-    Noises { pure, with_model }
+    Noises { pure, of_residuals: all, with_model }
 }
 
 fn iterate(start: Noise, step: impl Fn(Noise) -> Noise) -> Noise {
@@ -150,7 +152,7 @@ mod tests {
             })
             .collect();
         let start = Noise { background2: 12.0, per_count: 1.0, per_count2: 0.0 };
-        let Noises { pure, with_model } = estimate(&pixels, start);
+        let Noises { pure, with_model, .. } = estimate(&pixels, start);
         assert!((pure.background2 - background2).abs() < 0.01, "{pure:?}");
         assert!((pure.per_count - per_count).abs() < 0.01, "{pure:?}");
         assert!((with_model.per_count2 - 0.04).abs() < 1e-3, "{with_model:?}");

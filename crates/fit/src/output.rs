@@ -83,7 +83,8 @@ fn wave_keys(waves: &Waves) -> (String, String) {
         )
     });
     let optics = format!(", lens: {}, pupil: (zernike: [{terms}]){layers}", model.lens.name());
-    (optics, format!("    render: (mode: waves, wavelength_um: {:?}),\n", model.wavelength_um))
+    let (wavelength_um, emission) = (model.wavelength_um, model.emission.name());
+    (optics, format!("    render: (mode: waves, wavelength_um: {wavelength_um:?}, emission: {emission}),\n"))
 }
 
 impl Twin {
@@ -140,7 +141,7 @@ mod tests {
     use super::*;
     use crate::waves::WaveModel;
     use microsig_core::Settings;
-    use microsig_core::render::waves::{Layers, Lens};
+    use microsig_core::render::waves::{Emission, Layers, Lens};
 
     fn twin(depth_factor: f64, diameter_um: f64, depths_um: (f64, f64), optics: (String, String)) -> String {
         Twin { depth_factor, diameter_um, depths_um, px_um: 0.65, particles: 5, optics }.text()
@@ -167,11 +168,15 @@ mod tests {
         settings_file::write(&mut settings, &Settings::setting1()).unwrap();
         std::fs::write(folder.path().join("settings.txt"), settings).unwrap();
         let layers = Some(Layers::default());
-        let mut waves = Waves::new(WaveModel { wavelength_um: 0.52, lens: Lens::Aplanatic, layers });
+        let (emission, lens) = (Emission::Volume, Lens::Aplanatic);
+        let mut waves = Waves::new(WaveModel { wavelength_um: 0.52, emission, lens, layers });
         waves.aberrations = [0.07, -0.1, 0.0, 0.01, 0.2];
         let text = twin(1.0, 0.2, (-2.0, 3.0), wave_keys(&waves));
         let scenario = scenario::load_text(&text, ("scenario.ron", folder.path()), &[], None).unwrap();
         let text = format!("{:?}", scenario.spec);
-        assert!(text.contains("(11, 0.07)") && text.contains("Aplanatic"), "{text}");
+        assert!(
+            text.contains("(11, 0.07)") && text.contains("Aplanatic") && text.contains("Volume"),
+            "{text}"
+        );
     }
 }

@@ -6,25 +6,25 @@ use super::state::Misfit;
 /// by this factor.
 const FACTOR: f64 = 1.5;
 
-/// Maximum fraction of windows that are rejected at a time.
+/// If more than this fraction of all windows is described worse than that, the model is at fault, not the
+/// windows, and none is rejected: without them the fit would move away from what they show.
 const MAX_FRACTION: f64 = 0.2;
 
-/// Particle and plane of the windows to reject, worst first.
+/// Whether so many windows are bad that the model is at fault.
+pub(super) fn are_too_many(bad: usize, windows: usize) -> bool {
+    bad as f64 > MAX_FRACTION * windows as f64
+}
+
+/// Particle and plane of the windows that the model does not describe.
 pub(super) fn outliers(misfits: &[(usize, usize, Misfit)]) -> Vec<(usize, usize)> {
     let per_pixel = |m: &Misfit| m.chi2 / (m.pixels.max(1) as f64);
     let mut all: Vec<f64> = misfits.iter().map(|(_, _, m)| per_pixel(m)).collect();
     all.sort_by(f64::total_cmp);
     let Some(&median) = all.get(all.len() / 2) else { return Vec::new() };
-    let mut found: Vec<(f64, usize, usize)> = misfits
-        .iter()
-        .map(|(k, i, m)| (per_pixel(m), *k, *i))
-        // Where rounding hides the noise of dark windows, the median is far below 1, and windows that show
-        // the particle are not worse than noise lets them be.
-        .filter(|(chi2, _, _)| *chi2 > FACTOR * median.max(1.0))
-        .collect();
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    found.truncate((MAX_FRACTION * misfits.len() as f64) as usize);
-    found.into_iter().map(|(_, k, i)| (k, i)).collect()
+    // Where rounding hides the noise of dark windows, the median is far below 1, and windows that show the
+    // particle are not worse than noise lets them be.
+    let is_bad = |m: &Misfit| per_pixel(m) > FACTOR * median.max(1.0);
+    misfits.iter().filter(|(.., m)| is_bad(m)).map(|(k, i, _)| (*k, *i)).collect()
 }
 
 #[cfg(test)]

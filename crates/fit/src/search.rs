@@ -92,6 +92,11 @@ pub(super) fn converge(
         state = problem.minimize(state, 15, 1e-3, derivatives)?;
         state.noise = problem.noises(&state)?.with_model;
         let outliers = rejection::outliers(&problem.misfits(&state, None)?);
+        let windows = problem.n_beads() * problem.scan.planes.len();
+        if rejection::are_too_many(windows - problem.used().count() + outliers.len(), windows) {
+            problem.rejected.iter_mut().for_each(|planes| planes.fill(false));
+            break;
+        }
         if outliers.is_empty() && round > 0 {
             break;
         }

@@ -1,7 +1,7 @@
 //! Wave optics in a fit: light, lens and aberrations. Astigmatism is an aberration of the pupil here, not a
 //! cylindrical lens.
 
-use microsig_core::render::waves::{Layers, Lens, PupilFunction, WaveOptics};
+use microsig_core::render::waves::{Emission, Layers, Lens, PupilFunction, WaveOptics};
 
 /// Fitted aberrations: Noll's index and name.
 pub(super) const TERMS: [(u32, &str); 5] =
@@ -15,6 +15,8 @@ const LARGEST_WAVES: f64 = 0.9;
 pub struct WaveModel {
     /// Wavelength in vacuum, um.
     pub wavelength_um: f64,
+    /// The part of a particle that emits light.
+    pub emission: Emission,
     /// The model of the objective.
     pub lens: Lens,
     /// Layers between particles and objective; their depth is fitted. `None`: those that the objective was
@@ -47,6 +49,7 @@ impl Waves {
             lens: self.model.lens,
             pupil: PupilFunction { zernike: self.zernike(), ..PupilFunction::default() },
             layers: self.model.layers,
+            emission: self.model.emission,
             ..WaveOptics::new(self.model.wavelength_um)
         }
     }

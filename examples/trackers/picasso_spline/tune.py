@@ -11,4 +11,4 @@ GRID = {
 }
 
 if __name__ == "__main__":
-    tune_main(track, DEFAULTS, GRID, score=points_score, budget=5)
+    tune_main(track, DEFAULTS, GRID, score=points_score, budget=10)

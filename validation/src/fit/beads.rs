@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use super::montage::montage;
 
-/// Largest chi2 per pixel of a fit by waves.
+/// Largest chi2 per pixel of a fit by waves, with the noise that its residuals have.
 const LARGEST_CHI2: f64 = 1.25;
 
 /// Least share of the light that a fit by waves explains, and the share that rays must not reach: they do not
@@ -52,6 +52,7 @@ pub(super) fn run(program: &Path, real: &Path, out: &Path) -> anyhow::Result<()>
             compared("geometric", "chi2"),
             compared("geometric", "r2"),
             compared("waves", "chi2"),
+            compared("waves", "chi2_of_fitted_noise"),
             compared("waves", "r2"),
             compared("geometric", "bic") - compared("waves", "bic"),
             bead.nominal_na,
@@ -115,7 +116,9 @@ pub(super) fn fitted(
     ]);
     command.args(["--z-step", &bead.step_um.to_string()]);
     if by_waves {
-        command.args(["--model", "waves", "--wavelength", &bead.wavelength_um.to_string()]);
+        // Beads of polystyrene are dyed throughout.
+        command.args(["--model", "waves", "--emission", "volume"]);
+        command.args(["--wavelength", &bead.wavelength_um.to_string()]);
     }
     // Exit code 1: the fit is poor, but there is one.
     let output = command.arg("--out").arg(out).output()?;
@@ -124,11 +127,12 @@ pub(super) fn fitted(
     Ok((fit, out.join("model.tif")))
 }
 
-const HEADER: [&str; 12] = [
+const HEADER: [&str; 13] = [
     "bead",
     "rays_chi2",
     "rays_r2",
     "waves_chi2",
+    "waves_chi2_of_fitted_noise",
     "waves_r2",
     "bic_gain",
     "nominal_na",
@@ -143,14 +147,14 @@ const HEADER: [&str; 12] = [
 pub(super) fn table(file: &Path) -> anyhow::Result<(String, usize)> {
     let (mut lines, mut above) = (String::new(), 0);
     for row in csv::Reader::from_path(file)?.deserialize() {
-        let (name, numbers): (String, [f64; 11]) = row?;
-        let [rays_chi2, rays_r2, chi2, r2, gain, nominal, na, more @ ..] = numbers;
-        let [diameter, spherical, astigmatism, coma] = more;
-        let bars = [chi2 < LARGEST_CHI2, r2 >= LEAST_R2, rays_r2 < RAYS_R2, gain > 0.0];
+        let (name, numbers): (String, [f64; 12]) = row?;
+        let [rays_chi2, rays_r2, chi2, fitted_noise, r2, gain, more @ ..] = numbers;
+        let [nominal, na, diameter, spherical, astigmatism, coma] = more;
+        let bars = [fitted_noise < LARGEST_CHI2, r2 >= LEAST_R2, rays_r2 < RAYS_R2, gain > 0.0];
         above += bars.into_iter().filter(|is_met| !is_met).count();
         writeln!(
             lines,
-            "| {name} | {rays_chi2:.2} | {rays_r2:.3} | {chi2:.3} | {r2:.3} | {gain:.0} | {nominal:.2} | {na:.3} | {diameter:.2} | {spherical:+.3} | \
+            "| {name} | {rays_chi2:.2} | {rays_r2:.3} | {chi2:.3} | {fitted_noise:.3} | {r2:.3} | {gain:.0} | {nominal:.2} | {na:.3} | {diameter:.2} | {spherical:+.3} | \
              {astigmatism:.3} | {coma:.3} |"
         )?;
     }

@@ -11,7 +11,7 @@ use crate::report::fit_page;
 use fit::{
     Astigmatic, ExtraParameter, FitOptions, Fitted, Given, Scan, StagePositions, Verdict, WaveModel, fit,
 };
-use microsig_core::render::waves::{Layers, Lens};
+use microsig_core::render::waves::{Emission, Layers, Lens};
 use storage::error::{Error, Result};
 use storage::folder::{Partial, check_replaceable};
 
@@ -65,6 +65,9 @@ pub(super) struct Fit {
     /// Wavelength in vacuum, um; for `--model waves`
     #[arg(long, value_name = "UM", required_if_eq("model", "waves"))]
     wavelength: Option<f64>,
+    /// The part of a particle that emits light; for `--model waves`
+    #[arg(long, value_parser = choice::<Emission>(), default_value = "surface", value_name = "PART")]
+    emission: Emission,
     /// The objective; for `--model waves`
     #[arg(long, value_parser = choice::<Lens>(), default_value = "aplanatic", value_name = "LENS")]
     lens: Lens,
@@ -213,6 +216,7 @@ impl Fit {
             places_px,
             waves: self.wavelength.map(|wavelength_um| WaveModel {
                 wavelength_um,
+                emission: self.emission,
                 lens: self.lens,
                 layers: self.fluid.map(|n_s| Layers {
                     n_s,
