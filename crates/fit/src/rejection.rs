@@ -42,4 +42,13 @@ mod tests {
         all.iter_mut().skip(8).for_each(|window| window.2.chi2 *= 0.2);
         assert_eq!(outliers(&all), [(0, 7)]);
     }
+
+    #[test]
+    fn a_fifth_of_the_windows_may_be_bad() {
+        assert!(!are_too_many(0, 20));
+        assert!(!are_too_many(4, 20));
+        assert!(are_too_many(5, 20));
+        // A scan of few windows cannot spare one.
+        assert!(are_too_many(1, 4));
+    }
 }

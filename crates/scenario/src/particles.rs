@@ -144,7 +144,9 @@ pub enum Diameter {
         max: f64,
     },
     /// Diameters and their weights.
-    List(#[schemars(length(min = 1), extend("x-unit" = "um"), example = [(2, 1), (1, 3)])] Vec<(f64, f64)>),
+    List(
+        #[schemars(length(min = 1), extend("x-unit" = "um"), example = vec![(2, 1), (1, 3)])] Vec<(f64, f64)>,
+    ),
 }
 
 /// Spheroids.

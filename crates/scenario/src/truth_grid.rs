@@ -53,7 +53,7 @@ pub enum Planes {
             length(min = 1, max = MAX_PLANES),
             inner(range(min = -1e6, max = 1e6)),
             extend("x-unit" = "um"),
-            example = [-30.0, 0.0]
+            example = vec![-30.0, 0.0]
         )]
         Vec<f64>,
     ),

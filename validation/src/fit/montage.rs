@@ -7,26 +7,31 @@ use fit::{Scan, StagePositions};
 use image::{GrayImage, imageops};
 use suite::picture::{side_by_side, stacked, write};
 
-/// Number of planes shown, and the planes from one to the next.
+/// Largest number of planes shown.
 const PLANES: usize = 11;
-const EVERY: usize = 2;
+/// A plane shows the bead if its peak reaches this fraction of the brightest plane's; in a darker one rounding
+/// to whole counts is what is seen.
+const MIN_PEAK: f64 = 0.05;
 /// Screen pixels for one pixel.
 const ZOOM: u32 = 2;
 
 /// Writes `<name>.png`: square roots of counts above the background, each column on the scale of the scan's
-/// plane. The brightest plane is in the middle.
+/// plane. The planes are spread evenly over those that show the bead.
 pub(super) fn montage(scans: &[&Path], out: &Path, name: &str) -> anyhow::Result<()> {
     let scans = scans.iter().map(|path| Ok(Scan::read(path, &StagePositions::Step(1.0))?));
     let scans = scans.collect::<anyhow::Result<Vec<Scan>>>()?;
     let data = &scans[0].planes;
-    let peak = |plane: &Vec<u16>| plane.iter().copied().max().unwrap_or_default();
-    let brightest = (0..data.len()).max_by_key(|&i| peak(&data[i])).context("a plane")?;
-    let first = brightest.saturating_sub(PLANES / 2 * EVERY).min(data.len().saturating_sub(PLANES * EVERY));
-    let shown: Vec<usize> = (first..data.len()).step_by(EVERY).take(PLANES).collect();
+    let heights: Vec<f64> = data.iter().map(|plane| f64::from(peak(plane) - median(plane))).collect();
+    let highest = heights.iter().copied().fold(0.0, f64::max);
+    let shows = |height: &f64| *height > MIN_PEAK * highest;
+    let first = heights.iter().position(shows).context("a plane with the bead")?;
+    let last = heights.iter().rposition(shows).context("a plane with the bead")?;
+    let count = (last - first + 1).min(PLANES);
+    let shown: Vec<usize> = (0..count).map(|i| first + i * (last - first) / (count - 1).max(1)).collect();
     let rows = scans.iter().map(|scan| {
         let tiles = shown.iter().map(|&i| {
             let dark = f64::from(median(&data[i]));
-            let white = f64::from(peak(&data[i])) - dark;
+            let white = heights[i].max(1.0);
             let gray = scan.planes[i].iter().map(|&count| {
                 (255.0 * ((f64::from(count) - dark) / white).clamp(0.0, 1.0).sqrt()).round() as u8
             });
@@ -38,6 +43,10 @@ pub(super) fn montage(scans: &[&Path], out: &Path, name: &str) -> anyhow::Result
     let (width, height) = picture.dimensions();
     let zoomed = imageops::resize(&picture, width * ZOOM, height * ZOOM, imageops::FilterType::Nearest);
     write(&zoomed, out, name)
+}
+
+fn peak(counts: &[u16]) -> u16 {
+    counts.iter().copied().max().unwrap_or_default()
 }
 
 fn median(counts: &[u16]) -> u16 {

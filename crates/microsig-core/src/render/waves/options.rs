@@ -122,7 +122,7 @@ pub struct PupilFunction {
     pub mask: Mask,
     /// Aberrations: Noll's index (2 to 66) and the coefficient, waves rms at `wavelength_um`; 6 is
     /// astigmatism along x and y, 11 spherical aberration.
-    #[cfg_attr(feature = "schema", schemars(extend("x-unit" = "waves"), example = [(6, 0.1), (11, -0.05)]))]
+    #[cfg_attr(feature = "schema", schemars(extend("x-unit" = "waves"), example = vec![(6, 0.1), (11, -0.05)]))]
     pub zernike: Vec<(u32, f64)>,
 }
 
@@ -142,7 +142,7 @@ pub enum Mask {
     },
     /// Discs inside the pupil that do not overlap, as in a plate with pinholes.
     Pinholes(
-        #[cfg_attr(feature = "schema", schemars(length(min = 1), example = [Pinhole { x: 0.0, y: 0.6, r: 0.2 }]))]
+        #[cfg_attr(feature = "schema", schemars(length(min = 1), example = vec![Pinhole { x: 0.0, y: 0.6, r: 0.2 }]))]
          Vec<Pinhole>,
     ),
 }
