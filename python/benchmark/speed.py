@@ -27,7 +27,11 @@ import microsig as ms  # noqa: E402  threads are made for the cores that are the
 import numpy as np  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-SYNTHPIX = ROOT / "xtask/src/bench/peers/synthpix_pairs.py"
+#: Its function that draws pairs, compiled, for a displacement that is given; and its own stream of batches, with flow fields from files.
+SYNTHPIX = {
+    "SynthPix, compiled function": ROOT / "xtask/src/bench/peers/synthpix_pairs.py",
+    "SynthPix, its stream": Path(__file__).with_name("synthpix_sampler.py"),
+}
 REPEATS = 3
 
 IN_FOCUS = """(
@@ -55,7 +59,7 @@ DEFOCUSED = """(
 
 #: Samples by name: scenario, arguments of the stream, samples of a timed run.
 CASES = {
-    "in-focus pairs, 512 x 512 px, 0.03 particles per pixel": (IN_FOCUS, dict(frames=2, batch=10), 200),
+    "in-focus pairs, 512 x 512 px, 0.03 particles per pixel": (IN_FOCUS, dict(frames=2, batch=10), 600),
     "defocused, 128 x 128 px, 5 particles, rays, with clean": (DEFOCUSED, dict(labels=["clean"]), 1600),
     "defocused, 128 x 128 px, 5 particles, rays": (DEFOCUSED, dict(), 1600),
     "defocused, 128 x 128 px, 5 particles, expected, with clean": (
@@ -93,10 +97,10 @@ def timed(name: str) -> dict[str, float]:
     return dict(samples=count, cpu_s=cpu, wall_s=wall, python_s=own, batch_bytes=size)
 
 
-def synthpix(python: str) -> dict[str, float]:
-    ran = subprocess.run([python, str(SYNTHPIX), "100", "0.03", "2.75"], capture_output=True, text=True, check=True)
-    told = json.loads(ran.stdout)
-    return dict(samples=told["pairs"], cpu_s=told["cpu_s"], wall_s=told["wall_s"], versions=told["versions"])
+def synthpix(python: str, program: Path) -> dict[str, float]:
+    ran = subprocess.run([python, str(program), "100", "0.03", "2.75"], capture_output=True, text=True, check=True)
+    told = json.loads(ran.stdout.splitlines()[-1])
+    return dict(samples=told["pairs"], cpu_s=told["cpu_s"], wall_s=told["wall_s"], versions=told.get("versions", {}))
 
 
 def memory(batches: int) -> tuple[float, float, int]:
@@ -132,10 +136,11 @@ def main() -> None:
     for repeat in range(REPEATS):
         for name in CASES:
             runs.append(dict(program=name, repeat=repeat, **timed(name)))
-        if arguments.synthpix:
-            ran = synthpix(arguments.synthpix)
-            versions = ", ".join(f"{program} {version}" for program, version in ran.pop("versions").items())
-            runs.append(dict(program="SynthPix", repeat=repeat, **ran))
+        for name, program in SYNTHPIX.items() if arguments.synthpix else ():
+            ran = synthpix(arguments.synthpix, program)
+            found = ran.pop("versions")
+            versions = versions or ", ".join(f"{package} {version}" for package, version in found.items())
+            runs.append(dict(program=name, repeat=repeat, **ran))
         print(f"{repeat + 1} of {REPEATS}", file=sys.stderr)
 
     def median(name: str, of) -> float:
@@ -151,9 +156,10 @@ def main() -> None:
     rate = median(pairs, lambda run: run["samples"] / run["cpu_s"])
     compared = "SynthPix was not installed."
     if arguments.synthpix:
-        other = median("SynthPix", lambda run: run["samples"] / run["cpu_s"])
+        function, own = (median(name, lambda run: run["samples"] / run["cpu_s"]) for name in SYNTHPIX)
         compared = (
-            f"SynthPix ({versions}) makes {other:.1f} pairs a CPU second, `Stream` {rate:.1f}, {rate / other:.1f} times as many."
+            f"`Stream` makes {rate:.1f} pairs a CPU second, {rate / own:.1f} times as many as SynthPix's own stream ({own:.1f}) and "
+            f"{rate / function:.1f} times as many as its compiled function alone ({function:.1f}; {versions})."
         )
     before, most, size = memory(10_000)
     template = (Path(__file__).parent / "speed.md.in").read_text(encoding="utf-8")

@@ -83,7 +83,8 @@ impl Frame {
         let mut rest = later.tracers.as_slice();
         self.tracers.iter().filter_map(move |tracer| {
             // Both lists ascend by id: tracers skipped here entered in between.
-            rest = &rest[rest.partition_point(|other| other.id < tracer.id)..];
+            let here = rest.iter().position(|other| other.id >= tracer.id).unwrap_or(rest.len());
+            rest = &rest[here..];
             rest.first().filter(|other| other.id == tracer.id).map(|other| (tracer, other))
         })
     }

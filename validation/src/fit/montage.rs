@@ -9,8 +9,8 @@ use suite::picture::{side_by_side, stacked, write};
 
 /// Largest number of planes shown.
 const PLANES: usize = 11;
-/// A plane shows the bead if its peak reaches this fraction of the brightest plane's; in a darker one rounding
-/// to whole counts is what is seen.
+/// A plane shows the bead if its peak is above this fraction of the brightest plane's, and twice as high as the
+/// darkest plane's; in others noise and rounding to whole counts are what is seen.
 const MIN_PEAK: f64 = 0.05;
 /// Screen pixels for one pixel.
 const ZOOM: u32 = 2;
@@ -23,7 +23,8 @@ pub(super) fn montage(scans: &[&Path], out: &Path, name: &str) -> anyhow::Result
     let data = &scans[0].planes;
     let heights: Vec<f64> = data.iter().map(|plane| f64::from(peak(plane) - median(plane))).collect();
     let highest = heights.iter().copied().fold(0.0, f64::max);
-    let shows = |height: &f64| *height > MIN_PEAK * highest;
+    let lowest = heights.iter().copied().fold(highest, f64::min);
+    let shows = |height: &f64| *height > (MIN_PEAK * highest).max(2.0 * lowest);
     let first = heights.iter().position(shows).context("a plane with the bead")?;
     let last = heights.iter().rposition(shows).context("a plane with the bead")?;
     let count = (last - first + 1).min(PLANES);

@@ -176,19 +176,15 @@ pub(super) fn frame_labels(wanted: &LabelOptions, shot: &FirstFrame<'_>, sample:
 /// The visible particles.
 fn particles(shot: &FirstFrame<'_>) -> Vec<[f32; 8]> {
     let scale = &shot.scenario.scale;
-    let mut links: Vec<(u64, DVec3)> = Vec::new();
     let is_linked = |next: &&Frame| shot.scenario.recordings.link_to(next.index).is_some();
-    if let Some(next) = shot.next.filter(is_linked) {
-        links.extend(
-            shot.frame
-                .links(next)
-                .map(|(from, to)| (from.id, to.step.map_or(to.position - from.position, |step| step.actual))),
-        );
-    }
+    let next = shot.next.filter(is_linked);
+    // Links and sights both ascend by id.
+    let mut links = next.into_iter().flat_map(|next| shot.frame.links(next)).peekable();
     let row = |sight: &crate::dataset::truth::Sight<'_>| {
         let (tracer, particle) = (sight.tracer, &sight.particle);
-        // Links and sights are both sorted by id.
-        let moved = links.binary_search_by_key(&tracer.id, |(id, _)| *id).ok().map(|k| links[k].1);
+        while links.next_if(|(from, _)| from.id < tracer.id).is_some() {}
+        let link = links.next_if(|(from, _)| from.id == tracer.id);
+        let moved = link.map(|(from, to)| to.step.map_or(to.position - from.position, |step| step.actual));
         let [dx, dy, dz] = moved.map_or([f64::NAN; 3], |d| {
             let image = scale.displacement_to_image(d);
             [image.dx_px, image.dy_px, d.z]
