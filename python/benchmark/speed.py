@@ -27,7 +27,8 @@ import microsig as ms  # noqa: E402  threads are made for the cores that are the
 import numpy as np  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-#: Its function that draws pairs, compiled, for a displacement that is given; and its own stream of batches, with flow fields from files.
+#: Its compiled function that draws pairs for a given displacement, and its own stream of batches, with flow
+#: fields from files.
 SYNTHPIX = {
     "SynthPix, compiled function": ROOT / "xtask/src/bench/peers/synthpix_pairs.py",
     "SynthPix, its stream": Path(__file__).with_name("synthpix_sampler.py"),
