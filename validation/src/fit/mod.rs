@@ -20,7 +20,8 @@ use suite::template::fill;
 pub(crate) struct Comparison {
     /// Folder with `own` (scans with truth) and `real` (scans of single beads).
     dir: PathBuf,
-    /// Output folder of the tables and README.md.
+    /// Output folder of the tables and README.md. Seeds in its `coverage.csv` are not fitted again: remove it
+    /// after a change of the fit.
     #[arg(long, default_value = "target/fit")]
     out: PathBuf,
     /// Number of simulated scans of each of the cases a and b.
