@@ -94,7 +94,7 @@ impl<'a> Scene<'a> {
         frame: u32,
     ) -> Result<(Vec<Tracer>, Vec<Tracer>)> {
         let t0 = before.t_s;
-        let moved = in_parallel(&before.tracers, |tracer| {
+        let moved = filtered_in_parallel(&before.tracers, |tracer| {
             let drift = self.drift(tracer.into(), tracer.d_um, (t0, t1))?;
             let Pose { position: end, axis } = match &self.brownian {
                 None => drift,
@@ -103,18 +103,24 @@ impl<'a> Scene<'a> {
                     self.brownian_path(brownian, tracer.into(), tracer.d_um, (t0, t1), &mut stream)?
                 }
             };
-            let gone = self.domain.is_beyond_open_face(end) || self.fluid().drains(end);
+            if self.domain.is_beyond_open_face(end) || self.fluid().drains(end) {
+                return Ok(None);
+            }
             let position = self.domain.wrap(end);
             let step =
                 Displacement { actual: end - tracer.position, drift: drift.position - tracer.position };
             let new = position != end && !self.keeps_ids;
-            let step = (!new).then_some(step);
-            Ok((!gone).then_some(Tracer { position, axis, step, ..*tracer }))
+            Ok(Some(Tracer { position, axis, step: (!new).then_some(step), ..*tracer }))
         })?;
-        let (mut stay, mut wrapped) = (Vec::with_capacity(moved.len()), Vec::new());
-        for tracer in moved.into_iter().flatten() {
-            if tracer.step.is_some() { &mut stay } else { &mut wrapped }.push(tracer);
-        }
+        // Usually all stay, and nothing is moved in memory.
+        let (mut stay, mut wrapped) = (moved, Vec::new());
+        stay.retain(|tracer| {
+            let stays = tracer.step.is_some();
+            if !stays {
+                wrapped.push(*tracer);
+            }
+            stays
+        });
         Ok((stay, wrapped))
     }
 
@@ -133,7 +139,7 @@ impl<'a> Scene<'a> {
             }
         }
         let fluid = self.fluid();
-        let followed = in_parallel(&candidates, |(seed, own)| {
+        filtered_in_parallel(&candidates, |(seed, own)| {
             if !fluid.admits(seed.position, t1, 0.5 * seed.d_um) {
                 return Ok(None);
             }
@@ -151,8 +157,7 @@ impl<'a> Scene<'a> {
                 }
             };
             Ok(self.domain.is_beyond_open_face(origin).then_some(Seed { axis, ..*seed }))
-        })?;
-        Ok(followed.into_iter().flatten().collect())
+        })
     }
 
     /// Largest distance (um) from an open face that a particle that enters between two times (s) can reach.
@@ -239,8 +244,9 @@ impl Sequence<'_> {
             });
             return Ok(Vec::new());
         };
-        let exposed =
-            in_parallel(tracers, |tracer| scene.streak(tracer, shutter, (index, t_s), self.streams))?;
+        let exposed = filtered_in_parallel(tracers, |tracer| {
+            scene.streak(tracer, shutter, (index, t_s), self.streams).map(Some)
+        })?;
         let streaks = tracers.iter_mut().zip(exposed).map(|(tracer, (streak, velocity))| {
             tracer.velocity = Some(velocity);
             streak
@@ -262,15 +268,26 @@ impl Iterator for Sequence<'_> {
     }
 }
 
-/// Applies `f` to all items in parallel; results are in the order of the items, and an error is that of the
-/// first item with one.
-fn in_parallel<T: Sync, U: Send>(items: &[T], f: impl Fn(&T) -> Result<U> + Sync + Send) -> Result<Vec<U>> {
-    let of = |item| {
-        checkpoint();
-        f(item)
+/// Applies `f` to all items in parallel and keeps what it returns of them, in the order of the items; an
+/// error is that of the first item with one.
+fn filtered_in_parallel<T: Sync, U: Send>(
+    items: &[T],
+    f: impl Fn(&T) -> Result<Option<U>> + Sync + Send,
+) -> Result<Vec<U>> {
+    let of = |items: &[T]| {
+        let mut kept = Vec::with_capacity(items.len());
+        for item in items {
+            checkpoint();
+            kept.extend(f(item)?);
+        }
+        Ok(kept)
     };
-    let results: Vec<Result<U>> = items.par_iter().with_min_len(TRACERS_PER_TASK).map(of).collect();
-    results.into_iter().collect()
+    let parts: Vec<Result<Vec<U>>> = items.par_chunks(TRACERS_PER_TASK).map(of).collect();
+    let mut all = Vec::with_capacity(items.len());
+    for part in parts {
+        all.append(&mut part?);
+    }
+    Ok(all)
 }
 
 #[cfg(test)]

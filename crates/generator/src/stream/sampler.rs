@@ -179,20 +179,8 @@ fn draw(options: &StreamOptions, index: u64, prototype: &mut Prototype) -> Resul
     let pixels = width as usize * height as usize;
     let mut sample = Sample { index, images: Vec::with_capacity(pixels * frames.len()), ..Sample::default() };
     for (number, frame) in frames.iter().enumerate() {
-        let view = viewer.view(frame);
-        let random = ImageStreams {
-            streams: &scenario.streams,
-            rays: Purpose::Rays,
-            noise: Purpose::BackgroundNoise,
-            frame: frame.index,
-        };
-        let image = optics.renderer.image(&view.rendered, &sensor, random);
-        sample.images.extend_from_slice(&image.counts.whole());
-        if let Some(clean) = &optics.clean {
-            let light = clean.light(&view.rendered, &scenario.streams, Purpose::Rays, frame.index);
-            expose(&sensor, &light, &mut sample.clean);
-        }
-        if number == 0 {
+        let rendered = if number == 0 {
+            let view = viewer.view(frame);
             let shot = FirstFrame {
                 scenario,
                 view: &view,
@@ -202,6 +190,21 @@ fn draw(options: &StreamOptions, index: u64, prototype: &mut Prototype) -> Resul
                 sensor: &sensor,
             };
             frame_labels(&options.labels, &shot, &mut sample);
+            view.rendered
+        } else {
+            viewer.rendered(frame)
+        };
+        let random = ImageStreams {
+            streams: &scenario.streams,
+            rays: Purpose::Rays,
+            noise: Purpose::BackgroundNoise,
+            frame: frame.index,
+        };
+        let image = optics.renderer.image(&rendered, &sensor, random);
+        sample.images.extend_from_slice(&image.counts.whole());
+        if let Some(clean) = &optics.clean {
+            let light = clean.light(&rendered, &scenario.streams, Purpose::Rays, frame.index);
+            expose(&sensor, &light, &mut sample.clean);
         }
     }
     if let (Some(wanted), [first, second, ..]) = (options.labels.flow, frames.as_slice()) {

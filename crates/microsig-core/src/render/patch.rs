@@ -28,6 +28,15 @@ impl Window {
         if width == 0 || height == 0 { Window::default() } else { Window { x0, y0, width, height } }
     }
 
+    /// Whether [`Window::around`] contains pixels, without rounding.
+    #[inline]
+    pub(super) fn is_lit(x_px: f64, y_px: f64, extent: (f64, f64), sensor: (u32, u32)) -> bool {
+        let side = |center: f64, reach: f64, size: u32| {
+            size > 0 && center - reach + 0.5 < f64::from(size) + 1.0 && center + reach + 0.5 >= 1.0
+        };
+        side(x_px, extent.0, sensor.0) && side(y_px, extent.1, sensor.1)
+    }
+
     /// The smallest window that contains both.
     pub(super) fn joined(self, other: Window) -> Window {
         if self.area() == 0 {
@@ -110,5 +119,20 @@ mod tests {
         assert_eq!(window(0.0, 9.0), Window { x0: 1, y0: 8, width: 2, height: 1 });
         assert_eq!(window(-5.0, 5.0).area(), 0);
         assert_eq!(window(1e300, -1e300).area(), 0);
+    }
+
+    #[test]
+    fn what_is_lit_has_a_window() {
+        let edges = [f64::NAN, -f64::INFINITY, f64::INFINITY, -1e300, 1e300];
+        let places: Vec<f64> = edges.into_iter().chain((-40..=140).map(|i| f64::from(i) * 0.1)).collect();
+        for reach in [0.0, 0.1, 0.5, 2.2, f64::INFINITY, f64::NAN] {
+            for &at in &places {
+                for (x, y, sensor) in [(at, 5.0, (10, 8)), (5.0, at, (10, 8)), (at, 1.0, (1, 1))] {
+                    let window = Window::around(x, y, (reach, 1.2), sensor);
+                    let lit = Window::is_lit(x, y, (reach, 1.2), sensor);
+                    assert_eq!(lit, window.area() > 0, "{x}, {y}, {reach}");
+                }
+            }
+        }
     }
 }

@@ -125,15 +125,14 @@ impl<'a> Truth<'a> {
     /// Makes the tables of the images of these frames, once for all of them.
     pub fn prepare(&self, frames: &[Frame]) {
         if self.noise_free.needs_tables() {
-            let rows: Vec<Vec<Particle>> =
-                frames.iter().map(|frame| self.viewer.view(frame).rendered).collect();
+            let rows: Vec<Vec<Particle>> = frames.iter().map(|frame| self.viewer.rendered(frame)).collect();
             self.noise_free.prepare(&rows.iter().map(Vec::as_slice).collect::<Vec<_>>());
         }
     }
 
     /// Number of tables that images of this frame need and that are not made yet.
     pub fn missing_tables(&self, frame: &Frame) -> usize {
-        self.noise_free.missing_tables(&self.viewer.view(frame).rendered)
+        self.noise_free.missing_tables(&self.viewer.rendered(frame))
     }
 
     /// The truth of a frame, with displacements from the previous frame if the two are linked.

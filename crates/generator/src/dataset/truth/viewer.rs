@@ -39,22 +39,34 @@ pub(crate) struct Sight<'a> {
 
 /// The particles that are drawn of a frame: the rows of its data file.
 pub fn rendered(scenario: &Scenario, renderer: &Renderer, frame: &Frame) -> Vec<Particle> {
-    Viewer { scenario, renderer }.view(frame).rendered
+    Viewer { scenario, renderer }.rendered(frame)
 }
 
 impl Viewer<'_> {
     /// The particles of a frame.
     pub(crate) fn view<'f>(&self, frame: &'f Frame) -> View<'f> {
+        let mut sights = Vec::with_capacity(frame.tracers.len());
+        let (energy, rendered) = self.each(frame, |sight| sights.push(sight));
+        View { energy, sights, rendered }
+    }
+
+    /// The rows of a frame's data file.
+    pub(crate) fn rendered(&self, frame: &Frame) -> Vec<Particle> {
+        self.each(frame, |_| ()).1
+    }
+
+    /// Calls `take` with each tracer of a frame; returns the factor on the light of the frame, and the rows
+    /// of its data file.
+    fn each<'f>(&self, frame: &'f Frame, mut take: impl FnMut(Sight<'f>)) -> (f64, Vec<Particle>) {
         let energy = self.energy(frame);
         let mut rendered = Vec::with_capacity(frame.tracers.len());
-        let mut sights = Vec::with_capacity(frame.tracers.len());
         for (i, tracer) in frame.tracers.iter().enumerate() {
             let (first, particle) = (rendered.len(), self.particle(tracer));
             let light = energy * self.rows(tracer, particle, frame.streaks.get(i), energy, &mut rendered);
             let (visible, rows) = (self.is_visible(&particle), first..rendered.len());
-            sights.push(Sight { tracer, particle, visible, rows, light });
+            take(Sight { tracer, particle, visible, rows, light });
         }
-        View { energy, sights, rendered }
+        (energy, rendered)
     }
 
     /// The particle of a tracer. If the dataset has spheroids, those of aspect ratio 1 are also treated as

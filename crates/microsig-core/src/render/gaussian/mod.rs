@@ -98,18 +98,17 @@ impl GaussianRenderer {
         self.spot.diameter_px * self.spot.reference_um.map_or(1.0, |reference| particle.d_um / reference)
     }
 
+    /// Columns and rows of the sensor.
+    fn sensor(&self) -> (u32, u32) {
+        (self.settings.pixel_dim_x, self.settings.pixel_dim_y)
+    }
+
     fn window(&self, particle: &Particle) -> Window {
-        Window::around(
-            particle.x_px,
-            particle.y_px,
-            self.image_extent(particle),
-            (self.settings.pixel_dim_x, self.settings.pixel_dim_y),
-        )
+        Window::around(particle.x_px, particle.y_px, self.image_extent(particle), self.sensor())
     }
 
     fn spots(&self, particles: &[Particle]) -> Footprints<'_> {
-        let sensor = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
-        Footprints::new(particles, self.scaling, sensor, self.instructions, &self.spots)
+        Footprints::new(particles, self.scaling, self.sensor(), self.instructions, &self.spots)
     }
 
     /// Computes the light of the rows from `first` on.
@@ -135,10 +134,14 @@ impl GaussianRenderer {
     /// faster, because light is computed and exposed band by band.
     pub fn image(&self, particles: &[Particle], sensor: &Sensor, random: ImageStreams<'_>) -> Image {
         let spots = self.spots(particles);
-        let size = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
-        sensor.expose_bands(size, BAND, random.streams, random.noise, random.frame, |first, pixels| {
-            self.band(&spots, first, pixels)
-        })
+        sensor.expose_bands(
+            self.sensor(),
+            BAND,
+            random.streams,
+            random.noise,
+            random.frame,
+            |first, pixels| self.band(&spots, first, pixels),
+        )
     }
 }
 
@@ -201,7 +204,7 @@ impl Render for GaussianRenderer {
     }
 
     fn reaches_sensor(&self, particle: &Particle) -> bool {
-        self.window(particle).area() > 0
+        Window::is_lit(particle.x_px, particle.y_px, self.image_extent(particle), self.sensor())
     }
 
     fn mean_patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
