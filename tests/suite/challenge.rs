@@ -8,7 +8,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 use suite::microsig::{fail, generate, path, run};
 
-use crate::release::{CHALLENGE, images_sha256, scenario, submission};
+use crate::release::{CHALLENGE, images_sha256, scenario, submission, unpack};
 
 /// A regular grid of particles does not depend on the key.
 #[test]
@@ -136,6 +136,26 @@ fn results_without_depth_are_refused_where_depth_is_scored() {
     {
         let message = fail(2, verb);
         assert!(message.contains("no z_um; this challenge is scored in depth"), "{message}");
+    }
+}
+
+/// Particles in focus have no depth to measure: both sides take a result in the image plane.
+#[test]
+fn results_without_depth_are_taken_where_all_is_in_focus() {
+    let place = tempfile::tempdir().unwrap();
+    let optics = "optics: (gaussian: (diameter_px: 3, peak_counts: 200), ";
+    let dataset = generate(place.path(), "focus", &scenario(4).replace("optics: (", optics));
+    let (out, test) = (place.path().join("out"), place.path().join("unpacked"));
+    run(&["release", path(&dataset), "--out", path(&out), "--quiet"]);
+    unpack(&out.join("public/small-test.zip"), &test);
+    let test = test.join("small-test");
+    let sums = fs::read_to_string(test.join("SHA256SUMS")).unwrap();
+    let images: String = sums.lines().filter(|l| l.contains("  images/")).map(|l| format!("{l}\n")).collect();
+    let found = submission(place.path(), &suite::sha256_of(images.as_bytes()));
+    fs::write(found.join("results.csv"), "frame,track,x_px,y_px\n0,-1,5,5\n").unwrap();
+    for verb in ["check-submission", "evaluate"] {
+        let split = if verb == "evaluate" { &out.join("withheld/test") } else { &test };
+        run(&[verb, path(split), path(&found), "--quiet"]);
     }
 }
 

@@ -42,7 +42,7 @@ pub(crate) static CHALLENGE: LazyLock<Challenge> = LazyLock::new(|| {
     Challenge { _place: place, dataset, out, test: unpacked.join("small-test") }
 });
 
-fn unpack(archive: &Path, folder: &Path) {
+pub(crate) fn unpack(archive: &Path, folder: &Path) {
     for (name, bytes) in unzip(archive).unwrap() {
         let file = folder.join(name);
         std::fs::create_dir_all(file.parent().unwrap()).unwrap();

@@ -214,7 +214,11 @@ fn told(manifest: &Manifest) -> RecordingFacts {
         generator: own.generator_version.clone(),
         bursts: timing.are_bursts(),
         focus_um: own.particle_image.as_ref().and_then(|p| p.focus_um),
-        is_all_in_focus: own.particle_image.as_ref().is_some_and(|p| p.focus_um.is_none()),
+        // The public part of a test split names its renderer, not its particle images.
+        is_all_in_focus: own
+            .particle_image
+            .as_ref()
+            .map_or(own.renderer.as_deref() == Some("gaussian"), |p| p.focus_um.is_none()),
         is_withheld: own.truth.as_deref() == Some("withheld"),
         is_from_key: own.seed == Some(None),
         is_for_particles_only: own.scored.as_ref().is_some_and(|s| !s.iter().any(|s| s == "fields")),
@@ -279,6 +283,10 @@ mod tests {
         assert!(
             facts.is_all_in_focus && facts.is_for_particles_only && facts.sha256.as_deref() == Some("12")
         );
+        for (renderer, in_focus) in [("gaussian", true), ("rays", false)] {
+            let public = read(&format!(r#"{{ "microsig": {{ "renderer": "{renderer}" }} }}"#)).unwrap();
+            assert_eq!(public.is_all_in_focus, in_focus, "{renderer}");
+        }
         assert_eq!(
             read("{}").unwrap(),
             RecordingFacts { name: "dataset".to_owned(), ..RecordingFacts::default() }
