@@ -320,6 +320,7 @@ fn hostile_files() -> Vec<(&'static str, Vec<u8>, &'static str)> {
         ("same.csv", b"frame,track,x_px,y_px,x_px\n0,0,1,1,2\n".to_vec(), "column x_px appears twice"),
         ("pivlab.txt", b"PIVlab\nFRAME\nx [mm],y [mm],u [mm/s],v [mm/s]\n1,1,1,1\n".to_vec(), ":3: "),
         ("binary.csv", vec![0xff; 4000], "fits no format"),
+        ("column.csv", b"frame,track,x_px\n0,0,1\n".to_vec(), "expected columns frame, track, x_px, y_px"),
     ]
 }
 

@@ -210,7 +210,11 @@ pub fn detect(path: &Path) -> Result<Format> {
             "{name}:1: columns {first:?} have no units: name them frame, track, x_px, y_px, z_um (or x_px, y_px, dx_px, \
              dy_px of a field), or say with --format which program wrote them"
         ))),
-        () => Err(Error::input(format!("{name}:1: header {:?} fits no format; say --format", shown(first)))),
+        () => Err(Error::input(format!(
+            "{name}:1: header {:?} fits no format; expected columns frame, track, x_px, y_px, z_um (without z_um if depth \
+             is not measured), or x_px, y_px, dx_px, dy_px of a field; `evaluate --format` tells which other program wrote it",
+            shown(first)
+        ))),
     }
 }
 
