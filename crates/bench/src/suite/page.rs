@@ -1,7 +1,7 @@
 //! The page of a suite's scores: for each track the standings, curves over each ladder, tables of all cases,
 //! example images.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -206,24 +206,29 @@ fn curves(ladder: &str, cases: &[&CaseScores]) -> Result<Vec<Markup>> {
     Ok(plots)
 }
 
-/// A line for each tracker and each combination of values of the other axes, without points if there is only
-/// one.
+/// A line for each tracker and each combination of values of the other axes. Combinations of which no tracker
+/// has a line are left out; otherwise a tracker without one keeps its place, and all others their colors.
 fn over(axis: usize, metric: Metric, cases: &[&CaseScores]) -> Vec<Series> {
-    let mut points: BTreeMap<String, Vec<(f64, MetricValue)>> = BTreeMap::new();
+    type Points = Vec<(f64, MetricValue)>;
+    let mut points: BTreeMap<(String, String), Points> = BTreeMap::new();
     for case in cases {
         let Some(x) = case.axes.get(axis).and_then(|a| a.number) else { continue };
         let others = case.axes.iter().enumerate().filter(|(i, _)| *i != axis);
         let others: Vec<String> = others.map(|(_, a)| format!("{} {}", a.label, a.shown)).collect();
         for result in &case.results {
-            let name = [vec![result.tracker.clone()], others.clone()].concat().join(", ");
-            let of_name = points.entry(name).or_default();
+            let of_name = points.entry((result.tracker.clone(), others.join(", "))).or_default();
             of_name.extend(result.value(metric).filter(|v| v.value.is_some()).map(|value| (x, value)));
         }
     }
+    let is_line = |points: &Points| points.len() > 1;
+    let drawn: BTreeSet<String> =
+        points.iter().filter(|(_, of)| is_line(of)).map(|((_, others), _)| others.clone()).collect();
     points
         .into_iter()
-        .map(|(name, mut points)| {
-            if points.len() == 1 {
+        .filter(|((_, others), _)| drawn.contains(others))
+        .map(|((tracker, others), mut points)| {
+            let name = if others.is_empty() { tracker } else { format!("{tracker}, {others}") };
+            if !is_line(&points) {
                 points.clear();
             }
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -263,5 +268,30 @@ fn drawn(picture: &Picture) -> Markup {
             }
             figcaption { (picture.caption) " Green circles: found; red dashed: missed; yellow crosses: ghosts." }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn trackers_keep_their_places_whatever_combinations_are_drawn() {
+        let case = |n_s: f64, noise: f64| -> CaseScores {
+            let of = |tracker: &str| {
+                serde_json::json!({ "tracker": tracker, "status": "scored", "reason": null, "rank": 1, "warnings": [],
+                    "scores": [{ "metric": "f1", "value": 0.5, "low": null, "high": null }] })
+            };
+            let axis = |label: &str, x: f64| serde_json::json!({ "label": label, "shown": x.to_string(), "number": x });
+            serde_json::from_value(serde_json::json!({ "track": "D3", "ladder": "density", "case": "", "dataset": "",
+                "axes": [axis("N_S", n_s), axis("noise", noise)], "rank_by": ["f1"], "results": [of("a"), of("b")] }))
+            .unwrap()
+        };
+        // Only at a noise of 50 is there more than one N_S.
+        let cases = [case(0.1, 10.0), case(0.1, 50.0), case(0.3, 50.0)];
+        let cases: Vec<&CaseScores> = cases.iter().collect();
+        let names = |axis| over(axis, Metric::F1, &cases).iter().map(|s| s.name.clone()).collect::<Vec<_>>();
+        assert_eq!(names(0), ["a, noise 50", "b, noise 50"]);
+        assert_eq!(names(1), ["a, N_S 0.1", "b, N_S 0.1"]);
     }
 }
