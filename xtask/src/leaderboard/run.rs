@@ -125,7 +125,7 @@ impl Job<'_> {
                 for folder in [folder, &common] {
                     for (path, hash) in suite::tree(folder).unwrap_or_default() {
                         let is_source =
-                            [".py", ".toml", ".json", ".txt"].iter().any(|end| path.ends_with(end));
+                            [".py", ".toml", ".json", ".txt", ".onnx"].iter().any(|end| path.ends_with(end));
                         // Parameters of other cases do not matter.
                         if is_source && !path.starts_with("params") {
                             parts.push(format!("{path} {hash}"));
