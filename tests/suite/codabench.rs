@@ -1,6 +1,7 @@
 //! The bundle for Codabench: its scoring program, run on files laid out as the platform does, gives the
 //! numbers of `evaluate`.
 
+use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 
@@ -19,13 +20,32 @@ fn unpack(archive: &Path, folder: &Path) {
     }
 }
 
+/// A wheel whose module runs the program that STANDS_FOR names.
+fn stand_in(wheel: &Path) {
+    let main =
+        "import os, subprocess, sys\nsys.exit(subprocess.call([os.environ['STANDS_FOR'], *sys.argv[1:]]))\n";
+    let about = "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n";
+    let mut zip = zip::ZipWriter::new(std::fs::File::create(wheel).unwrap());
+    for (name, text) in [
+        ("microsig/__init__.py", ""),
+        ("microsig/__main__.py", main),
+        ("microsig-0.dist-info/METADATA", "Metadata-Version: 2.1\nName: microsig\nVersion: 0\n"),
+        ("microsig-0.dist-info/WHEEL", about),
+        ("microsig-0.dist-info/RECORD", ""),
+    ] {
+        zip.start_file(name, zip::write::SimpleFileOptions::default()).unwrap();
+        zip.write_all(text.as_bytes()).unwrap();
+    }
+    zip.finish().unwrap();
+}
+
 #[test]
 fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
     let c = &*CHALLENGE;
     let place = tempfile::tempdir().unwrap();
     let out = place.path().join("challenge");
     let wheel = place.path().join("microsig-0-py3-none-any.whl");
-    std::fs::write(&wheel, "a stand-in").unwrap();
+    stand_in(&wheel);
     let with = ["--codabench", "--wheel", path(&wheel), "--quiet"];
     run(&[&["release", path(&c.dataset), "--out", path(&out)], &with[..]].concat());
     assert!(!out.join("public/codabench.zip").exists(), "it has the truth");
@@ -71,6 +91,7 @@ fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
     let alone: Value =
         serde_json::from_str(&run(&["evaluate", path(&test), path(&result), "--json", "--quiet"])).unwrap();
     let scores = read("scores.json");
+    let written = std::fs::read(app.join("output/scores.json")).unwrap();
     assert!(alone["detection"]["recall"].as_f64().unwrap() < 0.9, "{alone}");
     for (key, part, name) in [
         ("f1", "detection", "f1"),
@@ -91,6 +112,21 @@ fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
     for line in competition.lines().filter_map(|line| line.trim().split_once(": ")) {
         let is_file = line.1.ends_with(".md") || line.1.ends_with(".zip") || line.1.ends_with(".png");
         assert!(!is_file || bundle.join(line.1).is_file(), "{line:?}");
+    }
+
+    // Where no command is installed, the wheel of the bundle is.
+    let python = || {
+        let mut command = Command::new("python3");
+        command.env_remove("MICROSIG").env("PATH", "/usr/bin:/bin").env("STANDS_FOR", binary());
+        command.env("PIP_DISABLE_PIP_VERSION_CHECK", "1");
+        command
+    };
+    if python().args(["-m", "pip", "--version"]).output().is_ok_and(|said| said.status.success()) {
+        let mut command = python();
+        command.arg(app.join("program/scoring.py")).args([app.join("input"), app.join("wheel")]);
+        let said = command.output().unwrap();
+        assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
+        assert_eq!(std::fs::read(app.join("wheel/scores.json")).unwrap(), written);
     }
 
     // A submission that is refused is told why.

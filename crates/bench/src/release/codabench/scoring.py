@@ -41,10 +41,12 @@ def program():
         return ["microsig"]
     wheels = sorted(here.glob("*.whl"))
     if wheels:
-        place = "/tmp/microsig-wheel"
+        place = tempfile.mkdtemp()
         pip = [sys.executable, "-m", "pip", "install", "--quiet", "--target", place, str(wheels[-1])]
         subprocess.run(pip, check=True)
-        return [str(Path(place) / "bin" / "microsig")]
+        # Scripts of such a folder do not find its modules.
+        os.environ["PYTHONPATH"] = place
+        return [sys.executable, "-m", "microsig"]
     sys.exit("no microsig: build the bundle with --wheel, or use a container in which it is installed")
 
 
