@@ -116,8 +116,14 @@ def test_folder_is_complete(tracker):
     with open(folder / "tuning.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert {row["split"] for row in rows} == {"train", "val"}
-    assert {row["dataset"].rsplit("_", 1)[0] for row in rows} == {path.stem for path in (folder / "params").glob("*.json")
-                                                                  if not path.stem.startswith("start_")}
+    params = {path.relative_to(folder / "params").with_suffix("").as_posix() for path in (folder / "params").rglob("*.json")}
+    params = {name for name in params if not name.startswith("start/")}
+    found = set()
+    for dataset in {row["dataset"] for row in rows}:  # TRACK/CASE of a suite, or NAME_train and NAME_val
+        of = {dataset, dataset.split("/")[0]} if "/" in dataset else {dataset.rsplit("_", 1)[0]}
+        assert of & params, f"no parameters of {dataset}"
+        found |= of
+    assert params <= found, f"parameters without a search: {params - found}"
 
 
 def test_errors_are_clear(datasets, tmp_path):
