@@ -125,7 +125,7 @@ mod tests {
     fn what_is_lit_has_a_window() {
         let edges = [f64::NAN, -f64::INFINITY, f64::INFINITY, -1e300, 1e300];
         let places: Vec<f64> = edges.into_iter().chain((-40..=140).map(|i| f64::from(i) * 0.1)).collect();
-        for reach in [0.0, 0.1, 0.5, 2.2, f64::INFINITY, f64::NAN] {
+        for reach in [0.0, 0.1, 0.5, 2.2, 1e30, f64::NAN] {
             for &at in &places {
                 for (x, y, sensor) in [(at, 5.0, (10, 8)), (5.0, at, (10, 8)), (at, 1.0, (1, 1))] {
                     let window = Window::around(x, y, (reach, 1.2), sensor);

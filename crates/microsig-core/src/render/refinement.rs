@@ -101,14 +101,14 @@ pub(super) struct Refinement {
 }
 
 impl Refinement {
-    /// Adds planes midway between those given until the spline through them is accurate there. `sample` gives
-    /// the plane at a depth (um).
+    /// Adds planes midway between those given until the spline through them is accurate there, and returns its
+    /// deviation, too. `sample` gives the plane at a depth (um).
     pub(super) fn planes(
         &self,
         mut depths: PlaneDepths,
         mut planes: Vec<Vec<f64>>,
         sample: impl Fn(f64) -> Vec<f64> + Sync,
-    ) -> (PlaneDepths, Vec<Vec<f64>>) {
+    ) -> (PlaneDepths, Vec<Vec<f64>>, f64) {
         let mut error_before = f64::INFINITY;
         loop {
             let steps = depths.steps;
@@ -122,7 +122,7 @@ impl Refinement {
             // If finer steps do not reduce the error, it has another cause.
             let helped = error < 0.6 * error_before;
             if error <= self.allowed || steps >= self.most_steps || !helped {
-                return (depths, planes);
+                return (depths, planes, error);
             }
             error_before = error;
             // Some of the outermost planes are no longer needed.

@@ -9,8 +9,9 @@
 //! Subaperture images are computed for some points of the aperture and interpolated between them.
 
 use super::pupil::{Pupil, PupilView, density};
-use super::subaperture::SubapertureImage;
+use super::subaperture::{Buffers, SeenPoints, SubapertureImage, SubapertureLayout};
 use super::surface::EmittingSurface;
+use crate::pool::Pooled;
 use crate::render::image_sum::LANES;
 use crate::render::instructions::InstructionSet;
 
@@ -18,6 +19,20 @@ use crate::render::instructions::InstructionSet;
 /// proportional to the fineness.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Fineness(pub(super) f64);
+
+impl Fineness {
+    /// The resolution of a sum over the aperture from which refinement starts for a tolerance relative to the
+    /// peak.
+    pub(super) fn first(tolerance: f64) -> Fineness {
+        Fineness(libm::sqrt(1e-3 / tolerance).clamp(0.5, 4.0))
+    }
+
+    /// 1 for images of moderate accuracy, otherwise 2: the factor on the numbers of fine steps and of source
+    /// points.
+    pub(super) fn factor(self) -> usize {
+        if self.0 < 1.4 { 1 } else { 2 }
+    }
+}
 
 /// A grid of nodes with equal spacing along columns and rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,13 +77,14 @@ pub(super) struct ApertureIntegral<'a> {
     pub(super) z_um: f64,
     pub(super) surface: &'a EmittingSurface,
     pub(super) grid: Grid,
+    pub(super) buffers: &'a Buffers,
 }
 
 impl ApertureIntegral<'_> {
     /// Number of aperture cells that contribute light to the grid, to within a few percent.
     pub(super) fn cells(&self, part: PupilPart, fineness: Fineness) -> f64 {
         const RINGS: usize = 64;
-        let ApertureIntegral { pupil, z_um, surface, grid } = *self;
+        let ApertureIntegral { pupil, z_um, surface, grid, .. } = *self;
         let steps = PupilSampling::new(pupil, z_um, surface, &grid, part, fineness);
         let per_ring: f64 = (0..RINGS)
             .filter_map(|i| {
@@ -91,39 +107,28 @@ impl ApertureIntegral<'_> {
         fineness: Fineness,
         instructions: InstructionSet,
     ) -> Vec<f32> {
-        let ApertureIntegral { pupil, z_um, surface, grid } = *self;
+        let ApertureIntegral { pupil, z_um, surface, grid, .. } = *self;
         let steps = PupilSampling::new(pupil, z_um, surface, &grid, part, fineness);
-        let subimages = SubapertureImages::new(pupil, z_um, surface, &grid, &steps);
-        let accumulator = Accumulator::new(grid, steps.fine, subimages.size);
-        instructions
-            .dispatch(SumSubapertures {
-                pupil,
-                z_um,
-                surface,
-                steps: &steps,
-                subimages: &subimages,
-                accumulator,
-            })
-            .nodes()
+        instructions.dispatch(SumSubapertures { integral: self, steps: &steps })
     }
 }
 
-/// The loop over aperture cells, compiled for every instruction set.
+/// Subaperture images and the sum over aperture cells, compiled for every instruction set.
 struct SumSubapertures<'a> {
-    pupil: &'a Pupil,
-    z_um: f64,
-    surface: &'a EmittingSurface,
+    integral: &'a ApertureIntegral<'a>,
     steps: &'a PupilSampling,
-    subimages: &'a SubapertureImages,
-    accumulator: Accumulator,
 }
 
 impl pulp::WithSimd for SumSubapertures<'_> {
-    type Output = Accumulator;
+    type Output = Vec<f32>;
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) -> Accumulator {
-        let SumSubapertures { pupil, z_um, surface, steps, subimages, mut accumulator } = self;
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Vec<f32> {
+        let SumSubapertures { integral, steps } = self;
+        let ApertureIntegral { pupil, z_um, surface, grid, buffers } = *integral;
+        let subimages = SubapertureImages::new(integral, steps);
+        let mut accumulator = Accumulator::new(grid, steps, &subimages, buffers);
+        let mut cells = Vec::with_capacity(steps.cells * steps.cells);
         let distance = pupil.distance(z_um) + surface.centroid[0];
         let width = steps.reach_um / steps.cells as f64;
         for cell in 0..steps.cells {
@@ -143,18 +148,50 @@ impl pulp::WithSimd for SumSubapertures<'_> {
             if first > 0 {
                 (sine, cosine) = libm::sincos((first as f64 + 0.5) * angle);
             }
+            let mut dither = Dither::of_ring(cell);
             for part in first..last {
                 let sector = (part as f64 + 0.5) * steps.sectors as f64 / ring_cells as f64;
-                let place = ring.place(pupil, z_um, surface, [cosine, sine]);
-                if let (Some(subimages), Some(place)) = (subimages.around(zone, sector), place) {
+                if let Some(place) = ring.place(pupil, z_um, surface, [cosine, sine]) {
                     let light = density(distance, surface.offset2(q, [cosine, sine])) * area;
-                    accumulator.add(subimages, place, light);
+                    cells.extend(accumulator.cell([zone, sector], place, light, dither.next()));
                 }
                 (cosine, sine) =
                     (cosine * step_cosine - sine * step_sine, sine * step_cosine + cosine * step_sine);
             }
         }
-        accumulator
+        for cells in sorted(&cells).chunk_by(|a, b| a.images == b.images) {
+            let [zone, sector, phase_y, phase_x] = cells[0].images.map(usize::from);
+            let Some(four) = subimages.around(zone, sector) else { continue };
+            accumulator.add(four.map(|subimage| subimage.image(phase_x, phase_y)), cells);
+        }
+        accumulator.nodes()
+    }
+}
+
+/// Positions of subaperture images are rounded to whole fine steps up or down by low-discrepancy sequences
+/// over rings and over the cells of a ring, so that on average they are right. Rounded to nearest, regularly
+/// spaced cells would beat with the steps.
+struct Dither([f64; 2]);
+
+impl Dither {
+    /// Strides from ring to ring and from cell to cell, along columns and along rows: inverse powers of the
+    /// real root of x^3 = x + 1, the golden ratio and sqrt(2) - 1.
+    const RINGS: [f64; 2] = [0.754_877_666_246_692_8, 0.618_033_988_749_894_9];
+    const CELLS: [f64; 2] = [0.569_840_290_998_053_3, 0.414_213_562_373_095_1];
+
+    /// The sequence of a ring.
+    fn of_ring(number: usize) -> Dither {
+        let [x, y] = Self::RINGS.map(|stride| number as f64 * stride);
+        Dither([x - libm::floor(x), y - libm::floor(y)])
+    }
+
+    #[inline(always)]
+    fn next(&mut self) -> [f64; 2] {
+        for (at, stride) in self.0.iter_mut().zip(Self::CELLS) {
+            *at += stride;
+            *at -= if *at >= 1.0 { 1.0 } else { 0.0 };
+        }
+        self.0
     }
 }
 
@@ -179,7 +216,7 @@ struct PupilSampling {
 /// Distance between landing positions at fineness 1, in diameters of the geometric image of the particle.
 const PART: f64 = 0.12;
 /// Subaperture images along the radius and a quadrant's azimuth at fineness 1.
-const ZONES: f64 = 3.0;
+const ZONES: f64 = 4.8;
 
 impl PupilSampling {
     fn new(
@@ -188,8 +225,9 @@ impl PupilSampling {
         surface: &EmittingSurface,
         grid: &Grid,
         part: PupilPart,
-        Fineness(finer): Fineness,
+        fineness: Fineness,
     ) -> PupilSampling {
+        let Fineness(finer) = fineness;
         let [x, y] = grid.sides_px();
         let farthest_px = if pupil.system.cylinder.is_some() {
             [x + 1.0, y + 1.0]
@@ -211,7 +249,7 @@ impl PupilSampling {
         let zones = libm::ceil(ZONES * libm::sqrt(finer)).clamp(2.0, 12.0) as usize;
         let quarters = if part == PupilPart::Quadrant { 1 } else { 4 };
         // Images of small particles have sharp edges.
-        let fine = if image_px > 8.0 { 8 } else { 16 };
+        let fine = if image_px > 8.0 { 8 } else { 16 } * fineness.factor();
         PupilSampling {
             reach_um,
             quarters,
@@ -232,79 +270,86 @@ impl PupilSampling {
 }
 
 /// Subaperture images at the nodes of a polar grid in the aperture.
-struct SubapertureImages {
-    subimages: Vec<Option<SubapertureImage>>,
+struct SubapertureImages<'b> {
+    subimages: Vec<Option<SubapertureImage<'b>>>,
     sectors: usize,
-    /// Columns and rows, the same for all images.
-    size: [usize; 2],
+    /// The layout of all images.
+    layout: SubapertureLayout,
 }
 
-impl SubapertureImages {
-    fn new(
-        pupil: &Pupil,
-        z_um: f64,
-        surface: &EmittingSurface,
-        grid: &Grid,
-        steps: &PupilSampling,
-    ) -> SubapertureImages {
-        let seen: Vec<Option<SubapertureView>> = (0..=steps.zones)
-            .flat_map(|zone| (0..=steps.sectors).map(move |sector| (zone, sector)))
-            .map(|(zone, sector)| {
-                let q = zone as f64 * steps.reach_um / steps.zones as f64;
-                let (sine, cosine) = libm::sincos(sector as f64 * steps.turn / steps.sectors as f64);
-                let view = pupil.view(z_um, surface.radius_um, [q * cosine, q * sine])?;
-                // The area over which a cell spreads the image of a point.
-                let ring = PupilRing::new(pupil, z_um, surface, q)?;
-                let width = steps.reach_um / steps.cells as f64;
-                let inner = PupilRing::new(pupil, z_um, surface, (q - width).max(0.0))?;
-                let along = width / (q - inner.q).max(width);
-                let angle = steps.turn / steps.cells_in_ring(&ring) as f64;
-                let footprint = [
-                    [
-                        (ring.axes[0] - inner.axes[0]) * along * cosine,
-                        (ring.axes[1] - inner.axes[1]) * along * sine,
-                    ],
-                    [-ring.axes[0] * sine * angle, ring.axes[1] * cosine * angle],
-                ];
-                Some(SubapertureView { q: [q * cosine, q * sine], view, footprint })
-            })
-            .collect();
-        let half = seen.iter().flatten().fold([0; 2], |half: [i64; 2], seen| {
-            let more = SubapertureImage::half(surface, &seen.view, seen.footprint, steps.fine);
+impl<'b> SubapertureImages<'b> {
+    #[inline(always)]
+    fn new(integral: &ApertureIntegral<'b>, steps: &PupilSampling) -> SubapertureImages<'b> {
+        let ApertureIntegral { pupil, z_um, surface, grid, buffers } = *integral;
+        let distance = pupil.distance(z_um);
+        let mut views = Vec::with_capacity((steps.zones + 1) * (steps.sectors + 1));
+        // Loops, as adapters of iterators would not be compiled for the instruction set.
+        for zone in 0..=steps.zones {
+            for sector in 0..=steps.sectors {
+                views.push(match SubapertureView::at(pupil, z_um, surface, steps, (zone, sector)) {
+                    Some((view, footprint)) => {
+                        let points = SeenPoints::new(surface, &view, distance, buffers);
+                        Some(SubapertureView { points, footprint })
+                    }
+                    None => None,
+                });
+            }
+        }
+        let half = views.iter().flatten().fold([0; 2], |half: [i64; 2], view| {
+            let more = view.points.half(view.footprint, steps.fine);
             [half[0].max(more[0]), half[1].max(more[1])]
         });
-        let distance = pupil.distance(z_um);
-        let scale = (grid.per_px, steps.fine);
-        let subimage = |seen: &SubapertureView| {
-            SubapertureImage::new(surface, &seen.view, distance, seen.q, scale, seen.footprint, half)
-        };
-        let subimages: Vec<Option<SubapertureImage>> =
-            seen.iter().map(|seen| seen.as_ref().map(subimage)).collect();
-        let size =
-            subimages.iter().flatten().next().map_or([0; 2], |subimage| [subimage.columns, subimage.rows]);
-        SubapertureImages { subimages, sectors: steps.sectors, size }
+        let layout = SubapertureLayout::new(half, grid.per_px, steps.fine);
+        let mut subimages = Vec::with_capacity(views.len());
+        for view in &views {
+            subimages.push(match view {
+                Some(SubapertureView { points, footprint }) => {
+                    Some(SubapertureImage::new(points, *footprint, layout, buffers))
+                }
+                None => None,
+            });
+        }
+        SubapertureImages { subimages, sectors: steps.sectors, layout }
     }
 
-    /// The four subaperture images around a point of the aperture, in units of zones and sectors, and their
-    /// weights in bilinear interpolation.
-    #[inline(always)]
-    fn around(&self, zone: f64, sector: f64) -> Option<[(&SubapertureImage, f64); 4]> {
-        let k = (sector as usize).min(self.sectors - 1);
-        let (u, v) = (zone - libm::floor(zone), sector - k as f64);
-        let inner = &self.subimages[zone as usize * (self.sectors + 1) + k..];
-        let [a, b] = [inner[0].as_ref()?, inner[1].as_ref()?];
+    /// The four subaperture images at the corners of a sector of a zone; `None` if rays of one are lost.
+    fn around(&self, zone: usize, sector: usize) -> Option<[&SubapertureImage<'b>; 4]> {
+        let inner = &self.subimages[zone * (self.sectors + 1) + sector..];
         let outer = &inner[self.sectors + 1..];
-        let [c, d] = [outer[0].as_ref()?, outer[1].as_ref()?];
-        Some([(a, (1.0 - u) * (1.0 - v)), (b, (1.0 - u) * v), (c, u * (1.0 - v)), (d, u * v)])
+        Some([inner[0].as_ref()?, inner[1].as_ref()?, outer[0].as_ref()?, outer[1].as_ref()?])
     }
 }
 
 /// The view of the particle through one point of the lens.
-struct SubapertureView {
-    q: [f64; 2],
-    view: PupilView,
+struct SubapertureView<'b> {
+    points: SeenPoints<'b>,
     /// Two sides of the parallelogram over which a cell spreads the light of a point, px.
     footprint: [[f64; 2]; 2],
+}
+
+impl SubapertureView<'_> {
+    /// View and footprint at a node of the polar grid. `None`: the ray is lost.
+    fn at(
+        pupil: &Pupil,
+        z_um: f64,
+        surface: &EmittingSurface,
+        steps: &PupilSampling,
+        (zone, sector): (usize, usize),
+    ) -> Option<(PupilView, [[f64; 2]; 2])> {
+        let q = zone as f64 * steps.reach_um / steps.zones as f64;
+        let (sine, cosine) = libm::sincos(sector as f64 * steps.turn / steps.sectors as f64);
+        let view = pupil.view(z_um, surface.radius_um, [q * cosine, q * sine])?;
+        let ring = PupilRing::new(pupil, z_um, surface, q)?;
+        let width = steps.reach_um / steps.cells as f64;
+        let inner = PupilRing::new(pupil, z_um, surface, (q - width).max(0.0))?;
+        let along = width / (q - inner.q).max(width);
+        let angle = steps.turn / steps.cells_in_ring(&ring) as f64;
+        let footprint = [
+            [(ring.axes[0] - inner.axes[0]) * along * cosine, (ring.axes[1] - inner.axes[1]) * along * sine],
+            [-ring.axes[0] * sine * angle, ring.axes[1] * cosine * angle],
+        ];
+        Some((view, footprint))
+    }
 }
 
 /// The aperture cells at one distance from the axis.
@@ -352,22 +397,70 @@ impl PupilRing {
     }
 }
 
+/// A cell of the aperture: which subaperture images it adds, where, and with which weights.
+#[derive(Debug, Clone, Copy, Default)]
+struct Cell {
+    /// Zone and sector of the images at its corners, and their phases along rows and columns.
+    images: [u16; 4],
+    /// Index of the first node.
+    node: u32,
+    /// Light times the weights of the four images in bilinear interpolation.
+    weights: [f32; 4],
+}
+
+/// The cells in the order of their images, so that those are read from the nearest cache.
+fn sorted(cells: &[Cell]) -> Vec<Cell> {
+    let most = cells
+        .iter()
+        .fold([0; 4], |most: [u16; 4], cell| std::array::from_fn(|i| most[i].max(cell.images[i] + 1)));
+    let most = most.map(usize::from);
+    let key = |cell: &Cell| {
+        let [zone, sector, phase_y, phase_x] = cell.images.map(usize::from);
+        ((zone * most[1] + sector) * most[2] + phase_y) * most[3] + phase_x
+    };
+    // A counting sort, which is stable.
+    let mut ends = vec![0; most.iter().product::<usize>() + 1];
+    cells.iter().for_each(|cell| ends[key(cell) + 1] += 1);
+    for i in 1..ends.len() {
+        ends[i] += ends[i - 1];
+    }
+    let mut sorted = vec![Cell::default(); cells.len()];
+    for cell in cells {
+        let next = &mut ends[key(cell)];
+        sorted[*next] = *cell;
+        *next += 1;
+    }
+    sorted
+}
+
 /// The sums at the nodes, with a margin for subaperture images at the edge.
-struct Accumulator {
+struct Accumulator<'b> {
     grid: Grid,
-    /// Fine steps per px.
-    fine: usize,
+    layout: SubapertureLayout,
+    /// Zones and sectors of the aperture.
+    sections: [usize; 2],
     margin: usize,
     stride: usize,
     height: usize,
-    values: Vec<f32>,
+    values: Pooled<'b, Vec<f32>>,
 }
 
-impl Accumulator {
-    fn new(grid: Grid, fine: usize, subimage: [usize; 2]) -> Accumulator {
-        let margin = subimage[0].max(subimage[1]) + 1;
+impl<'b> Accumulator<'b> {
+    /// Makes positions positive, for which truncation is rounding down.
+    const LIFT: f64 = 1_073_741_824.0;
+
+    fn new(
+        grid: Grid,
+        steps: &PupilSampling,
+        subimages: &SubapertureImages<'_>,
+        buffers: &'b Buffers,
+    ) -> Self {
+        let layout = subimages.layout;
+        let margin = layout.columns.max(layout.rows) + 1;
         let (stride, height) = (grid.columns + 2 * margin, grid.rows + 2 * margin);
-        Accumulator { grid, fine, margin, stride, height, values: vec![0.0; stride * height] }
+        let mut values = buffers.get();
+        values.resize(stride * height, 0.0);
+        Accumulator { grid, layout, sections: [steps.zones, steps.sectors], margin, stride, height, values }
     }
 
     /// Distances (px) from the particle along the two axes beyond which light contributes to no node.
@@ -375,39 +468,79 @@ impl Accumulator {
         self.grid.sides_px().map(|side| side + self.margin as f64 / self.grid.per_px as f64)
     }
 
-    /// Adds an interpolated subaperture image centered on `place` (px, relative to the particle).
+    /// The cell at a point of the aperture, in units of zones and sectors, centered on `place` (px, relative
+    /// to the particle), which is rounded to fine steps: down where its fraction of a step is less than 1 -
+    /// `dither`. `None`: its image is not on the grid.
     #[inline(always)]
-    fn add(&mut self, subimages: [(&SubapertureImage, f64); 4], place: [f64; 2], light: f64) {
-        let subimage = subimages[0].0;
-        let phases = subimage.phases as i64;
+    fn cell(&self, at: [f64; 2], place: [f64; 2], light: f64, dither: [f64; 2]) -> Option<Cell> {
+        let SubapertureLayout { fine, phases, columns, rows, half, .. } = self.layout;
+        let phases = phases as i64;
         // Fine steps from the first node of the margin to the first position of the subaperture image.
-        let first = [0, 1].map(|axis| {
-            let steps = (place[axis] - self.grid.first_px[axis]) * self.fine as f64;
-            libm::floor(steps + 0.5) as i64 - subimage.half[axis] + self.margin as i64 * phases
-        });
+        let first = |axis: usize| {
+            let steps = (place[axis] - self.grid.first_px[axis]) * fine as f64;
+            (steps + dither[axis] + Self::LIFT) as i64 - Self::LIFT as i64 - half[axis]
+                + self.margin as i64 * phases
+        };
+        let first = [first(0), first(1)];
         if first[0] < 0 || first[1] < 0 {
-            return;
+            return None;
         }
-        let node = first.map(|f| (f + phases - 1) / phases);
-        let phase = [0, 1].map(|axis| (node[axis] * phases - first[axis]) as usize);
-        let [column, row] = node.map(|n| n as usize);
-        if column + subimage.columns > self.stride || row + subimage.rows > self.height {
-            return;
+        let node = |axis: usize| (first[axis] + phases - 1) / phases;
+        let phase = |axis: usize| (node(axis) * phases - first[axis]) as u16;
+        let [column, row] = [node(0) as usize, node(1) as usize];
+        if column + columns > self.stride || row + rows > self.height {
+            return None;
         }
-        let weights = subimages.map(|(_, weight)| (weight * light) as f32);
-        let images = subimages.map(|(subimage, _)| subimage.image(phase[0], phase[1]));
-        for k in 0..subimage.rows {
-            let out = &mut self.values[(row + k) * self.stride + column..][..subimage.columns];
-            let [a, b, c, d] =
-                images.map(|image| image[k * subimage.columns..][..subimage.columns].as_chunks::<LANES>().0);
-            let out = out.as_chunks_mut::<LANES>().0;
-            for ((((out, a), b), c), d) in out.iter_mut().zip(a).zip(b).zip(c).zip(d) {
-                let mut sum = *out;
+        let section = |axis: usize| (at[axis] as usize).min(self.sections[axis] - 1);
+        let [zone, sector] = [section(0), section(1)];
+        let (u, v) = (at[0] - zone as f64, at[1] - sector as f64);
+        let weights = [(1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v];
+        Some(Cell {
+            images: [zone as u16, sector as u16, phase(1), phase(0)],
+            node: (row * self.stride + column) as u32,
+            weights: weights.map(|weight| (weight * light) as f32),
+        })
+    }
+
+    /// Adds four images with the weights of each cell.
+    #[inline(always)]
+    fn add(&mut self, images: [&[f32]; 4], cells: &[Cell]) {
+        const WIDE: usize = 4;
+        let groups = self.layout.columns / LANES;
+        for cell in cells {
+            for wide in 0..groups / WIDE {
+                self.add_columns::<WIDE>(images, cell, wide * WIDE * LANES);
+            }
+            for group in groups / WIDE * WIDE..groups {
+                self.add_columns::<1>(images, cell, group * LANES);
+            }
+        }
+    }
+
+    /// Adds this number of groups of columns, from one column on: a loop of known length is unrolled.
+    #[inline(always)]
+    fn add_columns<const GROUPS: usize>(&mut self, images: [&[f32]; 4], cell: &Cell, column: usize) {
+        let (step, weights) = (self.layout.row_step(), cell.weights);
+        for row in 0..self.layout.rows {
+            let out = &mut self.values[cell.node as usize + row * self.stride + column..];
+            let [a, b, c, d] = images.map(|image| image[row * step + column..].as_chunks::<LANES>().0);
+            let (out, _) = out.as_chunks_mut::<LANES>();
+            let (Some(out), Some(a), Some(b), Some(c), Some(d)) = (
+                out.first_chunk_mut::<GROUPS>(),
+                a.first_chunk::<GROUPS>(),
+                b.first_chunk::<GROUPS>(),
+                c.first_chunk::<GROUPS>(),
+                d.first_chunk::<GROUPS>(),
+            ) else {
+                return;
+            };
+            for group in 0..GROUPS {
+                let mut sum = out[group];
                 for i in 0..LANES {
-                    sum[i] +=
-                        (weights[0] * a[i] + weights[1] * b[i]) + (weights[2] * c[i] + weights[3] * d[i]);
+                    sum[i] += (weights[0] * a[group][i] + weights[1] * b[group][i])
+                        + (weights[2] * c[group][i] + weights[3] * d[group][i]);
                 }
-                *out = sum;
+                out[group] = sum;
             }
         }
     }

@@ -30,23 +30,29 @@ const LARGEST_ROUND: usize = 1 << 16;
 const STEPS: usize = 4;
 const MOST_STEPS: usize = 64;
 
-/// The table of spheres of these radii for depths from `start_um` to `start_um + length_um` (um).
+/// Largest number of attempts at a table.
+const ATTEMPTS: usize = 4;
+
+/// The table of spheres of these radii for depths from `start_um` to `start_um + length_um` (um). If its error
+/// exceeds the tolerance, it is made again with more of what contributes most to the error.
 pub(super) fn table(model: &ImageModel, start_um: f64, length_um: f64, radii: TableRadii) -> DepthTable {
-    let Fineness(mut fineness) = model.fineness(start_um + 0.5 * length_um, radii.smallest());
-    let mut part = 0.75 * model.tolerance;
-    let mut attempts = 0;
-    loop {
-        let builder = TableBuilder { model, start_um, length_um, fineness: Fineness(fineness), part };
-        let table = builder.table(radii);
-        attempts += 1;
-        // More nodes make drawing slower, so they are the last resort.
-        match attempts {
-            _ if table.error <= model.tolerance => return table,
-            1 => fineness *= 1.5,
-            2 => part *= 0.6,
-            _ => return table,
+    let fineness = model.fineness(start_um + 0.5 * length_um, radii.smallest());
+    let part = 0.75 * model.tolerance;
+    let mut builder = TableBuilder { model, start_um, length_um, fineness, of_nodes: part, of_depths: part };
+    for _ in 1..ATTEMPTS {
+        let (table, errors) = builder.table(radii);
+        if table.error <= model.tolerance {
+            return table;
+        }
+        if errors.of_resolution >= errors.of_depths.max(errors.of_nodes) {
+            builder.fineness.0 *= 1.5;
+        } else if errors.of_depths >= errors.of_nodes {
+            builder.of_depths *= 0.5;
+        } else {
+            builder.of_nodes *= 0.5;
         }
     }
+    builder.table(radii).0
 }
 
 /// A table under construction.
@@ -55,8 +61,16 @@ struct TableBuilder<'a> {
     start_um: f64,
     length_um: f64,
     fineness: Fineness,
-    /// Error allowed for each of the spacings, relative to the peak.
-    part: f64,
+    /// Errors allowed for the spacings of nodes and of planes, relative to the peak.
+    of_nodes: f64,
+    of_depths: f64,
+}
+
+/// The parts of a table's error, relative to the peak.
+struct Errors {
+    of_resolution: f64,
+    of_nodes: f64,
+    of_depths: f64,
 }
 
 impl TableBuilder<'_> {
@@ -69,7 +83,7 @@ impl TableBuilder<'_> {
         self.start_um + 0.5 * self.length_um
     }
 
-    fn table(&self, radii: TableRadii) -> DepthTable {
+    fn table(&self, radii: TableRadii) -> (DepthTable, Errors) {
         let (small, large) = (radii.smallest(), radii.largest());
         let mut reach_px = [0.0f64; 2];
         for i in 0..9 {
@@ -77,11 +91,11 @@ impl TableBuilder<'_> {
             let more = self.model.reach(z_um, large);
             (0..2).for_each(|axis| reach_px[axis] = reach_px[axis].max(more[axis]));
         }
-        let nodes = self.nodes(small, large, reach_px);
-        let refinement = Refinement { deviation, allowed: self.part, most_steps: MOST_STEPS };
+        let (nodes, of_nodes) = self.nodes(small, large, reach_px);
+        let refinement = Refinement { deviation, allowed: self.of_depths, most_steps: MOST_STEPS };
         let depths = PlaneDepths { start_um: self.start_um, length_um: self.length_um, steps: STEPS };
         let of_small = |z_um: f64| self.sample(z_um, small, nodes);
-        let (depths, mut planes) = refinement.planes(depths, depths.sample(of_small), of_small);
+        let (depths, mut planes, of_depths) = refinement.planes(depths, depths.sample(of_small), of_small);
         let radii = refinement.radii(radii, |radius| self.sample(self.middle(), radius, nodes));
         for &radius in &radii[1..] {
             planes.extend(depths.sample(|z_um| self.sample(z_um, radius, nodes)));
@@ -97,14 +111,15 @@ impl TableBuilder<'_> {
             coefficients,
             error: 0.0,
         };
-        table.error = self.error(&table, nodes);
-        table
+        let of_resolution;
+        (table.error, of_resolution) = self.errors(&table, nodes);
+        (table, Errors { of_resolution, of_nodes, of_depths })
     }
 
-    /// The nodes at which images are computed: a quadrant so dense that a least-squares spline with half as
-    /// many nodes per axis fits its values, or nodes along the radius if the image is round and a quadrant
-    /// would need too many.
-    fn nodes(&self, small: f64, large: f64, reach_px: [f64; 2]) -> SampleNodes {
+    /// The nodes at which images are computed, and the error of the spline over them: a quadrant so dense that
+    /// a least-squares spline with half as many nodes per axis fits its values, or nodes along the radius if
+    /// the image is round and a quadrant would need too many.
+    fn nodes(&self, small: f64, large: f64, reach_px: [f64; 2]) -> (SampleNodes, f64) {
         let round = self.model.is_round();
         let (densest, largest) =
             if round { (DENSEST_ROUND, LARGEST_ROUND) } else { (usize::MAX, usize::MAX) };
@@ -112,28 +127,27 @@ impl TableBuilder<'_> {
         let quadrants = quadrants.filter(|q| q.per_px <= densest && q.columns * q.rows <= largest);
         let mut last = None;
         for quadrant in quadrants.map(QuadrantGrid::computed) {
-            if self.is_met(small, quadrant) {
-                return SampleNodes::Quadrant(quadrant);
+            let error = self.spline_error(small, quadrant, 0.5);
+            let found = (SampleNodes::Quadrant(quadrant), error);
+            // At the ends of the depth range the tolerance itself is sufficient.
+            let at_end = |share| self.spline_error(small, quadrant, share) <= self.model.tolerance;
+            if error <= self.of_nodes && at_end(0.0) && at_end(1.0) {
+                return found;
             }
-            last = Some(quadrant);
+            last = Some(found);
         }
         let reach = |z_um: f64| self.model.reach(z_um, large)[0];
         let rings = || RadialLayout::new(self.start_um, self.length_um, self.model.farthest_px[0], reach);
-        last.filter(|_| !round).map_or_else(|| SampleNodes::Radial(rings()), SampleNodes::Quadrant)
+        last.filter(|_| !round).unwrap_or_else(|| (SampleNodes::Radial(rings()), 0.0))
     }
 
-    /// Whether the least-squares spline of a quadrant is accurate enough at the middle of the depth range,
-    /// and within the tolerance at both ends.
-    fn is_met(&self, radius_um: f64, quadrant: QuadrantGrid) -> bool {
+    /// Error of the least-squares spline of a quadrant at a fraction of the depth range.
+    fn spline_error(&self, radius_um: f64, quadrant: QuadrantGrid, share: f64) -> f64 {
         let columns = quadrant.columns / 2;
-        [(0.5, self.part), (0.0, self.model.tolerance), (1.0, self.model.tolerance)].into_iter().all(
-            |(share, allowed)| {
-                let z_um = self.start_um + share * self.length_um;
-                let values = self.sample(z_um, radius_um, SampleNodes::Quadrant(quadrant));
-                let plane = spline::fit_plane(&values, columns);
-                deviation(&spline::plane_at_half_nodes(&plane, columns), &values) <= allowed
-            },
-        )
+        let z_um = self.start_um + share * self.length_um;
+        let values = self.sample(z_um, radius_um, SampleNodes::Quadrant(quadrant));
+        let plane = spline::fit_plane(&values, columns);
+        deviation(&spline::plane_at_half_nodes(&plane, columns), &values)
     }
 
     /// Converts the planes of all radii to spline coefficients.
@@ -190,20 +204,26 @@ impl TableBuilder<'_> {
     }
 
     /// Error of the finished table, relative to the peak, estimated by an image computed at a higher
-    /// resolution.
-    fn error(&self, table: &DepthTable, nodes: SampleNodes) -> f64 {
+    /// resolution; and the part of it that is due to the resolution.
+    fn errors(&self, table: &DepthTable, nodes: SampleNodes) -> (f64, f64) {
         let Fineness(fine) = self.fineness;
         let z_um = self.start_um + table.step_um * (((table.planes - 3) / 2) as f64 + 0.5);
         let radius_um = match table.radii[..] {
             [a, b, ..] => 0.5 * (a + b),
             [a] => a,
-            [] => return 0.0,
+            [] => return (0.0, 0.0),
         };
         // Quadrants are computed on twice as many nodes already.
         let nodes = if let SampleNodes::Radial(_) = nodes { nodes.finer() } else { nodes };
         let truth = self.model.sample(z_um, radius_um, nodes, Fineness(1.5 * fine));
         let interpolated = InterpolatedImage::new(table, z_um, radius_um);
         let ours: Vec<f64> = nodes.places(z_um).into_iter().map(|[x, y]| interpolated.at(x, y)[0]).collect();
-        deviation(&ours, &truth)
+        let error = deviation(&ours, &truth);
+        let of_resolution = if error > self.model.tolerance {
+            deviation(&self.sample(z_um, radius_um, nodes), &truth)
+        } else {
+            0.0
+        };
+        (error, of_resolution)
     }
 }

@@ -1,18 +1,19 @@
 //! Direct computation of the image of a sphere at any depth at given nodes; depth tables are built from such
 //! images.
 
-use super::aperture_integral::{self, Fineness, Grid, PupilPart};
+use super::aperture_integral::{self, ApertureIntegral, Fineness, Grid, PupilPart};
 use super::encircled;
 use super::pixel_integral::{self, AZIMUTHS};
 use super::pupil::Pupil;
 use super::radial_layout::RadialLayout;
+use super::subaperture::Buffers;
 use super::surface::EmittingSurface;
 use crate::render::instructions::InstructionSet;
 use crate::render::spline::{self, SplineDegree};
 
 /// Maximum number of refinements of the resolution.
 const FINER: usize = 2;
-/// Number of source points of a sphere.
+/// Number of source points of a sphere, times [`Fineness::factor`].
 const POINTS: usize = 2048;
 
 /// Nodes per px at which round images are computed before they are interpolated to the nodes of their plane.
@@ -27,6 +28,7 @@ pub(super) struct ImageModel {
     /// Largest relevant distances of pixels from the center of a particle image along the two axes, px.
     pub(super) farthest_px: [f64; 2],
     pub(super) instructions: InstructionSet,
+    pub(super) buffers: Buffers,
 }
 
 /// A grid of nodes over a quadrant.
@@ -144,14 +146,23 @@ impl ImageModel {
                 self.round_quadrant(z_um, radius_um, quadrant, fineness)
             }
             SampleNodes::Quadrant(QuadrantGrid { per_px, columns, rows }) => {
-                let surface = EmittingSurface::sphere(radius_um, POINTS);
+                let surface = EmittingSurface::sphere(radius_um, POINTS * fineness.factor());
                 let grid = Grid::about(per_px, columns, rows);
-                let integral =
-                    aperture_integral::ApertureIntegral { pupil: &self.pupil, z_um, surface: &surface, grid };
+                let integral = self.integral(z_um, &surface, grid);
                 let values = integral.light(PupilPart::Quadrant, fineness, self.instructions);
                 aperture_integral::fold(&values, columns, rows)
             }
         }
+    }
+
+    /// The integral over the aperture of the light of a surface.
+    pub(super) fn integral<'a>(
+        &'a self,
+        z_um: f64,
+        surface: &'a EmittingSurface,
+        grid: Grid,
+    ) -> ApertureIntegral<'a> {
+        ApertureIntegral { pupil: &self.pupil, z_um, surface, grid, buffers: &self.buffers }
     }
 
     /// A round image along the radius at each sampled azimuth, as cubic splines on [`FIXED_PER_PX`] nodes per
@@ -213,21 +224,23 @@ impl ImageModel {
         let QuadrantGrid { per_px, columns, rows } = self.quadrant(self.reach(z_um, radius_um), 1).computed();
         let surface = EmittingSurface::sphere(radius_um, 1);
         let grid = Grid::about(per_px, columns, rows);
-        let integral =
-            aperture_integral::ApertureIntegral { pupil: &self.pupil, z_um, surface: &surface, grid };
+        let integral = self.integral(z_um, &surface, grid);
         integral.cells(PupilPart::Quadrant, self.first_fineness())
     }
 
-    /// The resolution from which [`Self::fineness`] starts.
+    /// The resolution from which [`Self::fineness`] starts; for round images it is sufficient.
     pub(super) fn first_fineness(&self) -> Fineness {
-        Fineness(2.0 * (1e-3 / self.tolerance).clamp(0.3, 4.0))
+        if self.is_round() {
+            Fineness(2.0 * (1e-3 / self.tolerance).clamp(0.3, 4.0))
+        } else {
+            Fineness::first(self.tolerance)
+        }
     }
 
     /// The resolution at which images near this depth are computed, whatever their nodes: increased until a
     /// factor of 1.5 changes little.
     pub(super) fn fineness(&self, z_um: f64, radius_um: f64) -> Fineness {
         let Fineness(mut fineness) = self.first_fineness();
-        // For round images the initial resolution is sufficient.
         if self.is_round() {
             return Fineness(fineness);
         }

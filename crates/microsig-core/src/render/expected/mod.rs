@@ -62,6 +62,7 @@ use draw::DrawnParticle;
 use image_model::ImageModel;
 use interpolated::InterpolatedImage;
 use pupil::Pupil;
+use subaperture::Buffers;
 use surface::EmittingSurface;
 
 /// Default tolerance of an image: the root mean square error over all sub-pixel positions, relative to the
@@ -143,7 +144,8 @@ impl ExpectedRenderer {
         let farthest_px =
             if pupil.system.cylinder.is_some() { [x, y] } else { [libm::sqrt(x * x + y * y); 2] };
         limits::check_cylinder(settings, &pupil)?;
-        let model = ImageModel { pupil, tolerance, farthest_px, instructions };
+        let buffers = Buffers::default();
+        let model = ImageModel { pupil, tolerance, farthest_px, instructions, buffers };
         Ok(ExpectedRenderer {
             rays,
             instructions,

@@ -13,7 +13,7 @@ use crate::optics::{self, OpticalSystem, Ray};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PupilView {
     /// The point of the lens, um.
-    q: [f64; 2],
+    pub(super) q: [f64; 2],
     /// Distance from the particle center to the lens, um.
     distance: f64,
     /// Landing position of the ray from the particle center, px.
@@ -33,11 +33,12 @@ impl PupilView {
         let per = 1.0 / (self.distance + e1);
         let u = (q_x - e2) * per - q_x / self.distance;
         let v = (q_y - e3) * per - q_y / self.distance;
-        [0, 1].map(|axis| {
-            let [xx, xy, yy] = self.curvature.map(|of| of[axis]);
+        let along = |axis: usize| {
+            let [xx, xy, yy] = [self.curvature[0][axis], self.curvature[1][axis], self.curvature[2][axis]];
             let linear = self.by_slope[0][axis] * u + self.by_slope[1][axis] * v;
             self.landing[axis] + linear + (0.5 * (xx * u * u + yy * v * v) + xy * u * v)
-        })
+        };
+        [along(0), along(1)]
     }
 
     /// Derivatives of the landing position with respect to e1, e2 and e3, px/um.

@@ -1,6 +1,6 @@
 //! Spheroids: each has its own shape, orientation and image, which is computed directly, without tables.
 
-use super::aperture_integral::{ApertureIntegral, Fineness, Grid, PupilPart};
+use super::aperture_integral::{Fineness, Grid, PupilPart};
 use super::image_model::ImageModel;
 use super::surface::EmittingSurface;
 use crate::emission::{self, GoldenAzimuths, SpheroidLaw};
@@ -27,9 +27,9 @@ pub(super) fn patch(
 ) -> Vec<f32> {
     let first_px = [window.x0 as f64 - x_px, window.y0 as f64 - y_px];
     let grid = Grid { per_px: 1, first_px, columns: window.width, rows: window.height };
-    let fineness = Fineness(2.0 * (1e-3 / model.tolerance).clamp(0.3, 4.0));
-    let exposed = ApertureIntegral { pupil: &model.pupil, z_um, surface, grid };
-    let mut light = exposed.light(PupilPart::Whole, fineness, model.instructions);
+    // Finer than where refinement starts, as nothing refines it.
+    let fineness = Fineness(1.5 * Fineness::first(model.tolerance).0);
+    let mut light = model.integral(z_um, surface, grid).light(PupilPart::Whole, fineness, model.instructions);
     let rays = (surface.points.len() as f64 * (f64::from(settings.n_rays) + 1.0)) as f32;
     light.iter_mut().for_each(|v| *v *= rays);
     light

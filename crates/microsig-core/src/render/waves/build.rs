@@ -163,7 +163,7 @@ impl Draft<'_> {
         let exposure = self.exposure(frame, &lights);
         let first = lights.iter().map(|light| model.plane(light, &exposure)).collect();
         let refinement = Refinement { deviation, allowed: PART * model.tolerance, most_steps: MAX_STEPS };
-        let (depths, mut planes) =
+        let (depths, mut planes, _) =
             refinement.planes(depths, first, |z_um| self.plane(frame, &exposure, z_um, small));
         let middle = self.start_um + 0.5 * self.length_um;
         let radii = refinement.radii(self.radii, |radius| self.plane(frame, &exposure, middle, radius));
