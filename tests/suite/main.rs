@@ -31,6 +31,7 @@ mod scoring_mutations;
 mod scoring_results;
 mod shipped;
 mod spheroids;
+mod suite_fields;
 mod suites;
 mod sweep;
 mod trial;

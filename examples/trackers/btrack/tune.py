@@ -1,7 +1,7 @@
 """Parameters of btrack and of its detector for a kind of dataset."""
 
 from track import DEFAULTS, track  # first: it finds the common code
-from common.cli import tracks_score, tune_main
+from common.tuning import tracks_score, tune_main
 
 GRID = {
     "sigma": [1.0, 2.0, 3.0, 5.0],

@@ -1,7 +1,7 @@
 """Parameters of fluidimage for a kind of dataset."""
 
 from track import DEFAULTS, track  # first: it finds the common code
-from common.cli import field_score, tune_main, write_field
+from common.tuning import field_score, tune_main, write_field
 
 GRID = {
     "window": [48, 96, 128],

@@ -1,7 +1,7 @@
 """Parameters of magtrack and of its detector for a kind of dataset."""
 
 from track import DEFAULTS, track  # first: it finds the common code
-from common.cli import points_score, tune_main
+from common.tuning import points_score, tune_main
 
 GRID = {
     "min_correlation": [0.8, 0.95, 0.98],

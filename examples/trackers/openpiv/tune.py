@@ -1,7 +1,7 @@
 """Parameters of OpenPIV for a kind of dataset."""
 
 from track import DEFAULTS, track  # first: it finds the common code
-from common.cli import field_score, tune_main, write_field
+from common.tuning import field_score, tune_main, write_field
 
 GRID = {
     "windows": [[64, 32], [32, 16], [64, 32, 16, 8], [32, 24], [48, 24]],

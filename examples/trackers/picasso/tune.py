@@ -1,7 +1,7 @@
 """Parameters of Picasso's Gaussian fits for a kind of dataset."""
 
 from track import DEFAULTS, track  # first: it finds the common code
-from common.cli import points_score, tune_main
+from common.tuning import points_score, tune_main
 
 GRID = {
     "z_filter": [1],

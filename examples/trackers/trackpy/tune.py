@@ -1,11 +1,11 @@
 """Parameters of trackpy for a kind of dataset."""
 
 from track import DEFAULTS, track  # first: it finds the common code
-from common.cli import tracks_score, tune_main
+from common.tuning import tracks_score, tune_main
 
 GRID = {
-    "diameter": [3, 5, 7, 9, 13],
-    "min_snr": [2.0, 3.0, 6.0, 9.0],
+    "min_snr": [0.25, 0.5, 1.0, 2.0],
+    "diameter": [3, 7, 9, 13],
     "separation": [2.0, 3.0, 6.0],
     "search_range": [3.0, 4.0, 10.0, 15.0],
     "predict": [True],

@@ -1,7 +1,7 @@
 """Parameters of the network's detections for a kind of dataset."""
 
 from track import DEFAULTS, track  # first: it finds the common code
-from common.cli import points_score, tune_main
+from common.tuning import points_score, tune_main
 
 GRID = {
     "threshold": [0.3, 0.4, 0.6, 0.7, 0.8],

@@ -59,6 +59,8 @@ pub(crate) struct Arguments {
 struct Case {
     track: String,
     name: String,
+    /// Whether particles are scored with their depth.
+    has_depth: bool,
 }
 
 impl Case {
@@ -134,7 +136,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     )
 }
 
-/// Removes results of trackers and cases that there are no longer.
+/// Removes results for cases that there are no longer, or that their tracker does not enter.
 fn forget(results: &Path, trackers: &[Tracker], cases: &[Case]) -> anyhow::Result<()> {
     for tracker in trackers {
         let of_tracker = results.join(&tracker.name);
@@ -142,7 +144,8 @@ fn forget(results: &Path, trackers: &[Tracker], cases: &[Case]) -> anyhow::Resul
             let track = entry?.path();
             for entry in std::fs::read_dir(&track).into_iter().flatten() {
                 let case = entry?.path();
-                let is_known = cases.iter().any(|known| case == of_tracker.join(known.folder()));
+                let is_known = (cases.iter())
+                    .any(|known| case == of_tracker.join(known.folder()) && tracker.enters(known));
                 if !is_known {
                     std::fs::remove_dir_all(&case)?;
                 }
@@ -167,10 +170,30 @@ fn description(arguments: &Arguments, microsig: &Path) -> anyhow::Result<Vec<Str
         Some(_) => process::machine().replace("default release build", "a build that $MICROSIG names"),
         None => process::machine(),
     };
+    let program = String::from_utf8_lossy(&said);
     Ok(vec![
-        format!("Made by `{command}` with {}.", String::from_utf8_lossy(&said).trim()),
+        format!(
+            "Made by `{command}` with {}; suite, scripts and parameters: {}.",
+            program.trim(),
+            revision(arguments)
+        ),
         format!("{machine}."),
     ])
+}
+
+/// The commit of the files that are read here, and whether they have changes; results are not among them.
+fn revision(arguments: &Arguments) -> String {
+    let git = |words: &[&str]| {
+        let output =
+            Command::new("git").args(words).output().ok().filter(|output| output.status.success())?;
+        Some(String::from_utf8_lossy(&output.stdout).trim().to_owned())
+    };
+    let Some(commit) = git(&["rev-parse", "--short=12", "HEAD"]) else { return "unknown commit".to_owned() };
+    let suite = arguments.suite.to_string_lossy();
+    match git(&["status", "--porcelain", "--", &suite, "examples/trackers"]) {
+        Some(changed) if changed.is_empty() => format!("commit {commit}"),
+        _ => format!("commit {commit} with changes"),
+    }
 }
 
 /// The chosen tracks in the order of the suite.
@@ -191,8 +214,9 @@ fn cases(microsig: &Path, arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
     for track in listed["tracks"].as_array().context("a suite has tracks")? {
         let name = track["track"].as_str().context("a track has a name")?;
         for case in track["cases"].as_array().context("a track has cases")? {
+            let has_depth = case["dims"] == 3;
             let case = case["case"].as_str().context("a case has a name")?;
-            cases.push(Case { track: name.to_owned(), name: case.to_owned() });
+            cases.push(Case { track: name.to_owned(), name: case.to_owned(), has_depth });
         }
     }
     for track in &arguments.tracks {

@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::example;
 use super::run::RECORD;
 use super::trackers::{How, Tracker};
-use bench::suite::{Annotations, PAGE, SUITE_SCORES, SUITE_SCORES_CSV, SuiteScores, page};
+use bench::suite::{Annotations, PAGE, SUITE_SCORES, SUITE_SCORES_CSV, SuiteScores, label, page, unmeasured};
 
 /// Writes the leaderboard of the scores in `work`.
 pub(super) fn write(
@@ -34,6 +34,7 @@ pub(super) fn write(
             .to_owned(),
     );
     more.notes.extend(unusable.iter().map(|(name, why)| format!("{name} {why}")));
+    more.without_depth = trackers.iter().filter(|t| !t.has_depth).map(|t| t.name.clone()).collect();
     more.made_for = trackers.iter().map(|t| (t.name.clone(), t.made_for.clone())).collect();
     for case in &scores.cases {
         let folder = format!("{}/{}", case.track, case.case);
@@ -111,6 +112,14 @@ fn readme(scores: &SuiteScores, more: &Annotations) -> anyhow::Result<String> {
         if standings.is_empty() {
             text += "No tracker has entered this track.\n";
             continue;
+        }
+        let of_track: Vec<_> = scores.cases.iter().filter(|case| case.track == track).collect();
+        for metric in unmeasured(&of_track) {
+            writeln!(
+                text,
+                "No tracker listed here has a value of the score \"{}\": ranks follow from the others.\n",
+                label(metric)
+            )?;
         }
         text += "| tracker | mean rank | cases | first in | s per frame, median | made for |\n|---|---|---|---|---|---|\n";
         for s in standings {

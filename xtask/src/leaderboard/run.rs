@@ -124,10 +124,7 @@ impl Job<'_> {
                 let common = folder.with_file_name("common");
                 for folder in [folder, &common] {
                     for (path, hash) in suite::tree(folder).unwrap_or_default() {
-                        let is_source =
-                            [".py", ".toml", ".json", ".txt", ".onnx"].iter().any(|end| path.ends_with(end));
-                        // Parameters of other cases do not matter.
-                        if is_source && !path.starts_with("params") {
+                        if is_input(&path) {
                             parts.push(format!("{path} {hash}"));
                         }
                     }
@@ -162,6 +159,13 @@ impl Job<'_> {
     }
 }
 
+/// Whether a run depends on this file of a tracker's folder, or of the folder of what trackers share: not on
+/// searches and training, nor on parameters of other cases, nor on the description.
+fn is_input(path: &str) -> bool {
+    let is_source = [".py", ".json", ".txt", ".onnx"].iter().any(|end| path.ends_with(end));
+    is_source && !path.starts_with("params") && !["tune.py", "tuning.py", "train.py"].contains(&path)
+}
+
 /// Waits for a process; one that takes longer is stopped, which gives `None`.
 fn wait(mut child: Child, limit: Duration) -> anyhow::Result<Option<ExitStatus>> {
     let start = Instant::now();
@@ -186,4 +190,27 @@ fn told_time(said: &str) -> Option<f64> {
 
 fn last_line(said: &str) -> Option<String> {
     said.lines().rev().map(str::trim).find(|line| !line.is_empty()).map(str::to_owned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn searches_of_parameters_are_no_input_of_a_run() {
+        for path in ["track.py", "cli.py", "requirements.txt", "model.onnx"] {
+            assert!(is_input(path), "{path}");
+        }
+        for path in [
+            "tune.py",
+            "tuning.py",
+            "train.py",
+            "tuning.csv",
+            "tracker.toml",
+            "params/P2/snr_2.json",
+            "README.md",
+        ] {
+            assert!(!is_input(path), "{path}");
+        }
+    }
 }

@@ -1,7 +1,8 @@
 //! The trackers: microsig's own, and those of others in `examples/trackers/NAME/`.
 //!
 //! A tracker of others has `tracker.toml` (or the same keys as JSON in `tracker.json`): `name`, `command`
-//! (default `python track.py`), `tracks` (`"D3"`, or `"T/entering"` for a single case), `made_for`, and
+//! (default `python track.py`), `tracks` (`"D3"`, or `"T/entering"` for a single case), `made_for`,
+//! `depth` (false if it measures none: it does not enter cases that are scored with depth), and
 //! `tune` and `tune_once`, see [`Tuning`]. Its
 //! `requirements.txt` is installed into an environment of its own. The command is run as `COMMAND DATASET
 //! --out results.csv [--params FILE]`, with `params/TRACK/CASE.json`, `params/TRACK.json` or `params.json`.
@@ -21,44 +22,51 @@ struct Own {
     arguments: &'static [&'static str],
     enters: &'static [&'static str],
     made_for: &'static str,
+    has_depth: bool,
 }
 
 const OWN: &[Own] = &[
     Own {
         name: "spots",
         arguments: &["--method", "spots"],
-        enters: &["P2", "T/four_pulse", "T/entering"],
+        enters: &["P2", "T"],
         made_for: "particles in focus, in the image plane; default parameters",
+        has_depth: false,
     },
     Own {
         name: "ncc",
         arguments: &["--method", "ncc"],
         enters: &["D3", "A3", "T/channel", "T/vortex", "T/brownian", "T/mixing", "T/turbulence", "S"],
         made_for: "defocused images that look like those of the calibration stack (GDPT); spheroids do not; default parameters",
+        has_depth: true,
     },
     Own {
         name: "mle",
         arguments: &["--method", "mle"],
         enters: &["D3", "A3", "T/channel", "T/vortex", "T/brownian", "T/mixing", "T/turbulence"],
         made_for: "images that follow the optical model that also generated them: what a model that is exactly right can do; default parameters",
+        has_depth: true,
     },
     Own {
         name: "aptv",
         arguments: &["--method", "aptv"],
         enters: &["A3", "T/turbulence"],
         made_for: "isolated astigmatic images elongated along x or y; default parameters",
+        has_depth: true,
     },
     Own {
         name: "piv",
         arguments: &["--method", "piv"],
         enters: &["V"],
         made_for: "displacement fields of single image pairs in focus; default parameters",
+        has_depth: false,
     },
     Own {
         name: "piv-ensemble",
         arguments: &["--method", "piv", "--ensemble"],
         enters: &["V"],
         made_for: "one displacement field of a steady flow from all image pairs; default parameters",
+        has_depth: false,
     },
 ];
 
@@ -110,6 +118,8 @@ pub(super) struct Tracker {
     /// Tracks and single cases.
     pub(super) tracks: Vec<String>,
     pub(super) made_for: String,
+    /// Whether it measures depth.
+    pub(super) has_depth: bool,
     pub(super) tuning: Tuning,
     /// Versions of the packages in its environment.
     pub(super) versions: String,
@@ -118,7 +128,8 @@ pub(super) struct Tracker {
 impl Tracker {
     /// Whether it takes part in a case.
     pub(super) fn enters(&self, case: &Case) -> bool {
-        self.tracks.iter().any(|entered| *entered == case.track || *entered == case.folder())
+        let is_asked = self.tracks.iter().any(|entered| *entered == case.track || *entered == case.folder());
+        is_asked && (self.has_depth || !case.has_depth)
     }
 
     /// The file with its parameters for a case.
@@ -170,6 +181,7 @@ pub(super) fn all(examples: &Path) -> anyhow::Result<Vec<Tracker>> {
         how: How::Own(texts(own.arguments)),
         tracks: texts(own.enters),
         made_for: own.made_for.to_owned(),
+        has_depth: own.has_depth,
         tuning: Tuning::default(),
         versions: String::new(),
     });
@@ -203,13 +215,15 @@ fn told(folder: &Path) -> anyhow::Result<Option<Value>> {
     Ok(None)
 }
 
-/// The texts and lists of texts of a TOML file as JSON; other values are ignored.
+/// The texts, lists of texts and truth values of a TOML file as JSON; other values are ignored.
 fn of_toml(text: &str) -> anyhow::Result<Value> {
     let document: toml_edit::DocumentMut = text.parse()?;
     let mut told = serde_json::Map::new();
     for (key, item) in document.iter() {
         if let Some(text) = item.as_str() {
             told.insert(key.to_owned(), text.into());
+        } else if let Some(is_so) = item.as_bool() {
+            told.insert(key.to_owned(), is_so.into());
         } else if let Some(list) = item.as_array() {
             let texts: Vec<&str> = list.iter().filter_map(toml_edit::Value::as_str).collect();
             told.insert(key.to_owned(), texts.into());
@@ -240,6 +254,7 @@ fn read(folder: &Path, told: &Value) -> anyhow::Result<Tracker> {
             (made_for, Some(limits)) => format!("{made_for} Out of its depth: {limits}"),
             (made_for, None) => made_for,
         },
+        has_depth: told["depth"].as_bool().unwrap_or(true),
         tuning: Tuning::of(told),
         versions: String::new(),
     })
@@ -249,14 +264,19 @@ fn read(folder: &Path, told: &Value) -> anyhow::Result<Tracker> {
 mod tests {
     use super::*;
 
+    fn case(track: &str, name: &str, has_depth: bool) -> Case {
+        Case { track: track.to_owned(), name: name.to_owned(), has_depth }
+    }
+
     #[test]
     fn a_tracker_of_others_is_read_from_its_file() {
         let text =
             "name = \"a\"\ntracks = [\"P2\", \"T/entering\"]\nmade_for = \"\"\"\nspots\"\"\"\nbudget = 24\n";
         let tracker = read(Path::new("folder"), &of_toml(text).unwrap()).unwrap();
-        let case = |track: &str, name: &str| Case { track: track.to_owned(), name: name.to_owned() };
-        assert!(tracker.enters(&case("P2", "x")) && tracker.enters(&case("T", "entering")));
-        assert!(!tracker.enters(&case("T", "channel")));
+        assert!(tracker.enters(&case("P2", "x", false)) && tracker.enters(&case("T", "entering", true)));
+        assert!(!tracker.enters(&case("T", "channel", false)));
+        let flat = read(Path::new("folder"), &of_toml(&format!("{text}depth = false\n")).unwrap()).unwrap();
+        assert!(flat.enters(&case("T", "entering", false)) && !flat.enters(&case("T", "entering", true)));
         assert_eq!(tracker.made_for.trim(), "spots");
         let wrong = read(Path::new("folder"), &of_toml("name = \"a/b\"\ntracks = []").unwrap());
         assert!(wrong.unwrap_err().to_string().contains("a/b"));
@@ -266,7 +286,7 @@ mod tests {
     fn cases_are_tuned_alone_or_for_their_track() {
         let tuning = Tuning::of(&serde_json::json!({ "tune": ["P2", "T/a"], "tune_once": ["A3/x"] }));
         let params = |track: &str, name: &str| {
-            let path = tuning.params(&Case { track: track.to_owned(), name: name.to_owned() })?;
+            let path = tuning.params(&case(track, name, false))?;
             Some(path.to_string_lossy().into_owned())
         };
         assert_eq!(params("P2", "x").as_deref(), Some("params/P2/x.json"));

@@ -37,6 +37,9 @@ pub(super) struct Release {
     /// State the exact times of the test split's frames [default: the nominal ones, without jitter]
     #[arg(long)]
     exact_times: bool,
+    /// Score displacement fields instead of particles, even if train reveals the flow of test
+    #[arg(long)]
+    fields: bool,
     /// Also write withheld/codabench.zip, a bundle for the platform Codabench
     #[arg(long)]
     codabench: bool,
@@ -70,6 +73,7 @@ impl Release {
                 test: self.test,
                 test_set: self.test_set.clone(),
                 exact_times: self.exact_times,
+                fields: self.fields,
                 codabench: self.codabench,
                 wheel: self.wheel.clone(),
                 about,

@@ -189,7 +189,7 @@ impl List {
                 let [train, val, test] = case.counts;
                 lines.push(format!("    {:<28} {train} + {val} + {test}", case.name));
                 listed.push(json!({
-                    "case": case.name, "ladder": case.ladder, "dataset": case.dataset(), "axes": case.axes,
+                    "case": case.name, "ladder": case.ladder, "dataset": case.dataset(), "axes": case.axes, "dims": case.dims,
                     "train": train, "val": val, "test": test,
                 }));
             }
@@ -388,6 +388,7 @@ impl Release {
                 test: Some(test),
                 test_set: Vec::new(),
                 exact_times: false,
+                fields: case.rank_by.first().is_some_and(|metric| metric.is_of_fields()),
                 codabench: self.codabench,
                 wheel: self.wheel.clone(),
                 about,

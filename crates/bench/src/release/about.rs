@@ -38,11 +38,35 @@ pub(super) struct ReleaseTexts<'a> {
     in_focus: bool,
     /// Whether the dataset has a calibration stack.
     calibrated: bool,
+    /// What is scored: particles, fields.
+    pub(super) scored: Vec<&'static str>,
+    /// Whether the train split reveals the velocity field of the test split.
+    is_flow_known: bool,
+}
+
+/// The columns of a displacement field.
+const OF_FIELDS: &str = "Fields have a row per vector, `pair, x_px, y_px, dx_px, dy_px, flag`: image pair from 0, position and \
+displacement, flag 0 valid, 1 invalid, 2 interpolated. Report a vector wherever you can: places without one count as wrong.";
+
+/// The columns of particles.
+fn of_particles(in_focus: bool) -> String {
+    let depth = if in_focus { "`z_um` may be left out. " } else { "" };
+    format!(
+        "Particles have a row per particle and frame, `frame, track, x_px, y_px, z_um`, and if you have them `d_um`, `quality`, `sx_px`, `sy_px`, \
+         `sz_um` (claimed standard uncertainties). `track` identifies a particle in all frames; -1 or empty if it is not \
+         linked. {depth}"
+    )
 }
 
 impl Publication {
     /// Completes the bibliographic data with facts of the dataset.
-    pub(super) fn of<'a>(&'a self, train: &'a Train, commitment: &'a str) -> ReleaseTexts<'a> {
+    pub(super) fn of<'a>(
+        &'a self,
+        train: &'a Train,
+        commitment: &'a str,
+        scored: &[&'static str],
+        is_flow_known: bool,
+    ) -> ReleaseTexts<'a> {
         let (name, manifest) = (train.scenario.spec.name.as_str(), &train.manifest);
         let title = if manifest.title.is_empty() { name.to_owned() } else { manifest.title.clone() };
         let creators = match self.creators.as_slice() {
@@ -62,11 +86,33 @@ impl Publication {
             license,
             in_focus,
             calibrated,
+            scored: scored.to_vec(),
+            is_flow_known,
         }
     }
 }
 
 impl ReleaseTexts<'_> {
+    /// Whether only displacement fields are scored.
+    pub(super) fn is_for_fields(&self) -> bool {
+        self.scored == ["fields"]
+    }
+
+    /// What is scored, and what train tells about it, for both README files.
+    fn what_is_scored(&self) -> &'static str {
+        match (self.is_for_fields(), self.is_flow_known) {
+            (true, true) => {
+                "Scored are displacement fields. **The flow does not depend on random numbers, so `truth/field.csv` of train is also \
+                 that of test**: it could be submitted without looking at the images, and results rest on the honesty of those who submit them. "
+            }
+            (true, false) => "Scored are displacement fields. ",
+            (false, true) => {
+                "Scored are particles. Fields are refused: the flow does not depend on random numbers, so train reveals that of test. "
+            }
+            (false, false) => "Scored are particles or displacement fields. ",
+        }
+    }
+
     fn focus(&self) -> &'static str {
         if self.in_focus { "all in focus" } else { "out of focus" }
     }
@@ -83,7 +129,7 @@ impl ReleaseTexts<'_> {
         format!(
             "# {title}\n\n\
              A challenge for {trackers}: synthetic images whose truth is known, and withheld for the test \
-             split.\n\n\
+             split. {scored}\n\n\
              | file | holds |\n|---|---|\n\
              | `{name}-train.zip` | images with truth, for development and training |\n\
              | `{name}-val.zip` | the same scenario with other random numbers, with truth, for choosing parameters |\n\
@@ -93,8 +139,8 @@ impl ReleaseTexts<'_> {
              ## Taking part\n\n\
              1. Unpack the archives. Each has a `README.md` on axes, units and files. All three splits share optics{and_calibration}.\n\
              2. Run your tracker on `{name}-test/images/`. `frames.csv` has their times.\n\
-             3. Copy `{name}-test/submission/`, put your points into `results.csv` and fill in `submission.json`.\n\
-             4. Check it: `microsig evaluate --validate-only {name}-test SUBMISSION`. Send it as a folder or zip archive.\n\n\
+             3. Copy `{name}-test/submission/`, put your {results} into `results.csv` and fill in `submission.json`.\n\
+             4. Check it: `microsig check-submission {name}-test SUBMISSION`. Send it as a folder or zip archive.\n\n\
              On train and val you can score yourself: `microsig evaluate {name}-val results.csv`. The test split is scored \
              in the same way.\n\n\
              ## The truth of the test split\n\n\
@@ -111,8 +157,15 @@ impl ReleaseTexts<'_> {
              Made by microsig {GENERATOR_VERSION}; the optical model is that of M. Rossi, Meas. Sci. Technol. 31, 017003 (2020). \
              License of the data: {license}, see `LICENSE`. To cite: `CITATION.cff`.\n",
             title = self.title,
-            trackers =
-                if self.in_focus { "PIV and particle tracking" } else { "trackers of defocused particles" },
+            scored = self.what_is_scored().trim_end(),
+            results = if self.is_for_fields() { "vectors" } else { "points" },
+            trackers = if self.is_for_fields() {
+                "PIV"
+            } else if self.in_focus {
+                "PIV and particle tracking"
+            } else {
+                "trackers of defocused particles"
+            },
             and_calibration = if self.calibrated {
                 ", camera and the calibration stack in `calibration/`"
             } else {
@@ -137,19 +190,18 @@ impl ReleaseTexts<'_> {
              recordings, pair and role of each.\n\
              - `settings.txt`: optics and sensor as MicroSIG's settings; `datapackage.json`: camera, scale, depth range, times.\n\
              {calibration}\
-             - `submission/`: a template. `microsig evaluate --validate-only . SUBMISSION` checks one without the truth.\n\n\
+             - `submission/`: a template. `microsig check-submission . SUBMISSION` checks one without the truth.\n\n\
              ## Axes and units\n\n{COORDINATES}\n\n\
              ## Submitting\n\n\
-             `results.csv` has a row per particle and frame: `frame, track, x_px, y_px, z_um`, and if you have them `d_um`, \
-             `quality`, `sx_px`, `sy_px`, `sz_um` (claimed standard uncertainties). `track` identifies a particle \
-             in all frames; -1 or empty if it is not linked. {depth}Results of PIV have the columns \
-             `pair, x_px, y_px, dx_px, dy_px, flag` instead (flag 0 valid, 1 invalid, 2 interpolated).\n\n\
+             {scored}{of_particles}{of_fields}\n\n\
              `submission.json` describes team and method; leave `coordinate_declaration` unchanged, and put the hash of the images you used \
              into `images_sha256`: `grep '  images/' SHA256SUMS | sha256sum`.\n\n\
              ## License\n\n{license}; see `LICENSE`.\n",
             title = self.title,
             focus = self.focus(),
-            depth = if self.in_focus { "`z_um` may be left out. " } else { "" },
+            scored = self.what_is_scored(),
+            of_particles = if self.is_for_fields() { String::new() } else { of_particles(self.in_focus) },
+            of_fields = if self.scored == ["particles"] { "" } else { OF_FIELDS },
             license = self.license.id,
         )
     }

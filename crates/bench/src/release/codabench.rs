@@ -16,7 +16,7 @@ use serde_json::Value;
 
 use super::about::ReleaseTexts;
 use super::package::Package;
-use super::submission::PARTICLES_ONLY;
+use super::submission;
 use storage::TemporaryFolder;
 use storage::error::{Error, Result};
 
@@ -39,8 +39,13 @@ const OF_PARTICLES: [(&str, &str, bool); 7] = [
     ("link_f1", "Link F1", false),
     ("hota", "HOTA", false),
 ];
-const OF_FIELDS: [(&str, &str, bool); 2] =
-    [("valid_vector_probability", "Valid vectors", false), ("aee_px", "AEE, px", true)];
+const OF_FIELDS: [(&str, &str, bool); 5] = [
+    ("valid_nodes", "Valid nodes", false),
+    ("rms_nodes_px", "RMS at nodes, px", true),
+    ("response_nodes", "Amplitude response", false),
+    ("valid_vector_probability", "Valid vectors", false),
+    ("aee_px", "AEE, px", true),
+];
 
 /// Files of the test split that scoring does not need; some tell more than the truth of this split.
 fn is_needed(path: &str) -> bool {
@@ -54,7 +59,6 @@ fn is_needed(path: &str) -> bool {
 pub(super) fn write(
     out: &Path,
     (train, test): (&Path, &Path),
-    scored: &[&str],
     about: &ReleaseTexts<'_>,
     wheel: Option<&Path>,
 ) -> Result<()> {
@@ -65,8 +69,8 @@ pub(super) fn write(
     for path in truth.paths() {
         reference.copy(&format!("test/{path}"), test.join(&path));
     }
-    if !scored.contains(&"fields") {
-        reference.write(PARTICLES_ONLY, "Submissions of fields are refused.\n");
+    if let Some((marker, text)) = submission::marker(&about.scored) {
+        reference.write(marker, text);
     }
     let reference_data = place.path().join("reference_data.zip");
     reference.zip("", &reference_data)?;
@@ -85,7 +89,7 @@ pub(super) fn write(
     program.zip("", &scoring_program)?;
 
     let mut bundle = Package::default();
-    bundle.write("competition.yaml", competition(scored, about, wheel.is_some()));
+    bundle.write("competition.yaml", competition(about, wheel.is_some()));
     bundle.write("overview.md", about.readme());
     bundle.write("evaluation.md", evaluation(about.name));
     bundle.write("data.md", data(about.name));
@@ -100,7 +104,7 @@ pub(super) fn write(
 }
 
 /// `competition.yaml`.
-fn competition(scored: &[&str], about: &ReleaseTexts<'_>, has_wheel: bool) -> String {
+fn competition(about: &ReleaseTexts<'_>, has_wheel: bool) -> String {
     // A JSON string is a valid YAML string.
     let quoted = |text: &str| Value::from(text).to_string();
     let container =
@@ -109,7 +113,7 @@ fn competition(scored: &[&str], about: &ReleaseTexts<'_>, has_wheel: bool) -> St
         "version: 2\ntitle: {title}\ndescription: {about}\nimage: logo.png\nregistration_auto_approve: true\n\
          docker_image: python:3.12-slim{container}\nterms: terms.md\n\n\
          pages:\n  - title: Overview\n    file: overview.md\n  - title: Evaluation\n    file: evaluation.md\n  - title: Data\n    file: data.md\n\n\
-         tasks:\n  - index: 0\n    name: {title}\n    description: Particles or fields of the test split\n    is_public: false\n    \
+         tasks:\n  - index: 0\n    name: {title}\n    description: {what} of the test split\n    is_public: false\n    \
          reference_data: reference_data.zip\n    scoring_program: scoring_program.zip\n\n\
          # Set the dates before the upload; without an end the phase stays open.\n\
          phases:\n  - index: 0\n    name: Test\n    description: Scores on the test split\n    start: 2000-01-01\n    \
@@ -117,9 +121,14 @@ fn competition(scored: &[&str], about: &ReleaseTexts<'_>, has_wheel: bool) -> St
          leaderboards:\n  - index: 0\n    title: Results\n    key: main\n    submission_rule: Force_Last\n    columns:\n",
         title = quoted(&about.title),
         about = quoted(&format!("{}, by microsig", about.title)),
+        what = match about.scored[..] {
+            ["particles"] => "Particles",
+            ["fields"] => "Displacement fields",
+            _ => "Particles or displacement fields",
+        },
     );
-    let mut columns = OF_PARTICLES.to_vec();
-    if scored.contains(&"fields") {
+    let mut columns = if about.is_for_fields() { Vec::new() } else { OF_PARTICLES.to_vec() };
+    if about.scored.contains(&"fields") {
         columns.extend(OF_FIELDS);
     }
     for (i, (key, title, is_smaller_better)) in columns.into_iter().enumerate() {

@@ -63,6 +63,9 @@ pub struct ReleaseOptions {
     /// Whether to publish the exact times of the test split's frames, including jitter, instead of the
     /// nominal ones.
     pub exact_times: bool,
+    /// Whether to score displacement fields instead of particles, even if the train split reveals the velocity
+    /// field of the test split.
+    pub fields: bool,
     /// Whether to write a bundle for Codabench.
     pub codabench: bool,
     /// The Python wheel of microsig that the bundle's scoring program installs.
@@ -128,10 +131,14 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Released> {
 
     let folder = withheld.join("test");
     make(&test, &folder, options.progress.clone())?;
-    let scored = compare(dataset, &folder)?;
-    if !scored.contains(&"fields") {
-        let text = "The train split reveals the velocity field of the test split: submissions of fields are refused.\n";
-        save_bytes(&withheld.join(submission::PARTICLES_ONLY), text.as_bytes())?;
+    let is_flow_known = compare(dataset, &folder)?;
+    let scored = match (options.fields, is_flow_known) {
+        (true, _) => vec!["fields"],
+        (false, true) => vec!["particles"],
+        (false, false) => vec!["particles", "fields"],
+    };
+    if let Some((marker, text)) = submission::marker(&scored) {
+        save_bytes(&withheld.join(marker), text.as_bytes())?;
     }
     let truth = withheld.join(format!("{name}-test-truth.zip"));
     let mut kept = Package::default();
@@ -139,19 +146,25 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Released> {
     kept.zip(&format!("{name}-test"), &truth)?;
     let commitment = commit(&withheld.join(SALT), &truth)?;
 
-    let about = options.about.of(&train, &commitment);
+    let about = options.about.of(&train, &commitment, &scored, is_flow_known);
     let recordings = (!options.exact_times).then_some(&test.recordings);
-    test_split::package(dataset, &folder, recordings, &scored, &about)?
+    test_split::package(dataset, &folder, recordings, &about)?
         .zip(&format!("{name}-test"), &archive("test"))?;
     if options.codabench {
         let bundle = withheld.join(codabench::BUNDLE);
-        codabench::write(&bundle, (dataset, &folder), &scored, &about, options.wheel.as_deref())?;
+        codabench::write(&bundle, (dataset, &folder), &about, options.wheel.as_deref())?;
     }
     save_bytes(&withheld.join("README.md"), about.withheld().as_bytes())?;
     publish(&public, &about)?;
     partial.finish(options.force.then_some(MARK))?;
     let mut warnings = Vec::new();
-    if !scored.contains(&"fields") {
+    if options.fields && is_flow_known {
+        warnings.push(
+            "the train split reveals the velocity field of the test split, which does not depend on random numbers: fields are scored \
+             nevertheless, and README.md says so; --test-set can give the test split another flow"
+                .to_owned(),
+        );
+    } else if is_flow_known {
         warnings.push(
             "the train split reveals the velocity field of the test split, which does not depend on random numbers: submissions of fields are \
              refused; --test-set can give the test split another flow"
@@ -169,9 +182,9 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Released> {
     })
 }
 
-/// Decides what is scored, from a comparison of the truths of train and test: if they share more than
-/// statistics, a challenge can be solved without the images.
-fn compare(train: &Path, test: &Path) -> Result<Vec<&'static str>> {
+/// Compares the truths of train and test: if their particles share more than statistics, a challenge can be
+/// solved without the images. Tells whether train reveals the velocity field of test.
+fn compare(train: &Path, test: &Path) -> Result<bool> {
     if let Some(shared) = overlap::particles(train, test)?.filter(overlap::Shared::is_beyond_chance) {
         return Err(Error::input(format!(
             "{}: {:.1} % of the tracks of the test split coincide with tracks of the train split, {:.1} % would by chance: \
@@ -182,7 +195,7 @@ fn compare(train: &Path, test: &Path) -> Result<Vec<&'static str>> {
             100.0 * shared.by_chance / shared.tracks as f64
         )));
     }
-    Ok(if overlap::field(train, test)? { vec!["particles"] } else { vec!["particles", "fields"] })
+    overlap::field(train, test)
 }
 
 fn make(scenario: &Scenario, out: &Path, progress: Progress) -> Result<()> {

@@ -19,8 +19,15 @@ pub(super) const RESULTS: &str = "results.csv";
 /// Name of the file with the metadata.
 pub(super) const SUBMISSION: &str = "submission.json";
 
+/// Template of `results.csv`: its header for particles.
+const OF_PARTICLES: &str = "frame,track,x_px,y_px,z_um\n";
+/// The same for displacement fields.
+const OF_FIELDS: &str = "pair,x_px,y_px,dx_px,dy_px,flag\n";
+
 /// Template of `results.csv`: its header.
-pub(super) const RESULTS_HEADER: &str = "frame,track,x_px,y_px,z_um\n";
+pub(super) fn results_header(is_for_fields: bool) -> &'static str {
+    if is_for_fields { OF_FIELDS } else { OF_PARTICLES }
+}
 
 /// Coordinate convention that every team declares.
 const DECLARATION: &str = "x_px to the right and y_px downward, center of the top-left pixel at (1, 1); z_um physical depth in \
@@ -258,14 +265,26 @@ fn about(test: &Path, path: &Path, problems: &mut Vec<String>) -> Result<Option<
     Ok(Some(submission))
 }
 
-/// Marker file in the withheld part: only particles are scored.
-pub(super) const PARTICLES_ONLY: &str = "particles_only.txt";
+/// Marker files in the withheld part: only particles are scored, or only fields.
+const PARTICLES_ONLY: &str = "particles_only.txt";
+const FIELDS_ONLY: &str = "fields_only.txt";
 
-fn is_marked(test: &Path) -> bool {
-    test.canonicalize()
-        .ok()
-        .and_then(|test| Some(test.parent()?.join(PARTICLES_ONLY).exists()))
-        .unwrap_or(false)
+/// Name and text of the marker file if only particles or only fields are scored.
+pub(super) fn marker(scored: &[&str]) -> Option<(&'static str, &'static str)> {
+    match scored {
+        ["particles"] => Some((
+            PARTICLES_ONLY,
+            "The train split reveals the velocity field of the test split: submissions of fields are refused.\n",
+        )),
+        ["fields"] => {
+            Some((FIELDS_ONLY, "Displacement fields are scored: submissions of particles are refused.\n"))
+        }
+        _ => None,
+    }
+}
+
+fn is_marked(test: &Path, marker: &str) -> bool {
+    test.canonicalize().ok().and_then(|test| Some(test.parent()?.join(marker).exists())).unwrap_or(false)
 }
 
 /// Reads the result as for scoring, and performs all checks that do not need the truth.
@@ -275,6 +294,8 @@ fn particles_or_vectors(
     problems: &mut Vec<String>,
 ) -> Result<Option<(&'static str, usize, Vec<String>)>> {
     let facts = of_manifest(test)?;
+    let only_particles = facts.is_for_particles_only || is_marked(test, PARTICLES_ONLY);
+    let only_fields = facts.is_for_fields_only || is_marked(test, FIELDS_ONLY);
     let known = Conventions { limits: limits(test)?, ..facts.conventions(Conventions::default()) };
     let read = results::detect(path).and_then(|format| match format {
         Format::Canonical | Format::Field => {
@@ -283,7 +304,7 @@ fn particles_or_vectors(
         _ => Err(Error::input(format!(
             "{}:1: expected the columns of the template, {}",
             path.display(),
-            RESULTS_HEADER.trim_end()
+            results_header(only_fields).trim_end()
         ))),
     });
     let found = match read {
@@ -297,7 +318,15 @@ fn particles_or_vectors(
         TrackerResult::Points(p) => ("particles", p.rows.len(), p.n_nan),
         TrackerResult::Field(f) => ("vectors", f.vectors.len(), f.n_nan),
     };
-    if matches!(found, TrackerResult::Field(_)) && (facts.is_for_particles_only || is_marked(test)) {
+    if matches!(found, TrackerResult::Points(_)) && only_fields {
+        problems.push(format!(
+            "{}: particles; this challenge scores displacement fields, with the columns {}",
+            path.display(),
+            OF_FIELDS.trim_end()
+        ));
+        return Ok(None);
+    }
+    if matches!(found, TrackerResult::Field(_)) && only_particles {
         problems.push(format!(
             "{}: vectors; this challenge scores particles only, because the train split reveals its velocity field",
             path.display()

@@ -41,7 +41,6 @@ pub(super) fn package(
     train: &Path,
     test: &Path,
     nominal: Option<&Recordings>,
-    scored: &[&'static str],
     about: &ReleaseTexts<'_>,
 ) -> Result<Package> {
     let mut package = Package::default();
@@ -52,7 +51,7 @@ pub(super) fn package(
     package.write(FRAMES_PATH, frames(test, nominal)?);
     package.write("README.md", about.test_card());
     package.write(LICENSE, about.license_text());
-    package.write("submission/results.csv", submission::RESULTS_HEADER);
+    package.write("submission/results.csv", submission::results_header(about.is_for_fields()));
     package.write("submission/submission.json", submission::template());
 
     let fingerprints = package.fingerprints()?;
@@ -74,7 +73,7 @@ pub(super) fn package(
         description: "Images whose truth is withheld; README.md says what to do with them.".to_owned(),
         version: whole.version.clone(),
         licenses: whole.licenses.clone(),
-        microsig: told(whole.microsig, &images, scored, about),
+        microsig: told(whole.microsig, &images, about),
         resources,
     };
     let manifest = serde_json::to_string_pretty(&manifest).map_err(|e| Error::input(e.to_string()))?;
@@ -84,7 +83,7 @@ pub(super) fn package(
 }
 
 /// Published facts of the manifest: none that are derived from the truth, and no seed.
-fn told(whole: manifest::Facts, images: &str, scored: &[&str], about: &ReleaseTexts<'_>) -> manifest::Facts {
+fn told(whole: manifest::Facts, images: &str, about: &ReleaseTexts<'_>) -> manifest::Facts {
     let mut timing = whole.timing;
     timing.0.retain(|key, _| TIMING.contains(&key.as_str()));
     manifest::Facts {
@@ -102,7 +101,7 @@ fn told(whole: manifest::Facts, images: &str, scored: &[&str], about: &ReleaseTe
         scoring_gates: whole.scoring_gates,
         split: Some("test".to_owned()),
         truth: Some("withheld".to_owned()),
-        scored: Some(scored.iter().map(|&what| what.to_owned()).collect()),
+        scored: Some(about.scored.iter().map(|&what| what.to_owned()).collect()),
         images_sha256: Some(images.to_owned()),
         commitment_sha256: Some(about.commitment.to_owned()),
         ..manifest::Facts::default()

@@ -211,9 +211,9 @@ fn curves_csv(scores: &[(Entry, Score)]) -> Result<Vec<u8>> {
 /// A column of the leaderboard.
 type Column = fn(&Entry) -> Option<f64>;
 
-const COLUMNS: [(&str, Column); 19] = [
+const COLUMNS: [(&str, Column); 20] = [
     ("F1", |e| e.f1),
-    ("valid vectors", |e| e.valid_vector_probability),
+    ("valid nodes", |e| e.valid_nodes),
     ("95 % from", |e| e.low),
     ("to", |e| e.high),
     ("recall", |e| e.recall),
@@ -222,6 +222,7 @@ const COLUMNS: [(&str, Column); 19] = [
     ("bias x, px", |e| e.bias_x_px),
     ("bias y, px", |e| e.bias_y_px),
     ("sigma z / h", |e| e.sigma_z_over_h),
+    ("valid vectors", |e| e.valid_vector_probability),
     ("AEE, px", |e| e.aee_px),
     ("RMS u of inliers, px", |e| e.rms_u_inliers_px),
     ("RMS v of inliers, px", |e| e.rms_v_inliers_px),

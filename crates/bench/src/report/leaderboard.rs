@@ -50,6 +50,8 @@ pub struct Entry {
     pub jsc: Option<f64>,
     /// isbi.jsc_theta
     pub jsc_theta: Option<f64>,
+    /// field.nodes.valid
+    pub valid_nodes: Option<f64>,
     /// field.valid_vector_probability
     pub valid_vector_probability: Option<f64>,
     /// field.aee_px
@@ -142,7 +144,8 @@ impl Entry {
     fn of_field(&mut self, field: &scoring::evaluate::field::FieldScore) {
         let errors = &field.main;
         self.kind = ResultKind::Field;
-        self.valid_vector_probability = errors.valid_vector_probability;
+        (self.valid_nodes, self.valid_vector_probability) =
+            (field.nodes.valid, errors.valid_vector_probability);
         self.aee_px = errors.aee_px;
         (self.rms_u_inliers_px, self.rms_v_inliers_px) = (errors.u_inliers.rms_px, errors.v_inliers.rms_px);
         (self.bias_x_px, self.bias_y_px) = (errors.u.bias_px, errors.v.bias_px);
@@ -150,11 +153,16 @@ impl Entry {
         // At least as wide as the interval of the combined error.
         let ends = errors.interval_rms_u_inliers_px.zip(errors.interval_rms_v_inliers_px);
         let ends = ends.map(|(u, v)| [u[0].hypot(v[0]), u[1].hypot(v[1])]);
-        let first = errors.interval_valid_vector_probability;
+        let nodes = field.nodes.interval_valid;
+        let vectors = errors.interval_valid_vector_probability;
+        // Scores of versions without reference nodes have the share of vectors only.
+        let first = if field.nodes.valid.is_some() { nodes } else { vectors };
         self.criteria = vec![
-            // Vectors of pairs that are left out are not missed by this share.
+            // Nodes count wherever the result has vectors, unlike the share of its own vectors.
+            Criterion::rate(field.nodes.valid, nodes),
+            // Vectors of pairs that are left out are not missed by the criteria below.
             Criterion::complete(self.missing),
-            Criterion::rate(self.valid_vector_probability, first),
+            Criterion::rate(self.valid_vector_probability, vectors),
             Criterion::error(both, ends),
             Criterion::error(self.aee_px, errors.interval_aee_px),
         ];
@@ -292,26 +300,27 @@ pub(super) fn text(entries: &[Entry], warnings: &[String]) -> String {
     let fields = of(ResultKind::Field);
     if !fields.is_empty() {
         lines.push(format!(
-            "{:<4} {:<15} {:>8}  {:<16} {:>9} {:>8}",
-            "rank", "name", "valid", "95 %", "RMS in px", "AEE px"
+            "{:<4} {:<15} {:>8}  {:<16} {:>8} {:>9} {:>8}",
+            "rank", "name", "nodes", "95 %", "vectors", "RMS in px", "AEE px"
         ));
     }
     for same in fields.chunk_by(|a, b| a.axes == b.axes) {
         lines.extend(Some(same[0].case()).filter(|case| !case.is_empty()));
         lines.extend(same.iter().map(|e| {
             format!(
-                "{:<4} {:<15} {:>8}  {:<16} {:>9} {:>8}",
+                "{:<4} {:<15} {:>8}  {:<16} {:>8} {:>9} {:>8}",
                 rank(e),
                 name(e),
-                n(e.valid_vector_probability),
+                n(e.valid_nodes),
                 ends(e),
+                n(e.valid_vector_probability),
                 n(e.rms_u_inliers_px.zip(e.rms_v_inliers_px).map(|(u, v)| u.hypot(v))),
                 n(e.aee_px)
             )
         }));
     }
     lines.push(
-        "=: not separated by 95 % intervals (F1, errors, links, HOTA; fields: valid, RMS, AEE).".to_owned(),
+        "=: not separated by 95 % intervals (F1, errors, links, HOTA; fields: valid nodes, valid vectors, RMS, AEE).".to_owned(),
     );
     if entries.iter().any(|e| e.biased) {
         lines.push(format!("!: positions are biased by more than {BIAS_PX} px."));

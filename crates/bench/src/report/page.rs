@@ -125,6 +125,7 @@ fn key_numbers(score: &Score) -> Vec<(&'static str, String)> {
     numbers
         .extend(score.isbi.as_ref().map(|i| ("ISBI alpha, beta", format!("{}, {}", n(i.alpha), n(i.beta)))));
     if let Some(f) = &score.field {
+        numbers.push(("valid nodes", n(f.nodes.valid)));
         numbers.push(("valid vectors", n(f.main.valid_vector_probability)));
         numbers.push(("AEE, px", n(f.main.aee_px)));
         numbers.push(("RMS u of inliers, px", n(f.main.u_inliers.rms_px)));

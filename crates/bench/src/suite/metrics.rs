@@ -37,14 +37,16 @@ fn better(metric: Metric) -> Better {
         | Metric::Hota
         | Metric::IsbiBeta
         | Metric::LptCorrect
-        | Metric::ValidVectorProbability => Better::Greater,
+        | Metric::ValidVectorProbability
+        | Metric::ValidNodes => Better::Greater,
         Metric::RmseXyPx
         | Metric::SigmaZOverH
         | Metric::LptGhost
         | Metric::VelocityRmsUmS
         | Metric::AngleMeanAllDeg
-        | Metric::RmsInliersPx => Better::Smaller,
-        Metric::ModulationU => Better::NearOne,
+        | Metric::RmsInliersPx
+        | Metric::RmsNodesPx => Better::Smaller,
+        Metric::ModulationU | Metric::ResponseNodes => Better::NearOne,
     }
 }
 
@@ -53,9 +55,14 @@ pub(super) fn is_error(metric: Metric) -> bool {
     better(metric) == Better::Smaller
 }
 
-/// Whether particles in frames that a result leaves out lower this score.
+/// Whether particles in frames, or nodes in image pairs, that a result leaves out count against it in this
+/// score.
 pub(super) fn counts_missing(metric: Metric) -> bool {
-    better(metric) == Better::Greater && !matches!(metric, Metric::Precision | Metric::ValidVectorProbability)
+    match metric {
+        Metric::Precision | Metric::ValidVectorProbability => false,
+        Metric::RmsNodesPx | Metric::ResponseNodes => true,
+        _ => better(metric) == Better::Greater,
+    }
 }
 
 /// The score as tables name it.
@@ -75,7 +82,10 @@ pub fn label(metric: Metric) -> &'static str {
         Metric::AngleMeanAllDeg => "mean angle of all, deg",
         Metric::ValidVectorProbability => "valid vectors",
         Metric::RmsInliersPx => "RMS of inliers, px",
-        Metric::ModulationU => "amplitude response",
+        Metric::ModulationU => "amplitude response of inliers",
+        Metric::ValidNodes => "valid nodes",
+        Metric::RmsNodesPx => "RMS at nodes, px",
+        Metric::ResponseNodes => "amplitude response",
     }
 }
 
@@ -129,5 +139,10 @@ fn found(metric: Metric, score: &Score) -> (Option<f64>, Interval) {
             (both, ends.map(|(u, v)| [u[0].hypot(v[0]), u[1].hypot(v[1])]))
         })),
         Metric::ModulationU => of(score.field.as_ref().map(|f| (f.main.modulation_u, None))),
+        Metric::ValidNodes => of(score.field.as_ref().map(|f| (f.nodes.valid, f.nodes.interval_valid))),
+        Metric::RmsNodesPx => of(score.field.as_ref().map(|f| (f.nodes.rms_px, f.nodes.interval_rms_px))),
+        Metric::ResponseNodes => {
+            of(score.field.as_ref().map(|f| (f.nodes.response, f.nodes.interval_response)))
+        }
     }
 }

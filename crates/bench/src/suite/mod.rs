@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use metrics::{MetricValue, label};
-pub use page::{Annotations, Picture, page};
+pub use page::{Annotations, Picture, page, unmeasured};
 
 use crate::report::{self, Criterion, ranks};
 use generator::dataset::manifest::GENERATOR_VERSION;
@@ -302,16 +302,16 @@ fn scored_case(
             std::fs::create_dir_all(&folder).map_err(Error::write(&folder))?;
             report::write_into(&folder, evaluation, false)?;
         }
-        results.push(result(track, tracker, evaluation));
+        results.push(result(case, tracker, evaluation));
     }
     let criteria: Vec<_> = results
         .iter()
         .map(|result| {
             let of = |metric: &Metric| result.value(*metric).map(|value| value.criterion());
             let mut criteria: Vec<_> =
-                track.rank_by.iter().map(|metric| of(metric).unwrap_or_default()).collect();
+                case.rank_by.iter().map(|metric| of(metric).unwrap_or_default()).collect();
             // Errors cover only what is found: frames that are left out count before them.
-            let before_errors = track.rank_by.first().is_some_and(|metric| metrics::counts_missing(*metric));
+            let before_errors = case.rank_by.first().is_some_and(|metric| metrics::counts_missing(*metric));
             criteria.insert(usize::from(before_errors), Criterion::complete(result.missing));
             criteria
         })
@@ -330,14 +330,14 @@ fn scored_case(
         case: case.name.clone(),
         dataset: format!("{}-test", case.dataset()),
         axes: axes.map(|a| CaseAxis { label: a.label, shown: a.shown, number: a.number }).collect(),
-        rank_by: track.rank_by.clone(),
+        rank_by: case.rank_by.clone(),
         results,
     })
 }
 
 /// The result of a tracker without its rank.
 fn result(
-    track: &TrackSpec,
+    case: &SuiteCase,
     tracker: String,
     evaluation: std::result::Result<Option<Evaluation>, String>,
 ) -> CaseResult {
@@ -357,18 +357,14 @@ fn result(
     };
     let score = &evaluation.score;
     let mut scores: Vec<MetricValue> =
-        track.rank_by.iter().map(|metric| MetricValue::of(*metric, score)).collect();
-    let others = Metric::ALL.into_iter().filter(|metric| !track.rank_by.contains(metric));
+        case.rank_by.iter().map(|metric| MetricValue::of(*metric, score)).collect();
+    let others = Metric::ALL.into_iter().filter(|metric| !case.rank_by.contains(metric));
     scores.extend(others.map(|metric| MetricValue::of(metric, score)).filter(|value| value.value.is_some()));
     // A field has none of the scores of particles, and the other way round.
-    let is_of_kind = if score.field.is_some() {
-        track.rank_by.contains(&Metric::ValidVectorProbability)
-    } else {
-        !track.rank_by.contains(&Metric::ValidVectorProbability)
-    };
-    if !is_of_kind {
+    let ranks_fields = case.rank_by.first().is_some_and(|metric| metric.is_of_fields());
+    if score.field.is_some() != ranks_fields {
         let kind = if score.field.is_some() { "a displacement field" } else { "particles" };
-        return none(Status::Refused, Some(format!("{kind}; track {} ranks other results", track.name)));
+        return none(Status::Refused, Some(format!("{kind}; track {} ranks other results", case.track)));
     }
     CaseResult {
         scores,

@@ -22,6 +22,8 @@ pub struct Annotations {
     pub notes: Vec<String>,
     /// What each tracker was made for, by name.
     pub made_for: BTreeMap<String, String>,
+    /// Trackers that measure no depth, and do not enter cases that are scored with depth.
+    pub without_depth: BTreeSet<String>,
     /// Time per frame, s, by tracker and `TRACK/CASE`.
     pub seconds_per_frame: BTreeMap<(String, String), f64>,
     /// Why a tracker has no result, by tracker and `TRACK/CASE`.
@@ -101,11 +103,24 @@ fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Mar
                     }
                 } }
             } }
+            @for metric in unmeasured(&cases) { p {
+                "No tracker listed here has a value of the score "  b { (label(metric)) } ": ranks follow from the others."
+            } }
             @if !plots.is_empty() { div.plots { @for plot in &plots { (plot) } } }
             @if let Some(pictures) = more.pictures.get(track) { div.plots { @for picture in pictures { (drawn(picture)) } } }
             @for case in &cases { (table(case, more)) }
         }
     })
+}
+
+/// Scores that rank the cases of a track, and which none of its results has.
+pub fn unmeasured(cases: &[&CaseScores]) -> Vec<Metric> {
+    let has = |metric: Metric| {
+        let mut results = cases.iter().flat_map(|case| &case.results);
+        results.any(|result| result.value(metric).is_some_and(|value| value.value.is_some()))
+    };
+    let ranks = |metric: &Metric| cases.iter().any(|case| case.rank_by.contains(metric));
+    Metric::ALL.into_iter().filter(|metric| ranks(metric) && !has(*metric)).collect()
 }
 
 /// Median time per frame of a tracker over the cases of a track.
@@ -134,6 +149,13 @@ fn table(case: &CaseScores, more: &Annotations) -> Markup {
             .get(&key(result))
             .map_or_else(|| "missing".to_owned(), |failure| format!("missing: {failure}")),
     };
+    // They are told on one line.
+    let is_flat = |result: &CaseResult| {
+        result.status == Status::Missing
+            && more.without_depth.contains(&result.tracker)
+            && !more.failures.contains_key(&key(result))
+    };
+    let flat: Vec<&str> = case.results.iter().filter(|r| is_flat(r)).map(|r| r.tracker.as_str()).collect();
     let columns = case.rank_by.len() + others.len() + 1;
     html! {
         details {
@@ -144,7 +166,7 @@ fn table(case: &CaseScores, more: &Annotations) -> Markup {
                     @for metric in case.rank_by.iter().chain(&others) { th { (label(*metric)) } }
                     th { "s per frame" }
                 }
-                @for result in &case.results { tr {
+                @for result in case.results.iter().filter(|result| !is_flat(result)) { tr {
                     td { (result.rank.map_or_else(|| "-".to_owned(), |rank| rank.to_string())) }
                     td { (result.tracker) }
                     @if result.status == Status::Scored {
@@ -153,6 +175,7 @@ fn table(case: &CaseScores, more: &Annotations) -> Markup {
                     } @else { td colspan=(columns) style="text-align: left" { (why(result)) } }
                 } }
             } }
+            @if !flat.is_empty() { p.soft { "Without depth, which is scored here: " (flat.join(", ")) "." } }
         }
     }
 }

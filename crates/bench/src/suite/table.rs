@@ -37,7 +37,10 @@ pub(super) fn csv(scores: &SuiteScores) -> Result<Vec<u8>> {
                     text(value.and_then(|v| v.high)),
                 ]);
             }
-            row.push(result.reason.as_deref().map(cell).unwrap_or_default());
+            // A reason may begin like a formula of a spreadsheet, `--dims 3: ...`.
+            row.push(
+                result.reason.as_deref().map(|why| cell(&format!("refused: {why}"))).unwrap_or_default(),
+            );
             table.write_record(&row).map_err(failed)?;
         }
     }

@@ -69,6 +69,8 @@ pub struct SuiteCase {
     pub axes: Vec<AxisValue>,
     /// Dimensions in which particles are scored, if the suite says so.
     pub dims: Option<u8>,
+    /// The scores by which it is ranked, in order of priority.
+    pub rank_by: Vec<Metric>,
     /// Number of pairs, frames or bursts of train, val and test.
     pub counts: [u32; 3],
     /// The scenario of train, with the changes of the size.
@@ -177,6 +179,7 @@ impl Suite {
                         name: rung.name.clone(),
                         axes: rung.axes.clone(),
                         dims: ladder.dims.or(track.dims),
+                        rank_by: ladder.rank_by.as_ref().unwrap_or(&track.rank_by).clone(),
                         counts: [of_size.train, of_size.val, of_size.test],
                         spec,
                         inputs: rung.inputs.clone(),

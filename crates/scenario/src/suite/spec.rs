@@ -97,6 +97,10 @@ pub struct LadderSpec {
     #[serde(default)]
     #[schemars(extend("x-range" = "2 or 3"))]
     pub dims: Option<u8>,
+    /// The scores by which its cases are ranked; by default those of the track.
+    #[serde(default)]
+    #[schemars(length(min = 1), example = vec![Metric::F1])]
+    pub rank_by: Option<Vec<Metric>>,
     /// How the values of the axes are named and shown; by default as in the sweep.
     #[serde(default)]
     pub labels: Vec<AxisLabel>,
@@ -162,11 +166,18 @@ pub enum Metric {
     RmsInliersPx,
     /// `field.modulation_u`: amplitude response along x, ranked by its distance from 1.
     ModulationU,
+    /// `field.nodes.valid`: share of the reference nodes at which the field is right within 1 px.
+    ValidNodes,
+    /// `field.nodes.rms_px`: RMS error over all reference nodes; a missing displacement and an error above 1 px
+    /// count as 1 px.
+    RmsNodesPx,
+    /// `field.nodes.response`: amplitude response over all reference nodes, ranked by its distance from 1.
+    ResponseNodes,
 }
 
 impl Metric {
     /// All of them.
-    pub const ALL: [Metric; 15] = [
+    pub const ALL: [Metric; 18] = [
         Metric::F1,
         Metric::Recall,
         Metric::Precision,
@@ -182,7 +193,23 @@ impl Metric {
         Metric::ValidVectorProbability,
         Metric::RmsInliersPx,
         Metric::ModulationU,
+        Metric::ValidNodes,
+        Metric::RmsNodesPx,
+        Metric::ResponseNodes,
     ];
+
+    /// Whether it is a score of displacement fields; the others are scores of particles.
+    pub fn is_of_fields(self) -> bool {
+        matches!(
+            self,
+            Metric::ValidVectorProbability
+                | Metric::RmsInliersPx
+                | Metric::ModulationU
+                | Metric::ValidNodes
+                | Metric::RmsNodesPx
+                | Metric::ResponseNodes
+        )
+    }
 
     /// Its name, as in the file of a suite.
     pub fn name(self) -> &'static str {
@@ -202,6 +229,9 @@ impl Metric {
             Metric::ValidVectorProbability => "valid_vector_probability",
             Metric::RmsInliersPx => "rms_inliers_px",
             Metric::ModulationU => "modulation_u",
+            Metric::ValidNodes => "valid_nodes",
+            Metric::RmsNodesPx => "rms_nodes_px",
+            Metric::ResponseNodes => "response_nodes",
         }
     }
 }

@@ -48,6 +48,8 @@ pub struct RecordingFacts {
     pub is_from_key: bool,
     /// Whether only particles are scored, because the velocity field is that of the train split.
     pub is_for_particles_only: bool,
+    /// Whether only displacement fields are scored.
+    pub is_for_fields_only: bool,
 }
 
 impl RecordingFacts {
@@ -221,6 +223,7 @@ fn told(manifest: &Manifest) -> RecordingFacts {
             .map_or(own.renderer.as_deref() == Some("gaussian"), |p| p.focus_um.is_none()),
         is_withheld: own.truth.as_deref() == Some("withheld"),
         is_from_key: own.seed == Some(None),
+        is_for_fields_only: own.scored.as_ref().is_some_and(|s| !s.iter().any(|s| s == "particles")),
         is_for_particles_only: own.scored.as_ref().is_some_and(|s| !s.iter().any(|s| s == "fields")),
     }
 }

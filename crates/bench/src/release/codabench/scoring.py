@@ -21,6 +21,9 @@ COLUMNS = {
     "sigma_z_over_h": ("gdpt", "sigma_z_over_h"),
     "link_f1": ("links", "f1"),
     "hota": ("hota", "hota"),
+    "valid_nodes": ("field", "nodes", "valid"),
+    "rms_nodes_px": ("field", "nodes", "rms_px"),
+    "response_nodes": ("field", "nodes", "response"),
     "valid_vector_probability": ("field", "valid_vector_probability"),
     "aee_px": ("field", "aee_px"),
 }
@@ -74,8 +77,10 @@ def main():
         shutil.copy(folder / "for_team" / "score.json", out / "score.json")
     told, score = json.loads((out / "score.json").read_text()), json.loads(run.stdout)
 
-    def of(whole, part, name):
-        return (whole.get(part) or {}).get(name)
+    def of(whole, *keys):
+        for key in keys:
+            whole = (whole or {}).get(key)
+        return whole
 
     scores = {key: of(score, *at) for key, at in COLUMNS.items() if of(told, *at) is not None}
     (out / "scores.json").write_text(json.dumps(scores, indent=2) + "\n")

@@ -9,6 +9,7 @@ mod ensemble;
 mod errors;
 mod gradients;
 mod hints;
+mod nodes;
 mod peak_locking;
 mod spectrum;
 pub mod true_field;
@@ -28,6 +29,7 @@ pub use compared::ComparedVector;
 pub use ensemble::EnsembleErrors;
 pub use errors::{ComponentErrors, FieldErrors, VectorUncertainty};
 pub use gradients::Gradients;
+pub use nodes::NodeErrors;
 pub use peak_locking::PeakLocking;
 pub use spectrum::{SpectralPoint, Spectrum};
 use storage::error::Result;
@@ -54,6 +56,8 @@ pub struct FieldScore {
     pub plane_um: Option<f64>,
     /// The main truth: central, forward or weighted.
     pub against: String,
+    /// The field at reference nodes, wherever the result has vectors.
+    pub nodes: NodeErrors,
     /// Errors against the main truth.
     #[serde(flatten)]
     pub main: FieldErrors,
@@ -123,6 +127,7 @@ pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64)
                     scored.score.n_outside, scored.score.n_reported
                 ));
             }
+            scored.score.nodes = NodeErrors::of(grid, &field.vectors, &facts, seed);
             scored.hints = hints::hints(&field.vectors, &compared, grid);
             scored.vectors = compared;
         }

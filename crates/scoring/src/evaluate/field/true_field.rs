@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::evaluate::measurement::{RecordingFacts, of_manifest};
 use crate::results::sheet::{Separator, TextTable};
-use crate::results::{Conventions, FlowVector, read_field};
+use crate::results::{Conventions, FlowVector, Position, read_field};
 use storage::error::{Error, Result};
 use storage::tables::truth::FIELD_PATH;
 
@@ -53,6 +53,17 @@ impl TrueField {
     /// Whether image pairs have different truths.
     pub fn needs_pairs(&self) -> bool {
         self.pairs.len() > 1
+    }
+
+    /// The image pairs that have truths of their own.
+    pub(super) fn pairs(&self) -> impl Iterator<Item = Option<u32>> {
+        self.pairs.keys().copied()
+    }
+
+    /// The true displacement of an image pair at a position, as [`TrueField::at`].
+    pub(super) fn of_pair(&self, pair: Option<u32>, x_px: f64, y_px: f64) -> Option<[f64; 3]> {
+        let at = Position { x_px, y_px, ..Position::default() };
+        self.at(&FlowVector { pair, at, ..FlowVector::default() })
     }
 
     /// The true displacement [px, px, um] at the position of a vector; `None` outside the grid or where the
