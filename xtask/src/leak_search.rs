@@ -45,6 +45,7 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
         test: None,
         test_set: Vec::new(),
         exact_times: false,
+        fields: false,
         codabench: false,
         wheel: None,
         about,

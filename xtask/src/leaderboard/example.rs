@@ -1,26 +1,47 @@
 //! Example images with what a tracker found.
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 
-use bench::suite::{CaseScores, Picture, SCORES, Status};
+use bench::suite::{CaseScores, DepthErrors, Picture, SCORES, Status};
 
 /// Largest part of an image that is shown, px.
 const PART: u32 = 320;
 
-/// The middle of a case's first image with the points of the best tracker; `None` for fields.
+/// End-point error from which a displacement is drawn as wrong, px.
+const WRONG_PX: f64 = 1.0;
+
+/// A row of a table by column.
+type Row = BTreeMap<String, String>;
+
+fn number(row: &Row, key: &str) -> Option<f64> {
+    row.get(key)?.parse().ok()
+}
+
+fn rows(path: &Path) -> anyhow::Result<Vec<Row>> {
+    Ok(csv::Reader::from_path(path)?.deserialize().collect::<Result<_, _>>()?)
+}
+
+/// The folder of the complete scores of a result.
+fn scores_of(work: &Path, tracker: &str, case: &CaseScores) -> PathBuf {
+    work.join("scores").join(SCORES).join(tracker).join(&case.track).join(&case.case)
+}
+
+/// The middle of a case's first image with the points or displacements of the best tracker.
 pub(super) fn picture(work: &Path, case: &CaseScores) -> anyhow::Result<Option<Picture>> {
     let Some(best) = case.results.iter().find(|result| result.status == Status::Scored) else {
         return Ok(None);
     };
-    let folder = format!("{}/{}", case.track, case.case);
-    let matches = work.join("scores").join(SCORES).join(&best.tracker).join(&folder).join("matches.csv");
-    if !matches.is_file() {
+    let scores = scores_of(work, &best.tracker, case);
+    let (matches, found) = (scores.join("matches.csv"), scores.join("vectors.csv"));
+    let is_field = found.is_file();
+    if !is_field && !matches.is_file() {
         return Ok(None);
     }
-    let images = work.join("datasets").join(&folder).join("test/images");
+    let images = work.join("datasets").join(&case.track).join(&case.case).join("test/images");
     let mut files: Vec<_> =
         std::fs::read_dir(&images)?.filter_map(|entry| Some(entry.ok()?.path())).collect();
     files.sort();
@@ -33,22 +54,52 @@ pub(super) fn picture(work: &Path, case: &CaseScores) -> anyhow::Result<Option<P
         .flat_map(|row| (0..w).map(move |column| (row, column)))
         .map(|(row, column)| counts[((top + row) * width + left + column) as usize])
         .collect();
-    let mut points = Vec::new();
-    for row in csv::Reader::from_path(&matches)?.deserialize::<std::collections::BTreeMap<String, String>>() {
-        let row = row?;
-        let number = |key: &str| row.get(key).and_then(|text| text.parse::<f64>().ok());
-        let (Some(frame), Some(x), Some(y)) = (number("frame"), number("x_px"), number("y_px")) else {
-            continue;
-        };
+    let (mut points, mut vectors) = (Vec::new(), Vec::new());
+    for row in rows(if is_field { &found } else { &matches })? {
+        let Some((x, y)) = number(&row, "x_px").zip(number(&row, "y_px")) else { continue };
         // The center of the first pixel is (1, 1), and (0.5, 0.5) in the picture.
         let (x, y) = (x - 0.5 - f64::from(left), y - 0.5 - f64::from(top));
         let is_inside = (0.0..=f64::from(w)).contains(&x) && (0.0..=f64::from(h)).contains(&y);
-        if frame == 0.0 && is_inside {
+        // A field of all image pairs names none.
+        let is_first = number(&row, if is_field { "pair" } else { "frame" }).map_or(is_field, |n| n == 0.0);
+        if !is_inside || !is_first {
+            continue;
+        }
+        if is_field {
+            let of = |key: &str| number(&row, key).unwrap_or(f64::NAN);
+            let (dx, dy) = (of("dx_px"), of("dy_px"));
+            let is_right = (dx - of("true_dx_px")).hypot(dy - of("true_dy_px")) < WRONG_PX;
+            vectors.push(([x, y, dx, dy], is_right && of("flag") == 0.0));
+        } else {
             points.push((row.get("kind").cloned().unwrap_or_default(), x, y));
         }
     }
-    let caption = format!("{} on {}, first image.", best.tracker, case.case);
-    Ok(Some(Picture { png: png(&part, (w, h))?, size: (w, h), points, caption }))
+    let what = if is_field { "first image pair" } else { "first image" };
+    let caption = format!("{} on {}, {what}.", best.tracker, case.case);
+    Ok(Some(Picture { png: png(&part, (w, h))?, size: (w, h), points, vectors, caption }))
+}
+
+/// RMS errors of depth over depth in a case; `None` if no result has depth.
+pub(super) fn depth_errors(work: &Path, case: &CaseScores) -> anyhow::Result<Option<DepthErrors>> {
+    let mut trackers = Vec::new();
+    for result in case.results.iter().filter(|result| result.status == Status::Scored) {
+        let path = scores_of(work, &result.tracker, case).join("curves.csv");
+        if !path.is_file() {
+            continue;
+        }
+        let table = rows(&path)?;
+        let of_depth = table.iter().filter(|row| row.get("against").is_some_and(|of| of == "z_um"));
+        let points = of_depth.filter_map(|row| {
+            let (from, to) = number(row, "from").zip(number(row, "to"))?;
+            Some((0.5 * (from + to), number(row, "rms_z_um")?))
+        });
+        let points: Vec<(f64, f64)> = points.collect();
+        if !points.is_empty() {
+            trackers.push((result.tracker.clone(), points));
+        }
+    }
+    trackers.sort_by(|a, b| a.0.cmp(&b.0));
+    Ok((!trackers.is_empty()).then(|| DepthErrors { case: case.case.clone(), trackers }))
 }
 
 /// A PNG of 8 bits: the square root of counts between the 1 % and 99.7 % quantiles, which shows faint images.

@@ -12,6 +12,9 @@ use super::run::RECORD;
 use super::trackers::{How, Tracker};
 use bench::suite::{Annotations, PAGE, SUITE_SCORES, SUITE_SCORES_CSV, SuiteScores, label, page, unmeasured};
 
+/// Example images, and cases with depth errors over depth, of each track.
+const PICTURES: usize = 2;
+
 /// Writes the leaderboard of the scores in `work`.
 pub(super) fn write(
     out: &Path,
@@ -49,8 +52,17 @@ pub(super) fn write(
             }
         }
         let shown = more.pictures.entry(case.track.clone()).or_default();
-        if shown.len() < 2 {
+        let is_of_fields = case.rank_by.first().is_some_and(|metric| metric.is_of_fields());
+        if is_of_fields || shown.len() < PICTURES {
             shown.extend(example::picture(work, case)?);
+        }
+        // The last fields of a track vary most in the image.
+        if shown.len() > PICTURES {
+            shown.remove(0);
+        }
+        let curves = more.depth_errors.entry(case.track.clone()).or_default();
+        if curves.len() < PICTURES {
+            curves.extend(example::depth_errors(work, case)?);
         }
     }
     std::fs::create_dir_all(out)?;

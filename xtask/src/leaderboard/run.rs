@@ -114,7 +114,14 @@ impl Job<'_> {
     /// A hash of everything that determines the result: images, program, parameters.
     fn inputs(&self, dataset: &Path) -> anyhow::Result<String> {
         let sums = dataset.join("SHA256SUMS");
-        let mut parts = vec![suite::sha256(&sums).with_context(|| sums.display().to_string())?];
+        let sums = std::fs::read_to_string(&sums).with_context(|| sums.display().to_string())?;
+        // Other bytes of the truth do not change a result. The manifest has their hashes.
+        let seen = ["  images/", "  calibration/", "  settings.txt", "  truth/frames.csv"];
+        let mut parts: Vec<String> = sums
+            .lines()
+            .filter(|line| seen.iter().any(|path| line.contains(path)))
+            .map(str::to_owned)
+            .collect();
         match &self.tracker.how {
             How::Own(arguments) => {
                 let said = Command::new(self.microsig).args(["--version", "--json"]).output()?.stdout;

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use metrics::{MetricValue, label};
-pub use page::{Annotations, Picture, page, unmeasured};
+pub use page::{Annotations, DepthErrors, Picture, page, unmeasured};
 
 use crate::report::{self, Criterion, ranks};
 use generator::dataset::manifest::GENERATOR_VERSION;

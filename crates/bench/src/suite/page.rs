@@ -30,6 +30,17 @@ pub struct Annotations {
     pub failures: BTreeMap<(String, String), String>,
     /// Example images, by track.
     pub pictures: BTreeMap<String, Vec<Picture>>,
+    /// Depth errors over depth in example cases, by track.
+    pub depth_errors: BTreeMap<String, Vec<DepthErrors>>,
+}
+
+/// RMS errors of depth in a case over the depth of particles.
+#[derive(Debug, Clone)]
+pub struct DepthErrors {
+    /// Case.
+    pub case: String,
+    /// For each tracker z, um, and the RMS error there, um.
+    pub trackers: Vec<(String, Vec<(f64, f64)>)>,
 }
 
 /// A part of an image with what a tracker found in it.
@@ -41,6 +52,8 @@ pub struct Picture {
     pub size: (u32, u32),
     /// Points from `matches.csv`: match, miss or ghost, with x and y in px from the corner of the part.
     pub points: Vec<(String, f64, f64)>,
+    /// Displacements from `vectors.csv`: x and y as above, dx and dy in px, and whether the error is below 1 px.
+    pub vectors: Vec<([f64; 4], bool)>,
     /// Tracker, case and frame.
     pub caption: String,
 }
@@ -87,6 +100,9 @@ fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Mar
     for ladder in ladders {
         let of_ladder: Vec<&CaseScores> = cases.iter().filter(|c| c.ladder == ladder).copied().collect();
         plots.extend(curves(ladder, &of_ladder)?);
+    }
+    for errors in more.depth_errors.get(track).into_iter().flatten() {
+        plots.extend(over_depth(errors)?);
     }
     Ok(html! {
         h2 { "Track " (track) }
@@ -263,6 +279,21 @@ fn over(axis: usize, metric: Metric, cases: &[&CaseScores]) -> Vec<Series> {
         .collect()
 }
 
+/// RMS errors of depth over depth.
+fn over_depth(errors: &DepthErrors) -> Result<Option<Markup>> {
+    let of = |(tracker, points): &(String, Vec<(f64, f64)>)| Series::new(tracker.clone(), points.clone());
+    let series: Vec<Series> = errors.trackers.iter().map(of).collect();
+    if !series.iter().any(Series::has_points) {
+        return Ok(None);
+    }
+    let labels = AxisLabels { x: "z, um", y: "RMS error of z, um", title: "RMS error of z" };
+    let caption = format!("RMS error of z of found particles over their z, case {}.", errors.case);
+    Ok(Some(figure_of(lines(&labels, &series)?, &names(&series), &caption)))
+}
+
+/// Length of a drawn displacement over the displacement.
+const ARROW: f64 = 4.0;
+
 /// Kinds of points in `matches.csv`, with their color and dashes.
 const KINDS: [(&str, &str); 3] =
     [("match", "#3fb950"), ("miss", "#ff5f56; stroke-dasharray: 3 2"), ("ghost", "#f2cc60")];
@@ -280,16 +311,31 @@ fn drawn(picture: &Picture) -> Markup {
         let of_kind = picture.points.iter().filter(|point| point.0 == kind);
         of_kind.map(|(_, x, y)| format!("M{:.1} {y:.1}{sign}", x - radius)).collect()
     };
+    let arrows = |is_right: bool| -> String {
+        let of_kind = picture.vectors.iter().filter(|vector| vector.1 == is_right);
+        let drawn = of_kind.map(|([x, y, dx, dy], _)| {
+            format!("M{x:.1} {y:.1}h.6v.6h-.6zl{:.1} {:.1}", ARROW * dx, ARROW * dy)
+        });
+        drawn.collect()
+    };
+    let told = if picture.vectors.is_empty() {
+        " Green circles: found; red dashed: missed; yellow crosses: ghosts.".to_owned()
+    } else {
+        format!(" Displacements {ARROW} times as long; green: errors below 1 px; red: others.")
+    };
     let data = format!("data:image/png;base64,{}", STANDARD.encode(&picture.png));
     html! {
         figure style="max-width: 36rem" {
             svg viewBox=(format!("0 0 {width} {height}")) role="img" aria-label=(picture.caption) {
                 image href=(data) width=(width) height=(height) {}
+                @for (is_right, stroke) in [(true, KINDS[0].1), (false, "#ff5f56")] {
+                    path d=(arrows(is_right)) style=(format!("fill: none; stroke-width: 0.3%; stroke: {stroke}")) {}
+                }
                 @for (kind, stroke) in KINDS {
                     path d=(signs(kind)) style=(format!("fill: none; stroke-width: 0.3%; stroke: {stroke}")) {}
                 }
             }
-            figcaption { (picture.caption) " Green circles: found; red dashed: missed; yellow crosses: ghosts." }
+            figcaption { (picture.caption) (told) }
         }
     }
 }

@@ -330,7 +330,7 @@ mod tests {
         }
     }
 
-    /// 2000 vectors in each pair are 1.3 in a circle of 5 px: some nodes have none within 8 px.
+    /// They are not spread evenly: a part of the nodes has none within 8 px.
     #[test]
     fn scattered_vectors_stand_for_their_neighborhood() {
         let truth = |_: f64, y: f64| [0.02 * y, 0.0];
