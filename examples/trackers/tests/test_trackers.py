@@ -19,6 +19,9 @@ import pytest
 HERE = Path(__file__).resolve().parents[1]
 SCENARIOS = HERE.parents[1] / "scenarios"
 PROGRAM = os.environ.get("MICROSIG", "microsig")
+sys.path.append(str(HERE))
+from common import tuning  # noqa: E402
+
 pytestmark = pytest.mark.skipif(shutil.which(PROGRAM) is None, reason=f"no program {PROGRAM}")
 
 SETS = {
@@ -101,6 +104,35 @@ def test_finds_particles_without_bias(tracker, package, name, params, least, bia
         assert abs(detection["bias_z_um"]) < bias_z
 
 
+def particles(f1, rmse_xy_px=None, rmse_z_um=None, links=None):
+    return {"detection": {"f1": f1, "rmse_xy_px": rmse_xy_px, "rmse_z_um": rmse_z_um}, "links": links and {"f1": links},
+            "definitions": {"depth_range_h_um": 100.0}}
+
+
+def field(valid, rms_px):
+    return {"field": {"nodes": {"valid": valid, "rms_px": rms_px}}}
+
+
+def test_to_find_nothing_is_never_better():
+    nothing = particles(0.0)
+    assert tuning.points_score(nothing) == tuning.tracks_score(nothing) == 0
+    # The largest errors that the gates of 2 px and h / 10 admit, and more.
+    for poor in [particles(0.01, 2.0, 10.0), particles(0.001, 30.0, 200.0), particles(0.2, 1.9)]:
+        assert tuning.points_score(poor) >= 0 and tuning.tracks_score(poor) >= 0
+    assert tuning.points_score(particles(0.01, 2.0, 10.0)) > 0
+    good = particles(0.9, 0.1, 1.0, links=0.8)
+    assert tuning.points_score(good) == pytest.approx(0.9 * 0.98)
+    assert tuning.tracks_score(good) == pytest.approx((0.9 * 0.98 + 0.8) / 2)
+    assert tuning.points_score(particles(0.9, 0.5)) < tuning.points_score(particles(0.9, 0.1))
+
+
+def test_few_vectors_are_worse_than_a_field():
+    nothing, one, zeros, poor, good = (tuning.field_score(field(*of)) for of in [
+        (None, None), (0.001, 0.9995), (0.33, 0.84), (0.5, 0.7), (0.99, 0.1)])
+    assert nothing <= one < zeros < poor < good
+    assert set(tuning.OBJECTIVES) == {tuning.points_score, tuning.tracks_score, tuning.field_score}
+
+
 @pytest.mark.parametrize("tracker", sorted(path.parent.name for path in HERE.glob("*/tracker.toml")))
 def test_folder_is_complete(tracker):
     folder = HERE / tracker
@@ -115,6 +147,8 @@ def test_folder_is_complete(tracker):
         assert (folder / name).exists(), name
     with open(folder / "tuning.csv", newline="") as file:
         rows = list(csv.DictReader(file))
+    known = {*tuning.OBJECTIVES.values(), "points_difference", "tracks_difference", "field_vectors"}
+    assert {row["objective"] for row in rows} <= known
     assert {row["split"] for row in rows} == {"train", "val"}
     params = {path.relative_to(folder / "params").with_suffix("").as_posix() for path in (folder / "params").rglob("*.json")}
     params = {name for name in params if not name.startswith("start/")}
