@@ -180,7 +180,12 @@ fn what_differs_from_the_frozen_list_is_named() {
     let file = write(place.path(), SUITE);
     let check = ["suite", "check", path(&file), "--size", "smoke", "--quiet"];
     assert!(fail(2, &check).contains("there is no frozen list"));
+    let of_part = [&check[..], &["--freeze", "--case", "noise_2"]].concat();
+    assert!(fail(2, &of_part).contains("there is no list of this version"));
     run(&[&check[..], &["--freeze"]].concat());
+    run(&check);
+    // A part again: the other lines stay.
+    run(&of_part);
     run(&check);
     let copy = ["--datasets", path(&c.datasets)];
     run(&[&check[..], &copy].concat());

@@ -10,7 +10,7 @@ use super::output::{progress, report, warn};
 use crate::release::{Publication, ReleaseOptions, release};
 use crate::suite::{ScoreOptions, score};
 use generator::runner::{
-    Frozen, Shard, SuiteOptions, SuiteRecord, SuiteSelection, check_suite, generate_suite,
+    Frozen, Shard, SuiteOptions, SuiteRecord, SuiteSelection, check_suite, generate_suite, same_dataset,
 };
 use scenario::{Size, Split};
 use storage::error::{Error, Result};
@@ -110,7 +110,7 @@ struct Check {
     datasets: Option<PathBuf>,
     #[command(flatten)]
     selection: Selection,
-    /// Write the frozen list of a new version instead
+    /// Write the frozen list of a new version instead; of a part, the other datasets keep their lines
     #[arg(long)]
     freeze: bool,
 }
@@ -297,9 +297,10 @@ impl Check {
         if suite.is_shipped {
             return Err(Error::input("--freeze: expected a suite's file, not the program's own copy"));
         }
-        if !selection.is_all() {
+        let part_of = before.filter(|before| before.version == suite.spec.version);
+        if !selection.is_all() && part_of.is_none() {
             return Err(Error::input(
-                "--freeze: expected all datasets, without --track, --case, --split, --shard",
+                "--freeze: expected all datasets, without --track, --case, --split, --shard, as there is no list of this version",
             ));
         }
         let checked =
@@ -307,7 +308,14 @@ impl Check {
         if !checked.differences.is_empty() {
             return Err(Error::Failed(checked.differences));
         }
-        let now = Frozen { version: suite.spec.version.clone(), hashes: checked.hashes };
+        let mut hashes = checked.hashes;
+        if let Some(before) = part_of.filter(|_| !selection.is_all()) {
+            let others =
+                before.hashes.iter().filter(|(part, _)| !hashes.keys().any(|new| same_dataset(new, part)));
+            let others: Vec<_> = others.map(|(part, hash)| (part.clone(), hash.clone())).collect();
+            hashes.extend(others);
+        }
+        let now = Frozen { version: suite.spec.version.clone(), hashes };
         let is_released = |version: &str| !version.contains('-');
         if let Some(before) =
             before.filter(|b| b.version == now.version && is_released(&b.version) && **b != now)

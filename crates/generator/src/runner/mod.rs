@@ -22,7 +22,7 @@ pub use render::{RenderOptions, Rendered, render, render_particles};
 pub use shard::Shard;
 pub use suite::{
     FROZEN, Frozen, FrozenDataset, SuiteCheck, SuiteOptions, SuiteRecord, SuiteSelection, check_suite,
-    digests, generate_suite,
+    digests, generate_suite, same_dataset,
 };
 pub use sweep::{SweepOptions, Swept, collect, sweep};
 pub use verify::{Verified, verify};

@@ -364,7 +364,7 @@ pub fn check_suite(
 }
 
 /// Whether two paths `TRACK/CASE/SPLIT/...` are of the same dataset.
-fn same_dataset(a: &str, b: &str) -> bool {
+pub fn same_dataset(a: &str, b: &str) -> bool {
     a.split('/').take(3).eq(b.split('/').take(3))
 }
 
