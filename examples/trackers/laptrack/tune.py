@@ -5,7 +5,7 @@ from common.tuning import tracks_score, tune_main
 
 GRID = {
     "sigma": [1.0, 2.0, 3.0, 5.0],
-    "min_snr": [4.0, 5.0, 8.0, 12.0],
+    "min_snr": [2.0, 3.0, 4.0, 5.0, 8.0, 12.0],
     "max_distance": [3.0, 4.0, 10.0, 15.0],
     "gap_frames": [0, 2],
 }
