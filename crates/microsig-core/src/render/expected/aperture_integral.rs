@@ -128,7 +128,7 @@ impl pulp::WithSimd for SumSubapertures<'_> {
         let ApertureIntegral { pupil, z_um, surface, grid, buffers } = *integral;
         let subimages = SubapertureImages::new(integral, steps);
         let mut accumulator = Accumulator::new(grid, steps, &subimages, buffers);
-        let mut cells = Vec::with_capacity(steps.cells * steps.cells);
+        let mut cells = Vec::new();
         let distance = pupil.distance(z_um) + surface.centroid[0];
         let width = steps.reach_um / steps.cells as f64;
         for cell in 0..steps.cells {
@@ -148,6 +148,9 @@ impl pulp::WithSimd for SumSubapertures<'_> {
             if first > 0 {
                 (sine, cosine) = libm::sincos((first as f64 + 0.5) * angle);
             }
+            if cells.len() >= CELLS {
+                accumulator.add_all(&subimages, &mut cells);
+            }
             let mut dither = Dither::of_ring(cell);
             for part in first..last {
                 let sector = (part as f64 + 0.5) * steps.sectors as f64 / ring_cells as f64;
@@ -159,11 +162,7 @@ impl pulp::WithSimd for SumSubapertures<'_> {
                     (cosine * step_cosine - sine * step_sine, sine * step_cosine + cosine * step_sine);
             }
         }
-        for cells in sorted(&cells).chunk_by(|a, b| a.images == b.images) {
-            let [zone, sector, phase_y, phase_x] = cells[0].images.map(usize::from);
-            let Some(four) = subimages.around(zone, sector) else { continue };
-            accumulator.add(four.map(|subimage| subimage.image(phase_x, phase_y)), cells);
-        }
+        accumulator.add_all(&subimages, &mut cells);
         accumulator.nodes()
     }
 }
@@ -397,6 +396,9 @@ impl PupilRing {
     }
 }
 
+/// Number of cells in memory, apart from those of one ring.
+const CELLS: usize = 1 << 16;
+
 /// A cell of the aperture: which subaperture images it adds, where, and with which weights.
 #[derive(Debug, Clone, Copy, Default)]
 struct Cell {
@@ -500,6 +502,17 @@ impl<'b> Accumulator<'b> {
             node: (row * self.stride + column) as u32,
             weights: weights.map(|weight| (weight * light) as f32),
         })
+    }
+
+    /// Adds the images of all cells, and removes the cells.
+    #[inline(always)]
+    fn add_all(&mut self, subimages: &SubapertureImages<'_>, cells: &mut Vec<Cell>) {
+        for cells in sorted(cells).chunk_by(|a, b| a.images == b.images) {
+            let [zone, sector, phase_y, phase_x] = cells[0].images.map(usize::from);
+            let Some(four) = subimages.around(zone, sector) else { continue };
+            self.add(four.map(|subimage| subimage.image(phase_x, phase_y)), cells);
+        }
+        cells.clear();
     }
 
     /// Adds four images with the weights of each cell.
