@@ -1,5 +1,5 @@
-//! Tracks of displacement fields: results that avoid measuring rank behind an honest one, and a released case takes
-//! fields.
+//! Tracks of displacement fields: results that avoid measuring rank behind an honest one, and a released case
+//! takes fields.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -85,7 +85,7 @@ fn one_vector_and_a_field_of_zeros_rank_behind_an_honest_field() {
     let wave = |y: f64| 2.0 * (std::f64::consts::TAU * (y - 64.5) / 20.0).sin();
     let is_one = |x: f64, y: f64| (x, y) == (76.5, 60.5);
     // Half of the amplitude, and some wrong vectors, are honest; one vector is right to the last digit.
-    let is_wrong = |x: f64, y: f64| (x + y) % 40.0 == 9.0;
+    let is_wrong = |x: f64, y: f64| (x + y) % 120.0 == 9.0;
     write("honest", "shift", vectors(|x, y| Some(if is_wrong(x, y) { 0.0 } else { 4.6 })));
     write("honest", "wave", vectors(|_, y| Some(0.5 * wave(y))));
     write("one", "shift", vectors(|x, y| is_one(x, y).then_some(4.5)));

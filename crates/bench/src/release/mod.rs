@@ -63,8 +63,8 @@ pub struct ReleaseOptions {
     /// Whether to publish the exact times of the test split's frames, including jitter, instead of the
     /// nominal ones.
     pub exact_times: bool,
-    /// Whether to score displacement fields instead of particles, even if the train split reveals the velocity
-    /// field of the test split.
+    /// Whether to score displacement fields instead of particles, even if the train split reveals the
+    /// velocity field of the test split.
     pub fields: bool,
     /// Whether to write a bundle for Codabench.
     pub codabench: bool,

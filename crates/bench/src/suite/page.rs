@@ -52,7 +52,8 @@ pub struct Picture {
     pub size: (u32, u32),
     /// Points from `matches.csv`: match, miss or ghost, with x and y in px from the corner of the part.
     pub points: Vec<(String, f64, f64)>,
-    /// Displacements from `vectors.csv`: x and y as above, dx and dy in px, and whether the error is below 1 px.
+    /// Displacements from `vectors.csv`: x and y as above, dx and dy in px, and whether the error is below 1
+    /// px.
     pub vectors: Vec<([f64; 4], bool)>,
     /// Tracker, case and frame.
     pub caption: String,

@@ -168,8 +168,8 @@ pub enum Metric {
     ModulationU,
     /// `field.nodes.valid`: share of the reference nodes at which the field is right within 1 px.
     ValidNodes,
-    /// `field.nodes.rms_px`: RMS error over all reference nodes; a missing displacement and an error above 1 px
-    /// count as 1 px.
+    /// `field.nodes.rms_px`: RMS error over all reference nodes; a missing displacement and an error above 1
+    /// px count as 1 px.
     RmsNodesPx,
     /// `field.nodes.response`: amplitude response over all reference nodes, ranked by its distance from 1.
     ResponseNodes,

@@ -1,9 +1,9 @@
 //! The field at reference nodes, which do not depend on where a result has vectors.
 //!
-//! Scores over the vectors of a result reward one that reports only its best ones. Here the reference nodes are
-//! those of the truth at least 32 px from the border of the image (a quarter of its width or height, if that is
-//! less), in every image pair, so that windows of up to 64 px reach them all. The displacement there is
-//! interpolated between the valid vectors (flag 0) of the result:
+//! Scores over the vectors of a result reward one that reports only its best ones. Here the reference nodes
+//! are those of the truth at least 32 px from the border of the image (a quarter of its width or height, if
+//! that is less), in every image pair, so that windows of up to 64 px reach them all. The displacement there
+//! is interpolated between the valid vectors (flag 0) of the result:
 //!
 //! - on a grid bilinearly, if the vectors around are at most 33 px apart and those that are valid have at
 //!   least half of the weight; a vector at the edge of the grid also stands for half the distance beyond it;
@@ -34,8 +34,8 @@ const BLOCK_PX: f64 = 32.0;
 /// Number of image pairs from which pairs are the units of the bootstrap.
 const PAIRS: usize = 10;
 
-/// The field at the reference nodes: the nodes of the truth at least 32 px from the border of the image, in every
-/// image pair, whether or not the result has vectors there.
+/// The field at the reference nodes: the nodes of the truth at least 32 px from the border of the image, in
+/// every image pair, whether or not the result has vectors there.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct NodeErrors {
@@ -47,7 +47,8 @@ pub struct NodeErrors {
     /// Share of them at which the displacement has an end-point error below 1 px.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub valid: Option<f64>,
-    /// RMS end-point error over all of them; a node without a displacement and an error above 1 px count as 1 px.
+    /// RMS end-point error over all of them; a node without a displacement and an error above 1 px count as 1
+    /// px.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub rms_px: Option<f64>,
     /// Amplitude response: Σ d · d_true / Σ d_true² over all of them, with d = 0 without a displacement.
