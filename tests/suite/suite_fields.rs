@@ -120,7 +120,7 @@ fn one_vector_and_a_field_of_zeros_rank_behind_an_honest_field() {
     // By the vectors that it reports alone, one vector would be first.
     assert_eq!(of(0, "one", "valid_vector_probability"), 1.0);
     assert!(of(0, "one", "rms_inliers_px") < of(0, "honest", "rms_inliers_px"));
-    assert!(of(0, "one", "valid_nodes") < 0.02 && of(0, "honest", "valid_nodes") > 0.8);
+    assert!(of(0, "one", "valid_nodes") < 0.02 && of(0, "honest", "valid_nodes") > 0.7);
     assert!(of(1, "zeros", "rms_nodes_px") > 0.8 && of(1, "zeros", "response_nodes") == 0.0);
     assert!((0.2..0.6).contains(&of(1, "honest", "response_nodes")));
     assert_eq!(scores["cases"][1]["rank_by"][0], "rms_nodes_px");
