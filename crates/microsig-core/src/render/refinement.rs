@@ -101,8 +101,8 @@ pub(super) struct Refinement {
 }
 
 impl Refinement {
-    /// Adds planes midway between those given until the spline through them is accurate there, and returns its
-    /// deviation, too. `sample` gives the plane at a depth (um).
+    /// Adds planes midway between those given until the spline through them is accurate there, and returns
+    /// its deviation, too. `sample` gives the plane at a depth (um).
     pub(super) fn planes(
         &self,
         mut depths: PlaneDepths,

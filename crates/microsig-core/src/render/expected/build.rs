@@ -33,8 +33,8 @@ const MOST_STEPS: usize = 64;
 /// Largest number of attempts at a table.
 const ATTEMPTS: usize = 4;
 
-/// The table of spheres of these radii for depths from `start_um` to `start_um + length_um` (um). If its error
-/// exceeds the tolerance, it is made again with more of what contributes most to the error.
+/// The table of spheres of these radii for depths from `start_um` to `start_um + length_um` (um). If its
+/// error exceeds the tolerance, it is made again with more of what contributes most to the error.
 pub(super) fn table(model: &ImageModel, start_um: f64, length_um: f64, radii: TableRadii) -> DepthTable {
     let fineness = model.fineness(start_um + 0.5 * length_um, radii.smallest());
     let part = 0.75 * model.tolerance;
@@ -116,9 +116,9 @@ impl TableBuilder<'_> {
         (table, Errors { of_resolution, of_nodes, of_depths })
     }
 
-    /// The nodes at which images are computed, and the error of the spline over them: a quadrant so dense that
-    /// a least-squares spline with half as many nodes per axis fits its values, or nodes along the radius if
-    /// the image is round and a quadrant would need too many.
+    /// The nodes at which images are computed, and the error of the spline over them: a quadrant so dense
+    /// that a least-squares spline with half as many nodes per axis fits its values, or nodes along the
+    /// radius if the image is round and a quadrant would need too many.
     fn nodes(&self, small: f64, large: f64, reach_px: [f64; 2]) -> (SampleNodes, f64) {
         let round = self.model.is_round();
         let (densest, largest) =

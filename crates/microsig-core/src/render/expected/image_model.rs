@@ -1,7 +1,8 @@
 //! Direct computation of the image of a sphere at any depth at given nodes; depth tables are built from such
 //! images.
 
-use super::aperture_integral::{self, ApertureIntegral, Fineness, Grid, PupilPart};
+use super::accumulator::Grid;
+use super::aperture_integral::{self, ApertureIntegral, Fineness, PupilPart};
 use super::encircled;
 use super::pixel_integral::{self, AZIMUTHS};
 use super::pupil::Pupil;

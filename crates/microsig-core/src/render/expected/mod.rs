@@ -17,6 +17,7 @@
 //! nodes are sufficient, or along the radius (`draw_radial`) if rims are sharp or rings large. The image of a
 //! spheroid is computed by the aperture integral, directly and without tables (`spheroid`).
 
+mod accumulator;
 mod aperture_integral;
 mod build;
 mod cache;

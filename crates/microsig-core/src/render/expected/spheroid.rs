@@ -1,6 +1,7 @@
 //! Spheroids: each has its own shape, orientation and image, which is computed directly, without tables.
 
-use super::aperture_integral::{Fineness, Grid, PupilPart};
+use super::accumulator::Grid;
+use super::aperture_integral::{Fineness, PupilPart};
 use super::image_model::ImageModel;
 use super::surface::EmittingSurface;
 use crate::emission::{self, GoldenAzimuths, SpheroidLaw};
