@@ -12,6 +12,7 @@ use std::time::SystemTime;
 use microsig_core::render::TableStore;
 use sha2::{Digest, Sha256};
 
+use crate::error::{Error, Result};
 use crate::input;
 
 /// What each file begins with.
@@ -38,13 +39,32 @@ pub struct TableFolder {
 impl TableFolder {
     /// The user's: `MICROSIG_CACHE`, or `microsig/tables` in the system's folder for caches; `None` if there
     /// is none.
-    pub fn of_user() -> Option<Self> {
-        let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-        let caches = || set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache")));
-        let folder = set("MICROSIG_CACHE").or_else(|| Some(caches()?.join("microsig/tables")))?;
-        let most_mb =
-            std::env::var("MICROSIG_CACHE_MB").ok().and_then(|mb| mb.parse().ok()).unwrap_or(MOST_MB);
-        Some(TableFolder::new(folder, &program()?, most_mb.saturating_mul(1_000_000)))
+    ///
+    /// # Errors
+    /// A bound that is not a number, a folder named by `MICROSIG_CACHE` that cannot be made.
+    pub fn of_user() -> Result<Option<Self>> {
+        let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
+        let caches = || {
+            set("XDG_CACHE_HOME")
+                .map(PathBuf::from)
+                .or_else(|| Some(PathBuf::from(set("HOME")?).join(".cache")))
+        };
+        let asked = set("MICROSIG_CACHE").map(PathBuf::from);
+        if let Some(folder) = &asked {
+            let failed = |source| Error::Write { path: folder.clone(), source };
+            std::fs::create_dir_all(folder).map_err(failed)?;
+        }
+        let most_mb = match set("MICROSIG_CACHE_MB") {
+            Some(mb) => mb.to_str().and_then(|mb| mb.parse().ok()).ok_or_else(|| {
+                let mb = mb.display();
+                Error::input(format!("MICROSIG_CACHE_MB = {mb}: expected a whole number of megabytes"))
+            })?,
+            None => MOST_MB,
+        };
+        let folder = asked.or_else(|| Some(caches()?.join("microsig/tables")));
+        Ok(folder
+            .zip(program())
+            .map(|(folder, program)| TableFolder::new(folder, &program, most_mb.saturating_mul(1_000_000))))
     }
 
     fn new(folder: PathBuf, program: &str, most_bytes: u64) -> Self {

@@ -36,6 +36,8 @@ pub struct ScanImage {
     pub peak: f64,
     /// Sum of the light of all pixels that were drawn.
     pub total: f64,
+    /// Sum of the light of those that are on the sensor if the particle is at its center.
+    pub on_sensor: f64,
     /// Area above a tenth of the peak, px^2.
     pub area_px: f64,
     /// Sum over pixels of the squared slope, light^2/px^2: the curvature of the autocorrelation's peak.
@@ -71,6 +73,7 @@ impl DepthScan {
             .fold(0.0f64, |most, (x, y)| most.max(x).max(y));
         let half_px = (reach.ceil() as usize).min(LONGEST_HALF_PX);
         let side = 2 * half_px as u32 + 1;
+        let sensor = [settings.pixel_dim_x, settings.pixel_dim_y];
         let settings = Settings { pixel_dim_x: side, pixel_dim_y: side, ..settings.clone() };
         let renderer = draw(&settings)?;
         let middle = (half_px + 1) as f64;
@@ -79,7 +82,7 @@ impl DepthScan {
         renderer.prepare(&[&particles]);
         let images = particles
             .par_iter()
-            .map(|particle| ScanImage::new(half_px, renderer.mean_light(particle).values))
+            .map(|particle| ScanImage::new(half_px, renderer.mean_light(particle).values, sensor))
             .collect();
         Ok(DepthScan { depths_um, images })
     }
@@ -100,15 +103,26 @@ impl DepthScan {
     }
 
     /// Depths at which images are narrowest along x and along y, um: the two focal planes of a cylindrical
-    /// lens. Widths are root mean squares, whose squares are parabolas over depth in ray optics.
+    /// lens. Widths are root mean squares of all light, whose squares are parabolas over depth in ray optics.
     pub fn focal_planes_um(&self) -> [f64; 2] {
+        self.least_um(|image| image.squares_px)
+    }
+
+    /// The same for the part of an image above a tenth of its peak, without a faint halo.
+    pub fn least_sizes_um(&self) -> [f64; 2] {
+        self.least_um(|image| image.size_px().map(|px| px * px))
+    }
+
+    /// The depths of the least values along x and along y, um.
+    fn least_um(&self, of: impl Fn(&ScanImage) -> [f64; 2]) -> [f64; 2] {
+        let values: Vec<[f64; 2]> = self.images.iter().map(of).collect();
         [0, 1].map(|axis| {
-            let square = |i: usize| self.images[i].squares_px[axis];
-            let last = self.images.len() - 1;
-            let least = (0..=last).min_by(|a, b| square(*a).total_cmp(&square(*b))).unwrap_or_default();
-            // The vertex of the parabola through the least width and its neighbors.
+            let value = |i: usize| values[i][axis];
+            let last = values.len() - 1;
+            let least = (0..=last).min_by(|a, b| value(*a).total_cmp(&value(*b))).unwrap_or_default();
+            // The vertex of the parabola through the least value and its neighbors.
             let shift = if (1..last).contains(&least) {
-                let [below, at, above] = [least - 1, least, least + 1].map(square);
+                let [below, at, above] = [least - 1, least, least + 1].map(value);
                 let curvature = below - 2.0 * at + above;
                 if curvature > 0.0 { 0.5 * (below - above) / curvature } else { 0.0 }
             } else {
@@ -132,8 +146,9 @@ impl DepthScan {
 }
 
 impl ScanImage {
-    /// Measures a square image of `2 half_px + 1` rows and crops its dark margin.
-    pub fn new(half_px: usize, light: Vec<f64>) -> Self {
+    /// Measures a square image of `2 half_px + 1` rows for a sensor of so many columns and rows, and crops its
+    /// dark margin.
+    pub fn new(half_px: usize, light: Vec<f64>, sensor: [u32; 2]) -> Self {
         let side = 2 * half_px + 1;
         let peak = light.iter().copied().fold(0.0, f64::max);
         let total: f64 = light.iter().sum();
@@ -144,11 +159,13 @@ impl ScanImage {
             rows.clone().flat_map(|row| row.windows(2)).map(|pair| square(pair[0], pair[1])).sum();
         let across: f64 =
             light.iter().zip(&light[side.min(light.len())..]).map(|(a, b)| square(*a, *b)).sum();
-        let mut squares_px = [0.0; 2];
+        let (mut squares_px, mut on_sensor) = ([0.0; 2], 0.0);
+        let half_sensor = sensor.map(|pixels| 0.5 * f64::from(pixels));
         for (k, light) in light.iter().enumerate() {
-            for (sum, at) in squares_px.iter_mut().zip([k % side, k / side]) {
-                let distance = at as f64 - half_px as f64;
-                *sum += light * distance * distance;
+            let place = [k % side, k / side].map(|at| at as f64 - half_px as f64);
+            squares_px.iter_mut().zip(place).for_each(|(sum, distance)| *sum += light * distance * distance);
+            if place.iter().zip(half_sensor).all(|(distance, half)| distance.abs() <= half) {
+                on_sensor += light;
             }
         }
         let squares_px = squares_px.map(|sum| if total > 0.0 { sum / total } else { 0.0 });
@@ -164,6 +181,7 @@ impl ScanImage {
         ScanImage {
             peak,
             total,
+            on_sensor,
             area_px: area as f64,
             curvature: along + across,
             squares_px,
@@ -211,11 +229,12 @@ mod tests {
 
     #[test]
     fn a_spot_is_measured_by_hand() {
-        let spot = ScanImage::new(1, vec![0.0, 1.0, 0.0, 2.0, 20.0, 3.0, 0.0, 2.0, 0.0]);
+        let spot = ScanImage::new(1, vec![0.0, 1.0, 0.0, 2.0, 20.0, 3.0, 0.0, 2.0, 0.0], [3, 1]);
         assert_eq!((spot.peak, spot.area_px, spot.half_px), (20.0, 2.0, 1));
+        assert_eq!((spot.total, spot.on_sensor), (28.0, 25.0));
         // Rows: 1 + 1, 18^2 + 17^2, 4 + 4; columns: 4 + 4, 19^2 + 18^2, 9 + 9.
         assert_eq!(spot.curvature, 2.0 + 613.0 + 8.0 + 8.0 + 685.0 + 18.0);
-        let dark_margin = ScanImage::new(1, vec![0.0, 0.01, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0, 0.0]);
+        let dark_margin = ScanImage::new(1, vec![0.0, 0.01, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0, 0.0], [3, 3]);
         assert_eq!((dark_margin.half_px, dark_margin.light), (0, vec![20.0]));
     }
 
@@ -256,7 +275,7 @@ mod tests {
     fn widths_are_those_of_a_disk_and_of_a_cone() {
         let image = |of: &dyn Fn(f64, f64) -> f64| {
             let light = (0..81 * 81).map(|k| of((k % 81) as f64 - 40.0, (k / 81) as f64 - 40.0));
-            ScanImage::new(40, light.collect()).size_px()
+            ScanImage::new(40, light.collect(), [81, 81]).size_px()
         };
         // An ellipse of 61 x 31 pixels: its edge lies between a lit and a dark pixel.
         let [width, height] = image(&|x, y| f64::from(u8::from((x / 30.0).hypot(y / 15.0) <= 1.0)));
@@ -264,6 +283,6 @@ mod tests {
         // A cone falls linearly, so its tenth is met between pixels.
         let [width, _] = image(&|x, y| (1.0 - x.hypot(y) / 23.0).max(0.0));
         assert!((width - 2.0 * 0.9 * 23.0).abs() < 1e-9, "{width}");
-        assert_eq!(ScanImage::new(1, vec![0.0; 9]).size_px(), [0.0, 0.0]);
+        assert_eq!(ScanImage::new(1, vec![0.0; 9], [3, 3]).size_px(), [0.0, 0.0]);
     }
 }

@@ -84,12 +84,14 @@ impl NoiseFree {
         self.limit.as_ref().is_none_or(|limit| limit.check(part).is_ok())
     }
 
+    fn renderer_of(&self, part: &Particle) -> &Renderer {
+        self.limit.as_ref().filter(|_| self.by_limit(part)).unwrap_or(&self.renderer)
+    }
+
     fn draw_part(&self, part: &Particle) -> Patch {
-        let limit = self.limit.as_ref().filter(|_| self.by_limit(part));
-        let renderer = limit.unwrap_or(&self.renderer);
-        let Some(patch) = renderer.mean_patch(part) else { return Patch::default() };
+        let Some(patch) = self.renderer_of(part).mean_patch(part) else { return Patch::default() };
         let (window, mut values) = (patch.window, patch.counts);
-        if limit.is_some() {
+        if self.limit.is_some() && self.by_limit(part) {
             values.iter_mut().for_each(|light| *light *= self.factor);
         }
         // Pixels are counted from 0 here, from 1 in MicroSIG.
@@ -101,11 +103,10 @@ impl NoiseFree {
         particles.iter().fold(Patch::default(), |whole, particle| whole.joined(self.draw(particle)))
     }
 
-    /// Number of pixels that the image of a particle may illuminate.
-    pub fn pixels(&self, particle: &Particle) -> f64 {
-        let Settings { pixel_dim_x, pixel_dim_y, .. } = *self.renderer.settings();
-        let (x, y) = self.renderer.image_extent(particle);
-        (2.0 * x + 1.0).min(f64::from(pixel_dim_x)) * (2.0 * y + 1.0).min(f64::from(pixel_dim_y))
+    /// Number of pixels on which a particle is drawn; of a streak's, those of its parts are counted separately.
+    pub fn pixels(&self, particle: &Particle) -> usize {
+        let parts = self.parts(particle);
+        parts.iter().map(|part| self.renderer_of(part).patch_window(part).area()).sum()
     }
 }
 

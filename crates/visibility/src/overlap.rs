@@ -39,8 +39,8 @@ pub struct TracerImage {
     pub outline: Option<Outline>,
 }
 
-/// Light of patches that are in memory at a time, bytes.
-const PATCHES: f64 = 64e6;
+/// Pixels of patches that are in memory at a time.
+const PIXELS: usize = 8_000_000;
 
 /// The visibility of every tracer of a frame. A tracer is a range of `particles`: empty if it is not
 /// rendered, several for a streak. Outlines are found if `share` is the share of the peak at which they end.
@@ -85,16 +85,16 @@ pub fn visibility(
     }
 }
 
-/// Consecutive tracers whose patches take up to [`PATCHES`] of memory, or a single one.
+/// Consecutive tracers whose patches have up to [`PIXELS`], or a single one.
 fn batches(noise_free: &NoiseFree, particles: &[Particle], tracers: &[Range<usize>]) -> Vec<Range<usize>> {
-    let (mut batches, mut bytes): (Vec<Range<usize>>, f64) = (Vec::new(), 0.0);
+    let (mut batches, mut pixels): (Vec<Range<usize>>, usize) = (Vec::new(), 0);
     for (k, rows) in tracers.iter().enumerate() {
-        let own: f64 = particles[rows.clone()].iter().map(|particle| 8.0 * noise_free.pixels(particle)).sum();
-        match batches.last_mut().filter(|_| bytes + own <= PATCHES) {
-            Some(batch) => (batch.end, bytes) = (k + 1, bytes + own),
+        let own: usize = particles[rows.clone()].iter().map(|particle| noise_free.pixels(particle)).sum();
+        match batches.last_mut().filter(|_| pixels + own <= PIXELS) {
+            Some(batch) => (batch.end, pixels) = (k + 1, pixels + own),
             None => {
                 batches.push(k..k + 1);
-                bytes = own;
+                pixels = own;
             }
         }
     }

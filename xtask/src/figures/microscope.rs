@@ -7,30 +7,31 @@ use image::{GrayImage, imageops};
 use microsig_core::Particle;
 use microsig_core::stream::{Purpose, Streams};
 use scenario::{Scenario, load, parse, resolve};
-use suite::picture::{side_by_side, stacked, write};
+use suite::picture::{side_by_side, write};
 
 /// Depths of the particles, um.
 const DEPTHS_UM: [f64; 5] = [-60.0, -40.0, -12.0, 0.0, 20.0];
 /// Side of an image, px, and screen pixels for one of them.
-const SIDE: u32 = 61;
+const SIDE: u32 = 81;
 const ZOOM: u32 = 2;
 
-/// The renderers, row by row.
-const RENDERERS: [(&str, &str); 4] = [
-    ("", "mode: rays"),
-    ("", "mode: expected"),
-    ("", "mode: waves, wavelength_um: 0.52"),
-    ("lens: aplanatic, ", "mode: waves, wavelength_um: 0.52"),
+/// Name of the picture, optics and renderer.
+const RENDERERS: [(&str, &str, &str); 4] = [
+    ("rays", "", "mode: rays"),
+    ("expected", "", "mode: expected"),
+    ("waves", "", "mode: waves, wavelength_um: 0.52"),
+    ("aplanatic", "lens: aplanatic, ", "mode: waves, wavelength_um: 0.52"),
 ];
 
 /// Draws them below `out`.
 pub(super) fn run(out: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(out)?;
-    let rows = RENDERERS.iter().map(|(optics, render)| row(&scenario(optics, render)?));
-    let picture = stacked(&rows.collect::<anyhow::Result<Vec<_>>>()?);
-    let (width, height) = picture.dimensions();
-    let zoomed = imageops::resize(&picture, width * ZOOM, height * ZOOM, imageops::FilterType::Nearest);
-    write(&zoomed, out, "renderers")?;
+    for (name, optics, render) in RENDERERS {
+        let picture = row(&scenario(optics, render)?)?;
+        let (width, height) = picture.dimensions();
+        let zoomed = imageops::resize(&picture, width * ZOOM, height * ZOOM, imageops::FilterType::Nearest);
+        write(&zoomed, out, name)?;
+    }
     let shown = Preview::of(&load(Path::new("scenarios/objective_20x.ron"), &[], None)?)?;
     std::fs::write(out.join("objective_20x.svg"), svg(&shown)?)?;
     Ok(())

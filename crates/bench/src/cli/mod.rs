@@ -148,7 +148,7 @@ impl Cli {
         clean_up_on_signals()?;
         // A fit visits many microscopes, each once.
         let once = matches!(verb, Verb::Fit(_));
-        let folder = if common.no_cache || once { None } else { TableFolder::of_user() };
+        let folder = if common.no_cache || once { None } else { TableFolder::of_user()? };
         keep_tables(Box::new(Tables::new(folder, output::progress(common))));
         verb.run(common)
     }

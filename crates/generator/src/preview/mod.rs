@@ -6,7 +6,8 @@ mod text;
 mod ticks;
 
 use microsig_core::render::RendererSpec;
-use microsig_core::render::waves::WavesRenderer;
+use microsig_core::render::expected::TOLERANCES;
+use microsig_core::render::waves::{WaveOptics, WavesRenderer};
 use microsig_core::{Particle, Settings, emission};
 use serde::Serialize;
 
@@ -30,6 +31,8 @@ const GREEN_UM: f64 = 0.55;
 /// Phase differences over the pupil, waves, from which a lens is no longer like an objective that one can
 /// buy.
 const ABERRATED_WAVES: f64 = 1.0;
+/// What rays lack of a corrected objective.
+const WAVES_OF_APLANAT: &str = "render: (mode: waves, wavelength_um: ...) with optics: (lens: aplanatic)";
 /// The least share of the accepted light that should land near the particle's place.
 const LEAST_NEAR: f64 = 0.5;
 
@@ -46,9 +49,13 @@ pub struct Preview {
     pub depth_range_um: (f64, f64),
     /// Cylindrical lens, um; 0: none.
     pub cyl_focal_length_um: f64,
-    /// Radius of the Airy disc, px; of rays what it would be at 0.55 um.
+    /// Whether images are diffracted.
+    pub is_diffracted: bool,
+    /// Wavelength, um: that of the images, or 0.55 um if they are not diffracted.
+    pub wavelength_um: f64,
+    /// Radius of the Airy disc, px.
     pub airy_radius_px: f64,
-    /// Difference of the optical path over the pupil in best focus, waves; `None` without waves.
+    /// Difference of the optical path over the pupil in best focus, waves; `None` for spots.
     pub path_difference_waves: Option<f64>,
     /// Depth of field, um: where the peak is at least 80 % of the highest; of the mean size.
     pub depth_of_field_um: Option<f64>,
@@ -84,9 +91,11 @@ pub struct SizeCurves {
     pub d_um: f64,
     /// Depth of the highest peak, um; `None` where all are as high.
     pub focus_um: Option<f64>,
-    /// Depths of the least widths along x and along y (root mean square), um: the two focal planes of a
-    /// cylindrical lens.
+    /// Depths of the least widths along x and along y (root mean square of all light), um: the two focal
+    /// planes of a cylindrical lens.
     pub focal_planes_um: [f64; 2],
+    /// Depths of the least width and of the least height of the part above 10 % of the peak, um.
+    pub least_sizes_um: [f64; 2],
     /// Growth of the diameter far below and far above focus, px/um.
     pub ring_slopes_px_um: [f64; 2],
     /// One for each depth.
@@ -108,9 +117,11 @@ pub struct DepthFacts {
     pub width_px: f64,
     /// Its height, px.
     pub height_px: f64,
-    /// Light on the sensor around the particle, up to 400 px away, as a share of what the aperture accepts;
-    /// `None` for spots.
+    /// Light on the sensor, up to 400 px from a particle in its center, as a share of what the aperture
+    /// accepts; `None` for spots.
     pub share: Option<f64>,
+    /// The same on any sensor.
+    pub share_near: Option<f64>,
 }
 
 impl Preview {
@@ -156,8 +167,8 @@ impl Preview {
         let sizes = sizes_um.iter().zip(&scans).map(|(d_um, scan)| curves(scenario, *d_um, scan, &accepted));
         let sizes = sizes.collect::<Result<Vec<_>>>()?;
         let settings = &scenario.settings;
-        let (waves, mean) = (accepted.waves(), &scans[middle]);
-        let airy_um = waves.map_or(GREEN_UM, |waves| waves.optics().wavelength_um);
+        let (waves, mean) = (accepted.waves(settings), &scans[middle]);
+        let wavelength_um = waves.as_ref().map_or(GREEN_UM, |waves| waves.optics().wavelength_um);
         let factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
         let response = scenario.response()?;
         let in_view = in_view(scenario)?;
@@ -168,7 +179,9 @@ impl Preview {
             um_per_px: settings.um_per_px(),
             depth_range_um: scenario.depth_range_um,
             cyl_focal_length_um: settings.cyl_focal_length,
-            airy_radius_px: airy_radius_px(settings, airy_um),
+            is_diffracted: matches!(accepted, Accepted::Waves(_)),
+            wavelength_um,
+            airy_radius_px: airy_radius_px(settings, wavelength_um),
             path_difference_waves: waves
                 .zip(mean.focus_um())
                 .map(|(waves, focus_um)| waves.path_difference_waves(focus_um / factor)),
@@ -199,7 +212,6 @@ impl Preview {
         let (mean, airy_px) = (self.mean(), self.airy_radius_px);
         let sharpest =
             mean.depths.iter().map(|depth| depth.width_px.min(depth.height_px)).fold(f64::INFINITY, f64::min);
-        let is_waves = self.path_difference_waves.is_some();
         let is_rays =
             matches!(scenario.spec.renderer(), RendererSpec::Rays { .. } | RendererSpec::Expected { .. });
         if is_rays && 2.0 * airy_px > 0.5 * sharpest {
@@ -213,14 +225,16 @@ impl Preview {
         if let Some(waves) =
             self.path_difference_waves.filter(|waves| *waves > ABERRATED_WAVES && lens == Lens::Microsig)
         {
+            let cure = if self.is_diffracted { "optics: (lens: aplanatic)" } else { WAVES_OF_APLANAT };
             doubts.push(format!(
-                "MicroSIG's lens bends the wave by {waves:.1} waves in best focus, an objective that one can buy by less than one: \
-                 optics: (lens: aplanatic)"
+                "MicroSIG's lens bends light of {:.2} um by {waves:.1} waves in best focus, an objective that one can buy by less than \
+                 one: {cure}",
+                self.wavelength_um
             ));
         }
-        let near = mean.depths.iter().filter_map(|depth| depth.share).fold(f64::INFINITY, f64::min);
+        let near = mean.depths.iter().filter_map(|depth| depth.share_near).fold(f64::INFINITY, f64::min);
         if near < LEAST_NEAR {
-            let cure = if is_waves { "lens: aplanatic" } else { "mode: waves with lens: aplanatic" };
+            let cure = if self.is_diffracted { "optics: (lens: aplanatic)" } else { WAVES_OF_APLANAT };
             doubts.push(format!(
                 "at some depth only {:.0} % of the light that the aperture accepts lands within 400 px of a particle; {cure} brings more",
                 100.0 * near
@@ -271,10 +285,14 @@ impl Accepted {
         })
     }
 
-    fn waves(&self) -> Option<&WavesRenderer> {
+    /// Wave optics of the lens, also where images are drawn by rays, if it supports these settings.
+    fn waves(&self, settings: &Settings) -> Option<WavesRenderer> {
         match self {
-            Accepted::Waves(waves) => Some(waves),
-            _ => None,
+            Accepted::Waves(waves) => Some((**waves).clone()),
+            Accepted::Rays(_) => {
+                WavesRenderer::new(settings, &WaveOptics::new(GREEN_UM), *TOLERANCES.end()).ok()
+            }
+            Accepted::Spots => None,
         }
     }
 
@@ -314,6 +332,8 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan, accepted: &Accepted)
             let at_peak = (noise * noise + counts * peak_counts).sqrt();
             let [width_px, height_px] = spot.size_px();
             let sphere = Particle::sphere(1.0, 1.0, z_um / factor, d_um);
+            let all = accepted.of(&sphere).filter(|light| *light > 0.0);
+            let share = |light: f64| all.map(|all| light / all);
             DepthFacts {
                 z_um,
                 peak_counts,
@@ -321,7 +341,8 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan, accepted: &Accepted)
                 snr_with_shot_noise: (at_peak > 0.0).then(|| peak_counts / at_peak),
                 width_px,
                 height_px,
-                share: accepted.of(&sphere).filter(|light| *light > 0.0).map(|light| spot.total / light),
+                share: share(spot.on_sensor),
+                share_near: share(spot.total),
             }
         })
         .collect();
@@ -335,6 +356,7 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan, accepted: &Accepted)
         d_um,
         focus_um: scan.focus_um(),
         focal_planes_um: scan.focal_planes_um(),
+        least_sizes_um: scan.least_sizes_um(),
         ring_slopes_px_um: [slope(at(0), at(outer)), slope(at(last - outer), at(last))],
         depths,
     })

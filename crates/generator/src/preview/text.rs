@@ -26,11 +26,15 @@ pub fn lines(preview: &Preview) -> [String; 2] {
                 String::new()
             } else {
                 let ends = [first.z_um, last.z_um];
-                let [x, y] = mean.focal_planes_um.map(|z_um| {
-                    // Only images within the depth range are compared.
+                // Only images within the depth range are compared.
+                let shown = |z_um: f64| {
                     format!("{z_um:.1} um{}", if ends.contains(&z_um) { " or beyond" } else { "" })
-                });
-                format!(", focal planes at {x} (narrow) and {y} (low)")
+                };
+                let ([x, y], [of_all_x, of_all_y]) =
+                    (mean.least_sizes_um.map(shown), mean.focal_planes_um.map(shown));
+                format!(
+                    ", images narrowest at {x} and lowest at {y} (with their halo, root mean square, at {of_all_x} and {of_all_y})"
+                )
             };
             format!(
                 "best focus at z = {z_um:.1} um{field}{planes}; images of {:.3} um are {:.1} x {:.1} px there, {}, {}",
@@ -51,7 +55,7 @@ pub fn lines(preview: &Preview) -> [String; 2] {
     let snr = range(&|depth| depth.snr)
         .map_or_else(|| "no background noise".to_owned(), |snr| format!("SNR {snr}"));
     let share = range(&|depth| depth.share.map(|share| 100.0 * share))
-        .map_or_else(String::new, |share| format!(", {share} % of the accepted light on 801 x 801 px"));
+        .map_or_else(String::new, |share| format!(", {share} % of the accepted light on the sensor"));
     let saturation = match preview.saturation_counts {
         end if end.is_finite() => format!("saturation at {end:.0}"),
         _ => "no saturation".to_owned(),
@@ -78,7 +82,11 @@ pub fn text(preview: &Preview) -> String {
         "{:.4} um per px; Airy radius {:.2} px{}{of_path}\n",
         preview.um_per_px,
         preview.airy_radius_px,
-        if preview.path_difference_waves.is_none() { " (0.55 um; not drawn)" } else { "" }
+        if preview.is_diffracted {
+            String::new()
+        } else {
+            format!(" ({} um; not drawn)", preview.wavelength_um)
+        }
     );
     if preview.cyl_focal_length_um != 0.0 {
         text += &format!("cylindrical lens: cyl_focal_length = {:.1} um\n", preview.cyl_focal_length_um);

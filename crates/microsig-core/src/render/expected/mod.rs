@@ -428,6 +428,14 @@ impl Render for ExpectedRenderer {
         self.rays.image_extent(particle)
     }
 
+    fn patch_window(&self, particle: &Particle) -> Window {
+        if self.is_spheroid(particle) {
+            return self.spheroid_window(particle);
+        }
+        let table = self.cache.tables(std::iter::once(particle)).remove(0);
+        self.window(particle, &table)
+    }
+
     fn reaches_sensor(&self, particle: &Particle) -> bool {
         self.rays.reaches_sensor(particle)
     }

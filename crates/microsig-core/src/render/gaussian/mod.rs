@@ -203,6 +203,10 @@ impl Render for GaussianRenderer {
         (reach, reach)
     }
 
+    fn patch_window(&self, particle: &Particle) -> Window {
+        self.window(particle)
+    }
+
     fn reaches_sensor(&self, particle: &Particle) -> bool {
         Window::is_lit(particle.x_px, particle.y_px, self.image_extent(particle), self.sensor())
     }

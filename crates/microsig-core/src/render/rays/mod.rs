@@ -306,6 +306,10 @@ impl Render for RayRenderer {
         (side(center.0.max(near.0).max(far.0)), side(center.1.max(near.1).max(far.1)))
     }
 
+    fn patch_window(&self, particle: &Particle) -> Window {
+        self.window(particle)
+    }
+
     fn reaches_sensor(&self, particle: &Particle) -> bool {
         // Every window contains the pixel of its center.
         let on = |x: f64, size: u32| x >= 0.5 && x < f64::from(size) + 0.5;

@@ -19,6 +19,8 @@ const MAX_DENSITY: usize = 8;
 /// Initial and maximum number of steps in depth.
 const STEPS: usize = 8;
 const MAX_STEPS: usize = 128;
+/// Half width of images above which their extents are not computed from their light, px.
+const LARGE_PX: usize = 256;
 /// Edges are rounded up to multiples of this, px.
 const EDGE_PX: f64 = 4.0;
 /// Maximum number of attempts with a wider edge.
@@ -127,26 +129,64 @@ impl Draft<'_> {
 
     /// Distances along x and y, whole px, at which light falls below the cut, from the decay of the tails
     /// caused by a hard edge of the pupil.
-    pub(super) fn edges(&self) -> [usize; 2] {
-        let model = self.model;
-        let rim = |z_um: f64| model.rim_px(z_um, self.large());
+    fn edges(&self) -> [usize; 2] {
+        let rims = self.rims();
+        let bare = self.bare(&rims);
+        // Tails only make them wider.
+        if bare == self.limit() {
+            return bare;
+        }
+        self.with_tails(bare, &rims, &self.peaks(bare, &rims))
+    }
+
+    /// The same, at least, in a time that does not grow with the image: one that is large is taken to be as
+    /// faint as if all of its light were spread evenly.
+    pub(super) fn extent(&self) -> [usize; 2] {
+        let rims = self.rims();
+        let bare = self.bare(&rims);
+        if bare.into_iter().all(|edge| edge <= LARGE_PX) {
+            return self.edges();
+        }
+        let even = |&(z_um, [x, y]): &(f64, [f64; 2])| {
+            self.model.accepted(z_um, self.large()) / (std::f64::consts::PI * x.max(1.0) * y.max(1.0))
+        };
+        self.with_tails(bare, &rims, &rims.iter().map(even).collect::<Vec<_>>())
+    }
+
+    /// The ends of the range of depths (um) and the half axes of the geometric images there, px.
+    fn rims(&self) -> Vec<(f64, [f64; 2])> {
         let mut depths = vec![self.start_um, self.end_um()];
         depths.dedup();
-        let rims: Vec<_> = depths.iter().map(|&z_um| rim(z_um)).collect();
-        let limit = self.farthest_px.map(|far| libm::ceil(far) as usize);
-        let whole =
-            |axis: usize, far: f64| (libm::ceil(far / EDGE_PX) * EDGE_PX).min(limit[axis] as f64) as usize;
-        let bare = [0, 1].map(|axis| whole(axis, rims.iter().map(|rim| rim[axis]).fold(0.0, f64::max) + 2.0));
+        depths.into_iter().map(|z_um| (z_um, self.model.rim_px(z_um, self.large()))).collect()
+    }
+
+    fn limit(&self) -> [usize; 2] {
+        self.farthest_px.map(|far| libm::ceil(far) as usize)
+    }
+
+    /// A distance along an axis as an edge.
+    fn edge(&self, axis: usize, far: f64) -> usize {
+        (libm::ceil(far / EDGE_PX) * EDGE_PX).min(self.limit()[axis] as f64) as usize
+    }
+
+    /// Edges around the geometric images alone.
+    fn bare(&self, rims: &[(f64, [f64; 2])]) -> [usize; 2] {
+        [0, 1].map(|axis| self.edge(axis, rims.iter().map(|(_, rim)| rim[axis]).fold(0.0, f64::max) + 2.0))
+    }
+
+    /// The peaks of the images at the ends.
+    fn peaks(&self, bare: [usize; 2], rims: &[(f64, [f64; 2])]) -> Vec<f64> {
         let frame = self.frame(bare, 1.0);
-        let exposure = model.exposure(&frame, 1);
-        let peaks: Vec<f64> = depths
-            .par_iter()
-            .map(|&z_um| peak(&model.plane(&model.light(&frame, z_um, self.large()), &exposure)))
-            .collect();
+        let exposure = self.model.exposure(&frame, 1);
+        let plane = |z_um: f64| self.model.plane(&self.model.light(&frame, z_um, self.large()), &exposure);
+        rims.par_iter().map(|&(z_um, _)| peak(&plane(z_um))).collect()
+    }
+
+    fn with_tails(&self, bare: [usize; 2], rims: &[(f64, [f64; 2])], peaks: &[f64]) -> [usize; 2] {
         let mut edges = bare;
-        for ((z_um, rim), peak) in depths.into_iter().zip(rims).zip(peaks) {
-            let tails = model.tail_px(z_um, rim, self.cut() * peak);
-            (0..2).for_each(|axis| edges[axis] = edges[axis].max(whole(axis, tails[axis])));
+        for (&(z_um, rim), peak) in rims.iter().zip(peaks) {
+            let tails = self.model.tail_px(z_um, rim, self.cut() * peak);
+            (0..2).for_each(|axis| edges[axis] = edges[axis].max(self.edge(axis, tails[axis])));
         }
         edges
     }
@@ -170,7 +210,7 @@ impl Draft<'_> {
         for &radius in &radii[1..] {
             planes.extend(depths.sample(|z_um| self.plane(frame, &exposure, z_um, radius)));
         }
-        let mut table = self.assemble(&planes, depths, radii, (frame.scope.edge_px, &exposure));
+        let mut table = self.assemble(planes, depths, radii, (frame.scope.edge_px, &exposure));
         table.error = self.error(&table, frame.scope.edge_px);
         table
     }
@@ -205,34 +245,38 @@ impl Draft<'_> {
         model.exposure(frame, MAX_DENSITY)
     }
 
-    /// Converts planes of all radii to splines and collects them in a table.
+    /// Converts planes of all radii to splines, fades them out, and collects them in a table.
     fn assemble(
         &self,
-        values: &[Vec<f64>],
+        mut planes: Vec<Vec<f64>>,
         depths: PlaneDepths,
         radii: Vec<f64>,
         (edge_px, exposure): ([usize; 2], &Exposure),
     ) -> Table {
         let layout = exposure.layout.clone();
-        let PlaneDepths { steps, .. } = depths;
+        let steps = depths.steps;
         let of_one = depths.planes();
+        // The extent at each depth is the maximum over all sizes.
+        let reaches: Vec<[f64; 2]> = (0..of_one)
+            .map(|i| {
+                let of_sizes = planes.chunks(of_one).map(|of_size| self.reach(&of_size[i], exposure));
+                of_sizes.fold([0.0f64; 2], |a, b| [a[0].max(b[0]), a[1].max(b[1])])
+            })
+            .collect();
+        for of_size in planes.chunks_mut(of_one) {
+            of_size.iter_mut().zip(&reaches).for_each(|(plane, reach)| self.fade(plane, *reach, &layout));
+        }
         let mut coefficients = vec![0.0f32; radii.len() * (steps + 3) * layout.length()];
-        let windows = values.chunks(of_one).flat_map(|of_size| of_size.windows(5));
+        let windows = planes.chunks(of_one).flat_map(|of_size| of_size.windows(5));
         for (five, out) in windows.zip(coefficients.chunks_exact_mut(layout.length())) {
             layout.store(&filtered(five), out);
         }
-        // The extent is the maximum over all sizes.
-        let reach = |i: usize| {
-            let of_sizes =
-                values.chunks(of_one).map(|of_size| self.reach(&of_size[i + AROUND - 1], exposure));
-            of_sizes.fold([0.0f64; 2], |a, b| [a[0].max(b[0]), a[1].max(b[1])])
-        };
         Table {
             start_um: self.start_um,
             step_um: depths.step_um(),
             planes: steps + 3,
             radii,
-            reach_px: (0..steps + 3).map(reach).collect(),
+            reach_px: reaches[AROUND - 1..][..steps + 3].to_vec(),
             edge_px,
             layout,
             coefficients,
@@ -254,6 +298,20 @@ impl Draft<'_> {
             far[1] = far[1].max(row.abs_diff(origin[1]));
         }
         [0, 1].map(|axis| ((far[axis] + 1) as f64 / per_px as f64).min(self.farthest_px[axis]))
+    }
+
+    /// Lets a plane fade out over the last pixel of its extent (px). Cut off at whole pixels, an image would
+    /// extend farther on one side than on the other, and its centroid would be shifted.
+    fn fade(&self, plane: &mut [f64], reach_px: [f64; 2], layout: &Layout) {
+        let Layout { per_px, columns, rows, origin, .. } = *layout;
+        let along = |axis: usize, nodes: usize| -> Vec<f64> {
+            let place_px = |node: usize| node.abs_diff(origin[axis]) as f64 / per_px as f64;
+            (0..nodes).map(|node| (reach_px[axis] + 0.5 - place_px(node)).clamp(0.0, 1.0)).collect()
+        };
+        let across = along(0, columns);
+        for (line, of_row) in plane.chunks_exact_mut(columns).zip(along(1, rows)) {
+            line.iter_mut().zip(&across).for_each(|(value, share)| *value *= of_row * share);
+        }
     }
 
     /// Error of the finished table relative to an image computed with finer discretization, as a fraction of

@@ -79,7 +79,7 @@ impl TableCache {
             radii,
             farthest_px: self.farthest_px,
         };
-        draft.edges().map(|edge| edge as f64)
+        draft.extent().map(|edge| edge as f64)
     }
 
     /// Range of depths of a table, um.

@@ -466,6 +466,10 @@ impl Render for WavesRenderer {
         }
     }
 
+    fn patch_window(&self, particle: &Particle) -> Window {
+        self.windows(&self.sources(particle, 1.0))
+    }
+
     fn reaches_sensor(&self, particle: &Particle) -> bool {
         self.rays.reaches_sensor(particle)
     }

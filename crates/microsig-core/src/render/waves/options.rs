@@ -347,6 +347,9 @@ impl WaveOptics {
                     &format!("a Noll index from 2 to {LAST_ZERNIKE}"),
                 );
             }
+            if self.pupil.zernike[..i].iter().any(|(other, _)| *other == j) {
+                faults.add(&format!("optics.pupil.zernike.{i}.0"), j, "each Noll index once");
+            }
             let key = format!("optics.pupil.zernike.{i}.1");
             faults.unless(waves.is_finite(), &key, waves, "a finite number of waves rms");
         }
@@ -355,7 +358,7 @@ impl WaveOptics {
             sum <= MAX_WAVES || !sum.is_finite(),
             "optics.pupil.zernike",
             sum,
-            "at most 5 waves rms as the sum of the terms' absolute values",
+            "coefficients whose absolute values sum to at most 5 waves rms",
         );
     }
 

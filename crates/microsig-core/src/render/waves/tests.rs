@@ -410,3 +410,30 @@ fn spheroids_have_derivatives() {
     let slow = Render::check(&renderer, &large).unwrap().unwrap();
     assert!(slow.contains("takes seconds"), "{slow}");
 }
+
+/// Images end within whole pixels, but are as long on one side as on the other.
+#[test]
+fn centroids_are_at_the_particle() {
+    let settings = Settings { pixel_dim_x: 121, pixel_dim_y: 121, ..Settings::setting1() };
+    for lens in [Lens::Microsig, Lens::Aplanatic] {
+        let optics = WaveOptics { lens, ..WaveOptics::new(0.52) };
+        let renderer = WavesRenderer::new(&settings, &optics, 3e-3).unwrap();
+        for (x_px, z_um) in [(61.0, 0.0), (61.3, -9.0), (61.0, 3.0), (60.6, -12.0), (61.5, -30.0)] {
+            let patch = renderer.patch(&Particle::sphere(x_px, 60.8, z_um, 1.0)).unwrap();
+            let width = patch.window.width;
+            let moment: f64 = patch.counts.iter().enumerate().map(|(i, c)| c * (i % width) as f64).sum();
+            let centroid_px = patch.window.x0 as f64 + moment / patch.counts.iter().sum::<f64>();
+            assert!((centroid_px - x_px).abs() < 0.002, "{lens:?} {x_px} {z_um}: {centroid_px}");
+        }
+    }
+}
+
+/// Extents of images that fill the sensor are told at once, since such images take minutes.
+#[test]
+fn extents_of_very_large_images_are_bounds() {
+    let settings = Settings { numerical_aperture: 0.75, ..Settings::setting1() };
+    let renderer = WavesRenderer::new(&settings, &WaveOptics::new(0.52), 3e-3).unwrap();
+    let (x, y) = Render::image_extent(&renderer, &Particle::sphere(1.0, 1.0, -60.0, 2.0));
+    let (of_rays, _) = Render::image_extent(&renderer.rays, &Particle::sphere(1.0, 1.0, -60.0, 2.0));
+    assert!(x > 0.8 * of_rays.min(1000.0) && y > 300.0, "{x} {y} {of_rays}");
+}
