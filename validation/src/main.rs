@@ -5,6 +5,7 @@ mod expected;
 mod exports;
 mod fit;
 mod original;
+mod waves;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -34,6 +35,13 @@ enum Comparison {
     },
     /// Compares expected images with the mean of very many rays; exit code 1 if one differs.
     Expected(expected::Comparison),
+    /// Compares wave optics with rays at short wavelengths and with theory in focus; exit code 1 if a limit is
+    /// missed.
+    Waves {
+        /// Output folder of pictures and README.md.
+        #[arg(long, default_value = "target/waves")]
+        out: PathBuf,
+    },
     /// Fits calibration scans with known truth, many simulated scans, and real beads; exit code 1 if a bar is
     /// missed.
     Fit(fit::Comparison),
@@ -53,6 +61,7 @@ fn main() -> anyhow::Result<ExitCode> {
     match Cli::parse().comparison {
         Comparison::Original { dir, out, images } => original::run(&dir, &out, images),
         Comparison::Expected(comparison) => expected::run(&comparison),
+        Comparison::Waves { out } => waves::run(&out),
         Comparison::Fit(comparison) => fit::run(&comparison),
         Comparison::Exports { out, imagej } => {
             exports::run(&out, imagej.as_deref()).map(|()| ExitCode::SUCCESS)

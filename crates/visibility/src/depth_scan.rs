@@ -146,8 +146,8 @@ impl DepthScan {
 }
 
 impl ScanImage {
-    /// Measures a square image of `2 half_px + 1` rows for a sensor of so many columns and rows, and crops its
-    /// dark margin.
+    /// Measures a square image of `2 half_px + 1` rows for a sensor of so many columns and rows, and crops
+    /// its dark margin.
     pub fn new(half_px: usize, light: Vec<f64>, sensor: [u32; 2]) -> Self {
         let side = 2 * half_px + 1;
         let peak = light.iter().copied().fold(0.0, f64::max);

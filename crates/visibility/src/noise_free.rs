@@ -103,7 +103,7 @@ impl NoiseFree {
         particles.iter().fold(Patch::default(), |whole, particle| whole.joined(self.draw(particle)))
     }
 
-    /// Number of pixels on which a particle is drawn; of a streak's, those of its parts are counted separately.
+    /// Number of pixels on which a particle is drawn; those of its parts are counted separately.
     pub fn pixels(&self, particle: &Particle) -> usize {
         let parts = self.parts(particle);
         parts.iter().map(|part| self.renderer_of(part).patch_window(part).area()).sum()

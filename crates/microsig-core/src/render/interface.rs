@@ -77,8 +77,8 @@ pub trait Render: Debug + Send + Sync {
     /// Half width and half height of the image of a particle, px, with some margin.
     fn image_extent(&self, particle: &Particle) -> (f64, f64);
 
-    /// The pixels on which [`Render::mean_patch`] draws a particle, or a part of the sensor that contains them;
-    /// fast once tables are made ([`Render::prepare`]).
+    /// The pixels on which [`Render::mean_patch`] draws a particle, or a part of the sensor that contains
+    /// them; fast once tables are made ([`Render::prepare`]).
     fn patch_window(&self, particle: &Particle) -> Window;
 
     /// Whether light of a particle may reach the sensor.
