@@ -38,7 +38,11 @@ def real(name: str, value: Any, low: float = -math.inf, high: float = math.inf, 
     allowed = f"expected {what}" + (f", {low:g} to {high:g}" if is_bounded else "")
     if not isinstance(value, numbers.Real) or isinstance(value, bool):
         raise TypeError(f"{name} = {value!r}: {allowed}")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        # Of either sign: no range has it.
+        number = math.inf
     if is_bounded and not low <= number <= high:
         raise ValueError(f"{name} = {value!r}: {allowed}")
     return number

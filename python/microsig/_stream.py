@@ -46,7 +46,7 @@ def uniform(low: float, high: float) -> Law:
 def log_uniform(low: float, high: float) -> Law:
     """The logarithm is uniform between those of two positive numbers.
 
-    :raises TypeError: what is no number; :class:`Stream` raises ValueError if they are not finite and > 0 or ``low`` > ``high``
+    :raises TypeError: what is no number; :class:`Stream` raises ValueError if they are not finite, not > 0 or ``low`` > ``high``
     """
     return Law("log_uniform", (real("low", low), real("high", high)))
 
@@ -63,7 +63,7 @@ def integers(low: int, high: int) -> Law:
 def choice(values: Sequence[Any]) -> Law:
     """One of several values, all alike: numbers, texts, lists, dicts, as in a scenario.
 
-    :raises TypeError: what is no sequence; :class:`Stream` raises ValueError if it is empty, or for a value that is not allowed
+    :raises TypeError: what is no sequence; :class:`Stream` raises ValueError if it is empty or has a value that is not allowed
     """
     if not isinstance(values, (Sequence, np.ndarray)) or isinstance(values, str):
         raise TypeError(f"values = {values!r}: expected a list of values")

@@ -37,6 +37,7 @@ def dataset() -> ms.Dataset:
         ({"um_per_px": True}, TypeError, "a number, 1e-06 to 1e+06"),
         ({"depth_um": (1, 0)}, ValueError, "two numbers, the lower one first"),
         ({"depth_um": 3}, TypeError, "two numbers, the lower one first"),
+        ({"plane_um": 10**400}, ValueError, "a number, -1e+09 to 1e+09"),
         ({"plane_um": float("inf")}, ValueError, "a number, -1e+09 to 1e+09"),
         ({"crlb": "yes"}, TypeError, "True or False"),
     ],
