@@ -153,7 +153,9 @@ class Stream:
             (:meth:`window`); the whole image is drawn, so that this takes longer.
         :param vary: what varies, by path of the scenario: :func:`uniform`, :func:`log_uniform`, :func:`integers`,
             :func:`choice`. Light, noise and numbers cost next to nothing; other keys resolve the scenario anew for each
-            sample, and new optics make new tables.
+            sample, and new optics make new tables: with ``render.mode`` ``expected`` or ``waves``, or the label ``clean``, of
+            the order of a second for each sample instead of a fraction of a millisecond, with ``rays`` less than a tenth of it.
+            A :func:`choice` among up to 8 optics makes their tables once.
         :param seed: seed of the stream, 0 to 2^64 - 1; the scenario's own does not matter
         :param set: values by path that are the same in all samples
         :param labels: of ``boxes, instances, heatmap, depth, flow, clean`` (``particles`` are always there)
