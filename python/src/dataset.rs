@@ -136,8 +136,8 @@ fn resolve(py: Python<'_>, text: ScenarioText) -> PyResult<(String, String, Vec<
     })
 }
 
-/// A scenario as JSON, with the files that it refers to where they were read, so that it can be used anywhere;
-/// and as RON, with their paths in its dataset.
+/// A scenario as JSON, with the files that it refers to where they were read, so that it can be used
+/// anywhere; and as RON, with their paths in its dataset.
 pub(crate) fn texts(scenario: &Scenario) -> storage::Result<(String, String)> {
     let failed = |e: serde_json::Error| storage::Error::input(e.to_string());
     let mut json = serde_json::to_string(&scenario.spec).map_err(failed)?;

@@ -124,8 +124,8 @@ pub(crate) fn defect(panic: &(dyn Any + Send)) -> PyErr {
     PyRuntimeError::new_err(format!("a defect of microsig, please report it: {text}"))
 }
 
-/// Options of the command in messages, and what they are called in Python; of names that begin alike the longer
-/// first.
+/// Options of the command in messages, and what they are called in Python; of names that begin alike the
+/// longer first.
 const OPTIONS: [(&str, &str); 16] = [
     ("--auto-offset", "auto_offset"),
     ("--border", "border_px"),
