@@ -9,9 +9,9 @@ Positions are pixel coordinates with the first pixel's center at 1 (``table.orig
 columns, y along rows, depth z in um growing away from the lens; names of arguments and columns end in their units.
 """
 
-from ._dataset import Calibration, Dataset, generate, open, resolve
+from ._dataset import Calibration, Dataset, generate, open, resolve, set_threads
 from ._fields import Field, FieldInfo, field, fields
-from ._microsig import __version__, set_threads
+from ._microsig import __version__
 from ._render import Settings, render
 from ._scenario import Scenario
 from ._scores import Comparison, Scores, compare, evaluate, methods, sweep, track

@@ -8,12 +8,13 @@ import tempfile
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Union
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Protocol, TypeVar, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _microsig, _scenario
+from ._arguments import flag, whole
 from ._scenario import Scenario
 from ._table import Table
 
@@ -32,6 +33,9 @@ _BOXES = "truth/boxes.csv"
 Images = Union[NDArray[np.uint16], NDArray[np.float32]]
 
 
+_Array = TypeVar("_Array", bound=NDArray[Any])
+
+
 class Calibration(NamedTuple):
     """The calibration scan of one particle."""
 
@@ -46,8 +50,14 @@ class Calibration(NamedTuple):
 
 def _table(raw: _RawTable) -> Table:
     path, about, columns_about, values = raw
-    columns = {c: np.asarray(v, dtype=str) if isinstance(v, list) else v for c, v in values.items()}
+    columns = {c: _fixed(np.asarray(v, dtype=str) if isinstance(v, list) else v) for c, v in values.items()}
     return Table(columns, name=path, about=about, columns_about=columns_about)
+
+
+def _fixed(array: _Array) -> _Array:
+    """The array, read-only: datasets keep what they gave, and give it again."""
+    array.flags.writeable = False
+    return array
 
 
 class _Source(Protocol):
@@ -104,7 +114,7 @@ class _Memory:
         if found is None:
             return None
         table = _table(found[0])
-        return Calibration(found[1], table["z_um"], table)
+        return Calibration(_fixed(found[1]), table["z_um"], table)
 
     def scenario(self) -> tuple[str, str]:
         return self.made.scenario()
@@ -129,6 +139,9 @@ class _Memory:
             self._place = place
         return Path(self._place.name) / "dataset"
 
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a dataset in memory cannot be copied or pickled; save() it, and open() the folder elsewhere")
+
 
 class _Folder:
     """A dataset on disk."""
@@ -137,8 +150,11 @@ class _Folder:
         self._folder = folder
         self.manifest: dict[str, Any] = json.loads(_microsig.manifest(folder))
         self.resources = {resource["path"]: resource for resource in self.manifest.get("resources", [])}
-        sensor = self.manifest["microsig"].get("sensor") or {}
-        self.size = (int(sensor.get("width_px", 0)), int(sensor.get("height_px", 0)))
+        sensor = self.manifest["microsig"].get("sensor")
+        if sensor is None:
+            path = folder / "datapackage.json"
+            raise ValueError(f"{path}: expected the manifest of a dataset, with microsig.sensor, the size of its images")
+        self.size = (int(sensor["width_px"]), int(sensor["height_px"]))
 
     @cached_property
     def _paths(self) -> list[Path]:
@@ -152,7 +168,7 @@ class _Folder:
 
     @cached_property
     def _images(self) -> Images:
-        return _microsig.read_images(self._paths, *self.size)
+        return _fixed(_microsig.read_images(self._paths, *self.size))
 
     def images(self) -> Images:
         return self._images
@@ -162,20 +178,25 @@ class _Folder:
         if images is not None:
             one: Images = images[frame]
             return one
-        alone: Images = _microsig.read_images([self._paths[frame]], *self.size)[0]
+        alone: Images = _fixed(_microsig.read_images([self._paths[frame]], *self.size)[0])
         return alone
 
     def frames(self) -> int:
         return len(self._paths)
 
     def table(self, path: str) -> Table | None:
-        if not (self._folder / path).exists():
+        file = self._folder / path
+        # What the manifest lists has to be there.
+        if path not in self.resources and not file.exists():
             return None
         resource = self.resources.get(path, {})
         fields = resource.get("schema", {}).get("fields", [])
         kinds = {field["name"]: field["type"] for field in fields}
         about = {f["name"]: (f.get("unit", ""), f.get("description", "")) for f in fields}
-        columns = _microsig.read_table(self._folder / path, kinds)
+        columns = _microsig.read_table(file, kinds)
+        missing = [name for name in kinds if name not in columns]
+        if missing:
+            raise ValueError(f"{file}: columns {', '.join(missing)} are missing; expected those that the manifest lists")
         return _table((path, resource.get("description", ""), about, columns))
 
     def calibration(self) -> Calibration | None:
@@ -184,7 +205,7 @@ class _Folder:
             return None
         paths = [self._folder / image for image in table["image"]]
         images = _microsig.read_images(paths, *_microsig.image_size(self._folder / "calibration/settings.txt"))
-        return Calibration(images, table["z_um"], table)
+        return Calibration(_fixed(images), table["z_um"], table)
 
     def scenario(self) -> tuple[str, str]:
         return _microsig.scenario_of(self._folder)[:2]
@@ -212,8 +233,8 @@ class _Folder:
 class Dataset:
     """A dataset: images with their truth, in memory (:func:`generate`) or in a folder (:func:`open`).
 
-    What is not needed is not made: tables of the field and of depths, and the calibration scan, are computed, or read
-    from a folder, when they are first asked for.
+    Arrays, and columns of tables, are read-only. What is not needed is not made: tables of the field and of depths, and the
+    calibration scan, are computed, or read from a folder, when they are first asked for.
     """
 
     def __init__(self, source: _Source) -> None:
@@ -284,13 +305,17 @@ class Dataset:
 
     @cached_property
     def scenario(self) -> dict[str, Any]:
-        """The scenario with every default written out; :func:`generate` makes the same dataset of it."""
+        """The scenario with every default written out; :func:`generate` makes the same dataset of it.
+
+        Files that it refers to have absolute paths: of a dataset in memory those that were read, of one in a folder the
+        copies there. They have to be there as long as the scenario is used.
+        """
         scenario: dict[str, Any] = json.loads(self._source.scenario()[0])
         return scenario
 
     @property
     def scenario_text(self) -> str:
-        """The scenario with every default written out, in RON: ``scenario.ron``."""
+        """The scenario with every default written out, in RON: ``scenario.ron``, with paths relative to the dataset."""
         return self._source.scenario()[1]
 
     @cached_property
@@ -344,7 +369,7 @@ class Dataset:
         :raises OSError: writing failed
         """
         out = Path("datasets") / self.name if path is None else Path(path)
-        self._source.save(out, force, progress)
+        self._source.save(out, flag("force", force), flag("progress", progress))
         return out
 
     def show(self, frame: int = 0, *, truth: bool = True) -> Figure:
@@ -384,15 +409,15 @@ def generate(
     :raises ValueError: a scenario that cannot be used, with all problems and their places
     :raises OSError: a file that cannot be read
     """
-    return Dataset.of_text(_scenario.text(scenario, seed, set), progress)
+    return Dataset.of_text(_scenario.text(scenario, seed, set), flag("progress", progress))
 
 
 def open(path: str | os.PathLike[str]) -> Dataset:
     """A dataset in a folder; images and tables are read when they are first touched.
 
     :param path: the folder
-    :raises OSError: no such folder, or a file in it that cannot be read
-    :raises ValueError: a folder that is no dataset
+    :raises OSError: no such folder, or a file in it that cannot be read; later of a file that the manifest lists
+    :raises ValueError: a folder that is no dataset; later of a file that is not as the manifest says
     """
     return Dataset(_Folder(Path(path)))
 
@@ -400,9 +425,18 @@ def open(path: str | os.PathLike[str]) -> Dataset:
 def resolve(
     scenario: Scenario, seed: int | None = None, set: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Check a scenario without making anything; gives it with every default written out.
+    """Check a scenario without making anything; gives it with every default written out, as :attr:`Dataset.scenario`.
 
     Arguments and errors are those of :func:`generate`.
     """
     resolved: dict[str, Any] = json.loads(_microsig.resolve(_scenario.text(scenario, seed, set))[0])
     return resolved
+
+
+def set_threads(threads: int) -> None:
+    """Set the number of threads of all calls that follow; numbers do not depend on it.
+
+    :param threads: 1 to 1024, or 0: one for every core
+    :raises TypeError, ValueError: another kind of number, or one out of this range
+    """
+    _microsig.set_threads(whole("threads", threads, 0, 1024))

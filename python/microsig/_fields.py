@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _microsig, _scenario
+from ._arguments import floats
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ class Field:
 
 
 def _points(points_um: ArrayLike) -> NDArray[np.float64]:
-    points = np.asarray(points_um, dtype=np.float64)
+    points = floats("points_um", points_um)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points_um of shape {points.shape}: expected (n, 3), in um")
     return np.ascontiguousarray(points)

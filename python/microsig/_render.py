@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _microsig
+from ._arguments import LAST_SEED, flag, floats, one_of, whole
 from ._table import Table
 
 #: MicroSIG's settings: the path of a settings file, its text, or a dict of its 14 names.
@@ -47,11 +48,11 @@ def _particles(particles: Any) -> NDArray[np.float64]:
         missing = [c for c in used if c not in names]
         if missing:
             raise ValueError(f"particles: columns {', '.join(missing)} are missing")
-        rows = np.column_stack([np.asarray(particles[c], dtype=np.float64) for c in used])
+        rows = np.column_stack([floats(f"particles: {c}", particles[c]) for c in used])
         if "c_int" in used and "light" in names:
-            rows[:, -1] *= np.asarray(particles["light"], dtype=np.float64)
+            rows[:, -1] *= floats("particles: light", particles["light"])
     else:
-        rows = np.asarray(particles, dtype=np.float64)
+        rows = floats("particles", particles)
     if rows.ndim != 2 or rows.shape[1] not in (4, 5, 7, 8):
         raise ValueError(f"particles of shape {rows.shape}: expected (n, 4), (n, 5), (n, 7) or (n, 8)")
     return np.ascontiguousarray(rows)
@@ -82,21 +83,19 @@ def render(
     :param round_once: round light and noise to counts together, as datasets do; MicroSIG's program rounds the noise by itself
     :param image_format: ``float32`` returns counts before they are rounded and clamped to 16 bit
     :returns: uint16 (rows, columns), counts; float32 with ``image_format="float32"``
-    :raises ValueError: settings or particles that cannot be drawn, with the number of the particle
+    :raises ValueError: settings or particles that cannot be drawn, with the number of the particle; another argument out
+        of its range
+    :raises TypeError: particles or another argument of another kind
     """
-    if mode not in ("rays", "expected"):
-        raise ValueError(f"mode = {mode!r}: expected one of rays, expected")
-    if spheroids not in ("original", "uniform"):
-        raise ValueError(f"spheroids = {spheroids!r}: expected one of original, uniform")
-    if image_format not in ("integer", "float32"):
-        raise ValueError(f"image_format = {image_format!r}: expected one of integer, float32")
-    if not 0 <= seed < 2**64:
-        raise ValueError(f"seed = {seed}: expected a whole number, 0 to 2^64 - 1")
-    if not 0 <= frame < 2**32:
-        raise ValueError(f"frame = {frame}: expected a whole number, 0 to 2^32 - 1")
+    how = (
+        one_of("mode", mode, ("rays", "expected")) == "expected",
+        one_of("spheroids", spheroids, ("original", "uniform")) == "uniform",
+        flag("round_once", round_once),
+        one_of("image_format", image_format, ("integer", "float32")) == "float32",
+    )
+    seed, frame = whole("seed", seed, 0, LAST_SEED), whole("frame", frame, 0, 2**32 - 1)
     text, name = _settings(settings)
     rows = _particles(particles)
-    how = (mode == "expected", spheroids == "uniform", round_once, image_format == "float32")
     image, said = _microsig.render(text, name, rows, *how, seed, frame)
     for warning in said:
         warnings.warn(warning, stacklevel=2)

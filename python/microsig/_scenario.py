@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import operator
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,13 +12,10 @@ from typing import Any, Union
 import numpy as np
 
 from . import _microsig
+from ._arguments import LAST_SEED, optional, whole
 
 #: A scenario: the path of a file, a text in RON or JSON, or a dict of the same keys.
 Scenario = Union[str, "os.PathLike[str]", Mapping[str, Any]]
-
-
-#: The largest seed.
-LAST_SEED = 2**64 - 1
 
 
 def _value(value: Any) -> str:
@@ -44,21 +40,6 @@ def _value(value: Any) -> str:
 def _is_text(scenario: str) -> bool:
     """Whether a string is a scenario itself rather than the path of one."""
     return "\n" in scenario or scenario.lstrip().startswith(("(", "{", "//", "#!["))
-
-
-def whole(name: str, value: Any, low: int = 0, high: int = 2**63 - 1) -> int:
-    """An argument that is a whole number, also one of NumPy; floats and truth values are refused rather than rounded."""
-    ends = {2**63 - 1: f" from {low}", LAST_SEED: f", {low} to 2^64 - 1"}
-    allowed = "expected a whole number" + ends.get(high, f", {low} to {high}")
-    try:
-        number = None if isinstance(value, (bool, np.bool_)) else operator.index(value)
-    except TypeError:
-        number = None
-    if number is None:
-        raise TypeError(f"{name} = {value!r}: {allowed}")
-    if not low <= number <= high:
-        raise ValueError(f"{name} = {value!r}: {allowed}")
-    return number
 
 
 def values_by_path(given: Any) -> dict[str, Any]:
@@ -91,5 +72,5 @@ def text(
         "name": name,
         "folder": folder,
         "assignments": assignments,
-        "seed": None if seed is None else whole("seed", seed, 0, LAST_SEED),
+        "seed": optional(whole, "seed", seed, 0, LAST_SEED),
     }

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Union
 import numpy as np
 
 from . import _microsig, _scenario
+from ._arguments import LAST_SEED, flag, interval, one_of, optional, real, whole
 from ._dataset import Dataset, generate
 from ._table import Table
 
@@ -229,26 +230,29 @@ def evaluate(
     :param auto_offset: report which shift of the whole result would fit best; it is never applied
     :param crlb: add the Cramer-Rao bound of the optics
     :param seed: seed of the bootstrap
-    :raises ValueError: a result that cannot be read or does not fit, with line (the header is line 1) and value
+    :raises ValueError: a result that cannot be read or does not fit, with line (the header is line 1) and value; another
+        argument out of its range
+    :raises TypeError: an argument of another kind
     :raises OSError: a file that cannot be read
     """
     how: _microsig.How = {
-        "format": format,
-        "gate": gate,
-        "gate_xy_px": gate_xy_px,
-        "gate_z_um": gate_z_um,
-        "dims": dims,
-        "isbi_gate_px": isbi_gate_px,
-        "border_px": border_px,
-        "origin": origin,
-        "y": y,
-        "frame_base": frame_base,
-        "um_per_px": um_per_px,
-        "depth_um": depth_um,
-        "plane_um": plane_um,
-        "auto_offset": auto_offset,
-        "crlb": crlb,
-        "seed": seed,
+        # The compiled part knows the names.
+        "format": None if format is None else str(format),
+        "gate": optional(one_of, "gate", gate, ("radial", "ellipsoid", "box")),
+        "gate_xy_px": optional(real, "gate_xy_px", gate_xy_px, 1e-6, 1e9),
+        "gate_z_um": optional(real, "gate_z_um", gate_z_um, 1e-6, 1e9),
+        "dims": optional(one_of, "dims", dims, (2, 3)),
+        "isbi_gate_px": optional(real, "isbi_gate_px", isbi_gate_px, 1e-6, 1e9),
+        "border_px": real("border_px", border_px, 0, 1e7),
+        "origin": optional(one_of, "origin", origin, ("center1", "center0", "corner0")),
+        "y_up": None if y is None else one_of("y", y, ("down", "up")) == "up",
+        "frame_base": optional(whole, "frame_base", frame_base, -(2**31), 2**31),
+        "um_per_px": optional(real, "um_per_px", um_per_px, 1e-6, 1e6),
+        "depth_um": optional(interval, "depth_um", depth_um, 1e9),
+        "plane_um": optional(real, "plane_um", plane_um, -1e9, 1e9),
+        "auto_offset": flag("auto_offset", auto_offset),
+        "crlb": flag("crlb", crlb),
+        "seed": whole("seed", seed, 0, LAST_SEED),
     }
     if isinstance(result, (str, os.PathLike)):
         return Scores(*_microsig.evaluate(_folder(dataset), Path(result), how))
@@ -294,26 +298,24 @@ def track(
     :param progress: show a bar, if standard error is a terminal
     :returns: ``frame, track, x_px, y_px [, z_um]`` of particles, or ``x_px, y_px, dx_px, dy_px, ...`` of a field
     :raises ValueError: an unknown method, an option out of range, a dataset without what the method needs
+    :raises TypeError: an option of another kind
     """
-    if not isinstance(method, str):
-        raise TypeError(f"method = {method!r}: expected one of {', '.join(methods())}")
+    method = one_of("method", method, tuple(methods()))
+    options = (
+        real("max_displacement_px", max_displacement_px, 0.001, 1e5),
+        real("diameter_px", diameter_px, 0.5, 1e3),
+        real("noise_px", noise_px, 0, 1e3),
+        real("noise_um", noise_um, 0, 1e3),
+        flag("ensemble", ensemble),
+        whole("seed", seed, 0, LAST_SEED),
+        flag("progress", progress),
+    )
     with tempfile.TemporaryDirectory(prefix="microsig-") as place:
-        out = Path(place) / f"{method}.csv" if method.replace("-", "").isalnum() else Path(place) / "result.csv"
-        _microsig.track(
-            _folder(dataset),
-            out,
-            method,
-            max_displacement_px,
-            diameter_px,
-            noise_px,
-            noise_um,
-            ensemble,
-            seed,
-            progress,
-        )
+        out = Path(place) / "result.csv"
+        _microsig.track(_folder(dataset), out, method, *options)
         header = out.read_text(encoding="utf-8").split("\n", 1)[0].strip().split(",")
-        whole = ("frame", "track", "pair", "flag")
-        kinds = {name: "integer" if name in whole else "number" for name in header}
+        counted = ("frame", "track", "pair", "flag")
+        kinds = {name: "integer" if name in counted else "number" for name in header}
         return Table(_microsig.read_table(out, kinds), name=f"result of {method}")
 
 
@@ -348,7 +350,16 @@ def compare(scores: Mapping[str, Scores]) -> Comparison:
 
     :param scores: scores by the name of their trackers
     :raises ValueError: no scores
+    :raises TypeError: anything but a dict of :class:`Scores`
     """
+    allowed = "expected a dict of what evaluate() returns, by the names of trackers"
+    if not isinstance(scores, Mapping):
+        raise TypeError(f"scores of type {type(scores).__name__}: {allowed}")
+    for name, score in scores.items():
+        if not isinstance(score, Scores):
+            raise TypeError(f"scores: {name!r} is of type {type(score).__name__}: {allowed}")
+    if not scores:
+        raise ValueError(f"scores = {{}}: {allowed}, at least one")
     entries, warnings, text = _microsig.compare([(name, score.json) for name, score in scores.items()])
     return Comparison(json.loads(entries), warnings, text)
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _microsig, _scenario
+from ._arguments import LAST_SEED, one_of, real, whole
 from ._scenario import Scenario
 
 #: A batch or a sample: arrays by name.
@@ -35,23 +36,37 @@ class Law:
 
 
 def uniform(low: float, high: float) -> Law:
-    """Uniform between two numbers."""
-    return Law("uniform", (low, high))
+    """Uniform between two numbers.
+
+    :raises TypeError: what is no number; :class:`Stream` raises ValueError if they are not finite or ``low`` > ``high``
+    """
+    return Law("uniform", (real("low", low), real("high", high)))
 
 
 def log_uniform(low: float, high: float) -> Law:
-    """The logarithm is uniform between those of two positive numbers."""
-    return Law("log_uniform", (low, high))
+    """The logarithm is uniform between those of two positive numbers.
+
+    :raises TypeError: what is no number; :class:`Stream` raises ValueError if they are not finite, not > 0 or ``low`` > ``high``
+    """
+    return Law("log_uniform", (real("low", low), real("high", high)))
 
 
 def integers(low: int, high: int) -> Law:
-    """Whole numbers, all alike, from ``low`` to ``high``, both included."""
-    ends = [_scenario.whole(name, value, -(2**53), 2**53) for name, value in (("low", low), ("high", high))]
-    return Law("integers", tuple(ends))
+    """Whole numbers, all alike, from ``low`` to ``high``, both included.
+
+    :raises TypeError: what is no whole number
+    :raises ValueError: one beyond -2^53 to 2^53; :class:`Stream` raises it if ``low`` > ``high``
+    """
+    return Law("integers", (whole("low", low, -(2**53), 2**53), whole("high", high, -(2**53), 2**53)))
 
 
 def choice(values: Sequence[Any]) -> Law:
-    """One of several values, all alike: numbers, texts, lists, dicts, as in a scenario."""
+    """One of several values, all alike: numbers, texts, lists, dicts, as in a scenario.
+
+    :raises TypeError: what is no sequence; :class:`Stream` raises ValueError if it is empty or has a value that is not allowed
+    """
+    if not isinstance(values, (Sequence, np.ndarray)) or isinstance(values, str):
+        raise TypeError(f"values = {values!r}: expected a list of values")
     return Law("choice", values=tuple(values))
 
 
@@ -72,7 +87,7 @@ def _check_paths(paths: Sequence[str]) -> None:
 def _sides(crop: Any) -> tuple[int, int]:
     if not isinstance(crop, (Sequence, np.ndarray)) or isinstance(crop, str) or len(crop) != 2:
         raise TypeError(f"crop = {crop!r}: expected two whole numbers, rows and columns")
-    rows, columns = (_scenario.whole("crop", side, 1, 2**31 - 1) for side in crop)
+    rows, columns = (whole("crop", side, 1, 2**31 - 1) for side in crop)
     return rows, columns
 
 
@@ -138,7 +153,9 @@ class Stream:
             (:meth:`window`); the whole image is drawn, so that this takes longer.
         :param vary: what varies, by path of the scenario: :func:`uniform`, :func:`log_uniform`, :func:`integers`,
             :func:`choice`. Light, noise and numbers cost next to nothing; other keys resolve the scenario anew for each
-            sample, and new optics make new tables.
+            sample, and new optics make new tables: with ``render.mode`` ``expected`` or ``waves``, or the label ``clean``, of
+            the order of a second for each sample instead of a fraction of a millisecond, with ``rays`` less than a tenth of it.
+            A :func:`choice` among up to 8 optics makes their tables once.
         :param seed: seed of the stream, 0 to 2^64 - 1; the scenario's own does not matter
         :param set: values by path that are the same in all samples
         :param labels: of ``boxes, instances, heatmap, depth, flow, clean`` (``particles`` are always there)
@@ -150,24 +167,19 @@ class Stream:
         :param flow_depth_um: depth of ``flow``, um, or the mean over the depth range
         :param flow_components: 3 for the displacement along z (um) as well
         :param particles: rows for particles in a batch, at least; more if a sample has more
-        :raises ValueError: a scenario, path or value that cannot be used
+        :raises ValueError: a scenario, path or value that cannot be used; batches that memory is not free for
+        :raises TypeError: an argument of another kind
         """
         unknown = [label for label in labels if label not in LABELS]
         if unknown:
             raise ValueError(f"labels = {unknown}: expected some of {', '.join(LABELS)}")
-        if split not in ("train", "val"):
-            raise ValueError(f"split = {split!r}: expected one of train, val")
-        batch, ahead = _scenario.whole("batch", batch, 1), _scenario.whole("ahead", ahead, 1)
-        particles, seed = _scenario.whole("particles", particles), _scenario.whole("seed", seed, 0, _scenario.LAST_SEED)
-        if crop_at not in ("center", "random"):
-            raise ValueError(f"crop_at = {crop_at!r}: expected one of center, random")
-        if flow_components not in (2, 3):
-            raise ValueError(f"flow_components = {flow_components}: expected 2 or 3")
+        batch, ahead, particles = whole("batch", batch, 1), whole("ahead", ahead, 1), whole("particles", particles)
+        seed, validation = whole("seed", seed, 0, LAST_SEED), one_of("split", split, ("train", "val")) == "val"
         values = _scenario.values_by_path(set)
         window = None
         if crop is not None:
             rows, columns = _sides(crop)
-            if crop_at == "random":
+            if one_of("crop_at", crop_at, ("center", "random")) == "random":
                 window = (rows, columns)
             else:
                 optics = json.loads(_microsig.resolve(_scenario.text(scenario, None, values))[0])["optics"]
@@ -184,22 +196,25 @@ class Stream:
             "depth": "depth" in labels,
             "heatmap": "heatmap" in labels,
             "flow": "flow" in labels,
-            "flow_depth_um": None if flow_depth_um == "mean" else float(flow_depth_um),
-            "flow_z": flow_components == 3,
+            "flow_depth_um": None if flow_depth_um == "mean" else real("flow_depth_um", flow_depth_um, what="um or 'mean'"),
+            "flow_z": one_of("flow_components", flow_components, (2, 3)) == 3,
             "clean": "clean" in labels,
-            "share": float(share),
-            "heatmap_sigma_px": float(heatmap_sigma_px),
+            "share": real("share", share),
+            "heatmap_sigma_px": real("heatmap_sigma_px", heatmap_sigma_px),
         }
         if not isinstance(vary, (Mapping, type(None))):
             raise TypeError(f"vary = {vary!r}: expected a dict of laws by path, as {{'optics.gain': ms.uniform(1, 2)}}")
         _check_paths(list(vary or {}))
         laws = [(path, _law(path, law)._parts()) for path, law in (vary or {}).items()]
-        number = (2 if "flow" in labels else 1) if frames is None else _scenario.whole("frames", frames, 1, 2**31 - 1)
+        number = (2 if "flow" in labels else 1) if frames is None else whole("frames", frames, 1, 2**31 - 1)
         text = _scenario.text(scenario, None, values)
-        self._arguments = (text, laws, seed, split == "val", number, wanted, particles, window)
+        self._arguments = (text, laws, seed, validation, number, wanted, particles, window)
         self._position = 0
         self._process = -1
         self._start()
+        # One batch more than are drawn ahead: that which is being made counts twice.
+        told = f"batch = {batch}, ahead = {ahead}, particles = {particles}"
+        self._samples.affordable(told, batch, ahead + 1)
 
     def _start(self) -> None:
         """Makes the compiled part; anew in a process that was forked."""
@@ -228,16 +243,20 @@ class Stream:
     def __getitem__(self, index: int) -> Arrays:
         """Sample ``index`` (from 0): arrays without the axis of the batch."""
         try:
-            number = _scenario.whole("sample", index)
+            number = whole("sample", index)
         except ValueError as error:
             raise IndexError(str(error)) from None
         self._start()
         return {name: values[0] for name, values in self._samples.batch(number, 1).items()}
 
     def samples(self, first: int, n: int) -> Arrays:
-        """``n`` samples from number ``first`` on, as a batch; does not move the stream."""
-        first, n = _scenario.whole("first", first), _scenario.whole("n", n, 1)
+        """``n`` samples from number ``first`` on, as a batch; does not move the stream.
+
+        :raises ValueError: more samples than memory is free for
+        """
+        first, n = whole("first", first), whole("n", n, 1)
         self._start()
+        self._samples.affordable(f"n = {n}", n, 2)
         return self._samples.batch(first, n)
 
     def __iter__(self) -> Iterator[Arrays]:
@@ -260,8 +279,8 @@ class Stream:
 
     def shard(self, worker: int, workers: int) -> Iterator[Arrays]:
         """Every ``workers``-th batch from the position on, beginning with number ``worker``: for workers that share a stream."""
-        if not 0 <= worker < workers:
-            raise ValueError(f"worker = {worker} of {workers}: expected 0 to {workers - 1}")
+        workers = whole("workers", workers, 1, 2**31 - 1)
+        worker = whole("worker", worker, 0, workers - 1)
         self._start()
         first, step = self._position + worker * self._batch, workers * self._batch
         ahead = self._samples.ahead(first, self._batch, step, self._ahead_by)
@@ -270,20 +289,20 @@ class Stream:
 
     def seed_of(self, index: int) -> int:
         """The seed of a sample."""
-        return self._samples.seed_of(_scenario.whole("sample", index))
+        return self._samples.seed_of(whole("sample", index))
 
     def values(self, index: int) -> dict[str, Any]:
         """The values of a sample that vary, by path."""
-        return {path: _parsed(value) for path, value in self._samples.values(index)}
+        return {path: _parsed(value) for path, value in self._samples.values(whole("sample", index))}
 
     def window(self, index: int) -> tuple[int, int] | None:
         """First row and column of a sample in the images of its scenario, from 0, with ``crop_at="random"``; else None."""
-        return self._samples.window(index)
+        return self._samples.window(whole("sample", index))
 
     def scenario(self, index: int) -> dict[str, Any]:
         """The scenario of a sample, every default written out: :func:`generate` makes a dataset of it that begins with it."""
         self._start()
-        scenario: dict[str, Any] = json.loads(self._samples.scenario(index)[0])
+        scenario: dict[str, Any] = json.loads(self._samples.scenario(whole("sample", index))[0])
         return scenario
 
     @property
@@ -310,7 +329,7 @@ class Stream:
 
     def seek(self, position: int) -> None:
         """Go on with a batch that begins with sample number ``position``."""
-        position = _scenario.whole("position", position)
+        position = whole("position", position)
         self.close()
         self._position = position
 

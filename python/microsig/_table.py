@@ -95,7 +95,7 @@ class Table:
         return next((len(array) for array in self._columns.values()), 0)
 
     def __getitem__(self, key: Any) -> Any:
-        """A column (by name: an array), or rows (by mask, slice or indices: a table)."""
+        """A column (by name: an array), or rows (by number, mask, slice or indices: a table)."""
         if isinstance(key, str):
             try:
                 return self._columns[key]
@@ -103,6 +103,8 @@ class Table:
                 known = ", ".join(self._columns)
                 raise KeyError(f"{self.name} has no column {key}; it has {known}") from None
         if isinstance(key, (int, np.integer)):
+            if not -len(self) <= key < len(self):
+                raise IndexError(f"{self.name} has no row {key}; it has {len(self)} rows")
             key = slice(int(key), int(key) + 1 or None)
         return self._with({column: array[key] for column, array in self._columns.items()})
 

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch.utils.data import IterableDataset, get_worker_info
 
-from ._scenario import whole
+from ._arguments import whole
 from ._stream import Arrays, Stream
 
 

@@ -84,7 +84,7 @@ impl Made {
         Ok(Some((table(py, &of, columns)?, stack(py, counts, (images.len(), size.0, size.1))?)))
     }
 
-    /// The scenario as JSON, every default written out, and as RON.
+    /// The scenario, every default written out, as [`texts`] gives it.
     fn scenario(&self) -> PyResult<(String, String)> {
         texts(self.0.scenario()).map_err(raise)
     }
@@ -126,7 +126,7 @@ fn generate(py: Python<'_>, text: ScenarioText, show: bool) -> PyResult<Made> {
     Ok(Made(made))
 }
 
-/// A scenario as JSON and as RON, every default written out, and its warnings.
+/// A scenario, every default written out, as [`texts`] gives it, and its warnings.
 #[pyfunction]
 fn resolve(py: Python<'_>, text: ScenarioText) -> PyResult<(String, String, Vec<String>)> {
     run(py, false, OnInterrupt::Leave, move |_| {
@@ -136,8 +136,15 @@ fn resolve(py: Python<'_>, text: ScenarioText) -> PyResult<(String, String, Vec<
     })
 }
 
+/// A scenario as JSON, with the files that it refers to where they were read, so that it can be used
+/// anywhere; and as RON, with their paths in its dataset.
 pub(crate) fn texts(scenario: &Scenario) -> storage::Result<(String, String)> {
-    let json = serde_json::to_string(&scenario.spec).map_err(|e| storage::Error::input(e.to_string()))?;
+    let failed = |e: serde_json::Error| storage::Error::input(e.to_string());
+    let mut json = serde_json::to_string(&scenario.spec).map_err(failed)?;
+    for input in &scenario.inputs {
+        let quoted = |text: &str| serde_json::to_string(text).map_err(failed);
+        json = json.replace(&quoted(&input.path)?, &quoted(&input.source.to_string_lossy())?);
+    }
     Ok((json, scenario::write(&scenario.spec)?))
 }
 
@@ -198,7 +205,7 @@ fn manifest(py: Python<'_>, dataset: PathBuf) -> PyResult<String> {
     })
 }
 
-/// Scenario (JSON and RON) and settings of a dataset's folder.
+/// Scenario, as [`texts`] gives it, and settings of a dataset's folder.
 #[pyfunction]
 fn scenario_of<'py>(py: Python<'py>, dataset: PathBuf) -> PyResult<(String, String, Bound<'py, PyDict>)> {
     let scenario = run(py, false, OnInterrupt::Leave, move |_| scenario::of_dataset(&dataset))?.0;

@@ -49,11 +49,8 @@ pub(crate) fn pool(_: Python<'_>) -> PyResult<Arc<ThreadPool>> {
 
 /// Sets the number of threads of all calls that follow; 0: one for every core.
 #[pyfunction]
-pub(crate) fn set_threads(threads: i64) -> PyResult<()> {
-    let number = usize::try_from(threads).ok().filter(|number| *number <= 1024);
-    let number =
-        number.ok_or_else(|| PyValueError::new_err(format!("threads = {threads}: expected 0 to 1024")))?;
-    let threads = build(number)?;
+pub(crate) fn set_threads(threads: usize) -> PyResult<()> {
+    let threads = build(threads)?;
     let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some((of, before)) = pool.replace((std::process::id(), threads))
         && of != std::process::id()
@@ -127,15 +124,34 @@ pub(crate) fn defect(panic: &(dyn Any + Send)) -> PyErr {
     PyRuntimeError::new_err(format!("a defect of microsig, please report it: {text}"))
 }
 
+/// Options of the command in messages, and what they are called in Python; of names that begin alike the
+/// longer first.
+const OPTIONS: [(&str, &str); 16] = [
+    ("--auto-offset", "auto_offset"),
+    ("--border", "border_px"),
+    ("--crlb", "crlb"),
+    ("--depth LOW HIGH", "depth_um=(LOW, HIGH)"),
+    ("--dims", "dims"),
+    ("--force", "force=True"),
+    ("--format", "format"),
+    ("--frame-base", "frame_base"),
+    ("--gate-xy", "gate_xy_px"),
+    ("--gate-z", "gate_z_um"),
+    ("--gate", "gate"),
+    ("--isbi-gate", "isbi_gate_px"),
+    ("--plane", "plane_um"),
+    ("--threads", "set_threads()"),
+    ("--um-per-px", "um_per_px"),
+    ("--y up", "y=\"up\""),
+];
+
 /// The exception of an error, with the command's message.
 pub(crate) fn raise(error: Error) -> PyErr {
     let text = printable(&error.messages().join("\n"));
+    let text = OPTIONS.iter().fold(text, |text, (option, name)| text.replace(option, name));
     match error {
         Error::Interrupted => PyKeyboardInterrupt::new_err(text),
-        Error::Exists(path) => {
-            let text = format!("{} exists already; force=True replaces it", path.display());
-            PyFileExistsError::new_err(printable(&text))
-        }
+        Error::Exists(_) => PyFileExistsError::new_err(text),
         Error::Read { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
             PyFileNotFoundError::new_err(text)
         }

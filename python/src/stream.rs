@@ -136,6 +136,11 @@ impl Samples {
         run(py, false, OnInterrupt::Leave, move |_| crate::dataset::texts(&stream.scenario(index)?))
     }
 
+    /// Checks that memory is free for so many batches of `n` samples; `what` names their arguments.
+    fn affordable(&self, what: &str, n: u64, batches: u64) -> PyResult<()> {
+        self.0.affordable(what, n, batches).map_err(raise)
+    }
+
     /// `n` samples from a number on.
     fn batch<'py>(&self, py: Python<'py>, first: u64, n: usize) -> PyResult<Bound<'py, PyDict>> {
         let stream = Arc::clone(&self.0);

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,7 +17,7 @@ from pathlib import Path
 import microsig as ms
 import numpy as np
 import pytest
-from conftest import SMALL, command
+from conftest import ROOT, SMALL, command
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -56,7 +58,11 @@ def test_arrays_are_what_is_in_the_files(golden, tmp_path):
         if made.calibration is not None:
             np.testing.assert_array_equal(made.calibration.images, read.calibration.images)
             np.testing.assert_array_equal(made.calibration.z_um, read.calibration.z_um)
-        assert made.scenario == read.scenario and made.settings == read.settings
+        assert made.scenario_text == read.scenario_text and made.settings == read.settings
+        for of in (made, read):
+            again = ms.generate(of.scenario)
+            assert again.scenario_text == made.scenario_text
+            np.testing.assert_array_equal(again.images, made.images)
         assert made.um_per_px == read.um_per_px and made.depth_range_um == read.depth_range_um
         assert made.dt_s == read.dt_s and made.bits == read.bits
 
@@ -104,6 +110,10 @@ def test_tables_have_columns_rows_and_another_origin():
     assert "rows" in repr(tracks) and "<table>" in tracks._repr_html_()
     with pytest.raises(KeyError, match="it has"):
         tracks["x"]
+    assert len(tracks[-1]) == 1 and tracks[-1]["x_px"] == tracks["x_px"][-1]
+    for row in (len(tracks), -len(tracks) - 1):
+        with pytest.raises(IndexError, match=f"no row {row}; it has {len(tracks)} rows"):
+            tracks[row]
     with pytest.raises(ValueError, match="different lengths"):
         ms.Table({"a": [1], "b": [1, 2]})
     pandas = pytest.importorskip("pandas")
@@ -190,7 +200,7 @@ DENSE = """(
 )"""
 
 
-@pytest.mark.parametrize("what", ["generate", "place", "save"])
+@pytest.mark.parametrize("what", ["generate", "place", "save", "track"])
 def test_ctrl_c_ends_long_work_within_a_second_and_leaves_nothing(what, tmp_path):
     program = textwrap.dedent(
         f"""
@@ -200,6 +210,10 @@ def test_ctrl_c_ends_long_work_within_a_second_and_leaves_nothing(what, tmp_path
             dataset = ms.generate(scenario, set={{"timing.pairs.count": 300}})
             print("ready", flush=True)
             work = lambda: dataset.save("out")
+        elif {what!r} == "track":
+            dataset = ms.generate(scenario, set={{"timing.pairs.count": 100}})
+            print("ready", flush=True)
+            work = lambda: ms.track(dataset, "mle")
         else:
             print("ready", flush=True)
             work = lambda: ms.generate(scenario)
@@ -211,9 +225,10 @@ def test_ctrl_c_ends_long_work_within_a_second_and_leaves_nothing(what, tmp_path
         print(ms.generate({SMALL!r}).images.shape, flush=True)
         """
     )
-    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, cwd=tmp_path)
+    place = dict(cwd=tmp_path, env={**os.environ, "TMPDIR": str(tmp_path)})
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, **place)
     assert process.stdout is not None and process.stdout.readline() == "ready\n"
-    time.sleep(0.1 if what == "save" else 0.4)
+    time.sleep({"save": 0.1, "track": 1.5}.get(what, 0.4))
     sent = time.monotonic()
     process.send_signal(signal.SIGINT)
     told = process.stdout.readline().split()
@@ -257,3 +272,66 @@ def test_unrounded_images_are_floats_everywhere(tmp_path):
     assert one.dtype == np.float32 and np.any(one != np.round(one))
     with pytest.raises(ValueError, match="image_format = float32"):
         ms.Stream(SMALL, 1, set={"image_format": "float32"})
+
+
+def test_the_truth_is_read_only(tmp_path):
+    made = ms.generate(SMALL)
+    read = ms.open(made.save(tmp_path / "d"))
+    for dataset in (made, read):
+        assert dataset.calibration is not None
+        tables = (dataset.tracks, dataset.frames, dataset.depth, dataset.calibration.table)
+        arrays = [array for table in tables for array in table.to_dict().values()]
+        images = [dataset.image(0), dataset.images, dataset.calibration.images]
+        assert not any(array.flags.writeable for array in arrays + images)
+        with pytest.raises(ValueError, match="read-only"):
+            dataset.tracks["x_px"][0] = 1e9
+        assert dataset.tracks[dataset.tracks["frame"] == 0]["x_px"].flags.writeable, "a copy"
+
+
+def test_a_scenario_with_files_can_be_used_from_any_folder(tmp_path, monkeypatch):
+    scenario = ROOT / "tests/data/golden/tracks.ron"
+    monkeypatch.chdir(scenario.parent)
+    made = ms.generate("tracks.ron")
+    drawn = ms.Stream("tracks.ron", 1)
+    sample = drawn[0]["image"][0]
+    scenarios = [made.scenario, ms.resolve("tracks.ron"), drawn.scenario(0)]
+    made.save(tmp_path / "d")
+    monkeypatch.chdir(tmp_path)
+    scenarios.append(ms.open("d").scenario)
+    monkeypatch.chdir("/")
+    assert scenarios[0]["motion"]["tracks"]["file"] == str(scenario.parent / "tracks.csv")
+    assert scenarios[3]["motion"]["tracks"]["file"] == str(tmp_path / "d/inputs/tracks.csv")
+    for of, image in zip(scenarios, (made.images[0], made.images[0], sample, made.images[0])):
+        np.testing.assert_array_equal(ms.generate(of).images[0], image)
+    assert "inputs/tracks.csv" in made.scenario_text
+
+
+def test_files_that_the_manifest_lists_have_to_be_there(tmp_path):
+    made = ms.generate(SMALL, set={"truth.boxes": True})
+    names = ("frames", "tracks", "displacements", "depth", "boxes", "field", "calibration")
+    for name in names:
+        read = ms.open(made.save(tmp_path / "d", force=True))
+        assert getattr(ms.open(tmp_path / "d"), name) is not None
+        shutil.rmtree(tmp_path / "d")
+        with pytest.raises(FileNotFoundError, match=f"{name}.csv"):
+            getattr(read, name)
+    bare = ms.open(ms.generate(SMALL, set={"calibration": "none"}).save(tmp_path / "bare"))
+    assert bare.calibration is None and bare.boxes is None
+
+
+def test_broken_files_are_told_with_their_path(tmp_path):
+    folder = ms.generate(SMALL).save(tmp_path / "d")
+    (folder / "truth/frames.csv").write_text("x\n1\n")
+    with pytest.raises(ValueError, match="truth/frames.csv: columns frame, .* are missing"):
+        ms.open(folder).images
+    for manifest in ("{}", '{"microsig": {}}', "[]", "x"):
+        (folder / "datapackage.json").write_text(manifest)
+        with pytest.raises(ValueError, match="datapackage.json"):
+            ms.open(folder)
+
+
+def test_datasets_in_memory_are_not_pickled():
+    dataset = ms.generate(SMALL)
+    for copied in (copy.deepcopy, pickle.dumps):
+        with pytest.raises(TypeError, match="save"):
+            copied(dataset)

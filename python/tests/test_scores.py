@@ -207,9 +207,3 @@ def test_columns_are_told_without_the_file_that_they_are_written_to():
     assert "tmp" not in str(told.value) and "result" in str(told.value)
     with pytest.raises(TypeError, match="method = 3: expected one of"):
         ms.track(dataset, 3)
-
-
-def test_threads_are_told_their_range():
-    for threads in (-1, 1025):
-        with pytest.raises(ValueError, match="expected 0 to 1024"):
-            ms.set_threads(threads)

@@ -10,6 +10,8 @@ use storage::input;
 pub struct Input {
     /// Its path in the dataset.
     pub path: String,
+    /// The file that was read, an absolute path.
+    pub source: PathBuf,
     /// Its content.
     pub bytes: Vec<u8>,
 }
@@ -29,7 +31,8 @@ impl Files<'_> {
         Some((path, bytes))
     }
 
-    /// Stores a file for the dataset and returns its path there; files with the same name are numbered.
+    /// Stores a file that was read for the dataset and returns its path there; files with the same name are
+    /// numbered.
     pub(super) fn keep(&mut self, path: &Path, bytes: Vec<u8>) -> String {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut copy = format!("inputs/{name}");
@@ -38,7 +41,9 @@ impl Files<'_> {
             copy = format!("inputs/{number}_{name}");
             number += 1;
         }
-        self.inputs.push(Input { path: copy.clone(), bytes });
+        // Fails for an empty path alone.
+        let source = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        self.inputs.push(Input { path: copy.clone(), source, bytes });
         copy
     }
 }

@@ -1,8 +1,6 @@
 //! Particles in scenarios: number, positions, diameters, brightness, orientations, and motion besides the
 //! flow.
 
-use std::path::Path;
-
 use flows::body::Body;
 use flows::brownian::{Brownian as BrownianMotion, Settling as SettlingMotion};
 use flows::intensities::Intensities;
@@ -436,7 +434,7 @@ impl Particles {
                 let read: Result<_> =
                     data_file::read(&bytes[..], &path.display().to_string()).map_err(Into::into);
                 let listed = problems.of("particles.number.file", read)?;
-                *file = files.keep(Path::new(file), bytes);
+                *file = files.keep(&path, bytes);
                 let object = |p: &microsig_core::Particle| {
                     scale.to_object(flows::scale::ImagePoint { x_px: p.x_px, y_px: p.y_px, z_um: p.z_um })
                 };

@@ -5,6 +5,7 @@
 //! Process. 16, 3020). The particle image is sparse in this basis, the noise is not. Counts are first
 //! transformed to unit variance (generalized Anscombe transform; Starck, Murtagh & Bijaoui 1998).
 
+use microsig_core::cancel::checkpoint;
 use rayon::prelude::*;
 
 use super::gray_image::GrayImage;
@@ -81,6 +82,7 @@ pub(super) fn denoised(stack: &[GrayImage], noise: PixelNoise, averaged: f32) ->
     let slab = |z: usize| {
         let mut sums = vec![[0.0f32; 2]; DEPTHS * width * height];
         for &y in &rows {
+            checkpoint();
             for &x in &columns {
                 let mut block = [0.0f32; SIDE * SIDE * DEPTHS];
                 for (k, plane) in block.chunks_mut(SIDE * SIDE).enumerate() {

@@ -65,6 +65,7 @@ impl<'a> Job<'a> {
         let done = items
             .par_iter()
             .map(|&item| {
+                self.options.progress.check()?;
                 let start = Instant::now();
                 let result = work(item)?;
                 self.log().seconds.push(start.elapsed().as_secs_f64());
@@ -84,6 +85,7 @@ impl<'a> Job<'a> {
     ) -> Result<()> {
         let bar = self.options.progress.images(items.len() as u64);
         let done = items.iter().enumerate().try_for_each(|(k, &item)| {
+            self.options.progress.check()?;
             let start = Instant::now();
             work(k, item)?;
             self.log().seconds.push(start.elapsed().as_secs_f64());

@@ -5,6 +5,8 @@
 //! as a group (Levenberg-Marquardt), one group after the other with all other particles subtracted. Variances
 //! and background are updated in every round.
 
+use microsig_core::cancel::checkpoint;
+
 use super::acceptance::{Verdict, verdict};
 use super::denoise::PixelNoise;
 use super::fit::{Agreement, ParticleFit};
@@ -102,6 +104,7 @@ impl<'a> Frame<'a> {
         let own: Vec<f64> = patches.iter().map(|p| product(p, p)).collect();
         let mut edges = Vec::new();
         for i in 0..patches.len() {
+            checkpoint();
             for j in i + 1..patches.len() {
                 let correlation = product(&patches[i], &patches[j]) / (own[i] * own[j]).sqrt();
                 if correlation > OVERLAP {
@@ -215,6 +218,7 @@ impl<'a> Region<'a> {
     }
 
     fn state(&self, particles: Vec<ParticleFit>) -> State {
+        checkpoint();
         let patches: Vec<ImagePatch> = particles
             .iter()
             .zip(&self.radii)
@@ -286,6 +290,7 @@ impl<'a> Region<'a> {
 
 impl Model<'_> {
     fn patch(&self, particle: &ParticleFit) -> ImagePatch {
+        checkpoint();
         self.images.patch(particle.at, particle.z_um, self.images.radius_px(particle.z_um, self.step_um))
     }
 

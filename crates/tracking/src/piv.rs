@@ -8,6 +8,7 @@
 use std::borrow::Cow;
 
 use fourier::{Complex32, Direction, ImageFft};
+use microsig_core::cancel::checkpoint;
 use rayon::prelude::*;
 
 use super::Method;
@@ -122,6 +123,7 @@ impl Pass {
         self.planes.par_chunks_mut(window * window).zip(&self.grid.vectors).for_each_init(
             || correlation.scratch(),
             |scratch, (plane, vector)| {
+                checkpoint();
                 let corner = vector.at.map(|c| (c - half) as usize);
                 correlation.add(&a, &b, corner, scratch, plane);
             },

@@ -5,6 +5,8 @@
 //! template, it is subtracted from the frame, so that it is not detected twice and overlapped particles
 //! become visible.
 
+use microsig_core::cancel::checkpoint;
+
 use super::acceptance::{LEAST_BRIGHTNESS, LEAST_SIGNIFICANCE, Rejections, Verdict, verdict};
 use super::fit::{ParticleFit, Residual};
 use super::images::ParticleImages;
@@ -76,6 +78,7 @@ impl<'a> Search<'a> {
         let least = (LEAST_SIGNIFICANCE * LEAST_SIGNIFICANCE) as f32;
         let mut candidates = Vec::new();
         for template in coarse {
+            checkpoint();
             let map = maps.chi2_reduction(self.templates, template);
             for y in 0..h {
                 for x in 0..w {
@@ -100,6 +103,7 @@ impl<'a> Search<'a> {
 
     /// Fits a candidate and, if it is accepted as a particle, subtracts it from the frame.
     fn take(&mut self, candidate: Candidate) {
+        checkpoint();
         let Candidate { template, x, y, .. } = candidate;
         let worth = |m: &Match| m.amplitude > WORTH_A_FIT * LEAST_BRIGHTNESS;
         // Particles accepted in the meantime may account for this candidate.
@@ -133,6 +137,7 @@ impl<'a> Search<'a> {
     }
 
     fn fit(&self, at: [f64; 2], z_um: f64) -> Option<ParticleFit> {
+        checkpoint();
         ParticleFit::near(&self.residual, self.templates, at, z_um, self.templates.step_um())
     }
 

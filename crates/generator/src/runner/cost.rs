@@ -293,13 +293,13 @@ impl ImageTime {
     }
 }
 
-fn size_text(bytes: u64) -> String {
+pub(crate) fn size_text(bytes: u64) -> String {
     let mb = bytes as f64 / 1e6;
     if mb < 1e3 { format!("{mb:.1} MB") } else { format!("{:.1} GB", mb / 1e3) }
 }
 
 /// Free memory, bytes: the minimum of what the system, the control group and the limit of the process leave.
-fn free_memory() -> Option<u64> {
+pub(crate) fn free_memory() -> Option<u64> {
     let read = |path: &str| std::fs::read_to_string(path).ok();
     let kib = |text: &str, key: &str| -> Option<u64> {
         let line = text.lines().find_map(|line| line.strip_prefix(key))?;

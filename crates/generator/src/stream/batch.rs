@@ -2,8 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::{Sample, SampleStream};
-use storage::error::Result;
+use super::{PARTICLE_COLUMNS, Sample, SampleStream};
+use crate::runner::{free_memory, size_text};
+use storage::error::{Error, Result};
 
 /// A batch of samples: the first axis of every array is the sample; arrays of particles are padded with
 /// zeros.
@@ -69,7 +70,35 @@ impl Batch {
     }
 }
 
+impl Sample {
+    /// Memory in a batch with at least `rows` rows for particles (of which boxes are a part), bytes.
+    pub(super) fn bytes(&self, rows: usize) -> u64 {
+        let rows = rows.max(self.particles.len()) as u64;
+        let values =
+            self.clean.len() + self.instances.len() + self.depth.len() + self.heatmap.len() + self.flow.len();
+        let of_row = 4 * PARTICLE_COLUMNS.len() + 4 * 6 + 1;
+        rows.saturating_mul(of_row as u64).saturating_add((2 * self.images.len() + 4 * values) as u64)
+    }
+}
+
 impl SampleStream {
+    /// Checks that memory is free for so many batches of `n` samples; `what` names their arguments in the
+    /// message. A batch that is being made counts twice: its samples are collected first.
+    ///
+    /// # Errors
+    /// [`Error::Input`] with required and free bytes.
+    pub fn affordable(&self, what: &str, n: u64, batches: u64) -> Result<()> {
+        let batch = self.sample_bytes.saturating_mul(n).saturating_add(size_of::<Batch>() as u64);
+        let (needed, free) = (batch.saturating_mul(batches), free_memory().unwrap_or(isize::MAX as u64));
+        if needed <= free {
+            return Ok(());
+        }
+        let (needed, free) = (size_text(needed), size_text(free));
+        Err(Error::input(format!(
+            "{what}: expected less, as about {needed} of memory are needed and only {free} are free"
+        )))
+    }
+
     /// Computes the `n` samples from index `first` on, in parallel; `go_on` is called before each and can
     /// stop the work by an error.
     ///

@@ -68,6 +68,8 @@ pub struct SampleStream {
     sampler: Sampler,
     image_px: (u32, u32),
     size_px: (u32, u32),
+    /// Memory of a sample in a batch, bytes.
+    sample_bytes: u64,
 }
 
 impl SampleStream {
@@ -90,8 +92,13 @@ impl SampleStream {
                 return Err(Error::input("vary seed: every sample has a seed of its own"));
             }
         }
-        let mut stream =
-            SampleStream { options, sampler: Sampler::default(), image_px: (0, 0), size_px: (0, 0) };
+        let mut stream = SampleStream {
+            options,
+            sampler: Sampler::default(),
+            image_px: (0, 0),
+            size_px: (0, 0),
+            sample_bytes: 0,
+        };
         let base = stream.scenario(0)?;
         stream.image_px = (base.settings.pixel_dim_x, base.settings.pixel_dim_y);
         stream.size_px = stream.options.window.unwrap_or(stream.image_px);
@@ -128,7 +135,7 @@ impl SampleStream {
             }
         }
         // Computes the tables of optics that all samples share.
-        stream.sample(0)?;
+        stream.sample_bytes = stream.sample(0)?.bytes(stream.options.rows);
         Ok(stream)
     }
 
