@@ -35,8 +35,8 @@ enum Comparison {
     },
     /// Compares expected images with the mean of very many rays; exit code 1 if one differs.
     Expected(expected::Comparison),
-    /// Compares wave optics with rays at short wavelengths and with theory in focus; exit code 1 if a limit is
-    /// missed.
+    /// Compares wave optics with rays at short wavelengths and with theory in focus; exit code 1 if a limit
+    /// is missed.
     Waves {
         /// Output folder of pictures and README.md.
         #[arg(long, default_value = "target/waves")]

@@ -206,8 +206,8 @@ fn airy() -> anyhow::Result<Vec<Check>> {
     Ok(checks)
 }
 
-/// The focus of an aplanatic lens of this numerical aperture for an isotropic emitter: a pupil whose amplitude
-/// grows as 1/sqrt(cos theta). Radii are in units of 0.61 lambda M / NA.
+/// The focus of an aplanatic lens of this numerical aperture for an isotropic emitter: a pupil whose
+/// amplitude grows as 1/sqrt(cos theta). Radii are in units of 0.61 lambda M / NA.
 struct Focus(f64);
 
 impl Focus {

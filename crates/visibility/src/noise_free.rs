@@ -185,6 +185,7 @@ mod tests {
             for particle in particles() {
                 let light = renderer.light(&[particle], &Streams::new(0), Purpose::Rays, 0).values;
                 let patch = single.draw(&particle);
+                assert_eq!(single.pixels(&particle), patch.values.len(), "{particle:?}");
                 let mut drawn = vec![0.0; light.len()];
                 for (row, values) in patch.values.chunks(patch.width.max(1)).enumerate() {
                     let first = (patch.corner.1 + row) * settings.pixel_dim_x as usize + patch.corner.0;
