@@ -15,6 +15,21 @@ pub fn stretch(image: &Image, black: f64, white: f64) -> GrayImage {
     })
 }
 
+/// 8-bit picture of the light on rows of `width` pixels: square roots, from 0 to the highest, since rings are
+/// much fainter than focused images.
+pub fn square_roots(light: &[f64], width: u32) -> GrayImage {
+    let peak = light.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+    GrayImage::from_fn(width, light.len() as u32 / width, |x, y| {
+        Luma([(255.0 * (light[(y * width + x) as usize] / peak).max(0.0).sqrt()).round() as u8])
+    })
+}
+
+/// Every pixel of a picture as a square of `zoom` x `zoom`.
+pub fn magnified(picture: &GrayImage, zoom: u32) -> GrayImage {
+    let (width, height) = picture.dimensions();
+    image::imageops::resize(picture, width * zoom, height * zoom, image::imageops::FilterType::Nearest)
+}
+
 /// Quantile of the counts: `share` (0 to 1) of the pixels lie below it.
 pub fn quantile(image: &Image, share: f64) -> f64 {
     let mut sorted = image.counts.whole().into_owned();

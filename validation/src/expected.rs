@@ -15,6 +15,8 @@ use suite::expected::Agreement;
 use suite::picture::side_by_side;
 use suite::template::fill;
 
+use crate::curves;
+
 /// Tolerance of the expected images, finer than the default.
 const TOLERANCE: f64 = 1e-3;
 
@@ -302,18 +304,10 @@ fn plot(path: &Path, rows: &[Row]) -> anyhow::Result<()> {
         let color = color(group[0]);
         let middle = group.iter().filter(|row| row.place == "middle");
         let points = middle.map(|row| (row.particle.z_um, row.agreement.rms));
-        chart
-            .draw_series(LineSeries::new(points, color.stroke_width(2)).point_size(3))?
-            .label(format!("{}, {}", group[0].series, group[0].light.name()))
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 24, y)], color.stroke_width(2)));
+        let name = format!("{}, {}", group[0].series, group[0].light.name());
+        curves::draw(&mut chart, name, color, points)?;
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .label_font(("sans-serif", 14))
-        .background_style(WHITE.mix(0.9))
-        .border_style(RGBColor(180, 180, 180))
-        .draw()?;
+    curves::legend(&mut chart, SeriesLabelPosition::UpperRight)?;
     area.present()?;
     Ok(())
 }

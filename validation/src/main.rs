@@ -1,6 +1,7 @@
 //! Comparisons with other people's programs and with independent Monte Carlo: `cargo validate <what>`.
 #![expect(clippy::print_stdout, reason = "a comparison tells what it found")]
 
+mod curves;
 mod expected;
 mod exports;
 mod fit;

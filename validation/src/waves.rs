@@ -11,8 +11,10 @@ use microsig_core::render::expected::ExpectedRenderer;
 use microsig_core::render::waves::{Lens, WaveOptics, WavesRenderer};
 use microsig_core::{Particle, Settings};
 use plotters::prelude::*;
-use suite::picture::side_by_side;
+use suite::picture::{magnified, side_by_side, square_roots};
 use suite::template::fill;
+
+use crate::curves;
 
 /// Side of the compared part of an image, px.
 const SIDE: usize = 41;
@@ -93,7 +95,7 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
         );
         let images = std::iter::once(&rays).chain(found.iter().rev().map(|found| &found.image));
         let file = format!("limit_{number}.png");
-        strip(images)?.save(out.join(&file))?;
+        strip(images).save(out.join(&file))?;
         let name = format!("setting {}, {} um, z = {} um", case.name, case.d_um, case.z_um);
         write!(pictures, "\n{name}\n\n![{name}]({file})\n")?;
         series.push((name, found.iter().map(|found| found.largest).collect::<Vec<_>>()));
@@ -248,18 +250,11 @@ impl Focus {
     }
 }
 
-/// Square roots of the light of images, each on its own scale.
-fn strip<'a>(images: impl Iterator<Item = &'a Vec<f64>>) -> anyhow::Result<GrayImage> {
+/// Images side by side.
+fn strip<'a>(images: impl Iterator<Item = &'a Vec<f64>>) -> GrayImage {
     const ZOOM: u32 = 3;
-    let tiles = images.map(|image| {
-        let peak = image.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-        let gray = image.iter().map(|light| (255.0 * (light / peak).max(0.0).sqrt()).round() as u8).collect();
-        GrayImage::from_raw(SIDE as u32, SIDE as u32, gray).context("an image of another size")
-    });
-    let picture = side_by_side(&tiles.collect::<anyhow::Result<Vec<_>>>()?);
-    let (width, height) = picture.dimensions();
-    let nearest = image::imageops::FilterType::Nearest;
-    Ok(image::imageops::resize(&picture, width * ZOOM, height * ZOOM, nearest))
+    let tiles: Vec<GrayImage> = images.map(|image| square_roots(image, SIDE as u32)).collect();
+    magnified(&side_by_side(&tiles), ZOOM)
 }
 
 fn plot(path: &Path, series: &[(String, Vec<f64>)]) -> anyhow::Result<()> {
@@ -281,20 +276,11 @@ fn plot(path: &Path, series: &[(String, Vec<f64>)]) -> anyhow::Result<()> {
         .bold_line_style(RGBColor(225, 225, 225))
         .draw()?;
     for (i, (name, values)) in series.iter().enumerate() {
-        let color = Palette99::pick(i).to_rgba();
+        let (r, g, b) = Palette99::COLORS[i];
         let points = WAVELENGTHS_UM.into_iter().zip(values.iter().copied());
-        chart
-            .draw_series(LineSeries::new(points, color.stroke_width(2)).point_size(3))?
-            .label(name.clone())
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 24, y)], color.stroke_width(2)));
+        curves::draw(&mut chart, name.clone(), RGBColor(r, g, b), points)?;
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::LowerRight)
-        .label_font(("sans-serif", 14))
-        .background_style(WHITE.mix(0.9))
-        .border_style(RGBColor(180, 180, 180))
-        .draw()?;
+    curves::legend(&mut chart, SeriesLabelPosition::LowerRight)?;
     area.present()?;
     Ok(())
 }

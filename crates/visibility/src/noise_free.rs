@@ -84,16 +84,19 @@ impl NoiseFree {
         self.limit.as_ref().is_none_or(|limit| limit.check(part).is_ok())
     }
 
-    fn renderer_of(&self, part: &Particle) -> &Renderer {
-        self.limit.as_ref().filter(|_| self.by_limit(part)).unwrap_or(&self.renderer)
+    /// The renderer that draws a part, and the factor on its light.
+    fn source(&self, part: &Particle) -> (&Renderer, f64) {
+        match &self.limit {
+            Some(limit) if self.by_limit(part) => (limit, self.factor),
+            _ => (&self.renderer, 1.0),
+        }
     }
 
     fn draw_part(&self, part: &Particle) -> Patch {
-        let Some(patch) = self.renderer_of(part).mean_patch(part) else { return Patch::default() };
+        let (renderer, factor) = self.source(part);
+        let Some(patch) = renderer.mean_patch(part) else { return Patch::default() };
         let (window, mut values) = (patch.window, patch.counts);
-        if self.limit.is_some() && self.by_limit(part) {
-            values.iter_mut().for_each(|light| *light *= self.factor);
-        }
+        values.iter_mut().for_each(|light| *light *= factor);
         // Pixels are counted from 0 here, from 1 in MicroSIG.
         Patch { corner: ((window.x0 - 1) as usize, (window.y0 - 1) as usize), width: window.width, values }
     }
@@ -106,7 +109,7 @@ impl NoiseFree {
     /// Number of pixels on which a particle is drawn; those of its parts are counted separately.
     pub fn pixels(&self, particle: &Particle) -> usize {
         let parts = self.parts(particle);
-        parts.iter().map(|part| self.renderer_of(part).patch_window(part).area()).sum()
+        parts.iter().map(|part| self.source(part).0.patch_window(part).area()).sum()
     }
 }
 

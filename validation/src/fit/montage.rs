@@ -4,8 +4,8 @@ use std::path::Path;
 
 use anyhow::Context;
 use fit::{Scan, StagePositions};
-use image::{GrayImage, imageops};
-use suite::picture::{side_by_side, stacked, write};
+use image::GrayImage;
+use suite::picture::{magnified, side_by_side, stacked, write};
 
 /// Largest number of planes shown.
 const PLANES: usize = 11;
@@ -41,9 +41,7 @@ pub(super) fn montage(scans: &[&Path], out: &Path, name: &str) -> anyhow::Result
         Ok(side_by_side(&tiles.collect::<anyhow::Result<Vec<_>>>()?))
     });
     let picture = stacked(&rows.collect::<anyhow::Result<Vec<_>>>()?);
-    let (width, height) = picture.dimensions();
-    let zoomed = imageops::resize(&picture, width * ZOOM, height * ZOOM, imageops::FilterType::Nearest);
-    write(&zoomed, out, name)
+    write(&magnified(&picture, ZOOM), out, name)
 }
 
 fn peak(counts: &[u16]) -> u16 {

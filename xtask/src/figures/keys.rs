@@ -6,13 +6,13 @@ use std::path::Path;
 use anyhow::Context;
 use generator::dataset::manifest::MANIFEST;
 use generator::runner::{GenerateOptions, Progress, generate};
+use image::GrayImage;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{GrayImage, imageops};
 use microsig_core::formats::tiff;
 use microsig_core::sensor::{Counts, Image};
 use scenario::{self, Picture, Scene, assignment};
 
-use suite::picture::{quantile, side_by_side, stretch};
+use suite::picture::{magnified, quantile, side_by_side, stretch};
 
 /// Magnification of pictures: screen pixels per pixel.
 const ZOOM: u32 = 2;
@@ -52,9 +52,7 @@ fn picture(picture: &Picture) -> anyhow::Result<GrayImage> {
     let black = images.iter().map(|i| quantile(i, 0.01)).fold(f64::INFINITY, f64::min);
     let white = images.iter().map(|i| quantile(i, 0.998)).fold(black + 1.0, f64::max);
     let tiles: Vec<GrayImage> = images.iter().map(|image| lifted(stretch(image, black, white))).collect();
-    let strip = side_by_side(&tiles);
-    let (width, height) = strip.dimensions();
-    Ok(imageops::resize(&strip, width * ZOOM, height * ZOOM, imageops::FilterType::Nearest))
+    Ok(magnified(&side_by_side(&tiles), ZOOM))
 }
 
 /// Takes the square root of gray levels, since rings are much fainter than focused images.

@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use generator::preview::{Preview, svg};
-use image::{GrayImage, imageops};
+use image::GrayImage;
 use microsig_core::Particle;
 use microsig_core::stream::{Purpose, Streams};
 use scenario::{Scenario, load, parse, resolve};
-use suite::picture::{side_by_side, write};
+use suite::picture::{magnified, side_by_side, square_roots, write};
 
 /// Depths of the particles, um.
 const DEPTHS_UM: [f64; 5] = [-60.0, -40.0, -12.0, 0.0, 20.0];
@@ -27,10 +27,7 @@ const RENDERERS: [(&str, &str, &str); 4] = [
 pub(super) fn run(out: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(out)?;
     for (name, optics, render) in RENDERERS {
-        let picture = row(&scenario(optics, render)?)?;
-        let (width, height) = picture.dimensions();
-        let zoomed = imageops::resize(&picture, width * ZOOM, height * ZOOM, imageops::FilterType::Nearest);
-        write(&zoomed, out, name)?;
+        write(&magnified(&row(&scenario(optics, render)?), ZOOM), out, name)?;
     }
     let shown = Preview::of(&load(Path::new("scenarios/objective_20x.ron"), &[], None)?)?;
     std::fs::write(out.join("objective_20x.svg"), svg(&shown)?)?;
@@ -46,15 +43,12 @@ fn scenario(optics: &str, render: &str) -> anyhow::Result<Scenario> {
 }
 
 /// One particle at each depth, as the renderer draws it.
-fn row(scenario: &Scenario) -> anyhow::Result<GrayImage> {
+fn row(scenario: &Scenario) -> GrayImage {
     let middle = f64::from(SIDE / 2 + 1);
     let tiles = DEPTHS_UM.map(|z_um| {
         let particle = Particle::sphere(middle, middle, z_um, 2.0);
-        let light = scenario.renderer.light(&[particle], &Streams::new(1), Purpose::Rays, 0).values;
-        let peak = light.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-        let gray = light.iter().map(|light| (255.0 * (light / peak).max(0.0).sqrt()).round() as u8);
-        GrayImage::from_raw(SIDE, SIDE, gray.collect())
+        let light = scenario.renderer.light(&[particle], &Streams::new(1), Purpose::Rays, 0);
+        square_roots(&light.values, SIDE)
     });
-    let tiles: Option<Vec<GrayImage>> = tiles.into_iter().collect();
-    Ok(side_by_side(&tiles.ok_or_else(|| anyhow::anyhow!("an image of another size"))?))
+    side_by_side(&tiles)
 }

@@ -167,7 +167,7 @@ impl Preview {
         let sizes = sizes_um.iter().zip(&scans).map(|(d_um, scan)| curves(scenario, *d_um, scan, &accepted));
         let sizes = sizes.collect::<Result<Vec<_>>>()?;
         let settings = &scenario.settings;
-        let (waves, mean) = (accepted.waves(settings), &scans[middle]);
+        let (waves, mean) = (accepted.waves(), &scans[middle]);
         let wavelength_um = waves.as_ref().map_or(GREEN_UM, |waves| waves.optics().wavelength_um);
         let factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
         let response = scenario.response()?;
@@ -181,7 +181,7 @@ impl Preview {
             cyl_focal_length_um: settings.cyl_focal_length,
             is_diffracted: matches!(accepted, Accepted::Waves(_)),
             wavelength_um,
-            airy_radius_px: airy_radius_px(settings, wavelength_um),
+            airy_radius_px: WaveOptics::new(wavelength_um).airy_radius_px(settings),
             path_difference_waves: waves
                 .zip(mean.focus_um())
                 .map(|(waves, focus_um)| waves.path_difference_waves(focus_um / factor)),
@@ -261,11 +261,6 @@ impl Preview {
     }
 }
 
-/// Radius of the Airy disc of light of a wavelength (um), px.
-fn airy_radius_px(settings: &Settings, wavelength_um: f64) -> f64 {
-    0.61 * wavelength_um * settings.magnification / (settings.numerical_aperture * settings.pixel_size)
-}
-
 /// The light that the aperture accepts of a particle.
 enum Accepted {
     Rays(Box<Settings>),
@@ -286,10 +281,11 @@ impl Accepted {
     }
 
     /// Wave optics of the lens, also where images are drawn by rays, if it supports these settings.
-    fn waves(&self, settings: &Settings) -> Option<WavesRenderer> {
+    fn waves(&self) -> Option<WavesRenderer> {
         match self {
             Accepted::Waves(waves) => Some((**waves).clone()),
-            Accepted::Rays(_) => {
+            // Nothing is drawn by it.
+            Accepted::Rays(settings) => {
                 WavesRenderer::new(settings, &WaveOptics::new(GREEN_UM), *TOLERANCES.end()).ok()
             }
             Accepted::Spots => None,
