@@ -354,7 +354,8 @@ impl Render for RayRenderer {
 pub(super) fn lens_phrase(settings: &Settings) -> String {
     let cylinder = match settings.cyl_focal_length {
         0.0 => "no cylindrical lens".to_owned(),
-        f => format!("a cylindrical lens of {f} um"),
+        // One that is converted from focal planes has many digits.
+        f => format!("a cylindrical lens of {} um", libm::rint(10.0 * f) / 10.0),
     };
     format!("M {}, NA {}, {cylinder}", settings.magnification, settings.numerical_aperture)
 }
