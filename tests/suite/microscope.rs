@@ -1,6 +1,7 @@
 //! A microscope of one's own: wave optics from a scenario to a dataset, and light in photons.
 
 use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
 
 use microsig_core::formats::{data_file, tiff};
 use microsig_core::render::waves::{Lens, WaveOptics, WavesRenderer};
@@ -8,7 +9,7 @@ use microsig_core::{Particle, Settings};
 use scenario::{parse, resolve};
 use serde_json::Value;
 use suite::golden::Hashes;
-use suite::microsig::{fail, path, run};
+use suite::microsig::{fail, microsig, path, run, write};
 
 fn objective_20x() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/objective_20x.ron")
@@ -325,4 +326,63 @@ fn ticks_of_a_preview_are_short_and_beside_the_name_of_their_axis() {
     // Digits are about 0.6 times as wide as high, letters with their ascent 1.2 times the size of the font.
     assert!(name + 1.2 * high < tick - 0.6 * 5.0 * size, "{name} {high} {tick} {size}");
     assert!(lines.contains(&"-15") && lines.contains(&"35"));
+}
+
+/// Tables are kept from run to run, whatever happens to their files, and change no image.
+#[test]
+fn tables_are_kept_in_the_folder_of_the_cache() {
+    let place = tempfile::tempdir().unwrap();
+    let scenario = write(
+        place.path(),
+        "kept.ron",
+        "(name: \"kept\", optics: (pixel_dim_x: 80, pixel_dim_y: 60), motion: flow(field: poiseuille()), \
+         boundaries: (z_um: (-20, 0)), timing: pairs(count: 1), calibration: none, \
+         render: (mode: waves, wavelength_um: 0.52, tolerance: 0.01))",
+    );
+    let cache = place.path().join("cache");
+    let start = |out: &str, more: &[&str]| {
+        let mut command = microsig();
+        command.args(["generate", path(&scenario), "--quiet", "--out", path(&place.path().join(out))]);
+        command.args(more).env("MICROSIG_CACHE", &cache).stderr(Stdio::piped()).spawn().unwrap()
+    };
+    let hashes = |out: &str| Hashes::of(&place.path().join(out)).unwrap();
+    let files = || -> Vec<PathBuf> {
+        std::fs::read_dir(&cache).unwrap().map(|entry| entry.unwrap().path()).collect()
+    };
+    let ends = |mut run: Child| assert!(run.wait().unwrap().success());
+
+    // Two processes at once, into an empty folder.
+    let both = [start("first", &[]), start("second", &[])];
+    both.into_iter().for_each(ends);
+    let kept = files();
+    assert!(!kept.is_empty() && kept.iter().all(|file| file.extension().unwrap() == "table"), "{kept:?}");
+    // One file damaged, one cut, one emptied.
+    for (k, file) in kept.iter().enumerate() {
+        let mut bytes = std::fs::read(file).unwrap();
+        let middle = bytes.len() / 2;
+        match k % 3 {
+            0 => bytes[middle] ^= 1,
+            1 => bytes.truncate(middle),
+            _ => bytes.clear(),
+        }
+        std::fs::write(file, bytes).unwrap();
+    }
+    ends(start("third", &[]));
+    assert_eq!(files().len(), kept.len());
+    ends(start("fourth", &[]));
+    ends(start("fifth", &["--no-cache"]));
+    for other in ["second", "third", "fourth", "fifth"] {
+        assert_eq!(hashes(other), hashes("first"), "{other}");
+    }
+
+    let refused = |code: i32, name: &str, value: &str| {
+        let output = microsig().args(["optics", path(&scenario)]).env(name, value).output().unwrap();
+        assert_eq!(output.status.code(), Some(code));
+        String::from_utf8(output.stderr).unwrap()
+    };
+    assert!(
+        refused(2, "MICROSIG_CACHE_MB", "abc").contains("MICROSIG_CACHE_MB = abc: expected a whole number")
+    );
+    let below_a_file = scenario.join("cache");
+    assert!(refused(1, "MICROSIG_CACHE", path(&below_a_file)).contains("kept.ron/cache: "));
 }

@@ -350,6 +350,10 @@ fn values_out_of_range_are_named() {
     assert!(message.contains("render.bandwidth_um = 0.2: expected 0 to 0.1500 um"), "{message}");
     let message = refused(&settings, &WaveOptics { cyl_angle_deg: 20.0, ..WaveOptics::new(0.5) });
     assert!(message.contains("optics.cyl_angle_deg = 20"), "{message}");
+    let mut twice = WaveOptics::new(0.5);
+    twice.pupil.zernike = vec![(6, 0.1), (11, 0.1), (6, 0.1)];
+    let message = refused(&settings, &twice);
+    assert!(message.contains("optics.pupil.zernike.2.0 = 6: expected each Noll index once"), "{message}");
     let message = WavesRenderer::new(&settings, &WaveOptics::new(0.5), 0.5).unwrap_err().to_string();
     assert!(message.contains("tolerance = 0.5: expected 0.0001 to 0.1"), "{message}");
 }

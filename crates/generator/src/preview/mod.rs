@@ -1,17 +1,17 @@
 //! What a scenario's optics show, before any dataset is made: one particle over depth, where focus is, how
 //! images grow, how bright they are against the camera.
 
+mod accepted;
 mod picture;
 mod text;
 mod ticks;
 
+use microsig_core::Particle;
 use microsig_core::render::RendererSpec;
-use microsig_core::render::expected::TOLERANCES;
-use microsig_core::render::waves::{WaveOptics, WavesRenderer};
-use microsig_core::{Particle, Settings, emission};
+use microsig_core::render::waves::{Lens, WaveOptics};
 use serde::Serialize;
 
-use microsig_core::render::waves::Lens;
+use accepted::{Accepted, GREEN_UM};
 pub use picture::svg;
 use scenario::{MotionSource, Scenario};
 use storage::error::Result;
@@ -26,8 +26,6 @@ const IN_FOCUS: f64 = 0.8;
 const CORRELATED: f64 = 0.01;
 /// Depths over which the growth of an image far from focus is measured.
 const OUTER: usize = 10;
-/// Wavelength for what rays leave out, um: green.
-const GREEN_UM: f64 = 0.55;
 /// Phase differences over the pupil, waves, from which a lens is no longer like an objective that one can
 /// buy.
 const ABERRATED_WAVES: f64 = 1.0;
@@ -261,57 +259,6 @@ impl Preview {
     }
 }
 
-/// The light that the aperture accepts of a particle.
-enum Accepted {
-    Rays(Box<Settings>),
-    Waves(Box<WavesRenderer>),
-    /// Spots have no aperture.
-    Spots,
-}
-
-impl Accepted {
-    fn new(scenario: &Scenario) -> Result<Self> {
-        Ok(match scenario.spec.renderer() {
-            RendererSpec::Waves { optics, tolerance } => {
-                Accepted::Waves(Box::new(WavesRenderer::new(&scenario.settings, &optics, tolerance)?))
-            }
-            RendererSpec::Gaussian(_) => Accepted::Spots,
-            _ => Accepted::Rays(Box::new(scenario.settings.clone())),
-        })
-    }
-
-    /// Wave optics of the lens, also where images are drawn by rays, if it supports these settings.
-    fn waves(&self) -> Option<WavesRenderer> {
-        match self {
-            Accepted::Waves(waves) => Some((**waves).clone()),
-            // Nothing is drawn by it.
-            Accepted::Rays(settings) => {
-                WavesRenderer::new(settings, &WaveOptics::new(GREEN_UM), *TOLERANCES.end()).ok()
-            }
-            Accepted::Spots => None,
-        }
-    }
-
-    /// As in [`microsig_core::sensor::Light`], of a sphere of brightness 1.
-    fn of(&self, sphere: &Particle) -> Option<f64> {
-        match self {
-            Accepted::Spots => None,
-            Accepted::Waves(waves) => Some(waves.accepted(sphere)),
-            Accepted::Rays(settings) => {
-                let Settings { numerical_aperture: na, focal_length, magnification, .. } = **settings;
-                let distance = focal_length * (1.0 + 1.0 / magnification);
-                // The source points of a sphere, on the half that faces the lens, are nearer by half its
-                // radius.
-                let of_points = distance + sphere.z_um - 0.25 * sphere.d_um;
-                let tangent = na / (1.0 - na * na).sqrt() * distance / of_points;
-                let rays = emission::sphere_points(settings, sphere.d_um) as f64
-                    * (f64::from(settings.n_rays) + 1.0);
-                Some(rays * (1.0 - 1.0 / (1.0 + tangent * tangent).sqrt()))
-            }
-        }
-    }
-}
-
 fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan, accepted: &Accepted) -> Result<SizeCurves> {
     let response = scenario.response()?;
     let noise = response.background_noise;
@@ -420,8 +367,12 @@ mod tests {
     use scenario::{parse, resolve};
 
     fn preview(optics: &str, rest: &str) -> Preview {
+        on_sensor((200, 150), optics, rest)
+    }
+
+    fn on_sensor((columns, rows): (u32, u32), optics: &str, rest: &str) -> Preview {
         let text = format!(
-            "(name: \"p\", optics: (preset: setting1, pixel_dim_x: 200, pixel_dim_y: 150, {optics}), \
+            "(name: \"p\", optics: (preset: setting1, pixel_dim_x: {columns}, pixel_dim_y: {rows}, {optics}), \
              motion: flow(field: poiseuille()), timing: pairs(count: 1), {rest})"
         );
         Preview::of(&resolve(parse(&text, "p.ron").unwrap(), Path::new(".")).unwrap()).unwrap()
@@ -466,6 +417,41 @@ mod tests {
             assert!((x - y - apart_um).abs() < 0.03 * -apart_um, "{x} {y}");
         }
         assert!(shown.warnings.iter().any(|warning| warning.contains("saturated")), "{:?}", shown.warnings);
+    }
+
+    /// Also of images that are not diffracted: best focus of 20x / 0.45 is bent by 5.6 waves, that of setting
+    /// 1 by less than one.
+    #[test]
+    fn the_lens_of_microsig_is_doubted_at_large_apertures() {
+        let doubts = |shown: &Preview| shown.warnings.iter().any(|warning| warning.contains("bends light"));
+        for mode in ["rays", "expected", "waves, wavelength_um: 0.55"] {
+            let large =
+                preview("magnification: 20, numerical_aperture: 0.45", &format!("render: (mode: {mode})"));
+            let waves = large.path_difference_waves.unwrap();
+            assert!(waves > 4.5 && waves < 7.0 && doubts(&large), "{mode}: {waves} {:?}", large.warnings);
+        }
+        assert!(!doubts(&preview("", "")));
+    }
+
+    /// Behind MicroSIG's lens a halo moves the least widths of all light.
+    #[test]
+    fn images_are_least_where_their_curves_are() {
+        let mean = &preview("cyl_focal_length: 4000", "").sizes[0];
+        let least = |of: fn(&DepthFacts) -> f64| {
+            mean.depths.iter().min_by(|a, b| of(a).total_cmp(&of(b))).unwrap().z_um
+        };
+        let [x, y] = mean.least_sizes_um;
+        let (narrowest, lowest) = (least(|depth| depth.width_px), least(|depth| depth.height_px));
+        assert!((x - narrowest).abs() <= 2.0 && (y - lowest).abs() <= 2.0, "{x} {y}, {narrowest} {lowest}");
+        assert!(y - mean.focal_planes_um[1] > 5.0, "{:?}", mean.focal_planes_um);
+    }
+
+    /// A small sensor catches less of a defocused image.
+    #[test]
+    fn shares_are_of_the_own_sensor() {
+        let shown = on_sensor((40, 30), "", "");
+        let far = shown.mean().depths[0];
+        assert!(far.share.unwrap() < 0.7 && far.share_near.unwrap() > 0.98, "{far:?}");
     }
 
     #[test]
