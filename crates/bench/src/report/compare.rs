@@ -1,19 +1,20 @@
 //! `microsig compare`: a leaderboard of several scores, their curves in common plots, and scores against the
 //! parameters of a sweep.
 //!
-//! Results with depth come first. Particles are ranked by detection F1; if 95 % intervals overlap, by the
-//! errors in the image plane and in depth, then by link F1, then by HOTA. Fields are ranked separately, by
-//! valid-vector probability, RMS error of inliers, then AEE. Scores that no criterion separates share a rank.
-//! Errors are always shown together with recall.
+//! Results with depth come first. Particles are ranked by detection F1; where the paired comparison
+//! (`scoring::ranking`) does not separate them, by the errors in the image plane and in depth, then by link F1,
+//! then by HOTA. Fields are ranked separately, by the share of valid nodes, then the RMS error at nodes. Scores
+//! that no criterion separates share a rank. Errors are always shown together with recall.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use maud::{Markup, html};
 use serde::Serialize;
 use serde_json::Value;
 
 use super::figure::{figure_of, names};
-use super::files::SCORE;
+use super::files::{SCORE, UNITS};
 use super::leaderboard::{Entry, ResultKind, axis_text, caution, ranked, text};
 use super::page::document;
 use super::particle_plots::axis;
@@ -21,7 +22,7 @@ use super::plots::{AxisLabels, Series, lines};
 use super::score_file;
 use super::sweep_plots::axis_plots;
 use super::table::number;
-use scoring::evaluate::Score;
+use scoring::evaluate::{Score, UnitScores};
 use scoring::evaluate::curves::Bin;
 use storage::error::{Error, Result};
 use storage::folder::Partial;
@@ -51,7 +52,7 @@ pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Comparison>
         return Err(Error::Exists(out.to_owned()));
     }
     outside_datasets(out)?;
-    let Ranking { scores, entries, warnings, text } = ranking(&named(paths)?);
+    let Ranking { scores, entries, warnings, text } = ranking(named(paths)?);
     let partial = Partial::start(out)?;
     save_bytes(&partial.folder().join("leaderboard.csv"), &leaderboard_csv(&entries)?)?;
     save_bytes(&partial.folder().join("curves.csv"), &curves_csv(&scores)?)?;
@@ -72,12 +73,31 @@ pub struct Ranking {
     scores: Vec<(Entry, Score)>,
 }
 
-/// Ranks scores, each with its name.
-pub fn ranking(scores: &[(String, Score)]) -> Ranking {
-    let of = |(name, score): &(String, Score)| (Entry::of(name.clone(), score), score.clone());
-    let scores = ranked(scores.iter().map(of).collect());
+/// A score that is compared.
+#[derive(Debug, Clone)]
+pub struct Named {
+    /// Name of the tracker.
+    pub name: String,
+    /// Its scores.
+    pub score: Score,
+    /// What a paired comparison needs.
+    pub units: Option<Arc<UnitScores>>,
+}
+
+/// Ranks scores.
+pub fn ranking(scores: Vec<Named>) -> Ranking {
+    let of = |Named { name, score, units }: Named| (Entry::of(name, &score, units), score);
+    let scores = ranked(scores.into_iter().map(of).collect());
     let entries: Vec<Entry> = scores.iter().map(|s| s.0.clone()).collect();
     let mut warnings = differences(&scores);
+    let unpaired: Vec<&str> = entries.iter().filter(|e| e.units.is_none()).map(|e| e.name.as_str()).collect();
+    if entries.len() > 1 && !unpaired.is_empty() {
+        warnings.push(format!(
+            "no {UNITS} beside the scores of {}: their intervals are compared, which a result that leaves out \
+             frames can widen; run `microsig evaluate --out` again",
+            unpaired.join(", ")
+        ));
+    }
     warnings.extend(entries.iter().filter_map(caution));
     for (entry, score) in &scores {
         warnings.extend(score.warnings.iter().map(|w| format!("{}: {w}", entry.name)));
@@ -87,11 +107,11 @@ pub fn ranking(scores: &[(String, Score)]) -> Ranking {
 }
 
 /// Reads scores and names them after their folders.
-fn named(paths: &[PathBuf]) -> Result<Vec<(String, Score)>> {
-    let (mut scores, mut problems) = (Vec::new(), Vec::new());
+fn named(paths: &[PathBuf]) -> Result<Vec<Named>> {
+    let (mut scores, mut problems): (Vec<Named>, _) = (Vec::new(), Vec::new());
     for path in paths {
-        match score_file::read(path) {
-            Ok(score) => scores.push((name(path), score)),
+        match score_file::read(path).and_then(|score| Ok((score, score_file::read_units(path)?))) {
+            Ok((score, units)) => scores.push(Named { name: name(path), score, units: units.map(Arc::new) }),
             Err(e) => problems.extend(e.to_string().lines().map(str::to_owned)),
         }
     }
@@ -100,8 +120,8 @@ fn named(paths: &[PathBuf]) -> Result<Vec<(String, Score)>> {
     }
     for i in 1..scores.len() {
         // Folders of the same name in different locations are different trackers.
-        if scores[..i].iter().any(|s: &(String, Score)| s.0 == scores[i].0) {
-            scores[i].0 = format!("{} ({})", scores[i].0, paths[i].display());
+        if scores[..i].iter().any(|s| s.name == scores[i].name) {
+            scores[i].name = format!("{} ({})", scores[i].name, paths[i].display());
         }
     }
     Ok(scores)
@@ -280,9 +300,8 @@ fn page(scores: &[(Entry, Score)], warnings: &[String]) -> Result<String> {
         h1 { "Leaderboard" }
         p.soft { "Particles scored with depth come before those scored in the image plane alone; they are ranked by detection F1, then by \
              errors in the image plane and in depth, link F1, HOTA; \
-            fields by valid-vector probability, then RMS error of inliers, AEE. If the 95 % intervals of one \
-            criterion overlap, the next one decides; after F1, and for fields first of all, complete results come before those \
-            that leave out frames or image pairs. Scores with equal ranks are not separated by any. Errors cover found particles only: \
+            fields by the share of valid nodes, then the RMS error at nodes. If the paired comparison of two results does not separate \
+            them by one criterion, the next one decides. Scores with equal ranks are not separated by any. Errors cover found particles only: \
             read them together with recall. A ! marks positions with a bias that F1 does not show." }
         @for warning in warnings { p.warning { (warning) } }
         @for same in scores.chunk_by(|a, b| a.0.kind == b.0.kind) {

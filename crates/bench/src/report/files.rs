@@ -15,6 +15,9 @@ use storage::save_bytes;
 /// Name of the file with all scores.
 pub const SCORE: &str = "score.json";
 
+/// Name of the file with what a paired comparison needs.
+pub(super) const UNITS: &str = "units.json";
+
 /// Writes rows as CSV, with the names of their fields as header.
 pub(super) fn rows<R: Serialize>(path: &Path, rows: impl Iterator<Item = R>) -> Result<()> {
     let failed = |e: csv::Error| Error::Write { path: path.to_owned(), source: std::io::Error::other(e) };

@@ -2,14 +2,17 @@
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use serde::Serialize;
 use serde_json::Value;
 
-use super::ranks::{Criterion, ranks};
 use super::table::number;
 use scoring::evaluate::Score;
+use scenario::Metric;
 use scoring::evaluate::statistics::Interval;
+use scoring::evaluate::UnitScores;
+use scoring::ranking::{Contestant, rank};
 
 /// Bias above which an entry is marked, px: a wrong origin shifts positions by 0.5 or 1 px, which is within a
 /// gate of 2 px.
@@ -73,9 +76,9 @@ pub struct Entry {
     /// Parameter values of the sweep.
     #[serde(skip)]
     pub axes: BTreeMap<String, Value>,
-    /// Ranking criteria, in order of priority.
+    /// What a paired comparison needs; scores of earlier versions have none.
     #[serde(skip)]
-    criteria: Vec<Criterion>,
+    pub(super) units: Option<Arc<UnitScores>>,
     /// Scores of the same group are ranked together.
     #[serde(skip)]
     group: String,
@@ -93,12 +96,13 @@ pub enum ResultKind {
 }
 
 impl Entry {
-    pub(super) fn of(name: String, score: &Score) -> Self {
+    pub(super) fn of(name: String, score: &Score, units: Option<Arc<UnitScores>>) -> Self {
         let mut entry = Entry {
             name,
             dataset: score.dataset.clone(),
             axes: score.definitions.axes.clone(),
             missing: score.missing(),
+            units,
             ..Entry::default()
         };
         if !entry.axes.is_empty() {
@@ -115,11 +119,11 @@ impl Entry {
     }
 
     fn of_particles(&mut self, score: &Score) {
-        let (mut f1, mut rmse, mut first) = (None, None, None);
+        let mut first = None;
         if let Some(d) = &score.detection {
             (self.f1, self.recall, self.precision) = (d.f1, d.recall, d.precision);
             (self.rmse_xy_px, self.bias_x_px, self.bias_y_px) = (d.rmse_xy_px, d.bias_x_px, d.bias_y_px);
-            (f1, rmse, first) = (d.f1, d.interval.rmse_xy_px, d.interval.f1);
+            first = d.interval.f1;
         }
         let gdpt = score.gdpt.as_ref();
         self.sigma_z_over_h = gdpt.and_then(|g| g.sigma_z_over_h);
@@ -129,15 +133,6 @@ impl Entry {
         if let Some(i) = &score.isbi {
             (self.alpha, self.beta, self.jsc, self.jsc_theta) = (i.alpha, i.beta, i.jsc, i.jsc_theta);
         }
-        self.criteria = vec![
-            Criterion::dimensions(score.definitions.dims),
-            Criterion::rate(f1, first),
-            Criterion::complete(self.missing),
-            Criterion::error(self.rmse_xy_px, rmse),
-            Criterion::error(self.sigma_z_over_h, gdpt.and_then(|g| g.interval.sigma_z_over_h)),
-            Criterion::rate(self.link_f1, links.and_then(|l| l.interval_f1)),
-            Criterion::rate(self.hota, hota.and_then(|h| h.interval_hota)),
-        ];
         self.ends(first);
     }
 
@@ -149,23 +144,10 @@ impl Entry {
         self.aee_px = errors.aee_px;
         (self.rms_u_inliers_px, self.rms_v_inliers_px) = (errors.u_inliers.rms_px, errors.v_inliers.rms_px);
         (self.bias_x_px, self.bias_y_px) = (errors.u.bias_px, errors.v.bias_px);
-        let both = self.rms_u_inliers_px.zip(self.rms_v_inliers_px).map(|(u, v)| u.hypot(v));
-        // At least as wide as the interval of the combined error.
-        let ends = errors.interval_rms_u_inliers_px.zip(errors.interval_rms_v_inliers_px);
-        let ends = ends.map(|(u, v)| [u[0].hypot(v[0]), u[1].hypot(v[1])]);
         let nodes = field.nodes.interval_valid;
         let vectors = errors.interval_valid_vector_probability;
         // Scores of versions without reference nodes have the share of vectors only.
         let first = if field.nodes.valid.is_some() { nodes } else { vectors };
-        self.criteria = vec![
-            // Nodes count wherever the result has vectors, unlike the share of its own vectors.
-            Criterion::rate(field.nodes.valid, nodes),
-            // Vectors of pairs that are left out are not missed by the criteria below.
-            Criterion::complete(self.missing),
-            Criterion::rate(self.valid_vector_probability, vectors),
-            Criterion::error(both, ends),
-            Criterion::error(self.aee_px, errors.interval_aee_px),
-        ];
         self.ends(first);
     }
 
@@ -237,11 +219,38 @@ pub(super) fn ranked(mut scores: Vec<(Entry, Score)>) -> Vec<(Entry, Score)> {
     });
     let mut ranked = Vec::with_capacity(scores.len());
     for same in scores.chunk_by(|a, b| case(&a.0, &datasets) == case(&b.0, &datasets)) {
-        let criteria: Vec<Vec<Criterion>> = same.iter().map(|s| s.0.criteria.clone()).collect();
-        ranked.extend(ranks(&criteria).into_iter().map(|(i, rank)| {
+        ranked.extend(in_order(same).into_iter().map(|(i, rank)| {
             let (entry, score) = &same[i];
             (Entry { rank, ..entry.clone() }, score.clone())
         }));
+    }
+    ranked
+}
+
+/// Indices of scores of one kind and case in order, each with its rank. Those with depth come first: without
+/// depth more of a result is within the gate.
+fn in_order(same: &[(Entry, Score)]) -> Vec<(usize, usize)> {
+    let criteria: &[Metric] = match same[0].0.kind {
+        ResultKind::Particles => {
+            &[Metric::F1, Metric::RmseXyPx, Metric::SigmaZOverH, Metric::LinkF1, Metric::Hota]
+        }
+        // Scores of versions without reference nodes have those of their own vectors only.
+        ResultKind::Field if same.iter().all(|s| s.0.valid_nodes.is_none()) => {
+            &[Metric::ValidVectorProbability, Metric::RmsInliersPx]
+        }
+        ResultKind::Field => &[Metric::ValidNodes, Metric::RmsNodesPx],
+    };
+    let mut all: Vec<usize> = (0..same.len()).collect();
+    let dims = |i: usize| same[i].1.definitions.dims;
+    all.sort_by_key(|&i| std::cmp::Reverse(dims(i)));
+    let mut ranked = Vec::with_capacity(same.len());
+    for equal in all.chunk_by(|a, b| dims(*a) == dims(*b)) {
+        let contestants: Vec<Contestant<'_>> = equal
+            .iter()
+            .map(|&i| Contestant { score: &same[i].1, units: same[i].0.units.as_deref() })
+            .collect();
+        let before = ranked.len();
+        ranked.extend(rank(&contestants, criteria, 0).into_iter().map(|(k, rank)| (equal[k], before + rank)));
     }
     ranked
 }
@@ -320,7 +329,7 @@ pub(super) fn text(entries: &[Entry], warnings: &[String]) -> String {
         }));
     }
     lines.push(
-        "=: not separated by 95 % intervals (F1, errors, links, HOTA; fields: valid nodes, valid vectors, RMS, AEE).".to_owned(),
+        "=: not separated by the paired comparison of F1, errors, links, HOTA (fields: valid nodes, RMS at nodes).".to_owned(),
     );
     if entries.iter().any(|e| e.biased) {
         lines.push(format!("!: positions are biased by more than {BIAS_PX} px."));
@@ -373,7 +382,7 @@ mod tests {
             let detection = Some(Detection { f1: Some(f1), ..Detection::default() });
             let definitions = Definitions { dims, ..Definitions::default() };
             let score = Score { detection, definitions, ..Score::default() };
-            (Entry::of(name.to_owned(), &score), score)
+            (Entry::of(name.to_owned(), &score, None), score)
         };
         let ranked = ranked(vec![entry("flat", 2, 0.99), entry("deep", 3, 0.6), entry("deeper", 3, 0.7)]);
         let found: Vec<(&str, usize)> = ranked.iter().map(|(e, _)| (e.name.as_str(), e.rank)).collect();

@@ -11,7 +11,6 @@ mod log_axis;
 mod page;
 mod particle_plots;
 mod plots;
-mod ranks;
 mod score_file;
 mod sweep_plots;
 mod table;
@@ -23,22 +22,22 @@ use storage::error::{Error, Result};
 use storage::folder::{Partial, check_replaceable};
 use storage::{outside_datasets, save_bytes};
 
-pub use compare::{Comparison, Ranking, compare, ranking};
+pub use compare::{Comparison, Named, Ranking, compare, ranking};
 pub(crate) use figure::{figure_of, names};
 pub use files::SCORE;
+use files::UNITS;
 pub(crate) use fit_page::fit_page;
 pub use leaderboard::Entry;
 pub(crate) use log_axis::is_logarithmic;
 pub(crate) use page::document;
 pub(crate) use plots::{AxisLabels, Series, lines, lines_over_log, log_lines};
-pub(crate) use ranks::{Criterion, ranks};
-pub use score_file::parse as parse_score;
+pub use score_file::{parse as parse_score, parse_units};
 pub use table::table;
 
 /// The report's file.
 const REPORT: &str = "report.html";
 
-/// Writes the folder of an evaluation: `score.json`, `per_frame.csv`, `curves.csv`, `matches.csv` of
+/// Writes the folder of an evaluation: `score.json`, `units.json`, `per_frame.csv`, `curves.csv`, `matches.csv` of
 /// particles, `vectors.csv` of a field, and `report.html` if asked for.
 ///
 /// For a test split generated with a secret key these files reveal the truth; what may be sent to the
@@ -58,8 +57,9 @@ pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Re
 
 /// Writes the files of an evaluation into a folder that exists; returns their names.
 pub(crate) fn write_into(folder: &Path, evaluation: &Evaluation, html: bool) -> Result<Vec<String>> {
-    let mut names = vec![SCORE];
+    let mut names = vec![SCORE, UNITS];
     save_bytes(&folder.join(SCORE), json(evaluation)?.as_bytes())?;
+    save_bytes(&folder.join(UNITS), units_json(evaluation)?.as_bytes())?;
     if let Some(particles) = &evaluation.particles {
         files::rows(&folder.join("per_frame.csv"), files::frames(particles))?;
         files::rows(&folder.join("matches.csv"), files::matches(particles))?;
@@ -79,6 +79,14 @@ pub(crate) fn write_into(folder: &Path, evaluation: &Evaluation, html: bool) -> 
         names.extend(for_team::write(folder, evaluation, html)?);
     }
     Ok(names)
+}
+
+/// What a paired comparison of the result with others needs, as JSON.
+///
+/// # Errors
+/// A number that cannot be serialized; no such case is known.
+pub fn units_json(evaluation: &Evaluation) -> Result<String> {
+    serde_json::to_string(&evaluation.units).map_err(|e| Error::input(e.to_string()))
 }
 
 /// All scores as JSON.

@@ -5,8 +5,8 @@ use std::path::Path;
 use serde_json::Value;
 use serde_path_to_error::Segment;
 
-use super::files::SCORE;
-use scoring::evaluate::Score;
+use super::files::{SCORE, UNITS};
+use scoring::evaluate::{Score, UnitScores};
 use scoring::evaluate::curves::NEIGHBOR_PX;
 use scoring::evaluate::score_keys::beyond_ranges;
 use storage::error::{Error, Result};
@@ -14,6 +14,9 @@ use storage::input;
 
 /// Largest score file accepted, bytes; the largest known ones are less than a tenth of this.
 const LARGEST: u64 = 64 << 20;
+
+/// Largest file of units accepted, bytes: that of ten million particles.
+const LARGEST_UNITS: u64 = 1 << 30;
 
 /// Reads a score file, or the one in a folder.
 ///
@@ -25,6 +28,30 @@ pub(super) fn read(path: &Path) -> Result<Score> {
     parse(&text).map_err(|problems| {
         Error::Input(problems.into_iter().map(|problem| format!("{}: {problem}", file.display())).collect())
     })
+}
+
+/// Reads what a paired comparison needs, from the file beside a score; `None` if there is none.
+///
+/// # Errors
+/// A file that is malformed.
+pub(super) fn read_units(path: &Path) -> Result<Option<UnitScores>> {
+    let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
+    let file = folder.join(UNITS);
+    if !file.is_file() {
+        return Ok(None);
+    }
+    parse_units(&input::read_text_up_to(&file, LARGEST_UNITS)?)
+        .map(Some)
+        .map_err(|e| Error::input(format!("{}: {e}", file.display())))
+}
+
+/// Parses what a paired comparison needs.
+///
+/// # Errors
+/// The first problem in it.
+pub fn parse_units(text: &str) -> std::result::Result<UnitScores, String> {
+    let units: UnitScores = serde_json::from_str(text).map_err(|e| e.to_string())?;
+    if units.is_sound() { Ok(units) } else { Err("not the units of microsig evaluate".to_owned()) }
 }
 
 /// Parses a score.

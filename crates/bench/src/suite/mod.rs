@@ -16,11 +16,12 @@ use serde::{Deserialize, Serialize};
 pub use metrics::{MetricValue, label};
 pub use page::{Annotations, DepthErrors, Picture, page, unmeasured};
 
-use crate::report::{self, Criterion, ranks};
+use crate::report;
 use generator::dataset::manifest::GENERATOR_VERSION;
 use generator::runner::{SuiteRecord, SuiteSelection};
 use scenario::{Metric, Size, Split, Suite, SuiteCase, TrackSpec};
 use scoring::evaluate::{EvaluateOptions, Evaluation, evaluate};
+use scoring::ranking::{Contestant, rank};
 use storage::error::{Error, Result};
 use storage::folder::{Partial, check_replaceable};
 use storage::save_bytes;
@@ -295,34 +296,26 @@ fn scored_case(
             ((*tracker).clone(), found.transpose())
         })
         .collect();
-    let mut results = Vec::new();
+    let (mut results, mut scored, mut others) = (Vec::new(), Vec::new(), Vec::new());
     for (tracker, evaluation) in evaluated {
         if let Ok(Some(evaluation)) = &evaluation {
             let folder = out.join(SCORES).join(&tracker).join(case.folder());
             std::fs::create_dir_all(&folder).map_err(Error::write(&folder))?;
             report::write_into(&folder, evaluation, false)?;
         }
-        results.push(result(case, tracker, evaluation));
+        match result(case, tracker, &evaluation) {
+            result if result.status == Status::Scored => scored.extend(evaluation.ok().flatten().map(|e| (result, e))),
+            result => others.push(result),
+        }
     }
-    let criteria: Vec<_> = results
+    let contestants: Vec<Contestant<'_>> = scored
         .iter()
-        .map(|result| {
-            let of = |metric: &Metric| result.value(*metric).map(|value| value.criterion());
-            let mut criteria: Vec<_> =
-                case.rank_by.iter().map(|metric| of(metric).unwrap_or_default()).collect();
-            // Errors cover only what is found: frames that are left out count before them.
-            let before_errors = case.rank_by.first().is_some_and(|metric| metrics::counts_missing(*metric));
-            criteria.insert(usize::from(before_errors), Criterion::complete(result.missing));
-            criteria
-        })
+        .map(|(_, evaluation)| Contestant { score: &evaluation.score, units: Some(&evaluation.units) })
         .collect();
-    let ranked = ranks(&criteria).into_iter().map(|(i, rank)| {
-        let result = results[i].clone();
-        let rank = (result.status == Status::Scored).then_some(rank);
-        CaseResult { rank, ..result }
-    });
-    let mut results: Vec<CaseResult> = ranked.collect();
-    results.sort_by_key(|result| result.rank.unwrap_or(usize::MAX));
+    for (i, place) in rank(&contestants, &case.rank_by, options.seed) {
+        results.push(CaseResult { rank: Some(place), ..scored[i].0.clone() });
+    }
+    results.extend(others);
     let axes = case.axes.iter().cloned();
     Ok(CaseScores {
         track: track.name.clone(),
@@ -339,7 +332,7 @@ fn scored_case(
 fn result(
     case: &SuiteCase,
     tracker: String,
-    evaluation: std::result::Result<Option<Evaluation>, String>,
+    evaluation: &std::result::Result<Option<Evaluation>, String>,
 ) -> CaseResult {
     let none = |status, reason| CaseResult {
         tracker: tracker.clone(),
@@ -353,7 +346,7 @@ fn result(
     let evaluation = match evaluation {
         Ok(Some(evaluation)) => evaluation,
         Ok(None) => return none(Status::Missing, None),
-        Err(reason) => return none(Status::Refused, Some(reason)),
+        Err(reason) => return none(Status::Refused, Some(reason.clone())),
     };
     let score = &evaluation.score;
     let mut scores: Vec<MetricValue> =

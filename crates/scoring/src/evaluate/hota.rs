@@ -66,10 +66,10 @@ const THRESHOLDS: usize = 19;
 
 /// Sums of a resampling unit: points of truth and result; for each threshold, matches and their summed
 /// association score.
-const SUMS: usize = 1 + 2 * THRESHOLDS;
+pub(crate) const SUMS: usize = 1 + 2 * THRESHOLDS;
 
 /// HOTA, DetA and AssA from the sums of a resample.
-fn means(sums: &[f64; SUMS]) -> [Option<f64>; 3] {
+pub(crate) fn means(sums: &[f64; SUMS]) -> [Option<f64>; 3] {
     let (mut hota, mut deta, mut assa) = (0.0, 0.0, 0.0);
     for k in 0..THRESHOLDS {
         let (tp, of_pairs) = (sums[1 + 2 * k], sums[2 + 2 * k]);
@@ -158,8 +158,19 @@ fn matched(truth: &TrackSet, result: &TrackSet, candidates: &Candidates) -> Vec<
 impl Hota {
     /// Scores the candidate pairs within twice the gate.
     pub fn of(truth: &TrackSet, result: &TrackSet, candidates: &Candidates, bootstrap: &Bootstrap) -> Self {
+        Hota::with_tracks(truth, result, candidates, bootstrap).0
+    }
+
+    /// As [`Hota::of`], with the sums of every true track: its points and those of the result matched to it,
+    /// then matches and association of each threshold.
+    pub(super) fn with_tracks(
+        truth: &TrackSet,
+        result: &TrackSet,
+        candidates: &Candidates,
+        bootstrap: &Bootstrap,
+    ) -> (Self, Vec<[f64; SUMS]>) {
         if truth.is_empty() && result.is_empty() {
-            return Hota::default();
+            return (Hota::default(), Vec::new());
         }
         let lengths = |key: u64| lengths(truth, result, key);
         let mut matched = matched(truth, result, candidates);
@@ -167,7 +178,7 @@ impl Hota {
 
         let same_pairs = || matched.chunk_by(|a, b| a.0 == b.0);
         let shared = same_pairs().map(|same| ((same[0].0 >> 32) as u32, same[0].0 as u32, same.len()));
-        let mut units = TrackUnits::<SUMS>::new(truth.n_tracks(), result.n_tracks(), shared);
+        let mut units = TrackUnits::<SUMS>::new(truth.n_tracks(), result.n_tracks(), shared.clone());
         (0..truth.n_tracks()).for_each(|t| units.of_truth(t)[0] += truth.track(t).len() as f64);
         (0..result.n_tracks()).for_each(|r| units.of_result(r)[0] += result.track(r).len() as f64);
 
@@ -207,9 +218,17 @@ impl Hota {
             let values = [deta, per_tp(assa), detre, detpr, per_tp(assre), per_tp(asspr), loca];
             sums.iter_mut().zip(values).for_each(|(s, v)| *s += v);
         }
+        let mut of_tracks: Vec<[f64; SUMS]> =
+            (0..truth.n_tracks()).map(|track| *units.of_truth(track)).collect();
+        for (track, sums) in of_tracks.iter_mut().enumerate() {
+            sums[0] = truth.track(track).len() as f64;
+        }
+        for (track, _, n) in shared {
+            of_tracks[track as usize][0] += n as f64;
+        }
         let [interval_hota, interval_deta, interval_assa] = bootstrap.intervals(&units.finish(), means);
         let mean = |k: usize| Some(sums[k] / THRESHOLDS as f64);
-        Hota {
+        let score = Hota {
             hota: Some(curve.iter().sum::<f64>() / THRESHOLDS as f64),
             deta: mean(0),
             assa: mean(1),
@@ -224,6 +243,7 @@ impl Hota {
             interval_hota,
             interval_deta,
             interval_assa,
-        }
+        };
+        (score, of_tracks)
     }
 }

@@ -99,6 +99,17 @@ impl Isbi {
     /// # Errors
     /// A gate so wide that a frame has too many pairs.
     pub fn of(truth: &TrackSet, result: &TrackSet, gate: &Gate, bootstrap: &Bootstrap) -> Result<Self> {
+        Ok(Isbi::with_tracks(truth, result, gate, bootstrap)?.0)
+    }
+
+    /// As [`Isbi::of`], with gain and length of every true track, and the total length of unpaired result
+    /// tracks, all in frames.
+    pub(super) fn with_tracks(
+        truth: &TrackSet,
+        result: &TrackSet,
+        gate: &Gate,
+        bootstrap: &Bootstrap,
+    ) -> Result<(Self, Vec<[f64; 2]>, f64)> {
         let filled = fill_holes(truth, result);
         let reference = filled.as_ref().unwrap_or(truth);
         let points = within_gate(reference, result, gate)?;
@@ -177,7 +188,9 @@ impl Isbi {
         let n = tp as f64;
         let mean = ratio(distances.iter().sum(), n);
         let spread = |m: f64| (distances.iter().map(|d| (d - m) * (d - m)).sum::<f64>() / n).sqrt();
-        Ok(Isbi {
+        let mut of_tracks: Vec<[f64; 2]> = (0..n_true).map(|t| [0.0, length(reference, t)]).collect();
+        chosen.iter().for_each(|pair| of_tracks[pair.row as usize][0] = pair.value);
+        let score = Isbi {
             dims: if gate.z_um.is_finite() { 3 } else { 2 },
             gate_px: gate.xy_px,
             alpha: ratio(gain, all),
@@ -195,7 +208,8 @@ impl Isbi {
             fn_tracks: n_true - paired,
             fp_tracks: n_result - paired,
             interval: IsbiIntervals { alpha, beta, jsc, jsc_theta, rmse },
-        })
+        };
+        Ok((score, of_tracks, unpaired))
     }
 }
 

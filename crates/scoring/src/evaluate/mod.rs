@@ -34,6 +34,7 @@ pub mod statistics;
 pub mod track_set;
 pub mod truth;
 pub mod uncertainty;
+pub(crate) mod units;
 
 use std::path::Path;
 
@@ -45,15 +46,18 @@ use generator::dataset::manifest::GENERATOR_VERSION;
 use generator::dataset::manifest::ScoringGates;
 pub use hint::Hint;
 use matching::{Cost, Matching};
+use motion::TrackComparison;
 use measurement::RecordingFacts;
 pub use options::EvaluateOptions;
 pub use score::{Counts, Definitions, DetectionAtGate, Offset, PositionUncertainty, Score, Versions};
 use statistics::Bootstrap;
+pub use units::UnitScores;
 use storage::checksums::fingerprint;
 use storage::error::{Error, Result};
 use storage::tables::truth::{BOXES, TRACKS};
 use track_set::TrackSet;
 use truth::{ScoredPoints, TrueParticles};
+use units::Divided;
 
 /// A score together with the points or vectors it was computed from, for tables and reports.
 #[derive(Debug, Clone)]
@@ -64,6 +68,8 @@ pub struct Evaluation {
     pub particles: Option<Particles>,
     /// Vectors with their true displacements, if the result holds a field.
     pub vectors: Vec<field::ComparedVector>,
+    /// What a paired comparison with other results needs.
+    pub units: UnitScores,
     /// Whether the dataset was generated with a secret key: a test split whose truth participants must not
     /// see.
     pub is_truth_secret: bool,
@@ -151,7 +157,7 @@ fn vectors(
     facts: RecordingFacts,
     options: &EvaluateOptions,
 ) -> Result<Evaluation> {
-    let field::ScoredField { score, vectors, notes, hints, mut warnings } =
+    let field::ScoredField { score, vectors, units, notes, hints, mut warnings } =
         field::evaluate(dataset, found, options.plane_um, options.seed)?;
     warnings.splice(0..0, hints.iter().map(|hint| hint.what.clone()));
     let score = Score {
@@ -169,7 +175,7 @@ fn vectors(
         counts: Counts { n_nan: found.n_nan, ..Counts::default() },
         ..Score::default()
     };
-    Ok(Evaluation { score, particles: None, vectors, is_truth_secret: false })
+    Ok(Evaluation { score, particles: None, vectors, units, is_truth_secret: false })
 }
 
 /// Warns if the true particles of a dataset are not those that its manifest lists; the score is then of the
@@ -232,7 +238,17 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let is_linked = points.rows.is_empty() || n_unlinked < points.rows.len();
 
     let candidates = candidates::Candidates::new(t, r, &gate)?;
-    let isbi = isbi::Isbi::of(t, r, &isbi_gate(&gate, isbi_gate_px, depth), bootstrap)?;
+    let divided = Divided { clouds: (t, r), matching: &matching, candidates: &candidates, depth };
+    let mut units = divided.points();
+    let (isbi, of_tracks, unpaired) =
+        isbi::Isbi::with_tracks(t, r, &isbi_gate(&gate, isbi_gate_px, depth), bootstrap)?;
+    units.isbi = divided.isbi(&of_tracks, unpaired);
+    let (hota, of_tracks) = hota::Hota::with_tracks(t, r, &candidates, bootstrap);
+    units.hota = divided.hota(&of_tracks);
+    let (axes, ambiguous) = ((&truth.axes[..], &points.axes[..]), divided.ambiguous());
+    let orientation = orientation::Orientation::of((t, r), axes, (&matching, &ambiguous), bootstrap);
+    let (orientation, angles) = orientation.unzip();
+    units.angles = angles.map(|angles| divided.angles(&angles)).unwrap_or_default();
     let isbi_2d = match isbi.dims {
         3 => Some(isbi::Isbi::of(t, r, &isbi_gate(&gate, isbi_gate_px, false), bootstrap)?),
         _ => None,
@@ -251,19 +267,21 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         None
     });
     let velocities = velocities.as_deref();
+    let compared = TrackComparison { truth, clouds: (t, r), matching: &matching, depth, reported: velocities };
+    units.velocity = divided.velocity(&compared);
     let score = Score {
         dataset: truth.facts.name.clone(),
         gates: at_other_gates((t, r), &gate, h, depth, bootstrap)?,
         links: is_linked.then(|| links::Links::of(t, r, &matching, bootstrap)),
         isbi: Some(isbi),
         isbi_2d,
-        hota: Some(hota::Hota::of(t, r, &candidates, bootstrap)),
+        hota: Some(hota),
         clear: Some(clear::Clear::of(t, r, &candidates, gate.xy_px, bootstrap)),
         identity: Some(identity::Identity::of(t, r, &candidates, bootstrap)),
         ctc: Some(ctc::Ctc::of(t, r, &matching)),
         gdpt,
         uncertainty: claims(points, (t, r), &matching, depth),
-        orientation: orientation::Orientation::of((t, r), (&truth.axes, &points.axes), &matching, bootstrap),
+        orientation,
         lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth, velocities, bootstrap)),
         curves: curves::curves(truth, (t, r), &matching, depth),
         counts,
@@ -294,7 +312,7 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         found_u_um_s,
         scored,
     };
-    Ok(Evaluation { score, particles: Some(particles), vectors: Vec::new(), is_truth_secret: false })
+    Ok(Evaluation { score, particles: Some(particles), vectors: Vec::new(), units, is_truth_secret: false })
 }
 
 /// Caveats for reading the scores.

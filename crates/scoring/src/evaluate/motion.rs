@@ -33,7 +33,8 @@ pub struct Motion {
     /// RMS error of the displacement in z.
     #[schemars(range(min = 0.0))]
     pub displacement_rms_z_um: Option<f64>,
-    /// result: velocities reported by the result; positions: finite differences of its positions.
+    /// result: velocities reported by the result; positions: finite differences of its positions; both: the
+    /// latter where the result reports none.
     pub velocity_from: Option<String>,
     /// RMS error of the in-plane velocity against the flow's exact velocity, over matched points.
     #[schemars(range(min = 0.0))]
@@ -106,11 +107,7 @@ pub fn found_u(
     for track in 0..r.n_tracks() {
         let points = r.track(track);
         for (k, &i) in points.iter().enumerate().filter(|(_, i)| matching.of_result[**i as usize] != NONE) {
-            let found = match reported {
-                Some(reported) => Some(reported[r.points[i as usize].source as usize]),
-                None => compared.slope(points, k),
-            };
-            u[i as usize] = found.map_or(f64::NAN, |v| v[0]);
+            u[i as usize] = compared.velocity(points, k).map_or(f64::NAN, |(v, _)| v[0]);
         }
     }
     u
@@ -159,6 +156,7 @@ impl TrackComparison<'_> {
             return;
         }
         let (mut speed, mut upward) = (Total::default(), Vec::new());
+        let mut is_from = [false; 2];
         for track in 0..r.n_tracks() {
             let points = r.track(track);
             for (k, &i) in points.iter().enumerate() {
@@ -166,13 +164,11 @@ impl TrackComparison<'_> {
                 if of == NONE {
                     continue;
                 }
-                let found = match self.reported {
-                    Some(reported) => Some(reported[r.points[i].source as usize]),
-                    None => self.slope(points, k),
-                };
                 let exact = self.truth.velocity_um_s[t.points[of as usize].source as usize];
-                let Some(error) = found.map(|v| minus(v, exact)) else { continue };
+                let Some((found, is_reported)) = self.velocity(points, k) else { continue };
+                let error = minus(found, exact);
                 if error[0].is_finite() && error[1].is_finite() {
+                    is_from[usize::from(is_reported)] = true;
                     speed.add(error, exact);
                     add(sums, r.points[i].frame, MotionQuantity::Velocity, &error);
                 }
@@ -181,8 +177,38 @@ impl TrackComparison<'_> {
         }
         (motion.velocity_rms_um_s, motion.velocity_rms_relative) = speed.rms();
         motion.velocity_rms_z_um_s = Errors::of(upward.iter().copied()).rms.filter(|_| self.depth);
-        let from = if self.reported.is_some() { "result" } else { "positions" };
+        let from = match is_from {
+            [true, true] => "both",
+            [_, is_reported] => if is_reported { "result" } else { "positions" },
+        };
         motion.velocity_from = motion.velocity_rms_um_s.map(|_| from.to_owned());
+    }
+
+    /// Velocity at point `k` of a track, um/s, and whether the result reports it. Where it reports none, that
+    /// of its positions: a score over reported velocities alone would reward a result with few of them.
+    fn velocity(&self, points: &[u32], k: usize) -> Option<([f64; 3], bool)> {
+        let source = self.clouds.1.points[points[k] as usize].source as usize;
+        let reported = self.reported.map(|rows| rows[source]).filter(|v| v[0].is_finite() && v[1].is_finite());
+        reported.map(|v| (v, true)).or_else(|| self.slope(points, k).map(|v| (v, false)))
+    }
+
+    /// Squared error of the in-plane velocity of every true particle; `None` for those that are missed or
+    /// have no velocity.
+    pub(super) fn squared_velocity_errors(&self) -> Vec<Option<f64>> {
+        let (t, r) = self.clouds;
+        let mut errors = vec![None; t.len()];
+        for points in (0..r.n_tracks()).map(|track| r.track(track)) {
+            for (k, &i) in points.iter().enumerate() {
+                let of = self.matching.of_result[i as usize];
+                if of == NONE {
+                    continue;
+                }
+                let exact = self.truth.velocity_um_s[t.points[of as usize].source as usize];
+                let error = self.velocity(points, k).map(|(v, _)| minus(v, exact));
+                errors[of as usize] = error.map(|e| e[0] * e[0] + e[1] * e[1]).filter(|e| e.is_finite());
+            }
+        }
+        errors
     }
 
     /// Velocity at point `k` of a track from its position and its neighbors', um/s.

@@ -10,11 +10,11 @@ use super::matching::Matching;
 use super::statistics::{Bootstrap, Interval, quantile, ratio};
 use super::track_set::TrackSet;
 
-/// Mean angle between an axis and one that is guessed, degrees.
-const GUESS_DEG: f64 = 180.0 / std::f64::consts::PI;
+/// Most spheroids among which the best constant axis is searched.
+const SEARCHED: usize = 2000;
 
-/// Angles between the true and found axes of spheroids, for results with `axis_x, axis_y, axis_z` or
-/// `alpha_rad, beta_rad`.
+/// Angles between the true and found axes of spheroids, from `axis_x, axis_y, axis_z` or `alpha_rad,
+/// beta_rad` of the result.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Orientation {
@@ -31,10 +31,13 @@ pub struct Orientation {
     /// Root mean square angle.
     #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
     pub rms_deg: Option<f64>,
-    /// Mean angle over all true spheroids; one that is missed or has no axis counts as a guess, 1 rad = 57.3
-    /// degrees.
+    /// Mean angle over all true spheroids; one that is missed, has no axis, or has a ghost beside its match
+    /// within the gate counts as a guess: that constant axis which is nearest to all true ones.
     #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
     pub mean_all_deg: Option<f64>,
+    /// Mean angle of this guess; 1 rad = 57.3 degrees if true axes have no preferred direction.
+    #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
+    pub guess_deg: Option<f64>,
     /// 95 % interval of mean_deg.
     #[schemars(inner(range(min = 0.0, max = 90.0)))]
     pub interval_mean_deg: Interval,
@@ -54,45 +57,80 @@ fn angle_deg(a: [f64; 3], b: [f64; 3]) -> Option<f64> {
 
 impl Orientation {
     /// Angles of the matched particles. `true_axes` and `found_axes` are those of the rows of the tables; NaN
-    /// for particles without an axis. `None` if truth or result has none.
+    /// for particles without an axis, `found_axes` is empty if the result has none. `ambiguous` says which
+    /// true particles have a ghost within their gate. `None` if the truth has no axes.
+    ///
+    /// Also gives the angle of every true particle that counts in `mean_all_deg`.
     pub fn of(
         (truth, result): (&TrackSet, &TrackSet),
         (true_axes, found_axes): (&[[f64; 3]], &[[f64; 3]]),
-        matching: &Matching,
+        (matching, ambiguous): (&Matching, &[bool]),
         bootstrap: &Bootstrap,
-    ) -> Option<Self> {
-        if true_axes.is_empty() || found_axes.is_empty() {
+    ) -> Option<(Self, Vec<Option<f64>>)> {
+        if true_axes.is_empty() {
             return None;
         }
         let axis = |i: usize| true_axes[truth.points[i].source as usize];
         let mut angles = vec![None; truth.len()];
-        for (i, j) in matching.pairs() {
+        for (i, j) in matching.pairs().filter(|_| !found_axes.is_empty()) {
             angles[i] = angle_deg(axis(i), found_axes[result.points[j].source as usize]);
         }
-        // Number of true spheroids, number of angles, their sum and sum of squares.
+        let all: Vec<[f64; 3]> =
+            (0..truth.len()).map(axis).filter(|axis| axis.iter().all(|v| v.is_finite())).collect();
+        let guess = best_constant(&all);
+        let counted = |i: usize| angles[i].filter(|_| !ambiguous[i]).or_else(|| angle_deg(axis(i), guess));
+        // Number of true spheroids, number of angles, their sum and sum of squares, sum with guesses.
         let spheroids = (0..truth.len()).filter(|&i| axis(i).iter().all(|v| v.is_finite()));
         let sums = spheroids.clone().map(|i| {
-            let sums = angles[i].map_or([1.0, 0.0, 0.0, 0.0], |a| [1.0, 1.0, a, a * a]);
-            (truth.points[i].frame, sums)
+            let [n, sum, squares] = angles[i].map_or([0.0; 3], |a| [1.0, a, a * a]);
+            (truth.points[i].frame, [1.0, n, sum, squares, counted(i).unwrap_or(0.0)])
         });
         let units = bootstrap.by_frame(sums);
-        let mean = |s: &[f64; 4]| ratio(s[2], s[1]);
-        let all = |s: &[f64; 4]| ratio(s[2] + (s[0] - s[1]) * GUESS_DEG, s[0]);
+        let mean = |s: &[f64; 5]| ratio(s[2], s[1]);
+        let all = |s: &[f64; 5]| ratio(s[4], s[0]);
         let [interval_mean_deg, interval_mean_all_deg] = bootstrap.intervals(&units, |s| [mean(s), all(s)]);
-        let total = units.iter().fold([0.0; 4], |t: [f64; 4], u| std::array::from_fn(|k| t[k] + u[k]));
-        let mut sorted: Vec<f64> = spheroids.filter_map(|i| angles[i]).collect();
+        let total = units.iter().fold([0.0; 5], |t: [f64; 5], u| std::array::from_fn(|k| t[k] + u[k]));
+        let mut sorted: Vec<f64> = spheroids.clone().filter_map(|i| angles[i]).collect();
         sorted.sort_unstable_by(f64::total_cmp);
-        (total[0] > 0.0).then(|| Orientation {
+        let counted_angles = |i: usize| counted(i).filter(|_| axis(i)[0].is_finite());
+        let score = (total[0] > 0.0).then(|| Orientation {
             n_true: total[0] as usize,
             n: sorted.len(),
             mean_deg: mean(&total),
             median_deg: quantile(&sorted, 0.5),
             rms_deg: ratio(total[3], total[1]).map(f64::sqrt),
             mean_all_deg: all(&total),
+            guess_deg: ratio(spheroids.filter_map(|i| angle_deg(axis(i), guess)).sum(), total[0]),
             interval_mean_deg,
             interval_mean_all_deg,
-        })
+        })?;
+        Some((score, (0..truth.len()).map(counted_angles).collect()))
     }
+}
+
+/// The constant axis with the least mean angle to axes, to a fraction of a degree.
+fn best_constant(axes: &[[f64; 3]]) -> [f64; 3] {
+    let some: Vec<[f64; 3]> = axes.iter().step_by(axes.len().div_ceil(SEARCHED).max(1)).copied().collect();
+    let sum = |[a, b]: [f64; 2]| {
+        let of = |axis: &[f64; 3]| angle_deg(*axis, direction([a, b])).unwrap_or(0.0);
+        some.iter().map(of).sum::<f64>()
+    };
+    // Polar angle and azimuth, steps of 6 degrees over half of the sphere, then ever smaller ones.
+    let mut step = 6f64.to_radians();
+    let coarse = (0..=15).flat_map(|i| (0..60).map(move |j| [f64::from(i) * step, f64::from(j) * step]));
+    let nearer = |a: &[f64; 2], b: &[f64; 2]| sum(*a).total_cmp(&sum(*b));
+    let mut best = coarse.min_by(nearer).unwrap_or_default();
+    while step > 1e-3 {
+        step *= 0.5;
+        let around = (0..9).map(|k| [best[0] + step * f64::from(k / 3 - 1), best[1] + step * f64::from(k % 3 - 1)]);
+        best = around.min_by(nearer).unwrap_or(best);
+    }
+    direction(best)
+}
+
+/// The axis of a polar angle and azimuth, rad.
+fn direction([polar, azimuth]: [f64; 2]) -> [f64; 3] {
+    [polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos()]
 }
 
 #[cfg(test)]
@@ -110,6 +148,17 @@ mod tests {
     }
 
     #[test]
+    fn a_preferred_direction_is_the_best_guess() {
+        // Axes within about 0.3 rad of one at a polar angle of 1 rad.
+        let axes: Vec<[f64; 3]> = (0..500)
+            .map(|i| f64::from(i) * 0.618_033_988_7)
+            .map(|t| direction([1.0 + 0.3 * t.sin(), 2.0 + 0.3 * (2.0 * t + 1.0).cos()]))
+            .collect();
+        let off = angle_deg(best_constant(&axes), direction([1.0, 2.0])).unwrap();
+        assert!(off < 3.0, "{off}");
+    }
+
+    #[test]
     fn a_guessed_axis_is_one_radian_off_on_average() {
         // Axes at equal steps of the cosine of the polar angle, which is uniform on a sphere.
         let n = 20_000;
@@ -118,6 +167,6 @@ mod tests {
             |i| angle_deg([0.0, 0.0, 1.0], [(1.0 - cosine(i).powi(2)).sqrt(), 0.0, cosine(i)]).unwrap();
         let mean = (0..n).map(guess).sum::<f64>() / f64::from(n);
         // The sum over n steps is within 1/n of the integral.
-        assert!((mean - GUESS_DEG).abs() < 0.01, "{mean}");
+        assert!((mean - 1f64.to_degrees()).abs() < 0.01, "{mean}");
     }
 }

@@ -52,13 +52,13 @@ pub(super) fn or_infinite<'de, D: Deserializer<'de>>(source: D) -> Result<f64, D
 pub type Interval = Option<[f64; 2]>;
 
 /// Smallest number of resampling units for an interval.
-const FEWEST: usize = 5;
+pub(crate) const FEWEST: usize = 5;
 
 /// Number of bootstrap resamples.
 pub const RESAMPLES: usize = 1000;
 
 /// More units than this are merged into blocks, which leaves the variance of sums unchanged.
-const BLOCKS: usize = 2000;
+pub(super) const BLOCKS: usize = 2000;
 
 /// A bootstrap: its seed, and which frames are resampled together.
 #[derive(Debug, Clone, Copy, Default)]
@@ -113,6 +113,19 @@ impl Bootstrap {
         }
         intervals
     }
+}
+
+/// How often each of `units` units is drawn in each of [`RESAMPLES`] resamples.
+pub(crate) fn draws(units: usize, seed: u64) -> Vec<Vec<u16>> {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let draw = |rng: &mut Xoshiro256PlusPlus| ((u128::from(rng.next_u64()) * units as u128) >> 64) as usize;
+    (0..RESAMPLES)
+        .map(|_| {
+            let mut counts = vec![0; units];
+            (0..units).for_each(|_| counts[draw(&mut rng)] += 1);
+            counts
+        })
+        .collect()
 }
 
 fn add<const N: usize>(sums: &mut [f64; N], more: &[f64; N]) {

@@ -24,6 +24,7 @@ use serde::{Deserialize, Serialize};
 use super::hint::Hint;
 use super::measurement::RecordingFacts;
 use super::statistics::ratio;
+use super::units::UnitScores;
 use crate::results::{Field, FlowVector};
 pub use compared::ComparedVector;
 pub use ensemble::EnsembleErrors;
@@ -33,6 +34,9 @@ pub use nodes::NodeErrors;
 pub use peak_locking::PeakLocking;
 pub use spectrum::{SpectralPoint, Spectrum};
 use storage::error::Result;
+
+/// RMS of the true displacement about its mean below which a flow is uniform, px.
+const UNIFORM_PX: f64 = 0.05;
 
 /// Scores of a displacement field: errors against the main truth at this level, against every truth under
 /// `truths`.
@@ -72,6 +76,8 @@ pub struct ScoredField {
     pub score: FieldScore,
     /// Valid and interpolated vectors with the main truth.
     pub vectors: Vec<ComparedVector>,
+    /// What a paired comparison with other results needs.
+    pub units: UnitScores,
     /// How the truth was chosen, if this needs an explanation.
     pub notes: Vec<String>,
     /// Probable mistakes of convention.
@@ -127,7 +133,16 @@ pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64)
                     scored.score.n_outside, scored.score.n_reported
                 ));
             }
-            scored.score.nodes = NodeErrors::of(grid, &field.vectors, &facts, seed);
+            let (nodes, of_squares) = NodeErrors::of(grid, &field.vectors, &facts, seed);
+            scored.score.nodes = nodes;
+            scored.units.nodes = of_squares;
+            if scored.score.nodes.spread_px.is_some_and(|spread| spread < UNIFORM_PX) {
+                scored.warnings.push(
+                    "the true displacement is the same everywhere: a constant field is right, so these scores do not \
+                     show what a method resolves"
+                        .to_owned(),
+                );
+            }
             scored.hints = hints::hints(&field.vectors, &compared, grid);
             scored.vectors = compared;
         }

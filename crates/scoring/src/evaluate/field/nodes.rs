@@ -31,6 +31,13 @@ const NEAR_PX: f64 = 8.0;
 /// Side of the squares of nodes that the bootstrap resamples if there are few image pairs, px: errors within
 /// a window are correlated.
 const BLOCK_PX: f64 = 32.0;
+/// Fewer squares than this are units of each image pair by itself.
+const FEW_SQUARES: usize = 30;
+/// Largest error of a valid node over the RMS of the true displacement about its mean: a constant field must
+/// not be valid.
+const GATE_OF_SPREAD: f64 = 0.5;
+/// Least gate of valid nodes, px: what PIV measures in a flow that is nearly uniform.
+const LEAST_GATE_PX: f64 = 0.2;
 /// Number of image pairs from which pairs are the units of the bootstrap.
 const PAIRS: usize = 10;
 
@@ -44,7 +51,14 @@ pub struct NodeErrors {
     /// Share of them to which valid vectors give a displacement.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub covered: Option<f64>,
-    /// Share of them at which the displacement has an end-point error below 1 px.
+    /// RMS of the true displacement about its mean over the reference nodes: the error of the best constant
+    /// field.
+    #[schemars(range(min = 0.0))]
+    pub spread_px: Option<f64>,
+    /// End-point error below which a node is valid: half of spread_px, at least 0.2 and at most 1 px.
+    #[schemars(range(min = 0.0))]
+    pub gate_px: f64,
+    /// Share of them at which the displacement has an end-point error below gate_px.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub valid: Option<f64>,
     /// RMS end-point error over all of them; a node without a displacement and an error above 1 px count as 1
@@ -68,11 +82,24 @@ type Sums = [f64; 6];
 
 impl NodeErrors {
     /// Scores the vectors of a result at the reference nodes of the truth.
-    pub(super) fn of(truth: &TrueField, vectors: &[FlowVector], facts: &RecordingFacts, seed: u64) -> Self {
+    ///
+    /// Also gives the sums over squares of nodes, for paired comparisons.
+    pub(super) fn of(
+        truth: &TrueField,
+        vectors: &[FlowVector],
+        facts: &RecordingFacts,
+        seed: u64,
+    ) -> (Self, Vec<Sums>) {
         let pairs = pairs(truth, vectors, facts);
         let (columns, rows) = truth.nodes();
         let (columns, rows) =
             (inner(columns, facts.sensor_px.map(|s| s.0)), inner(rows, facts.sensor_px.map(|s| s.1)));
+        let spread_px = spread_px(truth, &pairs, columns, rows);
+        let gate_px = spread_px.map_or(INLIER_PX, |spread| (GATE_OF_SPREAD * spread).clamp(LEAST_GATE_PX, INLIER_PX));
+        // The errors of a steady flow repeat from pair to pair, so that squares of all pairs are the units.
+        let blocks = |axis: &[f64]| axis.chunk_by(|a, b| block(*a) == block(*b)).count();
+        let is_by_pair = blocks(columns) * blocks(rows) < FEW_SQUARES;
+        let mut squares: BTreeMap<[u32; 3], Sums> = BTreeMap::new();
         let mut units: BTreeMap<[u32; 3], Sums> = BTreeMap::new();
         // One field for all pairs is interpolated once.
         let common = vectors.iter().all(|v| v.pair.is_none()).then(|| Interpolated::new(vectors.iter()));
@@ -89,13 +116,15 @@ impl NodeErrors {
             for &y_px in rows {
                 for &x_px in columns {
                     let Some([u, v, _]) = truth.of_pair(pair, x_px, y_px) else { continue };
-                    let block = |at: f64| (at / BLOCK_PX) as u32;
                     let key = match pairs.len() >= PAIRS {
                         true => [k as u32, 0, 0],
                         false => [k as u32, block(x_px), block(y_px)],
                     };
-                    let of_node = sums([u, v], found.at(x_px, y_px));
-                    units.entry(key).or_default().iter_mut().zip(of_node).for_each(|(s, new)| *s += new);
+                    let of_node = sums([u, v], found.at(x_px, y_px), gate_px);
+                    let square = [if is_by_pair { k as u32 } else { 0 }, block(x_px), block(y_px)];
+                    for sums in [units.entry(key).or_default(), squares.entry(square).or_default()] {
+                        sums.iter_mut().zip(of_node).for_each(|(s, new)| *s += new);
+                    }
                 }
             }
         }
@@ -108,8 +137,10 @@ impl NodeErrors {
         let [valid, rms_px, response] = scores(&total);
         let [interval_valid, interval_rms_px, interval_response] =
             Bootstrap { seed, pairs: false }.intervals(&units, scores);
-        NodeErrors {
+        let score = NodeErrors {
             n: total[0] as usize,
+            spread_px,
+            gate_px,
             covered: ratio(total[1], total[0]),
             valid,
             rms_px,
@@ -117,15 +148,35 @@ impl NodeErrors {
             interval_valid,
             interval_rms_px,
             interval_response,
-        }
+        };
+        (score, squares.into_values().collect())
     }
 }
 
-fn sums([u, v]: [f64; 2], found: Option<[f64; 2]>) -> Sums {
+/// The square of a position along an axis.
+fn block(at_px: f64) -> u32 {
+    (at_px / BLOCK_PX) as u32
+}
+
+/// RMS of the true displacement about its mean over all reference nodes: the error of the best constant.
+fn spread_px(truth: &TrueField, pairs: &[Option<u32>], columns: &[f64], rows: &[f64]) -> Option<f64> {
+    let pairs = if truth.needs_pairs() { pairs } else { &pairs[..pairs.len().min(1)] };
+    let nodes = || {
+        pairs.iter().flat_map(move |pair| {
+            rows.iter().flat_map(move |y| columns.iter().filter_map(move |x| truth.of_pair(*pair, *x, *y)))
+        })
+    };
+    let (n, u, v) = nodes().fold((0.0, 0.0, 0.0), |(n, u, v), d| (n + 1.0, u + d[0], v + d[1]));
+    let (mean_u, mean_v) = (ratio(u, n)?, ratio(v, n)?);
+    let squares: f64 = nodes().map(|d| (d[0] - mean_u).powi(2) + (d[1] - mean_v).powi(2)).sum();
+    ratio(squares, n).map(f64::sqrt)
+}
+
+fn sums([u, v]: [f64; 2], found: Option<[f64; 2]>, gate_px: f64) -> Sums {
     let size = u * u + v * v;
     let Some([a, b]) = found else { return [1.0, 0.0, 0.0, INLIER_PX * INLIER_PX, 0.0, size] };
     let error = (a - u).hypot(b - v);
-    let valid = f64::from(u8::from(error < INLIER_PX));
+    let valid = f64::from(u8::from(error < gate_px));
     [1.0, 1.0, valid, error.min(INLIER_PX).powi(2), a * u + b * v, size]
 }
 
@@ -275,7 +326,7 @@ mod tests {
             sensor_px: Some((size, size)),
             ..Default::default()
         };
-        NodeErrors::of(&TrueField::new(&nodes), vectors, &facts, 1)
+        NodeErrors::of(&TrueField::new(&nodes), vectors, &facts, 1).0
     }
 
     #[test]

@@ -1,0 +1,37 @@
+//! Ranking of results for the same dataset by several criteria in order of priority.
+//!
+//! Two results are compared on what they have in common (`paired.rs`). A result is behind another if it is
+//! significantly worse. Of a group, those behind nobody come first ([`order::ranks`]); the next criterion orders them;
+//! results that no criterion separates share a rank.
+
+mod metric;
+mod order;
+mod paired;
+
+use scenario::Metric;
+
+use crate::evaluate::{Score, UnitScores};
+pub use metric::{Better, better, measured};
+use paired::{Draws, Paired};
+
+/// A result that is ranked.
+#[derive(Debug, Clone, Copy)]
+pub struct Contestant<'a> {
+    /// Its scores.
+    pub score: &'a Score,
+    /// Its sums over units; without these, intervals are compared.
+    pub units: Option<&'a UnitScores>,
+}
+
+/// Indices of the results in order, each with its rank from 1. `seed` is that of the bootstrap.
+pub fn rank(contestants: &[Contestant<'_>], criteria: &[Metric], seed: u64) -> Vec<(usize, usize)> {
+    let draws = Draws::new(seed);
+    let compared: Vec<Vec<Paired<'_>>> = criteria
+        .iter()
+        .map(|metric| contestants.iter().map(|of| Paired::new(*metric, of, &draws)).collect())
+        .collect();
+    order::ranks(contestants.len(), criteria.len(), &|criterion: usize, a: usize, b: usize| {
+        let paired = &compared[criterion];
+        paired[a].is_better_than(&paired[b], &draws)
+    })
+}

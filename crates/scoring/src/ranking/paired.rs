@@ -1,0 +1,186 @@
+//! Paired comparison of two results by one score.
+//!
+//! Rates and means: the difference of the two scores over resamples of the units that both results share
+//! (`evaluate/units.rs`), each resample the same for both; a result is significantly better if the 95 % interval
+//! of the difference excludes 0. Leaving out frames lowers a result in most units at once, and so is significant
+//! against the complete one, however wide its own interval is.
+//!
+//! Errors of found particles: over all true particles, how many are nearer in one result and how many in the
+//! other; a particle that is missed is not near. A root mean square over those found would reward a result that
+//! leaves out its worst ones; this share never does, against no other result.
+//!
+//! Fewer than five units have no interval: the values decide. Without units (scores of earlier versions, of
+//! different datasets, or of vectors that a result chose itself) intervals decide that do not overlap, or if one
+//! is undefined, the values. A result without a value is behind all that have one.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+use scenario::Metric;
+
+use super::Contestant;
+use super::metric::{Better, better, measured};
+use crate::evaluate::hota::{self, SUMS};
+use crate::evaluate::statistics::{FEWEST, Interval, draws, quantile, ratio};
+use crate::evaluate::units::MISSED;
+
+/// The resamples, made once for each number of units, so that all results share them.
+pub(super) struct Draws {
+    seed: u64,
+    of_units: RefCell<BTreeMap<usize, Rc<Vec<Vec<u16>>>>>,
+}
+
+impl Draws {
+    pub(super) fn new(seed: u64) -> Self {
+        Draws { seed, of_units: RefCell::default() }
+    }
+
+    fn of(&self, units: usize) -> Rc<Vec<Vec<u16>>> {
+        let mut known = self.of_units.borrow_mut();
+        Rc::clone(known.entry(units).or_insert_with(|| Rc::new(draws(units, self.seed))))
+    }
+}
+
+/// What is compared of a result.
+#[derive(Debug)]
+enum Compared<'a> {
+    /// The merit in each resample of so many units.
+    Resampled(usize, Vec<f64>),
+    /// Squared errors of true particles, and the unit of each.
+    Errors(&'a [u32], &'a [f32]),
+    /// Nothing but value and interval.
+    Interval,
+}
+
+/// One score of a result. Merits are values of which greater is better.
+#[derive(Debug)]
+pub(super) struct Paired<'a> {
+    merit: Option<f64>,
+    interval: Interval,
+    compared: Compared<'a>,
+}
+
+impl<'a> Paired<'a> {
+    pub(super) fn new(metric: Metric, of: &Contestant<'a>, draws: &Draws) -> Self {
+        let (value, interval) = measured(metric, of.score);
+        let better = better(metric);
+        let ends = interval.filter(|_| better != Better::NearOne).map(|ends| ends.map(|v| better.merit(v)));
+        let whole = Paired {
+            merit: value.map(|value| better.merit(value)),
+            interval: ends.map(|[a, b]| [a.min(b), a.max(b)]),
+            compared: Compared::Interval,
+        };
+        let Some(units) = of.units else { return whole };
+        let errors = match metric {
+            Metric::RmseXyPx => Some(&units.xy),
+            Metric::SigmaZOverH => Some(&units.z),
+            Metric::VelocityRmsUmS => Some(&units.velocity),
+            _ => None,
+        };
+        if let Some(errors) = errors {
+            let compared = match errors.is_empty() || errors.len() != units.unit.len() {
+                true => Compared::Interval,
+                false => Compared::Errors(&units.unit, errors),
+            };
+            return Paired { compared, ..whole };
+        }
+        let of = |value: Option<f64>| value.map_or(f64::NEG_INFINITY, |value| better.merit(value));
+        let compared = match metric {
+            Metric::F1 => resampled(&units.detection, draws, |[tp, missed, fp]| {
+                of(ratio(2.0 * tp, 2.0 * tp + missed + fp))
+            }),
+            Metric::Recall | Metric::LptCorrect => {
+                resampled(&units.detection, draws, |[tp, missed, _]| of(ratio(tp, tp + missed)))
+            }
+            Metric::Precision => resampled(&units.detection, draws, |[tp, _, fp]| of(ratio(tp, tp + fp))),
+            Metric::LptGhost => {
+                resampled(&units.detection, draws, |[tp, missed, fp]| of(ratio(fp, tp + missed)))
+            }
+            Metric::LinkF1 => resampled(&units.links, draws, |[tp, n, m]| of(ratio(2.0 * tp, n + m))),
+            Metric::Hota => {
+                let sums: Option<Vec<[f64; SUMS]>> =
+                    units.hota.iter().map(|sums| sums.as_slice().try_into().ok()).collect();
+                sums.and_then(|sums| resampled(&sums, draws, |sums| of(hota::means(&sums)[0])))
+            }
+            Metric::IsbiBeta => {
+                resampled(&units.isbi, draws, |[gain, length, others]| of(ratio(gain, length + others)))
+            }
+            Metric::AngleMeanAllDeg => resampled(&units.angles, draws, |[n, sum]| of(ratio(sum, n))),
+            Metric::ValidNodes => resampled(&units.nodes, draws, |[n, _, valid, ..]| of(ratio(valid, n))),
+            Metric::RmsNodesPx => {
+                resampled(&units.nodes, draws, |[n, _, _, squares, ..]| of(ratio(squares, n).map(f64::sqrt)))
+            }
+            Metric::ResponseNodes => {
+                resampled(&units.nodes, draws, |[.., product, exact]| of(ratio(product, exact)))
+            }
+            // These are over the vectors that the result has.
+            _ => None,
+        };
+        Paired { compared: compared.unwrap_or(Compared::Interval), ..whole }
+    }
+
+    /// Whether it is significantly better than another.
+    pub(super) fn is_better_than(&self, other: &Paired<'_>, draws: &Draws) -> bool {
+        let (own, others) = match (self.merit, other.merit) {
+            (Some(own), Some(others)) => (own, others),
+            (own, _) => return own.is_some() && other.merit.is_none(),
+        };
+        match (&self.compared, &other.compared) {
+            (Compared::Resampled(n, a), Compared::Resampled(m, b)) if n == m => {
+                let differences = a.iter().zip(b).map(|(a, b)| if a == b { 0.0 } else { a - b });
+                excludes_zero(differences.collect())
+            }
+            (Compared::Errors(units, a), Compared::Errors(same, b)) if units == same => {
+                is_nearer(units, (a, b), draws)
+            }
+            _ => match self.interval.zip(other.interval) {
+                Some(([low, _], [_, high])) => low > high,
+                None => own > others,
+            },
+        }
+    }
+}
+
+/// The merit of the sums of each resample; `None` for fewer than five units.
+fn resampled<'a, const N: usize>(
+    units: &[[f64; N]],
+    draws: &Draws,
+    merit: impl Fn([f64; N]) -> f64,
+) -> Option<Compared<'a>> {
+    if units.len() < FEWEST {
+        return None;
+    }
+    let of_resample = |counts: &Vec<u16>| {
+        let mut sums = [0.0; N];
+        for (unit, count) in units.iter().zip(counts) {
+            let count = f64::from(*count);
+            sums.iter_mut().zip(unit).for_each(|(sum, value)| *sum += count * value);
+        }
+        merit(sums)
+    };
+    Some(Compared::Resampled(units.len(), draws.of(units.len()).iter().map(of_resample).collect()))
+}
+
+/// Whether the 95 % interval of differences lies above 0.
+fn excludes_zero(mut differences: Vec<f64>) -> bool {
+    differences.sort_unstable_by(f64::total_cmp);
+    quantile(&differences, 0.025).is_some_and(|low| low > 0.0)
+}
+
+/// Whether significantly more true particles are nearer in the first than in the second.
+fn is_nearer(units: &[u32], (a, b): (&[f32], &[f32]), draws: &Draws) -> bool {
+    let n = units.iter().max().map_or(0, |last| *last as usize + 1);
+    let mut wins = vec![0.0; n];
+    let distance = |error: f32| if error == MISSED { f32::INFINITY } else { error };
+    for ((unit, a), b) in units.iter().zip(a).zip(b) {
+        let (a, b) = (distance(*a), distance(*b));
+        wins[*unit as usize] += f64::from(i8::from(a < b) - i8::from(b < a));
+    }
+    if n < FEWEST {
+        return wins.iter().sum::<f64>() > 0.0;
+    }
+    let of_resample =
+        |counts: &Vec<u16>| counts.iter().zip(&wins).map(|(count, wins)| f64::from(*count) * wins).sum();
+    excludes_zero(draws.of(n).iter().map(of_resample).collect())
+}
