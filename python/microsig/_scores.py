@@ -31,9 +31,10 @@ class Scores:
     command's table. :attr:`curves` are recall and errors over depth, SNR, overlap and the distance of the nearest neighbor.
     """
 
-    def __init__(self, text: str, table: str) -> None:
+    def __init__(self, text: str, table: str, units: str) -> None:
         """Use :func:`evaluate`."""
         self._text = text
+        self._units = units
         self._scores: dict[str, Any] = json.loads(text)
         self._table = table
 
@@ -360,7 +361,7 @@ def compare(scores: Mapping[str, Scores]) -> Comparison:
             raise TypeError(f"scores: {name!r} is of type {type(score).__name__}: {allowed}")
     if not scores:
         raise ValueError(f"scores = {{}}: {allowed}, at least one")
-    entries, warnings, text = _microsig.compare([(name, score.json) for name, score in scores.items()])
+    entries, warnings, text = _microsig.compare([(name, score.json, score._units) for name, score in scores.items()])
     return Comparison(json.loads(entries), warnings, text)
 
 

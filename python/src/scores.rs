@@ -91,27 +91,35 @@ impl How {
     }
 }
 
-/// Scores of a result against the truth of a dataset: `score.json`, and the command's table.
+/// Scores of a result against the truth of a dataset: `score.json`, the command's table, and `units.json`.
 #[pyfunction]
-fn evaluate(py: Python<'_>, dataset: PathBuf, result: PathBuf, how: How) -> PyResult<(String, String)> {
+fn evaluate(
+    py: Python<'_>,
+    dataset: PathBuf,
+    result: PathBuf,
+    how: How,
+) -> PyResult<(String, String, String)> {
     run(py, false, OnInterrupt::Leave, move |_| {
         let evaluation = evaluate_result(&dataset, &result, &how.options()?)?;
-        Ok((report::json(&evaluation)?, report::table(&evaluation.score)))
+        Ok((report::json(&evaluation)?, report::table(&evaluation.score), report::units_json(&evaluation)?))
     })
 }
 
-/// The leaderboard of several scores (`score.json`), each with its name: JSON of its entries, warnings, text.
+/// The leaderboard of several scores, each with its name, `score.json` and `units.json`: JSON of its entries,
+/// warnings, text.
 #[pyfunction]
-fn compare(py: Python<'_>, scores: Vec<(String, String)>) -> PyResult<(String, Vec<String>, String)> {
+fn compare(py: Python<'_>, scores: Vec<(String, String, String)>) -> PyResult<(String, Vec<String>, String)> {
     run(py, false, OnInterrupt::Leave, move |_| {
         let mut named = Vec::new();
-        for (name, json) in scores {
+        for (name, json, units) in scores {
             let of = |problems: Vec<String>| {
                 storage::Error::Input(problems.iter().map(|problem| format!("{name}: {problem}")).collect())
             };
-            named.push((name.clone(), report::parse_score(&json).map_err(of)?));
+            let score = report::parse_score(&json).map_err(of)?;
+            let units = report::parse_units(&units).map_err(|problem| of(vec![problem]))?;
+            named.push(report::Named { name: name.clone(), score, units: Some(std::sync::Arc::new(units)) });
         }
-        let ranking = report::ranking(&named);
+        let ranking = report::ranking(named);
         let entries =
             serde_json::to_string(&ranking.entries).map_err(|e| storage::Error::input(e.to_string()))?;
         Ok((entries, ranking.warnings, ranking.text))

@@ -8,10 +8,10 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::table::number;
-use scoring::evaluate::Score;
 use scenario::Metric;
-use scoring::evaluate::statistics::Interval;
+use scoring::evaluate::Score;
 use scoring::evaluate::UnitScores;
+use scoring::evaluate::statistics::Interval;
 use scoring::ranking::{Contestant, rank};
 
 /// Bias above which an entry is marked, px: a wrong origin shifts positions by 0.5 or 1 px, which is within a

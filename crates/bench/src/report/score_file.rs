@@ -6,9 +6,9 @@ use serde_json::Value;
 use serde_path_to_error::Segment;
 
 use super::files::{SCORE, UNITS};
-use scoring::evaluate::{Score, UnitScores};
 use scoring::evaluate::curves::NEIGHBOR_PX;
 use scoring::evaluate::score_keys::beyond_ranges;
+use scoring::evaluate::{Score, UnitScores};
 use storage::error::{Error, Result};
 use storage::input;
 

@@ -304,7 +304,9 @@ fn scored_case(
             report::write_into(&folder, evaluation, false)?;
         }
         match result(case, tracker, &evaluation) {
-            result if result.status == Status::Scored => scored.extend(evaluation.ok().flatten().map(|e| (result, e))),
+            result if result.status == Status::Scored => {
+                scored.extend(evaluation.ok().flatten().map(|e| (result, e)))
+            }
             result => others.push(result),
         }
     }

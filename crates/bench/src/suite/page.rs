@@ -74,7 +74,9 @@ pub fn page(scores: &SuiteScores, more: &Annotations) -> Result<String> {
     let body = html! {
         h1 { (title) }
         p.soft { "Scored by microsig " (scores.microsig) ". Each case is ranked for itself, by the scores in the order of the \
-            columns as far as their 95 % intervals (in brackets) separate results; results of equal rank are not separated by any. \
+            columns: a result is behind another if the difference of the two on the particles or nodes of the case is significant \
+            (95 %; intervals in brackets are those of the scores alone), and the next score orders those that one does not separate. \
+            Results of equal rank are not separated by any. \
             Scores of different cases are never averaged. A track's standing is the mean of the ranks in its cases; a case \
             without a result counts with the last rank. Errors cover found particles only: read them together with recall or F1." }
         @for note in &more.notes { p { (with_code(note)) } }

@@ -147,19 +147,34 @@ pub fn per_frame(truth: &TrackSet, result: &TrackSet, matching: &Matching) -> Ve
         .collect()
 }
 
-/// Number of frames with true particles for which the result has no point. 0 if the recall explains them:
-/// finding each particle independently with that probability, as many empty frames are no more than three
-/// standard deviations above the expected number.
+/// Share of the matches expected by the recall below which a frame is missing.
+const FEW_MATCHES: f64 = 0.25;
+
+/// Number of frames with true particles in which less than a quarter of the matches are found that the recall
+/// of all frames leads one to expect, whatever ghosts there are. 0 if the recall explains them: finding each
+/// particle independently with that probability, as many such frames are no more than three standard deviations
+/// above the expected number.
 pub fn missing_frames(frames: &[FrameCounts]) -> usize {
     let with_truth = || frames.iter().filter(|f| f.counts[0] + f.counts[1] > 0);
-    let is_empty = |f: &FrameCounts| f.counts[0] + f.counts[2] == 0;
     let (found, all) =
         with_truth().fold((0, 0), |(found, all), f| (found + f.counts[0], all + f.counts[0] + f.counts[1]));
-    let missed = 1.0 - ratio(found as f64, all as f64).unwrap_or(0.0);
-    let chance = |f: &FrameCounts| missed.powf((f.counts[0] + f.counts[1]) as f64);
+    let recall = ratio(found as f64, all as f64).unwrap_or(0.0);
+    let most = |f: &FrameCounts| (FEW_MATCHES * recall * (f.counts[0] + f.counts[1]) as f64).floor();
+    // The binomial probability of so few matches in a frame of n particles.
+    let chance = |f: &FrameCounts| {
+        let n = (f.counts[0] + f.counts[1]) as f64;
+        let mut term = (1.0 - recall).powf(n);
+        let mut sum = term;
+        for k in 0..most(f) as usize {
+            let k = k as f64;
+            term *= (n - k) / (k + 1.0) * recall / (1.0 - recall).max(f64::MIN_POSITIVE);
+            sum += term;
+        }
+        sum.min(1.0)
+    };
     let (expected, variance) =
         with_truth().map(chance).fold((0.0, 0.0), |(mean, variance), p| (mean + p, variance + p * (1.0 - p)));
-    let missing = with_truth().filter(|f| is_empty(f)).count();
+    let missing = with_truth().filter(|f| f.counts[0] as f64 <= most(f)).count();
     if missing as f64 > expected + 3.0 * variance.sqrt() { missing } else { 0 }
 }
 
@@ -240,9 +255,13 @@ mod tests {
         assert_eq!(missing_frames(&frames), 0);
         frames[7] = frame(0, 10);
         assert_eq!(missing_frames(&frames), 1);
-        // A ghost shows that the frame was looked at.
+        // A ghost is not a match, and neither a match nor two make a frame of ten particles complete.
         frames[7].counts[2] = 1;
-        assert_eq!(missing_frames(&frames), 0);
+        assert_eq!(missing_frames(&frames), 1);
+        frames[3] = frame(2, 8);
+        assert_eq!(missing_frames(&frames), 2);
+        frames[3] = frame(5, 5);
+        assert_eq!(missing_frames(&frames), 1);
         // Of single particles half are found: half of the frames are empty.
         let single: Vec<FrameCounts> = (0..40).map(|k| frame(k % 2, 1 - k % 2)).collect();
         assert_eq!(missing_frames(&single), 0);

@@ -46,18 +46,18 @@ use generator::dataset::manifest::GENERATOR_VERSION;
 use generator::dataset::manifest::ScoringGates;
 pub use hint::Hint;
 use matching::{Cost, Matching};
-use motion::TrackComparison;
 use measurement::RecordingFacts;
+use motion::TrackComparison;
 pub use options::EvaluateOptions;
 pub use score::{Counts, Definitions, DetectionAtGate, Offset, PositionUncertainty, Score, Versions};
 use statistics::Bootstrap;
-pub use units::UnitScores;
 use storage::checksums::fingerprint;
 use storage::error::{Error, Result};
 use storage::tables::truth::{BOXES, TRACKS};
 use track_set::TrackSet;
 use truth::{ScoredPoints, TrueParticles};
 use units::Divided;
+pub use units::UnitScores;
 
 /// A score together with the points or vectors it was computed from, for tables and reports.
 #[derive(Debug, Clone)]
@@ -267,7 +267,8 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         None
     });
     let velocities = velocities.as_deref();
-    let compared = TrackComparison { truth, clouds: (t, r), matching: &matching, depth, reported: velocities };
+    let compared =
+        TrackComparison { truth, clouds: (t, r), matching: &matching, depth, reported: velocities };
     units.velocity = divided.velocity(&compared);
     let score = Score {
         dataset: truth.facts.name.clone(),
@@ -331,7 +332,7 @@ fn cautions(truth: &TrueParticles, points: &Points, counts: &Counts) -> Vec<Stri
     }
     if counts.frames_missing > 0 {
         warnings.push(format!(
-            "nothing is found in {} of {} frames: rankings put it after complete results of the same score",
+            "next to nothing is found in {} of {} frames, much less than in the others",
             counts.frames_missing, counts.frames
         ));
     }

@@ -179,7 +179,13 @@ impl TrackComparison<'_> {
         motion.velocity_rms_z_um_s = Errors::of(upward.iter().copied()).rms.filter(|_| self.depth);
         let from = match is_from {
             [true, true] => "both",
-            [_, is_reported] => if is_reported { "result" } else { "positions" },
+            [_, is_reported] => {
+                if is_reported {
+                    "result"
+                } else {
+                    "positions"
+                }
+            }
         };
         motion.velocity_from = motion.velocity_rms_um_s.map(|_| from.to_owned());
     }
@@ -188,7 +194,8 @@ impl TrackComparison<'_> {
     /// of its positions: a score over reported velocities alone would reward a result with few of them.
     fn velocity(&self, points: &[u32], k: usize) -> Option<([f64; 3], bool)> {
         let source = self.clouds.1.points[points[k] as usize].source as usize;
-        let reported = self.reported.map(|rows| rows[source]).filter(|v| v[0].is_finite() && v[1].is_finite());
+        let reported =
+            self.reported.map(|rows| rows[source]).filter(|v| v[0].is_finite() && v[1].is_finite());
         reported.map(|v| (v, true)).or_else(|| self.slope(points, k).map(|v| (v, false)))
     }
 

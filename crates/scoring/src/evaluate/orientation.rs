@@ -122,7 +122,8 @@ fn best_constant(axes: &[[f64; 3]]) -> [f64; 3] {
     let mut best = coarse.min_by(nearer).unwrap_or_default();
     while step > 1e-3 {
         step *= 0.5;
-        let around = (0..9).map(|k| [best[0] + step * f64::from(k / 3 - 1), best[1] + step * f64::from(k % 3 - 1)]);
+        let around =
+            (0..9).map(|k| [best[0] + step * f64::from(k / 3 - 1), best[1] + step * f64::from(k % 3 - 1)]);
         best = around.min_by(nearer).unwrap_or(best);
     }
     direction(best)

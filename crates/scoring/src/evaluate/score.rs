@@ -118,7 +118,8 @@ pub struct DetectionAtGate {
 pub struct Counts {
     /// Frames with a scored point in truth or result.
     pub frames: usize,
-    /// Frames with true particles for which the result has no point; 0 if its recall explains them.
+    /// Frames in which less than a quarter of the matches are found that the recall leads one to expect; 0 if
+    /// chance explains them.
     pub frames_missing: usize,
     /// True particles.
     pub n_truth: usize,

@@ -120,7 +120,8 @@ impl Divided<'_> {
     pub(super) fn points(&self) -> UnitScores {
         let (t, r) = self.clouds;
         let n = self.units();
-        let mut sums = UnitScores { detection: vec![[0.0; 3]; n], links: vec![[0.0; 3]; n], ..Default::default() };
+        let mut sums =
+            UnitScores { detection: vec![[0.0; 3]; n], links: vec![[0.0; 3]; n], ..Default::default() };
         sums.unit = (0..t.len()).map(|i| self.unit_of(i) as u32).collect();
         let ambiguous = self.ambiguous();
         let squared = |i: usize, axes: &[usize]| {

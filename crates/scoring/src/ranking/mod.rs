@@ -7,6 +7,8 @@
 mod metric;
 mod order;
 mod paired;
+#[cfg(test)]
+mod tests;
 
 use scenario::Metric;
 

@@ -154,10 +154,7 @@ pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64)
         let missing = pairs().filter(|pair| !named.contains(pair)).count();
         scored.score.n_pairs_missing = missing;
         if missing > 0 {
-            scored.warnings.push(format!(
-                "no vector is of {missing} of the {} image pairs: rankings put it after complete results",
-                pairs().count()
-            ));
+            scored.warnings.push(format!("no vector is of {missing} of the {} image pairs", pairs().count()));
         }
     }
     let mut unknown: Vec<u32> =

@@ -95,7 +95,8 @@ impl NodeErrors {
         let (columns, rows) =
             (inner(columns, facts.sensor_px.map(|s| s.0)), inner(rows, facts.sensor_px.map(|s| s.1)));
         let spread_px = spread_px(truth, &pairs, columns, rows);
-        let gate_px = spread_px.map_or(INLIER_PX, |spread| (GATE_OF_SPREAD * spread).clamp(LEAST_GATE_PX, INLIER_PX));
+        let gate_px =
+            spread_px.map_or(INLIER_PX, |spread| (GATE_OF_SPREAD * spread).clamp(LEAST_GATE_PX, INLIER_PX));
         // The errors of a steady flow repeat from pair to pair, so that squares of all pairs are the units.
         let blocks = |axis: &[f64]| axis.chunk_by(|a, b| block(*a) == block(*b)).count();
         let is_by_pair = blocks(columns) * blocks(rows) < FEW_SQUARES;

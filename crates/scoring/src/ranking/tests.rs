@@ -1,0 +1,214 @@
+//! Results that are worse than an honest one do not rank before it, by any score.
+
+use scenario::Metric;
+
+use super::{Contestant, rank};
+use crate::evaluate::truth::TrueParticles;
+use crate::evaluate::{EvaluateOptions, Evaluation, particles};
+use crate::results::{Points, Position, TrackRow, Velocities, VelocityUnit};
+
+const FRAMES: u32 = 6;
+const PARTICLES: u32 = 40;
+
+/// A number from 0 to 1 without a pattern.
+fn chance(seed: u32, i: u32) -> f64 {
+    let mixed = (i ^ seed.wrapping_mul(0x9e37_79b9)).wrapping_mul(2_654_435_761).rotate_left(13);
+    let mixed = (mixed ^ (mixed >> 15)).wrapping_mul(0x85eb_ca6b);
+    f64::from(mixed ^ (mixed >> 13)) / f64::from(u32::MAX)
+}
+
+fn at(particle: u32, frame: u32) -> Position {
+    let (column, row) = (particle % 8, particle / 8);
+    let moved = f64::from(frame) * (1.0 + 0.1 * f64::from(row));
+    let z_um = -40.0 + 80.0 * chance(7, particle);
+    Position { x_px: 20.0 + 25.0 * f64::from(column) + moved, y_px: 20.0 + 25.0 * f64::from(row), z_um }
+}
+
+fn rows() -> Vec<TrackRow> {
+    let of = |frame| (0..PARTICLES).map(move |i| TrackRow { frame, track: i64::from(i), at: at(i, frame) });
+    (0..FRAMES).flat_map(of).collect()
+}
+
+fn truth() -> TrueParticles {
+    let rows = rows();
+    let mut truth =
+        TrueParticles { visible: vec![true; rows.len()], has_z: true, ..TrueParticles::default() };
+    truth.facts.depth_um = Some((-40.0, 40.0));
+    truth.facts.um_per_px = Some(1.0);
+    truth.facts.dt_s = Some(0.01);
+    truth.velocity_um_s =
+        rows.iter().map(|row| [100.0 * (1.0 + 0.1 * f64::from(row.track as u32 / 8)), 0.0, 0.0]).collect();
+    // Axes near one direction, as in a shear flow.
+    truth.axes = rows
+        .iter()
+        .map(|row| [1.0, chance(1, row.track as u32) - 0.5, chance(2, row.track as u32) - 0.5])
+        .collect();
+    truth.rows = rows;
+    truth
+}
+
+/// A tracker that misses a twelfth of the particles and has errors of up to half a pixel and 2 um.
+fn honest() -> Points {
+    let mut rows = rows();
+    rows.retain(|row| chance(3, row.frame * 100 + row.track as u32) > 1.0 / 12.0);
+    for (i, row) in rows.iter_mut().enumerate() {
+        row.at.x_px += chance(4, i as u32) - 0.5;
+        row.at.z_um += 4.0 * chance(5, i as u32) - 2.0;
+    }
+    Points { rows, has_z: true, ..Points::default() }
+}
+
+fn scored(points: &Points) -> Evaluation {
+    particles(&truth(), points, &EvaluateOptions::default()).unwrap()
+}
+
+/// Whether the second is behind the first.
+fn is_behind(first: &Points, second: &Points, by: &[Metric]) -> bool {
+    let both = [scored(first), scored(second)];
+    let contestants = both.each_ref().map(|e| Contestant { score: &e.score, units: Some(&e.units) });
+    let ranks = rank(&contestants, by, 1);
+    ranks == [(0, 1), (1, 2)]
+}
+
+fn with_ghosts(points: &Points, ghosts: impl Iterator<Item = (u32, Position)>) -> Points {
+    let mut all = points.clone();
+    all.rows.extend(ghosts.map(|(frame, at)| TrackRow { frame, track: -1, at }));
+    all
+}
+
+fn without(points: &Points, is_left_out: impl Fn(&TrackRow) -> bool) -> Points {
+    let mut all = points.clone();
+    all.rows.retain(|row| !is_left_out(row));
+    all
+}
+
+const D3: [Metric; 3] = [Metric::F1, Metric::SigmaZOverH, Metric::RmseXyPx];
+const T: [Metric; 4] = [Metric::Hota, Metric::LptCorrect, Metric::LptGhost, Metric::VelocityRmsUmS];
+const S: [Metric; 3] = [Metric::AngleMeanAllDeg, Metric::F1, Metric::RmseXyPx];
+
+#[test]
+fn frames_left_out_are_behind_the_complete_result() {
+    let corner = Position { x_px: 1.0, y_px: 1.0, z_um: 0.0 };
+    for left_out in 1..FRAMES {
+        let cut = without(&honest(), |row| row.frame < left_out);
+        let cut = with_ghosts(&cut, (0..left_out).map(|frame| (frame, corner)));
+        for by in [&D3[..], &T, &S, &[Metric::LinkF1, Metric::RmseXyPx]] {
+            assert!(is_behind(&honest(), &cut, by), "{left_out} {by:?}");
+        }
+    }
+}
+
+#[test]
+fn the_worst_particles_left_out_gain_nothing() {
+    // Each error is nearer to that of a tracker that is a little better in some and worse in others.
+    let z = |row: &TrackRow| (row.at.z_um - at(row.track as u32, row.frame).z_um).abs();
+    let own = honest();
+    for limit in [1.9, 1.5, 1.0] {
+        let cut = without(&own, |row| z(row) > limit);
+        assert!(!is_behind(&cut, &own, &D3) && !is_behind(&cut, &own, &[Metric::SigmaZOverH]), "{limit}");
+    }
+    let cut = without(&own, |row| z(row) > 1.5);
+    assert!(scored(&cut).score.gdpt.unwrap().sigma_z_um < scored(&own).score.gdpt.unwrap().sigma_z_um);
+    assert!(is_behind(&own, &cut, &[Metric::SigmaZOverH]));
+}
+
+#[test]
+fn ghosts_at_one_place_or_in_one_frame_are_significant() {
+    let at = |i: u32| Position { x_px: 20.0 + 0.001 * f64::from(i), y_px: 24.0, z_um: 0.0 };
+    let ghosts = with_ghosts(&honest(), (0..500).map(|i| (2, at(i))));
+    let far = with_ghosts(&honest(), (0..500).map(|i| (1000, at(i))));
+    for worse in [ghosts, far] {
+        for by in [&D3[..], &T, &[Metric::Precision], &[Metric::IsbiBeta]] {
+            assert!(is_behind(&honest(), &worse, by), "{by:?}");
+        }
+    }
+}
+
+#[test]
+fn answers_beside_each_other_are_no_better_than_one() {
+    let own = honest();
+    let hedges = own
+        .rows
+        .iter()
+        .flat_map(|row| [-1.0, 1.0].map(|z| (row.frame, Position { z_um: row.at.z_um + z, ..row.at })));
+    let hedged = with_ghosts(&own, hedges);
+    for by in [&[Metric::SigmaZOverH][..], &[Metric::RmseXyPx], &[Metric::VelocityRmsUmS]] {
+        assert!(is_behind(&own, &hedged, by), "{by:?}");
+    }
+}
+
+#[test]
+fn a_velocity_claimed_for_one_row_gains_nothing() {
+    let own = honest();
+    let truth = truth();
+    let claim = |share: f64, v: f64| {
+        let velocity = |(i, row): (usize, &TrackRow)| {
+            let exact = truth.velocity_um_s[(row.frame * PARTICLES + row.track as u32) as usize];
+            if chance(6, i as u32) < share { exact.map(|e| e * v) } else { [f64::NAN; 3] }
+        };
+        let rows = own.rows.iter().enumerate().map(velocity).collect();
+        Points { velocities: Some(Velocities { unit: VelocityUnit::UmPerS, rows }), ..own.clone() }
+    };
+    let mut one = claim(0.0, 1.0);
+    one.velocities.as_mut().unwrap().rows[17] = [100.0, 0.0, 0.0];
+    let error = |points: &Points| scored(points).score.lpt.unwrap().motion.velocity_rms_um_s.unwrap();
+    // One exact velocity of 200 changes the error of all by less than a percent.
+    assert!((error(&one) / error(&own) - 1.0).abs() < 0.01, "{} {}", error(&one), error(&own));
+    assert!(!is_behind(&one, &own, &T));
+    // Velocities that are measured for all rows do.
+    assert!(is_behind(&claim(1.0, 1.01), &own, &T));
+    // Absurd and constant ones are behind.
+    assert!(is_behind(&own, &claim(1.0, 1e200), &T) && is_behind(&own, &claim(1.0, 0.0), &T));
+}
+
+#[test]
+fn axes_of_ghosts_and_a_constant_axis_gain_nothing() {
+    let own = honest();
+    let axes_of =
+        |points: &Points, axis: [f64; 3]| Points { axes: vec![axis; points.rows.len()], ..points.clone() };
+    let ghost = Points {
+        rows: vec![TrackRow { frame: 0, track: -1, at: Position::default() }],
+        axes: vec![[0.0, 0.0, 1.0]],
+        has_z: true,
+        ..Points::default()
+    };
+    assert!(is_behind(&own, &ghost, &S));
+    // A grid that matches every particle, with the best constant axis.
+    let grid = (0..FRAMES).flat_map(|frame| {
+        (0..60).flat_map(move |i| {
+            (0..40).flat_map(move |j| {
+                [-32, -16, 0, 16, 32].map(move |z| {
+                    (
+                        frame,
+                        Position {
+                            x_px: 10.0 + 4.0 * f64::from(i),
+                            y_px: 10.0 + 4.0 * f64::from(j),
+                            z_um: f64::from(z),
+                        },
+                    )
+                })
+            })
+        })
+    });
+    let grid = axes_of(&with_ghosts(&Points { has_z: true, ..Points::default() }, grid), [1.0, 0.0, 0.0]);
+    assert!(is_behind(&own, &grid, &S));
+    // Measured axes are better than none, those at random worse.
+    let exact = truth();
+    let of = |row: &TrackRow| exact.axes[(row.frame * PARTICLES + row.track as u32) as usize];
+    let measured = Points { axes: own.rows.iter().map(of).collect(), ..own.clone() };
+    assert!(is_behind(&measured, &own, &S));
+    let random = (0..own.rows.len() as u32).map(|i| [8, 9, 10].map(|seed| chance(seed, i) - 0.5)).collect();
+    assert!(is_behind(&own, &Points { axes: random, ..own.clone() }, &S));
+}
+
+#[test]
+fn an_empty_result_is_last_and_equals_share_a_rank() {
+    let own = honest();
+    let empty = Points { has_z: true, ..Points::default() };
+    for by in [&D3[..], &T, &S] {
+        assert!(is_behind(&own, &empty, by), "{by:?}");
+    }
+    let both = [scored(&own), scored(&own)];
+    let contestants = both.each_ref().map(|e| Contestant { score: &e.score, units: Some(&e.units) });
+    assert_eq!(rank(&contestants, &D3, 1), [(0, 1), (1, 1)]);
+}
