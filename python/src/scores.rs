@@ -119,7 +119,7 @@ fn compare(py: Python<'_>, scores: Vec<(String, String, String)>) -> PyResult<(S
             let units = report::parse_units(&units).map_err(|problem| of(vec![problem]))?;
             named.push(report::Named { name: name.clone(), score, units: Some(std::sync::Arc::new(units)) });
         }
-        let ranking = report::ranking(named);
+        let ranking = report::ranking(named)?;
         let entries =
             serde_json::to_string(&ranking.entries).map_err(|e| storage::Error::input(e.to_string()))?;
         Ok((entries, ranking.warnings, ranking.text))

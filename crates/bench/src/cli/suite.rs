@@ -133,6 +133,9 @@ struct Score {
     /// Only this case
     #[arg(long, value_name = "NAME")]
     case: Option<String>,
+    /// Also score degenerate results made from the truth; exit code 1 if one is not behind the trackers
+    #[arg(long)]
+    anchors: bool,
 }
 
 #[derive(Debug, Args)]
@@ -360,9 +363,12 @@ impl Score {
             force: common.force,
             selection,
             seed: common.seed.unwrap_or(0),
+            anchors: self.anchors,
         };
         let scores = score(&suite, &self.datasets, &options)?;
-        report(&scores.text(), &scores, common)
+        report(&scores.text(), &scores, common)?;
+        let misplaced = scores.misplaced_anchors();
+        if misplaced.is_empty() { Ok(()) } else { Err(Error::Failed(misplaced)) }
     }
 }
 

@@ -15,6 +15,7 @@ use serde_json::Value;
 
 use super::figure::{figure_of, names};
 use super::files::{SCORE, UNITS};
+use super::for_team::told;
 use super::leaderboard::{Entry, ResultKind, axis_text, caution, ranked, text};
 use super::page::document;
 use super::particle_plots::axis;
@@ -52,7 +53,7 @@ pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Comparison>
         return Err(Error::Exists(out.to_owned()));
     }
     outside_datasets(out)?;
-    let Ranking { scores, entries, warnings, text } = ranking(named(paths)?);
+    let Ranking { scores, entries, warnings, text } = ranking(named(paths)?)?;
     let partial = Partial::start(out)?;
     save_bytes(&partial.folder().join("leaderboard.csv"), &leaderboard_csv(&entries)?)?;
     save_bytes(&partial.folder().join("curves.csv"), &curves_csv(&scores)?)?;
@@ -85,9 +86,19 @@ pub struct Named {
 }
 
 /// Ranks scores.
-pub fn ranking(scores: Vec<Named>) -> Ranking {
+///
+/// # Errors
+/// A score that cannot be serialized; no such case is known.
+pub fn ranking(scores: Vec<Named>) -> Result<Ranking> {
     let of = |Named { name, score, units }: Named| (Entry::of(name, &score, units), score);
     let scores = ranked(scores.into_iter().map(of).collect());
+    let shown = |(entry, score): (Entry, Score)| -> Result<(Entry, Score)> {
+        // Ranks are by all digits.
+        let told = told(&score)?;
+        let shown = Entry::of(entry.name.clone(), &told, entry.units.clone());
+        Ok((Entry { rank: entry.rank, ..shown }, told))
+    };
+    let scores: Vec<(Entry, Score)> = scores.into_iter().map(shown).collect::<Result<_>>()?;
     let entries: Vec<Entry> = scores.iter().map(|s| s.0.clone()).collect();
     let mut warnings = differences(&scores);
     let unpaired: Vec<&str> = entries.iter().filter(|e| e.units.is_none()).map(|e| e.name.as_str()).collect();
@@ -103,7 +114,7 @@ pub fn ranking(scores: Vec<Named>) -> Ranking {
         warnings.extend(score.warnings.iter().map(|w| format!("{}: {w}", entry.name)));
     }
     let text = text(&entries, &warnings);
-    Ranking { entries, warnings, text, scores }
+    Ok(Ranking { entries, warnings, text, scores })
 }
 
 /// Reads scores and names them after their folders.

@@ -26,9 +26,11 @@ pub(super) fn plots(evaluation: &Evaluation, with_true_positions: bool) -> Resul
     let inliers: Vec<&&ComparedVector> =
         valid.iter().filter(|c| c.endpoint() < main.outlier_threshold_px).collect();
     let errors = inliers.iter().map(|c| ((c.measured.at.x_px, c.measured.at.y_px), c.endpoint()));
-    plots.extend(error_map(size, errors)?);
-    for (k, x) in ["error in u of inliers, px", "error in v of inliers, px"].into_iter().enumerate() {
-        plots.extend(histogram(x, "vectors", inliers.iter().map(|c| c.error()[k]))?);
+    if with_true_positions {
+        plots.extend(error_map(size, errors)?);
+        for (k, x) in ["error in u of inliers, px", "error in v of inliers, px"].into_iter().enumerate() {
+            plots.extend(histogram(x, "vectors", inliers.iter().map(|c| c.error()[k]))?);
+        }
     }
     plots.extend(responses(&main.spectra)?);
     plots.extend(locking(main)?);

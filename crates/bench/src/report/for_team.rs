@@ -1,8 +1,13 @@
-//! What participants may see of the scores of a withheld truth.
+//! What participants may see of the scores of a withheld truth: averages over many particles, rounded.
 //!
-//! The error of a single particle, with the position that was submitted for it, is its true position: results
-//! of one row per frame would reveal the truth by the biases of frames. So participants get averages over
-//! many particles only, with three digits.
+//! The error of a single particle, with the position that was submitted for it, is its true position. Errors
+//! that a single particle decides (medians, extremes, bins with few particles) are left out. Averages are
+//! rounded to three digits, and to a step that is not smaller than one particle can change them: the gate over
+//! the number of matches, or 1 over it for rates. With all digits, two submissions that differ in one row would
+//! give its true position exactly.
+//!
+//! All that leaves goes through [`told`]: `for_team`, the scoring program of Codabench (which hands on
+//! `for_team/score.json`), the leaderboards of `compare` and of suites.
 
 use std::path::Path;
 
@@ -23,20 +28,23 @@ pub(super) const FOLDER: &str = "for_team";
 const FEWEST: usize = 20;
 
 /// Digits of numbers.
-const DIGITS: i32 = 3;
+const DIGITS: usize = 3;
+
+/// Beginnings of keys whose value a single particle decides.
+const OF_ONE: [&str; 5] = ["p50", "p95", "median", "min_distance", "max_distance"];
+
+/// Groups of keys that are no results: rules, counts, edges of bins.
+const EXACT: [&str; 6] = ["definitions", "counts", "from", "to", "z_over_h", "wavelength_px"];
 
 /// Writes `score.json`, and `report.html` if asked for, into the folder `for_team`; returns their names.
 pub(super) fn write(folder: &Path, evaluation: &Evaluation, html: bool) -> Result<Vec<String>> {
     let folder = folder.join(FOLDER);
     std::fs::create_dir(&folder).map_err(Error::write(&folder))?;
-    let has_enough = averaged(evaluation) >= FEWEST;
-    let score =
-        if has_enough { with_full_bins(&evaluation.score) } else { without_scores(&evaluation.score) };
+    let score = told(&evaluation.score)?;
     let mut names = vec![SCORE];
-    let value = serde_json::to_value(&score).map_err(|e| Error::input(e.to_string()))?;
-    let text = serde_json::to_string_pretty(&rounded(value)).map_err(|e| Error::input(e.to_string()))?;
+    let text = serde_json::to_string_pretty(&score).map_err(|e| Error::input(e.to_string()))?;
     save_bytes(&folder.join(SCORE), (text + "\n").as_bytes())?;
-    if html && has_enough {
+    if html && averaged(&evaluation.score) >= FEWEST {
         let evaluation = Evaluation { score, ..evaluation.clone() };
         save_bytes(&folder.join(REPORT), page::page(&evaluation, false)?.as_bytes())?;
         names.push(REPORT);
@@ -44,9 +52,26 @@ pub(super) fn write(folder: &Path, evaluation: &Evaluation, html: bool) -> Resul
     Ok(names.into_iter().map(|name| format!("{FOLDER}/{name}")).collect())
 }
 
+/// What may be seen of a score; all of it, unless the truth is withheld.
+///
+/// # Errors
+/// A score that cannot be serialized; no such case is known.
+pub(crate) fn told(score: &Score) -> Result<Score> {
+    if !score.truth_is_secret {
+        return Ok(score.clone());
+    }
+    let n = averaged(score);
+    let told = if n >= FEWEST { with_full_bins(score) } else { without_scores(score) };
+    let value = serde_json::to_value(&told).map_err(|e| Error::input(e.to_string()))?;
+    let gate = score.definitions.gate.map_or((1.0, f64::INFINITY), |gate| (gate.xy_px, gate.z_um));
+    let value = Rounding { n: n.max(FEWEST), gate }.of("", value);
+    serde_json::from_value(value).map_err(|e| Error::input(e.to_string()))
+}
+
 /// Number of particles or vectors over which the errors of all are averaged.
-fn averaged(evaluation: &Evaluation) -> usize {
-    evaluation.score.detection.as_ref().map_or(evaluation.vectors.len(), |detection| detection.tp)
+fn averaged(score: &Score) -> usize {
+    let of_fields = || score.field.as_ref().map_or(0, |field| field.n_reported);
+    score.detection.as_ref().map_or_else(of_fields, |detection| detection.tp)
 }
 
 /// The score without errors of bins that average over few particles.
@@ -56,6 +81,24 @@ fn with_full_bins(score: &Score) -> Score {
         if bin.tp < FEWEST {
             let Bin { from, to, n_true, tp, recall, .. } = *bin;
             *bin = Bin { from, to, n_true, tp, recall, ..Bin::default() };
+        }
+    }
+    let position = score.uncertainty.iter_mut().flat_map(|of| [&mut of.x, &mut of.y, &mut of.z]);
+    for claimed in position.flatten() {
+        claimed.bins.retain(|bin| bin.n >= FEWEST);
+    }
+    for hint in &mut score.hints {
+        // The rest is scores of a sample, in words.
+        let question = hint.what.split_inclusive('?').next().unwrap_or_default().to_owned();
+        for warning in score.warnings.iter_mut().filter(|warning| **warning == hint.what) {
+            warning.clone_from(&question);
+        }
+        hint.what = question;
+    }
+    if let Some(field) = &mut score.field {
+        for errors in field.truths.values_mut().chain([&mut field.main]) {
+            errors.peak_locking.bias_curve_px.clear();
+            errors.spectra.clear();
         }
     }
     for node in score.gdpt.iter_mut().flat_map(|gdpt| &mut gdpt.curve) {
@@ -82,18 +125,62 @@ fn without_scores(score: &Score) -> Score {
     }
 }
 
-/// All numbers that are not whole with few digits.
-fn rounded(value: Value) -> Value {
-    match value {
-        Value::Number(number) if number.is_f64() => {
-            let exact = number.as_f64().unwrap_or_default();
-            let few = format!("{exact:.*e}", DIGITS as usize - 1).parse().ok();
-            few.and_then(Number::from_f64).map_or(Value::Null, Value::Number)
+/// How averages are rounded.
+#[derive(Clone, Copy)]
+struct Rounding {
+    /// Number of particles or vectors that are averaged.
+    n: usize,
+    /// Gate in the image plane, px, and along z, um.
+    gate: (f64, f64),
+}
+
+impl Rounding {
+    /// A value by its key, with all it contains.
+    fn of(self, key: &str, value: Value) -> Value {
+        if OF_ONE.iter().any(|beginning| key.starts_with(beginning)) {
+            return Value::Null;
         }
-        Value::Array(values) => values.into_iter().map(rounded).collect(),
-        Value::Object(fields) => fields.into_iter().map(|(key, value)| (key, rounded(value))).collect(),
-        other => other,
+        match value {
+            Value::Number(number) if number.is_f64() => {
+                let exact = number.as_f64().unwrap_or_default();
+                let step = if EXACT.contains(&key) { 0.0 } else { self.step(key, exact) };
+                Number::from_f64(rounded(exact, step)).map_or(Value::Null, Value::Number)
+            }
+            Value::Array(values) => values.into_iter().map(|value| self.of(key, value)).collect(),
+            Value::Object(fields) if ["definitions", "counts"].contains(&key) => Value::Object(fields),
+            Value::Object(fields) => {
+                let own = fields.get("tp").and_then(Value::as_u64).map(|n| n as usize);
+                let inner = Rounding { n: own.map_or(self.n, |n| n.max(FEWEST)), ..self };
+                fields.into_iter().map(|(key, value)| (key.clone(), inner.of(&key, value))).collect()
+            }
+            other => other,
+        }
     }
+
+    /// About the largest change of an average by one particle.
+    fn step(self, key: &str, value: f64) -> f64 {
+        let size = match key {
+            key if key.ends_with("_px") => self.gate.0,
+            key if key.ends_with("_um") && self.gate.1.is_finite() => self.gate.1,
+            key if key.ends_with("_deg") => 90.0,
+            _ => value.abs().max(1.0),
+        };
+        size / self.n as f64
+    }
+}
+
+/// A number with three digits, and to a step of 1, 2 or 5 times a power of ten that is at least the one given.
+fn rounded(exact: f64, least: f64) -> f64 {
+    let digits: f64 = format!("{exact:.*e}", DIGITS - 1).parse().unwrap_or(exact);
+    if least <= 0.0 || !digits.is_finite() {
+        return digits;
+    }
+    let power = least.log10().floor();
+    let step = [1.0, 2.0, 5.0, 10.0].map(|k| k * 10f64.powf(power)).into_iter().find(|step| *step >= least);
+    let step = step.unwrap_or(least);
+    // Written out, so that no digits beyond the step remain.
+    let places = (-power).clamp(0.0, 300.0) as usize;
+    format!("{:.places$}", (digits / step).round() * step).parse::<f64>().unwrap_or(digits) + 0.0
 }
 
 #[cfg(test)]
@@ -109,12 +196,26 @@ mod tests {
         let bins = &told.curves[0].bins;
         assert_eq!(bins.iter().map(|b| b.bias_x_px).collect::<Vec<_>>(), [None, Some(0.123_456)]);
         assert_eq!(bins[0].recall, Some(0.5));
-        let value = rounded(serde_json::to_value(&told).unwrap());
-        assert_eq!(value["curves"][0]["bins"][1]["bias_x_px"], 0.123);
-        assert_eq!(value["curves"][0]["bins"][1]["tp"], FEWEST);
-        assert_eq!(
-            rounded(serde_json::json!([-1234.56, 0.0, 7, null])),
-            serde_json::json!([-1230.0, 0.0, 7, null])
-        );
+        assert_eq!(bins[1].tp, FEWEST);
+    }
+
+    #[test]
+    fn one_particle_changes_no_digit_for_certain() {
+        // Of 400 particles one changes a bias by at most 2 px / 400 = 0.005 px.
+        let rounding = Rounding { n: 400, gate: (2.0, 10.0) };
+        let of = |key: &str, value: f64| rounding.of(key, value.into()).as_f64().unwrap();
+        assert_eq!(of("bias_x_px", 0.012_345), 0.01);
+        assert_eq!(of("bias_z_um", -0.987_654), -1.0);
+        assert_eq!(of("f1", 0.912_345), 0.91);
+        assert_eq!(of("mota", -1234.56), -1230.0);
+        assert!(rounding.of("p95_xy_px", 1.5.into()).is_null());
+        assert_eq!(of("from", 0.123_456), 0.123);
+        for (exact, least, expected) in
+            [(0.0, 0.1, 0.0), (0.26, 0.03, 0.25), (123.4, 30.0, 100.0), (-0.004, 0.01, 0.0), (5.0, 1e-9, 5.0)]
+        {
+            assert_eq!(rounded(exact, least), expected, "{exact} {least}");
+        }
+        let bins = serde_json::json!({ "tp": 20, "bias_x_px": 0.04 });
+        assert_eq!(rounding.of("", bins)["bias_x_px"], 0.0);
     }
 }

@@ -27,6 +27,7 @@ pub(crate) use figure::{figure_of, names};
 pub use files::SCORE;
 use files::UNITS;
 pub(crate) use fit_page::fit_page;
+pub(crate) use for_team::told;
 pub use leaderboard::Entry;
 pub(crate) use log_axis::is_logarithmic;
 pub(crate) use page::document;
@@ -75,7 +76,7 @@ pub(crate) fn write_into(folder: &Path, evaluation: &Evaluation, html: bool) -> 
         names.push(REPORT);
     }
     let mut names: Vec<String> = names.into_iter().map(str::to_owned).collect();
-    if evaluation.is_truth_secret {
+    if evaluation.score.truth_is_secret {
         names.extend(for_team::write(folder, evaluation, html)?);
     }
     Ok(names)

@@ -68,7 +68,10 @@ pub(super) fn plots(score: &Score, of: &Particles, with_true_positions: bool) ->
     for curve in &score.curves {
         plots.extend(curve_plots(score, curve, of.depth)?);
     }
-    plots.extend(histograms(of)?);
+    if with_true_positions {
+        // The largest errors are those of single particles.
+        plots.extend(histograms(of)?);
+    }
     let claims = score.uncertainty.iter().flat_map(|c| [("x, px", &c.x), ("y, px", &c.y), ("z, um", &c.z)]);
     for (axis, of) in claims {
         plots.extend(of.as_ref().map(|u| claimed(axis, u)).transpose()?);

@@ -4,6 +4,7 @@
 //! split of its case. Scores of different cases are never averaged: a track's standing is the mean of the
 //! ranks in its cases, in which a missing or refused result has the last rank.
 
+mod anchors;
 mod metrics;
 mod page;
 mod table;
@@ -13,6 +14,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+pub use anchors::AnchorResult;
 pub use metrics::{MetricValue, label};
 pub use page::{Annotations, DepthErrors, Picture, page, unmeasured};
 
@@ -71,6 +73,9 @@ pub struct CaseScores {
     pub rank_by: Vec<Metric>,
     /// The results, best first; missing ones last.
     pub results: Vec<CaseResult>,
+    /// Degenerate results (`--anchors`), which have no place among the trackers.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub anchors: Vec<AnchorResult>,
 }
 
 /// Value of an axis of a case.
@@ -149,6 +154,8 @@ pub struct ScoreOptions {
     pub selection: SuiteSelection,
     /// Seed of the bootstrap.
     pub seed: u64,
+    /// Also score degenerate results.
+    pub anchors: bool,
 }
 
 /// A result and its evaluation.
@@ -198,6 +205,18 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
 }
 
 impl SuiteScores {
+    /// The anchors that are not behind the trackers that they should be behind, a line each.
+    pub fn misplaced_anchors(&self) -> Vec<String> {
+        let all = self.cases.iter().flat_map(|case| case.anchors.iter().map(move |anchor| (case, anchor)));
+        let misplaced = all.filter(|(_, anchor)| !anchor.not_behind.is_empty());
+        misplaced
+            .map(|(case, anchor)| {
+                let (place, name) = (format!("{}/{}", case.track, case.case), &anchor.result.tracker);
+                format!("{place}: the anchor {name} is not behind {}", anchor.not_behind.join(", "))
+            })
+            .collect()
+    }
+
     /// The standings and all cases as text.
     pub fn text(&self) -> String {
         table::text(self)
@@ -314,8 +333,16 @@ fn scored_case(
         .iter()
         .map(|(_, evaluation)| Contestant { score: &evaluation.score, units: Some(&evaluation.units) })
         .collect();
-    for (i, place) in rank(&contestants, &case.rank_by, options.seed) {
-        results.push(CaseResult { rank: Some(place), ..scored[i].0.clone() });
+    let order = rank(&contestants, &case.rank_by, options.seed);
+    for (i, place) in &order {
+        results.push(CaseResult { rank: Some(*place), ..scored[*i].0.clone() });
+    }
+    let mut anchors = Vec::new();
+    if options.anchors {
+        let ranked: Vec<(&CaseResult, &Evaluation)> =
+            order.iter().map(|(i, _)| (&scored[*i].0, &scored[*i].1)).collect();
+        let file = |tracker: &str| options.results.join(tracker).join(case.folder()).join(RESULT);
+        anchors = anchors::of_case(case, datasets, &rules, &ranked, &file)?;
     }
     results.extend(others);
     let axes = case.axes.iter().cloned();
@@ -327,6 +354,7 @@ fn scored_case(
         axes: axes.map(|a| CaseAxis { label: a.label, shown: a.shown, number: a.number }).collect(),
         rank_by: case.rank_by.clone(),
         results,
+        anchors,
     })
 }
 
@@ -350,7 +378,10 @@ fn result(
         Ok(None) => return none(Status::Missing, None),
         Err(reason) => return none(Status::Refused, Some(reason.clone())),
     };
-    let score = &evaluation.score;
+    let score = &match report::told(&evaluation.score) {
+        Ok(told) => told,
+        Err(e) => return none(Status::Refused, Some(e.to_string())),
+    };
     let mut scores: Vec<MetricValue> =
         case.rank_by.iter().map(|metric| MetricValue::of(*metric, score)).collect();
     let others = Metric::ALL.into_iter().filter(|metric| !case.rank_by.contains(metric));

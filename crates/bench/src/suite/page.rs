@@ -194,6 +194,14 @@ fn table(case: &CaseScores, more: &Annotations) -> Markup {
                     } @else { td colspan=(columns) style="text-align: left" { (why(result)) } }
                 } }
             } }
+            @if !case.anchors.is_empty() { p.soft {
+                "Degenerate results, with the rank that each would have: "
+                (case.anchors.iter().map(|a| {
+                    let rank = a.result.rank.map_or_else(|| "-".to_owned(), |rank| rank.to_string());
+                    let from = a.made_from.as_ref().map(|of| format!(" (from {of})")).unwrap_or_default();
+                    format!("{}{from} {rank}", a.result.tracker)
+                }).collect::<Vec<_>>().join(", ")) "."
+            } }
             @if !flat.is_empty() { p.soft { "Without depth, which is scored here: " (flat.join(", ")) "." } }
         }
     }

@@ -95,6 +95,11 @@ pub(super) fn text(scores: &SuiteScores) -> String {
                 };
                 let _ = writeln!(text, "    {rank:>2}  {:<20} {values}", result.tracker);
             }
+            for anchor in &case.anchors {
+                let rank = anchor.result.rank.map_or_else(|| "-".to_owned(), |rank| rank.to_string());
+                let from = anchor.made_from.as_ref().map(|of| format!(" (from {of})")).unwrap_or_default();
+                let _ = writeln!(text, "    anchor {}{from}: would be {rank}", anchor.result.tracker);
+            }
         }
     }
     text.trim_end().to_owned()

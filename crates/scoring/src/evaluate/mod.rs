@@ -70,9 +70,6 @@ pub struct Evaluation {
     pub vectors: Vec<field::ComparedVector>,
     /// What a paired comparison with other results needs.
     pub units: UnitScores,
-    /// Whether the dataset was generated with a secret key: a test split whose truth participants must not
-    /// see.
-    pub is_truth_secret: bool,
 }
 
 /// True particles and the result points matched to them.
@@ -128,9 +125,9 @@ pub fn evaluate(dataset: &Path, result: &Path, options: &EvaluateOptions) -> Res
         }
         TrackerResult::Field(found) => vectors(dataset, &found, facts, options)?,
     };
-    evaluation.is_truth_secret = is_truth_secret;
+    evaluation.score.truth_is_secret = is_truth_secret;
     let score = &mut evaluation.score;
-    if evaluation.is_truth_secret {
+    if is_truth_secret {
         // A hash of the truth would confirm guesses.
         score.definitions.truth_sha256 = None;
     }
@@ -175,7 +172,7 @@ fn vectors(
         counts: Counts { n_nan: found.n_nan, ..Counts::default() },
         ..Score::default()
     };
-    Ok(Evaluation { score, particles: None, vectors, units, is_truth_secret: false })
+    Ok(Evaluation { score, particles: None, vectors, units })
 }
 
 /// Warns if the true particles of a dataset are not those that its manifest lists; the score is then of the
@@ -313,7 +310,7 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         found_u_um_s,
         scored,
     };
-    Ok(Evaluation { score, particles: Some(particles), vectors: Vec::new(), units, is_truth_secret: false })
+    Ok(Evaluation { score, particles: Some(particles), vectors: Vec::new(), units })
 }
 
 /// Caveats for reading the scores.

@@ -68,6 +68,8 @@ pub struct Score {
     pub hints: Vec<Hint>,
     /// Caveats for reading the scores.
     pub warnings: Vec<String>,
+    /// Whether the truth is withheld: what participants may see of these scores is in the folder `for_team`.
+    pub truth_is_secret: bool,
 }
 
 impl Score {

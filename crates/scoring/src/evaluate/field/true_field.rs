@@ -61,7 +61,7 @@ impl TrueField {
     }
 
     /// The true displacement of an image pair at a position, as [`TrueField::at`].
-    pub(super) fn of_pair(&self, pair: Option<u32>, x_px: f64, y_px: f64) -> Option<[f64; 3]> {
+    pub fn of_pair(&self, pair: Option<u32>, x_px: f64, y_px: f64) -> Option<[f64; 3]> {
         let at = Position { x_px, y_px, ..Position::default() };
         self.at(&FlowVector { pair, at, ..FlowVector::default() })
     }
