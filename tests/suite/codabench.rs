@@ -101,7 +101,11 @@ fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
         ("link_f1", "links", "f1"),
         ("hota", "hota", "hota"),
     ] {
-        assert_eq!(scores[key], alone[part][name], "{key}");
+        // Rounded as for the team, within three digits.
+        assert_eq!(scores[key], read("score.json")[part][name], "{key}");
+        let (told, exact) = (scores[key].as_f64().unwrap(), alone[part][name].as_f64().unwrap());
+        assert!((told - exact).abs() < 0.05, "{key}: {told} {exact}");
+        assert!(told.to_string().len() <= 5, "{key}: {told}");
     }
     // Every column of the leaderboard has a number.
     let competition = std::fs::read_to_string(bundle.join("competition.yaml")).unwrap();
@@ -109,6 +113,26 @@ fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
         competition.lines().filter_map(|line| line.trim().strip_prefix("key: ")).collect();
     assert_eq!(columns[0], "main");
     assert!(columns[1..].iter().all(|key| scores[*key].is_number()), "{columns:?}: {scores}");
+    // A row that is moved changes nothing, or a whole step.
+    let rows = std::fs::read_to_string(result.join("results.csv")).unwrap();
+    let mut lines: Vec<String> = rows.lines().map(str::to_owned).collect();
+    let x = lines[0].split(',').position(|name| name == "x_px").unwrap();
+    let mut cells: Vec<String> = lines[1].split(',').map(str::to_owned).collect();
+    cells[x] = (cells[x].parse::<f64>().unwrap() + 0.3).to_string();
+    lines[1] = cells.join(",");
+    std::fs::write(result.join("results.csv"), lines.join("\n") + "\n").unwrap();
+    std::fs::remove_dir_all(app.join("output")).unwrap();
+    assert!(score().status.success());
+    let moved = read("scores.json");
+    for key in &columns[1..] {
+        let change = (moved[*key].as_f64().unwrap() - scores[*key].as_f64().unwrap()).abs();
+        // If it crosses the edge of a step, the change is a whole step.
+        let least = if *key == "sigma_z_over_h" { 0.1 } else { 1.0 } / alone["detection"]["tp"].as_f64().unwrap();
+        assert!(change == 0.0 || change > 0.999 * least, "{key}: {moved} {scores}");
+    }
+    std::fs::write(result.join("results.csv"), rows).unwrap();
+    std::fs::remove_dir_all(app.join("output")).unwrap();
+    assert!(score().status.success());
     for line in competition.lines().filter_map(|line| line.trim().split_once(": ")) {
         let is_file = line.1.ends_with(".md") || line.1.ends_with(".zip") || line.1.ends_with(".png");
         assert!(!is_file || bundle.join(line.1).is_file(), "{line:?}");

@@ -349,7 +349,7 @@ fn a_result_that_leaves_out_frames_comes_after_a_complete_one() {
     assert_eq!((of(0, "name"), of(1, "name")), ("complete".into(), "partial".into()), "{said}");
     assert_eq!((of(0, "missing"), of(1, "missing")), (0.into(), 1.into()));
     assert!(of(0, "rmse_xy_px").as_f64() > of(1, "rmse_xy_px").as_f64());
-    // They overlap in F1, so that errors would put the incomplete one first.
+    // The intervals of F1 overlap, and errors would put the incomplete one first.
     assert!(of(1, "high").as_f64() >= of(0, "low").as_f64(), "{said}");
 }
 

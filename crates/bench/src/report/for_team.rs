@@ -163,6 +163,8 @@ impl Rounding {
             key if key.ends_with("_px") => self.gate.0,
             key if key.ends_with("_um") && self.gate.1.is_finite() => self.gate.1,
             key if key.ends_with("_deg") => 90.0,
+            // The gate is a tenth of the depth range.
+            key if key.ends_with("_over_h") => 0.1,
             _ => value.abs().max(1.0),
         };
         size / self.n as f64

@@ -7,6 +7,7 @@
 pub mod assignment;
 pub mod boxes;
 pub mod candidates;
+mod chance;
 pub mod clear;
 pub mod convention_check;
 pub mod crlb;
@@ -231,6 +232,9 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let counts = counts(&scored, &matching, points, n_unlinked);
     let mut warnings: Vec<String> = hints.iter().map(|hint| hint.what.clone()).collect();
     warnings.extend(cautions(truth, points, &counts));
+    if points.n_nan == 0 || !points.rows.is_empty() {
+        warnings.extend(chance::caution((t, r), &gate, (detection.tp, detection.f1))?);
+    }
     // Positions alone say nothing about links.
     let is_linked = points.rows.is_empty() || n_unlinked < points.rows.len();
 
