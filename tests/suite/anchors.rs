@@ -43,8 +43,17 @@ fn degenerate_results_rank_behind_honest_ones_in_every_case() {
         }
     }
     let out = place.path().join("scores");
-    let all =
-        ["suite", "score", "odpc1", path(&datasets), "--results", path(&results), "--out", path(&out), "--quiet"];
+    let all = [
+        "suite",
+        "score",
+        "odpc1",
+        path(&datasets),
+        "--results",
+        path(&results),
+        "--out",
+        path(&out),
+        "--quiet",
+    ];
     let said = run(&[&all[..], &["--anchors", "--json"]].concat());
     let scores: Value = serde_json::from_str(&said).unwrap();
     for case in scores["cases"].as_array().unwrap() {

@@ -183,7 +183,8 @@ fn scores_for_a_team_stand_apart_from_the_truth() {
         names.sort();
         names
     };
-    let private = ["curves.csv", "for_team", "matches.csv", "per_frame.csv", "report.html", "score.json", "units.json"];
+    let private =
+        ["curves.csv", "for_team", "matches.csv", "per_frame.csv", "report.html", "score.json", "units.json"];
     assert_eq!(names(&out), private);
     let for_team = out.join("for_team");
     assert_eq!(names(&for_team), ["report.html", "score.json"]);

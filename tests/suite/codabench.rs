@@ -127,7 +127,8 @@ fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
     for key in &columns[1..] {
         let change = (moved[*key].as_f64().unwrap() - scores[*key].as_f64().unwrap()).abs();
         // If it crosses the edge of a step, the change is a whole step.
-        let least = if *key == "sigma_z_over_h" { 0.1 } else { 1.0 } / alone["detection"]["tp"].as_f64().unwrap();
+        let least =
+            if *key == "sigma_z_over_h" { 0.1 } else { 1.0 } / alone["detection"]["tp"].as_f64().unwrap();
         assert!(change == 0.0 || change > 0.999 * least, "{key}: {moved} {scores}");
     }
     std::fs::write(result.join("results.csv"), rows).unwrap();

@@ -95,8 +95,9 @@ pub fn ranking(scores: Vec<Named>) -> Result<Ranking> {
     let shown = |(entry, score): (Entry, Score)| -> Result<(Entry, Score)> {
         // Ranks are by all digits.
         let told = told(&score)?;
-        let shown = Entry::of(entry.name.clone(), &told, entry.units.clone());
-        Ok((Entry { rank: entry.rank, ..shown }, told))
+        let mut shown = Entry::of(entry.name, &told, entry.units);
+        shown.rank = entry.rank;
+        Ok((shown, told))
     };
     let scores: Vec<(Entry, Score)> = scores.into_iter().map(shown).collect::<Result<_>>()?;
     let entries: Vec<Entry> = scores.iter().map(|s| s.0.clone()).collect();
