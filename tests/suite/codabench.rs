@@ -39,6 +39,26 @@ fn stand_in(wheel: &Path) {
     zip.finish().unwrap();
 }
 
+/// A result whose first row is 0.3 px further right.
+fn with_a_row_moved(rows: &str) -> String {
+    let mut lines: Vec<String> = rows.lines().map(str::to_owned).collect();
+    let x = lines[0].split(',').position(|name| name == "x_px").unwrap();
+    let mut cells: Vec<String> = lines[1].split(',').map(str::to_owned).collect();
+    cells[x] = (cells[x].parse::<f64>().unwrap() + 0.3).to_string();
+    lines[1] = cells.join(",");
+    lines.join("\n") + "\n"
+}
+
+/// Numbers over `n` matches differ by nothing or, if the edge of a step is crossed, by what one particle can
+/// change.
+fn assert_whole_steps(before: &Value, after: &Value, n: f64) {
+    for (key, value) in before.as_object().unwrap() {
+        let change = (after[key].as_f64().unwrap() - value.as_f64().unwrap()).abs();
+        let least = if key == "sigma_z_over_h" { 0.1 } else { 1.0 } / n;
+        assert!(change == 0.0 || change > 0.999 * least, "{key}: {before} {after}");
+    }
+}
+
 #[test]
 fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
     let c = &*CHALLENGE;
@@ -115,22 +135,10 @@ fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
     assert!(columns[1..].iter().all(|key| scores[*key].is_number()), "{columns:?}: {scores}");
     // A row that is moved changes nothing, or a whole step.
     let rows = std::fs::read_to_string(result.join("results.csv")).unwrap();
-    let mut lines: Vec<String> = rows.lines().map(str::to_owned).collect();
-    let x = lines[0].split(',').position(|name| name == "x_px").unwrap();
-    let mut cells: Vec<String> = lines[1].split(',').map(str::to_owned).collect();
-    cells[x] = (cells[x].parse::<f64>().unwrap() + 0.3).to_string();
-    lines[1] = cells.join(",");
-    std::fs::write(result.join("results.csv"), lines.join("\n") + "\n").unwrap();
+    std::fs::write(result.join("results.csv"), with_a_row_moved(&rows)).unwrap();
     std::fs::remove_dir_all(app.join("output")).unwrap();
     assert!(score().status.success());
-    let moved = read("scores.json");
-    for key in &columns[1..] {
-        let change = (moved[*key].as_f64().unwrap() - scores[*key].as_f64().unwrap()).abs();
-        // If it crosses the edge of a step, the change is a whole step.
-        let least =
-            if *key == "sigma_z_over_h" { 0.1 } else { 1.0 } / alone["detection"]["tp"].as_f64().unwrap();
-        assert!(change == 0.0 || change > 0.999 * least, "{key}: {moved} {scores}");
-    }
+    assert_whole_steps(&scores, &read("scores.json"), alone["detection"]["tp"].as_f64().unwrap());
     std::fs::write(result.join("results.csv"), rows).unwrap();
     std::fs::remove_dir_all(app.join("output")).unwrap();
     assert!(score().status.success());

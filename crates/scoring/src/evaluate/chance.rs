@@ -1,5 +1,6 @@
 //! Whether a result matches more particles than chance does: one of another dataset does not.
 
+use super::detection::Detection;
 use super::gate::Gate;
 use super::matching::{Cost, optimal};
 use super::track_set::TrackSet;
@@ -21,8 +22,9 @@ const FEWEST: usize = 20;
 pub(super) fn caution(
     (truth, result): (&TrackSet, &TrackSet),
     gate: &Gate,
-    (matches, f1): (usize, Option<f64>),
+    detection: &Detection,
 ) -> Result<Option<String>> {
+    let (matches, f1) = (detection.tp, detection.f1);
     if result.is_empty() && !truth.is_empty() {
         return Ok(Some("the result has no scored point: every particle is missed".to_owned()));
     }
@@ -75,7 +77,8 @@ mod tests {
         let said = |truth: &TrackSet, result: &TrackSet| {
             let matches = optimal(truth, result, &gate, Cost::Squares).unwrap().pairs().count();
             let f1 = 2.0 * matches as f64 / (truth.len() + result.len()) as f64;
-            caution((truth, result), &gate, (matches, Some(f1))).unwrap()
+            let detection = Detection { tp: matches, f1: Some(f1), ..Detection::default() };
+            caution((truth, result), &gate, &detection).unwrap()
         };
         let truth = cloud(1, 400);
         assert!(said(&truth, &cloud(2, 400)).unwrap().contains("another dataset?"));

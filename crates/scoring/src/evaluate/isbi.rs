@@ -114,22 +114,7 @@ impl Isbi {
         let reference = filled.as_ref().unwrap_or(truth);
         let points = within_gate(reference, result, gate)?;
         // Distances are in units of eps from here on.
-        let length = |cloud: &TrackSet, track: usize| {
-            let (first, last) = cloud.span(track);
-            (last - first + 1) as f64
-        };
-        let mut candidates: Vec<(Pair, std::ops::Range<usize>)> = Vec::new();
-        let mut first = 0;
-        for same in points.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
-            let (row, column) = (same[0].0, same[0].1);
-            let ((a0, a1), (b0, b1)) = (reference.span(row as usize), result.span(column as usize));
-            let overlap = a1.min(b1) - a0.max(b0) + 1;
-            let frames = (overlap + (a0 - b0).abs() + (a1 - b1).abs()) as f64;
-            let nearness: f64 = same.iter().map(|p| 1.0 - p.2).sum();
-            let gain = length(reference, row as usize) - (frames - nearness);
-            candidates.push((Pair { row, column, value: gain }, first..first + same.len()));
-            first += same.len();
-        }
+        let candidates = candidates(reference, result, &points);
         let pairs: Vec<Pair> = candidates.iter().map(|c| c.0).collect();
         let chosen = max_weight_matching(reference.n_tracks(), result.n_tracks(), pairs.clone());
 
@@ -211,6 +196,33 @@ impl Isbi {
         };
         Ok((score, of_tracks, unpaired))
     }
+}
+
+/// Frames from the first to the last point of a track.
+fn length(cloud: &TrackSet, track: usize) -> f64 {
+    let (first, last) = cloud.span(track);
+    (last - first + 1) as f64
+}
+
+/// Pairs of tracks with the gain of pairing them, and the range of their points within the gate.
+fn candidates(
+    reference: &TrackSet,
+    result: &TrackSet,
+    points: &[(u32, u32, f64)],
+) -> Vec<(Pair, std::ops::Range<usize>)> {
+    let mut candidates = Vec::new();
+    let mut first = 0;
+    for same in points.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+        let (row, column) = (same[0].0, same[0].1);
+        let ((a0, a1), (b0, b1)) = (reference.span(row as usize), result.span(column as usize));
+        let overlap = a1.min(b1) - a0.max(b0) + 1;
+        let frames = (overlap + (a0 - b0).abs() + (a1 - b1).abs()) as f64;
+        let nearness: f64 = same.iter().map(|p| 1.0 - p.2).sum();
+        let gain = length(reference, row as usize) - (frames - nearness);
+        candidates.push((Pair { row, column, value: gain }, first..first + same.len()));
+        first += same.len();
+    }
+    candidates
 }
 
 /// Pairs of points within the gate: true track, result track, distance in units of the gate; sorted by

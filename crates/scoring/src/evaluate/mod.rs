@@ -232,9 +232,7 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let counts = counts(&scored, &matching, points, n_unlinked);
     let mut warnings: Vec<String> = hints.iter().map(|hint| hint.what.clone()).collect();
     warnings.extend(cautions(truth, points, &counts));
-    if points.n_nan == 0 || !points.rows.is_empty() {
-        warnings.extend(chance::caution((t, r), &gate, (detection.tp, detection.f1))?);
-    }
+    warnings.extend(chance::caution((t, r), &gate, &detection)?);
     // Positions alone say nothing about links.
     let is_linked = points.rows.is_empty() || n_unlinked < points.rows.len();
 
@@ -254,13 +252,11 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         3 => Some(isbi::Isbi::of(t, r, &isbi_gate(&gate, isbi_gate_px, false), bootstrap)?),
         _ => None,
     };
-    let gdpt = match (depth, truth.facts.depth_um, h) {
-        (true, Some(range), Some(h)) => {
-            let gates = (gate.xy_px, options.gate_z_um.unwrap_or(ScoringGates::over(h).z_um));
-            Some(gdpt::Gdpt::of(t, r, gates, range, bootstrap)?)
-        }
-        _ => None,
-    };
+    let range = truth.facts.depth_um.zip(h).filter(|_| depth);
+    let gdpt = range.map(|(range, h)| {
+        let gates = (gate.xy_px, options.gate_z_um.unwrap_or(ScoringGates::over(h).z_um));
+        gdpt::Gdpt::of(t, r, gates, range, bootstrap)
+    });
     let mut assumptions = truth.notes.clone();
     assumptions.extend(points.notes.iter().cloned());
     let velocities = motion::reported(truth, points).unwrap_or_else(|note| {
@@ -281,7 +277,7 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         clear: Some(clear::Clear::of(t, r, &candidates, gate.xy_px, bootstrap)),
         identity: Some(identity::Identity::of(t, r, &candidates, bootstrap)),
         ctc: Some(ctc::Ctc::of(t, r, &matching)),
-        gdpt,
+        gdpt: gdpt.transpose()?,
         uncertainty: claims(points, (t, r), &matching, depth),
         orientation,
         lpt: Some(lpt::Lpt::of(truth, (t, r), &matching, depth, velocities, bootstrap)),
@@ -305,13 +301,12 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
         detection: Some(detection),
         ..Score::default()
     };
-    let found_u_um_s = motion::found_u(truth, (t, r), &matching, velocities);
     let particles = Particles {
+        found_u_um_s: motion::found_u(truth, (t, r), &matching, velocities),
+        true_u_um_s: truth.velocity_um_s.iter().map(|v| v[0]).collect(),
+        sensor_px: truth.facts.sensor_px,
         matching,
         depth,
-        sensor_px: truth.facts.sensor_px,
-        true_u_um_s: truth.velocity_um_s.iter().map(|v| v[0]).collect(),
-        found_u_um_s,
         scored,
     };
     Ok(Evaluation { score, particles: Some(particles), vectors: Vec::new(), units })
