@@ -49,6 +49,24 @@ fn with_a_row_moved(rows: &str) -> String {
     lines.join("\n") + "\n"
 }
 
+/// The numbers of the leaderboard are those told to the team, near those of `evaluate`.
+fn assert_rounded(scores: &Value, told: &Value, alone: &Value) {
+    for (key, part, name) in [
+        ("f1", "detection", "f1"),
+        ("recall", "detection", "recall"),
+        ("rmse_xy_px", "detection", "rmse_xy_px"),
+        ("sigma_z_over_h", "gdpt", "sigma_z_over_h"),
+        ("link_f1", "links", "f1"),
+        ("hota", "hota", "hota"),
+    ] {
+        // Rounded as for the team, within three digits.
+        assert_eq!(scores[key], told[part][name], "{key}");
+        let (few, exact) = (scores[key].as_f64().unwrap(), alone[part][name].as_f64().unwrap());
+        assert!((few - exact).abs() < 0.05, "{key}: {few} {exact}");
+        assert!(few.to_string().len() <= 5, "{key}: {few}");
+    }
+}
+
 /// Numbers over `n` matches differ by nothing or, if the edge of a step is crossed, by what one particle can
 /// change.
 fn assert_whole_steps(before: &Value, after: &Value, n: f64) {
@@ -113,20 +131,7 @@ fn the_scoring_program_of_the_bundle_gives_the_numbers_of_evaluate() {
     let scores = read("scores.json");
     let written = std::fs::read(app.join("output/scores.json")).unwrap();
     assert!(alone["detection"]["recall"].as_f64().unwrap() < 0.9, "{alone}");
-    for (key, part, name) in [
-        ("f1", "detection", "f1"),
-        ("recall", "detection", "recall"),
-        ("rmse_xy_px", "detection", "rmse_xy_px"),
-        ("sigma_z_over_h", "gdpt", "sigma_z_over_h"),
-        ("link_f1", "links", "f1"),
-        ("hota", "hota", "hota"),
-    ] {
-        // Rounded as for the team, within three digits.
-        assert_eq!(scores[key], read("score.json")[part][name], "{key}");
-        let (told, exact) = (scores[key].as_f64().unwrap(), alone[part][name].as_f64().unwrap());
-        assert!((told - exact).abs() < 0.05, "{key}: {told} {exact}");
-        assert!(told.to_string().len() <= 5, "{key}: {told}");
-    }
+    assert_rounded(&scores, &read("score.json"), &alone);
     // Every column of the leaderboard has a number.
     let competition = std::fs::read_to_string(bundle.join("competition.yaml")).unwrap();
     let columns: Vec<&str> =
