@@ -247,7 +247,7 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let (axes, ambiguous) = ((&truth.axes[..], &points.axes[..]), divided.ambiguous());
     let orientation = orientation::Orientation::of((t, r), axes, (&matching, &ambiguous), bootstrap);
     let (orientation, angles) = orientation.unzip();
-    units.angles = angles.map(|angles| divided.angles(&angles)).unwrap_or_default();
+    units.angles = angles.map(|angles| divided.angles(&angles, &units.detection)).unwrap_or_default();
     let isbi_2d = match isbi.dims {
         3 => Some(isbi::Isbi::of(t, r, &isbi_gate(&gate, isbi_gate_px, false), bootstrap)?),
         _ => None,

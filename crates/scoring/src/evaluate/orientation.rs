@@ -6,9 +6,12 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::matching::Matching;
+use super::matching::{Matching, NONE};
 use super::statistics::{Bootstrap, Interval, quantile, ratio};
 use super::track_set::TrackSet;
+
+/// Angle of a ghost, degrees: more than that of a guess, so that rows at random places gain nothing.
+pub(super) const GHOST_DEG: f64 = 90.0;
 
 /// Most spheroids among which the best constant axis is searched.
 const SEARCHED: usize = 2000;
@@ -31,8 +34,9 @@ pub struct Orientation {
     /// Root mean square angle.
     #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
     pub rms_deg: Option<f64>,
-    /// Mean angle over all true spheroids; one that is missed, has no axis, or has a ghost beside its match
-    /// within the gate counts as a guess: that constant axis which is nearest to all true ones.
+    /// Mean angle over all true spheroids and all ghosts; a spheroid that is missed, has no axis, or has a ghost
+    /// beside its match within the gate counts as a guess: that constant axis which is nearest to all true ones.
+    /// A ghost counts as 90 degrees.
     #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
     pub mean_all_deg: Option<f64>,
     /// Mean angle of this guess; 1 rad = 57.3 degrees if true axes have no preferred direction.
@@ -79,17 +83,20 @@ impl Orientation {
             (0..truth.len()).map(axis).filter(|axis| axis.iter().all(|v| v.is_finite())).collect();
         let guess = best_constant(&all);
         let counted = |i: usize| angles[i].filter(|_| !ambiguous[i]).or_else(|| angle_deg(axis(i), guess));
-        // Number of true spheroids, number of angles, their sum and sum of squares, sum with guesses.
+        // Number of true spheroids, number of angles, their sum and sum of squares; number and sum of what
+        // counts in the mean of all.
         let spheroids = (0..truth.len()).filter(|&i| axis(i).iter().all(|v| v.is_finite()));
         let sums = spheroids.clone().map(|i| {
             let [n, sum, squares] = angles[i].map_or([0.0; 3], |a| [1.0, a, a * a]);
-            (truth.points[i].frame, [1.0, n, sum, squares, counted(i).unwrap_or(0.0)])
+            (truth.points[i].frame, [1.0, n, sum, squares, 1.0, counted(i).unwrap_or(0.0)])
         });
-        let units = bootstrap.by_frame(sums);
-        let mean = |s: &[f64; 5]| ratio(s[2], s[1]);
-        let all = |s: &[f64; 5]| ratio(s[4], s[0]);
+        let ghosts = (0..result.len()).filter(|&j| matching.of_result[j] == NONE);
+        let of_ghosts = ghosts.map(|j| (result.points[j].frame, [0.0, 0.0, 0.0, 0.0, 1.0, GHOST_DEG]));
+        let units = bootstrap.by_frame(sums.chain(of_ghosts));
+        let mean = |s: &[f64; 6]| ratio(s[2], s[1]);
+        let all = |s: &[f64; 6]| ratio(s[5], s[4]);
         let [interval_mean_deg, interval_mean_all_deg] = bootstrap.intervals(&units, |s| [mean(s), all(s)]);
-        let total = units.iter().fold([0.0; 5], |t: [f64; 5], u| std::array::from_fn(|k| t[k] + u[k]));
+        let total = units.iter().fold([0.0; 6], |t: [f64; 6], u| std::array::from_fn(|k| t[k] + u[k]));
         let mut sorted: Vec<f64> = spheroids.clone().filter_map(|i| angles[i]).collect();
         sorted.sort_unstable_by(f64::total_cmp);
         let counted_angles = |i: usize| counted(i).filter(|_| axis(i)[0].is_finite());

@@ -18,6 +18,7 @@ use super::hota;
 use super::links::{correct_links, successors};
 use super::matching::{Matching, NONE};
 use super::motion::TrackComparison;
+use super::orientation::GHOST_DEG;
 use super::statistics::BLOCKS;
 use super::track_set::TrackSet;
 
@@ -36,7 +37,7 @@ pub struct UnitScores {
     pub(crate) hota: Vec<Vec<f64>>,
     /// Gain, length of true tracks, length of unpaired result tracks (ISBI).
     pub(crate) isbi: Vec<[f64; 3]>,
-    /// True spheroids, and the sum of the angles between true and found axes, degrees.
+    /// True spheroids and ghosts, and the sum of the angles between true and found axes, degrees.
     pub(crate) angles: Vec<[f64; 2]>,
     /// Reference nodes of fields: number, covered, valid, squared errors, d · d_true, d_true².
     pub(crate) nodes: Vec<[f64; 6]>,
@@ -200,9 +201,11 @@ impl Divided<'_> {
         sums
     }
 
-    /// Sums of angles of true particles; `None` for those that are no spheroids.
-    pub(super) fn angles(&self, of_truth: &[Option<f64>]) -> Vec<[f64; 2]> {
-        let mut sums = vec![[0.0; 2]; self.units()];
+    /// Sums of angles of true particles, `None` for those that are no spheroids, and of the ghosts of each unit
+    /// in `detection`.
+    pub(super) fn angles(&self, of_truth: &[Option<f64>], detection: &[[f64; 3]]) -> Vec<[f64; 2]> {
+        let mut sums: Vec<[f64; 2]> =
+            detection.iter().map(|[_, _, ghosts]| [*ghosts, ghosts * GHOST_DEG]).collect();
         for (i, angle) in of_truth.iter().enumerate() {
             let unit = &mut sums[self.unit_of(i)];
             angle.iter().for_each(|angle| (unit[0], unit[1]) = (unit[0] + 1.0, unit[1] + angle));
