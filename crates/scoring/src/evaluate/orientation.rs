@@ -10,8 +10,9 @@ use super::matching::{Matching, NONE};
 use super::statistics::{Bootstrap, Interval, quantile, ratio};
 use super::track_set::TrackSet;
 
-/// Angle of a ghost, degrees: more than that of a guess, so that rows at random places gain nothing.
-pub(super) const GHOST_DEG: f64 = 90.0;
+/// Angle of a missed spheroid and of a ghost, degrees: at least that of any found one, so that leaving out
+/// rows and adding rows at random places gain nothing.
+pub(super) const UNFOUND_DEG: f64 = 90.0;
 
 /// Most spheroids among which the best constant axis is searched.
 const SEARCHED: usize = 2000;
@@ -34,9 +35,9 @@ pub struct Orientation {
     /// Root mean square angle.
     #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
     pub rms_deg: Option<f64>,
-    /// Mean angle over all true spheroids and all ghosts; a spheroid that is missed, has no axis, or has a ghost
-    /// beside its match within the gate counts as a guess: that constant axis which is nearest to all true ones.
-    /// A ghost counts as 90 degrees.
+    /// Mean angle over all true spheroids and all ghosts. One that is found without an axis, or with a ghost
+    /// beside its match within the gate, counts as a guess: that constant axis which is nearest to all true
+    /// ones. One that is missed and a ghost count as 90 degrees.
     #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
     pub mean_all_deg: Option<f64>,
     /// Mean angle of this guess; 1 rad = 57.3 degrees if true axes have no preferred direction.
@@ -82,7 +83,10 @@ impl Orientation {
         let all: Vec<[f64; 3]> =
             (0..truth.len()).map(axis).filter(|axis| axis.iter().all(|v| v.is_finite())).collect();
         let guess = best_constant(&all);
-        let counted = |i: usize| angles[i].filter(|_| !ambiguous[i]).or_else(|| angle_deg(axis(i), guess));
+        let counted = |i: usize| match matching.of_truth[i] {
+            NONE => Some(UNFOUND_DEG),
+            _ => angles[i].filter(|_| !ambiguous[i]).or_else(|| angle_deg(axis(i), guess)),
+        };
         // Number of true spheroids, number of angles, their sum and sum of squares; number and sum of what
         // counts in the mean of all.
         let spheroids = (0..truth.len()).filter(|&i| axis(i).iter().all(|v| v.is_finite()));
@@ -91,7 +95,7 @@ impl Orientation {
             (truth.points[i].frame, [1.0, n, sum, squares, 1.0, counted(i).unwrap_or(0.0)])
         });
         let ghosts = (0..result.len()).filter(|&j| matching.of_result[j] == NONE);
-        let of_ghosts = ghosts.map(|j| (result.points[j].frame, [0.0, 0.0, 0.0, 0.0, 1.0, GHOST_DEG]));
+        let of_ghosts = ghosts.map(|j| (result.points[j].frame, [0.0, 0.0, 0.0, 0.0, 1.0, UNFOUND_DEG]));
         let units = bootstrap.by_frame(sums.chain(of_ghosts));
         let mean = |s: &[f64; 6]| ratio(s[2], s[1]);
         let all = |s: &[f64; 6]| ratio(s[5], s[4]);

@@ -18,7 +18,7 @@ use super::hota;
 use super::links::{correct_links, successors};
 use super::matching::{Matching, NONE};
 use super::motion::TrackComparison;
-use super::orientation::GHOST_DEG;
+use super::orientation::UNFOUND_DEG;
 use super::statistics::BLOCKS;
 use super::track_set::TrackSet;
 
@@ -205,7 +205,7 @@ impl Divided<'_> {
     /// in `detection`.
     pub(super) fn angles(&self, of_truth: &[Option<f64>], detection: &[[f64; 3]]) -> Vec<[f64; 2]> {
         let mut sums: Vec<[f64; 2]> =
-            detection.iter().map(|[_, _, ghosts]| [*ghosts, ghosts * GHOST_DEG]).collect();
+            detection.iter().map(|[_, _, ghosts]| [*ghosts, ghosts * UNFOUND_DEG]).collect();
         for (i, angle) in of_truth.iter().enumerate() {
             let unit = &mut sums[self.unit_of(i)];
             angle.iter().for_each(|angle| (unit[0], unit[1]) = (unit[0] + 1.0, unit[1] + angle));
