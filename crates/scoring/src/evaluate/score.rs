@@ -48,7 +48,7 @@ pub struct Score {
     pub lpt: Option<lpt::Lpt>,
     /// Boxes of a detector; needs boxes in result and truth.
     pub boxes: Option<boxes::BoxScore>,
-    /// Orientation of spheroids; null without axes in truth and result.
+    /// Orientation of spheroids; null without axes in the truth.
     pub orientation: Option<orientation::Orientation>,
     /// Displacement field; null for particles.
     pub field: Option<field::FieldScore>,
