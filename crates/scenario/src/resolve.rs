@@ -117,7 +117,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         warnings.extend(coverage_warning(field.as_ref(), domain.region()));
     }
     problems.finish()?;
-    Ok(Scenario {
+    let mut scenario = Scenario {
         license,
         streams: Streams::new(spec.seed),
         spec,
@@ -137,7 +137,9 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         shutter,
         illumination,
         layout,
-    })
+    };
+    scenario.warnings.extend(drawing::few_stacks(&scenario));
+    Ok(scenario)
 }
 
 /// Recorded tracks; `None` if there are none, or if they are refused.
@@ -244,12 +246,18 @@ fn check_depths(
     problems: &mut Problems,
 ) {
     let e_p = spec.particles.spheroids.map_or(1.0, |s| s.e_p);
-    for (z, d_um) in [(z_um.0, diameters.max()), (z_um.1, diameters.min())] {
-        // A spheroid aligned with the optical axis extends farthest toward the lens.
-        let spheroid = (e_p != 1.0).then(|| Spheroid::from_axis(e_p, [0.0, 0.0, 1.0]));
+    // A spheroid aligned with the optical axis extends farthest toward the lens.
+    let spheroid = (e_p != 1.0).then(|| Spheroid::from_axis(e_p, [0.0, 0.0, 1.0]));
+    let calibrated = match &spec.calibration {
+        Some(spec::Calibration::Sizes { diameters_um, .. }) => diameters_um.as_slice(),
+        _ => &[],
+    };
+    let calibrated = calibrated.iter().map(|d_um| ("calibration.sizes.diameters_um", z_um.0, *d_um, None));
+    let extremes =
+        [("particles", z_um.0, diameters.max(), spheroid), ("particles", z_um.1, diameters.min(), spheroid)];
+    for (path, z, d_um, spheroid) in extremes.into_iter().chain(calibrated) {
         let extreme = Particle { spheroid, ..Particle::sphere(1.0, 1.0, z / depth_factor, d_um) };
-        let drawn = renderer.check(&extreme);
-        warnings.extend(problems.of("particles", drawn).flatten());
+        warnings.extend(problems.of(path, renderer.check(&extreme)).flatten());
     }
 }
 

@@ -43,18 +43,26 @@ pub fn lines(preview: &Preview) -> [String; 2] {
                 best.height_px,
                 size(first),
                 size(last)
-            )
+            ) + &others(preview)
         }
     };
-    let range = |of: &dyn Fn(&DepthFacts) -> Option<f64>| {
-        let values = mean.depths.iter().filter_map(of);
-        let (low, high) = values.fold((f64::INFINITY, 0.0f64), |(low, high), v| (low.min(v), high.max(v)));
-        low.is_finite().then(|| format!("{low:.1} to {high:.1}"))
+    let range = |of: fn(&DepthFacts) -> Option<f64>| {
+        let ranges = preview.sizes.iter().filter_map(|size| Some((size.d_um, size.range(of)?)));
+        let ranges: Vec<(f64, [f64; 2])> = ranges.collect();
+        let all =
+            ranges.iter().fold([f64::INFINITY, 0.0], |[a, b], (_, [low, high])| [low.min(a), high.max(b)]);
+        let written = |[low, high]: [f64; 2]| format!("{low:.1} to {high:.1}");
+        let each = ranges.iter().map(|(d_um, range)| format!("{d_um} um {}", written(*range)));
+        match ranges.len() {
+            0 => None,
+            1 => Some(written(all)),
+            _ => Some(format!("{} ({})", written(all), each.collect::<Vec<_>>().join(", "))),
+        }
     };
-    let peaks = range(&|depth| Some(depth.peak_counts)).unwrap_or_default();
-    let snr = range(&|depth| depth.snr)
-        .map_or_else(|| "no background noise".to_owned(), |snr| format!("SNR {snr}"));
-    let share = range(&|depth| depth.share.map(|share| 100.0 * share))
+    let peaks = range(|depth| Some(depth.peak_counts)).unwrap_or_default();
+    let snr =
+        range(|depth| depth.snr).map_or_else(|| "no background noise".to_owned(), |snr| format!("SNR {snr}"));
+    let share = range(|depth| depth.share.map(|share| 100.0 * share))
         .map_or_else(String::new, |share| format!(", {share} % of the accepted light on the sensor"));
     let saturation = match preview.saturation_counts {
         end if end.is_finite() => format!("saturation at {end:.0}"),
@@ -63,6 +71,17 @@ pub fn lines(preview: &Preview) -> [String; 2] {
     let light =
         format!("peaks of {peaks} counts, {snr}, {saturation}{share}; N_S = {:.3}", preview.source_density);
     [format!("focus: {focus}"), format!("light: {light}")]
+}
+
+/// Best focus of the sizes other than the mean.
+fn others(preview: &Preview) -> String {
+    let all = preview.sizes.iter().filter(|size| size.d_um != preview.mean().d_um);
+    let of_size = |size: &SizeCurves| {
+        let (best, z_um) = (best(size), size.focus_um?);
+        let (d_um, width, height) = (size.d_um, best.width_px, best.height_px);
+        Some(format!("; of {d_um:.3} um best at z = {z_um:.1} um, {width:.1} x {height:.1} px there"))
+    };
+    all.filter_map(of_size).collect()
 }
 
 /// The image with the highest peak.

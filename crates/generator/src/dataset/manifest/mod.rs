@@ -138,6 +138,12 @@ pub struct Facts {
     /// The image of a single particle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub particle_image: Option<ParticleImageFacts>,
+    /// The images of each of several sizes of particles.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sizes: Vec<SizeFacts>,
+    /// Diameters of the particles of the calibration stacks, um, if there are several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub calibration_d_um: Vec<f64>,
     /// The flow and its formulas.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion: Option<MotionFacts>,
@@ -308,6 +314,35 @@ pub struct ParticleImageFacts {
     pub d_um: f64,
     /// Depth of the highest peak, um; `None` if all depths are in focus.
     pub focus_um: Option<f64>,
+}
+
+/// Noise-free images of particles of one size through the depth range.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct SizeFacts {
+    /// Diameter, um.
+    pub d_um: f64,
+    /// Depth of the highest peak, um; `None` if all depths are in focus.
+    pub focus_um: Option<f64>,
+    /// Least and greatest peak above the background over depth.
+    pub peak_counts: [f64; 2],
+    /// Least and greatest signal-to-noise ratio over depth; `None` without noise.
+    pub snr: Option<[f64; 2]>,
+}
+
+impl SizeFacts {
+    /// Those of a preview; none if there is one size only.
+    pub fn of(preview: &crate::preview::Preview) -> Vec<SizeFacts> {
+        if preview.sizes.len() < 2 {
+            return Vec::new();
+        }
+        let facts = |size: &crate::preview::SizeCurves| SizeFacts {
+            d_um: size.d_um,
+            focus_um: size.focus_um,
+            peak_counts: size.range(|depth| Some(depth.peak_counts)).unwrap_or_default(),
+            snr: size.range(|depth| depth.snr),
+        };
+        preview.sizes.iter().map(facts).collect()
+    }
 }
 
 /// The flow and its formulas.
