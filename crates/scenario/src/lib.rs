@@ -1,6 +1,8 @@
 //! Scenarios: their keys ([`spec`]), parsing ([`parse()`]), validation and defaults ([`resolve()`]).
 
 mod brightness;
+mod calibration;
+mod cylinder;
 mod drawing;
 mod field;
 mod files;
@@ -26,6 +28,7 @@ mod timing;
 mod truth_grid;
 mod vary;
 
+pub use cylinder::CylinderFacts;
 pub use files::Input;
 pub use language::derive::schema_of;
 pub use language::document::{Picture, Scene};

@@ -458,7 +458,7 @@ s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finit
             panic!()
         };
         let Field::Sum(parts) = flow.field else { panic!() };
-        assert!(matches!(&parts[..], [Field::Poiseuille(p), Field::Abc(_)] if p.max_speed_um_s == 5.0));
+        assert!(matches!(&parts[..], [Field::Poiseuille(p), Field::Abc(_)] if p.max_speed_um_s == Some(5.0)));
         let times = set(&spec, "motion.flow.field", "gridded(file: \"x.npy\", geometry: (times_s: ()))");
         assert!(times.is_ok(), "{times:?}");
     }

@@ -25,6 +25,7 @@ use super::recorded::check_tracks;
 use super::recordings::Recordings;
 use super::resolved::Scenario;
 use super::spec::{self, Motion, PairSeeding, Placement, Spec, Timing};
+use super::{calibration, cylinder};
 
 use super::truth_grid::TruthGrid;
 use storage::error::{Error, Result};
@@ -60,6 +61,10 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         .map(|photons| PhotonScale::new(&photons, &spec.renderer(), &settings, diameters.mean()));
     let depth_factor = spec.optics.depth_factor.unwrap_or(1.0);
     let scale = Scale::new(settings.um_per_px(), settings.pixel_dim_x, settings.pixel_dim_y, depth_factor);
+    let scale = scale.map(|scale| match spec.stretch() {
+        Some((growth, angle_deg)) => scale.stretched(growth, angle_deg),
+        None => scale,
+    });
     let Some(scale) = problems.of("optics", scale) else { return Err(Error::Problems(problems.0)) };
     let shutter = spec.timing.shutter(scale.um_per_px(), &mut problems);
     let Some(renderer) = problems.of("optics", spec.renderer().build(&settings)) else {
@@ -138,7 +143,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         illumination,
         layout,
     };
-    scenario.warnings.extend(drawing::few_stacks(&scenario));
+    scenario.warnings.extend(calibration::few_stacks(&scenario));
     Ok(scenario)
 }
 
@@ -183,6 +188,7 @@ fn sections(
     let in_focus = spec.optics.gaussian.is_some();
     spec.calibration.get_or_insert(if in_focus { spec::Calibration::None } else { spec::Calibration::Stack });
     let recordings = Recordings::checked(spec.timing, problems);
+    cylinder::center(&mut spec.boundaries, settings.as_ref(), &spec.optics, problems);
     let (z_um, boundary) = depth(&mut spec.boundaries, problems);
     let diameters = spec.particles.diameters(problems);
     let cloud = spec.particles.cloud(&spec.boundaries.bodies, problems);
@@ -202,7 +208,7 @@ fn sections(
     let size_px = settings.as_ref().map_or((1, 1), |s| (s.pixel_dim_x, s.pixel_dim_y));
     spec.truth_grid.get_or_insert_with(|| TruthGrid::of(steady)).fill(steady, size_px, problems);
     drawing::mode(spec, problems);
-    drawing::calibration(spec, z_um, problems);
+    calibration::check(spec, z_um, problems);
     let mean_um = diameters.as_ref().map(flows::Diameters::mean);
     drawing::photons(spec, settings.as_ref(), mean_um, problems);
     Sections { settings, detector, recordings, z_um, boundary, diameters, cloud, illumination, field }

@@ -12,6 +12,7 @@ use microsig_core::render::Renderer;
 use microsig_core::sensor::{Detector, Response, Sensor};
 use microsig_core::stream::Streams;
 
+use super::cylinder::CylinderFacts;
 use super::files::Input;
 use super::license::License;
 use super::motion::MotionSource;
@@ -81,6 +82,11 @@ impl Scenario {
             MotionSource::Field(_) => None,
             MotionSource::Tracks(tracks) => Some(tracks),
         }
+    }
+
+    /// What a cylindrical lens does; `None` without one.
+    pub fn cylinder(&self) -> Option<CylinderFacts> {
+        CylinderFacts::of(&self.settings, &self.spec.optics)
     }
 
     /// The flow with particles, bodies and shutter, as the recordings of a field need it.

@@ -15,6 +15,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
 
+pub use super::calibration::Calibration;
+pub use super::cylinder::Cylinder;
 pub use super::field::{Changed, Field, Gridded};
 pub use super::illumination::{Beam, Illumination, LightShape, Sheet, SheetProfile};
 use super::language::derive::schema_of;
@@ -113,6 +115,13 @@ impl Spec {
         }
     }
 
+    /// Factor by which a cylindrical lens before the camera stretches images, and the azimuth (degrees, from x
+    /// toward y) of the direction in which it does; `None` without one.
+    pub fn stretch(&self) -> Option<(f64, f64)> {
+        let RendererSpec::Waves { optics, .. } = self.renderer() else { return None };
+        optics.cylinder.map(|cylinder| (cylinder.growth(), optics.cyl_angle_deg))
+    }
+
     /// What the pixels of images hold.
     pub fn image_format(&self) -> ImageFormat {
         self.image_format.unwrap_or_default()
@@ -129,6 +138,7 @@ impl Spec {
             pupil: pupil.clone().unwrap_or_default(),
             cyl_angle_deg: cyl_angle_deg.unwrap_or_default(),
             layers: *layers,
+            cylinder: self.optics.cylinder.and_then(|cylinder| cylinder.lens(&self.optics)),
         }
     }
 }
@@ -250,6 +260,10 @@ pub struct Optics {
         example = -20.0
     )]
     pub focal_planes_um: Option<f64>,
+    /// A cylindrical lens before the camera, for `lens: aplanatic`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "none"))]
+    pub cylinder: Option<Cylinder>,
     /// The model of the objective, for `mode: waves`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "microsig if `mode` is `waves`"))]
@@ -444,6 +458,11 @@ pub struct Boundaries {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("minimum" = -1e6, "maximum" = 1e6))]
     pub z_um: Option<(f64, f64)>,
+    /// Instead of `z_um`: length of a depth range in the middle between the two focal planes of a cylindrical
+    /// lens, about z = 0 without one; it is converted into `z_um`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-range" = "> 0 and <= 1e6"), example = 40.0)]
+    pub depth_um: Option<f64>,
     /// Type of the left and right boundaries.
     pub x: Boundary,
     /// Type of the upper and lower boundaries.
@@ -475,31 +494,4 @@ pub enum Boundary {
     Wall,
     /// Particles that leave on one side enter on the other.
     Periodic,
-}
-
-/// Calibration stacks: one particle, scanned through the depth range; of particles of several sizes a stack
-/// for each.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Calibration {
-    /// Written to `calibration/`, in steps of 2 um or, where that is more than about a quarter of the depth
-    /// of field or makes fewer than 41 images, half of that, and so on. One stack for each diameter of a list
-    /// of up to eight; for distributions one for each of the 10, 50 and 90 % quantiles, or for the mean alone
-    /// where these differ by less than 10 %.
-    #[default]
-    Stack,
-    /// The same in steps of this length.
-    EveryUm(#[schemars(extend("x-range" = "> 0 and <= 1e6", "x-unit" = "um"), example = 1.0)] f64),
-    /// One stack for each of these sizes.
-    Sizes {
-        /// Diameters of the particles of the stacks, each different.
-        #[schemars(length(min = 1, max = 16), extend("x-unit" = "um", "x-range" = "each > 0 and <= 1e6"), example = vec![2.0, 5.0])]
-        diameters_um: Vec<f64>,
-        /// Length of the steps.
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        #[schemars(extend("x-range" = "> 0 and <= 1e6", "x-unit" = "um", "x-default" = "as for `stack`"))]
-        every_um: Option<f64>,
-    },
-    /// No stack.
-    None,
 }

@@ -93,6 +93,7 @@ fn told(whole: manifest::Facts, images: &str, about: &ReleaseTexts<'_>) -> manif
         layout_version: whole.layout_version,
         timing,
         um_per_px: whole.um_per_px,
+        image_stretch: whole.image_stretch,
         depth_factor: whole.depth_factor,
         sensor: whole.sensor,
         renderer: whole.renderer,

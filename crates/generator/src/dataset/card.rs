@@ -40,9 +40,12 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
         Some(snr) => format!("{snr:.1} (noise-free peak over background noise, median over depth)"),
         None => "no background noise".to_owned(),
     };
-    let best = image
+    let mut best = image
         .focus_um
         .map_or_else(String::new, |z_um| format!("; best focus at z = {} um", thousandths(z_um)));
+    if !sizes.is_empty() {
+        best += &format!(" (of the mean diameter, {} um)", thousandths(image.d_um));
+    }
     let field = match scenario.truth_grid() {
         Some(_) => "`truth/field.csv`: the displacement field on a grid. ",
         None => "",

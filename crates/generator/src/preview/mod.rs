@@ -2,6 +2,8 @@
 //! images grow, how bright they are against the camera.
 
 mod accepted;
+mod cylinder;
+mod depth_of_field;
 mod picture;
 mod text;
 mod ticks;
@@ -12,15 +14,15 @@ use microsig_core::render::waves::{Lens, WaveOptics};
 use serde::Serialize;
 
 use accepted::{Accepted, GREEN_UM};
+pub use depth_of_field::depth_of_field_um;
+use depth_of_field::span;
 pub use picture::svg;
-use scenario::{MotionSource, Scenario};
+use scenario::{CylinderFacts, MotionSource, Scenario};
 use storage::error::Result;
 pub use text::{lines, text};
 pub use ticks::tick_label;
-use visibility::{DepthScan, ScanImage};
+use visibility::DepthScan;
 
-/// In focus the peak is at least this share of the highest.
-const IN_FOCUS: f64 = 0.8;
 /// Depths whose images weigh less than this share of the most in a correlation do not contribute (Olsen and
 /// Adrian 2000).
 const CORRELATED: f64 = 0.01;
@@ -45,8 +47,10 @@ pub struct Preview {
     pub um_per_px: f64,
     /// Range of physical depths, um.
     pub depth_range_um: (f64, f64),
-    /// Cylindrical lens, um; 0: none.
+    /// MicroSIG's cylindrical lens, um; 0: none.
     pub cyl_focal_length_um: f64,
+    /// What a cylindrical lens does, MicroSIG's or one before the camera.
+    pub cylinder: Option<CylinderFacts>,
     /// Whether images are diffracted.
     pub is_diffracted: bool,
     /// Wavelength, um: that of the images, or 0.55 um if they are not diffracted.
@@ -178,6 +182,7 @@ impl Preview {
             um_per_px: settings.um_per_px(),
             depth_range_um: scenario.depth_range_um,
             cyl_focal_length_um: settings.cyl_focal_length,
+            cylinder: scenario.cylinder(),
             is_diffracted: matches!(accepted, Accepted::Waves(_)),
             wavelength_um,
             airy_radius_px: WaveOptics::new(wavelength_um).airy_radius_px(settings),
@@ -250,6 +255,7 @@ impl Preview {
                 ));
             }
         }
+        doubts.extend(self.cylinder.and_then(|facts| cylinder::warning(facts, lens)));
         let (low, high) = self.depth_range_um;
         if mean.focus_um.is_some_and(|focus| focus <= low || focus >= high) {
             doubts.push(format!(
@@ -330,45 +336,6 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan, accepted: &Accepted)
         ring_slopes_px_um: [slope(at(0), at(outer)), slope(at(last - outer), at(last))],
         depths,
     })
-}
-
-/// The range of depths around the highest value in which values are above a share of it, um; ends are linear
-/// between depths.
-fn span(scan: &DepthScan, of: impl Fn(&ScanImage) -> f64, share: f64) -> f64 {
-    let values: Vec<f64> = scan.images.iter().map(of).collect();
-    let Some(best) = (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b])) else { return 0.0 };
-    let level = share * values[best];
-    let z = &scan.depths_um;
-    let end = |walk: &mut dyn Iterator<Item = usize>| {
-        let mut inner = best;
-        for i in walk {
-            if values[i] < level {
-                return z[inner] + (z[i] - z[inner]) * (values[inner] - level) / (values[inner] - values[i]);
-            }
-            inner = i;
-        }
-        z[inner]
-    };
-    end(&mut (best + 1..values.len())) - end(&mut (0..best).rev())
-}
-
-/// The depth of field of a scan of particles of this diameter (um), measured more finely around its highest peak, um; `None` where all depths
-/// are in focus.
-///
-/// # Errors
-/// None for a scenario that could be resolved.
-pub fn depth_of_field_um(scenario: &Scenario, d_um: f64, scan: &DepthScan) -> Result<Option<f64>> {
-    let Some(focus_um) = scan.focus_um() else { return Ok(None) };
-    let coarse = span(scan, |spot| spot.peak, IN_FOCUS);
-    let step = scan.depths_um[1] - scan.depths_um[0];
-    if coarse > 12.0 * step {
-        return Ok(Some(coarse));
-    }
-    let reach = coarse + step;
-    let (low, high) = scenario.depth_range_um;
-    let range_um = ((focus_um - reach).max(low), (focus_um + reach).min(high));
-    let fine = scenario.scan(d_um, range_um)?;
-    Ok(Some(span(&fine, |spot| spot.peak, IN_FOCUS)))
 }
 
 /// Particles in view on average.

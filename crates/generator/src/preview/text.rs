@@ -1,6 +1,6 @@
 //! A preview in words.
 
-use super::{DepthFacts, Preview, SizeCurves};
+use super::{DepthFacts, Preview, SizeCurves, cylinder};
 
 /// Depths of a table.
 const ROWS: usize = 11;
@@ -22,7 +22,7 @@ pub fn lines(preview: &Preview) -> [String; 2] {
             let field = preview
                 .depth_of_field_um
                 .map_or_else(String::new, |um| format!(", depth of field {um:.1} um"));
-            let planes = if preview.cyl_focal_length_um == 0.0 {
+            let planes = if preview.cylinder.is_none() {
                 String::new()
             } else {
                 let ends = [first.z_um, last.z_um];
@@ -46,31 +46,33 @@ pub fn lines(preview: &Preview) -> [String; 2] {
             ) + &others(preview)
         }
     };
-    let range = |of: fn(&DepthFacts) -> Option<f64>| {
-        let ranges = preview.sizes.iter().filter_map(|size| Some((size.d_um, size.range(of)?)));
-        let ranges: Vec<(f64, [f64; 2])> = ranges.collect();
-        let all =
-            ranges.iter().fold([f64::INFINITY, 0.0], |[a, b], (_, [low, high])| [low.min(a), high.max(b)]);
-        let written = |[low, high]: [f64; 2]| format!("{low:.1} to {high:.1}");
-        let each = ranges.iter().map(|(d_um, range)| format!("{d_um} um {}", written(*range)));
-        match ranges.len() {
-            0 => None,
-            1 => Some(written(all)),
-            _ => Some(format!("{} ({})", written(all), each.collect::<Vec<_>>().join(", "))),
-        }
-    };
-    let peaks = range(|depth| Some(depth.peak_counts)).unwrap_or_default();
-    let snr =
-        range(|depth| depth.snr).map_or_else(|| "no background noise".to_owned(), |snr| format!("SNR {snr}"));
-    let share = range(|depth| depth.share.map(|share| 100.0 * share))
-        .map_or_else(String::new, |share| format!(", {share} % of the accepted light on the sensor"));
+    let peaks = range(preview, " counts", |depth| Some(depth.peak_counts), true).unwrap_or_default();
+    let snr = range(preview, "", |depth| depth.snr, true)
+        .map_or_else(|| "no background noise".to_owned(), |snr| format!("SNR {snr}"));
+    let share = range(preview, " %", |depth| depth.share.map(|share| 100.0 * share), false)
+        .map_or_else(String::new, |share| format!(", {share} of the accepted light on the sensor"));
     let saturation = match preview.saturation_counts {
         end if end.is_finite() => format!("saturation at {end:.0}"),
         _ => "no saturation".to_owned(),
     };
-    let light =
-        format!("peaks of {peaks} counts, {snr}, {saturation}{share}; N_S = {:.3}", preview.source_density);
+    let light = format!("peaks of {peaks}, {snr}, {saturation}{share}; N_S = {:.3}", preview.source_density);
     [format!("focus: {focus}"), format!("light: {light}")]
+}
+
+/// Least and greatest value over depth and sizes, and over depth of each of several sizes if that is asked for.
+fn range(preview: &Preview, unit: &str, of: fn(&DepthFacts) -> Option<f64>, each: bool) -> Option<String> {
+    let ranges = preview.sizes.iter().filter_map(|size| Some((size.d_um, size.range(of)?)));
+    let ranges: Vec<(f64, [f64; 2])> = ranges.collect();
+    let join = |[a, b]: [f64; 2], [low, high]: [f64; 2]| [low.min(a), high.max(b)];
+    let all = ranges.iter().map(|(_, range)| *range).reduce(join)?;
+    let written = |[low, high]: [f64; 2]| format!("{low:.1} to {high:.1}");
+    let of_size = |(d_um, range): &(f64, [f64; 2])| format!("{d_um} um: {}", written(*range));
+    let sizes = if each && ranges.len() > 1 {
+        format!(" ({})", ranges.iter().map(of_size).collect::<Vec<_>>().join(", "))
+    } else {
+        String::new()
+    };
+    Some(format!("{}{unit}{sizes}", written(all)))
 }
 
 /// Best focus of the sizes other than the mean.
@@ -109,6 +111,9 @@ pub fn text(preview: &Preview) -> String {
     );
     if preview.cyl_focal_length_um != 0.0 {
         text += &format!("cylindrical lens: cyl_focal_length = {:.1} um\n", preview.cyl_focal_length_um);
+    }
+    if let Some(facts) = preview.cylinder {
+        text += &(cylinder::phrase(facts) + "\n");
     }
     text += &format!(
         "depth of correlation {:.1} um; {:.1} particles in view; background {:.1} counts with a noise of {:.2}\n",

@@ -103,6 +103,7 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
         random_streams: Some(random_streams.to_owned()),
         timing: timing(scenario),
         um_per_px: Some(scenario.scale.um_per_px()),
+        image_stretch: scenario.scale.stretch(),
         depth_factor: scenario.spec.optics.depth_factor,
         sensor: Some(SensorFacts {
             width_px: settings.pixel_dim_x,
@@ -156,6 +157,7 @@ pub(crate) fn waves(scenario: &Scenario, image: &ParticleImage) -> Option<WaveFa
         pupil: written.pupil.clone(),
         layers: written.layers,
         cyl_angle_deg: optics.cyl_angle_deg,
+        cylinder: optics.cylinder,
         tolerance,
         drawn_share: image.drawn_share,
     })
