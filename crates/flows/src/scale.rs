@@ -120,6 +120,16 @@ impl Scale {
         Region::new(DVec3::new(-half.x, -half.y, z_min), DVec3::new(half.x, half.y, z_max))
     }
 
+    /// Area of [`Scale::view`] over that which the sensor sees: more than 1 if images are stretched along a
+    /// direction that is not an axis.
+    pub fn excess_of_view(&self) -> f64 {
+        self.stretch.map_or(1.0, |[matrix, inverse]| {
+            let [[a, b], [c, d]] = inverse.to_cols_array_2d().map(|column| column.map(f64::abs));
+            let (w, h) = (f64::from(self.width), f64::from(self.height));
+            (a * w + c * h) * (b * w + d * h) / (w * h) * matrix.determinant()
+        })
+    }
+
     fn center_px(&self) -> (f64, f64) {
         (0.5 * (f64::from(self.width) + 1.0), 0.5 * (f64::from(self.height) + 1.0))
     }
@@ -184,6 +194,10 @@ mod tests {
                 assert!((back.x_px - x_px).abs() < 1e-10 && (back.y_px - y_px).abs() < 1e-10);
                 assert!(at.x.abs() < view.max().x + 1e-9 && at.y.abs() < view.max().y + 1e-9);
             }
+            let seen = 485.04 / 0.8 * 236.07;
+            let size = view.size();
+            assert!((size.x * size.y / seen / scale.excess_of_view() - 1.0).abs() < 1e-12);
+            assert!((scale.excess_of_view() - 1.0).abs() < 1e-12 || azimuth_deg == 30.0);
             let rows = scale.stretch().unwrap();
             let own = [0, 1].map(|i| (rows[i][0] * along.x + rows[i][1] * along.y) / 0.645);
             assert!((own[0] - moved.dx_px).abs() < 1e-12 && (own[1] - moved.dy_px).abs() < 1e-12);

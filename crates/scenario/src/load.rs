@@ -447,7 +447,7 @@ s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finit
         };
         let flow_of = flow("motion.flow.field.poiseuille.direction_rad", "0.5");
         let Field::Poiseuille(p) = flow_of.field else { panic!() };
-        assert_eq!((p.max_speed_um_s, p.direction_rad), (1000.0, 0.5));
+        assert_eq!((p.max_speed_um_s, p.direction_rad), (Some(1000.0), 0.5));
         let Field::LambOseen(v) = flow("motion.flow.field.lamb_oseen.core_radius_um", "30").field else {
             panic!()
         };

@@ -445,7 +445,7 @@ pub struct HotPixels {
     /// Fraction of hot pixels.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub fraction: f64,
-    /// Dark electrons of a hot pixel per frame.
+    /// Dark electrons of a hot pixel per frame, in addition to `dark_e`.
     #[schemars(range(min = 0.0, max = 1e12))]
     pub dark_e: f64,
 }
