@@ -143,7 +143,8 @@ fn aptv_finds_astigmatic_particles_and_their_depth() {
     assert_tracks(&score_inside(folder.path(), "aptv", 36), "aptv", [0.9, 0.6, 0.2, 0.01]);
 }
 
-/// Particles of 2 and 5 um: a stack for each, which all methods use. With the stack of one size, fewer are found.
+/// Particles of 2 and 5 um: a stack for each, which all methods use. With the stack of one size, fewer are
+/// found.
 #[test]
 fn mixtures_of_sizes_are_tracked_with_a_stack_for_each() {
     let folder = tempfile::tempdir().unwrap();

@@ -61,8 +61,8 @@ pub(crate) const fn default_of(default: &'static str, otherwise: &[&'static str]
 
 /// Declares the parameters of a field: a struct of public fields, its `Default`, and the table `PARAMETERS`
 /// of the same names, defaults, ranges and meanings. `#[alias = "..."]` names the key used by older
-/// scenarios, which is still accepted; `#[otherwise = "..."]` says what an optional parameter without a default
-/// by the depth range is unless it is given, and leaves it out of resolved scenarios then.
+/// scenarios, which is still accepted; `#[otherwise = "..."]` says what an optional parameter without a
+/// default by the depth range is unless it is given, and leaves it out of resolved scenarios then.
 macro_rules! params {
     (
         $(#[$attribute:meta])*

@@ -2,8 +2,8 @@
 //!
 //! x = (x_px - (width + 1) / 2) um_per_px, likewise y: the center of the sensor is the origin, the center of
 //! the top-left pixel is (1, 1) px, rows go down, and the sensor covers 0.5 <= x_px < width + 0.5. The depth
-//! of a MicroSIG data file is the physical depth divided by `depth_factor`. A cylindrical lens before the camera
-//! stretches images about the center of the sensor along one direction.
+//! of a MicroSIG data file is the physical depth divided by `depth_factor`. A cylindrical lens before the
+//! camera stretches images about the center of the sensor along one direction.
 
 use crate::error::{ParameterCheck, Result};
 use crate::region::Region;
@@ -56,8 +56,8 @@ impl Scale {
         Ok(Scale { um_per_px, width, height, depth_factor, stretch: None })
     }
 
-    /// The scale of an image that is stretched by `factor` (> 0) along the direction at this azimuth (degrees,
-    /// from x toward y).
+    /// The scale of an image that is stretched by `factor` (> 0) along the direction at this azimuth
+    /// (degrees, from x toward y).
     pub fn stretched(self, factor: f64, azimuth_deg: f64) -> Self {
         let (sine, cosine) = libm::sincos(azimuth_deg.to_radians());
         let along = |factor: f64| {
@@ -68,7 +68,8 @@ impl Scale {
         Scale { stretch: Some([along(factor), along(1.0 / factor)]), ..self }
     }
 
-    /// The rows of the matrix by which a cylindrical lens before the camera stretches images; `None` without one.
+    /// The rows of the matrix by which a cylindrical lens before the camera stretches images; `None` without
+    /// one.
     pub fn stretch(&self) -> Option<[[f64; 2]; 2]> {
         self.stretch.map(|[matrix, _]| matrix.transpose().to_cols_array_2d())
     }

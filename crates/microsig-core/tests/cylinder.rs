@@ -13,7 +13,8 @@ fn optics(cylinder: Cylinder) -> WaveOptics {
     WaveOptics { lens: Lens::Aplanatic, cylinder: Some(cylinder), ..WaveOptics::new(0.52) }
 }
 
-/// Distances between the 10 and 90 % quantiles of the light along the direction at this azimuth and across it.
+/// Distances between the 10 and 90 % quantiles of the light along the direction at this azimuth and across
+/// it.
 fn extents(renderer: &WavesRenderer, z_um: f64, azimuth_deg: f64) -> [f64; 2] {
     let side = 2 * HALF_PX + 1;
     let places: Vec<[f64; 2]> =
@@ -36,8 +37,8 @@ fn extents(renderer: &WavesRenderer, z_um: f64, azimuth_deg: f64) -> [f64; 2] {
     })
 }
 
-/// Out of focus, images of a point are M_x NA |z - z_x| / n wide and M NA |z| / n high; quantiles of the light scale
-/// with these.
+/// Out of focus, images of a point are M_x NA |z - z_x| / n wide and M NA |z| / n high; quantiles of the
+/// light scale with these.
 #[test]
 fn images_grow_about_their_focal_planes() {
     let layers = Layers { focus_depth_um: 150.0, ..Layers::default() };
@@ -54,8 +55,8 @@ fn images_grow_about_their_focal_planes() {
         for z_um in [-100.0 * n, 100.0 * n] {
             let [along, across] = extents(&renderer, z_um, angle_deg);
             let expected = cylinder.growth() * (z_um - plane_um).abs() / z_um.abs();
-            // The quantiles are whole pixels of some 80 to 110; aberrations of the layers and the difference of sine and
-            // tangent act on both directions nearly alike.
+            // The quantiles are whole pixels of some 80 to 110; aberrations of the layers and the difference
+            // of sine and tangent act on both directions nearly alike.
             assert!(
                 (along / across / expected - 1.0).abs() < 0.025,
                 "{cylinder:?} {z_um}: {along} {across} {expected}"

@@ -1,11 +1,7 @@
-//! The keys of the calibration stacks, and their checks.
+//! The keys of the calibration stacks.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-use super::language::problems::Problems;
-use super::resolved::Scenario;
-use super::spec::Spec;
 
 /// Calibration stacks: one particle, scanned through the depth range; of particles of several sizes a stack
 /// for each.
@@ -32,40 +28,4 @@ pub enum Calibration {
     },
     /// No stack.
     None,
-}
-
-/// Maximum number of images in a calibration stack.
-const MAX_IMAGES: f64 = 100_000.0;
-
-/// Checks steps and sizes of the calibration stacks.
-pub(super) fn check(spec: &Spec, (low, high): (f64, f64), problems: &mut Problems) {
-    let (path, step_um) = match &spec.calibration {
-        Some(Calibration::EveryUm(step_um)) => ("calibration.every_um", Some(*step_um)),
-        Some(Calibration::Sizes { diameters_um, every_um }) => {
-            for (k, d_um) in diameters_um.iter().enumerate() {
-                let path = format!("calibration.sizes.diameters_um.{k}");
-                if !(*d_um > 0.0 && *d_um <= 1e6) {
-                    problems.value(&path, d_um, "a number > 0 and <= 1e6");
-                } else if diameters_um[..k].contains(d_um) {
-                    problems.value(&path, d_um, "each diameter once");
-                }
-            }
-            ("calibration.sizes.every_um", *every_um)
-        }
-        _ => return,
-    };
-    if let Some(step_um) = step_um.filter(|step_um| (high - low) / step_um > MAX_IMAGES) {
-        let least = (high - low) / MAX_IMAGES;
-        problems.value(path, step_um, &format!("at least {least}: a stack has at most {MAX_IMAGES} images"));
-    }
-}
-
-/// A warning where the images of one calibration stack stand for particles of several sizes.
-pub(super) fn few_stacks(scenario: &Scenario) -> Option<String> {
-    let (stacks, sizes) = (scenario.calibrated_um(), scenario.representative_um());
-    let ([d_um], [smallest, .., largest]) = (stacks.as_slice(), sizes.as_slice()) else { return None };
-    Some(format!(
-        "calibration: one stack of a particle of {d_um} um stands for particles of {smallest} to {largest} um, whose images \
-         differ in size and brightness; `calibration: stack` makes one for each size"
-    ))
 }

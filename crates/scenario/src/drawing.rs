@@ -6,7 +6,7 @@ use microsig_core::render::waves::Lens;
 use microsig_core::{Error as Core, Settings};
 
 use super::language::problems::Problems;
-use super::spec::{Brightness, RenderMode, Spec};
+use super::spec::{Brightness, Calibration, RenderMode, Spec};
 
 /// Fills in defaults of the renderer and checks its keys.
 pub(super) fn mode(spec: &mut Spec, problems: &mut Problems) {
@@ -70,6 +70,32 @@ fn refuse_wave_keys(spec: &Spec, problems: &mut Problems) {
         if given {
             problems.other(path, "expected nothing, or render: (mode: waves): only wave optics uses it");
         }
+    }
+}
+
+/// Maximum number of images in a calibration stack.
+const MAX_IMAGES: f64 = 100_000.0;
+
+/// Checks steps and sizes of the calibration stacks.
+pub(super) fn calibration(spec: &Spec, (low, high): (f64, f64), problems: &mut Problems) {
+    let (path, step_um) = match &spec.calibration {
+        Some(Calibration::EveryUm(step_um)) => ("calibration.every_um", Some(*step_um)),
+        Some(Calibration::Sizes { diameters_um, every_um }) => {
+            for (k, d_um) in diameters_um.iter().enumerate() {
+                let path = format!("calibration.sizes.diameters_um.{k}");
+                if !(*d_um > 0.0 && *d_um <= 1e6) {
+                    problems.value(&path, d_um, "a number > 0 and <= 1e6");
+                } else if diameters_um[..k].contains(d_um) {
+                    problems.value(&path, d_um, "each diameter once");
+                }
+            }
+            ("calibration.sizes.every_um", *every_um)
+        }
+        _ => return,
+    };
+    if let Some(step_um) = step_um.filter(|step_um| (high - low) / step_um > MAX_IMAGES) {
+        let least = (high - low) / MAX_IMAGES;
+        problems.value(path, step_um, &format!("at least {least}: a stack has at most {MAX_IMAGES} images"));
     }
 }
 

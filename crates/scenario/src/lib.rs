@@ -6,6 +6,7 @@ mod cylinder;
 mod drawing;
 mod field;
 mod files;
+mod focal_planes;
 mod illumination;
 mod language;
 pub mod license;
@@ -28,8 +29,8 @@ mod timing;
 mod truth_grid;
 mod vary;
 
-pub use cylinder::CylinderFacts;
 pub use files::Input;
+pub use focal_planes::CylinderFacts;
 pub use language::derive::schema_of;
 pub use language::document::{Picture, Scene};
 pub use language::schema::{Entry, Schema, ValueKind, nearest};

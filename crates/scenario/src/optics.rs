@@ -76,7 +76,7 @@ pub(super) fn optics(
         // A preset's virtual lens is replaced.
         settings.cyl_focal_length = 0.0;
         optics.fill(&settings);
-        if let (None, spec::Cylinder::Planes { apart_um, growth }) = (cylinder.lens(optics), cylinder) {
+        if let (None, spec::Cylinder::Planes { apart_um, growth }) = (optics.cylinder_lens(), cylinder) {
             problems.value(
                 "optics.cylinder.planes",
                 format!("(apart_um: {apart_um}, growth: {growth})"),

@@ -16,6 +16,7 @@ use microsig_core::{Particle, Settings, Spheroid};
 use super::brightness::PhotonScale;
 use super::drawing;
 use super::files::Files;
+use super::focal_planes;
 use super::language::problems::Problems;
 use super::license::{LICENSES, License};
 use super::motion::MotionSource;
@@ -25,7 +26,6 @@ use super::recorded::check_tracks;
 use super::recordings::Recordings;
 use super::resolved::Scenario;
 use super::spec::{self, Motion, PairSeeding, Placement, Spec, Timing};
-use super::{calibration, cylinder};
 
 use super::truth_grid::TruthGrid;
 use storage::error::{Error, Result};
@@ -143,7 +143,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         illumination,
         layout,
     };
-    scenario.warnings.extend(calibration::few_stacks(&scenario));
+    scenario.warnings.extend(scenario.few_stacks());
     Ok(scenario)
 }
 
@@ -188,7 +188,7 @@ fn sections(
     let in_focus = spec.optics.gaussian.is_some();
     spec.calibration.get_or_insert(if in_focus { spec::Calibration::None } else { spec::Calibration::Stack });
     let recordings = Recordings::checked(spec.timing, problems);
-    cylinder::center(&mut spec.boundaries, settings.as_ref(), &spec.optics, problems);
+    focal_planes::center(&mut spec.boundaries, settings.as_ref(), &spec.optics, problems);
     let (z_um, boundary) = depth(&mut spec.boundaries, problems);
     let diameters = spec.particles.diameters(problems);
     let cloud = spec.particles.cloud(&spec.boundaries.bodies, problems);
@@ -208,7 +208,7 @@ fn sections(
     let size_px = settings.as_ref().map_or((1, 1), |s| (s.pixel_dim_x, s.pixel_dim_y));
     spec.truth_grid.get_or_insert_with(|| TruthGrid::of(steady)).fill(steady, size_px, problems);
     drawing::mode(spec, problems);
-    calibration::check(spec, z_um, problems);
+    drawing::calibration(spec, z_um, problems);
     let mean_um = diameters.as_ref().map(flows::Diameters::mean);
     drawing::photons(spec, settings.as_ref(), mean_um, problems);
     Sections { settings, detector, recordings, z_um, boundary, diameters, cloud, illumination, field }

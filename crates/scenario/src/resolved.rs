@@ -12,8 +12,8 @@ use microsig_core::render::Renderer;
 use microsig_core::sensor::{Detector, Response, Sensor};
 use microsig_core::stream::Streams;
 
-use super::cylinder::CylinderFacts;
 use super::files::Input;
+use super::focal_planes::CylinderFacts;
 use super::license::License;
 use super::motion::MotionSource;
 use super::optics::{response, sensor};
@@ -167,6 +167,16 @@ impl Scenario {
             }
             Some(Calibration::Stack | Calibration::EveryUm(_)) => self.representative_um(),
         }
+    }
+
+    /// A warning where the images of one calibration stack stand for particles of several sizes.
+    pub(super) fn few_stacks(&self) -> Option<String> {
+        let (stacks, sizes) = (self.calibrated_um(), self.representative_um());
+        let ([d_um], [smallest, .., largest]) = (stacks.as_slice(), sizes.as_slice()) else { return None };
+        Some(format!(
+            "calibration: one stack of a particle of {d_um} um stands for particles of {smallest} to {largest} um, whose images \
+             differ in size and brightness; `calibration: stack` makes one for each size"
+        ))
     }
 
     /// Noise-free images of a sphere of diameter `d_um` (um) through a range of physical depths (um).

@@ -115,8 +115,8 @@ impl Spec {
         }
     }
 
-    /// Factor by which a cylindrical lens before the camera stretches images, and the azimuth (degrees, from x
-    /// toward y) of the direction in which it does; `None` without one.
+    /// Factor by which a cylindrical lens before the camera stretches images, and the azimuth (degrees, from
+    /// x toward y) of the direction in which it does; `None` without one.
     pub fn stretch(&self) -> Option<(f64, f64)> {
         let RendererSpec::Waves { optics, .. } = self.renderer() else { return None };
         optics.cylinder.map(|cylinder| (cylinder.growth(), optics.cyl_angle_deg))
@@ -138,7 +138,7 @@ impl Spec {
             pupil: pupil.clone().unwrap_or_default(),
             cyl_angle_deg: cyl_angle_deg.unwrap_or_default(),
             layers: *layers,
-            cylinder: self.optics.cylinder.and_then(|cylinder| cylinder.lens(&self.optics)),
+            cylinder: self.optics.cylinder_lens(),
         }
     }
 }

@@ -3,9 +3,9 @@
 //! A particle image is a connected region above the noise; its widths are the square roots of the second
 //! central moments of intensity along x and y. The widths over the calibration stack form a curve in the
 //! plane of widths, and the depth of a particle is that of the nearest point of the curve (Cierpka et al.
-//! 2010, Meas. Sci. Technol. 21, 045401); with stacks of several sizes, of all their curves. Overlapping particles merge into one region whose widths are off
-//! the curve, and are dropped. Without a cylindrical lens the curve folds back on itself: depths on both
-//! sides of the focus are indistinguishable.
+//! 2010, Meas. Sci. Technol. 21, 045401); with stacks of several sizes, of all their curves. Overlapping
+//! particles merge into one region whose widths are off the curve, and are dropped. Without a cylindrical
+//! lens the curve folds back on itself: depths on both sides of the focus are indistinguishable.
 
 use super::calibration::CalibrationImage;
 use super::gray_image::GrayImage;

@@ -58,8 +58,8 @@ pub(super) struct Origin {
     pub(super) waves: Option<WaveOptics>,
 }
 
-/// Reads the stacks of a dataset, one for each size of particles in order of their diameters, sorted by depth,
-/// without duplicate depths.
+/// Reads the stacks of a dataset, one for each size of particles in order of their diameters, sorted by
+/// depth, without duplicate depths.
 ///
 /// # Errors
 /// A stack that is missing or too large, has fewer than five depths, non-finite depths, images outside the

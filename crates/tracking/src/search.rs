@@ -144,7 +144,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Fits of a particle of this size at a pixel, from the depths whose templates are most like the residual.
+    /// Fits of a particle of this size at a pixel, from the depths whose templates are most like the
+    /// residual.
     fn fits(&self, size: usize, x: isize, y: isize) -> Vec<ParticleFit> {
         let templates = &self.templates[size];
         let over_depth: Vec<Match> = (0..templates.len()).map(|k| self.match_at(size, k, x, y)).collect();

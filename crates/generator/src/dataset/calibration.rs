@@ -69,12 +69,15 @@ fn step_um(scenario: &Scenario, sizes_um: &[f64], scan: &DepthScan) -> Result<f6
         return Ok(step_um);
     }
     let (low, high) = scenario.depth_range_um;
-    let mut field_um =
-        depth_of_field_um(scenario, scenario.diameters_um()[1], scan)?.unwrap_or(f64::INFINITY);
-    if let [smallest_um, _, ..] = sizes_um[..] {
-        let scan = scenario.scan(smallest_um, scenario.depth_range_um)?;
-        field_um = depth_of_field_um(scenario, smallest_um, &scan)?.unwrap_or(f64::INFINITY);
-    }
+    let mean_um = scenario.diameters_um()[1];
+    let field_um = match sizes_um.first() {
+        Some(&smallest_um) if smallest_um != mean_um => {
+            let scan = scenario.scan(smallest_um, scenario.depth_range_um)?;
+            depth_of_field_um(scenario, smallest_um, &scan)?
+        }
+        _ => depth_of_field_um(scenario, mean_um, scan)?,
+    };
+    let field_um = field_um.unwrap_or(f64::INFINITY);
     let longest = ((high - low) / MIN_STEPS).min(field_um / MIN_STEPS_IN_FOCUS);
     let mut step_um = MAX_STEP_UM;
     // The lower limit on the step ends the loop if the depth of field is zero.

@@ -4,8 +4,8 @@ use microsig_core::render::waves::Lens;
 
 use scenario::CylinderFacts;
 
-/// Difference of the growth along both directions above which an objective with MicroSIG's virtual lens is not
-/// like one with a cylindrical lens before the camera.
+/// Difference of the growth along both directions above which an objective with MicroSIG's virtual lens is
+/// not like one with a cylindrical lens before the camera.
 const NOTICEABLE: f64 = 0.05;
 
 /// A warning where images grow as behind no real cylinder.

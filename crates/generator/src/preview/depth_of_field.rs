@@ -27,8 +27,8 @@ pub(super) fn span(scan: &DepthScan, of: impl Fn(&ScanImage) -> f64, share: f64)
     end(&mut (best + 1..values.len())) - end(&mut (0..best).rev())
 }
 
-/// The depth of field of a scan of particles of this diameter (um), measured more finely around its highest peak, um; `None` where all depths
-/// are in focus.
+/// The depth of field of a scan of particles of this diameter (um), measured more finely around its highest
+/// peak, um; `None` where all depths are in focus.
 ///
 /// # Errors
 /// None for a scenario that could be resolved.

@@ -275,8 +275,8 @@ impl SizeCurves {
     }
 }
 
-/// Which of the sizes (um) is nearest to the mean, and their images through the depth range; those of the mean
-/// may be there already.
+/// Which of the sizes (um) is nearest to the mean, and their images through the depth range; those of the
+/// mean may be there already.
 fn scans(
     scenario: &Scenario,
     sizes_um: &[f64],

@@ -59,7 +59,8 @@ pub fn lines(preview: &Preview) -> [String; 2] {
     [format!("focus: {focus}"), format!("light: {light}")]
 }
 
-/// Least and greatest value over depth and sizes, and over depth of each of several sizes if that is asked for.
+/// Least and greatest value over depth and sizes, and over depth of each of several sizes if that is asked
+/// for.
 fn range(preview: &Preview, unit: &str, of: fn(&DepthFacts) -> Option<f64>, each: bool) -> Option<String> {
     let ranges = preview.sizes.iter().filter_map(|size| Some((size.d_um, size.range(of)?)));
     let ranges: Vec<(f64, [f64; 2])> = ranges.collect();

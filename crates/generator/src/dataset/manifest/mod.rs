@@ -5,6 +5,7 @@
 //! that manifests of earlier versions and of test splits, which have fewer keys, can be read.
 
 mod seal;
+mod sizes;
 mod write;
 
 use std::path::Path;
@@ -17,6 +18,8 @@ use microsig_core::render::waves::{Cylinder, Emission, Layers, Lens, PupilFuncti
 use microsig_core::sensor::ImageFormat;
 use storage::error::{Error, Result};
 use storage::read_text;
+
+pub use sizes::SizeFacts;
 pub use write::{N_S, SNR, manifest};
 pub(crate) use write::{bit_depth, waves, write};
 pub use write::{license, resource};
@@ -96,8 +99,8 @@ pub struct Facts {
     /// Pixel size in object space, um.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub um_per_px: Option<f64>,
-    /// With a cylindrical lens before the camera: the rows of the matrix by which it stretches images about the
-    /// center of the sensor. A displacement in px is this matrix times that in um, over `um_per_px`.
+    /// With a cylindrical lens before the camera: the rows of the matrix by which it stretches images about
+    /// the center of the sensor. A displacement in px is this matrix times that in um, over `um_per_px`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub image_stretch: Option<[[f64; 2]; 2]>,
     /// Physical depth over depth in MicroSIG's data files.
@@ -322,35 +325,6 @@ pub struct ParticleImageFacts {
     pub d_um: f64,
     /// Depth of the highest peak, um; `None` if all depths are in focus.
     pub focus_um: Option<f64>,
-}
-
-/// Noise-free images of particles of one size through the depth range.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct SizeFacts {
-    /// Diameter, um.
-    pub d_um: f64,
-    /// Depth of the highest peak, um; `None` if all depths are in focus.
-    pub focus_um: Option<f64>,
-    /// Least and greatest peak above the background over depth.
-    pub peak_counts: [f64; 2],
-    /// Least and greatest signal-to-noise ratio over depth; `None` without noise.
-    pub snr: Option<[f64; 2]>,
-}
-
-impl SizeFacts {
-    /// Those of a preview; none if there is one size only.
-    pub fn of(preview: &crate::preview::Preview) -> Vec<SizeFacts> {
-        if preview.sizes.len() < 2 {
-            return Vec::new();
-        }
-        let facts = |size: &crate::preview::SizeCurves| SizeFacts {
-            d_um: size.d_um,
-            focus_um: size.focus_um,
-            peak_counts: size.range(|depth| Some(depth.peak_counts)).unwrap_or_default(),
-            snr: size.range(|depth| depth.snr),
-        };
-        preview.sizes.iter().map(facts).collect()
-    }
 }
 
 /// The flow and its formulas.

@@ -1,17 +1,18 @@
 //! A thin cylindrical lens before the camera, in the units of data sheets.
 //!
-//! In the direction of its power, a lens of focal length f at the distance d before the sensor changes a ray that
-//! would arrive at X with the slope u as the matrices of free paths and of a thin lens say:
+//! In the direction of its power, a lens of focal length f at the distance d before the sensor changes a ray
+//! that would arrive at X with the slope u as the matrices of free paths and of a thin lens say:
 //!
 //! ```text
 //!   (X', u') = (1 d; 0 1) (1 0; -1/f 1) (1 -d; 0 1) (X, u),    X' = X (1 - d/f) + u d^2/f
 //! ```
 //!
-//! Light from a point at depth z and lateral position x through the objective at the sine s arrives at X = M (x +
-//! z s / n) with u = -s / M: the sensor side of a microscope is telecentric to good approximation (its exit pupil
-//! is many times farther away than the cylinder). So positions and the growth of images out of focus both scale
-//! by M_x / M = 1 - d/f, and the plane in focus moves by -d^2 / (f - d) in image space, by n / M^2 of that in
-//! object space. Angles behind the objective are NA / M, a few hundredths: paraxial optics is exact enough.
+//! Light from a point at depth z and lateral position x through the objective at the sine s arrives at X = M
+//! (x + z s / n) with u = -s / M: the sensor side of a microscope is telecentric to good approximation (its
+//! exit pupil is many times farther away than the cylinder). So positions and the growth of images out of
+//! focus both scale by M_x / M = 1 - d/f, and the plane in focus moves by -d^2 / (f - d) in image space, by n
+//! / M^2 of that in object space. Angles behind the objective are NA / M, a few hundredths: paraxial optics
+//! is exact enough.
 
 use crate::error::Error;
 use crate::render::rays;
@@ -43,8 +44,8 @@ impl Cylinder {
         (to_sensor_mm > 0.0 && to_sensor_mm.is_finite()).then_some(lens)
     }
 
-    /// M_x / M: magnification in the direction of its power over that across it; the same for positions and for
-    /// the growth of images out of focus.
+    /// M_x / M: magnification in the direction of its power over that across it; the same for positions and
+    /// for the growth of images out of focus.
     pub fn growth(&self) -> f64 {
         1.0 - self.to_sensor_mm / self.focal_length_mm
     }
@@ -103,9 +104,9 @@ mod tests {
         DMat2::from_cols(DVec2::new(1.0, -1.0 / focal_length), DVec2::new(0.0, 1.0))
     }
 
-    /// A whole microscope by matrices, mm: an objective of 9 mm, 180 mm of tube lens at the distance that makes
-    /// the image space telecentric, and the cylinder. Its x-focus is found where the position on the sensor does
-    /// not depend on the slope at the object.
+    /// A whole microscope by matrices, mm: an objective of 9 mm, 180 mm of tube lens at the distance that
+    /// makes the image space telecentric, and the cylinder. Its x-focus is found where the position on the
+    /// sensor does not depend on the slope at the object.
     #[test]
     fn planes_and_magnifications_are_those_of_matrices() {
         let (objective, tube) = (9.0, 180.0);

@@ -68,9 +68,6 @@ use zernike::Aberration;
 /// Number of sources after which those gathered are drawn, which bounds the tables held at a time.
 const SOURCES: usize = 1024;
 
-/// There is a warning if the peak in focus in vectorial theory is less than this fraction of the scalar one.
-const MIN_VECTORIAL_PEAK: f64 = 0.88;
-
 /// Path differences over the pupil in paraxial focus, waves, above which an objective is not used as
 /// designed.
 const MANY_WAVES: f64 = 10.0;
@@ -426,14 +423,7 @@ impl Render for WavesRenderer {
 
     fn warning(&self) -> Option<String> {
         let na = self.settings.numerical_aperture;
-        let peak = self.optics.vectorial_peak(na);
-        let scalar = (peak < MIN_VECTORIAL_PEAK).then(|| {
-            format!(
-                "numerical_aperture = {na}: wave optics is scalar; with polarization the peak of a point in focus is {:.0} % lower, \
-                 its image wider by about half as much",
-                100.0 * (1.0 - peak)
-            )
-        });
+        let scalar = self.optics.scalar_warning(na);
         let Settings { pixel_dim_x, pixel_dim_y, pixel_size, .. } = self.settings;
         let radius_um = 0.5 * libm::hypot(f64::from(pixel_dim_x), f64::from(pixel_dim_y)) * pixel_size;
         let near = self.model().pupil.share_within(0.0, radius_um);
