@@ -37,7 +37,7 @@ _Array = TypeVar("_Array", bound=NDArray[Any])
 
 
 class Calibration(NamedTuple):
-    """The calibration scan of one particle."""
+    """The calibration scan of one particle, or of one particle of each of several sizes, one scan after the other."""
 
     #: uint16 (or float32, see :attr:`Dataset.images`) (steps, rows, columns): an image of the particle at
     #: each depth.
@@ -46,6 +46,15 @@ class Calibration(NamedTuple):
     z_um: NDArray[np.float64]
     #: ``calibration/calibration.csv``.
     table: Table
+    #: float64 (steps,): diameter of the particle in each image, um; None if all particles are of one size.
+    d_um: NDArray[np.float64] | None = None
+
+    def of_size(self, d_um: float) -> Calibration:
+        """The scan of the size nearest to this diameter, um."""
+        if self.d_um is None:
+            return self
+        rows = self.d_um == self.d_um[np.argmin(np.abs(self.d_um - d_um))]
+        return Calibration(_fixed(self.images[rows]), self.z_um[rows], self.table[rows], self.d_um[rows])
 
 
 def _table(raw: _RawTable) -> Table:
@@ -114,7 +123,7 @@ class _Memory:
         if found is None:
             return None
         table = _table(found[0])
-        return Calibration(_fixed(found[1]), table["z_um"], table)
+        return Calibration(_fixed(found[1]), table["z_um"], table, table["d_um"] if "d_um" in table else None)
 
     def scenario(self) -> tuple[str, str]:
         return self.made.scenario()
@@ -205,7 +214,7 @@ class _Folder:
             return None
         paths = [self._folder / image for image in table["image"]]
         images = _microsig.read_images(paths, *_microsig.image_size(self._folder / "calibration/settings.txt"))
-        return Calibration(_fixed(images), table["z_um"], table)
+        return Calibration(_fixed(images), table["z_um"], table, table["d_um"] if "d_um" in table else None)
 
     def scenario(self) -> tuple[str, str]:
         return _microsig.scenario_of(self._folder)[:2]
@@ -300,7 +309,10 @@ class Dataset:
 
     @cached_property
     def calibration(self) -> Calibration | None:
-        """The calibration scan: ``images`` uint16 (steps, rows, columns), ``z_um`` (steps,), ``table``; None without one."""
+        """The calibration scan: ``images`` uint16 (steps, rows, columns), ``z_um`` (steps,), ``table``; None without one.
+
+        With particles of several sizes the scans of all, one after the other, with ``d_um`` (steps,); ``of_size`` has one.
+        """
         return self._source.calibration()
 
     @cached_property

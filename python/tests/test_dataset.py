@@ -58,6 +58,15 @@ def test_arrays_are_what_is_in_the_files(golden, tmp_path):
         if made.calibration is not None:
             np.testing.assert_array_equal(made.calibration.images, read.calibration.images)
             np.testing.assert_array_equal(made.calibration.z_um, read.calibration.z_um)
+            # The diameters of these particles are distributed: one scan for each of three quantiles.
+            assert (made.calibration.d_um is None) == (scenario.stem == "pairs")
+            if made.calibration.d_um is not None:
+                sizes = np.unique(made.calibration.d_um)
+                assert len(sizes) == 3
+                one = read.calibration.of_size(sizes[2] + 1)
+                assert (one.d_um == sizes[2]).all() and len(one.images) == len(one.z_um) == len(one.table)
+                assert (np.diff(one.z_um) > 0).all()
+                np.testing.assert_array_equal(one.images, made.calibration.images[made.calibration.d_um == sizes[2]])
         assert made.scenario_text == read.scenario_text and made.settings == read.settings
         for of in (made, read):
             again = ms.generate(of.scenario)

@@ -8,6 +8,7 @@ mod centroid;
 mod challenge;
 mod codabench;
 mod command;
+mod cylinder;
 mod exact;
 mod expected;
 mod export;

@@ -163,8 +163,16 @@ fn read_folder(path: &Path) -> Result<Planes> {
         .collect();
     names.sort_by(|a, b| natord::compare(a, b));
     if names.is_empty() {
+        let stacks = std::fs::read_dir(path).map_err(|e| Error::read(path, e))?;
+        let stacks = stacks.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+        let stack = stacks.filter(|name| name.starts_with("d_") && name.ends_with("um")).min();
+        let hint = stack.map_or_else(String::new, |name| {
+            format!(
+                "; this folder has stacks of particles of several sizes: give one of them, such as {name}"
+            )
+        });
         return Err(Error::input(format!(
-            "{}: no *.tif files: expected one image per plane",
+            "{}: no *.tif files: expected one image per plane{hint}",
             path.display()
         )));
     }
@@ -290,6 +298,8 @@ fn read_positions(file: &Path, names: &[String], n: usize) -> Result<Vec<f64>> {
         found.push((page, record.z_um));
     }
     found.sort_by_key(|(page, _)| *page);
+    // The stacks of several sizes in a dataset's table have the same names and depths.
+    found.dedup();
     if found.len() != n || found.iter().enumerate().any(|(i, (page, _))| i != *page) {
         return Err(Error::input(format!(
             "{}: {} positions: expected one for each of the {n} planes, pages counted from 0",

@@ -10,6 +10,15 @@ const CHECK: ParameterCheck = ParameterCheck("diameters");
 /// Smallest fraction of a distribution that may lie within its limits; below it redrawing takes too long.
 const MIN_SHARE: f64 = 1e-3;
 
+/// Maximum number of diameters of a list that each stand for themselves.
+const MOST_LISTED: usize = 8;
+
+/// Quantiles that stand for a continuous distribution.
+const STANDING: [f64; 3] = [0.1, 0.5, 0.9];
+
+/// If the outer of these quantiles differ by less than this factor, one diameter stands for all.
+const ALIKE: f64 = 1.1;
+
 /// A distribution of diameters, um.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diameters(DiameterDistribution);
@@ -154,6 +163,71 @@ impl Diameters {
         }
     }
 
+    /// Diameters that stand for the distribution, um, increasing: those of a list of up to eight; of other
+    /// distributions the 10, 50 and 90 % quantiles, or the mean alone if these differ by less than 10 %.
+    pub fn representative(&self) -> Vec<f64> {
+        if let DiameterDistribution::List(list) = &self.0 {
+            let mut all: Vec<f64> = list.iter().map(|(diameter, _)| *diameter).collect();
+            all.sort_by(f64::total_cmp);
+            all.dedup();
+            if all.len() <= MOST_LISTED {
+                return all;
+            }
+        }
+        let quantiles = STANDING.map(|share| self.quantile(share));
+        let [low, _, high] = quantiles;
+        if high < ALIKE * low {
+            return vec![self.mean()];
+        }
+        let mut distinct = quantiles.to_vec();
+        distinct.dedup();
+        distinct
+    }
+
+    /// The diameter that a share of all is at most as large as, um, rounded to four digits if the
+    /// distribution is continuous.
+    fn quantile(&self, share: f64) -> f64 {
+        let inverse = |mean: f64, sd: f64, low: f64, high: f64| {
+            let at = |x: f64| cumulative((x - mean) / sd);
+            let wanted = at(low) + share * (at(high) - at(low));
+            // 60 halvings of the interval reach the resolution of f64.
+            let halved = (0..60).fold((low, high), |(low, high), _| {
+                let middle = 0.5 * (low + high);
+                if at(middle) < wanted { (middle, high) } else { (low, middle) }
+            });
+            halved.0
+        };
+        let exact = match self.0 {
+            DiameterDistribution::Equal(diameter) => return diameter,
+            DiameterDistribution::List(ref list) => {
+                let mut sorted = list.clone();
+                let mut before = 0.0;
+                for entry in &mut sorted {
+                    (entry.1, before) = (entry.1 - before, entry.1);
+                }
+                sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+                let mut sum = 0.0;
+                let found = sorted.iter().find(|(_, weight)| {
+                    sum += weight;
+                    sum >= share
+                });
+                return found.or(sorted.last()).map_or(0.0, |(diameter, _)| *diameter);
+            }
+            DiameterDistribution::Uniform { min, max } => min + share * (max - min),
+            DiameterDistribution::Normal { mean, sd, min, max } => inverse(mean, sd, min, max),
+            DiameterDistribution::Lognormal { mean, sd, min, max } => {
+                libm::exp(inverse(mean, sd, libm::log(min), libm::log(max)))
+            }
+        };
+        let digit = libm::pow(10.0, libm::floor(libm::log10(exact)) - 3.0);
+        // Dividing by a power of ten rounds to the nearest decimal, multiplying by its inverse does not.
+        if digit < 1.0 {
+            libm::rint(exact / digit) / libm::rint(1.0 / digit)
+        } else {
+            libm::rint(exact / digit) * digit
+        }
+    }
+
     /// The largest diameter that can be drawn, um.
     pub fn max(&self) -> f64 {
         match self.0 {
@@ -241,6 +315,24 @@ mod tests {
             (0..40_000).map(|_| kind.draw(&mut stream) - 2.0).map(|d| d * d).sum::<f64>() / 40_000.0;
         // The kurtosis of this lognormal is 4: standard error sqrt(3 / 40000) of 0.25.
         assert!((variance / 0.25 - 1.0).abs() < 4.0 * 0.0087 * 1.2, "{variance}");
+    }
+
+    #[test]
+    fn some_diameters_stand_for_all() {
+        let of = |kind: Result<Diameters>| kind.unwrap().representative();
+        assert_eq!(of(Diameters::equal(2.1)), [2.1]);
+        assert_eq!(of(Diameters::list(&[(5.0, 1.0), (2.0, 3.0), (5.0, 1.0)])), [2.0, 5.0]);
+        assert_eq!(of(Diameters::uniform(1.0, 3.0)), [1.2, 2.0, 2.8]);
+        assert_eq!(of(Diameters::uniform(0.95, 1.05)), [1.0]);
+        // -1.2816, 0 and 1.2816 standard deviations.
+        assert_eq!(of(Diameters::normal(2.0, 0.5, 0.01, 9.0)), [1.359, 2.0, 2.641]);
+        // The median of a lognormal distribution: mean / sqrt(1 + (sd / mean)^2).
+        assert_eq!(of(Diameters::lognormal(2.0, 1.0, 1e-3, 1e3))[1], 1.789);
+        let many: Vec<(f64, f64)> = (1..=20).map(|k| (f64::from(k), 1.0)).collect();
+        assert_eq!(of(Diameters::list(&many)), [2.0, 10.0, 18.0]);
+        // Limits far from the mean do not count.
+        let cut = of(Diameters::normal(1.0, 1.0, 2.0, 1e6));
+        assert!(cut[0] > 2.0 && cut[2] < 4.0, "{cut:?}");
     }
 
     #[test]

@@ -51,9 +51,18 @@ impl Parameter {
     }
 }
 
+/// The default in documents: `otherwise` if there is one.
+pub(crate) const fn default_of(default: &'static str, otherwise: &[&'static str]) -> &'static str {
+    match otherwise {
+        [first, ..] => first,
+        [] => default,
+    }
+}
+
 /// Declares the parameters of a field: a struct of public fields, its `Default`, and the table `PARAMETERS`
 /// of the same names, defaults, ranges and meanings. `#[alias = "..."]` names the key used by older
-/// scenarios, which is still accepted.
+/// scenarios, which is still accepted; `#[otherwise = "..."]` says what an optional parameter without a
+/// default by the depth range is unless it is given, and leaves it out of resolved scenarios then.
 macro_rules! params {
     (
         $(#[$attribute:meta])*
@@ -61,6 +70,7 @@ macro_rules! params {
             $(
                 #[doc = $meaning:literal]
                 $(#[alias = $alias:literal])?
+                $(#[otherwise = $otherwise:literal])?
                 $field:ident: $type:ty = $default:expr, $range:literal;
             )*
         }
@@ -75,6 +85,10 @@ macro_rules! params {
                 ///
                 #[doc = concat!("Default `", stringify!($default), "`; ", $range, ".")]
                 $(#[cfg_attr(feature = "serde", serde(alias = $alias))])?
+                $(
+                    #[doc = concat!("Unless given ", $otherwise, ".")]
+                    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+                )?
                 #[cfg_attr(feature = "schema", schemars(description = $meaning, extend("x-range" = $range)))]
                 $(#[cfg_attr(feature = "schema", schemars(extend("x-formerly" = [$alias])))])?
                 pub $field: $type,
@@ -90,7 +104,12 @@ macro_rules! params {
         impl $name {
             /// Names, defaults, ranges and meanings.
             pub const PARAMETERS: &'static [crate::params::Parameter] = &[
-                $(crate::params::Parameter::new(stringify!($field), stringify!($default), $range, $meaning)),*
+                $(crate::params::Parameter::new(
+                    stringify!($field),
+                    crate::params::default_of(stringify!($default), &[$($otherwise)?]),
+                    $range,
+                    $meaning,
+                )),*
             ];
         }
     };

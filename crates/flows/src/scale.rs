@@ -2,11 +2,12 @@
 //!
 //! x = (x_px - (width + 1) / 2) um_per_px, likewise y: the center of the sensor is the origin, the center of
 //! the top-left pixel is (1, 1) px, rows go down, and the sensor covers 0.5 <= x_px < width + 0.5. The depth
-//! of a MicroSIG data file is the physical depth divided by `depth_factor`.
+//! of a MicroSIG data file is the physical depth divided by `depth_factor`. A cylindrical lens before the
+//! camera stretches images about the center of the sensor along one direction.
 
 use crate::error::{ParameterCheck, Result};
 use crate::region::Region;
-use glam::DVec3;
+use glam::{DMat2, DVec2, DVec3};
 
 const CHECK: ParameterCheck = ParameterCheck("scale");
 
@@ -39,6 +40,8 @@ pub struct Scale {
     width: u32,
     height: u32,
     depth_factor: f64,
+    /// Image over object apart from `um_per_px`, and its inverse.
+    stretch: Option<[DMat2; 2]>,
 }
 
 impl Scale {
@@ -50,7 +53,35 @@ impl Scale {
         CHECK.positive("width_px", f64::from(width))?;
         CHECK.positive("height_px", f64::from(height))?;
         CHECK.positive("depth_factor", depth_factor)?;
-        Ok(Scale { um_per_px, width, height, depth_factor })
+        Ok(Scale { um_per_px, width, height, depth_factor, stretch: None })
+    }
+
+    /// The scale of an image that is stretched by `factor` (> 0) along the direction at this azimuth
+    /// (degrees, from x toward y).
+    pub fn stretched(self, factor: f64, azimuth_deg: f64) -> Self {
+        let (sine, cosine) = libm::sincos(azimuth_deg.to_radians());
+        let along = |factor: f64| {
+            let more = factor - 1.0;
+            let off = more * sine * cosine;
+            DMat2::from_cols_array(&[1.0 + more * cosine * cosine, off, off, 1.0 + more * sine * sine])
+        };
+        Scale { stretch: Some([along(factor), along(1.0 / factor)]), ..self }
+    }
+
+    /// The rows of the matrix by which a cylindrical lens before the camera stretches images; `None` without
+    /// one.
+    pub fn stretch(&self) -> Option<[[f64; 2]; 2]> {
+        self.stretch.map(|[matrix, _]| matrix.transpose().to_cols_array_2d())
+    }
+
+    fn to_px(self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let px = [x / self.um_per_px, y / self.um_per_px];
+        self.stretch.map_or(px, |[matrix, _]| (matrix * DVec2::from(px)).into())
+    }
+
+    /// The image vector as it would be without the stretch.
+    pub fn unstretched(self, vector: [f64; 2]) -> [f64; 2] {
+        self.stretch.map_or(vector, |[_, inverse]| (inverse * DVec2::from(vector)).into())
     }
 
     /// Pixel size in object space, um.
@@ -61,38 +92,43 @@ impl Scale {
     /// The point of object space (um) of an image point.
     pub fn to_object(&self, point: ImagePoint) -> DVec3 {
         let center = self.center_px();
-        DVec3::new(
-            (point.x_px - center.0) * self.um_per_px,
-            (point.y_px - center.1) * self.um_per_px,
-            point.z_um * self.depth_factor,
-        )
+        let [x, y] = self.unstretched([point.x_px - center.0, point.y_px - center.1]);
+        DVec3::new(x * self.um_per_px, y * self.um_per_px, point.z_um * self.depth_factor)
     }
 
     /// The image point of a point of object space (um).
     pub fn to_image(&self, x: DVec3) -> ImagePoint {
         let center = self.center_px();
-        ImagePoint {
-            x_px: x.x / self.um_per_px + center.0,
-            y_px: x.y / self.um_per_px + center.1,
-            z_um: x.z / self.depth_factor,
-        }
+        let [x_px, y_px] = self.to_px([x.x, x.y]);
+        ImagePoint { x_px: x_px + center.0, y_px: y_px + center.1, z_um: x.z / self.depth_factor }
     }
 
     /// The image displacement of a displacement in object space (um).
     pub fn displacement_to_image(&self, displacement: DVec3) -> ImageVector {
-        ImageVector {
-            dx_px: displacement.x / self.um_per_px,
-            dy_px: displacement.y / self.um_per_px,
-            dz_um: displacement.z / self.depth_factor,
-        }
+        let [dx_px, dy_px] = self.to_px([displacement.x, displacement.y]);
+        ImageVector { dx_px, dy_px, dz_um: displacement.z / self.depth_factor }
     }
 
     /// The region of object space imaged between two physical depths (um), enlarged laterally by `margin_px`
     /// (px) on all sides. `Err` if it has no volume.
     pub fn view(&self, z_min: f64, z_max: f64, margin_px: f64) -> Result<Region> {
         let half = DVec3::new(f64::from(self.width), f64::from(self.height), 0.0) * 0.5 + margin_px;
+        let half = self.stretch.map_or(half, |[_, inverse]| {
+            let [[a, b], [c, d]] = inverse.to_cols_array_2d().map(|column| column.map(f64::abs));
+            DVec3::new(a * half.x + c * half.y, b * half.x + d * half.y, half.z)
+        });
         let half = half * self.um_per_px;
         Region::new(DVec3::new(-half.x, -half.y, z_min), DVec3::new(half.x, half.y, z_max))
+    }
+
+    /// Area of [`Scale::view`] over that which the sensor sees: more than 1 if images are stretched along a
+    /// direction that is not an axis.
+    pub fn excess_of_view(&self) -> f64 {
+        self.stretch.map_or(1.0, |[matrix, inverse]| {
+            let [[a, b], [c, d]] = inverse.to_cols_array_2d().map(|column| column.map(f64::abs));
+            let (w, h) = (f64::from(self.width), f64::from(self.height));
+            (a * w + c * h) * (b * w + d * h) / (w * h) * matrix.determinant()
+        })
     }
 
     fn center_px(&self) -> (f64, f64) {
@@ -137,6 +173,39 @@ mod tests {
         assert!(Scale::new(-0.645, 752, 366, 1.0).is_err());
         assert!(Scale::new(0.645, 752, 366, 0.0).is_err());
         assert!(setting1(1.0).view(-80.0, 20.0, -200.0).is_err());
+    }
+
+    #[test]
+    fn a_stretched_image_is_covered_and_comes_back() {
+        let flat = setting1(1.0);
+        for azimuth_deg in [0.0, 30.0, 90.0] {
+            let scale = flat.stretched(0.8, azimuth_deg);
+            let (sine, cosine) = azimuth_deg.to_radians().sin_cos();
+            let along = DVec3::new(6.45 * cosine, 6.45 * sine, 0.0);
+            let moved = scale.displacement_to_image(along);
+            assert!((moved.dx_px - 8.0 * cosine).abs() < 1e-12 && (moved.dy_px - 8.0 * sine).abs() < 1e-12);
+            let across = scale.displacement_to_image(DVec3::new(-along.y, along.x, 0.0));
+            assert!(
+                (across.dx_px + 10.0 * sine).abs() < 1e-12 && (across.dy_px - 10.0 * cosine).abs() < 1e-12
+            );
+            let view = scale.view(-1.0, 1.0, 0.0).unwrap();
+            for (x_px, y_px) in [(0.5, 0.5), (752.5, 0.5), (752.5, 366.5), (300.0, 200.0)] {
+                let at = scale.to_object(ImagePoint { x_px, y_px, z_um: 0.0 });
+                let back = scale.to_image(at);
+                assert!((back.x_px - x_px).abs() < 1e-10 && (back.y_px - y_px).abs() < 1e-10);
+                assert!(at.x.abs() < view.max().x + 1e-9 && at.y.abs() < view.max().y + 1e-9);
+            }
+            let seen = 485.04 / 0.8 * 236.07;
+            let size = view.size();
+            assert!((size.x * size.y / seen / scale.excess_of_view() - 1.0).abs() < 1e-12);
+            assert!((scale.excess_of_view() - 1.0).abs() < 1e-12 || azimuth_deg == 30.0);
+            let rows = scale.stretch().unwrap();
+            let own = [0, 1].map(|i| (rows[i][0] * along.x + rows[i][1] * along.y) / 0.645);
+            assert!((own[0] - moved.dx_px).abs() < 1e-12 && (own[1] - moved.dy_px).abs() < 1e-12);
+        }
+        // Less magnification: more is seen.
+        let wide = flat.stretched(0.8, 0.0).view(-1.0, 1.0, 0.0).unwrap().size();
+        assert!((wide - DVec3::new(485.04 / 0.8, 236.07, 2.0)).length() < 1e-9);
     }
 
     proptest! {

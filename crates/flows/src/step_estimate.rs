@@ -71,7 +71,7 @@ mod tests {
         let message = of(&vortices(1e12)).unwrap_err().to_string();
         assert!(message.starts_with("flow: speed_um_s = up to 7.07"), "{message}");
         assert!(message.contains("integration steps") && message.contains("at most 20000"), "{message}");
-        let fast = PoiseuilleParams { max_speed_um_s: 1e12, ..Default::default() };
+        let fast = PoiseuilleParams { max_speed_um_s: Some(1e12), ..Default::default() };
         assert!(of(&Poiseuille::from_params(&fast).unwrap()).is_ok());
     }
 }

@@ -129,7 +129,8 @@ fn diffusing_clouds_stay_uniform_between_walls_and_at_open_faces() {
     let hot = Brownian::new(&liquid(1e-5 * 0.89e-3), 2).unwrap();
     let still = rest();
     let channel =
-        Poiseuille::from_params(&PoiseuilleParams { max_speed_um_s: 1500.0, ..Default::default() }).unwrap();
+        Poiseuille::from_params(&PoiseuilleParams { max_speed_um_s: Some(1500.0), ..Default::default() })
+            .unwrap();
     let cases: [(&str, &dyn VelocityField, [Boundary; 3]); 4] = [
         ("at rest, open", &still, [Open; 3]),
         ("at rest, walls", &still, [Wall; 3]),

@@ -63,6 +63,7 @@ fn refuse_wave_keys(spec: &Spec, problems: &mut Problems) {
         ("render.emission", render.emission.is_some()),
         ("optics.lens", lens.is_some()),
         ("optics.pupil", optics.pupil.is_some()),
+        ("optics.cylinder", optics.cylinder.is_some()),
         ("optics.cyl_angle_deg", optics.cyl_angle_deg.is_some()),
         ("optics.layers", optics.layers.is_some()),
     ] {
@@ -75,17 +76,26 @@ fn refuse_wave_keys(spec: &Spec, problems: &mut Problems) {
 /// Maximum number of images in a calibration stack.
 const MAX_IMAGES: f64 = 100_000.0;
 
-/// Checks the step of the calibration stack.
+/// Checks steps and sizes of the calibration stacks.
 pub(super) fn calibration(spec: &Spec, (low, high): (f64, f64), problems: &mut Problems) {
-    if let Some(Calibration::EveryUm(step_um)) = spec.calibration
-        && (high - low) / step_um > MAX_IMAGES
-    {
+    let (path, step_um) = match &spec.calibration {
+        Some(Calibration::EveryUm(step_um)) => ("calibration.every_um", Some(*step_um)),
+        Some(Calibration::Sizes { diameters_um, every_um }) => {
+            for (k, d_um) in diameters_um.iter().enumerate() {
+                let path = format!("calibration.sizes.diameters_um.{k}");
+                if !(*d_um > 0.0 && *d_um <= 1e6) {
+                    problems.value(&path, d_um, "a number > 0 and <= 1e6");
+                } else if diameters_um[..k].contains(d_um) {
+                    problems.value(&path, d_um, "each diameter once");
+                }
+            }
+            ("calibration.sizes.every_um", *every_um)
+        }
+        _ => return,
+    };
+    if let Some(step_um) = step_um.filter(|step_um| (high - low) / step_um > MAX_IMAGES) {
         let least = (high - low) / MAX_IMAGES;
-        problems.value(
-            "calibration.every_um",
-            step_um,
-            &format!("at least {least}: a stack has at most {MAX_IMAGES} images"),
-        );
+        problems.value(path, step_um, &format!("at least {least}: a stack has at most {MAX_IMAGES} images"));
     }
 }
 

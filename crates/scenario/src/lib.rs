@@ -1,9 +1,12 @@
 //! Scenarios: their keys ([`spec`]), parsing ([`parse()`]), validation and defaults ([`resolve()`]).
 
 mod brightness;
+mod calibration;
+mod cylinder;
 mod drawing;
 mod field;
 mod files;
+mod focal_planes;
 mod illumination;
 mod language;
 pub mod license;
@@ -27,6 +30,7 @@ mod truth_grid;
 mod vary;
 
 pub use files::Input;
+pub use focal_planes::CylinderFacts;
 pub use language::derive::schema_of;
 pub use language::document::{Picture, Scene};
 pub use language::schema::{Entry, Schema, ValueKind, nearest};

@@ -46,6 +46,7 @@ pub(super) fn optics(
     }
     optics.apply(&mut settings);
     let depth_factor = *optics.depth_factor.get_or_insert(1.0);
+    let given = optics.focal_planes_um.is_some();
     if let Some(apart_um) = optics.focal_planes_um.take() {
         if optics.cyl_focal_length.is_some() {
             problems.other("optics", "expected either `cyl_focal_length` or `focal_planes_um`, not both");
@@ -64,6 +65,23 @@ pub(super) fn optics(
                 };
                 problems.value("optics.focal_planes_um", apart_um, &allowed);
             }
+        }
+    }
+    if let Some(cylinder) = optics.cylinder {
+        let virtual_lens =
+            optics.cyl_focal_length.is_some_and(|f| f != 0.0) || settings.cyl_focal_length != 0.0 && given;
+        if virtual_lens {
+            problems.other("optics.cylinder", "expected either `cylinder` or MicroSIG's virtual lens (`cyl_focal_length`, `focal_planes_um`), not both");
+        }
+        // A preset's virtual lens is replaced.
+        settings.cyl_focal_length = 0.0;
+        optics.fill(&settings);
+        if let (None, spec::Cylinder::Planes { apart_um, growth }) = (optics.cylinder_lens(), cylinder) {
+            problems.value(
+                "optics.cylinder.planes",
+                format!("(apart_um: {apart_um}, growth: {growth})"),
+                "a growth below 1 with negative distances, as of a converging lens, or above 1 with positive ones",
+            );
         }
     }
     optics.fill(&settings);

@@ -410,7 +410,7 @@ impl Particles {
             Number::Count(n) => Ok(Seeding::count_in_view(*n, view, diameters)),
             Number::Ppp(ppp) => {
                 let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
-                Seeding::mean_in_view(*ppp * pixels, view, diameters)
+                Seeding::mean_in_view(*ppp * pixels * scale.excess_of_view(), view, diameters)
             }
             Number::PerUm3(density) => Seeding::poisson(*density, diameters),
             Number::NS(n_s) => {
@@ -427,7 +427,8 @@ impl Particles {
                     );
                 }
                 let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
-                Seeding::mean_in_view(*n_s * pixels / area_px.max(1.0), view, diameters)
+                let mean = *n_s * pixels / area_px.max(1.0) * scale.excess_of_view();
+                Seeding::mean_in_view(mean, view, diameters)
             }
             Number::File(file) => {
                 let (path, bytes) = files.read("particles.number.file", file, problems)?;

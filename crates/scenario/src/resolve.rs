@@ -16,6 +16,7 @@ use microsig_core::{Particle, Settings, Spheroid};
 use super::brightness::PhotonScale;
 use super::drawing;
 use super::files::Files;
+use super::focal_planes;
 use super::language::problems::Problems;
 use super::license::{LICENSES, License};
 use super::motion::MotionSource;
@@ -60,6 +61,10 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         .map(|photons| PhotonScale::new(&photons, &spec.renderer(), &settings, diameters.mean()));
     let depth_factor = spec.optics.depth_factor.unwrap_or(1.0);
     let scale = Scale::new(settings.um_per_px(), settings.pixel_dim_x, settings.pixel_dim_y, depth_factor);
+    let scale = scale.map(|scale| match spec.stretch() {
+        Some((growth, angle_deg)) => scale.stretched(growth, angle_deg),
+        None => scale,
+    });
     let Some(scale) = problems.of("optics", scale) else { return Err(Error::Problems(problems.0)) };
     let shutter = spec.timing.shutter(scale.um_per_px(), &mut problems);
     let Some(renderer) = problems.of("optics", spec.renderer().build(&settings)) else {
@@ -117,7 +122,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         warnings.extend(coverage_warning(field.as_ref(), domain.region()));
     }
     problems.finish()?;
-    Ok(Scenario {
+    let mut scenario = Scenario {
         license,
         streams: Streams::new(spec.seed),
         spec,
@@ -137,7 +142,9 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         shutter,
         illumination,
         layout,
-    })
+    };
+    scenario.warnings.extend(scenario.few_stacks());
+    Ok(scenario)
 }
 
 /// Recorded tracks; `None` if there are none, or if they are refused.
@@ -181,6 +188,7 @@ fn sections(
     let in_focus = spec.optics.gaussian.is_some();
     spec.calibration.get_or_insert(if in_focus { spec::Calibration::None } else { spec::Calibration::Stack });
     let recordings = Recordings::checked(spec.timing, problems);
+    focal_planes::center(&mut spec.boundaries, settings.as_ref(), &spec.optics, problems);
     let (z_um, boundary) = depth(&mut spec.boundaries, problems);
     let diameters = spec.particles.diameters(problems);
     let cloud = spec.particles.cloud(&spec.boundaries.bodies, problems);
@@ -244,12 +252,18 @@ fn check_depths(
     problems: &mut Problems,
 ) {
     let e_p = spec.particles.spheroids.map_or(1.0, |s| s.e_p);
-    for (z, d_um) in [(z_um.0, diameters.max()), (z_um.1, diameters.min())] {
-        // A spheroid aligned with the optical axis extends farthest toward the lens.
-        let spheroid = (e_p != 1.0).then(|| Spheroid::from_axis(e_p, [0.0, 0.0, 1.0]));
+    // A spheroid aligned with the optical axis extends farthest toward the lens.
+    let spheroid = (e_p != 1.0).then(|| Spheroid::from_axis(e_p, [0.0, 0.0, 1.0]));
+    let calibrated = match &spec.calibration {
+        Some(spec::Calibration::Sizes { diameters_um, .. }) => diameters_um.as_slice(),
+        _ => &[],
+    };
+    let calibrated = calibrated.iter().map(|d_um| ("calibration.sizes.diameters_um", z_um.0, *d_um, None));
+    let extremes =
+        [("particles", z_um.0, diameters.max(), spheroid), ("particles", z_um.1, diameters.min(), spheroid)];
+    for (path, z, d_um, spheroid) in extremes.into_iter().chain(calibrated) {
         let extreme = Particle { spheroid, ..Particle::sphere(1.0, 1.0, z / depth_factor, d_um) };
-        let drawn = renderer.check(&extreme);
-        warnings.extend(problems.of("particles", drawn).flatten());
+        warnings.extend(problems.of(path, renderer.check(&extreme)).flatten());
     }
 }
 

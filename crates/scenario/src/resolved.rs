@@ -13,12 +13,13 @@ use microsig_core::sensor::{Detector, Response, Sensor};
 use microsig_core::stream::Streams;
 
 use super::files::Input;
+use super::focal_planes::CylinderFacts;
 use super::license::License;
 use super::motion::MotionSource;
 use super::optics::{response, sensor};
 use super::particles::Cloud;
 use super::recordings::Recordings;
-use super::spec::Spec;
+use super::spec::{Calibration, Spec};
 use super::truth_grid::Nodes;
 use storage::error::Result;
 use visibility::{DepthScan, NoiseFree};
@@ -83,6 +84,11 @@ impl Scenario {
         }
     }
 
+    /// What a cylindrical lens does; `None` without one.
+    pub fn cylinder(&self) -> Option<CylinderFacts> {
+        CylinderFacts::of(&self.settings, &self.spec.optics)
+    }
+
     /// The flow with particles, bodies and shutter, as the recordings of a field need it.
     pub fn scene<'a>(&'a self, field: &'a dyn VelocityField) -> Result<Scene<'a>> {
         let cloud = &self.cloud;
@@ -119,6 +125,58 @@ impl Scenario {
         let of = |k: usize| rows.iter().map(move |row| row.d_um.unwrap_or(own[k]));
         let mean = of(1).sum::<f64>() / rows.len() as f64;
         [of(0).fold(f64::INFINITY, f64::min), mean, of(2).fold(0.0, f64::max)]
+    }
+
+    /// Diameters that stand for those of all particles, um, increasing: each one that is listed, or quantiles
+    /// of their distribution, see [`flows::Diameters::representative`]; the mean of Gaussian spots.
+    pub fn representative_um(&self) -> Vec<f64> {
+        if !self.renderer.depends_on_depth() {
+            return vec![self.diameters_um()[1]];
+        }
+        let drawn = self.seeding.diameters();
+        let rows = self.tracks().map(RecordedTracks::rows).unwrap_or_default();
+        let mut own: Vec<f64> = rows.iter().filter_map(|row| row.d_um).collect();
+        if own.is_empty() {
+            return drawn.representative();
+        }
+        if own.len() < rows.len() {
+            own.extend(drawn.representative());
+        }
+        let weighted: Vec<(f64, f64)> = own.iter().map(|d_um| (*d_um, 1.0)).collect();
+        flows::Diameters::list(&weighted).map_or_else(|_| own, |all| all.representative())
+    }
+
+    /// The diameters of [`Self::representative_um`] where they are those of a list of several; otherwise
+    /// none.
+    pub fn mixed_um(&self) -> Vec<f64> {
+        let [smallest, _, largest] = self.diameters_um();
+        let all = self.representative_um();
+        let listed = all.len() > 1 && all.first() == Some(&smallest) && all.last() == Some(&largest);
+        if listed { all } else { Vec::new() }
+    }
+
+    /// Diameters of the particles of the calibration stacks, um, increasing, one for each stack; empty
+    /// without calibration.
+    pub fn calibrated_um(&self) -> Vec<f64> {
+        match &self.spec.calibration {
+            None | Some(Calibration::None) => Vec::new(),
+            Some(Calibration::Sizes { diameters_um, .. }) => {
+                let mut sizes = diameters_um.clone();
+                sizes.sort_by(f64::total_cmp);
+                sizes
+            }
+            Some(Calibration::Stack | Calibration::EveryUm(_)) => self.representative_um(),
+        }
+    }
+
+    /// A warning where the images of one calibration stack stand for particles of several sizes.
+    pub(super) fn few_stacks(&self) -> Option<String> {
+        let (stacks, sizes) = (self.calibrated_um(), self.representative_um());
+        let ([d_um], [smallest, .., largest]) = (stacks.as_slice(), sizes.as_slice()) else { return None };
+        Some(format!(
+            "calibration: one stack of a particle of {d_um} um stands for particles of {smallest} to {largest} um, whose images \
+             differ in size and brightness; `calibration: stack` makes one for each size"
+        ))
     }
 
     /// Noise-free images of a sphere of diameter `d_um` (um) through a range of physical depths (um).

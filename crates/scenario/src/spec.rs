@@ -15,6 +15,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
 
+pub use super::calibration::Calibration;
+pub use super::cylinder::Cylinder;
 pub use super::field::{Changed, Field, Gridded};
 pub use super::illumination::{Beam, Illumination, LightShape, Sheet, SheetProfile};
 use super::language::derive::schema_of;
@@ -83,7 +85,8 @@ pub struct Spec {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "a grid, or none for recorded tracks"))]
     pub truth_grid: Option<TruthGrid>,
-    /// The calibration stack: one particle, scanned through the depth range.
+    /// Calibration stacks: one particle, scanned through the depth range; of particles of several sizes a
+    /// stack for each.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "stack, or none for Gaussian spots"))]
     pub calibration: Option<Calibration>,
@@ -112,6 +115,13 @@ impl Spec {
         }
     }
 
+    /// Factor by which a cylindrical lens before the camera stretches images, and the azimuth (degrees, from
+    /// x toward y) of the direction in which it does; `None` without one.
+    pub fn stretch(&self) -> Option<(f64, f64)> {
+        let RendererSpec::Waves { optics, .. } = self.renderer() else { return None };
+        optics.cylinder.map(|cylinder| (cylinder.growth(), optics.cyl_angle_deg))
+    }
+
     /// What the pixels of images hold.
     pub fn image_format(&self) -> ImageFormat {
         self.image_format.unwrap_or_default()
@@ -128,6 +138,7 @@ impl Spec {
             pupil: pupil.clone().unwrap_or_default(),
             cyl_angle_deg: cyl_angle_deg.unwrap_or_default(),
             layers: *layers,
+            cylinder: self.optics.cylinder_lens(),
         }
     }
 }
@@ -249,6 +260,10 @@ pub struct Optics {
         example = -20.0
     )]
     pub focal_planes_um: Option<f64>,
+    /// A cylindrical lens before the camera, for `lens: aplanatic`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "none"))]
+    pub cylinder: Option<Cylinder>,
     /// The model of the objective, for `mode: waves`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "microsig if `mode` is `waves`"))]
@@ -430,7 +445,7 @@ pub struct HotPixels {
     /// Fraction of hot pixels.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub fraction: f64,
-    /// Dark electrons of a hot pixel per frame.
+    /// Dark electrons of a hot pixel per frame, in addition to `dark_e`.
     #[schemars(range(min = 0.0, max = 1e12))]
     pub dark_e: f64,
 }
@@ -443,6 +458,11 @@ pub struct Boundaries {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("minimum" = -1e6, "maximum" = 1e6))]
     pub z_um: Option<(f64, f64)>,
+    /// Instead of `z_um`: length of a depth range in the middle between the two focal planes of a cylindrical
+    /// lens, about z = 0 without one; it is converted into `z_um`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-range" = "> 0 and <= 1e6"), example = 40.0)]
+    pub depth_um: Option<f64>,
     /// Type of the left and right boundaries.
     pub x: Boundary,
     /// Type of the upper and lower boundaries.
@@ -474,18 +494,4 @@ pub enum Boundary {
     Wall,
     /// Particles that leave on one side enter on the other.
     Periodic,
-}
-
-/// The calibration stack: one particle, scanned through the depth range.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Calibration {
-    /// Written to `calibration/`, in steps of 2 um or, where that is more than about a quarter of the depth
-    /// of field or makes fewer than 41 images, half of that, and so on.
-    #[default]
-    Stack,
-    /// The same in steps of this length.
-    EveryUm(#[schemars(extend("x-range" = "> 0 and <= 1e6", "x-unit" = "um"), example = 1.0)] f64),
-    /// No stack.
-    None,
 }

@@ -3,9 +3,9 @@
 //! A particle image is a connected region above the noise; its widths are the square roots of the second
 //! central moments of intensity along x and y. The widths over the calibration stack form a curve in the
 //! plane of widths, and the depth of a particle is that of the nearest point of the curve (Cierpka et al.
-//! 2010, Meas. Sci. Technol. 21, 045401). Overlapping particles merge into one region whose widths are off
-//! the curve, and are dropped. Without a cylindrical lens the curve folds back on itself: depths on both
-//! sides of the focus are indistinguishable.
+//! 2010, Meas. Sci. Technol. 21, 045401); with stacks of several sizes, of all their curves. Overlapping
+//! particles merge into one region whose widths are off the curve, and are dropped. Without a cylindrical
+//! lens the curve folds back on itself: depths on both sides of the focus are indistinguishable.
 
 use super::calibration::CalibrationImage;
 use super::gray_image::GrayImage;
@@ -36,7 +36,7 @@ pub(super) const METHOD: Method = Method {
     name: "aptv",
     about: "Depth from the two widths of astigmatic particle images, linked",
     run: |job| {
-        let curve = CalibrationCurve::new(&calibration::read(job.dataset)?)?;
+        let curve = CalibrationCurve::of_sizes(&calibration::read(job.dataset)?)?;
         curve.warning().into_iter().for_each(|warning| job.warn(warning));
         let tally = Mutex::new(Tally::default());
         let found = job.particles(|image| {
@@ -112,6 +112,21 @@ pub(super) struct CalibrationCurve {
 }
 
 impl CalibrationCurve {
+    /// The points of the curves of all stacks.
+    ///
+    /// # Errors
+    /// Fewer than five images of a stack show a particle.
+    fn of_sizes(stacks: &[Vec<CalibrationImage>]) -> Result<Self> {
+        let mut all = CalibrationCurve { points: Vec::new(), offsets: Vec::new(), ambiguous: false };
+        for steps in stacks {
+            let curve = CalibrationCurve::new(steps)?;
+            all.points.extend(curve.points);
+            all.offsets.extend(curve.offsets);
+            all.ambiguous |= curve.ambiguous;
+        }
+        Ok(all)
+    }
+
     /// The curve of a calibration stack.
     ///
     /// # Errors

@@ -1,4 +1,5 @@
-//! The calibration stack: images of one particle at known depths. It is validated as untrusted input.
+//! The calibration stacks: images of one particle at known depths, of each size of particles. They are
+//! validated as untrusted input.
 
 use std::path::{Component, Path};
 
@@ -41,9 +42,11 @@ struct Row {
     z_um: f64,
     at: [f64; 2],
     image: String,
+    /// Diameter of the particle, um; 0 if all are of one size.
+    d_um: f64,
 }
 
-/// The optical settings with which the stack was made.
+/// The optical settings with which a stack was made.
 #[derive(Debug)]
 pub(super) struct Origin {
     pub(super) settings: Settings,
@@ -55,39 +58,48 @@ pub(super) struct Origin {
     pub(super) waves: Option<WaveOptics>,
 }
 
-/// Reads the stack of a dataset, sorted by depth, without duplicate depths.
+/// Reads the stacks of a dataset, one for each size of particles in order of their diameters, sorted by
+/// depth, without duplicate depths.
 ///
 /// # Errors
 /// A stack that is missing or too large, has fewer than five depths, non-finite depths, images outside the
 /// dataset's folder, or a particle closer than 4 px to the edge of its image.
-pub(super) fn read(dataset: &Path) -> Result<Vec<CalibrationImage>> {
-    let (size, rows) = table(dataset)?;
-    rows.into_iter()
-        .map(|row| {
+pub(super) fn read(dataset: &Path) -> Result<Vec<Vec<CalibrationImage>>> {
+    let (size, stacks) = table(dataset)?;
+    let images = |rows: Vec<Row>| {
+        let image = |row: Row| {
             let image = read_image(&dataset.join(&row.image), size)?;
             Ok(CalibrationImage { z_um: row.z_um, at: row.at, image })
-        })
-        .collect()
+        };
+        rows.into_iter().map(image).collect()
+    };
+    stacks.into_iter().map(images).collect()
 }
 
-/// Reads and checks the calibration stack of a dataset; returns its number of depths.
+/// Reads and checks the calibration stacks of a dataset; returns their number of images.
 ///
 /// # Errors
 /// A stack that is missing or too large, has fewer than five depths, non-finite depths, images outside the
 /// dataset's folder, or a particle closer than 4 px to the edge of its image.
 pub fn check(dataset: &Path) -> Result<usize> {
-    Ok(read(dataset)?.len())
+    Ok(read(dataset)?.iter().map(Vec::len).sum())
 }
 
-/// Reads the settings and optics of the stack, and the diameter and depths of its particle.
+/// Reads the settings and optics of the stacks, and the diameter and depths of the particle of each.
 ///
 /// # Errors
 /// As [`read`]; a data file without a particle.
-pub(super) fn origin(dataset: &Path) -> Result<Origin> {
-    let (_, rows) = table(dataset)?;
+pub(super) fn origins(dataset: &Path) -> Result<Vec<Origin>> {
+    let (_, stacks) = table(dataset)?;
+    stacks.iter().map(|rows| origin(dataset, rows)).collect()
+}
+
+fn origin(dataset: &Path, rows: &[Row]) -> Result<Origin> {
     let particle = |row: &Row| {
-        let name = Path::new(&row.image).file_stem().unwrap_or_default();
-        let path = dataset.join("calibration/particles").join(name).with_extension("txt");
+        let image = Path::new(&row.image);
+        let below = image.strip_prefix("calibration/images").ok();
+        let name = below.or(image.file_name().map(Path::new)).unwrap_or(image).with_extension("txt");
+        let path = dataset.join("calibration/particles").join(name);
         let file = input::open(&path)?;
         let particles = data_file::read(file, &path.display().to_string())?;
         particles.into_iter().next().ok_or_else(|| {
@@ -117,8 +129,8 @@ fn settings(dataset: &Path) -> Result<Settings> {
     Ok(settings_file::read(file, &path.display().to_string())?.settings)
 }
 
-/// Size of the images (px) and validated rows of the table, sorted by depth.
-fn table(dataset: &Path) -> Result<((u32, u32), Vec<Row>)> {
+/// Size of the images (px) and, for each size of particles, validated rows of the table sorted by depth.
+fn table(dataset: &Path) -> Result<((u32, u32), Vec<Vec<Row>>)> {
     let table = dataset.join(CALIBRATION.path);
     if !table.is_file() {
         let hint = "this method needs the dataset's calibration stack, and there is none";
@@ -135,30 +147,39 @@ fn table(dataset: &Path) -> Result<((u32, u32), Vec<Row>)> {
         ));
     }
     let mut rows = rows(&table, size)?;
-    rows.sort_by(|a, b| a.z_um.total_cmp(&b.z_um));
-    if let Some(pair) = rows.windows(2).find(|pair| pair[0].z_um == pair[1].z_um) {
+    rows.sort_by(|a, b| a.d_um.total_cmp(&b.d_um).then(a.z_um.total_cmp(&b.z_um)));
+    let is_same = |pair: &&[Row]| (pair[0].d_um, pair[0].z_um) == (pair[1].d_um, pair[1].z_um);
+    if let Some(pair) = rows.windows(2).find(is_same) {
         let [first, second] = [pair[0].line.min(pair[1].line), pair[0].line.max(pair[1].line)];
         return wrong(format!(
             "z_um = {} is in line {first} and again in line {second}; expected each depth once",
             pair[0].z_um
         ));
     }
-    if rows.len() < LEAST_IMAGES {
-        let n = rows.len();
-        return wrong(format!("{n} images; expected at least {LEAST_IMAGES}, each at a depth of its own"));
-    }
     if u64::from(size.0) * u64::from(size.1) * rows.len() as u64 > MOST_PIXELS {
         let (n, w, h) = (rows.len(), size.0, size.1);
         return wrong(format!("{n} images of {w} x {h} px; expected at most {MOST_PIXELS} pixels in all"));
     }
-    Ok((size, rows))
+    let mut stacks: Vec<Vec<Row>> = Vec::new();
+    for row in rows {
+        match stacks.last_mut().filter(|stack| stack[0].d_um == row.d_um) {
+            Some(stack) => stack.push(row),
+            None => stacks.push(vec![row]),
+        }
+    }
+    if let Some(n) = stacks.iter().map(Vec::len).min().or(Some(0)).filter(|n| *n < LEAST_IMAGES) {
+        return wrong(format!(
+            "{n} images of a particle; expected at least {LEAST_IMAGES}, each at a depth of its own"
+        ));
+    }
+    Ok((size, stacks))
 }
 
 /// The rows of the table, validated against the size of the images.
 fn rows(table: &Path, size: (u32, u32)) -> Result<Vec<Row>> {
     let sheet = TextTable::open(table, Separator::Comma, 1)?;
     let [z, x, y, image] = ["z_um", "x_px", "y_px", "image"].map(|name| sheet.need(name));
-    let [z, x, y, image] = [z?, x?, y?, image?];
+    let ([z, x, y, image], d) = ([z?, x?, y?, image?], sheet.column("d_um"));
     let mut rows = Vec::new();
     sheet.rows(|cells| {
         let z_um = cells.number(z)?;
@@ -183,7 +204,11 @@ fn rows(table: &Path, size: (u32, u32)) -> Result<Vec<Row>> {
         if image.is_empty() || !Path::new(&image).components().all(inside) {
             return Err(format!("image = `{image}`: expected a path below the dataset's folder"));
         }
-        rows.push(Row { line: cells.line, z_um, at, image });
+        let d_um = d.map_or(Ok(0.0), |column| cells.number(column))?;
+        if !(d_um >= 0.0 && d_um <= 1e6) {
+            return Err(format!("d_um = {d_um}: expected a number > 0 and <= 1e6"));
+        }
+        rows.push(Row { line: cells.line, z_um, at, image, d_um });
         Ok(())
     })?;
     Ok(rows)
@@ -224,7 +249,7 @@ mod tests {
             assert!(said(&[&row]).contains("expected a path below"), "{path}");
         }
         let few = said(&["0,1,11,11,a.tif", "1,2,11,11,a.tif"]);
-        assert!(few.contains("2 images; expected at least 5"), "{few}");
+        assert!(few.contains("2 images of a particle; expected at least 5"), "{few}");
         let twice = said(&["0,2,11,11,a.tif", "1,2,11,11,a.tif"]);
         assert!(twice.contains("z_um = 2 is in line 2 and again in line 3"), "{twice}");
         assert!(said(&[]).contains("0 images"));

@@ -23,6 +23,8 @@ pub(super) struct Residual {
 /// A fitted particle; brightness relative to the template's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ParticleFit {
+    /// Which of the sizes of calibrated particles it is.
+    pub(super) size: usize,
     /// Position relative to the center of the first pixel, px.
     pub(super) at: [f64; 2],
     pub(super) z_um: f64,
@@ -87,7 +89,8 @@ impl Residual {
     }
 
     /// Adds `sign` times the image of the particle to the residual.
-    pub(super) fn add(&mut self, images: &dyn ParticleImages, fit: &ParticleFit, sign: f64) {
+    pub(super) fn add(&mut self, images: &[impl ParticleImages], fit: &ParticleFit, sign: f64) {
+        let images = &images[fit.size];
         let patch = images.patch(fit.at, fit.z_um, images.radius_px(fit.z_um, 0.0));
         let amplitude = (sign * fit.amplitude) as f32;
         for (i, light) in patch.pixels(self.size()) {
@@ -108,7 +111,8 @@ impl ParticleFit {
     ) -> Option<ParticleFit> {
         let radius = images.radius_px(z_um, 3.0 * step_um);
         let [low, high] = images.depths_um();
-        let mut best = ParticleFit { at, z_um, amplitude: 0.0, chi2_reduction: 0.0, correlation: 0.0 };
+        let mut best =
+            ParticleFit { size: 0, at, z_um, amplitude: 0.0, chi2_reduction: 0.0, correlation: 0.0 };
         let (mut next, mut damping) = (best, 1e-3f64);
         let mut normal = (DMat4::ZERO, DVec4::ZERO);
         for k in 0..MAX_ITERATIONS {

@@ -30,7 +30,8 @@ const CONVERGED: f64 = 1e-3;
 
 /// Model of the particle images and of the noise of a frame.
 pub(super) struct Model<'a> {
-    pub(super) images: &'a dyn ParticleImages,
+    /// Images of particles of each size.
+    pub(super) images: Vec<&'a dyn ParticleImages>,
     pub(super) noise: PixelNoise,
     /// Relative error of the images.
     pub(super) error: f32,
@@ -171,7 +172,7 @@ impl<'a> Region<'a> {
     fn new(frame: &Frame<'a>, particles: &[ParticleFit]) -> Self {
         let model = frame.model;
         let radii: Vec<usize> =
-            particles.iter().map(|p| model.images.radius_px(p.z_um, model.step_um)).collect();
+            particles.iter().map(|p| model.images[p.size].radius_px(p.z_um, model.step_um)).collect();
         let limits = [frame.size.0, frame.size.1].map(|n| n as isize);
         let side = |axis: usize| {
             let ends = particles.iter().zip(&radii).map(|(p, &r)| {
@@ -223,7 +224,7 @@ impl<'a> Region<'a> {
             .iter()
             .zip(&self.radii)
             .map(|(p, &radius)| {
-                let mut patch = self.model.images.patch(p.at, p.z_um, radius);
+                let mut patch = self.model.images[p.size].patch(p.at, p.z_um, radius);
                 patch.middle = std::array::from_fn(|axis| patch.middle[axis] - self.corner[axis]);
                 patch
             })
@@ -291,12 +292,13 @@ impl<'a> Region<'a> {
 impl Model<'_> {
     fn patch(&self, particle: &ParticleFit) -> ImagePatch {
         checkpoint();
-        self.images.patch(particle.at, particle.z_um, self.images.radius_px(particle.z_um, self.step_um))
+        let images = self.images[particle.size];
+        images.patch(particle.at, particle.z_um, images.radius_px(particle.z_um, self.step_um))
     }
 
     /// A particle after a change in brightness, x, y and depth, with limited step sizes.
     fn moved(&self, particle: &ParticleFit, change: &[f64]) -> ParticleFit {
-        let [low, high] = self.images.depths_um();
+        let [low, high] = self.images[particle.size].depths_um();
         let step = |axis: usize| particle.at[axis] + change[axis + 1].clamp(-1.0, 1.0);
         ParticleFit {
             at: [step(0), step(1)],

@@ -26,12 +26,12 @@ const ROUNDING: f32 = 1.0 / 12.0;
 
 /// Localizes particles with known images.
 pub(super) struct Locator<I> {
-    /// Images for the final fit.
-    images: I,
+    /// Images for the final fit, of each size of particles.
+    images: Vec<I>,
     /// Relative error of the images.
     error: f32,
-    /// Binned templates for the search.
-    coarse: Templates,
+    /// Binned templates for the search, of each size.
+    coarse: Vec<Templates>,
     /// Side of a binned pixel, px.
     bin: usize,
     /// Variance of the noise per count of light.
@@ -40,18 +40,21 @@ pub(super) struct Locator<I> {
 }
 
 impl<I: ParticleImages> Locator<I> {
-    /// `templates` serve the search, `images` the final fit; `noise` is that of a frame.
-    pub(super) fn new(templates: &Templates, images: I, error: f32, noise: PixelNoise) -> Self {
-        let largest = (0..templates.len()).map(|k| templates.get(k).radius).max().unwrap_or(0);
+    /// For each size of particles, templates for the search and images for the final fit; `noise` is that of
+    /// a frame.
+    pub(super) fn new(sizes: Vec<(Templates, I)>, error: f32, noise: PixelNoise) -> Self {
+        let (templates, images): (Vec<Templates>, Vec<I>) = sizes.into_iter().unzip();
+        let radii = templates.iter().flat_map(|of_size| (0..of_size.len()).map(|k| of_size.get(k).radius));
+        let largest = radii.max().unwrap_or(0);
         // Odd, so that the particle stays at the center of a pixel.
         let bin = largest.div_ceil(SEARCH_RADIUS).max(1) / 2 * 2 + 1;
         Locator {
             images,
             error,
-            coarse: templates.binned(bin, noise),
+            coarse: templates.iter().map(|of_size| of_size.binned(bin, noise)).collect(),
             bin,
             gain: noise.gain,
-            step_um: templates.step_um(),
+            step_um: templates.iter().map(Templates::step_um).fold(f64::INFINITY, f64::min),
         }
     }
 
@@ -81,7 +84,8 @@ impl<I: ParticleImages> Locator<I> {
         for fit in &mut found {
             fit.at = fit.at.map(|c| c * self.bin as f64 + (self.bin / 2) as f64);
         }
-        let model = Model { images: &self.images, noise, error: self.error, step_um: self.step_um };
+        let images = self.images.iter().map(|of_size| of_size as &dyn ParticleImages).collect();
+        let model = Model { images, noise, error: self.error, step_um: self.step_um };
         let found = fit_all(image, level, &model, found);
         // Drop particles outside the image, whose light may reach it.
         let size = [image.width, image.height].map(|n| n as f64);

@@ -2,8 +2,8 @@
 //! then a fit of position, depth and brightness with the images and derivatives of the model.
 //!
 //! The model is free of noise, so that the fit can reach the Cramér-Rao bound except for overlapping
-//! particles. Particles are spheres of the calibration particle's diameter and any brightness. The
-//! calibration stack provides the counts per ray and the camera noise.
+//! particles. Particles are spheres of a calibration particle's diameter and any brightness. The
+//! calibration stacks provide the counts per ray and the camera noise.
 
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::render::{Gradient, Renderer, RendererSpec, Window};
@@ -11,13 +11,12 @@ use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 
 use super::Method;
-use super::calibration::{self, CalibrationImage, Origin};
-use super::denoise::PixelNoise;
+use super::calibration::{self, Origin};
 use super::gray_image::GrayImage;
 use super::images::{ImagePatch, ParticleImages};
 use super::job::Job;
 use super::locate::Locator;
-use super::stack::Stack;
+use super::stack::{Stack, brightest};
 use super::templates::Templates;
 use storage::error::{Error, Result};
 
@@ -53,17 +52,24 @@ struct ModelImages {
 }
 
 fn locator(job: &Job) -> Result<Locator<ModelImages>> {
-    let steps = calibration::read(job.dataset)?;
-    let origin = calibration::origin(job.dataset)?;
-    let stack = Stack::new(&steps);
+    let stacks: Vec<Stack> = calibration::read(job.dataset)?.iter().map(|steps| Stack::new(steps)).collect();
+    let noise = brightest(&stacks).noise;
+    let sizes = stacks.into_iter().zip(calibration::origins(job.dataset)?);
+    let sizes = sizes.map(|(stack, origin)| of_size(job, stack, &origin)).collect::<Result<_>>()?;
+    Ok(Locator::new(sizes, MODEL_ERROR, noise))
+}
+
+/// Templates and model of one size of particles.
+fn of_size(job: &Job, stack: Stack, origin: &Origin) -> Result<(Templates, ModelImages)> {
     let side = stack.images[0].width;
-    let mut model = ModelImages::new(&origin, &steps, side)?;
+    let mut model = ModelImages::new(origin, &stack.depths_um, side)?;
     let images = model.stack(side);
     let correlation = model.calibrate(&images, &stack.images)?;
     if correlation < LEAST_CORRELATION.1 {
         job.warn(format!(
-            "the optical model correlates with the calibration stack by {correlation:.3} (1 is perfect): are the settings \
-             those of the images? `ncc` needs no model"
+            "the optical model correlates with the calibration stack of {} um by {correlation:.3} (1 is perfect): are the \
+             settings those of the images? `ncc` needs no model",
+            origin.d_um
         ));
     }
     let unit = model.unit as f32;
@@ -73,18 +79,16 @@ fn locator(job: &Job) -> Result<Locator<ModelImages>> {
     });
     let templates = Templates::new(stack.depths_um, images.collect(), stack.noise);
     model.radii = model.depths_um.iter().map(|&z| templates.radius_px(z, 0.0)).collect();
-    let noise: PixelNoise = stack.noise;
-    Ok(Locator::new(&templates, model, MODEL_ERROR, noise))
+    Ok((templates, model))
 }
 
 impl ModelImages {
-    fn new(origin: &Origin, steps: &[CalibrationImage], side: usize) -> Result<Self> {
+    fn new(origin: &Origin, depths_um: &[f64], side: usize) -> Result<Self> {
         let Origin { settings, d_um, depth_factor, waves } = origin;
         let (d_um, depth_factor) = (*d_um, *depth_factor);
         // Margin for sub-pixel shifts.
         let size = side as u32 + 4;
         let settings = Settings { pixel_dim_x: size, pixel_dim_y: size, ..settings.clone() };
-        let depths_um: Vec<f64> = steps.iter().map(|s| s.z_um).collect();
         let radii = vec![side / 2; depths_um.len()];
         let spec = match waves.clone() {
             Some(optics) => RendererSpec::Waves { optics, tolerance: TOLERANCE },
@@ -92,6 +96,7 @@ impl ModelImages {
         };
         let renderer = spec.build(&settings)?;
         let middle = i64::from(size / 2 + 1);
+        let depths_um = depths_um.to_vec();
         Ok(ModelImages { renderer, d_um, depth_factor, unit: 1.0, middle, depths_um, radii })
     }
 

@@ -8,7 +8,7 @@
 use super::Method;
 use super::calibration::{self, CalibrationImage};
 use super::locate::Locator;
-use super::stack::Stack;
+use super::stack::{Stack, brightest};
 use super::templates::Templates;
 
 /// Relative error of the templates.
@@ -20,10 +20,15 @@ pub(super) const METHOD: Method = Method {
     run: |job| locator(&calibration::read(job.dataset)?).particles(job),
 };
 
-fn locator(steps: &[CalibrationImage]) -> Locator<Templates> {
-    let stack = Stack::new(steps);
-    let templates = Templates::new(stack.depths_um, stack.images, stack.noise);
-    Locator::new(&templates.clone(), templates, TEMPLATE_ERROR, stack.noise)
+/// From the stack of each size of particles.
+fn locator(stacks: &[Vec<CalibrationImage>]) -> Locator<Templates> {
+    let stacks: Vec<Stack> = stacks.iter().map(|steps| Stack::new(steps)).collect();
+    let noise = brightest(&stacks).noise;
+    let sizes = stacks.into_iter().map(|stack| {
+        let templates = Templates::new(stack.depths_um, stack.images, stack.noise);
+        (templates.clone(), templates)
+    });
+    Locator::new(sizes.collect(), TEMPLATE_ERROR, noise)
 }
 #[cfg(test)]
 mod tests {
@@ -53,7 +58,7 @@ mod tests {
             ring(&mut image, [30.0, 30.0], 3.0 * f64::from(k), 200.0);
             CalibrationImage { z_um: 3.0 * f64::from(k), at: [30.0, 30.0], image }
         };
-        locator(&(0..40).map(step).collect::<Vec<_>>())
+        locator(&[(0..40).map(step).collect()])
     }
 
     #[test]
@@ -82,7 +87,7 @@ mod tests {
             ring(&mut image, at, 3.0 * f64::from(k), 200.0);
             CalibrationImage { z_um: 3.0 * f64::from(k), at, image }
         };
-        let stack = locator(&(0..40).map(image).collect::<Vec<_>>());
+        let stack = locator(&[(0..40).map(image).collect()]);
         let mut frame = noise(100);
         ring(&mut frame, [50.2, 47.9], 55.0, 200.0);
         let found = stack.find(&frame).0;
@@ -116,7 +121,7 @@ mod tests {
             image.counts.iter_mut().for_each(|c| *c = c.round());
             CalibrationImage { z_um: 3.0 * f64::from(k), at: [100.0, 100.0], image }
         };
-        let stack = locator(&(0..40).map(step).collect::<Vec<_>>());
+        let stack = locator(&[(0..40).map(step).collect()]);
         let mut frame = noise((300, 150), 50);
         ring(&mut frame, [80.2, 70.9], 40.0, 45.0);
         ring(&mut frame, [210.4, 80.1], 80.0, 45.0);

@@ -3,7 +3,8 @@
 //! Weighted cross-correlation maps of some templates with the frame give candidates. Starting with the most
 //! likely one, position, depth and brightness are fitted; if the particle is significant and similar to its
 //! template, it is subtracted from the frame, so that it is not detected twice and overlapped particles
-//! become visible.
+//! become visible. With stacks of several sizes of particles, all are searched, and each particle is of the
+//! size that fits best.
 
 use microsig_core::cancel::checkpoint;
 
@@ -34,6 +35,7 @@ const STARTS: usize = 3;
 /// A possible particle: template and pixel.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
+    size: usize,
     template: usize,
     x: isize,
     y: isize,
@@ -48,9 +50,16 @@ struct Match {
     amplitude: f64,
 }
 
+impl Match {
+    fn is_worth_a_fit(&self) -> bool {
+        self.amplitude > WORTH_A_FIT * LEAST_BRIGHTNESS
+    }
+}
+
 /// The state of the search in a frame.
 pub(super) struct Search<'a> {
-    templates: &'a Templates,
+    /// Those of each size of particles.
+    templates: &'a [Templates],
     residual: Residual,
     found: Vec<ParticleFit>,
     rejections: Rejections,
@@ -59,7 +68,7 @@ pub(super) struct Search<'a> {
 impl<'a> Search<'a> {
     /// Finds the particles in a background-subtracted frame with pixel weights, and counts the candidates
     /// that are rejected.
-    pub(super) fn run(templates: &'a Templates, residual: Residual) -> (Vec<ParticleFit>, Rejections) {
+    pub(super) fn run(templates: &'a [Templates], residual: Residual) -> (Vec<ParticleFit>, Rejections) {
         let mut search = Search { templates, residual, found: Vec::new(), rejections: Rejections::default() };
         for candidate in search.candidates() {
             search.take(candidate);
@@ -70,16 +79,21 @@ impl<'a> Search<'a> {
 
     /// Local maxima of the correlation maps of a subset of the templates, the most likely first.
     fn candidates(&self) -> Vec<Candidate> {
-        let stride = self.templates.len().div_ceil(COARSE).max(1);
-        let coarse: Vec<usize> = (stride / 2..self.templates.len()).step_by(stride).collect();
-        let margin = coarse.iter().map(|&k| self.templates.get(k).radius).max().unwrap_or(0);
+        let coarse: Vec<(usize, usize)> = (self.templates.iter().enumerate())
+            .flat_map(|(size, templates)| {
+                let stride = templates.len().div_ceil(COARSE).max(1);
+                (stride / 2..templates.len()).step_by(stride).map(move |template| (size, template))
+            })
+            .collect();
+        let radius = |&(size, template): &(usize, usize)| self.templates[size].get(template).radius;
+        let margin = coarse.iter().map(radius).max().unwrap_or(0);
         let maps = CorrelationMaps::new(&self.residual, margin);
         let (w, h) = (self.residual.image.width + 2 * margin, self.residual.image.height + 2 * margin);
         let least = (LEAST_SIGNIFICANCE * LEAST_SIGNIFICANCE) as f32;
         let mut candidates = Vec::new();
-        for template in coarse {
+        for (size, template) in coarse {
             checkpoint();
-            let map = maps.chi2_reduction(self.templates, template);
+            let map = maps.chi2_reduction(&self.templates[size], template);
             for y in 0..h {
                 for x in 0..w {
                     let chi2_reduction = map[y * w + x];
@@ -90,12 +104,12 @@ impl<'a> Search<'a> {
                         .flat_map(|v| &map[v * w + x.saturating_sub(1)..v * w + (x + 2).min(w)]);
                     if around.all(|other| *other <= chi2_reduction) {
                         let [x, y] = [x, y].map(|c| c as isize - margin as isize);
-                        candidates.push(Candidate { template, x, y, chi2_reduction });
+                        candidates.push(Candidate { size, template, x, y, chi2_reduction });
                     }
                 }
             }
         }
-        let place = |c: &Candidate| (c.y, c.x, c.template);
+        let place = |c: &Candidate| (c.y, c.x, c.size, c.template);
         candidates
             .sort_by(|a, b| b.chi2_reduction.total_cmp(&a.chi2_reduction).then(place(a).cmp(&place(b))));
         candidates
@@ -104,27 +118,21 @@ impl<'a> Search<'a> {
     /// Fits a candidate and, if it is accepted as a particle, subtracts it from the frame.
     fn take(&mut self, candidate: Candidate) {
         checkpoint();
-        let Candidate { template, x, y, .. } = candidate;
-        let worth = |m: &Match| m.amplitude > WORTH_A_FIT * LEAST_BRIGHTNESS;
+        let Candidate { size, template, x, y, .. } = candidate;
         // Particles accepted in the meantime may account for this candidate.
-        let now = self.match_at(template, x, y);
+        let now = self.match_at(size, template, x, y);
         if now.chi2_reduction
             < 0.5 * f64::from(candidate.chi2_reduction).min(4.0 * LEAST_SIGNIFICANCE.powi(2))
-            || !worth(&now)
+            || !now.is_worth_a_fit()
         {
             return;
         }
-        let over_depth: Vec<Match> = (0..self.templates.len()).map(|k| self.match_at(k, x, y)).collect();
-        let at =
-            |k: usize, d: isize| over_depth.get(k.wrapping_add_signed(d)).map_or(0.0, |m| m.chi2_reduction);
-        let mut starts: Vec<usize> = (0..over_depth.len())
-            .filter(|&k| worth(&over_depth[k]) && at(k, 0) >= at(k, -1) && at(k, 0) > at(k, 1))
-            .collect();
-        starts.sort_by(|a, b| over_depth[*b].chi2_reduction.total_cmp(&over_depth[*a].chi2_reduction));
-        starts.truncate(STARTS);
-        let fits =
-            starts.into_iter().filter_map(|k| self.fit([x as f64, y as f64], self.templates.depth_um(k)));
-        let best = fits.max_by(|a, b| a.chi2_reduction.total_cmp(&b.chi2_reduction));
+        let fits = (0..self.templates.len()).flat_map(|size| self.fits(size, x, y));
+        let is_particle = |fit: &ParticleFit| verdict(fit) == Verdict::Particle;
+        // A particle of another size may be more like the data, and much too bright.
+        let best = fits.max_by(|a, b| {
+            is_particle(a).cmp(&is_particle(b)).then(a.chi2_reduction.total_cmp(&b.chi2_reduction))
+        });
         let Some(fit) = best else { return };
         let verdict = verdict(&fit);
         self.rejections.count(verdict);
@@ -136,18 +144,37 @@ impl<'a> Search<'a> {
         }
     }
 
-    fn fit(&self, at: [f64; 2], z_um: f64) -> Option<ParticleFit> {
+    /// Fits of a particle of this size at a pixel, from the depths whose templates are most like the
+    /// residual.
+    fn fits(&self, size: usize, x: isize, y: isize) -> Vec<ParticleFit> {
+        let templates = &self.templates[size];
+        let over_depth: Vec<Match> = (0..templates.len()).map(|k| self.match_at(size, k, x, y)).collect();
+        let at =
+            |k: usize, d: isize| over_depth.get(k.wrapping_add_signed(d)).map_or(0.0, |m| m.chi2_reduction);
+        let mut starts: Vec<usize> = (0..over_depth.len())
+            .filter(|&k| over_depth[k].is_worth_a_fit() && at(k, 0) >= at(k, -1) && at(k, 0) > at(k, 1))
+            .collect();
+        starts.sort_by(|a, b| over_depth[*b].chi2_reduction.total_cmp(&over_depth[*a].chi2_reduction));
+        starts.truncate(STARTS);
+        let fits = starts.into_iter();
+        fits.filter_map(|k| self.fit(size, [x as f64, y as f64], templates.depth_um(k))).collect()
+    }
+
+    fn fit(&self, size: usize, at: [f64; 2], z_um: f64) -> Option<ParticleFit> {
         checkpoint();
-        ParticleFit::near(&self.residual, self.templates, at, z_um, self.templates.step_um())
+        let templates = &self.templates[size];
+        let fit = ParticleFit::near(&self.residual, templates, at, z_um, templates.step_um())?;
+        Some(ParticleFit { size, ..fit })
     }
 
     /// The best of a fit and of fits that start at nearby depths: near the focus, images at several depths
     /// are similar.
     fn at_other_depths(&self, fit: ParticleFit) -> ParticleFit {
-        let [low, high] = self.templates.depths_um();
-        let depths = OTHER_DEPTHS.map(|d| fit.z_um + d * self.templates.step_um());
+        let templates = &self.templates[fit.size];
+        let [low, high] = templates.depths_um();
+        let depths = OTHER_DEPTHS.map(|d| fit.z_um + d * templates.step_um());
         let inside = depths.into_iter().filter(|d| (low..=high).contains(d));
-        let fits = inside.filter_map(|z_um| self.fit(fit.at, z_um));
+        let fits = inside.filter_map(|z_um| self.fit(fit.size, fit.at, z_um));
         fits.fold(fit, |best, other| if other.chi2_reduction > best.chi2_reduction { other } else { best })
     }
 
@@ -163,7 +190,11 @@ impl<'a> Search<'a> {
         let first = self.found[k];
         self.residual.add(self.templates, &last, 1.0);
         self.residual.add(self.templates, &first, 1.0);
-        let one = self.at_other_depths(first);
+        let mut one = self.at_other_depths(first);
+        if last.size != first.size {
+            let other = self.at_other_depths(last);
+            one = if other.chi2_reduction > one.chi2_reduction { other } else { one };
+        }
         if one.chi2_reduction > AS_GOOD * (first.chi2_reduction + last.chi2_reduction) {
             self.residual.add(self.templates, &one, -1.0);
             self.found[k] = one;
@@ -178,7 +209,9 @@ impl<'a> Search<'a> {
     fn again(&mut self) {
         for fit in std::mem::take(&mut self.found) {
             self.residual.add(self.templates, &fit, 1.0);
-            if let Some(better) = self.fit(fit.at, fit.z_um).filter(|fit| verdict(fit) == Verdict::Particle) {
+            if let Some(better) =
+                self.fit(fit.size, fit.at, fit.z_um).filter(|fit| verdict(fit) == Verdict::Particle)
+            {
                 self.residual.add(self.templates, &better, -1.0);
                 self.found.push(better);
             }
@@ -186,8 +219,8 @@ impl<'a> Search<'a> {
     }
 
     /// Match of a template at a pixel with the residual.
-    fn match_at(&self, template: usize, x: isize, y: isize) -> Match {
-        let template = self.templates.get(template);
+    fn match_at(&self, size: usize, template: usize, x: isize, y: isize) -> Match {
+        let template = self.templates[size].get(template);
         let r = template.radius as isize;
         let (w, h) = (self.residual.image.width as isize, self.residual.image.height as isize);
         let (mut own, mut both) = (0.0f32, 0.0f32);

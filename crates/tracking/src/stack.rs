@@ -76,6 +76,19 @@ impl Stack {
     }
 }
 
+/// The stack with the highest peak, whose light tells most of the noise; there is one at least.
+pub(super) fn brightest(stacks: &[Stack]) -> &Stack {
+    let peak =
+        |stack: &Stack| stack.images.iter().flat_map(|image| &image.counts).fold(0.0f32, |a, b| a.max(*b));
+    let (mut best, mut highest) = (&stacks[0], peak(&stacks[0]));
+    for stack in &stacks[1..] {
+        if peak(stack) > highest {
+            (best, highest) = (stack, peak(stack));
+        }
+    }
+    best
+}
+
 /// Number of pixels beyond an axis of symmetry that are included in denoising.
 const BEYOND_AXIS: usize = 8;
 

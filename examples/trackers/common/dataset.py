@@ -94,12 +94,20 @@ class Dataset:
         return list(lists.values())
 
     def calibration(self):
-        """Depths (um, ascending), images [step, y, x], and the particle's center (x, y) counted from 0."""
+        """Depths (um, ascending), images [step, y, x], and the particle's center (x, y) counted from 0.
+
+        Of particles of several sizes, those of the middle size: these trackers know one.
+        """
         table = self.folder / "calibration" / "calibration.csv"
         if not table.exists():
             fail(f"{self.folder} has no calibration stack (calibration/calibration.csv)")
         with open(table, newline="") as file:
             rows = sorted(csv.DictReader(file), key=lambda row: float(row["z_um"]))
+        sizes = sorted({float(row["d_um"]) for row in rows if "d_um" in row})
+        if len(sizes) > 1:
+            d_um = sizes[len(sizes) // 2]
+            rows = [row for row in rows if float(row["d_um"]) == d_um]
+            print(f"calibration of {d_um:g} um for particles of {sizes[0]:g} to {sizes[-1]:g} um", file=sys.stderr)
         z = np.array([float(row["z_um"]) for row in rows])
         images = np.array([tifffile.imread(self.folder / row["image"]) for row in rows], dtype=np.float32)
         center = (float(rows[0]["x_px"]) - 1, float(rows[0]["y_px"]) - 1)

@@ -10,7 +10,6 @@ use super::{COMMITMENT, SALT};
 use generator::dataset::calibration::CALIBRATION;
 use generator::dataset::manifest::{self, COORDINATES, GENERATOR_VERSION};
 use scenario::license::License;
-use scenario::spec::Calibration;
 use storage::checksums::Fingerprint;
 use storage::tables::truth::TRACKS;
 
@@ -75,7 +74,7 @@ impl Publication {
         };
         let title = self.title.clone().unwrap_or(title);
         let license = train.scenario.license;
-        let calibrated = train.scenario.spec.calibration.is_some_and(|stack| stack != Calibration::None);
+        let calibrated = !train.scenario.calibrated_um().is_empty();
         let in_focus = !train.scenario.renderer.depends_on_depth();
         ReleaseTexts {
             name,

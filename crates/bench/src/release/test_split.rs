@@ -6,7 +6,7 @@ use std::path::Path;
 use super::about::ReleaseTexts;
 use super::package::Package;
 use super::submission;
-use generator::dataset::calibration::CALIBRATION;
+use generator::dataset::calibration;
 use generator::dataset::manifest::{self, MANIFEST, Manifest, Resource, TableSchema};
 use scenario::Recordings;
 use scenario::license::LICENSE;
@@ -56,7 +56,8 @@ pub(super) fn package(
 
     let fingerprints = package.fingerprints()?;
     let whole = Manifest::read(test)?;
-    let tables = [CALIBRATION.clone()];
+    let calibration_d_um = Manifest::read(train)?.microsig.calibration_d_um;
+    let tables = [calibration::table(&calibration_d_um)];
     let mut resources: Vec<Resource> = fingerprints
         .iter()
         .map(|(path, fingerprint)| manifest::resource(path, fingerprint, &tables))
@@ -73,7 +74,7 @@ pub(super) fn package(
         description: "Images whose truth is withheld; README.md says what to do with them.".to_owned(),
         version: whole.version.clone(),
         licenses: whole.licenses.clone(),
-        microsig: told(whole.microsig, &images, about),
+        microsig: manifest::Facts { calibration_d_um, ..told(whole.microsig, &images, about) },
         resources,
     };
     let manifest = serde_json::to_string_pretty(&manifest).map_err(|e| Error::input(e.to_string()))?;
@@ -92,6 +93,7 @@ fn told(whole: manifest::Facts, images: &str, about: &ReleaseTexts<'_>) -> manif
         layout_version: whole.layout_version,
         timing,
         um_per_px: whole.um_per_px,
+        image_stretch: whole.image_stretch,
         depth_factor: whole.depth_factor,
         sensor: whole.sensor,
         renderer: whole.renderer,

@@ -15,6 +15,7 @@
 
 use super::CHANNEL;
 use super::ROUNDING_MARGIN;
+use super::speed::Speed;
 use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
 use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
@@ -35,7 +36,14 @@ params! {
     /// Parameters of [`Duct`].
     DuctParams {
         /// Speed on the axis, um/s.
-        max_speed_um_s: f64 = 1290.0, "finite";
+        #[otherwise = "1290.0"]
+        max_speed_um_s: Option<f64> = None, "finite";
+        /// Instead of `max_speed_um_s`: mean speed over the cross-section, um/s.
+        #[otherwise = "none"]
+        mean_speed_um_s: Option<f64> = None, "finite";
+        /// Instead of `max_speed_um_s`: flow rate, ul/min.
+        #[otherwise = "none"]
+        flow_rate_ul_min: Option<f64> = None, "finite";
         /// Distance of the side walls, um.
         width_um: f64 = 200.0, "> 0";
         /// Middle between the side walls, um.
@@ -59,6 +67,10 @@ impl FieldParameters for DuctParams {
 
     fn fit_to(&mut self, depths: DepthRange) {
         self.walls_z_um.get_or_insert(depths.walls());
+        // `build` reports what cannot be converted.
+        if let Ok(max) = Duct::new(self).map(|duct| duct.max_speed) {
+            (self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min) = (Some(max), None, None);
+        }
     }
 
     fn build(&self) -> Result<Box<dyn VelocityField>> {
@@ -85,15 +97,22 @@ impl Duct {
         let [floor, ceiling] = CHECK.increasing("walls_z_um", params.walls_z_um.unwrap_or(CHANNEL))?;
         let width = CHECK.positive("width_um", params.width_um)?;
         let center = CHECK.finite("center_y_um", params.center_y_um)?;
-        let max_speed = CHECK.finite("max_speed_um_s", params.max_speed_um_s)?;
         let mut duct = Duct {
             center: DVec2::new(center, 0.5 * (floor + ceiling)),
             sides: DVec2::new(width, ceiling - floor),
             walls_z: [floor, ceiling],
-            max_speed,
+            max_speed: 1.0,
             scale: 1.0,
         };
-        duct.scale = max_speed / duct.profile(DVec2::ZERO).0;
+        let on_axis = duct.profile(DVec2::ZERO).0;
+        let speed = Speed {
+            max_um_s: params.max_speed_um_s,
+            mean_um_s: params.mean_speed_um_s,
+            flow_rate_ul_min: params.flow_rate_ul_min,
+        };
+        let mean_share = duct.mean_speed() / on_axis;
+        duct.max_speed = speed.max(CHECK, mean_share, || Ok(width * (ceiling - floor)))?;
+        duct.scale = duct.max_speed / on_axis;
         CHECK.finite("width_um over depth", duct.scale)?;
         Ok(duct)
     }

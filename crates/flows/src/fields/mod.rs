@@ -26,6 +26,7 @@ mod poiseuille;
 mod rankine;
 mod sinusoid;
 mod source;
+mod speed;
 mod stokes;
 mod tube;
 mod womersley;

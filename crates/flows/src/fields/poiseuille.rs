@@ -7,6 +7,7 @@
 
 use super::CHANNEL;
 use super::ROUNDING_MARGIN;
+use super::speed::Speed;
 use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
 use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
@@ -21,7 +22,17 @@ params! {
     /// Parameters of [`Poiseuille`].
     PoiseuilleParams {
         /// Speed half-way between the plates, um/s; negative is the other way.
-        max_speed_um_s: f64 = 1290.0, "finite";
+        #[otherwise = "1290.0"]
+        max_speed_um_s: Option<f64> = None, "finite";
+        /// Instead of `max_speed_um_s`: mean speed over the cross-section, um/s.
+        #[otherwise = "none"]
+        mean_speed_um_s: Option<f64> = None, "finite";
+        /// Instead of `max_speed_um_s`: flow rate, ul/min between plates of `width_um`.
+        #[otherwise = "none"]
+        flow_rate_ul_min: Option<f64> = None, "finite";
+        /// Width of the plates for `flow_rate_ul_min`, um; the flow is the same everywhere between them.
+        #[otherwise = "none"]
+        width_um: Option<f64> = None, "> 0";
         /// Floor and ceiling, um.
         walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
         /// Direction of the flow in the image plane, from x towards y, rad.
@@ -42,10 +53,40 @@ impl FieldParameters for PoiseuilleParams {
 
     fn fit_to(&mut self, depths: DepthRange) {
         self.walls_z_um.get_or_insert(depths.walls());
+        // `build` reports what cannot be converted.
+        if let Ok(max) = self.max_speed() {
+            (self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min) = (Some(max), None, None);
+            self.width_um = None;
+        }
     }
 
     fn build(&self) -> Result<Box<dyn VelocityField>> {
         Ok(Box::new(Poiseuille::from_params(self)?))
+    }
+}
+
+impl PoiseuilleParams {
+    fn max_speed(&self) -> Result<f64> {
+        let speed = Speed {
+            max_um_s: self.max_speed_um_s,
+            mean_um_s: self.mean_speed_um_s,
+            flow_rate_ul_min: self.flow_rate_ul_min,
+        };
+        if let (Some(width_um), None) = (self.width_um, self.flow_rate_ul_min) {
+            return Err(CHECK.fault("width_um", width_um, "nothing without flow_rate_ul_min"));
+        }
+        speed.max(CHECK, 2.0 / 3.0, || {
+            let [floor, ceiling] = CHECK.increasing("walls_z_um", self.walls_z_um.unwrap_or(CHANNEL))?;
+            let Some(width_um) = self.width_um else {
+                let allowed = "nothing without width_um, the width of the channel";
+                return Err(CHECK.fault(
+                    "flow_rate_ul_min",
+                    self.flow_rate_ul_min.unwrap_or_default(),
+                    allowed,
+                ));
+            };
+            Ok(CHECK.positive("width_um", width_um)? * (ceiling - floor))
+        })
     }
 }
 
@@ -77,7 +118,7 @@ impl Poiseuille {
     pub fn from_params(params: &PoiseuilleParams) -> Result<Self> {
         let [floor, ceiling] = CHECK.increasing("walls_z_um", params.walls_z_um.unwrap_or(CHANNEL))?;
         CHECK.finite("direction_rad", params.direction_rad)?;
-        Self::new(params.max_speed_um_s, floor, ceiling, params.direction_rad)
+        Self::new(params.max_speed()?, floor, ceiling, params.direction_rad)
     }
 
     /// The height above the floor as a fraction of the depth, clamped to 0..1 beyond the plates.

@@ -5,6 +5,7 @@
 //! the velocity is zero.
 
 use super::ROUNDING_MARGIN;
+use super::speed::Speed;
 use super::{CHANNEL, MID_DEPTH};
 use crate::dual::{Formula, Real, by_formula};
 use crate::entry::{DepthRange, FieldEntry, FieldParameters, PlotPlane};
@@ -14,6 +15,7 @@ use crate::params::params;
 use crate::region::Region;
 use crate::wall::Wall;
 use glam::{DVec2, DVec3};
+use std::f64::consts::PI;
 
 const CHECK: ParameterCheck = ParameterCheck("tube");
 
@@ -21,7 +23,14 @@ params! {
     /// Parameters of [`Tube`].
     TubeParams {
         /// Speed on the axis, um/s.
-        max_speed_um_s: f64 = 1290.0, "finite";
+        #[otherwise = "1290.0"]
+        max_speed_um_s: Option<f64> = None, "finite";
+        /// Instead of `max_speed_um_s`: mean speed over the cross-section, um/s.
+        #[otherwise = "none"]
+        mean_speed_um_s: Option<f64> = None, "finite";
+        /// Instead of `max_speed_um_s`: flow rate, ul/min.
+        #[otherwise = "none"]
+        flow_rate_ul_min: Option<f64> = None, "finite";
         /// Inner radius, um.
         radius_um: Option<f64> = None, "> 0; unless given, half the depth range";
         /// The axis, y and z, um.
@@ -44,10 +53,29 @@ impl FieldParameters for TubeParams {
     fn fit_to(&mut self, depths: DepthRange) {
         self.center_yz_um.get_or_insert([0.0, depths.middle()[2]]);
         self.radius_um.get_or_insert(depths.half_depth());
+        // `build` reports what cannot be converted.
+        if let Ok(max) = self.max_speed() {
+            (self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min) = (Some(max), None, None);
+        }
     }
 
     fn build(&self) -> Result<Box<dyn VelocityField>> {
         Ok(Box::new(Tube::new(self)?))
+    }
+}
+
+impl TubeParams {
+    fn radius(&self) -> Result<f64> {
+        CHECK.positive("radius_um", self.radius_um.unwrap_or(0.5 * (CHANNEL[1] - CHANNEL[0])))
+    }
+
+    fn max_speed(&self) -> Result<f64> {
+        let speed = Speed {
+            max_um_s: self.max_speed_um_s,
+            mean_um_s: self.mean_speed_um_s,
+            flow_rate_ul_min: self.flow_rate_ul_min,
+        };
+        speed.max(CHECK, 0.5, || self.radius().map(|radius| PI * radius * radius))
     }
 }
 
@@ -66,9 +94,8 @@ impl Tube {
             center: DVec2::from_array(
                 CHECK.all_finite("center_yz_um", params.center_yz_um.unwrap_or([0.0, MID_DEPTH[2]]))?,
             ),
-            radius: CHECK
-                .positive("radius_um", params.radius_um.unwrap_or(0.5 * (CHANNEL[1] - CHANNEL[0])))?,
-            max_speed: CHECK.finite("max_speed_um_s", params.max_speed_um_s)?,
+            radius: params.radius()?,
+            max_speed: params.max_speed()?,
         })
     }
 }

@@ -1,8 +1,8 @@
-//! The calibration stack: one particle, scanned through the depth range.
+//! Calibration stacks: one particle, scanned through the depth range; a stack for each size of particles.
 //!
-//! The particle is on the central pixel of a sensor just large enough for its largest image. Settings and
+//! The particle is on the central pixel of a sensor just large enough for the largest image. Settings and
 //! noise are those of the dataset, random streams are separate. Depths start at the lower end of the depth
-//! range and reach its upper end.
+//! range and reach its upper end; they are the same for all sizes.
 
 use std::io::Write;
 use std::path::Path;
@@ -17,10 +17,10 @@ use crate::preview::depth_of_field_um;
 use scenario::{Scenario, spec};
 use storage::error::{Error, Result};
 use storage::save;
-use storage::tables::{Table, TableFile, TableWriter, column};
+use storage::tables::{Column, Table, TableFile, TableWriter, column};
 use visibility::DepthScan;
 
-/// One row per image of the stack.
+/// One row per image of the stacks: [`table`] has the columns of a scenario.
 pub static CALIBRATION: Table = Table::new(
     "calibration/calibration.csv",
     "One row per image of the calibration stack: a single particle, scanned through the depth range.",
@@ -34,6 +34,21 @@ pub static CALIBRATION: Table = Table::new(
     ],
 );
 
+/// The column of a dataset with stacks of several sizes.
+const D_UM: Column =
+    column("d_um", "number", "um", "diameter of the particle; steps are numbered within each size");
+
+/// The table of stacks of particles of these diameters, um.
+pub fn table(sizes_um: &[f64]) -> Table {
+    let has_sizes = sizes_um.len() > 1;
+    let table = CALIBRATION.clone().with(&[D_UM], has_sizes);
+    if !has_sizes {
+        return table;
+    }
+    let description = "One row per image of the calibration stacks: a single particle of each size, scanned through the depth range.";
+    Table { description, ..table }
+}
+
 /// Largest default step between depths, um.
 const MAX_STEP_UM: f64 = 2.0;
 /// Minimum numbers of default steps in the depth range and in the depth of field: with setting 1, whose depth
@@ -41,16 +56,28 @@ const MAX_STEP_UM: f64 = 2.0;
 const MIN_STEPS: f64 = 40.0;
 const MIN_STEPS_IN_FOCUS: f64 = 3.75;
 
-/// The step of a stack, um: as given, or small enough for the depth range and the depth of field.
+/// The step of the stacks, um: as given, or small enough for the depth range and the depth of field of the
+/// smallest size.
 ///
 /// # Errors
 /// None for a resolved scenario.
-fn step_um(scenario: &Scenario, scan: &DepthScan) -> Result<f64> {
-    if let Some(spec::Calibration::EveryUm(step_um)) = scenario.spec.calibration {
+fn step_um(scenario: &Scenario, sizes_um: &[f64], scan: &DepthScan) -> Result<f64> {
+    if let Some(
+        spec::Calibration::EveryUm(step_um) | spec::Calibration::Sizes { every_um: Some(step_um), .. },
+    ) = scenario.spec.calibration
+    {
         return Ok(step_um);
     }
     let (low, high) = scenario.depth_range_um;
-    let field_um = depth_of_field_um(scenario, scan)?.unwrap_or(f64::INFINITY);
+    let mean_um = scenario.diameters_um()[1];
+    let field_um = match sizes_um.first() {
+        Some(&smallest_um) if smallest_um != mean_um => {
+            let scan = scenario.scan(smallest_um, scenario.depth_range_um)?;
+            depth_of_field_um(scenario, smallest_um, &scan)?
+        }
+        _ => depth_of_field_um(scenario, mean_um, scan)?,
+    };
+    let field_um = field_um.unwrap_or(f64::INFINITY);
     let longest = ((high - low) / MIN_STEPS).min(field_um / MIN_STEPS_IN_FOCUS);
     let mut step_um = MAX_STEP_UM;
     // The lower limit on the step ends the loop if the depth of field is zero.
@@ -67,10 +94,10 @@ fn depths_um((low, high): (f64, f64), step_um: f64) -> Vec<f64> {
 }
 
 /// The settings of the stack: the dataset's, with a sensor of odd size around the largest image.
-fn settings(scenario: &Scenario, camera: &Camera, depths_um: &[f64]) -> Settings {
-    let largest = depths_um
+fn settings(scenario: &Scenario, camera: &Camera, particles: &[Particle]) -> Settings {
+    let largest = particles
         .iter()
-        .map(|z_um| camera.renderer().image_extent(&particle(scenario, *z_um, 1.0)))
+        .map(|particle| camera.renderer().image_extent(particle))
         .fold(0.0f64, |largest, (x, y)| largest.max(x).max(y));
     let odd = 2 * largest.ceil() as u32 + 1;
     // No larger than the dataset's sensor, as no frame shows more.
@@ -82,10 +109,9 @@ fn settings(scenario: &Scenario, camera: &Camera, depths_um: &[f64]) -> Settings
     }
 }
 
-fn particle(scenario: &Scenario, z_um: f64, center: f64) -> Particle {
+fn particle(scenario: &Scenario, d_um: f64, z_um: f64) -> Particle {
     let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
-    let d_um = scenario.diameters_um()[1];
-    let sphere = Particle::sphere(center, center, z_um / depth_factor, d_um);
+    let sphere = Particle::sphere(1.0, 1.0, z_um / depth_factor, d_um);
     // Without photons, the stack's particle has `c_int` 1, independent of that of the dataset's particles.
     match scenario.cloud.photons {
         Some(_) => Particle { c_int: scenario.cloud.typical_c_int(d_um), ..sphere },
@@ -105,53 +131,68 @@ fn cropped(detector: &Detector, whole: &Settings, part: &Settings) -> Detector {
     Detector { background, ..detector.clone() }
 }
 
-/// The calibration stack of a scenario, before it is rendered.
+/// The calibration stacks of a scenario, before they are rendered.
 #[derive(Debug)]
 pub struct CalibrationStack {
+    table: Table,
     settings: Settings,
     camera: Camera,
-    /// The particle at each depth.
+    /// The particle at each depth, one size after the other.
     particles: Vec<Particle>,
     depths_um: Vec<f64>,
 }
 
 impl CalibrationStack {
-    /// The stack, if the scenario has one. `camera`: camera of the dataset's frames; `scan`: noise-free
-    /// images of the stack's particle through the depth range.
+    /// The stacks, if the scenario has any. `camera`: camera of the dataset's frames; `scan`: noise-free
+    /// images of a particle of the mean diameter through the depth range.
     ///
     /// # Errors
     /// Settings that cannot be rendered.
     pub fn of(scenario: &Scenario, camera: &Camera, scan: &DepthScan) -> Result<Option<Self>> {
-        if scenario.spec.calibration == Some(spec::Calibration::None) {
+        let sizes_um = scenario.calibrated_um();
+        if sizes_um.is_empty() {
             return Ok(None);
         }
-        let depths_um = depths_um(scenario.depth_range_um, step_um(scenario, scan)?);
-        let settings = settings(scenario, camera, &depths_um);
+        let depths_um = depths_um(scenario.depth_range_um, step_um(scenario, &sizes_um, scan)?);
+        let of_size =
+            |d_um: &f64| depths_um.iter().map(|z_um| particle(scenario, *d_um, *z_um)).collect::<Vec<_>>();
+        let mut particles: Vec<Particle> = sizes_um.iter().flat_map(of_size).collect();
+        let settings = settings(scenario, camera, &particles);
         let detector =
             scenario.detector.as_ref().map(|detector| cropped(detector, &scenario.settings, &settings));
         let renderer = scenario.spec.renderer().build(&settings)?;
         let camera = Camera::of_dataset(scenario, renderer, detector.as_ref())?.calibrating();
         let (x_px, y_px) = (f64::from(settings.pixel_dim_x / 2 + 1), f64::from(settings.pixel_dim_y / 2 + 1));
-        let at = |z_um: &f64| Particle { x_px, y_px, ..particle(scenario, *z_um, 0.0) };
-        let particles: Vec<Particle> = depths_um.iter().map(at).collect();
+        particles.iter_mut().for_each(|particle| (particle.x_px, particle.y_px) = (x_px, y_px));
         camera.renderer().prepare(&[&particles]);
-        Ok(Some(CalibrationStack { settings, camera, particles, depths_um }))
+        Ok(Some(CalibrationStack { table: table(&sizes_um), settings, camera, particles, depths_um }))
     }
 
-    /// Depths of the images, um.
-    pub fn depths_um(&self) -> &[f64] {
-        &self.depths_um
+    /// Number of images.
+    pub fn images(&self) -> usize {
+        self.particles.len()
     }
 
-    /// Renders the image of a step.
-    pub fn image(&self, step: usize) -> Image {
-        self.camera.image(&[self.particles[step]], step as u32)
+    /// Renders an image of the table.
+    pub fn image(&self, row: usize) -> Image {
+        self.camera.image(&[self.particles[row]], row as u32)
     }
 
-    fn paths(step: usize) -> [String; 2] {
+    /// Whether there is a stack for each of several sizes.
+    fn has_sizes(&self) -> bool {
+        self.particles.len() > self.depths_um.len()
+    }
+
+    /// Folders of the data files and images of a row below those of the calibration.
+    fn folder(&self, row: usize) -> String {
+        if self.has_sizes() { format!("/d_{}um", self.particles[row].d_um) } else { String::new() }
+    }
+
+    fn paths(&self, row: usize) -> [String; 2] {
+        let (folder, step) = (self.folder(row), row % self.depths_um.len());
         [
-            format!("calibration/images/step_{step:04}.tif"),
-            format!("calibration/particles/step_{step:04}.txt"),
+            format!("calibration/images{folder}/step_{step:04}.tif"),
+            format!("calibration/particles{folder}/step_{step:04}.txt"),
         ]
     }
 
@@ -160,21 +201,22 @@ impl CalibrationStack {
     /// # Errors
     /// None.
     pub fn in_memory(&self) -> Result<(Table, Vec<u8>)> {
-        let mut writer = TableWriter::new(&CALIBRATION, Vec::new())?;
+        let mut writer = TableWriter::new(&self.table, Vec::new())?;
         self.rows(&mut writer)?;
-        Ok((CALIBRATION.clone(), writer.into_writer()?))
+        Ok((self.table.clone(), writer.into_writer()?))
     }
 
     fn rows<W: Write>(&self, table: &mut TableWriter<W>) -> Result<()> {
-        for (step, (z_um, p)) in self.depths_um.iter().zip(&self.particles).enumerate() {
-            let [image, data] = CalibrationStack::paths(step);
-            table.row(&[&step, z_um, &p.x_px, &p.y_px, &image, &data])?;
+        for (row, (z_um, p)) in self.depths_um.iter().cycle().zip(&self.particles).enumerate() {
+            let ([image, data], step) = (self.paths(row), row % self.depths_um.len());
+            let cells: [&dyn std::fmt::Display; 7] = [&step, z_um, &p.x_px, &p.y_px, &image, &data, &p.d_um];
+            table.row(&cells[..self.table.columns.len()])?;
         }
         Ok(())
     }
 }
 
-/// Writes the stack into the dataset's folder, if the scenario has one. `go_on` is called before each step
+/// Writes the stacks into the dataset's folder, if the scenario has any. `go_on` is called before each image
 /// and can stop the work by an error.
 ///
 /// # Errors
@@ -187,23 +229,25 @@ pub fn write(
     go_on: impl Fn() -> Result<()> + Sync,
 ) -> Result<()> {
     let Some(stack) = CalibrationStack::of(scenario, camera, scan)? else { return Ok(()) };
-    for part in ["calibration/particles", "calibration/images"] {
-        let path = folder.join(part);
-        std::fs::create_dir_all(&path).map_err(Error::write(&path))?;
+    for row in (0..stack.images()).step_by(stack.depths_um.len()) {
+        for part in ["calibration/particles", "calibration/images"] {
+            let path = folder.join(part.to_owned() + &stack.folder(row));
+            std::fs::create_dir_all(&path).map_err(Error::write(&path))?;
+        }
     }
     let path = folder.join("calibration/settings.txt");
     save(&path, |w| settings_file::write(w, &stack.settings).map_err(Error::write(&path)))?;
-    (0..stack.particles.len()).into_par_iter().try_for_each(|step| {
+    (0..stack.images()).into_par_iter().try_for_each(|row| {
         go_on()?;
-        let [image, data] = CalibrationStack::paths(step);
+        let [image, data] = stack.paths(row);
         let path = folder.join(data);
-        let particle = [stack.particles[step]];
+        let particle = [stack.particles[row]];
         save(&path, |w| {
             data_file::write(w, &particle, data_file::Layout::of(&particle)).map_err(Error::write(&path))
         })?;
-        stack.camera.save(&folder.join(image), &stack.image(step)).map(drop)
+        stack.camera.save(&folder.join(image), &stack.image(row)).map(drop)
     })?;
-    let mut table = TableFile::create(folder, &CALIBRATION)?;
+    let mut table = TableFile::create(folder, &stack.table)?;
     stack.rows(&mut table)?;
     table.finish()
 }
@@ -228,7 +272,7 @@ mod tests {
             );
             let scenario = resolve(parse(&text, "c.ron").unwrap(), Path::new(".")).unwrap();
             let scan = scenario.scan(2.0, scenario.depth_range_um).unwrap();
-            step_um(&scenario, &scan).unwrap()
+            step_um(&scenario, &scenario.calibrated_um(), &scan).unwrap()
         };
         assert_eq!(step("preset: setting1", ""), 2.0);
         assert_eq!(step("preset: setting1", "boundaries: (z_um: (-30, 10))"), 1.0);

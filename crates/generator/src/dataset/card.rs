@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::manifest::{COORDINATES, GENERATOR_VERSION, ScoringGates, WaveFacts, bit_depth, waves};
+use super::manifest::{COORDINATES, GENERATOR_VERSION, ScoringGates, SizeFacts, WaveFacts, bit_depth, waves};
 use super::truth::Census;
 use super::truth::depth::ParticleImage;
 use microsig_core::render::Description;
@@ -16,11 +16,17 @@ use storage::save_bytes;
 const CARD: &str = "README.md";
 
 /// Writes the card into a dataset's folder.
-pub fn write(folder: &Path, scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<()> {
-    save_bytes(&folder.join(CARD), text(scenario, census, image)?.as_bytes())
+pub fn write(
+    folder: &Path,
+    scenario: &Scenario,
+    census: &Census,
+    image: &ParticleImage,
+    sizes: &[SizeFacts],
+) -> Result<()> {
+    save_bytes(&folder.join(CARD), text(scenario, census, image, sizes)?.as_bytes())
 }
 
-fn text(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<String> {
+fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[SizeFacts]) -> Result<String> {
     let (spec, settings) = (&scenario.spec, &scenario.settings);
     let (low, high) = scenario.depth_range_um;
     let gates = ScoringGates::over(high - low);
@@ -34,9 +40,12 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<S
         Some(snr) => format!("{snr:.1} (noise-free peak over background noise, median over depth)"),
         None => "no background noise".to_owned(),
     };
-    let best = image
+    let mut best = image
         .focus_um
         .map_or_else(String::new, |z_um| format!("; best focus at z = {} um", thousandths(z_um)));
+    if !sizes.is_empty() {
+        best += &format!(" (of the mean diameter, {} um)", thousandths(image.d_um));
+    }
     let field = match scenario.truth_grid() {
         Some(_) => "`truth/field.csv`: the displacement field on a grid. ",
         None => "",
@@ -58,6 +67,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<S
          | area of a particle image | A_pi = {area:.0} px (above 10 % of its peak, mean over depth) |\n\
          | source density | N_S = {n_s:.3} |\n\
          | signal-to-noise ratio | {snr}{best} |\n\
+         {each}\
          | displacement | up to {max:.2} px in the image plane |\n\
          | background | {mean} counts, noise {noise} counts |\n\
          | gates for scoring | {gate_xy} px in the image, {gate_z} um in depth; ISBI {gate_isbi} px |\n\
@@ -69,7 +79,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<S
          - `images/`: the frames. `particles/`: the MicroSIG data file of each, `settings.txt`: the settings of all.\n\
          - `truth/tracks.csv`: every particle in every frame. `truth/displacements.csv`: how each moved within a pair. \
          `truth/frames.csv`: the frames. {field}`truth/depth.csv`: what a particle's image is at each depth.\n\
-         - `calibration/` (if there): one particle scanned through the depth range.\n\
+         - `calibration/` (if there): {calibration}.\n\
          - `scenario.ron`: all that the dataset was made from. `datapackage.json`: all columns with their units.\n\n\
          ## How it was made\n\n\
          By microsig {GENERATOR_VERSION}, which {method}. {again} makes the same bytes again; \
@@ -77,6 +87,11 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Result<S
          ## Licence\n\n\
          {license}; see `LICENSE`.\n",
         name = spec.name,
+        each = sizes.iter().map(of_size).collect::<String>(),
+        calibration = match scenario.calibrated_um().as_slice() {
+            [] | [_] => "one particle scanned through the depth range".to_owned(),
+            sizes => format!("particles of {} um, each scanned through the depth range", joined(sizes)),
+        },
         license = spec.license,
         light = waves(scenario, image).map_or_else(String::new, |waves| light(&waves)),
         moved = motion_note(scenario),
@@ -122,6 +137,22 @@ fn light(waves: &WaveFacts) -> String {
         emission.name(),
         lens.name()
     )
+}
+
+/// The row on the images of a size.
+fn of_size(size: &SizeFacts) -> String {
+    let SizeFacts { d_um, focus_um, peak_counts: [low, high], snr } = size;
+    let snr =
+        snr.map_or_else(String::new, |[low, high]| format!(", signal-to-noise ratio {low:.1} to {high:.1}"));
+    let focus =
+        focus_um.map_or_else(String::new, |z_um| format!("; best focus at z = {} um", thousandths(z_um)));
+    format!("| images of {d_um} um over depth | peaks of {low:.1} to {high:.1} counts{snr}{focus} |\n")
+}
+
+/// Numbers in a sentence.
+fn joined(numbers: &[f64]) -> String {
+    let texts: Vec<String> = numbers.iter().map(f64::to_string).collect();
+    texts.split_last().map_or_else(String::new, |(last, others)| format!("{} and {last}", others.join(", ")))
 }
 
 /// A number rounded to thousandths.

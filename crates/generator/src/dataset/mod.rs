@@ -33,10 +33,10 @@ use storage::tables::truth::{BOXES, DISPLACEMENTS, FRAMES};
 pub fn tables(scenario: &Scenario) -> Vec<Table> {
     use truth::{depth::DEPTH, field, tracks};
     let grid = scenario.truth_grid();
-    [&FRAMES, &DISPLACEMENTS, &DEPTH, &calibration::CALIBRATION]
+    [&FRAMES, &DISPLACEMENTS, &DEPTH]
         .into_iter()
         .cloned()
-        .chain([tracks(scenario)])
+        .chain([calibration::table(&scenario.calibrated_um()), tracks(scenario)])
         .chain(scenario.spec.truth.boxes.then(|| BOXES.clone()))
         .chain(grid.map(|nodes| field::table(&nodes)))
         .collect()

@@ -2,6 +2,8 @@
 //! images grow, how bright they are against the camera.
 
 mod accepted;
+mod cylinder;
+mod depth_of_field;
 mod picture;
 mod text;
 mod ticks;
@@ -12,15 +14,15 @@ use microsig_core::render::waves::{Lens, WaveOptics};
 use serde::Serialize;
 
 use accepted::{Accepted, GREEN_UM};
+pub use depth_of_field::depth_of_field_um;
+use depth_of_field::span;
 pub use picture::svg;
-use scenario::{MotionSource, Scenario};
+use scenario::{CylinderFacts, MotionSource, Scenario};
 use storage::error::Result;
 pub use text::{lines, text};
 pub use ticks::tick_label;
-use visibility::{DepthScan, ScanImage};
+use visibility::DepthScan;
 
-/// In focus the peak is at least this share of the highest.
-const IN_FOCUS: f64 = 0.8;
 /// Depths whose images weigh less than this share of the most in a correlation do not contribute (Olsen and
 /// Adrian 2000).
 const CORRELATED: f64 = 0.01;
@@ -45,8 +47,10 @@ pub struct Preview {
     pub um_per_px: f64,
     /// Range of physical depths, um.
     pub depth_range_um: (f64, f64),
-    /// Cylindrical lens, um; 0: none.
+    /// MicroSIG's cylindrical lens, um; 0: none.
     pub cyl_focal_length_um: f64,
+    /// What a cylindrical lens does, MicroSIG's or one before the camera.
+    pub cylinder: Option<CylinderFacts>,
     /// Whether images are diffracted.
     pub is_diffracted: bool,
     /// Wavelength, um: that of the images, or 0.55 um if they are not diffracted.
@@ -70,11 +74,11 @@ pub struct Preview {
     pub background_noise_counts: f64,
     /// Counts at which a pixel is saturated.
     pub saturation_counts: f64,
-    /// One for each size: the smallest, the mean, the largest diameter.
+    /// One for each size: each diameter of a list; the smallest, the mean and the largest of a distribution.
     pub sizes: Vec<SizeCurves>,
     /// Where the model leaves what it is good for.
     pub warnings: Vec<String>,
-    /// Which of the sizes is the mean.
+    /// Which of the sizes is the mean, or nearest to it.
     #[serde(skip)]
     middle: usize,
     /// The images of each size.
@@ -128,30 +132,31 @@ impl Preview {
     /// # Errors
     /// Settings that cannot be drawn.
     pub fn of(scenario: &Scenario) -> Result<Self> {
-        let [smallest_um, mean_um, largest_um] = scenario.diameters_um();
-        let mut sizes_um = vec![mean_um];
-        for d_um in [smallest_um, largest_um] {
-            if sizes_um.iter().all(|known| (known - d_um).abs() > 1e-9) {
-                sizes_um.push(d_um);
-            }
+        let mean_um = scenario.diameters_um()[1];
+        let mut sizes_um = scenario.mixed_um();
+        if sizes_um.is_empty() {
+            sizes_um = scenario.diameters_um().to_vec();
+            sizes_um.sort_by(f64::total_cmp);
+            sizes_um.dedup_by(|next, known| (*next - *known).abs() <= 1e-9);
         }
-        sizes_um.sort_by(f64::total_cmp);
-        let middle = sizes_um.iter().position(|d_um| *d_um == mean_um).unwrap_or(0);
-        let scans: Vec<DepthScan> = sizes_um
-            .iter()
-            .map(|d_um| scenario.scan(*d_um, scenario.depth_range_um))
-            .collect::<Result<_>>()?;
-        let depth_of_field_um = depth_of_field_um(scenario, &scans[middle])?;
+        let (middle, scans) = scans(scenario, &sizes_um, mean_um, None)?;
+        let depth_of_field_um = depth_of_field_um(scenario, sizes_um[middle], &scans[middle])?;
         Preview::measured(scenario, sizes_um, middle, scans, depth_of_field_um)
     }
 
-    /// The same of the mean size alone, from images through the depth range that are there already.
+    /// The same of the sizes that stand for all, from images of the mean size through the depth range that
+    /// are there already.
     ///
     /// # Errors
-    /// None for a scenario that could be resolved.
-    pub fn of_mean(scenario: &Scenario, scan: &DepthScan) -> Result<Self> {
-        let sizes_um = vec![scenario.diameters_um()[1]];
-        Preview::measured(scenario, sizes_um, 0, vec![scan.clone()], None)
+    /// Settings that cannot be drawn.
+    pub fn from_scan(scenario: &Scenario, scan: &DepthScan) -> Result<Self> {
+        let mean_um = scenario.diameters_um()[1];
+        let mut sizes_um = scenario.representative_um();
+        if sizes_um.len() < 2 {
+            sizes_um = vec![mean_um];
+        }
+        let (middle, scans) = scans(scenario, &sizes_um, mean_um, Some(scan))?;
+        Preview::measured(scenario, sizes_um, middle, scans, None)
     }
 
     fn measured(
@@ -177,6 +182,7 @@ impl Preview {
             um_per_px: settings.um_per_px(),
             depth_range_um: scenario.depth_range_um,
             cyl_focal_length_um: settings.cyl_focal_length,
+            cylinder: scenario.cylinder(),
             is_diffracted: matches!(accepted, Accepted::Waves(_)),
             wavelength_um,
             airy_radius_px: WaveOptics::new(wavelength_um).airy_radius_px(settings),
@@ -249,6 +255,7 @@ impl Preview {
                 ));
             }
         }
+        doubts.extend(self.cylinder.and_then(|facts| cylinder::warning(facts, lens)));
         let (low, high) = self.depth_range_um;
         if mean.focus_um.is_some_and(|focus| focus <= low || focus >= high) {
             doubts.push(format!(
@@ -257,6 +264,32 @@ impl Preview {
         }
         doubts
     }
+}
+
+impl SizeCurves {
+    /// Least and greatest value over depth, where there are any.
+    pub fn range(&self, of: impl Fn(&DepthFacts) -> Option<f64>) -> Option<[f64; 2]> {
+        self.depths.iter().filter_map(of).fold(None, |range: Option<[f64; 2]>, value| {
+            Some(range.map_or([value; 2], |[low, high]| [low.min(value), high.max(value)]))
+        })
+    }
+}
+
+/// Which of the sizes (um) is nearest to the mean, and their images through the depth range; those of the
+/// mean may be there already.
+fn scans(
+    scenario: &Scenario,
+    sizes_um: &[f64],
+    mean_um: f64,
+    known: Option<&DepthScan>,
+) -> Result<(usize, Vec<DepthScan>)> {
+    let off = |i: &usize| (sizes_um[*i] - mean_um).abs();
+    let middle = (0..sizes_um.len()).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
+    let scan = |d_um: &f64| match known {
+        Some(known) if *d_um == mean_um => Ok(known.clone()),
+        _ => scenario.scan(*d_um, scenario.depth_range_um),
+    };
+    Ok((middle, sizes_um.iter().map(scan).collect::<Result<_>>()?))
 }
 
 fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan, accepted: &Accepted) -> Result<SizeCurves> {
@@ -303,45 +336,6 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan, accepted: &Accepted)
         ring_slopes_px_um: [slope(at(0), at(outer)), slope(at(last - outer), at(last))],
         depths,
     })
-}
-
-/// The range of depths around the highest value in which values are above a share of it, um; ends are linear
-/// between depths.
-fn span(scan: &DepthScan, of: impl Fn(&ScanImage) -> f64, share: f64) -> f64 {
-    let values: Vec<f64> = scan.images.iter().map(of).collect();
-    let Some(best) = (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b])) else { return 0.0 };
-    let level = share * values[best];
-    let z = &scan.depths_um;
-    let end = |walk: &mut dyn Iterator<Item = usize>| {
-        let mut inner = best;
-        for i in walk {
-            if values[i] < level {
-                return z[inner] + (z[i] - z[inner]) * (values[inner] - level) / (values[inner] - values[i]);
-            }
-            inner = i;
-        }
-        z[inner]
-    };
-    end(&mut (best + 1..values.len())) - end(&mut (0..best).rev())
-}
-
-/// The depth of field of a scan, measured more finely around its highest peak, um; `None` where all depths
-/// are in focus.
-///
-/// # Errors
-/// None for a scenario that could be resolved.
-pub fn depth_of_field_um(scenario: &Scenario, scan: &DepthScan) -> Result<Option<f64>> {
-    let Some(focus_um) = scan.focus_um() else { return Ok(None) };
-    let coarse = span(scan, |spot| spot.peak, IN_FOCUS);
-    let step = scan.depths_um[1] - scan.depths_um[0];
-    if coarse > 12.0 * step {
-        return Ok(Some(coarse));
-    }
-    let reach = coarse + step;
-    let (low, high) = scenario.depth_range_um;
-    let range_um = ((focus_um - reach).max(low), (focus_um + reach).min(high));
-    let fine = scenario.scan(scenario.diameters_um()[1], range_um)?;
-    Ok(Some(span(&fine, |spot| spot.peak, IN_FOCUS)))
 }
 
 /// Particles in view on average.

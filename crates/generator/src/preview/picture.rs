@@ -28,7 +28,16 @@ const CHART: u32 = 300;
 /// Longest side of an image that is shown, px.
 const MOST_PX: usize = 121;
 /// Colors of sizes: readable in gray and for the color-blind.
-const COLORS: [RGBColor; 3] = [RGBColor(0, 90, 160), RGBColor(200, 80, 0), RGBColor(90, 90, 90)];
+const COLORS: [RGBColor; 8] = [
+    RGBColor(0, 90, 160),
+    RGBColor(200, 80, 0),
+    RGBColor(90, 90, 90),
+    RGBColor(0, 150, 110),
+    RGBColor(190, 110, 160),
+    RGBColor(80, 170, 230),
+    RGBColor(220, 160, 0),
+    RGBColor(0, 0, 0),
+];
 
 type Drawn<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;

@@ -1,6 +1,6 @@
 //! A preview in words.
 
-use super::{DepthFacts, Preview, SizeCurves};
+use super::{DepthFacts, Preview, SizeCurves, cylinder};
 
 /// Depths of a table.
 const ROWS: usize = 11;
@@ -22,7 +22,7 @@ pub fn lines(preview: &Preview) -> [String; 2] {
             let field = preview
                 .depth_of_field_um
                 .map_or_else(String::new, |um| format!(", depth of field {um:.1} um"));
-            let planes = if preview.cyl_focal_length_um == 0.0 {
+            let planes = if preview.cylinder.is_none() {
                 String::new()
             } else {
                 let ends = [first.z_um, last.z_um];
@@ -43,26 +43,48 @@ pub fn lines(preview: &Preview) -> [String; 2] {
                 best.height_px,
                 size(first),
                 size(last)
-            )
+            ) + &others(preview)
         }
     };
-    let range = |of: &dyn Fn(&DepthFacts) -> Option<f64>| {
-        let values = mean.depths.iter().filter_map(of);
-        let (low, high) = values.fold((f64::INFINITY, 0.0f64), |(low, high), v| (low.min(v), high.max(v)));
-        low.is_finite().then(|| format!("{low:.1} to {high:.1}"))
-    };
-    let peaks = range(&|depth| Some(depth.peak_counts)).unwrap_or_default();
-    let snr = range(&|depth| depth.snr)
+    let peaks = range(preview, " counts", |depth| Some(depth.peak_counts), true).unwrap_or_default();
+    let snr = range(preview, "", |depth| depth.snr, true)
         .map_or_else(|| "no background noise".to_owned(), |snr| format!("SNR {snr}"));
-    let share = range(&|depth| depth.share.map(|share| 100.0 * share))
-        .map_or_else(String::new, |share| format!(", {share} % of the accepted light on the sensor"));
+    let share = range(preview, " %", |depth| depth.share.map(|share| 100.0 * share), false)
+        .map_or_else(String::new, |share| format!(", {share} of the accepted light on the sensor"));
     let saturation = match preview.saturation_counts {
         end if end.is_finite() => format!("saturation at {end:.0}"),
         _ => "no saturation".to_owned(),
     };
-    let light =
-        format!("peaks of {peaks} counts, {snr}, {saturation}{share}; N_S = {:.3}", preview.source_density);
+    let light = format!("peaks of {peaks}, {snr}, {saturation}{share}; N_S = {:.3}", preview.source_density);
     [format!("focus: {focus}"), format!("light: {light}")]
+}
+
+/// Least and greatest value over depth and sizes, and over depth of each of several sizes if that is asked
+/// for.
+fn range(preview: &Preview, unit: &str, of: fn(&DepthFacts) -> Option<f64>, each: bool) -> Option<String> {
+    let ranges = preview.sizes.iter().filter_map(|size| Some((size.d_um, size.range(of)?)));
+    let ranges: Vec<(f64, [f64; 2])> = ranges.collect();
+    let join = |[a, b]: [f64; 2], [low, high]: [f64; 2]| [low.min(a), high.max(b)];
+    let all = ranges.iter().map(|(_, range)| *range).reduce(join)?;
+    let written = |[low, high]: [f64; 2]| format!("{low:.1} to {high:.1}");
+    let of_size = |(d_um, range): &(f64, [f64; 2])| format!("{d_um} um: {}", written(*range));
+    let sizes = if each && ranges.len() > 1 {
+        format!(" ({})", ranges.iter().map(of_size).collect::<Vec<_>>().join(", "))
+    } else {
+        String::new()
+    };
+    Some(format!("{}{unit}{sizes}", written(all)))
+}
+
+/// Best focus of the sizes other than the mean.
+fn others(preview: &Preview) -> String {
+    let all = preview.sizes.iter().filter(|size| size.d_um != preview.mean().d_um);
+    let of_size = |size: &SizeCurves| {
+        let (best, z_um) = (best(size), size.focus_um?);
+        let (d_um, width, height) = (size.d_um, best.width_px, best.height_px);
+        Some(format!("; of {d_um:.3} um best at z = {z_um:.1} um, {width:.1} x {height:.1} px there"))
+    };
+    all.filter_map(of_size).collect()
 }
 
 /// The image with the highest peak.
@@ -90,6 +112,9 @@ pub fn text(preview: &Preview) -> String {
     );
     if preview.cyl_focal_length_um != 0.0 {
         text += &format!("cylindrical lens: cyl_focal_length = {:.1} um\n", preview.cyl_focal_length_um);
+    }
+    if let Some(facts) = preview.cylinder {
+        text += &(cylinder::phrase(facts) + "\n");
     }
     text += &format!(
         "depth of correlation {:.1} um; {:.1} particles in view; background {:.1} counts with a noise of {:.2}\n",

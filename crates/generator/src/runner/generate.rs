@@ -10,7 +10,7 @@ use super::cost::{Cost, FirstFrames};
 use super::frames;
 use super::plausibility;
 use super::progress::Progress;
-use crate::dataset::manifest::{self, GENERATOR_VERSION, MANIFEST};
+use crate::dataset::manifest::{self, GENERATOR_VERSION, MANIFEST, SizeFacts};
 use crate::dataset::truth::{Census, Truth};
 use crate::dataset::{Camera, Ledger, calibration, card, source, truth};
 use crate::preview::{self, Preview};
@@ -113,10 +113,11 @@ pub(super) fn assemble(
         .map_err(|e| e.below(folder))?;
     options.progress.check()?;
     let image = truth::write(folder, scenario, scan)?;
-    let optics = preview::lines(&Preview::of_mean(scenario, scan)?);
-    card::write(folder, scenario, &census, &image)?;
+    let preview = Preview::from_scan(scenario, scan)?;
+    let sizes = SizeFacts::of(&preview);
+    card::write(folder, scenario, &census, &image, &sizes)?;
     options.progress.check()?;
-    manifest::write(&partial, scenario, &ledger, manifest::manifest(scenario, &census, &image))?;
+    manifest::write(&partial, scenario, &ledger, manifest::manifest(scenario, &census, &image, &sizes))?;
 
     let of_images = camera.renderer().shortfall();
     let implausible = plausibility::warnings(scenario, &census, &image, saturated)?;
@@ -129,7 +130,7 @@ pub(super) fn assemble(
         displacements: census.displacements,
         max_displacement_px: census.max_displacement_px,
         seconds: 0.0,
-        optics,
+        optics: preview::lines(&preview),
         warnings: scenario.warnings.iter().cloned().chain(of_images).chain(implausible).collect(),
     })
 }

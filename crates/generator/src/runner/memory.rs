@@ -33,12 +33,12 @@ pub struct MemoryDataset {
     counts: Counts,
 }
 
-/// A calibration stack in memory.
+/// Calibration stacks in memory.
 #[derive(Debug)]
 pub struct Calibration {
     /// The table `calibration/calibration.csv`.
     pub table: (Table, Columns),
-    /// The images in the order of depths.
+    /// The images of its rows.
     pub images: Vec<Image>,
 }
 
@@ -148,10 +148,10 @@ impl MemoryDataset {
     pub fn calibration(&self, progress: &Progress) -> Result<Option<Calibration>> {
         let scan = self.scan()?;
         let Some(stack) = CalibrationStack::of(&self.scenario, &self.camera, scan)? else { return Ok(None) };
-        let steps = (0..stack.depths_um().len()).into_par_iter();
-        let images = steps.map(|step| {
+        let rows = (0..stack.images()).into_par_iter();
+        let images = rows.map(|row| {
             progress.check()?;
-            Ok(stack.image(step))
+            Ok(stack.image(row))
         });
         Ok(Some(Calibration { table: columns(stack.in_memory()?)?, images: images.collect::<Result<_>>()? }))
     }

@@ -5,7 +5,9 @@
 //! sigma_i >= sqrt((F^-1)_ii); v = background_noise^2 + gain (mu - background) + 1/12, because ray counts are
 //! Poisson distributed and images are rounded to integers. A detector model adds its shot noise; `mode:
 //! expected` and Gaussian particle images have no ray noise. The bound depends on the scenario's optics and
-//! noise and on a particle of median diameter and brightness; no image is read. mu and its derivatives come
+//! noise and on a particle of median diameter and brightness; no image is read. Under `mode: rays` it is a
+//! reference only: rays are stratified and their total is nearly fixed, so that counts of neighboring pixels
+//! are correlated, and an estimator that fits the model can have smaller errors. mu and its derivatives come
 //! from `microsig_core::render::expected`, with `mode: waves` from `microsig_core::render::waves`; for
 //! Gaussian particle images they are integrals over pixels, independent of z. Overlap, image edges and the
 //! dependence of v on theta are neglected.
@@ -34,7 +36,8 @@ const TOLERANCE: f64 = 3e-3;
 /// detect.
 const SIZE: u32 = 801;
 
-/// Cramer-Rao bound of an isolated particle over depth (`--crlb`).
+/// Cramer-Rao bound of an isolated particle over depth (`--crlb`); with `mode: rays` a reference, since
+/// counts of rays vary less than the independent Poisson counts that it assumes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Crlb {

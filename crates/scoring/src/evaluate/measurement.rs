@@ -22,6 +22,8 @@ pub struct RecordingFacts {
     pub sha256: Option<String>,
     /// Object-space length of a pixel, um.
     pub um_per_px: Option<f64>,
+    /// The rows of the matrix by which a cylindrical lens before the camera stretches images.
+    pub stretch: Option<[[f64; 2]; 2]>,
     /// Least and greatest depth, um.
     pub depth_um: Option<(f64, f64)>,
     /// Width and height of the images, px.
@@ -69,6 +71,14 @@ impl RecordingFacts {
         };
         let um_per_px = given.um_per_px.or(told.um_per_px);
         Ok(RecordingFacts { um_per_px, depth_um: given.depth_um.or(told.depth_um), ..told })
+    }
+
+    /// A vector as it would be in an image without the stretch by a cylindrical lens before the camera.
+    pub fn unstretched(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        self.stretch.map_or([x, y, z], |[[a, b], [c, d]]| {
+            let of = a * d - b * c;
+            [(d * x - b * y) / of, (a * y - c * x) / of, z]
+        })
     }
 
     /// Whether the recording has an image pair of this number.
@@ -205,6 +215,7 @@ fn told(manifest: &Manifest) -> RecordingFacts {
         // Recorded hash of the true particles, which saves reading them again.
         sha256: manifest.resource(TRACKS.path).map(|r| r.sha256().to_owned()),
         um_per_px: positive(own.um_per_px),
+        stretch: own.image_stretch.filter(|[[a, b], [c, d]]| a * d - b * c > 0.0),
         depth_um: own
             .depth_range_um
             .map(|[low, high]| (low, high))

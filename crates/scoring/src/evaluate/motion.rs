@@ -89,7 +89,10 @@ pub fn reported<'a>(
             "the time between frames varies or is unknown, {derived}; columns u_um_s, v_um_s, w_um_s are read as um/s"
         )
     })?;
-    let in_um_s = |&[u, v, w]: &[f64; 3]| [u * um_per_px / step_s, v * um_per_px / step_s, w / step_s];
+    let in_um_s = |velocity: &[f64; 3]| {
+        let [u, v, w] = truth.facts.unstretched(*velocity);
+        [u * um_per_px / step_s, v * um_per_px / step_s, w / step_s]
+    };
     Ok(Some(Cow::Owned(velocities.rows.iter().map(in_um_s).collect())))
 }
 
@@ -227,7 +230,7 @@ impl TrackComparison<'_> {
         };
         let before = k.checked_sub(1).map(|b| over(points[b], points[k]));
         let after = points.get(k + 1).map(|&a| over(points[k], a));
-        let [x, y, z] = match (before, after) {
+        let slope = match (before, after) {
             (Some(before), Some(after)) => {
                 let ((u, s), (v, t)) = (before?, after?);
                 // Slope of the parabola through three points: the shorter interval has the larger weight.
@@ -235,6 +238,7 @@ impl TrackComparison<'_> {
             }
             (one, other) => one.or(other)??.0,
         };
+        let [x, y, z] = self.truth.facts.unstretched(slope);
         Some([x * um_per_px, y * um_per_px, z])
     }
 
@@ -257,19 +261,21 @@ impl TrackComparison<'_> {
                     let (a, b) = (moved(of.0, of.1[0], of.1[1]), moved(of.0, of.1[1], of.1[2]));
                     [0, 1, 2].map(|k| 2.0 * (b[k] / t - a[k] / s) / (s + t))
                 };
-                let mut both = |steps: [f64; 2], total: &mut Total, kind: MotionQuantity, scale: f64| {
-                    let exact = pair(steps, (t, exact)).map(|v| v * scale);
-                    let error = minus(pair(steps, (r, found)).map(|v| v * scale), exact);
+                let facts = &self.truth.facts;
+                let mut both = |steps: [f64; 2], total: &mut Total, kind: MotionQuantity, um: Option<f64>| {
+                    let scaled = |px: [f64; 3]| um.map_or(px, |um| facts.unstretched(px).map(|v| v * um));
+                    let exact = scaled(pair(steps, (t, exact)));
+                    let error = minus(scaled(pair(steps, (r, found))), exact);
                     total.add(error, exact);
                     add(sums, frame[1], kind, &error);
                 };
-                both([1.0; 2], &mut bend, MotionQuantity::Bend, 1.0);
+                both([1.0; 2], &mut bend, MotionQuantity::Bend, None);
                 let elapsed = |a: usize, b: usize| self.truth.elapsed_s(frame[a], frame[b]);
                 let Some((s, t)) = elapsed(0, 1).zip(elapsed(1, 2)) else { continue };
                 let first = *step.get_or_insert(s);
                 is_even &= same_time(s, first) && same_time(t, first);
-                if let Some(um_per_px) = self.truth.facts.um_per_px {
-                    both([s, t], &mut curve, MotionQuantity::Acceleration, um_per_px);
+                if facts.um_per_px.is_some() {
+                    both([s, t], &mut curve, MotionQuantity::Acceleration, facts.um_per_px);
                 }
             }
         }

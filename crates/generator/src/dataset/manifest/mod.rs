@@ -5,6 +5,7 @@
 //! that manifests of earlier versions and of test splits, which have fewer keys, can be read.
 
 mod seal;
+mod sizes;
 mod write;
 
 use std::path::Path;
@@ -13,10 +14,12 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
 use microsig_core::render::WaveOptics;
-use microsig_core::render::waves::{Emission, Layers, Lens, PupilFunction};
+use microsig_core::render::waves::{Cylinder, Emission, Layers, Lens, PupilFunction};
 use microsig_core::sensor::ImageFormat;
 use storage::error::{Error, Result};
 use storage::read_text;
+
+pub use sizes::SizeFacts;
 pub use write::{N_S, SNR, manifest};
 pub(crate) use write::{bit_depth, waves, write};
 pub use write::{license, resource};
@@ -96,6 +99,10 @@ pub struct Facts {
     /// Pixel size in object space, um.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub um_per_px: Option<f64>,
+    /// With a cylindrical lens before the camera: the rows of the matrix by which it stretches images about
+    /// the center of the sensor. A displacement in px is this matrix times that in um, over `um_per_px`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub image_stretch: Option<[[f64; 2]; 2]>,
     /// Physical depth over depth in MicroSIG's data files.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_factor: Option<f64>,
@@ -138,6 +145,12 @@ pub struct Facts {
     /// The image of a single particle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub particle_image: Option<ParticleImageFacts>,
+    /// The images of each of several sizes of particles.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sizes: Vec<SizeFacts>,
+    /// Diameters of the particles of the calibration stacks, um, if there are several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub calibration_d_um: Vec<f64>,
     /// The flow and its formulas.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion: Option<MotionFacts>,
@@ -272,6 +285,9 @@ pub struct WaveFacts {
     /// left out if it is 0.
     #[serde(skip_serializing_if = "is_zero")]
     pub cyl_angle_deg: f64,
+    /// A cylindrical lens before the camera; left out if there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cylinder: Option<Cylinder>,
     /// Largest error of an image as a fraction of its peak.
     pub tolerance: f64,
     /// Least and greatest share over depth of the light accepted by the aperture that images of the mean
@@ -295,6 +311,7 @@ impl WaveFacts {
             lens: self.lens,
             pupil: self.pupil.clone().unwrap_or_default(),
             cyl_angle_deg: self.cyl_angle_deg,
+            cylinder: self.cylinder,
             layers: self.layers,
         }
     }

@@ -9,8 +9,8 @@ use serde_json::{Map, Value, json};
 use super::seal::seal;
 use super::{
     COORDINATES, Facts, GENERATOR_VERSION, LAYOUT_VERSION, LicenseEntry, Manifest, MotionFacts,
-    ParticleImageFacts, Resource, SchemaField, ScoringGates, SensorFacts, SnrFacts, TableSchema, TimingFacts,
-    TruthGridFacts, WaveFacts,
+    ParticleImageFacts, Resource, SchemaField, ScoringGates, SensorFacts, SizeFacts, SnrFacts, TableSchema,
+    TimingFacts, TruthGridFacts, WaveFacts,
 };
 use crate::dataset::truth::Census;
 use crate::dataset::truth::depth::ParticleImage;
@@ -39,7 +39,12 @@ pub(crate) fn write(partial: &Partial, scenario: &Scenario, ledger: &Ledger, hea
 }
 
 /// The manifest of a dataset without its files.
-pub fn manifest(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Manifest {
+pub fn manifest(
+    scenario: &Scenario,
+    census: &Census,
+    image: &ParticleImage,
+    sizes: &[SizeFacts],
+) -> Manifest {
     let spec = &scenario.spec;
     let title = match spec.description.lines().next() {
         Some(line) if !line.is_empty() => line,
@@ -52,7 +57,7 @@ pub fn manifest(scenario: &Scenario, census: &Census, image: &ParticleImage) -> 
         description: spec.description.clone(),
         version: "1.0.0".to_owned(),
         licenses: vec![license(scenario.license)],
-        microsig: facts(scenario, census, image),
+        microsig: Facts { sizes: sizes.to_vec(), ..facts(scenario, census, image) },
         resources: Vec::new(),
     }
 }
@@ -98,6 +103,7 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
         random_streams: Some(random_streams.to_owned()),
         timing: timing(scenario),
         um_per_px: Some(scenario.scale.um_per_px()),
+        image_stretch: scenario.scale.stretch(),
         depth_factor: scenario.spec.optics.depth_factor,
         sensor: Some(SensorFacts {
             width_px: settings.pixel_dim_x,
@@ -129,6 +135,7 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
             n_rays: settings.n_rays,
         }),
         particle_image: Some(ParticleImageFacts { d_um: image.d_um, focus_um: image.focus_um }),
+        calibration_d_um: Some(scenario.calibrated_um()).filter(|sizes| sizes.len() > 1).unwrap_or_default(),
         motion: Some(motion(scenario)),
         truth_grid: Some(truth_grid(scenario)),
         max_displacement_px: Some(census.max_displacement_px),
@@ -150,6 +157,7 @@ pub(crate) fn waves(scenario: &Scenario, image: &ParticleImage) -> Option<WaveFa
         pupil: written.pupil.clone(),
         layers: written.layers,
         cyl_angle_deg: optics.cyl_angle_deg,
+        cylinder: optics.cylinder,
         tolerance,
         drawn_share: image.drawn_share,
     })

@@ -276,12 +276,17 @@ impl Truth<'_> {
 
     /// The central displacement averaged over a square window, by Gauss-Legendre quadrature.
     fn window(&self, x: DVec3, side_px: f64, interval: (f64, f64)) -> Displacement {
-        let half_um = 0.5 * side_px * self.scenario.scale.um_per_px();
+        let scale = &self.scenario.scale;
+        let half_um = 0.5 * side_px * scale.um_per_px();
+        let at = |u: f64, v: f64| {
+            let [u, v] = scale.unstretched([u, v]);
+            x + DVec3::new(u, v, 0.0) * half_um
+        };
         let rule = || GAUSS_LEGENDRE_8.into_iter().flat_map(|(at, weight)| [(-at, weight), (at, weight)]);
         mean(
             rule()
                 .flat_map(|(v, b)| rule().map(move |(u, a)| (u, v, a * b)))
-                .map(|(u, v, weight)| (weight, self.central(x + DVec3::new(u, v, 0.0) * half_um, interval))),
+                .map(|(u, v, weight)| (weight, self.central(at(u, v), interval))),
         )
     }
 

@@ -6,7 +6,7 @@
 //! cylindrical lens (`quadrant`), and one over discs for any other pupil (`general`). The sum is integrated
 //! over square pixels (`pixel`).
 //!
-//! Not modeled: polarization (valid up to a numerical aperture of 0.6 to 0.7), dispersion, losses.
+//! Not modeled: polarization (docs/model.md compares with vectorial theory), dispersion, losses.
 //!
 //! Sources: Goodman, Introduction to Fourier Optics; Born and Wolf, Principles of Optics, ch. 8 and 9;
 //! Collins 1970 (JOSA 60, 1168); Wolf 1982 (JOSA 72, 343); Gibson and Lanni 1991 (JOSA A 8, 1601); Noll 1976
@@ -17,6 +17,7 @@ mod bead;
 mod bessel;
 mod build;
 mod cache;
+mod cylinder;
 mod direct;
 mod draw;
 mod general;
@@ -44,7 +45,7 @@ use super::image_sum::{self, ImageSum, SphereImage};
 use super::instructions::InstructionSet;
 use super::interface::{Description, ImageStreams, Render};
 use super::patch::{ExpectedPatch, Window};
-use super::rays::{RayRenderer, lens_phrase};
+use super::rays::RayRenderer;
 use crate::cancel::checkpoint;
 use crate::emission::SpheroidLaw;
 use crate::error::Error;
@@ -54,6 +55,7 @@ use crate::sensor::{Image, Light, Sensor};
 use crate::settings::Settings;
 use crate::stream::{Purpose, Streams};
 use cache::TableCache;
+pub use cylinder::Cylinder;
 pub use direct::SingleImages;
 use general::{Disc, Obstacles};
 use model::Model;
@@ -65,9 +67,6 @@ use zernike::Aberration;
 
 /// Number of sources after which those gathered are drawn, which bounds the tables held at a time.
 const SOURCES: usize = 1024;
-
-/// Largest numerical aperture for which scalar wave optics is valid.
-const SCALAR_NA: f64 = 0.7;
 
 /// Path differences over the pupil in paraxial focus, waves, above which an objective is not used as
 /// designed.
@@ -141,7 +140,7 @@ impl WavesRenderer {
         };
         let rays =
             RayRenderer::new(&Settings { numerical_aperture, ..settings.clone() }, SpheroidLaw::Original)?;
-        let pupil = Pupil::new(settings, optics.lens, optics.layers);
+        let pupil = Pupil::new(settings, optics.lens, optics.layers).behind(optics.cylinder, settings);
         let [_, bx] = pupil.across();
         if bx == 0.0 {
             return Err(Error::Unsupported(format!(
@@ -152,7 +151,7 @@ impl WavesRenderer {
         }
         let margin = Self::margin(settings);
         let farthest_px = [settings.pixel_dim_x, settings.pixel_dim_y].map(|size| f64::from(size) + margin);
-        let obstacles = obstacles(optics, pupil.system.cylinder.is_some());
+        let obstacles = obstacles(optics, pupil.has_cylinder());
         let inner_um = match optics.pupil.mask {
             Mask::Annulus { inner } => pupil.q(inner * pupil.radius()),
             Mask::Open | Mask::Pinholes(_) => 0.0,
@@ -370,7 +369,7 @@ impl Render for WavesRenderer {
     }
 
     fn description(&self) -> Description {
-        let optics = lens_phrase(&self.settings);
+        let optics = cylinder::lens_phrase(&self.settings, self.optics.cylinder);
         let lens = match self.optics.lens {
             Lens::Microsig => "",
             Lens::Aplanatic => ", corrected (aplanatic)",
@@ -424,11 +423,7 @@ impl Render for WavesRenderer {
 
     fn warning(&self) -> Option<String> {
         let na = self.settings.numerical_aperture;
-        let scalar = (na > SCALAR_NA).then(|| {
-            format!(
-                "numerical_aperture = {na}: wave optics is scalar, without polarization, which is valid up to about {SCALAR_NA}"
-            )
-        });
+        let scalar = self.optics.scalar_warning(na);
         let Settings { pixel_dim_x, pixel_dim_y, pixel_size, .. } = self.settings;
         let radius_um = 0.5 * libm::hypot(f64::from(pixel_dim_x), f64::from(pixel_dim_y)) * pixel_size;
         let near = self.model().pupil.share_within(0.0, radius_um);

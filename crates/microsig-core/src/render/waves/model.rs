@@ -133,7 +133,7 @@ impl Model {
     }
 
     pub(super) fn is_round(&self) -> bool {
-        self.pupil.system.cylinder.is_none() && self.obstacles.is_none()
+        !self.pupil.has_cylinder() && self.obstacles.is_none()
     }
 
     /// Largest distance on the sensor from the particle's image within the edge, um.
@@ -314,7 +314,7 @@ impl Model {
 
     /// Half width and half height of the geometric image of a sphere, px.
     pub(super) fn rim_px(&self, z_um: f64, radius_um: f64) -> [f64; 2] {
-        let bead = radius_um * self.pupil.b() / self.pupil.system.objective.object_distance_0;
+        let bead = radius_um * self.pupil.widest() / self.pupil.system.objective.object_distance_0;
         let [down, across] = self.pupil.farthest(z_um, self.pupil.aperture());
         let aberrated = self.aberrated_um();
         [(across, aberrated[0]), (down, aberrated[1])].map(|(rim, more)| (rim + more + bead) / self.pixel_um)

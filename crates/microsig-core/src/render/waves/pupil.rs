@@ -7,6 +7,7 @@
 //! (Abbe's sine condition), which gives the textbook Airy radius. The phase of the aplanatic lens is the
 //! optical path of Gibson and Lanni.
 
+use super::cylinder::Cylinder;
 use super::options::{Layers, Lens};
 use super::quadrature;
 use crate::optics::{OpticalSystem, Ray};
@@ -36,8 +37,19 @@ pub(super) struct Pupil {
     pub(super) system: OpticalSystem,
     lens: Lens,
     layers: Option<Layers>,
+    /// A cylindrical lens before the camera.
+    cylinder: Option<Behind>,
     /// Radius of the aperture in the lens plane, um; for the aplanatic lens, in the coordinate sigma.
     aperture: f64,
+}
+
+/// What a cylindrical lens before the camera does in the direction of its power.
+#[derive(Debug, Clone, Copy)]
+struct Behind {
+    /// Magnification there over that across it.
+    growth: f64,
+    /// Depth of the plane in focus, in air, um.
+    focus_um: f64,
 }
 
 /// Radii at which the pupil function is evaluated.
@@ -79,7 +91,25 @@ impl Pupil {
                 settings.numerical_aperture.min(GRAZING * n_s) * system.objective.object_distance_0
             }
         };
-        Pupil { system, lens, layers, aperture }
+        Pupil { system, lens, layers, cylinder: None, aperture }
+    }
+
+    /// The pupil with a cylindrical lens before the camera.
+    pub(super) fn behind(self, cylinder: Option<Cylinder>, settings: &Settings) -> Pupil {
+        let focus_um = |cylinder: Cylinder| cylinder.focus_um(settings.magnification);
+        let cylinder = cylinder.map(|lens| Behind { growth: lens.growth(), focus_um: focus_um(lens) });
+        Pupil { cylinder, ..self }
+    }
+
+    /// Whether there is a cylindrical lens, MicroSIG's or one before the camera.
+    pub(super) fn has_cylinder(&self) -> bool {
+        self.system.cylinder.is_some() || self.cylinder.is_some()
+    }
+
+    /// B (um) of Collins's integral across a cylindrical lens before the camera or in the direction of its
+    /// power, whichever magnifies more; otherwise b.
+    pub(super) fn widest(&self) -> f64 {
+        self.b() * self.cylinder.map_or(1.0, |cylinder| cylinder.growth.max(1.0))
     }
 
     /// Distance from the plane in focus to the lens, um.
@@ -184,7 +214,12 @@ impl Pupil {
     /// A and B (um) of Collins's integral in the direction in which the cylindrical lens has power; without
     /// it, 1 and b.
     pub(super) fn across(&self) -> [f64; 2] {
-        let b = self.b();
+        let (a0, b) = (self.a0(), self.b());
+        if let Some(Behind { growth, focus_um }) = self.cylinder {
+            // Images scale as b, and the path K (A/B - 1/b) moves the focus as a depth does.
+            let bx = growth * b;
+            return [bx * (focus_um / (a0 * a0) + 1.0 / b), bx];
+        }
         self.system.cylinder.map_or([1.0, b], |cylinder| {
             let f = cylinder.focal_length;
             [1.0 - 2.0 * b / (3.0 * f), b - 2.0 * b * b / (9.0 * f)]

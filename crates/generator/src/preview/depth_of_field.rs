@@ -1,0 +1,47 @@
+//! Depths between which a curve over depth is high: depth of field and depth of correlation.
+
+use scenario::Scenario;
+use storage::error::Result;
+use visibility::{DepthScan, ScanImage};
+
+/// In focus the peak is at least this share of the highest.
+const IN_FOCUS: f64 = 0.8;
+
+/// The range of depths around the highest value in which values are above a share of it, um; ends are linear
+/// between depths.
+pub(super) fn span(scan: &DepthScan, of: impl Fn(&ScanImage) -> f64, share: f64) -> f64 {
+    let values: Vec<f64> = scan.images.iter().map(of).collect();
+    let Some(best) = (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b])) else { return 0.0 };
+    let level = share * values[best];
+    let z = &scan.depths_um;
+    let end = |walk: &mut dyn Iterator<Item = usize>| {
+        let mut inner = best;
+        for i in walk {
+            if values[i] < level {
+                return z[inner] + (z[i] - z[inner]) * (values[inner] - level) / (values[inner] - values[i]);
+            }
+            inner = i;
+        }
+        z[inner]
+    };
+    end(&mut (best + 1..values.len())) - end(&mut (0..best).rev())
+}
+
+/// The depth of field of a scan of particles of this diameter (um), measured more finely around its highest
+/// peak, um; `None` where all depths are in focus.
+///
+/// # Errors
+/// None for a scenario that could be resolved.
+pub fn depth_of_field_um(scenario: &Scenario, d_um: f64, scan: &DepthScan) -> Result<Option<f64>> {
+    let Some(focus_um) = scan.focus_um() else { return Ok(None) };
+    let coarse = span(scan, |spot| spot.peak, IN_FOCUS);
+    let step = scan.depths_um[1] - scan.depths_um[0];
+    if coarse > 12.0 * step {
+        return Ok(Some(coarse));
+    }
+    let reach = coarse + step;
+    let (low, high) = scenario.depth_range_um;
+    let range_um = ((focus_um - reach).max(low), (focus_um + reach).min(high));
+    let fine = scenario.scan(d_um, range_um)?;
+    Ok(Some(span(&fine, |spot| spot.peak, IN_FOCUS)))
+}

@@ -1,0 +1,138 @@
+//! The focal planes of a cylindrical lens, and depth ranges between them.
+
+use microsig_core::Settings;
+use microsig_core::render::waves;
+use serde::Serialize;
+
+use super::language::problems::Problems;
+use super::spec::{Boundaries, Optics};
+
+/// A cylindrical lens in paraxial optics.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct CylinderFacts {
+    /// Physical depth of the plane in focus in the direction of its power, um; that across it is at 0.
+    pub focus_um: f64,
+    /// How fast images grow out of focus in this direction, over how fast across it.
+    pub growth: f64,
+    /// Magnification of positions in this direction over that across it: 1 with MicroSIG's virtual lens.
+    pub stretch: f64,
+}
+
+impl Optics {
+    /// Physical depth over the depth in air that defocuses as much.
+    fn depth_over_air(&self) -> f64 {
+        self.layers.map_or(1.0, |layers| layers.n_s) * self.depth_factor.unwrap_or(1.0)
+    }
+
+    /// The cylindrical lens before the camera; `None` without one, or if none has the planes that are given.
+    pub(super) fn cylinder_lens(&self) -> Option<waves::Cylinder> {
+        self.cylinder?.lens(self.depth_over_air(), self.magnification.unwrap_or(1.0))
+    }
+}
+
+impl CylinderFacts {
+    /// Those of settings and the other keys of the optics; `None` without a cylindrical lens.
+    pub(super) fn of(settings: &Settings, optics: &Optics) -> Option<Self> {
+        let physical = optics.depth_over_air();
+        if let Some(lens) = optics.cylinder_lens() {
+            let focus_um = physical * lens.focus_um(settings.magnification);
+            return Some(CylinderFacts { focus_um, growth: lens.growth(), stretch: lens.growth() });
+        }
+        // At b/3 behind the lens, 2b/3 before the sensor.
+        let (f, m, cylinder) = (settings.focal_length, settings.magnification, settings.cyl_focal_length);
+        (cylinder != 0.0).then(|| {
+            let (a0, b) = (f * (1.0 + 1.0 / m), f * (m + 1.0));
+            let (power, bx) = (1.0 - 2.0 * b / (3.0 * cylinder), b - 2.0 * b * b / (9.0 * cylinder));
+            // The change of vergence, as a depth behind an aplanatic lens.
+            let moved_um = a0 * a0 * (power / bx - 1.0 / b);
+            let in_air_um = match optics.lens.unwrap_or_default() {
+                waves::Lens::Aplanatic => moved_um,
+                waves::Lens::Microsig => moved_um * a0 / (a0 - moved_um),
+            };
+            CylinderFacts { focus_um: physical * in_air_um, growth: bx / b, stretch: 1.0 }
+        })
+    }
+}
+
+/// Converts `boundaries.depth_um` into a depth range between the focal planes.
+pub(super) fn center(
+    boundaries: &mut Boundaries,
+    settings: Option<&Settings>,
+    optics: &Optics,
+    problems: &mut Problems,
+) {
+    let Some(depth_um) = boundaries.depth_um.take() else { return };
+    if !(depth_um > 0.0 && depth_um <= 1e6) {
+        problems.value("boundaries.depth_um", depth_um, "a number > 0 and <= 1e6");
+        return;
+    }
+    if boundaries.z_um.is_some() {
+        problems.other("boundaries", "expected either `z_um` or `depth_um`, not both");
+        return;
+    }
+    let facts = settings.and_then(|settings| CylinderFacts::of(settings, optics));
+    let middle_um = facts.map_or(0.0, |facts| 0.5 * facts.focus_um);
+    // To nanometers, which is easier to read.
+    let round = |z_um: f64| (1e3 * z_um).round() / 1e3;
+    boundaries.z_um = Some((round(middle_um - 0.5 * depth_um), round(middle_um + 0.5 * depth_um)));
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use crate::{parse, resolve};
+
+    fn resolved(optics: &str, boundaries: &str) -> Result<crate::Scenario, String> {
+        let text = format!(
+            "(name: \"c\", motion: flow(field: poiseuille()), timing: pairs(count: 1), calibration: none, \
+             optics: (magnification: 20, numerical_aperture: 0.4, {optics}), boundaries: ({boundaries}), \
+             render: (mode: waves, wavelength_um: 0.52))"
+        );
+        let spec = parse(&text, "c.ron").map_err(|e| e.to_string())?;
+        resolve(spec, Path::new(".")).map_err(|e| e.to_string())
+    }
+
+    const WATER: &str = "lens: aplanatic, layers: (n_s: 1.33, focus_depth_um: 60)";
+
+    #[test]
+    fn the_depth_range_is_between_the_focal_planes_of_either_lens() {
+        let scenario = resolved(&format!("{WATER}, focal_planes_um: -20"), "depth_um: 30").unwrap();
+        assert_eq!(scenario.spec.boundaries.z_um, Some((-25.0, 5.0)));
+        assert_eq!(scenario.spec.boundaries.depth_um, None);
+        let cylinder = "cylinder: planes(apart_um: -20, growth: 0.96)";
+        let scenario = resolved(&format!("{WATER}, {cylinder}"), "depth_um: 30").unwrap();
+        assert_eq!(scenario.spec.boundaries.z_um, Some((-25.0, 5.0)));
+        let facts = scenario.cylinder().unwrap();
+        assert!((facts.focus_um + 20.0).abs() < 1e-9 && (facts.growth - 0.96).abs() < 1e-12, "{facts:?}");
+        // 20 um along x are 20 / 0.6 * 0.96 px of the sensor's 6.45 um, 20 times magnified.
+        let moved = scenario.scale.displacement_to_image(glam::DVec3::new(20.0, 20.0, 0.0));
+        let along_y = 20.0 * 20.0 / 6.45;
+        assert!((moved.dx_px - 0.96 * along_y).abs() < 1e-9 && (moved.dy_px - along_y).abs() < 1e-9);
+        let plain = resolved(WATER, "depth_um: 30").unwrap();
+        assert_eq!(plain.spec.boundaries.z_um, Some((-15.0, 15.0)));
+        // The same by data sheet: d^2 / (f - d) = 20 um / 1.33 * 20^2 = 6.015 mm, d / f = 0.04.
+        let sheet = "cylinder: lens(focal_length_mm: 3609.02, to_sensor_mm: 144.361)";
+        let facts = resolved(&format!("{WATER}, {sheet}"), "").unwrap().cylinder().unwrap();
+        assert!((facts.focus_um + 20.0).abs() < 1e-3 && (facts.growth - 0.96).abs() < 1e-6, "{facts:?}");
+    }
+
+    #[test]
+    fn contradictions_are_named() {
+        for (optics, boundaries, expected) in [
+            (WATER, "z_um: (-5, 5), depth_um: 30", "either `z_um` or `depth_um`"),
+            (WATER, "depth_um: -3", "boundaries.depth_um = -3"),
+            ("lens: aplanatic, cylinder: planes(apart_um: 20, growth: 0.9)", "", "a growth below 1"),
+            ("lens: aplanatic, cylinder: lens(focal_length_mm: 10, to_sensor_mm: 20)", "", "0.2 to 5"),
+            ("cylinder: lens(focal_length_mm: 1000, to_sensor_mm: 20)", "", "`lens: aplanatic`"),
+            (
+                "lens: aplanatic, focal_planes_um: -10, cylinder: lens(focal_length_mm: 1000, to_sensor_mm: 20)",
+                "",
+                "either `cylinder` or",
+            ),
+        ] {
+            let said = resolved(optics, boundaries).unwrap_err();
+            assert!(said.contains(expected), "{optics} {boundaries}: {said}");
+        }
+    }
+}
