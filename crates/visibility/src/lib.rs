@@ -6,7 +6,6 @@ mod noise_free;
 mod outline;
 mod overlap;
 mod run_length;
-mod spheroid;
 
 pub use depth_scan::{DepthScan, ScanImage};
 pub use noise_free::{NoiseFree, Patch, TOLERANCE};
