@@ -41,7 +41,8 @@ impl Imager {
     ) -> Result<Imager> {
         Ok(match &microscope.waves {
             None => {
-                let turned = microscope.focus_shift_um != 0.0 && 1.0 - libm::cos(4.0 * microscope.angle) > TURNED;
+                let turned =
+                    microscope.focus_shift_um != 0.0 && 1.0 - libm::cos(4.0 * microscope.angle) > TURNED;
                 let parts = if turned { PARTS } else { 1 };
                 let mut settings = microscope.settings(parts * edge_px);
                 settings.pixel_size /= parts as f64;

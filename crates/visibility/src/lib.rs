@@ -6,6 +6,7 @@ mod noise_free;
 mod outline;
 mod overlap;
 mod run_length;
+mod spheroid;
 
 pub use depth_scan::{DepthScan, ScanImage};
 pub use noise_free::{NoiseFree, Patch, TOLERANCE};

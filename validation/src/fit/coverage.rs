@@ -14,7 +14,7 @@ use super::quantity::quantities;
 
 /// Cases with rays, of the shared scans, that can be traced again; and smaller ones, made from expected images
 /// with the noise of photons.
-const CASES: [&str; 5] = ["a", "b", "turned", "clipped", "free"];
+const CASES: [&str; 5] = ["clipped", "free", "turned", "a", "b"];
 
 /// Depths of the small scans: number of planes and their distance, um.
 const PLANES: (usize, f64) = (15, 5.0);
