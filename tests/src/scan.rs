@@ -5,7 +5,9 @@ use std::io::BufWriter;
 use std::path::Path;
 
 use anyhow::{Context, ensure};
-use microsig_core::emission::SpheroidLaw;
+use microsig_core::emission::{SpheroidLaw, sphere_points};
+use microsig_core::random::{normal, poisson};
+use microsig_core::render::expected::ExpectedRenderer;
 use microsig_core::render::{RayRenderer, Render};
 use microsig_core::sensor::Sensor;
 use microsig_core::stream::{Purpose, Streams};
@@ -13,6 +15,9 @@ use microsig_core::{Particle, Settings};
 use serde_json::Value;
 use tiff::encoder::TiffEncoder;
 use tiff::encoder::colortype::Gray16;
+
+/// Parts of a pixel along each axis of [`SimulatedScan::mean_rays`].
+const PARTS: usize = 4;
 
 /// One particle of a scan.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -159,6 +164,58 @@ impl SimulatedScan {
             image.counts.whole().into_owned()
         };
         Ok((0..self.stage_um.len()).map(plane).collect())
+    }
+
+    /// The mean number of rays on each pixel of all planes, whatever the direction of the cylindrical lens: a pixel
+    /// is the sum of [`PARTS`] x [`PARTS`] parts, so small that their own orientation does not matter.
+    ///
+    /// # Errors
+    /// Settings that cannot be rendered.
+    pub fn mean_rays(&self) -> anyhow::Result<Vec<Vec<f64>>> {
+        let Settings { pixel_dim_x: width, pixel_dim_y: height, pixel_size, n_rays, .. } = self.settings;
+        let parts = PARTS as f64;
+        let fine = Settings { pixel_size: pixel_size / parts, ..self.settings.clone() };
+        let renderer = ExpectedRenderer::new(&fine, SpheroidLaw::Original, 1e-3)?;
+        let points = sphere_points(&self.settings, self.diameter_um) as f64;
+        let rays = points * (f64::from(n_rays) + 1.0);
+        let (sine, cosine) = self.rotation_deg.to_radians().sin_cos();
+        let place = |px: f64, part: usize| parts * px + part as f64 - 0.5 * (parts - 1.0);
+        let plane = |i: usize| {
+            let mut light = vec![0.0; (width * height) as usize];
+            for particle in self.particles(i) {
+                let of_pixel = |at: usize| {
+                    let (column, row) = (at % width as usize + 1, at / width as usize + 1);
+                    let (x, y) = (column as f64 - particle.x_px, row as f64 - particle.y_px);
+                    (0..PARTS * PARTS).map(move |part| {
+                        let (x, y) = (place(x, part % PARTS), place(y, part / PARTS));
+                        [cosine * x + sine * y, cosine * y - sine * x]
+                    })
+                };
+                let places: Vec<[f64; 2]> = (0..light.len()).flat_map(of_pixel).collect();
+                let shares = renderer.shares(particle.z_um, particle.d_um, &places);
+                for (light, of_pixel) in light.iter_mut().zip(shares.chunks(PARTS * PARTS)) {
+                    *light += rays * particle.c_int * of_pixel.iter().sum::<f64>();
+                }
+            }
+            light
+        };
+        Ok((0..self.stage_um.len()).map(plane).collect())
+    }
+
+    /// The counts of all planes for these mean numbers of rays, as of photons: Poisson numbers times the gain,
+    /// with background and normal noise, rounded and clipped at 0.
+    pub fn photon_planes(&self, mean_rays: &[Vec<f64>], seed: u64) -> Vec<Vec<u16>> {
+        let Settings { gain, background_mean, background_noise, .. } = self.settings;
+        let streams = Streams::new(seed);
+        let plane = |(i, mean): (usize, &Vec<f64>)| {
+            let mut stream = streams.stream(Purpose::BackgroundNoise, i as u32, 0);
+            let mut count = |mean: &f64| {
+                let light = gain * poisson(&mut stream, mean.max(0.0)) as f64;
+                (light + background_mean + background_noise * normal(&mut stream)).round().max(0.0) as u16
+            };
+            mean.iter().map(&mut count).collect()
+        };
+        mean_rays.iter().enumerate().map(plane).collect()
     }
 
     /// Writes `scan.tif` and `z.csv` into a folder.

@@ -2,7 +2,7 @@
 
 use super::curves::quantiles;
 use super::images::Problem;
-use super::state::State;
+use super::state::{Count, State};
 use storage::error::Result;
 
 /// Number of brightest pixels of the model whose mean is the peak.
@@ -67,7 +67,7 @@ impl Evidence {
                 let mut chi2 = 0.0;
                 let (mut data, mut model) = (Vec::new(), Vec::new());
                 for (&(at, [dx, dy]), &value) in window.pixels.iter().zip(&values) {
-                    let (mean, _, variance) = problem.count(state, k, i, value);
+                    let Count { mean, variance, .. } = problem.count(state, k, i, value);
                     let r = (f64::from(plane[at]) - mean) / libm::sqrt(variance);
                     let middle = problem.windows.half as f64;
                     let place = (dy + middle) as usize * edge_px + (dx + middle) as usize;

@@ -16,7 +16,7 @@ use super::imager::Imager;
 use super::optics::{Microscope, Shared};
 use super::particles::Windows;
 use super::scan::Scan;
-use super::state::{Misfit, State, huber};
+use super::state::{Count, Misfit, State, huber};
 use storage::error::Result;
 
 /// Is told what a fit does, in a few words.
@@ -134,11 +134,10 @@ impl Problem<'_> {
         imager.values(microscope, self.depth(state, microscope, k, i), &self.places(state, k, i))
     }
 
-    /// Mean count, its derivative with respect to the fraction of light, and the variance (counts^2).
-    pub(super) fn count(&self, state: &State, k: usize, i: usize, share: f64) -> (f64, f64, f64) {
-        let factor = state.flux[i] * state.beads[k].light;
-        let light = factor * share;
-        (state.beads[k].background + light, factor, state.noise.variance(light))
+    /// The count of a pixel on which this fraction of the light falls.
+    pub(super) fn count(&self, state: &State, k: usize, i: usize, share: f64) -> Count {
+        let light = state.flux[i] * state.beads[k].light * share;
+        Count::of(state.beads[k].background + light, state.noise.variance(light))
     }
 
     /// Misfit of each window, by particle and plane. The loss has the given variances of pixels, or the
@@ -159,7 +158,7 @@ impl Problem<'_> {
                 let own = &self.windows.particles[k];
                 let mut seen = Vec::with_capacity(values.len());
                 for (n, (&(at, _), &value)) in own.pixels.iter().zip(&values).enumerate() {
-                    let (mean, _, variance) = self.count(state, k, i, value);
+                    let Count { mean, variance, .. } = self.count(state, k, i, value);
                     let weighed = variances.map_or(variance, |given| f64::from(given[window][n]));
                     let data = f64::from(self.scan.planes[i][at]);
                     let r = data - mean;
@@ -220,7 +219,7 @@ impl Problem<'_> {
             for (k, window) in self.windows.particles.iter().enumerate() {
                 let values = self.values(&renderer, state, &state.microscope, k, i);
                 for (&(at, _), &value) in window.pixels.iter().zip(&values) {
-                    let (mean, _, variance) = self.count(state, k, i, value);
+                    let Count { mean, variance, .. } = self.count(state, k, i, value);
                     pixels.push((at, mean, (f64::from(plane[at]) - mean) / libm::sqrt(variance)));
                 }
             }

@@ -139,7 +139,7 @@ pub fn fit(scan: &Scan, options: &FitOptions, watch: Watch<'_>) -> Result<FitFil
         watch,
         stage: String::new(),
     };
-    let geometric = by_rays(problem(shared(options, astigmatic)), &known)?;
+    let geometric = by_rays(problem(shared(options, astigmatic)), &known, &options.free)?;
     let run = match options.waves {
         None => geometric,
         Some(model) => {
@@ -156,11 +156,17 @@ pub fn fit(scan: &Scan, options: &FitOptions, watch: Watch<'_>) -> Result<FitFil
     files(run, options, astigmatic && options.waves.is_none())
 }
 
-/// The fit of geometrical optics.
-fn by_rays<'a>(mut problem: Problem<'a>, known: &Known) -> Result<Run<'a>> {
+/// The fit of geometrical optics; additional quantities are freed at the best fit without them, so that the fit
+/// never ends at a worse one.
+fn by_rays<'a>(mut problem: Problem<'a>, known: &Known, free: &[ExtraParameter]) -> Result<Run<'a>> {
     let (start, margin) = search::best_start(&mut problem, known.shape, &curves::starts(known))?;
     let mut derivatives = None;
-    let state = search::converge(&mut problem, start, &mut derivatives)?;
+    let mut state = search::converge(&mut problem, start, &mut derivatives)?;
+    if !free.is_empty() {
+        problem.shared.extend(free.iter().map(|key| key.shared()));
+        derivatives = None;
+        state = search::converge(&mut problem, state, &mut derivatives)?;
+    }
     Ok(Run { problem, state, derivatives, direction_margin: margin, comparison: None })
 }
 
@@ -210,7 +216,6 @@ fn shared(options: &FitOptions, astigmatic: bool) -> Vec<Shared> {
     if options.diameter_um.is_none() {
         shared.push(Shared::Diameter);
     }
-    shared.extend(options.free.iter().map(|key| key.shared()));
     shared
 }
 

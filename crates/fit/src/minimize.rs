@@ -2,6 +2,7 @@
 
 use super::derivatives::Derivatives;
 use super::images::Problem;
+use super::optics::Shared;
 use super::state::State;
 use storage::error::Result;
 
@@ -9,9 +10,12 @@ impl Problem<'_> {
     /// The state moved by a step of the parameters.
     pub(super) fn moved(&self, state: &State, step: &[f64]) -> State {
         let mut to = state.clone();
+        // Shortened as a whole: where quantities nearly compensate each other, only the direction of the step
+        // leads along the valley.
+        let share = |(shared, by): (&Shared, &f64)| shared.longest(&state.microscope) / by.abs();
+        let share = self.shared.iter().zip(step).map(share).fold(1.0, f64::min);
         for (shared, &by) in self.shared.iter().zip(step) {
-            let longest = shared.longest(&state.microscope);
-            to.microscope = shared.moved(to.microscope, by.clamp(-longest, longest));
+            to.microscope = shared.moved(to.microscope, share * by);
         }
         to.microscope = to.microscope.bounded();
         let n = self.shared.len();
@@ -51,6 +55,10 @@ impl Problem<'_> {
             let loss = normal.loss / (pixels.max(1) as f64);
             (self.watch)(&format!("{}, step {step}: misfit {loss:.4} per pixel", self.stage));
             let n = normal.right.len();
+            let predicted = |step: &[f64]| step.iter().zip(&normal.right).map(|(s, r)| s * r).sum::<f64>();
+            // The decrease that is left, which damped steps do not show where parameters nearly compensate each
+            // other.
+            let left = normal.matrix.solve(&normal.right).map_or(f64::INFINITY, |step| predicted(&step));
             let mut accepted = None;
             while damping < 1e8 {
                 let mut damped = normal.matrix.clone();
@@ -59,16 +67,15 @@ impl Problem<'_> {
                     damping *= 10.0;
                     continue;
                 };
-                let predicted = step.iter().zip(&normal.right).map(|(s, r)| s * r).sum::<f64>();
                 let next = self.moved(&state, &step);
                 let misfits = self.misfits(&next, Some(&normal.variances))?;
                 let loss: f64 = misfits.iter().map(|(_, _, m)| m.loss).sum();
                 if loss < normal.loss {
                     damping = (0.2 * damping).max(1e-7);
-                    accepted = Some((next, predicted));
+                    accepted = Some(next);
                     break;
                 }
-                if predicted < self.converged {
+                if left < self.converged || fresh && predicted(&step) < self.converged {
                     return Ok(state);
                 }
                 if !fresh {
@@ -76,7 +83,7 @@ impl Problem<'_> {
                 }
                 damping = (5.0 * damping).max(1e-4);
             }
-            let Some((next, predicted)) = accepted else {
+            let Some(next) = accepted else {
                 if fresh {
                     break;
                 }
@@ -85,7 +92,7 @@ impl Problem<'_> {
                 continue;
             };
             state = next;
-            if predicted < self.converged {
+            if left < self.converged {
                 break;
             }
         }

@@ -7,11 +7,11 @@
 use rayon::prelude::*;
 
 use super::images::Problem;
-use super::state::{HUBER, Noise, State};
+use super::state::{Count, HUBER, Noise, State};
 use storage::error::Result;
 
 /// Variance of rounding to whole counts.
-const ROUNDING: f64 = 1.0 / 12.0;
+pub(super) const ROUNDING: f64 = 1.0 / 12.0;
 
 /// Maximum number of iterations of the weighted regression, and the relative change at which it ends.
 const ITERATIONS: usize = 30;
@@ -51,8 +51,10 @@ impl Problem<'_> {
                     .iter()
                     .zip(values)
                     .map(|(&(at, _), value)| {
-                        let (mean, ..) = self.count(state, k, i, value);
-                        (mean - state.beads[k].background, f64::from(self.scan.planes[i][at]) - mean)
+                        let Count { mean, reduction, .. } = self.count(state, k, i, value);
+                        // As it would be without clipping.
+                        let residual = (f64::from(self.scan.planes[i][at]) - mean) * libm::sqrt(reduction);
+                        (state.flux[i] * state.beads[k].light * value, residual)
                     })
                     .collect();
                 let mut products = vec![(0.0, 0.0); residual.len()];

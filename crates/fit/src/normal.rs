@@ -6,7 +6,7 @@ use super::derivatives::Derivatives;
 use super::imager::Imager;
 use super::images::Problem;
 use super::linear::Symmetric;
-use super::state::{HUBER, State, huber};
+use super::state::{Count, HUBER, State, huber};
 use storage::error::Result;
 
 /// The normal equations at a state.
@@ -111,16 +111,17 @@ impl Problem<'_> {
         let derivatives = derivatives.window(k, i).chunks(n_shared + 3);
         let pixels = self.windows.particles[k].pixels.iter();
         for ((&(at, _), &value), derivatives) in pixels.zip(&values).zip(derivatives) {
-            let (mean, factor, variance) = self.count(state, k, i, value);
+            let Count { mean, slope, variance, .. } = self.count(state, k, i, value);
+            let factor = slope * state.flux[i] * state.beads[k].light;
             let by = |entry: usize| factor * f64::from(derivatives[entry]);
             row.iter_mut().take(n_shared).enumerate().for_each(|(entry, slot)| *slot = by(entry));
             row[n_shared] = by(n_shared) * from_mean;
             row[n_shared + 1] = by(n_shared + 1) * from_mean;
             (0..3).for_each(|axis| row[n_shared + 2 + axis] = by(n_shared + axis));
-            row[n_shared + 5] = state.flux[i] * value;
-            row[n_shared + 6] = 1.0;
+            row[n_shared + 5] = slope * state.flux[i] * value;
+            row[n_shared + 6] = slope;
             if self.free_flux {
-                row[n_shared + 7] = state.beads[k].light * value;
+                row[n_shared + 7] = slope * state.beads[k].light * value;
             }
             part.variances.push(variance as f32);
             let variance = f64::from(variance as f32);

@@ -8,6 +8,7 @@ use super::FitOptions;
 use super::comparison::{self, Comparison, Run};
 use super::images::Problem;
 use super::intervals::Covariance;
+use super::noise::ROUNDING;
 use super::optics::Shared;
 use super::state::{Misfit, State};
 use super::waves::TERMS;
@@ -297,8 +298,9 @@ fn settings(problem: &Problem, state: &State) -> (Settings, bool) {
     let clamped = !(RAYS.0..=RAYS.1).contains(&rays);
     settings.n_rays = rays.clamp(RAYS.0, RAYS.1).round() as u32;
     settings.gain = light / (points * (f64::from(settings.n_rays) + 1.0));
-    settings.background_mean = problem.background.mean;
-    settings.background_noise = problem.background.noise;
+    // Of the fit, which knows the light: the histogram of the scan takes faint light for background.
+    settings.background_mean = state.background();
+    settings.background_noise = libm::sqrt((state.noise.background2 - ROUNDING).max(0.0));
     (settings, clamped)
 }
 
@@ -383,6 +385,10 @@ fn parameters(
     ] {
         all.push(entry(shared.name(), unit, value, at(shared), one(shared, value)));
     }
+    let beads = 0..state.beads.len();
+    let share = 1.0 / beads.len() as f64;
+    let backgrounds = beads.map(|k| (problem.bead_parameter(k) + 4, share)).collect();
+    all.push(entry("background_mean", "counts", state.background(), None, backgrounds));
     all.push(entry("magnification", "", given.magnification, None, Vec::new()));
     all.push(entry("ri_medium", "", given.ri_medium, None, Vec::new()));
     all

@@ -14,6 +14,9 @@ use storage::error::{Error, Result};
 /// fit.
 const ROUNDS: usize = 3;
 
+/// Maximum number of steps of one minimization in the final fit.
+const STEPS: usize = 25;
+
 /// Accuracy while starting points are compared, and in the final fit.
 pub(super) const COARSE: Accuracy = Accuracy { tolerance: 1e-2, of_sides: 1e-2, central: false };
 const FINE: Accuracy = Accuracy { tolerance: 3e-3, of_sides: 3e-3, central: true };
@@ -89,7 +92,7 @@ pub(super) fn converge(
     state.noise = problem.noises(&state)?.with_model;
     for round in 0..ROUNDS {
         problem.stage = format!("{}, round {}", problem.name(), round + 1);
-        state = problem.minimize(state, 15, 1e-3, derivatives)?;
+        state = problem.minimize(state, STEPS, 1e-3, derivatives)?;
         state.noise = problem.noises(&state)?.with_model;
         let outliers = rejection::outliers(&problem.misfits(&state, None)?);
         let windows = problem.n_beads() * problem.scan.planes.len();
@@ -106,7 +109,7 @@ pub(super) fn converge(
     }
     problem.stage = format!("{}, last round", problem.name());
     problem.accuracy = FINEST;
-    problem.minimize(state, 15, 1e-4, derivatives)
+    problem.minimize(state, STEPS, 1e-4, derivatives)
 }
 
 fn first_state(

@@ -35,6 +35,39 @@ impl Noise {
     }
 }
 
+/// The distribution of a count, clipped at 0 as cameras and image generators do: mean and variance are those
+/// of max(0, n) for a normal n. A fit of dark pixels to the mean of n would find too bright a background.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Count {
+    pub(super) mean: f64,
+    /// Derivative of the mean with respect to that of n.
+    pub(super) slope: f64,
+    pub(super) variance: f64,
+    /// The variance of n over that of the count.
+    pub(super) reduction: f64,
+}
+
+/// Clipping counts below this many standard deviations.
+const CLIPPED: f64 = 5.0;
+
+impl Count {
+    /// Of a normal n with this mean and variance.
+    pub(super) fn of(mean: f64, variance: f64) -> Count {
+        let sd = libm::sqrt(variance);
+        let t = mean / sd;
+        if t > CLIPPED {
+            return Count { mean, slope: 1.0, variance, reduction: 1.0 };
+        }
+        let above = 0.5 * libm::erfc(-t / std::f64::consts::SQRT_2);
+        let density = libm::exp(-0.5 * t * t) / libm::sqrt(2.0 * std::f64::consts::PI);
+        let clipped = mean * above + sd * density;
+        let square = (mean * mean + variance) * above + mean * sd * density;
+        // Not less than a hundredth, for weights of pixels that are dark nearly always.
+        let left = (square - clipped * clipped).max(0.01 * variance);
+        Count { mean: clipped, slope: above, variance: left, reduction: variance / left }
+    }
+}
+
 /// All quantities that the fit changes.
 #[derive(Debug, Clone)]
 pub(super) struct State {
@@ -47,6 +80,13 @@ pub(super) struct State {
     pub(super) flux: Vec<f64>,
     /// Variance of counts.
     pub(super) noise: Noise,
+}
+
+impl State {
+    /// Mean background of the particles' windows, counts.
+    pub(super) fn background(&self) -> f64 {
+        self.beads.iter().map(|bead| bead.background).sum::<f64>() / self.beads.len() as f64
+    }
 }
 
 /// Misfit of one window.
@@ -69,4 +109,32 @@ pub(super) struct Misfit {
 pub(super) fn huber(r: f64) -> f64 {
     let size = r.abs();
     if size > HUBER { HUBER * (2.0 * size - HUBER) } else { size * size }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Moments of clipped normal numbers at evenly spaced probabilities.
+    #[test]
+    fn moments_are_those_of_clipped_numbers() {
+        let n = 200_000;
+        for (mean, sd) in [(25.0, 15.0), (3.0, 5.0), (-2.0, 4.0), (0.0, 1.0)] {
+            let (mut sum, mut square, mut weight) = (0.0, 0.0, 0.0);
+            for i in 0..n {
+                let t = 16.0 * (f64::from(i) + 0.5) / f64::from(n) - 8.0;
+                let (w, value) = (libm::exp(-0.5 * t * t), f64::max(mean + sd * t, 0.0));
+                weight += w;
+                sum += w * value;
+                square += w * value * value;
+            }
+            let (first, second) = (sum / weight, square / weight);
+            let count = Count::of(mean, sd * sd);
+            assert!((count.mean - first).abs() < 1e-5 * sd, "{mean} {sd}: {count:?} {first}");
+            let variance = second - first * first;
+            assert!((count.variance / variance - 1.0).abs() < 1e-4, "{mean} {sd}: {count:?} {variance}");
+            let slope = (Count::of(mean + 1e-4, sd * sd).mean - Count::of(mean - 1e-4, sd * sd).mean) / 2e-4;
+            assert!((count.slope - slope).abs() < 1e-6, "{mean} {sd}: {count:?} {slope}");
+        }
+    }
 }

@@ -3,10 +3,10 @@
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Mutex;
-use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::cpu_time::Consumer;
 use super::gray_image::GrayImage;
 use super::output::{DisplacementVector, Output, Row};
 use super::recording::Recording;
@@ -48,7 +48,7 @@ impl<'a> Job<'a> {
         self.log.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner).warnings
     }
 
-    /// Mean and maximum processing time per frame on one thread, s.
+    /// Mean and maximum CPU time per frame, s.
     pub(super) fn frame_seconds(&self) -> Option<(f64, f64)> {
         let seconds = &self.log().seconds;
         let mean = seconds.iter().sum::<f64>() / seconds.len() as f64;
@@ -66,9 +66,9 @@ impl<'a> Job<'a> {
             .par_iter()
             .map(|&item| {
                 self.options.progress.check()?;
-                let start = Instant::now();
+                let start = Consumer::Thread.seconds();
                 let result = work(item)?;
-                self.log().seconds.push(start.elapsed().as_secs_f64());
+                self.log().seconds.push(Consumer::Thread.seconds() - start);
                 bar.inc(1);
                 Ok(result)
             })
@@ -86,9 +86,10 @@ impl<'a> Job<'a> {
         let bar = self.options.progress.images(items.len() as u64);
         let done = items.iter().enumerate().try_for_each(|(k, &item)| {
             self.options.progress.check()?;
-            let start = Instant::now();
+            // All threads work on one item.
+            let start = Consumer::Process.seconds();
             work(k, item)?;
-            self.log().seconds.push(start.elapsed().as_secs_f64());
+            self.log().seconds.push(Consumer::Process.seconds() - start);
             bar.inc(1);
             Ok(())
         });

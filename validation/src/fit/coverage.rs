@@ -6,14 +6,69 @@ use std::fs::OpenOptions;
 use std::path::Path;
 
 use anyhow::Context;
-use fit::{Astigmatic, FitOptions, Given, Scan};
+use fit::{Astigmatic, ExtraParameter, FitOptions, Given, Scan};
 use suite::process::median;
 use suite::scan::SimulatedScan;
 
 use super::quantity::quantities;
 
-/// Cases with rays that can be simulated again.
-const CASES: [&str; 2] = ["a", "b"];
+/// Cases with rays, of the shared scans, that can be traced again; and smaller ones, made from expected images
+/// with the noise of photons.
+const CASES: [&str; 5] = ["clipped", "free", "turned", "a", "b"];
+
+/// Depths of the small scans: number of planes and their distance, um.
+const PLANES: (usize, f64) = (15, 5.0);
+
+/// A scan to be made for each seed.
+struct Case {
+    truth: SimulatedScan,
+    /// Mean numbers of rays, if it is made from expected images.
+    mean_rays: Option<Vec<Vec<f64>>>,
+    free: Vec<ExtraParameter>,
+}
+
+impl Case {
+    fn new(name: &str, own: &Path) -> anyhow::Result<Case> {
+        let mut truth = match name {
+            "turned" | "clipped" | "free" => small(),
+            _ => {
+                let truth = SimulatedScan::read(&own.join(name))?;
+                return Ok(Case { truth, mean_rays: None, free: Vec::new() });
+            }
+        };
+        let mut free = Vec::new();
+        match name {
+            "turned" => {
+                truth.settings.cyl_focal_length = 4000.0;
+                truth.rotation_deg = 25.0;
+                truth.beads.iter_mut().for_each(|bead| bead.z_um -= 12.0);
+            }
+            "clipped" => (truth.settings.background_mean, truth.settings.background_noise) = (4.0, 6.0),
+            _ => free = vec![ExtraParameter::PixelSize, ExtraParameter::RiLens],
+        }
+        let mean_rays = Some(truth.mean_rays()?);
+        Ok(Case { truth, mean_rays, free })
+    }
+
+    fn planes(&self, seed: u64) -> anyhow::Result<Vec<Vec<u16>>> {
+        match &self.mean_rays {
+            Some(mean_rays) => Ok(self.truth.photon_planes(mean_rays, seed)),
+            None => self.truth.planes(seed),
+        }
+    }
+}
+
+/// Two particles on an image of 150 x 80 px.
+fn small() -> SimulatedScan {
+    let mut truth = SimulatedScan::tenfold(PLANES.0, PLANES.1);
+    let settings = &mut truth.settings;
+    (settings.pixel_dim_x, settings.pixel_dim_y) = (150, 80);
+    (settings.background_mean, settings.background_noise, settings.gain) = (100.0, 5.0, 2.0);
+    truth.beads.truncate(2);
+    (truth.beads[0].x_px, truth.beads[0].y_px) = (38.3, 40.2);
+    (truth.beads[1].x_px, truth.beads[1].y_px) = (112.6, 39.7);
+    truth
+}
 
 /// The coverage should lie within these limits.
 const LIMITS: std::ops::RangeInclusive<f64> = 0.85..=1.0;
@@ -33,41 +88,45 @@ pub(super) fn run(own: &Path, seeds: u64, file: &Path) -> anyhow::Result<()> {
     } else {
         std::fs::write(file, "case,seed,quantity,truth,value,sd,covered\n")?;
     }
-    for seed in FIRST_SEED..FIRST_SEED + seeds {
-        for case in CASES {
-            if done.contains(&(case.to_owned(), seed)) {
-                continue;
-            }
-            let truth = SimulatedScan::read(&own.join(case))?;
+    for name in CASES {
+        let missing: Vec<u64> = (FIRST_SEED..FIRST_SEED + seeds)
+            .filter(|seed| !done.contains(&(name.to_owned(), *seed)))
+            .collect();
+        if missing.is_empty() {
+            continue;
+        }
+        let case = Case::new(name, own)?;
+        let truth = &case.truth;
+        for seed in missing {
             let scan = Scan {
                 width: truth.settings.pixel_dim_x as usize,
                 height: truth.settings.pixel_dim_y as usize,
-                planes: truth.planes(seed)?,
+                planes: case.planes(seed)?,
                 stage_um: truth.stage_um.clone(),
                 full_scale: u16::MAX,
                 warnings: Vec::new(),
             };
-            let made = fit::fit(&scan, &options(&truth), &|_| ())
-                .with_context(|| format!("case {case}, seed {seed}"))?;
-            let found = quantities(&truth, &serde_json::to_value(&made.fitted)?);
+            let made = fit::fit(&scan, &options(&case), &|_| ())
+                .with_context(|| format!("case {name}, seed {seed}"))?;
+            let found = quantities(truth, &serde_json::to_value(&made.fitted)?);
             // Appended as a whole, so that an interrupted run leaves no part of a seed.
             let mut rows = csv::Writer::from_writer(Vec::new());
             for q in found.iter().filter(|q| q.counts) {
                 let numbers = [q.truth, q.value, q.sd].map(|v| format!("{v:.6}"));
-                let head = [case.to_owned(), seed.to_string(), q.name.clone()];
+                let head = [name.to_owned(), seed.to_string(), q.name.clone()];
                 rows.write_record(head.into_iter().chain(numbers).chain([q.is_covered().to_string()]))?;
             }
             let mut to = OpenOptions::new().append(true).open(file)?;
             std::io::Write::write_all(&mut to, &rows.into_inner()?)?;
             let covered = found.iter().filter(|q| q.counts && q.is_covered()).count();
             let all = found.iter().filter(|q| q.counts).count();
-            println!("case {case}, seed {seed}: {covered} of {all} intervals cover the truth");
+            println!("case {name}, seed {seed}: {covered} of {all} intervals cover the truth");
         }
     }
     Ok(())
 }
 
-fn options(truth: &SimulatedScan) -> FitOptions {
+fn options(Case { truth, free, .. }: &Case) -> FitOptions {
     FitOptions {
         given: Given {
             magnification: truth.settings.magnification,
@@ -83,7 +142,7 @@ fn options(truth: &SimulatedScan) -> FitOptions {
         half_window: None,
         places_px: None,
         waves: None,
-        free: Vec::new(),
+        free: free.clone(),
         bootstrap: 0,
         seed: 0,
     }

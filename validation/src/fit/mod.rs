@@ -24,7 +24,7 @@ pub(crate) struct Comparison {
     /// after a change of the fit.
     #[arg(long, default_value = "target/fit")]
     out: PathBuf,
-    /// Number of simulated scans of each of the cases a and b.
+    /// Number of simulated scans of each case of the coverage.
     #[arg(long, default_value_t = 40)]
     seeds: u64,
     /// Parts to run; the tables of the others are taken from the output folder.

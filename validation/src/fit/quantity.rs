@@ -50,12 +50,22 @@ pub(super) fn quantities(scan: &SimulatedScan, fit: &Value) -> Vec<Quantity> {
     let mut all = vec![
         parameter("numerical_aperture", na, 5e-3 * na, true),
         parameter("focal_length", f, 1.5e-2 * f, true),
-        parameter("particle_diameter_um", d, 2e-2 * d, false),
+        parameter("particle_diameter_um", d, 2e-2 * d, true),
+        parameter("background_mean", settings.background_mean, 0.5, true),
     ];
     if settings.cyl_focal_length != 0.0 {
         let delta = focus_shift_um(scan);
+        let cylinder = settings.cyl_focal_length;
         all.push(parameter("focus_shift_um", delta, 1e-2 * delta.abs(), true));
-        all.push(parameter("rotation_deg", scan.rotation_deg, 0.3, false));
+        all.push(parameter("cyl_focal_length", cylinder, 2e-2 * cylinder.abs(), true));
+        all.push(parameter("rotation_deg", scan.rotation_deg, 0.3, true));
+    }
+    for (name, truth) in [("pixel_size", settings.pixel_size), ("ri_lens", settings.ri_lens)] {
+        let own = parameter(name, truth, 1e-2 * truth, true);
+        // Otherwise they are given.
+        if own.sd > 0.0 {
+            all.push(own);
+        }
     }
     let plain = |name: &str, truth: f64, value: f64, bar: f64| {
         let (name, interval) = (name.to_owned(), [f64::NAN; 2]);
@@ -105,7 +115,6 @@ pub(super) fn camera(scan: &SimulatedScan, fit: &Value, written: &microsig_core:
     };
     vec![
         plain("gain", truth.gain, gain, 0.1 * truth.gain),
-        plain("background_mean", truth.background_mean, written.background_mean, 0.5),
         plain("background_noise", noise, written.background_noise, 0.03 * noise),
     ]
 }

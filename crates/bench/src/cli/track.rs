@@ -81,8 +81,7 @@ impl Track {
             },
         )?;
         warn(&tracked.warnings, common);
-        let each =
-            tracked.seconds_per_frame.map_or(String::new(), |s| format!(" ({s:.3} s per frame and thread)"));
+        let each = tracked.seconds_per_frame.map_or(String::new(), |s| format!(" ({s:.3} CPU s per frame)"));
         let text = format!(
             "{} rows from {} frames in {:.2} s{each}, in {}; score it with `microsig evaluate {} {}`",
             tracked.rows,

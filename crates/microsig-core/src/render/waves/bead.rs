@@ -36,7 +36,7 @@ pub(super) fn rings(emission: Emission, radius_um: f64, etendue: f64, more: usiz
         }
         Emission::Volume => {
             let depths = libm::ceil(3.0 + etendue) as usize + more;
-            let circles = libm::ceil(2.5 + 0.4 * etendue) as usize + more;
+            let circles = libm::ceil((2.5 + 0.4 * etendue).max(1.2 + 0.55 * etendue)) as usize + more;
             let (nodes, weights) = gauss_legendre_on(-1.0, 1.0, depths);
             let (areas, shares) = gauss_legendre_on(0.0, 1.0, circles);
             let mut rings = Vec::with_capacity(depths * circles);

@@ -34,7 +34,7 @@ const CUT_OF_POINTS: f64 = 0.025;
 
 /// Fraction of the light in neglected modes, relative to the tolerance: initial and minimum value.
 pub(super) const SHARE: f64 = 0.4;
-const MIN_SHARE: f64 = 0.05;
+const MIN_SHARE: f64 = 0.005;
 
 /// The input for building a table.
 pub(super) struct Draft<'a> {
