@@ -9,6 +9,7 @@ pub mod input;
 mod interrupt;
 pub mod journal;
 mod lock;
+pub mod memory;
 pub mod problem;
 mod removal;
 pub mod shown;
