@@ -17,8 +17,13 @@ pub enum Error {
     #[error("{}", .0.join("\n"))]
     Unsupported(Vec<String>),
     /// The output path exists.
-    #[error("{} exists already; --force replaces it", .0.display())]
-    Exists(PathBuf),
+    #[error("{}: {hint}", path.display())]
+    Exists {
+        /// What exists.
+        path: PathBuf,
+        /// What can be done about it.
+        hint: String,
+    },
     /// Another process is writing this folder.
     #[error("{}: {owner} is writing it", path.display())]
     Busy {
@@ -84,6 +89,11 @@ impl Error {
     /// An input error with a single message.
     pub fn input(message: impl Into<String>) -> Self {
         Error::Input(vec![message.into()])
+    }
+
+    /// An existing file that `--force` replaces.
+    pub fn exists(path: &Path) -> Self {
+        Error::Exists { path: path.to_owned(), hint: "exists already; --force replaces it".to_owned() }
     }
 
     /// One message per problem, at most [`MOST_SHOWN`], and how many more there are; problems in a scenario

@@ -247,7 +247,10 @@ mod tests {
         let shown = Problem::other("bad", "is wrong").at(&place).rendered();
         let lines: Vec<&str> = shown.lines().collect();
         assert_eq!(lines[0], "s.ron:2:600001: bad: is wrong");
-        assert_eq!(lines[2], format!("2 | ... {}bad: µ1{} ...", "a: 1, ".repeat(10), &", b: 2".repeat(16)[..93]));
+        assert_eq!(
+            lines[2],
+            format!("2 | ... {}bad: µ1{} ...", "a: 1, ".repeat(10), &", b: 2".repeat(16)[..93])
+        );
         assert_eq!(lines[3].trim_end(), format!("  |     {}^^^^^^^", " ".repeat(60)));
         // A value that goes on beyond the line, or beyond what is shown of it.
         let whole = Place { span: 0..text.len(), ..place.clone() };

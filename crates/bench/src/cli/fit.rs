@@ -13,7 +13,7 @@ use fit::{
 };
 use microsig_core::render::waves::{Emission, Layers, Lens};
 use storage::error::{Error, Result};
-use storage::folder::{Partial, check_replaceable};
+use storage::folder::{Earlier, Partial, check_replaceable};
 
 /// The settings of a real microscope from its calibration scan
 #[derive(Debug, Args)]
@@ -140,8 +140,8 @@ impl Fit {
         if let Some((first, last)) = self.range()? {
             scan = scan.cut(first, last)?;
         }
-        let replace = common.force.then_some("fit.json");
-        check_replaceable(&self.out, replace)?;
+        let earlier = Earlier::new("fit.json", common.force);
+        check_replaceable(&self.out, earlier)?;
         let partial = Partial::start(&self.out)?;
         let spinner = progress(common).spinner("fit");
         let made = fit(&scan, &options, &|what| spinner.set_message(format!("fit: {what}")))?;
@@ -152,7 +152,7 @@ impl Fit {
         for (name, bytes) in &made.files {
             storage::save_bytes(&partial.folder().join(name), bytes)?;
         }
-        partial.finish(replace)?;
+        partial.finish(earlier)?;
         warn(&made.fitted.warnings, common);
         report(&text(&made.fitted, &self.out), &made.fitted, common)?;
         if made.fitted.verdict == Verdict::NotDescribed {

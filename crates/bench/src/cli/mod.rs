@@ -18,6 +18,7 @@ mod output;
 mod release;
 mod render;
 mod schema;
+mod shard;
 mod suite;
 mod sweep;
 mod sweep_scores;

@@ -22,7 +22,7 @@ use generator::runner::{SuiteRecord, SuiteSelection};
 use scenario::{Metric, Size, Split, Suite, SuiteCase, TrackSpec};
 use scoring::evaluate::{EvaluateOptions, Evaluation, evaluate};
 use storage::error::{Error, Result};
-use storage::folder::{Partial, check_replaceable};
+use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::save_bytes;
 
 /// Name of the table of all scores.
@@ -161,7 +161,8 @@ type Scored = (String, std::result::Result<Option<Evaluation>, String>);
 pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<SuiteScores> {
     let record = SuiteRecord::read(datasets)?;
     record.matches(suite, datasets)?;
-    check_replaceable(&options.out, options.force.then_some(SUITE_SCORES))?;
+    let earlier = Earlier::new(SUITE_SCORES, options.force);
+    check_replaceable(&options.out, earlier)?;
     let chosen = SuiteSelection { split: Some(Split::Test), ..options.selection.clone() };
     let cases: Vec<SuiteCase> = chosen.of(suite, record.size)?.into_iter().map(|(case, _)| case).collect();
     let trackers = trackers(&options.results)?;
@@ -192,7 +193,7 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
     let json = serde_json::to_string_pretty(&scores).map_err(|e| Error::input(e.to_string()))?;
     save_bytes(&partial.folder().join(SUITE_SCORES), format!("{json}\n").as_bytes())?;
     save_bytes(&partial.folder().join(PAGE), page(&scores, &Annotations::default())?.as_bytes())?;
-    partial.finish(options.force.then_some(SUITE_SCORES))?;
+    partial.finish(earlier)?;
     Ok(scores)
 }
 
