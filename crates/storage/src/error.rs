@@ -58,8 +58,16 @@ pub enum Error {
     #[error(transparent)]
     Optics(#[from] microsig_core::Error),
     /// An error in a flow, its seeding or a trajectory.
-    #[error(transparent)]
+    #[error("{0}{}", keys_of(.0))]
     Flow(#[from] flows::Error),
+}
+
+/// The keys of a scenario that decide on a trajectory.
+fn keys_of(error: &flows::Error) -> &'static str {
+    match error {
+        flows::Error::Trajectory { .. } => "; see the speeds in motion.flow.field, and the times in timing",
+        _ => "",
+    }
 }
 
 /// Number of problems of which a message shows more than their number.

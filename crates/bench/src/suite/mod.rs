@@ -208,7 +208,7 @@ impl SuiteScores {
     /// # Errors
     /// A file that is none.
     pub fn read(path: &Path) -> Result<Self> {
-        serde_json::from_str(&storage::read_text(path)?)
+        storage::json::parse(&storage::read_text(path)?)
             .map_err(|e| Error::input(format!("{}: {e}", path.display())))
     }
 }

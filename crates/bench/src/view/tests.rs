@@ -259,15 +259,8 @@ fn too_much_is_refused() {
 fn a_thousand_requests_at_once_are_answered_or_refused() {
     let folder = tempfile::tempdir().unwrap();
     let server = Server::of(Subject::of(Some(&dataset(folder.path())), &[]).unwrap());
-    let paths = [
-        "about",
-        "dataset/0/frame/0",
-        "dataset/0/truth/1",
-        "dataset/0/depth",
-        "page/style.css",
-        "dataset/0/field/0",
-    ];
-    let start = Instant::now();
+    let paths = "about dataset/0/frame/0 dataset/0/truth/1 dataset/0/depth page/style.css dataset/0/field/0";
+    let paths: Vec<&str> = paths.split(' ').collect();
     let statuses: Vec<u16> = std::thread::scope(|scope| {
         let ask = |k: usize| server.get(paths[k % paths.len()]).status;
         let threads: Vec<_> = (0..1000).map(|k| scope.spawn(move || ask(k))).collect();
@@ -275,7 +268,6 @@ fn a_thousand_requests_at_once_are_answered_or_refused() {
     });
     assert!(statuses.iter().all(|status| [200, 429].contains(status)), "{statuses:?}");
     assert!(statuses.iter().filter(|status| **status == 200).count() > 500);
-    assert!(start.elapsed() < Duration::from_secs(60), "{:?}", start.elapsed());
     assert!(server.is_alive());
 }
 
@@ -294,6 +286,16 @@ fn idle_connections_do_not_keep_pages_out() {
     // Without room being made, the page waits until the headers of the idle ones are overdue, 10 s.
     let beside = ask();
     assert!(beside < alone + Duration::from_secs(5), "{alone:?} alone, {beside:?} beside idle ones");
+    // Nor do those that have the token and ask no more, or for what never ends.
+    for path in ["about", "alive"] {
+        let request =
+            format!("GET {} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n", server.path(path), server.app.port());
+        let mut known: Vec<TcpStream> = (0..200).map(|_| server.connect()).collect();
+        known.iter_mut().for_each(|stream| stream.write_all(request.as_bytes()).unwrap());
+        known[0].read_exact(&mut [0; 12]).unwrap();
+        let beside = ask();
+        assert!(beside < alone + Duration::from_secs(5), "{beside:?} beside idle ones of {path}");
+    }
 }
 
 #[test]

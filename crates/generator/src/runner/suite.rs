@@ -112,7 +112,7 @@ impl SuiteRecord {
             let hint = format!("has no {RECORD}; expected a folder that `microsig suite generate` has made");
             return Err(Error::input(format!("{}: {hint}", folder.display())));
         }
-        serde_json::from_str(&read_text(&path)?).map_err(|e| Error::input(format!("{}: {e}", path.display())))
+        storage::json::parse(&read_text(&path)?).map_err(|e| Error::input(format!("{}: {e}", path.display())))
     }
 
     /// Refuses a folder of another suite, version or size.
