@@ -19,6 +19,7 @@ mod maxima;
 mod microscope;
 mod motion;
 mod orientation;
+mod packages;
 mod reference;
 mod release;
 mod robust;
