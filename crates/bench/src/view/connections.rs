@@ -117,3 +117,43 @@ impl Connections {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Read, Write};
+    use std::net::TcpStream;
+
+    use super::super::subject::Subject;
+    use super::super::tests::Server;
+    use super::*;
+
+    #[test]
+    fn idle_connections_do_not_keep_pages_out() {
+        let server = Server::of(Subject::default());
+        let ask = || {
+            let start = Instant::now();
+            assert!(server.is_alive());
+            start.elapsed()
+        };
+        let alone = ask();
+        // More than are served at once; some have begun a request.
+        let mut idle: Vec<TcpStream> = (0..300).map(|_| server.connect()).collect();
+        idle.iter_mut().step_by(3).for_each(|stream| stream.write_all(b"GET /").unwrap());
+        // Without room being made, the page waits until the headers of the idle ones are overdue, 10 s.
+        let beside = ask();
+        assert!(beside < alone + Duration::from_secs(5), "{alone:?} alone, {beside:?} beside idle ones");
+        // Nor do those that have the token and ask no more, or for what never ends.
+        for path in ["about", "alive"] {
+            let request = format!(
+                "GET {} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n",
+                server.path(path),
+                server.app.port()
+            );
+            let mut known: Vec<TcpStream> = (0..200).map(|_| server.connect()).collect();
+            known.iter_mut().for_each(|stream| stream.write_all(request.as_bytes()).unwrap());
+            known[0].read_exact(&mut [0; 12]).unwrap();
+            let beside = ask();
+            assert!(beside < alone + Duration::from_secs(5), "{beside:?} beside idle ones of {path}");
+        }
+    }
+}

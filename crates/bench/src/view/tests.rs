@@ -5,7 +5,7 @@ use std::io::{Read, Write};
 use std::net::{Ipv4Addr, Shutdown, TcpStream};
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use serde_json::Value;
 use tokio::net::TcpListener;
@@ -29,8 +29,8 @@ const SCENARIO: &str = r#"(
 )"#;
 
 /// A server that runs until it is dropped.
-struct Server {
-    app: Arc<App>,
+pub(super) struct Server {
+    pub(super) app: Arc<App>,
     _runtime: Runtime,
 }
 
@@ -41,7 +41,7 @@ struct Answer {
 }
 
 impl Server {
-    fn of(subject: Subject) -> Self {
+    pub(super) fn of(subject: Subject) -> Self {
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(2)
             .max_blocking_threads(6)
@@ -54,7 +54,7 @@ impl Server {
         Server { app, _runtime: runtime }
     }
 
-    fn connect(&self) -> TcpStream {
+    pub(super) fn connect(&self) -> TcpStream {
         let stream = TcpStream::connect((Ipv4Addr::LOCALHOST, self.app.port())).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
         stream
@@ -91,7 +91,7 @@ impl Server {
         self.send("GET", &self.path(path), "", "")
     }
 
-    fn path(&self, path: &str) -> String {
+    pub(super) fn path(&self, path: &str) -> String {
         format!("/{}/{path}", self.app.token())
     }
 
@@ -102,7 +102,7 @@ impl Server {
     }
 
     /// Whether it still answers.
-    fn is_alive(&self) -> bool {
+    pub(super) fn is_alive(&self) -> bool {
         self.get("about").status == 200
     }
 }
@@ -272,33 +272,6 @@ fn a_thousand_requests_at_once_are_answered_or_refused() {
 }
 
 #[test]
-fn idle_connections_do_not_keep_pages_out() {
-    let server = Server::of(Subject::default());
-    let ask = || {
-        let start = Instant::now();
-        assert!(server.is_alive());
-        start.elapsed()
-    };
-    let alone = ask();
-    // More than are served at once; some have begun a request.
-    let mut idle: Vec<TcpStream> = (0..300).map(|_| server.connect()).collect();
-    idle.iter_mut().step_by(3).for_each(|stream| stream.write_all(b"GET /").unwrap());
-    // Without room being made, the page waits until the headers of the idle ones are overdue, 10 s.
-    let beside = ask();
-    assert!(beside < alone + Duration::from_secs(5), "{alone:?} alone, {beside:?} beside idle ones");
-    // Nor do those that have the token and ask no more, or for what never ends.
-    for path in ["about", "alive"] {
-        let request =
-            format!("GET {} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n", server.path(path), server.app.port());
-        let mut known: Vec<TcpStream> = (0..200).map(|_| server.connect()).collect();
-        known.iter_mut().for_each(|stream| stream.write_all(request.as_bytes()).unwrap());
-        known[0].read_exact(&mut [0; 12]).unwrap();
-        let beside = ask();
-        assert!(beside < alone + Duration::from_secs(5), "{beside:?} beside idle ones of {path}");
-    }
-}
-
-#[test]
 fn requests_that_end_half_way_harm_nobody() {
     let folder = tempfile::tempdir().unwrap();
     let server = Server::of(Subject::of(Some(&dataset(folder.path())), &[]).unwrap());
@@ -407,6 +380,26 @@ fn scores_are_those_of_evaluate() {
     assert_eq!(server.get("dataset/0/result/0/worst?kind=7").status, 400);
     let entry = server.json("board/0/0");
     assert_eq!(entry["scores"]["detection.f1"], expected["detection"]["f1"]);
+}
+
+#[test]
+fn an_unlinked_result_has_no_switches_and_what_is_missed_comes_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = dataset(folder.path());
+    let table = std::fs::read_to_string(out.join("truth/tracks.csv")).unwrap();
+    let mut result = "frame,x_px,y_px\n0,1,1\n".to_owned();
+    for line in table.lines().skip(2) {
+        let cells: Vec<&str> = line.split(',').collect();
+        result += &format!("{},{},{}\n", cells[0], cells[3], cells[4]);
+    }
+    let path = folder.path().join("mine.csv");
+    std::fs::write(&path, result).unwrap();
+    let server = Server::of(Subject::of(Some(&out), &[path]).unwrap());
+    assert_eq!(server.json("dataset/0/result/0")["is_linked"], false);
+    assert_eq!(server.json("dataset/0/result/0/worst?switches=1")["of"], 0);
+    let kinds = &server.json("dataset/0/result/0/worst?by=0")["columns"]["kind"];
+    let kinds: Vec<u64> = kinds.as_array().unwrap().iter().map(|kind| kind.as_u64().unwrap()).collect();
+    assert_eq!(kinds[..3], [1, 2, 0]);
 }
 
 /// The parts of a preview: their JSON and the lengths of their blocks.
