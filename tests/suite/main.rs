@@ -16,6 +16,7 @@ mod golden;
 mod house;
 mod image_format;
 mod maxima;
+mod messages;
 mod microscope;
 mod motion;
 mod orientation;

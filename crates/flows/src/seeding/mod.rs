@@ -214,6 +214,14 @@ impl Seeding {
         Ok((number / (share * region.volume()), free))
     }
 
+    /// The number of particles whose places are listed; `None` if they are drawn.
+    pub fn listed_places(&self) -> Option<usize> {
+        match &self.number {
+            Number::List(positions) => Some(positions.len()),
+            _ => None,
+        }
+    }
+
     /// The initial particles at `t` (s), those in the view first, drawn from candidates of `density`
     /// (1/um^3); none overlaps a wall.
     pub(crate) fn populate(
