@@ -325,6 +325,27 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     let page = std::fs::read_to_string(out.join("index.html")).unwrap();
     assert!(page.contains("missing") && page.contains("perfect") && !page.contains("<script"), "no scripts");
     assert!(fail(2, &all).contains("exists already"));
+    // What a participant says about a tracker is on the page.
+    let about = results.join("perfect/tracker.json");
+    let said =
+        r#"{"name": "Perfect <2>", "made_for": "PIV in focus", "seconds_per_frame": {"P2/noise_2": 0.125}}"#;
+    std::fs::write(&about, said).unwrap();
+    let again = [&all[..], &["--force"]].concat();
+    run(&again);
+    let page = std::fs::read_to_string(out.join("index.html")).unwrap();
+    for text in ["Perfect &lt;2&gt;", "PIV in focus", "0.125"] {
+        assert!(page.contains(text), "{text}");
+    }
+    for (from, to, expected) in [
+        ("noise_2", "noise_3", "P2/noise_3: expected TRACK/CASE of the suite"),
+        ("0.125", "-1", "P2/noise_2 = -1: expected a time > 0 s"),
+        ("made_for", "purpose", "tracker.json: "),
+    ] {
+        std::fs::write(&about, said.replace(from, to)).unwrap();
+        let message = fail(2, &again);
+        assert!(message.contains("perfect/tracker.json: ") && message.contains(expected), "{message}");
+    }
+    std::fs::remove_file(&about).unwrap();
 
     // The same is told before an upload.
     let mine = results.join("perfect");

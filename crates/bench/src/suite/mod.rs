@@ -6,6 +6,7 @@
 
 mod metrics;
 mod page;
+mod participants;
 mod table;
 
 use std::path::{Path, PathBuf};
@@ -167,6 +168,7 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
     let cases: Vec<SuiteCase> = chosen.of(suite, record.size)?.into_iter().map(|(case, _)| case).collect();
     let trackers = trackers(&options.results)?;
     foreign(suite, record.size, &trackers, &options.results)?;
+    let more = participants::annotations(&options.results, &trackers, &suite.cases(record.size)?)?;
     let partial = Partial::start(&options.out)?;
     let mut all = Vec::new();
     for track in &suite.spec.tracks {
@@ -192,7 +194,7 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
     save_bytes(&partial.folder().join(SUITE_SCORES_CSV), &table::csv(&scores)?)?;
     let json = serde_json::to_string_pretty(&scores).map_err(|e| Error::input(e.to_string()))?;
     save_bytes(&partial.folder().join(SUITE_SCORES), format!("{json}\n").as_bytes())?;
-    save_bytes(&partial.folder().join(PAGE), page(&scores, &Annotations::default())?.as_bytes())?;
+    save_bytes(&partial.folder().join(PAGE), page(&scores, &more)?.as_bytes())?;
     partial.finish(earlier)?;
     Ok(scores)
 }
