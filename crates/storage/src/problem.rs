@@ -63,6 +63,11 @@ impl Place {
         let line_start = text[..start].rfind('\n').map_or(0, |i| i + 1);
         let line_end = text[start..].find('\n').map_or(text.len(), |i| start + i);
         let line_end = if text[..line_end].ends_with('\r') { (line_end - 1).max(start) } else { line_end };
+        let is_long = text[line_start..line_end].char_indices().nth(SHOWN_BEFORE + SHOWN_FROM).is_some();
+        if !is_long {
+            let moved = |at: usize| at.min(line_end) - line_start;
+            return (text[line_start..line_end].to_owned(), moved(start)..moved(end.max(start)));
+        }
         let from = text[line_start..start].char_indices().rev().nth(SHOWN_BEFORE - 1);
         let from = from.map_or(line_start, |(i, _)| line_start + i);
         let to = text[start..line_end].char_indices().nth(SHOWN_FROM);
@@ -200,9 +205,9 @@ impl Problem {
     }
 }
 
-/// Characters of a line that are shown before and from the start of a faulty text.
-const SHOWN_BEFORE: usize = 60;
-const SHOWN_FROM: usize = 100;
+/// Characters of a long line that are shown before and from the start of a faulty text.
+const SHOWN_BEFORE: usize = 42;
+const SHOWN_FROM: usize = 80;
 
 /// Characters of a key or value that a message shows.
 const SHOWN_OF_VALUE: usize = 200;
@@ -249,9 +254,9 @@ mod tests {
         assert_eq!(lines[0], "s.ron:2:600001: bad: is wrong");
         assert_eq!(
             lines[2],
-            format!("2 | ... {}bad: µ1{} ...", "a: 1, ".repeat(10), &", b: 2".repeat(16)[..93])
+            format!("2 | ... {}bad: µ1{} ...", "a: 1, ".repeat(7), &", b: 2".repeat(16)[..73])
         );
-        assert_eq!(lines[3].trim_end(), format!("  |     {}^^^^^^^", " ".repeat(60)));
+        assert_eq!(lines[3].trim_end(), format!("  |     {}^^^^^^^", " ".repeat(42)));
         // A value that goes on beyond the line, or beyond what is shown of it.
         let whole = Place { span: 0..text.len(), ..place.clone() };
         assert!(Problem::other("", "a").at(&whole).rendered().ends_with("1 | (\n  | ^"));
