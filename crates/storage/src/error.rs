@@ -58,7 +58,7 @@ pub enum Error {
     #[error(transparent)]
     Optics(#[from] microsig_core::Error),
     /// An error in a flow, its seeding or a trajectory.
-    #[error("{0}{}", keys_of(.0))]
+    #[error("{error}{keys}", error = .0, keys = keys_of(.0))]
     Flow(#[from] flows::Error),
 }
 

@@ -18,7 +18,7 @@ mod tests;
 use self::spacing::{Spacing, check_room};
 use crate::diameters::Diameters;
 use crate::domain::Domain;
-use crate::error::{ParameterCheck, Result};
+use crate::error::{Error, ParameterCheck, Result};
 use crate::fluid::FluidRegion;
 use crate::region::Region;
 use glam::DVec3;
