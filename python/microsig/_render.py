@@ -29,7 +29,7 @@ def _settings(settings: Settings) -> tuple[str, str]:
     if isinstance(settings, str) and ("\n" in settings or "=" in settings):
         return settings, "settings"
     path = Path(settings)
-    return path.read_text(encoding="utf-8"), str(path)
+    return _microsig.read_settings(path), str(path)
 
 
 def _particles(particles: Any) -> NDArray[np.float64]:

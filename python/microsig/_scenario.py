@@ -60,11 +60,7 @@ def text(
         content, name, folder = scenario, "scenario", Path(".")
     elif isinstance(scenario, (str, os.PathLike)):
         path = Path(scenario)
-        try:
-            content = path.read_text(encoding="utf-8")
-        except UnicodeDecodeError as error:
-            raise ValueError(f"{path}: expected a text in UTF-8, in RON or JSON") from error
-        name, folder = str(path), path.parent
+        content, name, folder = _microsig.read_scenario(path), str(path), path.parent
     else:
         raise TypeError(f"a scenario is a path, a text or a dict, not {type(scenario).__name__}")
     return {

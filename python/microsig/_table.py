@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, KeysView, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,11 @@ if TYPE_CHECKING:
 _PIXELS = ("x_px", "y_px")
 
 
-class Table:
+class Table(dict[str, NDArray[Any]]):
     """A table of a dataset or of a result: columns are NumPy arrays of one length.
+
+    It is a dict of its columns that cannot be changed, so that ``pandas.DataFrame(table)`` and
+    ``polars.DataFrame(table)`` have the same columns and rows; its length is the number of rows.
 
     ``table["x_px"]`` is a column, ``table[mask]`` or ``table[:10]`` are rows, ``len(table)`` is the number of rows,
     ``table.x_px`` is short for ``table["x_px"]``. Whole numbers are int64 (-1 where there is none), numbers float64
@@ -37,16 +40,16 @@ class Table:
         first_pixel: float = 1.0,
     ) -> None:
         """A table of columns (one-dimensional, of one length); raises ValueError if their lengths differ."""
-        self._columns: dict[str, NDArray[Any]] = {}
+        arrays: dict[str, NDArray[Any]] = {}
         for column, values in columns.items():
             array = np.asarray(values)
             if array.ndim != 1:
                 raise ValueError(f"{name}: {column} has shape {array.shape}: expected one dimension")
-            self._columns[column] = array
-        lengths = {len(array) for array in self._columns.values()}
-        if len(lengths) > 1:
-            told = ", ".join(f"{column} {len(array)}" for column, array in self._columns.items())
-            raise ValueError(f"{name}: columns of different lengths: {told}")
+            arrays[column] = array
+        if len({len(array) for array in arrays.values()}) > 1:
+            found = ", ".join(f"{column} {len(array)}" for column, array in arrays.items())
+            raise ValueError(f"{name}: columns of different lengths: {found}")
+        super().__init__(arrays)
         self.name = name
         self.about = about
         self._about = dict(columns_about or {})
@@ -64,101 +67,117 @@ class Table:
     @property
     def columns(self) -> list[str]:
         """Names of the columns."""
-        return list(self._columns)
+        return list(self)
 
     @property
     def units(self) -> dict[str, str]:
         """Units of the columns, empty texts where there is none."""
-        return {column: self._about.get(column, ("", ""))[0] for column in self._columns}
+        return {column: self._about.get(column, ("", ""))[0] for column in self}
 
     @property
     def meanings(self) -> dict[str, str]:
         """What the columns hold."""
-        return {column: self._about.get(column, ("", ""))[1] for column in self._columns}
+        return {column: self._about.get(column, ("", ""))[1] for column in self}
 
     @property
     def first_pixel(self) -> float:
         """Where ``x_px`` and ``y_px`` have the first pixel's center: 1 as on disk, or what :meth:`origin` was told."""
         return self._first_pixel
 
-    def keys(self) -> KeysView[str]:
-        """Names of the columns, as of a dict."""
-        return self._columns.keys()
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._columns)
-
-    def __contains__(self, column: object) -> bool:
-        return column in self._columns
-
     def __len__(self) -> int:
-        return next((len(array) for array in self._columns.values()), 0)
+        return next((len(array) for array in self.values()), 0)
+
+    def __bool__(self) -> bool:
+        """Whether there are columns: one without rows is a table, too."""
+        return bool(self.columns)
 
     def __getitem__(self, key: Any) -> Any:
         """A column (by name: an array), or rows (by number, mask, slice or indices: a table)."""
         if isinstance(key, str):
             try:
-                return self._columns[key]
+                return super().__getitem__(key)
             except KeyError:
-                known = ", ".join(self._columns)
+                known = ", ".join(self)
                 raise KeyError(f"{self.name} has no column {key}; it has {known}") from None
         if isinstance(key, (int, np.integer)):
             if not -len(self) <= key < len(self):
                 raise IndexError(f"{self.name} has no row {key}; it has {len(self)} rows")
             key = slice(int(key), int(key) + 1 or None)
-        return self._with({column: array[key] for column, array in self._columns.items()})
+        return self._with({column: array[key] for column, array in self.items()})
 
     def __getattr__(self, name: str) -> NDArray[Any]:
-        columns: dict[str, NDArray[Any]] = self.__dict__.get("_columns", {})
-        if name in columns:
-            return columns[name]
+        if name in self:
+            return super().__getitem__(name)
         raise AttributeError(f"no column or attribute {name}")
+
+    def _refuse(self, *_: Any, **__: Any) -> NoReturn:
+        raise TypeError(f"{self.name}: tables cannot be changed; to_dict() gives a dict that can")
+
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
+
+    # Tables are compared by identity: comparing arrays gives arrays.
+    __eq__ = object.__eq__
+    __ne__ = object.__ne__
+    __hash__ = object.__hash__  # type: ignore[assignment]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        about = {"name": self.name, "about": self.about, "columns_about": self._about, "first_pixel": self._first_pixel}
+        return _restored, (self.to_dict(), about)
+
+    def copy(self) -> Table:
+        """The table itself, which cannot be changed."""
+        return self
 
     def origin(self, first_pixel: float) -> Table:
         """The same table with the first pixel's center at ``first_pixel`` (0: array indices ``image[y_px, x_px]``)."""
         shift = float(first_pixel) - self._first_pixel
-        moved = {c: array + shift if c in _PIXELS else array for c, array in self._columns.items()}
+        moved = {c: array + shift if c in _PIXELS else array for c, array in self.items()}
         return self._with(moved, float(first_pixel))
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
         """The columns by name."""
-        return dict(self._columns)
+        return dict(self.items())
 
     def to_pandas(self) -> pandas.DataFrame:
         """A pandas data frame of the same columns; raises ImportError without pandas."""
         import pandas
 
-        return pandas.DataFrame(self._columns)
+        return pandas.DataFrame(self.to_dict())
 
     def to_polars(self) -> polars.DataFrame:
         """A polars data frame of the same columns; raises ImportError without polars."""
         import polars
 
-        return polars.DataFrame(self._columns)
+        return polars.DataFrame(self.to_dict())
 
     def __repr__(self) -> str:
         shown = min(len(self), 6)
-        head = [[_cell(array[row]) for row in range(shown)] for array in self._columns.values()]
-        widths = [max(map(len, [name, *cells])) for name, cells in zip(self._columns, head)]
-        lines = ["  ".join(name.rjust(width) for name, width in zip(self._columns, widths))]
+        head = [[_cell(array[row]) for row in range(shown)] for array in self.values()]
+        widths = [max(map(len, [name, *cells])) for name, cells in zip(self, head)]
+        lines = ["  ".join(name.rjust(width) for name, width in zip(self, widths))]
         for row in range(shown):
             lines.append("  ".join(cells[row].rjust(width) for cells, width in zip(head, widths)))
         lines = [line if len(line) <= 150 else line[:147] + "..." for line in lines]
-        return "\n".join([f"{self.name}: {len(self)} rows, {len(self._columns)} columns", *lines])
+        return "\n".join([f"{self.name}: {len(self)} rows, {len(self.columns)} columns", *lines])
 
     def _repr_html_(self) -> str:
         from html import escape
 
         shown = min(len(self), 8)
         head = "".join(
-            f'<th title="{escape(self.meanings[name])}">{escape(name)}</th>' for name in self._columns
+            f'<th title="{escape(self.meanings[name])}">{escape(name)}</th>' for name in self
         )
         rows = "".join(
-            "<tr>" + "".join(f"<td>{escape(_cell(a[row]))}</td>" for a in self._columns.values()) + "</tr>"
+            "<tr>" + "".join(f"<td>{escape(_cell(a[row]))}</td>" for a in self.values()) + "</tr>"
             for row in range(shown)
         )
-        title = f"<p>{escape(self.name)}: {len(self)} rows, {len(self._columns)} columns</p>"
+        title = f"<p>{escape(self.name)}: {len(self)} rows, {len(self.columns)} columns</p>"
         return f"{title}<table><tr>{head}</tr>{rows}</table>"
+
+
+def _restored(columns: dict[str, Any], about: dict[str, Any]) -> Table:
+    """A table from pickle."""
+    return Table(columns, **about)
 
 
 def _cell(value: Any) -> str:

@@ -117,6 +117,12 @@ impl Made {
     }
 }
 
+/// The text of a scenario or sweep: a regular file of at most 16 MB.
+#[pyfunction]
+fn read_scenario(py: Python<'_>, path: PathBuf) -> PyResult<String> {
+    run(py, false, OnInterrupt::Leave, move |_| scenario::read_text(&path))
+}
+
 /// A dataset in memory from a scenario.
 #[pyfunction]
 fn generate(py: Python<'_>, text: ScenarioText, show: bool) -> PyResult<Made> {
@@ -257,6 +263,7 @@ fn copy_dataset(py: Python<'_>, dataset: PathBuf, out: PathBuf, force: bool) -> 
 
 pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Made>()?;
+    module.add_function(wrap_pyfunction!(read_scenario, module)?)?;
     module.add_function(wrap_pyfunction!(generate, module)?)?;
     module.add_function(wrap_pyfunction!(resolve, module)?)?;
     module.add_function(wrap_pyfunction!(manifest, module)?)?;

@@ -58,6 +58,13 @@ fn render<'py>(
     Ok((array(py, image.counts, size)?, warnings))
 }
 
+/// The text of a settings file: a regular file of at most 1 MB.
+#[pyfunction]
+fn read_settings(py: Python<'_>, path: PathBuf) -> PyResult<String> {
+    const MAX_BYTES: u64 = 1_000_000;
+    run(py, false, OnInterrupt::Leave, move |_| storage::input::read_text_up_to(&path, MAX_BYTES))
+}
+
 /// Width and height that a settings file tells, px.
 #[pyfunction]
 fn image_size(py: Python<'_>, settings: PathBuf) -> PyResult<(u32, u32)> {
@@ -70,5 +77,6 @@ fn image_size(py: Python<'_>, settings: PathBuf) -> PyResult<(u32, u32)> {
 
 pub(crate) fn add(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(render, module)?)?;
+    module.add_function(wrap_pyfunction!(read_settings, module)?)?;
     module.add_function(wrap_pyfunction!(image_size, module)?)
 }

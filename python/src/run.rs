@@ -151,7 +151,7 @@ pub(crate) fn raise(error: Error) -> PyErr {
     let text = OPTIONS.iter().fold(text, |text, (option, name)| text.replace(option, name));
     match error {
         Error::Interrupted => PyKeyboardInterrupt::new_err(text),
-        Error::Exists(_) => PyFileExistsError::new_err(text),
+        Error::Exists { .. } => PyFileExistsError::new_err(text),
         Error::Read { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
             PyFileNotFoundError::new_err(text)
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from itertools import islice
 
@@ -130,3 +131,27 @@ def test_samples_are_numbered_from_0_and_have_to_fit_into_memory():
         next(stream.shard(2, 2))
     assert stream.samples(np.int64(3), 2)["index"].tolist() == [3, 4]
     assert [batch["index"].tolist() for batch in islice(stream, 2)] == [[0, 1], [2, 3]]
+
+
+#: Calls that take the path of a text.
+READERS = {
+    "resolve": ms.resolve,
+    "generate": ms.generate,
+    "Stream": ms.Stream,
+    "sweep": ms.sweep,
+    "flow": ms.field,
+    "render": lambda path: ms.render(path, [[1, 1, 0, 2]]),
+}
+
+
+@pytest.mark.parametrize("call", READERS.values(), ids=READERS.keys())
+def test_pipes_devices_folders_and_huge_files_are_refused_at_once(call, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with open(tmp_path / "huge", "wb") as file:
+        # A hole: it takes no space on disk.
+        file.truncate(2**42)
+    says = {"/dev/zero": "device", tmp_path / "pipe": "a pipe", tmp_path: "a folder", tmp_path / "huge": "huge: "}
+    for path, expected in says.items():
+        with pytest.raises(ValueError, match=expected) as raised:
+            call(path)
+        assert str(path) in str(raised.value)

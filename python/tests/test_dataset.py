@@ -132,6 +132,37 @@ def test_tables_have_columns_rows_and_another_origin():
     assert tracks.to_polars().columns == tracks.columns
 
 
+@pytest.mark.parametrize("library", ["pandas", "polars"])
+def test_data_frames_are_made_of_tables_by_their_own_constructors(library):
+    frames = pytest.importorskip(library)
+    tracks = ms.generate(SMALL).tracks
+    for table in (tracks, tracks[tracks["x_px"] > 50], tracks[:0]):
+        frame = frames.DataFrame(table)
+        assert list(frame.columns) == table.columns and frame.shape == (len(table), len(table.columns))
+        for column in table.columns:
+            np.testing.assert_array_equal(frame[column].to_numpy(), table[column])
+        assert frame.equals(getattr(table, f"to_{library}")())
+
+
+def test_tables_are_dicts_that_cannot_be_changed():
+    tracks = ms.generate(SMALL).tracks
+    assert list(tracks.items())[0][0] == tracks.columns[0] and dict(tracks).keys() == tracks.keys()
+    changes = [
+        lambda: tracks.update(a=1),
+        lambda: tracks.__setitem__("a", 1),
+        lambda: tracks.pop("x_px"),
+        lambda: tracks.clear(),
+        lambda: tracks.setdefault("a", 1),
+    ]
+    columns = tracks.columns
+    for change in changes:
+        with pytest.raises(TypeError, match="tables cannot be changed"):
+            change()
+    again = pickle.loads(pickle.dumps(tracks.origin(0)))
+    assert tracks.columns == columns == again.columns and again.units == tracks.units and again.first_pixel == 0
+    np.testing.assert_array_equal(again["x_px"], tracks["x_px"] - 1)
+
+
 @pytest.mark.parametrize(
     ("scenario", "kind", "says"),
     [

@@ -49,7 +49,8 @@ pub fn generate(folder: &Path, name: &str, scenario: &str) -> PathBuf {
     out
 }
 
-fn text(bytes: &[u8]) -> String {
+/// What the command has printed.
+pub fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 

@@ -177,7 +177,7 @@ const OPENING: [&str; 6] = [
     "crates/storage/src/folder.rs",
     "crates/storage/src/journal.rs",
     "crates/storage/src/lock.rs",
-    "crates/generator/src/runner/cost.rs",
+    "crates/storage/src/memory.rs",
     "crates/flows/examples/bars.rs",
 ];
 

@@ -180,8 +180,32 @@ fn train_and_val_are_the_same_every_time_and_test_never_is() {
     ] {
         assert_eq!(read(&c.out, file) == read(&again, file), same, "{file}");
     }
-    assert!(fail(2, &["release", path(&c.dataset), "--out", path(&again)]).contains("exists already"));
-    run(&["release", path(&c.dataset), "--out", path(&again), "--force", "--quiet"]);
+}
+
+/// What has been published stands or falls with the key.
+#[test]
+fn the_key_of_a_challenge_is_replaced_only_by_an_option_of_its_own() {
+    let c = &*CHALLENGE;
+    let place = tempfile::tempdir().unwrap();
+    let out = place.path().join("out");
+    std::fs::create_dir(&out).unwrap();
+    let release = ["release", path(&c.dataset), "--out", path(&out), "--quiet"];
+    run(&release);
+    let files = suite::tree(&out).unwrap();
+    for more in [&[][..], &["--force"], &["--new-keys"]] {
+        let message = fail(2, &[&release[..], more].concat());
+        assert!(message.contains("secret key: --resume leaves it as it is, --force --new-keys"), "{message}");
+    }
+    assert!(run(&[&release[..], &["--resume"]].concat()).contains("is there already"));
+    let other = generate(place.path(), "other", &scenario(SEED + 1));
+    let message = fail(2, &["release", path(&other), "--out", path(&out), "--resume"]);
+    assert!(message.contains("is not made from"), "{message}");
+    let message = fail(2, &[&release[..], &["--resume", "--release-version", "2.0.0"]].concat());
+    assert!(message.contains("is not of version 2.0.0"), "{message}");
+    assert!(suite::tree(&out).unwrap() == files, "nothing has changed");
+    run(&[&release[..], &["--force", "--new-keys"]].concat());
+    let key = "withheld/test/secret_key.txt";
+    assert_ne!(suite::tree(&out).unwrap()[key], files[key]);
 }
 
 /// A submission that contains the truth.

@@ -173,6 +173,34 @@ fn a_released_case_has_the_train_and_val_of_the_suite() {
     assert!(released.keys().eq(own.keys()) && released != own, "the same frames, drawn from a secret key");
 }
 
+/// A run that is killed, and one that the file system stops, are continued; finished challenges stay.
+#[test]
+fn a_release_of_a_suite_continues_and_keeps_its_keys() {
+    let c = &*LITTLE;
+    let place = tempfile::tempdir().unwrap();
+    let out = place.path().join("out");
+    let release = ["suite", "release", path(&c.suite), path(&c.datasets), "--out", path(&out), "--quiet"];
+    let mut killed =
+        suite::microsig::microsig().args(release).stdout(std::process::Stdio::null()).spawn().unwrap();
+    let first = out.join("P2/noise_0.5");
+    while !first.exists() && killed.try_wait().unwrap().is_none() {
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    killed.kill().unwrap();
+    killed.wait().unwrap();
+    let kept = suite::tree(&first).unwrap();
+
+    let message = fail(2, &release);
+    assert!(message.contains("noise_0.5: is a challenge with its secret key: --resume"), "{message}");
+    assert!(fail(2, &[&release[..], &["--force"]].concat()).contains("--force --new-keys"));
+    assert!(run(&[&release[..], &["--resume"]].concat()).contains("2 challenges of suite little 1.0.0, "));
+    assert!(suite::tree(&first).unwrap() == kept, "a finished challenge has kept its key and files");
+    assert!(out.join("P2/noise_2/withheld/test/secret_key.txt").is_file());
+    assert!(run(&[&release[..], &["--resume"]].concat()).contains("0 made now"));
+    run(&[&release[..], &["--force", "--new-keys", "--case", "noise_0.5"]].concat());
+    assert!(suite::tree(&first).unwrap() != kept);
+}
+
 #[test]
 fn what_differs_from_the_frozen_list_is_named() {
     let c = &*LITTLE;
@@ -297,6 +325,27 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     let page = std::fs::read_to_string(out.join("index.html")).unwrap();
     assert!(page.contains("missing") && page.contains("perfect") && !page.contains("<script"), "no scripts");
     assert!(fail(2, &all).contains("exists already"));
+    // What a participant says about a tracker is on the page.
+    let about = results.join("perfect/tracker.json");
+    let said =
+        r#"{"name": "Perfect <2>", "made_for": "PIV in focus", "seconds_per_frame": {"P2/noise_2": 0.125}}"#;
+    std::fs::write(&about, said).unwrap();
+    let again = [&all[..], &["--force"]].concat();
+    run(&again);
+    let page = std::fs::read_to_string(out.join("index.html")).unwrap();
+    for text in ["Perfect &lt;2&gt;", "PIV in focus", "0.125"] {
+        assert!(page.contains(text), "{text}");
+    }
+    for (from, to, expected) in [
+        ("noise_2", "noise_3", "P2/noise_3: expected TRACK/CASE of the suite"),
+        ("0.125", "-1", "P2/noise_2 = -1: expected a time > 0 s"),
+        ("made_for", "purpose", "tracker.json: "),
+    ] {
+        std::fs::write(&about, said.replace(from, to)).unwrap();
+        let message = fail(2, &again);
+        assert!(message.contains("perfect/tracker.json: ") && message.contains(expected), "{message}");
+    }
+    std::fs::remove_file(&about).unwrap();
 
     // The same is told before an upload.
     let mine = results.join("perfect");

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use suite::microsig::{fail, microsig, path, run};
+use suite::microsig::{fail, microsig, path, run, text};
 
 const BASE: &str = r#"(
     name: "base",
@@ -70,15 +70,19 @@ fn shards_and_slurm_tasks_give_the_tree_of_one_run() {
     std::fs::create_dir(&together).unwrap();
     for task in ["10", "12"] {
         let own = place.path().join(format!("task{task}"));
-        let status = microsig()
-            .args(["sweep", path(&sweep), "--out", path(&own)])
+        let output = microsig()
+            .args(["sweep", path(&sweep), "--out", path(&own), "--shard", "slurm", "--quiet", "--json"])
             .env("SLURM_ARRAY_TASK_ID", task)
             .env("SLURM_ARRAY_TASK_MIN", "10")
             .env("SLURM_ARRAY_TASK_STEP", "2")
             .env("SLURM_ARRAY_TASK_COUNT", "2")
-            .status()
+            .output()
             .unwrap();
-        assert!(status.success());
+        assert!(output.status.success());
+        let (said, result) = (text(&output.stderr), text(&output.stdout));
+        let shard = format!("{}/2", if task == "10" { 1 } else { 2 });
+        assert_eq!(said.trim(), format!("shard {shard}"), "a share is announced even with --quiet");
+        assert!(result.contains(&format!("\"shard\":\"{shard}\"")), "{result}");
         for entry in std::fs::read_dir(&own).unwrap() {
             let case = entry.unwrap().path();
             std::fs::rename(&case, together.join(case.file_name().unwrap())).unwrap();
@@ -94,6 +98,33 @@ fn shards_and_slurm_tasks_give_the_tree_of_one_run() {
     let other = fail(2, &["sweep", path(&sweep), "--out", path(&together), "--collect", "--seed", "9"]);
     assert!(other.contains("case_00000/datapackage.json: is of another sweep"), "{other}");
     assert!(tree(&together) == expected, "left as it was");
+}
+
+/// A share that nobody has asked for would pass for the whole.
+#[test]
+fn a_task_of_a_job_array_makes_all_cases_unless_it_is_asked_for_its_share() {
+    let place = tempfile::tempdir().unwrap();
+    let sweep = write(place.path(), SWEEP);
+    let out = place.path().join("out");
+    let mut command = microsig();
+    command
+        .env("SLURM_ARRAY_TASK_ID", "2")
+        .env("SLURM_ARRAY_TASK_MIN", "1")
+        .env("SLURM_ARRAY_TASK_COUNT", "6");
+    let output = command.args(["sweep", path(&sweep), "--out", path(&out)]).output().unwrap();
+    assert!(output.status.success());
+    let (said, result) = (text(&output.stderr), text(&output.stdout));
+    assert!(result.contains("6 of 6 cases done") && !result.contains("shard"), "{result}");
+    assert!(
+        said.contains("one of 6 tasks of a Slurm array and does all of the work; --shard slurm"),
+        "{said}"
+    );
+    let message = fail(2, &["sweep", path(&sweep), "--list", "--shard", "slurm"]);
+    assert!(message.contains("SLURM_ARRAY_TASK_ID is not set"), "{message}");
+    assert!(
+        run(&["sweep", path(&sweep), "--out", path(&out), "--resume", "--shard", "2/6"])
+            .contains(", shard 2/6: 6 of 6 cases done")
+    );
 }
 
 #[test]
@@ -158,7 +189,7 @@ fn a_sweep_leads_to_scores_over_its_axes() {
     run(&[&scored[..], &["--resume", "--shard", "1/1"]].concat());
     let page = std::fs::read_to_string(out.join("comparison/leaderboard.html")).unwrap();
     assert!(page.contains("Scores over the sweep") && page.contains("optics.background_noise"));
-    assert!(page.contains("background_noise 10, number count(2)"));
+    assert!(page.contains("<b>empty</b>: "));
     let board = csv::Reader::from_path(out.join("comparison/leaderboard.csv")).unwrap().into_records();
     assert_eq!(board.count(), 12);
     // The datasets are as they were.

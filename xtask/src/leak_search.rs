@@ -41,6 +41,8 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
     let options = ReleaseOptions {
         out: challenge.clone(),
         force: false,
+        resume: false,
+        new_keys: false,
         val: None,
         test: None,
         test_set: Vec::new(),

@@ -36,6 +36,16 @@ pub enum Error {
     /// Parts that are valid by themselves but cannot be combined.
     #[error("{0}")]
     Misuse(String),
+    /// A particle of a list at a place where none can be.
+    #[error("particle {} of the list at ({}, {}, {}) um: expected {allowed}", .index + 1, .at_um.x, .at_um.y, .at_um.z)]
+    Place {
+        /// Its position in the list, from 0.
+        index: usize,
+        /// Its place, um.
+        at_um: DVec3,
+        /// The allowed places.
+        allowed: &'static str,
+    },
     /// A trajectory that cannot be integrated to its end: the velocity is not finite, or the steps become too
     /// small or too many.
     #[error("trajectory at ({}, {}, {}) um, t = {t_s} s: {reason}", .at_um.x, .at_um.y, .at_um.z)]

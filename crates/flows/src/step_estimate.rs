@@ -5,6 +5,8 @@
 //! steps per unit of |grad u| dt (measured: 9 steps for 20 px along a vortex of 200 um), and near a
 //! discontinuity of the gradient the field limits the step.
 
+use glam::DVec3;
+
 use crate::divergence::lattice;
 use crate::error::{ParameterCheck, Result};
 use crate::field::VelocityField;
@@ -34,9 +36,15 @@ pub fn steps(field: &dyn VelocityField, fluid: &FluidRegion<'_>, t: f64, dt_s: f
     if number > 0.0 { sum / number } else { 0.0 }
 }
 
-/// Checks that trajectories between two frames `dt_s` (s) apart take at most [`MAX_STEPS`] steps on average;
+/// Checks that closed-form trajectories have an end that is a number, and that trajectories between two frames `dt_s` (s) apart take at most [`MAX_STEPS`] steps on average;
 /// `Err` gives the highest speed found.
 pub fn check(field: &dyn VelocityField, fluid: &FluidRegion<'_>, t: f64, dt_s: f64) -> Result<()> {
+    let ends = |x: DVec3| field.flow_map(x, t, t + dt_s).is_none_or(DVec3::is_finite);
+    if let Some(x) = lattice(fluid.domain().region(), NODES).find(|x| fluid.contains(*x, t) && !ends(*x)) {
+        let value = format!("{:e} at ({}, {}, {}) um", field.velocity(x, t).length(), x.x, x.y, x.z);
+        let allowed = format!("speeds at which paths over {dt_s} s have an end");
+        return Err(ParameterCheck("flow").fault("speed_um_s", value, &allowed));
+    }
     let steps = steps(field, fluid, t, dt_s);
     if steps <= MAX_STEPS {
         return Ok(());
@@ -57,7 +65,6 @@ mod tests {
     use crate::domain::{Boundary, Domain};
     use crate::fields::{Poiseuille, PoiseuilleParams, TaylorGreen, TaylorGreenParams};
     use crate::region::Region;
-    use glam::DVec3;
 
     #[test]
     fn hopeless_speeds_are_refused_and_closed_forms_are_free() {

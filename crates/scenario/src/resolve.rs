@@ -389,8 +389,8 @@ fn depth(boundaries: &mut spec::Boundaries, problems: &mut Problems) -> ((f64, f
             format!("({}, {})", z_um.0, z_um.1),
             "two depths in um, the lower one first",
         );
-        // Avoids further problems that follow from this one.
-        z_um = DEFAULT_Z_UM;
+        // Avoids further problems that follow from this one: other depths fit the range that is meant.
+        z_um = if z_um.0 > z_um.1 { (z_um.1, z_um.0) } else { DEFAULT_Z_UM };
     }
     (z_um, face(*boundaries.z.get_or_insert(spec::Boundary::Wall)))
 }

@@ -8,17 +8,22 @@ use crate::problem::Problem;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// Input that cannot be used: one message per problem.
-    #[error("{}", .0.join("\n"))]
+    #[error("{}", first_of(.0, Clone::clone).join("\n"))]
     Input(Vec<String>),
     /// A scenario or sweep that cannot be used: every problem, with its position in the file.
-    #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
+    #[error("{}", first_of(.0, ToString::to_string).join("\n"))]
     Problems(Vec<Problem>),
     /// Valid input that is not implemented: one message per key or option.
     #[error("{}", .0.join("\n"))]
     Unsupported(Vec<String>),
     /// The output path exists.
-    #[error("{} exists already; --force replaces it", .0.display())]
-    Exists(PathBuf),
+    #[error("{}: {hint}", path.display())]
+    Exists {
+        /// What exists.
+        path: PathBuf,
+        /// What can be done about it.
+        hint: String,
+    },
     /// Another process is writing this folder.
     #[error("{}: {owner} is writing it", path.display())]
     Busy {
@@ -53,9 +58,37 @@ pub enum Error {
     #[error(transparent)]
     Optics(#[from] microsig_core::Error),
     /// An error in a flow, its seeding or a trajectory.
-    #[error(transparent)]
+    #[error("{error}{keys}", error = .0, keys = keys_of(.0))]
     Flow(#[from] flows::Error),
 }
+
+/// The keys of a scenario that decide on a trajectory.
+fn keys_of(error: &flows::Error) -> &'static str {
+    match error {
+        flows::Error::Trajectory { .. } => "; see the speeds in motion.flow.field, and the times in timing",
+        _ => "",
+    }
+}
+
+/// Number of problems of which a message shows more than their number.
+pub const MOST_SHOWN: usize = 20;
+
+/// The messages of the first problems, and the number of the others.
+fn first_of<T>(problems: &[T], message: impl Fn(&T) -> String) -> Vec<String> {
+    let mut messages: Vec<String> = problems.iter().take(MOST_SHOWN).map(message).collect();
+    messages.extend(more(problems.len()));
+    messages
+}
+
+/// The sentence about the problems that are not shown, of `all`.
+pub fn more(all: usize) -> Option<String> {
+    let rest = all.checked_sub(MOST_SHOWN).filter(|rest| *rest > 0)?;
+    let at_least = if all >= MOST_COLLECTED { "at least " } else { "" };
+    Some(format!("and {at_least}{rest} more"))
+}
+
+/// Number of problems after which a reader may stop collecting them.
+pub const MOST_COLLECTED: usize = 1_000;
 
 /// Result type of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
@@ -66,10 +99,16 @@ impl Error {
         Error::Input(vec![message.into()])
     }
 
-    /// One message per problem; problems in a scenario file show the line with a caret.
+    /// An existing file that `--force` replaces.
+    pub fn exists(path: &Path) -> Self {
+        Error::Exists { path: path.to_owned(), hint: "exists already; --force replaces it".to_owned() }
+    }
+
+    /// One message per problem, at most [`MOST_SHOWN`], and how many more there are; problems in a scenario
+    /// file show the line with a caret.
     pub fn messages(&self) -> Vec<String> {
         match self {
-            Error::Problems(problems) => problems.iter().map(Problem::rendered).collect(),
+            Error::Problems(problems) => first_of(problems, Problem::rendered),
             other => other.to_string().lines().map(str::to_owned).collect(),
         }
     }

@@ -64,7 +64,7 @@ fn destination(path: &Path, force: bool) -> Result<Destination> {
         return refuse("a device");
     }
     if !force {
-        return Err(Error::Exists(path.to_owned()));
+        return Err(Error::exists(path));
     }
     // Replaces the target of a link and keeps the link.
     let file =
@@ -202,7 +202,7 @@ mod tests {
         symlink(at("file"), at("link")).unwrap();
         symlink(at("nothing"), at("dangling")).unwrap();
         std::fs::create_dir(at("folder")).unwrap();
-        assert!(matches!(save_result(&at("link"), false, b"new"), Err(Error::Exists(_))));
+        assert!(matches!(save_result(&at("link"), false, b"new"), Err(Error::Exists { .. })));
         save_result(&at("link"), true, b"new").unwrap();
         assert!(std::fs::symlink_metadata(at("link")).unwrap().is_symlink());
         assert_eq!(std::fs::read(at("file")).unwrap(), b"new");

@@ -168,28 +168,32 @@ impl Partial {
         &self.before
     }
 
-    /// Syncs the files to disk and renames the folder to its final name. With `replace`, an existing folder
-    /// is replaced if it contains the file `replace` and only files written by microsig.
+    /// Syncs the files to disk and renames the folder to its final name, in place of what `earlier` allows.
     ///
     /// # Errors
     /// As [`check_replaceable`]; an I/O error.
-    pub fn finish(self, replace: Option<&str>) -> Result<()> {
+    pub fn finish(self, earlier: Earlier) -> Result<()> {
         journal::keep_list(&self.partial)?;
-        self.give_name(replace, || Ok(()))
+        self.give_name(earlier, || Ok(()))
     }
 
     /// [`Partial::finish`] for folders that do not keep a journal: datasets, whose checksums list their
     /// files, and images, which are never removed.
-    pub fn finish_without_journal(self, replace: Option<&str>) -> Result<()> {
+    pub fn finish_without_journal(self, earlier: Earlier) -> Result<()> {
         let journal = self.partial.join(JOURNAL);
         // At the last moment: without it an interrupted run is not resumed.
-        self.give_name(replace, || std::fs::remove_file(&journal).map_err(Error::write(&journal)))
+        self.give_name(earlier, || std::fs::remove_file(&journal).map_err(Error::write(&journal)))
     }
 
-    fn give_name(mut self, replace: Option<&str>, last: impl FnOnce() -> Result<()>) -> Result<()> {
-        check_replaceable(&self.path, replace)?;
+    fn give_name(mut self, earlier: Earlier, last: impl FnOnce() -> Result<()>) -> Result<()> {
+        check_replaceable(&self.path, earlier)?;
         sync_below(&self.partial)?;
         last()?;
+        if is_empty(&self.path) {
+            // Who made a folder for the result decided who may read it.
+            let of = std::fs::metadata(&self.path).map_err(Error::write(&self.path))?.permissions();
+            std::fs::set_permissions(&self.partial, of).map_err(Error::write(&self.partial))?;
+        }
         let replaced = replaced_name(&self.path);
         let replaces = self.path.exists();
         if replaces {
@@ -228,31 +232,68 @@ fn sync(path: &Path) {
     let _ = File::open(path).and_then(|file| file.sync_all());
 }
 
-/// Checks that a folder may be created: it does not exist, or `replace` allows its removal.
+/// What may stand where a folder is to be created, besides an empty folder.
+#[derive(Debug, Clone, Copy)]
+pub struct Earlier {
+    /// File by which an earlier result of the same kind is recognized.
+    pub mark: &'static str,
+    /// Whether it is replaced.
+    pub force: bool,
+    /// Whether the verb has `--resume`, which leaves a complete result as it is; for messages.
+    pub resumable: bool,
+}
+
+impl Earlier {
+    /// A result that is recognized by this file, and replaced if `force`.
+    pub fn new(mark: &'static str, force: bool) -> Self {
+        Earlier { mark, force, resumable: false }
+    }
+}
+
+/// Whether a path is a folder without files.
+pub fn is_empty(path: &Path) -> bool {
+    std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none())
+}
+
+/// Checks that a folder may be created: nothing is there, or an empty folder, or an earlier result that is to
+/// be replaced.
 ///
 /// # Errors
-/// [`Error::Exists`] without `replace`; [`Error::Input`] if the existing folder was not written by microsig
-/// or contains foreign files.
-pub fn check_replaceable(path: &Path, replace: Option<&str>) -> Result<()> {
-    if !path.exists() {
-        return Ok(());
-    }
-    let Some(mark) = replace else { return Err(Error::Exists(path.to_owned())) };
-    let is_empty = std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
-    if is_empty {
-        return Ok(());
-    }
-    if !path.join(mark).is_file() {
-        let hint = format!("has no {mark}, so it is not replaced even with --force");
+/// [`Error::Exists`], which says whether `--force` would replace what is there: it does if it was written by
+/// microsig and holds no other files; `.` and `..`, which cannot be replaced from within.
+pub fn check_replaceable(path: &Path, earlier: Earlier) -> Result<()> {
+    let refuse = |hint: String| Err(Error::Exists { path: path.to_owned(), hint });
+    if path.file_name().is_none() {
+        let hint = "expected a folder that can be renamed; give its name, from another folder";
         return Err(Error::input(format!("{}: {hint}", path.display())));
     }
-    plan(path).map(drop)
+    if !path.exists() || is_empty(path) {
+        return Ok(());
+    }
+    if !path.is_dir() {
+        return refuse("is a file; expected a new or empty folder".to_owned());
+    }
+    if !path.join(earlier.mark).is_file() {
+        let hint = "it is not replaced, with or without --force; expected a new or empty folder";
+        return refuse(format!("is not empty and has no {}: {hint}", earlier.mark));
+    }
+    plan(path)?;
+    match (earlier.force, earlier.resumable) {
+        (true, _) => Ok(()),
+        (false, true) => {
+            refuse("exists already; --force replaces it, --resume leaves it if it is the same".to_owned())
+        }
+        (false, false) => refuse("exists already; --force replaces it".to_owned()),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::save_bytes;
     use super::*;
+
+    /// Replaces nothing.
+    const NONE: Earlier = Earlier { mark: "a", force: false, resumable: false };
 
     #[test]
     fn a_folder_has_its_name_only_when_it_is_finished() {
@@ -267,20 +308,55 @@ mod tests {
 
         let partial = Partial::start(&path).unwrap();
         save_bytes(&partial.folder().join("a"), b"1").unwrap();
-        partial.finish(None).unwrap();
+        partial.finish(NONE).unwrap();
         assert_eq!(files_below(&path).unwrap(), [JOURNAL, "a"]);
 
         let other = Partial::start(&path).unwrap();
-        assert!(other.finish(Some("mark")).unwrap_err().to_string().contains("not replaced"));
+        let message = other.finish(Earlier::new("mark", true)).unwrap_err().to_string();
+        assert!(message.ends_with("set.v1: is not empty and has no mark: it is not replaced, with or without --force; expected a new or empty folder"), "{message}");
         assert_eq!(files_below(&path).unwrap(), [JOURNAL, "a"], "nothing was removed");
 
         let again = Partial::start(&path).unwrap();
-        assert!(matches!(again.finish(None), Err(Error::Exists(_))));
+        let message = again.finish(NONE).unwrap_err().to_string();
+        assert!(message.ends_with("set.v1: exists already; --force replaces it"), "{message}");
         assert_eq!(
             std::fs::read_dir(place.path()).unwrap().count(),
             1,
             "no lock, nothing unfinished is left"
         );
+    }
+
+    #[test]
+    fn an_empty_folder_is_as_good_as_none_and_keeps_its_permissions() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("set");
+        std::fs::create_dir(&path).unwrap();
+        #[cfg(unix)]
+        let mode = {
+            use std::os::unix::fs::PermissionsExt;
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o700)).unwrap();
+            |path: &Path| path.metadata().unwrap().permissions().mode() & 0o777
+        };
+        check_replaceable(&path, NONE).unwrap();
+        let partial = Partial::start(&path).unwrap();
+        save_bytes(&partial.folder().join("a"), b"1").unwrap();
+        partial.finish(NONE).unwrap();
+        assert_eq!(files_below(&path).unwrap(), [JOURNAL, "a"]);
+        #[cfg(unix)]
+        assert_eq!(mode(&path), 0o700);
+        assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 1);
+        // What is there decides on the message, not the option.
+        for force in [false, true] {
+            let message = check_replaceable(&path, Earlier::new("b", force)).unwrap_err().to_string();
+            assert!(message.contains("is not empty and has no b"), "{message}");
+            let message =
+                check_replaceable(&path.join("a"), Earlier::new("b", force)).unwrap_err().to_string();
+            assert!(message.contains("a: is a file; expected a new or empty folder"), "{message}");
+            assert!(check_replaceable(Path::new("."), Earlier::new("b", force)).is_err());
+        }
+        let resumable = Earlier { resumable: true, ..NONE };
+        let message = check_replaceable(&path, resumable).unwrap_err().to_string();
+        assert!(message.contains("--force replaces it, --resume leaves it"), "{message}");
     }
 
     #[test]
@@ -291,7 +367,7 @@ mod tests {
             let partial = Partial::start(&path)?;
             std::fs::create_dir(partial.folder().join("images")).unwrap();
             save_bytes(&partial.folder().join("images/a"), content).unwrap();
-            partial.finish(Some("images/a"))
+            partial.finish(Earlier::new("images/a", true))
         };
         make(b"1").unwrap();
         make(b"2").unwrap();
@@ -311,7 +387,7 @@ mod tests {
         let package = place.path().join("package");
         std::fs::create_dir(&package).unwrap();
         std::fs::write(package.join("datapackage.json"), "{}").unwrap();
-        assert!(check_replaceable(&package, Some("datapackage.json")).is_err());
+        assert!(check_replaceable(&package, Earlier::new("datapackage.json", true)).is_err());
     }
 
     #[test]
@@ -321,7 +397,7 @@ mod tests {
         let make = || {
             let partial = Partial::start(&path).unwrap();
             save_bytes(&partial.folder().join("a"), b"1").unwrap();
-            partial.finish(Some("a")).unwrap();
+            partial.finish(Earlier::new("a", true)).unwrap();
         };
         make();
         // A crash between the two renames.

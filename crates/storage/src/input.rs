@@ -8,6 +8,7 @@ use std::io::Read;
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::memory::{free_memory, size_text};
 
 /// Opens a regular file; links are followed.
 ///
@@ -52,13 +53,26 @@ fn regular(path: &Path, of: &Metadata) -> Result<()> {
     Err(Error::input(format!("{}: {what}; expected a regular file", path.display())))
 }
 
+/// Files from this size on are compared with free memory before they are read, bytes.
+const LARGE: u64 = 64 << 20;
+
 /// Reads a regular file.
 ///
 /// # Errors
-/// As [`open`]; a file that cannot be read.
+/// As [`open`]; a file that cannot be read, or that is larger than free memory.
 pub fn read(path: &Path) -> Result<Vec<u8>> {
+    let file = open(path)?;
+    let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
+    if let Some(free) = (size >= LARGE).then(free_memory).flatten().filter(|free| size > *free) {
+        let (size, free) = (size_text(size), size_text(free));
+        return Err(Error::input(format!(
+            "{}: is read into memory and has {size}, but only {free} are free",
+            path.display()
+        )));
+    }
     let mut bytes = Vec::new();
-    open(path)?.read_to_end(&mut bytes).map_err(|e| Error::read(path, e))?;
+    // No more than was measured, should the file grow meanwhile.
+    file.take(size.max(LARGE)).read_to_end(&mut bytes).map_err(|e| Error::read(path, e))?;
     Ok(bytes)
 }
 
@@ -78,7 +92,16 @@ pub fn read_text(path: &Path) -> Result<String> {
 /// # Errors
 /// As [`open`]; a longer file; text that is not UTF-8.
 pub fn read_text_up_to(path: &Path, most: u64) -> Result<String> {
-    text_of(path, open(path)?, most)
+    let file = open(path)?;
+    // Before a gigabyte is read in vain.
+    if file.metadata().is_ok_and(|of| of.len() > most) {
+        return Err(too_long(path, most));
+    }
+    text_of(path, file, most)
+}
+
+fn too_long(path: &Path, most: u64) -> Error {
+    Error::input(format!("{}: larger than {most} bytes", path.display()))
 }
 
 /// [`read_text_up_to`] for an open file.
@@ -86,7 +109,7 @@ pub fn text_of(path: &Path, file: impl Read, most: u64) -> Result<String> {
     let mut bytes = Vec::new();
     file.take(most.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| Error::read(path, e))?;
     if bytes.len() as u64 > most {
-        return Err(Error::input(format!("{}: larger than {most} bytes", path.display())));
+        return Err(too_long(path, most));
     }
     String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
@@ -108,6 +131,17 @@ mod tests {
         assert!(open(place.path()).unwrap_err().to_string().contains("a folder; expected a regular file"));
         std::fs::write(&path, [b'a', 0xff]).unwrap();
         assert!(read_text_up_to(&path, 4).unwrap_err().to_string().contains("byte 1: expected UTF-8"));
+    }
+
+    #[test]
+    fn files_larger_than_memory_are_refused() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("sparse");
+        // A hole: it takes no space on disk.
+        File::create(&path).unwrap().set_len(1 << 43).unwrap();
+        let message = read(&path).unwrap_err().to_string();
+        assert!(message.contains("sparse: is read into memory and has 8796.1 GB, but only"), "{message}");
+        assert!(read_text(&path).unwrap_err().to_string().contains("larger than"));
     }
 
     #[cfg(unix)]

@@ -121,6 +121,20 @@ pub fn clean_up_on_signals() -> Result<()> {
     .map_err(|e| Error::input(format!("signals: {e}")))
 }
 
+/// Lets a file that exceeds the limit of the process (`ulimit -f`) fail as an error with its path, in this
+/// thread and those that it starts: the signal that would end the program without a message is blocked.
+#[cfg(unix)]
+pub fn file_size_limits_are_errors() {
+    use nix::sys::signal::{SigSet, Signal};
+    let signals: SigSet = [Signal::SIGXFSZ].into_iter().collect();
+    // On failure the signal keeps its effect.
+    let _ = signals.thread_block();
+}
+
+/// There is no such signal.
+#[cfg(not(unix))]
+pub fn file_size_limits_are_errors() {}
+
 /// Retries, since other threads may still complete a file while a folder is being emptied.
 fn again(remove: impl Fn() -> Result<()>) -> Result<()> {
     const TRIES: u32 = 20;

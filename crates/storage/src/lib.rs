@@ -8,7 +8,9 @@ pub mod folder;
 pub mod input;
 mod interrupt;
 pub mod journal;
+pub mod json;
 mod lock;
+pub mod memory;
 pub mod problem;
 mod removal;
 pub mod shown;
@@ -19,7 +21,7 @@ mod walk;
 pub use error::{Error, Result};
 pub use file::{may_write, outside_datasets, save, save_bytes, save_private, save_result};
 pub use input::read_text;
-pub use interrupt::{TemporaryFolder, clean_up_on_signals, on_interrupt};
+pub use interrupt::{TemporaryFolder, clean_up_on_signals, file_size_limits_are_errors, on_interrupt};
 
 /// The version of the program.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -1,5 +1,6 @@
 //! Problems in a scenario or an assignment: position, key, value found, values allowed.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
@@ -53,6 +54,28 @@ impl Place {
         let before = &self.source.text[..self.span.start];
         let line_start = before.rfind('\n').map_or(0, |i| i + 1);
         (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
+    }
+
+    /// The part of the line around the start of the place, with an ellipsis where the line is cut, and the
+    /// place in it. Of a place of several lines the first is shown.
+    fn excerpt(&self) -> (String, Range<usize>) {
+        let (text, Range { start, end }) = (&self.source.text, self.span.clone());
+        let line_start = text[..start].rfind('\n').map_or(0, |i| i + 1);
+        let line_end = text[start..].find('\n').map_or(text.len(), |i| start + i);
+        let line_end = if text[..line_end].ends_with('\r') { (line_end - 1).max(start) } else { line_end };
+        let is_long = text[line_start..line_end].char_indices().nth(SHOWN_BEFORE + SHOWN_FROM).is_some();
+        if !is_long {
+            let moved = |at: usize| at.min(line_end) - line_start;
+            return (text[line_start..line_end].to_owned(), moved(start)..moved(end.max(start)));
+        }
+        let from = text[line_start..start].char_indices().rev().nth(SHOWN_BEFORE - 1);
+        let from = from.map_or(line_start, |(i, _)| line_start + i);
+        let to = text[start..line_end].char_indices().nth(SHOWN_FROM);
+        let to = to.map_or(line_end, |(i, _)| start + i);
+        let before = if from > line_start { "... " } else { "" };
+        let after = if to < line_end { " ..." } else { "" };
+        let moved = |at: usize| at.min(to) - from + before.len();
+        (format!("{before}{}{after}", &text[from..to]), moved(start)..moved(end.max(start)))
     }
 }
 
@@ -146,24 +169,25 @@ impl Problem {
     /// The message without the position.
     pub fn message(&self) -> String {
         let Problem { path, fault, .. } = self;
+        let path = clipped(path);
         let in_path = |text: &str| if path.is_empty() { text.to_owned() } else { format!("{path}: {text}") };
         let text = match fault {
-            Fault::Value { found, allowed } if path.is_empty() => format!("{found}: expected {allowed}"),
-            Fault::Value { found, allowed } => format!("{path} = {found}: expected {allowed}"),
+            Fault::Value { found, allowed } if path.is_empty() => {
+                format!("{}: expected {allowed}", clipped(found))
+            }
+            Fault::Value { found, allowed } => format!("{path} = {}: expected {allowed}", clipped(found)),
             Fault::UnknownKey => format!("unknown key `{path}`"),
             Fault::UnknownVariant { found, allowed } => {
-                in_path(&format!("unknown variant `{found}`: expected {allowed}"))
+                // The hint precedes the list of variants, which may be long.
+                let hint = self.hint.as_ref().map_or(String::new(), |hint| format!("{hint} "));
+                return in_path(&format!("unknown variant `{}`: {hint}expected {allowed}", clipped(found)));
             }
             Fault::Missing(key) => in_path(&format!("`{key}` is missing")),
             Fault::Other(text) => in_path(text),
         };
-        match (&self.hint, fault) {
-            // The hint precedes the list of variants, which may be long.
-            (Some(hint), Fault::UnknownVariant { found, allowed }) => {
-                in_path(&format!("unknown variant `{found}`: {hint} expected {allowed}"))
-            }
-            (Some(hint), _) => format!("{text}; {hint}"),
-            (None, _) => text,
+        match &self.hint {
+            Some(hint) => format!("{text}; {hint}"),
+            None => text,
         }
     }
 
@@ -171,12 +195,28 @@ impl Problem {
     pub fn rendered(&self) -> String {
         let title = self.to_string();
         let Some(place) = self.place.as_ref().filter(|place| place.source.is_file) else { return title };
-        // Only the first line of a multi-line value is shown.
-        let end = place.text().find('\n').map_or(place.span.end, |end| place.span.start + end);
-        let snippet = Snippet::source(place.source.text.as_str())
-            .annotation(AnnotationKind::Primary.span(place.span.start..end));
+        let (line, span) = place.excerpt();
+        // The line alone: a renderer that is given all text walks through it for every problem.
+        let snippet = Snippet::source(line.as_str())
+            .line_start(place.line_and_column().0)
+            .annotation(AnnotationKind::Primary.span(span));
         let report = [Level::ERROR.no_name().primary_title(title.as_str()).element(snippet)];
         Renderer::plain().render(&report)
+    }
+}
+
+/// Characters of a long line that are shown before and from the start of a faulty text.
+const SHOWN_BEFORE: usize = 42;
+const SHOWN_FROM: usize = 80;
+
+/// Characters of a key or value that a message shows.
+const SHOWN_OF_VALUE: usize = 200;
+
+/// The text, its end replaced by an ellipsis if it is long.
+fn clipped(text: &str) -> Cow<'_, str> {
+    match text.char_indices().nth(SHOWN_OF_VALUE) {
+        Some((end, _)) => format!("{} ...", &text[..end]).into(),
+        None => text.into(),
     }
 }
 
@@ -196,5 +236,37 @@ impl fmt::Display for Problem {
         let rest =
             prefixes.iter().filter(|_| is_own).find_map(|prefix| message.strip_prefix(prefix.as_str()));
         write!(f, "{name}: {}", rest.unwrap_or(&message))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_a_long_line_the_part_around_the_problem_is_shown() {
+        let text = format!("(\n{}bad: µ1{}\n)", "a: 1, ".repeat(100_000), ", b: 2".repeat(100_000));
+        let start = text.find("bad").unwrap();
+        let source = Arc::new(Source::file("s.ron", &text));
+        let place = Place { source, span: start..start + "bad: µ1".len() };
+        let shown = Problem::other("bad", "is wrong").at(&place).rendered();
+        let lines: Vec<&str> = shown.lines().collect();
+        assert_eq!(lines[0], "s.ron:2:600001: bad: is wrong");
+        assert_eq!(
+            lines[2],
+            format!("2 | ... {}bad: µ1{} ...", "a: 1, ".repeat(7), &", b: 2".repeat(16)[..73])
+        );
+        assert_eq!(lines[3].trim_end(), format!("  |     {}^^^^^^^", " ".repeat(42)));
+        // A value that goes on beyond the line, or beyond what is shown of it.
+        let whole = Place { span: 0..text.len(), ..place.clone() };
+        assert!(Problem::other("", "a").at(&whole).rendered().ends_with("1 | (\n  | ^"));
+        let long = Place { span: start..text.len(), ..place };
+        assert_eq!(Problem::other("", "a").at(&long).rendered().matches('^').count(), SHOWN_FROM);
+    }
+
+    #[test]
+    fn long_names_are_cut() {
+        let message = Problem::unknown_key(&"k".repeat(10_000)).message();
+        assert_eq!(message, format!("unknown key `{} ...`", "k".repeat(200)));
     }
 }

@@ -60,7 +60,7 @@ fn verbs(place: &Path) -> Vec<Verb> {
         verb("sweep, second --resume", owned(&["sweep", &at("sweep.ron")]), "--resume"),
         verb("suite generate, second --resume", suite, "--resume"),
         verb("fit, second --force", fit, "--force"),
-        verb("release, second --force", owned(&["release", &dataset]), "--force"),
+        verb("release, second --force", owned(&["release", &dataset, "--new-keys"]), "--force"),
         verb("evaluate, second --force", scores, "--force"),
         verb("compare, second --force", owned(&["compare", &at("score")]), "--force"),
         Verb {

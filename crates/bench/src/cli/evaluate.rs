@@ -15,7 +15,6 @@ use scoring::evaluate::measurement::RecordingFacts;
 use scoring::evaluate::{EvaluateOptions, evaluate};
 use scoring::results::{self, Conventions, Format, Origin, TrackerResult};
 use storage::error::{Error, Result};
-use storage::outside_datasets;
 
 /// Scores of a tracker's result against the truth
 #[derive(Debug, Args)]
@@ -145,10 +144,9 @@ impl Evaluate {
             seed: common.seed.unwrap_or(0),
         };
         // Checked first, because evaluating may take long.
-        if let Some(out) = self.out.as_ref().filter(|out| out.exists() && !common.force) {
-            return Err(Error::Exists(out.clone()));
+        if let Some(out) = &self.out {
+            report::check(out, common.force)?;
         }
-        self.out.as_deref().map_or(Ok(()), outside_datasets)?;
         let (result, _unpacked) = if SubmissionFiles::are_at(&self.result) {
             let files = self.submission()?;
             warn(&release::validate(&self.dataset, &files)?.warnings, common);

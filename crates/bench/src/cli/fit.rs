@@ -1,5 +1,6 @@
 //! `microsig fit`: fits the settings of a real microscope to its calibration scan.
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
@@ -13,7 +14,7 @@ use fit::{
 };
 use microsig_core::render::waves::{Emission, Layers, Lens};
 use storage::error::{Error, Result};
-use storage::folder::{Partial, check_replaceable};
+use storage::folder::{Earlier, Partial, check_replaceable};
 
 /// The settings of a real microscope from its calibration scan
 #[derive(Debug, Args)]
@@ -128,6 +129,9 @@ enum Flux {
     Model,
 }
 
+/// Pixel sizes of cameras, um, as in scenarios.
+const PIXEL_SIZES_UM: RangeInclusive<f64> = 0.05..=1000.0;
+
 impl Fit {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
         let options = self.options(common.seed.unwrap_or(0))?;
@@ -140,8 +144,8 @@ impl Fit {
         if let Some((first, last)) = self.range()? {
             scan = scan.cut(first, last)?;
         }
-        let replace = common.force.then_some("fit.json");
-        check_replaceable(&self.out, replace)?;
+        let earlier = Earlier::new("fit.json", common.force);
+        check_replaceable(&self.out, earlier)?;
         let partial = Partial::start(&self.out)?;
         let spinner = progress(common).spinner("fit");
         let made = fit(&scan, &options, &|what| spinner.set_message(format!("fit: {what}")))?;
@@ -152,7 +156,7 @@ impl Fit {
         for (name, bytes) in &made.files {
             storage::save_bytes(&partial.folder().join(name), bytes)?;
         }
-        partial.finish(replace)?;
+        partial.finish(earlier)?;
         warn(&made.fitted.warnings, common);
         report(&text(&made.fitted, &self.out), &made.fitted, common)?;
         if made.fitted.verdict == Verdict::NotDescribed {
@@ -169,7 +173,6 @@ impl Fit {
             }
         };
         positive("magnification", self.magnification, 1000.0);
-        positive("pixel-size", self.pixel_size, 1000.0);
         positive("depth-factor", self.depth_factor, 10.0);
         positive("medium", self.medium, 1.4);
         if let Some(diameter) = self.diameter {
@@ -179,6 +182,15 @@ impl Fit {
             let idle = [("wavelength", self.wavelength.is_some()), ("fluid", self.fluid.is_some())];
             let idle = idle.into_iter().filter(|(_, given)| *given);
             problems.extend(idle.map(|(name, _)| format!("--{name}: expected with --model waves only")));
+        }
+        if !PIXEL_SIZES_UM.contains(&self.pixel_size) {
+            // As a scenario answers (`scenario::language::read`).
+            let um = (self.pixel_size * 1e12).round() / 1e6;
+            let hint = format!("; in um, {:e} m is {um}", self.pixel_size);
+            let hint = if PIXEL_SIZES_UM.contains(&um) { hint } else { String::new() };
+            let (least, most) = (PIXEL_SIZES_UM.start(), PIXEL_SIZES_UM.end());
+            let given = self.pixel_size;
+            problems.push(format!("--pixel-size {given}: expected a number, {least} to {most} um{hint}"));
         }
         let mut within = |name: &str, value: f64, least: f64, most: f64| {
             if !(least..=most).contains(&value) {

@@ -18,6 +18,7 @@ mod output;
 mod release;
 mod render;
 mod schema;
+mod shard;
 mod suite;
 mod sweep;
 mod sweep_scores;
@@ -36,9 +37,9 @@ pub use output::printable;
 use serde_json::json;
 
 use generator::runner::Tables;
-use storage::clean_up_on_signals;
 use storage::error::{Error, Result};
 use storage::table_cache::TableFolder;
+use storage::{clean_up_on_signals, file_size_limits_are_errors};
 
 /// Benchmark datasets for defocusing and astigmatic PIV/PTV.
 #[derive(Debug, Parser)]
@@ -162,6 +163,8 @@ fn arguments() -> Cli {
 
 /// The program: reads the arguments, runs the verb, writes errors to standard error, returns the exit code.
 pub fn main() -> ExitCode {
+    // Before any other thread is started.
+    file_size_limits_are_errors();
     match arguments().run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) => {

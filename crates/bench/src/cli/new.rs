@@ -64,7 +64,7 @@ impl New {
         };
         files.push((file.clone(), text.into_bytes()));
         if let Some((existing, _)) = files.iter().find(|(path, _)| path.exists() && !common.force) {
-            return Err(Error::Exists(existing.clone()));
+            return Err(Error::exists(existing));
         }
         for (path, bytes) in &files {
             save_result(path, common.force, bytes)?;

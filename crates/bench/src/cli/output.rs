@@ -46,8 +46,13 @@ pub(super) fn warn(warnings: &[impl Display], common: &Common) {
 /// Prints a note on standard error, unless `--quiet`.
 pub(super) fn say(text: &str, common: &Common) {
     if !common.quiet {
-        let _ = writeln!(std::io::stderr().lock(), "{text}");
+        announce(text);
     }
+}
+
+/// Prints a note on standard error, even with `--quiet`.
+pub(super) fn announce(text: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 
 /// Prints a result: as a sentence, or as one JSON object with `--json`.

@@ -52,6 +52,12 @@ pub(super) struct Release {
     /// Who is cited, `Family, Given` or a group's name; may be given several times
     #[arg(long, value_name = "NAME")]
     creator: Vec<String>,
+    /// Leave a finished release of this dataset as it is
+    #[arg(long)]
+    resume: bool,
+    /// With --force: replace a challenge and draw a new secret key; what has been published of it no longer holds
+    #[arg(long)]
+    new_keys: bool,
     /// Version of the challenge
     #[arg(long, value_name = "TEXT", default_value = "1.0.0")]
     release_version: String,
@@ -69,6 +75,8 @@ impl Release {
             &ReleaseOptions {
                 out: self.out.clone(),
                 force: common.force,
+                resume: self.resume,
+                new_keys: self.new_keys,
                 val: self.val,
                 test: self.test,
                 test_set: self.test_set.clone(),
@@ -80,6 +88,10 @@ impl Release {
                 progress: progress(common),
             },
         )?;
+        let Some(released) = released else {
+            let text = format!("the challenge is there already, in {}", self.out.display());
+            return report(&text, &serde_json::json!({ "out": self.out }), common);
+        };
         warn(&released.warnings, common);
         let [train, val, test] = released.images;
         let text = format!(

@@ -7,10 +7,11 @@ use serde_json::json;
 
 use super::Common;
 use super::output::{progress, report, warn};
+use super::shard::ShardOption;
 use crate::release::{Publication, ReleaseOptions, release};
 use crate::suite::{ScoreOptions, score};
 use generator::runner::{
-    Frozen, Shard, SuiteOptions, SuiteRecord, SuiteSelection, check_suite, generate_suite, same_dataset,
+    Frozen, SuiteOptions, SuiteRecord, SuiteSelection, check_suite, generate_suite, same_dataset,
 };
 use scenario::{Size, Split};
 use storage::error::{Error, Result};
@@ -53,21 +54,17 @@ struct Selection {
     /// Only train, val or test
     #[arg(long, value_name = "SPLIT")]
     split: Option<String>,
-    /// Only every N-th dataset, from the K-th [default: from SLURM_ARRAY_TASK_*, else all]
-    #[arg(long, value_name = "K/N")]
-    shard: Option<String>,
+    #[command(flatten)]
+    shard: ShardOption,
 }
 
 impl Selection {
-    fn read(&self) -> Result<SuiteSelection> {
+    fn read(&self, common: &Common) -> Result<SuiteSelection> {
         Ok(SuiteSelection {
             track: self.track.clone(),
             case: self.case.clone(),
             split: self.split.as_deref().map(Split::parse).transpose()?,
-            shard: match &self.shard {
-                Some(text) => Some(Shard::parse(text)?),
-                None => Shard::of_slurm(|name| std::env::var(name).ok())?,
-            },
+            shard: self.shard.read(common)?,
         })
     }
 }
@@ -156,6 +153,12 @@ struct Release {
     /// Who is cited, `Family, Given` or a group's name; may be given several times
     #[arg(long, value_name = "NAME")]
     creator: Vec<String>,
+    /// Continue an interrupted run: challenges that are finished keep their secret keys
+    #[arg(long)]
+    resume: bool,
+    /// With --force: replace challenges and draw new secret keys; what has been published of them no longer holds
+    #[arg(long)]
+    new_keys: bool,
     /// Also write a bundle for the platform Codabench for each case
     #[arg(long)]
     codabench: bool,
@@ -223,12 +226,14 @@ impl Generate {
         let out = self.out.clone().unwrap_or_else(default);
         let (force, resume, progress) = (common.force, self.resume, progress(common));
         let options = SuiteOptions { out, force, resume, progress };
-        let made = generate_suite(&suite, size, &self.selection.read()?, &options)?;
+        let selection = self.selection.read(common)?;
+        let made = generate_suite(&suite, size, &selection, &options)?;
         let text = format!(
-            "suite {} {}, size {}: {} of {} datasets done, {} failed, {} made now in {:.2} s, in {}",
+            "suite {} {}, size {}{}: {} of {} datasets done, {} failed, {} made now in {:.2} s, in {}",
             suite.spec.name,
             suite.spec.version,
             size.name(),
+            made.shard.in_title(),
             made.done,
             made.cases,
             made.failed,
@@ -249,7 +254,7 @@ impl Check {
         without_seed(common)?;
         let suite = scenario::Suite::open(&self.suite)?;
         let size = Size::parse(&self.size)?;
-        let selection = self.selection.read()?;
+        let selection = self.selection.read(common)?;
         if let Some(folder) = &self.datasets {
             let found = SuiteRecord::read(folder)?;
             found.matches(&suite, folder)?;
@@ -275,10 +280,11 @@ impl Check {
         let folder = self.datasets.as_deref();
         let checked = check_suite(&suite, size, &selection, (folder, Some(&frozen)), &progress(common))?;
         let text = format!(
-            "suite {} {}, size {}: {} datasets checked in {:.2} s, {} differences",
+            "suite {} {}, size {}{}: {} datasets checked in {:.2} s, {} differences",
             suite.spec.name,
             suite.spec.version,
             size.name(),
+            checked.shard.in_title(),
             checked.datasets,
             checked.seconds,
             checked.differences.len()
@@ -384,7 +390,7 @@ impl Release {
             split: Some(Split::Train),
             ..SuiteSelection::default()
         };
-        let mut released = Vec::new();
+        let (mut released, mut made) = (Vec::new(), 0);
         for (case, split) in chosen.of(&suite, record.size)? {
             let out = self.out.join(case.folder());
             let above = out.parent().unwrap_or(&self.out);
@@ -398,6 +404,8 @@ impl Release {
             let options = ReleaseOptions {
                 out,
                 force: common.force,
+                resume: self.resume,
+                new_keys: self.new_keys,
                 val: Some(val),
                 test: Some(test),
                 test_set: Vec::new(),
@@ -409,13 +417,18 @@ impl Release {
                 progress: progress(common),
             };
             let one = release(&self.datasets.join(case.split_folder(split)), &options)?;
+            let Some(one) = one else {
+                released.push(json!({ "out": options.out, "made": false }));
+                continue;
+            };
             let warnings: Vec<String> =
                 one.warnings.iter().map(|warning| format!("{}: {warning}", case.folder())).collect();
             warn(&warnings, common);
-            released.push(one);
+            made += 1;
+            released.push(serde_json::to_value(one).map_err(|e| Error::input(e.to_string()))?);
         }
         let text = format!(
-            "{} challenges of suite {} {}, in {}; publish TRACK/CASE/public, keep TRACK/CASE/withheld to yourself",
+            "{} challenges of suite {} {}, {made} made now, in {}; publish TRACK/CASE/public, keep TRACK/CASE/withheld to yourself",
             released.len(),
             suite.spec.name,
             suite.spec.version,

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Common;
-use super::output::{progress, report, say};
+use super::output::{progress, report};
+use super::shard::ShardOption;
 use super::sweep_scores::SweepScores;
-use generator::runner::{Shard, SweepOptions, collect, sweep};
+use generator::runner::{SweepOptions, collect, sweep};
 use scenario;
 use storage::error::{Error, Result};
 
@@ -25,9 +26,8 @@ pub(super) struct Sweep {
     /// Print the cases of the shard without running them
     #[arg(long)]
     list: bool,
-    /// Run only every N-th case, from the K-th [default: from SLURM_ARRAY_TASK_*, else all]
-    #[arg(long, value_name = "K/N")]
-    shard: Option<String>,
+    #[command(flatten)]
+    shard: ShardOption,
     /// Continue an interrupted run; failed cases are tried again
     #[arg(long)]
     resume: bool,
@@ -52,17 +52,15 @@ impl Sweep {
         if self.collect {
             return collected(&plan, &out, common);
         }
-        let shard = self.shard()?;
-        if shard != Shard::ALL {
-            say(&format!("shard {shard}"), common);
-        }
+        let shard = self.shard.read(common)?;
         // Files are relative to the base scenario, which may be in another folder.
         let inputs = folder.join(&plan.spec.base).parent().unwrap_or(folder).to_owned();
         let (force, resume, progress) = (common.force, self.resume, progress(common));
         let swept = sweep(&plan, &SweepOptions { out, inputs, shard, force, resume, progress })?;
         let text = format!(
-            "sweep {}: {} of {} cases done, {} failed, {} made now in {:.2} s, in {}",
+            "sweep {}{}: {} of {} cases done, {} failed, {} made now in {:.2} s, in {}",
             plan.spec.name,
+            shard.in_title(),
             swept.done,
             swept.cases,
             swept.failed,
@@ -78,15 +76,8 @@ impl Sweep {
         Ok(())
     }
 
-    fn shard(&self) -> Result<Shard> {
-        match &self.shard {
-            Some(text) => Shard::parse(text),
-            None => Ok(Shard::of_slurm(|name| std::env::var(name).ok())?.unwrap_or(Shard::ALL)),
-        }
-    }
-
     fn list(&self, plan: &scenario::Sweep, common: &Common) -> Result<()> {
-        let shard = self.shard()?;
+        let shard = self.shard.read(common)?;
         let cases: Vec<&scenario::Case> = plan.cases.iter().filter(|case| shard.has(case.index)).collect();
         let line = |c: &&scenario::Case| {
             let values = plan.spec.axes.iter().zip(&c.values).map(|(a, v)| format!("{}={v}", a.path));

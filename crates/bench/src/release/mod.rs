@@ -20,6 +20,7 @@
 
 mod about;
 mod codabench;
+mod existing;
 mod overlap;
 pub(crate) mod package;
 mod splits;
@@ -44,7 +45,7 @@ use scenario::license::LICENSE;
 use splits::Train;
 use storage::checksums::{self, SHA256SUMS};
 use storage::error::{Error, Result};
-use storage::folder::{Partial, check_replaceable};
+use storage::folder::{Earlier, Partial};
 use storage::save_bytes;
 
 /// Options of a release.
@@ -52,8 +53,12 @@ use storage::save_bytes;
 pub struct ReleaseOptions {
     /// The release's folder.
     pub out: PathBuf,
-    /// Whether to replace an existing release.
+    /// Whether to replace an existing release, which also takes `new_keys`.
     pub force: bool,
+    /// Whether to leave an existing release of the same dataset as it is.
+    pub resume: bool,
+    /// Whether `force` may also replace the secret key of an existing release.
+    pub new_keys: bool,
     /// Number of pairs or frames of the validation split; `None`: as many as the dataset has.
     pub val: Option<u32>,
     /// Number of pairs or frames of the test split; `None`: as many as the dataset has.
@@ -103,14 +108,16 @@ pub const SALT: &str = "salt.bin";
 /// File by which a folder is recognized as a release.
 const MARK: &str = "public/commitment.sha256";
 
-/// Creates the release, atomically.
+/// Creates the release, atomically; `None` if it is to be resumed but is already finished.
 ///
 /// # Errors
-/// A dataset that does not verify or whose truth cannot be hidden; an existing release, unless `force`; an
-/// I/O error.
-pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Released> {
+/// A dataset that does not verify or whose truth cannot be hidden; an existing release, unless `resume`, or
+/// `force` and `new_keys`; an I/O error.
+pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Released>> {
     let start = Instant::now();
-    check_replaceable(&options.out, options.force.then_some(MARK))?;
+    if existing::is_there(dataset, options)? {
+        return Ok(None);
+    }
     let train = Train::open(dataset)?;
     let (val, test) = (train.val(dataset, options)?, train.test(dataset, options)?);
     let name = &train.scenario.spec.name;
@@ -156,7 +163,7 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Released> {
     }
     save_bytes(&withheld.join("README.md"), about.withheld().as_bytes())?;
     publish(&public, &about)?;
-    partial.finish(options.force.then_some(MARK))?;
+    partial.finish(Earlier::new(MARK, options.force && options.new_keys))?;
     let mut warnings = Vec::new();
     if options.fields && is_flow_known {
         warnings.push(
@@ -171,7 +178,7 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Released> {
                 .to_owned(),
         );
     }
-    Ok(Released {
+    Ok(Some(Released {
         out: options.out.clone(),
         name: name.clone(),
         scored,
@@ -179,7 +186,7 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Released> {
         images: [&train.scenario, &val, &test].map(|s| s.recordings.frames()),
         commitment,
         seconds: start.elapsed().as_secs_f64(),
-    })
+    }))
 }
 
 /// Compares the truths of train and test: if their particles share more than statistics, a challenge can be

@@ -3,8 +3,9 @@
 //! Archives are reproducible: entries are sorted, have a fixed date (1 January 1980, the earliest in zip) and
 //! mode, and are compressed by the same code on every platform.
 
+use std::cell::Cell;
 use std::collections::BTreeMap;
-use std::io::{Cursor, Seek, Write};
+use std::io::{self, Cursor, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use zip::write::SimpleFileOptions;
@@ -76,8 +77,12 @@ impl Package {
     fn zip_into(&self, writer: impl Write + Seek, root: &str, out: &Path) -> Result<()> {
         let above = if root.is_empty() { String::new() } else { format!("{root}/") };
         let failed = |e: zip::result::ZipError| Error::write(out)(e.into());
-        let mut zip = ZipWriter::new(writer);
+        let error = Cell::new(None);
+        let mut zip = ZipWriter::new(Postponed { writer, at: 0, end: 0, error: &error });
         for (path, content) in &self.files {
+            if let Some(error) = error.take() {
+                return Err(Error::write(out)(error));
+            }
             let size = match content {
                 Content::File(path) => std::fs::metadata(path).map_err(|e| Error::read(path, e))?.len(),
                 Content::Bytes(bytes) => bytes.len() as u64,
@@ -98,7 +103,7 @@ impl Package {
             }
         }
         zip.finish().map_err(failed)?;
-        Ok(())
+        error.take().map_or(Ok(()), |error| Err(Error::write(out)(error)))
     }
 
     /// Writes the files added by [`Package::write`] into a folder.
@@ -109,5 +114,96 @@ impl Package {
             }
         }
         Ok(())
+    }
+}
+
+/// Writes until the first error, which it keeps, and then pretends to. A [`ZipWriter`] that meets an error
+/// writes to standard error about it when it is dropped.
+struct Postponed<'e, W> {
+    writer: W,
+    /// Position and length.
+    at: u64,
+    end: u64,
+    error: &'e Cell<Option<io::Error>>,
+}
+
+impl<W> Postponed<'_, W> {
+    /// Does something unless there was an error before.
+    fn attempt<T>(&mut self, action: impl FnOnce(&mut W) -> io::Result<T>) {
+        let before = self.error.take();
+        let error = if before.is_some() { before } else { action(&mut self.writer).err() };
+        self.error.set(error);
+    }
+}
+
+impl<W: Write> Write for Postponed<'_, W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.attempt(|writer| writer.write_all(bytes));
+        self.at += bytes.len() as u64;
+        self.end = self.end.max(self.at);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.attempt(Write::flush);
+        Ok(())
+    }
+}
+
+impl<W: Seek> Seek for Postponed<'_, W> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let moved = match to {
+            SeekFrom::Start(at) => Some(at),
+            SeekFrom::Current(by) => self.at.checked_add_signed(by),
+            SeekFrom::End(by) => self.end.checked_add_signed(by),
+        };
+        self.at = moved.ok_or(io::ErrorKind::InvalidInput)?;
+        let at = self.at;
+        self.attempt(|writer| writer.seek(SeekFrom::Start(at)));
+        Ok(at)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A disk with room for so many bytes.
+    struct Full(Cursor<Vec<u8>>, usize);
+
+    impl Write for Full {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            if self.0.get_ref().len() + bytes.len() > self.1 {
+                return Err(io::ErrorKind::StorageFull.into());
+            }
+            self.0.write(bytes)
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Seek for Full {
+        fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+            self.0.seek(to)
+        }
+    }
+
+    #[test]
+    fn wherever_an_archive_does_not_fit_the_error_is_that_of_the_disk() {
+        let mut package = Package::default();
+        package.write("a", vec![7; 100]);
+        package.write("b", (0..=255).cycle().take(3000).collect::<Vec<u8>>());
+        let whole = package.zipped("x.zip").unwrap();
+        let mut disk = Full(Cursor::default(), whole.len());
+        package.zip_into(&mut disk, "", Path::new("x.zip")).unwrap();
+        assert!(disk.0.into_inner() == whole);
+        for room in 0..whole.len() {
+            let disk = Full(Cursor::default(), room);
+            let error = package.zip_into(disk, "", Path::new("x.zip")).unwrap_err();
+            let is_full = |source: &io::Error| source.kind() == io::ErrorKind::StorageFull;
+            assert!(matches!(&error, Error::Write { source, .. } if is_full(source)), "{room}: {error}");
+        }
     }
 }

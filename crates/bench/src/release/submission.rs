@@ -66,8 +66,8 @@ impl Submission {
     ///
     /// # Errors
     /// Invalid JSON, unknown or missing keys, wrong types.
-    pub fn parse(text: &str) -> std::result::Result<Self, serde_json::Error> {
-        serde_json::from_str(text)
+    pub fn parse(text: &str) -> std::result::Result<Self, String> {
+        storage::json::parse(text)
     }
 }
 
@@ -102,6 +102,8 @@ pub struct Validated {
 /// The files of a submission; archives are unpacked into a temporary folder.
 #[derive(Debug)]
 pub struct SubmissionFiles {
+    /// The path that was given.
+    given: PathBuf,
     folder: PathBuf,
     _unpacked: Option<TemporaryFolder>,
 }
@@ -120,7 +122,8 @@ impl SubmissionFiles {
     pub fn open(path: &Path, limits: Limits) -> Result<Self> {
         if path.is_dir() {
             only_regular(path)?;
-            return Ok(SubmissionFiles { folder: path.to_owned(), _unpacked: None });
+            let given = path.to_owned();
+            return Ok(SubmissionFiles { folder: given.clone(), given, _unpacked: None });
         }
         let wrong = |what: String| Error::input(format!("{}: {what}", path.display()));
         let mut archive = zip::ZipArchive::new(input::open(path)?)
@@ -149,7 +152,8 @@ impl SubmissionFiles {
                 return Err(wrong(format!("{name} is larger than {most} bytes, the limit for this dataset")));
             }
         }
-        Ok(SubmissionFiles { folder: place.path().to_owned(), _unpacked: Some(place) })
+        let given = path.to_owned();
+        Ok(SubmissionFiles { given, folder: place.path().to_owned(), _unpacked: Some(place) })
     }
 
     /// The file with the points or vectors.
@@ -201,8 +205,8 @@ pub fn limits(test: &Path) -> Result<Limits> {
     measurement::limits(test, &of_manifest(test)?)
 }
 
-/// Validates a submission for a test split, without the truth. Messages contain paths relative to the
-/// submission.
+/// Validates a submission for a test split, without the truth. Messages begin with the path that was given;
+/// of an archive the files' names in it follow.
 ///
 /// # Errors
 /// [`Error::Input`] with every problem, with line numbers.
@@ -215,8 +219,8 @@ pub fn validate(test: &Path, files: &SubmissionFiles) -> Result<Validated> {
             Ok(Validated { submission, kind, rows, warnings })
         }
         _ => {
-            let prefix = format!("{}/", files.folder.display());
-            Err(Error::Input(problems.iter().map(|p| p.replace(&prefix, "")).collect()))
+            let (unpacked, given) = (files.folder.display().to_string(), files.given.display().to_string());
+            Err(Error::Input(problems.iter().map(|p| p.replace(&unpacked, &given)).collect()))
         }
     }
 }

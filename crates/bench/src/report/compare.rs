@@ -26,7 +26,7 @@ use super::table::number;
 use scoring::evaluate::curves::Bin;
 use scoring::evaluate::{Score, UnitScores};
 use storage::error::{Error, Result};
-use storage::folder::Partial;
+use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::shown::cell;
 use storage::{outside_datasets, save_bytes};
 
@@ -49,16 +49,15 @@ pub struct Comparison {
 /// # Errors
 /// Files that are not scores; an existing folder, unless `force`; an I/O error.
 pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Comparison> {
-    if out.exists() && !force {
-        return Err(Error::Exists(out.to_owned()));
-    }
+    let earlier = Earlier::new("leaderboard.csv", force);
+    check_replaceable(out, earlier)?;
     outside_datasets(out)?;
     let Ranking { scores, entries, warnings, text } = ranking(named(paths)?)?;
     let partial = Partial::start(out)?;
     save_bytes(&partial.folder().join("leaderboard.csv"), &leaderboard_csv(&entries)?)?;
     save_bytes(&partial.folder().join("curves.csv"), &curves_csv(&scores)?)?;
     save_bytes(&partial.folder().join("leaderboard.html"), page(&scores, &warnings)?.as_bytes())?;
-    partial.finish(force.then_some("leaderboard.csv"))?;
+    partial.finish(earlier)?;
     Ok(Comparison { entries, warnings, out: out.to_owned(), text })
 }
 

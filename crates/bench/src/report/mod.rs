@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 
 use scoring::evaluate::Evaluation;
 use storage::error::{Error, Result};
-use storage::folder::{Partial, check_replaceable};
+use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::{outside_datasets, save_bytes};
 
 pub use compare::{Comparison, Named, Ranking, compare, ranking};
@@ -38,6 +38,17 @@ pub use table::table;
 /// The report's file.
 const REPORT: &str = "report.html";
 
+/// Checks that the files of an evaluation may be written into a folder.
+///
+/// # Errors
+/// A folder in a dataset; an existing one, unless `force` replaces it.
+pub fn check(out: &Path, force: bool) -> Result<Earlier> {
+    let earlier = Earlier::new(SCORE, force);
+    outside_datasets(out)?;
+    check_replaceable(out, earlier)?;
+    Ok(earlier)
+}
+
 /// Writes the folder of an evaluation: `score.json`, `units.json`, `per_frame.csv`, `curves.csv`, `matches.csv` of
 /// particles, `vectors.csv` of a field, and `report.html` if asked for.
 ///
@@ -47,12 +58,10 @@ const REPORT: &str = "report.html";
 /// # Errors
 /// An existing folder, unless `force`; an I/O error.
 pub fn write(out: &Path, evaluation: &Evaluation, html: bool, force: bool) -> Result<Vec<PathBuf>> {
-    let replace = force.then_some(SCORE);
-    outside_datasets(out)?;
-    check_replaceable(out, replace)?;
+    let earlier = check(out, force)?;
     let partial = Partial::start(out)?;
     let names = write_into(partial.folder(), evaluation, html)?;
-    partial.finish(replace)?;
+    partial.finish(earlier)?;
     Ok(names.iter().map(|n| out.join(n)).collect())
 }
 

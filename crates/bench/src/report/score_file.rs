@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use serde_json::Value;
-use serde_path_to_error::Segment;
 
 use super::files::{SCORE, UNITS};
 use scoring::evaluate::curves::NEIGHBOR_PX;
@@ -11,6 +10,7 @@ use scoring::evaluate::score_keys::beyond_ranges;
 use scoring::evaluate::{Score, UnitScores};
 use storage::error::{Error, Result};
 use storage::input;
+use storage::json::mistyped;
 
 /// Largest score file accepted, bytes; the largest known ones are less than a tenth of this.
 const LARGEST: u64 = 64 << 20;
@@ -79,24 +79,6 @@ pub fn parse(text: &str) -> std::result::Result<Score, Vec<String>> {
         NEIGHBOR_PX.clone_into(&mut curve.against);
     }
     Ok(score)
-}
-
-/// Message for a value of the wrong type: path, value and expected type.
-fn mistyped(whole: &Value, error: &serde_path_to_error::Error<serde_json::Error>) -> String {
-    let mut value = Some(whole);
-    for segment in error.path() {
-        value = value.and_then(|v| match segment {
-            Segment::Seq { index } => v.get(index),
-            Segment::Map { key } => v.get(key),
-            _ => None,
-        });
-    }
-    let reason = error.inner().to_string();
-    let expected = reason.split_once("expected ").map_or(reason.as_str(), |(_, expected)| expected);
-    match value {
-        Some(value) => format!("{} = {value}: expected {expected}", error.path()),
-        None => format!("{}: {reason}", error.path()),
-    }
 }
 
 #[cfg(test)]

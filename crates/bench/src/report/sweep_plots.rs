@@ -4,11 +4,12 @@
 //! standard deviation, and each is a faint dot. A score without repetitions has its own 95 % interval as bar.
 
 use std::cmp::Ordering;
+use std::collections::BTreeSet;
 
 use maud::Markup;
 use serde_json::Value;
 
-use super::figure::{figure_of, names};
+use super::figure::{figure_by_group, names};
 use super::leaderboard::{Entry, axis_text, order_of_axes};
 use super::log_axis::is_logarithmic;
 use super::plots::{AxisLabels, Series, lines, lines_over_log};
@@ -48,12 +49,15 @@ pub(super) fn axis_plots(entries: &[&Entry]) -> Result<Vec<Markup>> {
 
 /// The scores of a tracker over an axis.
 struct Line<'a> {
-    name: String,
+    tracker: String,
+    /// Values of the other axes.
+    fixed: String,
     /// Values of the axis, rising, each with its repetitions.
     points: Vec<(f64, Vec<&'a Entry>)>,
 }
 
 fn lines_over<'a>(axis: &str, entries: &[&'a Entry]) -> Vec<Line<'a>> {
+    let keys: BTreeSet<&str> = entries.iter().flat_map(|e| e.axes.keys().map(String::as_str)).collect();
     let number = |e: &Entry| e.axes.get(axis).and_then(Value::as_f64);
     let mut placed: Vec<(f64, String, &Entry)> =
         entries.iter().filter_map(|e| Some((number(e)?, tracker(e), *e))).collect();
@@ -68,13 +72,25 @@ fn lines_over<'a>(axis: &str, entries: &[&'a Entry]) -> Vec<Line<'a>> {
     let of_line = |line: &[(f64, String, &'a Entry)]| {
         let (_, tracker, first) = &line[0];
         let fixed = first.axes.iter().filter(|(other, _)| *other != axis);
-        let fixed =
-            fixed.map(|(other, v)| format!("{} {}", other.rsplit('.').next().unwrap_or(other), axis_text(v)));
-        let name = std::iter::once(tracker.clone()).chain(fixed).collect::<Vec<_>>().join(", ");
+        let fixed = fixed.map(|(other, v)| format!("{} = {}", short(other, &keys), axis_text(v)));
+        let fixed = fixed.collect::<Vec<_>>().join(", ");
         let points = line.chunk_by(|a, b| a.0.total_cmp(&b.0).is_eq());
-        Line { name, points: points.map(|same| (same[0].0, same.iter().map(|p| p.2).collect())).collect() }
+        let points = points.map(|same| (same[0].0, same.iter().map(|p| p.2).collect())).collect();
+        Line { tracker: tracker.clone(), fixed, points }
     };
     placed.chunk_by(same_line).map(of_line).collect()
+}
+
+/// The end of a key's path that tells it from other keys, at least its last part.
+fn short<'k>(key: &'k str, all: &BTreeSet<&str>) -> &'k str {
+    let ends = key.rmatch_indices('.').map(|(at, _)| &key[at + 1..]);
+    let is_own = |end: &&str| {
+        all.iter()
+            .filter(|other| other.strip_suffix(*end).is_some_and(|a| a.is_empty() || a.ends_with('.')))
+            .count()
+            < 2
+    };
+    ends.into_iter().find(is_own).unwrap_or(key)
 }
 
 /// Name of the tracker: the name of the score without the sweep case.
@@ -92,6 +108,9 @@ fn plot(x: &str, on_axis: &[Line<'_>], (y, value, has_interval): Quantity) -> Re
     let (least, most) = counts.filter(|n| *n > 0).fold((usize::MAX, 0), |(a, b), n| (a.min(n), b.max(n)));
     let mut series: Vec<Series> =
         on_axis.iter().map(|line| series(line, value, has_interval, most > 1)).collect();
+    let mut trackers: Vec<&str> = on_axis.iter().map(|line| line.tracker.as_str()).collect();
+    let mut drawn = series.iter().map(Series::has_points);
+    trackers.retain(|_| drawn.next() == Some(true));
     series.retain(Series::has_points);
     if series.is_empty() {
         return Ok(None);
@@ -112,7 +131,7 @@ fn plot(x: &str, on_axis: &[Line<'_>], (y, value, has_interval): Quantity) -> Re
     }
     caption += ".";
     caption[..1].make_ascii_uppercase();
-    Ok(Some(figure_of(svg, &names(&series), &caption)))
+    Ok(Some(figure_by_group(svg, &trackers, &names(&series), &caption)))
 }
 
 fn series(
@@ -122,7 +141,7 @@ fn series(
     has_repetitions: bool,
 ) -> Series {
     const NONE: (f64, f64) = (f64::NAN, f64::NAN);
-    let mut drawn = Series::new(&line.name, Vec::new());
+    let mut drawn = Series::new(&line.fixed, Vec::new());
     for (x, same) in &line.points {
         let values: Vec<f64> = same.iter().filter_map(|e| value(e)).collect();
         let of = Errors::of(values.iter().copied());
@@ -197,8 +216,30 @@ mod tests {
             |noise: f64| entry("ncc/case_0", 0.5, &[("o.noise", noise.into()), ("n.count", 16.0.into())]);
         let entries = values.map(of);
         let on_axis = lines_over("n.count", &entries.iter().collect::<Vec<_>>());
-        let names: Vec<&str> = on_axis.iter().map(|line| line.name.as_str()).collect();
-        assert_eq!(names, ["ncc, noise 0", "ncc, noise 20", "ncc, noise 100", "ncc, noise 400"]);
+        let fixed: Vec<&str> = on_axis.iter().map(|line| line.fixed.as_str()).collect();
+        assert_eq!(fixed, ["noise = 0", "noise = 20", "noise = 100", "noise = 400"]);
+    }
+
+    #[test]
+    fn a_legend_names_keys_and_has_a_line_for_each_tracker() {
+        let of = |tracker: &str, count: u32| {
+            let axes = [
+                ("x", 1.0.into()),
+                ("particles.number.count", count.into()),
+                ("timing.pairs.count", 2.into()),
+            ];
+            entry(&format!("{tracker}/case_{count}"), 0.5, &axes)
+        };
+        let entries = [of("ncc", 5), of("spots", 5), of("ncc", 9)];
+        let page = plot("x", &lines_over("x", &entries.iter().collect::<Vec<_>>()), QUANTITIES[0]);
+        let page = page.unwrap().unwrap().into_string();
+        let (ncc, spots) = (page.find("<b>ncc</b>: ").unwrap(), page.find("<b>spots</b>: ").unwrap());
+        assert!(page[ncc..spots].contains("number.count = 5, pairs.count = 2"), "{page}");
+        assert!(page[ncc..spots].contains("number.count = 9, pairs.count = 2"), "{page}");
+        assert!(page[spots..].contains("number.count = 5") && !page[spots..].contains("number.count = 9"));
+        let alone = [entry("ncc/case_0", 0.5, &[("x", 1.0.into())])];
+        let page = plot("x", &lines_over("x", &alone.iter().collect::<Vec<_>>()), QUANTITIES[0]);
+        assert!(page.unwrap().unwrap().into_string().contains("<b>ncc</b> <span"));
     }
 
     #[test]

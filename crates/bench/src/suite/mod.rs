@@ -7,6 +7,7 @@
 mod anchors;
 mod metrics;
 mod page;
+mod participants;
 mod table;
 
 use std::path::{Path, PathBuf};
@@ -25,7 +26,7 @@ use scenario::{Metric, Size, Split, Suite, SuiteCase, TrackSpec};
 use scoring::evaluate::{EvaluateOptions, Evaluation, evaluate};
 use scoring::ranking::{Contestant, rank};
 use storage::error::{Error, Result};
-use storage::folder::{Partial, check_replaceable};
+use storage::folder::{Earlier, Partial, check_replaceable};
 use storage::save_bytes;
 
 /// Name of the table of all scores.
@@ -169,11 +170,13 @@ type Scored = (String, std::result::Result<Option<Evaluation>, String>);
 pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<SuiteScores> {
     let record = SuiteRecord::read(datasets)?;
     record.matches(suite, datasets)?;
-    check_replaceable(&options.out, options.force.then_some(SUITE_SCORES))?;
+    let earlier = Earlier::new(SUITE_SCORES, options.force);
+    check_replaceable(&options.out, earlier)?;
     let chosen = SuiteSelection { split: Some(Split::Test), ..options.selection.clone() };
     let cases: Vec<SuiteCase> = chosen.of(suite, record.size)?.into_iter().map(|(case, _)| case).collect();
     let trackers = trackers(&options.results)?;
     foreign(suite, record.size, &trackers, &options.results)?;
+    let more = participants::annotations(&options.results, &trackers, &suite.cases(record.size)?)?;
     let partial = Partial::start(&options.out)?;
     let mut all = Vec::new();
     for track in &suite.spec.tracks {
@@ -199,8 +202,8 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
     save_bytes(&partial.folder().join(SUITE_SCORES_CSV), &table::csv(&scores)?)?;
     let json = serde_json::to_string_pretty(&scores).map_err(|e| Error::input(e.to_string()))?;
     save_bytes(&partial.folder().join(SUITE_SCORES), format!("{json}\n").as_bytes())?;
-    save_bytes(&partial.folder().join(PAGE), page(&scores, &Annotations::default())?.as_bytes())?;
-    partial.finish(options.force.then_some(SUITE_SCORES))?;
+    save_bytes(&partial.folder().join(PAGE), page(&scores, &more)?.as_bytes())?;
+    partial.finish(earlier)?;
     Ok(scores)
 }
 
@@ -227,7 +230,7 @@ impl SuiteScores {
     /// # Errors
     /// A file that is none.
     pub fn read(path: &Path) -> Result<Self> {
-        serde_json::from_str(&storage::read_text(path)?)
+        storage::json::parse(&storage::read_text(path)?)
             .map_err(|e| Error::input(format!("{}: {e}", path.display())))
     }
 }

@@ -20,6 +20,8 @@ use storage::error::Result;
 pub struct Annotations {
     /// How the scores came about, a paragraph each.
     pub notes: Vec<String>,
+    /// Names of trackers on the page, where they differ from those of their folders.
+    pub names: BTreeMap<String, String>,
     /// What each tracker was made for, by name.
     pub made_for: BTreeMap<String, String>,
     /// Trackers that measure no depth, and do not enter cases that are scored with depth.
@@ -32,6 +34,13 @@ pub struct Annotations {
     pub pictures: BTreeMap<String, Vec<Picture>>,
     /// Depth errors over depth in example cases, by track.
     pub depth_errors: BTreeMap<String, Vec<DepthErrors>>,
+}
+
+impl Annotations {
+    /// The name of a tracker on the page.
+    fn name<'a>(&'a self, tracker: &'a str) -> &'a str {
+        self.names.get(tracker).map_or(tracker, String::as_str)
+    }
 }
 
 /// RMS errors of depth in a case over the depth of particles.
@@ -114,7 +123,7 @@ fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Mar
             div.scroll { table.board {
                 tr { th { "tracker" } th { "mean rank" } th { "cases" } th { "first" } th { "s per frame, median" } th style="text-align: left" { "made for" } }
                 @for s in &standings { tr {
-                    td { (s.tracker) } td { (format!("{:.2}", s.mean_rank)) }
+                    td { (more.name(&s.tracker)) } td { (format!("{:.2}", s.mean_rank)) }
                     td { (s.scored) " of " (s.cases) @if s.refused > 0 { ", " (s.refused) " refused" } }
                     td { (s.first) } td { (time(&s.tracker, &cases, more)) }
                     td style="text-align: left; white-space: normal; max-width: 30rem" {
@@ -187,7 +196,7 @@ fn table(case: &CaseScores, more: &Annotations) -> Markup {
                 }
                 @for result in case.results.iter().filter(|result| !is_flat(result)) { tr {
                     td { (result.rank.map_or_else(|| "-".to_owned(), |rank| rank.to_string())) }
-                    td { (result.tracker) }
+                    td { (more.name(&result.tracker)) }
                     @if result.status == Status::Scored {
                         @for metric in case.rank_by.iter().chain(&others) { td { (shown(result.value(*metric))) } }
                         td { (more.seconds_per_frame.get(&key(result)).map_or_else(|| "-".to_owned(), |t| format!("{t:.3}"))) }

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::subject::Subject;
 use scenario::{self, Scenario, shipped, template};
-use storage::error::{Error, Result};
+use storage::error::{Error, MOST_SHOWN, Result, more};
 use storage::problem::Problem;
 use storage::save_result;
 
@@ -16,7 +16,8 @@ pub(super) fn read(subject: &Subject, text: &str) -> std::result::Result<Scenari
     let name = name.map_or_else(|| "scenario".to_owned(), |name| name.to_string_lossy().into_owned());
     scenario::load_text(text, (&name, &subject.base()), &[], None).map_err(|error| match error {
         Error::Problems(problems) => {
-            Value::Array(problems.iter().map(|problem| described(problem, text)).collect())
+            let first = problems.iter().take(MOST_SHOWN).map(|problem| described(problem, text));
+            Value::Array(first.chain(more(problems.len()).map(|text| json!({ "message": text }))).collect())
         }
         other => Value::Array(other.messages().iter().map(|text| json!({ "message": text })).collect()),
     })

@@ -9,6 +9,7 @@ mod assets;
 mod board;
 mod body;
 mod columns;
+mod connections;
 mod dataset;
 mod editor;
 mod export;
@@ -17,7 +18,6 @@ mod optics;
 mod preview;
 mod result;
 mod routes;
-
 mod server;
 mod state;
 mod subject;

@@ -111,12 +111,13 @@ impl OpenResult {
         &self.score
     }
 
-    /// Scores, and the numbers of found, missed and ghost particles in each frame.
+    /// Scores, whether points are linked, and the numbers of found, missed and ghost particles in each frame.
     pub(super) fn about(&self) -> Value {
         let mut counts = vec![[0u32; 3]; self.frames as usize];
         self.points.iter().for_each(|point| counts[point.frame as usize][point.kind as usize] += 1);
         let of = |k: usize| counts.iter().map(|counts| counts[k]).collect::<Vec<_>>();
         json!({ "score": self.score, "is_field": self.score.get("field").is_some_and(|f| !f.is_null()),
+            "is_linked": self.points.iter().any(|point| point.from.is_some()),
             "tp": of(0), "fn": of(1), "fp": of(2) })
     }
 
@@ -139,9 +140,14 @@ impl OpenResult {
             1 => point.error[2].abs(),
             _ => -f64::from(point.frame),
         };
-        // Missed particles and ghosts have no error; they come last, in the order of frames.
+        // Missed particles and ghosts have no error; they come first, in the order of frames.
+        let rank = |point: &Point| match (filter.by, point.kind) {
+            (2, _) | (_, PointOutcome::Found) => 0,
+            (_, PointOutcome::Ghost) => 1,
+            (_, PointOutcome::Missed) => 2,
+        };
         let key = |point: &Point| if size(point).is_nan() { f64::NEG_INFINITY } else { size(point) };
-        chosen.sort_by(|a, b| key(b).total_cmp(&key(a)));
+        chosen.sort_by(|a, b| rank(b).cmp(&rank(a)).then_with(|| key(b).total_cmp(&key(a))));
         let of = chosen.len();
         json!({ "of": of, "columns": columns(chosen.into_iter().take(MAX_LIST)) })
     }
@@ -190,7 +196,8 @@ fn points(evaluation: &Evaluation, particles: &Particles, truth: &TrueParticles)
         from[b as usize] = Some(([at.x_px, at.y_px], is_right[b as usize]));
     }
     let mut is_switch = vec![false; r.len()];
-    if let Some(gate) = evaluation.score.definitions.gate {
+    // Points that nobody has linked change no identity.
+    if let Some(gate) = evaluation.score.definitions.gate.filter(|_| r.links().next().is_some()) {
         mark_switches((t, r), &gate, &mut is_switch)?;
     }
     let of_result = |j: usize| (r.points[j].source, r.points[j].track, from[j], is_switch[j]);

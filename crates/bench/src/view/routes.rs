@@ -105,8 +105,8 @@ async fn text(body: Body) -> std::result::Result<String, StatusCode> {
 
 /// A stream of one byte per second, which lasts as long as the page is open.
 async fn alive(State(app): Shared) -> Response {
+    let Some(viewer) = app.viewer() else { return StatusCode::TOO_MANY_REQUESTS.into_response() };
     let (sender, response) = body::stream();
-    let viewer = app.viewer();
     tokio::spawn(async move {
         let _viewer = viewer;
         // A closed page closes the channel.

@@ -3,13 +3,12 @@
 //! It listens on 127.0.0.1, by default on a free port. Every path starts with a token of 128 random bits,
 //! `Host` must be the loopback address with the server's port (which prevents access by DNS rebinding), and
 //! `Origin`, if present, must be this server. Refused requests get a status from 400 to 499 without a reason.
-//! Connections, headers, bodies and memory for responses are limited; when no connection is left, the oldest
-//! one that has not shown the token is closed, so that idle connections do not keep pages out.
+//! Connections, headers, bodies and memory for responses are limited; when no connection is left, one that
+//! does nothing is closed ([`super::connections`]), so that idle connections do not keep pages out.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use axum::Router;
 use axum::extract::{Request, State};
@@ -23,8 +22,8 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
-use tokio::task::AbortHandle;
 
+use super::connections::{Activity, Connections};
 use super::routes;
 use super::state::App;
 use super::subject::Subject;
@@ -60,9 +59,6 @@ const MAX_HEADERS: usize = 32 * 1024;
 
 /// Time limit for the headers of a request.
 const HEADERS_TIME: Duration = Duration::from_secs(10);
-
-/// Time that every connection has to show the token before it may be closed to make room.
-const GRACE: Duration = Duration::from_millis(100);
 
 /// Number of worker threads for long jobs.
 const WORKERS: usize = 6;
@@ -119,7 +115,7 @@ pub(super) fn router(app: &Arc<App>) -> Router {
 
 pub(super) async fn accept(listener: TcpListener, app: Arc<App>) {
     let (permits, router) = (Arc::new(Semaphore::new(CONNECTIONS)), router(&app));
-    let mut strangers = Strangers::default();
+    let mut open = Connections::default();
     // A connection that waits for another to end looks for one to close this often.
     const RETRY: Duration = Duration::from_millis(10);
     loop {
@@ -137,15 +133,15 @@ pub(super) async fn accept(listener: TcpListener, app: Arc<App>) {
         let _ = stream.set_nodelay(true);
         let permit = loop {
             if permits.available_permits() == 0 {
-                strangers.close_oldest();
+                open.make_room();
             }
             let acquired = tokio::time::timeout(RETRY, Arc::clone(&permits).acquire_owned()).await;
             if let Ok(Ok(permit)) = acquired {
                 break permit;
             }
         };
-        let (admission, router) = (Admission::default(), TowerToHyperService::new(router.clone()));
-        let of_connection = admission.clone();
+        let (activity, router) = (Activity::new(), TowerToHyperService::new(router.clone()));
+        let of_connection = activity.clone();
         let service = service_fn(move |mut request: hyper::Request<_>| {
             request.extensions_mut().insert(of_connection.clone());
             router.call(request)
@@ -157,34 +153,7 @@ pub(super) async fn accept(listener: TcpListener, app: Arc<App>) {
             let _ = http.serve_connection(TokioIo::new(stream), service).await;
             drop(permit);
         });
-        strangers.add(admission, task.abort_handle());
-    }
-}
-
-/// Whether a request of a connection was admitted; clones share the same flag.
-#[derive(Debug, Clone, Default)]
-struct Admission(Arc<AtomicBool>);
-
-/// The open connections without an admitted request, in the order of their arrival.
-#[derive(Debug, Default)]
-struct Strangers(Vec<(Admission, Instant, AbortHandle)>);
-
-impl Strangers {
-    fn add(&mut self, admission: Admission, task: AbortHandle) {
-        self.forget();
-        self.0.push((admission, Instant::now(), task));
-    }
-
-    /// Forgets connections that ended or were admitted.
-    fn forget(&mut self) {
-        self.0.retain(|(admission, _, task)| !task.is_finished() && !admission.0.load(Ordering::Relaxed));
-    }
-
-    fn close_oldest(&mut self) {
-        self.forget();
-        if self.0.first().is_some_and(|(_, since, _)| since.elapsed() > GRACE) {
-            self.0.remove(0).2.abort();
-        }
+        open.add(activity, task.abort_handle());
     }
 }
 
@@ -196,10 +165,13 @@ fn is_local(from: SocketAddr) -> bool {
 async fn guard(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     let answer = match admitted(&app, &request) {
         Ok(()) => {
-            if let Some(Admission(admitted)) = request.extensions().get() {
-                admitted.store(true, Ordering::Relaxed);
+            let activity = request.extensions().get::<Activity>().cloned();
+            activity.iter().for_each(Activity::admitted);
+            let answer = next.run(request).await;
+            match activity {
+                Some(activity) => answer.map(|body| activity.followed(body)),
+                None => answer,
             }
-            next.run(request).await
         }
         Err(status) => status.into_response(),
     };

@@ -57,6 +57,9 @@ pub(super) struct App {
     end: Notify,
 }
 
+/// Maximum number of open pages; each holds a connection as long as it is open.
+const PAGES: u64 = 64;
+
 /// A cache of open values, ordered by last use.
 #[derive(Debug)]
 struct Cache<K, V> {
@@ -215,11 +218,12 @@ impl App {
         next
     }
 
-    /// Registers a page that has just been opened.
-    pub(super) fn viewer(self: &Arc<Self>) -> Viewer {
-        self.viewers.fetch_add(1, Ordering::SeqCst);
+    /// Registers a page that has just been opened; `None` if too many are.
+    pub(super) fn viewer(self: &Arc<Self>) -> Option<Viewer> {
+        let more = |viewers| (viewers < PAGES).then_some(viewers + 1);
+        self.viewers.fetch_update(Ordering::SeqCst, Ordering::SeqCst, more).ok()?;
         self.seen.store(true, Ordering::SeqCst);
-        Viewer(Arc::clone(self))
+        Some(Viewer(Arc::clone(self)))
     }
 
     /// Tells the program to end.

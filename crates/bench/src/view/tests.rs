@@ -5,7 +5,7 @@ use std::io::{Read, Write};
 use std::net::{Ipv4Addr, Shutdown, TcpStream};
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use serde_json::Value;
 use tokio::net::TcpListener;
@@ -29,8 +29,8 @@ const SCENARIO: &str = r#"(
 )"#;
 
 /// A server that runs until it is dropped.
-struct Server {
-    app: Arc<App>,
+pub(super) struct Server {
+    pub(super) app: Arc<App>,
     _runtime: Runtime,
 }
 
@@ -41,7 +41,7 @@ struct Answer {
 }
 
 impl Server {
-    fn of(subject: Subject) -> Self {
+    pub(super) fn of(subject: Subject) -> Self {
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(2)
             .max_blocking_threads(6)
@@ -54,7 +54,7 @@ impl Server {
         Server { app, _runtime: runtime }
     }
 
-    fn connect(&self) -> TcpStream {
+    pub(super) fn connect(&self) -> TcpStream {
         let stream = TcpStream::connect((Ipv4Addr::LOCALHOST, self.app.port())).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
         stream
@@ -91,7 +91,7 @@ impl Server {
         self.send("GET", &self.path(path), "", "")
     }
 
-    fn path(&self, path: &str) -> String {
+    pub(super) fn path(&self, path: &str) -> String {
         format!("/{}/{path}", self.app.token())
     }
 
@@ -102,7 +102,7 @@ impl Server {
     }
 
     /// Whether it still answers.
-    fn is_alive(&self) -> bool {
+    pub(super) fn is_alive(&self) -> bool {
         self.get("about").status == 200
     }
 }
@@ -259,15 +259,8 @@ fn too_much_is_refused() {
 fn a_thousand_requests_at_once_are_answered_or_refused() {
     let folder = tempfile::tempdir().unwrap();
     let server = Server::of(Subject::of(Some(&dataset(folder.path())), &[]).unwrap());
-    let paths = [
-        "about",
-        "dataset/0/frame/0",
-        "dataset/0/truth/1",
-        "dataset/0/depth",
-        "page/style.css",
-        "dataset/0/field/0",
-    ];
-    let start = Instant::now();
+    let paths = "about dataset/0/frame/0 dataset/0/truth/1 dataset/0/depth page/style.css dataset/0/field/0";
+    let paths: Vec<&str> = paths.split(' ').collect();
     let statuses: Vec<u16> = std::thread::scope(|scope| {
         let ask = |k: usize| server.get(paths[k % paths.len()]).status;
         let threads: Vec<_> = (0..1000).map(|k| scope.spawn(move || ask(k))).collect();
@@ -275,25 +268,7 @@ fn a_thousand_requests_at_once_are_answered_or_refused() {
     });
     assert!(statuses.iter().all(|status| [200, 429].contains(status)), "{statuses:?}");
     assert!(statuses.iter().filter(|status| **status == 200).count() > 500);
-    assert!(start.elapsed() < Duration::from_secs(60), "{:?}", start.elapsed());
     assert!(server.is_alive());
-}
-
-#[test]
-fn idle_connections_do_not_keep_pages_out() {
-    let server = Server::of(Subject::default());
-    let ask = || {
-        let start = Instant::now();
-        assert!(server.is_alive());
-        start.elapsed()
-    };
-    let alone = ask();
-    // More than are served at once; some have begun a request.
-    let mut idle: Vec<TcpStream> = (0..300).map(|_| server.connect()).collect();
-    idle.iter_mut().step_by(3).for_each(|stream| stream.write_all(b"GET /").unwrap());
-    // Without room being made, the page waits until the headers of the idle ones are overdue, 10 s.
-    let beside = ask();
-    assert!(beside < alone + Duration::from_secs(5), "{alone:?} alone, {beside:?} beside idle ones");
 }
 
 #[test]
@@ -405,6 +380,26 @@ fn scores_are_those_of_evaluate() {
     assert_eq!(server.get("dataset/0/result/0/worst?kind=7").status, 400);
     let entry = server.json("board/0/0");
     assert_eq!(entry["scores"]["detection.f1"], expected["detection"]["f1"]);
+}
+
+#[test]
+fn an_unlinked_result_has_no_switches_and_what_is_missed_comes_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = dataset(folder.path());
+    let table = std::fs::read_to_string(out.join("truth/tracks.csv")).unwrap();
+    let mut result = "frame,x_px,y_px\n0,1,1\n".to_owned();
+    for line in table.lines().skip(2) {
+        let cells: Vec<&str> = line.split(',').collect();
+        result += &format!("{},{},{}\n", cells[0], cells[3], cells[4]);
+    }
+    let path = folder.path().join("mine.csv");
+    std::fs::write(&path, result).unwrap();
+    let server = Server::of(Subject::of(Some(&out), &[path]).unwrap());
+    assert_eq!(server.json("dataset/0/result/0")["is_linked"], false);
+    assert_eq!(server.json("dataset/0/result/0/worst?switches=1")["of"], 0);
+    let kinds = &server.json("dataset/0/result/0/worst?by=0")["columns"]["kind"];
+    let kinds: Vec<u64> = kinds.as_array().unwrap().iter().map(|kind| kind.as_u64().unwrap()).collect();
+    assert_eq!(kinds[..3], [1, 2, 0]);
 }
 
 /// The parts of a preview: their JSON and the lengths of their blocks.

@@ -18,7 +18,7 @@ mod tests;
 use self::spacing::{Spacing, check_room};
 use crate::diameters::Diameters;
 use crate::domain::Domain;
-use crate::error::{ParameterCheck, Result};
+use crate::error::{Error, ParameterCheck, Result};
 use crate::fluid::FluidRegion;
 use crate::region::Region;
 use glam::DVec3;
@@ -214,6 +214,14 @@ impl Seeding {
         Ok((number / (share * region.volume()), free))
     }
 
+    /// The number of particles whose places are listed; `None` if they are drawn.
+    pub fn listed_places(&self) -> Option<usize> {
+        match &self.number {
+            Number::List(positions) => Some(positions.len()),
+            _ => None,
+        }
+    }
+
     /// The initial particles at `t` (s), those in the view first, drawn from candidates of `density`
     /// (1/um^3); none overlaps a wall.
     pub(crate) fn populate(
@@ -251,28 +259,29 @@ impl Seeding {
                 Ok(seeds)
             }
             Number::List(ref positions) => {
-                let seed = |position: &DVec3| self.listed(*position, domain, &free, stream);
-                positions.iter().map(seed).collect()
+                let seed = |(index, position)| self.listed(index, position, domain, &free, stream);
+                positions.iter().copied().enumerate().map(seed).collect()
             }
         }
     }
 
-    /// The particle at a given position; `Err` if it is outside the fluid or overlaps a wall or body.
+    /// The particle at a given position, number `index` of the list; `Err` if it is outside the fluid or overlaps a wall or body.
     fn listed(
         &self,
+        index: usize,
         position: DVec3,
         domain: &Domain,
         free: &dyn Fn(&Seed) -> bool,
         stream: &mut Stream,
     ) -> Result<Seed> {
+        let fault = |allowed| Err(Error::Place { index, at_um: position, allowed });
         let seed = Seed { position, d_um: self.diameters.draw(stream), axis: None };
         let kept = domain.push_out_of_walls(position, 0.5 * seed.d_um);
         if kept != position || domain.wrap(kept) != kept || domain.is_beyond_open_face(kept) {
-            return Err(CHECK.fault("positions_um", position, "a place in the domain and off its walls"));
+            return fault("a place in the box of the particles and off its walls");
         }
         if !free(&seed) {
-            let allowed = "a place in the fluid, off the walls of the flow and outside all bodies";
-            return Err(CHECK.fault("positions_um", position, allowed));
+            return fault("a place in the fluid, off the walls of the flow and outside all bodies");
         }
         Ok(seed)
     }

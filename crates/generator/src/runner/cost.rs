@@ -7,7 +7,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use flows::{Frame, Tracer};
-use microsig_core::Particle;
+use microsig_core::{Particle, emission};
 use serde::Serialize;
 
 use super::frames::{FRAMES_PER_THREAD, TRACERS_PER_THREAD};
@@ -17,6 +17,7 @@ use crate::dataset::manifest::bit_depth;
 use crate::dataset::truth::Truth;
 use scenario::{MotionSource, Scenario};
 use storage::error::{Error, Result};
+use storage::memory::{free_memory, size_text};
 
 /// Cost of a dataset.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -49,6 +50,10 @@ const BYTES_PER_PIXEL: u64 = 8 + 8 + 2 + 4;
 /// visibility, rows of tables and of the data file.
 const BYTES_PER_ROW: u64 = 1_000;
 
+/// Memory per source point of a particle whose rays are counted, bytes: its place, its azimuth, and its rows
+/// in the tables of the kernel, which grow by doubling.
+const BYTES_PER_POINT: u64 = 128;
+
 /// Size on disk per tracer and frame, bytes, in tables and data file; measured on the shipped scenarios.
 const BYTES_ON_DISK: f64 = 650.0;
 
@@ -65,10 +70,13 @@ impl Cost {
         let (frames, threads) = (scenario.recordings.frames(), rayon::current_num_threads());
         let pixels = u64::from(settings.pixel_dim_x) * u64::from(settings.pixel_dim_y);
         let particles_per_frame = match &scenario.motion {
-            MotionSource::Field(field) => {
-                let (fluid, region) = (scenario.fluid(field.as_ref()), scenario.domain.region());
-                scenario.seeding.density(&fluid, 0.0)? * region.volume() * fluid.share(region, 0.0, 0.0)
-            }
+            MotionSource::Field(field) => match scenario.seeding.listed_places() {
+                Some(number) => number as f64,
+                None => {
+                    let (fluid, region) = (scenario.fluid(field.as_ref()), scenario.domain.region());
+                    scenario.seeding.density(&fluid, 0.0)? * region.volume() * fluid.share(region, 0.0, 0.0)
+                }
+            },
             MotionSource::Tracks(tracks) => tracks.rows().len() as f64 / f64::from(frames.max(1)),
         };
         // Tracers are advanced, rendered and written in batches of this many frames.
@@ -76,8 +84,9 @@ impl Cost {
         let batch = batch.min((FRAMES_PER_THREAD * threads) as f64).min(f64::from(frames.max(1)));
         let per_tracer = size_of::<Tracer>() as u64 + size_of::<Particle>() as u64 + BYTES_PER_ROW;
         let at_a_time = (threads as u64).min(u64::from(frames.max(1)));
-        let memory_bytes =
-            pixels * BYTES_PER_PIXEL * at_a_time + (2.0 * batch * particles_per_frame) as u64 * per_tracer;
+        let memory_bytes = pixels * BYTES_PER_PIXEL * at_a_time
+            + (2.0 * batch * particles_per_frame) as u64 * per_tracer
+            + points(scenario) * BYTES_PER_POINT * threads as u64;
         let nodes =
             scenario.truth_grid().map_or(0, |n| (n.x_px.len() * n.y_px.len() * n.planes_um.len()) as u64);
         let image = pixels * u64::from(bit_depth(scenario).next_multiple_of(8)) / 8 + 512;
@@ -109,11 +118,24 @@ impl Cost {
     pub(super) fn timed_by(self, first: &FirstFrames, truth: &Truth<'_>, camera: &Camera) -> Result<Self> {
         let Some(frame) = &first.frame else { return Ok(self) };
         let tables = || truth.missing_tables(frame);
-        let time = ImageTime::measure(frame.tracers.len(), tables, |n| {
-            let mut part = truth.frame(&some_of(frame, n), None)?;
-            camera.image(&std::mem::take(&mut part.particles), frame.index);
-            Ok(())
-        })?;
+        let measure = |camera: &Camera| {
+            ImageTime::measure(frame.tracers.len(), tables, |n| {
+                let mut part = truth.frame(&some_of(frame, n), None)?;
+                camera.image(&std::mem::take(&mut part.particles), frame.index);
+                Ok(())
+            })
+        };
+        let scenario = truth.scenario();
+        let time = match share_of_rays(scenario) {
+            None => measure(camera)?,
+            // The time is a constant and a part that grows with the number of rays.
+            Some(share) => {
+                let few = measure(&with_share_of_rays(scenario, share / 4.0)?)?;
+                let more = measure(&with_share_of_rays(scenario, share)?)?;
+                let slope = (more.particle_s - few.particle_s).max(0.0) / (0.75 * share);
+                ImageTime { particle_s: more.particle_s + slope * (1.0 - share), ..more }
+            }
+        };
         let images = time.seconds(f64::from(self.frames), self.particles_per_frame * f64::from(self.frames));
         Ok(Cost { seconds: Some(first.seconds * f64::from(self.frames) + images), ..self })
     }
@@ -137,6 +159,8 @@ impl Cost {
             let size = f64::from(width.max(height));
             let key = if 2 * of_images > self.memory_bytes {
                 format!("optics.pixel_dim_x = {width} and optics.pixel_dim_y = {height}, or --threads")
+            } else if 2 * points(scenario) * BYTES_PER_POINT * self.threads as u64 > self.memory_bytes {
+                format!("optics.points_per_pixel = {}, or --threads", settings.points_per_pixel)
             } else if margin_px > size {
                 format!("boundaries.margin_px = {margin_px}")
             } else {
@@ -211,6 +235,37 @@ impl FirstFrames {
         let taken = 1 + second.iter().count();
         Ok(FirstFrames { frame, seconds: start.elapsed().as_secs_f64() / taken as f64 })
     }
+}
+
+/// Number of rays of a particle up to which its image is drawn for an estimate: about 0.1 s.
+const SAMPLED_RAYS: f64 = 5e7;
+
+/// Number of source points of the largest particle whose rays are counted; 0 for other renderers.
+fn points(scenario: &Scenario) -> u64 {
+    if !scenario.renderer.has_ray_noise() {
+        return 0;
+    }
+    let largest = Particle::sphere(1.0, 1.0, 0.0, scenario.seeding.diameters().max());
+    emission::surface_points(&scenario.settings, &largest) as u64
+}
+
+/// The share of the rays of a particle that is drawn for an estimate; `None`: all, as they are few.
+fn share_of_rays(scenario: &Scenario) -> Option<f64> {
+    let rays = points(scenario) as f64 * f64::from(scenario.settings.n_rays);
+    (rays > 2.0 * SAMPLED_RAYS).then(|| SAMPLED_RAYS / rays)
+}
+
+/// The scenario's camera with a share of the source points of each particle or, of particles with few points,
+/// of the rays of each point.
+fn with_share_of_rays(scenario: &Scenario, share: f64) -> Result<Camera> {
+    /// Fewer would not be spread over the aperture.
+    const LEAST_POINTS: f64 = 500.0;
+    let mut settings = scenario.settings.clone();
+    let of_points = share.max((LEAST_POINTS / points(scenario) as f64).min(1.0));
+    settings.points_per_pixel *= of_points;
+    settings.n_rays = ((f64::from(settings.n_rays) * share / of_points) as u32).max(1);
+    let renderer = scenario.spec.renderer().build(&settings)?;
+    Camera::of_dataset(scenario, renderer, scenario.detector.as_ref())
 }
 
 /// About `n` tracers of a frame, spread over all.
@@ -291,34 +346,6 @@ impl ImageTime {
         let time = || duration_text(seconds, rayon::current_num_threads());
         (seconds > LONG_S).then(|| format!("{images} images with {particles} particles, about {}", time()))
     }
-}
-
-pub(crate) fn size_text(bytes: u64) -> String {
-    let mb = bytes as f64 / 1e6;
-    if mb < 1e3 { format!("{mb:.1} MB") } else { format!("{:.1} GB", mb / 1e3) }
-}
-
-/// Free memory, bytes: the minimum of what the system, the control group and the limit of the process leave.
-pub(crate) fn free_memory() -> Option<u64> {
-    let read = |path: &str| std::fs::read_to_string(path).ok();
-    let kib = |text: &str, key: &str| -> Option<u64> {
-        let line = text.lines().find_map(|line| line.strip_prefix(key))?;
-        Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)
-    };
-    let system = read("/proc/meminfo").and_then(|text| kib(&text, "MemAvailable:"));
-    // Only anonymous memory counts: the page cache is also charged to the group, but can be reclaimed.
-    let group = read("/sys/fs/cgroup/memory.max").and_then(|most| {
-        let stat = read("/sys/fs/cgroup/memory.stat")?;
-        let used = stat.lines().find_map(|line| line.strip_prefix("anon "))?.trim().parse::<u64>().ok()?;
-        Some(most.trim().parse::<u64>().ok()?.saturating_sub(used))
-    });
-    let limit = read("/proc/self/limits").and_then(|text| {
-        let line = text.lines().find_map(|line| line.strip_prefix("Max address space"))?;
-        let most = line.split_whitespace().next()?.parse::<u64>().ok()?;
-        let used = kib(&read("/proc/self/status")?, "VmSize:")?;
-        Some(most.saturating_sub(used))
-    });
-    [system, group, limit].into_iter().flatten().min()
 }
 
 /// Free disk space for a folder that may not exist yet, bytes.

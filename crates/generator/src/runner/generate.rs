@@ -17,7 +17,7 @@ use crate::preview::{self, Preview};
 use scenario::{SCENARIO, Scenario, write};
 use storage::checksums::{Fingerprint, fingerprint};
 use storage::error::{Error, Result};
-use storage::folder::{FolderClaim, Partial, check_replaceable, partial_name};
+use storage::folder::{Earlier, FolderClaim, Partial, check_replaceable, partial_name};
 use visibility::DepthScan;
 
 /// Options of [`generate`].
@@ -62,7 +62,7 @@ pub struct Generated {
 /// An existing dataset or interrupted run; another process that is writing the dataset; a trajectory that
 /// cannot be integrated; writing.
 pub fn generate(scenario: &Scenario, options: &GenerateOptions) -> Result<Generated> {
-    generate_or_find(scenario, options)?.ok_or_else(|| Error::Exists(options.out.clone()))
+    generate_or_find(scenario, options)?.ok_or_else(|| Error::exists(&options.out))
 }
 
 /// Generates a dataset; returns `None` if it is to be resumed but is already finished.
@@ -121,7 +121,7 @@ pub(super) fn assemble(
 
     let of_images = camera.renderer().shortfall();
     let implausible = plausibility::warnings(scenario, &census, &image, saturated)?;
-    partial.finish_without_journal(options.force.then_some(MANIFEST))?;
+    partial.finish_without_journal(Earlier::new(MANIFEST, options.force))?;
     Ok(Generated {
         out: options.out.clone(),
         name: scenario.spec.name.clone(),
@@ -191,7 +191,7 @@ fn begin(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Partia
     if options.resume && !options.force && is_finished(scenario, &options.out)? {
         return Ok(None);
     }
-    check_replaceable(&options.out, options.force.then_some(MANIFEST))?;
+    check_replaceable(&options.out, Earlier { resumable: true, ..Earlier::new(MANIFEST, options.force) })?;
     let (now, left_over) = (sources(scenario)?, partial_name(&options.out));
     let partial = match claim.left_over()? {
         Some(before) if options.resume => {

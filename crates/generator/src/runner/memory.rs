@@ -18,7 +18,7 @@ use crate::dataset::manifest::{MANIFEST, bit_depth};
 use crate::dataset::truth::{FrameTruth, Truth, TruthWriter, depth, field};
 use scenario::Scenario;
 use storage::error::{Error, Result};
-use storage::folder::{FolderClaim, check_replaceable};
+use storage::folder::{Earlier, FolderClaim, check_replaceable};
 use storage::tables::{Columns, Table};
 use visibility::DepthScan;
 
@@ -167,7 +167,7 @@ impl MemoryDataset {
         }
         let start = Instant::now();
         let claim = FolderClaim::take(&options.out)?;
-        check_replaceable(&options.out, options.force.then_some(MANIFEST))?;
+        check_replaceable(&options.out, Earlier::new(MANIFEST, options.force))?;
         let partial = claim.start(true)?;
         folders(&partial)?;
         let (scenario, camera, progress) = (&self.scenario, &self.camera, &options.progress);

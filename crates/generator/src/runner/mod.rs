@@ -14,7 +14,6 @@ mod sweep;
 mod verify;
 
 pub use cost::Cost;
-pub(crate) use cost::{free_memory, size_text};
 pub use generate::{GenerateOptions, Generated, generate, generate_or_find};
 pub use memory::{Calibration, MemoryDataset};
 pub use progress::{Progress, Stop, Tables};

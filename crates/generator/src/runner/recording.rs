@@ -1,9 +1,12 @@
 //! Iterates over all frames of a dataset: tracers of its recordings, seeded and advected or read from tracks.
 
+use microsig_core::formats::data_file;
+
 use flows::{Frame, RecordedTracks, RecordingStart, Scene, Sequence};
 
+use scenario::spec::Number;
 use scenario::{MotionSource, Scenario};
-use storage::error::Result;
+use storage::error::{Error, Result};
 
 /// The source of the recordings' tracers.
 enum Subject<'a> {
@@ -90,11 +93,32 @@ impl<'a> Frames<'a> {
     }
 }
 
+/// An error of a listed particle with file and line; any other as it is.
+fn with_line(error: Error, scenario: &Scenario) -> Error {
+    let (Error::Flow(flows::Error::Place { index, at_um, allowed }), Some(Number::File(file))) =
+        (&error, &scenario.spec.particles.number)
+    else {
+        return error;
+    };
+    let input = scenario.inputs.iter().find(|input| input.path == *file);
+    let Some((input, line)) = input.and_then(|of| Some((of, data_file::line_of(&of.bytes, *index)?))) else {
+        return error;
+    };
+    let at = scenario.scale.to_image(*at_um);
+    Error::input(format!(
+        "{}:{line}: x = {} px, y = {} px, z = {} um: expected {allowed}; see particles.number.file, boundaries and motion",
+        input.source.display(),
+        at.x_px,
+        at.y_px,
+        at.z_um
+    ))
+}
+
 impl Iterator for Frames<'_> {
     type Item = Result<Frame>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let frame = self.advance().transpose();
+        let frame = self.advance().map_err(|e| with_line(e, self.scenario)).transpose();
         if matches!(frame, Some(Err(_))) {
             self.number = self.scenario.recordings.count();
         }

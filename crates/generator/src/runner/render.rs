@@ -14,8 +14,9 @@ use serde::Serialize;
 use super::cost::ImageTime;
 use super::progress::Progress;
 use crate::dataset::Camera;
+use crate::dataset::manifest::MANIFEST;
 use storage::error::{Error, Result};
-use storage::folder::{FolderClaim, Partial};
+use storage::folder::{Earlier, FolderClaim, Partial};
 use storage::may_write;
 
 /// Options of [`render`].
@@ -103,7 +104,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
             return Err(Error::input(format!("{}: expected a folder", options.out.display())));
         }
         if let Some(name) = image_names.iter().find(|n| options.out.join(n).exists() && !options.force) {
-            return Err(Error::Exists(options.out.join(name)));
+            return Err(Error::exists(&options.out.join(name)));
         }
         for name in &image_names {
             may_write(&options.out.join(name), options.force)?;
@@ -127,7 +128,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     })?;
     bar.finish_and_clear();
     if let Some(partial) = partial {
-        partial.finish_without_journal(None)?;
+        partial.finish_without_journal(Earlier::new(MANIFEST, false))?;
     }
     warnings.extend(camera.renderer().shortfall());
     Ok(Rendered {

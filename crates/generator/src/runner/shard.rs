@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use serde::{Serialize, Serializer};
+
 use storage::error::{Error, Result};
 
 /// Shard `k` of `n`, counted from 1: every `n`-th case.
@@ -22,15 +24,19 @@ impl Shard {
         text.split_once('/')
             .and_then(|(k, n)| Some(Shard { k: k.trim().parse().ok()?, n: n.trim().parse().ok()? }))
             .filter(|s| s.k >= 1 && s.k <= s.n)
-            .ok_or_else(|| Error::input(format!("--shard {text}: expected K/N with K from 1 to N")))
+            .ok_or_else(|| Error::input(format!("--shard {text}: expected K/N with K from 1 to N, or slurm")))
     }
 
-    /// The shard of a Slurm array task, from its environment variables; `None` outside an array.
+    /// The shard of a Slurm array task, from its environment variables.
     ///
     /// # Errors
-    /// [`Error::Input`] if a variable is not a number or the variables are inconsistent.
-    pub fn of_slurm(variable: impl Fn(&str) -> Option<String>) -> Result<Option<Self>> {
-        let Some(id) = variable("SLURM_ARRAY_TASK_ID") else { return Ok(None) };
+    /// [`Error::Input`] outside an array, if a variable is not a number, or if they are inconsistent.
+    pub fn of_slurm(variable: impl Fn(&str) -> Option<String>) -> Result<Self> {
+        let Some(id) = variable("SLURM_ARRAY_TASK_ID") else {
+            return Err(Error::input(
+                "--shard slurm: SLURM_ARRAY_TASK_ID is not set, so this is no task of an array; use --shard K/N",
+            ));
+        };
         let number = |name: &str, text: String| {
             text.trim()
                 .parse::<usize>()
@@ -49,11 +55,16 @@ impl Shard {
         let n = number("SLURM_ARRAY_TASK_COUNT", count)?;
         let before = id.checked_sub(first).filter(|d| step > 0 && d % step == 0).map(|d| d / step);
         match before.filter(|before| *before < n) {
-            Some(before) => Ok(Some(Shard { k: before + 1, n })),
+            Some(before) => Ok(Shard { k: before + 1, n }),
             None => Err(Error::input(format!(
                 "SLURM_ARRAY_TASK_ID = {id}: expected a task of {n} from {first} in steps of {step}; use --shard K/N"
             ))),
         }
+    }
+
+    /// The shard after the name of what it is a part of; nothing for all of it.
+    pub fn in_title(&self) -> String {
+        if *self == Shard::ALL { String::new() } else { format!(", shard {self}") }
     }
 
     /// Whether a case is in this shard.
@@ -65,6 +76,19 @@ impl Shard {
 impl fmt::Display for Shard {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}/{}", self.k, self.n)
+    }
+}
+
+/// As `K/N`.
+impl Serialize for Shard {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl Default for Shard {
+    fn default() -> Self {
+        Shard::ALL
     }
 }
 
@@ -91,12 +115,12 @@ mod tests {
                 names.iter().position(|n| name == format!("SLURM_ARRAY_TASK_{n}")).map(|i| values[i].clone())
             })
         };
-        assert_eq!(slurm("14", "10", "4", "2").unwrap(), Some(Shard { k: 3, n: 4 }));
-        assert_eq!(slurm("1", "1", "7", "1").unwrap(), Some(Shard { k: 1, n: 7 }));
+        assert_eq!(slurm("14", "10", "4", "2").unwrap(), Shard { k: 3, n: 4 });
+        assert_eq!(slurm("1", "1", "7", "1").unwrap(), Shard { k: 1, n: 7 });
         assert!(slurm("13", "10", "4", "2").is_err());
         assert!(slurm("9", "10", "4", "1").is_err());
         // Found by fuzzing.
         assert!(slurm("18446744073709551615", "0", "7", "1").is_err());
-        assert_eq!(Shard::of_slurm(|_| None).unwrap(), None);
+        assert!(Shard::of_slurm(|_| None).unwrap_err().to_string().contains("no task of an array"));
     }
 }

@@ -22,6 +22,7 @@ use crate::dataset::manifest::MANIFEST;
 use scenario::{Size, Split, Suite, SuiteCase, resolve};
 use storage::checksums::{Fingerprint, SHA256SUMS};
 use storage::error::{Error, Result};
+use storage::folder::is_empty;
 use storage::{TemporaryFolder, read_text, save_bytes};
 
 /// The datasets of a suite to work on.
@@ -33,8 +34,8 @@ pub struct SuiteSelection {
     pub case: Option<String>,
     /// Only this split.
     pub split: Option<Split>,
-    /// Every N-th dataset only; `None`: all.
-    pub shard: Option<Shard>,
+    /// Every N-th dataset only.
+    pub shard: Shard,
 }
 
 impl SuiteSelection {
@@ -58,13 +59,12 @@ impl SuiteSelection {
         }
         let all = cases.into_iter().flat_map(|case| Split::ALL.map(|split| (case.clone(), split)));
         let chosen = all.filter(|(_, split)| self.split.is_none_or(|only| only == *split));
-        let shard = self.shard.unwrap_or(Shard::ALL);
-        Ok(chosen.enumerate().filter(|(i, _)| shard.has(*i)).map(|(_, one)| one).collect())
+        Ok(chosen.enumerate().filter(|(i, _)| self.shard.has(*i)).map(|(_, one)| one).collect())
     }
 
     /// Whether these are all datasets.
     pub fn is_all(&self) -> bool {
-        self.track.is_none() && self.case.is_none() && self.split.is_none() && self.shard.is_none()
+        self.track.is_none() && self.case.is_none() && self.split.is_none() && self.shard == Shard::ALL
     }
 }
 
@@ -112,7 +112,7 @@ impl SuiteRecord {
             let hint = format!("has no {RECORD}; expected a folder that `microsig suite generate` has made");
             return Err(Error::input(format!("{}: {hint}", folder.display())));
         }
-        serde_json::from_str(&read_text(&path)?).map_err(|e| Error::input(format!("{}: {e}", path.display())))
+        storage::json::parse(&read_text(&path)?).map_err(|e| Error::input(format!("{}: {e}", path.display())))
     }
 
     /// Refuses a folder of another suite, version or size.
@@ -161,7 +161,9 @@ pub fn generate_suite(
     if !options.resume && !options.force {
         for (case, split) in &mine {
             let dataset = out.join(case.split_folder(*split));
-            if let Some(path) = [dataset.clone(), reason(&dataset)].iter().find(|path| path.exists()) {
+            if let Some(path) =
+                [dataset.clone(), reason(&dataset)].iter().find(|path| path.exists() && !is_empty(path))
+            {
                 let hint = "exists already; --resume continues, --force replaces it";
                 return Err(Error::input(format!("{}: {hint}", path.display())));
             }
@@ -185,7 +187,8 @@ pub fn generate_suite(
     }
     bar.finish_and_clear();
     let (cases, done, failed) = collect(suite, size, out)?;
-    Ok(Swept { out: out.clone(), cases, done, failed, made, seconds: start.elapsed().as_secs_f64() })
+    let (out, shard) = (out.clone(), chosen.shard);
+    Ok(Swept { out, shard, cases, done, failed, made, seconds: start.elapsed().as_secs_f64() })
 }
 
 /// Counts all datasets of a size, finished and failed ones, and writes the table if no others are left.
@@ -287,6 +290,8 @@ impl Frozen {
 pub struct SuiteCheck {
     /// Size.
     pub size: Size,
+    /// The part that was checked.
+    pub shard: Shard,
     /// Number of datasets.
     pub datasets: usize,
     /// Hash of each part, by `TRACK/CASE/SPLIT/PART`.
@@ -314,6 +319,7 @@ pub fn check_suite(
     let mine = chosen.of(suite, size)?;
     let mut check = SuiteCheck {
         size,
+        shard: chosen.shard,
         datasets: mine.len(),
         hashes: BTreeMap::new(),
         differences: Vec::new(),

@@ -17,7 +17,7 @@ use super::shard::Shard;
 use crate::dataset::manifest::{MANIFEST, Manifest};
 use scenario::{Case, Scenario, Sweep, resolve};
 use storage::error::{Error, Result};
-use storage::folder::FolderClaim;
+use storage::folder::{FolderClaim, is_empty};
 use storage::{read_text, save_bytes};
 
 /// Options of [`sweep`].
@@ -42,6 +42,8 @@ pub struct SweepOptions {
 pub struct Swept {
     /// The sweep's folder.
     pub out: PathBuf,
+    /// The part that this run made.
+    pub shard: Shard,
     /// Number of cases of the sweep.
     pub cases: usize,
     /// Number of finished cases, by this run or others.
@@ -75,7 +77,7 @@ pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
     if !options.resume && !options.force {
         for case in &mine {
             for path in [options.out.join(&case.name), reason(&options.out.join(&case.name))] {
-                if path.exists() {
+                if path.exists() && !is_empty(&path) {
                     let hint = "exists already; --resume continues, --force replaces it";
                     return Err(Error::input(format!("{}: {hint}", path.display())));
                 }
@@ -92,7 +94,8 @@ pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
     bar.finish_and_clear();
     let (done, failed) = collect(sweep, &options.out)?;
     let cases = sweep.cases.len();
-    Ok(Swept { out: options.out.clone(), cases, done, failed, made, seconds: start.elapsed().as_secs_f64() })
+    let (out, shard) = (options.out.clone(), options.shard);
+    Ok(Swept { out, shard, cases, done, failed, made, seconds: start.elapsed().as_secs_f64() })
 }
 
 /// Generates one case; returns `false` if it is already finished, or if it fails and the reason is written
@@ -125,7 +128,7 @@ pub(super) fn attempt(
     match generated {
         Ok(generated) => Ok(generated.is_some()),
         // A full disk or a dataset of another sweep is not a failure of the case.
-        Err(error) if error.is_of_the_system() || (out.exists() && !force) => Err(error),
+        Err(error) if error.is_of_the_system() || (out.exists() && !is_empty(out) && !force) => Err(error),
         Err(error) => {
             let mut text = format!("{error}\n");
             match FolderClaim::take(out).and_then(FolderClaim::discard) {

@@ -3,8 +3,8 @@
 use rayon::prelude::*;
 
 use super::{PARTICLE_COLUMNS, Sample, SampleStream};
-use crate::runner::{free_memory, size_text};
 use storage::error::{Error, Result};
+use storage::memory::{free_memory, size_text};
 
 /// A batch of samples: the first axis of every array is the sample; arrays of particles are padded with
 /// zeros.

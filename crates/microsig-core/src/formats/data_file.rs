@@ -125,6 +125,21 @@ pub fn read(reader: impl Read, name: &str) -> Result<Vec<Particle>, Error> {
     if faults.is_empty() { Ok(particles) } else { Err(Error::Malformed(faults)) }
 }
 
+/// The line, from 1, of particle number `index`, from 0, of a data file that [`read`] accepts.
+pub fn line_of(bytes: &[u8], index: usize) -> Option<usize> {
+    let is_row = |line: &[u8]| {
+        let content = line.split(|byte| b"#%".contains(byte)).next().unwrap_or_default();
+        let content = content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content);
+        !content.trim_ascii().is_empty()
+    };
+    bytes
+        .split(|byte| *byte == b'\n')
+        .enumerate()
+        .filter(|(_, line)| is_row(line))
+        .nth(index)
+        .map(|(n, _)| n + 1)
+}
+
 /// Parses one row; the first row determines separator and layout. The error is a column, counted from 1, and
 /// a message.
 fn row(content: &str, style: &mut Option<(Separator, Layout)>) -> Result<Particle, (Option<usize>, String)> {

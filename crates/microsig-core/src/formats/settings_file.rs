@@ -21,6 +21,9 @@ pub struct SettingsFile {
     pub warnings: Vec<String>,
 }
 
+/// Maximum length of a settings file, bytes: fourteen lines and comments.
+const MAX_BYTES: u64 = 1_000_000;
+
 /// Number of unreadable lines that are listed.
 const MAX_UNREADABLE: usize = 3;
 
@@ -28,12 +31,18 @@ const MAX_UNREADABLE: usize = 3;
 ///
 /// # Errors
 /// [`Error::Malformed`] with every line that is not `key = value`, every missing or duplicate key, and every
-/// value that is not a number or out of range; text that is not UTF-8 and lines that end in CR alone;
+/// value that is not a number or out of range; text that is not UTF-8 or longer than 1 MB, and lines that end
+/// in CR alone;
 /// [`Error::Io`] if reading fails.
-pub fn read(mut reader: impl Read, name: &str) -> Result<SettingsFile, Error> {
+pub fn read(reader: impl Read, name: &str) -> Result<SettingsFile, Error> {
     let mut bytes = Vec::new();
-    reader.read_to_end(&mut bytes).map_err(|e| Error::io(name, e))?;
+    reader.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(|e| Error::io(name, e))?;
     let (mut lines, mut faults) = (Vec::new(), Vec::new());
+    if bytes.len() as u64 > MAX_BYTES {
+        let message = format!("expected a settings file of at most {} MB", MAX_BYTES / 1_000_000);
+        let source_name = name.to_owned();
+        return Err(Error::Malformed(vec![Fault { source_name, line: None, column: None, message }]));
+    }
     for (index, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
         match text_line::text_of(line) {
             Ok(text) => lines.push(text),

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use storage::error::{Error, Result};
+use storage::error::{Error, MOST_COLLECTED, Result};
 use storage::problem::Problem;
 
 /// The problems found so far, and a test for the keys of the language.
@@ -32,8 +32,16 @@ impl Problems {
         self.0
     }
 
+    /// Adds a problem; beyond [`MOST_COLLECTED`] they are dropped, so that a text of many has a bounded cost.
     pub(crate) fn push(&mut self, problem: Problem) {
-        self.0.push(problem);
+        if !self.is_full() {
+            self.0.push(problem);
+        }
+    }
+
+    /// Whether further problems are dropped.
+    pub(crate) fn is_full(&self) -> bool {
+        self.0.len() >= MOST_COLLECTED
     }
 
     /// Adds a value of the wrong type or out of range.

@@ -95,6 +95,9 @@ impl Walk<'_, '_> {
         let mut given: Vec<&str> = Vec::new();
         for field in fields {
             let Some(key) = find(&keys, &field.key) else {
+                if self.problems.is_full() {
+                    break;
+                }
                 let path_of = joined(path, &field.key);
                 let hint = self.root.suggestion(path, &field.key);
                 self.problems.push(Problem::unknown_key(&path_of).at(&field.place).hinted(hint));

@@ -124,6 +124,8 @@ function exportedList(path) {
   const within = (value, [low, high]) =>
     value === null ? low === -Infinity && high === Infinity : value >= low && value <= high;
   const by = { 0: (p) => Math.hypot(p.dx_px, p.dy_px), 1: (p) => Math.abs(p.dz_um), 2: (p) => -p.frame }[query.get("by") ?? 0];
+  // Missed particles, then ghosts, then found ones by their errors.
+  const rank = (p) => (query.get("by") === "2" ? 0 : [0, 2, 1][p.kind]);
   const size = (p) => (p.kind === 0 || query.get("by") === "2" ? by(p) : -Infinity);
   const kept = rows.filter(
     (p) =>
@@ -133,7 +135,7 @@ function exportedList(path) {
       within(p.snr, range("snr")) &&
       within(p.overlap, range("overlap")),
   );
-  kept.sort((a, b) => size(b) - size(a) || 0);
+  kept.sort((a, b) => rank(b) - rank(a) || size(b) - size(a) || 0);
   const columns = {};
   for (const name of Object.keys(kept[0] ?? {})) {
     columns[name] = kept.slice(0, 500).map((p) => p[name]);

@@ -23,6 +23,9 @@ const HEAD_SCORES = [
   ["field.valid_vector_probability", "valid", ""],
 ];
 
+/** Those that say nothing of a result whose points are not linked. */
+const LINK_SCORES = ["links.f1", "clear.id_switches"];
+
 /** Scores of displacement fields: name in score.json, what it is, unit. */
 const FIELD_SCORES = [
   ["n_reported", "Vectors", ""],
@@ -61,7 +64,7 @@ class ResultPane {
     this.about = await getJson(this.path);
     const { score } = this.about;
     this.scores.replaceChildren(
-      ...HEAD_SCORES.filter(([own]) => scoreAt(score, own) !== null).map(([own, name, unit]) =>
+      ...HEAD_SCORES.filter(([own]) => scoreAt(score, own) !== null && (this.about.is_linked || !LINK_SCORES.includes(own))).map(([own, name, unit]) =>
         el("span", { "data-score": own, "data-value": String(scoreAt(score, own)), title: own }, el("b", {}, num(scoreAt(score, own), 4) + unit), ` ${name}`),
       ),
     );
@@ -305,7 +308,7 @@ export class ResultPage {
               box.classList.add("kind");
               return box;
             })),
-        el("div", { class: "row" }, check("Errors", true, set((isOn) => (options.errors = isOn))), field("times", magnify), isField ? null : check("Links", true, set((isOn) => (options.links = isOn)), "To the track's position in the previous frame; wrong links are dashed, switches are marked \u21c4")),
+        el("div", { class: "row" }, check("Errors", true, set((isOn) => (options.errors = isOn))), field("times", magnify), isField || !this.panes.some((pane) => pane.about.is_linked) ? null : check("Links", true, set((isOn) => (options.links = isOn)), "To the track's position in the previous frame; wrong links are dashed, switches are marked \u21c4")),
       ),
       isField ? null : el("fieldset", {}, el("legend", {}, "Filter"), range("z", "z, \u00b5m"), range("snr", "SNR"), range("overlap", "overlap")),
       isField
@@ -320,7 +323,7 @@ export class ResultPage {
               this.panes.length > 1 ? of : null,
               select("kind", [["", "all"], ["0", "found"], ["1", "missed"], ["2", "ghosts"]], "Which points"),
               select("by", [["0", "error in x, y"], ["1", "error in z"], ["2", "frame"]], "Sorted by"),
-              check("switches", false, set((isOn) => (options.switches = isOn))),
+              this.panes.some((pane) => pane.about.is_linked) ? check("switches", false, set((isOn) => (options.switches = isOn))) : null,
             ),
             this.list,
           ),

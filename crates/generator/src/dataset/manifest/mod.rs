@@ -469,9 +469,9 @@ impl Manifest {
     /// Reads a manifest's text; `name` is the file's name in messages.
     ///
     /// # Errors
-    /// A text that is not a manifest, with line and column.
+    /// A text that is not a manifest, with the key or with line and column.
     pub fn parse(text: &str, name: &str) -> Result<Self> {
-        serde_json::from_str(text).map_err(|e| Error::input(format!("{name}: {e}")))
+        storage::json::parse(text).map_err(|e| Error::input(format!("{name}: {e}")))
     }
 
     /// The entry of the file at a path in the dataset.

@@ -130,6 +130,11 @@ impl<'a> Truth<'a> {
         }
     }
 
+    /// The scenario.
+    pub fn scenario(&self) -> &'a Scenario {
+        self.scenario
+    }
+
     /// Number of tables that images of this frame need and that are not made yet.
     pub fn missing_tables(&self, frame: &Frame) -> usize {
         self.noise_free.missing_tables(&self.viewer.rendered(frame))

@@ -1,0 +1,71 @@
+//! Challenges that exist already: their secret keys are not replaced by accident.
+//!
+//! Images and commitment of a challenge may be published. A new key would draw other images and another
+//! truth, by which nobody's submission could be scored.
+
+use std::io::Read;
+use std::path::Path;
+
+use super::{MARK, ReleaseOptions};
+use generator::dataset::manifest::MANIFEST;
+use storage::checksums::SHA256SUMS;
+use storage::error::{Error, Result};
+use storage::folder::{Earlier, check_replaceable};
+
+/// Whether the release is there already and is to be left as it is.
+///
+/// # Errors
+/// A challenge, unless it is that of the dataset and `options.resume` leaves it, or `options.force` and
+/// `options.new_keys` replace it; anything else but an empty folder.
+pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions) -> Result<bool> {
+    let out = &options.out;
+    if !out.join(MARK).is_file() {
+        check_replaceable(out, Earlier::new(MARK, options.force))?;
+        return Ok(false);
+    }
+    if options.resume {
+        return belongs(dataset, options).map(|()| true);
+    }
+    if !(options.force && options.new_keys) {
+        let hint = "is a challenge with its secret key: --resume leaves it as it is, --force --new-keys replaces it by another \
+             one, for which nothing that has been published of it holds";
+        return Err(Error::Exists { path: out.clone(), hint: hint.to_owned() });
+    }
+    check_replaceable(out, Earlier::new(MARK, true)).map(|()| false)
+}
+
+/// Checks that a challenge was made from this dataset, in this version: its archive of train has the
+/// dataset's checksums.
+fn belongs(dataset: &Path, options: &ReleaseOptions) -> Result<()> {
+    let out = &options.out;
+    let refuse = |what: &str| {
+        let hint = "cannot resume; --force --new-keys replaces it and its secret key";
+        Err(Error::input(format!("{}: {what}; {hint}", out.display())))
+    };
+    let manifest = storage::read_text(&out.join("public").join(MANIFEST))?;
+    let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap_or_default();
+    let resources = manifest["resources"].as_array().into_iter().flatten();
+    let train = resources.filter_map(|of| of["path"].as_str()).find_map(|p| p.strip_suffix("-train.zip"));
+    let Some(name) = train else { return refuse("lists no archive of a train split") };
+    if manifest["version"].as_str() != Some(&options.about.version) {
+        return refuse(&format!("is not of version {}", options.about.version));
+    }
+    let sums = storage::read_text(&dataset.join(SHA256SUMS))?;
+    if sums_of_train(out, name).as_deref() == Some(&sums) {
+        return Ok(());
+    }
+    refuse(&format!("is not made from {}", dataset.display()))
+}
+
+/// Longest list of checksums that is compared, bytes: a dataset of a million files has 100 MB.
+const LONGEST: u64 = 1 << 30;
+
+/// The checksums in the archive of the train split.
+fn sums_of_train(out: &Path, name: &str) -> Option<String> {
+    let archive = storage::input::open(&out.join("public").join(format!("{name}-train.zip"))).ok()?;
+    let mut archive = zip::ZipArchive::new(archive).ok()?;
+    let entry = archive.by_name(&format!("{name}-train/{SHA256SUMS}")).ok()?;
+    let mut text = String::new();
+    entry.take(LONGEST).read_to_string(&mut text).ok()?;
+    Some(text)
+}

@@ -1,0 +1,99 @@
+//! Messages about input: file, line, key; their number and length are bounded. Estimates of `--dry-run`.
+
+use serde_json::Value;
+use suite::microsig::{fail, generate, path, run, write};
+
+const SCENARIO: &str = r#"(
+    name: "small",
+    optics: (pixel_dim_x: 96, pixel_dim_y: 64),
+    motion: flow(field: poiseuille()),
+    particles: (number: count(5)),
+    timing: pairs(count: 2),
+    calibration: none,
+)"#;
+
+#[test]
+fn of_many_problems_on_a_long_line_twenty_are_shown_each_with_its_place() {
+    let place = tempfile::tempdir().unwrap();
+    // The line has 6 MB; a message that walks through it for each problem takes hours.
+    let many = "seed: 1, ".repeat(300_000) + &"sed: 1, ".repeat(300_000);
+    let text = SCENARIO.replace("name:", &format!("{many}name:"));
+    let message = fail(2, &["generate", path(&write(place.path(), "s.ron", &text))]);
+    assert_eq!(message.matches("`seed` is given a second time").count(), 20);
+    assert!(message.contains("s.ron:2:14: `seed` is given a second time"), "{}", &message[..2000]);
+    assert!(message.trim_end().ends_with("and at least 980 more"), "{}", &message[message.len() - 200..]);
+    assert!(message.len() < 10_000 && message.lines().all(|line| line.len() < 300), "{}", message.len());
+}
+
+#[test]
+fn a_listed_place_that_is_refused_has_file_and_line() {
+    let place = tempfile::tempdir().unwrap();
+    write(
+        place.path(),
+        "places.txt",
+        "# x y z d\n10 10 -30 2\n\n50 40 -30 2 # in the channel\n50 40 500 2\n",
+    );
+    let listed = SCENARIO.replace("count(5)", "file(\"places.txt\")");
+    let scenario = write(place.path(), "s.ron", &listed);
+    for arguments in [&["generate", path(&scenario)][..], &["generate", path(&scenario), "--dry-run"]] {
+        let message = fail(2, arguments);
+        assert!(
+            message.contains("places.txt:5: x = 50 px, y = 40 px, z = 500 um: expected a place in"),
+            "{message}"
+        );
+        assert!(message.contains("particles.number.file"), "{message}");
+    }
+}
+
+#[test]
+fn paths_without_an_end_are_a_problem_of_the_field() {
+    let place = tempfile::tempdir().unwrap();
+    let text = SCENARIO
+        .replace("poiseuille()", "poiseuille(max_speed_um_s: 1e305)")
+        .replace("count: 2", "count: 2, dt_s: 1e6");
+    let message = fail(2, &["generate", path(&write(place.path(), "s.ron", &text))]);
+    assert!(message.contains("motion.flow.field") && message.contains("s.ron:4:"), "{message}");
+}
+
+#[test]
+fn a_manifest_of_another_shape_is_refused_by_its_key() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), "dataset", SCENARIO);
+    let file = dataset.join("datapackage.json");
+    let manifest: Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    for (key, value, expected) in [
+        ("microsig", Value::from(3), "microsig = 3: expected an object"),
+        ("resources", Value::from("x"), "resources = \"x\": expected a list"),
+        ("name", Value::from(7), "name = 7: expected a text"),
+    ] {
+        let mut changed = manifest.clone();
+        changed[key] = value;
+        std::fs::write(&file, changed.to_string()).unwrap();
+        let message = fail(2, &["evaluate", path(&dataset), path(&dataset.join("truth/tracks.csv"))]);
+        assert!(message.contains("datapackage.json: ") && message.contains(expected), "{message}");
+        assert!(!message.contains("struct"), "{message}");
+    }
+}
+
+fn estimate(scenario: &str, set: &[&str]) -> Value {
+    let place = tempfile::tempdir().unwrap();
+    write(place.path(), "places.txt", "10 10 -30 2\n50 40 -30 2\n");
+    let file = write(place.path(), "s.ron", scenario);
+    let set = set.iter().flat_map(|set| ["--set", set]);
+    let arguments: Vec<&str> =
+        ["generate", path(&file), "--dry-run", "--json", "--threads", "1"].into_iter().chain(set).collect();
+    serde_json::from_str(&run(&arguments)).unwrap()
+}
+
+#[test]
+fn estimates_cover_listed_particles_and_the_memory_of_rays() {
+    let listed = SCENARIO.replace("count(5)", "file(\"places.txt\")");
+    let cost = estimate(&listed, &[]);
+    assert_eq!(cost["particles_per_frame"], 2.0);
+    assert!(cost["seconds"].as_f64().unwrap() > 0.0);
+    // 6 million source points, of which one image takes tens of seconds: an estimate may not draw it.
+    let many = estimate(&listed, &["optics.points_per_pixel=100000"]);
+    let memory = many["memory_bytes"].as_u64().unwrap();
+    assert!((400_000_000..2_000_000_000).contains(&memory), "{memory}");
+    assert!(many["seconds"].as_f64().unwrap() > 100.0 * cost["seconds"].as_f64().unwrap(), "{many} {cost}");
+}
