@@ -95,5 +95,5 @@ fn estimates_cover_listed_particles_and_the_memory_of_rays() {
     let many = estimate(&listed, &["optics.points_per_pixel=100000"]);
     let memory = many["memory_bytes"].as_u64().unwrap();
     assert!((400_000_000..2_000_000_000).contains(&memory), "{memory}");
-    assert!(many["seconds"].as_f64().unwrap() > 100.0 * cost["seconds"].as_f64().unwrap(), "{many} {cost}");
+    assert!(many["seconds"].as_f64().unwrap() > 10.0 * cost["seconds"].as_f64().unwrap(), "{many} {cost}");
 }

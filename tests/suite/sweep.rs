@@ -100,7 +100,7 @@ fn shards_and_slurm_tasks_give_the_tree_of_one_run() {
     assert!(tree(&together) == expected, "left as it was");
 }
 
-/// A share that nobody has asked for would pass for the whole.
+/// A share that was not asked for would pass for the whole.
 #[test]
 fn a_task_of_a_job_array_makes_all_cases_unless_it_is_asked_for_its_share() {
     let place = tempfile::tempdir().unwrap();

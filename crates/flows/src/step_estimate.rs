@@ -36,8 +36,8 @@ pub fn steps(field: &dyn VelocityField, fluid: &FluidRegion<'_>, t: f64, dt_s: f
     if number > 0.0 { sum / number } else { 0.0 }
 }
 
-/// Checks that closed-form trajectories have an end that is a number, and that trajectories between two frames `dt_s` (s) apart take at most [`MAX_STEPS`] steps on average;
-/// `Err` gives the highest speed found.
+/// Checks that closed-form trajectories have an end that is a number, and that the others take at most
+/// [`MAX_STEPS`] steps on average between two frames `dt_s` (s) apart; `Err` gives the highest speed found.
 pub fn check(field: &dyn VelocityField, fluid: &FluidRegion<'_>, t: f64, dt_s: f64) -> Result<()> {
     let ends = |x: DVec3| field.flow_map(x, t, t + dt_s).is_none_or(DVec3::is_finite);
     if let Some(x) = lattice(fluid.domain().region(), NODES).find(|x| fluid.contains(*x, t) && !ends(*x)) {

@@ -55,7 +55,8 @@ pub(super) struct Release {
     /// Leave a finished release of this dataset as it is
     #[arg(long)]
     resume: bool,
-    /// With --force: replace a challenge and draw a new secret key; what has been published of it no longer holds
+    /// With --force: replace a challenge and draw a new secret key; what has been published of it no longer
+    /// holds
     #[arg(long)]
     new_keys: bool,
     /// Version of the challenge

@@ -156,7 +156,8 @@ struct Release {
     /// Continue an interrupted run: challenges that are finished keep their secret keys
     #[arg(long)]
     resume: bool,
-    /// With --force: replace challenges and draw new secret keys; what has been published of them no longer holds
+    /// With --force: replace challenges and draw new secret keys; what has been published of them no longer
+    /// holds
     #[arg(long)]
     new_keys: bool,
     /// Also write a bundle for the platform Codabench for each case

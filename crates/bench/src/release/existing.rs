@@ -1,7 +1,7 @@
 //! Challenges that exist already: their secret keys are not replaced by accident.
 //!
 //! Images and commitment of a challenge may be published. A new key would draw other images and another
-//! truth, by which nobody's submission could be scored.
+//! truth, by which no submission could be scored.
 
 use std::io::Read;
 use std::path::Path;

@@ -81,7 +81,7 @@ fn lines_over<'a>(axis: &str, entries: &[&'a Entry]) -> Vec<Line<'a>> {
     placed.chunk_by(same_line).map(of_line).collect()
 }
 
-/// The end of a key's path that tells it from other keys, at least its last part.
+/// The end of a key's path that distinguishes it from other keys, at least its last part.
 fn short<'k>(key: &'k str, all: &BTreeSet<&str>) -> &'k str {
     let ends = key.rmatch_indices('.').map(|(at, _)| &key[at + 1..]);
     let is_own = |end: &&str| {

@@ -1,8 +1,8 @@
 //! The open connections, and which of them is closed to make room for another.
 //!
 //! Connections that have not shown the token go first, then those that wait for a next request, then those
-//! whose response has not advanced for a while. A browser opens few connections and renews one that was closed
-//! while it was idle, so that a page does not notice.
+//! whose response has not advanced for a while. A browser opens few connections and renews one that was
+//! closed while it was idle, so that a page does not notice.
 
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -24,7 +24,7 @@ const STALLED: Duration = Duration::from_secs(3);
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Phase {
     /// It has not shown the token.
-    Stranger,
+    Unknown,
     /// It has, and waits for a next request.
     Idle,
     /// A request is being answered.
@@ -37,7 +37,7 @@ pub(super) struct Activity(Arc<Mutex<(Phase, Instant)>>);
 
 impl Activity {
     pub(super) fn new() -> Self {
-        Activity(Arc::new(Mutex::new((Phase::Stranger, Instant::now()))))
+        Activity(Arc::new(Mutex::new((Phase::Unknown, Instant::now()))))
     }
 
     fn set(&self, phase: Phase) {

@@ -196,7 +196,7 @@ fn points(evaluation: &Evaluation, particles: &Particles, truth: &TrueParticles)
         from[b as usize] = Some(([at.x_px, at.y_px], is_right[b as usize]));
     }
     let mut is_switch = vec![false; r.len()];
-    // Points that nobody has linked change no identity.
+    // Points that are not linked change no identity.
     if let Some(gate) = evaluation.score.definitions.gate.filter(|_| r.links().next().is_some()) {
         mark_switches((t, r), &gate, &mut is_switch)?;
     }

@@ -265,7 +265,8 @@ impl Seeding {
         }
     }
 
-    /// The particle at a given position, number `index` of the list; `Err` if it is outside the fluid or overlaps a wall or body.
+    /// The particle at a given position, number `index` of the list; `Err` if it is outside the fluid or
+    /// overlaps a wall or body.
     fn listed(
         &self,
         index: usize,

@@ -105,12 +105,14 @@ fn with_line(error: Error, scenario: &Scenario) -> Error {
         return error;
     };
     let at = scenario.scale.to_image(*at_um);
+    // As in the file: the conversion to um and back is inexact.
+    let written = |value: f64| (value * 1e6).round() / 1e6;
     Error::input(format!(
         "{}:{line}: x = {} px, y = {} px, z = {} um: expected {allowed}; see particles.number.file, boundaries and motion",
         input.source.display(),
-        at.x_px,
-        at.y_px,
-        at.z_um
+        written(at.x_px),
+        written(at.y_px),
+        written(at.z_um)
     ))
 }
 
