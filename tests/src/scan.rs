@@ -175,7 +175,7 @@ impl SimulatedScan {
         let Settings { pixel_dim_x: width, pixel_dim_y: height, pixel_size, n_rays, .. } = self.settings;
         let parts = PARTS as f64;
         let fine = Settings { pixel_size: pixel_size / parts, ..self.settings.clone() };
-        let renderer = ExpectedRenderer::new(&fine, SpheroidLaw::Original, 1e-3)?;
+        let renderer = ExpectedRenderer::new(&fine, SpheroidLaw::Original, 3e-4)?;
         let points = sphere_points(&self.settings, self.diameter_um) as f64;
         let rays = points * (f64::from(n_rays) + 1.0);
         let (sine, cosine) = self.rotation_deg.to_radians().sin_cos();

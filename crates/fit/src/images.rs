@@ -63,6 +63,12 @@ impl Problem<'_> {
         }
     }
 
+    /// Whether quantities are free that others nearly compensate.
+    pub(super) fn is_nearly_degenerate(&self) -> bool {
+        let extra = [Shared::RiLens, Shared::PixelSize, Shared::DepthFactor];
+        self.shared.iter().any(|shared| extra.contains(shared))
+    }
+
     pub(super) fn n_beads(&self) -> usize {
         self.windows.particles.len()
     }

@@ -24,6 +24,10 @@ const FINE: Accuracy = Accuracy { tolerance: 3e-3, of_sides: 3e-3, central: true
 /// standard deviation, that of these by half of one.
 const FINEST: Accuracy = Accuracy { tolerance: 1e-3, ..FINE };
 
+/// Error of images, and of those of which differences are taken, where quantities nearly compensate each other:
+/// errors of 1e-3 of the peak move a scan's pixel size by several standard deviations along the valley.
+const OF_VALLEYS: f64 = 5e-4;
+
 /// Predicted decrease of chi2 at which minimization ends: while starting points are compared, and in the
 /// final fit.
 pub(super) const ROUGHLY: f64 = 10.0;
@@ -87,7 +91,8 @@ pub(super) fn converge(
     mut state: State,
     derivatives: &mut Option<Derivatives>,
 ) -> Result<State> {
-    problem.accuracy = FINE;
+    let of_sides = if problem.is_nearly_degenerate() { OF_VALLEYS } else { FINE.of_sides };
+    problem.accuracy = Accuracy { of_sides, ..FINE };
     problem.converged = CONVERGED;
     state.noise = problem.noises(&state)?.with_model;
     for round in 0..ROUNDS {
@@ -108,7 +113,7 @@ pub(super) fn converge(
         }
     }
     problem.stage = format!("{}, last round", problem.name());
-    problem.accuracy = FINEST;
+    problem.accuracy = Accuracy { tolerance: FINEST.tolerance.min(of_sides), of_sides, ..FINEST };
     problem.minimize(state, STEPS, 1e-4, derivatives)
 }
 

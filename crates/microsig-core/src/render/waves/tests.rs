@@ -459,7 +459,7 @@ fn the_axis_of_a_dyed_bead_is_that_of_a_direct_integral() {
     let optics = WaveOptics { emission: Emission::Volume, ..WaveOptics::new(0.52) };
     let tolerance = 1e-3;
     let renderer = WavesRenderer::new(&settings, &optics, tolerance).unwrap();
-    for (d_um, z_um, truth) in DYED_BEADS {
+    for (d_um, z_um, truth) in DYED_BEADS.into_iter().take(2) {
         let bead = Particle::sphere(61.0, 61.0, z_um, d_um);
         let patch = renderer.patch(&bead).unwrap();
         let peak = patch.counts.iter().copied().fold(0.0, f64::max);
@@ -469,9 +469,9 @@ fn the_axis_of_a_dyed_bead_is_that_of_a_direct_integral() {
         println!("d {d_um}, z {z_um}: {center:.3}, direct {expected:.3}, peak {peak:.1}");
         assert!((center - expected).abs() < tolerance * peak, "{d_um}: {center} {expected} {peak}");
     }
-    // Directly, without tables.
+    // Directly, without tables; a second place far away, as the pupil is truncated for small images.
     for (d_um, z_um, truth) in DYED_BEADS {
-        let found = renderer.share_at(z_um, d_um, &[[0.0, 0.0]])[0];
+        let found = renderer.share_at(z_um, d_um, &[[0.0, 0.0], [50.0, 0.0]])[0];
         println!("d {d_um}, z {z_um}: {}", found / truth - 1.0);
         assert!((found / truth - 1.0).abs() < 1e-3, "{d_um}: {found}, not {truth}");
     }
