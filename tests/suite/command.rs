@@ -102,6 +102,29 @@ fn killed(scenario: &Path, dataset: &Path) -> PathBuf {
     partial
 }
 
+/// Mistakes that everybody makes once name the right path.
+#[test]
+fn exchanged_arguments_and_folders_that_are_no_dataset_are_named() {
+    let place = tempfile::tempdir().unwrap();
+    let dataset = generate(place.path(), "dataset", SCENARIO);
+    let result = place.path().join("result.csv");
+    std::fs::write(&result, "frame,x_px,y_px\n0,1,1\n").unwrap();
+    for check in [&[][..], &["--validate-only"]] {
+        let said = fail(2, &[&["evaluate", path(&result), path(&dataset)], check].concat());
+        assert!(said.contains("expected first the dataset, then the result"), "{said}");
+    }
+    let said = fail(2, &["evaluate", path(place.path()), path(&result)]);
+    let named = format!("no dataset: it has no datapackage.json; {} is one", dataset.display());
+    assert!(said.contains(&named), "{said}");
+    let said = fail(
+        2,
+        &["track", path(&dataset.join("images")), "--method", "spots", "--out", path(&result), "--force"],
+    );
+    assert!(said.contains("no dataset") && said.contains("dataset is one"), "{said}");
+    let said = fail(2, &["track", path(&result), "--method", "spots", "--out", "never.csv"]);
+    assert!(said.contains("a file; expected the folder of a dataset"), "{said}");
+}
+
 #[test]
 fn an_interrupted_run_goes_on_with_resume_only() {
     let place = tempfile::tempdir().unwrap();

@@ -21,6 +21,7 @@ mod maxima;
 mod messages;
 mod microscope;
 mod motion;
+mod noise;
 mod orientation;
 mod packages;
 mod reference;

@@ -287,7 +287,15 @@ fn hostile_files() -> Vec<(&'static str, Vec<u8>, &'static str)> {
             "track 3 appears twice in frame 0",
         ),
         ("comma.csv", b"frame,track,x_px,y_px\n0,3,1,5,2,5\n".to_vec(), "decimal commas"),
-        ("semicolon.csv", b"frame;track;x_px;y_px\n0;3;1,5;2,5\n".to_vec(), "separated by semicolons"),
+        ("thousands.csv", b"frame;x_px;y_px\n0;1.234,5;2,5\n".to_vec(), ":2: x_px = \"1.234,5\""),
+        (
+            "mixed.csv",
+            b"frame;x_px;y_px\n0;1,5;2,5\n0;1.5;2\n".to_vec(),
+            "(line 2) and with a decimal point (line 3)",
+        ),
+        ("workbook.xlsx", b"PK\x03\x04\x14\0\x06\0".to_vec(), "save the sheet as CSV"),
+        ("unmarked.csv", utf16("frame,x_px,y_px\n0,1,2\n", false), "UTF-16 text without a byte order mark"),
+        ("halved.csv", utf16("frame,x_px,y_px\n0,1,2\n", true)[..45].to_vec(), "ends within a character"),
         ("empty.csv", Vec::new(), "empty"),
         ("names.csv", b"frame,track,x,y\n0,3,1,5\n".to_vec(), "have no units"),
         (
@@ -322,6 +330,49 @@ fn hostile_files() -> Vec<(&'static str, Vec<u8>, &'static str)> {
         ("binary.csv", vec![0xff; 4000], "fits no format"),
         ("column.csv", b"frame,track,x_px\n0,0,1\n".to_vec(), "expected columns frame, track, x_px, y_px"),
     ]
+}
+
+/// Text in UTF-16, low bytes first, as Windows writes it.
+fn utf16(text: &str, mark: bool) -> Vec<u8> {
+    let mark = mark.then_some(0xfeff);
+    mark.into_iter().chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect()
+}
+
+/// Spreadsheets write what the language of the computer asks for.
+#[test]
+fn tables_of_spreadsheets_are_read_and_it_is_said_how() {
+    let place = tempfile::tempdir().unwrap();
+    let plain = std::fs::read_to_string(folder().join("canonical.csv")).unwrap();
+    let german = plain.replace(',', ";").replace('.', ",");
+    let tables = [
+        (
+            "semicolons.csv",
+            german.clone().into_bytes(),
+            "with semicolons between columns, with decimal commas",
+        ),
+        ("tabs.txt", plain.replace(',', "\t").into_bytes(), "with tabs between columns"),
+        ("excel.csv", format!("sep=;\r\n{german}").into_bytes(), "below a line sep= for Excel"),
+        ("comma.csv", format!("sep=,\n{plain}").into_bytes(), "below a line sep= for Excel"),
+        ("unicode.txt", utf16(&plain.replace(',', "\t"), true), "in UTF-16, with tabs between columns"),
+    ];
+    for (name, bytes, said) in tables {
+        std::fs::write(place.path().join(name), bytes).unwrap();
+        let found = score(path(&place.path().join(name)), 3);
+        let detection = found.detection.unwrap();
+        assert_eq!((detection.tp, detection.missed, detection.rmse_xy_px), (25, 0, Some(0.0)), "{name}");
+        assert!(found.assumptions.iter().any(|note| note.contains(said)), "{name}: {:?}", found.assumptions);
+    }
+    // Fields of other programs as well.
+    let pivlab = std::fs::read_to_string(folder().join("pivlab.txt")).unwrap();
+    let expected = read(&folder().join("pivlab.txt"), &given()).unwrap();
+    let file = place.path().join("pivlab.txt");
+    std::fs::write(&file, utf16(&pivlab, true)).unwrap();
+    let (TrackerResult::Field(found), TrackerResult::Field(expected)) =
+        (read(&file, &given()).unwrap(), expected)
+    else {
+        panic!("particles");
+    };
+    assert_eq!(format!("{:?}", found.vectors), format!("{:?}", expected.vectors));
 }
 
 #[test]

@@ -81,6 +81,39 @@ fn mistakes_of_conventions_are_noticed() {
     assert!(offset.f1_without > 0.8);
 }
 
+/// A result of another recording, or far from the true places, is not only a low score.
+#[test]
+fn a_result_that_matches_no_more_than_chance_is_recognized() {
+    let (mut truth, points) = scene();
+    truth.facts.sensor_px = Some((200.0, 150.0));
+    let hint = |points: &Points| -> Option<String> {
+        scores(&truth, points).hints.first().map(|hint| hint.what.clone())
+    };
+    let mut other = points.clone();
+    // Other particles: each track at a place of its own.
+    for row in &mut other.rows {
+        let k = (row.track.rem_euclid(100) + 1) as f64;
+        row.at.x_px = (row.at.x_px + 61.8 * k).rem_euclid(200.0);
+        row.at.y_px = (row.at.y_px + 41.4 * k).rem_euclid(150.0);
+    }
+    let said = hint(&other).unwrap_or_default();
+    assert!(said.contains("points match a particle, no more than at random places"), "{said}");
+    let mut far = points.clone();
+    far.rows.iter_mut().for_each(|row| row.at.x_px += 400.0);
+    let said = hint(&far).unwrap_or_default();
+    assert!(said.starts_with("0 of ") && said.contains("another dataset"), "{said}");
+    // A tenth of the points in their places is far more than chance.
+    let few = other
+        .rows
+        .iter()
+        .zip(&points.rows)
+        .enumerate()
+        .map(|(i, (other, own))| if i % 10 == 0 { *own } else { *other });
+    assert_eq!(hint(&Points { rows: few.collect(), ..points.clone() }), None);
+    let said = hint(&Points::default()).unwrap_or_default();
+    assert!(said.starts_with("the result is empty"), "{said}");
+}
+
 /// Points of unscored particles are selected again for every convention that is tried.
 #[test]
 fn a_perfect_result_in_another_convention_is_told_to_be_perfect() {

@@ -172,6 +172,32 @@ fn particles_cover_the_share_of_the_sensor_that_n_s_says() {
     assert!((depth["peak_counts"][0] / depth["snr"][0] - 10.0).abs() < 1e-9);
 }
 
+/// In a channel that takes a part of the image, images overlap as its particles do, which `n_s` asks for and
+/// states.
+#[test]
+fn the_source_density_within_walls_is_that_of_the_channel() {
+    let place = tempfile::tempdir().unwrap();
+    // 31 um of 96 px of 0.645 um: half of the image.
+    let rest = "motion: flow(field: duct(width_um: 30.96)), particles: (number: n_s(0.5), diameter_um: constant(0.5)), \
+                timing: pairs(count: 40), boundaries: (z_um: (-60, 20))";
+    let out = dataset(place.path(), "channel", rest);
+    let facts = manifest(&out);
+    let number = |key: &str| facts[key].as_f64().unwrap();
+    let (pixels, share) = (128.0 * 96.0, number("image_share"));
+    assert!((share - 0.5).abs() < 5e-3, "{share}");
+    assert!((number("n_s") - number("n_p") * number("a_pi_px") / (share * pixels)).abs() < 1e-12);
+    assert!((number("n_ppp") - number("n_p") / pixels).abs() < 1e-12);
+    let expected = 0.5 * share * pixels / number("a_pi_px");
+    assert!(
+        (number("n_p") - expected).abs() < 4.0 * (expected / 40.0).sqrt(),
+        "{} {expected}",
+        number("n_p")
+    );
+    let card = std::fs::read_to_string(out.join("README.md")).unwrap();
+    assert!(card.contains("in the 50 % of the image that walls and bodies leave"), "{card}");
+    assert!(facts["concentration_definition"].as_str().unwrap().contains("image_share"));
+}
+
 /// Visibility of particles: isolated ones have the peak of depth.csv, close ones overlap, and scores are
 /// binned by SNR and overlap.
 #[test]

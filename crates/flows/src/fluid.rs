@@ -175,6 +175,39 @@ impl<'a> FluidRegion<'a> {
         }
     }
 
+    /// The share of the cross-section of `view` normal to z that holds the tracers at `t` (s); exactly 1 if
+    /// no wall or body reduces it.
+    ///
+    /// Where the number of tracers behind a point of the image varies, as in a tube, it is the share that
+    /// would hold all of them at the number per area that surrounds them on average, (int n dA)^2 / int n^2
+    /// dA: overlaps of images grow with that number.
+    pub fn image_share(&self, view: &Region, t: f64) -> f64 {
+        /// Numbers of cells of the cross-section along x and y, and of each column.
+        const CELLS: [u32; 3] = [48, 48, 16];
+        if self.field.wall(view.at(DVec3::splat(0.5)), t).is_none() && self.bodies.is_empty() {
+            return 1.0;
+        }
+        let cell = view.size() / DVec3::from_array(CELLS.map(f64::from));
+        let middle = |i: u32, axis: usize| (f64::from(i) + 0.5) / f64::from(CELLS[axis]);
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for j in 0..CELLS[1] {
+            for i in 0..CELLS[0] {
+                let mut column = 0.0;
+                for k in 0..CELLS[2] {
+                    let at = view.at(DVec3::new(middle(i, 0), middle(j, 1), middle(k, 2)));
+                    let (room, normal) = self.room(at, t, 0.0);
+                    column += (0.5 + room / normal.abs().dot(cell)).clamp(0.0, 1.0);
+                }
+                sum += column;
+                squares += column * column;
+            }
+        }
+        let share = sum * sum / (squares * f64::from(CELLS[0] * CELLS[1]));
+        // NaN in a view without fluid; walls that coincide with faces of the box take no area, up to
+        // rounding.
+        if share < 1.0 - 1e-9 { share } else { 1.0 }
+    }
+
     /// Gap (um) between the surface of a particle of `radius` (um) at `x` and the nearest wall of field or
     /// bodies (negative: overlap), and the normal of that wall.
     fn room(&self, x: DVec3, t: f64, radius: f64) -> (f64, DVec3) {

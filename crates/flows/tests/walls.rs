@@ -10,7 +10,7 @@ use flows::{
     Body, Boundary, Brownian, Diameters, Domain, FluidRegion, Frame, Liquid, RecordingStart, Region, Scene,
     Seeding, VelocityField,
 };
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use microsig_core::stream::Streams;
 
 const DT_S: f64 = 0.005;
@@ -254,6 +254,26 @@ fn numbers_are_those_of_the_fluid() {
     let scene = Scene::new(field.as_ref(), &domain, &listed).unwrap();
     let first = scene.record(&[0.0], Streams::new(1), RecordingStart::default()).unwrap().next().unwrap();
     assert!(first.unwrap_err().to_string().contains("a place in the fluid"));
+}
+
+/// Images overlap as the particles around them are many, not as those of the whole sensor are.
+#[test]
+fn the_image_share_is_that_of_the_fluid_in_the_image() {
+    let domain = wide();
+    let view = Region::new(DVec3::new(-100.0, -100.0, -110.0), DVec3::new(100.0, 100.0, 50.0)).unwrap();
+    let share = |name: &str, bodies: &[Body]| {
+        let field = (flows::registry::find(name).unwrap().make)().unwrap();
+        FluidRegion::new(field.as_ref(), &domain, bodies).image_share(&view, 0.0)
+    };
+    // Chords 2 (R^2 - y^2)^(1/2) of a tube along x of R = 50 um: (pi R^2)^2 / (16 R^3 / 3), over 200 um.
+    let pi = std::f64::consts::PI;
+    let tube = 3.0 * pi * pi / 16.0 * 50.0 / 200.0;
+    assert!((share("tube", &[]) / tube - 1.0).abs() < 5e-3, "{} {tube}", share("tube", &[]));
+    let post = Body::cylinder(DVec2::ZERO, 60.0).unwrap();
+    let around = 1.0 - pi * 3600.0 / 40000.0;
+    assert!((share("lamb_oseen", &[post]) / around - 1.0).abs() < 5e-3, "{}", share("lamb_oseen", &[post]));
+    // Floor and ceiling leave particles everywhere in the image.
+    assert_eq!((share("lamb_oseen", &[]), share("poiseuille", &[])), (1.0, 1.0));
 }
 
 /// Speeds scale with d^2: 4.1 um/s for 1 um and 66 um/s for 4 um, where 2 um particles move at 16.45 um/s.

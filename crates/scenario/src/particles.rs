@@ -69,8 +69,8 @@ pub enum Number {
     Ppp(#[schemars(range(min = 0.0, max = 1.0), extend("x-unit" = "1/px"), example = 0.0002)] f64),
     /// Particles per volume on average, a Poisson process.
     PerUm3(#[schemars(range(min = 0.0, max = 1e3), extend("x-unit" = "1/um\u{b3}"), example = 1e-6)] f64),
-    /// Source density N_S: fraction of the sensor that particle images cover on average, overlaps counted
-    /// twice; a Poisson process.
+    /// Source density N_S: fraction that particle images cover on average, overlaps counted twice, of the
+    /// sensor, or of the part of it where walls and bodies leave room for particles; a Poisson process.
     NS(#[schemars(range(min = 0.0, max = 100.0), example = 0.1)] f64),
     /// One at each position of a MicroSIG data file (x and y in px, z in um; diameters are those of
     /// `diameter_um`), relative to the scenario.

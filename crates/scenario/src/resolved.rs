@@ -53,6 +53,9 @@ pub struct Scenario {
     pub depth_range_um: (f64, f64),
     /// Volume fractions of fluid in parts of the box that have been measured.
     pub fluid_shares: KeptShares,
+    /// The share of the sensor in which particles are, see [`FluidRegion::image_share`]; 1 without walls
+    /// across the image.
+    pub image_share: f64,
     /// Number, diameters and initial positions of the particles.
     pub seeding: Seeding,
     /// Other properties of the particles, and their motion besides the flow.

@@ -47,7 +47,7 @@ impl FolderLock {
                 }
                 opened => opened,
             }
-            .map_err(Error::write(&path))?;
+            .map_err(|e| refused(folder, &path, e))?;
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => {
@@ -82,6 +82,18 @@ impl FolderLock {
             return Ok(FolderLock { path, _file: Some(file), _temporary });
         }
     }
+}
+
+/// The error of a lock that cannot be made: in a place where nothing can be written, that is what matters,
+/// not the lock.
+fn refused(folder: &Path, lock: &Path, e: std::io::Error) -> Error {
+    if !matches!(e.kind(), ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem) {
+        return Error::write(lock)(e);
+    }
+    let place = lock.parent().filter(|place| !place.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let what =
+        format!("nothing can be written into {} ({e}); choose another place by --out", place.display());
+    Error::write(folder)(std::io::Error::new(e.kind(), what))
 }
 
 fn open(path: &Path) -> std::io::Result<File> {
@@ -128,5 +140,21 @@ mod tests {
         std::fs::write(place.path().join(".set.lock"), "process 1 on elsewhere\n").unwrap();
         drop(FolderLock::take(&folder).unwrap());
         assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 0);
+    }
+
+    /// By the error itself: the permissions of folders do not bind the administrator, as whom tests may run.
+    #[test]
+    fn a_read_only_place_is_named_instead_of_the_lock() {
+        let of = |kind: ErrorKind| {
+            refused(Path::new("/data/set"), Path::new("/data/.set.lock"), kind.into()).to_string()
+        };
+        for kind in [ErrorKind::PermissionDenied, ErrorKind::ReadOnlyFilesystem] {
+            let said = of(kind);
+            assert!(
+                said.starts_with("/data/set: nothing can be written into /data (") && said.contains("--out"),
+                "{said}"
+            );
+        }
+        assert!(of(ErrorKind::StorageFull).starts_with("/data/.set.lock: "));
     }
 }

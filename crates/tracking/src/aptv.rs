@@ -20,6 +20,11 @@ const SMOOTH_PX: f32 = 1.5;
 /// Segmentation threshold, in standard deviations of the filtered noise.
 const ABOVE_NOISE: f32 = 5.0;
 
+/// The same as a share of the peak of the faintest image of the calibration. Noise decides only where it is
+/// larger: with images out to their faintest rims, which overlap the more, less noise would mean fewer
+/// particles.
+const OF_FAINTEST: f32 = 0.3;
+
 /// Minimum area of a region, px^2.
 const LEAST_AREA: usize = 12;
 
@@ -45,7 +50,7 @@ pub(super) const METHOD: Method = Method {
             found
         })?;
         let tally = tally.into_inner().unwrap_or_else(PoisonError::into_inner);
-        tally.warning().into_iter().for_each(|warning| job.warn(warning));
+        tally.warning(job.recording.image_share()).into_iter().for_each(|warning| job.warn(warning));
         Ok(found)
     },
 };
@@ -56,6 +61,7 @@ struct Tally {
     measured: usize,
     at_edge: usize,
     off_curve: usize,
+    small: usize,
     /// Number of pixels in bright regions, and of all pixels.
     bright: usize,
     pixels: usize,
@@ -66,29 +72,45 @@ impl Tally {
         self.measured += other.measured;
         self.at_edge += other.at_edge;
         self.off_curve += other.off_curve;
+        self.small += other.small;
         self.bright += other.bright;
         self.pixels += other.pixels;
     }
 
-    /// If fewer than half of the regions were measured: the reasons, and possible remedies.
-    fn warning(&self) -> Option<String> {
-        let regions = self.measured + self.at_edge + self.off_curve;
-        if 2 * self.measured >= regions && regions > 0 {
+    /// Why regions were not measured, by reason, and possible remedies if those are most; `image_share` is
+    /// the share of the frame in which particles are.
+    fn warning(&self, image_share: f64) -> Option<String> {
+        let Tally { measured, at_edge, off_curve, small, .. } = self;
+        let lost = at_edge + off_curve + small;
+        let regions = measured + lost;
+        if regions == 0 {
+            return Some(format!(
+                "no particles are found: nothing exceeds {ABOVE_NOISE} standard deviations of the filtered noise; more light or \
+                 less noise would help"
+            ));
+        }
+        if lost == 0 {
             return None;
         }
-        // Randomly placed images cover a share 1 - exp(-N_S) of a frame, and a share exp(-4 N_S) of them does
-        // not touch another.
-        let n_s = -(1.0 - self.bright as f64 / self.pixels as f64).max(1e-3).ln();
-        Some(format!(
-            "{} of {regions} bright regions were measured: {} touch the edge of the image, {} have widths off the \
-             calibration curve, as overlapping particles do. Particle images cover N_S = {n_s:.2} of the frame, which leaves \
-             about {:.0} % of them free of others; fewer particles, a smaller depth range or a lower magnification would \
-             help, or methods for overlapping images (ncc, mle)",
-            self.measured,
-            self.at_edge,
-            self.off_curve,
-            100.0 * (-4.0 * n_s).exp()
-        ))
+        let mut said = format!(
+            "{measured} of {regions} bright regions were measured: {at_edge} touch the edge of the image, {off_curve} have widths \
+             off the calibration curve, as overlapping particles do, {small} are smaller than {LEAST_AREA} px"
+        );
+        if 2 * measured < regions {
+            // Randomly placed images cover a share 1 - exp(-N_S) of a frame, and a share exp(-4 N_S) of them
+            // does not touch another.
+            let covered = self.bright as f64 / (self.pixels as f64 * image_share);
+            let n_s = -(1.0 - covered).max(1e-3).ln();
+            let frame =
+                if image_share < 1.0 { "the part of the frame in which they are" } else { "the frame" };
+            said += &format!(
+                ". Particle images cover N_S = {n_s:.2} of {frame}, which leaves about {:.0} % of them free of others; fewer \
+                 particles, a smaller depth range or a lower magnification would help, or methods for overlapping images \
+                 (ncc, mle)",
+                100.0 * (-4.0 * n_s).exp()
+            );
+        }
+        Some(said)
     }
 }
 
@@ -108,6 +130,8 @@ pub(super) struct CalibrationCurve {
     points: Vec<(f64, [f64; 2])>,
     /// Offset of the centroid from the particle's position for each point, px.
     offsets: Vec<[f64; 2]>,
+    /// Least height of bright regions above the background, counts.
+    least: f32,
     ambiguous: bool,
 }
 
@@ -132,10 +156,15 @@ impl CalibrationCurve {
     /// # Errors
     /// Fewer than five images show a particle.
     pub(super) fn new(steps: &[CalibrationImage]) -> Result<Self> {
+        let peak = |step: &CalibrationImage| {
+            let smooth = step.image.smoothed(SMOOTH_PX);
+            smooth.counts.iter().copied().fold(0.0, f32::max) - smooth.background().0
+        };
+        let least = OF_FAINTEST * steps.iter().map(peak).fold(f32::INFINITY, f32::min);
         let mut seen: Vec<(f64, [f64; 4])> = Vec::new();
         for step in steps {
             let near = |b: &Region| (b.at[0] - step.at[0]).powi(2) + (b.at[1] - step.at[1]).powi(2);
-            let region = regions(&step.image).0.into_iter().min_by(|a, b| near(a).total_cmp(&near(b)));
+            let region = regions(&step.image, least).0.into_iter().min_by(|a, b| near(a).total_cmp(&near(b)));
             if let Some(b) = region.filter(|b| near(b) < 25.0) {
                 let offset = [b.at[0] - step.at[0], b.at[1] - step.at[1]];
                 seen.push((step.z_um, [b.widths[0], b.widths[1], offset[0], offset[1]]));
@@ -161,6 +190,7 @@ impl CalibrationCurve {
         Ok(CalibrationCurve {
             points: dense.iter().map(|(z, w)| (*z, [w[0], w[1]])).collect(),
             offsets: dense.iter().map(|(_, w)| [w[2], w[3]]).collect(),
+            least,
             ambiguous: 2 * roundish > smooth.len(),
         })
     }
@@ -176,7 +206,7 @@ impl CalibrationCurve {
 
     /// The particles of an image, and the outcome for all its bright regions.
     fn find(&self, image: &GrayImage) -> (Vec<Localization>, Tally) {
-        let (regions, mut tally) = regions(image);
+        let (regions, mut tally) = regions(image, self.least);
         let found: Vec<Localization> = regions.iter().filter_map(|region| self.place(region)).collect();
         tally.measured = found.len();
         tally.off_curve = regions.len() - found.len();
@@ -217,12 +247,13 @@ fn smoothed(points: &[(f64, [f64; 4])], i: usize) -> (f64, [f64; 4]) {
     (z0, right.map(|r| (inverse * r).x))
 }
 
-/// The bright regions of an image that do not touch its edge, and counts of the others.
-fn regions(image: &GrayImage) -> (Vec<Region>, Tally) {
+/// The bright regions of an image, at least `least` counts above the background, that do not touch its edge,
+/// and counts of the others.
+fn regions(image: &GrayImage, least: f32) -> (Vec<Region>, Tally) {
     let (w, h) = (image.width, image.height);
     let smooth = image.smoothed(SMOOTH_PX);
     let (level, noise) = smooth.background();
-    let threshold = level + (ABOVE_NOISE * noise).max(1e-3);
+    let threshold = level + (ABOVE_NOISE * noise).max(least).max(1e-3);
     let mut open: Vec<bool> = smooth.counts.iter().map(|c| *c > threshold).collect();
     let mut found = Vec::new();
     let bright = open.iter().filter(|o| **o).count();
@@ -249,9 +280,8 @@ fn regions(image: &GrayImage) -> (Vec<Region>, Tally) {
         }
         let on_edge = |i: &usize| [0, w - 1].contains(&(i % w)) || [0, h - 1].contains(&(i / w));
         if region.len() < LEAST_AREA {
-            continue;
-        }
-        if region.iter().any(on_edge) {
+            tally.small += 1;
+        } else if region.iter().any(on_edge) {
             tally.at_edge += 1;
         } else {
             found.push(moments(&smooth, level, &region));
@@ -326,9 +356,21 @@ mod tests {
         }
         let (found, tally) = curve.find(&sum);
         assert_eq!((found.len(), tally.measured, tally.at_edge, tally.off_curve), (0, 0, 1, 1), "{tally:?}");
-        let said = tally.warning().unwrap();
+        let said = tally.warning(1.0).unwrap();
         assert!(said.starts_with("0 of 2 bright regions were measured: 1 touch the edge"), "{said}");
-        assert_eq!(Tally { measured: 3, at_edge: 1, ..tally }.warning(), None);
+        assert!(said.contains("1 have widths off") && said.contains(" of the frame, "), "{said}");
+        // A single region that is lost is counted; what overlaps is stated if most are lost.
+        let one = Tally { measured: 9, at_edge: 0, off_curve: 0, small: 1, ..tally };
+        let said = one.warning(1.0).unwrap();
+        assert!(said.contains("1 are smaller") && !said.contains("N_S"), "{said}");
+        assert_eq!(Tally { small: 0, ..one }.warning(1.0), None);
+        assert!(Tally::default().warning(1.0).unwrap().contains("nothing exceeds 5 standard deviations"));
+        // Within walls that leave a third of the frame, images are three times as dense.
+        let dense = Tally { measured: 1, at_edge: 0, off_curve: 9, small: 0, bright: 1000, pixels: 10_000 };
+        let said = dense.warning(1.0 / 3.0).unwrap();
+        let n_s = -(1.0f64 - 0.3).ln();
+        assert!(said.contains(&format!("N_S = {n_s:.2} of the part")), "{said}");
+        assert!(said.contains(&format!("about {:.0} %", 100.0 * (-4.0 * n_s).exp())), "{said}");
     }
 
     #[test]

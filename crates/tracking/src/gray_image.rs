@@ -106,6 +106,9 @@ fn quantile_half(values: &mut [f32]) -> f32 {
     *values.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
+/// Pole of the filter that makes the coefficients of a cubic spline of pixels.
+pub(super) const CUBIC: [f64; 1] = [-0.267_949_192_431_122_7];
+
 /// Interpolating cubic B-spline of an image (Unser 1999, IEEE Signal Process. Mag. 16(6), 22), mirrored at
 /// the edges.
 #[derive(Debug)]
@@ -116,22 +119,7 @@ pub(super) struct Spline {
 impl Spline {
     /// The spline of an image.
     pub(super) fn new(image: &GrayImage) -> Self {
-        let mut coefficients = image.clone();
-        let (w, h) = (image.width, image.height);
-        for row in coefficients.counts.chunks_mut(w) {
-            prefilter(row);
-        }
-        let mut column = vec![0.0; h];
-        for x in 0..w {
-            for (value, row) in column.iter_mut().zip(coefficients.counts.chunks(w)) {
-                *value = row[x];
-            }
-            prefilter(&mut column);
-            for (value, row) in column.iter().zip(coefficients.counts.chunks_mut(w)) {
-                row[x] = *value;
-            }
-        }
-        Spline { coefficients }
+        Spline { coefficients: prefiltered(image, &CUBIC) }
     }
 
     /// The spline coefficients, one per pixel.
@@ -162,7 +150,8 @@ pub(super) fn weights(t: f32) -> ([f32; 4], [f32; 4]) {
     (weights.map(|w| w as f32), slopes.map(|s| s as f32))
 }
 
-fn mirrored(i: isize, n: usize) -> usize {
+/// The pixel of a line of `n` that index `i` is, mirrored at its ends.
+pub(super) fn mirrored(i: isize, n: usize) -> usize {
     if n == 1 {
         return 0;
     }
@@ -171,25 +160,47 @@ fn mirrored(i: isize, n: usize) -> usize {
     i.min(period - i) as usize
 }
 
-/// Replaces a line of values by the coefficients of its interpolating cubic B-spline.
-pub(super) fn prefilter(line: &mut [f32]) {
+/// The coefficients of the B-spline through all pixels whose filter has these poles.
+pub(super) fn prefiltered(image: &GrayImage, poles: &[f64]) -> GrayImage {
+    let mut coefficients = image.clone();
+    for row in coefficients.counts.chunks_mut(image.width) {
+        prefilter(row, poles);
+    }
+    let mut column = vec![0.0; image.height];
+    for x in 0..image.width {
+        for (value, row) in column.iter_mut().zip(coefficients.counts.chunks(image.width)) {
+            *value = row[x];
+        }
+        prefilter(&mut column, poles);
+        for (value, row) in column.iter().zip(coefficients.counts.chunks_mut(image.width)) {
+            row[x] = *value;
+        }
+    }
+    coefficients
+}
+
+/// Replaces a line of values by the coefficients of the B-spline through them, mirrored at its ends.
+pub(super) fn prefilter(line: &mut [f32], poles: &[f64]) {
+    /// Powers of a pole below this are negligible.
+    const NEGLIGIBLE: f64 = 1e-7;
     let n = line.len();
     if n < 2 {
         return;
     }
-    let pole = 3.0f32.sqrt() - 2.0;
-    // Sum over the mirrored line, truncated where powers of the pole are negligible.
-    let first: f32 = (0..n.min(12)).rev().fold(0.0, |sum, i| sum * pole + line[i]);
-    line[0] = first;
-    for i in 1..n {
-        line[i] += pole * line[i - 1];
-    }
-    line[n - 1] = pole / (pole * pole - 1.0) * (line[n - 1] + pole * line[n - 2]);
-    for i in (0..n - 1).rev() {
-        line[i] = pole * (line[i + 1] - line[i]);
-    }
-    for value in line {
-        *value *= 6.0;
+    for &pole in poles {
+        let reach = (NEGLIGIBLE.ln() / pole.abs().ln()) as usize;
+        let (gain, pole) = (((1.0 - pole) * (1.0 - 1.0 / pole)) as f32, pole as f32);
+        // Sum over the mirrored line.
+        let first: f32 = (0..n.min(reach)).rev().fold(0.0, |sum, i| sum * pole + line[i]);
+        line[0] = first;
+        for i in 1..n {
+            line[i] += pole * line[i - 1];
+        }
+        line[n - 1] = pole / (pole * pole - 1.0) * (line[n - 1] + pole * line[n - 2]);
+        for i in (0..n - 1).rev() {
+            line[i] = pole * (line[i + 1] - line[i]);
+        }
+        line.iter_mut().for_each(|value| *value *= gain);
     }
 }
 

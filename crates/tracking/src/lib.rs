@@ -11,6 +11,7 @@ mod anchors;
 mod aptv;
 mod calibration;
 mod cpu_time;
+mod deform;
 mod denoise;
 mod fit;
 mod gray_image;

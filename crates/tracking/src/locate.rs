@@ -21,9 +21,6 @@ const SEARCH_RADIUS: usize = 40;
 /// Relative error assigned to templates during the search, when overlapping particles are not yet separated.
 const ROUGH_ERROR: f32 = 0.1;
 
-/// Variance of rounding to integer counts.
-const ROUNDING: f32 = 1.0 / 12.0;
-
 /// Localizes particles with known images.
 pub(super) struct Locator<I> {
     /// Images for the final fit, of each size of particles.
@@ -75,8 +72,7 @@ impl<I: ParticleImages> Locator<I> {
     /// Localizes the particles of an image, and counts the candidates that are rejected.
     pub(super) fn find(&self, image: &GrayImage) -> (Vec<Localization>, Rejections) {
         let (level, deviation) = image.background();
-        // Without noise, the rounding error remains.
-        let noise = PixelNoise { dark: deviation.powi(2).max(ROUNDING), gain: self.gain };
+        let noise = PixelNoise::new(deviation.powi(2), self.gain);
         let mut coarse = image.binned(self.bin);
         coarse.counts.iter_mut().for_each(|c| *c -= level);
         let weight = weights(&coarse, noise.binned(self.bin));

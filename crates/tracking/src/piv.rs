@@ -2,8 +2,9 @@
 //!
 //! Windows of 64, 32 and 16 px with 50 % overlap. Before each pass both images are deformed by half of the
 //! predicted displacement, one backward and one forward, so that residual displacements are small and the
-//! result is central in time (Scarano 2002, Meas. Sci. Technol. 13, R1). Correlation by FFT, three-point
-//! Gaussian peak fit, normalized median test for outliers (Westerweel & Scarano 2005, Exp. Fluids 39, 1096).
+//! result is central in time (Scarano 2002, Meas. Sci. Technol. 13, R1; `deform`). Correlation by FFT,
+//! three-point Gaussian peak fit, normalized median test for outliers (Westerweel & Scarano 2005, Exp. Fluids
+//! 39, 1096).
 
 use std::borrow::Cow;
 
@@ -12,7 +13,8 @@ use microsig_core::cancel::checkpoint;
 use rayon::prelude::*;
 
 use super::Method;
-use super::gray_image::{GrayImage, Spline, three_points};
+use super::deform::{Degree, deformed};
+use super::gray_image::{GrayImage, three_points};
 use super::job::Job;
 use super::output::{DisplacementVector, Output};
 use storage::error::Result;
@@ -53,8 +55,8 @@ pub(super) fn zeros(a: &GrayImage, _: &GrayImage) -> Vec<DisplacementVector> {
 /// Displacements from `a` to `b`, images of equal size; empty if they are smaller than a window.
 pub(super) fn displacements(a: &GrayImage, b: &GrayImage) -> Vec<DisplacementVector> {
     let mut found = None;
-    for window in passes((a.width, a.height)) {
-        let mut pass = Pass::new((a.width, a.height), window, found.as_ref());
+    for way in passes((a.width, a.height)) {
+        let mut pass = Pass::new((a.width, a.height), way, found.as_ref());
         pass.add(a, b);
         found = Some(pass.finished());
     }
@@ -69,15 +71,14 @@ fn ensemble(job: &Job) -> Result<Output> {
     let Some(&(_, first)) = pairs.first() else { return Ok(Output::MeanField(Vec::new())) };
     let image = job.recording.frame(first)?;
     let size = (image.width, image.height);
-    let windows: Vec<usize> = passes(size).collect();
-    let work: Vec<(usize, usize)> =
-        windows.iter().flat_map(|&window| pairs.iter().map(move |&(_, first)| (window, first))).collect();
+    let work: Vec<((usize, Degree), usize)> =
+        passes(size).flat_map(|way| pairs.iter().map(move |&(_, first)| (way, first))).collect();
     let mut found: Option<VectorGrid> = None;
     let mut pass: Option<Pass> = None;
-    job.sequentially(&work, |k, (window, first)| {
+    job.sequentially(&work, |k, (way, first)| {
         if k % pairs.len() == 0 {
             found = pass.take().map(Pass::finished);
-            pass = Some(Pass::new(size, window, found.as_ref()));
+            pass = Some(Pass::new(size, way, found.as_ref()));
         }
         let (a, b) = (job.recording.frame(first)?, job.recording.frame(first + 1)?);
         if let Some(pass) = &mut pass {
@@ -88,9 +89,13 @@ fn ensemble(job: &Job) -> Result<Output> {
     Ok(Output::MeanField(pass.map_or_else(Vec::new, |pass| pass.finished().vectors)))
 }
 
-/// Window sizes of all passes for an image of this size.
-fn passes((width, height): (usize, usize)) -> impl Iterator<Item = usize> {
-    PASSES.into_iter().filter(move |window| *window <= width.min(height))
+/// Window size and interpolation of all passes for an image of this size. What a pass finds only predicts for
+/// the next one, so the costly interpolation is for the last.
+fn passes((width, height): (usize, usize)) -> impl Iterator<Item = (usize, Degree)> {
+    let fitting = move |window: &usize| *window <= width.min(height);
+    let last = PASSES.len() - 1;
+    let degree = move |pass: usize| if pass == last { Degree::Septic } else { Degree::Cubic };
+    PASSES.into_iter().enumerate().filter(move |(_, w)| fitting(w)).map(move |(pass, w)| (w, degree(pass)))
 }
 
 /// A pass over one image pair, or over several whose correlation planes are summed.
@@ -99,17 +104,19 @@ struct Pass {
     /// Result of the previous pass, smoothed for stability: deformation amplifies wavelengths that the
     /// windows do not resolve.
     predictor: Option<VectorGrid>,
+    /// Of the interpolation of the images.
+    degree: Degree,
     correlation: Correlation,
     /// The correlation plane of every vector, row by row.
     planes: Vec<f32>,
 }
 
 impl Pass {
-    fn new(size: (usize, usize), window: usize, found: Option<&VectorGrid>) -> Self {
+    fn new(size: (usize, usize), (window, degree): (usize, Degree), found: Option<&VectorGrid>) -> Self {
         let grid = VectorGrid::new(size, window);
         let planes = vec![0.0; grid.vectors.len() * window * window];
         let predictor = found.map(VectorGrid::smoothed);
-        Pass { grid, predictor, correlation: Correlation::new(window), planes }
+        Pass { grid, predictor, degree, correlation: Correlation::new(window), planes }
     }
 
     /// Adds the correlation planes of an image pair.
@@ -117,7 +124,10 @@ impl Pass {
         let window = self.correlation.side;
         let (a, b) = match &self.predictor {
             None => (Cow::Borrowed(a), Cow::Borrowed(b)),
-            Some(p) => (Cow::Owned(deformed(a, p, -0.5)), Cow::Owned(deformed(b, p, 0.5))),
+            Some(predictor) => {
+                let [a, b] = deformed([a, b], self.degree, |x, y| predictor.at(x, y));
+                (Cow::Owned(a), Cow::Owned(b))
+            }
         };
         let (correlation, half) = (&self.correlation, 0.5 * (window as f32 - 1.0));
         self.planes.par_chunks_mut(window * window).zip(&self.grid.vectors).for_each_init(
@@ -142,20 +152,6 @@ impl Pass {
         self.grid.validate();
         self.grid
     }
-}
-
-/// An image deformed by a part of the predicted displacement at every pixel.
-fn deformed(image: &GrayImage, predictor: &VectorGrid, part: f32) -> GrayImage {
-    let spline = Spline::new(image);
-    let counts = (0..image.width * image.height)
-        .into_par_iter()
-        .map(|i| {
-            let (x, y) = ((i % image.width) as f32, (i / image.width) as f32);
-            let [dx, dy] = predictor.at(x, y);
-            spline.at(x + part * dx, y + part * dy)
-        })
-        .collect();
-    GrayImage { counts, width: image.width, height: image.height }
 }
 
 impl VectorGrid {
@@ -356,7 +352,7 @@ mod tests {
     use super::*;
     use microsig_core::stream::{Purpose, Streams};
 
-    /// Randomly placed particle images of 2.5 px, displaced by -d(x, y) / 2 in the first and by +d(x, y) / 2
+    /// Randomly placed particle images of 3 px, displaced by -d(x, y) / 2 in the first and by +d(x, y) / 2
     /// in the second image.
     fn pair(size: (usize, usize), d: impl Fn(f32, f32) -> [f32; 2]) -> (GrayImage, GrayImage) {
         seeded_pair(size, 1, 30, d)
@@ -373,15 +369,20 @@ mod tests {
         let mut part = || stream.uniform() as f32;
         let spots: Vec<[f32; 2]> =
             (0..(size.0 * size.1) / area).map(|_| [part() * size.0 as f32, part() * size.1 as f32]).collect();
+        // The mean of a Gaussian over a pixel, by Simpson's rule.
+        let share = |pixel: usize, at: f32| {
+            let light = |part: f32| (-(pixel as f32 + part - at).powi(2) / 1.125).exp();
+            (light(-0.5) + 4.0 * light(-0.25) + 2.0 * light(0.0) + 4.0 * light(0.25) + light(0.5)) / 12.0
+        };
         let image = |part: f32| {
             let mut image = GrayImage::from_fn(size, |_, _| 100.0);
             for &[x, y] in &spots {
                 let [dx, dy] = d(x, y);
                 let (x, y) = (x + part * dx, y + part * dy);
                 for row in (y as usize).saturating_sub(4)..(y as usize + 6).min(size.1) {
+                    let across = 1000.0 * share(row, y);
                     for column in (x as usize).saturating_sub(4)..(x as usize + 6).min(size.0) {
-                        let r2 = (column as f32 - x).powi(2) + (row as f32 - y).powi(2);
-                        image.counts[row * size.0 + column] += 1000.0 * (-r2 / 0.78).exp();
+                        image.counts[row * size.0 + column] += across * share(column, x);
                     }
                 }
             }
@@ -400,6 +401,23 @@ mod tests {
             let errors: Vec<f32> = inner.map(|v| (v.d[0] - d[0]).hypot(v.d[1] - d[1])).collect();
             let rms = (errors.iter().map(|e| e * e).sum::<f32>() / errors.len() as f32).sqrt();
             assert!(rms < 0.05, "{d:?}: rms {rms} px");
+        }
+    }
+
+    /// Between whole pixels the mean error is that of the interpolation: up to 0.0113 px by cubic splines,
+    /// with a period of 2 px, up to 0.0010 px by septic ones; that of 700 vectors varies by 0.0001 px.
+    #[test]
+    fn displacements_are_biased_neither_toward_nor_away_from_whole_pixels() {
+        for d in [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.5, 3.5, -2.5] {
+            let (a, b) = seeded_pair((256, 256), 1, 20, |_, _| [d, 0.5]);
+            let found = displacements(&a, &b);
+            let inner = found.iter().filter(|v| v.at.iter().all(|c| (20.0..236.0).contains(c)));
+            let (mut sums, mut n) = ([0.0f64; 2], 0.0);
+            for v in inner {
+                sums = [sums[0] + f64::from(v.d[0] - d), sums[1] + f64::from(v.d[1] - 0.5)];
+                n += 1.0;
+            }
+            assert!(sums.iter().all(|sum| (sum / n).abs() < 0.0015), "{d}: {:?} px", sums.map(|sum| sum / n));
         }
     }
 
@@ -425,8 +443,8 @@ mod tests {
         let (size, d) = ((160, 160), [2.4, -1.3]);
         let pairs: Vec<_> = (0..20).map(|seed| seeded_pair(size, seed, 600, |_, _| d)).collect();
         let mut found: Option<VectorGrid> = None;
-        for window in passes(size) {
-            let mut pass = Pass::new(size, window, found.as_ref());
+        for way in passes(size) {
+            let mut pass = Pass::new(size, way, found.as_ref());
             pairs.iter().for_each(|(a, b)| pass.add(a, b));
             found = Some(pass.finished());
         }

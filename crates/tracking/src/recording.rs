@@ -58,6 +58,16 @@ impl Recording {
         self.facts.depth_h_um()
     }
 
+    /// Diameter of a disc as large as a particle image is on average over depth, px.
+    pub(super) fn image_diameter_px(&self) -> Option<f64> {
+        self.facts.image_area_px.map(|area| 2.0 * (area / std::f64::consts::PI).sqrt())
+    }
+
+    /// The share of the sensor in which particles are.
+    pub(super) fn image_share(&self) -> f64 {
+        self.facts.image_share.unwrap_or(1.0)
+    }
+
     pub(super) fn frame(&self, index: usize) -> Result<GrayImage> {
         read_image(&self.images[index], self.size)
     }

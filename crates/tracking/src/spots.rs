@@ -11,10 +11,15 @@ use super::{Localization, Method};
 /// Detection threshold, in standard deviations of the noise of the filter response.
 const ABOVE_NOISE: f32 = 6.0;
 
+/// Images larger than this many times --diameter are defocused for this method.
+const MUCH_LARGER: f64 = 2.0;
+
 pub(super) const METHOD: Method = Method {
     name: "spots",
     about: "Particles in focus, in the image plane (Laplacian of Gaussian), linked",
     run: |job| {
+        let (images_px, diameter_px) = (job.recording.image_diameter_px(), job.options.diameter_px);
+        images_px.and_then(|px| defocused(px, diameter_px)).into_iter().for_each(|w| job.warn(w));
         let detector = LogDetector::new(job.options.diameter_px);
         let output = job.particles(|image| detector.find(image))?;
         if output.rows() == 0 {
@@ -27,6 +32,17 @@ pub(super) const METHOD: Method = Method {
         Ok(output)
     },
 };
+
+/// A warning if particle images have this diameter (px) on average, more than the method is made for.
+fn defocused(images_px: f64, diameter_px: f64) -> Option<String> {
+    (images_px > MUCH_LARGER * diameter_px).then(|| {
+        format!(
+            "particle images of this dataset are {images_px:.0} px in diameter on average over depth, and --diameter is \
+             {diameter_px} px: defocused images break up into several spots each, or are missed, and have no depth; `ncc`, \
+             `mle` or `aptv` are for them"
+        )
+    })
+}
 
 /// Detects particle images of a given size.
 #[derive(Debug)]
@@ -90,6 +106,16 @@ fn is_maximum(image: &GrayImage, x: usize, y: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn defocused_images_are_warned_of_unless_the_diameter_is_theirs() {
+        assert!(
+            defocused(36.2, 3.0)
+                .unwrap()
+                .contains("36 px in diameter on average over depth, and --diameter is 3 px")
+        );
+        assert_eq!((defocused(2.9, 3.0), defocused(36.2, 30.0)), (None, None));
+    }
 
     #[test]
     fn spots_are_found_to_a_few_hundredths_of_a_pixel() {

@@ -20,9 +20,6 @@ const AS_SYMMETRIC: f64 = 0.25;
 const OF_LIGHT: f64 = 0.1;
 const BEYOND_NOISE: f64 = 3.0;
 
-/// Variance of rounding to integer counts.
-const ROUNDING: f32 = 1.0 / 12.0;
-
 /// The prepared stack.
 #[derive(Debug)]
 pub(super) struct Stack {
@@ -108,7 +105,8 @@ impl Symmetry {
                 .sum()
         };
         let pixels: f64 = stack.iter().map(|image| image.counts.len() as f64).sum();
-        let rotated = difference(|x, y, last| (last - x, last - y)) + 2.0 * f64::from(ROUNDING) * pixels;
+        let rotated =
+            difference(|x, y, last| (last - x, last - y)) + 2.0 * f64::from(PixelNoise::ROUNDING) * pixels;
         let squares: f64 = stack.iter().flat_map(|image| &image.counts).map(|c| f64::from(*c).powi(2)).sum();
         // Squared differences of equivalent pixels are twice the variance of their noise, and each pair is
         // counted twice.
@@ -242,7 +240,7 @@ fn noise(stack: &[GrayImage]) -> PixelNoise {
         let [n, x, xx, y, xy] = sums;
         let spread = n * xx - x * x;
         let gain = if spread > 1e-9 * n * xx { ((n * xy - x * y) / spread).max(0.0) } else { 0.0 };
-        noise = PixelNoise { dark: (((y - gain * x) / n) as f32).max(ROUNDING), gain: gain as f32 };
+        noise = PixelNoise::new(((y - gain * x) / n) as f32, gain as f32);
     }
     noise
 }

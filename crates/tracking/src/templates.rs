@@ -2,7 +2,7 @@
 //! B-splines.
 
 use super::denoise::PixelNoise;
-use super::gray_image::{GrayImage, Spline, prefilter, weights};
+use super::gray_image::{CUBIC, GrayImage, Spline, prefilter, weights};
 use super::images::{ImagePatch, ParticleImages};
 
 /// The search template extends to pixels brighter than this share of its peak, ...
@@ -172,7 +172,7 @@ fn coefficients(images: &[GrayImage]) -> Vec<GrayImage> {
     let mut line = vec![0.0; planes.len()];
     for i in 0..planes[0].counts.len() {
         line.iter_mut().zip(&planes).for_each(|(value, plane)| *value = plane.counts[i]);
-        prefilter(&mut line);
+        prefilter(&mut line, &CUBIC);
         line.iter().zip(&mut planes).for_each(|(value, plane)| plane.counts[i] = *value);
     }
     planes

@@ -11,7 +11,7 @@ use super::output::{report as print, warn};
 use crate::release::{self, SubmissionFiles, Validated};
 use crate::report;
 use scoring::evaluate::gate::Shape;
-use scoring::evaluate::measurement::RecordingFacts;
+use scoring::evaluate::measurement::{RecordingFacts, check_order};
 use scoring::evaluate::{EvaluateOptions, evaluate};
 use scoring::results::{self, Conventions, Format, Origin, TrackerResult};
 use storage::error::{Error, Result};
@@ -127,6 +127,7 @@ impl Evaluate {
         if let Some(plane) = self.plane.filter(|z| !z.is_finite()) {
             return Err(Error::input(format!("--plane {plane}: expected a depth in um")));
         }
+        check_order(&self.dataset, &self.result)?;
         if self.validate_only {
             return self.validate(conventions, common);
         }
@@ -188,6 +189,7 @@ pub(super) struct Checked {
 
 /// Checks without the truth that a result can be read, or that a submission is complete and fits the split.
 pub(super) fn checked(dataset: &Path, result: &Path, given: Conventions) -> Result<Checked> {
+    check_order(dataset, result)?;
     if SubmissionFiles::are_at(result) {
         let files = SubmissionFiles::open(result, release::limits(dataset)?)?;
         let validated = release::validate(dataset, &files)?;

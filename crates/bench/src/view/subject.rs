@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use generator::dataset::manifest::MANIFEST;
 use scenario::{SCENARIO, read_text, shipped};
+use scoring::evaluate::measurement::check_order;
 use storage::error::{Error, Result};
 use storage::folder::is_partial;
 use storage::input;
@@ -70,6 +71,7 @@ impl Subject {
             return Subject::of_sweep(path, results);
         }
         if let Some(stray) = results.first() {
+            check_order(path, stray)?;
             let what = "is a scenario, which has no results";
             return Err(Error::input(format!("{}: {} {what}", stray.display(), path.display())));
         }

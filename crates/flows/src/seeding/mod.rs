@@ -85,6 +85,16 @@ impl Seeding {
         })
     }
 
+    /// The same with `share` (>= 0) times the mean number in the view; others stay as they are.
+    pub fn with_share_of_mean(self, share: f64) -> Self {
+        match self.number {
+            Number::MeanInView(mean, view) => {
+                Seeding { number: Number::MeanInView(share * mean, view), ..self }
+            }
+            _ => self,
+        }
+    }
+
     /// Particles at given positions (um) only; none enter through open faces.
     pub fn list(positions: Vec<DVec3>, diameters: Diameters) -> Result<Self> {
         for x in &positions {

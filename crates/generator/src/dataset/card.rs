@@ -36,6 +36,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
     let motion = compact(&spec.motion)?;
     let n_p = census.visible as f64 / f64::from(census.frames.max(1));
     let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
+    let image_share = scenario.image_share;
     let snr = match image.snr {
         Some(snr) => format!("{snr:.1} (noise-free peak over background noise, median over depth)"),
         None => "no background noise".to_owned(),
@@ -63,7 +64,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
          {light}\
          | depth range | {low} to {high} um |\n\
          | depth factor (physical depth over depth in `particles/`) | {depth_factor} |\n\
-         | particles on the sensor | N_p = {n_p:.1} per frame on average, N_ppp = {n_ppp:.3e} per pixel |\n\
+         | particles on the sensor | N_p = {n_p:.1} per frame on average, N_ppp = {n_ppp:.3e} per pixel{within} |\n\
          | area of a particle image | A_pi = {area:.0} px (above 10 % of its peak, mean over depth) |\n\
          | source density | N_S = {n_s:.3} |\n\
          | signal-to-noise ratio | {snr}{best} |\n\
@@ -103,7 +104,15 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
         },
         n_ppp = n_p / pixels,
         area = image.area_px,
-        n_s = n_p * image.area_px / pixels,
+        within = match image_share {
+            1.0 => String::new(),
+            share => format!(
+                ", {:.3e} in the {:.0} % of the image that walls and bodies leave for particles",
+                n_p / (pixels * share),
+                100.0 * share
+            ),
+        },
+        n_s = n_p * image.area_px / (pixels * image_share),
         gate_xy = gates.xy_px,
         gate_z = gates.z_um,
         gate_isbi = gates.isbi_px,

@@ -66,7 +66,7 @@ pub struct Preview {
     pub depth_of_correlation_um: f64,
     /// Particles in view on average.
     pub particles_in_view: f64,
-    /// Source density of so many.
+    /// Source density of so many, where walls and bodies leave room for them.
     pub source_density: f64,
     /// Background, counts.
     pub background_counts: f64,
@@ -192,7 +192,7 @@ impl Preview {
             depth_of_field_um,
             depth_of_correlation_um: span(mean, |spot| spot.curvature, CORRELATED),
             particles_in_view: in_view,
-            source_density: in_view * mean.area_px() / pixels,
+            source_density: in_view * mean.area_px() / (pixels * scenario.image_share),
             background_counts: response.background,
             background_noise_counts: response.background_noise,
             saturation_counts: scenario.sensor()?.saturation_counts(),

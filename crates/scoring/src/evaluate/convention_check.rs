@@ -1,4 +1,5 @@
-//! Detects probable mistakes of convention in a result: origin, first frame, axes, units.
+//! Detects probable mistakes of convention in a result: origin, first frame, axes, units; and a result that
+//! matches no more than points at random places would.
 
 use super::detection::{Detection, error};
 use super::gate::Gate;
@@ -29,14 +30,23 @@ pub struct ConventionCheck<'a> {
     end: u32,
     /// Whether the sample is the whole result.
     is_whole: bool,
+    /// Whether the result has no row at all.
+    is_empty: bool,
     gate: Gate,
     flat: bool,
     border_px: f64,
 }
 
+/// What is said of a result without rows.
+const NOTHING: &str = "the result is empty: every particle counts as missed, and errors are undefined; was it written to another file?";
+
+/// A result with a greater F1 is not compared with one at random places.
+const HARDLY_CHANCE: f64 = 0.8;
+
 /// Scores by which conventions are compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Quality {
+    matches: f64,
     f1: f64,
     /// Root mean square distance in the image plane, px.
     rms_px: f64,
@@ -70,6 +80,7 @@ impl<'a> ConventionCheck<'a> {
             rows: &result.rows,
             end,
             is_whole,
+            is_empty: result.rows.is_empty() && result.n_nan == 0,
             gate: *gate,
             flat,
             border_px,
@@ -82,12 +93,19 @@ impl<'a> ConventionCheck<'a> {
     /// # Errors
     /// A gate that is too wide.
     pub fn hints(&self, score: &Detection) -> Result<Vec<Hint>> {
-        if self.rows.is_empty() || self.truth.rows.is_empty() {
+        if self.truth.rows.is_empty() {
+            return Ok(Vec::new());
+        }
+        if self.is_empty {
+            return Ok(vec![Hint::without_score(NOTHING)]);
+        }
+        if self.rows.is_empty() {
             return Ok(Vec::new());
         }
         let now = match (score.f1, score.rmse_xy_px) {
             (Some(f1), Some(rms_px)) if self.is_whole => {
-                Quality { f1, rms_px, rms_z_um: score.rmse_z_um.unwrap_or(0.0) }
+                let matches = score.tp as f64;
+                Quality { matches, f1, rms_px, rms_z_um: score.rmse_z_um.unwrap_or(0.0) }
             }
             _ => self.quality(&|row| Some(*row))?,
         };
@@ -106,7 +124,59 @@ impl<'a> ConventionCheck<'a> {
             hints.extend(self.best(vec![depths], now, true, FAR_SMALLER)?);
         }
         hints.sort_by(|a, b| b.f1.partial_cmp(&a.f1).unwrap_or(std::cmp::Ordering::Equal));
+        if hints.is_empty() && now.f1 < HARDLY_CHANCE {
+            hints.extend(self.chance(now)?);
+        }
         Ok(hints)
+    }
+
+    /// A hint if the result matches no more particles than it would at random places.
+    ///
+    /// Its points are shifted across the image, around its edges, so that their number, clusters, tracks and
+    /// depths stay the same.
+    fn chance(&self, now: Quality) -> Result<Option<Hint>> {
+        // The eight shifts by thirds of the image.
+        let shifts = (1..9).map(|k| [f64::from(k / 3), f64::from(k % 3)].map(|part| part / 3.0));
+        let [low, high] = self.extent();
+        let wrapped = |v: f64, low: f64, size: f64, part: f64| low + (v - low + part * size).rem_euclid(size);
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for [across, down] in shifts {
+            let at_random = self.quality(&placed(move |at| Position {
+                x_px: wrapped(at.x_px, low[0], high[0] - low[0], across),
+                y_px: wrapped(at.y_px, low[1], high[1] - low[1], down),
+                ..*at
+            }))?;
+            sum += at_random.matches;
+            squares += at_random.matches.powi(2);
+        }
+        let mean = sum / 8.0;
+        // Points of a track match together, so the variance may exceed that of a Poisson process.
+        let variance = (squares / 8.0 - mean * mean).max(mean).max(0.1);
+        if now.matches > mean + 3.0 * variance.sqrt() {
+            return Ok(None);
+        }
+        let n = self.rows.iter().filter(|row| row.frame < self.end).count();
+        let mut hint = Hint::without_score(&format!(
+            "{} of {n} points match a particle, no more than at random places ({mean:.1}): is the result of another dataset, \
+             or with another origin, unit or first frame? --auto-offset looks for a shift in the image",
+            now.matches
+        ));
+        (hint.f1_now, hint.sampled) = (Some(now.f1), !self.is_whole);
+        Ok(Some(hint))
+    }
+
+    /// The corners of the image, or of the truth if its size is unknown, px.
+    fn extent(&self) -> [[f64; 2]; 2] {
+        if let Some((width, height)) = self.truth.facts.sensor_px {
+            return [[0.5; 2], [width + 0.5, height + 0.5]];
+        }
+        let mut ends = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
+        for row in &self.truth.rows {
+            for (k, v) in [row.at.x_px, row.at.y_px].into_iter().enumerate() {
+                (ends[0][k], ends[1][k]) = (ends[0][k].min(v - 0.5), ends[1][k].max(v + 0.5));
+            }
+        }
+        ends
     }
 
     /// The best of these conventions, if its F1 is higher by 0.1, or if its F1 is similar and its RMS error
@@ -320,7 +390,7 @@ impl<'a> ConventionCheck<'a> {
         let of_depth: f64 = errors.iter().map(|e| e[2] * e[2]).sum();
         let f1 = 2.0 * n / (truth.len() + result.len()).max(1) as f64;
         let root = |sum: f64| if n > 0.0 { (sum / n).sqrt() } else { f64::INFINITY };
-        Ok(Quality { f1, rms_px: root(squares), rms_z_um: root(of_depth) })
+        Ok(Quality { matches: n, f1, rms_px: root(squares), rms_z_um: root(of_depth) })
     }
 
     /// The points that would be scored: under another convention, other points are assigned to unscored

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A probable mistake of convention, and the score without it. Corrections are never applied.
+/// A probable mistake of convention, and the score without it, if it is known. Corrections are never applied.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Hint {
@@ -23,4 +23,11 @@ pub struct Hint {
     pub rms_px_now: Option<f64>,
     /// Whether this was tried on a sample (the first frames) only.
     pub sampled: bool,
+}
+
+impl Hint {
+    /// A hint without the score that it leads to.
+    pub(super) fn without_score(what: &str) -> Self {
+        Hint { what: what.to_owned(), ..Hint::default() }
+    }
 }

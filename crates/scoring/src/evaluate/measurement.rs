@@ -42,6 +42,10 @@ pub struct RecordingFacts {
     pub bursts: bool,
     /// Depth at which particle images are sharpest, um.
     pub focus_um: Option<f64>,
+    /// Mean area of a particle image over depth, px.
+    pub image_area_px: Option<f64>,
+    /// The share of the sensor in which particles are, if walls or bodies exclude them from the rest.
+    pub image_share: Option<f64>,
     /// Whether particle images are equally sharp at all depths.
     pub is_all_in_focus: bool,
     /// Whether this is a test split, whose truth only the organizers have.
@@ -156,6 +160,21 @@ impl RecordingFacts {
     }
 }
 
+/// Refuses a result and a dataset in each other's place.
+///
+/// # Errors
+/// A file in place of the dataset, and a dataset in place of the result.
+pub fn check_order(dataset: &Path, result: &Path) -> Result<()> {
+    if dataset.is_file() && result.join(MANIFEST).is_file() {
+        return Err(Error::input(format!(
+            "{} is a dataset and {} a file: the two are exchanged; expected first the dataset, then the result",
+            result.display(),
+            dataset.display()
+        )));
+    }
+    Ok(())
+}
+
 /// Upper limits on the size of a result, from the size of the truth (a dataset or a bare table).
 ///
 /// # Errors
@@ -227,6 +246,8 @@ fn told(manifest: &Manifest) -> RecordingFacts {
         generator: own.generator_version.clone(),
         bursts: timing.are_bursts(),
         focus_um: own.particle_image.as_ref().and_then(|p| p.focus_um),
+        image_area_px: positive(own.a_pi_px),
+        image_share: own.image_share.filter(|share| *share > 0.0 && *share < 1.0),
         // The public part of a test split names its renderer, not its particle images.
         is_all_in_focus: own
             .particle_image

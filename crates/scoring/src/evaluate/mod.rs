@@ -96,6 +96,7 @@ pub struct Particles {
 /// # Errors
 /// Files that are unreadable or malformed; options that do not apply to them.
 pub fn evaluate(dataset: &Path, result: &Path, options: &EvaluateOptions) -> Result<Evaluation> {
+    measurement::check_order(dataset, result)?;
     let facts = RecordingFacts::of(dataset, &options.conventions)?;
     let is_truth_secret = facts.is_from_key;
     let limits = measurement::limits(dataset, &facts)?;

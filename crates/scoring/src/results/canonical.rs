@@ -92,7 +92,7 @@ pub fn field(path: &Path, given: &Conventions) -> Result<Field> {
     let (z, dz, flag, pair) = (column("z_um"), column("dz_um"), column("flag"), column("pair"));
     let (sx, sy) = (column("sx_px"), column("sy_px"));
     let (mut field, mut dropped) = (Field::default(), DroppedRows::default());
-    sheet.rows(|cells| {
+    let style = sheet.rows(|cells| {
         let pair = match cells.number_or_nan(pair)? {
             p if p.is_nan() => None,
             p => Some(converter.frame(p).map_err(|e| e.replace("frame", "pair"))?),
@@ -114,6 +114,7 @@ pub fn field(path: &Path, given: &Conventions) -> Result<Field> {
         Ok(())
     })?;
     field.notes = converter.notes;
+    field.notes.extend(style);
     field.n_nan = dropped.told(&mut field.notes);
     Ok(field)
 }

@@ -7,9 +7,9 @@ use std::path::Path;
 use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, SeqAccess, Visitor};
 
+use super::text::Text;
 use super::{Conventions, Converter, DroppedRows, FormatDefaults, LengthUnit, Origin, Points, TrackRow};
 use storage::error::{Error, Result};
-use storage::input;
 
 /// COCO counts from the corner of the first pixel.
 const DEFAULTS: FormatDefaults =
@@ -56,7 +56,7 @@ impl<'de> Visitor<'de> for AtMost {
 pub(super) fn read(path: &Path, given: &Conventions) -> Result<Points> {
     let mut converter = Converter::new(DEFAULTS, given)?;
     converter.notes.push("image_id is taken as the frame".to_owned());
-    let file = std::io::BufReader::new(input::open(path)?);
+    let file = std::io::BufReader::new(Text::open(path)?);
     let mut text = serde_json::Deserializer::from_reader(file);
     let whole = text.deserialize_seq(AtMost(given.limits.rows)).and_then(|all| text.end().map(|()| all));
     let all = whole.map_err(|e| Error::input(format!("{}:{}: {e}", path.display(), e.line())))?;

@@ -4,13 +4,12 @@
 //! are not tracked. DefocusTrackerAI adds `W, H`, the sizes of boxes (px), and may leave out `id`. Scaled
 //! tables have columns x, y, z with the lengths X sx, Y sy, Z sz.
 
-use std::io::Read;
 use std::path::Path;
 
 use super::sheet::{OptionalColumns, Separator, TextTable};
+use super::text::Text;
 use super::{Conventions, Converter, FormatDefaults, LengthUnit, Origin, Points, shown};
 use storage::error::{Error, Result};
-use storage::input;
 
 const DEFAULTS: FormatDefaults =
     FormatDefaults { name: "DefocusTracker", origin: Origin::Center1, frame_base: 1, unit: LengthUnit::Px };
@@ -20,9 +19,8 @@ pub(super) fn csv(path: &Path, given: &Conventions) -> Result<Points> {
 }
 
 pub(super) fn ascii(path: &Path, given: &Conventions) -> Result<Points> {
-    let mut head = String::new();
-    let file = input::open(path)?;
-    file.take(4096).read_to_string(&mut head).map_err(|e| Error::read(path, e))?;
+    let head = Text::head(path)?;
+    let head = String::from_utf8_lossy(&head);
     let line = head.lines().nth(1).unwrap_or_default();
     let scaling: Option<Vec<f64>> = line
         .split_once('[')

@@ -9,6 +9,7 @@
 //! a variant of [`Format`] and its cases in [`detect`] and [`read`].
 
 mod canonical;
+mod cells;
 mod coco;
 mod conventions;
 mod defocustracker;
@@ -18,6 +19,7 @@ mod openpiv;
 mod pivlab;
 pub mod sheet;
 mod table;
+mod text;
 mod trackmate;
 mod trackpy;
 mod xml;
@@ -35,6 +37,7 @@ use storage::input;
 pub use table::{
     BoxSize, Field, FlowVector, Points, Position, TrackRow, TrackerResult, Velocities, VelocityUnit,
 };
+use text::{HEAD, Text};
 
 /// Result formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -131,14 +134,13 @@ fn unique(path: &Path, points: &Points) -> Result<()> {
 /// # Errors
 /// An empty file; a header that matches no format.
 pub fn detect(path: &Path) -> Result<Format> {
-    let mut head = Vec::new();
-    let file = input::open(path)?;
-    file.take(4096).read_to_end(&mut head).map_err(|e| Error::read(path, e))?;
     let name = path.display();
-    if head.is_empty() {
+    let mut magic = Vec::new();
+    input::open(path)?.take(4).read_to_end(&mut magic).map_err(|e| Error::read(path, e))?;
+    if magic.is_empty() {
         return Err(Error::input(format!("{name}: empty; expected at least a header")));
     }
-    if head.starts_with(b"PIEH") {
+    if magic == b"PIEH" {
         return Ok(Format::Flo);
     }
     let instead = |what: &str, columns: &str| {
@@ -147,14 +149,14 @@ pub fn detect(path: &Path) -> Result<Format> {
     };
     let later = |what: &str| instead(what, "frame, track, x_px, y_px, z_um");
     let later_field = |what: &str| instead(what, "x_px, y_px, dx_px, dy_px, flag [, pair]");
-    if head.starts_with(b"\x89PNG") {
+    if magic == b"\x89PNG" {
         return later_field("PNG (KITTI flow)");
     }
-    if head.len() == 4096 && !head.contains(&b'\n') && !head.starts_with(b"<") && !head.starts_with(b"[") {
-        return Err(Error::input(format!("{name}:1: the first line is longer than 4096 bytes")));
+    let head = Text::head(path)?;
+    if head.len() == HEAD && !head.contains(&b'\n') && !head.starts_with(b"<") && !head.starts_with(b"[") {
+        return Err(Error::input(format!("{name}:1: the first line is longer than {HEAD} bytes")));
     }
     let text = String::from_utf8_lossy(&head);
-    let text = text.trim_start_matches('\u{feff}');
     if text.trim_start().starts_with('[') {
         return Ok(Format::Coco);
     }
@@ -194,7 +196,8 @@ pub fn detect(path: &Path) -> Result<Format> {
         (6.., _) if first.contains('\t') => return later("MyPTV"),
         _ => {}
     }
-    let columns: Vec<&str> = first.split([',', '\t']).map(|c| c.trim().trim_matches('"')).collect();
+    let separator = char::from(sheet::delimiter(first.as_bytes()));
+    let columns: Vec<&str> = first.split(separator).map(|c| c.trim().trim_matches('"')).collect();
     let has = |names: &[&str]| names.iter().all(|n| columns.contains(n));
     match () {
         () if has(&["POSITION_X", "POSITION_Y", "FRAME"]) => Ok(Format::TrackmateSpots),
@@ -203,9 +206,6 @@ pub fn detect(path: &Path) -> Result<Format> {
         () if has(&["x_px", "y_px", "frame"]) => Ok(Format::Canonical),
         () if has(&["track_id", "t", "y", "x"]) => Ok(Format::Napari),
         () if has(&["x", "y", "frame"]) && (has(&["particle"]) || has(&["mass"])) => Ok(Format::Trackpy),
-        () if first.contains(';') => Err(Error::input(format!(
-            "{name}:1: columns are separated by semicolons; expected commas, and decimal points in numbers"
-        ))),
         () if has(&["x", "y"]) => Err(Error::input(format!(
             "{name}:1: columns {first:?} have no units: name them frame, track, x_px, y_px, z_um (or x_px, y_px, dx_px, \
              dy_px of a field), or say with --format which program wrote them"

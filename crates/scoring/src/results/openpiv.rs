@@ -20,7 +20,7 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
     let (x, y, u, v) = (sheet.need("x")?, sheet.need("y")?, sheet.need("u")?, sheet.need("v")?);
     let (flag, mask) = (sheet.column("flags"), sheet.column("mask"));
     let (mut field, mut dropped) = (Field::default(), DroppedRows::default());
-    sheet.rows(|cells| {
+    let style = sheet.rows(|cells| {
         let Some(at) = converter.position(cells.number(x)?, cells.number(y)?, 0.0)? else {
             dropped.at(cells.line);
             return Ok(());
@@ -38,6 +38,7 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
         Ok(())
     })?;
     field.notes = converter.notes;
+    field.notes.extend(style);
     field.n_nan = dropped.told(&mut field.notes);
     Ok(field)
 }

@@ -3,22 +3,19 @@
 //! masked (PIVlab's `file_save.m`). Calibrated exports are in m and m/s; the calibration factors in the
 //! second line are divided out.
 
-use std::io::Read;
 use std::path::Path;
 
 use super::canonical::vector;
 use super::sheet::{Separator, TextTable};
+use super::text::Text;
 use super::{Conventions, Converter, DroppedRows, Field, FormatDefaults, LengthUnit, Origin, shown};
 use storage::error::{Error, Result};
-use storage::input;
 
 const DEFAULTS: FormatDefaults =
     FormatDefaults { name: "PIVlab", origin: Origin::Center1, frame_base: 0, unit: LengthUnit::Px };
 
 pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
-    let mut head = Vec::new();
-    let file = input::open(path)?;
-    file.take(4096).read_to_end(&mut head).map_err(|e| Error::read(path, e))?;
+    let head = Text::head(path)?;
     let head = String::from_utf8_lossy(&head);
     let wrong = |line: usize, what: String| Error::input(format!("{}:{line}: {what}", path.display()));
     let found = head.lines().take(3).enumerate().find(|(_, l)| l.trim_start().starts_with("x ["));
@@ -29,10 +26,10 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
         )));
     };
     // Column names contain blanks and end with their unit.
-    let separator = if header.contains(',') { Separator::Comma } else { Separator::Space };
+    let separator = if header.contains([',', ';']) { Separator::Comma } else { Separator::Space };
     let names: Vec<String> = header
         .split_inclusive(']')
-        .map(|n| n.trim_matches([',', '\t', ' ', '\r']).to_owned())
+        .map(|n| n.trim_matches([',', ';', '\t', ' ', '\r']).to_owned())
         .filter(|n| !n.is_empty())
         .collect();
     let mut converter = Converter::new(DEFAULTS, given)?;
@@ -79,7 +76,7 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
     let kind = names.iter().position(|n| n == "Vector type [-]");
     let sheet = TextTable::open(path, separator, index as u64 + 1)?.at_most(given.limits.rows).named(names);
     let (mut field, mut dropped) = (Field::default(), DroppedRows::default());
-    sheet.rows(|cells| {
+    let style = sheet.rows(|cells| {
         let Some(at) = converter.position(cells.number(x)? / per_px, cells.number(y)? / per_px, 0.0)? else {
             dropped.at(cells.line);
             return Ok(());
@@ -94,6 +91,7 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
         Ok(())
     })?;
     field.notes = converter.notes;
+    field.notes.extend(style);
     field.n_nan = dropped.told(&mut field.notes);
     Ok(field)
 }

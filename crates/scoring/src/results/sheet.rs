@@ -1,123 +1,41 @@
 //! Reader of text tables: limits lines and rows, finds columns by name, reports problems with line numbers.
+//!
+//! Spreadsheets write what the language of the computer asks for: semicolons between columns and decimal
+//! commas, tabs, a first line `sep=;`, UTF-16. The header says which, and a note of the result does, too.
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
-use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use csv::{ByteRecord, ReaderBuilder, Trim};
 use microsig_core::Spheroid;
 
+pub use super::cells::Cells;
+use super::cells::{Decimals, number};
 use super::conventions::MAX_ROWS;
+use super::text::{Bounded, Text, UnixLines, excel_separator};
 use super::{Converter, DroppedRows, Points, TrackRow, Velocities, VelocityUnit};
 use storage::error::{Error, Result};
-use storage::input;
-
-/// Maximum length of a line, or distance between the ends of two XML tags, bytes.
-const LONGEST_LINE: usize = 1 << 16;
 
 /// Maximum number of problems listed in full.
 const LISTED: usize = 10;
 
-/// A reader that fails if a line is too long.
-#[derive(Debug)]
-pub(crate) struct Bounded<R> {
-    inner: R,
-    end: u8,
-    length: usize,
-    line: u64,
-}
-
-impl<R: Read> Bounded<R> {
-    /// Pieces end with the byte `end`: a newline, or `>` in XML.
-    pub(crate) fn new(inner: R, end: u8) -> Self {
-        Bounded { inner, end, length: 0, line: 1 }
-    }
-}
-
-impl<R: Read> Read for Bounded<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
-        let n = self.inner.read(buffer)?;
-        for &byte in &buffer[..n] {
-            self.length += 1;
-            self.line += u64::from(byte == b'\n');
-            if byte == self.end {
-                self.length = 0;
-            }
-            if self.length > LONGEST_LINE {
-                let what = if self.end == b'\n' { "the line" } else { "a tag or text" };
-                let message = format!("line {}: {what} is longer than {LONGEST_LINE} bytes", self.line);
-                return Err(std::io::Error::new(std::io::ErrorKind::InvalidData, message));
-            }
-        }
-        Ok(n)
-    }
-}
-
-/// A reader of text whose lines all end with a single newline, also those that end with a carriage return,
-/// with both, or with the file.
-#[derive(Debug)]
-struct UnixLines<R> {
-    inner: R,
-    /// Whether the last byte read was a carriage return, for which a newline was given.
-    after_return: bool,
-    /// The last byte given.
-    last: u8,
-}
-
-impl<R: Read> UnixLines<R> {
-    fn new(inner: R) -> Self {
-        UnixLines { inner, after_return: false, last: b'\n' }
-    }
-}
-
-impl<R: Read> Read for UnixLines<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
-        if buffer.is_empty() {
-            return Ok(0);
-        }
-        loop {
-            let n = self.inner.read(buffer)?;
-            if n == 0 {
-                if self.last == b'\n' {
-                    return Ok(0);
-                }
-                (self.last, buffer[0]) = (b'\n', b'\n');
-                return Ok(1);
-            }
-            let mut given = n;
-            if self.after_return || buffer[..n].contains(&b'\r') {
-                given = 0;
-                for i in 0..n {
-                    let byte = buffer[i];
-                    if !(self.after_return && byte == b'\n') {
-                        buffer[given] = if byte == b'\r' { b'\n' } else { byte };
-                        given += 1;
-                    }
-                    self.after_return = byte == b'\r';
-                }
-            }
-            if given > 0 {
-                self.last = buffer[given - 1];
-                return Ok(given);
-            }
-        }
-    }
-}
-
 /// Column separator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Separator {
-    /// A comma.
+    /// A comma, or a semicolon or tab if the header has those.
     Comma,
     /// One or more tabs or spaces.
     Space,
 }
 
+type Lines = BufReader<UnixLines<Bounded<Text>>>;
+
+/// The rows below the header, and the number of lines read before.
 enum Source {
-    Comma(csv::Reader<UnixLines<Bounded<File>>>),
-    Space(BufReader<UnixLines<Bounded<File>>>, u64),
+    Separated(csv::Reader<Lines>, u64),
+    Space(Lines, u64),
 }
 
 /// A table in a text file.
@@ -131,46 +49,72 @@ pub struct TextTable {
     problems: Vec<String>,
     /// Requested columns that appear more than once.
     twice: RefCell<BTreeSet<String>>,
+    /// `None` where commas separate columns.
+    decimals: Option<Decimals>,
+    /// How the table differs from plain CSV.
+    style: Vec<&'static str>,
 }
 
 impl TextTable {
-    /// Opens a table whose header is line `header_line`, counted from 1.
+    /// Opens a table whose header is line `header_line`, counted from 1, without empty lines and a line
+    /// `sep=` for Excel.
     pub fn open(path: &Path, separator: Separator, header_line: u64) -> Result<Self> {
-        let file = UnixLines::new(Bounded::new(input::open(path)?, b'\n'));
-        let source = match separator {
-            Separator::Comma => Source::Comma(
-                ReaderBuilder::new()
-                    .has_headers(false)
-                    .flexible(true)
-                    .quoting(false)
-                    .trim(Trim::All)
-                    .from_reader(file),
-            ),
-            Separator::Space => Source::Space(BufReader::new(file), 0),
-        };
         let name = path.display().to_string();
-        let mut sheet = TextTable {
+        let text = Text::open(path)?;
+        let mut style = Vec::new();
+        if text.is_utf16() {
+            style.push("in UTF-16");
+        }
+        let mut lines = BufReader::new(UnixLines::new(Bounded::new(text, b'\n')));
+        let (mut header, mut line, mut left, mut excel) = (Vec::new(), 0, header_line, None);
+        while left > 0 {
+            header.clear();
+            if lines.read_until(b'\n', &mut header).map_err(|e| Error::input(format!("{name}: {e}")))? == 0 {
+                return Err(Error::input(format!("{name}: empty; expected at least a header")));
+            }
+            line += 1;
+            header.pop();
+            if line == 1 && excel_separator(&header).is_some() {
+                excel = excel_separator(&header);
+                style.push("below a line sep= for Excel");
+            } else if !header.trim_ascii().is_empty() {
+                left -= 1;
+            }
+        }
+        let column =
+            |field: &[u8]| String::from_utf8_lossy(field).trim_matches(['"', '#', ' ', '\t']).to_owned();
+        let (header, source, decimals) = match separator {
+            Separator::Comma => {
+                let delimiter = excel.unwrap_or_else(|| delimiter(&header));
+                match delimiter {
+                    b';' => style.push("with semicolons between columns"),
+                    b'\t' => style.push("with tabs between columns"),
+                    _ => {}
+                }
+                let mut reader = ReaderBuilder::new();
+                reader.has_headers(false).flexible(true).quoting(false).trim(Trim::All).delimiter(delimiter);
+                let header = header.split(|byte| *byte == delimiter).map(column).collect();
+                let decimals = (delimiter != b',').then(Decimals::default);
+                (header, Source::Separated(reader.from_reader(lines), line), decimals)
+            }
+            Separator::Space => {
+                let header = header.split(u8::is_ascii_whitespace).map(column);
+                let header = header.filter(|name| !name.is_empty()).collect();
+                (header, Source::Space(lines, line), Some(Decimals::default()))
+            }
+        };
+        Ok(TextTable {
             name,
-            header: Vec::new(),
+            header,
             source,
             waiting: None,
             rows: 0,
             most_rows: MAX_ROWS,
             problems: Vec::new(),
             twice: RefCell::default(),
-        };
-        let mut record = ByteRecord::new();
-        for _ in 0..header_line {
-            if sheet.record(&mut record)?.is_none() {
-                return Err(Error::input(format!("{}: empty; expected at least a header", sheet.name)));
-            }
-        }
-        let clean = |field: &[u8]| {
-            String::from_utf8_lossy(field).trim_matches(['"', '\u{feff}', '#', ' ']).to_owned()
-        };
-        sheet.header =
-            record.iter().map(clean).filter(|f| separator == Separator::Comma || !f.is_empty()).collect();
-        Ok(sheet)
+            decimals,
+            style,
+        })
     }
 
     /// Skips up to three rows below the header that have words instead of numbers in this column; returns the
@@ -179,7 +123,7 @@ impl TextTable {
         let (mut words, mut record) = (Vec::new(), ByteRecord::new());
         while let Some(line) = self.record(&mut record)? {
             let text = String::from_utf8_lossy(record.get(column).unwrap_or_default()).into_owned();
-            if words.len() == 3 || text.is_empty() || text.parse::<f64>().is_ok() {
+            if words.len() == 3 || text.is_empty() || number(&text, self.decimals.is_some()).is_some() {
                 self.waiting = Some((line, record));
                 break;
             }
@@ -196,10 +140,10 @@ impl TextTable {
         }
         let failed = |e: std::io::Error| Error::input(format!("{}: {e}", self.name));
         match &mut self.source {
-            Source::Comma(reader) => {
+            Source::Separated(reader, above) => {
                 let more = reader.read_byte_record(record).map_err(|e| failed(std::io::Error::from(e)))?;
                 // A record is a line; its own position is that of empty lines before it.
-                Ok(more.then(|| reader.position().line() - 1))
+                Ok(more.then(|| *above + reader.position().line() - 1))
             }
             Source::Space(reader, line) => {
                 let mut text = Vec::new();
@@ -248,11 +192,15 @@ impl TextTable {
         })
     }
 
-    /// Calls `each` with every row and collects the problems it reports.
+    /// Calls `each` with every row and collects the problems it reports. Returns a note on how the table
+    /// differs from plain CSV, if it does.
     ///
     /// # Errors
     /// All problems, shortened to a readable list.
-    pub fn rows(mut self, mut each: impl FnMut(&Cells<'_>) -> std::result::Result<(), String>) -> Result<()> {
+    pub fn rows(
+        mut self,
+        mut each: impl FnMut(&Cells<'_>) -> std::result::Result<(), String>,
+    ) -> Result<Option<String>> {
         let twice = self.twice.take();
         if !twice.is_empty() {
             let message = |column: &String| format!("{}: column {column} appears twice", self.name);
@@ -265,10 +213,14 @@ impl TextTable {
                 return Err(Error::input(format!("{}: more than {} rows", self.name, self.most_rows)));
             }
             let wrong = if record.len() == self.header.len() {
-                each(&Cells { record: &record, header: &self.header, line }).err()
+                each(&Cells::new(&record, &self.header, line, self.decimals.as_ref())).err()
             } else {
-                let hint =
-                    if record.len() > self.header.len() { " (numbers with decimal commas?)" } else { "" };
+                let is_split = record.len() > self.header.len() && self.decimals.is_none();
+                let hint = if is_split {
+                    " (numbers with decimal commas? Then separate columns by semicolons or tabs)"
+                } else {
+                    ""
+                };
                 Some(format!("{} fields where the header has {}{hint}", record.len(), self.header.len()))
             };
             if let Some(message) = wrong {
@@ -279,8 +231,16 @@ impl TextTable {
                 }
             }
         }
+        let decimals = self.decimals.unwrap_or_default();
+        self.problems.extend(decimals.mixed().map(|what| format!("{}: {what}", self.name)));
+        if decimals.are_commas() {
+            self.style.push("with decimal commas");
+        }
         shorten(&mut self.problems);
-        if self.problems.is_empty() { Ok(()) } else { Err(Error::Input(self.problems)) }
+        if !self.problems.is_empty() {
+            return Err(Error::Input(self.problems));
+        }
+        Ok((!self.style.is_empty()).then(|| format!("read as a table {}", self.style.join(", "))))
     }
 
     /// Names of the columns not listed in `used`.
@@ -299,7 +259,7 @@ impl TextTable {
     ) -> Result<Points> {
         let (mut points, mut dropped) = (Points { has_z, ..Points::default() }, DroppedRows::default());
         let (mut velocities, unit) = (Vec::new(), more.velocity.map(|(unit, _)| unit));
-        self.rows(|cells| {
+        let style = self.rows(|cells| {
             let (frame, track, [x, y, z]) = row(cells)?;
             if frame.is_nan() {
                 dropped.at(cells.line);
@@ -346,6 +306,7 @@ impl TextTable {
         })?;
         points.velocities = unit.map(|unit| Velocities { unit, rows: velocities });
         points.notes = converter.notes;
+        points.notes.extend(style);
         points.n_nan = dropped.told(&mut points.notes);
         Ok(points)
     }
@@ -375,60 +336,11 @@ pub(crate) enum AxisColumns {
     Angles([usize; 2]),
 }
 
-/// The cells of a row.
-pub struct Cells<'a> {
-    record: &'a ByteRecord,
-    header: &'a [String],
-    /// Line in the file.
-    pub line: u64,
-}
-
-impl Cells<'_> {
-    /// The number in a cell; NaN if the cell is empty, `NaN` or TrackMate's empty-set sign.
-    pub fn number(&self, column: usize) -> std::result::Result<f64, String> {
-        let text = std::str::from_utf8(&self.record[column]).unwrap_or("?").trim_matches('"');
-        if let Ok(number) = text.parse::<f64>() {
-            return Ok(number);
-        }
-        if text.is_empty() || text == "\u{f8}" {
-            return Ok(f64::NAN);
-        }
-        let hint = if text.contains(',') { " with a decimal point, not a comma" } else { "" };
-        Err(format!("{} = {:?}: expected a number{hint}", self.header[column], super::shown(text)))
-    }
-
-    /// The text of a cell.
-    ///
-    /// # Errors
-    /// Bytes that are not UTF-8.
-    pub fn text(&self, column: usize) -> std::result::Result<&str, String> {
-        let text = std::str::from_utf8(&self.record[column]).map(|text| text.trim_matches('"'));
-        text.map_err(|_| format!("{}: expected UTF-8 text", self.header[column]))
-    }
-
-    /// Names of columns, empty for missing ones.
-    fn names(&self, columns: [Option<usize>; 3]) -> [&str; 3] {
-        columns.map(|c| c.map_or("", |c| self.header[c].as_str()))
-    }
-
-    /// The number in an optional column; NaN if the column is missing.
-    pub(crate) fn number_or_nan(&self, column: Option<usize>) -> std::result::Result<f64, String> {
-        column.map_or(Ok(f64::NAN), |c| self.number(c))
-    }
-
-    /// The track in a cell, an integer; -1 (not linked) if the column or number is missing or negative.
-    pub fn track(&self, column: Option<usize>) -> std::result::Result<i64, String> {
-        let Some(column) = column else { return Ok(-1) };
-        let value = self.number(column)?;
-        if value.is_nan() {
-            return Ok(-1);
-        }
-        // Beyond 2^53 not every integer is representable as f64.
-        if value.fract() != 0.0 || value.abs() > 9_007_199_254_740_992.0 {
-            return Err(format!("{} = {value:?}: expected a whole number", self.header[column]));
-        }
-        Ok(if value < 0.0 { -1 } else { value as i64 })
-    }
+/// The separator of the columns of a header: the most frequent of comma, semicolon and tab.
+pub(super) fn delimiter(header: &[u8]) -> u8 {
+    let count = |byte: u8| header.iter().filter(|b| **b == byte).count();
+    // Of equal counts the last one is taken.
+    [b'\t', b';', b','].into_iter().max_by_key(|byte| count(*byte)).unwrap_or(b',')
 }
 
 /// Shortens a list of problems.
@@ -479,7 +391,46 @@ mod tests {
         }
         let many = format!("a,b\n{}", "1,x\n".repeat(1000));
         assert_eq!(message(&many).lines().count(), LISTED + 1);
-        let long = format!("a,b\n1,{}", "1".repeat(LONGEST_LINE + 1));
+        let long = format!("a,b\n1,{}", "1".repeat(1 << 17));
         assert!(message(&long).contains("line 2: the line is longer"));
+    }
+
+    #[test]
+    fn semicolons_tabs_and_decimal_commas_are_read_and_said() {
+        let read = |text: &str| {
+            let place = tempfile::tempdir().unwrap();
+            let path = place.path().join("t.csv");
+            std::fs::write(&path, text).unwrap();
+            let sheet = TextTable::open(&path, Separator::Comma, 1)?;
+            let column = sheet.need("b")?;
+            let mut values = Vec::new();
+            let note = sheet.rows(|cells| {
+                values.push(cells.number(column)?);
+                Ok(())
+            })?;
+            Ok::<_, Error>((values, note.unwrap_or_default()))
+        };
+        let cases = [
+            ("a,b\n1,2.5\n", ""),
+            ("a;b\n1;2,5\n", "read as a table with semicolons between columns, with decimal commas"),
+            ("a\tb\n1\t2.5\n", "read as a table with tabs between columns"),
+            (
+                "sep=;\r\n\"a\";\"b\"\r\n1;\"2,5\"\r\n",
+                "read as a table below a line sep= for Excel, with semicolons",
+            ),
+            ("\"sep=,\"\na,b\n1,2.5\n", "read as a table below a line sep= for Excel"),
+        ];
+        for (text, note) in cases {
+            let (values, said) = read(text).unwrap();
+            assert_eq!(values, [2.5], "{text:?}");
+            assert!(said.starts_with(note) && said.is_empty() == note.is_empty(), "{text:?}: {said}");
+        }
+        let message = |text| read(text).unwrap_err().to_string();
+        let mixed = message("sep=;\na;b\n1;2,5\n1;1.5\n");
+        assert!(mixed.contains("a decimal comma (line 3) and with a decimal point (line 4)"), "{mixed}");
+        assert!(
+            message("a;b\n1;1.234,5\n").contains("t.csv:2: b = \"1.234,5\": expected a number without sep")
+        );
+        assert!(message("a,b\n1,2,5\n").contains("separate columns by semicolons or tabs"));
     }
 }

@@ -8,10 +8,9 @@ use std::path::Path;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
-use super::sheet::Bounded;
+use super::text::{Bounded, Text};
 use super::{Conventions, Converter, FormatDefaults, LengthUnit, Origin, Points, Position, TrackRow, shown};
 use storage::error::{Error, Result};
-use storage::input;
 
 pub(super) fn trackmate(path: &Path, given: &Conventions) -> Result<Points> {
     let usual = FormatDefaults {
@@ -37,7 +36,7 @@ fn read(
     root: &str,
     trims: bool,
 ) -> Result<Points> {
-    let file = input::open(path)?;
+    let file = Text::open(path)?;
     let mut reader = Reader::from_reader(BufReader::new(Bounded::new(file, b'>')));
     let at =
         |position: u64, what: String| Error::input(format!("{}: byte {position}: {what}", path.display()));

@@ -4,6 +4,7 @@
 //! The types are used for reading and writing. A missing key is read as `None` or as its type's default, so
 //! that manifests of earlier versions and of test splits, which have fewer keys, can be read.
 
+mod instead;
 mod seal;
 mod sizes;
 mod write;
@@ -20,7 +21,7 @@ use storage::error::{Error, Result};
 use storage::read_text;
 
 pub use sizes::SizeFacts;
-pub use write::{N_S, SNR, manifest};
+pub use write::{N_S, N_S_WITHIN_WALLS, SNR, manifest};
 pub(crate) use write::{bit_depth, waves, write};
 pub use write::{license, resource};
 
@@ -133,10 +134,13 @@ pub struct Facts {
     /// Source density N_S.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub n_s: Option<f64>,
+    /// The share of the sensor in which particles are, if walls or bodies exclude them from the rest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub image_share: Option<f64>,
     /// Area of a particle image, px (number of pixels).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub a_pi_px: Option<f64>,
-    /// [`N_S`].
+    /// [`N_S`] or [`N_S_WITHIN_WALLS`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub concentration_definition: Option<String>,
     /// Signal-to-noise ratio.
@@ -460,9 +464,12 @@ impl Manifest {
     /// Reads the manifest of a dataset.
     ///
     /// # Errors
-    /// A missing file, or one that is not a manifest.
+    /// A folder that is no dataset; a file that is not a manifest.
     pub fn read(dataset: &Path) -> Result<Self> {
         let path = dataset.join(MANIFEST);
+        if std::fs::symlink_metadata(&path).is_err() {
+            return Err(Error::input(instead::no_dataset(dataset)));
+        }
         Manifest::parse(&read_text(&path)?, &path.display().to_string())
     }
 

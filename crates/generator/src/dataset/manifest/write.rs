@@ -86,11 +86,18 @@ pub const N_S: &str = "a_pi_px: pixels of the noise-free image of a single spher
 peak, averaged over 51 equispaced depths; n_p: visible particles per frame, mean over frames; n_ppp = n_p / (width height); \
 n_s = n_p a_pi_px / (width height)";
 
+/// The same where walls or bodies exclude particles from a part of the image.
+pub const N_S_WITHIN_WALLS: &str = "a_pi_px: pixels of the noise-free image of a single sphere of the mean diameter above 10 % \
+of its own peak, averaged over 51 equispaced depths; n_p: visible particles per frame, mean over frames; n_ppp = n_p / (width \
+height); image_share: share of the sensor in which particles are, (int n dA)^2 / int n^2 dA over the sensor with n the depth of \
+fluid, at t = 0; n_s = n_p a_pi_px / (image_share width height)";
+
 fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
     let settings = &scenario.settings;
     let (low, high) = scenario.depth_range_um;
     let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
     let n_p = census.visible as f64 / f64::from(census.frames.max(1));
+    let image_share = scenario.image_share;
     let random_streams = match scenario.streams.seed() {
         Some(_) => "Philox4x32-10, addressed by (seed, purpose, frame, row)",
         None => "ChaCha20 with a secret key, addressed by (purpose, frame, row)",
@@ -124,9 +131,10 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
         coordinates: Some(COORDINATES.to_owned()),
         n_p: Some(n_p),
         n_ppp: Some(n_p / pixels),
-        n_s: Some(n_p * image.area_px / pixels),
+        n_s: Some(n_p * image.area_px / (pixels * image_share)),
+        image_share: (image_share < 1.0).then_some(image_share),
         a_pi_px: Some(image.area_px),
-        concentration_definition: Some(N_S.to_owned()),
+        concentration_definition: Some(if image_share < 1.0 { N_S_WITHIN_WALLS } else { N_S }.to_owned()),
         snr: Some(SnrFacts {
             value: image.snr,
             definition: SNR.to_owned(),

@@ -3,6 +3,7 @@
 use super::compared::{ComparedVector, INLIER_PX};
 use super::true_field::TrueField;
 use crate::evaluate::hint::Hint;
+use crate::evaluate::statistics::quantile;
 use crate::results::{FlowVector, Position};
 
 /// Smallest number of vectors for which hints are given.
@@ -10,6 +11,10 @@ const FEWEST: usize = 10;
 
 /// Probable mistakes, each with the RMS error it would have without the mistake.
 pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], grid: &TrueField) -> Vec<Hint> {
+    if vectors.is_empty() {
+        let what = "the result is empty: no vector is scored; was it written to another file?";
+        return vec![Hint::without_score(what)];
+    }
     if compared.len() < FEWEST {
         return Vec::new();
     }
@@ -37,6 +42,7 @@ pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], grid: &
             rms(&flipped),
         ));
     }
+    hints.extend(no_better_than_zeros(compared).filter(|_| hints.is_empty()));
     let Some((shift, sure)) = offset(compared, grid) else { return hints };
     let moved = |by: f64| -> Vec<ComparedVector> {
         let valid = vectors.iter().filter(|v| v.flag == 0);
@@ -77,6 +83,24 @@ pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], grid: &
         }
     }
     hints
+}
+
+/// A hint if displacements of zero would have smaller errors. Medians, because outliers alone make any field
+/// worse.
+fn no_better_than_zeros(compared: &[ComparedVector]) -> Option<Hint> {
+    /// Errors below this are those of noise in small displacements, px.
+    const LARGE_PX: f64 = 0.5;
+    let median = |of: &dyn Fn(&ComparedVector) -> f64| {
+        let mut values: Vec<f64> = compared.iter().map(of).filter(|v| v.is_finite()).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        quantile(&values, 0.5)
+    };
+    let (error, moved) = (median(&|c| c.endpoint())?, median(&|c| c.truth[0].hypot(c.truth[1]))?);
+    let what = format!(
+        "the median error of {error:.2} px is no smaller than that of displacements of zero ({moved:.2} px): is the result of \
+         another dataset, in another unit, or are its image pairs in another order?"
+    );
+    (error > LARGE_PX && error >= 0.98 * moved).then(|| Hint::without_score(&what))
 }
 
 /// Estimated shift of the positions along x and y, px, with its standard errors; `None` for an axis along

@@ -1,0 +1,119 @@
+//! The cells of a row of a table: numbers with a decimal point or comma, text, tracks.
+
+use std::cell::Cell;
+
+use csv::ByteRecord;
+
+/// The first lines with a decimal comma and with a decimal point; 0 if there is none yet.
+#[derive(Debug, Default)]
+pub(super) struct Decimals {
+    comma: Cell<u64>,
+    point: Cell<u64>,
+}
+
+impl Decimals {
+    fn see(&self, number: &str, line: u64) {
+        for (first, mark) in [(&self.comma, ','), (&self.point, '.')] {
+            if first.get() == 0 && number.contains(mark) {
+                first.set(line);
+            }
+        }
+    }
+
+    pub(super) fn are_commas(&self) -> bool {
+        self.comma.get() > 0
+    }
+
+    /// A message if there are both: a comma may then separate thousands.
+    pub(super) fn mixed(&self) -> Option<String> {
+        let (comma, point) = (self.comma.get(), self.point.get());
+        (comma > 0 && point > 0).then(|| {
+            format!(
+                "numbers with a decimal comma (line {comma}) and with a decimal point (line {point}); expected one of them, \
+                 and no separators of thousands"
+            )
+        })
+    }
+}
+
+/// The cells of a row.
+pub struct Cells<'a> {
+    record: &'a ByteRecord,
+    header: &'a [String],
+    /// Line in the file.
+    pub line: u64,
+    decimals: Option<&'a Decimals>,
+}
+
+impl<'a> Cells<'a> {
+    /// `decimals`: `None` where commas separate columns.
+    pub(super) fn new(
+        record: &'a ByteRecord,
+        header: &'a [String],
+        line: u64,
+        decimals: Option<&'a Decimals>,
+    ) -> Self {
+        Cells { record, header, line, decimals }
+    }
+    /// The number in a cell; NaN if the cell is empty, `NaN` or TrackMate's empty-set sign.
+    pub fn number(&self, column: usize) -> std::result::Result<f64, String> {
+        let text = std::str::from_utf8(&self.record[column]).unwrap_or("?").trim_matches('"');
+        if let Some(number) = number(text, self.decimals.is_some()) {
+            if let Some(decimals) = self.decimals {
+                decimals.see(text, self.line);
+            }
+            return Ok(number);
+        }
+        if text.is_empty() || text == "\u{f8}" {
+            return Ok(f64::NAN);
+        }
+        let hint = match text.contains(',') {
+            true if self.decimals.is_some() => " without separators of thousands",
+            true => " with a decimal point, not a comma",
+            false => "",
+        };
+        Err(format!("{} = {:?}: expected a number{hint}", self.header[column], super::shown(text)))
+    }
+
+    /// The text of a cell.
+    ///
+    /// # Errors
+    /// Bytes that are not UTF-8.
+    pub fn text(&self, column: usize) -> std::result::Result<&str, String> {
+        let text = std::str::from_utf8(&self.record[column]).map(|text| text.trim_matches('"'));
+        text.map_err(|_| format!("{}: expected UTF-8 text", self.header[column]))
+    }
+
+    /// Names of columns, empty for missing ones.
+    pub(super) fn names(&self, columns: [Option<usize>; 3]) -> [&str; 3] {
+        columns.map(|c| c.map_or("", |c| self.header[c].as_str()))
+    }
+
+    /// The number in an optional column; NaN if the column is missing.
+    pub(crate) fn number_or_nan(&self, column: Option<usize>) -> std::result::Result<f64, String> {
+        column.map_or(Ok(f64::NAN), |c| self.number(c))
+    }
+
+    /// The track in a cell, an integer; -1 (not linked) if the column or number is missing or negative.
+    pub fn track(&self, column: Option<usize>) -> std::result::Result<i64, String> {
+        let Some(column) = column else { return Ok(-1) };
+        let value = self.number(column)?;
+        if value.is_nan() {
+            return Ok(-1);
+        }
+        // Beyond 2^53 not every integer is representable as f64.
+        if value.fract() != 0.0 || value.abs() > 9_007_199_254_740_992.0 {
+            return Err(format!("{} = {value:?}: expected a whole number", self.header[column]));
+        }
+        Ok(if value < 0.0 { -1 } else { value as i64 })
+    }
+}
+
+/// The number in a text, with a decimal point or, if it `may` be, one decimal comma.
+pub(super) fn number(text: &str, may: bool) -> Option<f64> {
+    let number = text.parse::<f64>().ok();
+    if number.is_some() || !may || text.contains('.') || text.matches(',').count() != 1 {
+        return number;
+    }
+    text.replace(',', ".").parse().ok()
+}

@@ -1,0 +1,298 @@
+//! Text files as other programs write them: UTF-8 or UTF-16, any line ends, lines of limited length.
+//!
+//! UTF-16 is read if a byte order mark makes it certain. Files that are no text at all (workbooks, archives,
+//! arrays) are named, because their bytes would only give errors about the header.
+
+use std::fs::File;
+use std::io::{Error as IoError, ErrorKind, Read};
+use std::path::Path;
+
+use storage::error::{Error, Result};
+use storage::input;
+
+/// Maximum length of a line, or distance between the ends of two XML tags, bytes.
+const LONGEST_LINE: usize = 1 << 16;
+
+/// Number of bytes from which encoding and format are detected.
+pub(super) const HEAD: usize = 4096;
+
+/// First bytes of files that are not text: what they are, and what to do instead.
+const CONTAINERS: [(&[u8], &str); 9] = [
+    (b"PK\x03\x04", WORKBOOK),
+    (b"\xd0\xcf\x11\xe0", WORKBOOK),
+    (b"\x1f\x8b", "compressed by gzip; unpack it first"),
+    (b"\x89HDF", HDF5),
+    (b"MATLAB 5.0", "a MATLAB file; save the table by writetable(table, \"result.csv\")"),
+    (b"MATLAB 7.3", "a MATLAB file; save the table by writetable(table, \"result.csv\")"),
+    (b"\x93NUMPY", "a NumPy array; save it as CSV with a header of column names"),
+    (b"PAR1", "a Parquet file; save it as CSV"),
+    (b"%PDF", "a PDF; expected a CSV"),
+];
+const WORKBOOK: &str = "a spreadsheet (.xlsx, .xls, .ods) or another ZIP archive, not text; in Excel or LibreOffice save the sheet as CSV";
+const HDF5: &str = "an HDF5 file; save the table as CSV";
+
+/// A text file, decoded to UTF-8 without a byte order mark.
+#[derive(Debug)]
+pub(crate) struct Text {
+    file: File,
+    encoding: Encoding,
+    /// Bytes of UTF-16 that are not decoded yet.
+    raw: Vec<u8>,
+    /// Bytes of UTF-8, and how many of them have been given.
+    ready: Vec<u8>,
+    given: usize,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Encoding {
+    Utf8,
+    Utf16Le,
+    Utf16Be,
+}
+
+impl Text {
+    /// Opens a text file.
+    ///
+    /// # Errors
+    /// A file that cannot be opened, or that is not text.
+    pub(crate) fn open(path: &Path) -> Result<Self> {
+        let mut file = input::open(path)?;
+        let mut head = Vec::new();
+        (&mut file).take(HEAD as u64).read_to_end(&mut head).map_err(|e| Error::read(path, e))?;
+        let is_not = |what: &str| Err(Error::Unsupported(vec![format!("{}: {what}", path.display())]));
+        if let Some((_, what)) = CONTAINERS.iter().find(|(magic, _)| head.starts_with(magic)) {
+            return is_not(what);
+        }
+        let (mark, encoding) = match head.as_slice() {
+            [0xff, 0xfe, 0, 0, ..] => return is_not("UTF-32 text; save it as UTF-8"),
+            [0xff, 0xfe, ..] => (2, Encoding::Utf16Le),
+            [0xfe, 0xff, ..] => (2, Encoding::Utf16Be),
+            [0xef, 0xbb, 0xbf, ..] => (3, Encoding::Utf8),
+            _ => (0, Encoding::Utf8),
+        };
+        if encoding == Encoding::Utf8 && head.contains(&0) {
+            // In UTF-16 without a mark, every other byte of plain characters is 0.
+            let zeros = |first: usize| head.iter().skip(first).step_by(2).all(|b| *b == 0);
+            return is_not(match head.len() > 1 && (zeros(0) || zeros(1)) {
+                true => "UTF-16 text without a byte order mark; save it as UTF-8",
+                false => "binary data, not text; expected a table, for example CSV",
+            });
+        }
+        head.drain(..mark);
+        let (raw, ready) = if encoding == Encoding::Utf8 { (Vec::new(), head) } else { (head, Vec::new()) };
+        Ok(Text { file, encoding, raw, ready, given: 0 })
+    }
+
+    /// The first bytes of a text file, decoded, after a line `sep=` for Excel.
+    ///
+    /// # Errors
+    /// As [`Text::open`]; text that cannot be decoded.
+    pub(super) fn head(path: &Path) -> Result<Vec<u8>> {
+        let mut head = Vec::new();
+        let failed = |e| Error::input(format!("{}: {e}", path.display()));
+        Text::open(path)?.take(HEAD as u64).read_to_end(&mut head).map_err(failed)?;
+        if let Some(end) = head.iter().position(|b| matches!(b, b'\n' | b'\r'))
+            && excel_separator(&head[..end]).is_some()
+        {
+            head.drain(..end + if head[end..].starts_with(b"\r\n") { 2 } else { 1 });
+        }
+        Ok(head)
+    }
+
+    /// Whether the file is in UTF-16.
+    pub(super) fn is_utf16(&self) -> bool {
+        self.encoding != Encoding::Utf8
+    }
+
+    /// Decodes the next part of UTF-16; no bytes are ready afterwards only at the end of the file.
+    fn decode(&mut self) -> std::io::Result<()> {
+        let wrong = |what| IoError::new(ErrorKind::InvalidData, what);
+        (self.ready, self.given) = (Vec::new(), 0);
+        while self.ready.is_empty() {
+            let before = self.raw.len();
+            (&mut self.file).take(HEAD as u64).read_to_end(&mut self.raw)?;
+            let is_end = self.raw.len() == before;
+            let unit = |pair: &[u8]| match self.encoding {
+                Encoding::Utf16Be => u16::from_be_bytes([pair[0], pair[1]]),
+                _ => u16::from_le_bytes([pair[0], pair[1]]),
+            };
+            let mut units: Vec<u16> = self.raw.chunks_exact(2).map(unit).collect();
+            // The second half of a pair of surrogates may come with the next part.
+            if !is_end && units.last().is_some_and(|u| (0xd800..0xdc00).contains(u)) {
+                units.pop();
+            }
+            self.raw.drain(..2 * units.len());
+            let text = String::from_utf16(&units);
+            self.ready =
+                text.map_err(|_| wrong("expected UTF-16, as its byte order mark says"))?.into_bytes();
+            if is_end {
+                let whole = self.raw.is_empty();
+                return if whole { Ok(()) } else { Err(wrong("the file ends within a character of UTF-16")) };
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Read for Text {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        if self.given == self.ready.len() {
+            if self.encoding == Encoding::Utf8 {
+                return self.file.read(buffer);
+            }
+            self.decode()?;
+        }
+        let n = buffer.len().min(self.ready.len() - self.given);
+        buffer[..n].copy_from_slice(&self.ready[self.given..][..n]);
+        self.given += n;
+        Ok(n)
+    }
+}
+
+/// The separator of a first line `sep=;`, which Excel reads and writes.
+pub(super) fn excel_separator(line: &[u8]) -> Option<u8> {
+    let line = line.trim_ascii().strip_prefix(b"\"").unwrap_or(line);
+    let line = line.strip_suffix(b"\n").unwrap_or(line);
+    let line = line.strip_suffix(b"\"").unwrap_or(line);
+    match line {
+        [s, e, p, b'=', separator] if [s, e, p].map(u8::to_ascii_lowercase) == *b"sep" => Some(*separator),
+        _ => None,
+    }
+}
+
+/// A reader that fails if a line is too long.
+#[derive(Debug)]
+pub(crate) struct Bounded<R> {
+    inner: R,
+    end: u8,
+    length: usize,
+    line: u64,
+}
+
+impl<R: Read> Bounded<R> {
+    /// Pieces end with the byte `end`: a newline, or `>` in XML.
+    pub(crate) fn new(inner: R, end: u8) -> Self {
+        Bounded { inner, end, length: 0, line: 1 }
+    }
+}
+
+impl<R: Read> Read for Bounded<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let n = self.inner.read(buffer)?;
+        for &byte in &buffer[..n] {
+            self.length += 1;
+            self.line += u64::from(byte == b'\n');
+            if byte == self.end {
+                self.length = 0;
+            }
+            if self.length > LONGEST_LINE {
+                let what = if self.end == b'\n' { "the line" } else { "a tag or text" };
+                let message = format!("line {}: {what} is longer than {LONGEST_LINE} bytes", self.line);
+                return Err(std::io::Error::new(std::io::ErrorKind::InvalidData, message));
+            }
+        }
+        Ok(n)
+    }
+}
+
+/// A reader of text whose lines all end with a single newline, also those that end with a carriage return,
+/// with both, or with the file.
+#[derive(Debug)]
+pub(super) struct UnixLines<R> {
+    inner: R,
+    /// Whether the last byte read was a carriage return, for which a newline was given.
+    after_return: bool,
+    /// The last byte given.
+    last: u8,
+}
+
+impl<R: Read> UnixLines<R> {
+    pub(super) fn new(inner: R) -> Self {
+        UnixLines { inner, after_return: false, last: b'\n' }
+    }
+}
+
+impl<R: Read> Read for UnixLines<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        if buffer.is_empty() {
+            return Ok(0);
+        }
+        loop {
+            let n = self.inner.read(buffer)?;
+            if n == 0 {
+                if self.last == b'\n' {
+                    return Ok(0);
+                }
+                (self.last, buffer[0]) = (b'\n', b'\n');
+                return Ok(1);
+            }
+            let mut given = n;
+            if self.after_return || buffer[..n].contains(&b'\r') {
+                given = 0;
+                for i in 0..n {
+                    let byte = buffer[i];
+                    if !(self.after_return && byte == b'\n') {
+                        buffer[given] = if byte == b'\r' { b'\n' } else { byte };
+                        given += 1;
+                    }
+                    self.after_return = byte == b'\r';
+                }
+            }
+            if given > 0 {
+                self.last = buffer[given - 1];
+                return Ok(given);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(bytes: &[u8]) -> std::result::Result<String, String> {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("t.csv");
+        std::fs::write(&path, bytes).unwrap();
+        let mut text = String::new();
+        Text::open(&path).map_err(|e| e.to_string())?.read_to_string(&mut text).map_err(|e| e.to_string())?;
+        Ok(text)
+    }
+
+    fn utf16(text: &str, mark: bool, bytes: fn(u16) -> [u8; 2]) -> Vec<u8> {
+        let mark = mark.then_some(0xfeff);
+        mark.into_iter().chain(text.encode_utf16()).flat_map(bytes).collect()
+    }
+
+    #[test]
+    fn text_is_decoded_as_its_byte_order_mark_says() {
+        // Pairs of surrogates lie across the ends of the parts that are decoded together.
+        for text in ["a,b\n1,2\n".to_owned(), format!("x{}", "\u{1f600}".repeat(3000)), String::new()] {
+            assert_eq!(read(format!("\u{feff}{text}").as_bytes()).unwrap(), text);
+            assert_eq!(read(text.as_bytes()).unwrap(), text);
+            assert_eq!(read(&utf16(&text, true, u16::to_le_bytes)).unwrap(), text);
+            assert_eq!(read(&utf16(&text, true, u16::to_be_bytes)).unwrap(), text);
+        }
+        let bytes = utf16("a,b\n", true, u16::to_le_bytes);
+        assert!(read(&bytes[..bytes.len() - 1]).unwrap_err().contains("ends within a character"));
+        assert!(read(&[0xff, 0xfe, 0, 0xd8, b'a', 0]).unwrap_err().contains("expected UTF-16"));
+    }
+
+    #[test]
+    fn what_is_not_text_is_named() {
+        let cases: [(&[u8], &str); 5] = [
+            (b"PK\x03\x04\x14\0", "save the sheet as CSV"),
+            (b"\x1f\x8b\x08\0", "gzip"),
+            (b"MATLAB 5.0 MAT-file", "writetable"),
+            (b"\x01\0\x02\x03\0\0", "binary data"),
+            (
+                &utf16("frame,x_px\n", false, u16::to_le_bytes),
+                "UTF-16 text without a byte order mark; save it as UTF-8",
+            ),
+        ];
+        for (bytes, expected) in cases {
+            let said = read(bytes).unwrap_err();
+            assert!(said.contains("t.csv: ") && said.contains(expected), "{said}");
+        }
+    }
+}
