@@ -6,7 +6,7 @@ use flows::brownian::{Brownian as BrownianMotion, Settling as SettlingMotion};
 use flows::intensities::Intensities;
 use flows::orientation::{Orientations, Spheroids as SpheroidCloud};
 use flows::scale::Scale;
-use flows::{Diameters, Liquid, Seeding};
+use flows::{Diameters, FluidRegion, Liquid, Region, Seeding};
 use glam::{DVec2, DVec3};
 use microsig_core::formats::data_file;
 use microsig_core::{Particle, Settings};
@@ -392,6 +392,14 @@ impl Particles {
             liquid.viscosity_pa_s = s.viscosity_pa_s;
         }
         liquid
+    }
+
+    /// A seeding by source density, whose images cover the part of `view` in which particles are.
+    pub(super) fn within_walls(&self, seeding: Seeding, fluid: &FluidRegion<'_>, view: &Region) -> Seeding {
+        match self.number {
+            Some(Number::NS(_)) => seeding.with_share_of_mean(fluid.image_share(view, 0.0)),
+            _ => seeding,
+        }
     }
 
     /// Builds number and initial positions.

@@ -21,7 +21,7 @@ use super::language::problems::Problems;
 use super::license::{LICENSES, License};
 use super::motion::MotionSource;
 use super::optics::{clipped, default_background_noise, detector, optics, response};
-use super::particles::{Cloud, Number};
+use super::particles::Cloud;
 use super::recorded::check_tracks;
 use super::recordings::Recordings;
 use super::resolved::Scenario;
@@ -112,17 +112,13 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let domain = problems.of("particles and boundaries", domain);
     let layout = layout(&spec, &motion, &cloud, shutter);
     let Some(domain) = domain else { return Err(Error::Problems(problems.0)) };
-    let mut image_share = 1.0;
     if let MotionSource::Field(field) = &motion {
         let fluid = FluidRegion::new(field.as_ref(), &domain, &cloud.bodies);
         problems.of("particles and boundaries", seeding.density(&fluid, 0.0));
         let (longest_s, whole_s) = recordings.spans_s();
         problems.of("motion.flow.field", flows::step_estimate::check(field.as_ref(), &fluid, 0.0, longest_s));
         let view = scale.view(z_um.0, z_um.1, 0.0)?;
-        image_share = fluid.image_share(&view, 0.0);
-        if matches!(spec.particles.number, Some(Number::NS(_))) {
-            seeding = seeding.with_share_of_mean(image_share);
-        }
+        seeding = spec.particles.within_walls(seeding, &fluid, &view);
         warnings.extend(compression_warning(field.as_ref(), &fluid, &view, whole_s));
         warnings.extend(coverage_warning(field.as_ref(), domain.region()));
     }
@@ -141,7 +137,6 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         domain,
         depth_range_um,
         fluid_shares: KeptShares::default(),
-        image_share,
         seeding,
         cloud,
         recordings,

@@ -53,9 +53,6 @@ pub struct Scenario {
     pub depth_range_um: (f64, f64),
     /// Volume fractions of fluid in parts of the box that have been measured.
     pub fluid_shares: KeptShares,
-    /// The share of the sensor in which particles are, see [`FluidRegion::image_share`]; 1 without walls
-    /// across the image.
-    pub image_share: f64,
     /// Number, diameters and initial positions of the particles.
     pub seeding: Seeding,
     /// Other properties of the particles, and their motion besides the flow.
@@ -106,6 +103,15 @@ impl Scenario {
     /// The region with fluid: the box without the walls of the field and the bodies.
     pub fn fluid<'a>(&'a self, field: &'a dyn VelocityField) -> FluidRegion<'a> {
         FluidRegion::new(field, &self.domain, &self.cloud.bodies).keeping(&self.fluid_shares)
+    }
+
+    /// The share of the sensor in which particles are, see [`FluidRegion::image_share`]; 1 without walls across
+    /// the image.
+    pub fn image_share(&self) -> f64 {
+        let region = self.domain.region();
+        let view = self.scale.view(region.min().z, region.max().z, 0.0);
+        // A scenario that could be resolved has a view with a volume.
+        self.field().zip(view.ok()).map_or(1.0, |(field, view)| self.fluid(field).image_share(&view, 0.0))
     }
 
     /// Properties of the particles of recorded tracks that the file does not give.

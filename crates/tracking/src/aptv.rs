@@ -141,9 +141,14 @@ impl CalibrationCurve {
     /// # Errors
     /// Fewer than five images of a stack show a particle.
     fn of_sizes(stacks: &[Vec<CalibrationImage>]) -> Result<Self> {
-        let mut all = CalibrationCurve { points: Vec::new(), offsets: Vec::new(), ambiguous: false };
+        let peak = |step: &CalibrationImage| {
+            let smooth = step.image.smoothed(SMOOTH_PX);
+            smooth.counts.iter().copied().fold(0.0, f32::max) - smooth.background().0
+        };
+        let least = OF_FAINTEST * stacks.iter().flatten().map(peak).fold(f32::INFINITY, f32::min);
+        let mut all = CalibrationCurve { points: Vec::new(), offsets: Vec::new(), least, ambiguous: false };
         for steps in stacks {
-            let curve = CalibrationCurve::new(steps)?;
+            let curve = CalibrationCurve::new(steps, least)?;
             all.points.extend(curve.points);
             all.offsets.extend(curve.offsets);
             all.ambiguous |= curve.ambiguous;
@@ -151,16 +156,11 @@ impl CalibrationCurve {
         Ok(all)
     }
 
-    /// The curve of a calibration stack.
+    /// The curve of a calibration stack, of regions at least `least` counts above the background.
     ///
     /// # Errors
     /// Fewer than five images show a particle.
-    pub(super) fn new(steps: &[CalibrationImage]) -> Result<Self> {
-        let peak = |step: &CalibrationImage| {
-            let smooth = step.image.smoothed(SMOOTH_PX);
-            smooth.counts.iter().copied().fold(0.0, f32::max) - smooth.background().0
-        };
-        let least = OF_FAINTEST * steps.iter().map(peak).fold(f32::INFINITY, f32::min);
+    fn new(steps: &[CalibrationImage], least: f32) -> Result<Self> {
         let mut seen: Vec<(f64, [f64; 4])> = Vec::new();
         for step in steps {
             let near = |b: &Region| (b.at[0] - step.at[0]).powi(2) + (b.at[1] - step.at[1]).powi(2);
@@ -328,7 +328,7 @@ mod tests {
                 CalibrationImage { z_um, at: [30.0, 30.0], image: image(61, [30.0, 30.0], z_um) }
             })
             .collect();
-        let curve = CalibrationCurve::new(&steps).unwrap();
+        let curve = CalibrationCurve::of_sizes(&[steps]).unwrap();
         assert!(curve.warning().is_none());
         for z in [-17.3, -6.1, 0.4, 11.9] {
             let (found, _) = curve.find(&image(80, [41.25, 38.6], z));
@@ -346,7 +346,7 @@ mod tests {
                 CalibrationImage { z_um, at: [30.0, 30.0], image: image(61, [30.0, 30.0], z_um) }
             })
             .collect();
-        let curve = CalibrationCurve::new(&steps).unwrap();
+        let curve = CalibrationCurve::of_sizes(&[steps]).unwrap();
         // Two overlapping particles and one at the edge.
         let parts = [([40.0, 40.0], 15.0), ([46.0, 48.0], -15.0), ([2.0, 70.0], 0.0)];
         let images = parts.map(|(at, z_um)| image(90, at, z_um));
@@ -379,6 +379,8 @@ mod tests {
         let steps: Vec<CalibrationImage> = (0..9)
             .map(|k| CalibrationImage { z_um: f64::from(k), at: [20.0, 20.0], image: image.clone() })
             .collect();
-        assert!(CalibrationCurve::new(&steps).unwrap_err().to_string().contains("expected at least 5"));
+        assert!(
+            CalibrationCurve::of_sizes(&[steps]).unwrap_err().to_string().contains("expected at least 5")
+        );
     }
 }

@@ -36,7 +36,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
     let motion = compact(&spec.motion)?;
     let n_p = census.visible as f64 / f64::from(census.frames.max(1));
     let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
-    let image_share = scenario.image_share;
+    let image_share = scenario.image_share();
     let snr = match image.snr {
         Some(snr) => format!("{snr:.1} (noise-free peak over background noise, median over depth)"),
         None => "no background noise".to_owned(),

@@ -192,7 +192,7 @@ impl Preview {
             depth_of_field_um,
             depth_of_correlation_um: span(mean, |spot| spot.curvature, CORRELATED),
             particles_in_view: in_view,
-            source_density: in_view * mean.area_px() / (pixels * scenario.image_share),
+            source_density: in_view * mean.area_px() / (pixels * scenario.image_share()),
             background_counts: response.background,
             background_noise_counts: response.background_noise,
             saturation_counts: scenario.sensor()?.saturation_counts(),

@@ -97,7 +97,7 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
     let (low, high) = scenario.depth_range_um;
     let pixels = f64::from(settings.pixel_dim_x) * f64::from(settings.pixel_dim_y);
     let n_p = census.visible as f64 / f64::from(census.frames.max(1));
-    let image_share = scenario.image_share;
+    let image_share = scenario.image_share();
     let random_streams = match scenario.streams.seed() {
         Some(_) => "Philox4x32-10, addressed by (seed, purpose, frame, row)",
         None => "ChaCha20 with a secret key, addressed by (purpose, frame, row)",
