@@ -7,7 +7,6 @@
 pub mod assignment;
 pub mod boxes;
 pub mod candidates;
-mod chance;
 pub mod clear;
 pub mod convention_check;
 pub mod crlb;
@@ -233,7 +232,6 @@ pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptio
     let counts = counts(&scored, &matching, points, n_unlinked);
     let mut warnings: Vec<String> = hints.iter().map(|hint| hint.what.clone()).collect();
     warnings.extend(cautions(truth, points, &counts));
-    warnings.extend(chance::caution((t, r), &gate, &detection)?);
     // Positions alone say nothing about links.
     let is_linked = points.rows.is_empty() || n_unlinked < points.rows.len();
 
