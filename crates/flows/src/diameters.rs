@@ -328,8 +328,8 @@ mod tests {
         assert_eq!(of(Diameters::normal(2.0, 0.5, 0.01, 9.0)), [1.359, 2.0, 2.641]);
         // The median of a lognormal distribution: mean / sqrt(1 + (sd / mean)^2).
         assert_eq!(of(Diameters::lognormal(2.0, 1.0, 1e-3, 1e3))[1], 1.789);
-        let many: Vec<(f64, f64)> = (1..=20).map(|k| (f64::from(k), 1.0)).collect();
-        assert_eq!(of(Diameters::list(&many)), [2.0, 10.0, 18.0]);
+        let many: Vec<(f64, f64)> = (1..=21).map(|k| (f64::from(k), 1.0)).collect();
+        assert_eq!(of(Diameters::list(&many)), [3.0, 11.0, 19.0]);
         // Limits far from the mean do not count.
         let cut = of(Diameters::normal(1.0, 1.0, 2.0, 1e6));
         assert!(cut[0] > 2.0 && cut[2] < 4.0, "{cut:?}");

@@ -176,13 +176,7 @@ impl Settings {
     /// # Errors
     /// [`Error::Malformed`] with every value out of range.
     pub fn validate_immersed(&self, n_i: f64) -> Result<(), Error> {
-        let mut values = self.values();
-        let na = &mut values[NUMERICAL_APERTURE];
-        // MicroSIG's range is for air.
-        if *na >= 1.0 && *na < n_i {
-            *na /= n_i;
-        }
-        let faults = check(&values, |_| ("settings".to_owned(), None));
+        let faults = check(self.values(), n_i, |_| ("settings".to_owned(), None));
         if faults.is_empty() { Ok(()) } else { Err(Error::Malformed(faults)) }
     }
 
@@ -192,9 +186,18 @@ impl Settings {
     }
 }
 
-/// The errors in a set of values in the order of [`KEYS`]; `place` returns source and line of the key with an
-/// index.
-pub(crate) fn check(values: &[f64; 14], place: impl Fn(usize) -> (String, Option<usize>)) -> Vec<Fault> {
+/// The errors in a set of values in the order of [`KEYS`], for an immersion of refractive index `n_i`; `place`
+/// returns source and line of the key with an index.
+pub(crate) fn check(
+    mut values: [f64; 14],
+    n_i: f64,
+    place: impl Fn(usize) -> (String, Option<usize>),
+) -> Vec<Fault> {
+    let na = &mut values[NUMERICAL_APERTURE];
+    // MicroSIG's range is for air.
+    if *na >= 1.0 && *na < n_i {
+        *na /= n_i;
+    }
     let mut faults = Vec::new();
     let mut fault = |index: usize, allowed: &str| {
         let (source_name, line) = place(index);

@@ -113,7 +113,7 @@ mod tests {
         assert_eq!(plain.spec.boundaries.z_um, Some((-15.0, 15.0)));
         // The same by data sheet: d^2 / (f - d) = 20 um / 1.33 * 20^2 = 6.015 mm, d / f = 0.04.
         let sheet = "cylinder: lens(focal_length_mm: 3609.02, to_sensor_mm: 144.361)";
-        let facts = resolved(&format!("{WATER}, {sheet}"), "").unwrap().cylinder().unwrap();
+        let facts = resolved(&format!("{WATER}, {sheet}"), "depth_um: 30").unwrap().cylinder().unwrap();
         assert!((facts.focus_um + 20.0).abs() < 1e-3 && (facts.growth - 0.96).abs() < 1e-6, "{facts:?}");
     }
 

@@ -120,13 +120,16 @@ fn origin(dataset: &Path, rows: &[Row]) -> Result<Origin> {
         )));
     }
     let waves = Manifest::read(dataset)?.microsig.waves.map(|facts| facts.optics());
-    Ok(Origin { settings: settings(dataset)?, d_um: last.d_um, depth_factor, waves })
+    let largest = waves.as_ref().map_or(1.0, |waves| waves.lens.largest_aperture(waves.layers.as_ref()));
+    Ok(Origin { settings: settings(dataset, largest)?, d_um: last.d_um, depth_factor, waves })
 }
 
-fn settings(dataset: &Path) -> Result<Settings> {
+/// The settings of the stack. The numerical aperture is less than `largest`, the refractive index of the immersion,
+/// which is in the manifest only.
+fn settings(dataset: &Path, largest: f64) -> Result<Settings> {
     let path = dataset.join("calibration/settings.txt");
     let file = input::open(&path)?;
-    Ok(settings_file::read(file, &path.display().to_string())?.settings)
+    Ok(settings_file::read_immersed(file, &path.display().to_string(), largest)?.settings)
 }
 
 /// Size of the images (px) and, for each size of particles, validated rows of the table sorted by depth.
@@ -136,7 +139,8 @@ fn table(dataset: &Path) -> Result<((u32, u32), Vec<Vec<Row>>)> {
         let hint = "this method needs the dataset's calibration stack, and there is none";
         return Err(Error::input(format!("{}: {hint}", table.display())));
     }
-    let settings = settings(dataset)?;
+    // The size does not depend on the immersion, whose refractive index is below 2.
+    let settings = settings(dataset, 2.0)?;
     let size = (settings.pixel_dim_x, settings.pixel_dim_y);
     let wrong = |message: String| Err(Error::input(format!("{}: {message}", table.display())));
     let least = 2.0 * LEAST_ROOM_PX + 1.0;

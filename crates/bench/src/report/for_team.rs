@@ -17,6 +17,8 @@ use super::files::SCORE;
 use super::{REPORT, page};
 use scoring::evaluate::curves::Bin;
 use scoring::evaluate::gdpt::DepthNode;
+use scoring::evaluate::orientation::Orientation;
+use scoring::evaluate::uncertainty::Uncertainty;
 use scoring::evaluate::{Evaluation, Score};
 use storage::error::{Error, Result};
 use storage::save_bytes;
@@ -64,7 +66,7 @@ pub(crate) fn told(score: &Score) -> Result<Score> {
     let told = if n >= FEWEST { with_full_bins(score) } else { without_scores(score) };
     let value = serde_json::to_value(&told).map_err(|e| Error::input(e.to_string()))?;
     let gate = score.definitions.gate.map_or((1.0, f64::INFINITY), |gate| (gate.xy_px, gate.z_um));
-    let value = Rounding { n: n.max(FEWEST), gate }.of("", value);
+    let value = Rounding { n: n.max(FEWEST), links: links(score).max(FEWEST), gate }.of("", value);
     serde_json::from_value(value).map_err(|e| Error::input(e.to_string()))
 }
 
@@ -72,6 +74,11 @@ pub(crate) fn told(score: &Score) -> Result<Score> {
 fn averaged(score: &Score) -> usize {
     let of_fields = || score.field.as_ref().map_or(0, |field| field.n_reported);
     score.detection.as_ref().map_or_else(of_fields, |detection| detection.tp)
+}
+
+/// Number of correct links, over which errors of displacements are averaged.
+fn links(score: &Score) -> usize {
+    score.links.as_ref().map_or(0, |links| links.tp)
 }
 
 /// The score without errors of bins that average over few particles.
@@ -83,9 +90,22 @@ fn with_full_bins(score: &Score) -> Score {
             *bin = Bin { from, to, n_true, tp, recall, ..Bin::default() };
         }
     }
-    let position = score.uncertainty.iter_mut().flat_map(|of| [&mut of.x, &mut of.y, &mut of.z]);
-    for claimed in position.flatten() {
-        claimed.bins.retain(|bin| bin.n >= FEWEST);
+    for of in &mut score.uncertainty {
+        for claimed in [&mut of.x, &mut of.y, &mut of.z] {
+            *claimed = claimed.take().filter(|claimed| claimed.n >= FEWEST).map(|claimed| {
+                let Uncertainty { n, coverage_1s, coverage_2s, .. } = claimed;
+                Uncertainty { n, coverage_1s, coverage_2s, ..Uncertainty::default() }
+            });
+        }
+    }
+    if let Some(orientation) = score.orientation.as_mut().filter(|orientation| orientation.n < FEWEST) {
+        let Orientation { n_true, n, mean_all_deg, guess_deg, .. } = *orientation;
+        *orientation = Orientation { n_true, n, mean_all_deg, guess_deg, ..Orientation::default() };
+    }
+    if links(&score) < FEWEST
+        && let Some(lpt) = &mut score.lpt
+    {
+        (lpt.motion, lpt.interval) = Default::default();
     }
     for hint in &mut score.hints {
         // The rest is scores of a sample, in words.
@@ -97,6 +117,8 @@ fn with_full_bins(score: &Score) -> Score {
     }
     if let Some(field) = &mut score.field {
         for errors in field.truths.values_mut().chain([&mut field.main]) {
+            (errors.uncertainty, errors.uncertainty_ratio_u) = Default::default();
+            (errors.coverage_1s_u, errors.coverage_2s_u, errors.coverage_1s_u_inliers) = Default::default();
             errors.peak_locking.bias_curve_px.clear();
             errors.spectra.clear();
         }
@@ -130,6 +152,8 @@ fn without_scores(score: &Score) -> Score {
 struct Rounding {
     /// Number of particles or vectors that are averaged.
     n: usize,
+    /// Number of correct links, over which errors of motion are averaged.
+    links: usize,
     /// Gate in the image plane, px, and along z, um.
     gate: (f64, f64),
 }
@@ -149,7 +173,8 @@ impl Rounding {
             Value::Array(values) => values.into_iter().map(|value| self.of(key, value)).collect(),
             Value::Object(fields) if ["definitions", "counts"].contains(&key) => Value::Object(fields),
             Value::Object(fields) => {
-                let own = fields.get("tp").and_then(Value::as_u64).map(|n| n as usize);
+                let of = |count: &str| fields.get(count).and_then(Value::as_u64).map(|n| n as usize);
+                let own = if key == "lpt" { Some(self.links) } else { of("tp").or_else(|| of("n")) };
                 let inner = Rounding { n: own.map_or(self.n, |n| n.max(FEWEST)), ..self };
                 fields.into_iter().map(|(key, value)| (key.clone(), inner.of(&key, value))).collect()
             }
@@ -188,7 +213,11 @@ fn rounded(exact: f64, least: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use scoring::evaluate::PositionUncertainty;
     use scoring::evaluate::curves::Curve;
+    use scoring::evaluate::links::Links;
+    use scoring::evaluate::lpt::Lpt;
+    use scoring::evaluate::motion::Motion;
 
     #[test]
     fn few_particles_and_many_digits_are_not_told() {
@@ -202,9 +231,40 @@ mod tests {
     }
 
     #[test]
+    fn claims_for_few_rows_are_not_told() {
+        let claimed =
+            |n| Some(Uncertainty { n, coverage_1s: Some(0.5), ratio: Some(4e5), ..Uncertainty::default() });
+        let told = with_full_bins(&Score {
+            uncertainty: Some(PositionUncertainty { x: claimed(1), y: claimed(FEWEST), z: None }),
+            orientation: Some(Orientation {
+                n: 1,
+                mean_deg: Some(39.8),
+                rms_deg: Some(39.8),
+                ..Orientation::default()
+            }),
+            links: Some(Links { tp: 1, ..Links::default() }),
+            lpt: Some(Lpt {
+                motion: Motion { displacement_bias_x_px: Some(0.1502), ..Motion::default() },
+                ..Lpt::default()
+            }),
+            ..Score::default()
+        });
+        let uncertainty = told.uncertainty.unwrap();
+        assert_eq!(uncertainty.x, None);
+        assert_eq!(uncertainty.y.map(|y| (y.coverage_1s, y.ratio)), Some((Some(0.5), None)));
+        assert_eq!(told.orientation.map(|o| (o.mean_deg, o.rms_deg)), Some((None, None)));
+        assert_eq!(told.lpt.unwrap().motion, Motion::default());
+        let rounding = Rounding { n: 400, links: 20, gate: (2.0, 10.0) };
+        assert_eq!(
+            rounding.of("lpt", serde_json::json!({ "displacement_bias_x_px": 0.1502 }))["displacement_bias_x_px"],
+            0.2
+        );
+    }
+
+    #[test]
     fn one_particle_changes_no_digit_for_certain() {
         // Of 400 particles one changes a bias by at most 2 px / 400 = 0.005 px.
-        let rounding = Rounding { n: 400, gate: (2.0, 10.0) };
+        let rounding = Rounding { n: 400, links: 30, gate: (2.0, 10.0) };
         let of = |key: &str, value: f64| rounding.of(key, value.into()).as_f64().unwrap();
         assert_eq!(of("bias_x_px", 0.012_345), 0.01);
         assert_eq!(of("bias_z_um", -0.987_654), -1.0);

@@ -74,7 +74,8 @@ const MAX_WARNINGS: usize = 10;
 pub fn render(options: &RenderOptions) -> Result<Rendered> {
     let start = Instant::now();
     let file = open(&options.settings)?;
-    let settings = settings_file::read(file, &options.settings.display().to_string())?;
+    let largest = options.renderer.largest_aperture();
+    let settings = settings_file::read_immersed(file, &options.settings.display().to_string(), largest)?;
     let renderer = options.renderer.clone().build(&settings.settings)?;
     let sensor = Sensor::new(&settings.settings).with_rounding(options.rounding).with_format(options.format);
     let camera = Camera::new(renderer, sensor, Streams::new(options.seed));

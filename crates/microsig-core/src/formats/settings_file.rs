@@ -35,6 +35,15 @@ const MAX_UNREADABLE: usize = 3;
 /// in CR alone;
 /// [`Error::Io`] if reading fails.
 pub fn read(reader: impl Read, name: &str) -> Result<SettingsFile, Error> {
+    read_immersed(reader, name, 1.0)
+}
+
+/// As [`read`], for an objective whose immersion has the refractive index `n_i`: the numerical aperture must be
+/// less. The file itself does not know the immersion.
+///
+/// # Errors
+/// As for [`read`].
+pub fn read_immersed(reader: impl Read, name: &str, n_i: f64) -> Result<SettingsFile, Error> {
     let mut bytes = Vec::new();
     reader.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(|e| Error::io(name, e))?;
     let (mut lines, mut faults) = (Vec::new(), Vec::new());
@@ -102,7 +111,7 @@ pub fn read(reader: impl Read, name: &str) -> Result<SettingsFile, Error> {
     // Ranges are checked only when all values are numbers, because they depend on each other.
     if faults.is_empty() {
         let values = std::array::from_fn(|i| found[&i].0);
-        faults = settings::check(&values, |i| (name.to_owned(), Some(found[&i].1)));
+        faults = settings::check(values, n_i, |i| (name.to_owned(), Some(found[&i].1)));
         if faults.is_empty() {
             return Ok(SettingsFile { settings: Settings::from_values(values), unknown, warnings });
         }

@@ -59,6 +59,14 @@ impl RendererSpec {
         })
     }
 
+    /// What the numerical aperture must stay below: 1, or the refractive index of the immersion.
+    pub fn largest_aperture(&self) -> f64 {
+        match self {
+            RendererSpec::Waves { optics, .. } => optics.lens.largest_aperture(optics.layers.as_ref()),
+            _ => 1.0,
+        }
+    }
+
     /// The renderer of the same images without ray noise: for rays the limit of infinitely many, with this
     /// tolerance.
     pub fn without_ray_noise(self, tolerance: f64) -> RendererSpec {
