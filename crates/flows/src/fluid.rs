@@ -182,27 +182,28 @@ impl<'a> FluidRegion<'a> {
     /// would hold all of them at the number per area that surrounds them on average, (int n dA)^2 / int n^2
     /// dA: overlaps of images grow with that number.
     pub fn image_share(&self, view: &Region, t: f64) -> f64 {
-        /// Numbers of cells of the cross-section along x and y, and of each column.
-        const CELLS: [u32; 3] = [48, 48, 16];
+        /// Number of columns, on a lattice of golden ratios, whose error at straight walls is about its inverse.
+        const COLUMNS: u32 = 4096;
+        const GOLDEN: f64 = 0.618_033_988_749_894_9;
+        /// Number of cells of a column.
+        const CELLS: u32 = 16;
         if self.field.wall(view.at(DVec3::splat(0.5)), t).is_none() && self.bodies.is_empty() {
             return 1.0;
         }
-        let cell = view.size() / DVec3::from_array(CELLS.map(f64::from));
-        let middle = |i: u32, axis: usize| (f64::from(i) + 0.5) / f64::from(CELLS[axis]);
+        let height = view.size().z / f64::from(CELLS);
         let (mut sum, mut squares) = (0.0, 0.0);
-        for j in 0..CELLS[1] {
-            for i in 0..CELLS[0] {
-                let mut column = 0.0;
-                for k in 0..CELLS[2] {
-                    let at = view.at(DVec3::new(middle(i, 0), middle(j, 1), middle(k, 2)));
-                    let (room, normal) = self.room(at, t, 0.0);
-                    column += (0.5 + room / normal.abs().dot(cell)).clamp(0.0, 1.0);
-                }
-                sum += column;
-                squares += column * column;
+        for i in (0..COLUMNS).map(|i| f64::from(i) + 0.5) {
+            let mut column = 0.0;
+            for k in (0..CELLS).map(|k| f64::from(k) + 0.5) {
+                let across = [i / f64::from(COLUMNS), (i * GOLDEN).fract(), k / f64::from(CELLS)];
+                let (room, normal) = self.room(view.at(DVec3::from_array(across)), t, 0.0);
+                let steep = normal.z.abs() * height;
+                column += if room.abs() < 0.5 * steep { 0.5 + room / steep } else { f64::from(room > 0.0) };
             }
+            sum += column;
+            squares += column * column;
         }
-        let share = sum * sum / (squares * f64::from(CELLS[0] * CELLS[1]));
+        let share = sum * sum / (squares * f64::from(COLUMNS));
         // NaN in a view without fluid; walls that coincide with faces of the box take no area, up to
         // rounding.
         if share < 1.0 - 1e-9 { share } else { 1.0 }

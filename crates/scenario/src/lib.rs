@@ -6,6 +6,7 @@ mod cylinder;
 mod drawing;
 mod field;
 mod files;
+mod flow_checks;
 mod focal_planes;
 mod illumination;
 mod language;

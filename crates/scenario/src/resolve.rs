@@ -16,6 +16,7 @@ use microsig_core::{Particle, Settings, Spheroid};
 use super::brightness::PhotonScale;
 use super::drawing;
 use super::files::Files;
+use super::flow_checks;
 use super::focal_planes;
 use super::language::problems::Problems;
 use super::license::{LICENSES, License};
@@ -60,12 +61,9 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         .photons
         .map(|photons| PhotonScale::new(&photons, &spec.renderer(), &settings, diameters.mean()));
     let depth_factor = spec.optics.depth_factor.unwrap_or(1.0);
-    let scale = Scale::new(settings.um_per_px(), settings.pixel_dim_x, settings.pixel_dim_y, depth_factor);
-    let scale = scale.map(|scale| match spec.stretch() {
-        Some((growth, angle_deg)) => scale.stretched(growth, angle_deg),
-        None => scale,
-    });
-    let Some(scale) = problems.of("optics", scale) else { return Err(Error::Problems(problems.0)) };
+    let Some(scale) = problems.of("optics", scale_of(&spec, &settings, depth_factor)) else {
+        return Err(Error::Problems(problems.0));
+    };
     let shutter = spec.timing.shutter(scale.um_per_px(), &mut problems);
     let Some(renderer) = problems.of("optics", spec.renderer().build(&settings)) else {
         return Err(Error::Problems(problems.0));
@@ -114,13 +112,11 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let Some(domain) = domain else { return Err(Error::Problems(problems.0)) };
     if let MotionSource::Field(field) = &motion {
         let fluid = FluidRegion::new(field.as_ref(), &domain, &cloud.bodies);
-        problems.of("particles and boundaries", seeding.density(&fluid, 0.0));
-        let (longest_s, whole_s) = recordings.spans_s();
-        problems.of("motion.flow.field", flows::step_estimate::check(field.as_ref(), &fluid, 0.0, longest_s));
         let view = scale.view(z_um.0, z_um.1, 0.0)?;
+        let checked =
+            flow_checks::check((field.as_ref(), &fluid), (&seeding, &view), &recordings, &mut problems);
+        warnings.extend(checked);
         seeding = spec.particles.within_walls(seeding, &fluid, &view);
-        warnings.extend(compression_warning(field.as_ref(), &fluid, &view, whole_s));
-        warnings.extend(coverage_warning(field.as_ref(), domain.region()));
     }
     problems.finish()?;
     let mut scenario = Scenario {
@@ -268,51 +264,14 @@ fn check_depths(
     }
 }
 
-/// A warning if the divergence of a field changes the number density of particles during a recording.
-fn compression_warning(
-    field: &dyn VelocityField,
-    fluid: &FluidRegion<'_>,
-    view: &flows::Region,
-    recording_s: f64,
-) -> Option<String> {
-    let (low, high) = flows::divergence::range(field, fluid, view, 0.0)?;
-    let strongest = low.abs().max(high.abs()) * recording_s;
-    (strongest > NOTICEABLE_COMPRESSION).then(|| {
-        format!(
-            "the field is not free of divergence ({low:.3} to {high:.3} 1/s in view): within a recording of {recording_s} s the \
-             number density of particles changes by factors of {:.3} to {:.3} along their paths, while particles that \
-             enter have the density of the seeding; fresh pairs (timing: pairs(...)) avoid this, as each is seeded independently",
-            (-high * recording_s).exp(),
-            (-low * recording_s).exp()
-        )
+/// The conversion between px and um of the sensor, stretched by a cylindrical lens before the camera.
+fn scale_of(spec: &Spec, settings: &Settings, depth_factor: f64) -> flows::Result<Scale> {
+    let scale = Scale::new(settings.um_per_px(), settings.pixel_dim_x, settings.pixel_dim_y, depth_factor)?;
+    Ok(match spec.stretch() {
+        Some((growth, angle_deg)) => scale.stretched(growth, angle_deg),
+        None => scale,
     })
 }
-
-/// A warning if the data of the field end within the box of the particles.
-fn coverage_warning(field: &dyn VelocityField, region: &flows::Region) -> Option<String> {
-    let outside = field.share_without_data(region);
-    (outside > NOTICEABLE_OUTSIDE).then(|| {
-        let (min, max) = (region.min(), region.max());
-        format!(
-            "the data of the velocity field end within the box of the particles, ({:.1}, {:.1}, {:.1}) to ({:.1}, {:.1}, \
-             {:.1}) um: {:.1} % of its volume, and of the particles, lie beyond the outermost nodes, whose velocity \
-             holds there; see boundaries.margin_px and boundaries.z_um",
-            min.x,
-            min.y,
-            min.z,
-            max.x,
-            max.y,
-            max.z,
-            100.0 * outside
-        )
-    })
-}
-
-/// Share of the volume without data above which there is a warning.
-const NOTICEABLE_OUTSIDE: f64 = 0.01;
-
-/// Relative change of density during a recording above which there is a warning.
-const NOTICEABLE_COMPRESSION: f64 = 0.05;
 
 /// The measured depth range, um: that of the boundaries, restricted to a light sheet that is perpendicular to
 /// the optical axis.

@@ -1,8 +1,8 @@
 //! APTV: depth from the two widths of astigmatic particle images.
 //!
-//! A particle image is a connected region above the noise; its widths are the square roots of the second
-//! central moments of intensity along x and y. The widths over the calibration stack form a curve in the
-//! plane of widths, and the depth of a particle is that of the nearest point of the curve (Cierpka et al.
+//! A particle image is a connected region above a threshold; its widths are the square roots of the second
+//! central moments of the light above it along x and y. The widths over the calibration stack form a curve in
+//! the plane of widths, and the depth of a particle is that of the nearest point of the curve (Cierpka et al.
 //! 2010, Meas. Sci. Technol. 21, 045401); with stacks of several sizes, of all their curves. Overlapping
 //! particles merge into one region whose widths are off the curve, and are dropped. Without a cylindrical
 //! lens the curve folds back on itself: depths on both sides of the focus are indistinguishable.
@@ -20,10 +20,13 @@ const SMOOTH_PX: f32 = 1.5;
 /// Segmentation threshold, in standard deviations of the filtered noise.
 const ABOVE_NOISE: f32 = 5.0;
 
-/// The same as a share of the peak of the faintest image of the calibration. Noise decides only where it is
-/// larger: with images out to their faintest rims, which overlap the more, less noise would mean fewer
-/// particles.
-const OF_FAINTEST: f32 = 0.3;
+/// A region ends where its light falls below this share of its peak, ...
+const OF_PEAK: f32 = 0.2;
+
+/// ... and the faintest image of the calibration is still seen whole at this share of its brightness. Noise
+/// decides only where it is larger: with images out to their faintest rims, which overlap the more, less
+/// noise would mean fewer particles.
+const LEAST_BRIGHTNESS: f32 = 0.5;
 
 /// Minimum area of a region, px^2.
 const LEAST_AREA: usize = 12;
@@ -145,7 +148,8 @@ impl CalibrationCurve {
             let smooth = step.image.smoothed(SMOOTH_PX);
             smooth.counts.iter().copied().fold(0.0, f32::max) - smooth.background().0
         };
-        let least = OF_FAINTEST * stacks.iter().flatten().map(peak).fold(f32::INFINITY, f32::min);
+        let least =
+            OF_PEAK * LEAST_BRIGHTNESS * stacks.iter().flatten().map(peak).fold(f32::INFINITY, f32::min);
         let mut all = CalibrationCurve { points: Vec::new(), offsets: Vec::new(), least, ambiguous: false };
         for steps in stacks {
             let curve = CalibrationCurve::new(steps, least)?;
@@ -209,7 +213,7 @@ impl CalibrationCurve {
         let (regions, mut tally) = regions(image, self.least);
         let found: Vec<Localization> = regions.iter().filter_map(|region| self.place(region)).collect();
         tally.measured = found.len();
-        tally.off_curve = regions.len() - found.len();
+        tally.off_curve += regions.len() - found.len();
         (found, tally)
     }
 
@@ -248,7 +252,8 @@ fn smoothed(points: &[(f64, [f64; 4])], i: usize) -> (f64, [f64; 4]) {
 }
 
 /// The bright regions of an image, at least `least` counts above the background, that do not touch its edge,
-/// and counts of the others.
+/// and counts of the others. A region is cut off at a share of its own peak, so that its widths depend
+/// neither on its brightness nor on faint rims, by which it may touch others.
 fn regions(image: &GrayImage, least: f32) -> (Vec<Region>, Tally) {
     let (w, h) = (image.width, image.height);
     let smooth = image.smoothed(SMOOTH_PX);
@@ -258,15 +263,33 @@ fn regions(image: &GrayImage, least: f32) -> (Vec<Region>, Tally) {
     let mut found = Vec::new();
     let bright = open.iter().filter(|o| **o).count();
     let mut tally = Tally { pixels: w * h, bright, ..Tally::default() };
-    let mut region = Vec::new();
-    for start in 0..w * h {
-        if !open[start] {
-            continue;
+    let on_edge = |i: &usize| [0, w - 1].contains(&(i % w)) || [0, h - 1].contains(&(i / w));
+    let peak = |pixels: &[usize]| pixels.iter().fold(0.0, |peak, &i| smooth.counts[i].max(peak)) - level;
+    for whole in (0..w * h).filter_map(|start| connected(&mut open, (w, h), start)).collect::<Vec<_>>() {
+        let cut = threshold.max(level + OF_PEAK * peak(&whole));
+        whole.iter().for_each(|&i| open[i] = smooth.counts[i] > cut);
+        for region in
+            whole.iter().filter_map(|&start| connected(&mut open, (w, h), start)).collect::<Vec<_>>()
+        {
+            if region.len() < LEAST_AREA {
+                tally.small += 1;
+            } else if region.iter().any(on_edge) {
+                tally.at_edge += 1;
+            } else if cut > threshold && cut - level > 1.5 * OF_PEAK * peak(&region) {
+                // Cut off by the peak of a brighter neighbor.
+                tally.off_curve += 1;
+            } else {
+                found.push(moments(&smooth, cut, &region));
+            }
         }
-        region.clear();
-        region.push(start);
-        open[start] = false;
-        let mut next = 0;
+    }
+    (found, tally)
+}
+
+/// The open pixels that are connected to one, which are closed; `None` if it is not open.
+fn connected(open: &mut [bool], (w, h): (usize, usize), start: usize) -> Option<Vec<usize>> {
+    std::mem::take(&mut open[start]).then(|| {
+        let (mut region, mut next) = (vec![start], 0);
         while next < region.len() {
             let (x, y) = (region[next] % w, region[next] / w);
             next += 1;
@@ -278,18 +301,12 @@ fn regions(image: &GrayImage, least: f32) -> (Vec<Region>, Tally) {
                 }
             }
         }
-        let on_edge = |i: &usize| [0, w - 1].contains(&(i % w)) || [0, h - 1].contains(&(i / w));
-        if region.len() < LEAST_AREA {
-            tally.small += 1;
-        } else if region.iter().any(on_edge) {
-            tally.at_edge += 1;
-        } else {
-            found.push(moments(&smooth, level, &region));
-        }
-    }
-    (found, tally)
+        region
+    })
 }
 
+/// Centroid and widths of the light above `level`, which is the threshold of the region: so a pixel more or
+/// less at its rim changes little.
 fn moments(image: &GrayImage, level: f32, region: &[usize]) -> Region {
     let w = image.width;
     let mut sums = [0.0; 5];
