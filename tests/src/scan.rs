@@ -166,8 +166,8 @@ impl SimulatedScan {
         Ok((0..self.stage_um.len()).map(plane).collect())
     }
 
-    /// The mean number of rays on each pixel of all planes, whatever the direction of the cylindrical lens: a pixel
-    /// is the sum of [`PARTS`] x [`PARTS`] parts, so small that their own orientation does not matter.
+    /// The mean number of rays on each pixel of all planes, whatever the direction of the cylindrical lens: a
+    /// pixel is the sum of [`PARTS`] x [`PARTS`] parts, so small that their own orientation does not matter.
     ///
     /// # Errors
     /// Settings that cannot be rendered.
@@ -202,8 +202,8 @@ impl SimulatedScan {
         Ok((0..self.stage_um.len()).map(plane).collect())
     }
 
-    /// The counts of all planes for these mean numbers of rays, as of photons: Poisson numbers times the gain,
-    /// with background and normal noise, rounded and clipped at 0.
+    /// The counts of all planes for these mean numbers of rays, as of photons: Poisson numbers times the
+    /// gain, with background and normal noise, rounded and clipped at 0.
     pub fn photon_planes(&self, mean_rays: &[Vec<f64>], seed: u64) -> Vec<Vec<u16>> {
         let Settings { gain, background_mean, background_noise, .. } = self.settings;
         let streams = Streams::new(seed);

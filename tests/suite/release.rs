@@ -291,7 +291,7 @@ fn a_wrong_submission_is_told_what_and_where() {
         ("results.csv", second, second.replacen("0,", "8,", 1), "results.csv:2: frame = 8: expected 0 to 7"),
         ("results.csv", second, "x".to_owned() + second, "results.csv:2: frame = \"x0\": expected a number"),
         ("results.csv", "x_px", "x_um".to_owned(), "results.csv:1: "),
-        ("submission.json", "\"team\":", "\"crew\":".to_owned(), "unknown field `crew`"),
+        ("submission.json", "\"team\":", "\"crew\":".to_owned(), "unknown key `crew`"),
         ("submission.json", "y_px downward", "y_px upward".to_owned(), "coordinate_declaration"),
         ("submission.json", "1.5", "-1.5".to_owned(), "runtime_s: expected a time >= 0"),
         ("submission.json", &images_sha256(), "0".repeat(64), "other images were used"),

@@ -117,7 +117,8 @@ fn what_cannot_be_written_is_said_and_leaves_no_result() {
     let render = vec!["render", path(&settings), path(&particles), path(&out)];
     let evaluate = vec!["evaluate", path(&dataset), path(&tracks), "--out", path(&out)];
     let sweep = vec!["sweep", path(&sweep), "--out", path(&out)];
-    let release = vec!["release", path(&dataset), "--out", path(&out)];
+    let released = place.path().join("released");
+    let release = vec!["release", path(&dataset), "--out", path(&released)];
     // Images take 40 kB, the tables less.
     for (arguments, kilobytes) in [
         (&generate, 16),
@@ -132,7 +133,8 @@ fn what_cannot_be_written_is_said_and_leaves_no_result() {
         assert_eq!(code, Some(1), "{arguments:?}: {message}");
         assert!(message.starts_with("error: ") && message.contains("File too large"), "{message}");
         assert!(message.contains(path(place.path())), "no path: {message}");
-        let finished = std::fs::read_dir(&out).map_or(0, |cases| {
+        let out = Path::new(arguments[arguments.len() - 1]);
+        let finished = std::fs::read_dir(out).map_or(0, |cases| {
             cases.flatten().filter(|case| case.path().extension().is_none_or(|e| e != "partial")).count()
         });
         assert_eq!(finished, 0, "{arguments:?}");
@@ -140,8 +142,8 @@ fn what_cannot_be_written_is_said_and_leaves_no_result() {
         // The interrupted run continues once there is space.
         if arguments[0] == "generate" {
             run(&[&arguments[..], &["--resume"]].concat());
-            assert!(suite::tree(&out).unwrap() == suite::tree(&dataset).unwrap());
-            std::fs::remove_dir_all(&out).unwrap();
+            assert!(suite::tree(out).unwrap() == suite::tree(&dataset).unwrap());
+            std::fs::remove_dir_all(out).unwrap();
         }
     }
     run(&[&sweep[..], &["--resume"]].concat());

@@ -8,14 +8,14 @@ use microsig_core::render::waves::{SingleImages, WavesRenderer};
 use super::optics::Microscope;
 use storage::error::Result;
 
-/// Turned by more than this from the image's axes (1 - cos 4 angle), the cylindrical lens makes the orientation
-/// of pixels matter: 0.1 % of the peak.
+/// Turned by more than this from the image's axes (1 - cos 4 angle), the cylindrical lens makes the
+/// orientation of pixels matter: 0.1 % of the peak.
 const TURNED: f64 = 0.1;
 
 /// Parts of a pixel along each axis then. The images of geometrical optics are those on pixels along the axes
-/// of the cylindrical lens; a pixel is taken as parts that are so small that their orientation does not matter
-/// (its effect falls with the fourth power of their size). With whole pixels, images with the lens turned by 25
-/// degrees would be off by 1 % of the peak.
+/// of the cylindrical lens; a pixel is taken as parts that are so small that their orientation does not
+/// matter (its effect falls with the fourth power of their size). With whole pixels, images with the lens
+/// turned by 25 degrees would be off by 1 % of the peak.
 const PARTS: usize = 2;
 
 /// Margin of images by waves beyond the window, px, for the particle's distance from its middle.

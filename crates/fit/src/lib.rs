@@ -156,8 +156,8 @@ pub fn fit(scan: &Scan, options: &FitOptions, watch: Watch<'_>) -> Result<FitFil
     files(run, options, astigmatic && options.waves.is_none())
 }
 
-/// The fit of geometrical optics; additional quantities are freed at the best fit without them, so that the fit
-/// never ends at a worse one.
+/// The fit of geometrical optics; additional quantities are freed at the best fit without them, so that the
+/// fit never ends at a worse one.
 fn by_rays<'a>(mut problem: Problem<'a>, known: &Known, free: &[ExtraParameter]) -> Result<Run<'a>> {
     let (start, margin) = search::best_start(&mut problem, known.shape, &curves::starts(known))?;
     let mut derivatives = None;

@@ -56,8 +56,8 @@ impl Problem<'_> {
             (self.watch)(&format!("{}, step {step}: misfit {loss:.4} per pixel", self.stage));
             let n = normal.right.len();
             let predicted = |step: &[f64]| step.iter().zip(&normal.right).map(|(s, r)| s * r).sum::<f64>();
-            // The decrease that is left, which damped steps do not show where parameters nearly compensate each
-            // other.
+            // The decrease that is left, which damped steps do not show where parameters nearly compensate
+            // each other.
             let left = normal.matrix.solve(&normal.right).map_or(f64::INFINITY, |step| predicted(&step));
             let mut accepted = None;
             while damping < 1e8 {

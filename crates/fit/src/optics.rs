@@ -200,8 +200,8 @@ impl Shared {
             Shared::NumericalAperture | Shared::FocalLength => Some(0.02),
             Shared::FocusShift => Some((0.03 * at.focus_shift_um.abs()).max(0.3)),
             Shared::Diameter => Some(0.04),
-            // Errors of the images over the step must stay small against what these change along a valley in which
-            // others compensate them: they would look like information.
+            // Errors of the images over the step must stay small against what these change along a valley in
+            // which others compensate them: they would look like information.
             Shared::RiLens | Shared::PixelSize => Some(0.04),
             Shared::Aberration(_) => Some(0.02),
             Shared::FocusDepth => Some(2.0),

@@ -24,8 +24,9 @@ const FINE: Accuracy = Accuracy { tolerance: 3e-3, of_sides: 3e-3, central: true
 /// standard deviation, that of these by half of one.
 const FINEST: Accuracy = Accuracy { tolerance: 1e-3, ..FINE };
 
-/// Error of images, and of those of which differences are taken, where quantities nearly compensate each other:
-/// errors of 1e-3 of the peak move a scan's pixel size by several standard deviations along the valley.
+/// Error of images, and of those of which differences are taken, where quantities nearly compensate each
+/// other: errors of 1e-3 of the peak move a scan's pixel size by several standard deviations along the
+/// valley.
 const OF_VALLEYS: f64 = 5e-4;
 
 /// Predicted decrease of chi2 at which minimization ends: while starting points are compared, and in the

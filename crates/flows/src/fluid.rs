@@ -182,7 +182,8 @@ impl<'a> FluidRegion<'a> {
     /// would hold all of them at the number per area that surrounds them on average, (int n dA)^2 / int n^2
     /// dA: overlaps of images grow with that number.
     pub fn image_share(&self, view: &Region, t: f64) -> f64 {
-        /// Number of columns, on a lattice of golden ratios, whose error at straight walls is about its inverse.
+        /// Number of columns, on a lattice of golden ratios, whose error at straight walls is about its
+        /// inverse.
         const COLUMNS: u32 = 4096;
         const GOLDEN: f64 = 0.618_033_988_749_894_9;
         /// Number of cells of a column.

@@ -186,8 +186,8 @@ impl Settings {
     }
 }
 
-/// The errors in a set of values in the order of [`KEYS`], for an immersion of refractive index `n_i`; `place`
-/// returns source and line of the key with an index.
+/// The errors in a set of values in the order of [`KEYS`], for an immersion of refractive index `n_i`;
+/// `place` returns source and line of the key with an index.
 pub(crate) fn check(
     mut values: [f64; 14],
     n_i: f64,

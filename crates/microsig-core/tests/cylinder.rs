@@ -55,8 +55,9 @@ fn images_grow_about_their_focal_planes() {
         for z_um in [-100.0 * n, 100.0 * n] {
             let [along, across] = extents(&renderer, z_um, angle_deg);
             let expected = cylinder.growth() * (z_um - plane_um).abs() / z_um.abs();
-            // The quantiles are whole pixels, of some 60 to 110, so that a width is off by up to 1 px; aberrations of the layers and the difference
-            // of sine and tangent act on both directions nearly alike.
+            // The quantiles are whole pixels, of some 60 to 110, so that a width is off by up to 1 px;
+            // aberrations of the layers and the difference of sine and tangent act on both directions nearly
+            // alike.
             assert!(
                 (along / across / expected - 1.0).abs() < 0.035,
                 "{cylinder:?} {z_um}: {along} {across} {expected}"

@@ -105,8 +105,8 @@ impl Scenario {
         FluidRegion::new(field, &self.domain, &self.cloud.bodies).keeping(&self.fluid_shares)
     }
 
-    /// The share of the sensor in which particles are, see [`FluidRegion::image_share`]; 1 without walls across
-    /// the image.
+    /// The share of the sensor in which particles are, see [`FluidRegion::image_share`]; 1 without walls
+    /// across the image.
     pub fn image_share(&self) -> f64 {
         let region = self.domain.region();
         let view = self.scale.view(region.min().z, region.max().z, 0.0);

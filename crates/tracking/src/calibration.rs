@@ -124,8 +124,8 @@ fn origin(dataset: &Path, rows: &[Row]) -> Result<Origin> {
     Ok(Origin { settings: settings(dataset, largest)?, d_um: last.d_um, depth_factor, waves })
 }
 
-/// The settings of the stack. The numerical aperture is less than `largest`, the refractive index of the immersion,
-/// which is in the manifest only.
+/// The settings of the stack. The numerical aperture is less than `largest`, the refractive index of the
+/// immersion, which is in the manifest only.
 fn settings(dataset: &Path, largest: f64) -> Result<Settings> {
     let path = dataset.join("calibration/settings.txt");
     let file = input::open(&path)?;

@@ -129,8 +129,8 @@ pub struct Tracked {
     pub rows: usize,
     /// Duration, s.
     pub seconds: f64,
-    /// Mean CPU time of one frame (for `piv` an image pair, with `--ensemble` a pair in one pass), s; `None` for
-    /// anchors made from the truth.
+    /// Mean CPU time of one frame (for `piv` an image pair, with `--ensemble` a pair in one pass), s; `None`
+    /// for anchors made from the truth.
     pub seconds_per_frame: Option<f64>,
     /// Maximum of these times, s.
     pub slowest_frame_seconds: Option<f64>,

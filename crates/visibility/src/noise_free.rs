@@ -10,8 +10,8 @@ use microsig_core::{Particle, Settings};
 pub const TOLERANCE: f64 = 0.005;
 
 /// Renders single particles without noise, each at its sub-pixel position and depth. Peaks are right to 1 %,
-/// but those of spheroids of ray images, which are drawn as many small spheres, since an exact image would take
-/// longer than the ray image itself, to 10 %.
+/// but those of spheroids of ray images, which are drawn as many small spheres, since an exact image would
+/// take longer than the ray image itself, to 10 %.
 ///
 /// Images of a dataset without ray noise come from its own renderer. For ray images they are the limit of
 /// infinitely many rays, times the light that few rays have in excess; where that limit takes too long
@@ -247,8 +247,9 @@ mod tests {
         assert!((sum(&a) / sum(&b) - 1.0).abs() < 0.005 && (peak(&a) / peak(&b) - 1.0).abs() < 0.08);
     }
 
-    /// Rods and discs, from lying to standing and on both sides of focus, with and without a cylindrical lens.
-    /// Without ray noise the image is the dataset's own; a sum of small spheres would be off by up to 9 %.
+    /// Rods and discs, from lying to standing and on both sides of focus, with and without a cylindrical
+    /// lens. Without ray noise the image is the dataset's own; a sum of small spheres would be off by up to 9
+    /// %.
     #[test]
     fn spheroids_have_images_of_their_own() {
         let shapes =

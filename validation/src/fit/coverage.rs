@@ -12,8 +12,8 @@ use suite::scan::SimulatedScan;
 
 use super::quantity::quantities;
 
-/// Cases with rays, of the shared scans, that can be traced again; and smaller ones, made from expected images
-/// with the noise of photons.
+/// Cases with rays, of the shared scans, that can be traced again; and smaller ones, made from expected
+/// images with the noise of photons.
 const CASES: [&str; 5] = ["clipped", "free", "turned", "a", "b"];
 
 /// Depths of the small scans: number of planes and their distance, um.

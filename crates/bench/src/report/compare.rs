@@ -2,9 +2,9 @@
 //! parameters of a sweep.
 //!
 //! Results with depth come first. Particles are ranked by detection F1; where the paired comparison
-//! (`scoring::ranking`) does not separate them, by the errors in the image plane and in depth, then by link F1,
-//! then by HOTA. Fields are ranked separately, by the share of valid nodes, then the RMS error at nodes. Scores
-//! that no criterion separates share a rank. Errors are always shown together with recall.
+//! (`scoring::ranking`) does not separate them, by the errors in the image plane and in depth, then by link
+//! F1, then by HOTA. Fields are ranked separately, by the share of valid nodes, then the RMS error at nodes.
+//! Scores that no criterion separates share a rank. Errors are always shown together with recall.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

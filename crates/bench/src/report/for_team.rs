@@ -2,9 +2,9 @@
 //!
 //! The error of a single particle, with the position that was submitted for it, is its true position. Errors
 //! that a single particle decides (medians, extremes, bins with few particles) are left out. Averages are
-//! rounded to three digits, and to a step that is not smaller than one particle can change them: the gate over
-//! the number of matches, or 1 over it for rates. With all digits, two submissions that differ in one row would
-//! give its true position exactly.
+//! rounded to three digits, and to a step that is not smaller than one particle can change them: the gate
+//! over the number of matches, or 1 over it for rates. With all digits, two submissions that differ in one
+//! row would give its true position exactly.
 //!
 //! All that leaves goes through [`told`]: `for_team`, the scoring program of Codabench (which hands on
 //! `for_team/score.json`), the leaderboards of `compare` and of suites.
@@ -90,7 +90,7 @@ fn with_full_bins(score: &Score) -> Score {
             *bin = Bin { from, to, n_true, tp, recall, ..Bin::default() };
         }
     }
-    for of in &mut score.uncertainty {
+    if let Some(of) = &mut score.uncertainty {
         for claimed in [&mut of.x, &mut of.y, &mut of.z] {
             *claimed = claimed.take().filter(|claimed| claimed.n >= FEWEST).map(|claimed| {
                 let Uncertainty { n, coverage_1s, coverage_2s, .. } = claimed;
@@ -196,7 +196,8 @@ impl Rounding {
     }
 }
 
-/// A number with three digits, and to a step of 1, 2 or 5 times a power of ten that is at least the one given.
+/// A number with three digits, and to a step of 1, 2 or 5 times a power of ten that is at least the one
+/// given.
 fn rounded(exact: f64, least: f64) -> f64 {
     let digits: f64 = format!("{exact:.*e}", DIGITS - 1).parse().unwrap_or(exact);
     if least <= 0.0 || !digits.is_finite() {

@@ -49,8 +49,8 @@ pub fn check(out: &Path, force: bool) -> Result<Earlier> {
     Ok(earlier)
 }
 
-/// Writes the folder of an evaluation: `score.json`, `units.json`, `per_frame.csv`, `curves.csv`, `matches.csv` of
-/// particles, `vectors.csv` of a field, and `report.html` if asked for.
+/// Writes the folder of an evaluation: `score.json`, `units.json`, `per_frame.csv`, `curves.csv`,
+/// `matches.csv` of particles, `vectors.csv` of a field, and `report.html` if asked for.
 ///
 /// For a test split generated with a secret key these files reveal the truth; what may be sent to the
 /// participants is in the folder `for_team`.

@@ -1,8 +1,8 @@
 //! `suite score --anchors`: degenerate results, which must not rank before an honest one.
 //!
-//! Each is made from the truth of a case, as nobody could make it better: what avoids measuring must lose even
-//! so. Those made from the best tracker's result must not come before that one; the others must come behind
-//! every tracker.
+//! Each is made from the truth of a case, as nobody could make it better: what avoids measuring must lose
+//! even so. Those made from the best tracker's result must not come before that one; the others must come
+//! behind every tracker.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -19,7 +19,10 @@ use scoring::ranking::{Contestant, rank};
 use scoring::results::Conventions;
 use storage::TemporaryFolder;
 use storage::error::{Error, Result};
-use storage::save_bytes;
+use storage::{input, save_bytes};
+
+/// Fewest tracks or squares of nodes of a case in which anchors are judged.
+const FEWEST_UNITS: usize = 10;
 
 /// A degenerate result for a case.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -270,8 +273,10 @@ fn of_fields(
 
 /// The rows of a CSV file; `None` if it is another format or has no column of this name.
 fn read(path: &Path, needed: &str) -> Option<Vec<Row>> {
-    let rows: Vec<Row> =
-        csv::Reader::from_path(path).ok()?.into_deserialize().collect::<std::result::Result<_, _>>().ok()?;
+    let rows: Vec<Row> = csv::Reader::from_reader(input::open(path).ok()?)
+        .into_deserialize()
+        .collect::<std::result::Result<_, _>>()
+        .ok()?;
     rows.iter().all(|row| row.contains_key(needed)).then_some(rows)
 }
 
@@ -352,12 +357,14 @@ fn against_trackers(
     let mut ranks = vec![0; contestants.len()];
     rank(&contestants, &case.rank_by as &[Metric], seed).into_iter().for_each(|(i, rank)| ranks[i] = rank);
     let place = ranks[ranked.len()];
+    // So few tracks or nodes separate no results.
+    let has_few = own.units.n_units() < FEWEST_UNITS;
     let is_ahead = |i: usize| match against {
         Against::All => ranks[i] >= place,
         Against::Source => i == 0 && ranks[i] >= place,
         Against::NotBefore => i == 0 && ranks[i] > place,
     };
     let not_behind =
-        (0..ranked.len()).filter(|i| is_ahead(*i)).map(|i| ranked[i].0.tracker.clone()).collect();
+        (0..ranked.len()).filter(|i| !has_few && is_ahead(*i)).map(|i| ranked[i].0.tracker.clone()).collect();
     AnchorResult { result: CaseResult { rank: Some(place), ..result }, made_from, not_behind }
 }

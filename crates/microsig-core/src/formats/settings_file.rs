@@ -38,8 +38,8 @@ pub fn read(reader: impl Read, name: &str) -> Result<SettingsFile, Error> {
     read_immersed(reader, name, 1.0)
 }
 
-/// As [`read`], for an objective whose immersion has the refractive index `n_i`: the numerical aperture must be
-/// less. The file itself does not know the immersion.
+/// As [`read`], for an objective whose immersion has the refractive index `n_i`: the numerical aperture must
+/// be less. The file itself does not know the immersion.
 ///
 /// # Errors
 /// As for [`read`].

@@ -166,8 +166,8 @@ pub enum Metric {
     RmsInliersPx,
     /// `field.modulation_u`: amplitude response along x, ranked by its distance from 1.
     ModulationU,
-    /// `field.nodes.valid`: share of the reference nodes at which the error is below half of the RMS of the true
-    /// displacement about its mean, at most 1 px.
+    /// `field.nodes.valid`: share of the reference nodes at which the error is below half of the RMS of the
+    /// true displacement about its mean, at most 1 px.
     ValidNodes,
     /// `field.nodes.rms_px`: RMS error over all reference nodes; a missing displacement and an error above 1
     /// px count as 1 px.

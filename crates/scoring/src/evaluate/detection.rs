@@ -152,8 +152,8 @@ const FEW_MATCHES: f64 = 0.25;
 
 /// Number of frames with true particles in which less than a quarter of the matches are found that the recall
 /// of all frames leads one to expect, whatever ghosts there are. 0 if the recall explains them: finding each
-/// particle independently with that probability, as many such frames are no more than three standard deviations
-/// above the expected number.
+/// particle independently with that probability, as many such frames are no more than three standard
+/// deviations above the expected number.
 pub fn missing_frames(frames: &[FrameCounts]) -> usize {
     let with_truth = || frames.iter().filter(|f| f.counts[0] + f.counts[1] > 0);
     let (found, all) =

@@ -4,11 +4,11 @@
 //! A unit is a true track (all of its points: errors along a track are correlated), or a square of reference
 //! nodes of a field. What a result has beyond the truth (ghosts, wrong links) belongs to the unit of a true
 //! particle nearby as long as that one has no more than twice the even share, otherwise to the next unit with
-//! room: a thousand ghosts at one place in a single unit would be absent from a third of all resamples, and so
-//! would never be significant.
+//! room: a thousand ghosts at one place in a single unit would be absent from a third of all resamples, and
+//! so would never be significant.
 //!
-//! A true particle whose gate contains a ghost beside its match counts as missed where errors are compared: of
-//! two answers the nearer one would be matched, and many would give a small error.
+//! A true particle whose gate contains a ghost beside its match counts as missed where errors are compared:
+//! of two answers the nearer one would be matched, and many would give a small error.
 
 use serde::{Deserialize, Serialize};
 
@@ -53,6 +53,11 @@ pub struct UnitScores {
 }
 
 impl UnitScores {
+    /// Number of units of positions, or of a field.
+    pub fn n_units(&self) -> usize {
+        self.detection.len().max(self.nodes.len())
+    }
+
     /// Whether all numbers are finite and every particle has a unit; a file may have been changed.
     pub fn is_sound(&self) -> bool {
         let flat = [&self.detection, &self.links, &self.isbi].into_iter().flatten().flatten();
@@ -201,8 +206,8 @@ impl Divided<'_> {
         sums
     }
 
-    /// Sums of angles of true particles, `None` for those that are no spheroids, and of the ghosts of each unit
-    /// in `detection`.
+    /// Sums of angles of true particles, `None` for those that are no spheroids, and of the ghosts of each
+    /// unit in `detection`.
     pub(super) fn angles(&self, of_truth: &[Option<f64>], detection: &[[f64; 3]]) -> Vec<[f64; 2]> {
         let mut sums: Vec<[f64; 2]> =
             detection.iter().map(|[_, _, ghosts]| [*ghosts, ghosts * UNFOUND_DEG]).collect();

@@ -3,8 +3,8 @@
 /// Indices of `n` results in order, each with its rank from 1. `is_better(criterion, a, b)` says whether a is
 /// significantly better than b.
 ///
-/// Of a group, those that come first are behind nobody, or if there is none (a better than b, b than c, c than
-/// a), behind the fewest.
+/// Of a group, those that come first are behind nobody, or if there is none (a better than b, b than c, c
+/// than a), behind the fewest.
 pub(super) fn ranks(
     n: usize,
     criteria: usize,

@@ -1,17 +1,17 @@
 //! Paired comparison of two results by one score.
 //!
 //! Rates and means: the difference of the two scores over resamples of the units that both results share
-//! (`evaluate/units.rs`), each resample the same for both; a result is significantly better if the 95 % interval
-//! of the difference excludes 0. Leaving out frames lowers a result in most units at once, and so is significant
-//! against the complete one, however wide its own interval is.
+//! (`evaluate/units.rs`), each resample the same for both; a result is significantly better if the 95 %
+//! interval of the difference excludes 0. Leaving out frames lowers a result in most units at once, and so is
+//! significant against the complete one, however wide its own interval is.
 //!
 //! Errors of found particles: over all true particles, how many are nearer in one result and how many in the
-//! other; a particle that is missed is not near. A root mean square over those found would reward a result that
-//! leaves out its worst ones; this share never does, against no other result.
+//! other; a particle that is missed is not near. A root mean square over those found would reward a result
+//! that leaves out its worst ones; this share never does, against no other result.
 //!
 //! Fewer than five units have no interval: the values decide. Without units (scores of earlier versions, of
-//! different datasets, or of vectors that a result chose itself) intervals decide that do not overlap, or if one
-//! is undefined, the values. A result without a value is behind all that have one.
+//! different datasets, or of vectors that a result chose itself) intervals decide that do not overlap, or if
+//! one is undefined, the values. A result without a value is behind all that have one.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;

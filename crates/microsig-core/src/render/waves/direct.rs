@@ -46,8 +46,8 @@ impl WavesRenderer {
     /// Light on pixels whose centers are at `places` relative to a particle, px, as a fraction of its light
     /// emitted into the half space; computed directly, without tables. `d_um` may be 0 for a point.
     pub fn share_at(&self, z_um: f64, d_um: f64, places: &[[f64; 2]]) -> Vec<f64> {
-        // Uses more modes than tables, as the cost is small here, and modes that are weak in the light of a large
-        // bead may be strong in its faint middle.
+        // Uses more modes than tables, as the cost is small here, and modes that are weak in the light of a
+        // large bead may be strong in its faint middle.
         let model = self.model().with_share(0.01 * self.model().share, 1.0);
         let far = |axis: usize| places.iter().map(|place| place[axis].abs()).fold(0.0, f64::max);
         let edge_px = [0, 1].map(|axis| libm::ceil(far(axis)) as usize + 1);

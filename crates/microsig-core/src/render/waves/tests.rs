@@ -449,10 +449,10 @@ const DYED_BEADS: [(f64, f64, f64); 4] = [
     (10.0, -40.0, 1.825_400_76e-4),
 ];
 
-/// The central pixel of beads that are dyed throughout, on whose axis the light of rings interferes: sums over
-/// the ball by an independent program (`results/waves/ball.py`) with 8 depths and 8 circles more than here,
-/// converged to nine digits. With 4 circles the first would be 6 % too dark, with 10 circles the second 5 %;
-/// with images that all have the same magnification, without coma, the first would be 7 % too bright.
+/// The central pixel of beads that are dyed throughout, on whose axis the light of rings interferes: sums
+/// over the ball by an independent program (`results/waves/ball.py`) with 8 depths and 8 circles more than
+/// here, converged to nine digits. With 4 circles the first would be 6 % too dark, with 10 circles the second
+/// 5 %; with images that all have the same magnification, without coma, the first would be 7 % too bright.
 #[test]
 fn the_axis_of_a_dyed_bead_is_that_of_a_direct_integral() {
     let settings = Settings { pixel_dim_x: 121, pixel_dim_y: 121, ..Settings::setting1() };
