@@ -117,22 +117,23 @@ fn mle_fits_images_by_wave_optics() {
     assert_tracks(&score(folder.path(), "mle"), "waves", [0.9, 0.9, 0.05, 0.003]);
 }
 
-/// A water immersion of NA 1.2, of which the settings file of the calibration stack alone does not know.
+/// A water immersion of NA 1.2, of which the settings file of the calibration stack alone does not know. Above focus
+/// only: images of such a corrected objective are the same on both sides.
 #[test]
 fn immersed_objectives_can_be_tracked() {
     let folder = tempfile::tempdir().unwrap();
     let scenario = r#"(
         name: "immersed",
-        optics: (magnification: 60, numerical_aperture: 1.2, pixel_size: 6.5, pixel_dim_x: 160, pixel_dim_y: 120,
+        optics: (magnification: 60, numerical_aperture: 1.2, pixel_size: 6.5, pixel_dim_x: 240, pixel_dim_y: 200,
                  lens: aplanatic, layers: (n_s: 1.33, n_i: 1.33, n_i_design: 1.33)),
         render: (mode: waves, wavelength_um: 0.52, tolerance: 0.01),
-        particles: (number: count(4), diameter_um: constant(0.5)), boundaries: (z_um: (-4, 4)),
+        particles: (number: count(4), diameter_um: constant(0.5)), boundaries: (z_um: (0.5, 3)),
         motion: flow(field: poiseuille(max_speed_um_s: 300)), timing: pairs(count: 1, dt_s: 0.0002),
     )"#;
     generate(folder.path(), "dataset", scenario);
     for method in ["ncc", "mle"] {
         let score = score(folder.path(), method);
-        assert!(number(&score, "/detection/recall") >= 0.7, "{method}: {}", score["detection"]);
+        assert!(number(&score, "/detection/recall") >= 0.9, "{method}: {}", score["detection"]);
     }
 }
 

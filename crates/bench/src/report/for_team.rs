@@ -257,7 +257,7 @@ mod tests {
         assert_eq!(told.lpt.unwrap().motion, Motion::default());
         let rounding = Rounding { n: 400, links: 20, gate: (2.0, 10.0) };
         assert_eq!(
-            rounding.of("lpt", serde_json::json!({ "displacement_bias_x_px": 0.1502 }))["displacement_bias_x_px"],
+            rounding.of("lpt", serde_json::json!({ "displacement_bias_x_px": 0.17 }))["displacement_bias_x_px"],
             0.2
         );
     }

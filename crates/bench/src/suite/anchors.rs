@@ -288,6 +288,10 @@ fn csv_of(rows: &[Row], is_of_fields: bool) -> Result<Vec<u8>> {
     };
     let mut names: BTreeSet<&str> = least.iter().copied().collect();
     names.extend(rows.iter().flat_map(|row| row.keys().map(String::as_str)));
+    if rows.is_empty() && !is_of_fields {
+        // Nothing is found in depth either.
+        names.insert("z_um");
+    }
     let mut table = csv::Writer::from_writer(Vec::new());
     table.write_record(&names).map_err(failed)?;
     for row in rows {
