@@ -21,7 +21,7 @@ const SMOOTH_PX: f32 = 1.5;
 const ABOVE_NOISE: f32 = 5.0;
 
 /// A region ends where its light falls below this share of its peak, ...
-const OF_PEAK: f32 = 0.2;
+const OF_PEAK: f32 = 0.08;
 
 /// ... and the faintest image of the calibration is still seen whole at this share of its brightness. Noise
 /// decides only where it is larger: with images out to their faintest rims, which overlap the more, less

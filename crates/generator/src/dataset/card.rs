@@ -104,14 +104,7 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
         },
         n_ppp = n_p / pixels,
         area = image.area_px,
-        within = match image_share {
-            1.0 => String::new(),
-            share => format!(
-                ", {:.3e} in the {:.0} % of the image that walls and bodies leave for particles",
-                n_p / (pixels * share),
-                100.0 * share
-            ),
-        },
+        within = within_walls(n_p / pixels, image_share),
         n_s = n_p * image.area_px / (pixels * image_share),
         gate_xy = gates.xy_px,
         gate_z = gates.z_um,
@@ -129,6 +122,15 @@ fn text(scenario: &Scenario, census: &Census, image: &ParticleImage, sizes: &[Si
         noise = thousandths(image.background_noise_counts),
         seed = scenario.streams.seed().map_or_else(|| "none: secret key".to_owned(), |seed| seed.to_string()),
     ))
+}
+
+/// The density per pixel of that share of the image where particles can be, if it is not all of it.
+fn within_walls(per_pixel: f64, share: f64) -> String {
+    if share == 1.0 {
+        return String::new();
+    }
+    let (density, percent) = (per_pixel / share, 100.0 * share);
+    format!(", {density:.3e} in the {percent:.0} % of the image that walls and bodies leave for particles")
 }
 
 /// The rows on light and objective for wave optics.
