@@ -180,7 +180,7 @@ mod tests {
         let flat = setting1(1.0);
         for azimuth_deg in [0.0, 30.0, 90.0] {
             let scale = flat.stretched(0.8, azimuth_deg);
-            let (sine, cosine) = azimuth_deg.to_radians().sin_cos();
+            let (sine, cosine) = libm::sincos(azimuth_deg.to_radians());
             let along = DVec3::new(6.45 * cosine, 6.45 * sine, 0.0);
             let moved = scale.displacement_to_image(along);
             assert!((moved.dx_px - 8.0 * cosine).abs() < 1e-12 && (moved.dy_px - 8.0 * sine).abs() < 1e-12);

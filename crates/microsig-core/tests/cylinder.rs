@@ -20,7 +20,7 @@ fn extents(renderer: &WavesRenderer, z_um: f64, azimuth_deg: f64) -> [f64; 2] {
     let places: Vec<[f64; 2]> =
         (0..side * side).map(|i| [i % side, i / side].map(|c| f64::from(c - HALF_PX))).collect();
     let shares = renderer.share_at(z_um, 0.0, &places);
-    let (sine, cosine) = azimuth_deg.to_radians().sin_cos();
+    let (sine, cosine) = libm::sincos(azimuth_deg.to_radians());
     [[cosine, sine], [-sine, cosine]].map(|[u, v]| {
         let mut along: Vec<(f64, f64)> =
             places.iter().zip(&shares).map(|([x, y], share)| (u * x + v * y, *share)).collect();

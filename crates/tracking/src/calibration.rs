@@ -132,8 +132,11 @@ fn settings(dataset: &Path, largest: f64) -> Result<Settings> {
     Ok(settings_file::read_immersed(file, &path.display().to_string(), largest)?.settings)
 }
 
+/// Size of images (px), and the rows of each stack.
+type Stacks = ((u32, u32), Vec<Vec<Row>>);
+
 /// Size of the images (px) and, for each size of particles, validated rows of the table sorted by depth.
-fn table(dataset: &Path) -> Result<((u32, u32), Vec<Vec<Row>>)> {
+fn table(dataset: &Path) -> Result<Stacks> {
     let table = dataset.join(CALIBRATION.path);
     if !table.is_file() {
         let hint = "this method needs the dataset's calibration stack, and there is none";
@@ -209,7 +212,7 @@ fn rows(table: &Path, size: (u32, u32)) -> Result<Vec<Row>> {
             return Err(format!("image = `{image}`: expected a path below the dataset's folder"));
         }
         let d_um = d.map_or(Ok(0.0), |column| cells.number(column))?;
-        if !(d_um >= 0.0 && d_um <= 1e6) {
+        if !(0.0..=1e6).contains(&d_um) {
             return Err(format!("d_um = {d_um}: expected a number > 0 and <= 1e6"));
         }
         rows.push(Row { line: cells.line, z_um, at, image, d_um });
