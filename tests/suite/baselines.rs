@@ -117,8 +117,8 @@ fn mle_fits_images_by_wave_optics() {
     assert_tracks(&score(folder.path(), "mle"), "waves", [0.9, 0.9, 0.05, 0.003]);
 }
 
-/// A water immersion of NA 1.2, of which the settings file of the calibration stack alone does not know. Above focus
-/// only: images of such a corrected objective are the same on both sides.
+/// A water immersion of NA 1.2, of which the settings file of the calibration stack alone does not know.
+/// Above focus only: images of such a corrected objective are the same on both sides.
 #[test]
 fn immersed_objectives_can_be_tracked() {
     let folder = tempfile::tempdir().unwrap();
