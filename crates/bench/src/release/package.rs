@@ -168,7 +168,7 @@ impl<W: Seek> Seek for Postponed<'_, W> {
 mod tests {
     use super::*;
 
-    /// A disk with room for so many bytes.
+    /// A disk with this much free space, bytes.
     struct Full(Cursor<Vec<u8>>, usize);
 
     impl Write for Full {

@@ -1,7 +1,7 @@
 //! `microsig compare`: a leaderboard of several scores, their curves in common plots, and scores against the
 //! parameters of a sweep.
 //!
-//! Results with depth come first. Particles are ranked by detection F1; where the paired comparison
+//! Particles scored with depth and in the image plane have ranks of their own. They are ranked by detection F1; where the paired comparison
 //! (`scoring::ranking`) does not separate them, by the errors in the image plane and in depth, then by link
 //! F1, then by HOTA. Fields are ranked separately, by the share of valid nodes, then the RMS error at nodes.
 //! Scores that no criterion separates share a rank. Errors are always shown together with recall.
@@ -16,7 +16,7 @@ use serde_json::Value;
 use super::figure::{figure_of, names};
 use super::files::{SCORE, UNITS};
 use super::for_team::told;
-use super::leaderboard::{Entry, ResultKind, axis_text, caution, ranked, text};
+use super::leaderboard::{Entry, axis_text, caution, ranked, text};
 use super::page::document;
 use super::particle_plots::axis;
 use super::plots::{AxisLabels, Series, lines};
@@ -176,7 +176,6 @@ fn differences(scores: &[(Entry, Score)]) -> Vec<String> {
         for (what, differs) in [
             ("gates", differ(same, |s| s.definitions.gate)),
             ("gates of ISBI", differ(same, |s| s.definitions.isbi_gate_px)),
-            ("numbers of dimensions", differ(same, |s| s.definitions.dims)),
             ("borders", differ(same, |s| s.definitions.border_px)),
             ("planes", differ(same, |s| field(s).map(|f| f.0))),
             ("true fields", differ(same, |s| field(s).map(|f| f.1))),
@@ -309,14 +308,14 @@ fn page(scores: &[(Entry, Score)], warnings: &[String]) -> Result<String> {
     let with_axes = scores.iter().any(|s| !s.0.axes.is_empty());
     let body = html! {
         h1 { "Leaderboard" }
-        p.soft { "Particles scored with depth come before those scored in the image plane alone; they are ranked by detection F1, then by \
+        p.soft { "Particles scored with depth and in the image plane have ranks of their own; they are ranked by detection F1, then by \
              errors in the image plane and in depth, link F1, HOTA; \
             fields by the share of valid nodes, then the RMS error at nodes. If the paired comparison of two results does not separate \
             them by one criterion, the next one decides. Scores with equal ranks are not separated by any. Errors cover found particles only: \
             read them together with recall. A ! marks positions with a bias that F1 does not show." }
         @for warning in warnings { p.warning { (warning) } }
         @for same in scores.chunk_by(|a, b| a.0.kind == b.0.kind) {
-            h2 { (match same[0].0.kind { ResultKind::Particles => "Particles", ResultKind::Field => "Fields" }) }
+            h2 { (same[0].0.kind.title()) }
             // Only columns with a value: particles and fields have different scores.
             @let columns: Vec<_> = COLUMNS.iter().filter(|(_, value)| same.iter().any(|(e, _)| value(e).is_some())).collect();
             div.scroll { table.board {

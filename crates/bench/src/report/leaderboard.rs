@@ -63,7 +63,7 @@ pub struct Entry {
     pub rms_u_inliers_px: Option<f64>,
     /// field.v_inliers.rms_px
     pub rms_v_inliers_px: Option<f64>,
-    /// particles or field
+    /// particles_3d, particles_2d or field
     pub kind: ResultKind,
     /// detection.bias_x_px, or field.u.bias_px
     pub bias_x_px: Option<f64>,
@@ -84,15 +84,31 @@ pub struct Entry {
     group: String,
 }
 
-/// Kind of result.
+/// Kind of result. Each has ranks of its own: the gate in the image plane is easier than that in three
+/// dimensions, and neither compares with fields.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "lowercase")]
 pub enum ResultKind {
-    /// Particles.
+    /// Particles scored with depth.
     #[default]
-    Particles,
+    #[serde(rename = "particles_3d")]
+    Particles3D,
+    /// Particles scored in the image plane.
+    #[serde(rename = "particles_2d")]
+    Particles2D,
     /// A displacement field.
+    #[serde(rename = "field")]
     Field,
+}
+
+impl ResultKind {
+    /// Heading of its table.
+    pub(super) fn title(self) -> &'static str {
+        match self {
+            ResultKind::Particles3D => "Particles in three dimensions",
+            ResultKind::Particles2D => "Particles in the image plane",
+            ResultKind::Field => "Fields",
+        }
+    }
 }
 
 impl Entry {
@@ -114,12 +130,15 @@ impl Entry {
             _ => entry.of_particles(score),
         }
         let bias = entry.bias_x_px.zip(entry.bias_y_px).map(|(x, y)| x.hypot(y));
-        entry.biased = entry.kind == ResultKind::Particles && bias.is_some_and(|bias| bias > BIAS_PX);
+        entry.biased = entry.kind != ResultKind::Field && bias.is_some_and(|bias| bias > BIAS_PX);
         entry
     }
 
     fn of_particles(&mut self, score: &Score) {
         let mut first = None;
+        if score.definitions.dims == 2 {
+            self.kind = ResultKind::Particles2D;
+        }
         if let Some(d) = &score.detection {
             (self.f1, self.recall, self.precision) = (d.f1, d.recall, d.precision);
             (self.rmse_xy_px, self.bias_x_px, self.bias_y_px) = (d.rmse_xy_px, d.bias_x_px, d.bias_y_px);
@@ -227,11 +246,10 @@ pub(super) fn ranked(mut scores: Vec<(Entry, Score)>) -> Vec<(Entry, Score)> {
     ranked
 }
 
-/// Indices of scores of one kind and case in order, each with its rank. Those with depth come first: without
-/// depth more of a result is within the gate.
+/// Indices of scores of one kind and case in order, each with its rank.
 fn in_order(same: &[(Entry, Score)]) -> Vec<(usize, usize)> {
     let criteria: &[Metric] = match same[0].0.kind {
-        ResultKind::Particles => {
+        ResultKind::Particles3D | ResultKind::Particles2D => {
             &[Metric::F1, Metric::RmseXyPx, Metric::SigmaZOverH, Metric::LinkF1, Metric::Hota]
         }
         // Scores of versions without reference nodes have those of their own vectors only.
@@ -240,19 +258,9 @@ fn in_order(same: &[(Entry, Score)]) -> Vec<(usize, usize)> {
         }
         ResultKind::Field => &[Metric::ValidNodes, Metric::RmsNodesPx],
     };
-    let mut all: Vec<usize> = (0..same.len()).collect();
-    let dims = |i: usize| same[i].1.definitions.dims;
-    all.sort_by_key(|&i| std::cmp::Reverse(dims(i)));
-    let mut ranked = Vec::with_capacity(same.len());
-    for equal in all.chunk_by(|a, b| dims(*a) == dims(*b)) {
-        let contestants: Vec<Contestant<'_>> = equal
-            .iter()
-            .map(|&i| Contestant { score: &same[i].1, units: same[i].0.units.as_deref() })
-            .collect();
-        let before = ranked.len();
-        ranked.extend(rank(&contestants, criteria, 0).into_iter().map(|(k, rank)| (equal[k], before + rank)));
-    }
-    ranked
+    let contestants: Vec<Contestant<'_>> =
+        same.iter().map(|(entry, score)| Contestant { score, units: entry.units.as_deref() }).collect();
+    rank(&contestants, criteria, 0)
 }
 
 /// Warning about a bias that the rank of an entry does not show.
@@ -281,30 +289,36 @@ pub(super) fn text(entries: &[Entry], warnings: &[String]) -> String {
     let ends = |e: &Entry| e.low.zip(e.high).map_or("-".to_owned(), |(l, h)| format!("[{l:.4}, {h:.4}]"));
     let mut lines = Vec::new();
     let of = |kind: ResultKind| entries.iter().filter(move |e| e.kind == kind).collect::<Vec<_>>();
-    let particles = of(ResultKind::Particles);
-    if !particles.is_empty() {
+    let with_depth = of(ResultKind::Particles3D);
+    let in_plane = of(ResultKind::Particles2D);
+    let are_both = !with_depth.is_empty() && !in_plane.is_empty();
+    let short = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4}"));
+    for particles in [with_depth, in_plane] {
+        let Some(first) = particles.first() else { continue };
+        if are_both {
+            lines.push(format!("{}:", first.kind.title()));
+        }
         lines.push(format!(
             "{:<4} {:<15} {:>6}  {:<16} {:>6} {:>6} {:>6} {:>6} {:>6}",
             "rank", "name", "F1", "95 %", "recall", "xy px", "z / h", "links", "HOTA"
         ));
-    }
-    let short = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4}"));
-    for same in particles.chunk_by(|a, b| a.axes == b.axes) {
-        lines.extend(Some(same[0].case()).filter(|case| !case.is_empty()));
-        lines.extend(same.iter().map(|e| {
-            format!(
-                "{:<4} {:<15} {:>6}  {:<16} {:>6} {:>6} {:>6} {:>6} {:>6}",
-                rank(e),
-                name(e),
-                short(e.f1),
-                ends(e),
-                short(e.recall),
-                short(e.rmse_xy_px),
-                short(e.sigma_z_over_h),
-                short(e.link_f1),
-                short(e.hota)
-            )
-        }));
+        for same in particles.chunk_by(|a, b| a.axes == b.axes) {
+            lines.extend(Some(same[0].case()).filter(|case| !case.is_empty()));
+            lines.extend(same.iter().map(|e| {
+                format!(
+                    "{:<4} {:<15} {:>6}  {:<16} {:>6} {:>6} {:>6} {:>6} {:>6}",
+                    rank(e),
+                    name(e),
+                    short(e.f1),
+                    ends(e),
+                    short(e.recall),
+                    short(e.rmse_xy_px),
+                    short(e.sigma_z_over_h),
+                    short(e.link_f1),
+                    short(e.hota)
+                )
+            }));
+        }
     }
     let fields = of(ResultKind::Field);
     if !fields.is_empty() {

@@ -10,6 +10,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::{CaseResult, Status};
+use generator::dataset::manifest::ScoringGates;
 use scenario::{Metric, Split, SuiteCase};
 use scoring::evaluate::field::true_field;
 use scoring::evaluate::matching::NONE;
@@ -53,6 +54,8 @@ type Row = BTreeMap<String, String>;
 struct Given<'a> {
     truth: TrueParticles,
     train: TrueParticles,
+    /// Radius of the gate in the image plane, px.
+    gate_px: f64,
     /// The best result and its rows.
     best: Option<(&'a Evaluation, Vec<Row>)>,
 }
@@ -60,11 +63,15 @@ struct Given<'a> {
 /// Makes the rows of an anchor; `None` if it does not apply to the case.
 type Make = fn(&Given<'_>) -> Option<Vec<Row>>;
 
-const OF_PARTICLES: [(&str, Against, Make); 9] = [
+const OF_PARTICLES: [(&str, Against, Make); 12] = [
     ("empty", Against::All, |_| Some(Vec::new())),
     ("one-row", Against::All, |given| Some(vec![true_row(&given.truth, 0)])),
     ("ghost-rows", Against::All, |given| Some(frames(&given.truth).into_iter().map(ghost).collect())),
-    ("decoys", Against::All, |given| Some(decoys(&given.truth))),
+    ("decoys", Against::All, |given| Some(decoys(given, 0.0))),
+    // Where particles are dense, a coarser grid hits more than it misses.
+    ("decoys-1.4-gates", Against::All, |given| Some(decoys(given, 1.4))),
+    ("decoys-2-gates", Against::All, |given| Some(decoys(given, 2.0))),
+    ("decoys-3-gates", Against::All, |given| Some(decoys(given, 3.0))),
     ("constant-depth", Against::Source, constant_depth),
     ("cut-frames", Against::Source, cut_frames),
     ("cut-worst", Against::NotBefore, cut_worst),
@@ -103,24 +110,34 @@ fn axis([x, y, z]: [f64; 3]) -> Row {
 /// Most rows of a grid: results may have 100,000.
 const DECOYS: usize = 90_000;
 
-/// A grid as dense as results may be, all with the mean axis of the truth.
-fn decoys(truth: &TrueParticles) -> Vec<Row> {
+/// A hexagonal grid with a step of `gates` gate radii, at most as dense as results may be, all with the mean axis
+/// of the truth.
+fn decoys(given: &Given<'_>, gates: f64) -> Vec<Row> {
+    let truth = &given.truth;
     let frames = frames(truth);
     let (width, height) = truth.facts.sensor_px.unwrap_or((256.0, 256.0));
     let (low, high) = truth.facts.depth_um.unwrap_or((0.0, 0.0));
     let planes = if truth.has_z { 6 } else { 1 };
     let of_plane = (DECOYS / frames.len().max(1) / planes).max(1) as f64;
-    let step = (width * height / of_plane).sqrt().max(2.0);
-    let (columns, rows) = ((width / step).floor() as usize, (height / step).floor() as usize);
+    // Area of a point of the grid: step² √3 / 2.
+    let flat = 3_f64.sqrt() / 2.0;
+    let densest = (width * height / of_plane / flat).sqrt();
+    let step = densest.max(if gates > 0.0 { gates * given.gate_px } else { 2.0 });
+    let (columns, rows) = ((width / step).floor() as usize, (height / step / flat).floor() as usize);
     let mean = mean_axis(truth);
     let mut all = Vec::new();
     for &frame in &frames {
         for k in 0..planes {
             let z_um = low + (high - low) * (k as f64 + 0.5) / planes as f64;
             for (i, j) in (0..columns).flat_map(|i| (0..rows).map(move |j| (i, j))) {
-                let place = |k: usize| (0.5 + step * (k as f64 + 0.5)).to_string();
+                let x_px = 0.5 + step * (i as f64 + if j % 2 == 0 { 0.25 } else { 0.75 });
+                let y_px = 0.5 + step * flat * (j as f64 + 0.5);
                 let mut decoy = row([("frame", frame.to_string()), ("track", "-1".to_owned())]);
-                decoy.extend(row([("x_px", place(i)), ("y_px", place(j)), ("z_um", z_um.to_string())]));
+                decoy.extend(row([
+                    ("x_px", x_px.to_string()),
+                    ("y_px", y_px.to_string()),
+                    ("z_um", z_um.to_string()),
+                ]));
                 decoy.extend(axis(mean));
                 all.push(decoy);
             }
@@ -326,7 +343,8 @@ pub(super) fn of_case(
     } else {
         let of = |path: &Path| TrueParticles::read(path, &Conventions::default());
         let best = best.map(|(_, evaluation)| evaluation).zip(rows);
-        let given = Given { truth: of(&test)?, train: of(&train)?, best };
+        let gate_px = rules.gate_xy_px.unwrap_or(ScoringGates::XY_PX);
+        let given = Given { truth: of(&test)?, train: of(&train)?, gate_px, best };
         let made =
             OF_PARTICLES.iter().filter_map(|(name, against, make)| Some((*name, *against, make(&given)?)));
         made.collect()

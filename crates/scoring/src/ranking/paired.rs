@@ -3,13 +3,14 @@
 //! Rates and means: the difference of the two scores over resamples of the units that both results share
 //! (`evaluate/units.rs`), each resample the same for both; a result is significantly better if the 95 %
 //! interval of the difference excludes 0. Leaving out frames lowers a result in most units at once, and so is
-//! significant against the complete one, however wide its own interval is.
+//! significant against the complete one, however wide its own interval is. A result that is better in some
+//! resample and worse in none is better as well: leaving out a single track gains nothing.
 //!
 //! Errors of found particles: over all true particles, how many are nearer in one result and how many in the
 //! other; a particle that is missed is not near. A root mean square over those found would reward a result
 //! that leaves out its worst ones; this share never does, against no other result.
 //!
-//! Fewer than five units have no interval: the values decide. Without units (scores of earlier versions, of
+//! Fewer than five units have no interval: there, nothing but the second rule decides. Without units (scores of earlier versions, of
 //! different datasets, or of vectors that a result chose itself) intervals decide that do not overlap, or if
 //! one is undefined, the values. A result without a value is behind all that have one.
 
@@ -45,7 +46,7 @@ impl Draws {
 /// What is compared of a result.
 #[derive(Debug)]
 enum Compared<'a> {
-    /// The merit in each resample of so many units.
+    /// Number of units, and the merit in each resample.
     Resampled(usize, Vec<f64>),
     /// Squared errors of true particles, and the unit of each.
     Errors(&'a [u32], &'a [f32]),
@@ -129,7 +130,7 @@ impl<'a> Paired<'a> {
         match (&self.compared, &other.compared) {
             (Compared::Resampled(n, a), Compared::Resampled(m, b)) if n == m => {
                 let differences = a.iter().zip(b).map(|(a, b)| if a == b { 0.0 } else { a - b });
-                excludes_zero(differences.collect())
+                is_above_zero(*n, differences.collect())
             }
             (Compared::Errors(units, a), Compared::Errors(same, b)) if units == same => {
                 is_nearer(units, (a, b), draws)
@@ -142,13 +143,13 @@ impl<'a> Paired<'a> {
     }
 }
 
-/// The merit of the sums of each resample; `None` for fewer than five units.
+/// The merit of the sums of each resample; `None` without units.
 fn resampled<'a, const N: usize>(
     units: &[[f64; N]],
     draws: &Draws,
     merit: impl Fn([f64; N]) -> f64,
 ) -> Option<Compared<'a>> {
-    if units.len() < FEWEST {
+    if units.is_empty() {
         return None;
     }
     let of_resample = |counts: &Vec<u16>| {
@@ -162,10 +163,12 @@ fn resampled<'a, const N: usize>(
     Some(Compared::Resampled(units.len(), draws.of(units.len()).iter().map(of_resample).collect()))
 }
 
-/// Whether the 95 % interval of differences lies above 0.
-fn excludes_zero(mut differences: Vec<f64>) -> bool {
+/// Whether the differences over resamples of `units` units are significantly above 0: their 95 % interval is,
+/// or some are and none is below.
+fn is_above_zero(units: usize, mut differences: Vec<f64>) -> bool {
     differences.sort_unstable_by(f64::total_cmp);
-    quantile(&differences, 0.025).is_some_and(|low| low > 0.0)
+    let is_significant = units >= FEWEST && quantile(&differences, 0.025).is_some_and(|low| low > 0.0);
+    is_significant || differences.first() >= Some(&0.0) && differences.last() > Some(&0.0)
 }
 
 /// Whether significantly more true particles are nearer in the first than in the second.
@@ -177,10 +180,7 @@ fn is_nearer(units: &[u32], (a, b): (&[f32], &[f32]), draws: &Draws) -> bool {
         let (a, b) = (distance(*a), distance(*b));
         wins[*unit as usize] += f64::from(i8::from(a < b) - i8::from(b < a));
     }
-    if n < FEWEST {
-        return wins.iter().sum::<f64>() > 0.0;
-    }
     let of_resample =
         |counts: &Vec<u16>| counts.iter().zip(&wins).map(|(count, wins)| f64::from(*count) * wins).sum();
-    excludes_zero(draws.of(n).iter().map(of_resample).collect())
+    is_above_zero(n, draws.of(n).iter().map(of_resample).collect())
 }
