@@ -97,7 +97,7 @@ impl ReleaseTexts<'_> {
         self.scored == ["fields"]
     }
 
-    /// What is scored, and what train tells about it, for both README files.
+    /// What is scored, and what train reveals about it, for both README files.
     fn what_is_scored(&self) -> &'static str {
         match (self.is_for_fields(), self.is_flow_known) {
             (true, true) => {
@@ -106,7 +106,8 @@ impl ReleaseTexts<'_> {
             }
             (true, false) => "Scored are displacement fields. ",
             (false, true) => {
-                "Scored are particles. Fields are refused: the flow does not depend on random numbers, so train reveals that of test. "
+                "Scored are particles. Fields are refused: the flow does not depend on random numbers, so train reveals that of test. \
+                 For the same reason velocities of particles could be taken from train; their score assumes that they are measured. "
             }
             (false, false) => "Scored are particles or displacement fields. ",
         }
