@@ -2,7 +2,7 @@
 //! equal the stored ones.
 //!
 //! `cargo xtask golden` writes `data/golden/golden.txt` with a release build; a change needs an entry under
-//! "Image bits changed" or "Dataset bytes changed" in CHANGELOG.md, and a new version.
+//! "Bytes" in CHANGELOG.md, and a new version.
 
 use std::collections::BTreeMap;
 

@@ -82,7 +82,7 @@ enum Task {
     /// Renders in-focus image pairs in memory; timed by `peers`.
     #[command(hide = true)]
     Pairs { pairs: u32, ppp: f64, diameter_px: f64 },
-    /// Updates the golden hashes of datasets; see "Image bits changed" in CHANGELOG.md.
+    /// Updates the golden hashes of datasets; see "Bytes" in CHANGELOG.md.
     Golden,
     /// Searches a test split for its truth: all 20-bit seeds, all numbers of the truth; exit code 1 if
     /// something is found.

@@ -42,7 +42,7 @@ def tracks_score(score):
 
 
 def field_score(score):
-    """Share of the reference nodes at which the field is right within 1 px, less the RMS error over all of them in px, in which a node
+    """Share of the reference nodes at which the field is valid, less the RMS error over all of them in px, in which a node
     without a vector and an error above 1 px count as 1 px: -1 for an empty result."""
     nodes = score["field"]["nodes"]
     return (nodes["valid"] or 0.0) - (1.0 if nodes["rms_px"] is None else nodes["rms_px"])

@@ -241,7 +241,7 @@ impl<'a> ConventionCheck<'a> {
         let bias = bias.map_or(String::new(), |(x, y)| format!("bias is ({x:+.3}, {y:+.3}) px; "));
         let shifted = |by: f64| {
             let what = format!(
-                "origin mismatch? {bias}--origin tells where the first pixel's center is; with x and y moved by {by:+} px"
+                "origin mismatch? {bias}--origin gives the position of the first pixel's center; with x and y moved by {by:+} px"
             );
             (what, placed(move |at| Position { x_px: at.x_px + by, y_px: at.y_px + by, ..*at }))
         };
