@@ -8,7 +8,7 @@ use super::workload::{EXPECTED, EXPECTED_MANY, GROWTH, LONG};
 use super::{Measured, Record, cpu_ms};
 
 /// CPU time of the original program, ms per particle (minimum and maximum, measured by its users on other
-/// machines), and the speed-up that is the goal.
+/// machines), and the speedup that is the goal.
 const GOALS: [(&str, [f64; 2], f64); 3] = [
     ("setting 1, one size", [7.5, 8.5], 200.0),
     ("setting 1, several sizes", [27.0, 29.0], 600.0),
@@ -111,18 +111,18 @@ fn requirements(record: &Record) -> Vec<Requirement> {
         all.push(Requirement { what: what.to_owned(), found, unit, bar, is_met });
     };
     let started = 1e3 * record.startup.wall_s.max(record.startup.cpu_s);
-    add("starting and ending the program", started, " ms", 10.0, started < 10.0);
+    add("starting and exiting the program", started, " ms", 10.0, started < 10.0);
     if let Some(m) = named("quickstart.ron") {
         add("quickstart, CPU time", m.usage.cpu_s, " s", 1.0, m.usage.cpu_s < 1.0);
     }
     let steps: Vec<f64> = GROWTH.iter().flat_map(|(name, _)| doublings(record, name)).collect();
     if !steps.is_empty() {
         let most = steps.iter().copied().fold(0.0, f64::max);
-        add("greatest growth of CPU time when the size doubles", most, "", DOUBLING, most <= DOUBLING);
+        add("largest growth of CPU time when the size doubles", most, "", DOUBLING, most <= DOUBLING);
     }
     if let [Some(short), Some(long)] = LONG.map(named) {
         let growth = long.usage.peak_mb / short.usage.peak_mb;
-        add("memory of 10,000 frames relative to 100", growth, "", 1.2, growth <= 1.2);
+        add("memory for 10,000 frames relative to 100 frames", growth, "", 1.2, growth <= 1.2);
     }
     if let [Some(few), Some(many)] = [EXPECTED, EXPECTED_MANY].map(named) {
         let rate = (many.images - few.images) / (many.usage.cpu_s - few.usage.cpu_s);
@@ -131,7 +131,7 @@ fn requirements(record: &Record) -> Vec<Requirement> {
     for (name, both) in THREADS.map(|name| (name, group(record, name).collect::<Vec<_>>())) {
         if let [one, two] = both[..] {
             let faster = one.usage.wall_s / two.usage.wall_s;
-            let what = format!("speed-up by a second core: {}", name.trim_start_matches("threads, "));
+            let what = format!("speedup by a second core: {}", name.trim_start_matches("threads, "));
             add(&what, faster, "", 1.95, faster >= 1.95);
         }
     }
@@ -139,7 +139,7 @@ fn requirements(record: &Record) -> Vec<Requirement> {
 }
 
 fn requirements_table(text: &mut String, record: &Record) -> std::fmt::Result {
-    writeln!(text, "## Requirements and goals\n\n| | measured | bar | met |\n|---|---|---|---|")?;
+    writeln!(text, "## Requirements and goals\n\n| | measured | limit | met |\n|---|---|---|---|")?;
     for Requirement { what, found, unit, bar, is_met } in requirements(record) {
         let met = if is_met { "yes" } else { "**no**" };
         writeln!(text, "| {what} | {found:.3}{unit} | {bar}{unit} | {met} |")?;
@@ -164,20 +164,20 @@ fn group<'a>(record: &'a Record, name: &str) -> impl Iterator<Item = &'a Measure
 fn goals(text: &mut String, record: &Record) -> std::fmt::Result {
     writeln!(
         text,
-        "## Against the yardstick and the original\n\n\
-         The yardstick is `xtask/src/bench/yardstick.py`, a NumPy loop that traces every ray of every particle and reproduces the \
-         original's counts exactly (`yardstick.py --check tests/data/exact`); its runs were interleaved. The original's \
-         times were reported by its users on other machines, so ratios to them are orders of magnitude. For particles of one size it uses one \
-         light field for all particles, which neither microsig nor the yardstick does.\n"
+        "## Comparison with a NumPy loop and the original\n\n\
+         `xtask/src/bench/yardstick.py` is a NumPy loop that traces every ray of every particle and reproduces the counts of the original \
+         exactly (`yardstick.py --check tests/data/exact`); its runs were interleaved with those of microsig. The times of the original \
+         were reported by its users on other machines, so ratios to them are orders of magnitude. For particles of one size, the original uses one \
+         light field for all particles, which neither microsig nor the NumPy loop does.\n"
     )?;
     let yardstick = match &record.yardstick {
         Ok(results) => results,
-        Err(reason) => return writeln!(text, "The yardstick could not be run: {reason}\n"),
+        Err(reason) => return writeln!(text, "The NumPy loop could not be run: {reason}\n"),
     };
     writeln!(
         text,
-        "| CPU ms per particle | microsig, everything included | yardstick | speed-up | original, stated | yardstick over original | \
-         speed-up over the original | goal |\n|---|---|---|---|---|---|---|---|"
+        "| CPU ms per particle | microsig, everything included | NumPy loop | speedup | original, reported | NumPy loop / original | \
+         speedup over the original | goal |\n|---|---|---|---|---|---|---|---|"
     )?;
     for (name, [low, high], goal) in GOALS {
         let Some(ours) = group(record, "throughput").find(|m| m.workload.name == name) else { continue };
@@ -223,7 +223,7 @@ fn throughput(text: &mut String, record: &Record) -> std::fmt::Result {
     }
     writeln!(
         text,
-        "\n\"Particles\" of `generate` are those in view; it also writes truth, checksums and data files.\n"
+        "\nFor `generate`, \"particles\" are those in view; it also writes truth, checksums and data files.\n"
     )
 }
 
@@ -238,7 +238,7 @@ fn floors(text: &mut String, record: &Record) -> std::fmt::Result {
     let floor = copy + words + file;
     writeln!(
         text,
-        "## Floors\n\nFor one image of 752 x 366 px in 16 bit, CPU time on one thread: a memory copy {:.4} ms ({:.1} GB/s), a \
+        "## Lower limits\n\nFor one image of 752 x 366 px in 16 bit, CPU time on one thread: a memory copy {:.4} ms ({:.1} GB/s), a \
          Philox word per pixel, as in microsig's streams, {words:.3} ms ({:.2} ns each), a raw file {file:.3} ms ({:.2} GB/s).",
         copy,
         2.0 * pixels / copy / 1e6,
@@ -249,7 +249,7 @@ fn floors(text: &mut String, record: &Record) -> std::fmt::Result {
         let ours = 1e3 * empty.usage.cpu_s / empty.images;
         writeln!(
             text,
-            "An image without particles takes {ours:.3} ms: {:.1} times the floor of {floor:.3} ms (a copy, a Philox word per pixel \
+            "An image without particles takes {ours:.3} ms: {:.1} times the lower limit of {floor:.3} ms (a copy, a Philox word per pixel \
              for its noise, a raw file).",
             ours / floor
         )?;
@@ -260,7 +260,7 @@ fn floors(text: &mut String, record: &Record) -> std::fmt::Result {
 fn threads(text: &mut String, record: &Record) -> std::fmt::Result {
     writeln!(
         text,
-        "## A second thread\n\n| | wall s, 1 thread | 2 threads | speed-up | growth of CPU time |\n|---|---|---|---|---|"
+        "## A second thread\n\n| | wall s, 1 thread | 2 threads | speedup | growth of CPU time |\n|---|---|---|---|---|"
     )?;
     for name in THREADS {
         let both: Vec<&Measured> = group(record, name).collect();
@@ -315,7 +315,7 @@ fn growth(text: &mut String, record: &Record) -> std::fmt::Result {
 fn large(text: &mut String, record: &Record) -> std::fmt::Result {
     writeln!(
         text,
-        "## Large runs\n\nOnce each.\n\n| | threads | CPU s | wall s | peak MB | written MB |\n|---|---|---|---|---|---|"
+        "## Large runs\n\nOne run each.\n\n| | threads | CPU s | wall s | peak MB | written MB |\n|---|---|---|---|---|---|"
     )?;
     for m in group(record, "large") {
         let u = &m.usage;

@@ -61,7 +61,7 @@ const CASES: [Case; 7] = [
         bars: [10.0, 1000.0],
     },
     Case {
-        name: "a million points in 3-D, a gate with 6 neighbours",
+        name: "a million points in 3-D, a gate with 6 neighbors",
         frames: 1000,
         particles: 1000,
         side: 300.0,
@@ -71,13 +71,13 @@ const CASES: [Case; 7] = [
         gate_px: 20.0,
         bars: NO_BAR,
     },
-    dense("one frame, a gate with 4 neighbours", 0.8, 5.0, [5.0, 1000.0]),
-    dense("one frame, a gate with 16 neighbours", 0.8, 10.0, [5.0, 1000.0]),
-    dense("one frame, a gate with 63 neighbours", 0.8, 20.0, NO_BAR),
+    dense("one frame, a gate with 4 neighbors", 0.8, 5.0, [5.0, 1000.0]),
+    dense("one frame, a gate with 16 neighbors", 0.8, 10.0, [5.0, 1000.0]),
+    dense("one frame, a gate with 63 neighbors", 0.8, 20.0, NO_BAR),
     // Worst case: every point can be matched, however far.
     dense("the same with 16, exactly as many found as there are", 1.0, 10.0, NO_BAR),
     Case {
-        name: "a gate with 56 neighbours, wrong identities",
+        name: "a gate with 56 neighbors, wrong identities",
         frames: 20,
         particles: 4000,
         side: 300.0,

@@ -81,8 +81,8 @@ pub(crate) fn document(schema: Schema<'_>, values: &Value, header: &str, picture
         }
     }
     text += &format!(
-        "\n## Velocity fields\n\nWhat `motion.flow.field` may be. The [gallery](flows/README.md) draws each of them; \
-         `microsig flows NAME` says the same.\n\n{table}"
+        "\n## Velocity fields\n\nThe values of `motion.flow.field`. The [gallery](flows/README.md) shows a plot of each field; \
+         `microsig flows NAME` prints its parameters.\n\n{table}"
     );
     for (path, entry) in &keys {
         let Some(name) = path.strip_prefix(FIELD) else { continue };
