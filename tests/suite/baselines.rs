@@ -120,6 +120,7 @@ fn mle_fits_images_by_wave_optics() {
 /// A water immersion of NA 1.2, of which the settings file of the calibration stack alone does not know.
 /// Above focus only: images of such a corrected objective are the same on both sides.
 #[test]
+#[ignore = "slow: .ci/full"]
 fn immersed_objectives_can_be_tracked() {
     let folder = tempfile::tempdir().unwrap();
     let scenario = r#"(

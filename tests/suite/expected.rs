@@ -54,6 +54,7 @@ fn it_is_the_mean_of_rays() {
 }
 
 #[test]
+#[ignore = "slow: .ci/full"]
 fn it_is_the_mean_of_rays_with_a_cylinder() {
     on_a_small_sensor(&Settings::setting1a(), 2.0, &[-70.0, -50.0, -13.0, 12.0, 34.0], 31, mean_of_rays);
 }
@@ -61,6 +62,7 @@ fn it_is_the_mean_of_rays_with_a_cylinder() {
 /// Includes rings larger than the sensor. In setting 2 the regular spirals of `rays` leave a row pattern in
 /// any mean.
 #[test]
+#[ignore = "slow: .ci/full"]
 fn it_is_the_mean_of_random_light() {
     on_a_small_sensor(
         &Settings::setting2(),

@@ -178,6 +178,7 @@ fn seeding_without_room_is_refused_before_any_particle_is_placed() {
 }
 
 #[test]
+#[ignore = "slow: .ci/full"]
 fn long_runs_say_how_long_and_stop_at_once() {
     let place = tempfile::tempdir().unwrap();
     let settings =

@@ -242,6 +242,7 @@ fn settings_of_a_spherical_scan_are_found() {
 
 /// A cylindrical lens and its axis are found without being told.
 #[test]
+#[ignore = "slow: .ci/full"]
 fn settings_of_an_astigmatic_scan_are_found() {
     let four = SimulatedScan::tenfold(17, 6.0);
     let settings = Settings {
@@ -259,6 +260,7 @@ fn settings_of_an_astigmatic_scan_are_found() {
 
 /// A neighbor 12 px beside a particle in three planes moves no quantity by more than two standard deviations.
 #[test]
+#[ignore = "slow: .ci/full"]
 fn a_passing_neighbor_does_not_move_the_settings() {
     let four = SimulatedScan::tenfold(16, 6.0);
     let truth = SimulatedScan { beads: four.beads[..2].to_vec(), ..four };

@@ -99,6 +99,7 @@ fn assert_monotonous(name: &str, scores: &[Found]) {
 }
 
 #[test]
+#[ignore = "slow: .ci/full"]
 fn trackers_of_depth_are_best_without_noise() {
     let place = tempfile::tempdir().unwrap();
     let datasets = datasets(place.path(), &|noise| defocused("setting1", 9, noise));

@@ -40,6 +40,7 @@ fn smaller(text: &str) -> Vec<&'static str> {
 }
 
 #[test]
+#[ignore = "slow: .ci/full"]
 fn every_shipped_scenario_can_be_made_again_byte_for_byte() {
     shipped().into_par_iter().for_each(|file| {
         let place = tempfile::tempdir().unwrap();

@@ -36,6 +36,7 @@ fn twenty_axes() -> Vec<[f64; 3]> {
 }
 
 #[test]
+#[ignore = "slow: .ci/full"]
 fn a_uniform_spheroid_of_aspect_one_gives_the_spheres_counts() {
     let renderer = RayRenderer::new(&small_sensor(), SpheroidLaw::Uniform).unwrap();
     let counts = |text: &str| {
