@@ -9,7 +9,6 @@ pub mod leak;
 pub mod maxima;
 pub mod measure;
 pub mod microsig;
-pub mod modules;
 pub mod npy;
 pub mod picture;
 pub mod process;

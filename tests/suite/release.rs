@@ -392,7 +392,7 @@ fn the_search_finds_what_is_told() {
     }
 }
 
-/// Tries the first seeds; `cargo xtask leak-search` tries all 20-bit seeds.
+/// Tries the first 16-bit seeds.
 #[test]
 #[ignore = "slow: .ci/full"]
 fn no_small_seed_makes_the_test_split() {

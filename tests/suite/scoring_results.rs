@@ -401,9 +401,9 @@ fn a_comparison_knows_datasets_by_their_truth_and_ranks_fields_apart() {
     let both = compared(&[&vectors, &particles], "both");
     assert_eq!(both["warnings"].as_array().map(Vec::len), Some(0), "{both}");
     let line = |i: usize| (both["entries"][i]["kind"].clone(), both["entries"][i]["rank"].clone());
-    assert_eq!((line(0), line(1)), (("particles".into(), 1.into()), ("field".into(), 1.into())));
+    assert_eq!((line(0), line(1)), (("particles_3d".into(), 1.into()), ("field".into(), 1.into())));
     let page = std::fs::read_to_string(place.path().join("both/leaderboard.html")).unwrap();
-    assert!(page.contains("<h2>Particles</h2>") && page.contains("<h2>Fields</h2>"));
+    assert!(page.contains("<h2>Particles in three dimensions</h2>") && page.contains("<h2>Fields</h2>"));
     let seeds = compared(&[&particles, &other], "seeds");
     let warned = seeds["warnings"].as_array().into_iter().flatten().filter_map(|w| w.as_str());
     assert_eq!(warned.filter(|w| w.contains("different datasets, all named vortex")).count(), 1, "{seeds}");

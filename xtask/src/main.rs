@@ -6,11 +6,9 @@ mod bench;
 mod figures;
 mod golden;
 mod leaderboard;
-mod leak_search;
 mod man;
 mod robustness;
 mod shipped;
-mod wrap;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -84,13 +82,6 @@ enum Task {
     Pairs { pairs: u32, ppp: f64, diameter_px: f64 },
     /// Updates the golden hashes of datasets; see "Bytes" in CHANGELOG.md.
     Golden,
-    /// Searches a test split for its truth: all 20-bit seeds, all numbers of the truth; exit code 1 if
-    /// something is found.
-    LeakSearch {
-        /// Where README.md goes.
-        #[arg(long, default_value = "target/leak-search")]
-        out: PathBuf,
-    },
     /// Writes the manual pages of the command.
     Man {
         /// Output folder.
@@ -154,11 +145,6 @@ enum Task {
         #[arg(long, value_name = "DIR")]
         shots: Option<PathBuf>,
     },
-    /// Wraps comments at the width of code, in files and in all Rust files below folders.
-    Wrap {
-        #[arg(required = true)]
-        paths: Vec<PathBuf>,
-    },
     /// Runs a sweep as job arrays on a real single-machine Slurm (needs root and an installed Slurm).
     Slurm {
         /// Where README.md goes.
@@ -198,7 +184,6 @@ fn main() -> anyhow::Result<ExitCode> {
             bench::peers::microsig::draw(pairs, ppp, diameter_px).map(|()| ExitCode::SUCCESS)
         }
         Task::Golden => golden::run().map(|()| ExitCode::SUCCESS),
-        Task::LeakSearch { out } => leak_search::run(&out),
         Task::Man { out } => man::run(&out).map(|()| ExitCode::SUCCESS),
         Task::Robustness { out, mutations, pairs, kills, seed } => {
             robustness::run(&out, (mutations, pairs, kills), seed)
@@ -210,7 +195,6 @@ fn main() -> anyhow::Result<ExitCode> {
         Task::WebTest { shots } => {
             suite::web::run(&suite::process::microsig()?, shots.as_deref()).map(|()| ExitCode::SUCCESS)
         }
-        Task::Wrap { paths } => wrap::run(&paths).map(|()| ExitCode::SUCCESS),
         Task::Slurm { out } => robustness::slurm::run(&out),
         Task::Figures { kind, out, redraw } => {
             figures::run(kind, out.as_deref(), redraw).map(|()| ExitCode::SUCCESS)

@@ -1,9 +1,9 @@
 //! `microsig compare`: a leaderboard of several scores, their curves in common plots, and scores against the
 //! parameters of a sweep.
 //!
-//! Particles scored with depth and in the image plane have ranks of their own. They are ranked by detection F1; where the paired comparison
-//! (`scoring::ranking`) does not separate them, by the errors in the image plane and in depth, then by link
-//! F1, then by HOTA. Fields are ranked separately, by the share of valid nodes, then the RMS error at nodes.
+//! Particles scored with depth and in the image plane have ranks of their own. They are ranked by detection
+//! F1; where the paired comparison (`scoring::ranking`) does not separate them, by the errors in the image
+//! plane and in depth, then by link F1, then by HOTA. Fields are ranked separately, by the share of valid nodes, then the RMS error at nodes.
 //! Scores that no criterion separates share a rank. Errors are always shown together with recall.
 
 use std::path::{Path, PathBuf};

@@ -110,8 +110,8 @@ fn axis([x, y, z]: [f64; 3]) -> Row {
 /// Most rows of a grid: results may have 100,000.
 const DECOYS: usize = 90_000;
 
-/// A hexagonal grid with a step of `gates` gate radii, at most as dense as results may be, all with the mean axis
-/// of the truth.
+/// A hexagonal grid with a step of `gates` gate radii, at most as dense as results may be, all with the mean
+/// axis of the truth.
 fn decoys(given: &Given<'_>, gates: f64) -> Vec<Row> {
     let truth = &given.truth;
     let frames = frames(truth);

@@ -10,9 +10,9 @@
 //! other; a particle that is missed is not near. A root mean square over those found would reward a result
 //! that leaves out its worst ones; this share never does, against no other result.
 //!
-//! Fewer than five units have no interval: there, nothing but the second rule decides. Without units (scores of earlier versions, of
-//! different datasets, or of vectors that a result chose itself) intervals decide that do not overlap, or if
-//! one is undefined, the values. A result without a value is behind all that have one.
+//! Fewer than five units have no interval: there, only the second rule decides. Without units (scores of
+//! earlier versions, of different datasets, or of vectors that a result chose itself) intervals decide that do
+//! not overlap, or if one is undefined, the values. A result without a value is behind all that have one.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
