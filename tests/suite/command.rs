@@ -241,7 +241,7 @@ fn wrong_scenarios_name_what_is_wrong_and_leave_nothing() {
         (
             "pairs(count: 2)",
             "pairs(count: 2, exposure_s: 0.01)",
-            "timing.pairs.exposure_s = 0.01 (0.01 s in all): expected",
+            "timing.pairs.exposure_s = 0.01 (0.01 s in total): expected",
         ),
         (
             "name:",

@@ -169,7 +169,7 @@ impl<'a> Reader<'a> {
 
     fn value(&mut self, depth: usize) -> Result<Node, Problem> {
         if depth > MAX_DEPTH {
-            let message = format!("expected at most {MAX_DEPTH} brackets inside each other");
+            let message = format!("expected at most {MAX_DEPTH} nested brackets");
             return Err(self.fault(self.at, &message));
         }
         let start = self.at;
