@@ -39,7 +39,7 @@ pub struct Displacement {
 pub struct Streak {
     /// Points in order of time.
     pub points: Vec<StreakPoint>,
-    /// Fraction of the light of one flash that each point carries.
+    /// Fraction of the light of one flash that each point contributes.
     pub share: f64,
 }
 

@@ -149,7 +149,7 @@ fn faults_name_their_lines_all_at_once() {
         "line 7: c_int = \"-1\": expected a number >= 0",
         "line 8: frame = \"5000000000\"",
         "line 9: x = \"1e999\"",
-        "line 11: track 5 in frame 0 again: expected one row for it, which is in line 10",
+        "line 11: a second row for track 5 in frame 0: expected one, as in line 10",
     ] {
         assert!(many.contains(expected), "{expected} is not in\n{many}");
     }
