@@ -1,7 +1,7 @@
 //! The box that holds the tracers, and its faces.
 //!
 //! Walls keep the center of a particle at least one radius away. So that the cloud is uniform over the volume
-//! accessible to centers, whatever the particle size, points uniform in the whole box are *squeezed*: mapped
+//! accessible to centers, regardless of particle size, points uniform in the whole box are *squeezed*: mapped
 //! linearly, along walled axes only, onto the accessible volume. Fields are expected to be tangential at
 //! walls.
 

@@ -30,7 +30,7 @@ pub struct Tracer {
 pub struct Displacement {
     /// Total displacement, including Brownian motion; continuous across periodic faces, where positions jump.
     pub actual: DVec3,
-    /// Displacement by flow and settling alone.
+    /// Displacement by flow and settling only.
     pub drift: DVec3,
 }
 

@@ -157,8 +157,8 @@ pub enum Metric {
     LptGhost,
     /// `lpt.motion.velocity_rms_um_s`: RMS error of velocity.
     VelocityRmsUmS,
-    /// `orientation.mean_all_deg`: mean angle between true and found axes of spheroids; missed particles
-    /// count as random guesses.
+    /// `orientation.mean_all_deg`: mean angle between true and found axes of spheroids; missed spheroids and
+    /// ghosts count as 90 degrees.
     AngleMeanAllDeg,
     /// `field.valid_vector_probability`.
     ValidVectorProbability,
