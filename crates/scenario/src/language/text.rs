@@ -361,6 +361,6 @@ mod tests {
             let problem = tree(text).unwrap_err().to_string();
             assert!(problem.starts_with(&format!("s.ron:{expected}")), "{text}: {problem}");
         }
-        assert!(tree(&"(".repeat(100_000)).unwrap_err().to_string().contains("at most 100 brackets"));
+        assert!(tree(&"(".repeat(100_000)).unwrap_err().to_string().contains("at most 100 nested brackets"));
     }
 }
