@@ -113,7 +113,7 @@ fn a_recording_begins_where_it_should_and_frames_may_be_empty() {
 }
 
 #[test]
-fn streaks_of_tracks_are_straight_and_centerd() {
+fn streaks_of_tracks_are_straight_and_centered() {
     let text = "frame,track,x_um,y_um,z_um\n0,1,0,0,0\n1,1,4,3,0\n0,2,9,9,9\n";
     let shutter = Shutter::new(0.5, 1, 0.0, 0.25).unwrap();
     let frames = record(text, &[0.0, 1.0], Some(shutter));
