@@ -195,7 +195,10 @@ fn mixtures_of_sizes_are_tracked_with_a_stack_for_each() {
     let out = alone.path().join("dataset");
     let ran = microsig().args(["generate", path(&file), "--out", path(&out)]).output().unwrap();
     let said = String::from_utf8_lossy(&ran.stderr);
-    assert!(said.contains("one stack of a particle of 2.75 um stands for particles of 2 to 5 um"), "{said}");
+    assert!(
+        said.contains("a single stack of a particle of 2.75 um represents particles of 2 to 5 um"),
+        "{said}"
+    );
     let one = score(alone.path(), "ncc");
     assert!(of(&one, "rmse_z_um") > 2.0 * of(&ncc, "rmse_z_um"), "{} {}", one["detection"], ncc["detection"]);
 }

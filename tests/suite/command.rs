@@ -111,7 +111,7 @@ fn exchanged_arguments_and_folders_that_are_no_dataset_are_named() {
     std::fs::write(&result, "frame,x_px,y_px\n0,1,1\n").unwrap();
     for check in [&[][..], &["--validate-only"]] {
         let said = fail(2, &[&["evaluate", path(&result), path(&dataset)], check].concat());
-        assert!(said.contains("expected first the dataset, then the result"), "{said}");
+        assert!(said.contains("give the dataset first, then the result"), "{said}");
     }
     let said = fail(2, &["evaluate", path(place.path()), path(&result)]);
     let named = format!("no dataset: it has no datapackage.json; {} is one", dataset.display());
@@ -241,7 +241,7 @@ fn wrong_scenarios_name_what_is_wrong_and_leave_nothing() {
         (
             "pairs(count: 2)",
             "pairs(count: 2, exposure_s: 0.01)",
-            "timing.pairs.exposure_s = 0.01 (0.01 s in all): expected",
+            "timing.pairs.exposure_s = 0.01 (0.01 s in total): expected",
         ),
         (
             "name:",

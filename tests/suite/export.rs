@@ -187,5 +187,5 @@ fn exported_fields_score_perfectly() {
     assert!(std::fs::metadata(two).unwrap().len() == 12 + 8 * 160 * 120);
 
     std::fs::remove_file(&table).unwrap();
-    assert!(refused(&[]).contains("has no truth of fields"));
+    assert!(refused(&[]).contains("has no true displacement field"));
 }

@@ -306,13 +306,10 @@ fn a_velocity_grid_smaller_than_the_box_is_told() {
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         String::from_utf8(output.stderr).unwrap()
     };
-    assert!(!warned("(-40, 40)").contains("outermost nodes"));
+    assert!(!warned("(-40, 40)").contains("outside the grid"));
     // A quarter of the depth range from -40 to 40 + 80/3 um.
     let said = warned("(-40, 66.666667)");
-    assert!(
-        said.contains("25.0 % of its volume, and of the particles, lie beyond the outermost nodes"),
-        "{said}"
-    );
+    assert!(said.contains("25.0 % of its volume, and of the particles, lie outside the grid"), "{said}");
 }
 
 #[test]

@@ -38,7 +38,7 @@ fn a_listed_place_that_is_refused_has_file_and_line() {
     for arguments in [&["generate", path(&scenario)][..], &["generate", path(&scenario), "--dry-run"]] {
         let message = fail(2, arguments);
         assert!(
-            message.contains("places.txt:5: x = 50 px, y = 40 px, z = 500 um: expected a place in"),
+            message.contains("places.txt:5: x = 50 px, y = 40 px, z = 500 um: expected a position inside"),
             "{message}"
         );
         assert!(message.contains("particles.number.file"), "{message}");

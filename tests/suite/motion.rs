@@ -326,7 +326,7 @@ fn wrong_motion_timing_and_light_name_what_is_wrong_and_leave_nothing() {
         (
             "count(2))",
             "file(\"inside.txt\")), boundaries: (bodies: [sphere(center_um: (0, 0, -30), radius_um: 20)])",
-            "off the walls of the flow and outside all bodies",
+            "from the walls of the flow and outside all bodies",
         ),
     ] {
         let file = write(place.path(), "wrong.ron", &scenario("wrong", &good.replace(from, to)));

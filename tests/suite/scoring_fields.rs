@@ -258,7 +258,7 @@ fn image_pairs_that_are_not_there_are_told() {
         tell(&folder, &format!(r#"{{"timing":{timing}}}"#));
         let score = evaluate(&folder, &result, &EvaluateOptions::default()).unwrap().score;
         assert_eq!(score.field.unwrap().n_outside, lost, "{timing}");
-        let expected = format!("{lost} vectors are of image pairs that the dataset does not have {named}");
+        let expected = format!("{lost} vectors belong to image pairs that the dataset does not have {named}");
         assert!(score.warnings.contains(&expected), "{timing}: {:?}", score.warnings);
         let message = fail(2, &["evaluate", path(&folder), path(&result), "--validate-only"]);
         assert!(message.contains("result.csv:4: pair = 99: the dataset has no such"), "{message}");

@@ -97,7 +97,7 @@ fn a_result_that_matches_no_more_than_chance_is_recognized() {
         row.at.y_px = (row.at.y_px + 41.4 * k).rem_euclid(150.0);
     }
     let said = hint(&other).unwrap_or_default();
-    assert!(said.contains("points match a particle, no more than at random places"), "{said}");
+    assert!(said.contains("points match a particle, no more than at random positions"), "{said}");
     let mut far = points.clone();
     far.rows.iter_mut().for_each(|row| row.at.x_px += 400.0);
     let said = hint(&far).unwrap_or_default();
@@ -208,7 +208,7 @@ fn field(shift_px: f64) -> (FieldScore, Vec<Hint>) {
 fn a_field_half_a_pixel_off_is_noticed_by_the_gradients_of_the_flow() {
     let (_, hints) = field(0.0);
     assert_eq!(hints, []);
-    for (shift, option) in [(0.5, "--origin corner0"), (1.0, "--origin center0"), (-0.5, "-0.5 px off?")] {
+    for (shift, option) in [(0.5, "--origin corner0"), (1.0, "--origin center0"), (-0.5, "off by -0.5 px?")] {
         let (_, hints) = field(shift);
         assert!(hints.len() == 1 && hints[0].what.contains(option), "{shift}: {hints:?}");
         assert!(hints[0].rms_px < hints[0].rms_px_now, "{hints:?}");

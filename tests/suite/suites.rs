@@ -404,9 +404,9 @@ fn faults_of_a_suite_are_shown_with_their_line() {
     let message = fail(2, &["suite", "list", path(&file)]);
     assert!(message.contains("noise.ron:3:") && message.contains("did you mean"), "{message}");
     let message = fail(2, &["generate", path(&file)]);
-    assert!(message.contains("is a suite; see `microsig suite generate"), "{message}");
+    assert!(message.contains("is a suite; run `microsig suite generate"), "{message}");
     let message = fail(2, &["suite", "list", path(&place.path().join("base.ron"))]);
-    assert!(message.contains("is no suite; `microsig generate"), "{message}");
+    assert!(message.contains("is not a suite; run `microsig generate"), "{message}");
     assert!(fail(2, &["suite", "list", "odpc7"]).contains("odpc1"));
     assert!(
         fail(2, &["suite", "generate", "odpc1", "--size", "tiny"]).contains("expected smoke, small or full")

@@ -1,4 +1,4 @@
-//! Solid bodies in the flow, which tracers do not enter.
+//! Solid bodies in the flow, which tracers cannot enter.
 //!
 //! Particle centers stay one radius away from the surface: seeds that would be closer are discarded, and a
 //! particle that ends a step closer is moved to the nearest admissible position, as at the walls of the
@@ -27,7 +27,7 @@ enum Shape {
         center: DVec2,
         radius: f64,
     },
-    /// Everything outside a parabolic cap on a floor.
+    /// The space outside a parabolic cap on a floor.
     OutsideCap(ParabolicCap),
 }
 
@@ -46,9 +46,9 @@ impl Body {
         Ok(Body { shape: Shape::Cylinder { center, radius }, drain: false })
     }
 
-    /// Everything outside a sessile drop: a parabolic cap of `height` (um, > 0) over a circle of `radius`
-    /// (um, > 0) about `center` (um) on the floor. It keeps seeds inside the drop but moves no particles: the
-    /// free surface may move, and is handled by the field ([`crate::VelocityField::confine`]).
+    /// The space outside a sessile drop: a parabolic cap of `height` (um, > 0) over a circle of `radius` (um,
+    /// > 0) about `center` (um) on the floor. It keeps seeds inside the drop but moves no particles: the free
+    /// surface may move, and is handled by the field ([`crate::VelocityField::confine`]).
     pub fn outside_drop(center: DVec3, radius: f64, height: f64) -> Result<Self> {
         let cap = ParabolicCap::new(CHECK, center, radius, height)?;
         Ok(Body { shape: Shape::OutsideCap(cap), drain: false })

@@ -10,13 +10,13 @@ const CHECK: ParameterCheck = ParameterCheck("diameters");
 /// Smallest fraction of a distribution that may lie within its limits; below it redrawing takes too long.
 const MIN_SHARE: f64 = 1e-3;
 
-/// Maximum number of diameters of a list that each stand for themselves.
+/// Maximum length of a list of which each diameter is representative.
 const MOST_LISTED: usize = 8;
 
-/// Quantiles that stand for a continuous distribution.
-const STANDING: [f64; 3] = [0.1, 0.5, 0.9];
+/// Quantiles that represent a continuous distribution.
+const REPRESENTATIVE: [f64; 3] = [0.1, 0.5, 0.9];
 
-/// If the outer of these quantiles differ by less than this factor, one diameter stands for all.
+/// If the outer of these quantiles differ by less than this factor, the mean diameter represents all.
 const ALIKE: f64 = 1.1;
 
 /// A distribution of diameters, um.
@@ -69,7 +69,11 @@ impl Diameters {
         let share = cumulative((max - mean) / sd) - cumulative((min - mean) / sd);
         if share < MIN_SHARE {
             let value = format!("{min}..{max}");
-            return Err(CHECK.fault("min_um..max_um", value, "limits that leave 0.1 % of the distribution"));
+            return Err(CHECK.fault(
+                "min_um..max_um",
+                value,
+                "limits that contain at least 0.1 % of the distribution",
+            ));
         }
         Ok(Diameters(kind))
     }
@@ -86,7 +90,11 @@ impl Diameters {
         let share = at(max) - at(min);
         if share.is_nan() || share < MIN_SHARE {
             let value = format!("{min}..{max}");
-            return Err(CHECK.fault("min_um..max_um", value, "limits that leave 0.1 % of the distribution"));
+            return Err(CHECK.fault(
+                "min_um..max_um",
+                value,
+                "limits that contain at least 0.1 % of the distribution",
+            ));
         }
         Ok(Diameters(DiameterDistribution::Lognormal { mean: mu, sd: sigma, min, max }))
     }
@@ -163,8 +171,8 @@ impl Diameters {
         }
     }
 
-    /// Diameters that stand for the distribution, um, increasing: those of a list of up to eight; of other
-    /// distributions the 10, 50 and 90 % quantiles, or the mean alone if these differ by less than 10 %.
+    /// Diameters that represent the distribution, um, increasing: all diameters of a list of up to eight; for
+    /// other distributions the 10, 50 and 90 % quantiles, or only the mean if these differ by less than 10 %.
     pub fn representative(&self) -> Vec<f64> {
         if let DiameterDistribution::List(list) = &self.0 {
             let mut all: Vec<f64> = list.iter().map(|(diameter, _)| *diameter).collect();
@@ -174,7 +182,7 @@ impl Diameters {
                 return all;
             }
         }
-        let quantiles = STANDING.map(|share| self.quantile(share));
+        let quantiles = REPRESENTATIVE.map(|share| self.quantile(share));
         let [low, _, high] = quantiles;
         if high < ALIKE * low {
             return vec![self.mean()];
@@ -184,8 +192,8 @@ impl Diameters {
         distinct
     }
 
-    /// The diameter that a share of all is at most as large as, um, rounded to four digits if the
-    /// distribution is continuous.
+    /// The quantile for a cumulative probability `share`, um, rounded to four digits if the distribution is
+    /// continuous.
     fn quantile(&self, share: f64) -> f64 {
         let inverse = |mean: f64, sd: f64, low: f64, high: f64| {
             let at = |x: f64| cumulative((x - mean) / sd);

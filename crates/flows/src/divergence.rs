@@ -1,7 +1,8 @@
 //! Divergence of a field: the rate at which it concentrates or dilutes a tracer cloud.
 //!
 //! Along a trajectory the number density n obeys d ln n / dt = -div u (continuity), so that no cloud stays
-//! uniform in a field with divergence, however it is seeded; particles that enter have the seeding density.
+//! uniform in a field with divergence, regardless of its seeding; particles that enter have the seeding
+//! density.
 
 use crate::field::VelocityField;
 use crate::fluid::FluidRegion;

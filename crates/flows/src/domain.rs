@@ -1,7 +1,7 @@
 //! The box that holds the tracers, and its faces.
 //!
 //! Walls keep the center of a particle at least one radius away. So that the cloud is uniform over the volume
-//! accessible to centers, whatever the particle size, points uniform in the whole box are *squeezed*: mapped
+//! accessible to centers, regardless of particle size, points uniform in the whole box are *squeezed*: mapped
 //! linearly, along walled axes only, onto the accessible volume. Fields are expected to be tangential at
 //! walls.
 
@@ -44,7 +44,7 @@ impl Domain {
         self.boundaries[axis as usize]
     }
 
-    /// Whether a point (um) is outside the box across an open face; true for NaN coordinates along open axes.
+    /// Whether a point (um) is outside the box beyond an open face; true for NaN coordinates along open axes.
     pub fn is_beyond_open_face(&self, x: DVec3) -> bool {
         self.axes(Boundary::Open).any(|axis| {
             let (low, high, at) = self.edge(axis, x);
@@ -61,7 +61,11 @@ impl Domain {
             room.with_edge(axis, low + radius, high - radius)
         });
         room.ok_or_else(|| {
-            ParameterCheck("domain").fault("diameter_um", 2.0 * radius, "less than the distance of the walls")
+            ParameterCheck("domain").fault(
+                "diameter_um",
+                2.0 * radius,
+                "less than the distance between the walls",
+            )
         })
     }
 
@@ -200,7 +204,7 @@ mod tests {
         assert_eq!(domain.squeeze(DVec3::new(7.0, 8.0, -30.0), 1.5), DVec3::new(7.0, 8.0, -30.0));
         assert_eq!(domain.room(1.5).unwrap().size(), DVec3::new(400.0, 200.0, 97.0));
         let message = domain.room(50.0).unwrap_err().to_string();
-        assert_eq!(message, "domain: diameter_um = 100: expected less than the distance of the walls");
+        assert_eq!(message, "domain: diameter_um = 100: expected less than the distance between the walls");
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! Deterministic particle velocity: the velocity of the fluid, or the field that a size-dependent force makes
-//! of it, plus the settling velocity.
+//! Deterministic particle velocity: the velocity of the fluid, or the field that results from a
+//! size-dependent force, plus the settling velocity.
 
 use crate::field::VelocityField;
 use crate::region::Region;

@@ -1,4 +1,4 @@
-//! The interface between a field and the registry: its entry, and the parameters from which it is made.
+//! The interface between a field and the registry: its entry, and the parameters from which it is built.
 
 use crate::error::Result;
 use crate::field::VelocityField;
@@ -16,16 +16,15 @@ pub struct FieldEntry {
     pub parameters: &'static [Parameter],
     /// Reference for the formula.
     pub source: &'static str,
-    /// A plane in which a plot shows the field well.
+    /// The plane of its plot in the gallery.
     pub plane: PlotPlane,
-    /// Makes the field with default parameters, or an example of a composition.
+    /// Builds the field with default parameters, or an example of a composition.
     pub make: FieldConstructor,
-    /// Named instances with other parameters that select other branches of the formula, for tests and as
-    /// examples.
+    /// Named instances with parameters that select other branches of the formula, for tests and as examples.
     pub variants: &'static [(&'static str, FieldConstructor)],
 }
 
-/// A function that makes a field; `Err` if its parameters are out of range.
+/// A function that builds a field; `Err` if its parameters are out of range.
 pub type FieldConstructor = fn() -> Result<Box<dyn VelocityField>>;
 
 /// A plane of the default scene in which a field is plotted.
@@ -88,7 +87,7 @@ pub trait FieldParameters: Default {
         None
     }
 
-    /// Makes the field.
+    /// Builds the field.
     ///
     /// # Errors
     /// A parameter is out of range.

@@ -36,14 +36,14 @@ pub enum Error {
     /// Parts that are valid by themselves but cannot be combined.
     #[error("{0}")]
     Misuse(String),
-    /// A particle of a list at a place where none can be.
+    /// A listed particle at a position where no particle can be.
     #[error("particle {} of the list at ({}, {}, {}) um: expected {allowed}", .index + 1, .at_um.x, .at_um.y, .at_um.z)]
     Place {
         /// Its position in the list, from 0.
         index: usize,
-        /// Its place, um.
+        /// The position, um.
         at_um: DVec3,
-        /// The allowed places.
+        /// The allowed positions.
         allowed: &'static str,
     },
     /// A trajectory that cannot be integrated to its end: the velocity is not finite, or the steps become too
@@ -54,7 +54,7 @@ pub enum Error {
         at_um: DVec3,
         /// When it stopped, s.
         t_s: f64,
-        /// Why.
+        /// The reason.
         reason: &'static str,
     },
 }
@@ -67,7 +67,7 @@ pub type Result<T> = std::result::Result<T, Error>;
 pub(crate) struct ParameterCheck(pub(crate) &'static str);
 
 impl ParameterCheck {
-    /// The error for a parameter, for rules that none of the other checks covers.
+    /// The error for a parameter, for rules that the other checks do not cover.
     pub(crate) fn fault(&self, parameter: &'static str, value: impl ToString, allowed: &str) -> Error {
         Error::Parameter { owner: self.0, parameter, value: shown(value), allowed: allowed.to_owned() }
     }

@@ -57,7 +57,7 @@ impl Shutter {
     /// whole span.
     pub(crate) fn points(&self, path_um: f64) -> u32 {
         let path = path_um * self.open_s / self.span_s();
-        // The factor keeps rounding from giving five points for a path of exactly four spacings. A path of
+        // The factor prevents rounding from giving five points for a path of exactly four spacings. A path of
         // NaN gives 0 points; its trajectory ends in an error elsewhere.
         libm::ceil(path / self.piece_um * (1.0 - 1e-12)).clamp(1.0, MAX_POINTS) as u32
     }

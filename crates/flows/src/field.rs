@@ -60,15 +60,15 @@ pub trait VelocityField: Send + Sync + Debug {
         None
     }
 
-    /// Share (0 to 1) of a region's volume in which the velocity is not measured or computed, but continued
-    /// from the edge of the data.
+    /// Fraction (0 to 1) of the volume of a region in which the velocity is not measured or computed, but
+    /// extrapolated from the edge of the data.
     fn share_without_data(&self, _region: &Region) -> f64 {
         0.0
     }
 
-    /// The nearest to `x` (um) of the field's own walls at `t` (s); `None` everywhere if the field has no
-    /// walls. Fluid is where the clearance is >= 0, and the velocity there never crosses the wall. A
-    /// clearance never exceeds three times the true distance from the wall.
+    /// The wall of the field nearest to `x` (um) at `t` (s); `None` everywhere if the field has no walls.
+    /// Fluid is where the clearance is >= 0, and the velocity there never crosses the wall. A clearance never
+    /// exceeds three times the true distance from the wall.
     fn wall(&self, _x: DVec3, _t: f64) -> Option<Wall> {
         None
     }

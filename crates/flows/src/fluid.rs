@@ -33,13 +33,13 @@ const SOLID_DEPTH: f64 = 3.0;
 /// Volume fractions that are kept.
 const MAX_KEPT: usize = 16;
 
-/// The latest results of [`FluidRegion::share`] for one field, box and set of bodies: a region that is seeded
-/// many times is measured once.
+/// The latest results of [`FluidRegion::share`] for one field, box and set of bodies, so that a region that
+/// is seeded many times is measured once.
 #[derive(Debug, Default)]
 pub struct KeptShares(Mutex<Vec<(Region, f64, f64, f64)>>);
 
 impl KeptShares {
-    /// The fraction for a part, time and radius; `measure` finds what is not kept.
+    /// The fraction for a part, time and radius; `measure` computes values that are not kept.
     fn get(&self, (part, t, radius): (&Region, f64, f64), measure: impl FnOnce() -> f64) -> f64 {
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let fits = |kept: &&(Region, f64, f64, f64)| kept.0 == *part && (kept.1, kept.2) == (t, radius);
@@ -71,7 +71,7 @@ impl<'a> FluidRegion<'a> {
         FluidRegion { field, domain, bodies, kept: None }
     }
 
-    /// The same region with volume fractions that are kept; those of this field, box and bodies alone.
+    /// The same region with a cache of volume fractions, which must belong to this field, box and bodies.
     pub fn keeping(self, shares: &'a KeptShares) -> Self {
         FluidRegion { kept: Some(shares), ..self }
     }
@@ -175,12 +175,12 @@ impl<'a> FluidRegion<'a> {
         }
     }
 
-    /// The share of the cross-section of `view` normal to z that holds the tracers at `t` (s); exactly 1 if
-    /// no wall or body reduces it.
+    /// The fraction of the cross-section of `view` normal to z that contains the tracers at `t` (s); exactly
+    /// 1 if no wall or body reduces it.
     ///
-    /// Where the number of tracers behind a point of the image varies, as in a tube, it is the share that
-    /// would hold all of them at the number per area that surrounds them on average, (int n dA)^2 / int n^2
-    /// dA: overlaps of images grow with that number.
+    /// If the number n of tracers per image area varies, as in a tube, the effective area is (int n dA)^2 /
+    /// int n^2 dA: all tracers on this area would have the mean n that a tracer sees, which determines how
+    /// often images overlap.
     pub fn image_share(&self, view: &Region, t: f64) -> f64 {
         /// Number of columns, on a lattice of golden ratios, whose error at straight walls is about its
         /// inverse.

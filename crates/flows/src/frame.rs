@@ -30,7 +30,7 @@ pub struct Tracer {
 pub struct Displacement {
     /// Total displacement, including Brownian motion; continuous across periodic faces, where positions jump.
     pub actual: DVec3,
-    /// Displacement by flow and settling alone.
+    /// Displacement by flow and settling only.
     pub drift: DVec3,
 }
 
@@ -39,7 +39,7 @@ pub struct Displacement {
 pub struct Streak {
     /// Points in order of time.
     pub points: Vec<StreakPoint>,
-    /// Fraction of the light of one flash that each point carries.
+    /// Fraction of the light of one flash that each point contributes.
     pub share: f64,
 }
 

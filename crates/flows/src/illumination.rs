@@ -1,13 +1,12 @@
-//! Illumination: a factor on the brightness of each particle that depends on its position and on the light
-//! pulse.
+//! Illumination: a brightness factor of each particle that depends on its position and on the light pulse.
 //!
 //! A light sheet of thickness T at the distance s from its middle plane: Gaussian, exp(-8 s^2 / T^2), where T
 //! is the full width at e^-2 of the peak; super-Gaussian of order n, exp(-2 |2 s / T|^n), which is Gaussian
-//! for n = 2; top hat, 1 for |s| <= T/2 and 0 beyond. A Gaussian beam along an axis, I = (w0 / w)^2 exp(-2
+//! for n = 2; top hat, 1 for |s| <= T/2 and 0 outside. A Gaussian beam along an axis, I = (w0 / w)^2 exp(-2
 //! r^2 / w^2), w = w0 sqrt(1 + (s / sR)^2) at the distance s from its waist (Saleh & Teich, Fundamentals of
-//! Photonics, 3.1), r from its axis. Each can be multiplied by a linear ramp max(0, 1 + g . x), with x from
-//! the middle of the image. Each pulse has its own energy, and photobleaching dims all particles by exp(-t /
-//! tau), t being the time since the start of the recording.
+//! Photonics, 3.1), r from its axis. Each can be multiplied by a linear ramp max(0, 1 + g . x), with x
+//! measured from the center of the image. Each pulse has its own energy, and photobleaching dims all
+//! particles by exp(-t / tau), t being the time since the start of the recording.
 
 use crate::error::{ParameterCheck, Result};
 use glam::DVec3;
@@ -146,8 +145,8 @@ impl Illumination {
         Illumination { shape, ..Illumination::default() }
     }
 
-    /// With a linear ramp: the factor max(0, 1 + `per_um` . x), `per_um` in 1/um, x from the middle of the
-    /// image.
+    /// With a linear ramp: the factor max(0, 1 + `per_um` . x), `per_um` in 1/um, x measured from the center
+    /// of the image.
     pub fn with_ramp(self, per_um: DVec3) -> Result<Self> {
         Ok(Illumination { ramp_per_um: CHECK.finite_vector("ramp_per_um", per_um)?, ..self })
     }
@@ -156,7 +155,7 @@ impl Illumination {
     /// fluctuate normally with a relative standard deviation `jitter` (0 to 0.3).
     pub fn with_pulses(self, energies: Vec<f64>, jitter: f64) -> Result<Self> {
         if energies.is_empty() {
-            return Err(CHECK.fault("pulse_energies", "[]", "one energy or more"));
+            return Err(CHECK.fault("pulse_energies", "[]", "at least one energy"));
         }
         for energy in &energies {
             CHECK.not_negative("pulse_energies", *energy)?;
@@ -280,7 +279,7 @@ mod tests {
     fn impossible_light_is_refused() {
         let text = |result: Result<Illumination>| result.unwrap_err().to_string();
         let none = Illumination::default;
-        assert!(text(none().with_pulses(vec![], 0.0)).contains("one energy or more"));
+        assert!(text(none().with_pulses(vec![], 0.0)).contains("at least one energy"));
         assert!(text(none().with_pulses(vec![1.0, -1.0], 0.0)).contains("pulse_energies = -1"));
         assert!(text(none().with_pulses(vec![1.0], 0.5)).contains("energy_jitter = 0.5"));
         assert!(text(none().with_bleaching(f64::NAN)).contains("bleaching_s = NaN"));

@@ -1,12 +1,10 @@
 //! Trajectories dx/dt = u(x, t), by the field's closed form or by numerical integration.
 //!
 //! The integrator is DOPRI5(4), the fifth-order Runge-Kutta pair of Dormand and Prince (J. Comput. Appl.
-//! Math. 6 (1980)
-//! 19) with local extrapolation and step control after Hairer, Norsett & Wanner, Solving Ordinary
-//!     Differential
-//! Equations I, sections II.4 and II.5. The error of a step is a length, and its relative tolerance refers to
-//! the distance from the starting point, not to the coordinates: a trajectory does not depend on the position
-//! of the origin or the orientation of the axes.
+//! Math. 6 (1980) 19) with local extrapolation and step control after Hairer, Norsett & Wanner, Solving
+//! Ordinary Differential Equations I, sections II.4 and II.5. The error of a step is a length, and its
+//! relative tolerance refers to the distance from the starting point, not to the coordinates: a trajectory
+//! does not depend on the position of the origin or the orientation of the axes.
 
 use crate::error::{Error, Result};
 use crate::field::VelocityField;
@@ -40,7 +38,7 @@ const FIRST_STEP: f64 = 0.05;
 pub fn advance<F: VelocityField + ?Sized>(field: &F, x: DVec3, t0: f64, t1: f64) -> Result<DVec3> {
     match field.flow_map(x, t0, t1) {
         Some(end) if end.is_finite() => Ok(end),
-        Some(_) => Err(Error::Trajectory { at_um: x, t_s: t0, reason: "its end is not finite" }),
+        Some(_) => Err(Error::Trajectory { at_um: x, t_s: t0, reason: "the end point is not finite" }),
         None => integrate(field, x, t0, t1, Tolerance::default()),
     }
 }
@@ -75,7 +73,7 @@ pub fn integrate<F: VelocityField + ?Sized>(
         let h_now = if last { t1 - t } else { h };
         let t_next = if last { t1 } else { t + h_now };
         if t_next == t {
-            return stop(x, t, "the steps become too small");
+            return stop(x, t, "the integration steps become too small");
         }
         let mut step = Step::take(field, x, t, h_now, u);
         if limit.is_some() {
@@ -94,7 +92,7 @@ pub fn integrate<F: VelocityField + ?Sized>(
             growth = 1.0;
         }
     }
-    stop(x, t, "it needs more than 1000000 steps")
+    stop(x, t, "the integration needs more than 1000000 steps")
 }
 
 /// Lower bound of the first step as a fraction of the time span, needed where the velocity is momentarily

@@ -1,4 +1,4 @@
-//! Brightness of tracers: a factor on the light that MicroSIG's model gives a particle of that size.
+//! Brightness of tracers: a factor relative to the light that MicroSIG's model gives a particle of that size.
 
 use crate::error::{ParameterCheck, Result};
 use microsig_core::random::normal;

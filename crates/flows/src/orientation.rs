@@ -60,7 +60,11 @@ fn refine<F: VelocityField + ?Sized>(
         return Ok(halves);
     }
     if halvings == 0 || !halves.is_finite() {
-        return Err(Error::Trajectory { at_um: x, t_s: t0, reason: "the orientation cannot be followed" });
+        return Err(Error::Trajectory {
+            at_um: x,
+            t_s: t0,
+            reason: "the integration of the orientation does not converge",
+        });
     }
     let axis = refine(field, x, axis, shape, (t0, middle), first, halvings - 1)?;
     refine(field, half_way, axis, shape, (middle, t1), second, halvings - 1)

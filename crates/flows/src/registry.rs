@@ -1,9 +1,9 @@
 //! Registry of the velocity fields: name, formula, parameters, source, and an instance of each in the default
 //! scene.
 //!
-//! The list shown to users and the tests that every field must pass use the same table, so that every listed
-//! field is tested. The default scene is a channel 100 um deep (z from -80 to 20 um) imaged at 0.645 um per
-//! px with 5 ms between frames: 1290 um/s is 10 px per frame.
+//! The list shown to users and the conformance tests use the same table, so that every listed field is
+//! tested. The default scene is a channel 100 um deep (z from -80 to 20 um) imaged at 0.645 um per px with 5
+//! ms between frames: 1290 um/s is 10 px per frame.
 
 pub use crate::entry::{DepthRange, FieldConstructor, FieldEntry, FieldParameters, PlotPlane};
 use crate::fields::{self, composition, gridded};

@@ -2,8 +2,8 @@
 //!
 //! x = (x_px - (width + 1) / 2) um_per_px, likewise y: the center of the sensor is the origin, the center of
 //! the top-left pixel is (1, 1) px, rows go down, and the sensor covers 0.5 <= x_px < width + 0.5. The depth
-//! of a MicroSIG data file is the physical depth divided by `depth_factor`. A cylindrical lens before the
-//! camera stretches images about the center of the sensor along one direction.
+//! of a MicroSIG data file is the physical depth divided by `depth_factor`. A cylindrical lens in front of
+//! the camera stretches images about the center of the sensor along one direction.
 
 use crate::error::{ParameterCheck, Result};
 use crate::region::Region;
@@ -68,8 +68,8 @@ impl Scale {
         Scale { stretch: Some([along(factor), along(1.0 / factor)]), ..self }
     }
 
-    /// The rows of the matrix by which a cylindrical lens before the camera stretches images; `None` without
-    /// one.
+    /// The rows of the matrix by which a cylindrical lens in front of the camera stretches images; `None`
+    /// without one.
     pub fn stretch(&self) -> Option<[[f64; 2]; 2]> {
         self.stretch.map(|[matrix, _]| matrix.transpose().to_cols_array_2d())
     }
@@ -121,8 +121,8 @@ impl Scale {
         Region::new(DVec3::new(-half.x, -half.y, z_min), DVec3::new(half.x, half.y, z_max))
     }
 
-    /// Area of [`Scale::view`] over that which the sensor sees: more than 1 if images are stretched along a
-    /// direction that is not an axis.
+    /// Ratio of the area of [`Scale::view`] to the area that the sensor images: more than 1 if images are
+    /// stretched along a direction that is not an axis.
     pub fn excess_of_view(&self) -> f64 {
         self.stretch.map_or(1.0, |[matrix, inverse]| {
             let [[a, b], [c, d]] = inverse.to_cols_array_2d().map(|column| column.map(f64::abs));

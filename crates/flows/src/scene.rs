@@ -42,7 +42,7 @@ impl<'a> Scene<'a> {
         Scene::in_fluid(FluidRegion::new(field, domain, &[]), seeding)
     }
 
-    /// The same in a fluid region, which may have bodies that tracers do not enter.
+    /// The same in a fluid region, which may have bodies that tracers cannot enter.
     pub fn in_fluid(fluid: FluidRegion<'a>, seeding: &'a Seeding) -> Result<Self> {
         Scene {
             field: fluid.field,
@@ -62,7 +62,7 @@ impl<'a> Scene<'a> {
         .seeded_at(0.0)
     }
 
-    /// With bodies that tracers do not enter; `Err` if the seeding is incompatible with them.
+    /// With bodies that tracers cannot enter; `Err` if the seeding is incompatible with them.
     pub fn with_bodies(self, bodies: &'a [Body]) -> Result<Self> {
         Scene { bodies, kept: None, ..self }.seeded_at(0.0)
     }
@@ -115,8 +115,8 @@ impl<'a> Scene<'a> {
         Drifting::new(self.field, self.size_for_forces(d_um), slip)
     }
 
-    /// Diameter (um) of the sphere that a force proportional to volume moves as fast as it moves, averaged
-    /// over orientations, a particle of equatorial diameter `d_um` (um).
+    /// Diameter (um) of the sphere that a force proportional to volume moves at the same speed, averaged over
+    /// orientations, as a particle of equatorial diameter `d_um` (um).
     pub(crate) fn size_for_forces(&self, d_um: f64) -> f64 {
         if self.friction.is_sphere() {
             d_um

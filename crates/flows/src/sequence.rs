@@ -6,8 +6,8 @@
 //! than maximum speed times dt), each candidate is traced back to the previous time, and kept if it was
 //! outside the domain then. A divergence-free field maps a uniform Poisson process in all space onto itself;
 //! the tracers that were inside and the candidates that were outside are the two parts of that process, so
-//! the cloud in the domain stays uniform in any divergence-free flow. (Reinserting leavers at random
-//! positions on the inflow face does not: slow layers near walls would become denser and fast layers
+//! the cloud in the domain stays uniform in any divergence-free flow. (Reinserting particles that left at
+//! random positions on the inflow face would not: slow layers near walls would become denser, and fast layers
 //! depleted.) Brownian motion, which also preserves a uniform cloud, is traced backward with random steps in
 //! the same way. Candidates that would overlap a wall of the field or a body are discarded.
 //!
@@ -133,7 +133,7 @@ impl<'a> Scene<'a> {
         let mut candidates: Vec<(Seed, Streams)> = Vec::new();
         for slab in self.domain.inflow_slabs(self.reach(t0, t1)) {
             for seed in self.seeding.scatter(self.domain, self.density, &slab, &mut stream) {
-                // An independent random stream per candidate, whatever happens to the other candidates.
+                // An independent random stream per candidate, regardless of the other candidates.
                 let own = if self.brownian.is_some() || turned.is_some() { stream.next_u64() } else { 0 };
                 candidates.push((seed, Streams::new(own)));
             }
@@ -192,13 +192,13 @@ pub struct Sequence<'a> {
 }
 
 impl Sequence<'_> {
-    /// The same without the velocities of tracers where they do not make streaks: `None`.
+    /// The same without the velocities of tracers unless streaks need them; they are then `None`.
     #[must_use]
     pub fn without_velocities(self) -> Self {
         Sequence { velocities: false, ..self }
     }
 
-    /// The smallest id not yet used by the frames made so far.
+    /// The smallest id that the frames so far have not used.
     pub fn next_id(&self) -> u64 {
         self.next_id
     }
@@ -268,8 +268,8 @@ impl Iterator for Sequence<'_> {
     }
 }
 
-/// Applies `f` to all items in parallel and keeps what it returns of them, in the order of the items; an
-/// error is that of the first item with one.
+/// Applies `f` to all items in parallel and collects the values that it returns, in the order of the items;
+/// on failure, returns the error of the first item that failed.
 fn filtered_in_parallel<T: Sync, U: Send>(
     items: &[T],
     f: impl Fn(&T) -> Result<Option<U>> + Sync + Send,

@@ -36,13 +36,13 @@ pub fn steps(field: &dyn VelocityField, fluid: &FluidRegion<'_>, t: f64, dt_s: f
     if number > 0.0 { sum / number } else { 0.0 }
 }
 
-/// Checks that closed-form trajectories have an end that is a number, and that the others take at most
+/// Checks that closed-form trajectories end at a finite position, and that the others take at most
 /// [`MAX_STEPS`] steps on average between two frames `dt_s` (s) apart; `Err` gives the highest speed found.
 pub fn check(field: &dyn VelocityField, fluid: &FluidRegion<'_>, t: f64, dt_s: f64) -> Result<()> {
     let ends = |x: DVec3| field.flow_map(x, t, t + dt_s).is_none_or(DVec3::is_finite);
     if let Some(x) = lattice(fluid.domain().region(), NODES).find(|x| fluid.contains(*x, t) && !ends(*x)) {
         let value = format!("{:e} at ({}, {}, {}) um", field.velocity(x, t).length(), x.x, x.y, x.z);
-        let allowed = format!("speeds at which paths over {dt_s} s have an end");
+        let allowed = format!("speeds at which paths over {dt_s} s end at a finite position");
         return Err(ParameterCheck("flow").fault("speed_um_s", value, &allowed));
     }
     let steps = steps(field, fluid, t, dt_s);
@@ -53,8 +53,8 @@ pub fn check(field: &dyn VelocityField, fluid: &FluidRegion<'_>, t: f64, dt_s: f
     let value = format!("up to {:.3e}", speeds.fold(0.0, f64::max));
     let most = MAX_STEPS / steps;
     let allowed = format!(
-        "about {most:.1e} times as much or less, or frames closer than {dt_s} s: each trajectory would take {steps:.1e} \
-         integration steps from frame to frame, at most {MAX_STEPS} are taken"
+        "at most about {most:.1e} times this speed, or frames closer than {dt_s} s: each trajectory would take {steps:.1e} \
+         integration steps between frames, at most {MAX_STEPS} are allowed"
     );
     Err(ParameterCheck("flow").fault("speed_um_s", value, &allowed))
 }

@@ -8,10 +8,10 @@
 //! `u_um_s, v_um_s, w_um_s`. An empty cell of an optional column means that the value is missing. The track
 //! table of a generated dataset has this format.
 //!
-//! Velocities that the table does not give are the slope, at the frame, of the parabola through the positions
-//! of the track in the previous, this and the next frame (central differences for equal time steps); at an
-//! end of a track or beside a gap, the difference to the one adjacent frame. Between frames and during an
-//! exposure particles move on straight lines.
+//! A missing velocity is the slope, at the frame, of the parabola through the positions of the track in the
+//! previous, this and the next frame (central differences for equal time steps); at an end of a track or next
+//! to a gap, it is the difference to the one adjacent frame. Between frames and during an exposure particles
+//! move on straight lines.
 
 use crate::diameters::Diameters;
 use crate::error::{Error, Result};
@@ -237,11 +237,11 @@ impl RecordedTracks {
             rows.windows(2).filter(|pair| (pair[0].frame, pair[0].track) == (pair[1].frame, pair[1].track))
         {
             let (first, second) = (pair[0].line.min(pair[1].line), pair[0].line.max(pair[1].line));
-            let found = format!("track {} in frame {} again", pair[0].track, pair[0].frame);
-            faults.push(fault(second, found, format!("one row for it, which is in line {first}")));
+            let found = format!("a second row for track {} in frame {}", pair[0].track, pair[0].frame);
+            faults.push(fault(second, found, format!("one, as in line {first}")));
         }
         if rows.is_empty() && faults.is_empty() {
-            faults.push(fault(1, "a header only", "one row or more"));
+            faults.push(fault(1, "a header only", "at least one row"));
         }
         faults.truncate(MAX_FAULTS);
         if !faults.is_empty() {

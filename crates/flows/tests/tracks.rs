@@ -113,7 +113,7 @@ fn a_recording_begins_where_it_should_and_frames_may_be_empty() {
 }
 
 #[test]
-fn streaks_of_tracks_are_straight_and_centerd() {
+fn streaks_of_tracks_are_straight_and_centered() {
     let text = "frame,track,x_um,y_um,z_um\n0,1,0,0,0\n1,1,4,3,0\n0,2,9,9,9\n";
     let shutter = Shutter::new(0.5, 1, 0.0, 0.25).unwrap();
     let frames = record(text, &[0.0, 1.0], Some(shutter));
@@ -149,7 +149,7 @@ fn faults_name_their_lines_all_at_once() {
         "line 7: c_int = \"-1\": expected a number >= 0",
         "line 8: frame = \"5000000000\"",
         "line 9: x = \"1e999\"",
-        "line 11: track 5 in frame 0 again: expected one row for it, which is in line 10",
+        "line 11: a second row for track 5 in frame 0: expected one, as in line 10",
     ] {
         assert!(many.contains(expected), "{expected} is not in\n{many}");
     }

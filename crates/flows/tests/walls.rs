@@ -253,7 +253,7 @@ fn numbers_are_those_of_the_fluid() {
     let listed = Seeding::list(vec![DVec3::new(0.0, 80.0, -30.0)], two_um()).unwrap();
     let scene = Scene::new(field.as_ref(), &domain, &listed).unwrap();
     let first = scene.record(&[0.0], Streams::new(1), RecordingStart::default()).unwrap().next().unwrap();
-    assert!(first.unwrap_err().to_string().contains("a place in the fluid"));
+    assert!(first.unwrap_err().to_string().contains("a position in the fluid"));
 }
 
 /// Images overlap as the particles around them are many, not as those of the whole sensor are.

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 /// Range of diameters.
 const SIZES: &str = "> 0 and <= 1e6";
 
-/// Factor on the brightness that the optics give a particle of this size.
+/// Brightness factor of the particles, relative to the brightness that the optics give for their size.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Brightness {
@@ -30,7 +30,7 @@ pub enum Brightness {
         #[schemars(range(min = 0.0, max = 1e6), example = 1.5)]
         max: f64,
     },
-    /// Normal distribution, restricted to positive factors.
+    /// Normal distribution, truncated to positive factors.
     Normal {
         /// Mean before truncation.
         #[schemars(extend("x-range" = "> 0 and <= 1e6"), example = 1.0)]
@@ -39,13 +39,13 @@ pub enum Brightness {
         #[schemars(range(min = 0.0, max = 1e6), example = 0.2)]
         sd: f64,
     },
-    /// (d / reference)^exponent.
+    /// The factor is (d / `reference_um`)^`exponent` for a particle of diameter d.
     PowerOfDiameter {
         /// Diameter at which the factor is 1.
         #[schemars(extend("x-range" = SIZES), example = 2.0)]
         reference_um: f64,
-        /// 1 for particles dyed throughout their volume, whose light is proportional to d^3 (the optics alone
-        /// give d^2, as for surface emission).
+        /// Exponent; 1 for particles dyed throughout their volume, whose light is proportional to d^3 (the
+        /// optics alone give d^2, as for surface emission).
         #[schemars(range(min = -100.0, max = 100.0), example = 1.0)]
         exponent: f64,
     },
@@ -57,10 +57,10 @@ impl Default for Brightness {
     }
 }
 
-/// Photons that a particle emits per exposure; `gain` is then counts per photon, 1 unless given.
+/// Photons that a particle emits per exposure; `optics.gain` is then in counts per photon and defaults to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Photons {
-    /// Photons per exposure, in all directions, of a particle of diameter `reference_um`; the aperture
+    /// Photons that a particle of diameter `reference_um` emits per exposure in all directions; the aperture
     /// collects a fraction of them.
     #[schemars(example = Emitted::Constant(1e6))]
     pub emitted: Emitted,
@@ -76,7 +76,7 @@ pub struct Photons {
     pub reference_um: Option<f64>,
 }
 
-/// Photons of the particles.
+/// Number of emitted photons.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Emitted {
@@ -84,14 +84,14 @@ pub enum Emitted {
     Constant(#[schemars(range(min = 0.0, max = 1e15), extend("x-unit" = "photons"), example = 1e6)] f64),
     /// Uniform distribution.
     Uniform {
-        /// Fewest photons.
+        /// Smallest number of photons.
         #[schemars(range(min = 0.0, max = 1e15), extend("x-unit" = "photons"), example = 5e5)]
         min: f64,
-        /// Most photons.
+        /// Largest number of photons.
         #[schemars(range(min = 0.0, max = 1e15), extend("x-unit" = "photons"), example = 1.5e6)]
         max: f64,
     },
-    /// Normal distribution, restricted to positive numbers.
+    /// Normal distribution, truncated to positive numbers.
     Normal {
         /// Mean before truncation.
         #[schemars(extend("x-range" = "> 0 and <= 1e15", "x-unit" = "photons"), example = 1e6)]
@@ -160,8 +160,7 @@ enum Unit {
 }
 
 impl PhotonScale {
-    /// The conversion for a renderer and its settings; `mean_um` (um) is the reference diameter if none is
-    /// given.
+    /// The conversion for a renderer and its settings; `mean_um` (um) is the default reference diameter.
     pub(super) fn new(photons: &Photons, renderer: &RendererSpec, settings: &Settings, mean_um: f64) -> Self {
         let unit = match *renderer {
             RendererSpec::Rays { spheroids } | RendererSpec::Expected { spheroids, .. } => {
@@ -182,7 +181,7 @@ impl PhotonScale {
         }
     }
 
-    /// `c_int` of a particle, where `photons` is what a sphere of the reference diameter emits.
+    /// `c_int` of a particle; `photons` is the number that a sphere of the reference diameter emits.
     pub fn c_int(&self, photons: f64, particle: &Particle) -> f64 {
         let d = particle.d_um / self.reference_um;
         let e_p = particle.spheroid.map_or(1.0, |spheroid| spheroid.e_p);

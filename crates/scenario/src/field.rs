@@ -121,9 +121,10 @@ fn formulas(schema: &mut Schema) {
 /// Velocities on a regular grid, from a file: `.npy` (with its geometry given here), `.csv` or legacy `.vtk`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Gridded {
-    /// A file with the velocities, um/s, relative to the scenario: `.npy` with an array of shape (z, y, x, 3)
+    /// File with the velocities in um/s, relative to the scenario: `.npy` with an array of shape (z, y, x, 3)
     /// or (time, z, y, x, 3); `.csv` with the columns x_um, y_um, z_um, u_um_s, v_um_s, w_um_s and, for
-    /// several times, t_s; or legacy `.vtk`. Beyond the outermost nodes their velocity holds.
+    /// several times, t_s; or legacy `.vtk`. A position outside the grid has the velocity of the nearest
+    /// point of the grid.
     #[schemars(example = &"velocities.npy")]
     pub file: String,
     /// Interpolation between the nodes.
@@ -132,7 +133,7 @@ pub struct Gridded {
     /// Whether the data are periodic along x, y and z.
     #[serde(default)]
     pub periodic: [bool; 3],
-    /// Positions of the nodes of a `.npy` file.
+    /// Positions of the nodes, for a `.npy` file; the other formats contain them.
     #[serde(default)]
     pub geometry: GridGeometry,
 }
@@ -157,7 +158,7 @@ fn boxed<F: VelocityField + 'static>(path: &str, field: flows::Result<F>, proble
 }
 
 impl Field {
-    /// The variant's name in scenarios.
+    /// The name of the variant in scenarios.
     fn name(&self) -> String {
         let value = serde_json::to_value(self).unwrap_or_default();
         value.as_object().and_then(|one| one.keys().next().cloned()).unwrap_or_default()

@@ -31,8 +31,8 @@ impl Files<'_> {
         Some((path, bytes))
     }
 
-    /// Stores a file that was read for the dataset and returns its path there; files with the same name are
-    /// numbered.
+    /// Keeps a file that was read, to be copied to the dataset, and returns its path there; files with the
+    /// same name are numbered.
     pub(super) fn keep(&mut self, path: &Path, bytes: Vec<u8>) -> String {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut copy = format!("inputs/{name}");
@@ -41,7 +41,7 @@ impl Files<'_> {
             copy = format!("inputs/{number}_{name}");
             number += 1;
         }
-        // Fails for an empty path alone.
+        // Fails only for an empty path.
         let source = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         self.inputs.push(Input { path: copy.clone(), source, bytes });
         copy

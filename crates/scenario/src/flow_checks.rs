@@ -30,24 +30,24 @@ fn compression_warning(
     let strongest = low.abs().max(high.abs()) * recording_s;
     (strongest > NOTICEABLE_COMPRESSION).then(|| {
         format!(
-            "the field is not free of divergence ({low:.3} to {high:.3} 1/s in view): within a recording of {recording_s} s the \
-             number density of particles changes by factors of {:.3} to {:.3} along their paths, while particles that \
-             enter have the density of the seeding; fresh pairs (timing: pairs(...)) avoid this, as each is seeded independently",
+            "the field is not divergence-free ({low:.3} to {high:.3} 1/s in view): within a recording of {recording_s} s the \
+             number density of particles changes by factors of {:.3} to {:.3} along their paths, while entering particles \
+             have the density of the seeding; timing: pairs(...) avoids this, because it seeds each pair independently",
             (-high * recording_s).exp(),
             (-low * recording_s).exp()
         )
     })
 }
 
-/// A warning if the data of the field end within the box of the particles.
+/// A warning if the grid of the field does not cover the box of the particles.
 fn coverage_warning(field: &dyn VelocityField, region: &Region) -> Option<String> {
     let outside = field.share_without_data(region);
     (outside > NOTICEABLE_OUTSIDE).then(|| {
         let (min, max) = (region.min(), region.max());
         format!(
-            "the data of the velocity field end within the box of the particles, ({:.1}, {:.1}, {:.1}) to ({:.1}, {:.1}, \
-             {:.1}) um: {:.1} % of its volume, and of the particles, lie beyond the outermost nodes, whose velocity \
-             holds there; see boundaries.margin_px and boundaries.z_um",
+            "the grid of the velocity field does not cover the box of the particles, ({:.1}, {:.1}, {:.1}) to ({:.1}, {:.1}, \
+             {:.1}) um: {:.1} % of its volume, and of the particles, lie outside the grid and have the velocity \
+             of its nearest point; see boundaries.margin_px and boundaries.z_um",
             min.x,
             min.y,
             min.z,
@@ -59,7 +59,7 @@ fn coverage_warning(field: &dyn VelocityField, region: &Region) -> Option<String
     })
 }
 
-/// Share of the volume without data above which there is a warning.
+/// Fraction of the volume without data above which there is a warning.
 const NOTICEABLE_OUTSIDE: f64 = 0.01;
 
 /// Relative change of density during a recording above which there is a warning.

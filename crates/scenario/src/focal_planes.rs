@@ -10,35 +10,38 @@ use super::spec::{Boundaries, Optics};
 /// A cylindrical lens in paraxial optics.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct CylinderFacts {
-    /// Physical depth of the plane in focus in the direction of its power, um; that across it is at 0.
+    /// Physical depth of the plane in focus in the direction of its power, um; the plane in focus
+    /// perpendicular to it is at 0.
     pub focus_um: f64,
-    /// How fast images grow out of focus in this direction, over how fast across it.
+    /// Ratio of the growth rates of defocused images in this direction and perpendicular to it.
     pub growth: f64,
-    /// Magnification of positions in this direction over that across it: 1 with MicroSIG's virtual lens.
+    /// Ratio of the magnifications of positions in this direction and perpendicular to it: 1 with MicroSIG's
+    /// virtual lens.
     pub stretch: f64,
 }
 
 impl Optics {
-    /// Physical depth over the depth in air that defocuses as much.
+    /// Ratio of a physical depth to the depth in air with the same defocus.
     fn depth_over_air(&self) -> f64 {
         self.layers.map_or(1.0, |layers| layers.n_s) * self.depth_factor.unwrap_or(1.0)
     }
 
-    /// The cylindrical lens before the camera; `None` without one, or if none has the planes that are given.
+    /// The cylindrical lens in front of the camera; `None` without one, or if no lens has the given focal
+    /// planes.
     pub(super) fn cylinder_lens(&self) -> Option<waves::Cylinder> {
         self.cylinder?.lens(self.depth_over_air(), self.magnification.unwrap_or(1.0))
     }
 }
 
 impl CylinderFacts {
-    /// Those of settings and the other keys of the optics; `None` without a cylindrical lens.
+    /// Derives them from the settings and the other keys of the optics; `None` without a cylindrical lens.
     pub(super) fn of(settings: &Settings, optics: &Optics) -> Option<Self> {
         let physical = optics.depth_over_air();
         if let Some(lens) = optics.cylinder_lens() {
             let focus_um = physical * lens.focus_um(settings.magnification);
             return Some(CylinderFacts { focus_um, growth: lens.growth(), stretch: lens.growth() });
         }
-        // At b/3 behind the lens, 2b/3 before the sensor.
+        // At b/3 behind the lens, 2b/3 in front of the sensor.
         let (f, m, cylinder) = (settings.focal_length, settings.magnification, settings.cyl_focal_length);
         (cylinder != 0.0).then(|| {
             let (a0, b) = (f * (1.0 + 1.0 / m), f * (m + 1.0));
@@ -72,7 +75,7 @@ pub(super) fn center(
     }
     let facts = settings.and_then(|settings| CylinderFacts::of(settings, optics));
     let middle_um = facts.map_or(0.0, |facts| 0.5 * facts.focus_um);
-    // To nanometers, which is easier to read.
+    // Rounded to nanometers for readability.
     let round = |z_um: f64| (1e3 * z_um).round() / 1e3;
     boundaries.z_um = Some((round(middle_um - 0.5 * depth_um), round(middle_um + 0.5 * depth_um)));
 }

@@ -8,21 +8,21 @@ use serde::{Deserialize, Serialize};
 
 use super::language::problems::Problems;
 
-/// Illumination that varies in space and from pulse to pulse; `flows::illumination` has the formulas.
+/// Illumination that varies in space and from pulse to pulse; `flows::illumination` documents the formulas.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Illumination {
     /// Spatial distribution of the light.
     pub shape: LightShape,
-    /// Relative change of the light along x, y and z, with respect to the middle of the image.
+    /// Relative gradient of the light along x, y and z; the ramp is 1 at the center of the image.
     pub ramp_per_um: (f64, f64, f64),
-    /// Relative pulse energies of the frames of a recording, in turn.
+    /// Relative pulse energies of the frames of a recording, repeated cyclically.
     #[schemars(length(min = 1, max = 10_000_000), inner(range(min = 0.0, max = 1e6)))]
     pub pulse_energies: Vec<f64>,
-    /// Relative standard deviation of the pulse energy.
+    /// Relative standard deviation of the pulse energies.
     #[schemars(range(min = 0.0, max = 0.3))]
     pub energy_jitter: f64,
-    /// Photobleaching: time in which the particles dim to 1/e.
+    /// Photobleaching: time in which the brightness of the particles decays to 1/e.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-range" = "> 0"), example = 2.0)]
     pub bleaching_s: Option<f64>,
@@ -45,16 +45,16 @@ pub enum LightShape {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Sheet {
-    /// Profile across the sheet.
+    /// Intensity profile across the sheet.
     pub profile: SheetProfile,
     /// Thickness T: distance between the two e^-2 points, or between the edges of a top hat.
     #[schemars(extend("x-range" = "> 0"))]
     pub thickness_um: f64,
-    /// A point of its middle plane (x, y, z).
+    /// A point in its middle plane (x, y, z).
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "the middle of the depth range", "x-formerly" = ["centre_um"]))]
     pub center_um: Option<(f64, f64, f64)>,
-    /// Direction across the sheet (x, y, z).
+    /// Normal of the sheet (x, y, z).
     pub normal: (f64, f64, f64),
 }
 
@@ -75,7 +75,7 @@ impl Default for Sheet {
 pub enum SheetProfile {
     /// exp(-8 s^2 / T^2) at the distance s from the middle plane.
     Gaussian,
-    /// 1 within the thickness, 0 beyond.
+    /// 1 within the thickness, 0 outside.
     TopHat,
     /// exp(-2 |2 s / T|^N), of order N.
     SuperGaussian(#[schemars(range(min = 1.0, max = 100.0), example = 8.0)] f64),
@@ -85,7 +85,7 @@ pub enum SheetProfile {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Beam {
-    /// Middle of the beam waist (x, y, z).
+    /// Center of the beam waist (x, y, z).
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend(
         "x-default" = "on the optical axis in the middle of the depth range",

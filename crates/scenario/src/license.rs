@@ -7,7 +7,7 @@ pub struct License {
     pub id: &'static str,
     /// Full name.
     pub title: &'static str,
-    /// Address of its summary; that of its text starts with it.
+    /// URL of its summary, with which the URL of its full text begins.
     pub url: &'static str,
 }
 

@@ -33,8 +33,8 @@ pub fn read_text(file: &Path) -> Result<String> {
     if bytes.len() as u64 > MAX_BYTES {
         return Err(refuse("at most 16 MB of text"));
     }
-    let text = String::from_utf8(bytes).map_err(|_| refuse("a text in UTF-8, in RON or JSON"))?;
-    // A byte order mark, as some editors write.
+    let text = String::from_utf8(bytes).map_err(|_| refuse("UTF-8 text in RON or JSON"))?;
+    // Some editors write a byte order mark.
     Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
 }
 
@@ -58,10 +58,14 @@ fn tree(source: &Arc<Source>) -> Result<Node> {
     let tree = text::parse(source).map_err(|problem| Error::Problems(vec![problem.hinted(hint)]))?;
     let (name, is_written) = (&source.name, |key| tree.find(key).1);
     if is_written("axes") && !is_written("motion") {
-        return Err(Error::input(format!("{name}: is a sweep; `microsig sweep {name}` makes its datasets")));
+        return Err(Error::input(format!(
+            "{name}: is a sweep; run `microsig sweep {name}` to generate its datasets"
+        )));
     }
     if is_written("tracks") && !is_written("motion") {
-        return Err(Error::input(format!("{name}: is a suite; see `microsig suite generate {name}`")));
+        return Err(Error::input(format!(
+            "{name}: is a suite; run `microsig suite generate {name}` to generate its datasets"
+        )));
     }
     if !matches!(tree.content, Content::Fields(_)) {
         let message = "expected a scenario: (name: ..., motion: ..., timing: ...)";
@@ -74,8 +78,8 @@ fn tree(source: &Arc<Source>) -> Result<Node> {
 /// by `seed`.
 ///
 /// # Errors
-/// [`Error::Problems`] with all problems of text, assignments and values. Rules between values are checked as
-/// far as the values can be read.
+/// [`Error::Problems`] with all problems of text, assignments and values. Constraints between values are
+/// checked as far as the values can be read.
 pub fn load(file: &Path, assignments: &[String], seed: Option<u64>) -> Result<Scenario> {
     let folder = file.parent().unwrap_or(Path::new("."));
     load_text(&read_text(file)?, (&file.display().to_string(), folder), assignments, seed)
@@ -115,8 +119,7 @@ pub fn load_text(
     let read = problems.0.clone();
     for problem in found {
         let (place, is_written) = tree.find(&problem.path);
-        // After errors of reading, problems of default values that replace what could not be read are
-        // dropped.
+        // Values that cannot be read are replaced by defaults; problems of these defaults are dropped.
         let matters = is_written
             && !problem.path.is_empty()
             && !read.iter().any(|p| !p.path.is_empty() && related(&p.path, &problem.path));
@@ -153,7 +156,7 @@ pub fn set(spec: &Spec, path: &str, value: &str) -> Result<Spec> {
     match changed.and_then(|tree| typed(scenario(), &tree, &mut problems)) {
         Some(spec) if !problems.any() => Ok(spec),
         _ => {
-            // Lines of the intermediate text mean nothing to the user.
+            // Line numbers of the intermediate text are meaningless to the user.
             let is_own = |p: &Problem| p.place.as_ref().is_some_and(|place| !place.source.is_file);
             let problems = problems.sorted().into_iter();
             Err(Error::Problems(problems.map(|p| if is_own(&p) { p } else { p.at(&whole) }).collect()))
@@ -308,13 +311,13 @@ mod tests {
             ("count: 2", "count: -2", "timing.pairs.count = -2: expected a whole number, 1 to 5000000"),
             ("count: 2", "dt_s: 1", "timing.pairs: `count` is missing"),
             ("count: 2", "count: 2, count: 3", "timing.pairs: `count` is given a second time"),
-            ("\"test\"", "test", "s.ron:2:15: name = test: expected a text in quotes"),
+            ("\"test\"", "test", "s.ron:2:15: name = test: expected a string in quotes"),
             ("timing: pairs(count: 2),", "", "`timing` is missing"),
             ("timing:", "seed: -1, timing:", "seed = -1: expected a whole number"),
             (
                 "timing:",
                 "boundaries: (z_um: 3), timing:",
-                "boundaries.z_um = 3: expected 2 values in round brackets",
+                "boundaries.z_um = 3: expected 2 values in parentheses",
             ),
             (
                 "timing:",
@@ -337,7 +340,7 @@ mod tests {
             (
                 "timing:",
                 "optics: (pixel_size: 6.5e-6), timing:",
-                "optics.pixel_size = 6.5e-6: expected a number, 0.05 to 1000 um; in um, 6.5e-6 m is 6.5",
+                "optics.pixel_size = 6.5e-6: expected a number, 0.05 to 1000 um; 6.5e-6 m is 6.5 um",
             ),
         ] {
             let message = refuse(&GOOD.replace(from, to)).1;
@@ -350,7 +353,7 @@ mod tests {
             assert!(!message.contains("Spec"), "{message}");
         }
         let deep = format!("(name: {}", "(".repeat(1000));
-        assert!(refuse(&deep).1.contains("expected at most 100 brackets inside each other"));
+        assert!(refuse(&deep).1.contains("expected at most 100 nested brackets"));
     }
 
     #[test]
@@ -488,7 +491,7 @@ s.ron:3:56: motion.flow.field.poiseuille.max_speed_um_s = fast: expected a finit
             refuse("boundaries.bodies.3", "drain()")
                 .contains("boundaries.bodies.3=drain(): the list has 0 values")
         );
-        assert!(refuse("calibration.none", "3").contains("`none` holds no value"));
+        assert!(refuse("calibration.none", "3").contains("`none` takes no value"));
         assert!(assignment("seed").is_err());
         assert_eq!(assignment(" seed = 3 ").unwrap(), ("seed", "3"));
     }

@@ -12,7 +12,7 @@ use super::files::Files;
 use super::language::problems::Problems;
 use storage::tables::truth::TRACKS;
 
-/// What moves the particles.
+/// The source of particle motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Motion {
@@ -40,7 +40,7 @@ pub struct FieldPlacement {
     pub offset_um: (f64, f64, f64),
     /// Direction of the axis of rotation (x, y, z).
     pub axis: (f64, f64, f64),
-    /// Angle of rotation; about z clockwise on the screen.
+    /// Angle of rotation; a positive angle about z is clockwise on the screen.
     pub angle_rad: f64,
     /// A point on the axis (x, y, z), before the translation.
     #[schemars(extend("x-formerly" = ["centre_um"]))]
@@ -61,14 +61,14 @@ impl Default for FieldPlacement {
 /// Recorded tracks; `flows::tracks` describes the file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Tracks {
-    /// CSV with the columns `frame`, `track` and `x_um, y_um, z_um` (or `x_px, y_px, z_um`), optionally
-    /// `d_um`, `c_int`, `e_p`,
-    /// `axis_x`, `axis_y`, `axis_z`, `u_um_s`, `v_um_s`, `w_um_s`; relative to the scenario.
+    /// CSV file with the columns `frame`, `track` and `x_um, y_um, z_um` (or `x_px, y_px, z_um`), optionally
+    /// `d_um`, `c_int`, `e_p`, `axis_x`, `axis_y`, `axis_z`, `u_um_s`, `v_um_s`, `w_um_s`; relative to the
+    /// scenario.
     #[schemars(example = &"tracks.csv")]
     pub file: String,
 }
 
-/// What moves the particles, checked.
+/// The source of particle motion, validated.
 #[derive(Debug)]
 pub enum MotionSource {
     /// A velocity field.
@@ -120,7 +120,7 @@ impl Tracks {
         let unknown = |c: &&String| !TRACKS.columns.iter().any(|own| own.name == c.as_str());
         let unused: Vec<&str> = tracks.unused_columns().iter().filter(unknown).map(String::as_str).collect();
         if !unused.is_empty() {
-            warnings.push(format!("{KEY}: {name}: columns that are not used: {}", unused.join(", ")));
+            warnings.push(format!("{KEY}: {name}: unused columns: {}", unused.join(", ")));
         }
         self.file = files.keep(&path, bytes);
         Some(tracks)

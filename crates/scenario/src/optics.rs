@@ -60,8 +60,10 @@ pub(super) fn optics(
                 let n_s = optics.layers.map_or(1.0, |layers| layers.n_s);
                 let most_um = distance_um * depth_factor * n_s;
                 let allowed = match lens {
-                    Lens::Microsig => format!("more than {:.0}, which is at the lens", -most_um),
-                    Lens::Aplanatic => format!("less than {most_um:.0}, which no cylindrical lens makes"),
+                    Lens::Microsig => format!("more than {:.0}, the position of the lens", -most_um),
+                    Lens::Aplanatic => {
+                        format!("less than {most_um:.0}, as no cylindrical lens reaches this distance")
+                    }
                 };
                 problems.value("optics.focal_planes_um", apart_um, &allowed);
             }
@@ -80,7 +82,7 @@ pub(super) fn optics(
             problems.value(
                 "optics.cylinder.planes",
                 format!("(apart_um: {apart_um}, growth: {growth})"),
-                "a growth below 1 with negative distances, as of a converging lens, or above 1 with positive ones",
+                "a growth below 1 with a negative apart_um (converging lens), or above 1 with a positive one",
             );
         }
     }
@@ -121,7 +123,7 @@ pub(super) fn response(settings: &Settings, detector: Option<&Detector>) -> Resu
 }
 
 /// The sensor of a dataset. Without a detector it is MicroSIG's own, except that counts are rounded only
-/// once, after noise is added, so that faint light is not lost.
+/// once, after adding noise, so that faint light is not lost.
 ///
 /// # Errors
 /// A value of the detector that is out of range.
@@ -150,7 +152,7 @@ pub(super) fn default_background_noise(
     if noise > 0.0 && (sensor.shot_noise || sensor.read_noise_e > 0.0) {
         warnings.push(format!(
             "optics.background_noise = {noise} counts is added to the noise of the camera in `sensor`; omit \
-             it to have the camera's noise only"
+             it to use the camera's noise only"
         ));
     }
 }
@@ -160,8 +162,8 @@ pub(super) fn clipped(response: &Response, detector: Option<&Detector>) -> Optio
     let most = f64::from((1u32 << detector.map_or(16, |detector| detector.bits)) - 1);
     let Response { background, background_noise, .. } = response;
     let what = match background {
-        b if *b >= most => "saturated without any particle",
-        b if *b < 0.0 => "black where there is little light",
+        b if *b >= most => "saturated even without particles",
+        b if *b < 0.0 => "black in dim regions",
         _ => return None,
     };
     let noise = if *background_noise > 0.0 {
@@ -169,7 +171,9 @@ pub(super) fn clipped(response: &Response, detector: Option<&Detector>) -> Optio
     } else {
         String::new()
     };
-    Some(format!("the background is {background:.3} counts{noise}, of 0 to {most}: images are {what}"))
+    Some(format!(
+        "the background is {background:.3} counts{noise}, but the range is 0 to {most}: images are {what}"
+    ))
 }
 
 /// Builds the camera and reads its background image.

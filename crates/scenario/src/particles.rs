@@ -24,37 +24,37 @@ use visibility::DepthScan;
 const DEFAULT_COUNT: u32 = 46;
 const DEFAULT_DIAMETER_UM: f64 = 2.0;
 
-/// What the particles are.
+/// The particles.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Particles {
-    /// How many.
+    /// Number of particles.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub number: Option<Number>,
     /// Initial positions. They apply to the first frame of a recording: the flow then moves the particles,
     /// and those that enter later are independent of the others.
     pub seeding: Placement,
-    /// Particle diameters; of spheroids the equatorial ones. Values beyond the cutoffs are drawn again, never
-    /// clipped.
+    /// Particle diameters; for spheroids the equatorial diameters. Values outside the cutoffs are redrawn,
+    /// not clipped.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub diameter_um: Option<Diameter>,
-    /// Factor on the brightness that the optics give a particle of this size.
+    /// Brightness factor of the particles, relative to the brightness that the optics give for their size.
     pub c_int: Brightness,
-    /// Instead of `c_int`: photons that a particle emits per exposure.
+    /// Instead of `c_int`: number of photons that a particle emits per exposure.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(
         extend("x-default" = "none: MicroSIG's counts, which grow with (d M / pixel_size)^2, points_per_pixel and n_rays"),
         example = Photons { emitted: Emitted::Constant(1e6), grow_with: Growth::Surface, reference_um: None }
     )]
     pub photons: Option<Photons>,
-    /// Spheroids instead of spheres; the flow turns them (Jeffery's equation).
+    /// Spheroids instead of spheres; the flow rotates them according to Jeffery's equation.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(example = Spheroids { e_p: 3.0, orientation: Orientation::Random })]
     pub spheroids: Option<Spheroids>,
     /// Brownian motion.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub brownian: Option<Brownian>,
-    /// Sedimentation or buoyancy at Stokes' velocity.
+    /// Sedimentation or buoyancy at the Stokes velocity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub settling: Option<Settling>,
 }
@@ -63,17 +63,19 @@ pub struct Particles {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Number {
-    /// Exactly N in view in the first frame of each recording; the rest of the box at the same density.
+    /// Exactly N particles in view in the first frame of each recording; the rest of the box has the same
+    /// number density.
     Count(#[schemars(range(max = 1_000_000), example = 46)] u32),
-    /// Particles per pixel on average, a Poisson process.
+    /// Mean number of particles per pixel (Poisson process).
     Ppp(#[schemars(range(min = 0.0, max = 1.0), extend("x-unit" = "1/px"), example = 0.0002)] f64),
-    /// Particles per volume on average, a Poisson process.
+    /// Mean number of particles per volume (Poisson process).
     PerUm3(#[schemars(range(min = 0.0, max = 1e3), extend("x-unit" = "1/um\u{b3}"), example = 1e-6)] f64),
-    /// Source density N_S: fraction that particle images cover on average, overlaps counted twice, of the
-    /// sensor, or of the part of it where walls and bodies leave room for particles; a Poisson process.
+    /// Source density N_S: total area of the particle images over the area of the sensor, on average (Poisson
+    /// process); overlaps count once per image. If walls or bodies exclude particles from part of the image,
+    /// the area is that of the rest.
     NS(#[schemars(range(min = 0.0, max = 100.0), example = 0.1)] f64),
-    /// One at each position of a MicroSIG data file (x and y in px, z in um; diameters are those of
-    /// `diameter_um`), relative to the scenario.
+    /// One particle at each position in a MicroSIG data file (x and y in px, z in um), relative to the
+    /// scenario; diameters are drawn from `diameter_um`.
     File(#[schemars(example = &"places.txt")] String),
 }
 
@@ -81,22 +83,22 @@ pub enum Number {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Placement {
-    /// Independent and uniform.
+    /// Independent and uniformly distributed.
     #[default]
     Uniform,
-    /// One in each cell of a regular grid, displaced by up to this fraction of half a cell. Not with an exact
-    /// number (`count`, `file`).
+    /// One particle in each cell of a regular grid, displaced from the center by up to this fraction of half
+    /// a cell. Not available for an exact number (`count`, `file`).
     JitteredGrid(#[schemars(range(min = 0.0, max = 1.0), example = 0.5)] f64),
-    /// Surfaces at least this far apart.
+    /// Minimum distance between the surfaces of particles.
     Apart(#[schemars(range(min = 0.0, max = 1e6), extend("x-unit" = "um"), example = 1.0)] f64),
-    /// Surfaces at least this far apart in the image plane, at any depth.
+    /// Minimum distance between the surfaces of particles in the image plane, regardless of depth.
     ApartInImage(#[schemars(range(min = 0.0, max = 1e6), extend("x-unit" = "um"), example = 1.0)] f64),
 }
 
 /// Range of diameters.
 const SIZES: &str = "> 0 and <= 1e6";
 
-/// Diameters of the particles, um. Values beyond the cutoffs are drawn again, never clipped.
+/// Diameters of the particles, um. Values outside the cutoffs are redrawn, not clipped.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Diameter {
@@ -150,24 +152,25 @@ pub enum Diameter {
 /// Spheroids.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Spheroids {
-    /// Aspect ratio, polar over equatorial diameter: above 1 rods (prolate), below 1 discs (oblate).
+    /// Aspect ratio, polar over equatorial diameter: above 1 for rods (prolate), below 1 for discs (oblate).
     #[schemars(range(min = 0.01, max = 100.0), example = 3.0)]
     pub e_p: f64,
-    /// Initial orientation of their axes.
+    /// Initial orientation of their symmetry axes.
     #[serde(default)]
     pub orientation: Orientation,
 }
 
-/// Initial orientation of the axes of spheroids.
+/// Initial orientation of the symmetry axes of spheroids.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Orientation {
-    /// Uniform over all directions.
+    /// Uniformly distributed over all directions.
     #[default]
     Random,
-    /// All along one direction (x, y, z).
+    /// All axes along one direction (x, y, z).
     Aligned(#[schemars(example = (1, 0, 0))] (f64, f64, f64)),
-    /// Von Mises-Fisher distribution about a mean direction, density proportional to exp(kappa cos).
+    /// Von Mises-Fisher distribution about a mean direction, density proportional to exp(kappa cos(a)) at the
+    /// angle a from it.
     VonMisesFisher {
         /// Mean direction (x, y, z).
         #[schemars(example = (1, 0, 0))]
@@ -178,7 +181,7 @@ pub enum Orientation {
     },
 }
 
-/// Brownian motion in a liquid; defaults are those of water at 25 degrees Celsius.
+/// Brownian motion in a liquid; the defaults are for water at 25 degrees Celsius.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Brownian {
@@ -188,7 +191,7 @@ pub struct Brownian {
     /// Dynamic viscosity of the liquid.
     #[schemars(extend("x-range" = "> 0 and <= 1e6"))]
     pub viscosity_pa_s: f64,
-    /// Time steps from frame to frame.
+    /// Number of time steps between consecutive frames.
     #[schemars(range(min = 1, max = 10_000))]
     pub substeps: u32,
 }
@@ -199,8 +202,8 @@ impl Default for Brownian {
     }
 }
 
-/// Sedimentation in a liquid; defaults are polystyrene in water on an inverted microscope (the lens is on the
-/// side of negative z).
+/// Sedimentation in a liquid; the defaults are for polystyrene in water on an inverted microscope (the lens
+/// is on the side of negative z).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Settling {
@@ -242,7 +245,7 @@ pub enum Obstacle {
         #[schemars(extend("x-range" = SIZES), example = 20.0)]
         radius_um: f64,
     },
-    /// Everything outside a sessile drop, a parabolic cap.
+    /// The space outside a sessile drop in the shape of a parabolic cap.
     OutsideDrop {
         /// Center of the drop's base (x, y, z).
         #[schemars(extend("x-formerly" = ["centre_um"]), example = (0, 0, -80))]
@@ -318,7 +321,7 @@ impl Obstacle {
 }
 
 impl Cloud {
-    /// Brightness `c_int` of a particle, from the number drawn for it: a factor or photons.
+    /// Brightness `c_int` of a particle, from the value drawn for it: a factor or a number of photons.
     pub fn c_int(&self, drawn: f64, particle: &Particle) -> f64 {
         self.photons.as_ref().map_or(drawn, |photons| photons.c_int(drawn, particle))
     }
@@ -384,7 +387,7 @@ impl Particles {
         if let Some(s) = self.settling {
             if self.brownian.is_some() && s.viscosity_pa_s != liquid.viscosity_pa_s {
                 let allowed = format!(
-                    "{}, the viscosity of particles.brownian: it is the same liquid",
+                    "{}, the viscosity of particles.brownian: both are in the same liquid",
                     liquid.viscosity_pa_s
                 );
                 problems.value("particles.settling.viscosity_pa_s", s.viscosity_pa_s, &allowed);
@@ -394,7 +397,7 @@ impl Particles {
         liquid
     }
 
-    /// A seeding by source density, whose images cover the part of `view` in which particles are.
+    /// Refers a seeding by source density to the part of `view` in which particles can be.
     pub(super) fn within_walls(&self, seeding: Seeding, fluid: &FluidRegion<'_>, view: &Region) -> Seeding {
         match self.number {
             Some(Number::NS(_)) => seeding.with_share_of_mean(fluid.image_share(view, 0.0)),

@@ -60,7 +60,7 @@ pub(super) fn check_tracks(
     }
     if late > 0 {
         warnings.push(format!(
-            "{late} rows of the tracks are in frames after the last, {}, and omitted",
+            "{late} rows of the tracks are in frames after the last one, {}, and are omitted",
             recordings.frames() - 1
         ));
     }

@@ -6,7 +6,7 @@ use microsig_core::stream::{Purpose, Streams};
 use super::language::problems::Problems;
 use super::timing::{FourPulse, Frames, PairSeeding, Pairs, Sequence, Timing};
 
-/// Frame times that deviate by more than this many standard deviations are drawn again.
+/// Frame times that deviate by more than this many standard deviations are redrawn.
 const MAX_JITTER: f64 = 4.0;
 
 /// The frames of a dataset, grouped into recordings; each recording has its own particles.
@@ -23,7 +23,7 @@ impl Recordings {
         if let Timing::Pairs(Pairs { seeding: PairSeeding::Continuing, dt_s, interval_s, .. }) = timing
             && interval_s < dt_s * (1.0 + 1e-12)
         {
-            let allowed = format!("a time > dt_s = {dt_s} s, as all pairs show the same particles");
+            let allowed = format!("a time > dt_s = {dt_s} s, because all pairs show the same particles");
             problems.value(&key("interval_s"), interval_s, &allowed);
         }
         let Frames { exposure_s, flashes, jitter_s } = timing.frames();
@@ -34,7 +34,7 @@ impl Recordings {
         let span = exposure_s + flashes.map_or(0.0, |f| f64::from(f.count.max(1) - 1) * f.spacing_s);
         if span > shortest {
             let allowed = format!("exposure and flashes within {shortest} s, the time to the next frame");
-            problems.value(&key("exposure_s"), format!("{exposure_s} ({span} s in all)"), &allowed);
+            problems.value(&key("exposure_s"), format!("{exposure_s} ({span} s in total)"), &allowed);
         }
         // Frames must stay in order.
         if jitter_s > 0.1 * shortest {

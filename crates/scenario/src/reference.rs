@@ -26,10 +26,10 @@ fn filled() -> Result<Value> {
 /// A commented scenario to start from.
 ///
 /// # Errors
-/// None: the tests exclude them.
+/// None: the tests make sure that the scenario is valid.
 pub fn template() -> Result<String> {
-    let header = "A scenario: what is imaged, through which optics, and when. Everything but `name`, `motion` and `timing` may \
-                  be left out. Values are the defaults; what is commented out is off or follows from other keys.";
+    let header = "A scenario: what is imaged, through which optics, and when. All keys except `name`, `motion` and `timing` are \
+                  optional. Values are the defaults; keys that are commented out are off or follow from other keys.";
     Ok(template::template(scenario(), &filled()?, header))
 }
 
@@ -92,7 +92,7 @@ mod tests {
         assert_eq!(template, five);
     }
 
-    /// The lines that are commented out are valid, too: each is a key with a value that fits.
+    /// The lines that are commented out are valid, too: each is a key with a valid value.
     #[test]
     fn the_template_can_be_uncommented() {
         let is_key = |line: &str| {

@@ -12,14 +12,14 @@ use serde::{Deserialize, Serialize};
 pub struct Render {
     /// The renderer.
     pub mode: RenderMode,
-    /// For `rays` and `expected`: distribution of the source points over a spheroid's surface. `waves` draw
-    /// spheroids with `lens: aplanatic` only, evenly lit as `emission` says.
+    /// For `rays` and `expected`: distribution of the source points over the surface of a spheroid. `waves`
+    /// renders spheroids only with `lens: aplanatic`, with the uniform emission that `emission` selects.
     pub spheroids: SpheroidLaw,
-    /// For `waves`: wavelength in vacuum, the center of the detected band.
+    /// For `waves`: vacuum wavelength at the center of the detected band.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.1, max = 2.0), example = 0.52)]
     pub wavelength_um: Option<f64>,
-    /// For `waves`: full width of the (Gaussian) band at half maximum, at most 0.3 wavelengths; 0 is
+    /// For `waves`: full width of the (Gaussian) band at half maximum, at most 0.3 wavelengths; 0 for
     /// monochromatic light.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(
@@ -32,8 +32,8 @@ pub struct Render {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "surface if `mode` is `waves`"))]
     pub emission: Option<Emission>,
-    /// For `expected`: root-mean-square error of an image as a fraction of its peak; for `waves`: the largest
-    /// error.
+    /// Error of an image as a fraction of its peak: the RMS error for `expected`, the largest error for
+    /// `waves`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(
         range(min = *TOLERANCES.start(), max = *TOLERANCES.end()),
@@ -47,7 +47,7 @@ pub struct Render {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RenderMode {
-    /// Discrete rays, counted per pixel: the method of the paper.
+    /// Discrete rays, counted per pixel: the method of MicroSIG (Rossi 2020).
     #[default]
     Rays,
     /// The limit of infinitely many rays, without ray noise; for shot noise add `sensor: (shot_noise: true)`.

@@ -1,4 +1,4 @@
-//! Resolves a scenario: fills in defaults and checks the rules between keys.
+//! Resolves a scenario: fills in defaults and checks the constraints between keys.
 //!
 //! A [`Scenario`] exists only if it is valid. Its `spec` contains all defaults, so that writing, reading and
 //! resolving it gives the same scenario.
@@ -144,7 +144,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     Ok(scenario)
 }
 
-/// Recorded tracks; `None` if there are none, or if they are refused.
+/// Recorded tracks; `None` without them or if they are invalid.
 fn tracks(
     motion: &mut Motion,
     scale: &Scale,
@@ -220,19 +220,20 @@ fn is_steady(motion: &Motion, field: Option<&dyn VelocityField>) -> Option<bool>
     }
 }
 
-/// Default margin around the image, px: as far away as a particle's light reaches the image, up to a limit.
+/// Default margin around the image, px: the largest distance from which the light of a particle reaches the
+/// image, up to a limit.
 fn default_margin_px(
     largest: f64,
     settings: &Settings,
     motion: &MotionSource,
     warnings: &mut Vec<String>,
 ) -> f64 {
-    // At high NA, a small part of a particle's light lands thousands of px away. Including it would need many
-    // times more particles than are in view, so this is left to an explicit `margin_px`.
+    // At high NA, a small part of a particle's light lands thousands of px away. Including it would require
+    // many times more particles than are in view, so this needs an explicit `margin_px`.
     let most = f64::from(settings.pixel_dim_x.max(settings.pixel_dim_y)).max(100.0) / 2.0;
     if largest > most && matches!(motion, MotionSource::Field(_)) {
         warnings.push(format!(
-            "particles more than {most} px away from the image are omitted, although a little of their light would reach it; \
+            "particles more than {most} px away from the image are omitted, although some of their light would reach it; \
              boundaries: (margin_px: {largest}) includes them all"
         ));
     }
@@ -318,7 +319,7 @@ fn refuse_flow_keys(spec: &Spec, problems: &mut Problems) {
     }
 }
 
-/// Warns that minimum distances hold only in the first frame, if recordings have further frames.
+/// Warns that minimum distances apply only to the first frame, if recordings have further frames.
 fn warn_spacing(spec: &Spec, warnings: &mut Vec<String>) {
     let goes_on = match spec.timing {
         Timing::Pairs(p) => p.seeding == PairSeeding::Continuing,
@@ -326,8 +327,8 @@ fn warn_spacing(spec: &Spec, warnings: &mut Vec<String>) {
         Timing::FourPulse(_) => true,
     };
     if goes_on && spec.particles.seeding != Placement::Uniform {
-        let what = "particles.seeding applies to the first frame of a recording; the flow then moves particles together and apart, \
-                    and those that enter through open boundaries are independent of the others";
+        let what = "particles.seeding applies to the first frame of a recording; the flow then changes the distances between particles, \
+                    and particles that enter through open boundaries are placed independently of the others";
         warnings.push(what.to_owned());
     }
 }
@@ -349,7 +350,7 @@ fn depth(boundaries: &mut spec::Boundaries, problems: &mut Problems) -> ((f64, f
             format!("({}, {})", z_um.0, z_um.1),
             "two depths in um, the lower one first",
         );
-        // Avoids further problems that follow from this one: other depths fit the range that is meant.
+        // Avoids consequential problems: other depths probably fit the intended range.
         z_um = if z_um.0 > z_um.1 { (z_um.1, z_um.0) } else { DEFAULT_Z_UM };
     }
     (z_um, face(*boundaries.z.get_or_insert(spec::Boundary::Wall)))

@@ -41,9 +41,9 @@ pub struct Scenario {
     pub detector: Option<Detector>,
     /// Files that the scenario refers to, copied to `inputs/` of the dataset; `spec` refers to the copies.
     pub inputs: Vec<Input>,
-    /// Warnings to be shown before the scenario is run.
+    /// Warnings to be shown before the scenario runs.
     pub warnings: Vec<String>,
-    /// What moves the particles.
+    /// The source of particle motion.
     pub motion: MotionSource,
     /// Conversion between px and um.
     pub scale: Scale,
@@ -84,7 +84,7 @@ impl Scenario {
         }
     }
 
-    /// What a cylindrical lens does; `None` without one.
+    /// The effect of a cylindrical lens; `None` without one.
     pub fn cylinder(&self) -> Option<CylinderFacts> {
         CylinderFacts::of(&self.settings, &self.spec.optics)
     }
@@ -105,8 +105,8 @@ impl Scenario {
         FluidRegion::new(field, &self.domain, &self.cloud.bodies).keeping(&self.fluid_shares)
     }
 
-    /// The share of the sensor in which particles are, see [`FluidRegion::image_share`]; 1 without walls
-    /// across the image.
+    /// The fraction of the sensor in which particles can be, see [`FluidRegion::image_share`]; 1 without
+    /// walls across the image.
     pub fn image_share(&self) -> f64 {
         let region = self.domain.region();
         let view = self.scale.view(region.min().z, region.max().z, 0.0);
@@ -123,7 +123,8 @@ impl Scenario {
         }
     }
 
-    /// Smallest, mean and largest diameter of the particles, um: recorded tracks may tell that of each row.
+    /// Smallest, mean and largest diameter of the particles, um: recorded tracks may give the diameter in
+    /// each row.
     pub fn diameters_um(&self) -> [f64; 3] {
         let drawn = self.seeding.diameters();
         let own = [drawn.min(), drawn.mean(), drawn.max()];
@@ -136,8 +137,8 @@ impl Scenario {
         [of(0).fold(f64::INFINITY, f64::min), mean, of(2).fold(0.0, f64::max)]
     }
 
-    /// Diameters that stand for those of all particles, um, increasing: each one that is listed, or quantiles
-    /// of their distribution, see [`flows::Diameters::representative`]; the mean of Gaussian spots.
+    /// Diameters that represent those of all particles, um, increasing: each listed diameter, or quantiles of
+    /// their distribution, see [`flows::Diameters::representative`]; the mean of Gaussian spots.
     pub fn representative_um(&self) -> Vec<f64> {
         if !self.renderer.depends_on_depth() {
             return vec![self.diameters_um()[1]];
@@ -155,8 +156,7 @@ impl Scenario {
         flows::Diameters::list(&weighted).map_or_else(|_| own, |all| all.representative())
     }
 
-    /// The diameters of [`Self::representative_um`] where they are those of a list of several; otherwise
-    /// none.
+    /// The diameters of [`Self::representative_um`] if they come from a list of several; otherwise empty.
     pub fn mixed_um(&self) -> Vec<f64> {
         let [smallest, _, largest] = self.diameters_um();
         let all = self.representative_um();
@@ -178,13 +178,13 @@ impl Scenario {
         }
     }
 
-    /// A warning where the images of one calibration stack stand for particles of several sizes.
+    /// A warning if the images of a single calibration stack represent particles of several sizes.
     pub(super) fn few_stacks(&self) -> Option<String> {
         let (stacks, sizes) = (self.calibrated_um(), self.representative_um());
         let ([d_um], [smallest, .., largest]) = (stacks.as_slice(), sizes.as_slice()) else { return None };
         Some(format!(
-            "calibration: one stack of a particle of {d_um} um stands for particles of {smallest} to {largest} um, whose images \
-             differ in size and brightness; `calibration: stack` makes one for each size"
+            "calibration: a single stack of a particle of {d_um} um represents particles of {smallest} to {largest} um, whose images \
+             differ in size and brightness; `calibration: stack` generates one for each size"
         ))
     }
 

@@ -1,7 +1,7 @@
-//! The splits of a benchmark (train, val, test): the same scenario with other random numbers.
+//! The splits of a benchmark (train, val, test): the same scenario with different random numbers.
 //!
-//! Train is the scenario itself. The seeds of val and of a public test split follow from it, so that anybody
-//! can generate them. Random velocity fields have an independent realization in each split.
+//! Train is the scenario itself. The seeds of val and of a public test split follow from its seed, so that
+//! anyone can generate them. Random velocity fields have an independent realization in each split.
 
 use storage::checksums::Fingerprint;
 use storage::error::{Error, Result};
@@ -14,9 +14,9 @@ use super::spec::{Motion, Spec, Timing};
 pub enum Split {
     /// For training and calibration.
     Train,
-    /// For the choice of parameters.
+    /// For choosing parameters.
     Val,
-    /// For the comparison of trackers.
+    /// For comparing trackers.
     Test,
 }
 
@@ -33,7 +33,7 @@ impl Split {
         }
     }
 
-    /// The split of a name.
+    /// The split with this name.
     ///
     /// # Errors
     /// [`Error::Input`] for another name.
@@ -88,7 +88,7 @@ pub fn derived_seed(seed: u64, name: &str) -> u64 {
 /// The scenario with new seeds for its random velocity fields.
 ///
 /// # Errors
-/// Those of `draw`.
+/// Errors of `draw`.
 pub fn reseeded(mut spec: Spec, mut draw: impl FnMut() -> Result<u64>) -> Result<Spec> {
     match &mut spec.motion {
         Motion::Flow(flow) => flow.field.reseed(&mut draw)?,

@@ -39,10 +39,10 @@ pub struct SweepSpec {
     /// Purpose of the sweep.
     #[serde(default)]
     pub description: String,
-    /// The scenario that is varied: a file, relative to the sweep's.
+    /// The scenario that is varied: a file, relative to the sweep file.
     #[schemars(example = &"")]
     pub base: String,
-    /// What is varied.
+    /// The keys that are varied.
     #[schemars(example = Vec::<Axis>::new())]
     pub axes: Vec<Axis>,
     /// How the axes are combined.
@@ -67,7 +67,7 @@ fn one() -> u32 {
     1
 }
 
-/// A key and the values it takes.
+/// A key and its values.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 pub struct Axis {
     /// Path of a key of the scenario.
@@ -82,9 +82,9 @@ pub struct Axis {
 pub enum Values {
     /// The given values, each written as in a scenario.
     List(#[schemars(length(min = 1))] Vec<Written>),
-    /// Equal steps.
+    /// Values with equal steps.
     Linear(Span),
-    /// Equal ratios.
+    /// Values with equal ratios.
     Log(Span),
 }
 
@@ -156,12 +156,13 @@ pub struct Case {
 /// scenario is relative to it; `seed` replaces that of the text.
 ///
 /// # Errors
-/// As for a scenario; also axes without values, of unequal length in a zip, or along paths that do not exist.
+/// As for a scenario; also axes without values, with unequal numbers of values in a zip, or with paths that
+/// do not exist.
 pub fn parse_sweep(text: &str, name: &str, folder: &Path, seed: Option<u64>) -> Result<Sweep> {
     let source = Arc::new(Source::file(name, text));
     let tree = text::parse(&source).map_err(|problem| Error::Problems(vec![problem]))?;
     if tree.find("motion").1 && !tree.find("base").1 {
-        let hint = format!("`microsig generate {name}` makes its dataset");
+        let hint = format!("run `microsig generate {name}` to generate its dataset");
         return Err(Error::input(format!("{name}: is a scenario; {hint}")));
     }
     let mut problems = Problems::default();
@@ -195,7 +196,7 @@ pub fn parse_sweep(text: &str, name: &str, folder: &Path, seed: Option<u64>) -> 
         .ok_or_else(|| Error::input(format!("{name}: expected at most {MAX_CASES} cases")))?;
     let mut distinct = std::collections::BTreeSet::new();
     if let Some(twice) = combinations.iter().find(|values| !distinct.insert(*values)) {
-        let hint = "expected different cases; `repetitions` makes several of the same";
+        let hint = "expected different cases; use `repetitions` to repeat a case";
         let message = format!("{} occurs twice: {hint}", twice.join(", "));
         return Err(Error::Problems(vec![Problem::other("axes", message).at(&tree.find("axes").0)]));
     }
@@ -242,7 +243,7 @@ fn columns(spec: &SweepSpec, tree: &Node, base: &Node, problems: &mut Problems) 
         let (place, _) = tree.find(&format!("axes.{i}.path"));
         let mut other = |message: &str| problems.push(Problem::other(&axis.path, message).at(&place));
         if axis.path == "name" {
-            other("expected another key, as cases are named after the sweep");
+            other("expected another key, because cases are named after the sweep");
         }
         let below = |inner: &str, outer: &str| {
             inner.strip_prefix(outer).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
@@ -427,7 +428,7 @@ mod tests {
             (path: \"seed\", values: list([])),\n],\n)";
         let found = sweep(text).unwrap_err().to_string();
         let expected = [
-            "sweep.ron:2:8: name = 5: expected a text",
+            "sweep.ron:2:8: name = 5: expected a string",
             "sweep.ron:2:11: unknown key `repetition`; did you mean `repetitions`?",
             "sweep.ron:4:11: combine: unknown variant `zipp`: did you mean `zip`?",
             "sweep.ron:6:2: unknown key `optics.gian`; did you mean `gain`?",

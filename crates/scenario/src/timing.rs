@@ -38,7 +38,7 @@ pub struct Pairs {
     #[serde(default = "default_dt")]
     #[schemars(extend("x-range" = POSITIVE))]
     pub dt_s: f64,
-    /// Time between the A frames of consecutive pairs; matters for unsteady fields and for `seeding:
+    /// Time between the A frames of consecutive pairs; only relevant for unsteady fields and for `seeding:
     /// continuing`.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
@@ -46,14 +46,15 @@ pub struct Pairs {
     /// Whether consecutive pairs show the same particles.
     #[serde(default)]
     pub seeding: PairSeeding,
-    /// Exposure time: particle images become streaks, and the time of a frame is the middle of its exposure.
+    /// Exposure time; particle images become streaks, and the time of a frame is the middle of its exposure.
+    /// 0: instantaneous.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub exposure_s: f64,
-    /// Flashes per frame, if there are several.
+    /// Flashes per frame, if there is more than one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flashes: Option<Flashes>,
-    /// Standard deviation of the frame times; at most a tenth of the time between frames.
+    /// Standard deviation of the frame times (timing jitter); at most a tenth of the time between frames.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub jitter_s: f64,
@@ -80,14 +81,15 @@ pub struct Sequence {
     #[serde(default = "default_dt")]
     #[schemars(extend("x-range" = POSITIVE))]
     pub dt_s: f64,
-    /// Exposure time: particle images become streaks, and the time of a frame is the middle of its exposure.
+    /// Exposure time; particle images become streaks, and the time of a frame is the middle of its exposure.
+    /// 0: instantaneous.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub exposure_s: f64,
-    /// Flashes per frame, if there are several.
+    /// Flashes per frame, if there is more than one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flashes: Option<Flashes>,
-    /// Standard deviation of the frame times; at most a tenth of the time between frames.
+    /// Standard deviation of the frame times (timing jitter); at most a tenth of the time between frames.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub jitter_s: f64,
@@ -111,14 +113,15 @@ pub struct FourPulse {
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub interval_s: f64,
-    /// Exposure time: particle images become streaks, and the time of a frame is the middle of its exposure.
+    /// Exposure time; particle images become streaks, and the time of a frame is the middle of its exposure.
+    /// 0: instantaneous.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub exposure_s: f64,
-    /// Flashes per frame, if there are several.
+    /// Flashes per frame, if there is more than one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flashes: Option<Flashes>,
-    /// Standard deviation of the frame times; at most a tenth of the time between frames.
+    /// Standard deviation of the frame times (timing jitter); at most a tenth of the time between frames.
     #[serde(default)]
     #[schemars(extend("x-range" = NOT_NEGATIVE))]
     pub jitter_s: f64,
@@ -135,7 +138,8 @@ pub struct Flashes {
     pub spacing_s: f64,
 }
 
-/// Gives a displacement of 10 px at the default speed of 1290 um/s with setting 1.
+/// The default time between frames gives a displacement of 10 px at the default speed of 1290 um/s with
+/// setting 1.
 fn default_dt() -> f64 {
     0.005
 }
@@ -150,7 +154,7 @@ fn default_gap() -> f64 {
 pub(super) struct Frames {
     /// Exposure time, s.
     pub(super) exposure_s: f64,
-    /// Flashes per frame, if there are several.
+    /// Flashes per frame, if there is more than one.
     pub(super) flashes: Option<Flashes>,
     /// Standard deviation of the frame times, s.
     pub(super) jitter_s: f64,

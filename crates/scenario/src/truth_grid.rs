@@ -9,15 +9,15 @@ use super::language::problems::Problems;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TruthGrid {
-    /// On a grid in the middle of the image; an unsteady flow is written for every pair, on a coarser grid by
-    /// default.
+    /// On a grid centered in the image; an unsteady flow is written for every pair, by default on a coarser
+    /// grid.
     Grid(FieldGrid),
     /// No displacement field.
     None,
 }
 
-/// Nodes and definitions. Defaults depend on the flow: an unsteady field is written for every pair, so its
-/// grid is coarser.
+/// Nodes and definitions. The defaults depend on the flow: an unsteady field is written for every pair, so
+/// its default grid is coarser.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct FieldGrid {
@@ -33,11 +33,12 @@ pub struct FieldGrid {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "peak_squared; none if the flow is unsteady"))]
     pub weighting: Option<Weighting>,
-    /// Side of a square window for an additional column: the central displacement averaged over the window.
+    /// Side of a square window; an additional column contains the central displacement averaged over this
+    /// window.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 1e-3, max = 1e5), example = 32.0)]
     pub window_px: Option<f64>,
-    /// Whether the backward displacement, which ends at the node, is also written.
+    /// Whether to write also the backward displacement, which ends at the node.
     pub backward: bool,
 }
 
@@ -47,7 +48,7 @@ pub struct FieldGrid {
 pub enum Planes {
     /// The centers of N equal slices of the depth range, and the center of the range itself.
     Even(#[schemars(range(min = 1, max = MAX_PLANES), example = 5)] u32),
-    /// The given physical depths.
+    /// These physical depths.
     AtUm(
         #[schemars(
             length(min = 1, max = MAX_PLANES),
@@ -139,7 +140,7 @@ impl TruthGrid {
     }
 }
 
-/// The nodes of a grid and what is written at them.
+/// The nodes of a grid and the quantities written at them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Nodes {
     /// x coordinates of the nodes, px.
@@ -156,16 +157,17 @@ pub struct Nodes {
     pub backward: bool,
 }
 
-/// Optional truth.
+/// Optional columns and files of the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct TruthColumns {
-    /// The velocity gradient at each particle: nine columns of `truth/tracks.csv`, which nearly double the
-    /// table.
+    /// Whether to write the velocity gradient at each particle: nine columns of `truth/tracks.csv`, which
+    /// nearly double its size.
     pub gradient: bool,
-    /// Boxes and masks of particle images for detectors, `truth/boxes.csv`.
+    /// Whether to write boxes and masks of particle images for detectors, `truth/boxes.csv`.
     pub boxes: bool,
-    /// Share of an image's own noise-free peak above which pixels belong to it.
+    /// Threshold of boxes and masks: fraction of the noise-free peak of a particle image above which pixels
+    /// belong to it.
     #[schemars(range(min = 0.001, max = 0.9))]
     pub box_share: f64,
 }

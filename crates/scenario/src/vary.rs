@@ -27,7 +27,7 @@ impl Scenario {
     /// range. The result is the scenario that would be resolved with this value, except for its warnings.
     ///
     /// # Errors
-    /// [`Error::Problems`] if so many particles do not fit into the box.
+    /// [`Error::Problems`] if the particles do not fit into the box.
     pub fn replace(&mut self, path: &str, value: f64) -> Result<()> {
         let optics = &mut self.spec.optics;
         match path {

@@ -22,8 +22,8 @@ fn random() -> impl FnMut() -> f64 {
     }
 }
 
-/// Particles that drift over a square of `side` px, and where a tracker with errors of up to `error` px finds
-/// them.
+/// Particles that drift over a square of `side` px, and the positions at which a tracker with errors of up to
+/// `error` px finds them.
 fn scene(n: usize, frames: u32, side: f64, error: f64) -> (Vec<TrackRow>, Vec<TrackRow>) {
     let mut random = random();
     let (mut truth, mut found) = (Vec::new(), Vec::new());

@@ -24,7 +24,7 @@ params! {
         amplitudes_um_s: [f64; 3] = [600.0, 489.898, 346.41], "finite";
         /// Wavelength, um.
         wavelength_um: f64 = 100.0, "> 0";
-        /// Origin of the phases, um.
+        /// Point at which all phases are zero, um.
         #[alias = "centre_um"]
         center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
     }

@@ -3,12 +3,12 @@
 //!
 //! A standing pressure wave with n half wavelengths across a channel of width W (y) and depth 2 h (z from the
 //! mid-plane), k = n pi / W, K = 2 k, drives the following flow outside the thin viscous boundary layers
-//! (Rayleigh, Phil. Trans. 175 (1884) 1; Muller et al., Phys. Rev. E 88 (2013) 023006):
-//!   u_y = F'(z) S(y), u_z = -F(z) S'(y), S = -sin(K (y + W/2)), F = b [z cosh Kz - h coth(Kh) sinh Kz],
-//! where b = u0 sinh Kh / (sinh Kh cosh Kh - Kh). This is a creeping flow with the slip velocity u0 S at the
-//! plates, u0 = (3/8) va^2 / c0, and 4 n rolls. For n = 1, S = sin Ky: the flow is toward the side walls at
-//! the plates and back in the mid-plane. F S is invariant. At the side walls the flux is zero but not the
-//! slip; the viscous boundary layers (0.4 um at 2 MHz in water) are not modeled.
+//! (Rayleigh, Phil. Trans. 175 (1884) 1; Muller et al., Phys. Rev. E 88 (2013) 023006): u_y = F'(z) S(y), u_z
+//! = -F(z) S'(y), S = -sin(K (y + W/2)), F = b [z cosh Kz - h coth(Kh) sinh Kz], where b = u0 sinh Kh / (sinh
+//! Kh cosh Kh - Kh). This is a creeping flow with the slip velocity u0 S at the plates, u0 = (3/8) va^2 / c0,
+//! and 4 n rolls. For n = 1, S = sin Ky: the flow is toward the side walls at the plates and away from them
+//! in the mid-plane. F S is invariant. At the side walls the flux is zero but not the slip; the viscous
+//! boundary layers (0.4 um at 2 MHz in water) are not modeled.
 //!
 //! Acoustophoresis: the radiation force drives particles of diameter d at u_y = v sin(2 k (y + W/2)), v = (2
 //! Phi / 3) k (d/2)^2 E / mu (Barnkob et al., Lab Chip 10 (2010) 563), toward the pressure nodes for a
@@ -39,16 +39,16 @@ const MAX_KH: f64 = 300.0;
 params! {
     /// Parameters of [`RayleighStreaming`].
     RayleighStreamingParams {
-        /// Greatest slip velocity u0 at the plates, um/s.
+        /// Maximum slip velocity u0 at the plates, um/s.
         slip_speed_um_s: f64 = 50.0, "finite";
-        /// Distance of the side walls, um.
+        /// Distance between the side walls, um.
         width_um: f64 = 236.0, "> 0";
-        /// Half waves across the channel.
+        /// Number of half wavelengths across the channel.
         half_waves: u32 = 1, "1 or more, 2 pi half_waves depth / width at most 600";
-        /// Middle between the side walls, um.
+        /// y of the center between the side walls, um.
         #[alias = "centre_y_um"]
         center_y_um: f64 = 0.0, "finite";
-        /// Floor and ceiling, um.
+        /// z of floor and ceiling, um.
         walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
     }
 }
@@ -80,15 +80,15 @@ params! {
         energy_density_j_m3: f64 = 10.0, ">= 0";
         /// Acoustic contrast factor; 0.165 for polystyrene in water.
         contrast_factor: f64 = 0.165, "finite";
-        /// Diameter for the truth on a grid, um; each particle moves according to its own.
+        /// Diameter for the truth on a grid, um; each particle moves according to its own diameter.
         diameter_um: f64 = 2.0, "> 0";
         /// Dynamic viscosity, Pa s.
         viscosity_pa_s: f64 = 0.89e-3, "> 0";
-        /// Distance of the side walls, um.
+        /// Distance between the side walls, um.
         width_um: f64 = 236.0, "> 0";
-        /// Half waves across the channel.
+        /// Number of half wavelengths across the channel.
         half_waves: u32 = 1, "1 or more";
-        /// Middle between the side walls, um.
+        /// y of the center between the side walls, um.
         #[alias = "centre_y_um"]
         center_y_um: f64 = 0.0, "finite";
     }

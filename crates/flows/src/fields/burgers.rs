@@ -29,13 +29,13 @@ const GAUSS_TIME: f64 = 0.4;
 params! {
     /// Parameters of [`Burgers`].
     BurgersParams {
-        /// Greatest speed of the swirl, um/s; positive turns x towards y.
+        /// Maximum swirl speed, um/s; positive: from x toward y.
         max_speed_um_s: f64 = 1290.0, "finite";
         /// Radius of the core, um.
         core_radius_um: f64 = 40.0, "> 0";
-        /// Rate of stretching along the axis, 1/s.
+        /// Strain rate along the axis, 1/s.
         strain_rate_per_s: f64 = 5.0, "> 0";
-        /// The point at rest, um.
+        /// Stagnation point, um.
         #[alias = "centre_um"]
         center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
     }

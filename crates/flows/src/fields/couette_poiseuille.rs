@@ -22,11 +22,11 @@ params! {
     CouettePoiseuilleParams {
         /// Velocity of the ceiling, um/s.
         wall_speed_um_s: f64 = 1290.0, "finite";
-        /// Greatest speed of the pressure-driven part alone, um/s; negative against the ceiling.
+        /// Maximum speed of the pressure-driven part alone, um/s; negative: against `direction_rad`.
         pressure_speed_um_s: f64 = -430.0, "finite";
-        /// Floor and ceiling, um.
+        /// z of floor and ceiling, um.
         walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
-        /// Direction of the flow in the image plane, from x towards y, rad.
+        /// Direction of the flow in the image plane, from x toward y, rad.
         direction_rad: f64 = 0.0, "finite";
     }
 }

@@ -4,12 +4,11 @@
 //! The drop is a parabolic cap of height h = h0 s, s = 1 - rho^2 / R^2, z being measured from the floor.
 //!
 //! Toroidal: the polynomial stream function psi = P (rho/R)^2 s z^2 (h0 s - z) / h0^3, a model (not a
-//! solution of Stokes' equations) with no slip at the floor and no flux through the surface:
-//!   u_rho = -(rho P / R^2) s (2 h0 s z - 3 z^2) / h0^3,
-//!   u_z = (P / (R^2 h0^3)) z^2 [2 (h0 s^2 - z s) - (2 rho^2 / R^2) (2 h0 s - z)].
-//! For P > 0 the flow is inward near the floor and outward along the surface. psi is invariant. The formula
-//! is continued to 10 % above the surface, for trial steps of the integrator; beyond that the velocity is
-//! zero.
+//! solution of Stokes' equations) with no slip at the floor and no flux through the surface: u_rho = -(rho P
+//! / R^2) s (2 h0 s z - 3 z^2) / h0^3, u_z = (P / (R^2 h0^3)) z^2 [2 (h0 s^2 - z s) - (2 rho^2 / R^2) (2 h0 s
+//! - z)]. For P > 0 the flow is inward near the floor and outward along the surface. psi is invariant. The
+//! formula is extended to 10 % above the surface, because the integrator may probe points there; beyond that
+//! the velocity is zero.
 //!
 //! Coffee ring: lubrication flow toward the pinned contact line of a thin drop that dries in the time tf by
 //! diffusion-limited evaporation (Deegan et al., Phys. Rev. E 62 (2000) 756; Hu & Larson, J. Phys. Chem. B
@@ -37,7 +36,7 @@ use glam::{DVec2, DVec3};
 const TOROIDAL: ParameterCheck = ParameterCheck("toroidal_drop");
 const COFFEE: ParameterCheck = ParameterCheck("coffee_ring");
 
-/// Height up to which the toroidal formula is continued, relative to that of the surface.
+/// Height up to which the toroidal formula is extended, relative to that of the surface.
 const BEYOND: f64 = 1.1;
 /// Radius from which tracers are deposited, relative to that of the drop.
 const RIM: f64 = 0.98;
@@ -45,13 +44,13 @@ const RIM: f64 = 0.98;
 params! {
     /// Parameters of [`ToroidalDrop`].
     ToroidalDropParams {
-        /// Strength P of the circulation, um^3/s; positive is inward along the floor.
+        /// Strength P of the circulation, um^3/s; positive: inward along the floor.
         strength_um3_s: f64 = 4e6, "finite";
-        /// Radius of the drop on the floor, um.
+        /// Radius of the base of the drop, um.
         radius_um: f64 = 200.0, "> 0";
-        /// Height in the middle, um.
+        /// Height at the center, um.
         height_um: f64 = 60.0, "> 0";
-        /// Middle of the drop on the floor, um.
+        /// Center of the base of the drop, um.
         #[alias = "centre_um"]
         center_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
     }
@@ -82,11 +81,11 @@ params! {
     CoffeeRingParams {
         /// Time from t = 0 until the drop is dry, s.
         drying_time_s: f64 = 5.0, "> 0";
-        /// Radius of the drop on the floor, um.
+        /// Radius of the base of the drop, um.
         radius_um: f64 = 200.0, "> 0";
-        /// Height in the middle at t = 0, um.
+        /// Height at the center at t = 0, um.
         height_um: f64 = 60.0, "> 0";
-        /// Middle of the drop on the floor, um.
+        /// Center of the base of the drop, um.
         #[alias = "centre_um"]
         center_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
     }
@@ -213,7 +212,7 @@ impl CoffeeRing {
         })
     }
 
-    /// Height in the middle, um.
+    /// Height at the center, um.
     pub fn height(&self, t: f64) -> f64 {
         self.cap.height * (1.0 - t / self.drying_time).max(0.0)
     }

@@ -41,12 +41,12 @@ params! {
         /// Instead of `max_speed_um_s`: mean speed over the cross-section, um/s.
         #[otherwise = "none"]
         mean_speed_um_s: Option<f64> = None, "finite";
-        /// Instead of `max_speed_um_s`: flow rate, ul/min.
+        /// Instead of `max_speed_um_s`: volumetric flow rate, ul/min.
         #[otherwise = "none"]
         flow_rate_ul_min: Option<f64> = None, "finite";
-        /// Distance of the side walls, um.
+        /// Distance between the side walls, um.
         width_um: f64 = 200.0, "> 0";
-        /// Middle between the side walls, um.
+        /// y of the center between the side walls, um.
         #[alias = "centre_y_um"]
         center_y_um: f64 = 0.0, "finite";
         /// Floor and ceiling, um.
@@ -67,7 +67,7 @@ impl FieldParameters for DuctParams {
 
     fn fit_to(&mut self, depths: DepthRange) {
         self.walls_z_um.get_or_insert(depths.walls());
-        // `build` reports what cannot be converted.
+        // `build` reports values that cannot be converted.
         if let Ok(max) = Duct::new(self).map(|duct| duct.max_speed) {
             (self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min) = (Some(max), None, None);
         }
@@ -215,7 +215,7 @@ impl VelocityField for Duct {
         // The speed decreases from the axis to all sides: it is highest at the point of the box nearest to
         // the axis.
         let nearest = DVec3::new(0.0, self.center.x, self.center.y).clamp(region.min(), region.max());
-        // Near the side walls the truncated sum may exceed the exact one by the truncation error.
+        // Near the side walls, the truncated sum may exceed the exact one by the truncation error.
         (self.speed(nearest).0.abs() + 1e-6 * self.max_speed.abs()) * ROUNDING_MARGIN
     }
 }

@@ -5,7 +5,7 @@
 //! Helmholtz-Smoluchowski slip velocity (Bruus, Theoretical Microfluidics, section 9.2; 50 mV and 100 V/cm in
 //! water give 390 um/s). Debye lengths in water are far below the resolution of a microscope, so that the
 //! default is the thin-layer limit: plug flow with slip at the plates. In a channel that is closed at its
-//! ends, pressure drives the same flow rate back: the parabola of the same mean is subtracted; for the thin
+//! ends, pressure drives the same flow rate back: a parabola with the same mean is subtracted; for the thin
 //! layer u = U (1 - 6 s (1 - s)), which is zero at s = (1 +- 1/sqrt 3) / 2. Trajectories are straight lines.
 //! Beyond the plates the velocity is zero.
 
@@ -25,15 +25,15 @@ const CHECK: ParameterCheck = ParameterCheck("electro_osmotic");
 params! {
     /// Parameters of [`ElectroOsmotic`].
     ElectroOsmoticParams {
-        /// Slip velocity of a thin layer, um/s.
+        /// Helmholtz-Smoluchowski slip velocity U, um/s.
         slip_speed_um_s: f64 = 390.0, "finite";
-        /// Debye length, um; 0 is the thin limit.
+        /// Debye length, um; 0: thin-layer limit.
         debye_length_um: f64 = 0.0, ">= 0";
-        /// Whether the channel is closed at its ends, so that nothing flows on average.
+        /// Whether the channel is closed at its ends, so that the net flow rate is zero.
         closed: bool = false, "true or false";
-        /// Floor and ceiling, um.
+        /// z of floor and ceiling, um.
         walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
-        /// Direction of the flow in the image plane, from x towards y, rad.
+        /// Direction of the flow in the image plane, from x toward y, rad.
         direction_rad: f64 = 0.0, "finite";
     }
 }

@@ -28,10 +28,10 @@ params! {
         mean_speed_um_s: f64 = 430.0, "finite";
         /// Radius of the pillar, um.
         radius_um: f64 = 60.0, "> 0";
-        /// Axis of the pillar, x and y, um.
+        /// x and y of the axis of the pillar, um.
         #[alias = "centre_um"]
         center_um: [f64; 2] = [0.0, 0.0], "finite";
-        /// Floor and ceiling, um.
+        /// z of floor and ceiling, um.
         walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
     }
 }

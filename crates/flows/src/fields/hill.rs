@@ -31,7 +31,7 @@ params! {
         radius_um: f64 = 40.0, "> 0";
         /// Direction of the axis.
         axis: Axis = Axis::X, "x, y or z";
-        /// Whether the vortex moves and the fluid far away rests, or the other way round.
+        /// true: the vortex moves through fluid at rest; false: the fluid flows past a vortex at rest.
         moving: bool = false, "true or false";
         /// The center at t = 0, um.
         #[alias = "centre_um"]

@@ -42,11 +42,11 @@ params! {
         wavelength_um: f64 = 100.0, "> 0";
         /// Number of modes.
         modes: u32 = 200, "1 to 100000";
-        /// Spread of the frequencies, in units of u' k.
+        /// Standard deviation of the angular frequencies, in units of u' k; 0: a frozen field.
         unsteadiness: f64 = 0.0, ">= 0";
-        /// Periods along x, y and z, um; 0 for none.
+        /// Periods along x, y and z, um; 0: not periodic.
         period_um: [f64; 3] = [0.0, 0.0, 0.0], ">= 0, 0 or several wavelengths";
-        /// Seed of the modes.
+        /// Seed of the random modes.
         seed: u64 = 1, "any";
     }
 }

@@ -37,13 +37,13 @@ const GAUSS_RATIO: f64 = 1.5;
 params! {
     /// Parameters of [`LambOseen`].
     LambOseenParams {
-        /// Greatest speed at t = 0, um/s; positive turns x towards y.
+        /// Maximum speed at t = 0, um/s; positive: from x toward y.
         max_speed_um_s: f64 = 1290.0, "finite";
         /// Radius of the core at t = 0, um.
         core_radius_um: f64 = 40.0, "> 0";
-        /// Kinematic viscosity, um^2/s; 0 is a steady vortex, water 1e6.
+        /// Kinematic viscosity, um^2/s; 0: a steady vortex; water: 1e6.
         viscosity_um2_s: f64 = 0.0, ">= 0";
-        /// The axis, x and y, um.
+        /// x and y of the axis, um.
         #[alias = "centre_um"]
         center_um: [f64; 2] = [0.0, 0.0], "finite";
     }
@@ -83,7 +83,7 @@ pub struct LambOseen {
 }
 
 impl LambOseen {
-    /// The vortex at `center` (x, y in um) with a circulation (um^2/s; positive turns x towards y, clockwise
+    /// The vortex at `center` (x, y in um) with a circulation (um^2/s; positive: from x toward y, clockwise
     /// on the screen), the core radius at t = 0 (um, > 0) and the kinematic viscosity (um^2/s, >= 0; water
     /// 1e6).
     pub fn from_circulation(center: DVec2, circulation: f64, core_radius: f64, nu: f64) -> Result<Self> {
@@ -227,7 +227,7 @@ mod tests {
     fn the_peak_is_where_and_as_high_as_asked() {
         let speed = |r: f64| vortex(0.0).velocity(DVec3::new(5.0 + r, -3.0, 9.0), 0.0);
         let peak = 40.0 * libm::sqrt(PEAK_Q);
-        // Positive circulation turns x towards y.
+        // Positive circulation rotates x toward y.
         assert!((speed(peak) - DVec3::new(0.0, 1290.0, 0.0)).length() < 1e-9);
         assert!(speed(peak * 0.99).y < 1290.0 && speed(peak * 1.01).y < 1290.0);
         // Far from the core it is a line vortex; e^-625 is negligible.

@@ -43,13 +43,13 @@ impl FieldParameters for UniformParams {
 params! {
     /// Parameters of simple shear, [`Linear::from_shear`].
     ShearParams {
-        /// Growth of the velocity per length across the layers, 1/s.
+        /// Shear rate g, 1/s.
         rate_per_s: f64 = 12.9, "finite";
         /// Direction of the velocity.
         along: Axis = Axis::X, "x, y or z";
-        /// Direction in which it grows.
+        /// Direction of the velocity gradient.
         across: Axis = Axis::Z, "x, y or z, other than along";
-        /// A point of the layer at rest, um.
+        /// A point in the layer at rest, um.
         #[alias = "centre_um"]
         center_um: Option<[f64; 3]> = None, "finite; unless given, on the floor";
     }
@@ -80,9 +80,9 @@ impl FieldParameters for ShearParams {
 params! {
     /// Parameters of solid rotation, [`Linear::from_rotation`].
     RotationParams {
-        /// Angular velocity along its axis, rad/s; positive z looks clockwise on the screen.
+        /// Angular velocity vector, rad/s; a positive z component is clockwise on the screen.
         omega_rad_s: [f64; 3] = [0.0, 0.0, 5.0], "finite";
-        /// A point of the axis, um.
+        /// A point on the axis, um.
         #[alias = "centre_um"]
         center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
     }
@@ -115,24 +115,24 @@ impl FieldParameters for RotationParams {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Strain {
-    /// Stretching along x, shrinking along y at the same rate.
+    /// Extension along x, compression along y at the same rate.
     Planar,
-    /// Stretching along x, shrinking at half the rate along y and z.
+    /// Extension along x, compression at half the rate along y and z.
     UniaxialX,
-    /// Stretching along y.
+    /// Extension along y.
     UniaxialY,
-    /// Stretching along z.
+    /// Extension along z.
     UniaxialZ,
 }
 
 params! {
     /// Parameters of pure strain, [`Linear::from_strain`].
     StrainParams {
-        /// Rate of stretching, 1/s.
+        /// Strain rate e, 1/s; negative: compression along the axis of extension.
         rate_per_s: f64 = 10.0, "finite";
         /// Planar in xy, or uniaxial along an axis.
         kind: Strain = Strain::Planar, "planar, uniaxial_x, uniaxial_y or uniaxial_z";
-        /// The point at rest, um.
+        /// Stagnation point, um.
         #[alias = "centre_um"]
         center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
     }
@@ -161,9 +161,9 @@ impl FieldParameters for StrainParams {
 params! {
     /// Parameters of isotropic dilatation, [`Linear::from_dilatation`].
     DilatationParams {
-        /// Rate of stretching along every axis, 1/s.
+        /// Rate of expansion along every axis, 1/s; negative: contraction.
         rate_per_s: f64 = 5.0, "finite";
-        /// The point at rest, um.
+        /// Stagnation point, um.
         #[alias = "centre_um"]
         center_um: Option<[f64; 3]> = None, "finite; unless given, mid-depth";
     }

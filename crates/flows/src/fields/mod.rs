@@ -145,7 +145,7 @@ const MID_DEPTH: [f64; 3] = [0.0, 0.0, -30.0];
 /// The center of its floor, um: the default center of flows attached to the floor.
 const ON_FLOOR: [f64; 3] = [0.0, 0.0, -80.0];
 
-/// Factor on speed bounds that are sharp in exact arithmetic, so that rounding cannot make them too small.
+/// Factor for speed bounds that are sharp in exact arithmetic, so that rounding cannot make them too small.
 const ROUNDING_MARGIN: f64 = 1.0 + 1e-12;
 
 /// Longest step across a surface where the gradient is discontinuous, as a fraction of its radius.

@@ -22,11 +22,11 @@ params! {
     TanhLayerParams {
         /// Mean of the two speeds, um/s.
         mean_speed_um_s: f64 = 645.0, "finite";
-        /// Difference of the two speeds, that of positive y less that of negative y, um/s.
+        /// Speed at large positive y minus speed at large negative y, um/s.
         difference_um_s: f64 = 1290.0, "finite";
         /// Thickness of the layer, um.
         thickness_um: f64 = 12.9, "> 0";
-        /// Middle of the layer, um.
+        /// y of the center of the layer, um.
         #[alias = "centre_y_um"]
         center_y_um: f64 = 0.0, "finite";
     }
@@ -51,11 +51,11 @@ impl FieldParameters for TanhLayerParams {
 params! {
     /// Parameters of [`BickleyJet`].
     BickleyJetParams {
-        /// Speed in the middle, um/s.
+        /// Speed at the center line, um/s.
         max_speed_um_s: f64 = 1290.0, "finite";
-        /// Half width: there the speed is 0.42 of the greatest, um.
+        /// Half width, at which the speed is 0.42 of the maximum, um.
         half_width_um: f64 = 40.0, "> 0";
-        /// Middle of the jet, um.
+        /// y of the center line, um.
         #[alias = "centre_y_um"]
         center_y_um: f64 = 0.0, "finite";
     }

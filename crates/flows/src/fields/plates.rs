@@ -60,7 +60,7 @@ pub(super) fn inside(height: f64) -> bool {
     (0.0..=1.0).contains(&height)
 }
 
-/// The unit vector at an angle (rad) from image x towards image y.
+/// The unit vector at an angle (rad) from image x toward image y.
 pub(super) fn direction(check: ParameterCheck, direction_rad: f64) -> Result<DVec3> {
     let (sin, cos) = libm::sincos(check.finite("direction_rad", direction_rad)?);
     Ok(DVec3::new(cos, sin, 0.0))

@@ -21,21 +21,21 @@ const CHECK: ParameterCheck = ParameterCheck("poiseuille");
 params! {
     /// Parameters of [`Poiseuille`].
     PoiseuilleParams {
-        /// Speed half-way between the plates, um/s; negative is the other way.
+        /// Speed midway between the plates, um/s; negative: opposite direction.
         #[otherwise = "1290.0"]
         max_speed_um_s: Option<f64> = None, "finite";
         /// Instead of `max_speed_um_s`: mean speed over the cross-section, um/s.
         #[otherwise = "none"]
         mean_speed_um_s: Option<f64> = None, "finite";
-        /// Instead of `max_speed_um_s`: flow rate, ul/min between plates of `width_um`.
+        /// Instead of `max_speed_um_s`: volumetric flow rate through the width `width_um`, ul/min.
         #[otherwise = "none"]
         flow_rate_ul_min: Option<f64> = None, "finite";
-        /// Width of the plates for `flow_rate_ul_min`, um; the flow is the same everywhere between them.
+        /// Channel width for `flow_rate_ul_min`, um; the velocity does not vary across it.
         #[otherwise = "none"]
         width_um: Option<f64> = None, "> 0";
-        /// Floor and ceiling, um.
+        /// z of floor and ceiling, um.
         walls_z_um: Option<[f64; 2]> = None, "finite, floor below ceiling; unless given, the depth range";
-        /// Direction of the flow in the image plane, from x towards y, rad.
+        /// Direction of the flow in the image plane, from x toward y, rad.
         direction_rad: f64 = 0.0, "finite";
     }
 }
@@ -53,7 +53,7 @@ impl FieldParameters for PoiseuilleParams {
 
     fn fit_to(&mut self, depths: DepthRange) {
         self.walls_z_um.get_or_insert(depths.walls());
-        // `build` reports what cannot be converted.
+        // `build` reports values that cannot be converted.
         if let Ok(max) = self.max_speed() {
             (self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min) = (Some(max), None, None);
             self.width_um = None;
@@ -73,12 +73,12 @@ impl PoiseuilleParams {
             flow_rate_ul_min: self.flow_rate_ul_min,
         };
         if let (Some(width_um), None) = (self.width_um, self.flow_rate_ul_min) {
-            return Err(CHECK.fault("width_um", width_um, "nothing without flow_rate_ul_min"));
+            return Err(CHECK.fault("width_um", width_um, "no value without flow_rate_ul_min"));
         }
         speed.max(CHECK, 2.0 / 3.0, || {
             let [floor, ceiling] = CHECK.increasing("walls_z_um", self.walls_z_um.unwrap_or(CHANNEL))?;
             let Some(width_um) = self.width_um else {
-                let allowed = "nothing without width_um, the width of the channel";
+                let allowed = "no value without width_um, the width of the channel";
                 return Err(CHECK.fault(
                     "flow_rate_ul_min",
                     self.flow_rate_ul_min.unwrap_or_default(),
@@ -101,7 +101,7 @@ pub struct Poiseuille {
 
 impl Poiseuille {
     /// The flow with `max_speed` (um/s; negative: opposite direction) midway between `floor` and `ceiling` (z
-    /// in um), in the direction at `angle` (rad) from image x towards image y, that is, clockwise on the
+    /// in um), in the direction at `angle` (rad) from image x toward image y, that is, clockwise on the
     /// screen. `Err` if a value is not finite or the floor is not below the ceiling.
     pub fn new(max_speed: f64, floor: f64, ceiling: f64, angle: f64) -> Result<Self> {
         CHECK.finite("max_speed_um_s", max_speed)?;

@@ -16,11 +16,11 @@ const CHECK: ParameterCheck = ParameterCheck("rankine");
 params! {
     /// Parameters of [`Rankine`].
     RankineParams {
-        /// Speed at the edge of the core, um/s; positive turns x towards y.
+        /// Speed at the edge of the core, um/s; positive: from x toward y.
         max_speed_um_s: f64 = 1290.0, "finite";
         /// Radius of the core, um.
         core_radius_um: f64 = 40.0, "> 0";
-        /// The axis, x and y, um.
+        /// x and y of the axis, um.
         #[alias = "centre_um"]
         center_um: [f64; 2] = [0.0, 0.0], "finite";
     }

@@ -23,24 +23,24 @@ const CHECK: ParameterCheck = ParameterCheck("sinusoid");
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Variation {
-    /// Across the velocity, along y.
+    /// Perpendicular to the velocity, along y.
     Transverse,
-    /// Along the velocity, x.
+    /// Along the velocity, in x.
     Longitudinal,
-    /// Along both.
+    /// Along x and y.
     Product,
 }
 
 params! {
     /// Parameters of [`Sinusoid`].
     SinusoidParams {
-        /// Greatest speed, um/s.
+        /// Maximum speed A, um/s.
         amplitude_um_s: f64 = 387.0, "finite";
         /// Wavelength, um.
         wavelength_um: f64 = 41.28, "> 0";
-        /// Phase at the middle of the image, rad.
+        /// Phase p at the center of the image, rad.
         phase_rad: f64 = 0.0, "finite";
-        /// Along which axes the velocity varies.
+        /// Directions in which the velocity varies.
         variation: Variation = Variation::Transverse, "transverse, longitudinal or product";
     }
 }

@@ -8,7 +8,7 @@ const MAX_SPEED_UM_S: f64 = 1290.0;
 /// um^3/s in a flow rate of 1 ul/min.
 const UM3_PER_S: f64 = 1e9 / 60.0;
 
-/// What is given: one of the three, or nothing.
+/// The given speed: one of the three, or none.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Speed {
     pub(super) max_um_s: Option<f64>,
@@ -48,7 +48,8 @@ impl Speed {
                 let given: Vec<(&str, f64)> =
                     given.into_iter().filter_map(|(name, value)| Some((name, value?))).collect();
                 let others: Vec<&str> = given[1..].iter().map(|(name, _)| *name).collect();
-                let message = format!("nothing beside {}: one of them sets the speed", others.join(" and "));
+                let message =
+                    format!("no value besides {}: only one of them sets the speed", others.join(" and "));
                 Err(check.fault(given[0].0, given[0].1, &message))
             }
         }
@@ -122,7 +123,7 @@ mod tests {
             DuctParams { max_speed_um_s: Some(1.0), flow_rate_ul_min: Some(2.0), ..DuctParams::default() };
         let said = two.build().err().unwrap().to_string();
         assert!(
-            said.contains("max_speed_um_s = 1") && said.contains("nothing beside flow_rate_ul_min"),
+            said.contains("max_speed_um_s = 1") && said.contains("no value besides flow_rate_ul_min"),
             "{said}"
         );
         let wide = PoiseuilleParams { flow_rate_ul_min: Some(2.0), ..PoiseuilleParams::default() };

@@ -64,13 +64,13 @@ impl FieldParameters for StokesSphereParams {
 params! {
     /// Parameters of [`StokesCylinder`].
     StokesCylinderParams {
-        /// Speed along x on the surface of the cell and beyond, um/s.
+        /// Speed along x on the surface of the cell and outside it, um/s.
         speed_um_s: f64 = 1290.0, "finite";
         /// Radius of the cylinder, um.
         radius_um: f64 = 30.0, "> 0";
         /// Radius of the cell, um.
         cell_radius_um: f64 = 200.0, "> 1.05 radius_um";
-        /// The axis, x and y, um.
+        /// x and y of the axis, um.
         #[alias = "centre_um"]
         center_um: [f64; 2] = [0.0, 0.0], "finite";
     }

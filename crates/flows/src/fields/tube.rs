@@ -28,12 +28,12 @@ params! {
         /// Instead of `max_speed_um_s`: mean speed over the cross-section, um/s.
         #[otherwise = "none"]
         mean_speed_um_s: Option<f64> = None, "finite";
-        /// Instead of `max_speed_um_s`: flow rate, ul/min.
+        /// Instead of `max_speed_um_s`: volumetric flow rate, ul/min.
         #[otherwise = "none"]
         flow_rate_ul_min: Option<f64> = None, "finite";
         /// Inner radius, um.
         radius_um: Option<f64> = None, "> 0; unless given, half the depth range";
-        /// The axis, y and z, um.
+        /// y and z of the axis, um.
         #[alias = "centre_yz_um"]
         center_yz_um: Option<[f64; 2]> = None, "finite; unless given, (0, mid-depth)";
     }
@@ -53,7 +53,7 @@ impl FieldParameters for TubeParams {
     fn fit_to(&mut self, depths: DepthRange) {
         self.center_yz_um.get_or_insert([0.0, depths.middle()[2]]);
         self.radius_um.get_or_insert(depths.half_depth());
-        // `build` reports what cannot be converted.
+        // `build` reports values that cannot be converted.
         if let Ok(max) = self.max_speed() {
             (self.max_speed_um_s, self.mean_speed_um_s, self.flow_rate_ul_min) = (Some(max), None, None);
         }

@@ -8,8 +8,8 @@
 //! Density is the number of particles per volume of fluid. The layer of one radius at walls that centers
 //! cannot enter is compensated for: at walls of the box by squeezing, at walls of a field and at bodies by a
 //! correspondingly higher density of candidates, because candidates that would overlap a wall are discarded.
-//! A number in a view is the number of particles there, however much of the view is solid. For polydisperse
-//! particles both hold to first order in the size differences.
+//! A number in a view is the number of particles there, regardless of how much of the view is solid. For
+//! polydisperse particles both hold to first order in the size differences.
 
 mod spacing;
 #[cfg(test)]
@@ -118,7 +118,7 @@ impl Seeding {
             _ => Err(CHECK.fault(
                 "seeding",
                 "a jittered grid",
-                "a mean number (a density) with it, not an exact one",
+                "a density or a mean number of particles, not an exact number",
             )),
         }
     }
@@ -129,7 +129,7 @@ impl Seeding {
         self.apart_in(gap, 3)
     }
 
-    /// The same for the distance in the image plane, whatever the depths, so that particle images of that
+    /// The same for the distance in the image plane, regardless of depth, so that particle images of that
     /// size do not overlap.
     pub fn apart_in_image(self, gap: f64) -> Result<Self> {
         self.apart_in(gap, 2)
@@ -138,7 +138,9 @@ impl Seeding {
     fn apart_in(self, gap: f64, dims: usize) -> Result<Self> {
         CHECK.finite("apart", gap)?;
         match self.number {
-            Number::List(_) => Err(CHECK.fault("seeding", "a least distance", "places that are not given")),
+            Number::List(_) => {
+                Err(CHECK.fault("seeding", "a minimum distance", "random positions, not a list"))
+            }
             _ => Ok(Seeding { arrangement: Arrangement::MinimumDistance { gap, dims }, ..self }),
         }
     }
@@ -160,9 +162,9 @@ impl Seeding {
         let widest = domain.room(largest)?;
         if fluid.share(&widest, t, largest) == 0.0 {
             let allowed = if fluid.share(domain.region(), t, 0.0) == 0.0 {
-                "a flow that is in view: there is only wall or body in the region of the particles"
+                "a flow in view: walls and bodies fill the region of the particles"
             } else {
-                "less than the room between the walls of the flow and the bodies"
+                "less than the gaps between the walls of the flow and the bodies"
             };
             return Err(CHECK.fault("diameter_um", 2.0 * largest, allowed));
         }
@@ -214,17 +216,19 @@ impl Seeding {
         // first order.
         let room = fluid.domain().room(radius)?;
         let Ok(seen) = Region::new(view.min().max(room.min()), view.max().min(room.max())) else {
-            return fault("room beside the walls");
+            return fault("a view in which particles fit between the walls");
         };
         let free = fluid.share(&seen, t, radius);
         if free == 0.0 {
-            return fault("a view with fluid in it, beside the walls of the flow and the bodies");
+            return fault(
+                "a view with fluid in it, in which particles fit between the walls of the flow and the bodies",
+            );
         }
         let share = seen.volume() / room.volume() * free;
         Ok((number / (share * region.volume()), free))
     }
 
-    /// The number of particles whose places are listed; `None` if they are drawn.
+    /// The number of particles whose positions are listed; `None` if positions are drawn.
     pub fn listed_places(&self) -> Option<usize> {
         match &self.number {
             Number::List(positions) => Some(positions.len()),
@@ -289,10 +293,12 @@ impl Seeding {
         let seed = Seed { position, d_um: self.diameters.draw(stream), axis: None };
         let kept = domain.push_out_of_walls(position, 0.5 * seed.d_um);
         if kept != position || domain.wrap(kept) != kept || domain.is_beyond_open_face(kept) {
-            return fault("a place in the box of the particles and off its walls");
+            return fault("a position inside the box of the particles, at least one radius from its walls");
         }
         if !free(&seed) {
-            return fault("a place in the fluid, off the walls of the flow and outside all bodies");
+            return fault(
+                "a position in the fluid, at least one radius from the walls of the flow and outside all bodies",
+            );
         }
         Ok(seed)
     }
@@ -405,7 +411,7 @@ impl Seeding {
                 return Err(CHECK.fault(
                     "view_um",
                     value,
-                    "a thousandth of the distance of the walls or more",
+                    "at least a thousandth of the distance between the walls",
                 ));
             }
         }

@@ -12,9 +12,9 @@ use glam::DVec3;
 use std::collections::HashMap;
 use std::f64::consts::PI;
 
-/// Share of the volume that spheres fill when random placement jams.
+/// Volume fraction that spheres fill when random placement jams.
 const JAMMED_SPHERES: f64 = 0.3841;
-/// Share of the area that disks fill when random placement jams.
+/// Area fraction that disks fill when random placement jams.
 const JAMMED_DISKS: f64 = 0.5470;
 
 /// Checks that `number` particles can be placed in a region at random with their minimum distance. For
@@ -95,6 +95,6 @@ impl Spacing {
     }
 
     pub(super) fn full(&self) -> Error {
-        CHECK.fault("apart", self.gap, "a least distance that leaves room for all particles")
+        CHECK.fault("apart", self.gap, "a minimum distance that leaves room for all particles")
     }
 }

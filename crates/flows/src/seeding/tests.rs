@@ -63,7 +63,9 @@ fn what_cannot_be_seeded_is_refused() {
     let outside = Region::new(DVec3::splat(-50.0), DVec3::new(300.0, 50.0, 10.0)).unwrap();
     assert!(density(Seeding::count_in_view(5, outside, two.clone())).contains("view_um"));
     let in_wall = Region::new(DVec3::new(0.0, 0.0, -80.0), DVec3::new(9.0, 9.0, -79.0)).unwrap();
-    assert!(density(Seeding::count_in_view(5, in_wall, two.clone())).contains("room beside the walls"));
+    assert!(
+        density(Seeding::count_in_view(5, in_wall, two.clone())).contains("particles fit between the walls")
+    );
     assert!(density(Seeding::poisson(10.0, two.clone()).unwrap()).contains("80000000"));
     let huge = Seeding::poisson(1e-3, Diameters::equal(100.0).unwrap()).unwrap();
     assert!(density(huge).contains("diameter_um = 100"));
@@ -97,7 +99,7 @@ fn least_distances_are_kept_in_space_or_in_the_image() {
     let flat = worst(&counted, true);
     assert!(flat.0 > 100 && flat.1 >= 2.0, "{flat:?}");
     // 1600 disks of 23 um do not fit into 400 x 200 um, nor do 600 spheres into a view of 200 x 100 x 100 um:
-    // this is said before the first is placed.
+    // this is reported before the first particle is placed.
     let full = |seeding: &Seeding| density_of(seeding).unwrap_err().to_string();
     let said = full(&dense.apart_in_image(18.0).unwrap());
     assert!(said.contains("apart_in_image = 18: expected room for 1600 particles with centers 23"), "{said}");
@@ -105,15 +107,15 @@ fn least_distances_are_kept_in_space_or_in_the_image() {
     assert!(
         full(&count.clone().apart(18.0).unwrap()).contains("apart = 18: expected room for 600 particles")
     );
-    // With 6 um they fill 0.42 of what the jammed state does, which is placed.
+    // With 6 um they fill 0.42 of the jammed state, and can be placed.
     let seeds = sow(&count.apart(6.0).unwrap(), &[], &mut stream(1)).unwrap();
     assert_eq!(seeds.iter().filter(|seed| view.contains(seed.position)).count(), 600);
 }
 
 #[test]
 fn random_placement_jams_below_the_limit() {
-    // Particles of diameter 1 placed in boxes until one finds no room in 10,000 trials: their number stays
-    // below the one that is refused, in boxes of any size, and reaches a good part of it.
+    // Particles of diameter 1 are placed in boxes until one finds no room in 10,000 attempts: in boxes of any
+    // size, their number stays below the number that is refused, and reaches a good part of it.
     let d = Diameters::equal(1.0).unwrap();
     for (dims, edges) in [(3, [1.0, 3.0, 10.0]), (2, [1.0, 8.0, 40.0])] {
         for edge in edges {
@@ -133,7 +135,7 @@ fn random_placement_jams_below_the_limit() {
                 break;
             }
             assert!(check_room((0.0, dims), &d, placed, &region).is_ok(), "{dims} {edge}: {placed}");
-            // In small boxes the surface counts; 10,000 trials reach three quarters of the jammed state.
+            // In small boxes the surface counts; 10,000 attempts reach three quarters of the jammed state.
             let refused = check_room((0.0, dims), &d, 1.35 * placed, &region).is_err();
             assert!(edge < 8.0 || refused, "{dims} {edge}: {placed}");
         }
@@ -170,7 +172,8 @@ fn lists_are_kept_and_checked() {
         sow(&seeding, bodies, &mut stream(0)).unwrap_err().to_string()
     };
     assert!(
-        fault(DVec3::Z * 19.5, &[]).contains("off its walls") && fault(DVec3::X * 201.0, &[]).contains("201")
+        fault(DVec3::Z * 19.5, &[]).contains("one radius from its walls")
+            && fault(DVec3::X * 201.0, &[]).contains("201")
     );
     assert!(fault(DVec3::ZERO, &in_the_way).contains("outside all bodies"));
     assert!(Seeding::list(vec![DVec3::NAN], two.clone()).is_err());

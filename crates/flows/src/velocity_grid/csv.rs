@@ -107,9 +107,12 @@ fn even(ticks: &[f64], column: &str) -> Result<f64> {
         ticks.iter().enumerate().find(|(i, tick)| (first + step * *i as f64 - **tick).abs() > 1e-5 * step);
     match odd {
         None => Ok(step),
-        Some((_, tick)) => {
-            Err(fault("csv", None, format!("{column} = {tick}"), &format!("nodes every {step}")))
-        }
+        Some((_, tick)) => Err(fault(
+            "csv",
+            None,
+            format!("{column} = {tick}"),
+            &format!("nodes every {step} from the first"),
+        )),
     }
 }
 

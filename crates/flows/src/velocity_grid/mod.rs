@@ -1,7 +1,7 @@
 //! Velocities on a regular grid, and the readers of files that hold them: NumPy arrays, CSV, legacy VTK
 //! structured points.
 //!
-//! Readers take any `Read`, never a path. An array is rejected before allocation if its header asks for more
+//! Readers take any `Read`, not a path. An array is rejected before allocation if its header declares more
 //! than [`MAX_NODES`] nodes.
 
 mod csv;
@@ -26,22 +26,22 @@ pub struct VelocityGrid {
     velocities: Vec<DVec3>,
 }
 
-/// Where the nodes of an array are that knows nothing but its values.
+/// Positions and times of the nodes of a `.npy` file, which stores only values.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GridGeometry {
-    /// The first node, um.
+    /// Position of the first node (x, y, z).
     pub origin_um: [f64; 3],
-    /// Distances of the nodes, um.
+    /// Node spacing along x, y and z, um.
     #[cfg_attr(feature = "schema", schemars(extend("x-range" = "> 0")))]
     pub spacing_um: [f64; 3],
-    /// Times of the layers, s, increasing; none for a single layer.
+    /// Increasing times of the stored fields, s; empty for a single field.
     pub times_s: Vec<f64>,
 }
 
 impl Default for GridGeometry {
-    /// The default channel from its corner, every 10 um.
+    /// The default channel from its corner, with a spacing of 10 um.
     fn default() -> Self {
         GridGeometry { origin_um: [-240.0, -120.0, -80.0], spacing_um: [10.0; 3], times_s: Vec::new() }
     }
@@ -87,7 +87,7 @@ impl VelocityGrid {
         self.origin
     }
 
-    /// Distances of the nodes, um.
+    /// Node spacing along x, y and z, um.
     pub fn spacing_um(&self) -> DVec3 {
         self.spacing
     }
@@ -97,7 +97,7 @@ impl VelocityGrid {
         self.counts
     }
 
-    /// The times of the layers, s.
+    /// The times of the stored fields, s.
     pub fn times_s(&self) -> &[f64] {
         &self.times_s
     }
@@ -117,7 +117,7 @@ fn nodes(counts: &[usize; 3], layers: usize) -> Result<usize> {
     let product = counts.iter().chain([&layers]).try_fold(1_usize, |product, n| product.checked_mul(*n));
     match product {
         Some(number @ 1..=MAX_NODES) => Ok(number),
-        _ => Err(CHECK.fault("nodes", format!("{counts:?} at {layers} times"), "1 to 50000000 in all")),
+        _ => Err(CHECK.fault("nodes", format!("{counts:?} at {layers} times"), "1 to 50000000 in total")),
     }
 }
 

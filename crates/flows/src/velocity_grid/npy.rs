@@ -121,7 +121,12 @@ impl Header {
         source.take((size * n + 1) as u64).read_to_end(&mut bytes).map_err(|e| broken(&e))?;
         if bytes.len() != size * n {
             let found = if bytes.len() > size * n { "more" } else { "fewer" };
-            return Err(fault("npy", None, format!("{found} numbers than its shape says"), &n.to_string()));
+            return Err(fault(
+                "npy",
+                None,
+                format!("{found} numbers than its shape requires"),
+                &n.to_string(),
+            ));
         }
         if self.descr.starts_with('>') {
             bytes.chunks_exact_mut(size).for_each(<[u8]>::reverse);
@@ -206,7 +211,7 @@ mod tests {
         let nan: Vec<u8> = [1.0, f64::NAN, 2.0].into_iter().flat_map(f64::to_le_bytes).collect();
         assert!(read(&npy("<f8", false, "(1, 1, 1, 3)", &nan)).contains("at node (0, 0, 0)"));
         let message = read(&npy("<f8", false, "(1, 1, 1, 3)", &nan[..20]));
-        assert_eq!(message, "npy: fewer numbers than its shape says: expected 3");
+        assert_eq!(message, "npy: fewer numbers than its shape requires: expected 3");
         assert!(read(&npy("<f8", false, "(1, 1, 1, 3)", &[0; 32])).contains("more numbers"));
         assert!(read(&npy("<f8", false, "[1, 1, 1, 3]", &[0; 24])).contains("the header"));
         assert!(read(&npy("<f8", false, "(1, 1, -1, 3)", &[0; 24])).contains("the header"));

@@ -11,7 +11,7 @@ impl VelocityGrid {
     pub fn from_vtk(mut source: impl BufRead) -> Result<Self> {
         let mut reader = VtkLines { source: &mut source, line: 0 };
         if !reader.next()?.starts_with("# vtk DataFile") {
-            return Err(fault("vtk", Some(1), "another header".to_owned(), "# vtk DataFile Version"));
+            return Err(fault("vtk", Some(1), "a different header".to_owned(), "# vtk DataFile Version"));
         }
         reader.next()?;
         let binary = match reader.next()?.trim() {

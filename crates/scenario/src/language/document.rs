@@ -12,7 +12,7 @@ use super::write::ron;
 pub struct Picture {
     /// The key.
     pub key: String,
-    /// What is imaged.
+    /// The imaged scene.
     pub scene: Scene,
     /// Assignments (`path=value`, separated by `;`) of each image, from left to right.
     pub images: Vec<String>,
@@ -20,7 +20,7 @@ pub struct Picture {
     pub caption: String,
 }
 
-/// What is imaged.
+/// The imaged scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Scene {
@@ -128,7 +128,8 @@ fn default(path: &str, entry: &Entry<'_>, values: &Value, schema: Schema<'_>) ->
         (Some(words), _) => cell(words),
         (None, Some(text)) => format!("`{text}`"),
         (None, None) if value.is_some() => String::new(),
-        // A field parameter without a default follows from the depth range, as the words of its range state.
+        // A field parameter without a default is derived from the depth range, as the text of its range
+        // states.
         (None, None) if path.starts_with(FIELD) => {
             let words = inner.range();
             words

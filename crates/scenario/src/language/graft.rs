@@ -1,6 +1,6 @@
 //! Replaces the value at a path of a tree: for `--set` and the axes of sweeps.
 //!
-//! The steps of a path are keys, variants and list indices. A step that names another variant than the
+//! The steps of a path are keys, variants and list indices. A step that names a variant other than the
 //! present one switches to it.
 
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use super::schema::{Schema, ValueKind, joined};
 use super::text::{Content, Field, Node, parse};
 use storage::problem::{Place, Problem, Source};
 
-/// The value of an assignment as a tree. Quotes around a text are optional.
+/// The value of an assignment as a tree. Quotes around a string are optional.
 ///
 /// # Errors
 /// A syntax error in the value.
@@ -79,7 +79,7 @@ impl Graft<'_, '_> {
                 let Some(inner) = variant.schema else {
                     return Err(Problem::other(
                         self.path,
-                        format!("`{step}` holds no value: set the key to it"),
+                        format!("`{step}` takes no value; set the key to `{step}`"),
                     )
                     .at(&place));
                 };
@@ -100,7 +100,7 @@ impl Graft<'_, '_> {
                     return Err(Problem::other(self.path, "there is no list at this path").at(&place));
                 };
                 if index >= items.len() {
-                    let message = format!("the list has {} values, counted from 0", items.len());
+                    let message = format!("the list has {} values; indices start at 0", items.len());
                     return Err(Problem::other(self.path, message).at(&place));
                 }
                 let old = items[index].clone();

@@ -23,7 +23,7 @@ use schema::Schema;
 use storage::problem::Problem;
 use text::Node;
 
-/// Converts a tree to a typed value, without the values that do not fit; `None` if required ones are missing.
+/// Converts a tree to a typed value, without invalid values; `None` if required ones are missing.
 pub(crate) fn typed<T: DeserializeOwned>(
     root: Schema<'_>,
     node: &Node,

@@ -10,7 +10,7 @@ use storage::problem::Problem;
 pub(crate) struct Problems(pub Vec<Problem>, Option<fn(&str) -> bool>);
 
 impl Problems {
-    /// No problems yet; `is_key` tells whether a path is a key of the language.
+    /// No problems yet; `is_key` returns whether a path is a key of the language.
     pub(crate) fn among(is_key: fn(&str) -> bool) -> Self {
         Problems(Vec::new(), Some(is_key))
     }
@@ -32,7 +32,8 @@ impl Problems {
         self.0
     }
 
-    /// Adds a problem; beyond [`MOST_COLLECTED`] they are dropped, so that a text of many has a bounded cost.
+    /// Adds a problem; those beyond [`MOST_COLLECTED`] are dropped, which bounds the cost of a text with many
+    /// problems.
     pub(crate) fn push(&mut self, problem: Problem) {
         if !self.is_full() {
             self.0.push(problem);

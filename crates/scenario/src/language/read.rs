@@ -7,8 +7,8 @@ use super::schema::{Entry, Schema, ValueKind, joined, nearest};
 use super::text::{Content, Field, Node};
 use storage::problem::Problem;
 
-/// The value of a tree as JSON (variants as objects with one key), without the values that do not fit; `None`
-/// if required ones are missing.
+/// The value of a tree as JSON (variants as objects with one key), without invalid values; `None` if required
+/// ones are missing.
 pub(super) fn read(root: Schema<'_>, node: &Node, problems: &mut Problems) -> Option<Value> {
     Walk { root, problems }.value(node, root, "")
 }
@@ -123,8 +123,8 @@ impl Walk<'_, '_> {
         }
         let is_complete =
             |section: &Map<String, Value>| schema.required().all(|key| section.contains_key(key));
-        // Missing keys of the root get placeholders, so that rules between the other values can still be
-        // checked.
+        // Missing keys of the root get placeholders, so that constraints between the other values can still
+        // be checked.
         if path.is_empty() {
             for key in schema.required() {
                 let example = find(&keys, key).and_then(|key| key.attribute("examples")?.get(0));
@@ -202,7 +202,7 @@ fn unit_hint(x: f64, schema: Schema<'_>) -> Option<String> {
     let micro = x * 1e6;
     let fits = schema.words("x-unit") == Some("um") && x > 0.0 && schema.allows(micro);
     // Rounded, as the multiplication by 1e6 is inexact.
-    fits.then(|| format!("in um, {x:e} m is {}", (micro * 1e6).round() / 1e6))
+    fits.then(|| format!("{x:e} m is {} um", (micro * 1e6).round() / 1e6))
 }
 
 /// The key or variant with a name, or with this former name (`x-formerly`).

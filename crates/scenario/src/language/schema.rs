@@ -293,14 +293,14 @@ impl<'a> Schema<'a> {
             if unit.is_empty() { range } else { format!("{range}{join}{unit}") }
         };
         match self.kind() {
-            ValueKind::Section => "values in round brackets".to_owned(),
+            ValueKind::Section => "values in parentheses".to_owned(),
             ValueKind::Choice => one_of(self.below().iter().map(|entry| entry.name.to_owned())),
             ValueKind::List(_) => "a list in square brackets".to_owned(),
-            ValueKind::Tuple(items) => format!("{} values in round brackets", items.len()),
+            ValueKind::Tuple(items) => format!("{} values in parentheses", items.len()),
             ValueKind::Number => with("number"),
             ValueKind::Whole => with("whole number"),
             ValueKind::Flag => "true or false".to_owned(),
-            ValueKind::Text if range.is_empty() => "a text in quotes".to_owned(),
+            ValueKind::Text if range.is_empty() => "a string in quotes".to_owned(),
             ValueKind::Text => range,
             ValueKind::Raw => "a value".to_owned(),
         }

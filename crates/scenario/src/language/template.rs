@@ -62,7 +62,8 @@ fn section(text: &mut String, schema: Schema<'_>, values: Option<&Value>, depth:
         let value = values.and_then(|values| values.get(entry.name)).filter(|value| !value.is_null());
         let follows = entry.attribute("x-default").is_some() || inner.is_optional() && depth > 2;
         let is_infinite = inner.attribute("x-infinite").is_some();
-        // A default that depends on other keys is commented out: once given, it would no longer follow them.
+        // A default that depends on other keys is commented out: a value that is written down would no longer
+        // follow them.
         let out = is_out
             || value.is_none() && !is_infinite
             || follows && (depth > 2 || !matches!(inner.kind(), ValueKind::Choice));
@@ -125,7 +126,7 @@ fn about(text: &mut String, entry: &Entry<'_>, schema: Schema<'_>, depth: usize,
     }
 }
 
-/// Writes words as comment lines with hanging indentation.
+/// Writes a text as comment lines with hanging indentation.
 fn comment(text: &mut String, indent: &str, hanging: &str, words: &str) {
     let indent = if indent.is_empty() { "// " } else { indent };
     let mut line = format!("{indent}{hanging}");

@@ -169,7 +169,7 @@ impl<'a> Reader<'a> {
 
     fn value(&mut self, depth: usize) -> Result<Node, Problem> {
         if depth > MAX_DEPTH {
-            let message = format!("expected at most {MAX_DEPTH} brackets inside each other");
+            let message = format!("expected at most {MAX_DEPTH} nested brackets");
             return Err(self.fault(self.at, &message));
         }
         let start = self.at;
@@ -361,6 +361,6 @@ mod tests {
             let problem = tree(text).unwrap_err().to_string();
             assert!(problem.starts_with(&format!("s.ron:{expected}")), "{text}: {problem}");
         }
-        assert!(tree(&"(".repeat(100_000)).unwrap_err().to_string().contains("at most 100 brackets"));
+        assert!(tree(&"(".repeat(100_000)).unwrap_err().to_string().contains("at most 100 nested brackets"));
     }
 }

@@ -1,6 +1,6 @@
 //! Suites: tracks of cases, each with the splits train, val and test, in three sizes.
 //!
-//! A suite's file lists scenarios and sweeps beside it; their language, seeds and messages are those of
+//! A suite file lists scenarios and sweeps next to it; their language, seeds and messages are those of
 //! `generate` and `sweep`. A case is a scenario, or a case of a sweep; its splits are those of a challenge.
 
 mod read;
@@ -19,17 +19,17 @@ use super::splits::Split;
 use storage::TemporaryFolder;
 use storage::error::{Error, Result};
 
-/// Name of a suite's file.
+/// Name of a suite file.
 pub const SUITE: &str = "suite.ron";
 
 /// A valid suite.
 #[derive(Debug, Clone)]
 pub struct Suite {
-    /// The suite's file.
+    /// The suite file.
     pub spec: SuiteSpec,
-    /// Folder of the suite's file.
+    /// Folder of the suite file.
     pub folder: PathBuf,
-    /// Whether it is the suite of this name that the program carries, unpacked into a temporary folder.
+    /// Whether it is a suite that is embedded in the program, unpacked into a temporary folder.
     pub is_shipped: bool,
     /// The cases of each ladder of each track, in order.
     rungs: Vec<Vec<Vec<Rung>>>,
@@ -67,7 +67,7 @@ pub struct SuiteCase {
     pub name: String,
     /// The values that distinguish it from other cases of its ladder.
     pub axes: Vec<AxisValue>,
-    /// Dimensions in which particles are scored, if the suite says so.
+    /// Dimensions in which particles are scored, if the suite sets them.
     pub dims: Option<u8>,
     /// The scores by which it is ranked, in order of priority.
     pub rank_by: Vec<Metric>,
@@ -106,7 +106,7 @@ impl SuiteCase {
 }
 
 impl Suite {
-    /// Reads a suite: a file, a folder with a `suite.ron`, or the name of one that the program carries.
+    /// Reads a suite: a file, a folder with a `suite.ron`, or the name of an embedded suite.
     ///
     /// # Errors
     /// A file that cannot be read; all problems of the suite and of its scenarios and sweeps, each with file
@@ -123,7 +123,7 @@ impl Suite {
             let path = suite.display();
             let known = known.join(", ");
             return Err(Error::input(format!(
-                "{path}: expected a suite's file or folder, or a suite of the program: {known}"
+                "{path}: expected a suite file or folder, or an embedded suite: {known}"
             )));
         };
         let place = TemporaryFolder::new()?;

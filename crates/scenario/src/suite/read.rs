@@ -1,4 +1,4 @@
-//! Reads and checks a suite's file.
+//! Reads and checks a suite file.
 
 use std::path::Path;
 use std::sync::{Arc, LazyLock};
@@ -17,7 +17,7 @@ use crate::sweep::parse_sweep;
 use storage::error::{Error, Result};
 use storage::problem::{Problem, Source};
 
-/// The schema of suites' files.
+/// The schema of suite files.
 pub fn suite_schema() -> Schema<'static> {
     static ROOT: LazyLock<Value> = LazyLock::new(schema_of::<SuiteSpec>);
     Schema::root(&ROOT)
@@ -29,7 +29,7 @@ pub(super) fn parse(text: &str, name: &str, folder: &Path) -> Result<Suite> {
     if tree.find("motion").1 || tree.find("axes").1 {
         let verb = if tree.find("axes").1 { "sweep" } else { "generate" };
         return Err(Error::input(format!(
-            "{name}: is no suite; `microsig {verb} {name}` makes its datasets"
+            "{name}: is not a suite; run `microsig {verb} {name}` to generate its datasets"
         )));
     }
     let mut problems = Problems::default();
@@ -59,7 +59,7 @@ pub(super) fn parse(text: &str, name: &str, folder: &Path) -> Result<Suite> {
     Ok(Suite { spec, folder: folder.to_owned(), is_shipped: false, rungs, _unpacked: None })
 }
 
-/// Whether a name can be that of a folder, and in lower case a part of a dataset's name.
+/// Whether a name is valid for a folder and, in lower case, as part of the name of a dataset.
 fn is_name(name: &str) -> bool {
     let allowed = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
     (1..=60).contains(&name.len()) && name.chars().all(allowed) && !name.starts_with('.')

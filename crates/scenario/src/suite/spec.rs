@@ -1,4 +1,4 @@
-//! The keys of a suite's file.
+//! The keys of a suite file.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -9,13 +9,13 @@ pub struct SuiteSpec {
     /// Name of the suite; the names of its datasets begin with it.
     #[schemars(example = &"stand-in")]
     pub name: String,
-    /// Version of the suite; other bytes of any dataset are another version.
+    /// Version of the suite; it changes whenever the bytes of a dataset change.
     #[schemars(example = &"0")]
     pub version: String,
-    /// One line.
+    /// Title, in one line.
     #[serde(default)]
     pub title: String,
-    /// What the suite is for.
+    /// Purpose of the suite.
     #[serde(default)]
     pub description: String,
     /// Its tracks.
@@ -28,16 +28,16 @@ pub struct SuiteSpec {
 pub struct TrackSpec {
     /// Name of the track and of its folder.
     pub name: String,
-    /// One line.
+    /// Title, in one line.
     pub title: String,
     /// The scores by which trackers are ranked, in order of priority.
     #[schemars(length(min = 1))]
     pub rank_by: Vec<Metric>,
-    /// Width of the gate in the image plane, px; by default that of `evaluate`.
+    /// Radius of the matching gate in the image plane, px; by default that of `evaluate`.
     #[serde(default)]
     #[schemars(extend("x-range" = "> 0 and <= 1000"))]
     pub gate_xy_px: Option<f64>,
-    /// Height of the gate, um; by default a tenth of the depth range.
+    /// Half-height of the matching gate along z, um; by default a tenth of the depth range.
     #[serde(default)]
     #[schemars(extend("x-range" = "> 0 and <= 1e6"))]
     pub gate_z_um: Option<f64>,
@@ -55,9 +55,9 @@ pub struct TrackSpec {
 /// Numbers of frames and other changes for each size of a suite.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 pub struct Sizes {
-    /// For tests: seconds.
+    /// For tests: runs in seconds.
     pub smoke: SizeSpec,
-    /// For a laptop: minutes.
+    /// For a laptop: runs in minutes.
     pub small: SizeSpec,
     /// For publications.
     pub full: SizeSpec,
@@ -69,10 +69,10 @@ pub struct SizeSpec {
     /// Image pairs, frames or bursts of train.
     #[schemars(range(min = 1, max = 10_000_000))]
     pub train: u32,
-    /// Of val.
+    /// Image pairs, frames or bursts of val.
     #[schemars(range(min = 1, max = 10_000_000))]
     pub val: u32,
-    /// Of test.
+    /// Image pairs, frames or bursts of test.
     #[schemars(range(min = 1, max = 10_000_000))]
     pub test: u32,
     /// Values of the scenario that this size replaces, `path=value`.
@@ -85,12 +85,12 @@ pub struct SizeSpec {
 pub struct LadderSpec {
     /// Name of the ladder.
     pub name: String,
-    /// One line.
+    /// Title, in one line.
     pub title: String,
-    /// Its sweep or scenario: a file, relative to the suite's.
+    /// Its sweep or scenario: a file, relative to the suite file.
     pub from: String,
-    /// Names of the cases: `{}` stands for the value of each axis in turn. By default the ladder's name,
-    /// followed by the values.
+    /// Names of the cases; each `{}` is replaced by the value of an axis, in order. By default the name of
+    /// the ladder, followed by the values.
     #[serde(default)]
     pub case: Option<String>,
     /// Dimensions in which particles are scored; by default those of the track.
@@ -101,7 +101,7 @@ pub struct LadderSpec {
     #[serde(default)]
     #[schemars(length(min = 1), example = vec![Metric::F1])]
     pub rank_by: Option<Vec<Metric>>,
-    /// How the values of the axes are named and shown; by default as in the sweep.
+    /// Labels and factors with which the values of the axes are shown; by default as in the sweep.
     #[serde(default)]
     pub labels: Vec<AxisLabel>,
     /// The cases of size smoke, by name; by default all.
@@ -157,8 +157,8 @@ pub enum Metric {
     LptGhost,
     /// `lpt.motion.velocity_rms_um_s`: RMS error of velocity.
     VelocityRmsUmS,
-    /// `orientation.mean_all_deg`: mean angle between true and found axes of spheroids, those missed counted
-    /// as guesses.
+    /// `orientation.mean_all_deg`: mean angle between true and found axes of spheroids; missed spheroids and
+    /// ghosts count as 90 degrees.
     AngleMeanAllDeg,
     /// `field.valid_vector_probability`.
     ValidVectorProbability,
@@ -177,7 +177,7 @@ pub enum Metric {
 }
 
 impl Metric {
-    /// All of them.
+    /// All metrics.
     pub const ALL: [Metric; 18] = [
         Metric::F1,
         Metric::Recall,
@@ -241,9 +241,9 @@ impl Metric {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Size {
-    /// For tests: seconds.
+    /// For tests: runs in seconds.
     Smoke,
-    /// For a laptop: minutes.
+    /// For a laptop: runs in minutes.
     Small,
     /// For publications.
     Full,
@@ -262,7 +262,7 @@ impl Size {
         }
     }
 
-    /// The size of a name.
+    /// The size with this name.
     ///
     /// # Errors
     /// [`storage::Error::Input`] for another name.
@@ -273,7 +273,7 @@ impl Size {
 }
 
 impl Sizes {
-    /// What a size means.
+    /// The specification of a size.
     pub fn of(&self, size: Size) -> &SizeSpec {
         match size {
             Size::Smoke => &self.smoke,

@@ -3,7 +3,7 @@
 //! values.
 //!
 //! True boxes of particles whose centers are off the sensor are not scored (COCO's `iscrowd`): a detection
-//! that they cover is neither right nor wrong.
+//! that they cover counts neither as correct nor as false.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,27 +20,27 @@ use storage::tables::truth::BOXES;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct BoxScore {
-    /// True boxes that are scored.
+    /// Number of true boxes that are scored.
     pub n_truth: usize,
-    /// Boxes of the result.
+    /// Number of boxes in the result.
     pub n_result: usize,
-    /// Average precision: mean over the intersections over union 0.50, 0.55, ..., 0.95 and over 101 recalls
-    /// (COCO).
+    /// Average precision: mean over intersections over union (IoU) of 0.50, 0.55, ..., 0.95 and over 101
+    /// recalls (COCO).
     #[schemars(range(min = 0.0, max = 1.0))]
     pub ap: Option<f64>,
-    /// Average precision at an intersection over union of 0.50.
+    /// Average precision at an IoU of 0.50.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub ap50: Option<f64>,
-    /// Average precision at an intersection over union of 0.75.
+    /// Average precision at an IoU of 0.75.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub ap75: Option<f64>,
-    /// Average recall: mean over the intersections over union 0.50, 0.55, ..., 0.95 (COCO).
+    /// Average recall: mean over IoU of 0.50, 0.55, ..., 0.95 (COCO).
     #[schemars(range(min = 0.0, max = 1.0))]
     pub ar: Option<f64>,
-    /// Greatest recall, at an intersection over union of 0.50, with at most one ghost in 100 true boxes.
+    /// Maximum recall at an IoU of 0.50 with at most one ghost (false positive) per 100 true boxes.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub recall_at_1_percent_ghosts: Option<f64>,
-    /// The same with at most one ghost in 10 true boxes.
+    /// Maximum recall at an IoU of 0.50 with at most one ghost per 10 true boxes.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub recall_at_10_percent_ghosts: Option<f64>,
 }
@@ -60,11 +60,11 @@ struct TrueBox {
 struct FrameBoxes {
     /// Scored ones first.
     truth: Vec<TrueBox>,
-    /// By falling score: box and score.
+    /// Box and score, in descending order of score.
     found: Vec<(Rectangle, f64)>,
 }
 
-/// What a detection is at each threshold.
+/// The outcome of a detection at a threshold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Outcome {
     Right,
@@ -110,7 +110,7 @@ impl BoxScore {
         if n_truth == 0 {
             return score;
         }
-        // Of all frames, by falling score; the sort is stable, as COCO's is.
+        // All frames, in descending order of score; the sort is stable, as in COCO.
         let mut all: Vec<(f64, [Outcome; THRESHOLDS])> =
             frames.iter().flat_map(FrameBoxes::outcomes).collect();
         all.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -199,7 +199,7 @@ fn overlap(found: &Rectangle, truth: &Rectangle, ignored: bool) -> f64 {
     w * h / if ignored { area(found) } else { area(found) + area(truth) - w * h }
 }
 
-/// Numbers of right detections and ghosts among the best detections.
+/// Numbers of correct detections and ghosts among the best detections.
 struct Curve {
     counts: Vec<[usize; 2]>,
     n_truth: usize,
@@ -221,16 +221,16 @@ impl Curve {
         self.counts.last().map_or(0.0, |[right, _]| *right as f64 / self.n_truth as f64)
     }
 
-    /// Greatest recall with at most this number of ghosts per true box.
+    /// Maximum recall with at most this number of ghosts per true box.
     fn recall_at(&self, ghosts: f64) -> f64 {
         let most = ghosts * self.n_truth as f64;
         let right = self.counts.iter().filter(|[_, n]| *n as f64 <= most).map(|[right, _]| *right).max();
         right.unwrap_or(0) as f64 / self.n_truth as f64
     }
 
-    /// Mean over recalls of the greatest precision at that recall or a higher one.
+    /// Mean over recalls of the maximum precision at that recall or a higher one.
     fn average_precision(&self) -> f64 {
-        // COCO's guard against a division by zero, which the value of a perfect result keeps.
+        // COCO's guard against a division by zero; it does not change the value of a perfect result.
         let precision = |[right, ghosts]: [usize; 2]| right as f64 / ((right + ghosts) as f64 + f64::EPSILON);
         let mut best: Vec<f64> = self.counts.iter().map(|at| precision(*at)).collect();
         for k in (1..best.len()).rev() {
@@ -318,7 +318,7 @@ mod tests {
     fn ghosts_limit_the_recall() {
         let at = |k: f64| [10.0 * k, 0.0, 5.0, 5.0];
         let truth = (0..10).map(|k| TrueBox { at: at(f64::from(k)), ignored: false }).collect();
-        // By falling score: three right ones, a ghost, four right ones.
+        // In descending order of score: three correct ones, a ghost, four correct ones.
         let places = [0.0, 1.0, 2.0, 20.0, 3.0, 4.0, 5.0, 6.0];
         let found = places.iter().enumerate().map(|(k, place)| (at(*place), 1.0 - 0.1 * k as f64)).collect();
         let score = BoxScore::of_frames(vec![FrameBoxes { truth, found }], 8);

@@ -21,24 +21,24 @@ use super::track_set::TrackSet;
 pub struct Clear {
     /// 1 - (misses + false positives + switches) / true points; at most 1, may be negative.
     pub mota: Option<f64>,
-    /// Mean distance of matched pairs, px (with depth: gate distance D times gate_xy).
+    /// Mean distance of matched pairs, px; with depth, the gate distance D times gate_xy.
     #[schemars(range(min = 0.0))]
     pub motp: Option<f64>,
-    /// Matches of a true track with another result track than its last one.
+    /// Identity switches: matches of a true track with a result track other than its last one.
     pub id_switches: usize,
-    /// Matches that are not identity switches.
+    /// Number of matches that are not identity switches.
     pub matches: usize,
-    /// True points without a match.
+    /// Number of true points without a match.
     pub misses: usize,
-    /// Result points without a match.
+    /// Number of result points without a match.
     pub false_positives: usize,
-    /// Times that a true track goes from matched to not matched and is matched again.
+    /// Number of times that a true track becomes unmatched and is matched again later.
     pub fragmentations: usize,
-    /// True tracks matched in at least 80 % of their points.
+    /// Number of true tracks matched in at least 80 % of their points.
     pub mostly_tracked: usize,
-    /// True tracks matched in 20 to 80 % of their points.
+    /// Number of true tracks matched in 20 to 80 % of their points.
     pub partially_tracked: usize,
-    /// True tracks matched in less than 20 % of their points.
+    /// Number of true tracks matched in less than 20 % of their points.
     pub mostly_lost: usize,
     /// 95 % bootstrap interval of MOTA, resampling frames.
     pub interval_mota: Interval,

@@ -1,5 +1,5 @@
 //! Detects probable mistakes of convention in a result: origin, first frame, axes, units; and a result that
-//! matches no more than points at random places would.
+//! matches no more particles than points at random positions would.
 
 use super::detection::{Detection, error};
 use super::gate::Gate;
@@ -12,13 +12,13 @@ use super::truth::{ScoredPoints, TrueParticles};
 use crate::results::{Points, Position, TrackRow};
 use storage::error::Result;
 
-/// Greatest number of frames on which other conventions are tried.
+/// Maximum number of frames on which other conventions are tried.
 const FRAMES: usize = 50;
 
-/// Another convention is suspected if it reduces the RMS error below this share.
+/// Another convention is suspected if it reduces the RMS error below this fraction.
 const FAR_SMALLER: f64 = 0.5;
 
-/// Approximate greatest number of points (of truth and of result) on which other conventions are tried.
+/// Approximate maximum number of points (of truth and of result) on which other conventions are tried.
 const POINTS: usize = 20_000;
 
 /// The first frames of truth and result, on which other conventions are tried.
@@ -37,10 +37,10 @@ pub struct ConventionCheck<'a> {
     border_px: f64,
 }
 
-/// What is said of a result without rows.
+/// The hint for a result without rows.
 const NOTHING: &str = "the result is empty: every particle counts as missed, and errors are undefined; was it written to another file?";
 
-/// A result with a greater F1 is not compared with one at random places.
+/// A result with a higher F1 is not compared with points at random positions.
 const HARDLY_CHANCE: f64 = 0.8;
 
 /// Scores by which conventions are compared.
@@ -114,7 +114,7 @@ impl<'a> ConventionCheck<'a> {
         for family in [self.frames(), self.axes(), self.lengths()] {
             hints.extend(self.best(family, now, false, FAR_SMALLER)?);
         }
-        // A bias of almost exactly 0.5 or 1 px along both axes is suspicious whatever the random error.
+        // A bias of almost exactly 0.5 or 1 px along both axes is suspicious regardless of the random error.
         let is = |size: f64| bias.is_some_and(|(x, y)| [x, y].iter().all(|b| (b.abs() - size).abs() <= 0.1));
         let share = if is(0.5) || is(1.0) { 1.0 } else { FAR_SMALLER };
         hints.extend(self.best(self.origins(bias), now, false, share)?);
@@ -130,7 +130,7 @@ impl<'a> ConventionCheck<'a> {
         Ok(hints)
     }
 
-    /// A hint if the result matches no more particles than it would at random places.
+    /// A hint if the result matches no more particles than it would at random positions.
     ///
     /// Its points are shifted across the image, around its edges, so that their number, clusters, tracks and
     /// depths stay the same.
@@ -157,8 +157,8 @@ impl<'a> ConventionCheck<'a> {
         }
         let n = self.rows.iter().filter(|row| row.frame < self.end).count();
         let mut hint = Hint::without_score(&format!(
-            "{} of {n} points match a particle, no more than at random places ({mean:.1}): is the result of another dataset, \
-             or with another origin, unit or first frame? --auto-offset looks for a shift in the image",
+            "{} of {n} points match a particle, no more than at random positions ({mean:.1}): is this the result of another dataset, \
+             or does it use another origin, unit or first frame? --auto-offset searches for a shift in the image",
             now.matches
         ));
         (hint.f1_now, hint.sampled) = (Some(now.f1), !self.is_whole);
@@ -296,7 +296,7 @@ impl<'a> ConventionCheck<'a> {
     }
 
     /// z with another sign, origin or unit: a line fitted to true against measured depths of particles
-    /// matched in the image plane alone. `None` if there are too few, or no line fits.
+    /// matched only in the image plane. `None` if there are too few, or no line fits.
     fn depths(&self) -> Result<Option<(String, Convention<'_>)>> {
         const FEWEST: usize = 10;
         let ScoredPoints { truth, result, .. } =
@@ -348,7 +348,7 @@ impl<'a> ConventionCheck<'a> {
         Ok(Some((shift, without.f1)))
     }
 
-    /// The most frequent difference between result points and nearby true particles, px.
+    /// The most frequent displacement from a nearby true particle to a result point, px.
     fn commonest_difference(&self) -> Result<Option<[f64; 2]>> {
         const REACH_PX: f64 = 12.0;
         const CELLS: usize = 48;

@@ -1,16 +1,16 @@
-//! The Cramér-Rao bound: the least standard deviation of any unbiased estimate of an isolated particle's
-//! position.
+//! The Cramér-Rao bound: the lowest standard deviation of any unbiased estimate of the position of an
+//! isolated particle.
 //!
 //! F_ij = sum over pixels of (d mu / d theta_i) (d mu / d theta_j) / v, theta = (x, y, z, brightness),
 //! sigma_i >= sqrt((F^-1)_ii); v = background_noise^2 + gain (mu - background) + 1/12, because ray counts are
 //! Poisson distributed and images are rounded to integers. A detector model adds its shot noise; `mode:
 //! expected` and Gaussian particle images have no ray noise. The bound depends on the scenario's optics and
-//! noise and on a particle of median diameter and brightness; no image is read. Under `mode: rays` it is a
-//! reference only: rays are stratified and their total is nearly fixed, so that counts of neighboring pixels
-//! are correlated, and an estimator that fits the model can have smaller errors. mu and its derivatives come
-//! from `microsig_core::render::expected`, with `mode: waves` from `microsig_core::render::waves`; for
-//! Gaussian particle images they are integrals over pixels, independent of z. Overlap, image edges and the
-//! dependence of v on theta are neglected.
+//! noise and on a particle of median diameter and brightness; no image is read. With `mode: rays` it is only
+//! a reference: rays are stratified and their total is nearly fixed, so that counts of neighboring pixels are
+//! correlated, and an estimator that fits the model can have smaller errors. mu and its derivatives come from
+//! `microsig_core::render::expected`, with `mode: waves` from `microsig_core::render::waves`; for Gaussian
+//! particle images they are integrals over pixels, independent of z. Overlap, image edges and the dependence
+//! of v on theta are neglected.
 
 use std::path::Path;
 
@@ -36,12 +36,12 @@ const TOLERANCE: f64 = 3e-3;
 /// detect.
 const SIZE: u32 = 801;
 
-/// Cramer-Rao bound of an isolated particle over depth (`--crlb`); with `mode: rays` a reference, since
-/// counts of rays vary less than the independent Poisson counts that it assumes.
+/// Cramer-Rao bound of an isolated particle over depth (`--crlb`); with `mode: rays` only a reference,
+/// because ray counts vary less than the independent Poisson counts that the bound assumes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Crlb {
-    /// Particle diameter: the median of the dataset.
+    /// Particle diameter for the bound: the median of the dataset.
     #[schemars(range(min = 0.0))]
     pub d_um: f64,
     /// One entry per bin of the curve over z.
@@ -52,7 +52,7 @@ pub struct Crlb {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct BoundBin {
-    /// Depth.
+    /// Depth of the center of the bin.
     pub z_um: f64,
     /// Cramer-Rao bound of the standard deviation of x.
     #[schemars(range(min = 0.0))]
@@ -75,7 +75,7 @@ pub struct BoundBin {
 }
 
 /// The bound of a dataset in every bin of the curve over depth; for Gaussian particle images without such a
-/// curve, in a single bin. The inner `Err` says why there is no bound.
+/// curve, in a single bin. The inner `Err` gives the reason if there is no bound.
 ///
 /// # Errors
 /// A dataset whose settings cannot be read.
@@ -222,7 +222,7 @@ impl Noise {
     /// is neglected, and a background image is replaced by its mean.
     fn of(scenario: &Scenario, c_int: f64) -> Result<Self> {
         let Response { slope, background_noise, .. } = scenario.response()?;
-        // A brighter particle has rays of more counts, not more rays.
+        // A brighter particle has more counts per ray, not more rays.
         let slope = slope * c_int;
         // Ray noise, then shot noise. Expected and Gaussian images have no ray noise.
         let rays = if scenario.renderer.has_ray_noise() { slope * slope } else { 0.0 };
@@ -232,7 +232,7 @@ impl Noise {
     }
 }
 
-/// The renderer of noise-free images with derivatives that a scenario's images have, on a sensor that holds
+/// The renderer of noise-free images with derivatives for the images of a scenario, on a sensor that contains
 /// them.
 fn renderer_of(spec: RendererSpec, settings: &Settings) -> Result<Renderer> {
     let spec = match spec {
@@ -247,7 +247,7 @@ fn rays() -> RendererSpec {
     RendererSpec::Expected { spheroids: SpheroidLaw::Original, tolerance: TOLERANCE }
 }
 
-/// The same settings with a sensor that holds all images.
+/// The same settings with a sensor that contains all images.
 fn large(settings: &Settings) -> Settings {
     Settings { pixel_dim_x: SIZE, pixel_dim_y: SIZE, ..settings.clone() }
 }

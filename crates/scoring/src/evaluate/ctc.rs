@@ -3,9 +3,8 @@
 //! AOGM = 10 FN + 1 FP + 1 ED + 1.5 EA is the cost of editing the result into the truth: ED counts links
 //! between matched points that are not true links, EA true links missing from the result. Points are matched
 //! one to one, so there is nothing to split, and particles do not divide. TRA = 1 - min(AOGM, AOGM0) / AOGM0,
-//! where AOGM0 is the cost of creating the truth from nothing; DET uses the points alone, LNK the links
-//! alone. Missed points dominate TRA, which is therefore insensitive to identity errors and unsuitable for
-//! ranking.
+//! where AOGM0 is the cost of creating the truth from nothing; DET uses only the points, LNK only the links.
+//! Missed points dominate TRA, which is therefore insensitive to identity errors and unsuitable for ranking.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -19,25 +18,26 @@ use super::track_set::TrackSet;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Ctc {
-    /// 1 - min(AOGM, AOGM0) / AOGM0, AOGM0 the cost of creating the truth.
+    /// Tracking score: 1 - min(AOGM, AOGM0) / AOGM0, where AOGM0 is the cost of creating the truth from
+    /// nothing.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub tra: Option<f64>,
-    /// The same with the costs of nodes (points) alone.
+    /// Detection score: the same with the costs of nodes (points) only.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub det: Option<f64>,
-    /// The same with the costs of edges (links) alone.
+    /// Linking score: the same with the costs of edges (links) only.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub lnk: Option<f64>,
-    /// 10 fn_nodes + fp_nodes + fp_edges + 1.5 fn_edges.
+    /// Cost of editing the result into the truth: 10 fn_nodes + fp_nodes + fp_edges + 1.5 fn_edges.
     #[schemars(range(min = 0.0))]
     pub aogm: f64,
-    /// True points without a match.
+    /// Number of true points without a match.
     pub fn_nodes: usize,
-    /// Result points without a match.
+    /// Number of result points without a match.
     pub fp_nodes: usize,
-    /// True links that no result link reproduces.
+    /// Number of true links that no result link reproduces.
     pub fn_edges: usize,
-    /// Result links between matched points that are not true links.
+    /// Number of result links between matched points that are not true links.
     pub fp_edges: usize,
 }
 

@@ -14,13 +14,13 @@ use super::truth::TrueParticles;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Curve {
-    /// The property: z_um, neighbor_px (distance to the nearest neighbor), snr or overlap.
+    /// The property: z_um (depth), neighbor_px (distance to the nearest neighbor), snr or overlap.
     pub against: String,
     /// The bins, in ascending order.
     pub bins: Vec<Bin>,
 }
 
-/// One bin of a curve; errors are null where nothing was found.
+/// One bin of a curve; errors are null if no particle in it was found.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Bin {
@@ -30,9 +30,9 @@ pub struct Bin {
     #[serde(deserialize_with = "super::statistics::or_infinite")]
     #[schemars(with = "Option<f64>")]
     pub to: f64,
-    /// True particles in the bin.
+    /// Number of true particles in the bin.
     pub n_true: usize,
-    /// Of these, the matched ones.
+    /// Number of matched true particles in the bin.
     pub tp: usize,
     /// tp / n_true.
     #[schemars(range(min = 0.0, max = 1.0))]
@@ -72,7 +72,7 @@ const DEPTH_BINS: usize = 20;
 /// Largest distance at which neighbors are searched for, px.
 const FARTHEST_PX: f64 = 60.0;
 
-/// All curves for which the truth has the values; `depth` says whether z is scored.
+/// All curves for which the truth has the values; `depth`: whether z is scored.
 pub fn curves(
     truth: &TrueParticles,
     clouds: (&TrackSet, &TrackSet),

@@ -11,23 +11,23 @@ use super::track_set::TrackSet;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Detection {
-    /// True positives: matched pairs.
+    /// True positives: number of matched pairs.
     pub tp: usize,
-    /// False negatives: true particles without a match.
+    /// False negatives: number of true particles without a match.
     #[serde(rename = "fn")]
     pub missed: usize,
-    /// False positives (ghosts): result points without a match.
+    /// False positives (ghosts): number of result points without a match.
     pub fp: usize,
-    /// TP / (TP + FP); null without results.
+    /// TP / (TP + FP); null without result points.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub precision: Option<f64>,
-    /// TP / (TP + FN); null without truth.
+    /// TP / (TP + FN); null without true particles.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub recall: Option<f64>,
-    /// 2 TP / (2 TP + FP + FN).
+    /// Harmonic mean of precision and recall, 2 TP / (2 TP + FP + FN).
     #[schemars(range(min = 0.0, max = 1.0))]
     pub f1: Option<f64>,
-    /// TP / (TP + FP + FN).
+    /// Jaccard index, TP / (TP + FP + FN).
     #[schemars(range(min = 0.0, max = 1.0))]
     pub jaccard: Option<f64>,
     /// Root mean square distance of matched pairs in the image plane.
@@ -71,27 +71,27 @@ pub struct Detection {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct DetectionIntervals {
-    /// Of precision.
+    /// Interval of precision.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub precision: Interval,
-    /// Of recall.
+    /// Interval of recall.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub recall: Interval,
-    /// Of F1.
+    /// Interval of F1.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub f1: Interval,
-    /// Of the Jaccard index.
+    /// Interval of the Jaccard index.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub jaccard: Interval,
-    /// Of rmse_xy_px.
+    /// Interval of rmse_xy_px.
     #[schemars(inner(range(min = 0.0)))]
     pub rmse_xy_px: Interval,
-    /// Of rmse_z_um.
+    /// Interval of rmse_z_um.
     #[schemars(inner(range(min = 0.0)))]
     pub rmse_z_um: Interval,
-    /// Of bias_x_px.
+    /// Interval of bias_x_px.
     pub bias_x_px: Interval,
-    /// Of bias_y_px.
+    /// Interval of bias_y_px.
     pub bias_y_px: Interval,
 }
 
@@ -147,13 +147,13 @@ pub fn per_frame(truth: &TrackSet, result: &TrackSet, matching: &Matching) -> Ve
         .collect()
 }
 
-/// Share of the matches expected by the recall below which a frame is missing.
+/// A frame is missing if it has less than this fraction of the matches expected from the recall.
 const FEW_MATCHES: f64 = 0.25;
 
-/// Number of frames with true particles in which less than a quarter of the matches are found that the recall
-/// of all frames leads one to expect, whatever ghosts there are. 0 if the recall explains them: finding each
-/// particle independently with that probability, as many such frames are no more than three standard
-/// deviations above the expected number.
+/// Number of frames with true particles in which the result has less than a quarter of the matches expected
+/// from the recall of all frames, regardless of ghosts. 0 if the recall explains them: if each particle were
+/// found independently with that probability, this number would be no more than three standard deviations
+/// above its expectation.
 pub fn missing_frames(frames: &[FrameCounts]) -> usize {
     let with_truth = || frames.iter().filter(|f| f.counts[0] + f.counts[1] > 0);
     let (found, all) =
@@ -179,7 +179,7 @@ pub fn missing_frames(frames: &[FrameCounts]) -> usize {
 }
 
 impl Detection {
-    /// Scores a matching; `depth` says whether z is scored.
+    /// Scores a matching; `depth`: whether z is scored.
     pub fn of(
         truth: &TrackSet,
         result: &TrackSet,

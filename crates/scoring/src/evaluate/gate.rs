@@ -1,9 +1,11 @@
 //! Gates: which result points may be matched to which particles.
 //!
-//! A pair is admissible iff D < 1, strictly, where D is the distance in units of the gate: sqrt(dx^2 + dy^2)
-//! / eps_xy (radial), sqrt((dx^2 + dy^2) / eps_xy^2 + dz^2 / eps_z^2) (ellipsoid), max(|dx| / eps_xy, |dy| /
-//! eps_xy,
-//! |dz| / eps_z) (box). Other programs include the boundary (TrackEval, DefocusTracker): see [`Edge`].
+//! A pair is admissible iff D < 1, strictly, where D is the distance in units of the gate:
+//! - radial: sqrt(dx^2 + dy^2) / eps_xy,
+//! - ellipsoid: sqrt((dx^2 + dy^2) / eps_xy^2 + dz^2 / eps_z^2),
+//! - box: max(|dx| / eps_xy, |dy| / eps_xy, |dz| / eps_z).
+//!
+//! Other programs include the boundary (TrackEval, DefocusTracker): see [`Edge`].
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -14,7 +16,7 @@ use super::track_set::Position;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Shape {
-    /// Distance in the image plane; depth does not matter.
+    /// Distance in the image plane; depth is ignored.
     Radial,
     /// Distance in all three dimensions, each in units of its gate.
     Ellipsoid,
@@ -26,9 +28,9 @@ pub enum Shape {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Edge {
-    /// It is not (microsig's own rule, and that of the ISBI and LPT challenges).
+    /// Not admissible: the rule of microsig and of the ISBI and LPT challenges.
     Open,
-    /// It is, as in DefocusTracker and TrackEval.
+    /// Admissible, as in DefocusTracker and TrackEval.
     Closed,
 }
 
@@ -40,7 +42,7 @@ pub struct Gate {
     /// Radius or half width in the image plane.
     #[schemars(range(min = 0.0))]
     pub xy_px: f64,
-    /// Half height along z; null (infinite) if depth does not matter.
+    /// Half height along z; null (infinite) if depth is ignored.
     #[serde(serialize_with = "finite", deserialize_with = "super::statistics::or_infinite")]
     #[schemars(with = "Option<f64>")]
     pub z_um: f64,

@@ -30,12 +30,12 @@ pub struct Gdpt {
     /// Half height of the box in z.
     #[schemars(range(min = 0.0))]
     pub gate_z_um: f64,
-    /// Matched pairs.
+    /// Number of matched pairs.
     pub tp: usize,
-    /// True particles without a match.
+    /// Number of true particles without a match.
     #[serde(rename = "fn")]
     pub missed: usize,
-    /// Result points without a match.
+    /// Number of result points without a match.
     pub fp: usize,
     /// Relative number of measured particles: matched / true particles.
     #[schemars(range(min = 0.0, max = 1.0))]
@@ -52,7 +52,7 @@ pub struct Gdpt {
     /// Root mean square error of z about zero.
     #[schemars(range(min = 0.0))]
     pub sigma_z_um: Option<f64>,
-    /// sigma_z over the measurement depth h.
+    /// sigma_z_um over the depth range h.
     #[schemars(range(min = 0.0))]
     pub sigma_z_over_h: Option<f64>,
     /// Mean error of x.
@@ -61,12 +61,12 @@ pub struct Gdpt {
     pub bias_y_px: Option<f64>,
     /// Mean error of z.
     pub bias_z_um: Option<f64>,
-    /// Share of particles with |dz| > h / 10, among those matched in the image plane alone.
+    /// Fraction of particles with |dz| > h / 10 among those matched in the image plane only.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub rate_outlier: Option<f64>,
     /// 95 % bootstrap intervals, resampling frames.
     pub interval: GdptIntervals,
-    /// Local curves at 21 depths Z = (z - z_0) / h, windows of +- 1/20.
+    /// Local scores at 21 depths Z = (z - z_0) / h, in windows of +- 1/20.
     pub curve: Vec<DepthNode>,
 }
 
@@ -74,22 +74,22 @@ pub struct Gdpt {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct GdptIntervals {
-    /// Of phi.
+    /// Interval of phi.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub phi: Interval,
-    /// Of precision.
+    /// Interval of precision.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub precision: Interval,
-    /// Of sigma_x_px.
+    /// Interval of sigma_x_px.
     #[schemars(inner(range(min = 0.0)))]
     pub sigma_x_px: Interval,
-    /// Of sigma_y_px.
+    /// Interval of sigma_y_px.
     #[schemars(inner(range(min = 0.0)))]
     pub sigma_y_px: Interval,
-    /// Of sigma_z_um.
+    /// Interval of sigma_z_um.
     #[schemars(inner(range(min = 0.0)))]
     pub sigma_z_um: Interval,
-    /// Of sigma_z_over_h.
+    /// Interval of sigma_z_over_h.
     #[schemars(inner(range(min = 0.0)))]
     pub sigma_z_over_h: Interval,
 }
@@ -98,12 +98,12 @@ pub struct GdptIntervals {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct DepthNode {
-    /// Depth of the node over h.
+    /// Depth of the node, Z = (z - z_0) / h.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub z_over_h: f64,
-    /// True particles in the window.
+    /// Number of true particles in the window.
     pub n_true: usize,
-    /// Of these, the matched ones.
+    /// Number of matched true particles in the window.
     pub tp: usize,
     /// tp / n_true.
     #[schemars(range(min = 0.0, max = 1.0))]

@@ -21,12 +21,12 @@ pub struct Hint {
     /// The same as scored.
     #[schemars(range(min = 0.0))]
     pub rms_px_now: Option<f64>,
-    /// Whether this was tried on a sample (the first frames) only.
+    /// Whether this was tried only on a sample (the first frames).
     pub sampled: bool,
 }
 
 impl Hint {
-    /// A hint without the score that it leads to.
+    /// A hint without the score after correcting the mistake.
     pub(super) fn without_score(what: &str) -> Self {
         Hint { what: what.to_owned(), ..Hint::default() }
     }

@@ -1,5 +1,5 @@
-//! HOTA: detection and association in one number (Luiten et al., IJCV 129, 2021), as TrackEval 1.3 computes
-//! it.
+//! HOTA: detection and association in a single score (Luiten et al., IJCV 129, 2021), as TrackEval 1.3
+//! computes it.
 //!
 //! Similarity S = max(0, 1 - d / D0) with D0 = 2 gates, so that S = 0.5 at the gate. In every frame the
 //! matching maximizes sum A S, where A is the agreement of two tracks over all frames; at each threshold a =
@@ -13,8 +13,8 @@ use super::candidates::{CandidatePair, Candidates};
 use super::statistics::{Bootstrap, Interval, TrackUnits, ratio};
 use super::track_set::TrackSet;
 
-/// Higher order tracking accuracy (Luiten et al., IJCV 129, 2021), as TrackEval 1.3 computes it; means over
-/// 19 thresholds.
+/// Higher order tracking accuracy (Luiten et al., IJCV 129, 2021), as TrackEval 1.3 computes it; values are
+/// means over 19 thresholds.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Hota {
@@ -39,7 +39,7 @@ pub struct Hota {
     /// Association precision.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub asspr: Option<f64>,
-    /// Localization accuracy: mean similarity of TP, 1 - d / (2 gates).
+    /// Localization accuracy: mean similarity of TP, 1 - d / (2 gates), where d is the distance of the pair.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub loca: Option<f64>,
     /// HOTA at the lowest threshold, 0.05.

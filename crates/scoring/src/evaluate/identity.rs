@@ -1,7 +1,7 @@
 //! IDF1: how well one global pairing of true and result tracks explains the result (Ristani et al., ECCV
 //! Workshops, 2016).
 //!
-//! IDTP is the greatest number of frames, over all one-to-one pairings of tracks, in which paired tracks are
+//! IDTP is the maximum number of frames, over all one-to-one pairings of tracks, in which paired tracks are
 //! within the gate.
 
 use schemars::JsonSchema;
@@ -16,20 +16,20 @@ use super::track_set::TrackSet;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Identity {
-    /// 2 IDTP / (true points + result points).
+    /// Identity F1: 2 IDTP / (true points + result points).
     #[schemars(range(min = 0.0, max = 1.0))]
     pub idf1: Option<f64>,
-    /// IDTP / result points.
+    /// Identity precision: IDTP / result points.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub idp: Option<f64>,
-    /// IDTP / true points.
+    /// Identity recall: IDTP / true points.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub idr: Option<f64>,
-    /// Frames in which paired tracks are within the gate.
+    /// Number of frames in which paired tracks are within the gate, summed over pairs.
     pub idtp: usize,
-    /// Result points - IDTP.
+    /// False positives: result points - IDTP.
     pub idfp: usize,
-    /// True points - IDTP.
+    /// False negatives: true points - IDTP.
     pub idfn: usize,
     /// 95 % bootstrap interval of IDF1, resampling tracks.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
@@ -48,8 +48,8 @@ impl Identity {
             .collect();
         let best = max_weight_matching(truth.n_tracks(), result.n_tracks(), pairs.clone());
         let idtp = best.iter().map(|p| p.value).sum::<f64>();
-        // A result track belongs to the true track that it is paired with, even if it follows another one as
-        // long.
+        // A result track belongs to the true track that it is paired with, even if it follows another one
+        // equally long.
         let paired = best.iter().map(|p| (p.row, p.column, usize::MAX));
         let shared = paired.chain(pairs.iter().map(|p| (p.row, p.column, p.value as usize)));
         let mut units = TrackUnits::<2>::new(truth.n_tracks(), result.n_tracks(), shared);

@@ -26,7 +26,7 @@ use storage::error::Result;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Isbi {
-    /// 2 or 3: whether depth counts.
+    /// Number of dimensions of the distance: 2 (image plane) or 3 (with depth).
     pub dims: u8,
     /// Gate eps.
     #[schemars(range(min = 0.0))]
@@ -34,16 +34,16 @@ pub struct Isbi {
     /// 1 - D / D0: normalized track distance, without a penalty for ghost tracks.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub alpha: Option<f64>,
-    /// (D0 - D) / (D0 + P): alpha with a penalty for ghost tracks.
+    /// (D0 - D) / (D0 + P): alpha with a penalty for unpaired result (ghost) tracks.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub beta: Option<f64>,
-    /// Jaccard index of points of paired tracks.
+    /// Jaccard index of the points: tp / (tp + missed + fp).
     #[schemars(range(min = 0.0, max = 1.0))]
     pub jsc: Option<f64>,
-    /// Jaccard index of tracks.
+    /// Jaccard index of the tracks: tp_tracks / (tp_tracks + fn_tracks + fp_tracks).
     #[schemars(range(min = 0.0, max = 1.0))]
     pub jsc_theta: Option<f64>,
-    /// Root mean square distance of matched points, px (with depth: z scaled by gate_xy / gate_z).
+    /// Root mean square distance of matched points, px; with depth, z is scaled by gate_xy / gate_z.
     #[schemars(range(min = 0.0))]
     pub rmse: Option<f64>,
     /// Smallest of these distances.
@@ -55,18 +55,18 @@ pub struct Isbi {
     /// Standard deviation of these distances.
     #[schemars(range(min = 0.0))]
     pub std_distance: Option<f64>,
-    /// Matched points in paired tracks.
+    /// Number of matched points in paired tracks.
     pub tp: usize,
-    /// Points of true tracks, including filled gaps, without a match.
+    /// Number of points of true tracks, including filled gaps, without a match.
     #[serde(rename = "fn")]
     pub missed: usize,
-    /// Result points without a match.
+    /// Number of result points without a match.
     pub fp: usize,
-    /// Paired tracks.
+    /// Number of paired tracks.
     pub tp_tracks: usize,
-    /// True tracks without a partner.
+    /// Number of true tracks without a partner.
     pub fn_tracks: usize,
-    /// Result tracks without a partner.
+    /// Number of result tracks without a partner.
     pub fp_tracks: usize,
     /// 95 % bootstrap intervals, resampling tracks.
     pub interval: IsbiIntervals,
@@ -76,19 +76,19 @@ pub struct Isbi {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct IsbiIntervals {
-    /// Of alpha.
+    /// Interval of alpha.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub alpha: Interval,
-    /// Of beta.
+    /// Interval of beta.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub beta: Interval,
-    /// Of JSC.
+    /// Interval of JSC.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub jsc: Interval,
-    /// Of JSC_theta.
+    /// Interval of JSC_theta.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub jsc_theta: Interval,
-    /// Of RMSE.
+    /// Interval of RMSE.
     #[schemars(inner(range(min = 0.0)))]
     pub rmse: Interval,
 }

@@ -11,15 +11,15 @@ use super::matching::{Matching, NONE};
 use super::statistics::{Bootstrap, Interval};
 use super::track_set::TrackSet;
 
-/// Links: pairs of consecutive points of a track.
+/// Scores of links, i.e. pairs of consecutive points of a track.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Links {
-    /// Result links whose ends are matched to consecutive points of one true track.
+    /// Number of correct result links: both ends are matched to consecutive points of one true track.
     pub tp: usize,
-    /// Result links that are not correct.
+    /// Number of result links that are not correct.
     pub fp: usize,
-    /// True links that no result link reproduces.
+    /// Number of true links that no result link reproduces.
     #[serde(rename = "fn")]
     pub missed: usize,
     /// TP / (TP + FP).

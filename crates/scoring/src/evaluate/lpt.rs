@@ -18,16 +18,16 @@ use super::truth::TrueParticles;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Lpt {
-    /// TP / true particles.
+    /// Fraction of true particles that are found: TP / true particles.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub correct: Option<f64>,
-    /// FN / true particles.
+    /// Fraction of true particles that are missed: FN / true particles.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub missed: Option<f64>,
-    /// FP / true particles; may exceed 1.
+    /// Ghosts per true particle: FP / true particles; may exceed 1.
     #[schemars(range(min = 0.0))]
     pub ghost: Option<f64>,
-    /// FP / result points.
+    /// Fraction of result points that are ghosts: FP / result points.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub ghost_of_measured: Option<f64>,
     /// Errors of displacement, velocity and acceleration.
@@ -37,25 +37,25 @@ pub struct Lpt {
     /// of the true track.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub coverage_longest: Option<f64>,
-    /// Result tracks per true track, over true tracks with any match.
+    /// Mean number of result tracks per true track, over true tracks with any match.
     #[schemars(range(min = 0.0))]
     pub fragments_per_truth: Option<f64>,
-    /// True tracks per result track, over result tracks with any match.
+    /// Mean number of true tracks per result track, over result tracks with any match.
     #[schemars(range(min = 0.0))]
     pub truths_per_result: Option<f64>,
-    /// Share of true tracks with at least 80 % of their points matched.
+    /// Fraction of true tracks with at least 80 % of their points matched.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub mostly_tracked: Option<f64>,
-    /// Share of true tracks with 20 to 80 % of their points matched.
+    /// Fraction of true tracks with 20 to 80 % of their points matched.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub partially_tracked: Option<f64>,
-    /// Share of true tracks with at most 20 % of their points matched.
+    /// Fraction of true tracks with at most 20 % of their points matched.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub mostly_lost: Option<f64>,
-    /// Share of result tracks that reproduce one complete true track and nothing else.
+    /// Fraction of result tracks that reproduce exactly one complete true track.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub strict: Option<f64>,
-    /// Mean share of a result track's points that belong to its majority true track.
+    /// Mean fraction of the points of a result track that belong to the true track it follows most.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub purity: Option<f64>,
     /// Mean number of points of result tracks.
@@ -64,9 +64,9 @@ pub struct Lpt {
     /// Median number of points of result tracks.
     #[schemars(range(min = 0.0))]
     pub median_length: Option<f64>,
-    /// Result tracks of 1, 2, 3-5, 6-10, 11-20, > 20 points.
+    /// Numbers of result tracks of 1, 2, 3-5, 6-10, 11-20, > 20 points.
     pub lengths: [usize; 6],
-    /// True tracks of 1, 2, 3-5, 6-10, 11-20, > 20 points.
+    /// Numbers of true tracks of 1, 2, 3-5, 6-10, 11-20, > 20 points.
     pub true_lengths: [usize; 6],
     /// 95 % bootstrap intervals, resampling frames.
     pub interval: LptIntervals,
@@ -76,22 +76,22 @@ pub struct Lpt {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct LptIntervals {
-    /// Of correct.
+    /// Interval of correct.
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
     pub correct: Interval,
-    /// Of ghost.
+    /// Interval of ghost.
     #[schemars(inner(range(min = 0.0)))]
     pub ghost: Interval,
-    /// Of displacement_rms_px.
+    /// Interval of displacement_rms_px.
     #[schemars(inner(range(min = 0.0)))]
     pub displacement_rms_px: Interval,
-    /// Of velocity_rms_um_s.
+    /// Interval of velocity_rms_um_s.
     #[schemars(inner(range(min = 0.0)))]
     pub velocity_rms_um_s: Interval,
-    /// Of acceleration_rms_px.
+    /// Interval of acceleration_rms_px.
     #[schemars(inner(range(min = 0.0)))]
     pub acceleration_rms_px: Interval,
-    /// Of acceleration_rms_um_s2.
+    /// Interval of acceleration_rms_um_s2.
     #[schemars(inner(range(min = 0.0)))]
     pub acceleration_rms_um_s2: Interval,
 }
@@ -104,8 +104,8 @@ fn class(length: usize) -> usize {
 }
 
 impl Lpt {
-    /// Scores a matching; `depth` says whether z is scored, `reported` holds the velocities of the rows of
-    /// the result, um/s.
+    /// Scores a matching; `depth`: whether z is scored; `reported`: velocities of the rows of the result,
+    /// um/s.
     pub fn of(
         truth: &TrueParticles,
         clouds: (&TrackSet, &TrackSet),

@@ -36,7 +36,7 @@ impl Matching {
     }
 }
 
-/// What is minimized among the assignments with the most pairs.
+/// The cost that is minimized among the assignments with the most pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cost {
     /// The sum of squared distances, `lap-maxcard-d2`: microsig's own rule.
@@ -105,7 +105,7 @@ pub fn greedy(truth: &TrackSet, result: &TrackSet, gate: &Gate) -> Result<Matchi
     Ok(matching)
 }
 
-/// Refuses a gate with which a frame has too many pairs.
+/// Refuses a gate for which a frame has too many pairs.
 pub(super) fn check_pair_count(pairs: usize, frame: u32, gate: &Gate) -> Result<()> {
     if pairs <= MAX_PAIRS {
         return Ok(());

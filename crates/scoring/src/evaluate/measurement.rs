@@ -22,9 +22,9 @@ pub struct RecordingFacts {
     pub sha256: Option<String>,
     /// Object-space length of a pixel, um.
     pub um_per_px: Option<f64>,
-    /// The rows of the matrix by which a cylindrical lens before the camera stretches images.
+    /// The rows of the matrix by which a cylindrical lens in front of the camera stretches images.
     pub stretch: Option<[[f64; 2]; 2]>,
-    /// Least and greatest depth, um.
+    /// Smallest and largest depth, um.
     pub depth_um: Option<(f64, f64)>,
     /// Width and height of the images, px.
     pub sensor_px: Option<(f64, f64)>,
@@ -44,7 +44,7 @@ pub struct RecordingFacts {
     pub focus_um: Option<f64>,
     /// Mean area of a particle image over depth, px.
     pub image_area_px: Option<f64>,
-    /// The share of the sensor in which particles are, if walls or bodies exclude them from the rest.
+    /// The fraction of the sensor in which particles can be, if walls or bodies exclude them from the rest.
     pub image_share: Option<f64>,
     /// Whether particle images are equally sharp at all depths.
     pub is_all_in_focus: bool,
@@ -64,7 +64,7 @@ impl RecordingFacts {
     /// # Errors
     /// A manifest or table that cannot be read.
     pub fn of(path: &Path, given: &Conventions) -> Result<Self> {
-        let told = if path.is_dir() {
+        let own = if path.is_dir() {
             of_manifest(path)?
         } else {
             RecordingFacts {
@@ -73,11 +73,11 @@ impl RecordingFacts {
                 ..RecordingFacts::default()
             }
         };
-        let um_per_px = given.um_per_px.or(told.um_per_px);
-        Ok(RecordingFacts { um_per_px, depth_um: given.depth_um.or(told.depth_um), ..told })
+        let um_per_px = given.um_per_px.or(own.um_per_px);
+        Ok(RecordingFacts { um_per_px, depth_um: given.depth_um.or(own.depth_um), ..own })
     }
 
-    /// A vector as it would be in an image without the stretch by a cylindrical lens before the camera.
+    /// A vector as it would be in an image without the stretch by a cylindrical lens in front of the camera.
     pub fn unstretched(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         self.stretch.map_or([x, y, z], |[[a, b], [c, d]]| {
             let of = a * d - b * c;
@@ -149,7 +149,7 @@ impl RecordingFacts {
         Ok(())
     }
 
-    /// Whether images tell depth, so that results of a challenge need it.
+    /// Whether depth can be measured from the images, so that results of a challenge need it.
     pub fn is_scored_in_depth(&self) -> bool {
         self.depth_h_um().is_some() && !self.is_all_in_focus
     }
@@ -160,14 +160,14 @@ impl RecordingFacts {
     }
 }
 
-/// Refuses a result and a dataset in each other's place.
+/// Refuses a dataset and a result in the wrong order.
 ///
 /// # Errors
 /// A file in place of the dataset, and a dataset in place of the result.
 pub fn check_order(dataset: &Path, result: &Path) -> Result<()> {
     if dataset.is_file() && result.join(MANIFEST).is_file() {
         return Err(Error::input(format!(
-            "{} is a dataset and {} a file: the two are exchanged; expected first the dataset, then the result",
+            "{} is a dataset and {} a file: give the dataset first, then the result",
             result.display(),
             dataset.display()
         )));
@@ -218,11 +218,11 @@ pub fn of_manifest(dataset: &Path) -> Result<RecordingFacts> {
             dataset.display()
         )));
     }
-    Ok(told(&Manifest::read(dataset)?))
+    Ok(facts_of(&Manifest::read(dataset)?))
 }
 
 /// The facts in a manifest.
-fn told(manifest: &Manifest) -> RecordingFacts {
+fn facts_of(manifest: &Manifest) -> RecordingFacts {
     let (own, timing) = (&manifest.microsig, &manifest.microsig.timing);
     let positive = |v: Option<f64>| v.filter(|v| *v > 0.0 && v.is_finite());
     let sensor = |side: fn(&SensorFacts) -> u32| positive(own.sensor.as_ref().map(|s| f64::from(side(s))));
@@ -304,8 +304,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_manifest_tells_is_read_and_the_rest_is_unknown() {
-        let read = |text: &str| Manifest::parse(text, "datapackage.json").map(|manifest| told(&manifest));
+    fn facts_in_a_manifest_are_read_and_others_are_unknown() {
+        let read = |text: &str| Manifest::parse(text, "datapackage.json").map(|manifest| facts_of(&manifest));
         let facts = read(
             r#"{ "name": "a", "microsig": { "timing": { "mode": "pairs", "pairs": 3, "dt_s": 0.01 },
                 "depth_range_um": [-5, 5], "um_per_px": -1, "scored": ["particles"],

@@ -26,29 +26,29 @@ pub struct Motion {
     /// RMS error of the displacement in the image plane, over correct links.
     #[schemars(range(min = 0.0))]
     pub displacement_rms_px: Option<f64>,
-    /// Mean error of the displacement in x.
+    /// Mean error of the displacement in x, over correct links.
     pub displacement_bias_x_px: Option<f64>,
-    /// Mean error of the displacement in y.
+    /// Mean error of the displacement in y, over correct links.
     pub displacement_bias_y_px: Option<f64>,
-    /// RMS error of the displacement in z.
+    /// RMS error of the displacement in z, over correct links.
     #[schemars(range(min = 0.0))]
     pub displacement_rms_z_um: Option<f64>,
-    /// result: velocities reported by the result; positions: finite differences of its positions; both: the
-    /// latter where the result reports none.
+    /// Source of the velocities: `result` (reported by the result), `positions` (finite differences of its
+    /// positions), or `both` (finite differences where the result reports none).
     pub velocity_from: Option<String>,
-    /// RMS error of the in-plane velocity against the flow's exact velocity, over matched points.
+    /// RMS error of the in-plane velocity against the exact velocity of the flow, over matched points.
     #[schemars(range(min = 0.0))]
     pub velocity_rms_um_s: Option<f64>,
-    /// velocity_rms_um_s over the RMS of the true velocity.
+    /// velocity_rms_um_s over the RMS of the true in-plane velocity.
     #[schemars(range(min = 0.0))]
     pub velocity_rms_relative: Option<f64>,
-    /// RMS error of the velocity in z.
+    /// RMS error of the velocity in z, over matched points.
     #[schemars(range(min = 0.0))]
     pub velocity_rms_z_um_s: Option<f64>,
-    /// RMS error of the in-plane acceleration: second differences of result and truth.
+    /// RMS error of the in-plane acceleration, from second differences of result and truth.
     #[schemars(range(min = 0.0))]
     pub acceleration_rms_um_s2: Option<f64>,
-    /// The same in px per frame^2; null where the time steps differ.
+    /// The same in px per frame^2; null if the time steps differ.
     #[schemars(range(min = 0.0))]
     pub acceleration_rms_px: Option<f64>,
     /// RMS error of the acceleration over the RMS of the true acceleration.
@@ -193,8 +193,9 @@ impl TrackComparison<'_> {
         motion.velocity_from = motion.velocity_rms_um_s.map(|_| from.to_owned());
     }
 
-    /// Velocity at point `k` of a track, um/s, and whether the result reports it. Where it reports none, that
-    /// of its positions: a score over reported velocities alone would reward a result with few of them.
+    /// Velocity at point `k` of a track, um/s, and whether the result reports it. Where it reports none, the
+    /// velocity is derived from its positions: a score over reported velocities only would favor a result
+    /// that reports few.
     fn velocity(&self, points: &[u32], k: usize) -> Option<([f64; 3], bool)> {
         let source = self.clouds.1.points[points[k] as usize].source as usize;
         let reported =
@@ -221,7 +222,7 @@ impl TrackComparison<'_> {
         errors
     }
 
-    /// Velocity at point `k` of a track from its position and its neighbors', um/s.
+    /// Velocity at point `k` of a track from its position and those of its neighbors, um/s.
     fn slope(&self, points: &[u32], k: usize) -> Option<[f64; 3]> {
         let (r, um_per_px) = (self.clouds.1, self.truth.facts.um_per_px?);
         let over = |a: u32, b: u32| {

@@ -107,7 +107,7 @@ impl<'a> CellGrid<'a> {
     }
 }
 
-/// Greatest number of pairs per frame; a search that exceeds it stops, and the caller must report an error.
+/// Maximum number of pairs per frame; a search that exceeds it stops, and the caller must report an error.
 pub const MAX_PAIRS: usize = 20_000_000;
 
 /// All pairs with D < `reach` in units of the gate (for 1, those that the gate admits), sorted by true, then

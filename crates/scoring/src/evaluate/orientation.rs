@@ -1,7 +1,7 @@
 //! Orientation of spheroids: the angle between true and found symmetry axes.
 //!
-//! An axis has no sign, so angles are 0 to 90 degrees. An axis that is guessed is 1 rad off on average: the
-//! mean of the polar angle over a hemisphere.
+//! An axis has no sign, so angles are 0 to 90 degrees. A random guess of the axis is off by 1 rad on average:
+//! the mean of the polar angle over a hemisphere.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -10,11 +10,11 @@ use super::matching::{Matching, NONE};
 use super::statistics::{Bootstrap, Interval, quantile, ratio};
 use super::track_set::TrackSet;
 
-/// Angle of a missed spheroid and of a ghost, degrees: at least that of any found one, so that leaving out
-/// rows and adding rows at random places gain nothing.
+/// Angle of a missed spheroid and of a ghost, degrees: at least that of any found spheroid, so that neither
+/// omitted rows nor rows at random positions improve the score.
 pub(super) const UNFOUND_DEG: f64 = 90.0;
 
-/// Most spheroids among which the best constant axis is searched.
+/// Maximum number of spheroids for which the best constant axis is searched.
 const SEARCHED: usize = 2000;
 
 /// Angles between the true and found axes of spheroids, from `axis_x, axis_y, axis_z` or `alpha_rad,
@@ -22,25 +22,26 @@ const SEARCHED: usize = 2000;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Orientation {
-    /// True spheroids.
+    /// Number of true spheroids.
     pub n_true: usize,
-    /// Found spheroids with an axis.
+    /// Number of found spheroids with an axis.
     pub n: usize,
     /// Mean angle between true and found axes.
     #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
     pub mean_deg: Option<f64>,
-    /// Median angle.
+    /// Median angle between true and found axes.
     #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
     pub median_deg: Option<f64>,
-    /// Root mean square angle.
+    /// Root mean square angle between true and found axes.
     #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
     pub rms_deg: Option<f64>,
-    /// Mean angle over all true spheroids and all ghosts. One that is found without an axis, or with a ghost
-    /// beside its match within the gate, counts as a guess: that constant axis which is nearest to all true
-    /// ones. One that is missed and a ghost count as 90 degrees.
+    /// Mean angle over all true spheroids and all ghosts. A spheroid that is found without an axis, or that
+    /// has a ghost within its gate in addition to its match, counts with the angle of a guess: the constant
+    /// axis that is closest to all true axes. Missed spheroids and ghosts count as 90 degrees.
     #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
     pub mean_all_deg: Option<f64>,
-    /// Mean angle of this guess; 1 rad = 57.3 degrees if true axes have no preferred direction.
+    /// Mean angle between the true axes and this guess; 1 rad = 57.3 degrees if the true axes have no
+    /// preferred direction.
     #[schemars(range(min = 0.0, max = 90.0), extend("x-unit" = "deg"))]
     pub guess_deg: Option<f64>,
     /// 95 % interval of mean_deg.
@@ -62,8 +63,8 @@ fn angle_deg(a: [f64; 3], b: [f64; 3]) -> Option<f64> {
 
 impl Orientation {
     /// Angles of the matched particles. `true_axes` and `found_axes` are those of the rows of the tables; NaN
-    /// for particles without an axis, `found_axes` is empty if the result has none. `ambiguous` says which
-    /// true particles have a ghost within their gate. `None` if the truth has no axes.
+    /// for particles without an axis, `found_axes` is empty if the result has none. `ambiguous` marks the
+    /// true particles that have a ghost within their gate. `None` if the truth has no axes.
     ///
     /// Also gives the angle of every true particle that counts in `mean_all_deg`.
     pub fn of(
@@ -87,8 +88,8 @@ impl Orientation {
             NONE => Some(UNFOUND_DEG),
             _ => angles[i].filter(|_| !ambiguous[i]).or_else(|| angle_deg(axis(i), guess)),
         };
-        // Number of true spheroids, number of angles, their sum and sum of squares; number and sum of what
-        // counts in the mean of all.
+        // Number of true spheroids, number of angles, their sum and sum of squares; number and sum of the
+        // angles that count in the mean of all.
         let spheroids = (0..truth.len()).filter(|&i| axis(i).iter().all(|v| v.is_finite()));
         let sums = spheroids.clone().map(|i| {
             let [n, sum, squares] = angles[i].map_or([0.0; 3], |a| [1.0, a, a * a]);

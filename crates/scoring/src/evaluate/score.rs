@@ -24,35 +24,35 @@ pub struct Score {
     pub result: String,
     /// Detection and localization; null for fields.
     pub detection: Option<detection::Detection>,
-    /// Detection at further gates.
+    /// Detection at additional gates.
     pub gates: Vec<DetectionAtGate>,
-    /// Links between consecutive points.
+    /// Links between consecutive points of tracks.
     pub links: Option<links::Links>,
-    /// ISBI Particle Tracking Challenge.
+    /// Scores of the ISBI Particle Tracking Challenge.
     pub isbi: Option<isbi::Isbi>,
-    /// The same in the image plane alone, if `isbi` has depth.
+    /// The same in the image plane only, if `isbi` has depth.
     pub isbi_2d: Option<isbi::Isbi>,
-    /// HOTA.
+    /// Higher order tracking accuracy (HOTA).
     pub hota: Option<hota::Hota>,
-    /// CLEAR MOT.
+    /// CLEAR MOT scores.
     pub clear: Option<clear::Clear>,
-    /// IDF1.
+    /// Identity scores (IDF1).
     pub identity: Option<identity::Identity>,
-    /// Cell Tracking Challenge.
+    /// Scores of the Cell Tracking Challenge.
     pub ctc: Option<ctc::Ctc>,
-    /// Defocusing particle tracking; needs depth.
+    /// Scores of general defocusing particle tracking; null without depth.
     pub gdpt: Option<gdpt::Gdpt>,
     /// Calibration of claimed uncertainties of positions.
     pub uncertainty: Option<PositionUncertainty>,
-    /// Lagrangian particle tracking.
+    /// Scores of Lagrangian particle tracking.
     pub lpt: Option<lpt::Lpt>,
-    /// Boxes of a detector; needs boxes in result and truth.
+    /// Boxes of a detector; null without boxes in result and truth.
     pub boxes: Option<boxes::BoxScore>,
     /// Orientation of spheroids; null without axes in the truth.
     pub orientation: Option<orientation::Orientation>,
-    /// Displacement field; null for particles.
+    /// Displacement field (PIV); null for particles.
     pub field: Option<field::FieldScore>,
-    /// Cramer-Rao bound.
+    /// Cramer-Rao bound (`--crlb`).
     pub crlb: Option<crlb::Crlb>,
     /// Recall and errors against depth, neighbor distance, SNR and overlap.
     pub curves: Vec<curves::Curve>,
@@ -60,20 +60,22 @@ pub struct Score {
     pub counts: Counts,
     /// Shift of the whole result that fits best (`--auto-offset`).
     pub offset: Option<Offset>,
-    /// Rules of scoring.
+    /// Rules by which the result was scored.
     pub definitions: Definitions,
     /// How the files were interpreted.
     pub assumptions: Vec<String>,
-    /// Probable mistakes of convention: readings under which the result would score better.
+    /// Probable mistakes of convention: interpretations of the file under which the result would score
+    /// better.
     pub hints: Vec<Hint>,
     /// Caveats for reading the scores.
     pub warnings: Vec<String>,
-    /// Whether the truth is withheld: what participants may see of these scores is in the folder `for_team`.
+    /// Whether the truth is withheld; the folder `for_team` then contains the scores that participants may
+    /// see.
     pub truth_is_secret: bool,
 }
 
 impl Score {
-    /// Number of frames or image pairs that the result leaves out.
+    /// Number of frames or image pairs that are missing in the result.
     pub fn missing(&self) -> usize {
         self.counts.frames_missing + self.field.as_ref().map_or(0, |field| field.n_pairs_missing)
     }
@@ -83,11 +85,11 @@ impl Score {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct PositionUncertainty {
-    /// Of x.
+    /// Calibration for x.
     pub x: Option<Uncertainty>,
-    /// Of y.
+    /// Calibration for y.
     pub y: Option<Uncertainty>,
-    /// Of z.
+    /// Calibration for z.
     pub z: Option<Uncertainty>,
 }
 
@@ -118,26 +120,26 @@ pub struct DetectionAtGate {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Counts {
-    /// Frames with a scored point in truth or result.
+    /// Number of frames with a scored point in truth or result.
     pub frames: usize,
-    /// Frames in which less than a quarter of the matches are found that the recall leads one to expect; 0 if
+    /// Number of frames with less than a quarter of the matches expected from the recall of all frames; 0 if
     /// chance explains them.
     pub frames_missing: usize,
-    /// True particles.
+    /// Number of scored true particles.
     pub n_truth: usize,
-    /// Result points.
+    /// Number of scored result points.
     pub n_result: usize,
-    /// True particles that are not scored: invisible, outside the depth range, or near the edge.
+    /// Number of true particles that are not scored: invisible, outside the depth range, or near the edge.
     pub ignored_truth: usize,
-    /// Result points assigned to ignored true particles.
+    /// Number of result points assigned to ignored true particles.
     pub ignored_result: usize,
-    /// Rows without coordinates, dropped.
+    /// Number of rows without coordinates, which were dropped.
     pub n_nan: usize,
-    /// Result points without a track.
+    /// Number of result points without a track.
     pub n_unlinked: usize,
-    /// True tracks.
+    /// Number of true tracks.
     pub tracks_truth: usize,
-    /// Result tracks.
+    /// Number of result tracks.
     pub tracks_result: usize,
 }
 
@@ -164,17 +166,17 @@ pub struct Definitions {
     pub truth_sha256: Option<String>,
     /// Gate of assignment A1; null for fields.
     pub gate: Option<Gate>,
-    /// 2 or 3 dimensions; 0 for fields.
+    /// Number of dimensions in which particles are scored, 2 or 3; 0 for fields.
     pub dims: u8,
-    /// lap-maxcard-d2 (A1) for particles, none for fields.
+    /// Assignment: `lap-maxcard-d2` (A1) for particles, `none` for fields.
     pub assignment: String,
     /// Gate of the ISBI scores.
     #[schemars(range(min = 0.0))]
     pub isbi_gate_px: f64,
-    /// Width of the border that is not scored.
+    /// Width of the image border in which particles are not scored.
     #[schemars(range(min = 0.0))]
     pub border_px: f64,
-    /// Depth range h.
+    /// Depth range h; null if unknown.
     pub depth_range_h_um: Option<f64>,
     /// Number of bootstrap resamples.
     pub bootstrap_resamples: usize,

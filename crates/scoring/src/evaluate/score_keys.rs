@@ -16,11 +16,11 @@ fn score_schema() -> Value {
 /// A key of `score.json`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScoreKey {
-    /// Dotted path; `[]` stands for every item of a list, `*` for every name of a map.
+    /// Dotted path; `[]` denotes every item of a list, `*` every name in a map.
     pub path: String,
     /// Definition, with formula and reference.
     pub meaning: String,
-    /// Least and greatest allowed value.
+    /// Smallest and largest allowed value.
     pub range: (Option<f64>, Option<f64>),
 }
 

@@ -191,7 +191,7 @@ mod tests {
         }
         assert_eq!(cloud.points, TrackSet::new(other.to_vec()).points);
         assert_eq!((cloud.n_tracks(), cloud.frames.len()), (3, 2));
-        // The track that goes to 3.5 comes first, though both begin at the same place.
+        // The track that goes to 3.5 comes first, although both begin at the same position.
         assert_eq!(cloud.points[cloud.track(0)[1] as usize].at.x_px, 3.5);
         assert_eq!(cloud.links().count(), 2);
     }

@@ -12,16 +12,16 @@ use super::statistics::ratio;
 pub struct Uncertainty {
     /// Number of errors with a claimed uncertainty.
     pub n: usize,
-    /// Share of |e| <= U; 0.683 for normal errors.
+    /// Fraction of errors with |e| <= U; 0.683 for normally distributed errors of standard deviation U.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub coverage_1s: Option<f64>,
-    /// Share of |e| <= 2 U; 0.954 for normal errors.
+    /// Fraction of errors with |e| <= 2 U; 0.954 for normally distributed errors of standard deviation U.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub coverage_2s: Option<f64>,
-    /// rms(e) / rms(U): 1 if calibrated, above 1 if claims are too small.
+    /// rms(e) / rms(U): 1 if calibrated, above 1 if the claimed uncertainties are too small.
     #[schemars(range(min = 0.0))]
     pub ratio: Option<f64>,
-    /// Ten classes of equal size, in ascending order of U.
+    /// Ten classes with equal numbers of errors, in ascending order of U.
     pub bins: Vec<UncertaintyBin>,
 }
 
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn honest_claims_cover_and_bold_ones_do_not() {
+    fn correct_claims_cover_and_small_ones_do_not() {
         // Errors uniform on [-u sqrt 3, u sqrt 3] have standard deviation u; a share of 1 / sqrt 3 is within
         // u.
         let errors = |boldness: f64| {
@@ -88,13 +88,13 @@ mod tests {
                 (u * 3f64.sqrt() * share, u / boldness)
             })
         };
-        let honest = Uncertainty::of(errors(1.0)).unwrap();
+        let calibrated = Uncertainty::of(errors(1.0)).unwrap();
         // 1000 steps per class.
-        assert!((honest.coverage_1s.unwrap() - 1.0 / 3f64.sqrt()).abs() < 2e-3);
-        assert_eq!(honest.coverage_2s, Some(1.0));
-        assert!((honest.ratio.unwrap() - 1.0).abs() < 2e-3);
-        assert_eq!(honest.bins.len(), 10);
-        for bin in &honest.bins {
+        assert!((calibrated.coverage_1s.unwrap() - 1.0 / 3f64.sqrt()).abs() < 2e-3);
+        assert_eq!(calibrated.coverage_2s, Some(1.0));
+        assert!((calibrated.ratio.unwrap() - 1.0).abs() < 2e-3);
+        assert_eq!(calibrated.bins.len(), 10);
+        for bin in &calibrated.bins {
             assert!((bin.error_rms / bin.claimed_rms - 1.0).abs() < 2e-3, "{bin:?}");
         }
         assert!((Uncertainty::of(errors(2.0)).unwrap().ratio.unwrap() - 2.0).abs() < 4e-3);

@@ -1,14 +1,14 @@
-//! What a paired comparison of two results needs besides their scores: sums over resampling units that all
-//! results of a dataset have in common, and the errors of every true particle.
+//! Data for a paired comparison of two results, besides their scores: sums over resampling units that all
+//! results of a dataset share, and the errors of every true particle.
 //!
 //! A unit is a true track (all of its points: errors along a track are correlated), or a square of reference
-//! nodes of a field. What a result has beyond the truth (ghosts, wrong links) belongs to the unit of a true
-//! particle nearby as long as that one has no more than twice the even share, otherwise to the next unit with
-//! room: a thousand ghosts at one place in a single unit would be absent from a third of all resamples, and
-//! so would never be significant.
+//! nodes of a field. Ghosts and wrong links of a result belong to the unit of a nearby true particle as long
+//! as this unit has no more than twice the average number, otherwise to the next unit with room: a thousand
+//! ghosts at one position in a single unit would be absent from a third of all resamples, and so would never
+//! be significant.
 //!
-//! A true particle whose gate contains a ghost beside its match counts as missed where errors are compared:
-//! of two answers the nearer one would be matched, and many would give a small error.
+//! A true particle whose gate contains a ghost in addition to its match counts as missed where errors are
+//! compared: of several answers the nearest one is matched, so that many answers would give a small error.
 
 use serde::{Deserialize, Serialize};
 
@@ -48,7 +48,7 @@ pub struct UnitScores {
     /// The same of z, um²; empty without depth.
     pub(crate) z: Vec<f32>,
     /// The same of the in-plane velocity, (um/s)²: at most that of the mean velocity of the truth, which also
-    /// stands for a velocity that is missing.
+    /// replaces a missing velocity.
     pub(crate) velocity: Vec<f32>,
 }
 
@@ -72,7 +72,7 @@ impl UnitScores {
     }
 }
 
-/// Gives places to what belongs to no true track.
+/// Assigns units to ghosts and wrong links, which belong to no true track.
 struct Places {
     taken: Vec<usize>,
     room: usize,

@@ -8,11 +8,11 @@ use crate::evaluate::statistics::Interval;
 /// Which values of a score are better.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Better {
-    /// Greater ones.
+    /// Larger values.
     Greater,
-    /// Smaller ones: an error.
+    /// Smaller values: an error.
     Smaller,
-    /// Those nearer to 1.
+    /// Values nearer to 1.
     NearOne,
 }
 
@@ -40,7 +40,7 @@ pub fn better(metric: Metric) -> Better {
 }
 
 impl Better {
-    /// A value as one of which greater is better.
+    /// The value transformed so that larger is better.
     pub(super) fn merit(self, value: f64) -> f64 {
         match self {
             Better::Greater => value,
@@ -50,7 +50,7 @@ impl Better {
     }
 }
 
-/// Value and 95 % interval of a score in those of an evaluation.
+/// Value and 95 % interval of a score of an evaluation.
 pub fn measured(metric: Metric, score: &Score) -> (Option<f64>, Interval) {
     let detection = score.detection.as_ref();
     let of = |value: Option<(Option<f64>, Interval)>| value.unwrap_or_default();

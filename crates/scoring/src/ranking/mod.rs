@@ -1,8 +1,8 @@
 //! Ranking of results for the same dataset by several criteria in order of priority.
 //!
-//! Two results are compared on what they have in common (`paired.rs`). A result is behind another if it is
-//! significantly worse. Of a group, those behind nobody come first ([`order::ranks`]); the next criterion
-//! orders them; results that no criterion separates share a rank.
+//! Two results are compared on the units that both share (`paired.rs`). A result is behind another if it is
+//! significantly worse. The results of a group that are behind no other come first ([`order::ranks`]), and
+//! the next criterion orders them; results that no criterion separates share a rank.
 
 mod metric;
 mod order;

@@ -1,10 +1,10 @@
 //! Order of results from pairwise comparisons.
 
-/// Indices of `n` results in order, each with its rank from 1. `is_better(criterion, a, b)` says whether a is
-/// significantly better than b.
+/// Indices of `n` results in order, each with its rank from 1. `is_better(criterion, a, b)` returns whether a
+/// is significantly better than b.
 ///
-/// Of a group, those that come first are behind nobody, or if there is none (a better than b, b than c, c
-/// than a), behind the fewest.
+/// The first results of a group are those behind no other result or, if there are none (a better than b, b
+/// than c, c than a), those behind the fewest.
 pub(super) fn ranks(
     n: usize,
     criteria: usize,

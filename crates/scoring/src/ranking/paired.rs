@@ -2,17 +2,18 @@
 //!
 //! Rates and means: the difference of the two scores over resamples of the units that both results share
 //! (`evaluate/units.rs`), each resample the same for both; a result is significantly better if the 95 %
-//! interval of the difference excludes 0. Leaving out frames lowers a result in most units at once, and so is
-//! significant against the complete one, however wide its own interval is. A result that is better in some
-//! resample and worse in none is better as well: leaving out a single track gains nothing.
+//! interval of the difference excludes 0. Omitting frames lowers a result in most units at once, and is
+//! therefore significant against the complete result, regardless of the width of its own interval. A result
+//! that is better in some resample and worse in none is also better: omitting a single track gains nothing.
 //!
-//! Errors of found particles: over all true particles, how many are nearer in one result and how many in the
-//! other; a particle that is missed is not near. A root mean square over those found would reward a result
-//! that leaves out its worst ones; this share never does, against no other result.
+//! Errors of found particles: the number of true particles that are nearer in one result against the number
+//! nearer in the other; a missed particle is never nearer. An RMS error over the found particles would favor
+//! a result that omits its worst ones; this comparison does not, against any other result.
 //!
-//! Fewer than five units have no interval: there, only the second rule decides. Without units (scores of
-//! earlier versions, of different datasets, or of vectors that a result chose itself) intervals decide that do
-//! not overlap, or if one is undefined, the values. A result without a value is behind all that have one.
+//! Fewer than five units have no interval: then only the second rule decides. Without units (scores of
+//! earlier versions, of different datasets, or over vectors that a result chose itself), intervals that do
+//! not overlap decide or, if an interval is undefined, the values. A result without a value is behind all
+//! results with one.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -43,18 +44,18 @@ impl Draws {
     }
 }
 
-/// What is compared of a result.
+/// The data of a result that are compared.
 #[derive(Debug)]
 enum Compared<'a> {
     /// Number of units, and the merit in each resample.
     Resampled(usize, Vec<f64>),
     /// Squared errors of true particles, and the unit of each.
     Errors(&'a [u32], &'a [f32]),
-    /// Nothing but value and interval.
+    /// Only value and interval.
     Interval,
 }
 
-/// One score of a result. Merits are values of which greater is better.
+/// One score of a result. Merits are values transformed so that larger is better.
 #[derive(Debug)]
 pub(super) struct Paired<'a> {
     merit: Option<f64>,
@@ -115,7 +116,7 @@ impl<'a> Paired<'a> {
             Metric::ResponseNodes => {
                 resampled(&units.nodes, draws, |[.., product, exact]| of(ratio(product, exact)))
             }
-            // These are over the vectors that the result has.
+            // These scores are over the vectors of the result.
             _ => None,
         };
         Paired { compared: compared.unwrap_or(Compared::Interval), ..whole }

@@ -1,4 +1,4 @@
-//! Results that are worse than an honest one do not rank before it, by any score.
+//! Manipulated results do not rank before a genuine one, by any score.
 
 use scenario::Metric;
 
@@ -10,7 +10,7 @@ use crate::results::{Points, Position, TrackRow, Velocities, VelocityUnit};
 const FRAMES: u32 = 6;
 const PARTICLES: u32 = 40;
 
-/// A number from 0 to 1 without a pattern.
+/// A pseudorandom number from 0 to 1.
 fn chance(seed: u32, i: u32) -> f64 {
     let mixed = (i ^ seed.wrapping_mul(0x9e37_79b9)).wrapping_mul(2_654_435_761).rotate_left(13);
     let mixed = (mixed ^ (mixed >> 15)).wrapping_mul(0x85eb_ca6b);
@@ -48,7 +48,7 @@ fn truth() -> TrueParticles {
 }
 
 /// A tracker that misses a twelfth of the particles and has errors of up to half a pixel and 2 um.
-fn honest() -> Points {
+fn genuine() -> Points {
     let mut rows = rows();
     rows.retain(|row| chance(3, row.frame * 100 + row.track as u32) > 1.0 / 12.0);
     for (i, row) in rows.iter_mut().enumerate() {
@@ -90,10 +90,10 @@ const S: [Metric; 3] = [Metric::AngleMeanAllDeg, Metric::F1, Metric::RmseXyPx];
 fn frames_left_out_are_behind_the_complete_result() {
     let corner = Position { x_px: 1.0, y_px: 1.0, z_um: 0.0 };
     for left_out in 1..FRAMES {
-        let cut = without(&honest(), |row| row.frame < left_out);
+        let cut = without(&genuine(), |row| row.frame < left_out);
         let cut = with_ghosts(&cut, (0..left_out).map(|frame| (frame, corner)));
         for by in [&D3[..], &T, &S, &[Metric::LinkF1, Metric::RmseXyPx]] {
-            assert!(is_behind(&honest(), &cut, by), "{left_out} {by:?}");
+            assert!(is_behind(&genuine(), &cut, by), "{left_out} {by:?}");
         }
     }
 }
@@ -102,7 +102,7 @@ fn frames_left_out_are_behind_the_complete_result() {
 fn the_worst_particles_left_out_gain_nothing() {
     // Each error is nearer to that of a tracker that is a little better in some and worse in others.
     let z = |row: &TrackRow| (row.at.z_um - at(row.track as u32, row.frame).z_um).abs();
-    let own = honest();
+    let own = genuine();
     for limit in [1.9, 1.5, 1.0] {
         let cut = without(&own, |row| z(row) > limit);
         assert!(!is_behind(&cut, &own, &D3) && !is_behind(&cut, &own, &[Metric::SigmaZOverH]), "{limit}");
@@ -115,18 +115,18 @@ fn the_worst_particles_left_out_gain_nothing() {
 #[test]
 fn ghosts_at_one_place_or_in_one_frame_are_significant() {
     let at = |i: u32| Position { x_px: 20.0 + 0.001 * f64::from(i), y_px: 24.0, z_um: 0.0 };
-    let ghosts = with_ghosts(&honest(), (0..500).map(|i| (2, at(i))));
-    let far = with_ghosts(&honest(), (0..500).map(|i| (1000, at(i))));
+    let ghosts = with_ghosts(&genuine(), (0..500).map(|i| (2, at(i))));
+    let far = with_ghosts(&genuine(), (0..500).map(|i| (1000, at(i))));
     for worse in [ghosts, far] {
         for by in [&D3[..], &T, &[Metric::Precision], &[Metric::IsbiBeta]] {
-            assert!(is_behind(&honest(), &worse, by), "{by:?}");
+            assert!(is_behind(&genuine(), &worse, by), "{by:?}");
         }
     }
 }
 
 #[test]
 fn answers_beside_each_other_are_no_better_than_one() {
-    let own = honest();
+    let own = genuine();
     let hedges = own
         .rows
         .iter()
@@ -139,7 +139,7 @@ fn answers_beside_each_other_are_no_better_than_one() {
 
 #[test]
 fn a_velocity_claimed_for_one_row_gains_nothing() {
-    let own = honest();
+    let own = genuine();
     let truth = truth();
     let claim = |share: f64, v: f64| {
         let velocity = |(i, row): (usize, &TrackRow)| {
@@ -152,10 +152,10 @@ fn a_velocity_claimed_for_one_row_gains_nothing() {
     let mut one = claim(0.0, 1.0);
     one.velocities.as_mut().unwrap().rows[17] = [100.0, 0.0, 0.0];
     let error = |points: &Points| scored(points).score.lpt.unwrap().motion.velocity_rms_um_s.unwrap();
-    // One exact velocity of 200 changes the error of all by less than a percent.
+    // One exact velocity out of 200 changes the error of all by less than a percent.
     assert!((error(&one) / error(&own) - 1.0).abs() < 0.01, "{} {}", error(&one), error(&own));
     assert!(!is_behind(&one, &own, &T));
-    // Velocities that are measured for all rows do.
+    // Velocities that are measured for all rows are better.
     assert!(is_behind(&claim(1.0, 1.01), &own, &T));
     // Absurd and constant ones are behind.
     assert!(is_behind(&own, &claim(1.0, 1e200), &T) && is_behind(&own, &claim(1.0, 0.0), &T));
@@ -163,7 +163,7 @@ fn a_velocity_claimed_for_one_row_gains_nothing() {
 
 #[test]
 fn axes_of_ghosts_and_a_constant_axis_gain_nothing() {
-    let own = honest();
+    let own = genuine();
     let axes_of =
         |points: &Points, axis: [f64; 3]| Points { axes: vec![axis; points.rows.len()], ..points.clone() };
     let ghost = Points {
@@ -203,7 +203,7 @@ fn axes_of_ghosts_and_a_constant_axis_gain_nothing() {
 
 #[test]
 fn an_empty_result_is_last_and_equals_share_a_rank() {
-    let own = honest();
+    let own = genuine();
     let empty = Points { has_z: true, ..Points::default() };
     for by in [&D3[..], &T, &S] {
         assert!(is_behind(&own, &empty, by), "{by:?}");

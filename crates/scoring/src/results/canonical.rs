@@ -1,7 +1,6 @@
-//! microsig's own tables: `frame, track, x_px, y_px, z_um [, u_um_s, v_um_s, w_um_s] [, w_px, h_px, score]
-//! [, axis_x, axis_y, axis_z]` for particles, `x_px,
-//! y_px, dx_px, dy_px [, dz_um], flag [, pair]` for fields. Columns may be in any order; additional columns
-//! are ignored.
+//! microsig's own tables: `frame, track, x_px, y_px, z_um [, u_um_s, v_um_s, w_um_s] [, w_px, h_px, score] [,
+//! axis_x, axis_y, axis_z]` for particles, `x_px, y_px, dx_px, dy_px [, dz_um], flag [, pair]` for fields.
+//! Columns may be in any order; additional columns are ignored.
 
 use std::path::Path;
 
@@ -48,7 +47,7 @@ fn axis(sheet: &TextTable) -> Option<AxisColumns> {
 /// Reads a table of particles.
 ///
 /// # Errors
-/// Everything that is wrong with the table, with line numbers.
+/// All problems of the table, with line numbers.
 pub fn points(path: &Path, given: &Conventions) -> Result<Points> {
     let mut converter = Converter::new(PARTICLES, given)?;
     let sheet = TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows);
@@ -82,7 +81,7 @@ pub fn points(path: &Path, given: &Conventions) -> Result<Points> {
 /// Reads a displacement field.
 ///
 /// # Errors
-/// Everything that is wrong with the table, with line numbers.
+/// All problems of the table, with line numbers.
 pub fn field(path: &Path, given: &Conventions) -> Result<Field> {
     let converter = Converter::new(FIELD, given)?;
     let sheet = TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows);
@@ -115,7 +114,7 @@ pub fn field(path: &Path, given: &Conventions) -> Result<Field> {
     })?;
     field.notes = converter.notes;
     field.notes.extend(style);
-    field.n_nan = dropped.told(&mut field.notes);
+    field.n_nan = dropped.finish(&mut field.notes);
     Ok(field)
 }
 

@@ -30,7 +30,7 @@ impl Decimals {
         (comma > 0 && point > 0).then(|| {
             format!(
                 "numbers with a decimal comma (line {comma}) and with a decimal point (line {point}); expected one of them, \
-                 and no separators of thousands"
+                 and no thousands separators"
             )
         })
     }
@@ -68,7 +68,7 @@ impl<'a> Cells<'a> {
             return Ok(f64::NAN);
         }
         let hint = match text.contains(',') {
-            true if self.decimals.is_some() => " without separators of thousands",
+            true if self.decimals.is_some() => " without thousands separators",
             true => " with a decimal point, not a comma",
             false => "",
         };
@@ -109,7 +109,7 @@ impl<'a> Cells<'a> {
     }
 }
 
-/// The number in a text, with a decimal point or, if it `may` be, one decimal comma.
+/// The number in a text, with a decimal point or, if `may` is set, one decimal comma.
 pub(super) fn number(text: &str, may: bool) -> Option<f64> {
     let number = text.parse::<f64>().ok();
     if number.is_some() || !may || text.contains('.') || text.matches(',').count() != 1 {

@@ -1,6 +1,6 @@
 //! COCO's list of results of a detector: `[{"image_id": 0, "bbox": [x, y, width, height], "score": 0.9},
-//! ...]`. `image_id` is the frame, from 0; the corner of the first pixel is at (0, 0). A key `z_um` is read
-//! too; others are ignored.
+//! ...]`. `image_id` is the frame, from 0; the corner of the first pixel is at (0, 0). A key `z_um` is also
+//! read; others are ignored.
 
 use std::path::Path;
 
@@ -28,7 +28,7 @@ fn one() -> f64 {
     1.0
 }
 
-/// A list of at most so many results; more are an error, before they take memory.
+/// A list of at most this many results; a longer list is an error, before it takes memory.
 struct AtMost(usize);
 
 impl<'de> Visitor<'de> for AtMost {
@@ -78,6 +78,6 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Points> {
         }
     }
     points.notes = converter.notes;
-    points.n_nan = dropped.told(&mut points.notes);
+    points.n_nan = dropped.finish(&mut points.notes);
     Ok(points)
 }

@@ -51,7 +51,7 @@ pub struct Conventions {
     pub frame_base: Option<i64>,
     /// Object-space length of a pixel, um.
     pub um_per_px: Option<f64>,
-    /// Least and greatest depth, um.
+    /// Smallest and largest depth, um.
     pub depth_um: Option<(f64, f64)>,
     /// Height of the images, px.
     pub height_px: Option<f64>,
@@ -97,7 +97,7 @@ impl Limits {
         }
         let (name, most) = (path.display(), self.bytes);
         Err(Error::input(format!(
-            "{name}: {bytes} bytes; expected at most {most}, {} times what the truth needs",
+            "{name}: {bytes} bytes; expected at most {most}, {} times the size of the truth",
             Self::TIMES
         )))
     }
@@ -149,7 +149,7 @@ impl DroppedRows {
     }
 
     /// Number of dropped rows; adds a note if there are any.
-    pub(crate) fn told(self, notes: &mut Vec<String>) -> usize {
+    pub(crate) fn finish(self, notes: &mut Vec<String>) -> usize {
         if self.n > 0 {
             let lines: Vec<String> = self.first.iter().map(u64::to_string).collect();
             let more = if self.n > lines.len() { ", ..." } else { "" };
@@ -235,9 +235,13 @@ impl Converter {
     }
 
     /// Converts a velocity from columns with these names, y downward; lengths are not scaled.
-    pub(crate) fn velocity(&self, told: [f64; 3], names: [&str; 3]) -> std::result::Result<[f64; 3], String> {
-        let [u, v, w] = told;
-        match told.iter().zip(names).find(|(c, _)| c.abs() > LARGEST_SPEED) {
+    pub(crate) fn velocity(
+        &self,
+        given: [f64; 3],
+        names: [&str; 3],
+    ) -> std::result::Result<[f64; 3], String> {
+        let [u, v, w] = given;
+        match given.iter().zip(names).find(|(c, _)| c.abs() > LARGEST_SPEED) {
             Some((c, name)) => {
                 Err(format!("{name} = {c:?}: expected a velocity of at most {LARGEST_SPEED:e}"))
             }
@@ -254,7 +258,7 @@ impl Converter {
         }
     }
 
-    /// Converts the size of a box to px and checks it and the score.
+    /// Converts the size of a box to px and checks size and score.
     pub(crate) fn size(&self, [w, h]: [f64; 2], score: f64) -> std::result::Result<BoxSize, String> {
         let (w_px, h_px) = (w * self.scale, h * self.scale);
         for (name, value) in [("width", w_px), ("height", h_px)] {
@@ -271,14 +275,14 @@ impl Converter {
     /// Converts claimed uncertainties from columns with these names: x and y to px, z unchanged.
     pub(crate) fn uncertainty(
         &self,
-        told: [f64; 3],
+        given: [f64; 3],
         names: [&str; 3],
     ) -> std::result::Result<[f64; 3], String> {
-        match told.iter().zip(names).find(|(s, _)| **s < 0.0 || **s > LARGEST_UM) {
+        match given.iter().zip(names).find(|(s, _)| **s < 0.0 || **s > LARGEST_UM) {
             Some((s, name)) => {
                 Err(format!("{name} = {s:?}: expected an uncertainty from 0 to {LARGEST_UM:e}"))
             }
-            None => Ok([told[0] * self.scale, told[1] * self.scale, told[2]]),
+            None => Ok([given[0] * self.scale, given[1] * self.scale, given[2]]),
         }
     }
 }

@@ -73,7 +73,7 @@ pub enum Format {
 /// Reads a result file; the format is detected unless `given`.
 ///
 /// # Errors
-/// Everything that is wrong with the file, with line numbers; an unknown format.
+/// All problems of the file, with line numbers; an unknown format.
 pub fn read(path: &Path, given: &Conventions) -> Result<TrackerResult> {
     given.limits.check(path, input::open(path)?.metadata().map_err(|e| Error::read(path, e))?.len())?;
     let format = match given.format {
@@ -208,11 +208,11 @@ pub fn detect(path: &Path) -> Result<Format> {
         () if has(&["x", "y", "frame"]) && (has(&["particle"]) || has(&["mass"])) => Ok(Format::Trackpy),
         () if has(&["x", "y"]) => Err(Error::input(format!(
             "{name}:1: columns {first:?} have no units: name them frame, track, x_px, y_px, z_um (or x_px, y_px, dx_px, \
-             dy_px of a field), or say with --format which program wrote them"
+             dy_px of a field), or give the program that wrote them with --format"
         ))),
         () => Err(Error::input(format!(
             "{name}:1: header {:?} fits no format; expected columns frame, track, x_px, y_px, z_um (without z_um if depth \
-             is not measured), or x_px, y_px, dx_px, dy_px of a field; `evaluate --format` tells which other program wrote it",
+             is not measured), or x_px, y_px, dx_px, dy_px of a field; `evaluate --format` selects the format of another program",
             shown(first)
         ))),
     }

@@ -1,6 +1,6 @@
 //! OpenPIV's text file: `# x y u v flags mask`, tab-separated, px unless scaled; flag 0 valid, 1 invalid, 2
-//! interpolated (openpiv.tools.save). Its tutorials turn y upward with `transform_coordinates`; such files
-//! need --y up.
+//! interpolated (openpiv.tools.save). Its tutorials reverse y to point upward with `transform_coordinates`;
+//! such files need --y up.
 
 use std::path::Path;
 
@@ -39,6 +39,6 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
     })?;
     field.notes = converter.notes;
     field.notes.extend(style);
-    field.n_nan = dropped.told(&mut field.notes);
+    field.n_nan = dropped.finish(&mut field.notes);
     Ok(field)
 }

@@ -92,6 +92,6 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Field> {
     })?;
     field.notes = converter.notes;
     field.notes.extend(style);
-    field.n_nan = dropped.told(&mut field.notes);
+    field.n_nan = dropped.finish(&mut field.notes);
     Ok(field)
 }

@@ -1,7 +1,7 @@
 //! Reader of text tables: limits lines and rows, finds columns by name, reports problems with line numbers.
 //!
-//! Spreadsheets write what the language of the computer asks for: semicolons between columns and decimal
-//! commas, tabs, a first line `sep=;`, UTF-16. The header says which, and a note of the result does, too.
+//! Spreadsheet programs write tables according to the locale: semicolons between columns and decimal commas,
+//! tabs, a first line `sep=;`, UTF-16. The header shows the format, and a note of the result states it.
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -117,8 +117,8 @@ impl TextTable {
         })
     }
 
-    /// Skips up to three rows below the header that have words instead of numbers in this column; returns the
-    /// words.
+    /// Skips up to three rows below the header that contain words instead of numbers in this column; returns
+    /// the words.
     pub(crate) fn skip_words(&mut self, column: usize) -> Result<Vec<String>> {
         let (mut words, mut record) = (Vec::new(), ByteRecord::new());
         while let Some(line) = self.record(&mut record)? {
@@ -217,7 +217,7 @@ impl TextTable {
             } else {
                 let is_split = record.len() > self.header.len() && self.decimals.is_none();
                 let hint = if is_split {
-                    " (numbers with decimal commas? Then separate columns by semicolons or tabs)"
+                    " (numbers with decimal commas? Then separate the columns by semicolons or tabs)"
                 } else {
                     ""
                 };
@@ -307,7 +307,7 @@ impl TextTable {
         points.velocities = unit.map(|unit| Velocities { unit, rows: velocities });
         points.notes = converter.notes;
         points.notes.extend(style);
-        points.n_nan = dropped.told(&mut points.notes);
+        points.n_nan = dropped.finish(&mut points.notes);
         Ok(points)
     }
 }
@@ -429,8 +429,9 @@ mod tests {
         let mixed = message("sep=;\na;b\n1;2,5\n1;1.5\n");
         assert!(mixed.contains("a decimal comma (line 3) and with a decimal point (line 4)"), "{mixed}");
         assert!(
-            message("a;b\n1;1.234,5\n").contains("t.csv:2: b = \"1.234,5\": expected a number without sep")
+            message("a;b\n1;1.234,5\n")
+                .contains("t.csv:2: b = \"1.234,5\": expected a number without thousands sep")
         );
-        assert!(message("a,b\n1,2,5\n").contains("separate columns by semicolons or tabs"));
+        assert!(message("a,b\n1,2,5\n").contains("separate the columns by semicolons or tabs"));
     }
 }

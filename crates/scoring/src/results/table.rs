@@ -34,7 +34,7 @@ pub struct Points {
     pub sigma: Vec<[f64; 3]>,
     /// Velocities, if the file has any.
     pub velocities: Option<Velocities>,
-    /// Box of every row, whose middle is its position; empty if the file has none.
+    /// Box of every row, centered at its position; empty if the file has none.
     pub boxes: Vec<BoxSize>,
     /// Symmetry axis of every row (x right, y down, z away from the lens; any length), NaN if missing; empty
     /// if the file has none.

@@ -1,7 +1,7 @@
 //! Text files as other programs write them: UTF-8 or UTF-16, any line ends, lines of limited length.
 //!
-//! UTF-16 is read if a byte order mark makes it certain. Files that are no text at all (workbooks, archives,
-//! arrays) are named, because their bytes would only give errors about the header.
+//! UTF-16 is read if a byte order mark makes it certain. Files that are not text (workbooks, archives,
+//! arrays) are identified in the message, because their bytes would only give errors about the header.
 
 use std::fs::File;
 use std::io::{Error as IoError, ErrorKind, Read};
@@ -16,7 +16,7 @@ const LONGEST_LINE: usize = 1 << 16;
 /// Number of bytes from which encoding and format are detected.
 pub(super) const HEAD: usize = 4096;
 
-/// First bytes of files that are not text: what they are, and what to do instead.
+/// First bytes of files that are not text, with the message for each: the type of the file, and what to do.
 const CONTAINERS: [(&[u8], &str); 9] = [
     (b"PK\x03\x04", WORKBOOK),
     (b"\xd0\xcf\x11\xe0", WORKBOOK),
@@ -38,7 +38,7 @@ pub(crate) struct Text {
     encoding: Encoding,
     /// Bytes of UTF-16 that are not decoded yet.
     raw: Vec<u8>,
-    /// Bytes of UTF-8, and how many of them have been given.
+    /// Bytes of UTF-8, and how many of them have been returned.
     ready: Vec<u8>,
     given: usize,
 }
@@ -195,14 +195,14 @@ impl<R: Read> Read for Bounded<R> {
     }
 }
 
-/// A reader of text whose lines all end with a single newline, also those that end with a carriage return,
-/// with both, or with the file.
+/// A reader of text whose lines all end with a single newline, even if they end with a carriage return, with
+/// both, or with the end of the file.
 #[derive(Debug)]
 pub(super) struct UnixLines<R> {
     inner: R,
-    /// Whether the last byte read was a carriage return, for which a newline was given.
+    /// Whether the last byte read was a carriage return, for which a newline was returned.
     after_return: bool,
-    /// The last byte given.
+    /// The last byte returned.
     last: u8,
 }
 

@@ -16,14 +16,14 @@ pub(super) fn read(path: &Path, given: &Conventions) -> Result<Points> {
     let (frame, x, y) = (sheet.need("frame")?, sheet.need("x")?, sheet.need("y")?);
     let (track, z) = (sheet.column("particle"), sheet.column("z"));
     if track.is_none() {
-        converter.notes.push("no column `particle`: nothing is linked".to_owned());
+        converter.notes.push("no column `particle`: points are not linked".to_owned());
     }
     // trackpy's estimated position error, one value for all axes (column ep of `locate`).
     let ep = sheet.column("ep");
     if ep.is_some() {
         converter
             .notes
-            .push("ep is taken as the uncertainty of x and y, negative ones as unknown".to_owned());
+            .push("ep is taken as the uncertainty of x and y; negative values are unknown".to_owned());
     }
     converter.ignores(&sheet.others(&["frame", "x", "y", "z", "particle", "ep"]));
     sheet.points(

@@ -105,7 +105,7 @@ fn read(
         return Err(at(reader.buffer_position(), format!("the file ends within {root}")));
     }
     if let Some(claimed) = claimed.filter(|n| *n != (track + 1).to_string()) {
-        let what = format!("nTracks = {:?}, but {} are in it", shown(&claimed), track + 1);
+        let what = format!("nTracks = {:?}, but the file has {}", shown(&claimed), track + 1);
         return Err(at(reader.buffer_position(), what));
     }
     points.notes = converter.notes;

@@ -27,9 +27,9 @@ params! {
     RotatedParams {
         /// Direction of the axis.
         axis: [f64; 3] = [0.0, 0.0, 1.0], "finite, not all zero";
-        /// Angle, rad; about z positive looks clockwise on the screen.
+        /// Angle of rotation, rad; a positive angle about z is clockwise on the screen.
         angle_rad: f64 = 0.0, "finite";
-        /// A point of the axis, um.
+        /// A point on the axis, um.
         #[alias = "centre_um"]
         center_um: [f64; 3] = [0.0, 0.0, 0.0], "finite";
     }
@@ -38,9 +38,9 @@ params! {
 params! {
     /// Parameters of [`Mirrored`].
     MirroredParams {
-        /// Axis across the mirror.
+        /// Axis normal to the mirror plane.
         axis: Axis = Axis::X, "x, y or z";
-        /// Where the mirror stands on it, um.
+        /// Position of the mirror plane on this axis, um.
         at_um: f64 = 0.0, "finite";
     }
 }

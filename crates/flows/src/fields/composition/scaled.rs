@@ -15,11 +15,11 @@ const SCALED: ParameterCheck = ParameterCheck("scaled");
 params! {
     /// Parameters of [`Scaled`].
     ScaledParams {
-        /// Factor on the velocity.
+        /// Factor by which velocities are multiplied.
         velocity_factor: f64 = 1.0, "finite";
-        /// Factor on lengths.
+        /// Factor by which lengths are multiplied.
         length_factor: f64 = 1.0, "> 0";
-        /// The point that stays in place, um.
+        /// Fixed point of the scaling, um.
         #[alias = "centre_um"]
         center_um: [f64; 3] = [0.0, 0.0, 0.0], "finite";
     }

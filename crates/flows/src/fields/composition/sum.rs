@@ -67,7 +67,8 @@ impl VelocityField for Sum {
             .reduce(f64::min)
     }
 
-    /// The largest share of a part, below that of the sum if parts end in different places.
+    /// The largest share of any term; the share of the sum is larger if the data of terms end in different
+    /// places.
     fn share_without_data(&self, region: &Region) -> f64 {
         self.0.iter().map(|field| field.share_without_data(region)).fold(0.0, f64::max)
     }

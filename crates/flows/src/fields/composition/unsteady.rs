@@ -17,7 +17,7 @@ const MODULATED: ParameterCheck = ParameterCheck("modulated");
 params! {
     /// Parameters of [`Moving`].
     MovingParams {
-        /// Velocity of the frame that carries the field, um/s.
+        /// Velocity of the moving frame, um/s.
         velocity_um_s: [f64; 3] = [0.0, 0.0, 0.0], "finite";
     }
 }
@@ -25,11 +25,11 @@ params! {
 params! {
     /// Parameters of [`Modulated`].
     ModulatedParams {
-        /// Mean m of the factor.
+        /// Mean m of the modulation factor.
         mean: f64 = 1.0, "finite";
-        /// Amplitude a of the factor.
+        /// Amplitude a of the modulation factor.
         amplitude: f64 = 0.0, "finite";
-        /// Frequency, Hz.
+        /// Frequency f of the modulation, Hz.
         frequency_hz: f64 = 10.0, ">= 0";
         /// Phase p of the cosine, rad.
         phase_rad: f64 = 0.0, "finite";

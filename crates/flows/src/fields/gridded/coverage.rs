@@ -4,8 +4,8 @@ use super::{Gridded, Nodes};
 use crate::region::Region;
 
 impl Gridded {
-    /// Share of a region's volume beyond the outermost nodes, 0 to 1. Periodic axes, and axes with a single
-    /// node, cover everything.
+    /// Fraction of the volume of a region beyond the outermost nodes, 0 to 1. Periodic axes, and axes with a
+    /// single node, cover everything.
     pub(super) fn uncovered(&self, region: &Region) -> f64 {
         let covered = |axis: usize, nodes: &Nodes| {
             if nodes.periodic || nodes.count == 1 {

@@ -29,15 +29,15 @@ use microsig_core::bspline;
 
 const CHECK: ParameterCheck = ParameterCheck("gridded");
 
-/// How to fill the space between nodes.
+/// Interpolation between the nodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Interpolation {
-    /// By a spline of third degree.
+    /// Tricubic B-spline, with two continuous derivatives.
     #[default]
     Tricubic,
-    /// Linearly along each axis.
+    /// Linear along each axis.
     Trilinear,
 }
 

@@ -1,9 +1,9 @@
 //! The minimum-cost matching that covers all rows of a graph.
 //!
 //! Shortest augmenting paths with potentials (Jonker and Volgenant, 1987; Dijkstra's algorithm with a heap).
-//! In a dense graph few edges matter: it is first solved with the cheapest edges of each row; edges with a
-//! negative reduced cost are then added and the solution is continued until there are none, so the result is
-//! optimal for the whole graph.
+//! In a dense graph few edges matter: it is first solved with only the cheapest edges of each row; edges with
+//! a negative reduced cost are then added, and the solution is continued until no such edge is left, so that
+//! the result is optimal for the whole graph.
 
 use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
@@ -87,7 +87,7 @@ const CORE: usize = 12;
 const MANY: usize = 100;
 
 /// The column of every row in the minimum-cost matching that covers all rows; `cover` is any matching that
-/// does.
+/// covers them.
 pub(super) fn cheapest_cover(mut graph: Graph, columns: usize, cover: &[u32]) -> Vec<u32> {
     if graph.costs.len() > CORE * graph.rows() {
         graph.keep_cheapest(CORE, cover);

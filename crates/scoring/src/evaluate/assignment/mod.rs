@@ -40,7 +40,7 @@ pub fn max_cardinality_min_cost(rows: usize, columns: usize, pairs: Vec<Pair>) -
     chosen
 }
 
-/// The matching of greatest total weight; pairs without a positive weight are never chosen. `pairs` must be
+/// The matching of maximum total weight; pairs without a positive weight are never chosen. `pairs` must be
 /// sorted by row, then column, without duplicates; the result is sorted by row.
 pub fn max_weight_matching(rows: usize, columns: usize, mut pairs: Vec<Pair>) -> Vec<Pair> {
     pairs.retain(|p| p.value > 0.0);

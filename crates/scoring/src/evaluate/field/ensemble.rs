@@ -12,21 +12,21 @@ use crate::evaluate::statistics::Errors;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct EnsembleErrors {
-    /// Positions that have valid vectors in at least two image pairs.
+    /// Number of positions that have valid vectors in at least two image pairs.
     pub n_places: usize,
     /// Mean number of vectors at a position.
     #[schemars(range(min = 0.0))]
     pub mean_repeats: f64,
-    /// Mean of |b(x)|, b the mean error of u at x.
+    /// Mean over positions x of |b(x)|, where b(x) is the mean error of u at x.
     #[schemars(range(min = 0.0))]
     pub mean_abs_bias_u_px: f64,
-    /// Mean of s(x), s the standard deviation of the error of u at x.
+    /// Mean over positions x of s(x), the standard deviation of the error of u at x.
     #[schemars(range(min = 0.0))]
     pub mean_random_u_px: f64,
-    /// Mean of |b(x)| of v.
+    /// Mean of |b(x)| for v.
     #[schemars(range(min = 0.0))]
     pub mean_abs_bias_v_px: f64,
-    /// Mean of s(x) of v.
+    /// Mean of s(x) for v.
     #[schemars(range(min = 0.0))]
     pub mean_random_v_px: f64,
 }

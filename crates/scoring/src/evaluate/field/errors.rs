@@ -28,13 +28,13 @@ pub struct ComponentErrors {
     /// RMS error: rms^2 = bias^2 + random^2.
     #[schemars(range(min = 0.0))]
     pub rms_px: Option<f64>,
-    /// Mean |e|.
+    /// Mean absolute error, |e|.
     #[schemars(range(min = 0.0))]
     pub mae_px: Option<f64>,
-    /// Median |e|.
+    /// Median absolute error.
     #[schemars(range(min = 0.0))]
     pub median_abs_px: Option<f64>,
-    /// 95 % quantile of |e|.
+    /// 95 % quantile of the absolute error.
     #[schemars(range(min = 0.0))]
     pub p95_abs_px: Option<f64>,
 }
@@ -71,47 +71,47 @@ pub struct FieldErrors {
     /// RMS error of dz; null if the result has no dz.
     #[schemars(range(min = 0.0))]
     pub w_rms_um: Option<f64>,
-    /// Average end-point error: mean |u_result - u_true|.
+    /// Average end-point error (AEE): mean of |u_result - u_true|.
     #[schemars(range(min = 0.0))]
     pub aee_px: Option<f64>,
-    /// 100 AEE, as deep-learning PIV tables list it.
+    /// 100 AEE, in px per 100 px, as listed in the deep-learning PIV literature.
     #[schemars(range(min = 0.0))]
     pub aee_per_100px: Option<f64>,
     /// RMS end-point error.
     #[schemars(range(min = 0.0))]
     pub epe_rms_px: Option<f64>,
-    /// Mean of end-point error / max(|u_true|, 0.1 px).
+    /// Normalized end-point error: mean of end-point error / max(|u_true|, 0.1 px).
     #[schemars(range(min = 0.0))]
     pub nepe: Option<f64>,
     /// Mean angle between (u, v, 1) of result and truth (Barron et al., IJCV 12, 1994).
     #[schemars(range(min = 0.0))]
     pub angular_error_deg: Option<f64>,
-    /// End-point error from which a vector is an outlier.
+    /// Threshold: a vector whose end-point error is at least this large is an outlier.
     #[schemars(range(min = 0.0))]
     pub outlier_threshold_px: f64,
-    /// Share of outliers among valid vectors.
+    /// Fraction of outliers among valid vectors.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub outlier_fraction: Option<f64>,
-    /// Share of all vectors with a truth that are valid and have an end-point error below 1 px.
+    /// Fraction of all vectors with a truth that are valid and have an end-point error below 1 px.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub valid_vector_probability: Option<f64>,
-    /// The same below 0.5 px.
+    /// The same with a threshold of 0.5 px.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub valid_vector_probability_strict: Option<f64>,
-    /// Slope of a linear regression of the measured u on the true u, over inliers: amplitude response.
+    /// Amplitude response: slope of a linear regression of the measured u on the true u, over inliers.
     pub modulation_u: Option<f64>,
-    /// The same for v.
+    /// Amplitude response of v, defined as modulation_u.
     pub modulation_v: Option<f64>,
-    /// Share of vectors with |e_u| <= U, U the claimed uncertainty.
+    /// Fraction of vectors whose error |e_u| is at most the claimed uncertainty U.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub coverage_1s_u: Option<f64>,
-    /// Share of vectors with |e_u| <= 2 U.
+    /// Fraction of vectors with |e_u| <= 2 U.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub coverage_2s_u: Option<f64>,
     /// coverage_1s_u over inliers.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub coverage_1s_u_inliers: Option<f64>,
-    /// rms(e_u) / rms(U).
+    /// Ratio of the RMS error of u to the RMS claimed uncertainty, rms(e_u) / rms(U).
     #[schemars(range(min = 0.0))]
     pub uncertainty_ratio_u: Option<f64>,
     /// Calibration of claimed uncertainties.
@@ -142,13 +142,13 @@ pub struct FieldErrors {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct VectorUncertainty {
-    /// Of u.
+    /// Calibration for u.
     pub u: Option<Uncertainty>,
-    /// Of v.
+    /// Calibration for v.
     pub v: Option<Uncertainty>,
-    /// Of u of inliers.
+    /// Calibration for u of inliers.
     pub u_inliers: Option<Uncertainty>,
-    /// Of v of inliers.
+    /// Calibration for v of inliers.
     pub v_inliers: Option<Uncertainty>,
 }
 
@@ -215,8 +215,8 @@ impl FieldErrors {
     }
 }
 
-/// Number of image pairs from which pairs are the units of the bootstrap: errors of vectors of one pair are
-/// correlated.
+/// Minimum number of image pairs for which pairs are the units of the bootstrap: errors of vectors of one
+/// pair are correlated.
 const PAIRS: usize = 10;
 
 /// Intervals of AEE, valid-vector probability, and RMS errors of u and v over inliers.

@@ -11,7 +11,7 @@ use crate::evaluate::statistics::ratio;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Gradients {
-    /// Vectors with four valid neighbors.
+    /// Number of vectors with four valid neighbors.
     pub n: usize,
     /// RMS error of dv/dx - du/dy.
     #[schemars(range(min = 0.0))]

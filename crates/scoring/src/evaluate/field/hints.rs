@@ -72,7 +72,7 @@ pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], grid: &
             };
             hints.push(Hint {
                 what: format!(
-                    "positions {by:+} px off? The gradients of the flow say ({:+.2}, {:+.2}) px{option}: the RMS \
+                    "positions off by {by:+} px? The flow gradients indicate ({:+.2}, {:+.2}) px{option}: the RMS \
                      end-point error of inliers would be {after:.4} instead of {before:.4} px",
                     shift[0], shift[1]
                 ),
@@ -85,8 +85,8 @@ pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], grid: &
     hints
 }
 
-/// A hint if displacements of zero would have smaller errors. Medians, because outliers alone make any field
-/// worse.
+/// A hint if zero displacements would have smaller errors. It compares medians, because outliers alone make
+/// any field worse.
 fn no_better_than_zeros(compared: &[ComparedVector]) -> Option<Hint> {
     /// Errors below this are those of noise in small displacements, px.
     const LARGE_PX: f64 = 0.5;
@@ -97,8 +97,8 @@ fn no_better_than_zeros(compared: &[ComparedVector]) -> Option<Hint> {
     };
     let (error, moved) = (median(&|c| c.endpoint())?, median(&|c| c.truth[0].hypot(c.truth[1]))?);
     let what = format!(
-        "the median error of {error:.2} px is no smaller than that of displacements of zero ({moved:.2} px): is the result of \
-         another dataset, in another unit, or are its image pairs in another order?"
+        "the median error of {error:.2} px is no smaller than that of zero displacements ({moved:.2} px): is this the result of \
+         another dataset, is it in another unit, or are its image pairs in another order?"
     );
     (error > LARGE_PX && error >= 0.98 * moved).then(|| Hint::without_score(&what))
 }

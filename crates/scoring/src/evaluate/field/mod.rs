@@ -43,24 +43,25 @@ const UNIFORM_PX: f64 = 0.05;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct FieldScore {
-    /// Vectors in the result.
+    /// Number of vectors in the result.
     pub n_total: usize,
-    /// Valid vectors (flag 0).
+    /// Number of valid vectors (flag 0).
     pub n_reported: usize,
-    /// Interpolated vectors (flag 2).
+    /// Number of interpolated vectors (flag 2).
     pub n_interpolated: usize,
-    /// Valid vectors at positions without a truth.
+    /// Number of valid vectors at positions without a truth.
     pub n_outside: usize,
-    /// Image pairs of the dataset without a vector, if the result tells the pairs of its vectors.
+    /// Number of image pairs of the dataset without vectors, if the result gives the image pair of its
+    /// vectors.
     pub n_pairs_missing: usize,
-    /// n_reported / n_total.
+    /// Fraction of vectors that are valid, n_reported / n_total.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub data_yield: Option<f64>,
     /// Depth of the plane of the true field; null for a bare table.
     pub plane_um: Option<f64>,
-    /// The main truth: central, forward or weighted.
+    /// The main truth: central, forward or weighted (by depth).
     pub against: String,
-    /// The field at reference nodes, wherever the result has vectors.
+    /// Scores at reference nodes, independent of the positions of the vectors in the result.
     pub nodes: NodeErrors,
     /// Errors against the main truth.
     #[serde(flatten)]
@@ -76,7 +77,7 @@ pub struct ScoredField {
     pub score: FieldScore,
     /// Valid and interpolated vectors with the main truth.
     pub vectors: Vec<ComparedVector>,
-    /// What a paired comparison with other results needs.
+    /// Data for a paired comparison with other results.
     pub units: UnitScores,
     /// How the truth was chosen, if this needs an explanation.
     pub notes: Vec<String>,
@@ -138,7 +139,7 @@ pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64)
             scored.units.nodes = of_squares;
             if scored.score.nodes.spread_px.is_some_and(|spread| spread < UNIFORM_PX) {
                 scored.warnings.push(
-                    "the true displacement is the same everywhere: a constant field is right, so these scores do not \
+                    "the true displacement is the same everywhere: a constant field would be correct, so these scores do not \
                      show what a method resolves"
                         .to_owned(),
                 );
@@ -154,7 +155,7 @@ pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64)
         let missing = pairs().filter(|pair| !named.contains(pair)).count();
         scored.score.n_pairs_missing = missing;
         if missing > 0 {
-            scored.warnings.push(format!("no vector is of {missing} of the {} image pairs", pairs().count()));
+            scored.warnings.push(format!("{missing} of the {} image pairs have no vectors", pairs().count()));
         }
     }
     let mut unknown: Vec<u32> =
@@ -168,7 +169,7 @@ pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64)
         let pairs = format!("{}{more}", first.join(", "));
         scored
             .warnings
-            .push(format!("{n} vectors are of image pairs that the dataset does not have ({pairs})"));
+            .push(format!("{n} vectors belong to image pairs that the dataset does not have ({pairs})"));
     }
     Ok(scored)
 }

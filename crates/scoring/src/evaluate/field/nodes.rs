@@ -1,12 +1,12 @@
-//! The field at reference nodes, which do not depend on where a result has vectors.
+//! Scores at reference nodes, which do not depend on the positions of the vectors in a result.
 //!
-//! Scores over the vectors of a result reward one that reports only its best ones. Here the reference nodes
-//! are those of the truth at least 32 px from the border of the image (a quarter of its width or height, if
-//! that is less), in every image pair, so that windows of up to 64 px reach them all. The displacement there
-//! is interpolated between the valid vectors (flag 0) of the result:
+//! Scores over the vectors of a result favor a result that reports only its best vectors. The reference nodes
+//! are therefore the nodes of the truth at least 32 px from the border of the image (a quarter of its width
+//! or height, if that is less), in every image pair, so that windows of up to 64 px reach them all. The
+//! displacement there is interpolated between the valid vectors (flag 0) of the result:
 //!
-//! - on a grid bilinearly, if the vectors around are at most 33 px apart and those that are valid have at
-//!   least half of the weight; a vector at the edge of the grid also stands for half the distance beyond it;
+//! - on a grid bilinearly, if the surrounding vectors are at most 33 px apart and the valid ones have at
+//!   least half of the weight; a vector at the edge of the grid also covers half a spacing beyond it;
 //! - otherwise by the nearest vector within 8 px.
 //!
 //! A result without image pairs counts for all of them.
@@ -33,22 +33,22 @@ const NEAR_PX: f64 = 8.0;
 const BLOCK_PX: f64 = 32.0;
 /// Fewer squares than this are units of each image pair by itself.
 const FEW_SQUARES: usize = 30;
-/// Largest error of a valid node over the RMS of the true displacement about its mean: a constant field must
-/// not be valid.
+/// Largest error of a valid node in units of the RMS of the true displacement about its mean: a constant
+/// field must not be valid.
 const GATE_OF_SPREAD: f64 = 0.5;
-/// Least gate of valid nodes, px: what PIV measures in a flow that is nearly uniform.
+/// Minimum gate of valid nodes, px: an error that PIV achieves in a nearly uniform flow.
 const LEAST_GATE_PX: f64 = 0.2;
-/// Number of image pairs from which pairs are the units of the bootstrap.
+/// Minimum number of image pairs for which pairs are the units of the bootstrap.
 const PAIRS: usize = 10;
 
-/// The field at the reference nodes: the nodes of the truth at least 32 px from the border of the image, in
+/// Scores at the reference nodes: the nodes of the truth at least 32 px from the border of the image, in
 /// every image pair, whether or not the result has vectors there.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct NodeErrors {
-    /// Reference nodes of all image pairs.
+    /// Number of reference nodes of all image pairs.
     pub n: usize,
-    /// Share of them to which valid vectors give a displacement.
+    /// Fraction of reference nodes for which valid vectors give a displacement.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub covered: Option<f64>,
     /// RMS of the true displacement about its mean over the reference nodes: the error of the best constant
@@ -58,14 +58,15 @@ pub struct NodeErrors {
     /// End-point error below which a node is valid: half of spread_px, at least 0.2 and at most 1 px.
     #[schemars(range(min = 0.0))]
     pub gate_px: f64,
-    /// Share of them at which the displacement has an end-point error below gate_px.
+    /// Fraction of reference nodes at which the end-point error is below gate_px.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub valid: Option<f64>,
-    /// RMS end-point error over all of them; a node without a displacement and an error above 1 px count as 1
-    /// px.
+    /// RMS end-point error over all reference nodes; a missing displacement and an error above 1 px count as
+    /// 1 px.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub rms_px: Option<f64>,
-    /// Amplitude response: Σ d · d_true / Σ d_true² over all of them, with d = 0 without a displacement.
+    /// Amplitude response over all reference nodes: Σ d · d_true / Σ d_true², with d = 0 for a missing
+    /// displacement.
     pub response: Option<f64>,
     /// 95 % bootstrap interval of valid, resampling image pairs (squares of 32 px if fewer than ten pairs).
     #[schemars(inner(range(min = 0.0, max = 1.0)))]
@@ -280,8 +281,8 @@ fn square(at_px: f64) -> i64 {
     (at_px / NEAR_PX).floor() as i64
 }
 
-/// The position before `at` on an axis, and the share of the way to the next one; `None` if these are too far
-/// apart or `at` is beyond the ends by more than half their distance.
+/// The position before `at` on an axis, and the fraction of the way to the next one; `None` if these are too
+/// far apart or `at` is beyond the ends by more than half their distance.
 fn between(axis: &[f64], at: f64) -> Option<(usize, f64)> {
     let last = axis.len().checked_sub(2)?;
     let i = index(axis, at).saturating_sub(1).min(last);
@@ -350,21 +351,21 @@ mod tests {
     }
 
     #[test]
-    fn few_vectors_and_wide_grids_are_worse_than_an_honest_field() {
+    fn few_vectors_and_wide_grids_are_worse_than_a_complete_field() {
         let truth = |_: f64, _: f64| [4.5, 0.0];
-        let honest =
+        let whole =
             scored(truth, &grid(8.0, |x, _| [if (x / 8.0) as u32 % 20 == 3 { 9.0 } else { 4.6 }, 0.0]));
         let mut one = grid(8.0, truth);
         one.retain(|v| (v.at.x_px, v.at.y_px) == (132.5, 132.5));
         assert_eq!(one.len(), 2);
         let one = scored(truth, &one);
-        // On a grid four vectors would stand for all between them.
+        // On a grid, four vectors would cover the whole area between them.
         let corners = grid(128.0, truth);
         let corners = scored(truth, &corners);
         let nothing = scored(truth, &[]);
         for few in [&one, &corners, &nothing] {
             assert!(few.valid < Some(0.01) && few.rms_px > Some(0.99), "{few:?}");
-            assert!(honest.valid > few.valid && honest.rms_px < few.rms_px);
+            assert!(whole.valid > few.valid && whole.rms_px < few.rms_px);
         }
         let rejected: Vec<FlowVector> = (grid(8.0, truth).into_iter())
             .map(|v| FlowVector { flag: u8::from(v.at.x_px > 128.0), ..v })
@@ -383,7 +384,7 @@ mod tests {
         }
     }
 
-    /// They are not spread evenly: a part of the nodes has none within 8 px.
+    /// The vectors are not spread evenly: some nodes have none within 8 px.
     #[test]
     fn scattered_vectors_stand_for_their_neighborhood() {
         let truth = |_: f64, y: f64| [0.02 * y, 0.0];

@@ -19,7 +19,7 @@ pub struct PeakLocking {
     /// 1 - min / max of the histogram; null for fewer than 500 vectors.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub degree: Option<f64>,
-    /// Expected degree without peak locking, from the number of vectors alone.
+    /// Expected degree without peak locking, which depends only on the number of vectors.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub degree_unlocked: Option<f64>,
     /// (degree - degree_unlocked) / (1 - degree_unlocked), at least 0.
@@ -30,7 +30,7 @@ pub struct PeakLocking {
     pub degree_true: Option<f64>,
     /// Bias of u over inliers as a function of the fractional part of the true u, 20 bins.
     pub bias_curve_px: Vec<Option<f64>>,
-    /// Half the range of the bias curve.
+    /// Amplitude of peak locking: half the range of the bias curve.
     #[schemars(range(min = 0.0))]
     pub amplitude_px: Option<f64>,
 }

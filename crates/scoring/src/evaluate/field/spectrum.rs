@@ -17,9 +17,9 @@ use super::vector_grid::VectorGrid;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Spectrum {
-    /// u or v.
+    /// Component of the displacement: u or v.
     pub component: String,
-    /// x or y.
+    /// Axis of the transform: x or y.
     pub along: String,
     /// Number of complete rows or columns that were transformed.
     pub lines: usize,
@@ -53,10 +53,10 @@ pub struct SpectralPoint {
     pub response: Option<f64>,
 }
 
-/// The response is undefined where the true power is below this share of its maximum: rounding and spectral
-/// leakage dominate.
+/// The response is undefined where the true power is below this fraction of its maximum: rounding and
+/// spectral leakage dominate.
 const LEAST: f64 = 1e-6;
-/// Greatest standard error of a reported response, estimated from the part of the measured spectrum that is
+/// Largest standard error of a reported response, estimated from the part of the measured spectrum that is
 /// not coherent with the truth.
 const MOST_ERROR: f64 = 0.1;
 

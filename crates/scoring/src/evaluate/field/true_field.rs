@@ -139,7 +139,7 @@ pub fn of_dataset(dataset: &Path, plane_um: Option<f64>) -> Result<TrueFields> {
     let path = &dataset.join(FIELD_PATH);
     if !path.exists() {
         return Err(Error::input(format!(
-            "{}: missing; this dataset has no truth of fields (score particles, or give a table of the true field)",
+            "{}: missing; this dataset has no true displacement field (score particles, or give a table of the true field)",
             path.display()
         )));
     }
