@@ -159,7 +159,7 @@ fn an_interrupted_run_goes_on_with_resume_only() {
     run(&["verify", path(&dataset)]);
     // A job that is restarted when everything is complete.
     let said = run(&resumed);
-    assert!(said.contains("is there already"), "{said}");
+    assert!(said.contains("already exists"), "{said}");
     let message = fail(2, &["generate", path(&other), "--out", path(&dataset), "--resume"]);
     assert!(message.contains("another scenario; cannot resume"), "{message}");
     assert_eq!(sums(&dataset), sums(&whole));

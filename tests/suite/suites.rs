@@ -207,9 +207,9 @@ fn what_differs_from_the_frozen_list_is_named() {
     let place = tempfile::tempdir().unwrap();
     let file = write(place.path(), SUITE);
     let check = ["suite", "check", path(&file), "--size", "smoke", "--quiet"];
-    assert!(fail(2, &check).contains("there is no frozen list"));
+    assert!(fail(2, &check).contains("no frozen checksums"));
     let of_part = [&check[..], &["--freeze", "--case", "noise_2"]].concat();
-    assert!(fail(2, &of_part).contains("there is no list of this version"));
+    assert!(fail(2, &of_part).contains("this version has no frozen checksums yet"));
     run(&[&check[..], &["--freeze"]].concat());
     run(&check);
     // A part again: the other lines stay.
@@ -239,7 +239,7 @@ fn what_differs_from_the_frozen_list_is_named() {
     let message = fail(1, &[&check[..], &["--case", "noise_2", "--split", "val"]].concat());
     assert!(message.contains("P2/noise_2/val/images: other bytes than the frozen ones"), "{message}");
     let message = fail(1, &[&check[..], &["--freeze"]].concat());
-    assert!(message.contains("version 1.0.0 has other bytes already"), "{message}");
+    assert!(message.contains("version 1.0.0 already has different frozen checksums"), "{message}");
 
     // A case less.
     let fewer =

@@ -85,7 +85,7 @@ pub fn export(subject: Subject, options: &ExportOptions) -> Result<Exported> {
     }
     let (frames, left_out) = of_dataset(&app, &options.frames, &mut answers)?;
     if answers.bytes > LARGEST {
-        return Err(Error::input(format!("--export: would be larger than {} MB", LARGEST >> 20)));
+        return Err(Error::input(format!("--export: would be larger than {} MiB", LARGEST >> 20)));
     }
     let page = document(&Value::Object(answers.all))?;
     save_result(&options.out, options.force, page.as_bytes())?;
