@@ -199,7 +199,7 @@ fn the_key_of_a_challenge_is_replaced_only_by_an_option_of_its_own() {
     assert!(run(&[&release[..], &["--resume"]].concat()).contains("already exists"));
     let other = generate(place.path(), "other", &scenario(SEED + 1));
     let message = fail(2, &["release", path(&other), "--out", path(&out), "--resume"]);
-    assert!(message.contains("is not made from"), "{message}");
+    assert!(message.contains("was not made from"), "{message}");
     let message = fail(2, &[&release[..], &["--resume", "--release-version", "2.0.0"]].concat());
     assert!(message.contains("is not of version 2.0.0"), "{message}");
     assert!(suite::tree(&out).unwrap() == files, "nothing has changed");
@@ -325,7 +325,7 @@ fn what_cannot_be_released_is_refused_and_leaves_nothing() {
     std::fs::write(place.path().join("places.txt"), "40 30 -20 2\n60 50 0 2\n").unwrap();
     let placed = scenario(1).replace("count(12)", "file(\"places.txt\")");
     let placed = generate(place.path(), "placed", &placed);
-    refuse(2, &placed, &[], "particles are placed by a file");
+    refuse(2, &placed, &[], "particle positions come from a file");
 
     let image = dataset.join("images/frame_00000.tif");
     let mut bytes = std::fs::read(&image).unwrap();

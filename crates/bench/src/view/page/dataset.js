@@ -20,7 +20,7 @@ export class Source {
     this.frames = about.exported_frames ?? Array.from({ length: about.frames }, (_, k) => k);
   }
 
-  /** Opens a dataset by its index; null if there is none. */
+  /** Opens a dataset by its index; null if it does not exist. */
   static async open(number) {
     const about = await getJson(`dataset/${number}`);
     return about && new Source(number, about);
@@ -236,7 +236,7 @@ export class DatasetPage {
     this.facts = el("dl", { class: "facts-grid" });
     this.particle = el("div", { class: "particle", role: "status" }, el("p", { class: "note" }, "Click a particle to see its truth and its noise-free image."));
     this.levels = new Chart({ label: "Light levels of this frame", share: 0.16 });
-    // Not of frames that are only passed by.
+    // Not for frames that are only skipped through.
     this.levelsLater = afterRest(200, (image) => this.showLevels(image));
     this.element = el(
       "div",
