@@ -62,7 +62,7 @@ fn degenerate_results_rank_behind_honest_ones_in_every_case() {
         assert!(scored == anchors.len() && scored >= 6, "{case:#}");
     }
     let page = std::fs::read_to_string(out.join("index.html")).unwrap();
-    assert!(page.contains("Degenerate results, with the rank that each would have: empty "));
+    assert!(page.contains("Degenerate results and the rank that each would have: empty "));
 
     // A tracker that finds nothing is as bad as an anchor, and is named.
     let nothing = results.join("nothing/P2/snr_4");

@@ -126,7 +126,7 @@ fn shards_and_resumed_runs_give_the_bytes_of_one_run() {
     assert!(suite::tree(&again).unwrap() == expected, "three shards");
 
     let message = fail(2, &all);
-    assert!(message.contains("exists already; --resume continues"), "{message}");
+    assert!(message.contains("already exists; --resume continues"), "{message}");
     std::fs::remove_dir_all(again.join("P2/noise_2/test")).unwrap();
     let made = json(&[&all[..], &["--resume"]].concat());
     assert_eq!((made["made"].as_u64(), made["done"].as_u64()), (Some(1), Some(6)));
@@ -134,7 +134,7 @@ fn shards_and_resumed_runs_give_the_bytes_of_one_run() {
 
     // One case and split of another size has a folder of its own.
     let message = fail(2, &["suite", "generate", path(&c.suite), "--size", "small", "--out", path(&again)]);
-    assert!(message.contains("holds size smoke, not small"), "{message}");
+    assert!(message.contains("contains size smoke, not small"), "{message}");
     let one = place.path().join("one");
     let only = ["--track", "P2", "--case", "one", "--split", "train", "--out", path(&one), "--quiet"];
     run(&[&["suite", "generate", path(&c.suite), "--size", "small"][..], &only].concat());
@@ -324,7 +324,7 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     assert!(table.contains(",perfect,missing,"), "{table}");
     let page = std::fs::read_to_string(out.join("index.html")).unwrap();
     assert!(page.contains("missing") && page.contains("perfect") && !page.contains("<script"), "no scripts");
-    assert!(fail(2, &all).contains("exists already"));
+    assert!(fail(2, &all).contains("already exists"));
     // What a participant says about a tracker is on the page.
     let about = results.join("perfect/tracker.json");
     let said =

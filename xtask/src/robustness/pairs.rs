@@ -178,7 +178,7 @@ fn one_pair(
     for output in outputs.iter().filter(|output| !output.status.success()) {
         let message = String::from_utf8_lossy(&output.stderr);
         ensure!(output.status.code() == Some(2), "exit code {:?}: {message}", output.status.code());
-        let told = ["is writing it", "exists already", "left by an interrupted run"];
+        let told = ["is writing it", "already exists", "left by an interrupted run"];
         ensure!(told.iter().any(|text| message.contains(text)), "{message}");
         refused += 1;
     }

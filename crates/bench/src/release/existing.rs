@@ -12,7 +12,7 @@ use storage::checksums::SHA256SUMS;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, check_replaceable};
 
-/// Whether the release exists already and is to be left unchanged.
+/// Whether the release already exists and is to be left unchanged.
 ///
 /// # Errors
 /// An existing challenge, unless it was made from the dataset and `options.resume` keeps it, or

@@ -137,7 +137,7 @@ impl Indexed {
 }
 
 fn unsorted(path: &Path, rows: u64) -> Error {
-    let expected = "expected an integer in the first column, not less than in the previous row";
+    let expected = "expected a whole number in the first column, not less than in the previous row";
     Error::input(format!("{}:{}: {expected}", path.display(), rows + 2))
 }
 

@@ -155,7 +155,7 @@ pub fn generate_suite(
         found.matches(suite, out)?;
         if found.size != size {
             let (is, asked) = (found.size.name(), size.name());
-            return Err(Error::input(format!("{}: holds size {is}, not {asked}", out.display())));
+            return Err(Error::input(format!("{}: contains size {is}, not {asked}", out.display())));
         }
     }
     if !options.resume && !options.force {
@@ -164,7 +164,7 @@ pub fn generate_suite(
             if let Some(path) =
                 [dataset.clone(), reason(&dataset)].iter().find(|path| path.exists() && !is_empty(path))
             {
-                let hint = "exists already; --resume continues, --force replaces it";
+                let hint = "already exists; --resume continues, --force replaces it";
                 return Err(Error::input(format!("{}: {hint}", path.display())));
             }
         }

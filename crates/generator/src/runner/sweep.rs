@@ -78,7 +78,7 @@ pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
         for case in &mine {
             for path in [options.out.join(&case.name), reason(&options.out.join(&case.name))] {
                 if path.exists() && !is_empty(&path) {
-                    let hint = "exists already; --resume continues, --force replaces it";
+                    let hint = "already exists; --resume continues, --force replaces it";
                     return Err(Error::input(format!("{}: {hint}", path.display())));
                 }
             }
