@@ -69,5 +69,5 @@ fn degenerate_results_rank_behind_honest_ones_in_every_case() {
     std::fs::create_dir_all(&nothing).unwrap();
     std::fs::write(nothing.join("results.csv"), "frame,x_px,y_px\n").unwrap();
     let message = fail(1, &[&all[..], &["--anchors", "--force", "--track", "P2"]].concat());
-    assert!(message.contains("P2/snr_4: the anchor empty is not behind nothing"), "{message}");
+    assert!(message.contains("P2/snr_4: the anchor empty does not rank behind nothing"), "{message}");
 }

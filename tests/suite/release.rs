@@ -294,7 +294,7 @@ fn a_wrong_submission_is_told_what_and_where() {
         ("submission.json", "\"team\":", "\"crew\":".to_owned(), "unknown key `crew`"),
         ("submission.json", "y_px downward", "y_px upward".to_owned(), "coordinate_declaration"),
         ("submission.json", "1.5", "-1.5".to_owned(), "runtime_s: expected a time >= 0"),
-        ("submission.json", &images_sha256(), "0".repeat(64), "other images were used"),
+        ("submission.json", &images_sha256(), "0".repeat(64), "different images were used"),
     ] {
         std::fs::write(good.join(file), texts[file].replacen(from, &to, 1)).unwrap();
         let message = fail(2, &["evaluate", "--validate-only", path(&c.test), path(&good)]);

@@ -251,7 +251,7 @@ fn what_differs_from_the_frozen_list_is_named() {
     assert!(message.contains(gone) && !message.contains("noise_2"), "{message}");
     write(place.path(), &SUITE.replace("1.0.0", "1.1.0"));
     let message = fail(1, &check);
-    assert!(message.contains("is of version 1.0.0, not 1.1.0"), "{message}");
+    assert!(message.contains("belongs to version 1.0.0, not 1.1.0"), "{message}");
 }
 
 #[test]
