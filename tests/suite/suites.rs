@@ -237,7 +237,7 @@ fn what_differs_from_the_frozen_list_is_named() {
     std::fs::write(place.path().join("base.ron"), SCENARIO.replace("peak_counts: 200", "peak_counts: 201"))
         .unwrap();
     let message = fail(1, &[&check[..], &["--case", "noise_2", "--split", "val"]].concat());
-    assert!(message.contains("P2/noise_2/val/images: other bytes than the frozen ones"), "{message}");
+    assert!(message.contains("P2/noise_2/val/images: differs from the frozen checksum"), "{message}");
     let message = fail(1, &[&check[..], &["--freeze"]].concat());
     assert!(message.contains("version 1.0.0 already has different frozen checksums"), "{message}");
 
@@ -247,7 +247,7 @@ fn what_differs_from_the_frozen_list_is_named() {
     let fewer = fewer.replace("title: \"Noise\",", "title: \"Noise\", smoke: [\"noise_2\"],");
     write(place.path(), &fewer);
     let message = fail(1, &check);
-    let gone = "P2/noise_0.5/test/images: is in the frozen list, and no longer in the suite";
+    let gone = "P2/noise_0.5/test/images: has a frozen checksum but is no longer in the suite";
     assert!(message.contains(gone) && !message.contains("noise_2"), "{message}");
     write(place.path(), &SUITE.replace("1.0.0", "1.1.0"));
     let message = fail(1, &check);

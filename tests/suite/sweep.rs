@@ -96,7 +96,7 @@ fn shards_and_slurm_tasks_give_the_tree_of_one_run() {
     run(&["sweep", path(&sweep), "--out", path(&together), "--collect"]);
     assert!(tree(&together) == expected, "tasks in folders of their own");
     let other = fail(2, &["sweep", path(&sweep), "--out", path(&together), "--collect", "--seed", "9"]);
-    assert!(other.contains("case_00000/datapackage.json: is of another sweep"), "{other}");
+    assert!(other.contains("case_00000/datapackage.json: belongs to another sweep"), "{other}");
     assert!(tree(&together) == expected, "left as it was");
 }
 

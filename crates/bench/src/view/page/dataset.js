@@ -1,5 +1,5 @@
 // Page 2: the frames of a dataset with their truth.
-// Longer than 500 lines because the page stands with its own controls, which nothing else uses.
+// Longer than 500 lines because it contains the page together with the controls that only this page uses.
 
 import { getCounts, getJson, isExport } from "./api.js";
 import { afterRest, check, choice, el, field, num, say, unitText } from "./dom.js";
@@ -272,7 +272,7 @@ export class DatasetPage {
         this.sizes = new Sizes(depth);
         this.viewer.draw();
       })
-      .catch((error) => say(`sizes of particle images are unknown: ${error.message}`, true));
+      .catch((error) => say(`sizes of particle images are not available: ${error.message}`, true));
   }
 
   makeSide(about) {
@@ -297,8 +297,8 @@ export class DatasetPage {
           {},
           el("legend", {}, "Truth"),
           about.depth_um ? depthBar(about.depth_um) : null,
-          el("div", { class: "row" }, check("Circles of the image's size", true, set("circles")), check("Ids", false, set("ids"))),
-          el("div", { class: "row" }, check("Velocity", true, set("arrows"), "Displacement in a time step"), field("times", numberBox("magnify", "Magnification of arrows", 0.1, 1000))),
+          el("div", { class: "row" }, check("Circles of the image's size", true, set("circles")), check("IDs", false, set("ids"))),
+          el("div", { class: "row" }, check("Velocity", true, set("arrows"), "Displacement during one time step"), field("times", numberBox("magnify", "Magnification of arrows", 0.1, 1000))),
           el("div", { class: "row" }, check("Tails", false, set("tails")), field("frames", numberBox("tail", "Length of tails", 1, 100))),
           about.has_field ? el("div", { class: "row" }, check("Field", false, (isOn) => (set("field")(isOn), this.loadField()), "truth/field.csv"), this.planes) : null,
         )
@@ -456,7 +456,7 @@ export class DatasetPage {
     if (!options.field || !field) {
       return;
     }
-    // Told apart from particle images.
+    // Distinguishable from particle images.
     context.strokeStyle = "#ffc83d";
     context.lineWidth = 1.75;
     const isWeighted = options.plane === "weighted";
