@@ -75,12 +75,12 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
         }
     }
     let bytes: usize = files.values().map(Vec::len).sum();
-    let told = known.told_by(&files);
+    let found_in_files = known.told_by(&files);
     let what = format!("numbers, keys, seeds, names, orders: {} files, {bytes} bytes", files.len());
-    row(&what, "released", if told.is_empty() { "nothing" } else { "something" }, start);
+    row(&what, "released", if found_in_files.is_empty() { "nothing" } else { "something" }, start);
 
     let words = |seed: Option<u64>| seed.map_or_else(|| "nothing".to_owned(), |s| format!("seed {s}"));
-    let mut wrong = told;
+    let mut wrong = found_in_files;
     for (name, dataset, expected) in
         [("released", &withheld, None), ("drawn from a public seed", &leaky, Some(LEAKY))]
     {
