@@ -78,7 +78,7 @@ impl Job<'_> {
         } else if temporary.exists() {
             std::fs::remove_file(&temporary)?;
         }
-        let each = told_time(&said).unwrap_or(seconds / frames.max(1) as f64);
+        let each = reported_time(&said).unwrap_or(seconds / frames.max(1) as f64);
         let from = said.len().saturating_sub(KEPT);
         let from = (from..said.len()).find(|at| said.is_char_boundary(*at)).unwrap_or(said.len());
         let run = json!({
@@ -190,7 +190,7 @@ fn wait(mut child: Child, limit: Duration) -> anyhow::Result<Option<ExitStatus>>
 }
 
 /// The time per frame that a tracker reports in a line of JSON, excluding startup and reading.
-fn told_time(said: &str) -> Option<f64> {
+fn reported_time(said: &str) -> Option<f64> {
     let reported = |line: &str| serde_json::from_str::<Value>(line).ok()?["seconds_per_frame"].as_f64();
     said.lines().rev().find_map(reported)
 }

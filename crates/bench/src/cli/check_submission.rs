@@ -33,10 +33,10 @@ impl CheckSubmission {
         if let Some(suite) = &self.suite {
             return self.of_suite(&scenario::Suite::open(suite)?, common);
         }
-        let Checked { text, told, warnings } =
+        let Checked { text, value, warnings } =
             checked(&self.dataset, &self.submission, Conventions::default())?;
         warn(&warnings, common);
-        report(&text, &told, common)
+        report(&text, &value, common)
     }
 
     /// Checks the results of a tracker for a whole suite.

@@ -174,16 +174,16 @@ impl Evaluate {
     }
 
     fn validate(&self, given: Conventions, common: &Common) -> Result<()> {
-        let Checked { text, told, warnings } = checked(&self.dataset, &self.result, given)?;
+        let Checked { text, value, warnings } = checked(&self.dataset, &self.result, given)?;
         warn(&warnings, common);
-        print(&text, &told, common)
+        print(&text, &value, common)
     }
 }
 
 /// A result or submission that can be scored.
 pub(super) struct Checked {
     pub(super) text: String,
-    pub(super) told: Value,
+    pub(super) value: Value,
     pub(super) warnings: Vec<String>,
 }
 
@@ -201,8 +201,8 @@ pub(super) fn checked(dataset: &Path, result: &Path, given: Conventions) -> Resu
             submission.method,
             submission.version
         );
-        let told = serde_json::to_value(&validated).map_err(|e| Error::input(e.to_string()))?;
-        return Ok(Checked { text, told, warnings: validated.warnings });
+        let value = serde_json::to_value(&validated).map_err(|e| Error::input(e.to_string()))?;
+        return Ok(Checked { text, value, warnings: validated.warnings });
     }
     let facts = RecordingFacts::of(dataset, &given)?;
     let found = results::read(result, &facts.conventions(given))?;
@@ -215,6 +215,6 @@ pub(super) fn checked(dataset: &Path, result: &Path, given: Conventions) -> Resu
         TrackerResult::Field(f) => ("vectors", f.vectors.len(), f.n_nan, f.notes),
     };
     let text = format!("{}: {rows} {kind}; {}", result.display(), notes.join("; "));
-    let told = json!({ "kind": kind, "rows": rows, "n_nan": n_nan, "assumptions": notes });
-    Ok(Checked { text, told, warnings: Vec::new() })
+    let value = json!({ "kind": kind, "rows": rows, "n_nan": n_nan, "assumptions": notes });
+    Ok(Checked { text, value, warnings: Vec::new() })
 }

@@ -27,7 +27,7 @@ pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions) -> Result<bool>
         return belongs(dataset, options).map(|()| true);
     }
     if !(options.force && options.new_keys) {
-        let hint = "is a challenge with its secret key: --resume leaves it as it is, --force --new-keys replaces it by another \
+        let hint = "is a challenge with its secret key: --resume leaves it unchanged, --force --new-keys replaces it by another \
              one, for which nothing that has been published of it holds";
         return Err(Error::Exists { path: out.clone(), hint: hint.to_owned() });
     }

@@ -122,7 +122,7 @@ impl Entry {
             ..Entry::default()
         };
         if !entry.axes.is_empty() {
-            // Each case of a sweep has a ranking of its own.
+            // Each case of a sweep is ranked separately.
             entry.group = score.definitions.truth_sha256.clone().unwrap_or_default();
         }
         match &score.field {

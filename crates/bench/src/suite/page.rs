@@ -339,7 +339,7 @@ fn drawn(picture: &Picture) -> Markup {
         });
         drawn.collect()
     };
-    let told = if picture.vectors.is_empty() {
+    let legend = if picture.vectors.is_empty() {
         " Green circles: found; red dashed: missed; yellow crosses: ghosts.".to_owned()
     } else {
         format!(" Displacements magnified {ARROW} times; green: error below 1 px; red: others.")
@@ -356,7 +356,7 @@ fn drawn(picture: &Picture) -> Markup {
                     path d=(signs(kind)) style=(format!("fill: none; stroke-width: 0.3%; stroke: {stroke}")) {}
                 }
             }
-            figcaption { (picture.caption) (told) }
+            figcaption { (picture.caption) (legend) }
         }
     }
 }

@@ -350,7 +350,7 @@ pub fn check_suite(
                 part.strip_prefix(&case.split_folder(*split)).is_some_and(|rest| rest.starts_with('/'))
             })
         };
-        let is_read = |part: &str| !check.differences.iter().any(|told| same_dataset(told, part));
+        let is_read = |part: &str| !check.differences.iter().any(|difference| same_dataset(difference, part));
         let mut differences = Vec::new();
         for (part, hash) in &check.hashes {
             match frozen.hashes.get(part) {

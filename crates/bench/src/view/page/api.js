@@ -31,7 +31,7 @@ export async function getCounts(path, signal) {
   }
   const answer = await fetch(new URL(path, home), { signal });
   if (!answer.ok) {
-    const told = await answer.json().catch(() => ({}));
+    const body = await answer.json().catch(() => ({}));
     throw new Error(body.error ?? `the program refused ${path} (${answer.status})`);
   }
   return new Uint16Array(await answer.arrayBuffer());
@@ -40,11 +40,11 @@ export async function getCounts(path, signal) {
 /** Writes the scenario's file. */
 export async function saveScenario(text) {
   const answer = await fetch(new URL("scenario", home), { method: "POST", body: text });
-  const told = await answer.json().catch(() => ({}));
+  const body = await answer.json().catch(() => ({}));
   if (!answer.ok) {
     throw new Error(body.error ?? `not saved (${answer.status})`);
   }
-  return told;
+  return body;
 }
 
 /** The parts of a preview as they arrive: JSON and bytes. */

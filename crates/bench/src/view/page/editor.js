@@ -66,7 +66,7 @@ export class Editor {
   }
 
   /** Shows messages at their lines. */
-  tell(problems) {
+  showProblems(problems) {
     this.problems = problems;
     this.paint();
     const jump = (problem) => () => {

@@ -168,12 +168,12 @@ export class ScenarioPage {
     }
     if (part.part === "problems") {
       this.hasProblems = true;
-      this.editor.tell(part.problems);
+      this.editor.showProblems(part.problems);
       this.state("wrong", part.problems.length === 1 ? "1 problem" : `${part.problems.length} problems`);
       this.element.classList.add("stale");
     } else if (part.part === "checked") {
       this.hasProblems = false;
-      this.editor.tell([]);
+      this.editor.showProblems([]);
       this.element.classList.remove("stale");
       this.about = part.about;
       this.fresh = [];
