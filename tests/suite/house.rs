@@ -166,7 +166,7 @@ fn comments_stay_within_the_width_of_code() {
     nothing_but(
         &WIDE_COMMENTS_TO_GO,
         &wide,
-        &format!("comments wider than {width} (`cargo xtask wrap` mends them)"),
+        &format!("comments wider than {width} (`cargo xtask wrap` wraps them)"),
     );
 }
 
