@@ -194,7 +194,10 @@ fn the_key_of_a_challenge_is_replaced_only_by_an_option_of_its_own() {
     let files = suite::tree(&out).unwrap();
     for more in [&[][..], &["--force"], &["--new-keys"]] {
         let message = fail(2, &[&release[..], more].concat());
-        assert!(message.contains("secret key: --resume leaves it unchanged, --force --new-keys"), "{message}");
+        assert!(
+            message.contains("secret key: --resume leaves it unchanged, --force --new-keys"),
+            "{message}"
+        );
     }
     assert!(run(&[&release[..], &["--resume"]].concat()).contains("already exists"));
     let other = generate(place.path(), "other", &scenario(SEED + 1));

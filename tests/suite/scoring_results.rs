@@ -406,7 +406,11 @@ fn a_comparison_knows_datasets_by_their_truth_and_ranks_fields_apart() {
     assert!(page.contains("<h2>Particles</h2>") && page.contains("<h2>Fields</h2>"));
     let seeds = compared(&[&particles, &other], "seeds");
     let warned = seeds["warnings"].as_array().into_iter().flatten().filter_map(|w| w.as_str());
-    assert_eq!(warned.filter(|w| w.contains("different datasets that are all named vortex")).count(), 1, "{seeds}");
+    assert_eq!(
+        warned.filter(|w| w.contains("different datasets that are all named vortex")).count(),
+        1,
+        "{seeds}"
+    );
 
     let file = particles.join("score.json");
     let text = std::fs::read_to_string(&file).unwrap().replacen("\"f1\": 1.0", "\"f1\": 2.0", 1);

@@ -1,7 +1,7 @@
 //! Samples for training: an endless sequence in which a sample depends only on scenario, seed and index.
 //!
-//! Sample `i` consists of the first frames of the first recording of its own scenario: the given scenario with
-//! another seed and newly drawn values of the keys that vary. [`SampleStream::scenario`] returns this
+//! Sample `i` consists of the first frames of the first recording of its own scenario: the given scenario
+//! with another seed and newly drawn values of the keys that vary. [`SampleStream::scenario`] returns this
 //! scenario; the dataset generated from it has exactly the sample's images. Samples therefore do not depend
 //! on threads, batches or earlier samples, and can be computed in any order.
 //!

@@ -81,7 +81,7 @@ export function choice(options, value, changed, name) {
 
 let hasLastWord = false;
 
-/** Shows a message in the corner of the page and to screen readers; the message disappears after the last one. */
+/** Shows a message in the corner of the page and to screen readers; no message follows one with `isLast`. */
 export function say(text, isWrong = false, isLast = false) {
   if (hasLastWord) {
     return;
