@@ -1,4 +1,4 @@
-//! Tells the program its commit, for `--version`.
+//! Passes the commit to the program, for `--version`.
 
 use std::process::Command;
 
@@ -7,12 +7,12 @@ fn main() {
         let output = Command::new("git").args(arguments).output().ok().filter(|o| o.status.success())?;
         Some(String::from_utf8(output.stdout).ok()?.trim().to_owned())
     };
-    // A development build is not made again for every commit.
+    // Development builds are not rebuilt for every commit.
     let is_release = std::env::var("PROFILE").is_ok_and(|profile| profile == "release");
     let commit = if is_release { git(&["rev-parse", "--short=12", "HEAD"]) } else { None };
     let commit = commit.unwrap_or_else(|| "unknown commit".to_owned());
     println!("cargo::rustc-env=MICROSIG_COMMIT={commit}");
-    // HEAD moves when a branch is changed, its reflog when a commit is made.
+    // HEAD changes with the branch, its reflog with every commit.
     for file in ["HEAD", "logs/HEAD"].into_iter().filter(|_| is_release) {
         if let Some(path) =
             git(&["rev-parse", "--git-path", file]).filter(|p| std::path::Path::new(p).exists())

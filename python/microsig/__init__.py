@@ -4,7 +4,7 @@
 >>> ds = ms.generate("scenarios/quickstart.ron", seed=7)        # doctest: +SKIP
 >>> ds.images, ds.tracks["x_px"], ds.displacements              # doctest: +SKIP
 
-Everything is computed by the same program as the ``microsig`` command, and has the same numbers to the last digit.
+Everything is computed by the same code as the ``microsig`` command, with identical numbers to the last digit.
 Positions are pixel coordinates with the first pixel's center at 1 (``table.origin(0)`` gives array indices), x along
 columns, y along rows, depth z in um growing away from the lens; names of arguments and columns end in their units.
 """

@@ -1,4 +1,4 @@
-"""Checks of arguments: every message names argument, value and what is expected."""
+"""Checks of arguments: every message names the argument, its value and the expected values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LAST_SEED = 2**64 - 1
 
 
 def whole(name: str, value: Any, low: int = 0, high: int = 2**63 - 1) -> int:
-    """A whole number, also one of NumPy; floats and truth values are refused rather than rounded."""
+    """An integer, including NumPy's; floats and booleans are refused rather than rounded."""
     ends = {2**63 - 1: f" from {low}", LAST_SEED: f", {low} to 2^64 - 1"}
     allowed = "expected a whole number" + ends.get(high, f", {low} to {high}")
     try:
@@ -33,7 +33,7 @@ def whole(name: str, value: Any, low: int = 0, high: int = 2**63 - 1) -> int:
 
 
 def real(name: str, value: Any, low: float = -math.inf, high: float = math.inf, what: str = "a number") -> float:
-    """A number, also one of NumPy; without a range any float."""
+    """A number, including NumPy's; any float if no range is given."""
     is_bounded = (low, high) != (-math.inf, math.inf)
     allowed = f"expected {what}" + (f", {low:g} to {high:g}" if is_bounded else "")
     if not isinstance(value, numbers.Real) or isinstance(value, bool):
@@ -41,7 +41,7 @@ def real(name: str, value: Any, low: float = -math.inf, high: float = math.inf, 
     try:
         number = float(value)
     except OverflowError:
-        # Of either sign: no range has it.
+        # NaN is outside every range.
         number = math.inf
     if is_bounded and not low <= number <= high:
         raise ValueError(f"{name} = {value!r}: {allowed}")
@@ -76,12 +76,12 @@ def flag(name: str, value: Any) -> bool:
 
 
 def optional(check: Callable[..., _T], name: str, value: Any, *limits: Any) -> _T | None:
-    """What a check makes of an argument that may be None."""
+    """Applies a check to an argument that may be None."""
     return None if value is None else check(name, value, *limits)
 
 
 def floats(name: str, value: Any) -> NDArray[np.float64]:
-    """An array of numbers; complex ones are refused rather than cut."""
+    """An array of real numbers; complex ones are refused rather than truncated."""
     try:
         array = np.asarray(value)
         if array.dtype.kind in "biufO":

@@ -21,7 +21,7 @@ from ._table import Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: A table as the compiled part gives it: path, what a row is, (unit, meaning) by column, values by column.
+#: A table from the compiled part: path, meaning of a row, (unit, meaning) by column, values by column.
 _RawTable = tuple[str, str, dict[str, tuple[str, str]], dict[str, Any]]
 
 _FRAMES, _TRACKS = "truth/frames.csv", "truth/tracks.csv"
@@ -29,7 +29,7 @@ _DISPLACEMENTS, _FIELD, _DEPTH = "truth/displacements.csv", "truth/field.csv", "
 _BOXES = "truth/boxes.csv"
 
 
-#: Counts of images: whole numbers, or with ``image_format: float32`` unrounded ones.
+#: Counts of images: integers, or unrounded counts with ``image_format: float32``.
 Images = Union[NDArray[np.uint16], NDArray[np.float32]]
 
 
@@ -37,7 +37,7 @@ _Array = TypeVar("_Array", bound=NDArray[Any])
 
 
 class Calibration(NamedTuple):
-    """The calibration scan of one particle, or of one particle of each of several sizes, one scan after the other."""
+    """The calibration scan of one particle; for several particle sizes, the scans of all sizes, one after the other."""
 
     #: uint16 (or float32, see :attr:`Dataset.images`) (steps, rows, columns): an image of the particle at
     #: each depth.
@@ -46,7 +46,7 @@ class Calibration(NamedTuple):
     z_um: NDArray[np.float64]
     #: ``calibration/calibration.csv``.
     table: Table
-    #: float64 (steps,): diameter of the particle in each image, um; None if all particles are of one size.
+    #: float64 (steps,): diameter of the particle in each image, um; None if all particles have the same size.
     d_um: NDArray[np.float64] | None = None
 
     def of_size(self, d_um: float) -> Calibration:
@@ -64,13 +64,13 @@ def _table(raw: _RawTable) -> Table:
 
 
 def _fixed(array: _Array) -> _Array:
-    """The array, read-only: datasets keep what they gave, and give it again."""
+    """The array, made read-only: datasets return the same array every time."""
     array.flags.writeable = False
     return array
 
 
 class _Source(Protocol):
-    """Where a dataset is."""
+    """Location of a dataset."""
 
     def images(self) -> Images: ...
     def image(self, frame: int) -> Images: ...
@@ -141,7 +141,7 @@ class _Memory:
         self.made.save(out, force, show)
 
     def folder(self) -> Path:
-        """A temporary folder with the dataset, which goes with this object."""
+        """A temporary folder with the dataset, which is removed with this object."""
         if self._place is None:
             place = tempfile.TemporaryDirectory(prefix="microsig-")
             self.made.save(Path(place.name) / "dataset", False, False)
@@ -162,7 +162,7 @@ class _Folder:
         sensor = self.manifest["microsig"].get("sensor")
         if sensor is None:
             path = folder / "datapackage.json"
-            raise ValueError(f"{path}: expected the manifest of a dataset, with microsig.sensor, the size of its images")
+            raise ValueError(f"{path}: expected the manifest of a dataset, with the size of its images in microsig.sensor")
         self.size = (int(sensor["width_px"]), int(sensor["height_px"]))
 
     @cached_property
@@ -172,7 +172,7 @@ class _Folder:
     def _frame_table(self) -> Table:
         table = self.table(_FRAMES)
         if table is None:
-            raise FileNotFoundError(f"{self._folder / _FRAMES}: no such file; the truth is withheld")
+            raise FileNotFoundError(f"{self._folder / _FRAMES}: no such file; the truth of this dataset is withheld")
         return table
 
     @cached_property
@@ -195,7 +195,7 @@ class _Folder:
 
     def table(self, path: str) -> Table | None:
         file = self._folder / path
-        # What the manifest lists has to be there.
+        # Files that the manifest lists must exist.
         if path not in self.resources and not file.exists():
             return None
         resource = self.resources.get(path, {})
@@ -242,8 +242,8 @@ class _Folder:
 class Dataset:
     """A dataset: images with their truth, in memory (:func:`generate`) or in a folder (:func:`open`).
 
-    Arrays, and columns of tables, are read-only. What is not needed is not made: tables of the field and of depths, and the
-    calibration scan, are computed, or read from a folder, when they are first asked for.
+    Arrays and table columns are read-only. Data are loaded lazily: tables of the field and of depths, and the calibration
+    scan, are computed, or read from a folder, on first access.
     """
 
     def __init__(self, source: _Source) -> None:
@@ -252,19 +252,19 @@ class Dataset:
 
     @classmethod
     def of_text(cls, text: _microsig.ScenarioText, progress: bool = False) -> Dataset:
-        """A dataset in memory from the arguments of the compiled part."""
+        """A dataset in memory, from arguments of the compiled part."""
         return cls(_Memory(_microsig.generate(text, progress)))
 
     @property
     def images(self) -> Images:
-        """uint16 (frames, rows, columns): all images, counts; read-only, not copied.
+        """uint16 (frames, rows, columns): all images, counts; read-only, not a copy.
 
         float32 with ``image_format: float32``: counts before they are rounded and clamped to the sensor's range.
         """
         return self._source.images()
 
     def image(self, frame: int) -> Images:
-        """uint16 or float32 (rows, columns): one image, counts; of a dataset in a folder only this file is read."""
+        """uint16 or float32 (rows, columns): one image, counts; for a dataset in a folder, only this file is read."""
         return self._source.image(frame)
 
     def __len__(self) -> int:
@@ -284,7 +284,7 @@ class Dataset:
 
     @cached_property
     def tracks(self) -> Table:
-        """One row per particle and frame: place (px, um), size, velocity, visibility."""
+        """One row per particle and frame: position (px, um), size, velocity, visibility."""
         return self._need(_TRACKS)
 
     @cached_property
@@ -294,7 +294,7 @@ class Dataset:
 
     @cached_property
     def boxes(self) -> Table | None:
-        """One row per particle image and frame: box (px), mask, share hidden by others; None without ``truth.boxes``."""
+        """One row per particle image and frame: box (px), mask, fraction hidden by others; None without ``truth.boxes``."""
         return self._source.table(_BOXES)
 
     @cached_property
@@ -304,35 +304,35 @@ class Dataset:
 
     @cached_property
     def field(self) -> Table | None:
-        """The displacement of the fluid on a grid (px, um); None for recorded tracks and where none is asked for."""
+        """The displacement of the fluid on a grid (px, um); None for recorded tracks, and if the scenario requests none."""
         return self._source.table(_FIELD)
 
     @cached_property
     def calibration(self) -> Calibration | None:
         """The calibration scan: ``images`` uint16 (steps, rows, columns), ``z_um`` (steps,), ``table``; None without one.
 
-        With particles of several sizes the scans of all, one after the other, with ``d_um`` (steps,); ``of_size`` has one.
+        For several particle sizes: all scans, one after the other, with ``d_um`` (steps,); ``of_size`` selects one.
         """
         return self._source.calibration()
 
     @cached_property
     def scenario(self) -> dict[str, Any]:
-        """The scenario with every default written out; :func:`generate` makes the same dataset of it.
+        """The scenario with all defaults written out; :func:`generate` generates the same dataset from it.
 
-        Files that it refers to have absolute paths: of a dataset in memory those that were read, of one in a folder the
-        copies there. They have to be there as long as the scenario is used.
+        Files that it refers to have absolute paths: for a dataset in memory, those of the original files; for a dataset in a
+        folder, those of the copies in it. The files must exist as long as the scenario is used.
         """
         scenario: dict[str, Any] = json.loads(self._source.scenario()[0])
         return scenario
 
     @property
     def scenario_text(self) -> str:
-        """The scenario with every default written out, in RON: ``scenario.ron``, with paths relative to the dataset."""
+        """The scenario with all defaults written out, in RON: ``scenario.ron``, with paths relative to the dataset."""
         return self._source.scenario()[1]
 
     @cached_property
     def settings(self) -> dict[str, float]:
-        """MicroSIG's 14 settings of the optics, by name (units as in its settings file)."""
+        """The 14 optical settings of MicroSIG, by name (units as in its settings file)."""
         return self._source.settings()
 
     @property
@@ -347,22 +347,22 @@ class Dataset:
 
     @property
     def depth_range_um(self) -> tuple[float, float]:
-        """Least and greatest depth of the measurement, um."""
+        """Minimum and maximum depth of the measurement, um."""
         return self._source.facts()[1]
 
     @property
     def dt_s(self) -> float:
-        """Time from a frame to the next, s; of a pair from its first to its second frame."""
+        """Time between consecutive frames, s; for pairs, between the two frames of a pair."""
         return self._source.facts()[2]
 
     @property
     def bits(self) -> int:
-        """Bits of a count."""
+        """Bit depth of the images."""
         return self._source.facts()[3]
 
     @property
     def warnings(self) -> list[str]:
-        """What should be known about a dataset that was made here."""
+        """Warnings about a dataset that was generated in this process."""
         return self._source.warnings()
 
     @property
@@ -371,13 +371,13 @@ class Dataset:
         return self._source.folder() if isinstance(self._source, _Folder) else None
 
     def save(self, path: str | os.PathLike[str] | None = None, *, force: bool = False, progress: bool = False) -> Path:
-        """Write the dataset into a folder: the very bytes of ``microsig generate``.
+        """Write the dataset to a folder, with bytes identical to ``microsig generate``.
 
-        :param path: the folder, by default ``datasets/NAME``; it appears whole or not at all
-        :param force: replace a dataset that stands there
+        :param path: the folder, by default ``datasets/NAME``; it appears complete or not at all
+        :param force: replace an existing dataset
         :param progress: show a bar, if standard error is a terminal
         :returns: the folder
-        :raises FileExistsError: something stands there
+        :raises FileExistsError: the folder already exists
         :raises OSError: writing failed
         """
         out = Path("datasets") / self.name if path is None else Path(path)
@@ -385,7 +385,7 @@ class Dataset:
         return out
 
     def show(self, frame: int = 0, *, truth: bool = True) -> Figure:
-        """Draw a frame with the places of its visible particles, colored by depth; needs matplotlib.
+        """Plot a frame with the positions of its visible particles, colored by depth; needs matplotlib.
 
         :param frame: number of the frame
         :param truth: whether to mark the particles
@@ -407,7 +407,7 @@ class Dataset:
 def generate(
     scenario: Scenario, seed: int | None = None, set: Mapping[str, Any] | None = None, *, progress: bool = False
 ) -> Dataset:
-    """Make a dataset in memory: images, truth, calibration; no file is written.
+    """Generate a dataset in memory: images, truth, calibration; no file is written.
 
     >>> import microsig as ms
     >>> ds = ms.generate('(name: "a", motion: flow(field: poiseuille()), timing: pairs(count: 1))', seed=7)
@@ -415,21 +415,21 @@ def generate(
     ((2, 366, 752), dtype('uint16'))
 
     :param scenario: path of a scenario, its text (RON or JSON), or a dict of its keys (docs/scenario.md lists them)
-    :param seed: seed of all random numbers, 0 to 2^64 - 1, by default the scenario's
-    :param set: values by path of the scenario, as ``{"optics.background_noise": 20}``
+    :param seed: seed of all random numbers, 0 to 2^64 - 1, by default that of the scenario
+    :param set: scenario values by path, such as ``{"optics.background_noise": 20}``
     :param progress: show a bar, if standard error is a terminal
-    :raises ValueError: a scenario that cannot be used, with all problems and their places
-    :raises OSError: a file that cannot be read
+    :raises ValueError: the scenario is invalid; the message lists all problems with their positions
+    :raises OSError: a file cannot be read
     """
     return Dataset.of_text(_scenario.text(scenario, seed, set), flag("progress", progress))
 
 
 def open(path: str | os.PathLike[str]) -> Dataset:
-    """A dataset in a folder; images and tables are read when they are first touched.
+    """Open a dataset in a folder; images and tables are read on first access.
 
     :param path: the folder
-    :raises OSError: no such folder, or a file in it that cannot be read; later of a file that the manifest lists
-    :raises ValueError: a folder that is no dataset; later of a file that is not as the manifest says
+    :raises OSError: the folder does not exist, or a file cannot be read (for a file in the manifest, on first access)
+    :raises ValueError: the folder is not a dataset, or a file does not match the manifest (on first access)
     """
     return Dataset(_Folder(Path(path)))
 
@@ -437,7 +437,7 @@ def open(path: str | os.PathLike[str]) -> Dataset:
 def resolve(
     scenario: Scenario, seed: int | None = None, set: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Check a scenario without making anything; gives it with every default written out, as :attr:`Dataset.scenario`.
+    """Check a scenario without generating anything; return it with all defaults written out, as :attr:`Dataset.scenario`.
 
     Arguments and errors are those of :func:`generate`.
     """
@@ -446,9 +446,9 @@ def resolve(
 
 
 def set_threads(threads: int) -> None:
-    """Set the number of threads of all calls that follow; numbers do not depend on it.
+    """Set the number of threads for all following calls; results do not depend on it.
 
-    :param threads: 1 to 1024, or 0: one for every core
-    :raises TypeError, ValueError: another kind of number, or one out of this range
+    :param threads: 1 to 1024, or 0 for one per core
+    :raises TypeError, ValueError: not an integer, or out of range
     """
     _microsig.set_threads(whole("threads", threads, 0, 1024))

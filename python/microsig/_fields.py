@@ -16,20 +16,20 @@ from ._arguments import floats
 
 @dataclass(frozen=True)
 class FieldInfo:
-    """A velocity field on offer."""
+    """An available velocity field."""
 
     #: Its name in scenarios.
     name: str
-    #: The velocity in one line.
+    #: The velocity as a one-line formula.
     formula: str
-    #: Where the formula comes from.
+    #: Source of the formula.
     source: str
     #: Default, range and meaning of each parameter, by name.
     parameters: dict[str, tuple[str, str, str]]
 
 
 def fields() -> dict[str, FieldInfo]:
-    """The velocity fields on offer, by name: formula, source, parameters (``microsig flows`` says the same)."""
+    """The available velocity fields, by name: formula, source, parameters (as listed by ``microsig flows``)."""
     offers = {}
     for name, formula, source, parameters in _microsig.fields():
         offers[name] = FieldInfo(name, formula, source, {p[0]: (p[1], p[2], p[3]) for p in parameters})
@@ -37,10 +37,10 @@ def fields() -> dict[str, FieldInfo]:
 
 
 class Field:
-    """A velocity field; made by :func:`field`.
+    """A velocity field, created by :func:`field`.
 
     Positions are in um: x along columns, y along rows (down), z along the optical axis, growing away from the lens; the
-    origin is the middle of the image, in focus.
+    origin is the center of the image, in focus.
     """
 
     def __init__(self, compiled: _microsig.FlowField) -> None:
@@ -49,7 +49,7 @@ class Field:
         self._spec: dict[str, Any] = json.loads(compiled.scenario())["motion"]["flow"]["field"]
 
     def velocity(self, points_um: ArrayLike, t_s: float = 0.0) -> NDArray[np.float64]:
-        """Velocities at points and a time.
+        """Velocities at the given points and time.
 
         :param points_um: (n, 3), um
         :param t_s: time, s
@@ -69,13 +69,13 @@ class Field:
     def displacement(
         self, points_um: ArrayLike, t0_s: float, t1_s: float, *, halfway: bool = False
     ) -> NDArray[np.float64]:
-        """Displacements of fluid from one time to another, along its path.
+        """Displacements of fluid elements from one time to another, along their paths.
 
-        :param points_um: (n, 3), um: where the fluid is at ``t0_s``, or half-way in time if ``halfway``
+        :param points_um: (n, 3), um: positions at ``t0_s``, or half-way in time if ``halfway``
         :param t0_s: time, s
         :param t1_s: time, s
         :returns: float64 (n, 3), um
-        :raises ValueError: a path that cannot be followed
+        :raises ValueError: a path cannot be integrated
         """
         return self._field.displacement(_points(points_um), t0_s, t1_s, halfway)
 
@@ -86,7 +86,7 @@ class Field:
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """The parameters as the field was made with, by name; :func:`fields` tells the defaults of the others."""
+        """The parameters given to :func:`field`, by name; :func:`fields` lists the defaults of the others."""
         inner = self._spec[self.name]
         return {k: v for k, v in inner.items() if v is not None} if isinstance(inner, dict) else {"of": inner}
 
@@ -96,8 +96,8 @@ class Field:
         return self._field.is_steady()
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{name}={value}" for name, value in self.parameters.items())
-        return f"Field {self.name}({told})"
+        given = ", ".join(f"{name}={value}" for name, value in self.parameters.items())
+        return f"Field {self.name}({given})"
 
 
 def _points(points_um: ArrayLike) -> NDArray[np.float64]:
@@ -110,7 +110,7 @@ def _points(points_um: ArrayLike) -> NDArray[np.float64]:
 def field(
     name: str | Mapping[str, Any], /, *, depth_range_um: tuple[float, float] = (-80.0, 20.0), **parameters: Any
 ) -> Field:
-    """A velocity field by name and parameters, or by a dict as in a scenario (``motion.flow.field``).
+    """Create a velocity field from name and parameters, or from a dict as in a scenario (``motion.flow.field``).
 
     >>> import microsig as ms
     >>> ms.field("poiseuille", max_speed_um_s=1290).velocity([[0.0, 0.0, -30.0]]).round(6).tolist()
@@ -118,12 +118,12 @@ def field(
 
     :param name: name of a field (:func:`fields` lists them), or a dict such as ``{"sum": [{"hill": {}}, ...]}``
     :param depth_range_um: the channel, from which some parameters have their defaults (walls, centers)
-    :param parameters: parameters by name, units at the end of the names
+    :param parameters: parameters by name; names end in units
     :raises ValueError: an unknown field or parameter, or a value out of range
     """
     spec = {name: parameters} if isinstance(name, str) else dict(name)
     if not isinstance(name, str) and parameters:
-        raise TypeError("parameters belong into the dict of a field")
+        raise TypeError("give the parameters inside the dict of the field")
     scenario = {
         "name": "field",
         "motion": {"flow": {"field": spec}},

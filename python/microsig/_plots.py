@@ -1,4 +1,4 @@
-"""Plots with matplotlib, which is needed here alone."""
+"""Plots with matplotlib; the only module that needs it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def show(dataset: Dataset, frame: int, truth: bool) -> Figure:
-    """A frame, with the places of its particles."""
+    """A frame with the positions of its particles."""
     import matplotlib.pyplot as plt
 
     image = dataset.image(frame)
@@ -40,7 +40,7 @@ def show(dataset: Dataset, frame: int, truth: bool) -> Figure:
 
 
 def curve(scores: Scores, quantity: str, against: str) -> Axes:
-    """A quantity over a property of the true particles."""
+    """A quantity as a function of a property of the true particles."""
     import matplotlib.pyplot as plt
 
     table = scores.curve(against)

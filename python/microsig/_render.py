@@ -1,4 +1,4 @@
-"""Images of particles that are given as arrays."""
+"""Images of particles given as arrays."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from . import _microsig
 from ._arguments import LAST_SEED, flag, floats, one_of, whole
 from ._table import Table
 
-#: MicroSIG's settings: the path of a settings file, its text, or a dict of its 14 names.
+#: MicroSIG's settings: the path of a settings file, its text, or a dict with its 14 names.
 Settings = Union[str, "os.PathLike[str]", Mapping[str, float]]
 
 #: Columns of a table of particles, in the order of a data file.
@@ -39,8 +39,8 @@ def _particles(particles: Any) -> NDArray[np.float64]:
     columns: Any = particles.keys() if isinstance(particles, Mapping) else getattr(particles, "columns", None)
     if columns is not None:
         names = {str(name) for name in columns}
-        # The truth of spheres has these columns too; a spheroid of aspect ratio 1 shines by another law than
-        # a sphere.
+        # The truth of spheres has these columns too; a spheroid of aspect ratio 1 emits according to a
+        # different law than a sphere.
         spheroids = {"e_p", "alpha_rad", "beta_rad"} <= names and bool(np.any(np.asarray(particles["e_p"]) != 1))
         used = [c for c in _COLUMNS[:4]]
         used += [c for c in _COLUMNS[4:7] if spheroids]
@@ -69,23 +69,23 @@ def render(
     round_once: bool = False,
     image_format: Literal["integer", "float32"] = "integer",
 ) -> NDArray[np.uint16] | NDArray[np.float32]:
-    """The image of some particles, as ``microsig render`` makes it.
+    """Render an image of particles, as ``microsig render`` does.
 
     :param settings: path or text of a MicroSIG settings file, or a dict of its 14 names (as ``Dataset.settings``)
-    :param particles: (n, 4): x (px), y (px), z (um, depth in MicroSIG's sense), d (um); (n, 5): and c_int;
-        (n, 7): x, y, z, d, e_p, alpha (rad), beta (rad); (n, 8): and c_int; or a table, data frame or dict with columns
+    :param particles: (n, 4): x (px), y (px), z (um, depth in MicroSIG's sense), d (um); (n, 5): also c_int;
+        (n, 7): x, y, z, d, e_p, alpha (rad), beta (rad); (n, 8): also c_int; or a table, data frame or dict with columns
         ``x_px, y_px, z_um, d_um [, e_p, alpha_rad, beta_rad] [, c_int [, light]]``, as rows of ``Dataset.tracks`` (where
         ``depth_factor`` is 1). The first pixel's center is (1, 1).
     :param mode: ``rays`` counts discrete rays, the paper's method; ``expected`` is the limit of many rays
     :param seed: seed of rays and noise, 0 to 2^64 - 1
-    :param frame: number of the frame, which addresses its random numbers
-    :param spheroids: which points of a spheroid shine: as in MicroSIG's program, or uniform in area
-    :param round_once: round light and noise to counts together, as datasets do; MicroSIG's program rounds the noise by itself
+    :param frame: number of the frame; it selects the random numbers
+    :param spheroids: which points of a spheroid emit light: as in MicroSIG's program, or uniform in area
+    :param round_once: round once after adding noise, as in datasets; MicroSIG's program rounds the noise separately
     :param image_format: ``float32`` returns counts before they are rounded and clamped to 16 bit
     :returns: uint16 (rows, columns), counts; float32 with ``image_format="float32"``
-    :raises ValueError: settings or particles that cannot be drawn, with the number of the particle; another argument out
-        of its range
-    :raises TypeError: particles or another argument of another kind
+    :raises ValueError: settings or particles that cannot be rendered, with the number of the particle; another argument out
+    of range
+    :raises TypeError: particles or another argument of the wrong type
     """
     how = (
         one_of("mode", mode, ("rays", "expected")) == "expected",

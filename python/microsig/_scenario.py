@@ -1,4 +1,4 @@
-"""Scenarios as arguments: a path, a text in RON or JSON, or a dict."""
+"""Scenarios as arguments: a path, text in RON or JSON, or a dict."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from . import _microsig
 from ._arguments import LAST_SEED, optional, whole
 
-#: A scenario: the path of a file, a text in RON or JSON, or a dict of the same keys.
+#: A scenario: the path of a file, text in RON or JSON, or a dict with the same keys.
 Scenario = Union[str, "os.PathLike[str]", Mapping[str, Any]]
 
 
@@ -29,7 +29,7 @@ def _value(value: Any) -> str:
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(_value(item) for item in value) + "]"
     if isinstance(value, float) and not math.isfinite(value):
-        # The reader refuses what is not allowed, with the key's range.
+        # Values that are not allowed are refused by the reader, which states the range of the key.
         return "inf" if value > 0 else "-inf" if value < 0 else "NaN"
     try:
         return json.dumps(value)

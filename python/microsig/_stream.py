@@ -19,13 +19,13 @@ from ._scenario import Scenario
 #: A batch or a sample: arrays by name.
 Arrays = dict[str, NDArray[Any]]
 
-#: Labels that can be asked for.
+#: Available labels.
 LABELS = ("particles", "boxes", "instances", "heatmap", "depth", "flow", "clean")
 
 
 @dataclass(frozen=True)
 class Law:
-    """How a value varies from sample to sample; made by :func:`uniform`, :func:`integers`, ..."""
+    """How a value varies from sample to sample; created by :func:`uniform`, :func:`integers`, ..."""
 
     name: str
     bounds: tuple[float, ...] = ()
@@ -38,32 +38,32 @@ class Law:
 def uniform(low: float, high: float) -> Law:
     """Uniform between two numbers.
 
-    :raises TypeError: what is no number; :class:`Stream` raises ValueError if they are not finite or ``low`` > ``high``
+    :raises TypeError: not a number; :class:`Stream` raises ValueError if they are not finite or ``low`` > ``high``
     """
     return Law("uniform", (real("low", low), real("high", high)))
 
 
 def log_uniform(low: float, high: float) -> Law:
-    """The logarithm is uniform between those of two positive numbers.
+    """Log-uniform between two positive numbers.
 
-    :raises TypeError: what is no number; :class:`Stream` raises ValueError if they are not finite, not > 0 or ``low`` > ``high``
+    :raises TypeError: not a number; :class:`Stream` raises ValueError if they are not finite, not > 0 or ``low`` > ``high``
     """
     return Law("log_uniform", (real("low", low), real("high", high)))
 
 
 def integers(low: int, high: int) -> Law:
-    """Whole numbers, all alike, from ``low`` to ``high``, both included.
+    """Integers from ``low`` to ``high``, both included, with equal probability.
 
-    :raises TypeError: what is no whole number
-    :raises ValueError: one beyond -2^53 to 2^53; :class:`Stream` raises it if ``low`` > ``high``
+    :raises TypeError: not an integer
+    :raises ValueError: outside -2^53 to 2^53; :class:`Stream` raises it if ``low`` > ``high``
     """
     return Law("integers", (whole("low", low, -(2**53), 2**53), whole("high", high, -(2**53), 2**53)))
 
 
 def choice(values: Sequence[Any]) -> Law:
-    """One of several values, all alike: numbers, texts, lists, dicts, as in a scenario.
+    """One of several values with equal probability: numbers, texts, lists, dicts, as in a scenario.
 
-    :raises TypeError: what is no sequence; :class:`Stream` raises ValueError if it is empty or has a value that is not allowed
+    :raises TypeError: not a sequence; :class:`Stream` raises ValueError if it is empty or contains a value that is not allowed
     """
     if not isinstance(values, (Sequence, np.ndarray)) or isinstance(values, str):
         raise TypeError(f"values = {values!r}: expected a list of values")
@@ -77,11 +77,11 @@ def _law(path: str, given: Any) -> Law:
 
 
 def _check_paths(paths: Sequence[str]) -> None:
-    """Refuses paths of which one holds another: what a sample is would depend on their order."""
+    """Refuses paths of which one contains another: samples would depend on their order."""
     for outer in paths:
         for inner in paths:
             if inner.startswith(f"{outer}."):
-                raise ValueError(f"vary: {inner} is a part of {outer}, which varies too; expected one of them")
+                raise ValueError(f"vary: {inner} is a part of {outer}, which also varies; expected only one of them")
 
 
 def _sides(crop: Any) -> tuple[int, int]:
@@ -92,11 +92,11 @@ def _sides(crop: Any) -> tuple[int, int]:
 
 
 class Stream:
-    """An endless series of samples for training: ``for batch in stream``, ``stream[i]``.
+    """An endless sequence of samples for training: ``for batch in stream``, ``stream[i]``.
 
-    Sample ``i`` is a function of (scenario, seed, i) alone: it is the same at any time, for any batch size, number of threads
-    or workers, and after any restart. It is the beginning of the dataset that :func:`generate` makes of
-    :meth:`scenario` ``(i)``: a scenario with a seed of its own and, by ``vary``, values of its own.
+    Sample ``i`` is a function of (scenario, seed, i) alone: it does not depend on batch size, number of threads or workers, or
+    restarts. It is the beginning of the dataset that :func:`generate` generates from :meth:`scenario` ``(i)``: a scenario with its
+    own seed and, by ``vary``, its own values.
 
     A batch is a dict of arrays whose first axis is the sample:
 
@@ -107,20 +107,20 @@ class Stream:
     image      uint16  (batch, frames, rows, cols)  counts
     particles  float32 (batch, n, 8)                :data:`PARTICLE_COLUMNS`: x_px, y_px (first pixel's center at 1), z_um,
                                                     d_um, c_int (its light included), dx_px, dy_px, dz_um (to the next
-                                                    frame, NaN where there is none), of visible particles of the first frame
+                                                    frame, NaN if not in it), of visible particles of the first frame
     mask       bool    (batch, n)                   which rows are particles; the others are 0
     boxes      float32 (batch, n, 6)                x, y of the center, width, height of what exceeds ``share`` of the
-                                                    particle's own peak and the noise (px), z_um, class (place of the diameter in
+                                                    particle's own peak and the noise (px), z_um, class (index of the diameter in
                                                     ``particles.diameter_um.list``, else 0)
     instances  int32   (batch, rows, cols)          0, or 1 + row of the particle that is brightest at the pixel
-    depth      float32 (batch, rows, cols)          z_um of that particle, NaN where there is none
-    heatmap    float32 (batch, rows, cols)          Gaussians of height 1 around places
+    depth      float32 (batch, rows, cols)          z_um of that particle, NaN without a particle
+    heatmap    float32 (batch, rows, cols)          Gaussians of height 1 at particle positions
     flow       float32 (batch, 2 or 3, rows, cols)  displacement of the fluid to the next frame: px, px [, um]; NaN in walls
-    clean      float32 (batch, frames, rows, cols)  the noise-free counts: the limit of many rays, no noise of the sensor
+    clean      float32 (batch, frames, rows, cols)  noise-free counts: the limit of many rays, without sensor noise
     ========== ======= ============================ ==========================================================
 
-    Labels beyond ``particles`` and ``mask`` are there if asked for. Batches are drawn ahead in threads while Python does
-    something else. A stream can be pickled, and used after a fork.
+    Labels other than ``particles`` and ``mask`` are included on request. Batches are computed ahead in threads while Python does
+    other work. A stream can be pickled, and used after a fork.
     """
 
     def __init__(
@@ -143,32 +143,32 @@ class Stream:
         flow_components: Literal[2, 3] = 2,
         particles: int = 0,
     ) -> None:
-        """A stream.
+        """Create a stream.
 
         :param scenario: path, text (RON or JSON) or dict
-        :param batch: samples of a batch
+        :param batch: number of samples in a batch
         :param crop: rows and columns of the images
-        :param crop_at: ``center``: a smaller sensor in the middle of the scenario's field of view; a number of particles is
-            that of a sample. ``random``: a window of the scenario's image, at a place of its own for each sample
-            (:meth:`window`); the whole image is drawn, so that this takes longer.
-        :param vary: what varies, by path of the scenario: :func:`uniform`, :func:`log_uniform`, :func:`integers`,
-            :func:`choice`. Light, noise and numbers cost next to nothing; other keys resolve the scenario anew for each
-            sample, and new optics make new tables: with ``render.mode`` ``expected`` or ``waves``, or the label ``clean``, of
-            the order of a second for each sample instead of a fraction of a millisecond, with ``rays`` less than a tenth of it.
-            A :func:`choice` among up to 8 optics makes their tables once.
-        :param seed: seed of the stream, 0 to 2^64 - 1; the scenario's own does not matter
+        :param crop_at: ``center``: a smaller sensor in the middle of the scenario's field of view; numbers of particles refer to
+        the sample. ``random``: a window of the scenario's image at a random position for each sample (:meth:`window`); the
+        whole image is rendered, which takes longer.
+        :param vary: distributions by path of the scenario: :func:`uniform`, :func:`log_uniform`, :func:`integers`,
+        :func:`choice`. Varying light, noise and particle numbers costs almost nothing; other keys require the scenario to be
+        resolved again for each sample, and new optics require new tables: with ``render.mode`` ``expected`` or ``waves``, or
+        the label ``clean``, about a second per sample instead of a fraction of a millisecond, with ``rays`` less than a tenth
+        of that. For a :func:`choice` among up to 8 optics, tables are computed once.
+        :param seed: seed of the stream, 0 to 2^64 - 1; that of the scenario is ignored
         :param set: values by path that are the same in all samples
         :param labels: of ``boxes, instances, heatmap, depth, flow, clean`` (``particles`` are always there)
         :param split: ``train`` and ``val`` have no sample in common
-        :param frames: frames of a sample, by default 2 with ``flow`` and else 1
-        :param ahead: batches that are drawn ahead, at least 1
-        :param share: what belongs to a particle's image: pixels above this share of its peak and above the noise
+        :param frames: number of frames in a sample; by default 2 with ``flow``, otherwise 1
+        :param ahead: number of batches computed ahead, at least 1
+        :param share: a particle image consists of the pixels above this fraction of its peak and above the noise
         :param heatmap_sigma_px: standard deviation of a particle in ``heatmap``, px
         :param flow_depth_um: depth of ``flow``, um, or the mean over the depth range
         :param flow_components: 3 for the displacement along z (um) as well
-        :param particles: rows for particles in a batch, at least; more if a sample has more
-        :raises ValueError: a scenario, path or value that cannot be used; batches that memory is not free for
-        :raises TypeError: an argument of another kind
+        :param particles: minimum number of particle rows in a batch; more if a sample has more
+        :raises ValueError: an invalid scenario, path or value; not enough free memory for the batches
+        :raises TypeError: an argument of the wrong type
         """
         unknown = [label for label in labels if label not in LABELS]
         if unknown:
@@ -203,7 +203,7 @@ class Stream:
             "heatmap_sigma_px": real("heatmap_sigma_px", heatmap_sigma_px),
         }
         if not isinstance(vary, (Mapping, type(None))):
-            raise TypeError(f"vary = {vary!r}: expected a dict of laws by path, as {{'optics.gain': ms.uniform(1, 2)}}")
+            raise TypeError(f"vary = {vary!r}: expected a dict of laws by path, such as {{'optics.gain': ms.uniform(1, 2)}}")
         _check_paths(list(vary or {}))
         laws = [(path, _law(path, law)._parts()) for path, law in (vary or {}).items()]
         number = (2 if "flow" in labels else 1) if frames is None else whole("frames", frames, 1, 2**31 - 1)
@@ -212,14 +212,15 @@ class Stream:
         self._position = 0
         self._process = -1
         self._start()
-        # One batch more than are drawn ahead: that which is being made counts twice.
-        told = f"batch = {batch}, ahead = {ahead}, particles = {particles}"
-        self._samples.affordable(told, batch, ahead + 1)
+        # One batch more than are computed ahead: the one in progress counts twice.
+        arguments = f"batch = {batch}, ahead = {ahead}, particles = {particles}"
+        self._samples.affordable(arguments, batch, ahead + 1)
 
     def _start(self) -> None:
-        """Makes the compiled part; anew in a process that was forked."""
+        """Creates the compiled part; again in a forked process."""
         if self._process != os.getpid():
-            # What a forked process has of its parent is left as it is: no thread of it runs here.
+            # Objects inherited from the parent of a forked process are not touched: their threads do not run
+            # here.
             self._orphans = (self.__dict__.get("_samples"), self.__dict__.get("_ahead"))
             self._samples = _microsig.Samples(*self._arguments)
             self._ahead: _microsig.Ahead | None = None
@@ -227,12 +228,12 @@ class Stream:
 
     @property
     def batch(self) -> int:
-        """Samples of a batch."""
+        """Number of samples in a batch."""
         return self._batch
 
     @property
     def position(self) -> int:
-        """Number of the sample that the next batch begins with."""
+        """Number of the first sample of the next batch."""
         return self._position
 
     @property
@@ -241,7 +242,7 @@ class Stream:
         return self._samples.size()
 
     def __getitem__(self, index: int) -> Arrays:
-        """Sample ``index`` (from 0): arrays without the axis of the batch."""
+        """Sample ``index`` (from 0): arrays without the batch axis."""
         try:
             number = whole("sample", index)
         except ValueError as error:
@@ -252,7 +253,7 @@ class Stream:
     def samples(self, first: int, n: int) -> Arrays:
         """``n`` samples from number ``first`` on, as a batch; does not move the stream.
 
-        :raises ValueError: more samples than memory is free for
+        :raises ValueError: not enough free memory for the samples
         """
         first, n = whole("first", first), whole("n", n, 1)
         self._start()
@@ -278,7 +279,7 @@ class Stream:
         return batch
 
     def shard(self, worker: int, workers: int) -> Iterator[Arrays]:
-        """Every ``workers``-th batch from the position on, beginning with number ``worker``: for workers that share a stream."""
+        """Every ``workers``-th batch from the current position, starting with number ``worker``: for workers that share a stream."""
         workers = whole("workers", workers, 1, 2**31 - 1)
         worker = whole("worker", worker, 0, workers - 1)
         self._start()
@@ -292,49 +293,49 @@ class Stream:
         return self._samples.seed_of(whole("sample", index))
 
     def values(self, index: int) -> dict[str, Any]:
-        """The values of a sample that vary, by path."""
+        """The varied values of a sample, by path."""
         return {path: _parsed(value) for path, value in self._samples.values(whole("sample", index))}
 
     def window(self, index: int) -> tuple[int, int] | None:
-        """First row and column of a sample in the images of its scenario, from 0, with ``crop_at="random"``; else None."""
+        """First row and column of a sample in the images of its scenario, from 0, with ``crop_at="random"``; otherwise None."""
         return self._samples.window(whole("sample", index))
 
     def scenario(self, index: int) -> dict[str, Any]:
-        """The scenario of a sample, every default written out: :func:`generate` makes a dataset of it that begins with it."""
+        """The scenario of a sample with all defaults written out; the dataset generated from it starts with the sample."""
         self._start()
         scenario: dict[str, Any] = json.loads(self._samples.scenario(whole("sample", index))[0])
         return scenario
 
     @property
     def fingerprint(self) -> str:
-        """A hash of all that samples depend on."""
+        """A hash of everything that samples depend on."""
         text, laws, seed, split, frames, wanted, rows, window = self._arguments
-        told = [text["text"], text["assignments"], laws, seed, split, frames, wanted, window]
-        return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+        inputs = [text["text"], text["assignments"], laws, seed, split, frames, wanted, window]
+        return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()[:16]
 
     def state_dict(self) -> dict[str, Any]:
-        """Where the stream is: plain values, for checkpoints."""
+        """Position of the stream as plain values, for checkpoints."""
         return {"position": self._position, "fingerprint": self.fingerprint}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on where another stream of the same arguments was.
+        """Continue at the position of another stream with the same arguments.
 
-        :raises ValueError: the state of a stream of other samples
+        :raises ValueError: the state belongs to a stream of different samples
         """
         if not isinstance(state, Mapping) or not {"fingerprint", "position"} <= set(state):
-            raise ValueError(f"{state!r}: expected what state_dict() gives, with fingerprint and position")
+            raise ValueError(f"{state!r}: expected a result of state_dict(), with fingerprint and position")
         if state["fingerprint"] != self.fingerprint:
-            raise ValueError("the state is that of a stream of other samples (scenario, vary, seed, split or labels differ)")
+            raise ValueError("the state belongs to a stream of different samples (scenario, vary, seed, split or labels differ)")
         self.seek(state["position"])
 
     def seek(self, position: int) -> None:
-        """Go on with a batch that begins with sample number ``position``."""
+        """Continue with a batch that starts with sample number ``position``."""
         position = whole("position", position)
         self.close()
         self._position = position
 
     def close(self) -> None:
-        """End the threads that draw ahead; iterating begins them again, at the same place."""
+        """End the threads that compute ahead; iterating starts them again at the same position."""
         if self._process == os.getpid():
             self._ahead = None
 
@@ -364,6 +365,6 @@ def _parsed(value: str) -> Any:
         return value
 
 
-#: What a row of ``particles`` holds.
+#: Columns of ``particles``.
 PARTICLE_COLUMNS: tuple[str, ...] = tuple(_microsig.PARTICLE_COLUMNS)
 

@@ -17,16 +17,16 @@ _PIXELS = ("x_px", "y_px")
 
 
 class Table(dict[str, NDArray[Any]]):
-    """A table of a dataset or of a result: columns are NumPy arrays of one length.
+    """A table of a dataset or of a result: columns are NumPy arrays of equal length.
 
-    It is a dict of its columns that cannot be changed, so that ``pandas.DataFrame(table)`` and
+    It is an immutable dict of its columns, so that ``pandas.DataFrame(table)`` and
     ``polars.DataFrame(table)`` have the same columns and rows; its length is the number of rows.
 
     ``table["x_px"]`` is a column, ``table[mask]`` or ``table[:10]`` are rows, ``len(table)`` is the number of rows,
-    ``table.x_px`` is short for ``table["x_px"]``. Whole numbers are int64 (-1 where there is none), numbers float64
-    (NaN where there is none), texts are arrays of str.
+    ``table.x_px`` is short for ``table["x_px"]``. Integers are int64 (-1 where missing), numbers float64 (NaN where missing),
+    texts are arrays of str.
 
-    Names of columns end in their unit; :attr:`units` and :attr:`meanings` say more. Pixel coordinates have the first
+    Names of columns end in their unit; see also :attr:`units` and :attr:`meanings`. Pixel coordinates have the first
     pixel's center at 1, as on disk; :meth:`origin` gives array indices instead.
     """
 
@@ -39,7 +39,7 @@ class Table(dict[str, NDArray[Any]]):
         columns_about: Mapping[str, tuple[str, str]] | None = None,
         first_pixel: float = 1.0,
     ) -> None:
-        """A table of columns (one-dimensional, of one length); raises ValueError if their lengths differ."""
+        """Create a table from one-dimensional columns of equal length; raises ValueError if their lengths differ."""
         arrays: dict[str, NDArray[Any]] = {}
         for column, values in columns.items():
             array = np.asarray(values)
@@ -71,24 +71,24 @@ class Table(dict[str, NDArray[Any]]):
 
     @property
     def units(self) -> dict[str, str]:
-        """Units of the columns, empty texts where there is none."""
+        """Units of the columns; empty for columns without a unit."""
         return {column: self._about.get(column, ("", ""))[0] for column in self}
 
     @property
     def meanings(self) -> dict[str, str]:
-        """What the columns hold."""
+        """Descriptions of the columns."""
         return {column: self._about.get(column, ("", ""))[1] for column in self}
 
     @property
     def first_pixel(self) -> float:
-        """Where ``x_px`` and ``y_px`` have the first pixel's center: 1 as on disk, or what :meth:`origin` was told."""
+        """Coordinate of the first pixel's center in ``x_px`` and ``y_px``: 1 as on disk, or as set by :meth:`origin`."""
         return self._first_pixel
 
     def __len__(self) -> int:
         return next((len(array) for array in self.values()), 0)
 
     def __bool__(self) -> bool:
-        """Whether there are columns: one without rows is a table, too."""
+        """Whether there are columns; a table without rows is also true."""
         return bool(self.columns)
 
     def __getitem__(self, key: Any) -> Any:
@@ -111,7 +111,7 @@ class Table(dict[str, NDArray[Any]]):
         raise AttributeError(f"no column or attribute {name}")
 
     def _refuse(self, *_: Any, **__: Any) -> NoReturn:
-        raise TypeError(f"{self.name}: tables cannot be changed; to_dict() gives a dict that can")
+        raise TypeError(f"{self.name}: tables are read-only; to_dict() returns a dict that can be changed")
 
     __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
 
@@ -125,7 +125,7 @@ class Table(dict[str, NDArray[Any]]):
         return _restored, (self.to_dict(), about)
 
     def copy(self) -> Table:
-        """The table itself, which cannot be changed."""
+        """The table itself, because it cannot be changed."""
         return self
 
     def origin(self, first_pixel: float) -> Table:
@@ -139,13 +139,13 @@ class Table(dict[str, NDArray[Any]]):
         return dict(self.items())
 
     def to_pandas(self) -> pandas.DataFrame:
-        """A pandas data frame of the same columns; raises ImportError without pandas."""
+        """A pandas DataFrame with the same columns; raises ImportError without pandas."""
         import pandas
 
         return pandas.DataFrame(self.to_dict())
 
     def to_polars(self) -> polars.DataFrame:
-        """A polars data frame of the same columns; raises ImportError without polars."""
+        """A polars DataFrame with the same columns; raises ImportError without polars."""
         import polars
 
         return polars.DataFrame(self.to_dict())

@@ -25,12 +25,12 @@ def tensors(batch: Arrays) -> dict[str, Any]:
     return made
 
 
-#: Most workers of a loader.
+#: Maximum number of workers of a loader.
 WORKERS = 1024
 
 
 class StreamDataset(IterableDataset):  # type: ignore[misc,type-arg,unused-ignore]
-    """A stream as a data set whose items are batches of tensors; made by :func:`dataset`."""
+    """A stream as a data set whose items are batches of tensors; created by :func:`dataset`."""
 
     def __init__(self, stream: Stream, batches: int | None = None) -> None:
         """Use :func:`dataset`."""
@@ -38,11 +38,12 @@ class StreamDataset(IterableDataset):  # type: ignore[misc,type-arg,unused-ignor
         self.stream = stream
         self.batches = None if batches is None else whole("batches", batches, 1)
         self._first = stream.position
-        # Epochs begun, by worker: in shared memory, as workers have copies and may be new in every epoch.
+        # Number of epochs started by each worker; in shared memory, because workers have copies and may be
+        # new in every epoch.
         self._epochs = torch.zeros(WORKERS, dtype=torch.int64).share_memory_()
 
     def __len__(self) -> int:
-        """Batches of an epoch."""
+        """Number of batches in an epoch."""
         if self.batches is None:
             raise TypeError("the data set is endless; batches = N makes epochs of N batches")
         return self.batches
@@ -56,7 +57,7 @@ class StreamDataset(IterableDataset):  # type: ignore[misc,type-arg,unused-ignor
             return
         epoch = int(self._epochs[worker])
         self._epochs[worker] += 1
-        # The stream of a worker is a copy of its own.
+        # Each worker has its own copy of the stream.
         self.stream.seek(self._position(epoch))
         own = range(worker, self.batches, workers)
         for _, batch in zip(own, self.stream.shard(worker, workers)):
@@ -66,14 +67,14 @@ class StreamDataset(IterableDataset):  # type: ignore[misc,type-arg,unused-ignor
         return self._first + epochs * (self.batches or 0) * self.stream.batch
 
     def state_dict(self) -> dict[str, Any]:
-        """Where the data set is after the epochs begun so far: plain values, for checkpoints at the end of an epoch."""
+        """Position after the epochs started so far, as plain values, for checkpoints at the end of an epoch."""
         state = self.stream.state_dict()
         return state if self.batches is None else {**state, "position": self._position(int(self._epochs.max()))}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on with the epoch that follows those of a data set of the same stream.
+        """Continue with the next epoch of another data set of the same stream.
 
-        :raises ValueError: the state of a stream of other samples
+        :raises ValueError: the state belongs to a stream of different samples
         """
         self.stream.load_state_dict(state)
         self._first = self.stream.position
@@ -83,11 +84,11 @@ class StreamDataset(IterableDataset):  # type: ignore[misc,type-arg,unused-ignor
 def dataset(stream: Stream, batches: int | None = None) -> StreamDataset:
     """A stream for ``DataLoader(dataset(stream), batch_size=None, num_workers=..., pin_memory=...)``.
 
-    Items are batches already. Workers share the stream: the loader's order is that of the stream, whatever their number. The
+    Items are already batches. Workers share the stream: the order is that of the stream for any number of workers. The
     stream draws in threads of its own, so that ``num_workers=0`` is usually the fastest.
 
-    :param batches: batches of an epoch, of all workers together; each iteration goes on where the one before ended, or would
-        have ended. Without it the data set is endless; every iteration with workers, which are copies, then begins at the
-        stream's position again.
+    :param batches: number of batches in an epoch, over all workers; each iteration continues where the previous one ended, or
+    would have ended. Without it the data set is endless; with workers, which are copies, every iteration then starts at
+    the position of the stream again.
     """
     return StreamDataset(stream, batches)

@@ -5,8 +5,8 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use storage::tables::{Columns, Table, Values};
 
-/// A table as Python sees it: its path in a dataset, what a row is, units and meanings by column, values by
-/// column.
+/// A table as Python receives it: its path in a dataset, meaning of a row, units and descriptions by column,
+/// values by column.
 pub(crate) fn table<'py>(
     py: Python<'py>,
     table: &Table,

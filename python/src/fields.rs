@@ -15,7 +15,7 @@ use scenario::Scenario;
 use crate::dataset::ScenarioText;
 use crate::run::{OnInterrupt, run};
 
-/// Points that a thread takes at a time.
+/// Number of points that a thread processes at a time.
 const POINTS: usize = 256;
 
 /// The velocity field of a scenario.
@@ -32,7 +32,7 @@ fn points(given: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<DVec3>> {
 }
 
 impl FlowField {
-    /// Numbers of every point.
+    /// Values for every point.
     fn of_points<const N: usize>(
         &self,
         py: Python<'_>,
@@ -42,7 +42,7 @@ impl FlowField {
         let scenario = Arc::clone(&self.0);
         run(py, false, OnInterrupt::Leave, move |progress| {
             let Some(field) = scenario.field() else {
-                return Err(storage::Error::input("recorded tracks tell no velocity field"));
+                return Err(storage::Error::input("recorded tracks have no velocity field"));
             };
             let all: Vec<[f64; N]> = points
                 .par_iter()
@@ -88,7 +88,8 @@ impl FlowField {
         PyArray1::from_vec(py, found).reshape([n, 3, 3])
     }
 
-    /// Displacements (um) of what is at points at the first time, or half-way, until the second time.
+    /// Displacements (um) of fluid elements from the first to the second time, given their positions at the
+    /// first time or half-way.
     fn displacement<'py>(
         &self,
         py: Python<'py>,
@@ -117,7 +118,7 @@ impl FlowField {
         serde_json::to_string(&self.0.spec).map_err(|e| PyValueError::new_err(e.to_string()))
     }
 
-    /// A displacement (um) on the image, px.
+    /// A displacement (um) as seen in the image, px.
     fn displacement_px(&self, dx_um: f64, dy_um: f64) -> (f64, f64) {
         let ImageVector { dx_px, dy_px, .. } =
             self.0.scale.displacement_to_image(DVec3::new(dx_um, dy_um, 0.0));
@@ -131,10 +132,10 @@ fn field(py: Python<'_>, text: ScenarioText) -> PyResult<FlowField> {
     Ok(FlowField(run(py, false, OnInterrupt::Leave, move |_| text.resolve().map(Arc::new))?))
 }
 
-/// A field on offer: name, formula, source, and name, default, range and meaning of its parameters.
+/// An available field: name, formula, source, and name, default, range and meaning of its parameters.
 type Offer = (String, String, String, Vec<(String, String, String, String)>);
 
-/// The fields on offer.
+/// The available fields.
 #[pyfunction]
 fn fields() -> Vec<Offer> {
     let parameter = |p: &flows::params::Parameter| {

@@ -1,5 +1,5 @@
-//! The compiled part of the Python package `microsig`: what `bench`, `flows` and `microsig-core` do, on NumPy
-//! arrays.
+//! The compiled part of the Python package `microsig`: the functions of `bench`, `flows` and `microsig-core`
+//! on NumPy arrays.
 //!
 //! Names, defaults and documentation for users are in `microsig/*.py`; here arguments are plain and complete.
 
@@ -17,21 +17,22 @@ use std::io::Write;
 use bench::cli::{Cli, printable};
 use clap::Parser;
 
-/// Runs the `microsig` command with these arguments, the first being the program's name; gives its exit code.
+/// Runs the `microsig` command with these arguments, the first being the program's name; returns its exit
+/// code.
 #[pyfunction]
 fn command(py: Python<'_>, arguments: Vec<String>) -> u8 {
     py.detach(|| match Cli::parse_from(arguments).run() {
         Ok(()) => 0,
         Err(e) => {
             let mut stderr = std::io::stderr().lock();
-            // If standard error is closed, only the exit code can tell.
+            // If standard error is closed, only the exit code reports the error.
             let _ = e.messages().iter().try_for_each(|text| writeln!(stderr, "error: {}", printable(text)));
             e.exit_code()
         }
     })
 }
 
-/// What `microsig/*.py` is built on.
+/// The functions on which `microsig/*.py` is built.
 #[pymodule]
 fn _microsig(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", generator::dataset::manifest::GENERATOR_VERSION)?;

@@ -13,7 +13,7 @@ use tracking::{METHODS, TrackOptions, track as track_dataset};
 
 use crate::run::{OnInterrupt, run};
 
-/// How to score; numbers are within their ranges.
+/// Options of scoring; numbers are within their ranges.
 #[derive(Debug, Clone, FromPyObject)]
 struct How {
     #[pyo3(item)]
@@ -50,7 +50,7 @@ struct How {
     seed: u64,
 }
 
-/// One of the values of an option.
+/// One of the allowed values of an option.
 fn one_of<T: ValueEnum>(name: &str, given: Option<&str>) -> storage::Result<Option<T>> {
     given
         .map(|given| {
@@ -126,7 +126,7 @@ fn compare(py: Python<'_>, scores: Vec<(String, String, String)>) -> PyResult<(S
     })
 }
 
-/// Tracks a dataset into a file, by options within their ranges; gives warnings.
+/// Tracks a dataset into a file, with options within their ranges; returns warnings.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the options of the command")]
 fn track(
@@ -158,7 +158,7 @@ fn track(
     })
 }
 
-/// Name and description of every method of tracking.
+/// Name and description of every tracking method.
 #[pyfunction]
 fn methods() -> Vec<(&'static str, &'static str)> {
     METHODS.iter().map(|method| (method.name, method.about)).collect()
@@ -193,7 +193,7 @@ impl SweepCases {
     fn scenario(&self, index: usize) -> PyResult<String> {
         let written = || {
             let case = self.0.cases.get(index);
-            let case = case.ok_or_else(|| storage::Error::input(format!("case {index}: there is none")))?;
+            let case = case.ok_or_else(|| storage::Error::input(format!("case {index} does not exist")))?;
             scenario::write(&self.0.scenario(case)?)
         };
         written().map_err(crate::run::raise)

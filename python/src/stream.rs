@@ -17,13 +17,13 @@ use rayon::ThreadPool;
 use crate::dataset::ScenarioText;
 use crate::run::{OnInterrupt, defect, pool, raise, run};
 
-/// How often signals are looked for.
+/// Interval at which signals are checked.
 const TICK: Duration = Duration::from_millis(50);
 
 /// A law: its name, numbers, and values as written.
 type LawParts = (String, Vec<f64>, Vec<String>);
 
-/// What is told of samples.
+/// Requested labels.
 #[derive(Debug, Clone, FromPyObject)]
 struct Labels {
     #[pyo3(item)]
@@ -54,7 +54,7 @@ fn law((name, numbers, values): LawParts) -> storage::Result<Law> {
         ("log_uniform", &[low, high]) => Law::LogUniform { low, high },
         ("integers", &[low, high]) => Law::Integers { low: low as i64, high: high as i64 },
         ("choice", _) => Law::Choice(values),
-        _ => return Err(storage::Error::input(format!("vary: {name} is no law"))),
+        _ => return Err(storage::Error::input(format!("vary: {name} is not a law"))),
     })
 }
 
@@ -136,7 +136,8 @@ impl Samples {
         run(py, false, OnInterrupt::Leave, move |_| crate::dataset::texts(&stream.scenario(index)?))
     }
 
-    /// Checks that memory is free for so many batches of `n` samples; `what` names their arguments.
+    /// Checks that there is free memory for this number of batches of `n` samples; `what` names their
+    /// arguments.
     fn affordable(&self, what: &str, n: u64, batches: u64) -> PyResult<()> {
         self.0.affordable(what, n, batches).map_err(raise)
     }
@@ -149,8 +150,8 @@ impl Samples {
         arrays(py, &self.0, batch)
     }
 
-    /// Draws batches of `n` samples ahead, `ahead` of them: the one that begins at `first`, then each that
-    /// begins `step` samples after the one before it.
+    /// Computes batches of `n` samples ahead, `ahead` of them: the first one starts at `first`, each further
+    /// one `step` samples after the previous one.
     fn ahead(&self, py: Python<'_>, first: u64, n: usize, step: u64, ahead: usize) -> PyResult<Ahead> {
         let (sender, receiver) = sync_channel(ahead.max(1) - 1);
         let (stream, pool, stop) = (Arc::clone(&self.0), pool(py)?, Stop::default());
@@ -161,7 +162,7 @@ impl Samples {
             loop {
                 let batch = catch_unwind(AssertUnwindSafe(|| threads.install(|| work.batch(at, n, go_on))));
                 let is_last = !matches!(batch, Ok(Ok(_)));
-                // Without a receiver nobody wants more.
+                // Without a receiver, no more batches are needed.
                 if stopped.is_stopped() || sender.send(batch).is_err() || is_last {
                     return;
                 }
@@ -174,13 +175,13 @@ impl Samples {
     }
 }
 
-/// What a forked process must not touch: threads of its parent may hold its locks.
+/// Objects that a forked process must not touch: threads of its parent may hold their locks.
 struct Parts {
     receiver: Mutex<Receiver<std::thread::Result<storage::Result<Batch>>>>,
     _pool: Arc<ThreadPool>,
 }
 
-/// Batches that are drawn ahead.
+/// Batches that are computed ahead.
 #[pyclass(frozen, module = "microsig._microsig")]
 struct Ahead {
     process: u32,
@@ -193,7 +194,7 @@ impl Drop for Ahead {
     fn drop(&mut self) {
         self.stop.stop();
         if self.process == std::process::id() {
-            // SAFETY: dropped here alone, and not used after.
+            // SAFETY: dropped only here, and not used afterwards.
             unsafe { ManuallyDrop::drop(&mut self.parts) }
         }
     }
@@ -204,9 +205,7 @@ impl Ahead {
     /// The next batch.
     fn next<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         if self.process != std::process::id() {
-            return Err(PyRuntimeError::new_err(
-                "batches that are drawn ahead belong to the process that forked",
-            ));
+            return Err(PyRuntimeError::new_err("batches computed ahead belong to the parent process"));
         }
         let receiver = &self.parts.receiver;
         loop {
@@ -224,7 +223,7 @@ impl Ahead {
     }
 }
 
-/// A batch as arrays by name; what was not asked for is left out.
+/// A batch as arrays by name; labels that were not requested are omitted.
 fn arrays<'py>(py: Python<'py>, stream: &SampleStream, batch: Batch) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     let (n, rows) = (batch.indices.len(), batch.rows);

@@ -107,10 +107,10 @@ def test_calls(dataset, call, kind, says):
         ({"heatmap_sigma_px": "a"}, TypeError, "a number"),
         ({"share": None}, TypeError, "a number"),
         ({"flow_components": 4}, ValueError, "one of 2, 3"),
-        ({"batch": 10**12}, ValueError, "less, as about .* GB of memory are needed and only "),
-        ({"ahead": 10**12}, ValueError, "less, as about .* GB of memory are needed and only "),
-        ({"particles": 10**12}, ValueError, "less, as about .* GB of memory are needed and only "),
-        ({"particles": 2**63 - 1}, ValueError, "less, as about .* GB of memory are needed and only "),
+        ({"batch": 10**12}, ValueError, "less, because about .* GB of memory are needed and only "),
+        ({"ahead": 10**12}, ValueError, "less, because about .* GB of memory are needed and only "),
+        ({"particles": 10**12}, ValueError, "less, because about .* GB of memory are needed and only "),
+        ({"particles": 2**63 - 1}, ValueError, "less, because about .* GB of memory are needed and only "),
         ({"particles": 2**63}, ValueError, "a whole number from 0"),
     ],
 )
@@ -125,7 +125,7 @@ def test_samples_are_numbered_from_0_and_have_to_fit_into_memory():
     for call in (stream.scenario, stream.window, stream.values, stream.seed_of):
         with pytest.raises(ValueError, match="sample = -1: expected a whole number from 0"):
             call(-1)
-    with pytest.raises(ValueError, match=f"n = {10**13}: expected less, as about .* GB of memory"):
+    with pytest.raises(ValueError, match=f"n = {10**13}: expected less, because about .* GB of memory"):
         stream.samples(0, 10**13)
     with pytest.raises(ValueError, match="worker = 2: expected a whole number, 0 to 1"):
         next(stream.shard(2, 2))

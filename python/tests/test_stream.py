@@ -100,7 +100,7 @@ def test_a_stream_goes_on_where_it_was():
         same(next(again), batch)
     again.seek(12)
     same(next(again), expected[0])
-    with pytest.raises(ValueError, match="other samples"):
+    with pytest.raises(ValueError, match="different samples"):
         stream(seed=6).load_state_dict(state)
 
 
@@ -457,7 +457,7 @@ def test_whole_numbers_are_not_rounded():
         with pytest.raises(TypeError, match="expected a whole number"):
             call()
     assert drawn[np.uint8(1)]["index"] == 1
-    with pytest.raises(ValueError, match="expected what state_dict"):
+    with pytest.raises(ValueError, match="expected a result of state_dict"):
         drawn.load_state_dict({})
 
 

@@ -63,12 +63,12 @@ fn degenerate_results_rank_behind_honest_ones_in_every_case() {
         assert!(scored == anchors.len() && scored >= 6, "{case:#}");
     }
     let page = std::fs::read_to_string(out.join("index.html")).unwrap();
-    assert!(page.contains("Degenerate results, with the rank that each would have: empty "));
+    assert!(page.contains("Degenerate results and the rank that each would have: empty "));
 
     // A tracker that finds nothing is as bad as an anchor, and is named.
     let nothing = results.join("nothing/P2/snr_4");
     std::fs::create_dir_all(&nothing).unwrap();
     std::fs::write(nothing.join("results.csv"), "frame,x_px,y_px\n").unwrap();
     let message = fail(1, &[&all[..], &["--anchors", "--force", "--track", "P2"]].concat());
-    assert!(message.contains("P2/snr_4: the anchor empty is not behind nothing"), "{message}");
+    assert!(message.contains("P2/snr_4: the anchor empty does not rank behind nothing"), "{message}");
 }

@@ -68,7 +68,7 @@ fn nothing_is_overwritten_without_force() {
     let dataset = generate(place.path(), "dataset", SCENARIO);
     let scenario = place.path().join("dataset.ron");
     let arguments = ["generate", path(&scenario), "--out", path(&dataset)];
-    assert!(fail(2, &arguments).contains("exists already"));
+    assert!(fail(2, &arguments).contains("already exists"));
     run(&[&arguments[..], &["--force"]].concat());
 
     // A folder that is not a dataset is never removed.
@@ -82,7 +82,7 @@ fn nothing_is_overwritten_without_force() {
     let (settings, particles) = (dataset.join("settings.txt"), dataset.join("particles"));
     let arguments = ["render", path(&settings), path(&particles), path(&images)];
     run(&arguments);
-    assert!(fail(2, &arguments).contains("pair_00000_a.tif: exists already; --force replaces it"));
+    assert!(fail(2, &arguments).contains("pair_00000_a.tif: already exists; --force replaces it"));
     run(&[&arguments[..], &["--force"]].concat());
 }
 
@@ -159,7 +159,7 @@ fn an_interrupted_run_goes_on_with_resume_only() {
     run(&["verify", path(&dataset)]);
     // A job that is restarted when everything is complete.
     let said = run(&resumed);
-    assert!(said.contains("is there already"), "{said}");
+    assert!(said.contains("already exists"), "{said}");
     let message = fail(2, &["generate", path(&other), "--out", path(&dataset), "--resume"]);
     assert!(message.contains("another scenario; cannot resume"), "{message}");
     assert_eq!(sums(&dataset), sums(&whole));
@@ -191,7 +191,7 @@ fn two_runs_never_write_one_folder() {
         for output in outputs.iter().filter(|output| !output.status.success()) {
             let message = String::from_utf8_lossy(&output.stderr);
             assert_eq!(output.status.code(), Some(2), "{message}");
-            let told = message.contains("is writing it") || message.contains("exists already");
+            let told = message.contains("is writing it") || message.contains("already exists");
             assert!(told, "{message}");
         }
         run(&["verify", path(&out)]);

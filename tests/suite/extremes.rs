@@ -425,7 +425,7 @@ fn images_that_show_nothing_or_saturate_are_told() {
     let place = tempfile::tempdir().unwrap();
     let scenario = write(place.path(), "s.ron", SCENARIO.as_bytes());
     for (set, expected) in [
-        ("optics.gain=0", "the particles give no light"),
+        ("optics.gain=0", "the particles emit no light"),
         ("optics.gain=1000", "have pixels saturated at 65535 counts"),
         ("particles.number=count(0)", "no particle is in view"),
     ] {

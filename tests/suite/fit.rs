@@ -41,7 +41,7 @@ fn scans_that_cannot_be_fitted_are_refused_with_advice() {
     let pages = scan.planes(1).unwrap();
     let size = (61, 61);
     let few = refused(&pages[..6], size, &step);
-    assert!(few.contains("6 planes: expected at least 7"), "{few}");
+    assert!(few.contains("6 planes; expected at least 7"), "{few}");
 
     let dark = SimulatedScan { beads: Vec::new(), ..single(9) }.planes(1).unwrap();
     let empty = refused(&dark, size, &step);

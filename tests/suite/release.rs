@@ -194,12 +194,15 @@ fn the_key_of_a_challenge_is_replaced_only_by_an_option_of_its_own() {
     let files = suite::tree(&out).unwrap();
     for more in [&[][..], &["--force"], &["--new-keys"]] {
         let message = fail(2, &[&release[..], more].concat());
-        assert!(message.contains("secret key: --resume leaves it as it is, --force --new-keys"), "{message}");
+        assert!(
+            message.contains("secret key: --resume leaves it unchanged, --force --new-keys"),
+            "{message}"
+        );
     }
-    assert!(run(&[&release[..], &["--resume"]].concat()).contains("is there already"));
+    assert!(run(&[&release[..], &["--resume"]].concat()).contains("already exists"));
     let other = generate(place.path(), "other", &scenario(SEED + 1));
     let message = fail(2, &["release", path(&other), "--out", path(&out), "--resume"]);
-    assert!(message.contains("is not made from"), "{message}");
+    assert!(message.contains("was not made from"), "{message}");
     let message = fail(2, &[&release[..], &["--resume", "--release-version", "2.0.0"]].concat());
     assert!(message.contains("is not of version 2.0.0"), "{message}");
     assert!(suite::tree(&out).unwrap() == files, "nothing has changed");
@@ -294,7 +297,7 @@ fn a_wrong_submission_is_told_what_and_where() {
         ("submission.json", "\"team\":", "\"crew\":".to_owned(), "unknown key `crew`"),
         ("submission.json", "y_px downward", "y_px upward".to_owned(), "coordinate_declaration"),
         ("submission.json", "1.5", "-1.5".to_owned(), "runtime_s: expected a time >= 0"),
-        ("submission.json", &images_sha256(), "0".repeat(64), "other images were used"),
+        ("submission.json", &images_sha256(), "0".repeat(64), "different images were used"),
     ] {
         std::fs::write(good.join(file), texts[file].replacen(from, &to, 1)).unwrap();
         let message = fail(2, &["evaluate", "--validate-only", path(&c.test), path(&good)]);
@@ -325,7 +328,7 @@ fn what_cannot_be_released_is_refused_and_leaves_nothing() {
     std::fs::write(place.path().join("places.txt"), "40 30 -20 2\n60 50 0 2\n").unwrap();
     let placed = scenario(1).replace("count(12)", "file(\"places.txt\")");
     let placed = generate(place.path(), "placed", &placed);
-    refuse(2, &placed, &[], "particles are placed by a file");
+    refuse(2, &placed, &[], "particle positions come from a file");
 
     let image = dataset.join("images/frame_00000.tif");
     let mut bytes = std::fs::read(&image).unwrap();

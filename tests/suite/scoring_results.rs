@@ -337,7 +337,7 @@ fn an_evaluation_leaves_files_that_can_be_compared() {
     let table = run(&["evaluate", path(&dataset), path(&tracks), "--out", path(&a), "--report"]);
     assert!(table.lines().filter(|l| !l.contains("wrote")).all(|l| l.chars().count() <= 80), "{table}");
     assert!(
-        fail(2, &["evaluate", path(&dataset), path(&tracks), "--out", path(&a)]).contains("exists already")
+        fail(2, &["evaluate", path(&dataset), path(&tracks), "--out", path(&a)]).contains("already exists")
     );
     run(&["evaluate", path(&dataset), path(&worse), "--out", path(&b), "--report"]);
     for name in ["score.json", "per_frame.csv", "matches.csv", "curves.csv", "report.html"] {
@@ -406,7 +406,11 @@ fn a_comparison_knows_datasets_by_their_truth_and_ranks_fields_apart() {
     assert!(page.contains("<h2>Particles in three dimensions</h2>") && page.contains("<h2>Fields</h2>"));
     let seeds = compared(&[&particles, &other], "seeds");
     let warned = seeds["warnings"].as_array().into_iter().flatten().filter_map(|w| w.as_str());
-    assert_eq!(warned.filter(|w| w.contains("different datasets, all named vortex")).count(), 1, "{seeds}");
+    assert_eq!(
+        warned.filter(|w| w.contains("different datasets that are all named vortex")).count(),
+        1,
+        "{seeds}"
+    );
 
     let file = particles.join("score.json");
     let text = std::fs::read_to_string(&file).unwrap().replacen("\"f1\": 1.0", "\"f1\": 2.0", 1);

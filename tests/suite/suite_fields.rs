@@ -145,7 +145,7 @@ fn a_released_case_of_fields_takes_fields() {
     let readme = std::fs::read_to_string(out.join("public/README.md")).unwrap();
     assert!(
         readme.contains("A challenge for PIV")
-            && readme.contains("`truth/field.csv` of train is also that of test")
+            && readme.contains("`truth/field.csv` of train is also the field of test")
     );
     let place = tempfile::tempdir().unwrap();
     unpack(&out.join("public/flows-v-shift-test.zip"), place.path());

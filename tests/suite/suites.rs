@@ -126,7 +126,7 @@ fn shards_and_resumed_runs_give_the_bytes_of_one_run() {
     assert!(suite::tree(&again).unwrap() == expected, "three shards");
 
     let message = fail(2, &all);
-    assert!(message.contains("exists already; --resume continues"), "{message}");
+    assert!(message.contains("already exists; --resume continues"), "{message}");
     std::fs::remove_dir_all(again.join("P2/noise_2/test")).unwrap();
     let made = json(&[&all[..], &["--resume"]].concat());
     assert_eq!((made["made"].as_u64(), made["done"].as_u64()), (Some(1), Some(6)));
@@ -134,7 +134,7 @@ fn shards_and_resumed_runs_give_the_bytes_of_one_run() {
 
     // One case and split of another size has a folder of its own.
     let message = fail(2, &["suite", "generate", path(&c.suite), "--size", "small", "--out", path(&again)]);
-    assert!(message.contains("holds size smoke, not small"), "{message}");
+    assert!(message.contains("contains size smoke, not small"), "{message}");
     let one = place.path().join("one");
     let only = ["--track", "P2", "--case", "one", "--split", "train", "--out", path(&one), "--quiet"];
     run(&[&["suite", "generate", path(&c.suite), "--size", "small"][..], &only].concat());
@@ -207,9 +207,9 @@ fn what_differs_from_the_frozen_list_is_named() {
     let place = tempfile::tempdir().unwrap();
     let file = write(place.path(), SUITE);
     let check = ["suite", "check", path(&file), "--size", "smoke", "--quiet"];
-    assert!(fail(2, &check).contains("there is no frozen list"));
+    assert!(fail(2, &check).contains("no frozen checksums"));
     let of_part = [&check[..], &["--freeze", "--case", "noise_2"]].concat();
-    assert!(fail(2, &of_part).contains("there is no list of this version"));
+    assert!(fail(2, &of_part).contains("this version has no frozen checksums yet"));
     run(&[&check[..], &["--freeze"]].concat());
     run(&check);
     // A part again: the other lines stay.
@@ -237,9 +237,9 @@ fn what_differs_from_the_frozen_list_is_named() {
     std::fs::write(place.path().join("base.ron"), SCENARIO.replace("peak_counts: 200", "peak_counts: 201"))
         .unwrap();
     let message = fail(1, &[&check[..], &["--case", "noise_2", "--split", "val"]].concat());
-    assert!(message.contains("P2/noise_2/val/images: other bytes than the frozen ones"), "{message}");
+    assert!(message.contains("P2/noise_2/val/images: differs from the frozen checksum"), "{message}");
     let message = fail(1, &[&check[..], &["--freeze"]].concat());
-    assert!(message.contains("version 1.0.0 has other bytes already"), "{message}");
+    assert!(message.contains("version 1.0.0 already has different frozen checksums"), "{message}");
 
     // A case less.
     let fewer =
@@ -247,11 +247,11 @@ fn what_differs_from_the_frozen_list_is_named() {
     let fewer = fewer.replace("title: \"Noise\",", "title: \"Noise\", smoke: [\"noise_2\"],");
     write(place.path(), &fewer);
     let message = fail(1, &check);
-    let gone = "P2/noise_0.5/test/images: is in the frozen list, and no longer in the suite";
+    let gone = "P2/noise_0.5/test/images: has a frozen checksum but is no longer in the suite";
     assert!(message.contains(gone) && !message.contains("noise_2"), "{message}");
     write(place.path(), &SUITE.replace("1.0.0", "1.1.0"));
     let message = fail(1, &check);
-    assert!(message.contains("is of version 1.0.0, not 1.1.0"), "{message}");
+    assert!(message.contains("belongs to version 1.0.0, not 1.1.0"), "{message}");
 }
 
 #[test]
@@ -324,7 +324,7 @@ fn scores_are_those_of_evaluate_and_what_is_missing_is_shown() {
     assert!(table.contains(",perfect,missing,"), "{table}");
     let page = std::fs::read_to_string(out.join("index.html")).unwrap();
     assert!(page.contains("missing") && page.contains("perfect") && !page.contains("<script"), "no scripts");
-    assert!(fail(2, &all).contains("exists already"));
+    assert!(fail(2, &all).contains("already exists"));
     // What a participant says about a tracker is on the page.
     let about = results.join("perfect/tracker.json");
     let said =

@@ -96,7 +96,7 @@ fn shards_and_slurm_tasks_give_the_tree_of_one_run() {
     run(&["sweep", path(&sweep), "--out", path(&together), "--collect"]);
     assert!(tree(&together) == expected, "tasks in folders of their own");
     let other = fail(2, &["sweep", path(&sweep), "--out", path(&together), "--collect", "--seed", "9"]);
-    assert!(other.contains("case_00000/datapackage.json: is of another sweep"), "{other}");
+    assert!(other.contains("case_00000/datapackage.json: belongs to another sweep"), "{other}");
     assert!(tree(&together) == expected, "left as it was");
 }
 
@@ -116,7 +116,7 @@ fn a_task_of_a_job_array_makes_all_cases_unless_it_is_asked_for_its_share() {
     let (said, result) = (text(&output.stderr), text(&output.stdout));
     assert!(result.contains("6 of 6 cases done") && !result.contains("shard"), "{result}");
     assert!(
-        said.contains("one of 6 tasks of a Slurm array and does all of the work; --shard slurm"),
+        said.contains("one of 6 tasks of a Slurm array but does all of the work; --shard slurm"),
         "{said}"
     );
     let message = fail(2, &["sweep", path(&sweep), "--list", "--shard", "slurm"]);
@@ -148,7 +148,7 @@ fn a_case_that_fails_is_a_row_with_its_reason() {
     // Resuming retries failed cases and leaves the others unchanged.
     let message = fail(1, &["sweep", path(&sweep), "--out", path(&out), "--resume"]);
     assert!(message.contains("3 cases failed"));
-    assert!(fail(2, &["sweep", path(&sweep), "--out", path(&out)]).contains("exists already"));
+    assert!(fail(2, &["sweep", path(&sweep), "--out", path(&out)]).contains("already exists"));
 }
 
 #[test]
@@ -160,7 +160,7 @@ fn going_on_after_an_edit_of_the_sweep_is_refused() {
     run(&["sweep", path(&sweep), "--out", path(&out), "--resume"]);
     write(place.path(), &SWEEP.replace("to: 20", "to: 30"));
     let message = fail(2, &["sweep", path(&sweep), "--out", path(&out), "--resume"]);
-    assert!(message.contains("case_00002: holds another scenario"), "{message}");
+    assert!(message.contains("case_00002: contains another scenario"), "{message}");
 }
 
 #[test]
@@ -200,7 +200,7 @@ fn a_sweep_leads_to_scores_over_its_axes() {
     run(&["evaluate", path(&dataset), path(&result), "--out", path(&by_hand)]);
     let score = |folder: &Path| std::fs::read(folder.join("score.json")).unwrap();
     assert!(score(&by_hand) == score(&out.join("scores/truth-noise/case_00004")));
-    assert!(fail(2, &scored).contains("exists already"));
+    assert!(fail(2, &scored).contains("already exists"));
     // What was made of other datasets is made again.
     let stale = out.join("results/empty/case_00001.csv");
     let made = std::fs::read(&stale).unwrap();

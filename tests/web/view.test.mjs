@@ -80,7 +80,7 @@ test("a change is previewed, problems stand at their lines", async () => {
   await withPage([file], async (page) => {
     await preview(page);
     const facts = await page.locator(".facts-grid").textContent();
-    for (const name of ["Images", "N_S", "SNR", "Moves A to B", "All of it"]) {
+    for (const name of ["Images", "N_S", "SNR", "Displacement A to B", "Full dataset"]) {
       assert.ok(facts.includes(name), name);
     }
     assert.equal(await page.locator(".strip canvas").count(), 11);

@@ -170,7 +170,7 @@ pub(crate) fn run(comparison: &Comparison) -> anyhow::Result<ExitCode> {
     plot(&out.join("agreement.svg"), &rows)?;
     std::fs::write(out.join("README.md"), page(&rows, &strips, comparison)?)?;
     let missed = rows.iter().filter(|row| !row.is_well()).count();
-    println!("{missed} of {} means are not met", rows.len());
+    println!("{missed} of {} means exceed the limits", rows.len());
     Ok(if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 

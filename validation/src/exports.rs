@@ -71,7 +71,7 @@ pub(crate) fn run(out: &Path, imagej: Option<&Path>) -> anyhow::Result<()> {
 }
 
 fn text(path: &Path) -> anyhow::Result<&str> {
-    path.to_str().context("a path that is no UTF-8")
+    path.to_str().context("a path that is not UTF-8")
 }
 
 /// Runs a command and returns its standard output.

@@ -1,5 +1,5 @@
-//! Comparisons with other people's programs and with independent Monte Carlo: `cargo validate <what>`.
-#![expect(clippy::print_stdout, reason = "a comparison tells what it found")]
+//! Comparisons with third-party programs and with independent Monte Carlo: `cargo validate <what>`.
+#![expect(clippy::print_stdout, reason = "a comparison reports its result")]
 
 mod curves;
 mod expected;
@@ -13,7 +13,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Comparisons with other people's programs and with independent Monte Carlo.
+/// Comparisons with third-party programs and with independent Monte Carlo.
 #[derive(Parser)]
 #[command(name = "cargo validate")]
 struct Cli {
@@ -43,8 +43,8 @@ enum Comparison {
         #[arg(long, default_value = "target/waves")]
         out: PathBuf,
     },
-    /// Fits calibration scans with known truth, many simulated scans, and real beads; exit code 1 if a bar is
-    /// missed.
+    /// Fits calibration scans with known truth, many simulated scans, and real beads; exit code 1 if a limit
+    /// is exceeded.
     Fit(fit::Comparison),
     /// Opens exports, images and a release with the programs they are intended for, in a separate Python
     /// environment.

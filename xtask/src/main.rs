@@ -1,5 +1,5 @@
 //! Tasks of the repository: `cargo xtask <task>`.
-#![expect(clippy::print_stdout, reason = "a task tells what it did")]
+#![expect(clippy::print_stdout, reason = "a task reports what it did")]
 
 mod baselines;
 mod bench;
@@ -33,10 +33,10 @@ enum Task {
         /// Only groups whose name contains this text.
         #[arg(long)]
         only: Option<String>,
-        /// Runs of each workload.
+        /// Number of runs of each workload.
         #[arg(long, default_value_t = 5)]
         repeats: usize,
-        /// Folder for the output of workloads, for example /dev/shm to exclude the disk. Default: below OUT.
+        /// Folder for the output of workloads, for example /dev/shm to exclude the disk. Default: below OUT
         #[arg(long)]
         scratch: Option<PathBuf>,
     },
@@ -53,18 +53,18 @@ enum Task {
         #[arg(long, default_value_t = 0.02)]
         tolerance: f64,
     },
-    /// Scores the baseline trackers on datasets of increasing density and noise; some minutes.
+    /// Scores the baseline trackers on datasets of increasing density and noise; takes a few minutes.
     Baselines {
         /// Output folder of runs.csv, a plot and README.md.
         #[arg(long, default_value = "target/baselines")]
         out: PathBuf,
     },
-    /// Runs all trackers on a suite, each of those of others in an environment of its own, and writes the
-    /// page of the results. Runs whose inputs have not changed are skipped.
+    /// Runs all trackers on a suite, third-party ones in separate environments, and writes the page of the
+    /// results. Runs whose inputs have not changed are skipped.
     Leaderboard(leaderboard::Arguments),
     /// Times the scoring of a million points and of dense frames; exit code 1 if a limit is exceeded.
     Scoring {
-        /// Where README.md goes.
+        /// Output folder of README.md.
         #[arg(long, default_value = "target/scoring")]
         out: PathBuf,
     },
@@ -88,8 +88,8 @@ enum Task {
         #[arg(long, default_value = "target/man")]
         out: PathBuf,
     },
-    /// Attacks the command: changed inputs of every kind, pairs of runs into one folder, killed runs that are
-    /// resumed; exit code 1 if anything is found. A number of 0 leaves out a part.
+    /// Attacks the command with changed inputs of every kind, pairs of runs into one folder, and killed runs
+    /// that are resumed; exit code 1 if anything is found. A number of 0 skips a part.
     Robustness {
         /// Output folder of mutations.md, pairs.md, kill.md and kill.csv.
         #[arg(long, default_value = "target/robustness")]
@@ -97,7 +97,7 @@ enum Task {
         /// Number of changed inputs of each kind.
         #[arg(long, default_value_t = 1000)]
         mutations: u32,
-        /// Number of pairs of runs, with random offsets, for each verb that writes a folder.
+        /// Number of pairs of runs, with random offsets, for each command that writes a folder.
         #[arg(long, default_value_t = 200)]
         pairs: u32,
         /// Number of kills for each kind of run.
@@ -107,14 +107,14 @@ enum Task {
         #[arg(long, default_value_t = 1)]
         seed: u64,
     },
-    /// Runs every verb that writes on a full disk (needs root).
+    /// Runs every writing command on a full disk (needs root).
     Disk {
         /// Output folder of disk.md.
         #[arg(long, default_value = "target/robustness")]
         out: PathBuf,
     },
-    /// Generates the golden scenarios on emulated processors (qemu-user), some minutes; exit code 1 if bytes
-    /// differ.
+    /// Generates the golden scenarios on emulated processors (qemu-user), takes a few minutes; exit code 1 if
+    /// bytes differ.
     Emulation {
         /// Output folder of emulation.md.
         #[arg(long, default_value = "target/robustness")]
@@ -138,8 +138,8 @@ enum Task {
         #[arg(long, default_value = "target/scenarios")]
         out: PathBuf,
     },
-    /// Tests `microsig view` in Chromium by Playwright (tests/web); installs what is missing: Chromium and
-    /// Node.js by apt-get (needs to be root then), Playwright by npm.
+    /// Tests `microsig view` in Chromium with Playwright (tests/web); installs what is missing: Chromium and
+    /// Node.js with apt-get (which then needs root), Playwright with npm.
     WebTest {
         /// Make screenshots of all pages in this folder instead.
         #[arg(long, value_name = "DIR")]
@@ -147,7 +147,7 @@ enum Task {
     },
     /// Runs a sweep as job arrays on a real single-machine Slurm (needs root and an installed Slurm).
     Slurm {
-        /// Where README.md goes.
+        /// Output folder of README.md.
         #[arg(long, default_value = "target/slurm")]
         out: PathBuf,
     },

@@ -1,6 +1,6 @@
-//! The `microsig` command ([`cli`]) and what it alone needs: challenges ([`release`]), reports of scores
-//! ([`report`]), scores of whole suites ([`suite`]), results in the formats of others ([`export`]), plots of
-//! flows and the pages of `microsig view`.
+//! The `microsig` command ([`cli`]) and the parts that only it needs: challenges ([`release`]), reports of
+//! scores ([`report`]), scores of whole suites ([`suite`]), exports to other formats ([`export`]), plots of
+//! flows, and the pages of `microsig view`.
 
 pub mod cli;
 pub mod export;

@@ -1,9 +1,10 @@
 //! Background of a scan: mean and standard deviation, from the dark side of the histogram.
 //!
-//! Particles only add light, so counts up to slightly above the mode are background. They are modeled by a
-//! normal distribution, rounded to whole counts and clipped at 0, as cameras and image generators do; the
-//! likelihood is conditional on counts being at most `limit`. For a background of 25 +- 15 counts clipped at
-//! 0, the estimate is 25 +- 15, while the sample mean and standard deviation are 25.3 and 14.4.
+//! Particles only add light, so counts up to slightly above the mode belong to the background. They are
+//! modeled by a normal distribution, rounded to whole counts and clipped at 0, as cameras and image
+//! generators do; the likelihood is conditional on counts being at most `limit`. For a background of 25 +- 15
+//! counts clipped at 0, the estimate is 25 +- 15, while the sample mean and standard deviation are 25.3 and
+//! 14.4.
 
 use libm::{erfc, exp, log, sqrt};
 

@@ -13,7 +13,7 @@ pub(super) struct Run<'a> {
     pub(super) state: State,
     /// Derivatives of the last step.
     pub(super) derivatives: Option<Derivatives>,
-    /// Difference of -2 ln(likelihood) to the other direction of the stage; `None` if that was not tried.
+    /// Difference of -2 ln(likelihood) from the other direction of the stage; `None` if that was not tried.
     pub(super) direction_margin: Option<f64>,
     /// Comparison of a fit by waves with that of geometrical optics.
     pub(super) comparison: Option<Comparison>,
@@ -71,7 +71,7 @@ impl Comparison {
         Ok(Comparison { geometric: score(geometric)?, waves: score(waves)? })
     }
 
-    /// Whether waves describe the scan better, fitted quantities considered.
+    /// Whether waves describe the scan better, taking the number of fitted quantities into account.
     pub fn recommends_waves(&self) -> bool {
         self.waves.bic < self.geometric.bic
     }

@@ -75,12 +75,12 @@ pub(super) fn starts(known: &Known) -> Vec<Start> {
         .map(|turn| known.shape.axis + turn)
         .map(|angle| (angle, Curves::of(known, angle)))
         .collect();
-    let trials: Vec<(usize, f64, f64, f64)> = (0..curves.len())
+    let guesses: Vec<(usize, f64, f64, f64)> = (0..curves.len())
         .flat_map(|axis| known.directions.iter().map(move |&direction| (axis, direction)))
         .flat_map(|(axis, direction)| FOCAL_LENGTHS_UM.iter().map(move |&f| (axis, direction, f)))
         .flat_map(|(axis, direction, f)| STARTS.iter().map(move |&start| (axis, direction, f, start)))
         .collect();
-    let fitted: Vec<(usize, Start)> = trials
+    let fitted: Vec<(usize, Start)> = guesses
         .par_iter()
         .map(|&(axis, direction, focal_length, start)| {
             let (angle, curves) = &curves[axis];

@@ -1,7 +1,8 @@
-//! Derivatives of the images of all windows with respect to what is fitted.
+//! Derivatives of the images of all windows with respect to the fitted quantities.
 //!
-//! They take most of the time of a fit, and a step of the fit needs them only roughly: only images decide
-//! whether it is accepted, and where the fit ends. So they are kept until the state has moved far.
+//! They take most of the time of a fit, but a step of the fit needs them only approximately: the images alone
+//! decide whether a step is accepted and where the fit ends. They are therefore reused until the state has
+//! moved far.
 
 use rayon::prelude::*;
 
@@ -11,8 +12,8 @@ use super::optics::{Microscope, Shared};
 use super::state::State;
 use storage::error::Result;
 
-/// Derivatives are taken again from new images where a shared quantity has changed by more than this fraction
-/// of the step of their differences, or an image has moved or an edge of it by more than this many px.
+/// Derivatives are computed again when a shared quantity has changed by more than this fraction of the step
+/// of their differences, or when an image or its edge has moved by more than this many px.
 const STALE: f64 = 0.5;
 const STALE_PX: f64 = 0.3;
 
@@ -44,7 +45,7 @@ impl Derivatives {
         &self.windows[bead * self.planes + plane]
     }
 
-    /// Whether these are the derivatives of this very state.
+    /// Whether these are the derivatives at exactly this state.
     pub(super) fn are_of(&self, state: &State) -> bool {
         (self.at.microscope, &self.at.beads) == (state.microscope, &state.beads)
     }
@@ -65,7 +66,7 @@ impl Derivatives {
                 && (old.y - new.y).abs() + drifted(1) <= STALE_PX
                 && (old.z_um - new.z_um).abs() <= depth_um
         });
-        // Finer images of the microscope itself do not make derivatives finer.
+        // More accurate images alone do not make the derivatives more accurate.
         let of_sides = |accuracy: Accuracy| (accuracy.of_sides, accuracy.central);
         of_sides(self.accuracy) == of_sides(problem.accuracy)
             && stays
@@ -75,7 +76,7 @@ impl Derivatives {
 }
 
 impl Problem<'_> {
-    /// The derivatives at a state: those that are known if they are good enough, or new ones.
+    /// The derivatives at a state: the known ones if they are good enough, otherwise new ones.
     pub(super) fn derivatives(&self, known: Option<Derivatives>, state: &State) -> Result<Derivatives> {
         match known.filter(|known| known.hold_at(self, state)) {
             Some(known) => Ok(known),

@@ -1,4 +1,4 @@
-//! What a report shows of a fit: images and curves over depth, of the data and of the model.
+//! Material for the report of a fit: images and curves over depth, of the data and of the model.
 
 use super::curves::quantiles;
 use super::images::Problem;
@@ -40,7 +40,7 @@ pub struct Sample {
     pub residual: Vec<f32>,
 }
 
-/// An image of a particle and what is measured in it.
+/// An image of a particle and the quantities measured in it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeasuredImage {
     /// Counts above the background, row by row; NaN where a pixel belongs to another particle.

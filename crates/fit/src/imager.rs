@@ -8,12 +8,12 @@ use microsig_core::render::waves::{SingleImages, WavesRenderer};
 use super::optics::Microscope;
 use storage::error::Result;
 
-/// Turned by more than this from the image's axes (1 - cos 4 angle), the cylindrical lens makes the
-/// orientation of pixels matter: 0.1 % of the peak.
+/// If the cylindrical lens is turned by more than this from the axes of the image (1 - cos 4 angle), the
+/// orientation of pixels matters: 0.1 % of the peak.
 const TURNED: f64 = 0.1;
 
-/// Parts of a pixel along each axis then. The images of geometrical optics are those on pixels along the axes
-/// of the cylindrical lens; a pixel is taken as parts that are so small that their orientation does not
+/// Number of parts of a pixel along each axis in that case. Geometrical optics gives images on pixels along
+/// the axes of the cylindrical lens; a pixel is divided into parts so small that their orientation does not
 /// matter (its effect falls with the fourth power of their size). With whole pixels, images with the lens
 /// turned by 25 degrees would be off by 1 % of the peak.
 const PARTS: usize = 2;
@@ -122,8 +122,8 @@ fn by_rays(
 mod tests {
     use super::*;
 
-    /// Images with the cylindrical lens turned, on pixels along the image's axes, are those on six times
-    /// smaller pixels, whose orientation does not matter; and the derivatives are those of the values.
+    /// With the cylindrical lens turned, images on pixels along the image axes agree with those on six times
+    /// smaller pixels, whose orientation does not matter, and the derivatives agree with the values.
     #[test]
     fn turned_cylinders_leave_pixels_along_the_images_axes() {
         let microscope = Microscope {

@@ -19,7 +19,7 @@ use super::scan::Scan;
 use super::state::{Count, Misfit, State, huber};
 use storage::error::Result;
 
-/// Is told what a fit does, in a few words.
+/// Receives short descriptions of what a fit is doing.
 pub type Watch<'a> = &'a (dyn Fn(&str) + Sync);
 
 /// Accuracy of images and of their derivatives.
@@ -46,7 +46,7 @@ pub(super) struct Problem<'a> {
     pub(super) rejected: Vec<Vec<bool>>,
     /// Accuracy of images.
     pub(super) accuracy: Accuracy,
-    /// What the fit does, in words, and who is told.
+    /// Current stage of the fit, and the receiver of progress messages.
     pub(super) stage: String,
     pub(super) watch: Watch<'a>,
     /// The fit has converged when the predicted decrease of chi2, summed over all pixels, is less than this.
@@ -54,7 +54,7 @@ pub(super) struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// The model, in a word.
+    /// Short name of the model.
     pub(super) fn name(&self) -> &'static str {
         if self.shared.iter().any(|shared| matches!(shared, Shared::Aberration(_))) {
             "waves"
@@ -63,7 +63,7 @@ impl Problem<'_> {
         }
     }
 
-    /// Whether quantities are free that others nearly compensate.
+    /// Whether quantities are free for which others can nearly compensate.
     pub(super) fn is_nearly_degenerate(&self) -> bool {
         let extra = [Shared::RiLens, Shared::PixelSize, Shared::DepthFactor];
         self.shared.iter().any(|shared| extra.contains(shared))
@@ -128,7 +128,7 @@ impl Problem<'_> {
         self.windows.particles[k].pixels.iter().map(|&(_, [px, py])| [px - x, py - y]).collect()
     }
 
-    /// Fractions of light on the pixels of a window.
+    /// Fractions of the light on the pixels of a window.
     pub(super) fn values(
         &self,
         imager: &Imager,

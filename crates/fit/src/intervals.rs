@@ -11,7 +11,7 @@ use rand::{RngExt, SeedableRng};
 use super::linear::Symmetric;
 use super::normal::Normal;
 
-/// Number of particles from which on groups are particles.
+/// Minimum number of particles for which each group is a particle.
 const PARTICLES_AS_GROUPS: usize = 5;
 
 /// Number of planes in a group otherwise.

@@ -97,7 +97,7 @@ pub struct FitFiles {
     pub files: Vec<(&'static str, Vec<u8>)>,
 }
 
-/// Fits the settings to a scan; `watch` is told what it does.
+/// Fits the settings to a scan; `watch` receives progress messages.
 ///
 /// # Errors
 /// [`storage::Error::Input`] if the scan has no usable particle or does not determine all parameters.
@@ -144,7 +144,7 @@ pub fn fit(scan: &Scan, options: &FitOptions, watch: Watch<'_>) -> Result<FitFil
         None => geometric,
         Some(model) => {
             let State { microscope, .. } = geometric.state;
-            // Rays do not tell the direction of a scan that they do not describe.
+            // If rays do not describe the scan, they do not determine its direction.
             let direction = options.direction.unwrap_or(1.0);
             let shared = shared_by_waves(model, options.diameter_um.is_none());
             let mut waves = by_waves(problem(shared), &shape, (microscope, direction), model)?;
@@ -157,7 +157,7 @@ pub fn fit(scan: &Scan, options: &FitOptions, watch: Watch<'_>) -> Result<FitFil
 }
 
 /// The fit of geometrical optics; additional quantities are freed at the best fit without them, so that the
-/// fit never ends at a worse one.
+/// result is never worse than without them.
 fn by_rays<'a>(mut problem: Problem<'a>, known: &Known, free: &[ExtraParameter]) -> Result<Run<'a>> {
     let (start, margin) = search::best_start(&mut problem, known.shape, &curves::starts(known))?;
     let mut derivatives = None;
@@ -170,7 +170,7 @@ fn by_rays<'a>(mut problem: Problem<'a>, known: &Known, free: &[ExtraParameter])
     Ok(Run { problem, state, derivatives, direction_margin: margin, comparison: None })
 }
 
-/// The fit of wave optics; `seed` has what is not fitted, and the direction of the stage.
+/// The fit of wave optics; `seed` provides the quantities that are not fitted and the direction of the stage.
 fn by_waves<'a>(
     mut problem: Problem<'a>,
     shape: &Shape,
@@ -190,10 +190,12 @@ fn files(mut run: Run, options: &FitOptions, astigmatic: bool) -> Result<FitFile
     let normal = run.problem.normal(&run.state, &run.problem.derivatives(derivatives, &run.state)?)?;
     let weighed = comparison::chi2(&run.problem.misfits(&run.state, None)?);
     let covariance = Covariance::of(&normal, particles, weighed).ok_or_else(|| {
-        storage::Error::input("the scan does not determine all parameters: give --diameter, or a longer scan")
+        storage::Error::input(
+            "the scan does not determine all parameters: give --diameter, or use a longer scan",
+        )
     })?;
     let resampled = intervals::bootstrap(&normal, particles, options.bootstrap, options.seed);
-    // From here on the noise alone counts, without what the fit takes for errors of the model.
+    // From here on, only the noise counts, without the residuals attributed to errors of the model.
     run.state.noise = run.problem.noises(&run.state)?.pure;
     let Run { problem, state, .. } = &run;
     let misfits = problem.misfits(state, None)?;
@@ -219,7 +221,8 @@ fn shared(options: &FitOptions, astigmatic: bool) -> Vec<Shared> {
     shared
 }
 
-/// Fitted quantities of wave optics. The focal length acts by the aberration of MicroSIG's lens only.
+/// Fitted quantities of wave optics. The focal length has an effect only through the aberration of MicroSIG's
+/// lens.
 fn shared_by_waves(model: WaveModel, with_diameter: bool) -> Vec<Shared> {
     let mut shared = vec![Shared::NumericalAperture];
     let terms = match model.lens {
@@ -308,7 +311,7 @@ mod tests {
         };
         let run = by_waves(problem, &shape, (truth, 1.0), model).unwrap();
         let found = run.state.microscope;
-        // Counts are rounded, without other noise: 0.3 counts of a peak of several hundred.
+        // Counts are rounded and otherwise noise-free: 0.3 counts of a peak of several hundred.
         assert!((found.numerical_aperture() - na).abs() < 5e-3, "{found:?}");
         let aberrations = found.waves.unwrap().aberrations;
         for (found, truth) in aberrations.iter().zip(waves.aberrations) {

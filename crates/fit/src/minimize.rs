@@ -10,8 +10,8 @@ impl Problem<'_> {
     /// The state moved by a step of the parameters.
     pub(super) fn moved(&self, state: &State, step: &[f64]) -> State {
         let mut to = state.clone();
-        // Shortened as a whole: where quantities nearly compensate each other, only the direction of the step
-        // leads along the valley.
+        // The whole step is scaled down: where quantities nearly compensate each other, only the direction of
+        // the step leads along the valley.
         let share = |(shared, by): (&Shared, &f64)| shared.longest(&state.microscope) / by.abs();
         let share = self.shared.iter().zip(step).map(share).fold(1.0, f64::min);
         for (shared, &by) in self.shared.iter().zip(step) {
@@ -56,7 +56,7 @@ impl Problem<'_> {
             (self.watch)(&format!("{}, step {step}: misfit {loss:.4} per pixel", self.stage));
             let n = normal.right.len();
             let predicted = |step: &[f64]| step.iter().zip(&normal.right).map(|(s, r)| s * r).sum::<f64>();
-            // The decrease that is left, which damped steps do not show where parameters nearly compensate
+            // The remaining decrease, which damped steps do not reveal where parameters nearly compensate
             // each other.
             let left = normal.matrix.solve(&normal.right).map_or(f64::INFINITY, |step| predicted(&step));
             let mut accepted = None;

@@ -1,8 +1,8 @@
 //! The noise of a scan, from the residuals of a fit.
 //!
 //! The variance of a count is that of the background plus a multiple of the light. Errors of the model look
-//! like noise that grows with light, too, but neighboring pixels share them, and they do not share noise: the
-//! mean of r^2 minus the product of the residuals r of neighbors has only noise left.
+//! like noise that grows with light, too, but they are shared by neighboring pixels, whereas noise is not: in
+//! the mean of r^2 minus the product of the residuals r of neighbors, only noise remains.
 
 use rayon::prelude::*;
 
@@ -22,9 +22,9 @@ const CONVERGED: f64 = 1e-4;
 pub(super) struct Noises {
     /// Noise alone.
     pub(super) pure: Noise,
-    /// That of all residuals, as if the errors of the model were noise.
+    /// All residuals, as if the errors of the model were noise.
     pub(super) of_residuals: Noise,
-    /// With the errors of the model, for weights.
+    /// Including the errors of the model, for weights.
     pub(super) with_model: Noise,
 }
 
@@ -78,8 +78,8 @@ impl Problem<'_> {
     }
 }
 
-/// Weighted regression of squared residuals on light; `start` has the most that the background's variance can
-/// be.
+/// Weighted regression of squared residuals on light; `start` has the upper limit of the variance of the
+/// background.
 fn estimate(pixels: &[Pixel], start: Noise) -> Noises {
     let most = start.background2;
     // Sums over pixels of weights times powers of light, 0 to 4, and times powers of light and the value.
@@ -112,8 +112,8 @@ fn estimate(pixels: &[Pixel], start: Noise) -> Noises {
         let ([_, x, xx, ..], [_, xy, _]) = sums(noise, &|pixel| pixel.square);
         Noise { per_count: positive(xy - noise.background2 * x, xx), ..noise }
     });
-    // Where neighbors share noise with opposite signs, as when a ray falls on one pixel or on the next, the
-    // products are negative; noise alone is never more than all residuals.
+    // Where neighbors have anticorrelated noise, as when a ray falls on one pixel or the next, the products
+    // are negative; the noise never exceeds all residuals.
     let pure = Noise { per_count: alone.per_count.min(all.per_count), ..alone };
     let with_model = iterate(pure, |noise| {
         let ([_, _, xx, xxx, xxxx], [_, _, xxy]) = sums(noise, &|pixel| pixel.square);

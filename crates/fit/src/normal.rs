@@ -77,7 +77,7 @@ impl Problem<'_> {
             }
             gauge.iter().for_each(|&(i, j, value)| matrix.add(i, j, value));
         }
-        // What no window depends on does not change.
+        // Parameters on which no window depends do not change.
         for i in 0..n {
             if matrix.at(i, i) == 0.0 {
                 matrix.add(i, i, 1.0);

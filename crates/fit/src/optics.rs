@@ -34,7 +34,7 @@ pub(super) struct Microscope {
     /// Depth of the focal plane in the meridian of the cylindrical lens minus that in the other meridian, um
     /// of the model; 0: no cylindrical lens.
     pub(super) focus_shift_um: f64,
-    /// Direction in which the cylindrical lens has power, rad from the image's x toward y.
+    /// Direction in which the cylindrical lens has power, rad from the x axis of the image toward y.
     pub(super) angle: f64,
     /// Particle diameter, um.
     pub(super) diameter_um: f64,
@@ -64,8 +64,8 @@ impl Microscope {
         if self.focus_shift_um == 0.0 { 0.0 } else { -(4.0 / 9.0) * a * a / self.focus_shift_um }
     }
 
-    /// Motion of the edge of an image with depth, px/um; with waves no more than a pixel over a fifth of the
-    /// depth of field.
+    /// Rate at which the edge of an image moves with depth, px/um; with waves at most a pixel per fifth of
+    /// the depth of field.
     pub(super) fn edge_px_per_um(&self) -> f64 {
         let by_rays = self.slope * self.magnification / self.pixel_size_um;
         let na = self.numerical_aperture();
@@ -96,7 +96,7 @@ impl Microscope {
 }
 
 /// A quantity that experts may fit in addition. If the model is exact, a scan determines each to a few tenths
-/// of a percent; for real objectives they compensate for errors of the model.
+/// of a percent; for real objectives they absorb errors of the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum ExtraParameter {
     /// Refractive index of the virtual lens
@@ -200,8 +200,8 @@ impl Shared {
             Shared::NumericalAperture | Shared::FocalLength => Some(0.02),
             Shared::FocusShift => Some((0.03 * at.focus_shift_um.abs()).max(0.3)),
             Shared::Diameter => Some(0.04),
-            // Errors of the images over the step must stay small against what these change along a valley in
-            // which others compensate them: they would look like information.
+            // Errors of the images over the step must remain small compared with the change of the images
+            // along a valley in which others compensate for them: they would look like information.
             Shared::RiLens | Shared::PixelSize => Some(0.04),
             Shared::Aberration(_) => Some(0.02),
             Shared::FocusDepth => Some(2.0),

@@ -1,4 +1,4 @@
-//! Result of a fit: parameters with confidence intervals, goodness of fit, verdict.
+//! Result of a fit: parameters with confidence intervals, goodness of fit, conclusion.
 
 use microsig_core::render::waves::Lens;
 use microsig_core::{Settings, emission};
@@ -24,8 +24,8 @@ const RAYS: (f64, f64) = (100.0, 500.0);
 /// point fall on one pixel; over a scan, of which most images are out of focus, it is 0.95 to 0.99.
 const FANO: f64 = 0.97;
 
-/// Minimum difference of -2 ln(likelihood) between the two directions of the stage, for the direction to be
-/// known.
+/// Minimum difference of -2 ln(likelihood) between the two directions of the stage for the direction to be
+/// considered known.
 const KNOWN_DIRECTION: f64 = 20.0;
 
 /// A fitted or given quantity.
@@ -200,14 +200,14 @@ impl Fitted {
         let mut warnings = problem.scan.warnings.clone();
         if clamped {
             warnings.push(format!(
-                "noise of {:.3} counts^2 per count of light cannot be reproduced by rays: render with `render: (mode: expected)` and a \
+                "rays cannot reproduce noise of {:.3} counts^2 per count of light: render with `render: (mode: expected)` and a \
                  sensor of gain_counts_per_e {:.3} with shot noise",
                 state.noise.per_count, state.noise.per_count
             ));
         }
         if rotation_deg.abs() > 1.0 {
             warnings.push(format!(
-                "the cylindrical lens has power at {rotation_deg:.1} degrees from the x axis; the settings are in its frame: rotate \
+                "the cylindrical lens has power at {rotation_deg:.1} degrees from the x axis; the settings are in the frame of the lens: rotate \
                  images by {:.1} degrees before comparing them with rendered ones",
                 -rotation_deg
             ));
@@ -217,7 +217,9 @@ impl Fitted {
         if problem.windows.particles.iter().any(|w| {
             w.column == half || w.row == half || w.column + half + 1 == width || w.row + half + 1 == height
         }) {
-            warnings.push("a window ends at the edge of the image: light beyond it is not fitted".to_owned());
+            warnings.push(
+                "a window ends at the edge of the image: light beyond the edge is not fitted".to_owned(),
+            );
         }
         let waves = state.microscope.waves;
         if run.direction_margin.is_some_and(|margin| margin < KNOWN_DIRECTION) {
@@ -255,18 +257,18 @@ impl Fitted {
         }
     }
 
-    /// The verdict as a sentence.
+    /// The conclusion as a sentence.
     pub fn sentence(&self) -> String {
         let (chi2, r2) = (self.chi2, self.r2);
         let numbers = format!("chi2 per pixel {chi2:.3}, {:.1} % of the light explained", 100.0 * r2);
         match self.verdict {
-            Verdict::NoiseLimited => format!("the model describes the scan down to its noise ({numbers})"),
+            Verdict::NoiseLimited => format!("the model describes the scan to within its noise ({numbers})"),
             Verdict::Good => format!("the model describes the scan well ({numbers})"),
             Verdict::Fair => {
-                format!("the model describes the scan roughly ({numbers}); look at the residuals")
+                format!("the model describes the scan roughly ({numbers}); inspect the residuals")
             }
             Verdict::NotDescribed if self.model == "waves" => {
-                format!("wave optics does not describe this scan ({numbers}); look at the residuals")
+                format!("wave optics does not describe this scan ({numbers}); inspect the residuals")
             }
             Verdict::NotDescribed => format!(
                 "geometrical optics does not describe this scan ({numbers}): images this close to focus, or particles this small, \
@@ -285,8 +287,8 @@ fn verdict(chi2: f64, r2: f64) -> Verdict {
     }
 }
 
-/// MicroSIG's settings with the scan's brightness and noise; and whether the noise is outside the range that
-/// the number of rays can reproduce.
+/// MicroSIG's settings with the brightness and noise of the scan, and whether the noise is outside the range
+/// that the number of rays can reproduce.
 fn settings(problem: &Problem, state: &State) -> (Settings, bool) {
     let mut settings = state.microscope.settings(2 * problem.windows.half + 1);
     settings.pixel_dim_x = problem.scan.width as u32;
@@ -298,7 +300,7 @@ fn settings(problem: &Problem, state: &State) -> (Settings, bool) {
     let clamped = !(RAYS.0..=RAYS.1).contains(&rays);
     settings.n_rays = rays.clamp(RAYS.0, RAYS.1).round() as u32;
     settings.gain = light / (points * (f64::from(settings.n_rays) + 1.0));
-    // Of the fit, which knows the light: the histogram of the scan takes faint light for background.
+    // From the fit, which separates the light; the histogram of the scan counts faint light as background.
     settings.background_mean = state.background();
     settings.background_noise = libm::sqrt((state.noise.background2 - ROUNDING).max(0.0));
     (settings, clamped)

@@ -14,8 +14,8 @@ use super::state::State;
 use super::waves::Waves;
 use storage::error::{Error, Result};
 
-/// Fewest particles of the scenario; the largest displacement in a pair of its images (px) and the time
-/// between them (s).
+/// Minimum number of particles of the scenario; the largest displacement in a pair of its images (px) and the
+/// time between them (s).
 const FEWEST_PARTICLES: usize = 5;
 const DISPLACEMENT_PX: f64 = 5.0;
 const DT_S: f64 = 0.005;
@@ -57,7 +57,7 @@ pub(super) fn scenario(fitted: &Fitted, depth_factor: f64, microscope: &Microsco
     ("scenario.ron", twin.text().into_bytes())
 }
 
-/// What the scenario of a fit is made of.
+/// The parts from which the scenario of a fit is made.
 struct Twin {
     depth_factor: f64,
     diameter_um: f64,
@@ -94,9 +94,9 @@ impl Twin {
         let (low, high) = (round(self.depths_um.0, 2), round(self.depths_um.1, 2));
         let speed = round(DISPLACEMENT_PX * self.px_um / DT_S, 1);
         format!(
-            "// Images as the scanned microscope would take them; made by `microsig fit`.\n\
-             // Choose a flow (`microsig flows`), a number of particles and a timing of your own.\n\
-             (\n    name: \"twin\",\n    description: \"Twin of a real microscope\",\n    \
+            "// Images as the scanned microscope would record them; written by `microsig fit`.\n\
+             // Choose a flow (`microsig flows`), the number of particles and the timing.\n\
+             (\n    name: \"twin\",\n    description: \"Digital twin of a real microscope\",\n    \
              optics: (settings: \"settings.txt\", depth_factor: {depth_factor:?}{optics}),\n    \
              motion: flow(field: poiseuille(max_speed_um_s: {speed:?}, walls_z_um: ({low:?}, {high:?}))),\n    \
              particles: (number: count({}), diameter_um: constant({})),\n    \
@@ -112,8 +112,8 @@ fn round(value: f64, digits: i32) -> f64 {
     libm::round(value * scale) / scale
 }
 
-/// The model's images (16 bit) and the residuals in standard deviations (32-bit float): one page per plane;
-/// outside the windows, background and 0.
+/// The model's images (16 bit) and the residuals in standard deviations (32-bit float), one page per plane;
+/// outside the windows, images show the background and residuals are 0.
 pub(super) fn images(problem: &Problem, state: &State) -> Result<[OutputFile; 2]> {
     let (width, height) = (problem.scan.width as u32, problem.scan.height as u32);
     let failed = |e: tiff::TiffError| Error::input(format!("image of the model: {e}"));

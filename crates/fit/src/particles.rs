@@ -17,7 +17,7 @@ const SMOOTHING_PX: f64 = 3.0;
 const THRESHOLD_SD: f64 = 8.0;
 const THRESHOLD_FRACTION: f64 = 0.15;
 
-/// A ring of pixels is lit if its mean is this many standard errors above the background.
+/// A ring of pixels counts as lit if its mean is this many standard errors above the background.
 const RING_SD: f64 = 3.0;
 
 /// Margin added to the radius of the outermost lit ring, px; and maximum half width of a window, px.
@@ -27,7 +27,7 @@ const MAX_HALF_WIDTH: usize = 64;
 /// Windows are never made smaller than this to fit into the image (half width, px).
 const SMALLEST_HALF_WIDTH: usize = 8;
 
-/// Number of pixels at full scale from which on a plane is saturated.
+/// Number of pixels at full scale at which a plane counts as saturated.
 const SATURATED_PIXELS: usize = 3;
 
 /// A window is not used if it loses more than this fraction of its pixels to neighbors.
@@ -103,7 +103,7 @@ fn smoothed_sum(scan: &Scan, background: Background) -> Vec<f64> {
 /// The particles of a scan, brightest first.
 ///
 /// # Errors
-/// [`Error::Input`] if there are none, with the threshold and the best candidate.
+/// [`Error::Input`] if no particle is found, with the threshold and the best candidate.
 pub(super) fn find(scan: &Scan, background: Background) -> Result<Vec<Candidate>> {
     let sum = smoothed_sum(scan, background);
     let (w, h) = (scan.width, scan.height);
@@ -182,7 +182,7 @@ pub(super) fn half_width(scan: &Scan, background: Background, candidates: &[Cand
                 }
             }
             let lit = |&(sum, n): &(f64, usize)| sum > RING_SD * background.noise * libm::sqrt(n as f64);
-            // A single ring may be lit by chance; two consecutive ones hardly are.
+            // A single ring may be lit by chance; two consecutive rings rarely are.
             let last = rings.windows(2).rposition(|pair| pair.iter().all(lit)).map_or(0, |i| i + 1);
             farthest = farthest.max(last);
         }
@@ -193,7 +193,8 @@ pub(super) fn half_width(scan: &Scan, background: Background, candidates: &[Cand
 /// Windows around the usable particles.
 ///
 /// # Errors
-/// [`Error::Input`] if there are none: windows cut by the edge, overlapping neighbors, or saturated.
+/// [`Error::Input`] if there are none because windows are cut by the edge, overlap neighbors, or are
+/// saturated.
 pub(super) fn windows(scan: &Scan, candidates: &[Candidate], half: usize) -> Result<Windows> {
     let (mut cut, mut crowded, mut saturated) = (0, 0, 0);
     let mut particles = Vec::new();

@@ -1,4 +1,4 @@
-//! Rejection of windows that the model does not describe, e.g. because another particle passes.
+//! Rejection of windows that the model does not describe, for example because another particle passes.
 
 use super::state::Misfit;
 
@@ -6,11 +6,11 @@ use super::state::Misfit;
 /// by this factor.
 const FACTOR: f64 = 1.5;
 
-/// If more than this fraction of all windows is described worse than that, the model is at fault, not the
-/// windows, and none is rejected: without them the fit would move away from what they show.
+/// If the fraction of windows that are described worse than that exceeds this limit, the model is to blame,
+/// not the windows, and no window is rejected: without them the fit would drift away from the data.
 const MAX_FRACTION: f64 = 0.2;
 
-/// Whether so many windows are bad that the model is at fault.
+/// Whether the number of bad windows shows that the model is to blame.
 pub(super) fn are_too_many(bad: usize, windows: usize) -> bool {
     bad as f64 > MAX_FRACTION * windows as f64
 }
@@ -21,8 +21,8 @@ pub(super) fn outliers(misfits: &[(usize, usize, Misfit)]) -> Vec<(usize, usize)
     let mut all: Vec<f64> = misfits.iter().map(|(_, _, m)| per_pixel(m)).collect();
     all.sort_by(f64::total_cmp);
     let Some(&median) = all.get(all.len() / 2) else { return Vec::new() };
-    // Where rounding hides the noise of dark windows, the median is far below 1, and windows that show the
-    // particle are not worse than noise lets them be.
+    // Where rounding hides the noise of dark windows, the median is far below 1, although windows that show
+    // the particle are no worse than the noise allows.
     let is_bad = |m: &Misfit| per_pixel(m) > FACTOR * median.max(1.0);
     misfits.iter().filter(|(.., m)| is_bad(m)).map(|(k, i, _)| (*k, *i)).collect()
 }
@@ -38,7 +38,7 @@ mod tests {
             (0..20).map(|i| (0, i, misfit(1.0 + 0.01 * i as f64))).collect();
         all[7].2 = misfit(1.9);
         assert_eq!(outliers(&all), [(0, 7)]);
-        // Dark windows whose noise is lost by rounding are no measure for those with a particle.
+        // Dark windows whose noise is lost by rounding are no reference for windows with a particle.
         all.iter_mut().skip(8).for_each(|window| window.2.chi2 *= 0.2);
         assert_eq!(outliers(&all), [(0, 7)]);
     }
@@ -48,7 +48,7 @@ mod tests {
         assert!(!are_too_many(0, 20));
         assert!(!are_too_many(4, 20));
         assert!(are_too_many(5, 20));
-        // A scan of few windows cannot spare one.
+        // With few windows, none may be rejected.
         assert!(are_too_many(1, 4));
     }
 }

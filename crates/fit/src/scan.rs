@@ -72,7 +72,7 @@ impl Scan {
             StagePositions::FromFile => {
                 let step = planes.spacing_um.ok_or_else(|| {
                     Error::input(format!(
-                        "{}: stage positions are unknown: give --z FILE or --z-step UM",
+                        "{}: stage positions are unknown; give --z FILE or --z-step UM",
                         path.display()
                     ))
                 })?;
@@ -82,7 +82,7 @@ impl Scan {
         };
         if n < MIN_PLANES {
             return Err(Error::input(format!(
-                "{}: {n} planes: expected at least {MIN_PLANES}, from below to above focus",
+                "{}: {n} planes; expected at least {MIN_PLANES}, on both sides of the focus",
                 path.display()
             )));
         }
@@ -126,7 +126,7 @@ fn check_monotonic(stage_um: &[f64]) -> Result<()> {
         let descending = stage_um.last() < stage_um.first();
         let wrong = stage_um.windows(2).position(if descending { rises } else { falls }).unwrap_or(0) + 1;
         return Err(Error::input(format!(
-            "stage position of plane {wrong} is {} um after {} um: expected positions that only rise or only fall; \
+            "stage position of plane {wrong} is {} um after {} um: expected positions that only increase or only decrease; \
              are the planes in the wrong order?",
             stage_um[wrong],
             stage_um[wrong - 1]
@@ -168,7 +168,7 @@ fn read_folder(path: &Path) -> Result<Planes> {
         let stack = stacks.filter(|name| name.starts_with("d_") && name.ends_with("um")).min();
         let hint = stack.map_or_else(String::new, |name| {
             format!(
-                "; this folder has stacks of particles of several sizes: give one of them, such as {name}"
+                "; this folder contains stacks for several particle sizes; give one of them, such as {name}"
             )
         });
         return Err(Error::input(format!(
@@ -285,7 +285,7 @@ fn read_positions(file: &Path, names: &[String], n: usize) -> Result<Vec<f64>> {
         }
         let page = match (record.page, record.image) {
             (Some(page), _) => page,
-            // Paths as in a dataset's table of its stack: the names tell the planes.
+            // Paths as in the table of a dataset's calibration stack: the names identify the planes.
             (None, Some(image)) => names
                 .iter()
                 .position(|name| {
@@ -298,7 +298,7 @@ fn read_positions(file: &Path, names: &[String], n: usize) -> Result<Vec<f64>> {
         found.push((page, record.z_um));
     }
     found.sort_by_key(|(page, _)| *page);
-    // The stacks of several sizes in a dataset's table have the same names and depths.
+    // In a dataset's table, the stacks of several sizes have the same names and depths.
     found.dedup();
     if found.len() != n || found.iter().enumerate().any(|(i, (page, _))| i != *page) {
         return Err(Error::input(format!(

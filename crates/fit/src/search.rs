@@ -10,8 +10,8 @@ use super::state::{Bead, Noise, State};
 use super::waves::{WaveModel, Waves};
 use storage::error::{Error, Result};
 
-/// Maximum number of iterations of minimization, estimate of the variance of light and rejection in the final
-/// fit.
+/// Maximum number of iterations in the final fit; each minimizes, estimates the variance of light and rejects
+/// windows.
 const ROUNDS: usize = 3;
 
 /// Maximum number of steps of one minimization in the final fit.
@@ -20,12 +20,12 @@ const STEPS: usize = 25;
 /// Accuracy while starting points are compared, and in the final fit.
 pub(super) const COARSE: Accuracy = Accuracy { tolerance: 1e-2, of_sides: 1e-2, central: false };
 const FINE: Accuracy = Accuracy { tolerance: 3e-3, of_sides: 3e-3, central: true };
-/// Accuracy of the last steps: the error of [`FINE`] moves the focal length of a scan at low noise by one
-/// standard deviation, that of these by half of one.
+/// Accuracy of the last steps: the error of [`FINE`] shifts the focal length of a low-noise scan by one
+/// standard deviation, this one by half a standard deviation.
 const FINEST: Accuracy = Accuracy { tolerance: 1e-3, ..FINE };
 
-/// Error of images, and of those of which differences are taken, where quantities nearly compensate each
-/// other: errors of 1e-3 of the peak move a scan's pixel size by several standard deviations along the
+/// Error of images, and of the images of which differences are taken, where quantities nearly compensate each
+/// other: errors of 1e-3 of the peak shift the pixel size of a scan by several standard deviations along the
 /// valley.
 const OF_VALLEYS: f64 = 5e-4;
 
@@ -37,7 +37,7 @@ const CONVERGED: f64 = 0.1;
 /// While starting points are compared, one particle in this many planes represents the scan.
 const COMPARED_PLANES: usize = 9;
 
-/// Starting points whose curves fit worse than the best ones by this factor are not tried.
+/// Starting points whose curves fit worse than the best by this factor are not tried.
 const MUCH_WORSE: f64 = 4.0;
 
 /// Initial numerical apertures of fits by waves.
@@ -80,7 +80,7 @@ pub(super) fn best_start(
     };
     let other = tried.iter().find(|(.., state)| state.direction != best.direction);
     let mut best = best.clone();
-    // The other particles move with the first.
+    // The other particles are shifted with the first.
     best.beads.iter_mut().skip(1).for_each(|bead| bead.z_um += moved_um);
     Ok((problem.with_light(best)?, other.map(|(likelihood, ..)| likelihood - least)))
 }
@@ -148,8 +148,9 @@ fn first_state(
     })
 }
 
-/// The start of a fit by waves: the numerical aperture with the highest likelihood after a few steps, with
-/// the sharpest image of each particle in focus. `seed` has the other properties of the microscope.
+/// The start of a fit by waves: the numerical aperture with the highest likelihood after a few steps,
+/// starting with each particle in focus in its sharpest image. `seed` provides the other properties of the
+/// microscope.
 pub(super) fn best_wave_start(
     problem: &mut Problem,
     shape: &Shape,
@@ -163,7 +164,7 @@ pub(super) fn best_wave_start(
     let mut best: Option<(f64, State)> = None;
     for na in APERTURES {
         problem.stage = format!("waves, numerical aperture {na}");
-        // Smaller particles all look alike, so their diameter is best found from below.
+        // All unresolved particles look alike, so the diameter is best approached from below.
         let resolved_um = 0.5 * model.wavelength_um / na;
         let is_given = !problem.shared.contains(&Shared::Diameter);
         let diameter_um = if is_given { seed.diameter_um } else { seed.diameter_um.min(resolved_um) };

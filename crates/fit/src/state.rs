@@ -51,7 +51,7 @@ pub(super) struct Count {
 const CLIPPED: f64 = 5.0;
 
 impl Count {
-    /// Of a normal n with this mean and variance.
+    /// For a normal n with this mean and variance.
     pub(super) fn of(mean: f64, variance: f64) -> Count {
         let sd = libm::sqrt(variance);
         let t = mean / sd;
@@ -62,7 +62,7 @@ impl Count {
         let density = libm::exp(-0.5 * t * t) / libm::sqrt(2.0 * std::f64::consts::PI);
         let clipped = mean * above + sd * density;
         let square = (mean * mean + variance) * above + mean * sd * density;
-        // Not less than a hundredth, for weights of pixels that are dark nearly always.
+        // At least a hundredth, which limits the weights of pixels that are nearly always dark.
         let left = (square - clipped * clipped).max(0.01 * variance);
         Count { mean: clipped, slope: above, variance: left, reduction: variance / left }
     }

@@ -19,8 +19,8 @@ pub struct WaveModel {
     pub emission: Emission,
     /// The model of the objective.
     pub lens: Lens,
-    /// Layers between particles and objective; their depth is fitted. `None`: those that the objective was
-    /// designed for.
+    /// Layers between particles and objective; their depth is fitted. `None`: the layers for which the
+    /// objective was designed.
     pub layers: Option<Layers>,
 }
 

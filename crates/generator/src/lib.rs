@@ -1,7 +1,7 @@
-//! Datasets with their truth from scenarios.
+//! Generates datasets with ground truth from scenarios.
 //!
-//! [`dataset`] defines the files of a dataset, [`runner`] writes them, [`stream`] makes training samples from
-//! the same scenarios, and [`preview`] shows what the optics give before anything is generated.
+//! [`dataset`] defines the files of a dataset, [`runner`] writes them, [`stream`] generates training samples
+//! from the same scenarios, and [`preview`] predicts particle images before anything is generated.
 
 pub mod dataset;
 pub mod preview;

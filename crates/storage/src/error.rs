@@ -19,9 +19,9 @@ pub enum Error {
     /// The output path exists.
     #[error("{}: {hint}", path.display())]
     Exists {
-        /// What exists.
+        /// The existing path.
         path: PathBuf,
-        /// What can be done about it.
+        /// What the user can do.
         hint: String,
     },
     /// Another process is writing this folder.
@@ -62,7 +62,7 @@ pub enum Error {
     Flow(#[from] flows::Error),
 }
 
-/// The keys of a scenario that decide on a trajectory.
+/// The keys of a scenario that affect a trajectory.
 fn keys_of(error: &flows::Error) -> &'static str {
     match error {
         flows::Error::Trajectory { .. } => "; see the speeds in motion.flow.field, and the times in timing",
@@ -70,7 +70,7 @@ fn keys_of(error: &flows::Error) -> &'static str {
     }
 }
 
-/// Number of problems of which a message shows more than their number.
+/// Maximum number of problems that a message lists; the rest are only counted.
 pub const MOST_SHOWN: usize = 20;
 
 /// The messages of the first problems, and the number of the others.
@@ -80,7 +80,7 @@ fn first_of<T>(problems: &[T], message: impl Fn(&T) -> String) -> Vec<String> {
     messages
 }
 
-/// The sentence about the problems that are not shown, of `all`.
+/// The sentence about the problems of `all` that are not listed.
 pub fn more(all: usize) -> Option<String> {
     let rest = all.checked_sub(MOST_SHOWN).filter(|rest| *rest > 0)?;
     let at_least = if all >= MOST_COLLECTED { "at least " } else { "" };
@@ -101,11 +101,11 @@ impl Error {
 
     /// An existing file that `--force` replaces.
     pub fn exists(path: &Path) -> Self {
-        Error::Exists { path: path.to_owned(), hint: "exists already; --force replaces it".to_owned() }
+        Error::Exists { path: path.to_owned(), hint: "already exists; --force replaces it".to_owned() }
     }
 
-    /// One message per problem, at most [`MOST_SHOWN`], and how many more there are; problems in a scenario
-    /// file show the line with a caret.
+    /// One message per problem, at most [`MOST_SHOWN`], and the number of further ones; problems in a
+    /// scenario file show the line with a caret.
     pub fn messages(&self) -> Vec<String> {
         match self {
             Error::Problems(problems) => first_of(problems, Problem::rendered),
@@ -118,13 +118,13 @@ impl Error {
         Error::Read { path: path.to_owned(), source }
     }
 
-    /// For `map_err`: wraps an I/O error of writing to `path`.
+    /// For `map_err`: wraps an I/O error that occurred while writing to `path`.
     pub fn write(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.to_owned();
         move |source| Error::Write { path, source }
     }
 
-    /// The same error; `folder` is prepended to the path of a failed write unless the path already starts
+    /// The same error with `folder` prepended to the path of a failed write, unless the path already starts
     /// with it.
     pub fn below(self, folder: &Path) -> Self {
         match self {

@@ -51,8 +51,9 @@ pub fn may_write(path: &Path, force: bool) -> Result<()> {
 
 fn destination(path: &Path, force: bool) -> Result<Destination> {
     let Ok(own) = std::fs::symlink_metadata(path) else { return Ok(Destination::File(path.to_owned())) };
-    let refuse = |what: &str| Err(Error::input(format!("{}: is {what}; it is not replaced", path.display())));
-    let Ok(target) = std::fs::metadata(path) else { return refuse("a link to nothing") };
+    let refuse =
+        |what: &str| Err(Error::input(format!("{}: is {what}, which is not replaced", path.display())));
+    let Ok(target) = std::fs::metadata(path) else { return refuse("a broken link") };
     let kind = target.file_type();
     if is_stream(kind) {
         return Ok(Destination::Stream);
@@ -89,13 +90,13 @@ fn is_stream(_: FileType) -> bool {
 /// A path in a folder with `SHA256SUMS` and a manifest, or below one.
 pub fn outside_datasets(path: &Path) -> Result<()> {
     let whole = std::path::absolute(path).map_err(|e| Error::read(path, e))?;
-    // Sees through links above the file.
+    // Resolves links above the file.
     let above = whole.parent().and_then(|above| above.ancestors().find_map(|p| p.canonicalize().ok()));
     let is_dataset = |folder: &&Path| folder.join(SHA256SUMS).is_file() && folder.join(MANIFEST).is_file();
     match above.as_deref().and_then(|above| above.ancestors().find(is_dataset)) {
         None => Ok(()),
         Some(dataset) => Err(Error::input(format!(
-            "{}: lies in the dataset {}, whose files are fixed by {SHA256SUMS}; expected a place outside of it",
+            "{}: lies in the dataset {}, whose files are listed in {SHA256SUMS}; expected a path outside of it",
             path.display(),
             dataset.display()
         ))),
@@ -206,7 +207,7 @@ mod tests {
         save_result(&at("link"), true, b"new").unwrap();
         assert!(std::fs::symlink_metadata(at("link")).unwrap().is_symlink());
         assert_eq!(std::fs::read(at("file")).unwrap(), b"new");
-        for (name, what) in [("dangling", "a link to nothing"), ("folder", "a folder")] {
+        for (name, what) in [("dangling", "a broken link"), ("folder", "a folder")] {
             let message = save_result(&at(name), true, b"new").unwrap_err().to_string();
             assert!(message.contains(what), "{message}");
         }

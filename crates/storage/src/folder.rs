@@ -54,7 +54,7 @@ pub fn is_partial(path: &Path) -> bool {
     path.extension().is_some_and(|e| e == "partial")
 }
 
-/// The right to create a folder: the process holds its lock.
+/// Permission to create a folder: the process holds its lock.
 #[derive(Debug)]
 pub struct FolderClaim {
     path: PathBuf,
@@ -68,7 +68,7 @@ impl FolderClaim {
     /// [`Error::Busy`] if another process is writing it; a link of that name.
     pub fn take(path: &Path) -> Result<Self> {
         if path.is_symlink() {
-            let hint = "is a link; give the folder it points to";
+            let hint = "is a link; give the folder that it points to";
             return Err(Error::input(format!("{}: {hint}", path.display())));
         }
         let lock = FolderLock::take(path)?;
@@ -99,7 +99,7 @@ impl FolderClaim {
     /// Continues the folder of an interrupted run, or starts it. It is kept if not finished.
     ///
     /// # Errors
-    /// Writing.
+    /// An I/O error.
     pub fn resume(self) -> Result<Partial> {
         let before = self.left_over()?.unwrap_or_default();
         let partial = self.begin(before, false)?;
@@ -110,7 +110,7 @@ impl FolderClaim {
     /// Starts the folder from scratch. With `remove_on_drop` it is removed if not finished.
     ///
     /// # Errors
-    /// Foreign files in the folder of an interrupted run; an I/O error.
+    /// Files not written by microsig in the folder of an interrupted run; an I/O error.
     pub fn start(self, remove_on_drop: bool) -> Result<Partial> {
         let partial = partial_name(&self.path);
         if partial.exists() {
@@ -122,7 +122,7 @@ impl FolderClaim {
     /// Removes the folder of an interrupted run.
     ///
     /// # Errors
-    /// Foreign files in it; an I/O error.
+    /// Files in it that microsig did not write; an I/O error.
     pub fn discard(self) -> Result<()> {
         let partial = partial_name(&self.path);
         if partial.exists() { remove_own(&partial) } else { Ok(()) }
@@ -142,8 +142,8 @@ impl Partial {
     /// Starts the folder `path` from scratch; if it is not finished, it is removed.
     ///
     /// # Errors
-    /// [`Error::Busy`] if another process is writing it; foreign files in a folder to be removed; an I/O
-    /// error.
+    /// [`Error::Busy`] if another process is writing it; files not written by microsig in a folder to be
+    /// removed; an I/O error.
     pub fn start(path: &Path) -> Result<Self> {
         FolderClaim::take(path)?.start(true)
     }
@@ -168,7 +168,7 @@ impl Partial {
         &self.before
     }
 
-    /// Syncs the files to disk and renames the folder to its final name, in place of what `earlier` allows.
+    /// Syncs the files to disk and renames the folder to its final name, replacing what `earlier` allows.
     ///
     /// # Errors
     /// As [`check_replaceable`]; an I/O error.
@@ -181,7 +181,7 @@ impl Partial {
     /// files, and images, which are never removed.
     pub fn finish_without_journal(self, earlier: Earlier) -> Result<()> {
         let journal = self.partial.join(JOURNAL);
-        // At the last moment: without it an interrupted run is not resumed.
+        // As late as possible: without the journal, an interrupted run cannot be resumed.
         self.give_name(earlier, || std::fs::remove_file(&journal).map_err(Error::write(&journal)))
     }
 
@@ -190,7 +190,7 @@ impl Partial {
         sync_below(&self.partial)?;
         last()?;
         if is_empty(&self.path) {
-            // Who made a folder for the result decided who may read it.
+            // If the user created the folder for the result, its permissions are kept.
             let of = std::fs::metadata(&self.path).map_err(Error::write(&self.path))?.permissions();
             std::fs::set_permissions(&self.partial, of).map_err(Error::write(&self.partial))?;
         }
@@ -232,19 +232,19 @@ fn sync(path: &Path) {
     let _ = File::open(path).and_then(|file| file.sync_all());
 }
 
-/// What may stand where a folder is to be created, besides an empty folder.
+/// What may exist at the path of a folder to be created, besides an empty folder.
 #[derive(Debug, Clone, Copy)]
 pub struct Earlier {
-    /// File by which an earlier result of the same kind is recognized.
+    /// File that identifies an earlier result of the same kind.
     pub mark: &'static str,
     /// Whether it is replaced.
     pub force: bool,
-    /// Whether the verb has `--resume`, which leaves a complete result as it is; for messages.
+    /// Whether the verb has `--resume`, which leaves a complete result unchanged; for messages.
     pub resumable: bool,
 }
 
 impl Earlier {
-    /// A result that is recognized by this file, and replaced if `force`.
+    /// A result that this file identifies, to be replaced if `force`.
     pub fn new(mark: &'static str, force: bool) -> Self {
         Earlier { mark, force, resumable: false }
     }
@@ -255,16 +255,16 @@ pub fn is_empty(path: &Path) -> bool {
     std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none())
 }
 
-/// Checks that a folder may be created: nothing is there, or an empty folder, or an earlier result that is to
-/// be replaced.
+/// Checks that a folder may be created: the path does not exist, or is an empty folder, or an earlier result
+/// that is to be replaced.
 ///
 /// # Errors
-/// [`Error::Exists`], which says whether `--force` would replace what is there: it does if it was written by
-/// microsig and holds no other files; `.` and `..`, which cannot be replaced from within.
+/// [`Error::Exists`], which states whether `--force` would replace the existing result: it does if microsig
+/// wrote it and it contains no other files; `.` and `..`, which cannot be replaced from within.
 pub fn check_replaceable(path: &Path, earlier: Earlier) -> Result<()> {
     let refuse = |hint: String| Err(Error::Exists { path: path.to_owned(), hint });
     if path.file_name().is_none() {
-        let hint = "expected a folder that can be renamed; give its name, from another folder";
+        let hint = "expected a folder that can be renamed; run from another folder and give its name";
         return Err(Error::input(format!("{}: {hint}", path.display())));
     }
     if !path.exists() || is_empty(path) {
@@ -281,9 +281,9 @@ pub fn check_replaceable(path: &Path, earlier: Earlier) -> Result<()> {
     match (earlier.force, earlier.resumable) {
         (true, _) => Ok(()),
         (false, true) => {
-            refuse("exists already; --force replaces it, --resume leaves it if it is the same".to_owned())
+            refuse("already exists; --force replaces it, --resume keeps it if it is the same".to_owned())
         }
-        (false, false) => refuse("exists already; --force replaces it".to_owned()),
+        (false, false) => refuse("already exists; --force replaces it".to_owned()),
     }
 }
 
@@ -318,7 +318,7 @@ mod tests {
 
         let again = Partial::start(&path).unwrap();
         let message = again.finish(NONE).unwrap_err().to_string();
-        assert!(message.ends_with("set.v1: exists already; --force replaces it"), "{message}");
+        assert!(message.ends_with("set.v1: already exists; --force replaces it"), "{message}");
         assert_eq!(
             std::fs::read_dir(place.path()).unwrap().count(),
             1,
@@ -345,7 +345,7 @@ mod tests {
         #[cfg(unix)]
         assert_eq!(mode(&path), 0o700);
         assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 1);
-        // What is there decides on the message, not the option.
+        // The message depends on what exists, not on the option.
         for force in [false, true] {
             let message = check_replaceable(&path, Earlier::new("b", force)).unwrap_err().to_string();
             assert!(message.contains("is not empty and has no b"), "{message}");
@@ -356,7 +356,7 @@ mod tests {
         }
         let resumable = Earlier { resumable: true, ..NONE };
         let message = check_replaceable(&path, resumable).unwrap_err().to_string();
-        assert!(message.contains("--force replaces it, --resume leaves it"), "{message}");
+        assert!(message.contains("--force replaces it, --resume keeps it"), "{message}");
     }
 
     #[test]
@@ -376,7 +376,7 @@ mod tests {
         assert!(message.contains("images/notes.txt"), "{message}");
         assert_eq!(std::fs::read(path.join("images/a")).unwrap(), b"2");
 
-        // A foreign folder with the name of the partial one.
+        // A folder not written by microsig with the name of the partial one.
         let left_over = place.path().join("other.partial");
         std::fs::create_dir(&left_over).unwrap();
         std::fs::write(left_over.join("thesis.txt"), "").unwrap();
@@ -411,7 +411,7 @@ mod tests {
         assert!(path.exists() && !replaced_name(&path).exists());
     }
 
-    /// A dataset that was complete but for its name, and whose resumed run was killed as well.
+    /// A dataset that was complete except for its name and whose resumed run was also killed.
     #[test]
     fn a_dataset_killed_at_its_end_and_again_while_it_is_resumed_is_known() {
         let place = tempfile::tempdir().unwrap();

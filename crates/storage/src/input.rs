@@ -17,13 +17,13 @@ use crate::memory::{free_memory, size_text};
 pub fn open(path: &Path) -> Result<File> {
     regular(path, &std::fs::metadata(path).map_err(|e| Error::read(path, e))?)?;
     let file = without_waiting().open(path).map_err(|e| Error::read(path, e))?;
-    // It may have been replaced since the check.
+    // The file may have been replaced since the check.
     regular(path, &file.metadata().map_err(|e| Error::read(path, e))?)?;
     Ok(file)
 }
 
-/// Options to read a file without waiting for the other end if it has become a pipe; of a regular file they
-/// change nothing.
+/// Options to open a file for reading without blocking if it has become a pipe; they have no effect on
+/// regular files.
 fn without_waiting() -> OpenOptions {
     let mut options = File::options();
     options.read(true);
@@ -53,7 +53,7 @@ fn regular(path: &Path, of: &Metadata) -> Result<()> {
     Err(Error::input(format!("{}: {what}; expected a regular file", path.display())))
 }
 
-/// Files from this size on are compared with free memory before they are read, bytes.
+/// File size from which free memory is checked before reading, bytes.
 const LARGE: u64 = 64 << 20;
 
 /// Reads a regular file.
@@ -66,12 +66,12 @@ pub fn read(path: &Path) -> Result<Vec<u8>> {
     if let Some(free) = (size >= LARGE).then(free_memory).flatten().filter(|free| size > *free) {
         let (size, free) = (size_text(size), size_text(free));
         return Err(Error::input(format!(
-            "{}: is read into memory and has {size}, but only {free} are free",
+            "{}: is read into memory and needs {size}, but only {free} are free",
             path.display()
         )));
     }
     let mut bytes = Vec::new();
-    // No more than was measured, should the file grow meanwhile.
+    // At most the measured size, in case the file grows meanwhile.
     file.take(size.max(LARGE)).read_to_end(&mut bytes).map_err(|e| Error::read(path, e))?;
     Ok(bytes)
 }
@@ -93,7 +93,7 @@ pub fn read_text(path: &Path) -> Result<String> {
 /// As [`open`]; a longer file; text that is not UTF-8.
 pub fn read_text_up_to(path: &Path, most: u64) -> Result<String> {
     let file = open(path)?;
-    // Before a gigabyte is read in vain.
+    // Checked before a gigabyte is read in vain.
     if file.metadata().is_ok_and(|of| of.len() > most) {
         return Err(too_long(path, most));
     }
@@ -137,10 +137,10 @@ mod tests {
     fn files_larger_than_memory_are_refused() {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("sparse");
-        // A hole: it takes no space on disk.
+        // A sparse file takes no space on disk.
         File::create(&path).unwrap().set_len(1 << 43).unwrap();
         let message = read(&path).unwrap_err().to_string();
-        assert!(message.contains("sparse: is read into memory and has 8796.1 GB, but only"), "{message}");
+        assert!(message.contains("sparse: is read into memory and needs 8796.1 GB, but only"), "{message}");
         assert!(read_text(&path).unwrap_err().to_string().contains("larger than"));
     }
 
@@ -153,7 +153,7 @@ mod tests {
         let pipe = place.path().join("pipe");
         assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
         assert!(message(open(&pipe).unwrap_err()).contains("pipe"));
-        // Also one that takes the place of a file after the check.
+        // Also a pipe that replaces a file after the check.
         assert!(!without_waiting().open(&pipe).unwrap().metadata().unwrap().is_file());
         let (path, link) = (place.path().join("a.txt"), place.path().join("b.txt"));
         std::fs::write(&path, "four").unwrap();

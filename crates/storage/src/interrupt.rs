@@ -80,8 +80,8 @@ impl TemporaryFolder {
 /// Called by the first interruption, instead of exiting.
 static ENDING: Mutex<Option<Box<dyn Fn() + Send>>> = Mutex::new(None);
 
-/// Lets a program that runs until it is interrupted end by itself: the first signal calls `end`, the second
-/// one exits.
+/// Allows a program that runs until it is interrupted to end by itself: the first signal calls `end`, the
+/// second one exits.
 pub fn on_interrupt(end: impl Fn() + Send + 'static) {
     *ENDING.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(end));
 }
@@ -103,7 +103,7 @@ pub fn clean_up_on_signals() -> Result<()> {
         let places = PLACES.lock().unwrap_or_else(PoisonError::into_inner);
         let mut resumable = false;
         for place in places.iter().rev() {
-            // Errors cannot be reported any more.
+            // Errors can no longer be reported.
             let _ = match place {
                 Place::File(path) => std::fs::remove_file(path).map_err(Error::write(path)),
                 Place::Folder(path) => again(|| std::fs::remove_dir_all(path).map_err(Error::write(path))),
@@ -121,21 +121,21 @@ pub fn clean_up_on_signals() -> Result<()> {
     .map_err(|e| Error::input(format!("signals: {e}")))
 }
 
-/// Lets a file that exceeds the limit of the process (`ulimit -f`) fail as an error with its path, in this
-/// thread and those that it starts: the signal that would end the program without a message is blocked.
+/// Makes writes beyond the file size limit of the process (`ulimit -f`) fail with an error and a path, in
+/// this thread and those that it starts: the signal that would end the program without a message is blocked.
 #[cfg(unix)]
 pub fn file_size_limits_are_errors() {
     use nix::sys::signal::{SigSet, Signal};
     let signals: SigSet = [Signal::SIGXFSZ].into_iter().collect();
-    // On failure the signal keeps its effect.
+    // On failure, the signal keeps its effect.
     let _ = signals.thread_block();
 }
 
-/// There is no such signal.
+/// This system has no such signal.
 #[cfg(not(unix))]
 pub fn file_size_limits_are_errors() {}
 
-/// Retries, since other threads may still complete a file while a folder is being emptied.
+/// Retries, because other threads may still complete a file while a folder is being emptied.
 fn again(remove: impl Fn() -> Result<()>) -> Result<()> {
     const TRIES: u32 = 20;
     for _ in 1..TRIES {

@@ -1,8 +1,8 @@
 //! The journal of a folder under construction: every file that microsig starts to write there, and the hash
 //! of every finished one, one JSON object per line.
 //!
-//! A file is recorded before it gets its final name, so that every file is listed however the run ends. Only
-//! listed files are ever removed; only files that match their recorded hash are reused.
+//! A file is recorded before it gets its final name, so that every file is listed no matter how the run ends.
+//! Only listed files are ever removed; only files that match their recorded hash are reused.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs::{File, OpenOptions};
@@ -20,7 +20,7 @@ use crate::error::{Error, Result};
 /// Name of the journal.
 pub const JOURNAL: &str = ".microsig-journal";
 
-/// Prefix of temporary files, by which a later run recognizes files left by an interrupted one.
+/// Prefix of temporary files; a later run uses it to recognize files left by an interrupted one.
 pub(super) const TEMPORARY: &str = ".unfinished-";
 
 /// An entry of the journal.
@@ -141,7 +141,7 @@ pub fn finished(path: &Path, fingerprint: &Fingerprint) -> Result<()> {
     journal.add(&Entry::Done { file, bytes, sha256 })
 }
 
-/// Reads the journal of a folder; `None` if there is none. Truncated lines are skipped.
+/// Reads the journal of a folder; `None` if it does not exist. Truncated lines are skipped.
 pub fn read(folder: &Path) -> Result<Option<Listing>> {
     let path = folder.join(JOURNAL);
     if !path.is_file() {
@@ -175,7 +175,7 @@ pub(crate) fn keep_list(folder: &Path) -> Result<()> {
         text += &line;
         text.push('\n');
     }
-    // A crash leaves either list.
+    // After a crash, one of the two lists exists.
     let unfinished = folder.join(format!("{TEMPORARY}journal"));
     std::fs::write(&unfinished, text).map_err(Error::write(&unfinished))?;
     std::fs::rename(&unfinished, &path).map_err(Error::write(&path))
@@ -206,7 +206,7 @@ mod tests {
         journal.close();
         let listing = read(folder).unwrap().unwrap();
         assert_eq!(listing.source, Some(source));
-        assert!(journal.lists("next") && !journal.lists("foreign"));
+        assert!(journal.lists("next") && !journal.lists("unlisted"));
         assert_eq!(listing.files.iter().collect::<Vec<_>>(), ["images/a\nb.tif", "next"]);
         assert!(listing.has("images/a\nb.tif", &fingerprint));
         assert!(!listing.has("images/a\nb.tif", &Fingerprint::of(b"")) && !listing.has("next", &fingerprint));

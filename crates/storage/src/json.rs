@@ -1,4 +1,4 @@
-//! JSON files: messages name key, value and what is expected, in words that do not depend on the program.
+//! JSON files: messages name key, value and expectation, in words that do not depend on the program's types.
 
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -7,9 +7,10 @@ use serde_path_to_error::Segment;
 /// Reads a value.
 ///
 /// # Errors
-/// What is wrong: line and column of a text that is not JSON, or the path of a key with its value.
+/// The problem: line and column of a text that is not JSON, or the path of a key with its value.
 pub fn parse<T: DeserializeOwned>(text: &str) -> Result<T, String> {
-    // The tree is made for messages only: of a large manifest it takes several times the text's memory.
+    // The tree is built for messages only: for a large manifest, it takes several times the memory of the
+    // text.
     let error = match serde_json::from_str(text) {
         Ok(value) => return Ok(value),
         Err(error) => error,
@@ -52,7 +53,7 @@ pub fn mistyped(whole: &Value, error: &serde_path_to_error::Error<serde_json::Er
     }
 }
 
-/// What a type of the program is in JSON.
+/// The JSON name of a type of the program.
 fn in_words(expected: &str) -> &str {
     match expected {
         _ if expected.starts_with("struct ") || expected == "a map" => "an object, {...}",

@@ -25,5 +25,5 @@ pub use interrupt::{TemporaryFolder, clean_up_on_signals, file_size_limits_are_e
 
 /// The version of the program.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// The commit that a release build was made from.
+/// The commit of a release build.
 pub const COMMIT: &str = env!("MICROSIG_COMMIT");

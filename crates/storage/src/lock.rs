@@ -1,8 +1,8 @@
 //! A lock held by a process while it writes a folder, so that two runs never write the same folder.
 //!
-//! It is an operating system lock on the file `.NAME.lock` next to the folder, released when the process ends
-//! for whatever reason: after a crash the file may remain, but it blocks nobody. docs/cluster.md describes
-//! network file systems.
+//! It is an operating system lock on the file `.NAME.lock` next to the folder. The system releases it
+//! whenever the process ends: after a crash the file may remain, but it blocks nobody. docs/cluster.md
+//! describes network file systems.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read, Seek, Write};
@@ -61,7 +61,7 @@ impl FolderLock {
                 Err(TryLockError::Error(e)) => {
                     let _ = writeln!(
                         std::io::stderr().lock(),
-                        "warning: {}: this file system has no locks ({e}); two runs into one folder are not prevented",
+                        "warning: {}: this file system does not support locks ({e}), so two runs can write to the same folder",
                         path.display()
                     );
                     let _temporary = Temporary::file(&path);
@@ -84,15 +84,14 @@ impl FolderLock {
     }
 }
 
-/// The error of a lock that cannot be made: in a place where nothing can be written, that is what matters,
-/// not the lock.
+/// The error of a lock that cannot be created. If the folder is not writable, the error reports that instead
+/// of the lock.
 fn refused(folder: &Path, lock: &Path, e: std::io::Error) -> Error {
     if !matches!(e.kind(), ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem) {
         return Error::write(lock)(e);
     }
     let place = lock.parent().filter(|place| !place.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let what =
-        format!("nothing can be written into {} ({e}); choose another place by --out", place.display());
+    let what = format!("cannot write to {} ({e}); choose another folder with --out", place.display());
     Error::write(folder)(std::io::Error::new(e.kind(), what))
 }
 
@@ -136,13 +135,13 @@ mod tests {
         assert!(message.contains(&format!("process {} on ", std::process::id())), "{message}");
         drop(held);
         assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 0);
-        // As a killed process leaves it.
+        // As left by a killed process.
         std::fs::write(place.path().join(".set.lock"), "process 1 on elsewhere\n").unwrap();
         drop(FolderLock::take(&folder).unwrap());
         assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 0);
     }
 
-    /// By the error itself: the permissions of folders do not bind the administrator, as whom tests may run.
+    /// Tests the error itself: folder permissions do not restrict root, and tests may run as root.
     #[test]
     fn a_read_only_place_is_named_instead_of_the_lock() {
         let of = |kind: ErrorKind| {
@@ -151,7 +150,7 @@ mod tests {
         for kind in [ErrorKind::PermissionDenied, ErrorKind::ReadOnlyFilesystem] {
             let said = of(kind);
             assert!(
-                said.starts_with("/data/set: nothing can be written into /data (") && said.contains("--out"),
+                said.starts_with("/data/set: cannot write to /data (") && said.contains("--out"),
                 "{said}"
             );
         }

@@ -1,6 +1,6 @@
-//! Free memory of the machine, and sizes as texts.
+//! Free memory of the computer, and sizes as text.
 
-/// A number of bytes as a text with its unit.
+/// A number of bytes as text with a unit.
 pub fn size_text(bytes: u64) -> String {
     let mb = bytes as f64 / 1e6;
     if mb < 1e3 { format!("{mb:.1} MB") } else { format!("{:.1} GB", mb / 1e3) }

@@ -15,7 +15,7 @@ pub struct Source {
     pub name: String,
     /// The text.
     pub text: String,
-    /// Byte offset of the value: 0 in a file, after the `=` of an assignment.
+    /// Byte offset of the value: 0 in a file; in an assignment, the position after the `=`.
     pub value_at: usize,
     /// Whether it is a file, so that messages give line and column.
     pub is_file: bool,
@@ -57,7 +57,7 @@ impl Place {
     }
 
     /// The part of the line around the start of the place, with an ellipsis where the line is cut, and the
-    /// place in it. Of a place of several lines the first is shown.
+    /// position of the place in it. For a place that spans several lines, the first line.
     fn excerpt(&self) -> (String, Range<usize>) {
         let (text, Range { start, end }) = (&self.source.text, self.span.clone());
         let line_start = text[..start].rfind('\n').map_or(0, |i| i + 1);
@@ -196,7 +196,7 @@ impl Problem {
         let title = self.to_string();
         let Some(place) = self.place.as_ref().filter(|place| place.source.is_file) else { return title };
         let (line, span) = place.excerpt();
-        // The line alone: a renderer that is given all text walks through it for every problem.
+        // Only the line: given all text, the renderer would scan it for every problem.
         let snippet = Snippet::source(line.as_str())
             .line_start(place.line_and_column().0)
             .annotation(AnnotationKind::Primary.span(span));
@@ -205,14 +205,14 @@ impl Problem {
     }
 }
 
-/// Characters of a long line that are shown before and from the start of a faulty text.
+/// Number of characters of a long line that are shown before and after the start of the faulty text.
 const SHOWN_BEFORE: usize = 42;
 const SHOWN_FROM: usize = 80;
 
-/// Characters of a key or value that a message shows.
+/// Maximum number of characters of a key or value in a message.
 const SHOWN_OF_VALUE: usize = 200;
 
-/// The text, its end replaced by an ellipsis if it is long.
+/// The text, with its end replaced by an ellipsis if it is long.
 fn clipped(text: &str) -> Cow<'_, str> {
     match text.char_indices().nth(SHOWN_OF_VALUE) {
         Some((end, _)) => format!("{} ...", &text[..end]).into(),
@@ -257,7 +257,7 @@ mod tests {
             format!("2 | ... {}bad: µ1{} ...", "a: 1, ".repeat(7), &", b: 2".repeat(16)[..73])
         );
         assert_eq!(lines[3].trim_end(), format!("  |     {}^^^^^^^", " ".repeat(42)));
-        // A value that goes on beyond the line, or beyond what is shown of it.
+        // A value that extends beyond the line, or beyond the part of the line that is shown.
         let whole = Place { span: 0..text.len(), ..place.clone() };
         assert!(Problem::other("", "a").at(&whole).rendered().ends_with("1 | (\n  | ^"));
         let long = Place { span: start..text.len(), ..place };

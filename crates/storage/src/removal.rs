@@ -12,8 +12,8 @@ use super::journal::{self, JOURNAL, TEMPORARY};
 use super::walk::files_below;
 use crate::error::{Error, Result};
 
-/// Files that microsig wrote into a folder, from its journal and from a dataset's checksums: a dataset loses
-/// its journal when it is finished, and gets another one if it is resumed after that. `None` if it has
+/// Files that microsig wrote into a folder, from its journal and from the checksums of a dataset: a dataset
+/// loses its journal when it is finished, and gets another one if it is resumed after that. `None` if it has
 /// neither.
 fn listed(folder: &Path) -> Result<Option<BTreeSet<String>>> {
     let journal = journal::read(folder)?.map(|listing| {
@@ -22,7 +22,7 @@ fn listed(folder: &Path) -> Result<Option<BTreeSet<String>>> {
         files
     });
     let checksums = match in_checksums(folder) {
-        // Those of an interrupted run.
+        // Temporary files of an interrupted run.
         Err(_) if journal.is_some() => None,
         read => read?,
     };
@@ -58,17 +58,17 @@ fn in_checksums(folder: &Path) -> Result<Option<BTreeSet<String>>> {
 /// The files and the folders to remove, each folder after its contents.
 ///
 /// # Errors
-/// Foreign files, the first of which are named.
+/// Files that microsig did not write; the first of them are named.
 pub(super) fn plan(folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>)> {
-    let (mut files, mut folders, mut foreign) = (Vec::new(), Vec::new(), Vec::new());
-    walk(folder, &mut Vec::new(), &mut files, &mut folders, &mut foreign)?;
-    if foreign.is_empty() {
+    let (mut files, mut folders, mut others) = (Vec::new(), Vec::new(), Vec::new());
+    walk(folder, &mut Vec::new(), &mut files, &mut folders, &mut others)?;
+    if others.is_empty() {
         return Ok((files, folders));
     }
     const NAMED: usize = 3;
-    let named: Vec<String> = foreign.iter().take(NAMED).map(|path| path.display().to_string()).collect();
+    let named: Vec<String> = others.iter().take(NAMED).map(|path| path.display().to_string()).collect();
     let more =
-        if foreign.len() > NAMED { format!(" and {} more", foreign.len() - NAMED) } else { String::new() };
+        if others.len() > NAMED { format!(" and {} more", others.len() - NAMED) } else { String::new() };
     Err(Error::input(format!(
         "{}: contains files that microsig did not write: {}{more}; move them elsewhere first, or remove the folder yourself",
         folder.display(),
@@ -76,15 +76,15 @@ pub(super) fn plan(folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>)> {
     )))
 }
 
-/// Visits a folder; `lists` holds the parent folders with their lists of files.
+/// Visits a folder; `lists` contains the parent folders with their lists of files.
 fn walk(
     folder: &Path,
     lists: &mut Vec<(PathBuf, BTreeSet<String>)>,
     files: &mut Vec<PathBuf>,
     folders: &mut Vec<PathBuf>,
-    foreign: &mut Vec<PathBuf>,
+    others: &mut Vec<PathBuf>,
 ) -> Result<()> {
-    // A nested folder may have its own list, like the datasets of a release.
+    // A nested folder may have its own list, like the datasets in a release.
     let own = listed(folder)?.map(|list| (folder.to_owned(), list));
     let depth = lists.len();
     lists.extend(own);
@@ -97,13 +97,13 @@ fn walk(
         let is_listed = |(root, list): &(PathBuf, BTreeSet<String>)| {
             place.strip_prefix(root).is_ok_and(|within| list.contains(&journal::slashed(within)))
         };
-        // Symbolic links are treated as files, whatever they point to.
+        // Symbolic links are treated as files, no matter what they point to.
         if entry.file_type().map_err(|e| Error::read(&place, e))?.is_dir() {
-            walk(&place, lists, files, folders, foreign)?;
+            walk(&place, lists, files, folders, others)?;
         } else if entry.file_name().to_string_lossy().starts_with(TEMPORARY) || lists.iter().any(is_listed) {
             files.push(place);
         } else {
-            foreign.push(place);
+            others.push(place);
         }
     }
     lists.truncate(depth);
@@ -114,7 +114,7 @@ fn walk(
 /// Removes a folder that contains only files written by microsig.
 ///
 /// # Errors
-/// Foreign files: they are named, and nothing is removed; an I/O error.
+/// Files that microsig did not write: they are named, and nothing is removed; an I/O error.
 pub(super) fn remove_own(folder: &Path) -> Result<()> {
     let (mut files, folders) = plan(folder)?;
     // The lists are removed last, so that the removal can be completed after a crash.

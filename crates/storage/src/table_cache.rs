@@ -1,8 +1,8 @@
-//! Tables of renderers on disk, from run to run: a folder of files named by the hash of what they are.
+//! Renderer tables cached on disk between runs: a folder of files named by the hash of their description.
 //!
-//! A file holds what it is, in words, the table, and a checksum; one that does not check is removed and made
-//! anew. Files appear under a temporary name first, so that several processes may use the folder at once.
-//! When all files together exceed the bound, those that were not used for longest go.
+//! A file contains the description, the table and a checksum; a file whose checksum does not match is removed
+//! and computed again. Files first get a temporary name, so that several processes can use the folder at
+//! once. When the total size exceeds the limit, the least recently used files are removed.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -15,33 +15,33 @@ use sha2::{Digest, Sha256};
 use crate::error::{Error, Result};
 use crate::input;
 
-/// What each file begins with.
+/// First bytes of each file.
 const MARK: &[u8] = b"microsig table 1\n";
 /// Length of a checksum.
 const CHECKSUM: usize = 32;
-/// Bound of the folder unless `MICROSIG_CACHE_MB` says another: 2 GB.
+/// Size limit of the folder unless `MICROSIG_CACHE_MB` sets another: 2 GB.
 const MOST_MB: u64 = 2000;
-/// Ending of files.
+/// Extension of files.
 const ENDING: &str = "table";
-/// Files of writers that have died, after so many seconds.
+/// Age at which temporary files count as left over, s.
 const LEFT_OVER_S: u64 = 3600;
 
 /// The folder.
 #[derive(Debug)]
 pub struct TableFolder {
     folder: PathBuf,
-    /// What made the tables: another program makes others.
+    /// The program that computed the tables; another program may compute different ones.
     program: String,
     most_bytes: u64,
     count: AtomicU64,
 }
 
 impl TableFolder {
-    /// The user's: `MICROSIG_CACHE`, or `microsig/tables` in the system's folder for caches; `None` if there
-    /// is none.
+    /// The user's cache: `MICROSIG_CACHE`, or `microsig/tables` in the system's cache folder; `None` if
+    /// neither exists.
     ///
     /// # Errors
-    /// A bound that is not a number, a folder named by `MICROSIG_CACHE` that cannot be made.
+    /// A limit that is not a number; a folder given by `MICROSIG_CACHE` that cannot be created.
     pub fn of_user() -> Result<Option<Self>> {
         let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
         let caches = || {
@@ -95,8 +95,8 @@ impl TableFolder {
         })
     }
 
-    /// Removes the files that were not used for longest until the rest fits, and what writers that died have
-    /// left.
+    /// Removes the least recently used files until the rest fits, and the temporary files of writers that
+    /// have died.
     fn tidy(&self) -> std::io::Result<()> {
         let mut files = Vec::new();
         for entry in std::fs::read_dir(&self.folder)? {
@@ -144,14 +144,14 @@ impl TableStore for TableFolder {
     }
 
     fn save(&self, description: &str, bytes: &[u8]) {
-        // Tables are made anew where none can be kept.
+        // Tables that cannot be stored are computed again.
         if bytes.len() as u64 <= self.most_bytes {
             let _ = self.write(&self.path(description), description, bytes).and_then(|()| self.tidy());
         }
     }
 }
 
-/// The table of a file, if it is whole and the one that is described.
+/// The table in a file, if it is complete and matches the description.
 fn content<'a>(bytes: &'a [u8], description: &str) -> Option<&'a [u8]> {
     let (length, rest) = bytes.strip_prefix(MARK)?.split_first_chunk::<8>()?;
     let length = usize::try_from(u64::from_le_bytes(*length)).ok()?;
@@ -160,7 +160,7 @@ fn content<'a>(bytes: &'a [u8], description: &str) -> Option<&'a [u8]> {
     (found == description.as_bytes() && Sha256::digest(table)[..] == *checksum).then_some(table)
 }
 
-/// What made the tables: version and commit, and the program's own file, which differs from build to build.
+/// The program that computed the tables: version, commit, and the program file, which differs between builds.
 fn program() -> Option<String> {
     let file = std::env::current_exe().ok()?.metadata().ok()?;
     let built = file.modified().ok()?.duration_since(SystemTime::UNIX_EPOCH).ok()?;

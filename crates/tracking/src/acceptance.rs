@@ -1,4 +1,4 @@
-//! Which fits are accepted as particles, and what is said if none is.
+//! Criteria by which fits are accepted as particles, and the warning if none is accepted.
 
 use super::fit::ParticleFit;
 
@@ -13,7 +13,7 @@ const LEAST_CORRELATION: f64 = 0.5;
 pub(super) const LEAST_BRIGHTNESS: f64 = 0.25;
 const LARGEST_BRIGHTNESS: f64 = 4.0;
 
-/// What a fit is taken for.
+/// Classification of a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
     Particle,
@@ -59,18 +59,18 @@ impl Rejections {
         self.other_brightness += other.other_brightness;
     }
 
-    /// Why no particle is found, and possible remedies.
+    /// The reason why no particle is found, and possible remedies.
     pub(super) fn warning(&self) -> String {
         let all = self.faint + self.unlike + self.other_brightness;
         if all == 0 {
             return format!(
-                "no particles are found: nothing in the images is like the calibration images and exceeds \
+                "no particles found: nothing in the images resembles the calibration images and exceeds \
                  {LEAST_SIGNIFICANCE} standard deviations of the noise; more light or less noise would help"
             );
         }
         format!(
-            "no particles are found: of {all} candidates, {} do not exceed {LEAST_SIGNIFICANCE} standard deviations of the \
-             noise, {} are unlike the calibration images (correlation below {LEAST_CORRELATION}), {} are not \
+            "no particles found: of {all} candidates, {} do not exceed {LEAST_SIGNIFICANCE} standard deviations of the \
+             noise, {} do not resemble the calibration images (correlation below {LEAST_CORRELATION}), {} are not \
              {LEAST_BRIGHTNESS} to {LARGEST_BRIGHTNESS} times as bright as the calibration particle; more light, fewer \
              particles, or calibration images of such particles would help",
             self.faint, self.unlike, self.other_brightness

@@ -43,7 +43,8 @@ fn noisy(dataset: &Path, options: &TrackOptions) -> Result<Output> {
     })
 }
 
-/// The visible truth with pixels counted from 0 but declared as counted from 1: `evaluate` must give a hint.
+/// The visible truth with pixels numbered from 0 but declared as numbered from 1: `evaluate` must print a
+/// hint.
 fn offset(dataset: &Path) -> Result<Output> {
     moved(dataset, |row| {
         row.x_px -= 1.0;

@@ -20,12 +20,12 @@ const SMOOTH_PX: f32 = 1.5;
 /// Segmentation threshold, in standard deviations of the filtered noise.
 const ABOVE_NOISE: f32 = 5.0;
 
-/// A region ends where its light falls below this share of its peak, ...
+/// A region ends where its light falls below this fraction of its peak, ...
 const OF_PEAK: f32 = 0.08;
 
-/// ... and the faintest image of the calibration is still seen whole at this share of its brightness. Noise
-/// decides only where it is larger: with images out to their faintest rims, which overlap the more, less
-/// noise would mean fewer particles.
+/// ... such that the faintest image of the calibration is still seen whole at this fraction of its
+/// brightness. Noise sets the limit only where it is higher: if images extended to their faintest rims, more
+/// of them would overlap, and less noise would mean fewer particles.
 const LEAST_BRIGHTNESS: f32 = 0.5;
 
 /// Minimum area of a region, px^2.
@@ -80,15 +80,15 @@ impl Tally {
         self.pixels += other.pixels;
     }
 
-    /// Why regions were not measured, by reason, and possible remedies if those are most; `image_share` is
-    /// the share of the frame in which particles are.
+    /// Why regions were not measured, by reason, with possible remedies if those are the majority;
+    /// `image_share` is the fraction of the frame that contains particles.
     fn warning(&self, image_share: f64) -> Option<String> {
         let Tally { measured, at_edge, off_curve, small, .. } = self;
         let lost = at_edge + off_curve + small;
         let regions = measured + lost;
         if regions == 0 {
             return Some(format!(
-                "no particles are found: nothing exceeds {ABOVE_NOISE} standard deviations of the filtered noise; more light or \
+                "no particles found: nothing exceeds {ABOVE_NOISE} standard deviations of the filtered noise; more light or \
                  less noise would help"
             ));
         }
@@ -100,14 +100,14 @@ impl Tally {
              off the calibration curve, as overlapping particles do, {small} are smaller than {LEAST_AREA} px"
         );
         if 2 * measured < regions {
-            // Randomly placed images cover a share 1 - exp(-N_S) of a frame, and a share exp(-4 N_S) of them
-            // does not touch another.
+            // Randomly placed images cover a fraction 1 - exp(-N_S) of a frame, and a fraction exp(-4 N_S) of
+            // them does not touch another.
             let covered = self.bright as f64 / (self.pixels as f64 * image_share);
             let n_s = -(1.0 - covered).max(1e-3).ln();
             let frame =
-                if image_share < 1.0 { "the part of the frame in which they are" } else { "the frame" };
+                if image_share < 1.0 { "the part of the frame that contains particles" } else { "the frame" };
             said += &format!(
-                ". Particle images cover N_S = {n_s:.2} of {frame}, which leaves about {:.0} % of them free of others; fewer \
+                ". Particle images cover N_S = {n_s:.2} of {frame}, which leaves about {:.0} % of them isolated; fewer \
                  particles, a smaller depth range or a lower magnification would help, or methods for overlapping images \
                  (ncc, mle)",
                 100.0 * (-4.0 * n_s).exp()
@@ -177,7 +177,7 @@ impl CalibrationCurve {
         if seen.len() < 5 {
             let found = seen.len();
             return Err(Error::input(format!(
-                "calibration: the particle stands out of the noise in {found} of {} images; expected at least 5",
+                "calibration: the particle is visible above the noise in {found} of {} images; expected at least 5",
                 steps.len()
             )));
         }
@@ -202,8 +202,8 @@ impl CalibrationCurve {
     /// A warning if depths from this curve are ambiguous.
     pub(super) fn warning(&self) -> Option<String> {
         self.ambiguous.then(|| {
-            "the calibration images are round at most depths: without astigmatism the widths do not determine on which side of the \
-             focus a particle is on"
+            "the calibration images are round at most depths: without astigmatism, the widths do not determine on which side of the \
+            focus a particle is"
                 .to_owned()
         })
     }
@@ -246,13 +246,13 @@ fn smoothed(points: &[(f64, [f64; 4])], i: usize) -> (f64, [f64; 4]) {
         normal += glam::DMat3::from_cols(p * p.x, p * p.y, p * p.z);
         right.iter_mut().zip(values).for_each(|(r, v)| *r += p * *v);
     }
-    // There are at least three points at different depths, so the matrix is regular.
+    // There are at least three points at different depths, so the matrix is not singular.
     let inverse = normal.inverse();
     (z0, right.map(|r| (inverse * r).x))
 }
 
 /// The bright regions of an image, at least `least` counts above the background, that do not touch its edge,
-/// and counts of the others. A region is cut off at a share of its own peak, so that its widths depend
+/// and counts of the others. A region is cut off at a fraction of its own peak, so that its widths depend
 /// neither on its brightness nor on faint rims, by which it may touch others.
 fn regions(image: &GrayImage, least: f32) -> (Vec<Region>, Tally) {
     let (w, h) = (image.width, image.height);
@@ -276,7 +276,7 @@ fn regions(image: &GrayImage, least: f32) -> (Vec<Region>, Tally) {
             } else if region.iter().any(on_edge) {
                 tally.at_edge += 1;
             } else if cut > threshold && cut - level > 1.5 * OF_PEAK * peak(&region) {
-                // Cut off by the peak of a brighter neighbor.
+                // Cut off by the threshold of a brighter neighbor.
                 tally.off_curve += 1;
             } else {
                 found.push(moments(&smooth, cut, &region));
@@ -286,7 +286,7 @@ fn regions(image: &GrayImage, least: f32) -> (Vec<Region>, Tally) {
     (found, tally)
 }
 
-/// The open pixels that are connected to one, which are closed; `None` if it is not open.
+/// The open pixels that are connected to a pixel; they are then closed. `None` if the pixel is not open.
 fn connected(open: &mut [bool], (w, h): (usize, usize), start: usize) -> Option<Vec<usize>> {
     std::mem::take(&mut open[start]).then(|| {
         let (mut region, mut next) = (vec![start], 0);
@@ -305,8 +305,8 @@ fn connected(open: &mut [bool], (w, h): (usize, usize), start: usize) -> Option<
     })
 }
 
-/// Centroid and widths of the light above `level`, which is the threshold of the region: so a pixel more or
-/// less at its rim changes little.
+/// Centroid and widths of the light above `level`, which is the threshold of the region, so that single
+/// pixels at its rim have little effect.
 fn moments(image: &GrayImage, level: f32, region: &[usize]) -> Region {
     let w = image.width;
     let mut sums = [0.0; 5];
@@ -376,13 +376,13 @@ mod tests {
         let said = tally.warning(1.0).unwrap();
         assert!(said.starts_with("0 of 2 bright regions were measured: 1 touch the edge"), "{said}");
         assert!(said.contains("1 have widths off") && said.contains(" of the frame, "), "{said}");
-        // A single region that is lost is counted; what overlaps is stated if most are lost.
+        // A single lost region is counted; overlap is reported only if most regions are lost.
         let one = Tally { measured: 9, at_edge: 0, off_curve: 0, small: 1, ..tally };
         let said = one.warning(1.0).unwrap();
         assert!(said.contains("1 are smaller") && !said.contains("N_S"), "{said}");
         assert_eq!(Tally { small: 0, ..one }.warning(1.0), None);
         assert!(Tally::default().warning(1.0).unwrap().contains("nothing exceeds 5 standard deviations"));
-        // Within walls that leave a third of the frame, images are three times as dense.
+        // If particles occupy only a third of the frame, images are three times as dense.
         let dense = Tally { measured: 1, at_edge: 0, off_curve: 9, small: 0, bright: 1000, pixels: 10_000 };
         let said = dense.warning(1.0 / 3.0).unwrap();
         let n_s = -(1.0f64 - 0.3).ln();

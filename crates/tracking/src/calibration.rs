@@ -1,4 +1,4 @@
-//! The calibration stacks: images of one particle at known depths, of each size of particles. They are
+//! The calibration stacks: images of one particle at known depths, one stack for each particle size. They are
 //! validated as untrusted input.
 
 use std::path::{Component, Path};
@@ -111,7 +111,7 @@ fn origin(dataset: &Path, rows: &[Row]) -> Result<Origin> {
     let depth_factor = (high.z_um - low.z_um) / (last.z_um - first.z_um);
     if !depth_factor.is_finite() || depth_factor <= 0.0 {
         return Err(Error::input(format!(
-            "{}: depths from {} to {} um, where the data files say {} to {} um; expected both to grow",
+            "{}: depths from {} to {} um, but {} to {} um in the data files; expected both to increase",
             dataset.join("calibration").display(),
             low.z_um,
             high.z_um,
@@ -139,7 +139,7 @@ type Stacks = ((u32, u32), Vec<Vec<Row>>);
 fn table(dataset: &Path) -> Result<Stacks> {
     let table = dataset.join(CALIBRATION.path);
     if !table.is_file() {
-        let hint = "this method needs the dataset's calibration stack, and there is none";
+        let hint = "missing; this method needs the calibration stack of the dataset";
         return Err(Error::input(format!("{}: {hint}", table.display())));
     }
     // The size does not depend on the immersion, whose refractive index is below 2.
@@ -159,7 +159,7 @@ fn table(dataset: &Path) -> Result<Stacks> {
     if let Some(pair) = rows.windows(2).find(is_same) {
         let [first, second] = [pair[0].line.min(pair[1].line), pair[0].line.max(pair[1].line)];
         return wrong(format!(
-            "z_um = {} is in line {first} and again in line {second}; expected each depth once",
+            "z_um = {} in line {first} and again in line {second}; expected each depth once",
             pair[0].z_um
         ));
     }
@@ -176,7 +176,7 @@ fn table(dataset: &Path) -> Result<Stacks> {
     }
     if let Some(n) = stacks.iter().map(Vec::len).min().or(Some(0)).filter(|n| *n < LEAST_IMAGES) {
         return wrong(format!(
-            "{n} images of a particle; expected at least {LEAST_IMAGES}, each at a depth of its own"
+            "{n} images of a particle; expected at least {LEAST_IMAGES}, each at a different depth"
         ));
     }
     Ok((size, stacks))
@@ -258,7 +258,7 @@ mod tests {
         let few = said(&["0,1,11,11,a.tif", "1,2,11,11,a.tif"]);
         assert!(few.contains("2 images of a particle; expected at least 5"), "{few}");
         let twice = said(&["0,2,11,11,a.tif", "1,2,11,11,a.tif"]);
-        assert!(twice.contains("z_um = 2 is in line 2 and again in line 3"), "{twice}");
+        assert!(twice.contains("z_um = 2 in line 2 and again in line 3"), "{twice}");
         assert!(said(&[]).contains("0 images"));
     }
 }

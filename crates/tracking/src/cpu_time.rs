@@ -1,7 +1,7 @@
-//! CPU time, which other programs on the machine do not lengthen as they do the time on the wall; where the
-//! system does not tell it, time on the wall.
+//! CPU time, which other programs do not lengthen as they lengthen wall-clock time; on systems that do not
+//! report it, wall-clock time.
 
-/// What consumes the time.
+/// Whose time is measured.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Consumer {
     Thread,
@@ -32,7 +32,7 @@ impl Consumer {
 mod tests {
     use super::*;
 
-    /// Waiting takes none; work of another thread is the process's, not this thread's.
+    /// Waiting consumes no CPU time; work of another thread counts for the process, not for this thread.
     #[test]
     fn time_is_that_of_work() {
         let before = [Consumer::Thread, Consumer::Process].map(Consumer::seconds);

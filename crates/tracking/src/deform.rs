@@ -1,9 +1,9 @@
-//! Images deformed by the displacements that the last pass of a correlation found.
+//! Image deformation by the displacements found in the previous correlation pass.
 //!
-//! Particle images of 3 px are hardly larger than the pixels that sample them, so an interpolation that does
-//! not reach to the highest wave numbers shifts them by less than it should: a cubic spline by 0.006 px of
-//! 0.25 px, which biases displacements near half a pixel by twice as much. Splines of higher degree come
-//! closer to the ideal interpolation (Astarita & Cardone 2005, Exp. Fluids 38, 233), at the cost of more
+//! Particle images of 3 px are hardly larger than the pixels that sample them, so an interpolation that
+//! attenuates the highest wavenumbers shifts them by too little: a cubic spline by 0.006 px too little for a
+//! shift of 0.25 px, which biases displacements near half a pixel by twice as much. Splines of higher degree
+//! are closer to the ideal interpolation (Astarita & Cardone 2005, Exp. Fluids 38, 233), at the cost of more
 //! coefficients for each pixel.
 
 use rayon::prelude::*;
@@ -55,15 +55,15 @@ fn resampled<const TAPS: usize>(
     deformed
 }
 
-/// Weights of the coefficients around a position in a B-spline, as polynomials of the distance from the one
-/// before.
+/// Weights of the coefficients around a position in a B-spline, as polynomials of the distance from the
+/// preceding coefficient.
 struct Weights<const TAPS: usize> {
-    /// Of each power the factors for all coefficients.
+    /// For each power, the factors of all coefficients.
     powers: [[f32; TAPS]; TAPS],
 }
 
 impl<const TAPS: usize> Weights<TAPS> {
-    /// By the recursion of Cox and de Boor.
+    /// Recursion of Cox and de Boor.
     fn new() -> Self {
         let mut powers = [[0.0f64; TAPS]; TAPS];
         powers[0][0] = 1.0;
@@ -71,7 +71,7 @@ impl<const TAPS: usize> Weights<TAPS> {
             let (lower, n) = (powers, degree as f64);
             for (i, k) in (0..=degree).flat_map(|i| (0..=degree).map(move |k| (i, k))) {
                 let of = |i: usize, k: usize| if k < degree { lower[k][i] } else { 0.0 };
-                // (t + n - i) times the one before, (i + 1 - t) times its own, over n.
+                // ((t + n - i) times the previous weight + (i + 1 - t) times its own) / n.
                 let times = |i: usize, constant: f64, sign: f64| {
                     constant * of(i, k) + if k > 0 { sign * of(i, k - 1) } else { 0.0 }
                 };
@@ -128,12 +128,12 @@ mod tests {
             let weights = Weights::<8>::new().at(t);
             assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-6 && weights.iter().all(|w| *w >= 0.0));
         }
-        // At a node, 2416 / 5040 in the middle (Unser 1999).
+        // At a node the central weight is 2416 / 5040 (Unser 1999).
         assert!((Weights::<8>::new().at(0.0)[3] - 2416.0 / 5040.0).abs() < 1e-7);
     }
 
-    /// Without displacement pixels are unchanged, at the edges as well; waves are displaced, those of 3 px in
-    /// length by a septic spline far better than by a cubic one.
+    /// Without displacement pixels are unchanged, also at the edges; waves are displaced, those of 3 px in
+    /// length far better by a septic spline than by a cubic one.
     #[test]
     fn waves_are_displaced() {
         let wave = |length: f32| {

@@ -36,13 +36,14 @@ impl PixelNoise {
     /// Variance of rounding to integer counts.
     pub(super) const ROUNDING: f32 = 1.0 / 12.0;
 
-    /// Number of rays, or of electrons, from which a count is distributed about normally.
+    /// Number of rays or electrons above which counts are approximately normally distributed.
     const NORMAL_FROM: f32 = 4.0;
 
-    /// Noise with at least the variances that remain without noise of the background: that of rounding, and
-    /// that of light in steps of `gain` counts (rays, electrons) where few steps are expected, as if there
-    /// were [`Self::NORMAL_FROM`]. Fewer are not distributed normally, and their expected number is
-    /// uncertain: with its small variance a single ray beside a particle would outweigh the particle's image.
+    /// Noise with lower limits on its variances, which apply where the background has no noise: the variance
+    /// of rounding, and that of light in steps of `gain` counts (rays, electrons) where few steps are
+    /// expected, as if there were [`Self::NORMAL_FROM`]. Fewer steps are not distributed normally, and their
+    /// expected number is uncertain: with its small variance, a single ray beside a particle would outweigh
+    /// the particle image.
     pub(super) fn new(dark: f32, gain: f32) -> Self {
         PixelNoise { dark: dark.max(Self::ROUNDING).max(Self::NORMAL_FROM * gain * gain), gain }
     }

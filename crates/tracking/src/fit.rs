@@ -23,7 +23,7 @@ pub(super) struct Residual {
 /// A fitted particle; brightness relative to the template's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ParticleFit {
-    /// Which of the sizes of calibrated particles it is.
+    /// Index of its size among the calibrated particle sizes.
     pub(super) size: usize,
     /// Position relative to the center of the first pixel, px.
     pub(super) at: [f64; 2],
@@ -41,11 +41,11 @@ const BEYOND_NOISE: f64 = 3.0;
 /// Agreement of an image with data: weighted sums over pixels, weights being inverse variances.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Agreement {
-    /// Of squares of the image.
+    /// Sum of squares of the image.
     own: f64,
-    /// Of the image times the data.
+    /// Sum of the image times the data.
     both: f64,
-    /// Of squares of the data.
+    /// Sum of squares of the data.
     seen: f64,
     pixels: usize,
 }

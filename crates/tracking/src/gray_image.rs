@@ -150,7 +150,7 @@ pub(super) fn weights(t: f32) -> ([f32; 4], [f32; 4]) {
     (weights.map(|w| w as f32), slopes.map(|s| s as f32))
 }
 
-/// The pixel of a line of `n` that index `i` is, mirrored at its ends.
+/// The pixel that corresponds to index `i` of a line of `n` pixels mirrored at its ends.
 pub(super) fn mirrored(i: isize, n: usize) -> usize {
     if n == 1 {
         return 0;

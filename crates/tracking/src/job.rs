@@ -108,9 +108,10 @@ impl<'a> Job<'a> {
         Ok(Output::Points(rows))
     }
 
-    /// Warns if hardly any particle is found in two frames, as if displacements exceeded the search range.
+    /// Warns if hardly any particle is found in two frames, which suggests displacements beyond the search
+    /// range.
     fn warn_of_few_links(&self, rows: &[Row]) {
-        /// Numbers of particles below which this is chance, and the smallest share of linked ones.
+        /// Number of particles below which this may be chance, and the minimum fraction of linked particles.
         const MANY: usize = 20;
         const LEAST_LINKED: f64 = 0.2;
         let mut points: HashMap<i64, usize> = HashMap::new();
@@ -121,8 +122,8 @@ impl<'a> Job<'a> {
         let share = linked as f64 / rows.len() as f64;
         if self.recording.frames() > 1 && rows.len() >= MANY && share < LEAST_LINKED {
             self.warn(format!(
-                "{linked} of {} particles are found again in another frame: do they move by more than --max-displacement \
-                 ({} px), or leave the image?",
+                "only {linked} of {} particles are found again in another frame; check whether they move by more than \
+                 --max-displacement ({} px) or leave the image",
                 rows.len(),
                 self.options.max_displacement_px
             ));

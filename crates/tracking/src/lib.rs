@@ -1,7 +1,7 @@
-//! Baseline trackers: a simple method of each kind, applied to a dataset.
+//! Baseline trackers: one simple method of each kind, applied to a dataset.
 //!
 //! They use only what is available to participants: images, the calibration stack, the optical settings.
-//! Anchors are the exception: they are made from the truth, to show the scores of results of known quality.
+//! Anchors are the exception: they are made from the truth, as reference results of known quality.
 //! docs/baselines.md describes the methods and their measured scores.
 //!
 //! To add a tracker, write a file in this folder that defines a [`Method`], and list it in [`METHODS`].
@@ -161,7 +161,7 @@ pub fn method(name: &str) -> Result<&'static Method> {
 /// Tracks a dataset by one of the [`METHODS`] and writes the result.
 ///
 /// # Errors
-/// An unknown method, a dataset without what the method needs, a result that exists, a failed write.
+/// An unknown method; a dataset that lacks data for the method; an existing result; an I/O error.
 pub fn track(dataset: &Path, out: &Path, options: &TrackOptions) -> Result<Tracked> {
     let start = Instant::now();
     let method = method(&options.method)?;

@@ -69,7 +69,7 @@ impl<I: ParticleImages> Locator<I> {
         Ok(output)
     }
 
-    /// Localizes the particles of an image, and counts the candidates that are rejected.
+    /// Localizes the particles of an image and counts the rejected candidates.
     pub(super) fn find(&self, image: &GrayImage) -> (Vec<Localization>, Rejections) {
         let (level, deviation) = image.background();
         let noise = PixelNoise::new(deviation.powi(2), self.gain);

@@ -1,9 +1,9 @@
 //! Maximum likelihood with the optical model: the search of `ncc` with templates computed from the settings,
 //! then a fit of position, depth and brightness with the images and derivatives of the model.
 //!
-//! The model is free of noise, so that the fit can reach the Cramér-Rao bound except for overlapping
-//! particles. Particles are spheres of a calibration particle's diameter and any brightness. The
-//! calibration stacks provide the counts per ray and the camera noise.
+//! The model is free of noise, so the fit can reach the Cramér-Rao bound except for overlapping particles.
+//! Particles are spheres with the diameter of a calibration particle and any brightness. The calibration
+//! stacks provide the counts per ray and the camera noise.
 
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::render::{Gradient, Renderer, RendererSpec, Window};
@@ -67,8 +67,8 @@ fn of_size(job: &Job, stack: Stack, origin: &Origin) -> Result<(Templates, Model
     let correlation = model.calibrate(&images, &stack.images)?;
     if correlation < LEAST_CORRELATION.1 {
         job.warn(format!(
-            "the optical model correlates with the calibration stack of {} um by {correlation:.3} (1 is perfect): are the \
-             settings those of the images? `ncc` needs no model",
+            "the correlation of the optical model with the calibration stack of {} um is {correlation:.3} (1 is perfect); \
+             check that the settings match the images. `ncc` needs no model",
             origin.d_um
         ));
     }

@@ -78,7 +78,7 @@ mod tests {
         }
     }
 
-    /// In an experimental stack the particle is not centered on a pixel and drifts during the scan.
+    /// In experimental stacks, the particle is not centered on a pixel and drifts during the scan.
     #[test]
     fn stacks_whose_particle_drifts_are_centered() {
         let image = |k: i32| {
@@ -109,7 +109,7 @@ mod tests {
         assert_eq!(stack().find(&noise(100)).0, []);
     }
 
-    /// The noise of many pixels exceeds the light of a faint image, which is significant all the same.
+    /// The noise of many pixels exceeds the light of a faint image, which is significant nevertheless.
     #[test]
     fn faint_images_are_found_in_noise() {
         let noise = |size: (usize, usize), seed: usize| {
@@ -129,6 +129,6 @@ mod tests {
         assert_eq!(found.len(), 2, "{found:?}");
         let (empty, rejections) = stack.find(&noise((100, 100), 51));
         assert_eq!(empty, []);
-        assert!(rejections.warning().contains("no particles are found"));
+        assert!(rejections.warning().contains("no particles found"));
     }
 }

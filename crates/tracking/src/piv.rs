@@ -89,8 +89,8 @@ fn ensemble(job: &Job) -> Result<Output> {
     Ok(Output::MeanField(pass.map_or_else(Vec::new, |pass| pass.finished().vectors)))
 }
 
-/// Window size and interpolation of all passes for an image of this size. What a pass finds only predicts for
-/// the next one, so the costly interpolation is for the last.
+/// Window size and interpolation of all passes for an image of this size. The result of an earlier pass only
+/// serves as a predictor for the next one, so the costly interpolation is reserved for the last.
 fn passes((width, height): (usize, usize)) -> impl Iterator<Item = (usize, Degree)> {
     let fitting = move |window: &usize| *window <= width.min(height);
     let last = PASSES.len() - 1;
@@ -104,7 +104,7 @@ struct Pass {
     /// Result of the previous pass, smoothed for stability: deformation amplifies wavelengths that the
     /// windows do not resolve.
     predictor: Option<VectorGrid>,
-    /// Of the interpolation of the images.
+    /// Degree of the image interpolation.
     degree: Degree,
     correlation: Correlation,
     /// The correlation plane of every vector, row by row.
@@ -404,8 +404,9 @@ mod tests {
         }
     }
 
-    /// Between whole pixels the mean error is that of the interpolation: up to 0.0113 px by cubic splines,
-    /// with a period of 2 px, up to 0.0015 px by septic ones; that of 700 vectors varies by 0.0001 px.
+    /// Between integer pixels, the mean error is that of the interpolation: up to 0.0113 px for cubic
+    /// splines, with a period of 2 px, up to 0.0015 px for septic ones; the mean of 700 vectors varies by
+    /// 0.0001 px.
     #[test]
     fn displacements_are_biased_neither_toward_nor_away_from_whole_pixels() {
         for d in [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.5, 3.5, -2.5] {
@@ -436,7 +437,7 @@ mod tests {
         assert!(rms < 0.1, "rms {rms} px");
     }
 
-    /// With one particle per 600 px^2 most windows of 16 px are empty; 20 such pairs together have enough
+    /// With one particle per 600 px^2, most windows of 16 px are empty; 20 such pairs together have enough
     /// particles.
     #[test]
     fn correlations_of_many_sparse_pairs_are_averaged() {

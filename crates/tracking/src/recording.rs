@@ -25,7 +25,7 @@ impl Recording {
         let facts = of_manifest(dataset)?;
         let Some((width, height)) = facts.sensor_px else {
             return Err(Error::input(format!(
-                "{}: the manifest does not contain the size of the sensor",
+                "{}: the manifest lacks the size of the sensor",
                 dataset.display()
             )));
         };
@@ -58,12 +58,12 @@ impl Recording {
         self.facts.depth_h_um()
     }
 
-    /// Diameter of a disc as large as a particle image is on average over depth, px.
+    /// Diameter of a disc with the mean area of particle images over depth, px.
     pub(super) fn image_diameter_px(&self) -> Option<f64> {
         self.facts.image_area_px.map(|area| 2.0 * (area / std::f64::consts::PI).sqrt())
     }
 
-    /// The share of the sensor in which particles are.
+    /// The fraction of the sensor that contains particles.
     pub(super) fn image_share(&self) -> f64 {
         self.facts.image_share.unwrap_or(1.0)
     }
@@ -80,7 +80,7 @@ impl Recording {
     }
 }
 
-/// Checks that the images are those that the manifest lists: any other number of images would shift frames.
+/// Checks the images against the manifest: missing or additional images would shift the frames.
 fn check_names(folder: &Path, images: &[PathBuf], listed: &[String]) -> Result<()> {
     let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let found: BTreeSet<String> = images.iter().map(name).collect();

@@ -3,8 +3,8 @@
 //! Weighted cross-correlation maps of some templates with the frame give candidates. Starting with the most
 //! likely one, position, depth and brightness are fitted; if the particle is significant and similar to its
 //! template, it is subtracted from the frame, so that it is not detected twice and overlapped particles
-//! become visible. With stacks of several sizes of particles, all are searched, and each particle is of the
-//! size that fits best.
+//! become visible. With stacks for several particle sizes, all are searched, and each particle gets the size
+//! that fits best.
 
 use microsig_core::cancel::checkpoint;
 
@@ -17,7 +17,7 @@ use super::templates::Templates;
 /// Number of templates for which correlation maps are computed.
 const COARSE: usize = 13;
 
-/// A candidate is fitted if its amplitude exceeds this share of the minimum brightness.
+/// A candidate is fitted if its amplitude exceeds this fraction of the minimum brightness.
 const WORTH_A_FIT: f64 = 0.5;
 
 /// Offsets in depth steps from which the fit is repeated.
@@ -26,7 +26,7 @@ const OTHER_DEPTHS: [f64; 6] = [-12.0, -8.0, -4.0, 4.0, 8.0, 12.0];
 /// Two particles closer than this may be a single particle, px.
 const SAME_PLACE_PX: f64 = 3.0;
 
-/// One particle replaces two if it achieves this share of their combined reduction of chi^2.
+/// One particle replaces two if it achieves this fraction of their combined reduction of chi^2.
 const AS_GOOD: f64 = 0.97;
 
 /// Maximum number of depths from which fits start.
@@ -58,7 +58,7 @@ impl Match {
 
 /// The state of the search in a frame.
 pub(super) struct Search<'a> {
-    /// Those of each size of particles.
+    /// Templates of each particle size.
     templates: &'a [Templates],
     residual: Residual,
     found: Vec<ParticleFit>,
@@ -66,8 +66,8 @@ pub(super) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// Finds the particles in a background-subtracted frame with pixel weights, and counts the candidates
-    /// that are rejected.
+    /// Finds the particles in a background-subtracted frame with pixel weights and counts the rejected
+    /// candidates.
     pub(super) fn run(templates: &'a [Templates], residual: Residual) -> (Vec<ParticleFit>, Rejections) {
         let mut search = Search { templates, residual, found: Vec::new(), rejections: Rejections::default() };
         for candidate in search.candidates() {
@@ -129,7 +129,7 @@ impl<'a> Search<'a> {
         }
         let fits = (0..self.templates.len()).flat_map(|size| self.fits(size, x, y));
         let is_particle = |fit: &ParticleFit| verdict(fit) == Verdict::Particle;
-        // A particle of another size may be more like the data, and much too bright.
+        // A particle of another size may fit the data better but be much too bright.
         let best = fits.max_by(|a, b| {
             is_particle(a).cmp(&is_particle(b)).then(a.chi2_reduction.total_cmp(&b.chi2_reduction))
         });
@@ -144,8 +144,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Fits of a particle of this size at a pixel, from the depths whose templates are most like the
-    /// residual.
+    /// Fits of a particle of this size at a pixel, starting from the depths whose templates resemble the
+    /// residual most.
     fn fits(&self, size: usize, x: isize, y: isize) -> Vec<ParticleFit> {
         let templates = &self.templates[size];
         let over_depth: Vec<Match> = (0..templates.len()).map(|k| self.match_at(size, k, x, y)).collect();

@@ -11,7 +11,7 @@ use super::{Localization, Method};
 /// Detection threshold, in standard deviations of the noise of the filter response.
 const ABOVE_NOISE: f32 = 6.0;
 
-/// Images larger than this many times --diameter are defocused for this method.
+/// Images larger than this many times --diameter count as defocused for this method.
 const MUCH_LARGER: f64 = 2.0;
 
 pub(super) const METHOD: Method = Method {
@@ -24,7 +24,7 @@ pub(super) const METHOD: Method = Method {
         let output = job.particles(|image| detector.find(image))?;
         if output.rows() == 0 {
             job.warn(format!(
-                "no particles are found: nothing of the size of --diameter ({} px) exceeds {ABOVE_NOISE} standard deviations of \
+                "no particles found: nothing of the size of --diameter ({} px) exceeds {ABOVE_NOISE} standard deviations of \
                  the noise; defocused images need `ncc`, `mle` or `aptv`",
                 job.options.diameter_px
             ));
@@ -33,13 +33,13 @@ pub(super) const METHOD: Method = Method {
     },
 };
 
-/// A warning if particle images have this diameter (px) on average, more than the method is made for.
+/// A warning if particle images have this diameter (px) on average, more than the method is designed for.
 fn defocused(images_px: f64, diameter_px: f64) -> Option<String> {
     (images_px > MUCH_LARGER * diameter_px).then(|| {
         format!(
             "particle images of this dataset are {images_px:.0} px in diameter on average over depth, and --diameter is \
-             {diameter_px} px: defocused images break up into several spots each, or are missed, and have no depth; `ncc`, \
-             `mle` or `aptv` are for them"
+            {diameter_px} px: this method detects a defocused image as several spots or not at all, and measures no depth; use \
+            `ncc`, `mle` or `aptv`"
         )
     })
 }
@@ -125,7 +125,7 @@ mod tests {
                 let r2 = (x as f32 + 1.0 - cx).powi(2) + (y as f32 + 1.0 - cy).powi(2);
                 800.0 * (-r2 / (2.0 * 0.8f32.powi(2))).exp()
             };
-            // A fixed pattern of a few counts in place of noise.
+            // A fixed pattern of a few counts instead of noise.
             100.0 + ((x * 7 + y * 13) % 5) as f32 + spots.map(light).iter().sum::<f32>()
         });
         let mut found = LogDetector::new(3.0).find(&image);

@@ -12,11 +12,11 @@ use super::denoise::{PixelNoise, denoised};
 use super::gray_image::{GrayImage, Spline};
 
 /// A symmetry is accepted if its squared differences exceed those of a rotation by 180 degrees by at most
-/// this fraction of them, ...
+/// this fraction of the latter, ...
 const AS_SYMMETRIC: f64 = 0.25;
 
-/// ... and by no more than this fraction of the squared light, beyond this many standard deviations of the
-/// noise: most pixels of a large image are dark, and their noise hides that its light is not symmetric.
+/// ... and by at most this fraction of the squared light, beyond this many standard deviations of the noise:
+/// most pixels of a large image are dark, and their noise can hide an asymmetry of the light.
 const OF_LIGHT: f64 = 0.1;
 const BEYOND_NOISE: f64 = 3.0;
 
@@ -73,7 +73,7 @@ impl Stack {
     }
 }
 
-/// The stack with the highest peak, whose light tells most of the noise; there is one at least.
+/// The stack with the highest peak, whose light determines the noise best; there is at least one.
 pub(super) fn brightest(stacks: &[Stack]) -> &Stack {
     let peak =
         |stack: &Stack| stack.images.iter().flat_map(|image| &image.counts).fold(0.0f32, |a, b| a.max(*b));
@@ -211,8 +211,9 @@ fn centered(step: &CalibrationImage, room: usize, level: f32) -> GrayImage {
     })
 }
 
-/// Noise estimate: the straight line of squared differences between each image and itself rotated by 180
-/// degrees over their mean light, weighted by the variance of these squares under the estimate before.
+/// Noise estimate: a straight-line fit of the squared differences between each image and the image rotated by
+/// 180 degrees against their mean light, weighted by the variance of these squares from the previous
+/// estimate.
 fn noise(stack: &[GrayImage]) -> PixelNoise {
     /// Number of estimates; the first assumes equal variances.
     const ESTIMATES: usize = 4;
@@ -266,7 +267,7 @@ mod tests {
         assert_eq!(Symmetry::of(&stack([6.0, 6.0])), Symmetry::Octants);
     }
 
-    /// Faint images on many pixels whose noise is known to whole counts only.
+    /// Faint images on many pixels whose noise is only known to integer counts.
     #[test]
     fn noise_that_grows_with_light_is_told_from_that_of_the_background() {
         let side = 301;

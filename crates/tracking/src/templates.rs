@@ -5,7 +5,7 @@ use super::denoise::PixelNoise;
 use super::gray_image::{CUBIC, GrayImage, Spline, prefilter, weights};
 use super::images::{ImagePatch, ParticleImages};
 
-/// The search template extends to pixels brighter than this share of its peak, ...
+/// The search template extends to pixels brighter than this fraction of its peak, ...
 const FAINTEST: f32 = 0.05;
 
 /// ... and than this many standard deviations of the residual noise.
@@ -14,7 +14,7 @@ const ABOVE_NOISE: f32 = 3.0;
 /// Standard deviation of the Gaussian filter used for this, px.
 const SMOOTH_PX: f32 = 1.5;
 
-/// A fit uses the square that contains this share of the Fisher information on brightness.
+/// A fit uses the square that contains this fraction of the Fisher information on brightness.
 const INFORMATION: f64 = 0.995;
 
 /// Number of planes added beyond each end of the stack.
@@ -115,7 +115,7 @@ impl ParticleImages for Templates {
         let ((wx, sx), (wy, sy)) = (weights(part[0]), weights(part[1]));
         let (side, r) = (2 * radius + 1, radius as isize);
         let inside = |i: isize| (0..width as isize).contains(&i).then_some(i as usize);
-        // Interpolate along x (and z) first, for all rows needed.
+        // Interpolate along x (and z) first, for all required rows.
         let mut rows = vec![[0.0f32; 3]; side * (side + 3)];
         let mut along = vec![[0.0f32; 2]; side + 3];
         for (j, row) in rows.chunks_mut(side).enumerate() {
@@ -191,8 +191,8 @@ impl Template {
             (0..image.counts.len()).filter(|&i| smooth.counts[i] > threshold).map(from_middle).collect();
         reach.sort_unstable();
         let farthest = reach.get(reach.len() * 99 / 100).copied().unwrap_or(0);
-        // What does not stand out of the template's own noise would add the more information the larger the
-        // image of the calibration is.
+        // Otherwise pixels that do not exceed the noise of the template would add the more information, the
+        // larger the calibration image is.
         let visible = ABOVE_NOISE * smooth.noise();
         let mut information = vec![0.0f64; middle + 1];
         for (i, count) in image.counts.iter().enumerate().filter(|(i, _)| smooth.counts[*i] > visible) {

@@ -11,10 +11,10 @@ use storage::error::Result;
 /// Number of equally spaced depths, as required by the definition of A_pi.
 const DEPTHS: usize = 51;
 
-/// A pixel belongs to a particle image if its light exceeds this share of the peak.
+/// A pixel belongs to a particle image if its light exceeds this fraction of the peak.
 pub(super) const AREA_SHARE: f64 = 0.1;
 
-/// Images are cropped where they remain below this share of their peak.
+/// Images are cropped where they remain below this fraction of their peak.
 const CUT_SHARE: f64 = 0.005;
 
 /// Maximum half width of an image, px; light farther away is far below a tenth of the peak.
@@ -34,9 +34,9 @@ pub struct DepthScan {
 pub struct ScanImage {
     /// Maximum light of a pixel, in the unit of [`microsig_core::sensor::Light`].
     pub peak: f64,
-    /// Sum of the light of all pixels that were drawn.
+    /// Sum of the light of all rendered pixels.
     pub total: f64,
-    /// Sum of the light of those that are on the sensor if the particle is at its center.
+    /// Sum of the light of the pixels on the sensor when the particle is at its center.
     pub on_sensor: f64,
     /// Area above a tenth of the peak, px^2.
     pub area_px: f64,
@@ -113,14 +113,14 @@ impl DepthScan {
         self.least_um(|image| image.size_px().map(|px| px * px))
     }
 
-    /// The depths of the least values along x and along y, um.
+    /// The depths of the minima along x and along y, um.
     fn least_um(&self, of: impl Fn(&ScanImage) -> [f64; 2]) -> [f64; 2] {
         let values: Vec<[f64; 2]> = self.images.iter().map(of).collect();
         [0, 1].map(|axis| {
             let value = |i: usize| values[i][axis];
             let last = values.len() - 1;
             let least = (0..=last).min_by(|a, b| value(*a).total_cmp(&value(*b))).unwrap_or_default();
-            // The vertex of the parabola through the least value and its neighbors.
+            // The vertex of the parabola through the minimum and its neighbors.
             let shift = if (1..last).contains(&least) {
                 let [below, at, above] = [least - 1, least, least + 1].map(value);
                 let curvature = below - 2.0 * at + above;
@@ -146,8 +146,8 @@ impl DepthScan {
 }
 
 impl ScanImage {
-    /// Measures a square image of `2 half_px + 1` rows for a sensor of so many columns and rows, and crops
-    /// its dark margin.
+    /// Measures a square image of `2 half_px + 1` rows for a sensor with this number of columns and rows, and
+    /// crops its dark margin.
     pub fn new(half_px: usize, light: Vec<f64>, sensor: [u32; 2]) -> Self {
         let side = 2 * half_px + 1;
         let peak = light.iter().copied().fold(0.0, f64::max);
@@ -192,9 +192,9 @@ impl ScanImage {
 }
 
 impl ScanImage {
-    /// Width and height of the part above a tenth of the peak, as its area is defined, px: between the
-    /// outermost crossings of that level, linear between pixels, of the brightest pixel of each column and
-    /// row.
+    /// Width and height of the part above a tenth of the peak (the definition of its area), px: between the
+    /// outermost crossings of that level, interpolated linearly between pixels, of the maximum over each
+    /// column and each row.
     pub fn size_px(&self) -> [f64; 2] {
         let side = 2 * self.half_px + 1;
         let mut brightest = [vec![0.0f64; side], vec![0.0f64; side]];
@@ -207,7 +207,7 @@ impl ScanImage {
     }
 }
 
-/// The distance between the outermost places where a profile crosses a level; it is dark beyond its ends.
+/// The distance between the outermost crossings of a level by a profile, which is dark beyond its ends.
 fn extent(profile: &[f64], level: f64) -> f64 {
     let above = |value: &f64| *value > level;
     let Some((first, last)) = profile.iter().position(above).zip(profile.iter().rposition(above)) else {
@@ -280,7 +280,7 @@ mod tests {
         // An ellipse of 61 x 31 pixels: its edge lies between a lit and a dark pixel.
         let [width, height] = image(&|x, y| f64::from(u8::from((x / 30.0).hypot(y / 15.0) <= 1.0)));
         assert!((width - 61.8).abs() < 1e-9 && (height - 31.8).abs() < 1e-9, "{width} {height}");
-        // A cone falls linearly, so its tenth is met between pixels.
+        // A cone falls linearly, so a tenth of its peak is crossed between pixels.
         let [width, _] = image(&|x, y| (1.0 - x.hypot(y) / 23.0).max(0.0));
         assert!((width - 2.0 * 0.9 * 23.0).abs() < 1e-9, "{width}");
         assert_eq!(ScanImage::new(1, vec![0.0; 9], [3, 3]).size_px(), [0.0, 0.0]);

@@ -5,23 +5,23 @@ use microsig_core::emission::aperture_excess;
 use microsig_core::render::Renderer;
 use microsig_core::{Particle, Settings};
 
-/// Tolerance of images that are made for the visibility alone: the root mean square error relative to the
-/// peak. Peaks are then right to 1 %.
+/// Tolerance of images that are only used for visibility: the root mean square error relative to the peak.
+/// Peaks are then accurate to 1 %.
 pub const TOLERANCE: f64 = 0.005;
 
-/// Renders single particles without noise, each at its sub-pixel position and depth. Peaks are right to 1 %,
-/// but those of spheroids of ray images, which are drawn as many small spheres, since an exact image would
-/// take longer than the ray image itself, to 10 %.
+/// Renders single particles without noise, each at its sub-pixel position and depth. Peaks are accurate to 1
+/// %, except for spheroids in ray images (10 %), which are rendered as many small spheres because an exact
+/// image would take longer than the ray image itself.
 ///
-/// Images of a dataset without ray noise come from its own renderer. For ray images they are the limit of
-/// infinitely many rays, times the light that few rays have in excess; where that limit takes too long
-/// (numerical apertures above 0.6 with a strong cylindrical lens), the mean of 32 ray images.
+/// Images of a dataset without ray noise come from its own renderer. For ray images, they are the limit of
+/// infinitely many rays, multiplied by the excess light of few rays; where that limit takes too long
+/// (numerical apertures above 0.6 with a strong cylindrical lens), they are the mean of 32 ray images.
 #[derive(Debug, Clone)]
 pub struct NoiseFree {
     renderer: Renderer,
     /// For ray images: the limit of infinitely many rays.
     limit: Option<Renderer>,
-    /// Light of the limit that ray images have.
+    /// Ratio of the light of ray images to that of the limit.
     factor: f64,
 }
 
@@ -37,20 +37,20 @@ pub struct Patch {
 }
 
 impl NoiseFree {
-    /// Images of a dataset that is drawn by `renderer`; `limit`: for ray images, the renderer of their limit
-    /// of infinitely many rays.
+    /// Images of a dataset rendered by `renderer`; `limit`: for ray images, the renderer of their limit of
+    /// infinitely many rays.
     pub fn new(renderer: Renderer, limit: Option<Renderer>) -> Self {
         let Settings { n_rays, numerical_aperture, .. } = *renderer.settings();
         let factor = if limit.is_some() { 1.0 + aperture_excess(n_rays, numerical_aperture) } else { 1.0 };
         NoiseFree { renderer, limit, factor }
     }
 
-    /// Whether images are drawn from tables that take long to make.
+    /// Whether images are rendered from tables that take a long time to compute.
     pub fn needs_tables(&self) -> bool {
         self.limit.as_ref().unwrap_or(&self.renderer).needs_tables()
     }
 
-    /// Makes the tables that images of these particles take, once for all of them.
+    /// Computes the tables for images of these particles, once for all of them.
     pub fn prepare(&self, particles: &[&[Particle]]) {
         if self.needs_tables() {
             let drawn = self.drawn(particles.iter().copied().flatten());
@@ -58,12 +58,12 @@ impl NoiseFree {
         }
     }
 
-    /// Number of tables that images of these particles need and that are not made yet.
+    /// Number of tables that images of these particles need and that are not yet computed.
     pub fn missing_tables(&self, particles: &[Particle]) -> usize {
         self.limit.as_ref().unwrap_or(&self.renderer).missing_tables(&self.drawn(particles.iter()))
     }
 
-    /// The spheres that are drawn from tables.
+    /// The spheres that are rendered from tables.
     fn drawn<'a>(&self, particles: impl Iterator<Item = &'a Particle>) -> Vec<Particle> {
         let parts = particles.flat_map(|particle| self.parts(particle));
         parts.filter(|part| self.by_limit(part)).collect()
@@ -74,7 +74,7 @@ impl NoiseFree {
         self.parts(particle).iter().fold(Patch::default(), |whole, part| whole.joined(self.draw_part(part)))
     }
 
-    /// What is drawn for a particle: itself, or for a spheroid of ray images many spheres.
+    /// What is rendered for a particle: the particle itself, or many spheres for a spheroid in ray images.
     fn parts(&self, particle: &Particle) -> Vec<Particle> {
         let parts = || {
             self.limit.as_ref()?;
@@ -83,12 +83,12 @@ impl NoiseFree {
         parts().unwrap_or_else(|| vec![*particle])
     }
 
-    /// Whether the limit of infinitely many rays can be drawn.
+    /// Whether the limit of infinitely many rays can be rendered.
     fn by_limit(&self, part: &Particle) -> bool {
         self.limit.as_ref().is_none_or(|limit| limit.check(part).is_ok())
     }
 
-    /// The renderer that draws a part, and the factor on its light.
+    /// The renderer of a part, and the factor on its light.
     fn source(&self, part: &Particle) -> (&Renderer, f64) {
         match &self.limit {
             Some(limit) if self.by_limit(part) => (limit, self.factor),
@@ -105,12 +105,12 @@ impl NoiseFree {
         Patch { corner: ((window.x0 - 1) as usize, (window.y0 - 1) as usize), width: window.width, values }
     }
 
-    /// The image of several particles that are one, as the points of a streak.
+    /// The image of several particles that belong together, such as the points of a streak.
     pub fn draw_all(&self, particles: &[Particle]) -> Patch {
         particles.iter().fold(Patch::default(), |whole, particle| whole.joined(self.draw(particle)))
     }
 
-    /// Number of pixels on which a particle is drawn; those of its parts are counted separately.
+    /// Number of pixels on which a particle is rendered; those of its parts are counted separately.
     pub fn pixels(&self, particle: &Particle) -> usize {
         let parts = self.parts(particle);
         parts.iter().map(|part| self.source(part).0.patch_window(part).area()).sum()
@@ -247,9 +247,9 @@ mod tests {
         assert!((sum(&a) / sum(&b) - 1.0).abs() < 0.005 && (peak(&a) / peak(&b) - 1.0).abs() < 0.08);
     }
 
-    /// Rods and discs, from lying to standing and on both sides of focus, with and without a cylindrical
-    /// lens. Without ray noise the image is the dataset's own; a sum of small spheres would be off by up to 9
-    /// %.
+    /// Rods and discs, lying to standing and on both sides of focus, with and without a cylindrical lens.
+    /// Without ray noise, the image is that of the dataset's own renderer; a sum of small spheres would be
+    /// off by up to 9 %.
     #[test]
     fn spheroids_have_images_of_their_own() {
         let shapes =

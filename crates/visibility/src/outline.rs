@@ -5,7 +5,7 @@ use microsig_core::sensor::Sensor;
 use super::noise_free::Patch;
 use super::run_length::RunLengths;
 
-/// The pixels in which a particle's own noise-free light exceeds a share of its peak and the standard
+/// The pixels in which a particle's own noise-free light exceeds a fraction of its peak and the standard
 /// deviation of the background.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outline {
@@ -15,7 +15,7 @@ pub struct Outline {
     pub size: (usize, usize),
     /// Number of pixels.
     pub area: usize,
-    /// Share of the pixels in which the light of all other particles exceeds its own.
+    /// Fraction of the pixels in which the light of all other particles exceeds its own.
     pub hidden: f64,
     /// The pixels.
     pub mask: RunLengths,
@@ -52,9 +52,9 @@ impl Outline {
 }
 
 impl Patch {
-    /// The pixels that belong to the particle's image, column by column as COCO's masks run: column and row
-    /// on a sensor of this width (px), from 0, and light. They exceed a share of the image's peak and stand
-    /// out from the noise.
+    /// The pixels that belong to the particle image, column by column like COCO's masks: column and row on a
+    /// sensor of this width (px), from 0, and light. They exceed a fraction of the peak of the image and
+    /// stand out from the noise.
     pub fn belonging<'a>(
         &'a self,
         share: f64,
@@ -71,7 +71,7 @@ impl Patch {
             }
             let (x, y) = (self.corner.0 + column, self.corner.1 + row);
             let response = sensor.response(y * width + x);
-            // Less than half a count is rounded to none.
+            // Less than half a count is rounded to zero.
             let stands_out = response.slope * light > response.background_noise.max(0.5);
             stands_out.then_some((x, y, light))
         })
@@ -97,7 +97,7 @@ mod tests {
         // Columns 2, 3, 4 of 6 rows: pixels 14; 19, 20; 26.
         assert_eq!(outline.mask.pixels().collect::<Vec<_>>(), [14, 19, 20, 26]);
         let outline = Outline::of(&patch, 0.01, &total, (8, 6), &sensor).unwrap();
-        assert_eq!(outline.area, 5, "the pixel of 1 count is in the noise");
+        assert_eq!(outline.area, 5, "the pixel of 1 count is within the noise");
         assert_eq!(Outline::of(&Patch::default(), 0.1, &total, (8, 6), &sensor), None);
     }
 }

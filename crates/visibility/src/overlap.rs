@@ -23,7 +23,7 @@ pub struct Visibility {
     pub peak_counts: f64,
     /// `peak_counts` over the standard deviation of the background at that pixel; infinite without noise.
     pub snr: f64,
-    /// Share of its light that is overlapped by other particles, 0 to 1.
+    /// Fraction of its light that is overlapped by other particles, 0 to 1.
     pub overlap: f64,
     /// Whether a pixel of its image (above 10 % of its peak) is saturated, including the light of other
     /// particles.
@@ -43,8 +43,8 @@ pub struct TracerImage {
 const PIXELS: usize = 8_000_000;
 
 /// The visibility of every tracer of a frame. A tracer is a range of `particles`: empty if it is not
-/// rendered, several for a streak. Outlines are found if `share` is the share of the peak at which they end.
-/// `total` is a scratch buffer.
+/// rendered, several for a streak. If `share` is given, outlines are found; it is the fraction of the peak at
+/// which they end. `total` is a scratch buffer.
 pub fn visibility(
     noise_free: &NoiseFree,
     sensor: &Sensor,
@@ -85,7 +85,7 @@ pub fn visibility(
     }
 }
 
-/// Consecutive tracers whose patches have up to [`PIXELS`], or a single one.
+/// Consecutive tracers whose patches have up to [`PIXELS`] pixels, or a single tracer.
 fn batches(noise_free: &NoiseFree, particles: &[Particle], tracers: &[Range<usize>]) -> Vec<Range<usize>> {
     let (mut batches, mut pixels): (Vec<Range<usize>>, usize) = (Vec::new(), 0);
     for (k, rows) in tracers.iter().enumerate() {
@@ -232,10 +232,10 @@ mod tests {
     fn saturation_counts_the_light_of_all() {
         let bright = patch((1, 1), &[300.0, 500.0, 1.0, 1.0]);
         assert!(!seen(std::slice::from_ref(&bright))[0].saturated);
-        // 300 + 400 rays of 100 counts are beyond 65,535 where the second peaks.
+        // 300 + 400 rays of 100 counts exceed 65,535 at the peak of the second particle.
         let both = seen(&[bright.clone(), patch((1, 1), &[400.0, 0.0, 0.0, 0.0])]);
         assert!(both[0].saturated && both[1].saturated);
-        // Not saturated where the first has almost no light.
+        // Not saturated where the first particle has almost no light.
         let beside = seen(&[bright, patch((1, 2), &[700.0, 0.0, 0.0, 0.0])]);
         assert!(!beside[0].saturated && beside[1].saturated);
     }

@@ -1,8 +1,8 @@
 //! Masks as run lengths, in the compressed text of COCO (pycocotools, `rleToString`).
 //!
-//! The lengths of runs of pixels outside and inside the mask alternate, outside first, down the columns of
-//! the image. In the text each length, from the fourth on its difference from the one before the last, is a
-//! number of five bits per character, the lowest first; bit 5 says that more follow, and 48 is added.
+//! Lengths of runs outside and inside the mask alternate, starting outside, down the columns of the image. In
+//! the text, each length (from the fourth on, its difference from the second-to-last one) is a number with
+//! five bits per character, lowest bits first; bit 5 marks that more characters follow, and 48 is added.
 
 /// Longest text of a number: 13 characters of five bits.
 const LONGEST: u32 = 13;
@@ -10,7 +10,7 @@ const LONGEST: u32 = 13;
 /// A mask.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct RunLengths {
-    /// Lengths of runs outside and inside the mask in turns.
+    /// Lengths of alternating runs outside and inside the mask.
     runs: Vec<usize>,
     /// The pixel after the last run.
     end: usize,
@@ -61,7 +61,7 @@ impl RunLengths {
         text
     }
 
-    /// Reads a mask of an image of this many pixels; `None` if the text is not one.
+    /// Reads a mask of an image of this many pixels; `None` if the text is invalid.
     pub fn parse(text: &str, pixels: usize) -> Option<Self> {
         let mut runs: Vec<usize> = Vec::new();
         let mut bytes = text.bytes();

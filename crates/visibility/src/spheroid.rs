@@ -1,9 +1,9 @@
 //! The image of a spheroid as a sum of images of small spheres, which come from tables.
 //!
 //! An exact image takes 20 ms or more. Here the emitting surface is divided into cells, and a sphere as wide
-//! as a cell stands for the source points in it, at their centroid: at its own depth, and where its chief ray
-//! lands. What is left out, with any number of cells, is the coma of MicroSIG's lens off its axis: 2 to 3 %
-//! of the peak of a rod 18 um long or a disc of 3 um.
+//! as a cell replaces the source points in it, at their centroid: at the depth of the centroid, and where its
+//! chief ray lands. What is neglected, for any number of cells, is the off-axis coma of MicroSIG's lens: 2 to
+//! 3 % of the peak for a rod 18 um long or a disc of 3 um.
 
 use std::collections::BTreeMap;
 

@@ -7,11 +7,11 @@ import numpy as np
 import tifffile
 
 RADIUS = 4  # of the neighborhood of a particle, px
-MIN_SNR = 5.0  # least height above the background, in standard deviations of the smoothed noise
+MIN_SNR = 5.0  # minimum height above the background, in standard deviations of the smoothed noise
 
 
 def shifted(image, dy, dx):
-    """The image moved by whole pixels; its edge is repeated."""
+    """The image shifted by whole pixels; the edge is repeated."""
     r = max(abs(dy), abs(dx))
     wide = np.pad(image, r, mode="edge")
     return wide[r + dy : r + dy + image.shape[0], r + dx : r + dx + image.shape[1]]
@@ -41,7 +41,7 @@ def main():
         sys.exit("usage: python start.py DATASET results.csv")
     images = sorted(Path(sys.argv[1], "images").glob("*.tif"))
     if not images:
-        sys.exit(f"error: {sys.argv[1]}/images has no TIFF images")
+        sys.exit(f"error: {sys.argv[1]}/images contains no TIFF images")
     with open(sys.argv[2], "w") as out:
         out.write("frame,track,x_px,y_px\n")
         for frame, path in enumerate(images):  # frames count from 0, in the order of the names

@@ -16,7 +16,7 @@ from common.spots import find_spots
 
 DEFAULTS = {
     "sigma": 1.5,  # of the Laplacian of Gaussian, px
-    "min_snr": 6.0,  # least response, in standard deviations of the filtered noise
+    "min_snr": 6.0,  # minimum response, in standard deviations of the filtered noise
     "search_radius": 8.0,  # px
     "acceleration": 1.0,  # standard deviation of the change of velocity from frame to frame, px
     "position_error": 0.3,  # standard deviation of a measured position, px

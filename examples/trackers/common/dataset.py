@@ -18,7 +18,7 @@ NAME = re.compile(r"(frame|pair|burst)_(\d+)(?:_([a-d]))?\.tiff?$")
 
 
 def fail(text):
-    """Ends the program with a message and exit code 2."""
+    """Exits with a message and exit code 2."""
     print(f"error: {text}", file=sys.stderr)
     raise SystemExit(2)
 
@@ -49,8 +49,8 @@ class Dataset:
         manifest = {}
         if (folder / "datapackage.json").exists():
             manifest = json.loads((folder / "datapackage.json").read_text()).get("microsig", {})
-        # Test splits have a table of frames. Elsewhere the names of the images say the same, in the same
-        # order.
+        # Test splits have a table of frames. In other datasets, the names of the images give the same
+        # information in the same order.
         frames = []
         if (folder / "frames.csv").exists():
             with open(folder / "frames.csv", newline="") as file:
@@ -60,7 +60,7 @@ class Dataset:
         for number, name in enumerate(names):
             match = NAME.match(name)
             if not match:
-                fail(f"{name} is not called like an image of a dataset (frame_00000.tif, pair_00000_a.tif)")
+                fail(f"{name} is not named like an image of a dataset (frame_00000.tif, pair_00000_a.tif)")
             kind, group, role = match.groups()
             frames.append(Frame(number, None if kind == "frame" else int(group), role or "", folder / "images" / name))
         if not frames:
@@ -96,7 +96,7 @@ class Dataset:
     def calibration(self):
         """Depths (um, ascending), images [step, y, x], and the particle's center (x, y) counted from 0.
 
-        Of particles of several sizes, those of the middle size: these trackers know one.
+        For several particle sizes, the stack of the middle size, because these trackers support one size.
         """
         table = self.folder / "calibration" / "calibration.csv"
         if not table.exists():
@@ -121,7 +121,7 @@ def noise(image):
 
 
 def smooth_noise(image, sigma):
-    """The same after a Gaussian filter of width sigma, for white noise: the standard deviation falls."""
+    """The same after a Gaussian filter of width sigma; for white noise, the standard deviation is lower."""
     background, deviation = noise(image)
     return background, deviation / (2 * math.sqrt(math.pi) * sigma)
 

@@ -1,4 +1,4 @@
-"""What both Picasso trackers share: identification of spots, and images continued beyond their edges."""
+"""Code shared by both Picasso trackers: identification of spots, and images padded beyond their edges."""
 
 import numpy as np
 import pandas as pd
@@ -9,17 +9,17 @@ from .dataset import noise, smooth_noise
 
 
 def camera(background, deviation):
-    """Counts for which the variance of the background is its value, as Picasso's Poisson likelihood expects."""
+    """Scaling for which the variance of the background equals its mean, as Picasso's Poisson likelihood expects."""
     return {"Baseline": background - deviation**2, "Sensitivity": 1.0, "Gain": 1, "Pixelsize": 1000}
 
 
 def continued(frames, edge):
-    """Images continued by their background, so that particles near the edge are found too."""
+    """Images padded with background, so that particles near the edge are found, too."""
     return np.array([np.pad(frame, edge, constant_values=noise(frame)[0]) for frame in frames])
 
 
 def identify(frames, edge, params):
-    """Spots by Picasso's net gradient on filtered images, within the images before they were continued."""
+    """Spots by Picasso's net gradient on filtered images, within the original images."""
     tables = []
     for number, frame in enumerate(frames):
         for width in params["filters"]:
@@ -32,7 +32,7 @@ def identify(frames, edge, params):
     found = pd.concat(tables, ignore_index=True)
     if len(params["filters"]) == 1:
         return found
-    # What several filters find within a few pixels is fitted once, from the place that the widest filter
-    # gives.
+    # Spots that several filters find within a few pixels are fitted once, starting from the position that the
+    # widest filter gives.
     places = (found[["x", "y"]] // 4).assign(frame=found["frame"])
     return found[~places.duplicated(keep="last")].reset_index(drop=True)

@@ -1,4 +1,4 @@
-"""Choices among candidates that several trackers need."""
+"""Selection among candidates, shared by several trackers."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A spot detector for packages that link but do not detect: maxima of a Laplacian of Gaussian."""
+"""A spot detector for packages that link but do not detect: maxima of the Laplacian of Gaussian."""
 
 import numpy as np
 from scipy import ndimage

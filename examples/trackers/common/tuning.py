@@ -1,4 +1,4 @@
-"""Searches of parameters, `tune.py TRAIN --out params.json`, and what they maximize. No run of a tracker depends on this file."""
+"""Parameter searches, `tune.py TRAIN --out params.json`, and their objectives. Runs of trackers do not depend on this file."""
 
 import argparse
 import csv
@@ -42,7 +42,7 @@ def tracks_score(score):
 
 
 def field_score(score):
-    """Share of the reference nodes at which the field is valid, less the RMS error over all of them in px, in which a node
+    """Fraction of the reference nodes at which the field is valid, minus the RMS error over all of them in px, in which a node
     without a vector and an error above 1 px count as 1 px: -1 for an empty result."""
     nodes = score["field"]["nodes"]
     return (nodes["valid"] or 0.0) - (1.0 if nodes["rms_px"] is None else nodes["rms_px"])
@@ -59,15 +59,15 @@ def name_of(dataset):
 
 
 def tune_main(track, defaults, grid, score=points_score, write=write_points, budget=24):
-    """A search along one parameter after the other, in the order of `grid`, until nothing
-    improves or `budget` evaluations on the train split are used. The best three there are evaluated on the
-    validation split, and the best of these is kept. Every evaluation is a line of tuning.csv."""
+    """A search along one parameter after the other, in the order of `grid`, until nothing improves or `budget`
+    evaluations on the train split are used. The best three parameter sets are then evaluated on the validation split, and
+    the best of these is kept. Every evaluation is a line of tuning.csv."""
     parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__)
     parser.add_argument("train", help="dataset on which the search runs")
     parser.add_argument("--val", help="dataset on which the best three are compared")
-    parser.add_argument("--out", required=True, help="the parameters found (JSON)")
-    parser.add_argument("--log", help="the search (CSV), appended to [default: tuning.csv beside --out]")
-    parser.add_argument("--start", help="parameters (JSON) at which the search begins, instead of the defaults")
+    parser.add_argument("--out", required=True, help="output file of the parameters (JSON)")
+    parser.add_argument("--log", help="record of the search (CSV), to which lines are appended [default: tuning.csv beside --out]")
+    parser.add_argument("--start", help="parameters (JSON) from which the search starts, instead of the defaults")
     parser.add_argument("--budget", type=int, default=budget, help=f"evaluations on train [default: {budget}]")
     options = parser.parse_args()
     log = Path(options.log) if options.log else Path(options.out).with_name("tuning.csv")
@@ -81,7 +81,7 @@ def tune_main(track, defaults, grid, score=points_score, write=write_points, bud
             try:
                 write(result, track(dataset, params))
                 value = score(evaluate(dataset.folder, result))
-            except Exception as error:  # Some programs end with an error for some parameters.
+            except Exception as error:  # Some programs fail for some parameters.
                 print(f"{type(error).__name__}: {error}", file=sys.stderr)
                 value = float("-inf")
             seconds = time.perf_counter() - began

@@ -12,7 +12,7 @@ from laptrack import LapTrack
 
 DEFAULTS = {
     "sigma": 1.5,  # of the Laplacian of Gaussian, px
-    "min_snr": 6.0,  # least response, in standard deviations of the filtered noise
+    "min_snr": 6.0,  # minimum response, in standard deviations of the filtered noise
     "max_distance": 6.0,  # largest displacement between frames, px
     "gap_frames": 1,  # frames in which a particle may be missing
 }

@@ -13,21 +13,21 @@ from common.dataset import noise, smooth_noise
 from common.select import strongest_within
 from scipy import ndimage
 
-with warnings.catch_warnings(action="ignore"):  # that there is no GPU
+with warnings.catch_warnings(action="ignore"):  # warning about a missing GPU
     import magtrack
 
 DEFAULTS = {
     "region": 64,  # width of the square around a particle, even, px
     "filters": [4.0, 12.0],  # widths of the Gaussian filters before particles are looked for, px
-    "min_snr": 20.0,  # least height of a maximum, in standard deviations of the filtered noise
-    "separation": 12.0,  # least distance of two particles, px
+    "min_snr": 20.0,  # minimum height of a maximum, in standard deviations of the filtered noise
+    "separation": 12.0,  # minimum distance of two particles, px
     "min_correlation": 0.9,  # of a radial profile with that of the calibration at its depth
     "n_local": 5,  # steps of the stack in the parabola that refines the depth
 }
 
 
 def find(image, params):
-    """Centers (x, y) of maxima of the filtered images: ours, since magtrack expects regions that a person chose."""
+    """Centers (x, y) of maxima of the filtered images: ours, because magtrack expects manually selected regions."""
     size = 2 * round(params["separation"] / 2) + 1
     centers = []
     for width in params["filters"]:

@@ -20,7 +20,7 @@ DEFAULTS = {
     "box": 31,  # width of the fitted part of the image, odd, px
     "filters": [5.0],  # widths of the Gaussian filters before spots are identified, px
     "identify": 15,  # box in which a spot is the maximum, odd, px
-    "min_gradient": 400.0,  # least net gradient, in standard deviations of the noise of the filtered image
+    "min_gradient": 400.0,  # minimum net gradient, in standard deviations of the noise of the filtered image
     "mle": False,  # maximum likelihood instead of least squares
     "z_filter": 2,  # largest distance from the calibration curve, in RMS distances; 0 is unlimited
     "separation": 3.0,  # of two fits to the same particle, the weaker one is dropped, px

@@ -19,13 +19,13 @@ DEFAULTS = {
     "box": 41,  # width of the fitted part of the image, odd, px
     "filters": [6.0, 12.0],  # widths of the Gaussian filters before spots are identified, px
     "identify": 15,  # box in which a spot is the maximum, odd, px
-    "min_gradient": 400.0,  # least net gradient, in standard deviations of the noise of the filtered image
+    "min_gradient": 400.0,  # minimum net gradient, in standard deviations of the noise of the filtered image
     "starts": 5,  # depths from which the fit begins
-    "iterations": 20,  # at most, of each fit
-    "min_photons": 0.3,  # least and largest brightness relative to the calibration particle
+    "iterations": 20,  # maximum number per fit
+    "min_photons": 0.3,  # minimum and largest brightness relative to the calibration particle
     "max_photons": 3.0,
-    "min_explained": 0.7,  # least share of the variance of the pixels that the fit explains
-    "separation": 4.0,  # of two fits to the same particle, the worse one is dropped, px
+    "min_explained": 0.7,  # minimum share of the variance of the pixels that the fit explains
+    "separation": 4.0,  # of two fits to the same particle, the worse is dropped, px
 }
 
 

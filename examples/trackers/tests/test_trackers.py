@@ -1,7 +1,7 @@
-"""Each tracker on a dataset of a few images: it finds particles, without a shift, a turned axis or a sign of z.
+"""Each tracker on a dataset of a few images: it finds particles, without a shift, a rotated axis or a wrong sign of z.
 
-Run in the environment of a tracker: the tests of packages that are not installed are skipped, and all of them if there is no
-program `microsig` (or what the variable MICROSIG names).
+Run in the environment of a tracker: the tests of packages that are not installed are skipped, and all tests if there is no
+program `microsig` (or the program given by the variable MICROSIG).
 """
 
 import csv
@@ -47,7 +47,7 @@ CASES = [
 
 
 def installed(package):
-    # The folders of the trackers are named like the packages; they must not be taken for them.
+    # The folders of the trackers are named like the packages; they must not be imported instead.
     paths = [p for p in sys.path if Path(p or ".").resolve() != HERE]
     found = importlib.machinery.PathFinder.find_spec(package, paths)
     return found is not None and found.origin is not None
@@ -116,7 +116,7 @@ def field(valid, rms_px):
 def test_to_find_nothing_is_never_better():
     nothing = particles(0.0)
     assert tuning.points_score(nothing) == tuning.tracks_score(nothing) == 0
-    # The largest errors that the gates of 2 px and h / 10 admit, and more.
+    # The largest errors that the gates of 2 px and h / 10 allow, and larger ones.
     for poor in [particles(0.01, 2.0, 10.0), particles(0.001, 30.0, 200.0), particles(0.2, 1.9)]:
         assert tuning.points_score(poor) >= 0 and tuning.tracks_score(poor) >= 0
     assert tuning.points_score(particles(0.01, 2.0, 10.0)) > 0

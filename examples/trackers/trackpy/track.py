@@ -12,8 +12,8 @@ from common.dataset import noise
 
 DEFAULTS = {
     "diameter": 5,  # of a particle image, odd, px
-    "min_snr": 4.0,  # least mass, in standard deviations of the noise of a sum over the particle image
-    "separation": 4.0,  # least distance of two particles, px
+    "min_snr": 4.0,  # minimum mass, in standard deviations of the noise of a sum over the particle image
+    "separation": 4.0,  # minimum distance of two particles, px
     "search_range": 6.0,  # largest displacement between frames, px
     "memory": 0,  # frames in which a particle may be missing
     "predict": False,  # extrapolate with the velocity of the nearest particles

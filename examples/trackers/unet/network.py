@@ -1,6 +1,6 @@
-"""What training and tracking share."""
+"""Definitions shared by training and tracking."""
 
-LOW, HIGH = -80.0, 20.0  # depths that the network tells, um
+LOW, HIGH = -80.0, 20.0  # range of depths of the network, um
 OFFSET_PX = 4.0  # largest offset from a pixel to a particle
 
 

@@ -1,4 +1,4 @@
-"""A small U-Net on a microsig dataset: places and depths of defocused particles; no links."""
+"""A small U-Net on a microsig dataset: positions and depths of defocused particles, not linked."""
 
 import sys
 from pathlib import Path
@@ -12,8 +12,8 @@ from common.select import strongest_within
 from network import HIGH, LOW, OFFSET_PX, scaled
 
 DEFAULTS = {
-    "threshold": 0.5,  # least probability of a particle
-    "separation": 3.0,  # least distance of two particles, px
+    "threshold": 0.5,  # minimum probability of a particle
+    "separation": 3.0,  # minimum distance of two particles, px
 }
 ROWS_AND_COLUMNS = 16  # image sizes are multiples of this in the network
 
@@ -30,8 +30,8 @@ def maps(session, image):
     rows, columns = image.shape
     padded = np.pad(image, ((0, -rows % ROWS_AND_COLUMNS), (0, -columns % ROWS_AND_COLUMNS)), mode="edge")
     seen = scaled(padded, np.arcsinh).astype(np.float32)
-    (told,) = session.run(None, {"image": seen[None, None]})
-    place, z, x, y = 1 / (1 + np.exp(-told[0, :, :rows, :columns].astype(float)))
+    (output,) = session.run(None, {"image": seen[None, None]})
+    place, z, x, y = 1 / (1 + np.exp(-output[0, :, :rows, :columns].astype(float)))
     return place, LOW + (HIGH - LOW) * z, 2 * OFFSET_PX * (x - 0.5), 2 * OFFSET_PX * (y - 0.5)
 
 

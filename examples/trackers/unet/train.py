@@ -1,4 +1,4 @@
-"""Trains the network of track.py on a stream of microsig and writes model.onnx; some tens of minutes on a CPU.
+"""Trains the network of track.py on a stream of microsig and writes model.onnx; takes tens of minutes on a CPU.
 
     python train.py [STEPS]
 
@@ -55,7 +55,7 @@ class Net(nn.Module):
 
 def loss_of(net, batch):
     out, heat, mask = net(scaled(batch["image"], torch.asinh)), batch["heatmap"], batch["mask"]
-    # Places are few: pixels near them weigh more.
+    # Particles cover few pixels, so pixels near them have larger weights.
     place = nn.functional.binary_cross_entropy_with_logits(out[:, 0], heat, reduction="none")
     loss = (place * (1 + 20 * heat)).mean()
     last = heat.shape[-1] - 1
@@ -65,9 +65,9 @@ def loss_of(net, batch):
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
             column, row = (x.round().long() + dx).clamp(0, last), (y.round().long() + dy).clamp(0, last)
-            told = out[sample, 1:, row, column].sigmoid()
+            found = out[sample, 1:, row, column].sigmoid()
             wanted = torch.stack([z, (x - column) / (2 * OFFSET_PX) + 0.5, (y - row) / (2 * OFFSET_PX) + 0.5], dim=-1)
-            loss = loss + ((told - wanted).abs().sum(-1) * mask).sum() / mask.sum().clamp(min=1) / 9
+            loss = loss + ((found - wanted).abs().sum(-1) * mask).sum() / mask.sum().clamp(min=1) / 9
     return loss
 
 

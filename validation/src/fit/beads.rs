@@ -1,4 +1,5 @@
-//! Real beads near focus: geometrical optics must say that it does not describe them, wave optics must.
+//! Real beads near focus: geometrical optics must report that it does not describe them; wave optics must
+//! describe them.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -11,15 +12,15 @@ use serde_json::Value;
 
 use super::montage::montage;
 
-/// Largest chi2 per pixel of a fit by waves, with the noise that its residuals have.
+/// Maximum chi2 per pixel of a fit by waves, with the noise estimated from its residuals.
 const LARGEST_CHI2: f64 = 1.25;
 
-/// Least share of the light that a fit by waves explains, and the share that rays must not reach: they do not
-/// describe these beads.
+/// Minimum fraction of the light that a fit by waves explains, and the fraction that rays must not reach,
+/// because they do not describe these beads.
 const LEAST_R2: f64 = 0.94;
 const RAYS_R2: f64 = 0.9;
 
-/// Beads of which a picture is made.
+/// Beads for which a picture is made.
 const SHOWN: [&str; 2] = ["astig085_0", "dry095_0"];
 
 /// Fits all scans below `real` by waves; writes `beads.csv` with a row for each, and pictures of some.
@@ -116,11 +117,11 @@ pub(super) fn fitted(
     ]);
     command.args(["--z-step", &bead.step_um.to_string()]);
     if by_waves {
-        // Beads of polystyrene are dyed throughout.
+        // Polystyrene beads are dyed throughout.
         command.args(["--model", "waves", "--emission", "volume"]);
         command.args(["--wavelength", &bead.wavelength_um.to_string()]);
     }
-    // Exit code 1: the fit is poor, but there is one.
+    // Exit code 1: the fit is poor, but it was written.
     let output = command.arg("--out").arg(out).output()?;
     let said = || String::from_utf8_lossy(&output.stderr).into_owned();
     let fit = serde_json::from_reader(File::open(out.join("fit.json")).with_context(said)?)?;
@@ -143,7 +144,7 @@ const HEADER: [&str; 13] = [
     "coma",
 ];
 
-/// The beads as Markdown, and the number of bars missed.
+/// The beads as Markdown, and the number of limits exceeded.
 pub(super) fn table(file: &Path) -> anyhow::Result<(String, usize)> {
     let (mut lines, mut above) = (String::new(), 0);
     for row in csv::Reader::from_path(file)?.deserialize() {

@@ -1,4 +1,4 @@
-//! Scans with known truth: every quantity against its bar.
+//! Scans with known truth: every quantity against its limit.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -49,7 +49,7 @@ pub(super) fn run(program: &Path, own: &Path, cases: &Path, runs: &Path) -> anyh
             table.write_record(head.into_iter().chain(row).chain(flags))?;
         }
         let missed = found.iter().filter(|q| !q.is_within()).count();
-        println!("case {name}: {missed} of {} bars missed, {:.1} CPU s", found.len(), usage.cpu_s);
+        println!("case {name}: {missed} of {} limits exceeded, {:.1} CPU s", found.len(), usage.cpu_s);
         let count = |key: &str| fit[key].as_array().map_or(0, Vec::len).to_string();
         let number = |key: &str| fit[key].as_f64().unwrap_or(f64::NAN);
         usages.write_record([
@@ -68,7 +68,7 @@ pub(super) fn run(program: &Path, own: &Path, cases: &Path, runs: &Path) -> anyh
 }
 
 /// The rows of a table as Markdown: all shared quantities, and for particles the largest error in units of
-/// the bar; and the number of bars missed.
+/// the limit; and the number of limits exceeded.
 pub(super) fn table(cases: &Path) -> anyhow::Result<(String, usize)> {
     let mut lines = String::new();
     let mut missed = 0;

@@ -12,8 +12,8 @@ use suite::scan::SimulatedScan;
 
 use super::quantity::quantities;
 
-/// Cases with rays, of the shared scans, that can be traced again; and smaller ones, made from expected
-/// images with the noise of photons.
+/// Cases of the shared scans with rays that can be traced again; and smaller cases, made from expected images
+/// with shot noise.
 const CASES: [&str; 5] = ["clipped", "free", "turned", "a", "b"];
 
 /// Depths of the small scans: number of planes and their distance, um.
@@ -73,11 +73,11 @@ fn small() -> SimulatedScan {
 /// The coverage should lie within these limits.
 const LIMITS: std::ops::RangeInclusive<f64> = 0.85..=1.0;
 
-/// First seed: the shared scans have lower ones.
+/// First seed; the shared scans use lower ones.
 const FIRST_SEED: u64 = 1000;
 
-/// Fits `seeds` simulated scans of each case and writes a row for each quantity. Rows that the file has
-/// already are kept, so that an interrupted run goes on.
+/// Fits `seeds` simulated scans of each case and writes a row for each quantity. Existing rows of the file
+/// are kept, so that an interrupted run continues.
 pub(super) fn run(own: &Path, seeds: u64, file: &Path) -> anyhow::Result<()> {
     let mut done = std::collections::BTreeSet::new();
     if file.exists() {
@@ -109,7 +109,7 @@ pub(super) fn run(own: &Path, seeds: u64, file: &Path) -> anyhow::Result<()> {
             let made = fit::fit(&scan, &options(&case), &|_| ())
                 .with_context(|| format!("case {name}, seed {seed}"))?;
             let found = quantities(truth, &serde_json::to_value(&made.fitted)?);
-            // Appended as a whole, so that an interrupted run leaves no part of a seed.
+            // Appended at once, so that an interrupted run does not leave part of a seed.
             let mut rows = csv::Writer::from_writer(Vec::new());
             for q in found.iter().filter(|q| q.counts) {
                 let numbers = [q.truth, q.value, q.sd].map(|v| format!("{v:.6}"));

@@ -77,6 +77,6 @@ pub(crate) fn run(comparison: &Comparison) -> anyhow::Result<ExitCode> {
         ("trackers", &trackers::table(&out.join("trackers.csv"))?),
     ];
     std::fs::write(out.join("README.md"), fill(include_str!("fit.md"), &values))?;
-    println!("bars missed: {missed} of cases, {outside} of coverage, {above} of beads");
+    println!("limits exceeded: {missed} in cases, {outside} in coverage, {above} for beads");
     Ok(if missed + outside + above == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

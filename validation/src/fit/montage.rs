@@ -9,8 +9,8 @@ use suite::picture::{magnified, side_by_side, stacked, write};
 
 /// Largest number of planes shown.
 const PLANES: usize = 11;
-/// A plane shows the bead if its peak is above this fraction of the brightest plane's, and twice as high as
-/// the darkest plane's; in others noise and rounding to whole counts are what is seen.
+/// A plane shows the bead if its peak exceeds this fraction of the brightest plane's peak and twice the peak
+/// of the darkest plane; otherwise noise and rounding dominate.
 const MIN_PEAK: f64 = 0.05;
 /// Screen pixels for one pixel.
 const ZOOM: u32 = 2;

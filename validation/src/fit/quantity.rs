@@ -18,7 +18,7 @@ pub(super) struct Quantity {
 }
 
 impl Quantity {
-    /// Whether the error is within the bar.
+    /// Whether the error is within the limit.
     pub(super) fn is_within(&self) -> bool {
         (self.value - self.truth).abs() <= self.bar
     }
@@ -62,7 +62,7 @@ pub(super) fn quantities(scan: &SimulatedScan, fit: &Value) -> Vec<Quantity> {
     }
     for (name, truth) in [("pixel_size", settings.pixel_size), ("ri_lens", settings.ri_lens)] {
         let own = parameter(name, truth, 1e-2 * truth, true);
-        // Otherwise they are given.
+        // Otherwise they are given to the fit.
         if own.sd > 0.0 {
             all.push(own);
         }
@@ -74,7 +74,7 @@ pub(super) fn quantities(scan: &SimulatedScan, fit: &Value) -> Vec<Quantity> {
     all.push(plain("direction", scan.direction, number(&fit["direction"]), 0.0));
     let chi2 = number(&fit["chi2"]);
     all.push(plain("chi2", 1.0, chi2, 0.15));
-    // The larger particles of case d move little in their images.
+    // The images of the larger particles of case d change little with depth.
     let bar_z = if settings.magnification <= 5.0 { 0.5 } else { 0.2 };
     let places = fit["particles"].as_array().map_or(&[][..], Vec::as_slice);
     for (k, bead) in scan.beads.iter().enumerate() {
@@ -98,7 +98,7 @@ pub(super) fn quantities(scan: &SimulatedScan, fit: &Value) -> Vec<Quantity> {
     all
 }
 
-/// Quantities of the camera, from the settings that were written.
+/// Quantities of the camera, from the settings that the fit wrote.
 pub(super) fn camera(scan: &SimulatedScan, fit: &Value, written: &microsig_core::Settings) -> Vec<Quantity> {
     let truth = &scan.settings;
     let plain = |name: &str, truth: f64, value: f64, bar: f64| {
@@ -106,8 +106,8 @@ pub(super) fn camera(scan: &SimulatedScan, fit: &Value, written: &microsig_core:
         Quantity { name, truth, value, sd: f64::NAN, interval, bar, counts: false }
     };
     let noise = truth.background_noise;
-    // Rays cannot show a rotated cylindrical lens: the noise of such a scan is that of photons, each of which
-    // is worth `gain` counts.
+    // Rays cannot represent a rotated cylindrical lens: the noise of such a scan is shot noise, with `gain`
+    // counts per photon.
     let gain = if scan.rotation_deg == 0.0 {
         written.gain
     } else {

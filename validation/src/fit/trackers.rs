@@ -28,7 +28,7 @@ const MICROSCOPES: [(&str, [&str; 3]); 2] = [
 /// What calibrates a tracker.
 #[derive(Clone, Copy, PartialEq)]
 enum Calibration {
-    /// The model that was fitted.
+    /// The fitted model.
     Model,
     /// The scan.
     Scan,
@@ -82,7 +82,7 @@ struct Recording<'a> {
 }
 
 impl Recording<'_> {
-    /// Depths of the planes if the bead were the one that was fitted, um.
+    /// Depths of the planes if the bead were the fitted one, um.
     fn stage_um(&self, fit: &Value) -> anyhow::Result<Vec<f64>> {
         let first_um = fit["particles"][0]["z_um"].as_f64().context("a depth")?;
         ensure!(fit["direction"].as_f64() == Some(1.0), "the stage moves away from the lens");

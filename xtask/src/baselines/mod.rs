@@ -127,8 +127,9 @@ fn track(
     let mut track = Command::new(command);
     track.arg("track").arg(dataset).args(["--method", tracker, "--force", "--json", "--out"]).arg(&result);
     let (usage, said) = run(&mut track)?;
-    let frames =
-        serde_json::from_str::<Value>(&said)?["frames"].as_f64().context("track tells its frames")?;
+    let frames = serde_json::from_str::<Value>(&said)?["frames"]
+        .as_f64()
+        .context("track reports its number of frames")?;
     let mut evaluate = Command::new(command);
     evaluate.arg("evaluate").arg(dataset).arg(&result).args(["--force", "--quiet", "--out"]).arg(&scores);
     run(&mut evaluate)?;

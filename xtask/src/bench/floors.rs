@@ -18,7 +18,7 @@ pub(crate) enum LowerLimit {
     Philox,
     /// Writes a 16-bit image of 752 x 366 px to a file.
     Write,
-    /// Does nothing: the cost of a process.
+    /// Does nothing: the cost of starting a process.
     Nothing,
 }
 

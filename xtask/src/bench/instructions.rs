@@ -1,6 +1,6 @@
 //! `cargo xtask instructions`: instruction counts of small runs of the command, by callgrind.
 //!
-//! Counts do not depend on the load of the machine, so changes of a few percent are visible that timings do
+//! Counts do not depend on the load of the computer, so they reveal changes of a few percent that timings do
 //! not resolve. Valgrind emulates a processor with AVX2 and without AVX-512; counts ignore caches and depend
 //! on the compiler.
 
@@ -21,7 +21,7 @@ struct Run {
     arguments: Vec<String>,
 }
 
-/// Counts the instructions of all runs and compares them with earlier counts; failure if one grew by more
+/// Counts the instructions of all runs and compares them with earlier counts; fails if one grew by more
 /// than `tolerance`.
 pub(crate) fn run(out: &Path, against: Option<&Path>, tolerance: f64) -> anyhow::Result<ExitCode> {
     if Command::new("valgrind").arg("--version").stdout(Stdio::null()).status().is_err() {
@@ -51,7 +51,7 @@ pub(crate) fn run(out: &Path, against: Option<&Path>, tolerance: f64) -> anyhow:
     let values = [("machine", machine.as_str()), ("rows", rows.trim_end())];
     std::fs::write(out.join("README.md"), fill(include_str!("instructions.md"), &values))?;
     if grown {
-        println!("more than {} % more than in {}", 100.0 * tolerance, against.unwrap_or(out).display());
+        println!("more than {} % above {}", 100.0 * tolerance, against.unwrap_or(out).display());
     }
     Ok(if grown { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
@@ -135,5 +135,5 @@ fn count(program: &Path, run: &Run, scratch: &Path) -> anyhow::Result<u64> {
     }
     // ==7== Collected : 123456
     let collected = said.lines().find_map(|line| line.split_once("Collected :")?.1.trim().parse().ok());
-    collected.context("callgrind tells what it collected")
+    collected.context("callgrind reports the number of instructions")
 }

@@ -1,7 +1,7 @@
 //! `cargo xtask bench`: run time and memory of the command as a whole process, compared with lower limits.
 //!
-//! Every workload runs several times, interleaved with the others of its group, so that load on the machine
-//! affects all alike; medians are reported. The floors (memory, random numbers, files) and the yardstick (a
+//! Every workload runs several times, interleaved with the others of its group, so that load on the computer
+//! affects all equally; medians are reported. The floors (memory, random numbers, files) and the yardstick (a
 //! NumPy loop over all rays) are interleaved with the first group. CPU time is user and system time of all
 //! threads, as reported by the system for a finished process. Results are written after every group, so that
 //! an interrupted benchmark leaves a record.
@@ -93,7 +93,7 @@ pub(crate) fn main(
         measured: Vec::new(),
         refused: Vec::new(),
         floors: Vec::new(),
-        yardstick: Err("it takes part in throughput only".to_owned()),
+        yardstick: Err("it only takes part in throughput".to_owned()),
         startup: startup(&program)?,
         repeats,
     };

@@ -35,7 +35,13 @@ pub(super) fn write(out: &Path, record: &Record) -> anyhow::Result<()> {
     if time.is_empty() {
         return Ok(());
     }
-    draw(&out.join("growth.svg"), "CPU time against size, both over the smallest", "CPU time", &time, true)?;
+    draw(
+        &out.join("growth.svg"),
+        "CPU time against size, both relative to the smallest size",
+        "CPU time",
+        &time,
+        true,
+    )?;
     let memory = curves(|m| m.usage.peak_mb, false);
     draw(&out.join("memory.svg"), "Peak memory against size", "peak memory, MB", &memory, false)
 }
@@ -56,7 +62,7 @@ fn draw(path: &Path, title: &str, y_name: &str, curves: &[Curve], proportional: 
         .build_cartesian_2d((0.9..right).log_scale(), (bottom..top).log_scale())?;
     chart
         .configure_mesh()
-        .x_desc("size over the smallest")
+        .x_desc("size relative to the smallest")
         .y_desc(y_name)
         .axis_desc_style(("sans-serif", 16))
         .label_style(("sans-serif", 15))

@@ -74,8 +74,8 @@ const CASES: [Case; 7] = [
     dense("one frame, a gate with 4 neighbors", 0.8, 5.0, [5.0, 1000.0]),
     dense("one frame, a gate with 16 neighbors", 0.8, 10.0, [5.0, 1000.0]),
     dense("one frame, a gate with 63 neighbors", 0.8, 20.0, NO_BAR),
-    // Worst case: every point can be matched, however far.
-    dense("the same with 16, exactly as many found as there are", 1.0, 10.0, NO_BAR),
+    // Worst case: every point can be matched at any distance.
+    dense("the same with 16, as many found as true particles", 1.0, 10.0, NO_BAR),
     Case {
         name: "a gate with 56 neighbors, wrong identities",
         frames: 20,

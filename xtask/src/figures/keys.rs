@@ -90,7 +90,7 @@ fn image(scene: Scene, sets: &str) -> anyhow::Result<Image> {
     let file = std::fs::File::create(place.path().join("background.tif"))?;
     let scale = tiff::PixelScale { um_per_px: 1.0, frame_interval_s: None };
     tiff::write(file, &background(size), &scale, "background.tif")?;
-    // A thin range of depths, so that all particles move alike.
+    // A thin range of depths, so that all particles move equally.
     let range = if scene == Scene::Fast { "(-30, -20)" } else { "(-80, 20)" };
     let text = format!(
         "(name: \"effect\", seed: 4, optics: (preset: setting1, pixel_dim_x: {}, pixel_dim_y: {}), \

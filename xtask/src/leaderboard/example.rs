@@ -8,7 +8,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 
 use bench::suite::{CaseScores, DepthErrors, Picture, SCORES, Status};
 
-/// Largest part of an image that is shown, px.
+/// Maximum size of the part of an image that is shown, px.
 const PART: u32 = 320;
 
 /// End-point error from which a displacement is drawn as wrong, px.
@@ -60,7 +60,7 @@ pub(super) fn picture(work: &Path, case: &CaseScores) -> anyhow::Result<Option<P
         // The center of the first pixel is (1, 1), and (0.5, 0.5) in the picture.
         let (x, y) = (x - 0.5 - f64::from(left), y - 0.5 - f64::from(top));
         let is_inside = (0.0..=f64::from(w)).contains(&x) && (0.0..=f64::from(h)).contains(&y);
-        // A field of all image pairs names none.
+        // A field for all image pairs has no column for the pair.
         let is_first = number(&row, if is_field { "pair" } else { "frame" }).map_or(is_field, |n| n == 0.0);
         if !is_inside || !is_first {
             continue;
@@ -79,7 +79,7 @@ pub(super) fn picture(work: &Path, case: &CaseScores) -> anyhow::Result<Option<P
     Ok(Some(Picture { png: png(&part, (w, h))?, size: (w, h), points, vectors, caption }))
 }
 
-/// RMS errors of depth over depth in a case; `None` if no result has depth.
+/// RMS error of depth over depth in a case; `None` if no result has depth.
 pub(super) fn depth_errors(work: &Path, case: &CaseScores) -> anyhow::Result<Option<DepthErrors>> {
     let mut trackers = Vec::new();
     for result in case.results.iter().filter(|result| result.status == Status::Scored) {
@@ -111,7 +111,7 @@ fn png(counts: &[f64], (width, height): (u32, u32)) -> anyhow::Result<Vec<u8>> {
     let gray = |v: &f64| (((v - low) / (high - low).max(1.0)).clamp(0.0, 1.0).sqrt() * 255.0) as u8;
     let image = image::GrayImage::from_raw(width, height, counts.iter().map(gray).collect());
     let mut bytes = Vec::new();
-    let image = image.context("an image has as many pixels as its size says")?;
+    let image = image.context("the number of pixels matches the image size")?;
     image.write_with_encoder(PngEncoder::new_with_quality(
         &mut bytes,
         CompressionType::Best,

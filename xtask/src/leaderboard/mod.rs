@@ -5,7 +5,7 @@
 //! WORK/SIZE/blind/       its test splits as trackers see them: images, calibration, optics, times
 //! WORK/SIZE/results/     TRACKER/TRACK/CASE/results.csv with run.json, which names the inputs by hash
 //! WORK/SIZE/scores/      those of `microsig suite score`
-//! WORK/venvs/TRACKER/    the environment of a tracker of others
+//! WORK/venvs/TRACKER/    the environment of a third-party tracker
 //! ```
 //!
 //! Runs whose inputs have not changed are skipped.
@@ -46,10 +46,10 @@ pub(crate) struct Arguments {
     /// Output folder of SIZE/README.md, scores.csv, index.html and versions.
     #[arg(long, default_value = "results/leaderboard")]
     out: PathBuf,
-    /// Search parameters of the trackers of others first, on train and val, where there are none yet.
+    /// First search missing parameters of third-party trackers, on train and val.
     #[arg(long)]
     tune: bool,
-    /// Longest time of a run on one case, s.
+    /// Time limit of a run on one case, s.
     #[arg(long, default_value_t = 900)]
     limit_s: u64,
 }
@@ -85,10 +85,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let mut all = trackers::all(Path::new("examples/trackers"))?;
     for name in &arguments.trackers {
-        ensure!(
-            all.iter().any(|tracker| tracker.name == *name),
-            "--trackers {name}: there is no such tracker"
-        );
+        ensure!(all.iter().any(|tracker| tracker.name == *name), "--trackers {name}: no such tracker");
     }
     all.retain(|tracker| arguments.trackers.is_empty() || arguments.trackers.contains(&tracker.name));
     let venvs = std::path::absolute(arguments.work.join("venvs"))?;
@@ -136,7 +133,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     )
 }
 
-/// Removes results for cases that there are no longer, or that their tracker does not enter.
+/// Removes results for cases that no longer exist or that their tracker does not enter.
 fn forget(results: &Path, trackers: &[Tracker], cases: &[Case]) -> anyhow::Result<()> {
     for tracker in trackers {
         let of_tracker = results.join(&tracker.name);
@@ -155,7 +152,7 @@ fn forget(results: &Path, trackers: &[Tracker], cases: &[Case]) -> anyhow::Resul
     Ok(())
 }
 
-/// The command that makes this again, and where it ran.
+/// The command that reproduces the results, and the computer on which it ran.
 fn description(arguments: &Arguments, microsig: &Path) -> anyhow::Result<Vec<String>> {
     let said = Command::new(microsig).arg("--version").output()?.stdout;
     let mut command = format!("cargo xtask leaderboard --size {}", arguments.size);
@@ -165,9 +162,9 @@ fn description(arguments: &Arguments, microsig: &Path) -> anyhow::Result<Vec<Str
     if !arguments.trackers.is_empty() {
         command += &format!(" --trackers {}", arguments.trackers.join(","));
     }
-    // The program may be another build than the one that `machine` names.
+    // The program may be a different build than the one that `machine` names.
     let machine = match std::env::var_os("MICROSIG") {
-        Some(_) => process::machine().replace("default release build", "a build that $MICROSIG names"),
+        Some(_) => process::machine().replace("default release build", "the build given by $MICROSIG"),
         None => process::machine(),
     };
     let program = String::from_utf8_lossy(&said);
@@ -181,7 +178,8 @@ fn description(arguments: &Arguments, microsig: &Path) -> anyhow::Result<Vec<Str
     ])
 }
 
-/// The commit of the files that are read here, and whether they have changes; results are not among them.
+/// The commit of the files that are read here, and whether they have uncommitted changes; results do not
+/// count.
 fn revision(arguments: &Arguments) -> String {
     let git = |words: &[&str]| {
         let output =
@@ -220,7 +218,7 @@ fn cases(microsig: &Path, arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
         }
     }
     for track in &arguments.tracks {
-        ensure!(cases.iter().any(|case| case.track == *track), "--tracks {track}: there is no such track");
+        ensure!(cases.iter().any(|case| case.track == *track), "--tracks {track}: no such track");
     }
     Ok(cases)
 }

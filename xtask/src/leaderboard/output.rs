@@ -12,7 +12,7 @@ use super::run::RECORD;
 use super::trackers::{How, Tracker};
 use bench::suite::{Annotations, PAGE, SUITE_SCORES, SUITE_SCORES_CSV, SuiteScores, label, page, unmeasured};
 
-/// Example images, and cases with depth errors over depth, of each track.
+/// Case for the example image, and cases for which depth errors are plotted, of each track.
 const PICTURES: usize = 2;
 
 /// Writes the leaderboard of the scores in `work`.
@@ -26,14 +26,14 @@ pub(super) fn write(
     let scores = SuiteScores::read(&work.join("scores").join(SUITE_SCORES))?;
     let mut more = Annotations { notes: notes.to_vec(), ..Annotations::default() };
     more.notes.push(
-        "Trackers see images, calibration images, optics and times of the test splits, not the truth. The seeds of these test splits \
-         are public: this is a comparison among friends, and `microsig suite release` makes a challenge with secret ones."
+        "Trackers see images, calibration images, optics and times of the test splits, but not the truth. The seeds of these test splits \
+        are public, so the leaderboard relies on the honesty of participants; `microsig suite release` makes challenges with secret keys."
             .to_owned(),
     );
     more.notes.push(
-        "microsig's own trackers run with their default parameters. Those in `examples/trackers` run with parameters that their `tune.py` \
-         found on train and val splits, with a limited number of evaluations (`--tune`; `tuning.csv` has each), or with defaults where \
-         there are none."
+        "microsig's own trackers run with their default parameters. Third-party trackers in `examples/trackers` run with parameters that \
+        their `tune.py` found on train and val splits with a limited number of evaluations (`--tune`; `tuning.csv` lists them), or with defaults \
+        where no parameters were searched."
             .to_owned(),
     );
     more.notes.extend(unusable.iter().map(|(name, why)| format!("{name} {why}")));
@@ -56,7 +56,7 @@ pub(super) fn write(
         if is_of_fields || shown.len() < PICTURES {
             shown.extend(example::picture(work, case)?);
         }
-        // The last fields of a track vary most in the image.
+        // The fields of the last cases of a track vary most over the image.
         if shown.len() > PICTURES {
             shown.remove(0);
         }
@@ -76,16 +76,16 @@ pub(super) fn write(
         std::fs::write(versions.join(format!("{}.txt", tracker.name)), &tracker.versions)?;
     }
     println!("{}", out.join(PAGE).display());
-    // Programs of others may fail where they are out of their depth; ours may not.
+    // Third-party trackers may fail outside their range of use; microsig's own may not.
     let own = |name: &str| trackers.iter().any(|t| t.name == name && matches!(t.how, How::Own(_)));
     let failed: Vec<String> = (more.failures.iter().filter(|((name, _), _)| own(name)))
         .map(|((name, case), why)| format!("{name} on {case}: {why}"))
         .collect();
-    ensure!(failed.is_empty(), "trackers of microsig failed: {}", failed.join("; "));
+    ensure!(failed.is_empty(), "microsig's own trackers failed: {}", failed.join("; "));
     Ok(())
 }
 
-/// Time per frame, or the reason of a failure, of every run.
+/// Time per frame, or the reason of failure, of every run.
 fn times(scores: &SuiteScores, more: &Annotations) -> anyhow::Result<Vec<u8>> {
     let mut table = csv::Writer::from_writer(Vec::new());
     table.write_record(["tracker", "track", "case", "seconds_per_frame", "failure"])?;
@@ -102,11 +102,11 @@ fn times(scores: &SuiteScores, more: &Annotations) -> anyhow::Result<Vec<u8>> {
     Ok(table.into_inner()?)
 }
 
-/// The standings in short.
+/// The standings.
 fn readme(scores: &SuiteScores, more: &Annotations) -> anyhow::Result<String> {
     let mut text = format!(
-        "# Leaderboard of {} {}, size {}\n\n`index.html` has all cases with intervals, curves and example images; `scores.csv` every score \
-         with the ends of its 95 % interval, `times.csv` the time per frame, `versions/` the packages of each environment.\n",
+        "# Leaderboard of {} {}, size {}\n\n`index.html` shows all cases with intervals, curves and example images; `scores.csv` contains all scores \
+         with the ends of their 95 % intervals, `times.csv` the time per frame, `versions/` the packages of each environment.\n",
         scores.suite,
         scores.version,
         scores.size.name()
@@ -114,7 +114,7 @@ fn readme(scores: &SuiteScores, more: &Annotations) -> anyhow::Result<String> {
     for note in &more.notes {
         write!(text, "\n{note}\n")?;
     }
-    text += "\nEach case is ranked for itself; scores of different cases are never averaged. The mean rank is over all cases of the track, \
+    text += "\nEach case is ranked separately; scores of different cases are never averaged. The mean rank is over all cases of the track, \
              and a case without a result counts with the last rank.\n";
     let mut tracks: Vec<&str> = scores.cases.iter().map(|case| case.track.as_str()).collect();
     tracks.dedup();
@@ -129,7 +129,7 @@ fn readme(scores: &SuiteScores, more: &Annotations) -> anyhow::Result<String> {
         for metric in unmeasured(&of_track) {
             writeln!(
                 text,
-                "No tracker listed here has a value of the score \"{}\": ranks follow from the others.\n",
+                "No tracker listed here has a value for the score \"{}\"; ranks follow from the other scores.\n",
                 label(metric)
             )?;
         }
@@ -161,8 +161,8 @@ fn readme(scores: &SuiteScores, more: &Annotations) -> anyhow::Result<String> {
     }
     if !failures.is_empty() {
         text += "\n## Runs that failed\n\n";
-        for (tracker, told) in failures {
-            for pair in told.chunks(2) {
+        for (tracker, listed) in failures {
+            for pair in listed.chunks(2) {
                 writeln!(text, "- {tracker} on {}", pair.join(": "))?;
             }
         }

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::Case;
 use super::trackers::{How, Tracker};
 
-/// What is needed for a run.
+/// Inputs of a run.
 pub(super) struct Job<'a> {
     pub(super) microsig: &'a Path,
     pub(super) work: &'a Path,
@@ -32,14 +32,14 @@ const HIDDEN: [&str; 9] = [
     "SHA256SUMS",
 ];
 
-/// Bytes of a tracker's messages that are kept.
+/// Number of bytes of a tracker's messages that are kept.
 const KEPT: usize = 2000;
 
 /// Name of the record of a run.
 pub(super) const RECORD: &str = "run.json";
 
 impl Job<'_> {
-    /// Runs the tracker, unless the inputs of its last run were the same; tells what happened.
+    /// Runs the tracker, unless the inputs of its last run were the same; returns what happened.
     pub(super) fn run(&self) -> anyhow::Result<String> {
         let dataset = self.work.join("datasets").join(self.case.folder()).join("test");
         let out = self.work.join("results").join(&self.tracker.name).join(self.case.folder());
@@ -48,7 +48,7 @@ impl Job<'_> {
         let before = std::fs::read_to_string(&record).ok();
         let before = before.and_then(|text| serde_json::from_str::<Value>(&text).ok());
         if before.is_some_and(|before| before["inputs"] == inputs.as_str()) {
-            return Ok("done before".to_owned());
+            return Ok("already done".to_owned());
         }
         std::fs::create_dir_all(&out)?;
         for old in [&record, &result] {
@@ -78,7 +78,7 @@ impl Job<'_> {
         } else if temporary.exists() {
             std::fs::remove_file(&temporary)?;
         }
-        let each = told_time(&said).unwrap_or(seconds / frames.max(1) as f64);
+        let each = reported_time(&said).unwrap_or(seconds / frames.max(1) as f64);
         let from = said.len().saturating_sub(KEPT);
         let from = (from..said.len()).find(|at| said.is_char_boundary(*at)).unwrap_or(said.len());
         let run = json!({
@@ -115,7 +115,7 @@ impl Job<'_> {
     fn inputs(&self, dataset: &Path) -> anyhow::Result<String> {
         let sums = dataset.join("SHA256SUMS");
         let sums = std::fs::read_to_string(&sums).with_context(|| sums.display().to_string())?;
-        // Other bytes of the truth do not change a result. The manifest has their hashes.
+        // The result does not depend on the truth, whose hashes are in the manifest.
         let seen = ["  images/", "  calibration/", "  settings.txt", "  truth/frames.csv"];
         let mut parts: Vec<String> = sums
             .lines()
@@ -166,14 +166,14 @@ impl Job<'_> {
     }
 }
 
-/// Whether a run depends on this file of a tracker's folder, or of the folder of what trackers share: not on
-/// searches and training, nor on parameters of other cases, nor on the description.
+/// Whether a run depends on this file of a tracker's folder or of the shared folder: not on searches and
+/// training, nor on parameters of other cases, nor on the description.
 fn is_input(path: &str) -> bool {
     let is_source = [".py", ".json", ".txt", ".onnx"].iter().any(|end| path.ends_with(end));
     is_source && !path.starts_with("params") && !["tune.py", "tuning.py", "train.py"].contains(&path)
 }
 
-/// Waits for a process; one that takes longer is stopped, which gives `None`.
+/// Waits for a process; if it exceeds the limit, it is stopped and the result is `None`.
 fn wait(mut child: Child, limit: Duration) -> anyhow::Result<Option<ExitStatus>> {
     let start = Instant::now();
     loop {
@@ -189,10 +189,10 @@ fn wait(mut child: Child, limit: Duration) -> anyhow::Result<Option<ExitStatus>>
     }
 }
 
-/// The time per frame that a tracker tells in a line of JSON: without starting up and reading.
-fn told_time(said: &str) -> Option<f64> {
-    let told = |line: &str| serde_json::from_str::<Value>(line).ok()?["seconds_per_frame"].as_f64();
-    said.lines().rev().find_map(told)
+/// The time per frame that a tracker reports in a line of JSON, excluding startup and reading.
+fn reported_time(said: &str) -> Option<f64> {
+    let reported = |line: &str| serde_json::from_str::<Value>(line).ok()?["seconds_per_frame"].as_f64();
+    said.lines().rev().find_map(reported)
 }
 
 fn last_line(said: &str) -> Option<String> {

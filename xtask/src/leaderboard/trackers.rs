@@ -1,11 +1,11 @@
-//! The trackers: microsig's own, and those of others in `examples/trackers/NAME/`.
+//! The trackers: microsig's own, and third-party ones in `examples/trackers/NAME/`.
 //!
-//! A tracker of others has `tracker.toml` (or the same keys as JSON in `tracker.json`): `name`, `command`
-//! (default `python track.py`), `tracks` (`"D3"`, or `"T/entering"` for a single case), `made_for`,
-//! `depth` (false if it measures none: it does not enter cases that are scored with depth), and
-//! `tune` and `tune_once`, see [`Tuning`]. Its
-//! `requirements.txt` is installed into an environment of its own. The command is run as `COMMAND DATASET
-//! --out results.csv [--params FILE]`, with `params/TRACK/CASE.json`, `params/TRACK.json` or `params.json`.
+//! A third-party tracker has `tracker.toml` (or the same keys as JSON in `tracker.json`): `name`, `command`
+//! (default `python track.py`), `tracks` (`"D3"`, or `"T/entering"` for a single case), `made_for`, `depth`
+//! (false if it measures no depth and does not enter cases that are scored with depth), and `tune` and
+//! `tune_once`, see [`Tuning`]. Its `requirements.txt` is installed into a separate environment. The command
+//! is run as `COMMAND DATASET --out results.csv [--params FILE]`, with `params/TRACK/CASE.json`,
+//! `params/TRACK.json` or `params.json`.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -37,14 +37,14 @@ const OWN: &[Own] = &[
         name: "ncc",
         arguments: &["--method", "ncc"],
         enters: &["D3", "A3", "T/channel", "T/vortex", "T/brownian", "T/mixing", "T/turbulence", "S"],
-        made_for: "defocused images that look like those of the calibration stack (GDPT); spheroids do not; default parameters",
+        made_for: "defocused images that resemble those of the calibration stack (GDPT), which excludes spheroids; default parameters",
         has_depth: true,
     },
     Own {
         name: "mle",
         arguments: &["--method", "mle"],
         enters: &["D3", "A3", "T/channel", "T/vortex", "T/brownian", "T/mixing", "T/turbulence"],
-        made_for: "images that follow the optical model that also generated them: what a model that is exactly right can do; default parameters",
+        made_for: "images that follow the optical model with which they were generated: the performance of an exact model; default parameters",
         has_depth: true,
     },
     Own {
@@ -82,22 +82,28 @@ pub(super) enum How {
 /// Cases on which a tracker is tuned.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Tuning {
-    /// Tracks and cases with parameters of their own.
+    /// Tracks and cases with separate parameters.
     each: Vec<String>,
-    /// Cases whose parameters count for their track.
+    /// Cases whose parameters apply to their track.
     once: Vec<String>,
 }
 
 impl Tuning {
-    /// As `tracker.toml` tells.
-    fn of(told: &Value) -> Self {
+    /// As `tracker.toml` specifies.
+    fn of(description: &Value) -> Self {
         let list = |key: &str| -> Vec<String> {
-            told[key].as_array().into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
+            description[key]
+                .as_array()
+                .into_iter()
+                .flatten()
+                .filter_map(Value::as_str)
+                .map(str::to_owned)
+                .collect()
         };
         Tuning { each: list("tune"), once: list("tune_once") }
     }
 
-    /// The file of the parameters that a search on this case gives, in the tracker's folder.
+    /// The file for the parameters that a search on this case finds, in the tracker's folder.
     pub(super) fn params(&self, case: &Case) -> Option<PathBuf> {
         let has = |list: &[String], name: &str| list.iter().any(|listed| listed == name);
         if has(&self.once, &case.folder()) {
@@ -143,7 +149,7 @@ impl Tracker {
         choices.iter().map(|name| folder.join(name)).find(|path| path.is_file())
     }
 
-    /// Makes its environment, unless it is there with the same requirements.
+    /// Creates its environment, unless one with the same requirements exists.
     pub(super) fn install(&mut self, venvs: &Path) -> anyhow::Result<()> {
         let How::Command { folder, python, .. } = &mut self.how else { return Ok(()) };
         let requirements = folder.join("requirements.txt");
@@ -191,18 +197,18 @@ pub(super) fn all(examples: &Path) -> anyhow::Result<Vec<Tracker>> {
         .unwrap_or_default();
     folders.sort();
     for folder in folders {
-        let Some(told) = told(&folder)? else { continue };
-        let tracker = read(&folder, &told).with_context(|| folder.display().to_string())?;
+        let Some(description) = description(&folder)? else { continue };
+        let tracker = read(&folder, &description).with_context(|| folder.display().to_string())?;
         if all.iter().any(|other| other.name == tracker.name) {
-            bail!("{}: name = {:?}: there is another tracker of this name", folder.display(), tracker.name);
+            bail!("{}: name = {:?}: another tracker has this name", folder.display(), tracker.name);
         }
         all.push(tracker);
     }
     Ok(all)
 }
 
-/// What `tracker.toml` or `tracker.json` tells.
-fn told(folder: &Path) -> anyhow::Result<Option<Value>> {
+/// The contents of `tracker.toml` or `tracker.json`.
+fn description(folder: &Path) -> anyhow::Result<Option<Value>> {
     let (toml, json) = (folder.join("tracker.toml"), folder.join("tracker.json"));
     if toml.is_file() {
         let text = std::fs::read_to_string(&toml)?;
@@ -215,32 +221,32 @@ fn told(folder: &Path) -> anyhow::Result<Option<Value>> {
     Ok(None)
 }
 
-/// The texts, lists of texts and truth values of a TOML file as JSON; other values are ignored.
+/// The strings, lists of strings and booleans of a TOML file as JSON; other values are ignored.
 fn of_toml(text: &str) -> anyhow::Result<Value> {
     let document: toml_edit::DocumentMut = text.parse()?;
-    let mut told = serde_json::Map::new();
+    let mut description = serde_json::Map::new();
     for (key, item) in document.iter() {
         if let Some(text) = item.as_str() {
-            told.insert(key.to_owned(), text.into());
+            description.insert(key.to_owned(), text.into());
         } else if let Some(is_so) = item.as_bool() {
-            told.insert(key.to_owned(), is_so.into());
+            description.insert(key.to_owned(), is_so.into());
         } else if let Some(list) = item.as_array() {
             let texts: Vec<&str> = list.iter().filter_map(toml_edit::Value::as_str).collect();
-            told.insert(key.to_owned(), texts.into());
+            description.insert(key.to_owned(), texts.into());
         }
     }
-    Ok(told.into())
+    Ok(description.into())
 }
 
-fn read(folder: &Path, told: &Value) -> anyhow::Result<Tracker> {
-    let text = |key: &str| told[key].as_str().map(str::to_owned);
+fn read(folder: &Path, description: &Value) -> anyhow::Result<Tracker> {
+    let text = |key: &str| description[key].as_str().map(str::to_owned);
     let name = text("name").context("name: expected a text")?;
     let is_name = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
     ensure!(
         !name.is_empty() && name.chars().all(is_name),
         "name = {name:?}: expected letters, digits, `.`, `_`, `-`"
     );
-    let tracks = told["tracks"].as_array().context("tracks: expected a list of texts")?;
+    let tracks = description["tracks"].as_array().context("tracks: expected a list of texts")?;
     let command = text("command").unwrap_or_else(|| "python track.py".to_owned());
     Ok(Tracker {
         name,
@@ -251,11 +257,11 @@ fn read(folder: &Path, told: &Value) -> anyhow::Result<Tracker> {
         },
         tracks: tracks.iter().filter_map(|track| track.as_str().map(str::to_owned)).collect(),
         made_for: match (text("made_for").context("made_for: expected a text")?, text("out_of_depth")) {
-            (made_for, Some(limits)) => format!("{made_for} Out of its depth: {limits}"),
+            (made_for, Some(limits)) => format!("{made_for} Limitations: {limits}"),
             (made_for, None) => made_for,
         },
-        has_depth: told["depth"].as_bool().unwrap_or(true),
-        tuning: Tuning::of(told),
+        has_depth: description["depth"].as_bool().unwrap_or(true),
+        tuning: Tuning::of(description),
         versions: String::new(),
     })
 }

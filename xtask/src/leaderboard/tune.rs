@@ -1,9 +1,9 @@
-//! `cargo xtask leaderboard --tune`: parameters of the trackers of others, searched on the splits whose truth
+//! `cargo xtask leaderboard --tune`: searches parameters of third-party trackers on the splits whose truth
 //! participants have.
 //!
-//! `tune` in `tracker.toml` lists tracks or cases with parameters of their own, `tune_once` single cases
-//! whose parameters count for their whole track (trackers too slow to be tuned on each). The tracker's
-//! `tune.py` has the values to try and the number of evaluations. Parameters that exist are kept.
+//! `tune` in `tracker.toml` lists tracks or cases with separate parameters, `tune_once` single cases whose
+//! parameters apply to their whole track (for trackers too slow to be tuned on each case). The tracker's
+//! `tune.py` contains the values to try and the number of evaluations. Existing parameters are kept.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -14,7 +14,7 @@ use super::Case;
 use super::trackers::{How, Tracker};
 use suite::process;
 
-/// Searches parameters of a tracker for a case; tells what happened, or `None` if it is not tuned there.
+/// Searches parameters of a tracker for a case; returns what happened, or `None` if it is not tuned there.
 pub(super) fn search(
     microsig: &Path,
     datasets: &Path,
@@ -24,7 +24,7 @@ pub(super) fn search(
     let How::Command { folder, python, .. } = &tracker.how else { return Ok(None) };
     let Some(params) = tracker.tuning.params(case) else { return Ok(None) };
     if folder.join(&params).is_file() {
-        return Ok(Some(format!("{} was found before", params.display())));
+        return Ok(Some(format!("{} already exists", params.display())));
     }
     let dataset = datasets.join(case.folder());
     let start = PathBuf::from(format!("params/start/{}.json", case.track));

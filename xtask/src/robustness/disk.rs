@@ -113,7 +113,7 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What is left on the disk; anything with a final name must be complete.
+/// Files left on the disk; anything with a final name must be complete.
 fn behind(microsig: &Path, disk: &Path, verb: &str) -> anyhow::Result<Vec<String>> {
     let names = |folder: &Path| -> anyhow::Result<Vec<PathBuf>> {
         Ok(std::fs::read_dir(folder)?.map(|e| e.map(|e| e.path())).collect::<Result<_, _>>()?)
@@ -127,7 +127,7 @@ fn behind(microsig: &Path, disk: &Path, verb: &str) -> anyhow::Result<Vec<String
     for path in found.iter().filter(|path| path.extension().is_none_or(|e| e != "partial")) {
         ensure!(verb == "sweep" && path.is_dir(), "{verb} left {}", path.display());
         let status = Command::new(microsig).arg("--quiet").arg("verify").arg(path).output()?.status;
-        ensure!(status.success(), "{} is not whole", path.display());
+        ensure!(status.success(), "{} is not complete", path.display());
     }
     let name = |path: &PathBuf| path.file_name().map(|n| format!("`{}`", n.to_string_lossy()));
     let mut left: Vec<String> = found.iter().filter_map(name).collect();

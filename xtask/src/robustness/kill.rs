@@ -63,7 +63,7 @@ pub(crate) fn run(out: &Path, kills: u32) -> anyhow::Result<ExitCode> {
         writeln!(
             text,
             "- **{what}**: {kills} kills (SIGKILL), uniform over the run time of an undisturbed run measured just before (median {typical:.2} s); {} left an \
-             unfinished dataset, {} nothing, {} came after the end. No unfinished dataset passed `verify`, under any name. \
+             unfinished dataset, {} left nothing, {} came after the end. No unfinished dataset passed `verify`, under any name. \
              What was left was resumed, killed at a random time again, and resumed once more: {well} of {kills} trees were byte-identical to the undisturbed one.",
             counts[1], counts[0], counts[2]
         )?;
@@ -106,7 +106,7 @@ impl Bench {
             counts[left as usize] += 1;
             let files = self.files(&out)?;
             self.nothing_torn_passes(&out)?;
-            // The run that resumes it is killed, too.
+            // The run that resumes it is killed as well.
             if left != Left::Whole {
                 self.kill_after(&out, moments.uniform() * typical, true)?;
                 self.nothing_torn_passes(&out)?;
@@ -144,7 +144,7 @@ impl Bench {
     }
 
     fn finish(&self, out: &Path, resume: bool) -> anyhow::Result<()> {
-        // A complete dataset needs no resuming.
+        // A complete dataset need not be resumed.
         if resume && self.run == Run::Generate && out.exists() {
             return Ok(());
         }

@@ -1,6 +1,6 @@
 //! Peak memory for a long sequence compared with a short one: it must not grow with the number of frames.
 //!
-//! `verify` holds all checksums in memory, which therefore grows; it is measured, but has no limit.
+//! `verify` keeps all checksums in memory, which therefore grows; it is measured but not limited.
 
 use std::fmt::Write;
 use std::path::Path;

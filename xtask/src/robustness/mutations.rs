@@ -1,6 +1,6 @@
-//! Hostile inputs: files of every kind, changed at random, given to the verb that reads them. A run must end
-//! in time with exit code 0, 1 or 2, without a panic, in bounded memory, and leave nothing behind if it
-//! fails.
+//! Hostile inputs: files of every kind, changed at random and given to the command that reads them. A run
+//! must end in time with exit code 0, 1 or 2, without a panic, in bounded memory, and leave nothing behind if
+//! it fails.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -40,7 +40,7 @@ const SWEEP: &str = r#"(
     axes: [(path: "optics.background_noise", values: list([0, 10])), (path: "seed", values: linear(from: 1, to: 2, count: 2))],
 )"#;
 
-/// What is put in the place of a number or word.
+/// Replacements for a number or word.
 const HOSTILE: [&str; 22] = [
     "1e308",
     "-1e308",
@@ -96,10 +96,10 @@ pub(crate) fn run(out: &Path, mutations: u32, seed: u64) -> anyhow::Result<ExitC
     let mut findings = Vec::new();
     for (number, target) in targets(&microsig, place.path())?.into_iter().enumerate() {
         let mut tally = Tally::default();
-        // Otherwise the changes would test nothing but the refusal.
+        // Otherwise the changes would only test the refusal.
         one(&microsig, &target, &target.original, place.path(), &mut tally)
             .and_then(|()| {
-                anyhow::ensure!(tally.codes.contains_key(&0), "it is refused");
+                anyhow::ensure!(tally.codes.contains_key(&0), "the unchanged input is refused");
                 Ok(())
             })
             .with_context(|| format!("{} without changes", target.name))?;
@@ -217,7 +217,7 @@ fn targets(microsig: &Path, place: &Path) -> anyhow::Result<Vec<Target>> {
             "submission.zip",
             &["evaluate", &withheld, &text("submission.zip"), "--out", "OUT"],
         )?,
-        // Changes of an archive are mostly found by its checksums: those of a folder reach the scorer.
+        // Changes of an archive are mostly caught by its checksums; changes of a folder reach the scorer.
         target(
             "results of a submission",
             "submission/results.csv",
@@ -351,11 +351,11 @@ fn one(
     // A sweep keeps the reasons why its cases failed.
     let may_keep = code == 0 || (code == 1 && target.name == "sweep");
     anyhow::ensure!(may_keep || left.is_empty(), "exit code {code}, but {left:?} is left: {message}");
-    anyhow::ensure!(code == 0 || !message.trim().is_empty(), "exit code {code} without a word");
+    anyhow::ensure!(code == 0 || !message.trim().is_empty(), "exit code {code} without a message");
     Ok(())
 }
 
-/// Removes the output and what lies beside it; returns what was there.
+/// Removes the output and files beside it; returns what existed.
 fn clear(out: &Path, place: &Path) -> anyhow::Result<Vec<String>> {
     let mut left = Vec::new();
     for entry in std::fs::read_dir(place)? {

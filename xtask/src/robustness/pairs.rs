@@ -110,7 +110,7 @@ pub(crate) fn run(out: &Path, pairs: u32, seed: u64) -> anyhow::Result<ExitCode>
                 Ok(n) => refused += n,
                 Err(e) => {
                     wrong.push(format!("pair {pair}, offset {:.4} s: {e}", offset.as_secs_f64()));
-                    // What is left must not count against the next pair.
+                    // Leftovers must not count against the next pair.
                     if at("out").exists() {
                         std::fs::remove_dir_all(at("out"))?;
                     }
@@ -178,8 +178,8 @@ fn one_pair(
     for output in outputs.iter().filter(|output| !output.status.success()) {
         let message = String::from_utf8_lossy(&output.stderr);
         ensure!(output.status.code() == Some(2), "exit code {:?}: {message}", output.status.code());
-        let told = ["is writing it", "exists already", "left by an interrupted run"];
-        ensure!(told.iter().any(|text| message.contains(text)), "{message}");
+        let expected = ["is writing it", "already exists", "left by an interrupted run"];
+        ensure!(expected.iter().any(|text| message.contains(text)), "{message}");
         refused += 1;
     }
     ensure!(refused < 2, "both runs were refused");

@@ -200,7 +200,7 @@ pub(crate) fn run(out: &Path) -> anyhow::Result<ExitCode> {
         let job = String::from_utf8(said.stdout)?.trim().to_owned();
         if disturbed {
             // During a case: some are complete, one is in progress.
-            slurm.wait_for("a case in the making", |_| partial_case(&tasks))?;
+            slurm.wait_for("a case in progress", |_| partial_case(&tasks))?;
             slurm.says("scontrol", &["requeue", &format!("{job}_1")])?;
         }
         slurm.wait_for("the end of the array", |s| {

@@ -1,4 +1,4 @@
-//! Parsers of arguments of several verbs, whose messages tell what is allowed.
+//! Parsers of arguments that several verbs share; their messages state which values are allowed.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ pub(super) fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("expected an integer from 0 to {}", u64::MAX))
 }
 
-/// A file for a plot. Names without an extension are allowed, as of devices and pipes.
+/// A file for a plot. Names without an extension are allowed, as devices and pipes have none.
 pub(super) fn plot_file() -> impl TypedValueParser<Value = PathBuf> {
     PathBufValueParser::new().try_map(|path| {
         let is_svg = path.extension().is_none_or(|extension| extension.eq_ignore_ascii_case("svg"));

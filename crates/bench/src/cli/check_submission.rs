@@ -1,4 +1,4 @@
-//! `microsig check-submission`: tells a participant what is wrong before an upload.
+//! `microsig check-submission`: reports what is wrong with a submission before it is uploaded.
 
 use std::path::{Path, PathBuf};
 
@@ -14,14 +14,14 @@ use scenario::Split;
 use scoring::results::Conventions;
 use storage::error::{Error, Result};
 
-/// What is wrong with a submission, without the truth; exit code 2 if it would be refused
+/// Check a submission without the truth; exit code 2 if it would be refused
 #[derive(Debug, Args)]
 #[command(after_help = "Example: microsig check-submission channel-test my_submission.zip\n\
 Example: microsig check-submission suites/odpc1-small results/mine --suite odpc1")]
 pub(super) struct CheckSubmission {
-    /// A test split; or, with --suite, a generated suite
+    /// The test split or, with --suite, the generated suite
     dataset: PathBuf,
-    /// A result, a submission (folder or zip archive); for a suite a folder with TRACK/CASE/results.csv
+    /// A result or a submission (folder or zip archive); for a suite, a folder with TRACK/CASE/results.csv
     submission: PathBuf,
     /// The suite
     #[arg(long, value_name = "SUITE")]
@@ -33,10 +33,10 @@ impl CheckSubmission {
         if let Some(suite) = &self.suite {
             return self.of_suite(&scenario::Suite::open(suite)?, common);
         }
-        let Checked { text, told, warnings } =
+        let Checked { text, value, warnings } =
             checked(&self.dataset, &self.submission, Conventions::default())?;
         warn(&warnings, common);
-        report(&text, &told, common)
+        report(&text, &value, common)
     }
 
     /// Checks the results of a tracker for a whole suite.

@@ -1,4 +1,4 @@
-//! Options whose values are those of a key of scenarios: names and meanings from the schema.
+//! Options that take the same values as a key of scenarios: names and descriptions come from the schema.
 
 use std::ffi::OsStr;
 use std::marker::PhantomData;
@@ -22,7 +22,7 @@ impl<T> Choice<T>
 where
     T: JsonSchema,
 {
-    // Not kept: most runs of the program ask for no schema at all.
+    // Not cached: most runs never use a schema.
     fn variants() -> Vec<PossibleValue> {
         let schema = schemars::schema_for!(T);
         let variants = schema.get("oneOf").and_then(Value::as_array).into_iter().flatten();

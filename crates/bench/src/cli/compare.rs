@@ -9,11 +9,11 @@ use super::output::report;
 use crate::report::compare;
 use storage::error::Result;
 
-/// A leaderboard of several scores
+/// Rank several scores in a leaderboard
 #[derive(Debug, Args)]
 #[command(after_help = "Example: microsig compare scores/mine scores/theirs --out scores/leaderboard")]
 pub(super) struct Compare {
-    /// Files score.json, or folders that hold one
+    /// score.json files, or folders that contain one
     #[arg(required = true)]
     scores: Vec<PathBuf>,
     /// Folder for leaderboard.csv, curves.csv and leaderboard.html

@@ -9,7 +9,7 @@ use clap_complete::Shell;
 use super::{Cli, Common};
 use storage::error::{Error, Result};
 
-/// Completions for a shell, on standard output
+/// Print shell completions on standard output
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: microsig completions bash > ~/.local/share/bash-completion/completions/microsig"

@@ -16,18 +16,18 @@ use scoring::evaluate::{EvaluateOptions, evaluate};
 use scoring::results::{self, Conventions, Format, Origin, TrackerResult};
 use storage::error::{Error, Result};
 
-/// Scores of a tracker's result against the truth
+/// Score a tracker's result against the ground truth
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: microsig evaluate datasets/quickstart result.csv --out scores/mine --report"
 )]
 pub(super) struct Evaluate {
-    /// The dataset's folder, or a bare table of the truth (canonical CSV)
+    /// The dataset's folder, or a truth table alone (canonical CSV)
     dataset: PathBuf,
-    /// A tracker's result: particles or a displacement field; or a submission to a challenge (a folder or zip
-    /// archive)
+    /// A tracker's result (particles or a displacement field), or a submission to a challenge (a folder or
+    /// zip archive)
     result: PathBuf,
-    /// The result's format [default: from its header]
+    /// The result's format [default: detected from its header]
     #[arg(long, value_enum)]
     format: Option<Format>,
     /// Shape of the gate [default: ellipsoid with depth, radial without]
@@ -36,7 +36,7 @@ pub(super) struct Evaluate {
     /// Width of the gate in the image plane [default: 2]
     #[arg(long, value_name = "PX")]
     gate_xy: Option<f64>,
-    /// Height of the gate [default: a tenth of the depth range]
+    /// Extent of the gate along z [default: a tenth of the depth range]
     #[arg(long, value_name = "UM")]
     gate_z: Option<f64>,
     /// Score in 2 or 3 dimensions [default: 3 if truth and result have a depth]
@@ -45,16 +45,16 @@ pub(super) struct Evaluate {
     /// Gate of the ISBI scores [default: 5]
     #[arg(long, value_name = "PX")]
     isbi_gate: Option<f64>,
-    /// Do not score particles within this distance of the edge of the image
+    /// Exclude particles within this distance of the image edge from scoring
     #[arg(long, value_name = "PX", default_value_t = 0.0)]
     border: f64,
-    /// Coordinate of the first pixel's center in the result [default: as usual in its format]
+    /// Coordinate of the first pixel's center in the result [default: that of the format]
     #[arg(long, value_enum)]
     origin: Option<Origin>,
     /// Direction of the y axis in the result [default: down]
     #[arg(long, value_enum)]
     y: Option<Direction>,
-    /// Number of the result's first frame [default: as usual in its format]
+    /// Number of the result's first frame [default: that of the format]
     #[arg(long, value_name = "N")]
     frame_base: Option<i64>,
     /// Pixel size in object space [default: the dataset's]
@@ -63,14 +63,14 @@ pub(super) struct Evaluate {
     /// Depth range [default: the dataset's]
     #[arg(long, value_names = ["UM", "UM"], num_args = 2)]
     depth: Option<Vec<f64>>,
-    /// Score a field against the plane of the truth nearest to this depth [default: where particles are
-    /// sharpest]
+    /// Score a field against the truth plane nearest to this depth [default: where particles are in best
+    /// focus]
     #[arg(long, value_name = "UM")]
     plane: Option<f64>,
-    /// Report the uniform shift that fits the result best; it is never applied
+    /// Report the uniform shift that best aligns the result with the truth; it is not applied
     #[arg(long)]
     auto_offset: bool,
-    /// Add the Cramer-Rao bound of the dataset's optics over depth, and the result's efficiency (takes a
+    /// Add the Cramér-Rao bound of the dataset's optics over depth, and the efficiency of the result (takes a
     /// while)
     #[arg(long)]
     crlb: bool,
@@ -80,7 +80,7 @@ pub(super) struct Evaluate {
     /// Also write report.html
     #[arg(long, requires = "out")]
     report: bool,
-    /// Only check that the result can be read, or that a submission is complete and fits the split; needs no
+    /// Only check that the result can be read or that a submission is complete and fits the split; needs no
     /// truth
     #[arg(long)]
     validate_only: bool,
@@ -144,7 +144,7 @@ impl Evaluate {
             crlb: self.crlb,
             seed: common.seed.unwrap_or(0),
         };
-        // Checked first, because evaluating may take long.
+        // Checked first, because an evaluation may take a long time.
         if let Some(out) = &self.out {
             report::check(out, common.force)?;
         }
@@ -174,20 +174,20 @@ impl Evaluate {
     }
 
     fn validate(&self, given: Conventions, common: &Common) -> Result<()> {
-        let Checked { text, told, warnings } = checked(&self.dataset, &self.result, given)?;
+        let Checked { text, value, warnings } = checked(&self.dataset, &self.result, given)?;
         warn(&warnings, common);
-        print(&text, &told, common)
+        print(&text, &value, common)
     }
 }
 
 /// A result or submission that can be scored.
 pub(super) struct Checked {
     pub(super) text: String,
-    pub(super) told: Value,
+    pub(super) value: Value,
     pub(super) warnings: Vec<String>,
 }
 
-/// Checks without the truth that a result can be read, or that a submission is complete and fits the split.
+/// Checks, without the truth, that a result can be read, or that a submission is complete and fits the split.
 pub(super) fn checked(dataset: &Path, result: &Path, given: Conventions) -> Result<Checked> {
     check_order(dataset, result)?;
     if SubmissionFiles::are_at(result) {
@@ -201,8 +201,8 @@ pub(super) fn checked(dataset: &Path, result: &Path, given: Conventions) -> Resu
             submission.method,
             submission.version
         );
-        let told = serde_json::to_value(&validated).map_err(|e| Error::input(e.to_string()))?;
-        return Ok(Checked { text, told, warnings: validated.warnings });
+        let value = serde_json::to_value(&validated).map_err(|e| Error::input(e.to_string()))?;
+        return Ok(Checked { text, value, warnings: validated.warnings });
     }
     let facts = RecordingFacts::of(dataset, &given)?;
     let found = results::read(result, &facts.conventions(given))?;
@@ -215,6 +215,6 @@ pub(super) fn checked(dataset: &Path, result: &Path, given: Conventions) -> Resu
         TrackerResult::Field(f) => ("vectors", f.vectors.len(), f.n_nan, f.notes),
     };
     let text = format!("{}: {rows} {kind}; {}", result.display(), notes.join("; "));
-    let told = json!({ "kind": kind, "rows": rows, "n_nan": n_nan, "assumptions": notes });
-    Ok(Checked { text, told, warnings: Vec::new() })
+    let value = json!({ "kind": kind, "rows": rows, "n_nan": n_nan, "assumptions": notes });
+    Ok(Checked { text, value, warnings: Vec::new() })
 }

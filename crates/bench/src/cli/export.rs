@@ -1,4 +1,4 @@
-//! `microsig export`: writes the truth in another program's format.
+//! `microsig export`: writes the truth in the format of another program.
 
 use std::path::PathBuf;
 
@@ -9,22 +9,22 @@ use super::output::report;
 use crate::export::{Displacement, ExportFormat, ExportOptions, export};
 use storage::error::Result;
 
-/// The truth of a dataset in another tool's format
+/// Export the truth of a dataset to the format of another program
 #[derive(Debug, Args)]
 #[command(after_help = "Example: microsig export datasets/quickstart --format trackpy --out truth.csv")]
 pub(super) struct Export {
     /// The dataset's folder
     dataset: PathBuf,
-    /// The format
+    /// Output format
     #[arg(long, value_enum, value_name = "F")]
     format: ExportFormat,
-    /// The file to write
+    /// Output file
     #[arg(long, value_name = "PATH")]
     out: PathBuf,
-    /// Image pair, for a displacement field that changes with time
+    /// Image pair, if the displacement field changes with time
     #[arg(long, value_name = "N")]
     pair: Option<u32>,
-    /// Which displacement field
+    /// Definition of the displacement field
     #[arg(long, value_enum, value_name = "DEFINITION", default_value_t = Displacement::Central)]
     displacement: Displacement,
 }

@@ -16,7 +16,7 @@ use microsig_core::render::waves::{Emission, Layers, Lens};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
 
-/// The settings of a real microscope from its calibration scan
+/// Fit the settings of a real microscope to its calibration scan
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: microsig fit scan.tif --z z.csv --magnification 10 --pixel-size 6.45 --out fitted"
@@ -30,16 +30,17 @@ pub(super) struct Fit {
     /// Edge of a pixel on the sensor, um
     #[arg(long, value_name = "UM")]
     pixel_size: f64,
-    /// Stage positions: CSV with the columns `page` (from 0) or `image`, and `z_um`
+    /// Stage positions: a CSV file with the columns `page` (from 0) or `image`, and `z_um`
     #[arg(long, value_name = "FILE", conflicts_with = "z_step")]
     z: Option<PathBuf>,
     /// Step of the stage between planes, um
     #[arg(long, value_name = "UM")]
     z_step: Option<f64>,
-    /// Whether stage positions grow away from the lens
+    /// Whether stage positions increase away from the lens
     #[arg(long, value_enum, default_value_t = Direction::Auto, value_name = "DIRECTION")]
     z_direction: Direction,
-    /// Physical depth over depth in the model: about the refractive index of the fluid for a dry objective
+    /// Ratio of physical depth to depth in the model: about the refractive index of the fluid for a dry
+    /// objective
     #[arg(long, default_value_t = 1.0, value_name = "F")]
     depth_factor: f64,
     /// Refractive index of the medium in the model
@@ -48,19 +49,19 @@ pub(super) struct Fit {
     /// Particle diameter, um [default: fitted]
     #[arg(long, value_name = "UM")]
     diameter: Option<f64>,
-    /// CSV with the columns `x_px` and `y_px` of the particles to use [default: found]
+    /// CSV file with the columns `x_px` and `y_px` of the particles to use [default: detected]
     #[arg(long, value_name = "FILE")]
     particles: Option<PathBuf>,
-    /// Whether there is a cylindrical lens
+    /// Whether the microscope has a cylindrical lens
     #[arg(long, value_enum, default_value_t = Cylinder::Auto, value_name = "ANSWER")]
     astigmatic: Cylinder,
-    /// Brightness of planes: fitted for each plane (real objectives), or that of the model
+    /// Brightness of each plane: fitted (for real objectives), or as the model predicts
     #[arg(long, value_enum, default_value_t = Flux::Free)]
     flux: Flux,
     /// Additional quantities to fit; for experts
     #[arg(long, value_enum, value_delimiter = ',', value_name = "KEYS")]
     free: Vec<ExtraParameter>,
-    /// The physics of the images
+    /// Optical model of the images
     #[arg(long, value_enum, default_value_t = Model::Geometric)]
     model: Model,
     /// Wavelength in vacuum, um; for `--model waves`
@@ -72,8 +73,8 @@ pub(super) struct Fit {
     /// The objective; for `--model waves`
     #[arg(long, value_parser = choice::<Lens>(), default_value = "aplanatic", value_name = "LENS")]
     lens: Lens,
-    /// Refractive index of the fluid below a cover slip of 0.17 mm, whose aberration is fitted; for `--model
-    /// waves` [default: what the objective was designed for]
+    /// Refractive index of the fluid below a cover slip of 0.17 mm, whose spherical aberration is fitted; for
+    /// `--model waves` [default: the medium that the objective is designed for]
     #[arg(long, value_name = "N")]
     fluid: Option<f64>,
     /// Depth of the plane in focus below the cover slip, um, from which the fit starts; for `--fluid`
@@ -82,13 +83,13 @@ pub(super) struct Fit {
     /// Planes to use, counted from 0
     #[arg(long, value_name = "A-B")]
     planes: Option<String>,
-    /// Width of the windows about particles, px [default: found]
+    /// Width of the window around each particle, px [default: chosen from the images]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u16).range(7..=129))]
     window: Option<u16>,
-    /// Resamples of the particles for a second estimate of standard deviations
+    /// Number of bootstrap resamples of the particles for a second estimate of standard deviations
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=10_000))]
     bootstrap: u16,
-    /// The folder for settings, parameters and images of the model
+    /// Output folder for settings, parameters and images of the model
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
@@ -117,7 +118,7 @@ enum Cylinder {
 enum Model {
     /// Rays, for images far from focus
     Geometric,
-    /// Diffraction, with aberrations of the objective; also fits rays and says which is better
+    /// Diffraction, with aberrations of the objective; also fits rays and reports which model is better
     Waves,
 }
 
@@ -125,7 +126,7 @@ enum Model {
 enum Flux {
     /// Fitted for each plane
     Free,
-    /// That of the model
+    /// As the model predicts
     Model,
 }
 
@@ -184,7 +185,7 @@ impl Fit {
             problems.extend(idle.map(|(name, _)| format!("--{name}: expected with --model waves only")));
         }
         if !PIXEL_SIZES_UM.contains(&self.pixel_size) {
-            // As a scenario answers (`scenario::language::read`).
+            // The same hint as for scenarios (`scenario::language::read`).
             let um = (self.pixel_size * 1e12).round() / 1e6;
             let hint = format!("; in um, {:e} m is {um}", self.pixel_size);
             let hint = if PIXEL_SIZES_UM.contains(&um) { hint } else { String::new() };
@@ -286,7 +287,7 @@ fn read_positions(file: &Path) -> Result<Vec<[f64; 2]>> {
     Ok(places)
 }
 
-/// The table of parameters and the verdict as text.
+/// The table of parameters and the conclusion as text.
 fn text(fitted: &Fitted, out: &Path) -> String {
     let mut lines = vec![format!("{:<22} {:>12} {:>10}  95 % interval", "parameter", "value", "sd")];
     for p in &fitted.parameters {

@@ -15,13 +15,13 @@ use scenario;
 use storage::error::{Error, Result};
 use storage::save_result;
 
-/// The available velocity fields, or one of them: formula, parameters, units, defaults, source
+/// List the velocity fields, or describe one: formula, parameters, units, defaults, source
 #[derive(Debug, Args)]
 #[command(after_help = "Example: microsig flows lamb_oseen --plot lamb_oseen.svg")]
 pub(super) struct Flows {
     /// Name of a field
     name: Option<String>,
-    /// Draw the field's speed and streamlines in the default scene (SVG)
+    /// Plot speed and streamlines of the field in the default scene (SVG)
     #[arg(long, value_name = "FILE", requires = "name", value_parser = plot_file())]
     plot: Option<PathBuf>,
 }

@@ -10,7 +10,7 @@ use generator::runner::{Cost, GenerateOptions, generate_or_find};
 use scenario;
 use storage::error::Result;
 
-/// A dataset from a scenario: particles, images, ground truth, manifest
+/// Generate a dataset from a scenario: particles, images, ground truth, manifest
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: microsig generate scenarios/quickstart.ron --set optics.background_noise=50 --out datasets/noisy"
@@ -18,16 +18,16 @@ use storage::error::Result;
 pub(super) struct Generate {
     /// The scenario (RON)
     scenario: PathBuf,
-    /// The dataset's folder [default: datasets/NAME]
+    /// Folder of the dataset [default: datasets/NAME]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replace a value of the scenario, written as in the file; may be given several times
+    /// Override a value of the scenario, written as in the file; may be repeated
     #[arg(long, value_name = "PATH=VALUE")]
     set: Vec<String>,
-    /// Continue an interrupted run; a finished dataset is left as it is
+    /// Continue an interrupted run; a finished dataset is left unchanged
     #[arg(long)]
     resume: bool,
-    /// Print frames, particles, time, memory and disk without writing anything
+    /// Print the expected frames, particles, run time, memory and disk space without writing anything
     #[arg(long)]
     dry_run: bool,
 }
@@ -47,10 +47,10 @@ impl Generate {
             GenerateOptions { out, force: common.force, resume: self.resume, progress: progress(common) };
         let Some(generated) = generate_or_find(&scenario, &options)? else {
             let (name, out) = (&scenario.spec.name, &options.out);
-            let text = format!("dataset {name} is there already, in {}", out.display());
+            let text = format!("dataset {name} already exists in {}", out.display());
             return report(&text, &serde_json::json!({ "name": name, "out": out }), common);
         };
-        // Only the warnings added after the scenario's own, which are already printed.
+        // The scenario's own warnings have been printed already; only later ones remain.
         warn(&generated.warnings[scenario.warnings.len()..], common);
         let text = format!(
             "dataset {}: {} images, {:.1} particles in view on average, {} displacements of up to {:.2} px, in {:.2} s, in {}\n{}\n{}",

@@ -54,9 +54,9 @@ pub struct Cli {
     common: Common,
 }
 
-/// Options of every verb.
+/// Options of all verbs.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Options of every verb")]
+#[command(next_help_heading = "Global options")]
 struct Common {
     /// Number of threads, at most 1024; 0 uses all cores
     #[arg(long, global = true, default_value_t = 0, value_name = "N",
@@ -65,7 +65,7 @@ struct Common {
     /// Seed of all random numbers [default: the scenario's; 0 for render]
     #[arg(long, global = true, value_name = "N", value_parser = argument::seed)]
     seed: Option<u64>,
-    /// No progress and no warnings
+    /// Suppress progress and warnings
     #[arg(long, global = true)]
     quiet: bool,
     /// Print the result as one JSON object
@@ -74,7 +74,7 @@ struct Common {
     /// Replace existing output
     #[arg(long, global = true)]
     force: bool,
-    /// Compute the tables of expected images and waves again, and store none (see MICROSIG_CACHE)
+    /// Recompute the image tables of `expected` and `waves`, and do not store them (see MICROSIG_CACHE)
     #[arg(long, global = true)]
     no_cache: bool,
 }
@@ -140,14 +140,14 @@ impl Cli {
             return version(common);
         }
         let Some(verb) = &self.verb else {
-            Cli::command().error(ErrorKind::MissingSubcommand, "expected a verb; see --help").exit()
+            Cli::command().error(ErrorKind::MissingSubcommand, "expected a command; see --help").exit()
         };
         rayon::ThreadPoolBuilder::new()
             .num_threads(usize::from(common.threads))
             .build_global()
             .map_err(|e| Error::input(format!("--threads {}: {e}", common.threads)))?;
         clean_up_on_signals()?;
-        // A fit visits many microscopes, each once.
+        // A fit evaluates many microscopes, each of them once.
         let once = matches!(verb, Verb::Fit(_));
         let folder = if common.no_cache || once { None } else { TableFolder::of_user()? };
         keep_tables(Box::new(Tables::new(folder, output::progress(common))));
@@ -155,7 +155,8 @@ impl Cli {
     }
 }
 
-/// The arguments. Negative numbers are values of options, not options, so that their range is told.
+/// The arguments. Negative numbers are parsed as values, not as options, so that errors state the allowed
+/// range.
 fn arguments() -> Cli {
     let command = Cli::command().mut_subcommands(|verb| verb.allow_negative_numbers(true));
     Cli::from_arg_matches(&command.get_matches()).unwrap_or_else(|e| e.exit())

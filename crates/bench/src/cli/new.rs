@@ -11,19 +11,19 @@ use scenario::{self, SHIPPED, SUITE, nearest, shipped, shipped_suites};
 use storage::error::{Error, Result};
 use storage::save_result;
 
-/// A commented scenario to start from: one with every key, or one of those that come with the program
+/// Write a commented scenario to start from: a template with every key, or a shipped scenario
 #[derive(Debug, Args)]
 #[command(after_help = "Example: microsig new mine.ron && microsig generate mine.ron\n\
          Example: microsig new --list\n\
          Example: microsig new drop.ron --from coffee_ring")]
 pub(super) struct New {
-    /// The file to write
+    /// Output file
     #[arg(required_unless_present = "list")]
     file: Option<PathBuf>,
-    /// Start from a scenario, sweep or suite that comes with the program
+    /// Start from a shipped scenario, sweep or suite
     #[arg(long, value_name = "NAME", conflicts_with = "list")]
     from: Option<String>,
-    /// List the scenarios, sweeps and suites that come with the program
+    /// List the shipped scenarios, sweeps and suites
     #[arg(long, conflicts_with = "file")]
     list: bool,
 }
@@ -69,7 +69,7 @@ impl New {
         for (path, bytes) in &files {
             save_result(path, common.force, bytes)?;
         }
-        let text = format!("{0}: edit it, then `microsig {verb} {0}`", file.display());
+        let text = format!("{0} written; edit it, then run `microsig {verb} {0}`", file.display());
         report(
             &text,
             &json!({ "file": file, "files": files.iter().map(|(path, _)| path).collect::<Vec<_>>() }),

@@ -12,16 +12,16 @@ use scenario;
 use storage::error::Result;
 use storage::save_result;
 
-/// Particle images of a scenario's optics over depth: focus, size, light
+/// Compute particle images of a scenario's optics over depth: focus, size, light
 #[derive(Debug, Args)]
 #[command(after_help = "Example: microsig optics scenarios/objective_20x.ron --plot optics.svg")]
 pub(super) struct Optics {
     /// The scenario (RON)
     scenario: PathBuf,
-    /// Replace a value of the scenario, written as in the file; may be given several times
+    /// Override a value of the scenario, written as in the file; may be repeated
     #[arg(long, value_name = "PATH=VALUE")]
     set: Vec<String>,
-    /// Draw one particle of each size over depth, and curves of peak and size (SVG)
+    /// Plot one particle of each size over depth, with curves of peak and size (SVG)
     #[arg(long, value_name = "FILE", value_parser = plot_file())]
     plot: Option<PathBuf>,
 }

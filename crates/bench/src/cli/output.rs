@@ -1,4 +1,4 @@
-//! Output of all verbs: results on standard output, everything else on standard error.
+//! Output of all verbs: results go to standard output, everything else to standard error.
 
 use std::fmt::Display;
 use std::io::Write;
@@ -15,7 +15,7 @@ pub(super) fn progress(common: &Common) -> Progress {
     if common.quiet { Progress::Hidden } else { Progress::Bar }
 }
 
-/// Replaces hidden characters, with which names from untrusted files could manipulate a terminal.
+/// Replaces hidden characters: names from untrusted files could manipulate a terminal with them.
 pub fn printable(text: &str) -> String {
     let shown =
         |c: char| if storage::shown::is_hidden(c) && !matches!(c, '\n' | '\t') { '\u{fffd}' } else { c };

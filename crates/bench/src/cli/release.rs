@@ -9,20 +9,20 @@ use super::output::{progress, report, warn};
 use crate::release::{Publication, ReleaseOptions, release};
 use storage::error::Result;
 
-/// A public challenge package and its withheld truth
+/// Make a challenge: a public package and the withheld truth
 #[derive(Debug, Args)]
 #[command(
-    long_about = "A public challenge package and its withheld truth.\n\nTrain is DATASET as it is. Val is the same scenario \
-drawn from a public seed made from the dataset's, with truth. Test is the same scenario drawn from a secret key of 256 bits from the \
-operating system: its package holds images, calibration and a template for submissions, no truth. OUT/public is to be \
-published as it is, OUT/withheld to be kept: submissions are scored on OUT/withheld/test, and its truth is published after the \
-deadline and verifies against public/commitment.sha256.",
+    long_about = "Make a challenge: a public package and the withheld truth.\n\nTrain is DATASET, unchanged. Val is the same scenario \
+    drawn with a public seed derived from that of the dataset, with truth. Test is the same scenario drawn with a secret 256-bit key from \
+    the operating system; its package holds images, calibration and a submission template, but no truth. Publish OUT/public \
+    unchanged and keep OUT/withheld: submissions are scored against OUT/withheld/test. Publish its truth after the deadline; it \
+    verifies against public/commitment.sha256.",
     after_help = "Example: microsig release datasets/quickstart --out challenges/quickstart --creator 'Doe, Jane'"
 )]
 pub(super) struct Release {
     /// The dataset's folder; it becomes the train split
     dataset: PathBuf,
-    /// The release's folder
+    /// Folder of the release
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Pairs or frames of the validation split [default: as many as the dataset has]
@@ -31,32 +31,33 @@ pub(super) struct Release {
     /// Pairs or frames of the test split [default: as many as the dataset has]
     #[arg(long, value_name = "N")]
     test: Option<u32>,
-    /// A value of motion or particles that differs in the test split; may be given several times
+    /// Change a value of motion or particles in the test split; may be repeated
     #[arg(long, value_name = "PATH=VALUE")]
     test_set: Vec<String>,
-    /// State the exact times of the test split's frames [default: the nominal ones, without jitter]
+    /// Publish the exact times of the test split's frames [default: nominal times, without jitter]
     #[arg(long)]
     exact_times: bool,
     /// Score displacement fields instead of particles, even if train reveals the flow of test
     #[arg(long)]
     fields: bool,
-    /// Also write withheld/codabench.zip, a bundle for the platform Codabench
+    /// Also write withheld/codabench.zip, a bundle for the Codabench platform
     #[arg(long)]
     codabench: bool,
-    /// The Python wheel of microsig, for the bundle's scoring program [default: the container has microsig]
+    /// Python wheel of microsig for the bundle's scoring program [default: microsig is installed in the
+    /// container]
     #[arg(long, value_name = "FILE", requires = "codabench")]
     wheel: Option<PathBuf>,
-    /// Title of the challenge [default: the dataset's]
+    /// Title of the challenge [default: that of the dataset]
     #[arg(long)]
     title: Option<String>,
-    /// Who is cited, `Family, Given` or a group's name; may be given several times
+    /// Author to cite, as `Family, Given` or the name of a group; may be repeated
     #[arg(long, value_name = "NAME")]
     creator: Vec<String>,
-    /// Leave a finished release of this dataset as it is
+    /// Leave a finished release of this dataset unchanged
     #[arg(long)]
     resume: bool,
-    /// With --force: replace a challenge and draw a new secret key; what has been published of it no longer
-    /// holds
+    /// With --force: replace a challenge and draw a new secret key, which invalidates everything published of
+    /// it
     #[arg(long)]
     new_keys: bool,
     /// Version of the challenge
@@ -90,13 +91,13 @@ impl Release {
             },
         )?;
         let Some(released) = released else {
-            let text = format!("the challenge is there already, in {}", self.out.display());
+            let text = format!("the challenge already exists in {}", self.out.display());
             return report(&text, &serde_json::json!({ "out": self.out }), common);
         };
         warn(&released.warnings, common);
         let [train, val, test] = released.images;
         let text = format!(
-            "challenge {}: {train} + {val} + {test} images (train, val, test) in {:.2} s; publish {}, keep {} to yourself",
+            "challenge {}: {train} + {val} + {test} images (train, val, test) in {:.2} s; publish {}, keep {} private",
             released.name,
             released.seconds,
             released.out.join("public").display(),

@@ -16,15 +16,15 @@ use generator::runner::{RenderOptions, render};
 use scenario::spec::RenderMode;
 use storage::error::{Error, Result};
 
-/// Images from MicroSIG's own settings file and data files
+/// Render images from MicroSIG's own settings file and data files
 #[derive(Debug, Args)]
 #[command(after_help = "Example: microsig render settings.txt particles/ images/ --seed 1")]
 pub(super) struct Render {
-    /// MicroSIG settings file
+    /// Settings file of MicroSIG
     settings: PathBuf,
     /// A data file, or a folder of them (*.txt)
     data: PathBuf,
-    /// Folder for the images (STEM.tif)
+    /// Output folder for the images (STEM.tif)
     out: PathBuf,
     /// Renderer
     #[arg(long, value_parser = choice::<RenderMode>(), default_value = "rays")]
@@ -44,17 +44,17 @@ pub(super) struct Render {
     /// With --mode expected and --mode waves: error of an image as a fraction of its peak [default: 0.003]
     #[arg(long, value_name = "SHARE")]
     tolerance: Option<f64>,
-    /// Number of the first frame, which addresses its random numbers
+    /// Number of the first frame; it selects the random numbers
     #[arg(long, default_value_t = 0, value_name = "N")]
     first_frame: u32,
     /// Which points of a spheroid emit light: as in MicroSIG's program, or uniform in area
     #[arg(long, value_parser = choice::<SpheroidLaw>(), default_value = "original")]
     spheroids: SpheroidLaw,
-    /// What the pixels of the images hold: float32 has counts before rounding and clamping
+    /// Pixel format of the images; float32 has counts before rounding and clamping
     #[arg(long, value_parser = choice::<ImageFormat>(), default_value = "integer")]
     image_format: ImageFormat,
-    /// Round counts only once, after noise is added, as in datasets; MicroSIG rounds the noise first, which
-    /// loses faint light
+    /// Round counts only once, after noise is added, as in datasets; MicroSIG rounds before adding noise,
+    /// which loses faint light
     #[arg(long)]
     round_once: bool,
 }
@@ -102,11 +102,11 @@ impl Render {
             if let Some((option, value)) =
                 given.into_iter().find_map(|(option, value)| Some((option, value?)))
             {
-                return only(option, value, "--mode waves has");
+                return only(option, value, "--mode waves takes");
             }
         }
         if let Some(tolerance) = self.tolerance.filter(|_| self.mode == RenderMode::Rays) {
-            return only("--tolerance", tolerance.to_string(), "--mode expected and --mode waves have");
+            return only("--tolerance", tolerance.to_string(), "--mode expected and --mode waves take");
         }
         let (spheroids, tolerance) = (self.spheroids, self.tolerance.unwrap_or(DEFAULT_TOLERANCE));
         Ok(match self.mode {

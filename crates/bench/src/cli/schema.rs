@@ -7,7 +7,7 @@ use super::output::report;
 use scenario::{SuiteSpec, SweepSpec, schema_of, spec::Spec};
 use storage::error::{Error, Result};
 
-/// The keys of a scenario, sweep or suite as JSON Schema: types, units, ranges, defaults, meanings
+/// Print the JSON Schema of a scenario, sweep or suite: types, units, ranges, defaults, meanings
 #[derive(Debug, Args)]
 #[command(
     long_about = "The keys of a scenario, sweep or suite as JSON Schema (draft 2020-12), for editors and programs that write scenarios as JSON.\n\n\

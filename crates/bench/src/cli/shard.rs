@@ -1,4 +1,4 @@
-//! `--shard`: the share of the cases or datasets that one process makes.
+//! `--shard`: the share of the cases or datasets that one process handles.
 
 use clap::Args;
 
@@ -10,13 +10,14 @@ use storage::error::Result;
 /// The option `--shard`.
 #[derive(Debug, Args)]
 pub(super) struct ShardOption {
-    /// Only every N-th, from the K-th; `slurm`: the share of this task of a Slurm array [default: all]
+    /// Only every N-th one, starting at the K-th; `slurm`: the share of this task of a Slurm array [default:
+    /// all]
     #[arg(long, value_name = "K/N|slurm")]
     shard: Option<String>,
 }
 
 impl ShardOption {
-    /// The shard, which is announced even with `--quiet`: a share must not pass for the whole.
+    /// The shard, which is announced even with `--quiet`: a share must not be mistaken for the whole.
     ///
     /// # Errors
     /// A shard that is neither K/N nor that of a Slurm array task.
@@ -29,7 +30,7 @@ impl ShardOption {
                 let tasks = variable("SLURM_ARRAY_TASK_COUNT").filter(|tasks| tasks.trim() != "1");
                 let note = tasks.map(|tasks| {
                     format!(
-                        "this is one of {tasks} tasks of a Slurm array and does all of the work; --shard slurm does its share"
+                        "this is one of {tasks} tasks of a Slurm array but does all of the work; --shard slurm does only its share"
                     )
                 });
                 warn(note.as_slice(), common);

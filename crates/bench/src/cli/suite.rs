@@ -1,4 +1,4 @@
-//! `microsig suite`: frozen sets of datasets, by which trackers are compared.
+//! `microsig suite`: frozen benchmark suites for comparing trackers.
 
 use std::path::{Path, PathBuf};
 
@@ -17,10 +17,10 @@ use scenario::{Size, Split};
 use storage::error::{Error, Result};
 use storage::save_bytes;
 
-/// Frozen sets of datasets, by which trackers are compared
+/// Work with frozen suites of datasets, for comparing trackers
 #[derive(Debug, Args)]
 #[command(
-    after_help = "SUITE is a suite's file or folder, or the name of one that comes with the program, such as odpc1.\n\
+    after_help = "SUITE is the file or folder of a suite, or the name of a shipped one, such as odpc1.\n\
 Example: microsig suite generate odpc1 --size smoke --out suites/smoke"
 )]
 pub(super) struct Suite {
@@ -30,15 +30,16 @@ pub(super) struct Suite {
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    /// Tracks and cases
+    /// List tracks and cases
     List(List),
-    /// The datasets: DIR/TRACK/CASE/{train,val,test}
+    /// Generate the datasets: DIR/TRACK/CASE/{train,val,test}
     Generate(Generate),
-    /// Whether the datasets have the frozen bytes; exit code 1 if one differs
+    /// Check the datasets against the frozen checksums; exit code 1 if one differs
     Check(Check),
-    /// Scores of all results in one table, ranked case by case
+    /// Score all results in one table, ranked case by case
     Score(Score),
-    /// A challenge of each case: public packages, and withheld truths of test splits drawn from secret keys
+    /// Make a challenge of each case: public packages, and withheld truth of test splits drawn with secret
+    /// keys
     Release(Release),
 }
 
@@ -85,7 +86,7 @@ struct Generate {
     /// smoke, small or full
     #[arg(long)]
     size: String,
-    /// The folder [default: suites/NAME-SIZE]
+    /// Output folder [default: suites/NAME-SIZE]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -102,12 +103,12 @@ struct Check {
     /// smoke, small or full
     #[arg(long)]
     size: String,
-    /// A generated suite, to be verified file by file [default: every dataset is generated again]
+    /// A generated suite to verify file by file [default: generate every dataset again]
     #[arg(long, value_name = "DIR")]
     datasets: Option<PathBuf>,
     #[command(flatten)]
     selection: Selection,
-    /// Write the frozen list of a new version instead; of a part, the other datasets keep their lines
+    /// Write the frozen checksums of a new version instead; datasets that are not selected keep their lines
     #[arg(long)]
     freeze: bool,
 }
@@ -121,7 +122,7 @@ struct Score {
     /// The results: RESULTS/TRACKER/TRACK/CASE/results.csv
     #[arg(long, value_name = "RESULTS")]
     results: PathBuf,
-    /// Folder of the scores
+    /// Output folder of the scores
     #[arg(long, value_name = "OUT")]
     out: PathBuf,
     /// Only this track
@@ -130,7 +131,8 @@ struct Score {
     /// Only this case
     #[arg(long, value_name = "NAME")]
     case: Option<String>,
-    /// Also score degenerate results made from the truth; exit code 1 if one is not behind the trackers
+    /// Also score degenerate results made from the truth; exit code 1 if one does not rank behind the
+    /// trackers
     #[arg(long)]
     anchors: bool,
 }
@@ -141,7 +143,7 @@ struct Release {
     suite: PathBuf,
     /// The generated suite; its train splits become those of the challenges
     datasets: PathBuf,
-    /// Folder of the releases: OUT/TRACK/CASE
+    /// Output folder of the releases: OUT/TRACK/CASE
     #[arg(long, value_name = "OUT")]
     out: PathBuf,
     /// Only this track
@@ -150,20 +152,20 @@ struct Release {
     /// Only this case
     #[arg(long, value_name = "NAME")]
     case: Option<String>,
-    /// Who is cited, `Family, Given` or a group's name; may be given several times
+    /// Author to cite, as `Family, Given` or the name of a group; may be repeated
     #[arg(long, value_name = "NAME")]
     creator: Vec<String>,
-    /// Continue an interrupted run: challenges that are finished keep their secret keys
+    /// Continue an interrupted run; finished challenges keep their secret keys
     #[arg(long)]
     resume: bool,
-    /// With --force: replace challenges and draw new secret keys; what has been published of them no longer
-    /// holds
+    /// With --force: replace challenges and draw new secret keys, which invalidates everything published of
+    /// them
     #[arg(long)]
     new_keys: bool,
-    /// Also write a bundle for the platform Codabench for each case
+    /// Also write a bundle for the Codabench platform for each case
     #[arg(long)]
     codabench: bool,
-    /// The Python wheel of microsig, for the bundles' scoring programs
+    /// Python wheel of microsig for the scoring programs of the bundles
     #[arg(long, value_name = "FILE", requires = "codabench")]
     wheel: Option<PathBuf>,
 }
@@ -204,7 +206,7 @@ impl List {
                 "track": track.name, "title": track.title, "rank_by": track.rank_by, "cases": listed,
             }));
         }
-        lines.push("(numbers of image pairs, frames or bursts of train + val + test)".to_owned());
+        lines.push("(number of image pairs, frames or bursts in train + val + test)".to_owned());
         let whole = json!({ "suite": name, "version": version, "size": size, "tracks": tracks });
         report(&lines.join("\n"), &whole, common)
     }
@@ -230,7 +232,7 @@ impl Generate {
         let selection = self.selection.read(common)?;
         let made = generate_suite(&suite, size, &selection, &options)?;
         let text = format!(
-            "suite {} {}, size {}{}: {} of {} datasets done, {} failed, {} made now in {:.2} s, in {}",
+            "suite {} {}, size {}{}: {} of {} datasets done, {} failed, {} generated now in {:.2} s, in {}",
             suite.spec.name,
             suite.spec.version,
             size.name(),
@@ -261,7 +263,7 @@ impl Check {
             found.matches(&suite, folder)?;
             if found.size != size {
                 let (is, asked) = (found.size.name(), size.name());
-                return Err(Error::input(format!("{}: holds size {is}, not {asked}", folder.display())));
+                return Err(Error::input(format!("{}: contains size {is}, not {asked}", folder.display())));
             }
         }
         let frozen = frozen(&suite, size)?;
@@ -270,13 +272,15 @@ impl Check {
         }
         let Some(frozen) = frozen else {
             let path = shown(&suite, size);
-            return Err(Error::input(format!("{path}: there is no frozen list; --freeze writes it")));
+            return Err(Error::input(format!("{path}: no frozen checksums; --freeze writes them")));
         };
         if frozen.version != suite.spec.version {
             let (path, version) = (shown(&suite, size), &suite.spec.version);
-            let hint = "a new version of a suite has a new list, which --freeze writes";
+            let hint = "a new version of a suite needs new frozen checksums, which --freeze writes";
             let of = &frozen.version;
-            return Err(Error::Failed(vec![format!("{path}: is of version {of}, not {version}; {hint}")]));
+            return Err(Error::Failed(vec![format!(
+                "{path}: belongs to version {of}, not {version}; {hint}"
+            )]));
         }
         let folder = self.datasets.as_deref();
         let checked = check_suite(&suite, size, &selection, (folder, Some(&frozen)), &progress(common))?;
@@ -294,7 +298,7 @@ impl Check {
         if checked.differences.is_empty() { Ok(()) } else { Err(Error::Failed(checked.differences)) }
     }
 
-    /// Writes the frozen list. That of a released version may not change.
+    /// Writes the frozen checksums. Those of a released version may not change.
     fn freeze(
         &self,
         suite: &scenario::Suite,
@@ -305,12 +309,12 @@ impl Check {
     ) -> Result<()> {
         let path = Frozen::path(suite, size);
         if suite.is_shipped {
-            return Err(Error::input("--freeze: expected a suite's file, not the program's own copy"));
+            return Err(Error::input("--freeze: expected the file of a suite, not a shipped suite"));
         }
         let part_of = before.filter(|before| before.version == suite.spec.version);
         if !selection.is_all() && part_of.is_none() {
             return Err(Error::input(
-                "--freeze: expected all datasets, without --track, --case, --split, --shard, as there is no list of this version",
+                "--freeze: expected all datasets, without --track, --case, --split, --shard, because this version has no frozen checksums yet",
             ));
         }
         let checked =
@@ -330,7 +334,7 @@ impl Check {
         if let Some(before) =
             before.filter(|b| b.version == now.version && is_released(&b.version) && **b != now)
         {
-            let what = format!("version {} has other bytes already", before.version);
+            let what = format!("version {} already has different frozen checksums", before.version);
             let hint = "raise `version` of the suite (X.Y.Z-dev until it is released)";
             return Err(Error::Failed(vec![format!("{}: {what}; {hint}", path.display())]));
         }
@@ -342,12 +346,12 @@ impl Check {
     }
 }
 
-/// The frozen list's path for messages.
+/// Path of the frozen checksums, for messages.
 fn shown(suite: &scenario::Suite, size: Size) -> String {
     Frozen::path(suite, size).display().to_string()
 }
 
-/// The frozen list, if there is one.
+/// The frozen checksums, if there are any.
 fn frozen(suite: &scenario::Suite, size: Size) -> Result<Option<Frozen>> {
     let path = Frozen::path(suite, size);
     if !path.exists() {
@@ -429,7 +433,7 @@ impl Release {
             released.push(serde_json::to_value(one).map_err(|e| Error::input(e.to_string()))?);
         }
         let text = format!(
-            "{} challenges of suite {} {}, {made} made now, in {}; publish TRACK/CASE/public, keep TRACK/CASE/withheld to yourself",
+            "{} challenges of suite {} {}, {made} made now, in {}; publish TRACK/CASE/public, keep TRACK/CASE/withheld private",
             released.len(),
             suite.spec.name,
             suite.spec.version,

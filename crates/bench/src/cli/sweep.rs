@@ -12,7 +12,7 @@ use generator::runner::{SweepOptions, collect, sweep};
 use scenario;
 use storage::error::{Error, Result};
 
-/// Many datasets over the axes of a sweep
+/// Generate many datasets over the axes of a sweep
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: microsig sweep scenarios/noise_density_sweep.ron --out sweeps/noise --shard 1/4"
@@ -20,7 +20,7 @@ use storage::error::{Error, Result};
 pub(super) struct Sweep {
     /// The sweep (RON)
     sweep: PathBuf,
-    /// The sweep's folder [default: datasets/NAME]
+    /// Folder of the sweep [default: datasets/NAME]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print the cases of the shard without running them
@@ -31,7 +31,7 @@ pub(super) struct Sweep {
     /// Continue an interrupted run; failed cases are tried again
     #[arg(long)]
     resume: bool,
-    /// Write the table of all cases of a sweep whose shards are done, without running any
+    /// Write the table of all cases once all shards are done, without running any case
     #[arg(long)]
     collect: bool,
     #[command(flatten)]
@@ -53,12 +53,12 @@ impl Sweep {
             return collected(&plan, &out, common);
         }
         let shard = self.shard.read(common)?;
-        // Files are relative to the base scenario, which may be in another folder.
+        // Paths are relative to the base scenario, which may be in another folder.
         let inputs = folder.join(&plan.spec.base).parent().unwrap_or(folder).to_owned();
         let (force, resume, progress) = (common.force, self.resume, progress(common));
         let swept = sweep(&plan, &SweepOptions { out, inputs, shard, force, resume, progress })?;
         let text = format!(
-            "sweep {}{}: {} of {} cases done, {} failed, {} made now in {:.2} s, in {}",
+            "sweep {}{}: {} of {} cases done, {} failed, {} generated now in {:.2} s, in {}",
             plan.spec.name,
             shard.in_title(),
             swept.done,
@@ -92,7 +92,10 @@ fn collected(plan: &scenario::Sweep, out: &Path, common: &Common) -> Result<()> 
     let (done, failed) = collect(plan, out)?;
     let missing = plan.cases.len() - done - failed;
     if missing > 0 {
-        return Err(Error::Failed(vec![format!("{}: {missing} cases are missing, no table", out.display())]));
+        return Err(Error::Failed(vec![format!(
+            "{}: {missing} cases are missing, so no table is written",
+            out.display()
+        )]));
     }
     let text = format!("{}: {done} cases done, {failed} failed", out.join("cases.csv").display());
     report(&text, &serde_json::json!({ "out": out, "done": done, "failed": failed }), common)

@@ -1,7 +1,7 @@
 //! Trackers and scores over the cases of a sweep: `microsig sweep --track --evaluate --plot`.
 //!
-//! Results are `results/METHOD/CASE.csv` in the sweep's folder, scores `scores/METHOD/CASE/`, the plots of
-//! scores against the axes `comparison/`. They are those of `microsig track`, `evaluate` and `compare`.
+//! Results are `results/METHOD/CASE.csv` in the sweep's folder, scores `scores/METHOD/CASE/`, and plots of
+//! the scores against the axes `comparison/`. They equal those of `microsig track`, `evaluate` and `compare`.
 
 use std::path::{Path, PathBuf};
 
@@ -21,13 +21,15 @@ use tracking::{TrackOptions, track};
 /// What is done with the cases of a sweep.
 #[derive(Debug, Args)]
 pub(super) struct SweepScores {
-    /// Run these trackers on every case of the shard: results/METHOD/CASE.csv in the sweep's folder
+    /// Run these trackers on every case of the shard; results go to results/METHOD/CASE.csv in the sweep's
+    /// folder
     #[arg(long, value_name = "METHOD", value_delimiter = ',', value_parser = methods())]
     track: Vec<String>,
-    /// Score the results: scores/METHOD/CASE/; once all shards are done
+    /// Score the results into scores/METHOD/CASE/
     #[arg(long, requires = "track")]
     evaluate: bool,
-    /// Plot the scores against the axes of the sweep: comparison/leaderboard.html
+    /// Plot the scores against the axes of the sweep into comparison/leaderboard.html, once all shards are
+    /// done
     #[arg(long, requires = "evaluate")]
     plot: bool,
 }
@@ -41,7 +43,7 @@ struct Entry<'a> {
 }
 
 impl SweepScores {
-    /// Checks before cases are generated that results can be written below the sweep's folder.
+    /// Checks, before cases are generated, that results can be written below the sweep's folder.
     ///
     /// # Errors
     /// A folder in a dataset.
@@ -81,7 +83,7 @@ impl SweepScores {
             return Ok(());
         }
         if swept.done + swept.failed < swept.cases {
-            let hint = "scores and plots need all cases: run it once more with --resume and --shard 1/1";
+            let hint = "scores and plots need all cases: run again with --resume and --shard 1/1";
             say(hint, common);
             return Ok(());
         }
@@ -95,7 +97,7 @@ impl SweepScores {
         if self.plot {
             let scores: Vec<PathBuf> = entries.into_iter().map(|entry| entry.scores).collect();
             let out = swept.out.join("comparison");
-            // It is made of the scores alone, whatever was there.
+            // The comparison depends on the scores only, so an existing one may be replaced.
             report::compare(&scores, &out, common.force || resume)?;
             say(&format!("scores over the sweep in {}", out.join("leaderboard.html").display()), common);
         }

@@ -11,16 +11,16 @@ use storage::error::{Error, Result};
 use storage::outside_datasets;
 use tracking::{METHODS, TrackOptions, track};
 
-/// A baseline tracker's result
+/// Run a baseline tracker
 #[derive(Debug, Args)]
 #[command(after_help = "Example: microsig track datasets/quickstart --method ncc --out ncc.csv")]
 pub(super) struct Track {
     /// The dataset's folder, or a split of a challenge
     dataset: PathBuf,
-    /// The method
+    /// Tracking method
     #[arg(long, value_parser = methods())]
     method: String,
-    /// The result's file (CSV)
+    /// Output file (CSV)
     #[arg(long, value_name = "RESULT")]
     out: PathBuf,
     /// Largest displacement from frame to frame
@@ -63,7 +63,7 @@ impl Track {
         if !wrong.is_empty() {
             return Err(Error::Input(wrong));
         }
-        // Checked first, because tracking may take long.
+        // Checked first, because tracking may take a long time.
         outside_datasets(&self.out)?;
         let tracked = track(
             &self.dataset,
@@ -81,7 +81,8 @@ impl Track {
             },
         )?;
         warn(&tracked.warnings, common);
-        let each = tracked.seconds_per_frame.map_or(String::new(), |s| format!(" ({s:.3} CPU s per frame)"));
+        let each =
+            tracked.seconds_per_frame.map_or(String::new(), |s| format!(" ({s:.3} s of CPU time per frame)"));
         let text = format!(
             "{} rows from {} frames in {:.2} s{each}, in {}; score it with `microsig evaluate {} {}`",
             tracked.rows,

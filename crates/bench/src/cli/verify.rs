@@ -13,7 +13,7 @@ use storage::error::Result;
 #[derive(Debug, Args)]
 #[command(after_help = "Example: microsig verify datasets/quickstart --regenerate")]
 pub(super) struct Verify {
-    /// The dataset's folder
+    /// Folder of the dataset
     dataset: PathBuf,
     /// Generate the dataset again from its scenario and compare all bytes
     #[arg(long)]
@@ -23,7 +23,7 @@ pub(super) struct Verify {
 impl Verify {
     pub(super) fn run(&self, common: &Common) -> Result<()> {
         let verified = verify(&self.dataset, self.regenerate, progress(common))?;
-        let again = if verified.regenerated { "; generated again, it has the same bytes" } else { "" };
+        let again = if verified.regenerated { "; generated again with identical bytes" } else { "" };
         let text = format!(
             "{}: {} files ({:.1} MB) agree with checksums and manifest{again}",
             self.dataset.display(),

@@ -11,33 +11,33 @@ use super::output::{report, say, warn};
 use crate::view::{ExportOptions, Served, Subject, ViewOptions, export, serve};
 use storage::error::Result;
 
-/// A page in the browser: a scenario before it runs, a dataset, and the errors of results
+/// Show a scenario, a dataset or the errors of results in the browser
 #[derive(Debug, Args)]
 #[command(
-    long_about = "A page in the browser: a scenario before it runs, a dataset with its truth, a result where it fails, the \
-leaderboard of a sweep.\n\nThe page is served by this command on the loopback address alone and needs no network. It ends with \
-Ctrl-C, or some seconds after the last page has been closed.",
+    long_about = "Show a page in the browser: a scenario before it is generated, a dataset with its truth, the errors of a result, \
+    the leaderboard of a sweep.\n\nThis command serves the page on the loopback address only and needs no network. It ends on \
+    Ctrl-C, or a few seconds after the last page is closed.",
     after_help = "Example: microsig view scenarios/quickstart.ron\n\
          Example: microsig view datasets/quickstart result.csv\n\
          Example: microsig view datasets/quickstart result.csv --export result.html"
 )]
 pub(super) struct View {
-    /// A scenario (the file need not exist yet), a dataset's folder, or a sweep's [default: a scenario to
-    /// start from]
+    /// A scenario (the file need not exist yet), or the folder of a dataset or a sweep [default: a new
+    /// scenario]
     path: Option<PathBuf>,
     /// Results for the dataset; for a sweep, folders with a result for each case, CASE.csv or CASE/result.csv
     results: Vec<PathBuf>,
-    /// The port [default: a free one]
+    /// Port [default: a free one]
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     port: u16,
-    /// Print the address without opening a browser
+    /// Print the address but do not open a browser
     #[arg(long)]
     no_browser: bool,
-    /// Keep running after the last page has been closed
+    /// Keep running after the last page is closed
     #[arg(long)]
     stay: bool,
-    /// Instead of serving, write dataset, results and leaderboard to a single page that opens without the
-    /// program (at most 64 MB)
+    /// Write dataset, results and leaderboard to a single page that opens without the program (at most 64
+    /// MB), instead of serving
     #[arg(long, value_name = "FILE.html")]
     export: Option<PathBuf>,
     /// The frames to export [default: the first 4]
@@ -54,7 +54,10 @@ impl View {
             let exported = export(subject, &options)?;
             if !exported.left_out.is_empty() {
                 let (limit, left_out) = (exported.limit_bytes >> 20, &exported.left_out);
-                warn(&[format!("frames {left_out:?} are left out: the page may have {limit} MB")], common);
+                warn(
+                    &[format!("frames {left_out:?} are left out: the page is limited to {limit} MiB")],
+                    common,
+                );
             }
             let (mb, frames) = (exported.bytes as f64 / 1e6, exported.frames.len());
             let text = format!("{}: {frames} frames, {mb:.1} MB", exported.out.display());
@@ -66,7 +69,7 @@ impl View {
             if !self.no_browser {
                 open_browser(address);
             }
-            say("Ctrl-C stops it", common);
+            say("press Ctrl-C to stop", common);
             Ok(())
         })
     }

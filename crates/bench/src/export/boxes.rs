@@ -1,4 +1,4 @@
-//! Export of boxes and masks to the formats of detectors.
+//! Export of boxes and masks to the formats of object detectors.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -113,7 +113,7 @@ impl Boxes {
         );
         let all =
             self.frames.iter().flat_map(|(frame, (_, boxes))| boxes.iter().map(move |one| (frame, one)));
-        // Numbers begin at 1: pycocotools takes 0 for no match.
+        // Numbers start at 1, because pycocotools treats 0 as no match.
         let annotations = all.enumerate().map(|(k, (frame, one))| {
             json!({
                 "id": k + 1, "image_id": frame, "category_id": one.class, "bbox": one.at, "area": one.area_px,
@@ -130,7 +130,8 @@ impl Boxes {
         })
     }
 
-    /// YOLO's text of a frame: class, middle, width and height as shares of the image; of visible particles.
+    /// YOLO's text of a frame, for visible particles: class, center, width and height as fractions of the
+    /// image.
     fn yolo(&self, stem: &str, boxes: &[ParticleBox]) -> Result<(String, Vec<u8>)> {
         let (width, height) = (f64::from(self.size.0), f64::from(self.size.1));
         let line = |one: &ParticleBox| {
@@ -142,13 +143,16 @@ impl Boxes {
         Ok((format!("labels/{stem}.txt"), text.into_bytes()))
     }
 
-    /// The label image of a frame: the number of the row in the frame's part of the table, from 1. The
-    /// smaller of two images that overlap lies on top.
+    /// The label image of a frame: the number of the row in the frame's part of the table, from 1. Where two
+    /// particle images overlap, the smaller one is on top.
     fn labels(&self, stem: &str, boxes: &[ParticleBox]) -> Result<(String, Vec<u8>)> {
         let (width, height) = self.size;
         if boxes.len() > usize::from(u16::MAX) {
             let n = boxes.len();
-            return Err(Error::input(format!("{stem}: {n} particles; label images hold {}", u16::MAX)));
+            return Err(Error::input(format!(
+                "{stem}: {n} particles; label images hold at most {}",
+                u16::MAX
+            )));
         }
         let (columns, rows) = (width as usize, height as usize);
         let mut counts = vec![0u16; columns * rows];
@@ -176,7 +180,7 @@ impl Boxes {
         Ok((format!("masks/{stem}.tif"), file.into_inner()))
     }
 
-    /// A zip archive of a file for each frame, named as its image.
+    /// A zip archive with a file for each frame, named like its image.
     fn archive(
         &self,
         of: impl Fn(&Self, &str, &[ParticleBox]) -> Result<(String, Vec<u8>)>,

@@ -40,7 +40,7 @@ pub(super) fn write(dataset: &Path, options: &ExportOptions) -> Result<(Vec<u8>,
         flo(width as u32, height as u32, known)
     };
     if n == 0 {
-        let what = format!("no vector of the {wanted} field is known at z = {plane_um} um");
+        let what = format!("the {wanted} field has no known vector at z = {plane_um} um");
         return Err(Error::input(format!("{}: {what}", path.display())));
     }
     Ok((bytes, n))

@@ -1,9 +1,9 @@
-//! `microsig export`: the truth of a dataset in other programs' formats.
+//! `microsig export`: the truth of a dataset in the formats of other programs.
 //!
-//! The scored particles are exported (`evaluate::truth`): those visible and inside the depth range, with a
-//! separate track number for each uninterrupted visible section. An exported file, read back and evaluated,
-//! therefore has a perfect score. Coordinates, units and first frame follow the format, as in the readers of
-//! [`scoring::results`].
+//! Exported are the particles that are scored (`evaluate::truth`): visible ones inside the depth range, with
+//! a separate track number for each uninterrupted visible section. An exported file that is read back and
+//! evaluated therefore has a perfect score. Coordinates, units and first frame follow the format, as in the
+//! readers of [`scoring::results`].
 
 mod boxes;
 mod field;
@@ -32,9 +32,9 @@ pub enum ExportFormat {
     Napari,
     /// COCO's annotations as JSON: boxes and masks of particle images.
     Coco,
-    /// YOLO's boxes: a zip archive of a text file for each image.
+    /// YOLO's boxes: a zip archive with a text file for each image.
     Yolo,
-    /// Label images: a zip archive of a 16-bit TIFF for each image.
+    /// Label images: a zip archive with a 16-bit TIFF for each image.
     Masks,
     /// Middlebury's dense flow: a vector for each pixel.
     Flo,

@@ -88,12 +88,14 @@ impl Spots {
             ExportFormat::Defocustracker => {
                 let range = self.facts.depth_um.filter(|(low, high)| low < high);
                 let range = range
-                    .ok_or_else(|| self.missing("a depth range, which DefocusTracker's Z is a share of"))?;
+                    .ok_or_else(|| self.missing("a depth range, by which DefocusTracker normalizes Z"))?;
                 self.defocustracker(&mut text, range)
             }
             ExportFormat::TrackmateSpots => {
-                let um_per_px =
-                    self.facts.um_per_px.ok_or_else(|| self.missing("um_per_px, for TrackMate's um"))?;
+                let um_per_px = self
+                    .facts
+                    .um_per_px
+                    .ok_or_else(|| self.missing("um_per_px, to convert positions to TrackMate's um"))?;
                 self.trackmate(&mut text, um_per_px)
             }
             _ => Ok(()),

@@ -24,7 +24,7 @@ pub struct Publication {
     pub version: String,
 }
 
-/// The facts from which the texts are made.
+/// The facts used in the texts.
 #[derive(Debug)]
 pub(super) struct ReleaseTexts<'a> {
     pub(super) name: &'a str,
@@ -51,8 +51,8 @@ displacement, flag 0 valid, 1 invalid, 2 interpolated. Report a vector wherever 
 fn of_particles(in_focus: bool) -> String {
     let depth = if in_focus { "`z_um` may be left out. " } else { "" };
     format!(
-        "Particles have a row per particle and frame, `frame, track, x_px, y_px, z_um`, and if you have them `d_um`, `quality`, `sx_px`, `sy_px`, \
-         `sz_um` (claimed standard uncertainties). `track` identifies a particle in all frames; -1 or empty if it is not \
+        "Particles have one row per particle and frame, `frame, track, x_px, y_px, z_um`, and optionally `d_um`, `quality`, `sx_px`, `sy_px`, \
+         `sz_um` (claimed standard uncertainties). `track` identifies a particle across frames; -1 or empty if it is not \
          linked. {depth}"
     )
 }
@@ -97,19 +97,19 @@ impl ReleaseTexts<'_> {
         self.scored == ["fields"]
     }
 
-    /// What is scored, and what train reveals about it, for both README files.
+    /// What is scored and what train reveals about it, for both README files.
     fn what_is_scored(&self) -> &'static str {
         match (self.is_for_fields(), self.is_flow_known) {
             (true, true) => {
-                "Scored are displacement fields. **The flow does not depend on random numbers, so `truth/field.csv` of train is also \
-                 that of test**: it could be submitted without looking at the images, and results rest on the honesty of those who submit them. "
+                "Displacement fields are scored. **The flow does not depend on random numbers, so `truth/field.csv` of train is also \
+                the field of test**: it could be submitted without looking at the images, so scores rely on the honesty of participants. "
             }
-            (true, false) => "Scored are displacement fields. ",
+            (true, false) => "Displacement fields are scored. ",
             (false, true) => {
-                "Scored are particles. Fields are refused: the flow does not depend on random numbers, so train reveals that of test. \
-                 For the same reason velocities of particles could be taken from train; their score assumes that they are measured. "
+                "Particles are scored. Fields are refused: the flow does not depend on random numbers, so train reveals the field of test. \
+                For the same reason, velocities of particles could be taken from train; their score assumes that they are measured. "
             }
-            (false, false) => "Scored are particles or displacement fields. ",
+            (false, false) => "Particles or displacement fields are scored. ",
         }
     }
 
@@ -128,33 +128,33 @@ impl ReleaseTexts<'_> {
         let (name, commitment) = (self.name, self.commitment);
         format!(
             "# {title}\n\n\
-             A challenge for {trackers}: synthetic images whose truth is known, and withheld for the test \
+             A challenge for {trackers}: synthetic images with known ground truth, which is withheld for the test \
              split. {scored}\n\n\
-             | file | holds |\n|---|---|\n\
+             | file | contents |\n|---|---|\n\
              | `{name}-train.zip` | images with truth, for development and training |\n\
-             | `{name}-val.zip` | the same scenario with other random numbers, with truth, for choosing parameters |\n\
-             | `{name}-test.zip` | generated with a secret key: images only, for scoring; template for submissions |\n\
+             | `{name}-val.zip` | the same scenario with different random numbers, with truth, for tuning parameters |\n\
+             | `{name}-test.zip` | generated with a secret key: images only, for scoring, and a submission template |\n\
              | `{COMMITMENT}` | SHA-256 of a salt and the truth of the test split, which are published after the deadline |\n\
              | `datapackage.json`, `croissant.json`, `SHA256SUMS` | metadata and checksums; `sha256sum -c SHA256SUMS` checks all files |\n\n\
              ## Taking part\n\n\
-             1. Unpack the archives. Each has a `README.md` on axes, units and files. All three splits share optics{and_calibration}.\n\
-             2. Run your tracker on `{name}-test/images/`. `frames.csv` has their times.\n\
-             3. Copy `{name}-test/submission/`, put your {results} into `results.csv` and fill in `submission.json`.\n\
+             1. Unpack the archives. Each contains a `README.md` that describes axes, units and files. All three splits share optics{and_calibration}.\n\
+             2. Run your tracker on `{name}-test/images/`. `frames.csv` lists their times.\n\
+             3. Copy `{name}-test/submission/`, write your {results} to `results.csv` and fill in `submission.json`.\n\
              4. Check it: `microsig check-submission {name}-test SUBMISSION`. Send it as a folder or zip archive.\n\n\
-             On train and val you can score yourself: `microsig evaluate {name}-val results.csv`. The test split is scored \
+             You can score results on train and val yourself: `microsig evaluate {name}-val results.csv`. The test split is scored \
              in the same way.\n\n\
              ## The truth of the test split\n\n\
-             It was fixed before the first submission: `{COMMITMENT}` holds the SHA-256 of `{SALT}` followed by \
-             `{name}-test-truth.zip`. Both are published after the deadline. Then\n\n\
+             It was fixed before the first submission: `{COMMITMENT}` is the SHA-256 of `{SALT}` followed by \
+             `{name}-test-truth.zip`. Both files are published after the deadline. To verify them:\n\n\
              ```sh\n\
-             cat {SALT} {name}-test-truth.zip | sha256sum -c {COMMITMENT}      # the truth is the committed one\n\
+             cat {SALT} {name}-test-truth.zip | sha256sum -c {COMMITMENT}      # the truth matches the commitment\n\
              unzip {name}-test-truth.zip -d revealed\n\
              cp -r {name}-test/images revealed/{name}-test/\n\
-             microsig verify revealed/{name}-test --regenerate          # images and truth follow from scenario and key\n\
+             microsig verify revealed/{name}-test --regenerate          # scenario and key reproduce images and truth\n\
              ```\n\n\
-             The commitment: `{commitment}`.\n\n\
+             Commitment: `{commitment}`.\n\n\
              ## Source and license\n\n\
-             Made by microsig {GENERATOR_VERSION}; the optical model is that of M. Rossi, Meas. Sci. Technol. 31, 017003 (2020). \
+             Generated by microsig {GENERATOR_VERSION}; the optical model is that of M. Rossi, Meas. Sci. Technol. 31, 017003 (2020). \
              License of the data: {license}, see `LICENSE`. To cite: `CITATION.cff`.\n",
             title = self.title,
             scored = self.what_is_scored().trim_end(),
@@ -164,7 +164,7 @@ impl ReleaseTexts<'_> {
             } else if self.in_focus {
                 "PIV and particle tracking"
             } else {
-                "trackers of defocused particles"
+                "tracking of defocused particles"
             },
             and_calibration = if self.calibrated {
                 ", camera and the calibration stack in `calibration/`"
@@ -178,24 +178,24 @@ impl ReleaseTexts<'_> {
     /// `README.md` of the test split.
     pub(super) fn test_card(&self) -> String {
         let calibration = format!(
-            "- `calibration/`: one particle scanned through the depth range, the stack of the train split. `{}` has the \
-             depths.\n",
+            "- `calibration/`: images of one particle scanned through the depth range, from the train split. `{}` lists the \
+            depths.\n",
             CALIBRATION.path
         );
         let calibration = if self.calibrated { calibration.as_str() } else { "" };
         format!(
             "# {title}: test split\n\n\
              Images of tracer particles, {focus}. The truth is withheld until the deadline of the challenge.\n\n\
-             - `images/`: the frames, 16-bit TIFF (8-bit where the camera has 8); `frames.csv`: number, time and, in pair \
-             recordings, pair and role of each.\n\
-             - `settings.txt`: optics and sensor as MicroSIG's settings; `datapackage.json`: camera, scale, depth range, times.\n\
+             - `images/`: the frames, 16-bit TIFF (8-bit for 8-bit cameras); `frames.csv`: number, time and, for pair \
+             recordings, pair and role of each frame.\n\
+             - `settings.txt`: optics and sensor in MicroSIG's format; `datapackage.json`: camera, scale, depth range, times.\n\
              {calibration}\
-             - `submission/`: a template. `microsig check-submission . SUBMISSION` checks one without the truth.\n\n\
+             - `submission/`: the template. `microsig check-submission . SUBMISSION` checks a submission without the truth.\n\n\
              ## Axes and units\n\n{COORDINATES}\n\n\
              ## Submitting\n\n\
              {scored}{of_particles}{of_fields}\n\n\
-             `submission.json` describes team and method; leave `coordinate_declaration` unchanged, and put the hash of the images you used \
-             into `images_sha256`: `grep '  images/' SHA256SUMS | sha256sum`.\n\n\
+             `submission.json` describes team and method; leave `coordinate_declaration` unchanged, and enter the hash of the images you used \
+             in `images_sha256`: `grep '  images/' SHA256SUMS | sha256sum`.\n\n\
              ## License\n\n{license}; see `LICENSE`.\n",
             title = self.title,
             focus = self.focus(),
@@ -211,18 +211,18 @@ impl ReleaseTexts<'_> {
         let name = self.name;
         format!(
             "# {title}: withheld until the deadline\n\n\
-             `test/` is the complete test split; anyone with `test/secret_key.txt` can generate its truth.\n\n\
+             `test/` is the complete test split; anyone who has `test/secret_key.txt` can generate its truth.\n\n\
              Score a submission (folder or zip archive):\n\n\
              ```sh\n\
              microsig evaluate test SUBMISSION --out scores/TEAM --report\n\
              microsig compare scores/* --out scores/leaderboard\n\
              ```\n\n\
-             After the deadline publish `{SALT}` and `{name}-test-truth.zip`. They match the commitment in \
+             After the deadline, publish `{SALT}` and `{name}-test-truth.zip`. They match the commitment in \
              `../public/{COMMITMENT}`:\n\n\
              ```sh\n\
              cat {SALT} {name}-test-truth.zip | sha256sum -c ../public/{COMMITMENT}\n\
              ```\n\n\
-             The archive holds `test/` without its images, which are public.\n",
+             The archive contains `test/` without its images, which are public.\n",
             title = self.title,
         )
     }

@@ -1,4 +1,5 @@
-//! `release --codabench`: a bundle for the benchmark platform Codabench, which needs no server of one's own.
+//! `release --codabench`: a bundle for the benchmark platform Codabench, so that organizers need no server of
+//! their own.
 //!
 //! ```text
 //! codabench.zip
@@ -7,8 +8,8 @@
 //!   scoring_program.zip  metadata.yaml, scoring.py, and the wheel if one is given
 //! ```
 //!
-//! The bundle has the truth of the test split, so it belongs to the withheld part: the platform shows
-//! reference data to nobody but the organizers.
+//! The bundle contains the truth of the test split, so it belongs to the withheld part; the platform shows
+//! reference data to the organizers only.
 
 use std::path::Path;
 
@@ -26,7 +27,7 @@ pub(super) const BUNDLE: &str = "codabench.zip";
 /// The scoring program.
 const SCORING: &str = include_str!("codabench/scoring.py");
 
-/// How the platform runs it.
+/// Command with which the platform runs it.
 const METADATA: &str = "command: python3 /app/program/scoring.py /app/input /app/output\n";
 
 /// Columns of the leaderboard: key, title, and whether smaller values are better.
@@ -47,7 +48,7 @@ const OF_FIELDS: [(&str, &str, bool); 5] = [
     ("aee_px", "AEE, px", true),
 ];
 
-/// Files of the test split that scoring does not need; some tell more than the truth of this split.
+/// Files of the test split that scoring does not need; some reveal more than the truth of this split.
 fn is_needed(path: &str) -> bool {
     let left_out = ["images/", "particles/", "calibration/"];
     let files = ["secret_key.txt", "scenario.ron", "preview.png", "README.md"];
@@ -107,15 +108,14 @@ pub(super) fn write(
 fn competition(about: &ReleaseTexts<'_>, has_wheel: bool) -> String {
     // A JSON string is a valid YAML string.
     let quoted = |text: &str| Value::from(text).to_string();
-    let container =
-        if has_wheel { "" } else { " # replace it by a container in which microsig is installed" };
+    let container = if has_wheel { "" } else { " # replace with a container in which microsig is installed" };
     let mut text = format!(
         "version: 2\ntitle: {title}\ndescription: {about}\nimage: logo.png\nregistration_auto_approve: true\n\
          docker_image: python:3.12-slim{container}\nterms: terms.md\n\n\
          pages:\n  - title: Overview\n    file: overview.md\n  - title: Evaluation\n    file: evaluation.md\n  - title: Data\n    file: data.md\n\n\
          tasks:\n  - index: 0\n    name: {title}\n    description: {what} of the test split\n    is_public: false\n    \
          reference_data: reference_data.zip\n    scoring_program: scoring_program.zip\n\n\
-         # Set the dates before the upload; without an end the phase stays open.\n\
+         # Set the dates before uploading; without an end date the phase stays open.\n\
          phases:\n  - index: 0\n    name: Test\n    description: Scores on the test split\n    start: 2000-01-01\n    \
          max_submissions_per_day: 2\n    max_submissions: 20\n    execution_time_limit: 1800\n    tasks: [0]\n\n\
          leaderboards:\n  - index: 0\n    title: Results\n    key: main\n    submission_rule: Force_Last\n    columns:\n",
@@ -143,15 +143,15 @@ fn competition(about: &ReleaseTexts<'_>, has_wheel: bool) -> String {
 
 fn evaluation(name: &str) -> String {
     format!(
-        "# Evaluation\n\nSubmit a zip archive with `results.csv` and `submission.json`, as the template in `{name}-test.zip` has them. It is \
-         scored by `microsig evaluate`, whose definitions are in docs/scoring.md; the leaderboard has its numbers. Check it before you \
-         upload it:\n\n```sh\nmicrosig check-submission {name}-test SUBMISSION\nmicrosig evaluate {name}-val results_of_val.csv\n```\n"
+        "# Evaluation\n\nSubmit a zip archive with `results.csv` and `submission.json`, like the template in `{name}-test.zip`. It is \
+        scored with `microsig evaluate`; docs/scoring.md defines the scores on the leaderboard. Check your submission before you \
+        upload it:\n\n```sh\nmicrosig check-submission {name}-test SUBMISSION\nmicrosig evaluate {name}-val results_of_val.csv\n```\n"
     )
 }
 
 fn data(name: &str) -> String {
     format!(
-        "# Data\n\nDownload `{name}-train.zip`, `{name}-val.zip` and `{name}-test.zip` from the page of the release and check them with \
-         `sha256sum -c SHA256SUMS`. Train and val have their truth. Test has images, calibration images and times.\n"
+        "# Data\n\nDownload `{name}-train.zip`, `{name}-val.zip` and `{name}-test.zip` from the release page and check them with \
+         `sha256sum -c SHA256SUMS`. Train and val include their truth. Test includes images, calibration images and times only.\n"
     )
 }

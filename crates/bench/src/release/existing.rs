@@ -1,7 +1,7 @@
-//! Challenges that exist already: their secret keys are not replaced by accident.
+//! Existing challenges: their secret keys are not replaced by accident.
 //!
-//! Images and commitment of a challenge may be published. A new key would draw other images and another
-//! truth, by which no submission could be scored.
+//! Images and commitment of a challenge may have been published. A new key would draw different images and a
+//! different truth, against which no submission could be scored.
 
 use std::io::Read;
 use std::path::Path;
@@ -12,11 +12,11 @@ use storage::checksums::SHA256SUMS;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, check_replaceable};
 
-/// Whether the release is there already and is to be left as it is.
+/// Whether the release already exists and is to be left unchanged.
 ///
 /// # Errors
-/// A challenge, unless it is that of the dataset and `options.resume` leaves it, or `options.force` and
-/// `options.new_keys` replace it; anything else but an empty folder.
+/// An existing challenge, unless it was made from the dataset and `options.resume` keeps it, or
+/// `options.force` and `options.new_keys` replace it; any other folder that is not empty.
 pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions) -> Result<bool> {
     let out = &options.out;
     if !out.join(MARK).is_file() {
@@ -27,7 +27,7 @@ pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions) -> Result<bool>
         return belongs(dataset, options).map(|()| true);
     }
     if !(options.force && options.new_keys) {
-        let hint = "is a challenge with its secret key: --resume leaves it as it is, --force --new-keys replaces it by another \
+        let hint = "is a challenge with its secret key: --resume leaves it unchanged, --force --new-keys replaces it by another \
              one, for which nothing that has been published of it holds";
         return Err(Error::Exists { path: out.clone(), hint: hint.to_owned() });
     }
@@ -39,7 +39,7 @@ pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions) -> Result<bool>
 fn belongs(dataset: &Path, options: &ReleaseOptions) -> Result<()> {
     let out = &options.out;
     let refuse = |what: &str| {
-        let hint = "cannot resume; --force --new-keys replaces it and its secret key";
+        let hint = "cannot resume; --force --new-keys replaces the challenge and its secret key";
         Err(Error::input(format!("{}: {what}; {hint}", out.display())))
     };
     let manifest = storage::read_text(&out.join("public").join(MANIFEST))?;
@@ -48,16 +48,16 @@ fn belongs(dataset: &Path, options: &ReleaseOptions) -> Result<()> {
     let train = resources.filter_map(|of| of["path"].as_str()).find_map(|p| p.strip_suffix("-train.zip"));
     let Some(name) = train else { return refuse("lists no archive of a train split") };
     if manifest["version"].as_str() != Some(&options.about.version) {
-        return refuse(&format!("is not of version {}", options.about.version));
+        return refuse(&format!("does not have version {}", options.about.version));
     }
     let sums = storage::read_text(&dataset.join(SHA256SUMS))?;
     if sums_of_train(out, name).as_deref() == Some(&sums) {
         return Ok(());
     }
-    refuse(&format!("is not made from {}", dataset.display()))
+    refuse(&format!("was not made from {}", dataset.display()))
 }
 
-/// Longest list of checksums that is compared, bytes: a dataset of a million files has 100 MB.
+/// Maximum size of a list of checksums, bytes; that of a million files has 100 MB.
 const LONGEST: u64 = 1 << 30;
 
 /// The checksums in the archive of the train split.

@@ -10,7 +10,7 @@
 //! OUT/withheld/    to be kept until the deadline
 //!   test/                             the complete test split with its secret key, for scoring submissions
 //!   NAME-test-truth.zip  salt.bin     to be published after the deadline
-//!   codabench.zip                     a bundle for the platform of this name, with --codabench
+//!   codabench.zip                     a bundle for the Codabench platform, with --codabench
 //!   README.md                         instructions
 //! ```
 //!
@@ -55,7 +55,7 @@ pub struct ReleaseOptions {
     pub out: PathBuf,
     /// Whether to replace an existing release, which also takes `new_keys`.
     pub force: bool,
-    /// Whether to leave an existing release of the same dataset as it is.
+    /// Whether to leave an existing release of the same dataset unchanged.
     pub resume: bool,
     /// Whether `force` may also replace the secret key of an existing release.
     pub new_keys: bool,
@@ -105,7 +105,7 @@ pub struct Released {
 pub const COMMITMENT: &str = "commitment.sha256";
 /// Name of the salt file.
 pub const SALT: &str = "salt.bin";
-/// File by which a folder is recognized as a release.
+/// File that identifies a folder as a release.
 const MARK: &str = "public/commitment.sha256";
 
 /// Creates the release, atomically; `None` if it is to be resumed but is already finished.
@@ -167,14 +167,14 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     let mut warnings = Vec::new();
     if options.fields && is_flow_known {
         warnings.push(
-            "the train split reveals the velocity field of the test split, which does not depend on random numbers: fields are scored \
-             nevertheless, and README.md says so; --test-set can give the test split another flow"
+            "the train split reveals the velocity field of the test split, which does not depend on random numbers; fields are scored \
+            nevertheless, as README.md states; --test-set can give the test split a different flow"
                 .to_owned(),
         );
     } else if is_flow_known {
         warnings.push(
-            "the train split reveals the velocity field of the test split, which does not depend on random numbers: submissions of fields are \
-             refused; --test-set can give the test split another flow"
+            "the train split reveals the velocity field of the test split, which does not depend on random numbers; submissions of fields are \
+            refused; --test-set can give the test split a different flow"
                 .to_owned(),
         );
     }
@@ -189,12 +189,12 @@ pub fn release(dataset: &Path, options: &ReleaseOptions) -> Result<Option<Releas
     }))
 }
 
-/// Compares the truths of train and test: if their particles share more than statistics, a challenge can be
-/// solved without the images. Tells whether train reveals the velocity field of test.
+/// Compares the truth of train and test: if they share more particles than expected by chance, the challenge
+/// can be solved without the images. Returns whether train reveals the velocity field of test.
 fn compare(train: &Path, test: &Path) -> Result<bool> {
     if let Some(shared) = overlap::particles(train, test)?.filter(overlap::Shared::is_beyond_chance) {
         return Err(Error::input(format!(
-            "{}: {:.1} % of the tracks of the test split coincide with tracks of the train split, {:.1} % would by chance: \
+            "{}: {:.1} % of the tracks of the test split coincide with tracks of the train split, {:.1} % would coincide by chance: \
              the seeding hardly depends on random numbers, so train reveals the truth of test; use a random seeding, or \
              --test-set particles.seeding...",
             train.display(),
@@ -246,7 +246,7 @@ fn publish(public: &Path, about: &about::ReleaseTexts<'_>) -> Result<()> {
     package.unpack(public)
 }
 
-/// Hides the withheld part from other users of the machine.
+/// Hides the withheld part from other users of the computer.
 #[cfg(unix)]
 fn keep_private(folder: &Path) -> Result<()> {
     use std::os::unix::fs::PermissionsExt;

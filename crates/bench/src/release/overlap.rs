@@ -1,10 +1,10 @@
-//! Detects what the test split shares with train beyond statistics: particle positions, velocity field.
+//! Detects what the test split shares with train beyond chance: particle positions, velocity field.
 //!
-//! If the seeding is (nearly) deterministic, particles do not depend on the key, and train's truth, submitted
-//! as a result, scores well on the test split. It is therefore matched to the test split here; as a control,
-//! the same truth is matched after shifts of a few gates in many directions, which gives the rate of chance
-//! matches at the same particle density. A deterministic flow has a single velocity field, so train's
-//! `truth/field.csv` is also that of the test split.
+//! If the seeding is (nearly) deterministic, particles do not depend on the key, and the truth of train,
+//! submitted as a result, scores well on the test split. It is therefore matched to the test split here; as a
+//! control, the same truth is matched after shifts by a few gates in many directions, which gives the rate of
+//! chance matches at the same particle density. A deterministic flow has a single velocity field, so
+//! `truth/field.csv` of train is also that of the test split.
 
 use std::collections::HashMap;
 use std::path::Path;

@@ -117,18 +117,18 @@ impl Package {
     }
 }
 
-/// Writes until the first error, which it keeps, and then pretends to. A [`ZipWriter`] that meets an error
-/// writes to standard error about it when it is dropped.
+/// Writes until the first error, which it keeps, and then discards all output: a [`ZipWriter`] that
+/// encounters an error prints it on standard error when it is dropped.
 struct Postponed<'e, W> {
     writer: W,
-    /// Position and length.
+    /// Position and length of the output.
     at: u64,
     end: u64,
     error: &'e Cell<Option<io::Error>>,
 }
 
 impl<W> Postponed<'_, W> {
-    /// Does something unless there was an error before.
+    /// Performs an operation unless an error has occurred.
     fn attempt<T>(&mut self, action: impl FnOnce(&mut W) -> io::Result<T>) {
         let before = self.error.take();
         let error = if before.is_some() { before } else { action(&mut self.writer).err() };

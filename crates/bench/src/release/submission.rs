@@ -52,7 +52,7 @@ pub struct Submission {
     pub runtime_s: Option<f64>,
     /// Hardware used.
     pub hardware: String,
-    /// Coordinate convention of `results.csv`; must be the text of the template.
+    /// Coordinate convention of `results.csv`; must equal the text of the template.
     pub coordinate_declaration: String,
     /// SHA-256 of the list of images used: `grep ' images/' SHA256SUMS | sha256sum`.
     pub images_sha256: String,
@@ -135,9 +135,14 @@ impl SubmissionFiles {
             let named = |i: &usize| archive.name_for_index(*i).is_some_and(|n| n.is_ok_and(|n| is_it(&n)));
             let found: Vec<usize> = (0..archive.len()).filter(named).collect();
             let at = match found[..] {
-                [] => return Err(wrong(format!("has no {name}"))),
+                [] => return Err(wrong(format!("contains no {name}"))),
                 [at] => at,
-                _ => return Err(wrong(format!("has {} entries {name}; expected one", found.len()))),
+                _ => {
+                    return Err(wrong(format!(
+                        "contains {} entries named {name}; expected one",
+                        found.len()
+                    )));
+                }
             };
             let entry = archive.by_index(at).map_err(|e| wrong(e.to_string()))?;
             if entry.is_symlink() {
@@ -205,8 +210,8 @@ pub fn limits(test: &Path) -> Result<Limits> {
     measurement::limits(test, &of_manifest(test)?)
 }
 
-/// Validates a submission for a test split, without the truth. Messages begin with the path that was given;
-/// of an archive the files' names in it follow.
+/// Validates a submission for a test split, without the truth. Messages begin with the given path; for an
+/// archive, the names of its files follow.
 ///
 /// # Errors
 /// [`Error::Input`] with every problem, with line numbers.
@@ -263,13 +268,13 @@ fn about(test: &Path, path: &Path, problems: &mut Vec<String>) -> Result<Option<
     if submission.images_sha256 != images_digest(&sums) {
         wrong(
             "images_sha256",
-            "the hash of this split's images, of `grep '  images/' SHA256SUMS | sha256sum`; other images were used",
+            "the hash of this split's images, from `grep '  images/' SHA256SUMS | sha256sum`; different images were used",
         );
     }
     Ok(Some(submission))
 }
 
-/// Marker files in the withheld part: only particles are scored, or only fields.
+/// Marker files in the withheld part that state that only particles or only fields are scored.
 const PARTICLES_ONLY: &str = "particles_only.txt";
 const FIELDS_ONLY: &str = "fields_only.txt";
 
@@ -291,7 +296,7 @@ fn is_marked(test: &Path, marker: &str) -> bool {
     test.canonicalize().ok().and_then(|test| Some(test.parent()?.join(marker).exists())).unwrap_or(false)
 }
 
-/// Reads the result as for scoring, and performs all checks that do not need the truth.
+/// Reads the result as for scoring and performs all checks that do not need the truth.
 fn particles_or_vectors(
     test: &Path,
     path: &Path,
@@ -332,7 +337,7 @@ fn particles_or_vectors(
     }
     if matches!(found, TrackerResult::Field(_)) && only_particles {
         problems.push(format!(
-            "{}: vectors; this challenge scores particles only, because the train split reveals its velocity field",
+            "{}: vectors; this challenge scores particles only, because the train split reveals the velocity field",
             path.display()
         ));
     }
@@ -354,7 +359,7 @@ fn particles_or_vectors(
         }
         match (points.has_z, facts.is_scored_in_depth()) {
             (true, _) => {}
-            // The gate would be a wider one.
+            // Without depth, the gate would be wider.
             (false, true) => {
                 problems.push(format!("{}: no z_um; this challenge is scored in depth", path.display()))
             }

@@ -14,7 +14,7 @@ use storage::checksums::{self, SHA256SUMS};
 use storage::error::{Error, Result};
 use storage::tables::truth::FRAMES;
 
-/// Timing keys that are published: none that are derived from the truth, and no seed.
+/// Published timing keys: none that are derived from the truth, and no seed.
 const TIMING: [&str; 11] = [
     "mode",
     "pairs",
@@ -71,10 +71,10 @@ pub(super) fn package(
         profile: whole.profile.clone(),
         name: format!("{}-test", about.name),
         title: format!("{}: test split", about.title),
-        description: "Images whose truth is withheld; README.md says what to do with them.".to_owned(),
+        description: "Images whose truth is withheld; README.md explains how to submit results.".to_owned(),
         version: whole.version.clone(),
         licenses: whole.licenses.clone(),
-        microsig: manifest::Facts { calibration_d_um, ..told(whole.microsig, &images, about) },
+        microsig: manifest::Facts { calibration_d_um, ..public_facts(whole.microsig, &images, about) },
         resources,
     };
     let manifest = serde_json::to_string_pretty(&manifest).map_err(|e| Error::input(e.to_string()))?;
@@ -84,7 +84,7 @@ pub(super) fn package(
 }
 
 /// Published facts of the manifest: none that are derived from the truth, and no seed.
-fn told(whole: manifest::Facts, images: &str, about: &ReleaseTexts<'_>) -> manifest::Facts {
+fn public_facts(whole: manifest::Facts, images: &str, about: &ReleaseTexts<'_>) -> manifest::Facts {
     let mut timing = whole.timing;
     timing.0.retain(|key, _| TIMING.contains(&key.as_str()));
     manifest::Facts {

@@ -1,10 +1,11 @@
 //! `microsig compare`: a leaderboard of several scores, their curves in common plots, and scores against the
 //! parameters of a sweep.
 //!
-//! Particles scored with depth and in the image plane have ranks of their own. They are ranked by detection
-//! F1; where the paired comparison (`scoring::ranking`) does not separate them, by the errors in the image
-//! plane and in depth, then by link F1, then by HOTA. Fields are ranked separately, by the share of valid nodes, then the RMS error at nodes.
-//! Scores that no criterion separates share a rank. Errors are always shown together with recall.
+//! Particles scored with depth and particles scored in the image plane are ranked separately. They are ranked
+//! by detection F1; where the paired comparison (`scoring::ranking`) does not separate them, by the errors in
+//! the image plane and in depth, then by link F1, then by HOTA. Fields are ranked separately, by the fraction
+//! of valid nodes, then by the RMS error at nodes. Scores that no criterion separates share a rank. Errors
+//! are always shown together with recall.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -15,7 +16,7 @@ use serde_json::Value;
 
 use super::figure::{figure_of, names};
 use super::files::{SCORE, UNITS};
-use super::for_team::told;
+use super::for_team::redacted;
 use super::leaderboard::{Entry, axis_text, caution, ranked, text};
 use super::page::document;
 use super::particle_plots::axis;
@@ -61,14 +62,14 @@ pub fn compare(paths: &[PathBuf], out: &Path, force: bool) -> Result<Comparison>
     Ok(Comparison { entries, warnings, out: out.to_owned(), text })
 }
 
-/// Scores in their order.
+/// Ranked scores.
 #[derive(Debug, Clone)]
 pub struct Ranking {
     /// The leaderboard, best first: particles, then fields.
     pub entries: Vec<Entry>,
-    /// What must be known about it.
+    /// Warnings about it.
     pub warnings: Vec<String>,
-    /// It as text.
+    /// The leaderboard as text.
     pub text: String,
     scores: Vec<(Entry, Score)>,
 }
@@ -80,23 +81,23 @@ pub struct Named {
     pub name: String,
     /// Its scores.
     pub score: Score,
-    /// What a paired comparison needs.
+    /// Input of the paired comparison.
     pub units: Option<Arc<UnitScores>>,
 }
 
 /// Ranks scores.
 ///
 /// # Errors
-/// A score that cannot be serialized; no such case is known.
+/// A score that cannot be serialized; never observed.
 pub fn ranking(scores: Vec<Named>) -> Result<Ranking> {
     let of = |Named { name, score, units }: Named| (Entry::of(name, &score, units), score);
     let scores = ranked(scores.into_iter().map(of).collect());
     let shown = |(entry, score): (Entry, Score)| -> Result<(Entry, Score)> {
-        // Ranks are by all digits.
-        let told = told(&score)?;
-        let mut shown = Entry::of(entry.name, &told, entry.units);
+        // Ranks use all digits.
+        let released = redacted(&score)?;
+        let mut shown = Entry::of(entry.name, &released, entry.units);
         shown.rank = entry.rank;
-        Ok((shown, told))
+        Ok((shown, released))
     };
     let scores: Vec<(Entry, Score)> = scores.into_iter().map(shown).collect::<Result<_>>()?;
     let entries: Vec<Entry> = scores.iter().map(|s| s.0.clone()).collect();
@@ -104,8 +105,8 @@ pub fn ranking(scores: Vec<Named>) -> Result<Ranking> {
     let unpaired: Vec<&str> = entries.iter().filter(|e| e.units.is_none()).map(|e| e.name.as_str()).collect();
     if entries.len() > 1 && !unpaired.is_empty() {
         warnings.push(format!(
-            "no {UNITS} beside the scores of {}: their intervals are compared, which a result that leaves out \
-             frames can widen; run `microsig evaluate --out` again",
+            "no {UNITS} beside the scores of {}: their confidence intervals are compared instead, which a result that leaves out \
+            frames can widen; run `microsig evaluate --out` again",
             unpaired.join(", ")
         ));
     }
@@ -117,7 +118,7 @@ pub fn ranking(scores: Vec<Named>) -> Result<Ranking> {
     Ok(Ranking { entries, warnings, text, scores })
 }
 
-/// Reads scores and names them after their folders.
+/// Reads scores; each is named after its folder.
 fn named(paths: &[PathBuf]) -> Result<Vec<Named>> {
     let (mut scores, mut problems): (Vec<Named>, _) = (Vec::new(), Vec::new());
     for path in paths {
@@ -157,7 +158,7 @@ fn differences(scores: &[(Entry, Score)]) -> Vec<String> {
     fn differ<T: PartialEq>(scores: &[(Entry, Score)], of: impl Fn(&Score) -> T) -> bool {
         scores.iter().any(|s| of(&s.1) != of(&scores[0].1))
     }
-    // The hash of the truth distinguishes datasets of the same name; old scores have the name only.
+    // The hash of the truth distinguishes datasets of the same name; old scores only have the name.
     let hashed = scores.iter().all(|s| s.1.definitions.truth_sha256.is_some());
     let truth = |s: &Score| if hashed { s.definitions.truth_sha256.clone() } else { Some(s.dataset.clone()) };
     let are_cases = scores.iter().all(|s| !s.0.axes.is_empty());
@@ -166,7 +167,9 @@ fn differences(scores: &[(Entry, Score)]) -> Vec<String> {
         names.sort_unstable();
         names.dedup();
         let what = match names[..] {
-            [one] => format!("of different datasets, all named {one} (other seeds or other particles)"),
+            [one] => {
+                format!("of different datasets that are all named {one} (with different seeds or particles)")
+            }
             _ => format!("of different datasets ({})", names.join(", ")),
         };
         warnings.push(format!("the scores are {what}: their ranks are not comparable"));
@@ -266,7 +269,7 @@ const COLUMNS: [(&str, Column); 20] = [
 
 /// A plot of several series; `None` if no series has points.
 fn plot_of(x: &str, y: &str, mut series: Vec<Series>) -> Result<Option<Markup>> {
-    // Scores of the other kind have no points and are left out of the legend.
+    // Scores of the other kind have no points and do not appear in the legend.
     series.retain(Series::has_points);
     if series.is_empty() {
         return Ok(None);
@@ -308,11 +311,11 @@ fn page(scores: &[(Entry, Score)], warnings: &[String]) -> Result<String> {
     let with_axes = scores.iter().any(|s| !s.0.axes.is_empty());
     let body = html! {
         h1 { "Leaderboard" }
-        p.soft { "Particles scored with depth and in the image plane have ranks of their own; they are ranked by detection F1, then by \
-             errors in the image plane and in depth, link F1, HOTA; \
-            fields by the share of valid nodes, then the RMS error at nodes. If the paired comparison of two results does not separate \
-            them by one criterion, the next one decides. Scores with equal ranks are not separated by any. Errors cover found particles only: \
-            read them together with recall. A ! marks positions with a bias that F1 does not show." }
+        p.soft { "Particles scored with depth and particles scored in the image plane are ranked separately, by detection F1, then by \
+        errors in the image plane and in depth, link F1, HOTA; \
+        fields are ranked by the fraction of valid nodes, then by the RMS error at nodes. If the paired comparison of two results does not \
+        separate them by one criterion, the next one decides. Scores of equal rank are not separated by any criterion. Errors cover found \
+        particles only: read them together with recall. A ! marks positions with a bias that F1 does not show." }
         @for warning in warnings { p.warning { (warning) } }
         @for same in scores.chunk_by(|a, b| a.0.kind == b.0.kind) {
             h2 { (same[0].0.kind.title()) }

@@ -74,8 +74,9 @@ fn arrows(valid: &[&ComparedVector], size: (f64, f64), outlier_px: f64) -> Resul
         format!("off by {outlier_px} px or more ({outliers} in all)"),
         "true".to_owned(),
     ];
-    let caption =
-        format!("Displacement vectors of one image pair, starting at the dots, enlarged {stretch:.1} times.");
+    let caption = format!(
+        "Displacement vectors of one image pair, starting at the dots, magnified {stretch:.1} times."
+    );
     Ok(figure_of(svg, &names.iter().map(String::as_str).collect::<Vec<_>>(), &caption))
 }
 
@@ -91,7 +92,7 @@ fn responses(spectra: &[Spectrum]) -> Result<Vec<Markup>> {
     let x = "wavenumber 1 / wavelength, 1/px";
     if !response.is_empty() {
         let labels = AxisLabels { x, y: "amplitude response", title: "Amplitude response" };
-        let caption = "Share of the true amplitude that is measured, against the wavenumber.";
+        let caption = "Measured fraction of the true amplitude against the wavenumber.";
         plots.push(figure_of(lines(&labels, &response)?, &names(&response), caption));
     }
     for s in spectra {

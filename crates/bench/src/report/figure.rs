@@ -49,13 +49,13 @@ pub(super) fn figure_by_group(svg: String, groups: &[&str], names: &[&str], capt
     }
 }
 
-/// The names of series, empty for those without points, which keep the colors of the others the same from
-/// plot to plot.
+/// The names of series, empty for those without points: they are not listed, but the colors of the others
+/// stay the same from plot to plot.
 pub(crate) fn names(series: &[Series]) -> Vec<&str> {
     series.iter().map(|s| if s.has_points() { s.name.as_str() } else { "" }).collect()
 }
 
-/// RMS error against claimed uncertainty, in classes of similar claims.
+/// RMS error against claimed uncertainty, in classes of similar claimed uncertainty.
 pub(super) fn claimed(axis: &str, of: &Uncertainty) -> Result<Markup> {
     let found = of.bins.iter().map(|b| (b.claimed_rms, b.error_rms)).collect();
     let most = of.bins.iter().map(|b| b.claimed_rms).fold(0.0, f64::max);
@@ -65,7 +65,7 @@ pub(super) fn claimed(axis: &str, of: &Uncertainty) -> Result<Markup> {
         Series::new("calibrated: RMS error = claim", vec![(0.0, 0.0), (most, most)]).drawn(Style::Line),
     ];
     let svg = lines(&AxisLabels { x: &x, y: &y, title: "Claimed and actual errors" }, &series)?;
-    Ok(figure_of(svg, &names(&series), &format!("{y} against its {x}, in ten classes of equal size.")))
+    Ok(figure_of(svg, &names(&series), &format!("{y} against {x}, in ten classes of equal size.")))
 }
 
 /// Histogram of errors without the extreme 1 %, symmetric about 0 to show a bias. `None` if all errors are 0.

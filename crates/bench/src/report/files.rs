@@ -15,7 +15,7 @@ use storage::save_bytes;
 /// Name of the file with all scores.
 pub const SCORE: &str = "score.json";
 
-/// Name of the file with what a paired comparison needs.
+/// Name of the file with the input of the paired comparison.
 pub(super) const UNITS: &str = "units.json";
 
 /// Writes rows as CSV, with the names of their fields as header.

@@ -1,4 +1,4 @@
-//! The report of a fit of a microscope: what was fitted, how well, and what to do with it.
+//! The report of a fit of a microscope: fitted quantities, quality of the fit, next steps.
 
 use std::io::Cursor;
 
@@ -20,7 +20,7 @@ const ROWS: usize = 3;
 /// Residuals are shown from minus to plus this many standard deviations.
 const SHOWN_SD: f32 = 5.0;
 
-/// Colors of the first series of a plot are those of the data, of the second of the model.
+/// The first series of a plot is the data, the second the model.
 const KINDS: [&str; 2] = ["data", "model"];
 
 /// The report of a fit whose files are in the folder `out`.
@@ -45,7 +45,7 @@ pub(crate) fn fit_page(fitted: &Fitted, evidence: &Evidence, scan: &str, out: &s
         div.key { @for (name, value) in key_numbers(fitted) { div { (name) b { (value) } } } }
         h2 { "Data, model and residual over depth" }
         (montage(evidence)?)
-        h2 { "Width, brightness and goodness over depth" }
+        h2 { "Width, brightness and goodness of fit over depth" }
         div.plots { @for plot in &plots { (plot) } }
         h2 { "Parameters" }
         (parameters(fitted))
@@ -58,7 +58,7 @@ pub(crate) fn fit_page(fitted: &Fitted, evidence: &Evidence, scan: &str, out: &s
     Ok(document(&title, &body))
 }
 
-/// The verdict with a capital letter and a full stop.
+/// The conclusion with a capital letter and a period.
 fn sentence(fitted: &Fitted) -> String {
     let mut text = fitted.sentence();
     text[..1].make_ascii_uppercase();
@@ -107,7 +107,7 @@ fn montage(evidence: &Evidence) -> Result<Markup> {
             } }
         }
         p.soft { "Depth in the model above each column. Data and model have the same gray scale in a column, from the background to the \
-            brightest pixel. Residuals: blue and red are " (-SHOWN_SD) " and +" (SHOWN_SD) " standard deviations, white is none; hatched \
+            brightest pixel. Residuals: blue and red are " (-SHOWN_SD) " and +" (SHOWN_SD) " standard deviations, white is zero; hatched \
             pixels belong to another particle." }
     })
 }
@@ -134,7 +134,7 @@ fn tile(evidence: &Evidence, sample: &Sample, of: usize) -> Result<String> {
     Ok(format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png.into_inner())))
 }
 
-/// Color of a residual: blue below zero, red above; stripes where there is none.
+/// Color of a residual: blue below zero, red above; stripes on pixels of other particles.
 fn shade(residual: f32, stripe: u32) -> [u8; 3] {
     if !residual.is_finite() {
         return if stripe.is_multiple_of(4) { [140; 3] } else { [225; 3] };
@@ -151,8 +151,8 @@ fn plots(fitted: &Fitted, evidence: &Evidence) -> Result<Vec<Markup>> {
         if evidence.astigmatic { &["along the axis", "across the axis"] } else { &["radius"] };
     for (axis, name) in axes.iter().enumerate() {
         let caption = format!(
-            "Distance from the particle within which half of its light lies ({name}), of all particles over their depth. The minimum is \
-             the focal plane; the slopes on both sides give NA, their difference and the rounding between them f."
+            "Distance from the particle that contains half of its light ({name}), for all particles against their depth. The minimum is \
+             the focal plane; the slopes on both sides determine NA, and their difference and the rounding between them determine f."
         );
         plots.push(over_depth(evidence, "half-light width, px", &caption, &|s, model| {
             if model { s.model.half_light_px[axis] } else { s.data.half_light_px[axis] }
@@ -177,9 +177,9 @@ fn plots(fitted: &Fitted, evidence: &Evidence) -> Result<Vec<Markup>> {
         fitted.planes.iter().map(|p| (p.stage_um, value(p))).collect::<Vec<_>>()
     };
     let x = "stage position, um";
-    let labels = AxisLabels { x, y: "chi2 per pixel", title: "Goodness over the scan" };
+    let labels = AxisLabels { x, y: "chi2 per pixel", title: "Goodness of fit over the scan" };
     let series = [Series::new("chi2 per pixel", planes(&|p| p.chi2))];
-    let caption = "Squared residuals over the variance of the noise, by plane; 1 is the noise alone.";
+    let caption = "Squared residuals divided by the variance of the noise, for each plane; 1 is expected from noise alone.";
     plots.push(figure_of(lines(&labels, &series)?, &[], caption));
     let labels = AxisLabels { x, y: "brightness, relative", title: "Brightness of planes" };
     let series = [Series::new("brightness", planes(&|p| p.flux))];
@@ -227,7 +227,7 @@ fn parameters(fitted: &Fitted) -> Markup {
                 ("variance per count of light, counts", fitted.variance_per_count),
                 ("drift x, px/um", fitted.drift_px_per_um[0]),
                 ("drift y, px/um", fitted.drift_px_per_um[1]),
-            ] { tr { td { (name) } td { (format!("{value:.4}")) } td {} td { "from the scan" } td {} } }
+            ] { tr { td { (name) } td { (format!("{value:.4}")) } td {} td { "measured in the scan" } td {} } }
         } }
     }
 }
@@ -260,7 +260,7 @@ fn particles(fitted: &Fitted) -> Markup {
             } }
         } }
         @if !fitted.rejected.is_empty() {
-            p.soft { "Rejected windows, whose residuals are far above the others' (particle, plane from 0): "
+            p.soft { "Rejected windows, whose residuals far exceed those of the others (particle, plane from 0): "
                 @for (i, (k, plane)) in fitted.rejected.iter().enumerate() { @if i > 0 { "; " } (k + 1) ", " (plane) } }
         }
     }
@@ -269,14 +269,14 @@ fn particles(fitted: &Fitted) -> Markup {
 fn next(fitted: &Fitted, out: &str) -> Markup {
     html! {
         @if fitted.verdict == Verdict::NotDescribed {
-            p { "Do not use these settings. Images shaped by diffraction are fitted by " code { "--model waves --wavelength UM" }
-                "; a scan over a longer range, far from focus, is fitted by rays." }
+            p { "Do not use these settings. Fit images shaped by diffraction with " code { "--model waves --wavelength UM" }
+            "; with rays, fit a scan over a longer range, far from focus." }
         } @else {
-            p { "The twin of this microscope is in " code { "scenario.ron" } ": choose a flow and a number of particles there, then" }
+            p { "The digital twin of this microscope is in " code { "scenario.ron" } ": choose a flow and a number of particles there, then run" }
             pre { "microsig generate " (out) "/scenario.ron --out twin\nmicrosig track twin --method ncc --out found.csv\n\
                 microsig evaluate twin found.csv --out scores --report" }
             p { code { "settings.txt" } " is a settings file of MicroSIG with the same optics. Look at the residuals above first: rings or \
-                crosses that all particles share are the model's error; a bright spot in a few planes is a neighbor." }
+            crosses that all particles share are errors of the model; a bright spot in a few planes is a neighboring particle." }
         }
     }
 }

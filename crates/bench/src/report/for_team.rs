@@ -1,13 +1,13 @@
-//! What participants may see of the scores of a withheld truth: averages over many particles, rounded.
+//! What participants may see of scores against a withheld truth: averages over many particles, rounded.
 //!
-//! The error of a single particle, with the position that was submitted for it, is its true position. Errors
-//! that a single particle decides (medians, extremes, bins with few particles) are left out. Averages are
-//! rounded to three digits, and to a step that is not smaller than one particle can change them: the gate
-//! over the number of matches, or 1 over it for rates. With all digits, two submissions that differ in one
-//! row would give its true position exactly.
+//! The error of a single particle, combined with its submitted position, reveals its true position. Errors
+//! that depend on a single particle (medians, extremes, bins with few particles) are therefore left out.
+//! Averages are rounded to three digits, and to a step that is at least the change that one particle can
+//! cause: the gate divided by the number of matches, or 1 divided by it for rates. With all digits, two
+//! submissions that differ in one row would reveal its true position exactly.
 //!
-//! All that leaves goes through [`told`]: `for_team`, the scoring program of Codabench (which hands on
-//! `for_team/score.json`), the leaderboards of `compare` and of suites.
+//! Everything that is published passes through [`redacted`]: `for_team`, the scoring program of Codabench
+//! (which passes on `for_team/score.json`), the leaderboards of `compare` and of suites.
 
 use std::path::Path;
 
@@ -26,23 +26,23 @@ use storage::save_bytes;
 /// Name of the folder.
 pub(super) const FOLDER: &str = "for_team";
 
-/// Fewest particles or vectors over which errors are averaged.
+/// Minimum number of particles or vectors over which errors are averaged.
 const FEWEST: usize = 20;
 
-/// Digits of numbers.
+/// Number of significant digits.
 const DIGITS: usize = 3;
 
-/// Beginnings of keys whose value a single particle decides.
+/// Prefixes of keys whose value depends on a single particle.
 const OF_ONE: [&str; 5] = ["p50", "p95", "median", "min_distance", "max_distance"];
 
-/// Groups of keys that are no results: rules, counts, edges of bins.
+/// Keys that are not results: rules, counts, edges of bins.
 const EXACT: [&str; 6] = ["definitions", "counts", "from", "to", "z_over_h", "wavelength_px"];
 
 /// Writes `score.json`, and `report.html` if asked for, into the folder `for_team`; returns their names.
 pub(super) fn write(folder: &Path, evaluation: &Evaluation, html: bool) -> Result<Vec<String>> {
     let folder = folder.join(FOLDER);
     std::fs::create_dir(&folder).map_err(Error::write(&folder))?;
-    let score = told(&evaluation.score)?;
+    let score = redacted(&evaluation.score)?;
     let mut names = vec![SCORE];
     let text = serde_json::to_string_pretty(&score).map_err(|e| Error::input(e.to_string()))?;
     save_bytes(&folder.join(SCORE), (text + "\n").as_bytes())?;
@@ -54,23 +54,23 @@ pub(super) fn write(folder: &Path, evaluation: &Evaluation, html: bool) -> Resul
     Ok(names.into_iter().map(|name| format!("{FOLDER}/{name}")).collect())
 }
 
-/// What may be seen of a score; all of it, unless the truth is withheld.
+/// The publishable part of a score: all of it, unless the truth is withheld.
 ///
 /// # Errors
-/// A score that cannot be serialized; no such case is known.
-pub(crate) fn told(score: &Score) -> Result<Score> {
+/// A score that cannot be serialized; never observed.
+pub(crate) fn redacted(score: &Score) -> Result<Score> {
     if !score.truth_is_secret {
         return Ok(score.clone());
     }
     let n = averaged(score);
-    let told = if n >= FEWEST { with_full_bins(score) } else { without_scores(score) };
-    let value = serde_json::to_value(&told).map_err(|e| Error::input(e.to_string()))?;
+    let kept = if n >= FEWEST { with_full_bins(score) } else { without_scores(score) };
+    let value = serde_json::to_value(&kept).map_err(|e| Error::input(e.to_string()))?;
     let gate = score.definitions.gate.map_or((1.0, f64::INFINITY), |gate| (gate.xy_px, gate.z_um));
     let value = Rounding { n: n.max(FEWEST), links: links(score).max(FEWEST), gate }.of("", value);
     serde_json::from_value(value).map_err(|e| Error::input(e.to_string()))
 }
 
-/// Number of particles or vectors over which the errors of all are averaged.
+/// Number of particles or vectors over which overall errors are averaged.
 fn averaged(score: &Score) -> usize {
     let of_fields = || score.field.as_ref().map_or(0, |field| field.n_reported);
     score.detection.as_ref().map_or_else(of_fields, |detection| detection.tp)
@@ -81,7 +81,7 @@ fn links(score: &Score) -> usize {
     score.links.as_ref().map_or(0, |links| links.tp)
 }
 
-/// The score without errors of bins that average over few particles.
+/// The score without the errors of bins with few particles.
 fn with_full_bins(score: &Score) -> Score {
     let mut score = score.clone();
     for bin in score.curves.iter_mut().flat_map(|curve| &mut curve.bins) {
@@ -108,7 +108,7 @@ fn with_full_bins(score: &Score) -> Score {
         (lpt.motion, lpt.interval) = Default::default();
     }
     for hint in &mut score.hints {
-        // The rest is scores of a sample, in words.
+        // The remaining hints quote scores of a sample.
         let question = hint.what.split_inclusive('?').next().unwrap_or_default().to_owned();
         for warning in score.warnings.iter_mut().filter(|warning| **warning == hint.what) {
             warning.clone_from(&question);
@@ -132,10 +132,10 @@ fn with_full_bins(score: &Score) -> Score {
     score
 }
 
-/// What is told of a result with next to nothing in common with the truth.
+/// The score of a result that hardly overlaps with the truth: counts only.
 fn without_scores(score: &Score) -> Score {
     let mut warnings = score.warnings.clone();
-    warnings.push(format!("fewer than {FEWEST} particles or vectors could be compared: no scores are told"));
+    warnings.push(format!("fewer than {FEWEST} particles or vectors could be compared: scores are withheld"));
     Score {
         dataset: score.dataset.clone(),
         result: score.result.clone(),
@@ -159,7 +159,7 @@ struct Rounding {
 }
 
 impl Rounding {
-    /// A value by its key, with all it contains.
+    /// Rounds a value, with everything it contains, according to its key.
     fn of(self, key: &str, value: Value) -> Value {
         if OF_ONE.iter().any(|beginning| key.starts_with(beginning)) {
             return Value::Null;
@@ -182,7 +182,7 @@ impl Rounding {
         }
     }
 
-    /// About the largest change of an average by one particle.
+    /// Approximately the largest change of an average that one particle can cause.
     fn step(self, key: &str, value: f64) -> f64 {
         let size = match key {
             key if key.ends_with("_px") => self.gate.0,
@@ -196,8 +196,8 @@ impl Rounding {
     }
 }
 
-/// A number with three digits, and to a step of 1, 2 or 5 times a power of ten that is at least the one
-/// given.
+/// A number with three digits, rounded to a step of 1, 2 or 5 times a power of ten that is at least the given
+/// one.
 fn rounded(exact: f64, least: f64) -> f64 {
     let digits: f64 = format!("{exact:.*e}", DIGITS - 1).parse().unwrap_or(exact);
     if least <= 0.0 || !digits.is_finite() {
@@ -206,7 +206,7 @@ fn rounded(exact: f64, least: f64) -> f64 {
     let power = least.log10().floor();
     let step = [1.0, 2.0, 5.0, 10.0].map(|k| k * 10f64.powf(power)).into_iter().find(|step| *step >= least);
     let step = step.unwrap_or(least);
-    // Written out, so that no digits beyond the step remain.
+    // Formatted, so that no digits beyond the step remain.
     let places = (-power).clamp(0.0, 300.0) as usize;
     format!("{:.places$}", (digits / step).round() * step).parse::<f64>().unwrap_or(digits) + 0.0
 }
@@ -224,8 +224,8 @@ mod tests {
     fn few_particles_and_many_digits_are_not_told() {
         let bin = |tp| Bin { tp, recall: Some(0.5), bias_x_px: Some(0.123_456), ..Bin::default() };
         let curve = Curve { against: "z_um".to_owned(), bins: vec![bin(FEWEST - 1), bin(FEWEST)] };
-        let told = with_full_bins(&Score { curves: vec![curve], ..Score::default() });
-        let bins = &told.curves[0].bins;
+        let kept = with_full_bins(&Score { curves: vec![curve], ..Score::default() });
+        let bins = &kept.curves[0].bins;
         assert_eq!(bins.iter().map(|b| b.bias_x_px).collect::<Vec<_>>(), [None, Some(0.123_456)]);
         assert_eq!(bins[0].recall, Some(0.5));
         assert_eq!(bins[1].tp, FEWEST);
@@ -235,7 +235,7 @@ mod tests {
     fn claims_for_few_rows_are_not_told() {
         let claimed =
             |n| Some(Uncertainty { n, coverage_1s: Some(0.5), ratio: Some(4e5), ..Uncertainty::default() });
-        let told = with_full_bins(&Score {
+        let kept = with_full_bins(&Score {
             uncertainty: Some(PositionUncertainty { x: claimed(1), y: claimed(FEWEST), z: None }),
             orientation: Some(Orientation {
                 n: 1,
@@ -250,11 +250,11 @@ mod tests {
             }),
             ..Score::default()
         });
-        let uncertainty = told.uncertainty.unwrap();
+        let uncertainty = kept.uncertainty.unwrap();
         assert_eq!(uncertainty.x, None);
         assert_eq!(uncertainty.y.map(|y| (y.coverage_1s, y.ratio)), Some((Some(0.5), None)));
-        assert_eq!(told.orientation.map(|o| (o.mean_deg, o.rms_deg)), Some((None, None)));
-        assert_eq!(told.lpt.unwrap().motion, Motion::default());
+        assert_eq!(kept.orientation.map(|o| (o.mean_deg, o.rms_deg)), Some((None, None)));
+        assert_eq!(kept.lpt.unwrap().motion, Motion::default());
         let rounding = Rounding { n: 400, links: 20, gate: (2.0, 10.0) };
         assert_eq!(
             rounding.of("lpt", serde_json::json!({ "displacement_bias_x_px": 0.17 }))["displacement_bias_x_px"],
@@ -264,7 +264,7 @@ mod tests {
 
     #[test]
     fn one_particle_changes_no_digit_for_certain() {
-        // Of 400 particles one changes a bias by at most 2 px / 400 = 0.005 px.
+        // One particle of 400 changes a bias by at most 2 px / 400 = 0.005 px.
         let rounding = Rounding { n: 400, links: 30, gate: (2.0, 10.0) };
         let of = |key: &str, value: f64| rounding.of(key, value.into()).as_f64().unwrap();
         assert_eq!(of("bias_x_px", 0.012_345), 0.01);

@@ -14,8 +14,8 @@ use scoring::evaluate::UnitScores;
 use scoring::evaluate::statistics::Interval;
 use scoring::ranking::{Contestant, rank};
 
-/// Bias above which an entry is marked, px: a wrong origin shifts positions by 0.5 or 1 px, which is within a
-/// gate of 2 px.
+/// Bias above which an entry is marked, px: a wrong origin shifts positions by 0.5 or 1 px, which a gate of
+/// 2 px does not detect.
 const BIAS_PX: f64 = 0.25;
 
 /// An entry of the leaderboard. Scores are named after their keys in `score.json`.
@@ -76,7 +76,7 @@ pub struct Entry {
     /// Parameter values of the sweep.
     #[serde(skip)]
     pub axes: BTreeMap<String, Value>,
-    /// What a paired comparison needs; scores of earlier versions have none.
+    /// Input of the paired comparison; scores of earlier versions have none.
     #[serde(skip)]
     pub(super) units: Option<Arc<UnitScores>>,
     /// Scores of the same group are ranked together.
@@ -84,8 +84,8 @@ pub struct Entry {
     group: String,
 }
 
-/// Kind of result. Each has ranks of its own: the gate in the image plane is easier than that in three
-/// dimensions, and neither compares with fields.
+/// Kind of result. Kinds are ranked separately: the gate in the image plane is easier to meet than that in
+/// three dimensions, and neither compares with fields.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 pub enum ResultKind {
     /// Particles scored with depth.
@@ -101,7 +101,7 @@ pub enum ResultKind {
 }
 
 impl ResultKind {
-    /// Heading of its table.
+    /// Heading of the table.
     pub(super) fn title(self) -> &'static str {
         match self {
             ResultKind::Particles3D => "Particles in three dimensions",
@@ -122,7 +122,7 @@ impl Entry {
             ..Entry::default()
         };
         if !entry.axes.is_empty() {
-            // Each case of a sweep has a ranking of its own.
+            // Each case of a sweep is ranked separately.
             entry.group = score.definitions.truth_sha256.clone().unwrap_or_default();
         }
         match &score.field {
@@ -165,7 +165,7 @@ impl Entry {
         (self.bias_x_px, self.bias_y_px) = (errors.u.bias_px, errors.v.bias_px);
         let nodes = field.nodes.interval_valid;
         let vectors = errors.interval_valid_vector_probability;
-        // Scores of versions without reference nodes have the share of vectors only.
+        // Scores of versions without reference nodes only have the fraction of valid vectors.
         let first = if field.nodes.valid.is_some() { nodes } else { vectors };
         self.ends(first);
     }
@@ -184,7 +184,7 @@ impl Entry {
     }
 }
 
-/// A parameter value as text; every number is a float in scores, also that of an integer key.
+/// A parameter value as text; in scores every number is a float, even for integer keys.
 pub(super) fn axis_text(value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),
@@ -196,9 +196,8 @@ pub(super) fn axis_text(value: &Value) -> String {
     }
 }
 
-/// The place of parameter values in an order: of each its axis, the text before its first number, its
-/// numbers, the whole text. Numbers are sorted by size and texts so that `constant(2)` comes before
-/// `constant(10)`.
+/// Sort key of parameter values: for each, its axis, the text before its first number, its numbers, the whole
+/// text. Numbers are sorted by size and texts so that `constant(2)` comes before `constant(10)`.
 pub(super) type AxesOrder<'a> = Vec<(&'a str, &'a str, Vec<f64>, &'a str)>;
 
 /// See [`AxesOrder`].
@@ -214,7 +213,7 @@ pub(super) fn order_of_axes<'a>(axes: impl Iterator<Item = (&'a String, &'a Valu
     axes.map(of).collect()
 }
 
-/// What is ranked together, in its order: kind, case of a sweep, its dataset, its truth.
+/// Sort key of scores that are ranked together: kind, case of a sweep, its dataset, its truth.
 type Case<'a> = (ResultKind, AxesOrder<'a>, Option<&'a String>, &'a str);
 
 fn case<'a>(e: &'a Entry, datasets: &'a BTreeMap<String, String>) -> Case<'a> {
@@ -223,7 +222,7 @@ fn case<'a>(e: &'a Entry, datasets: &'a BTreeMap<String, String>) -> Case<'a> {
 
 /// Sorts the scores of each kind (and sweep case) by rank.
 pub(super) fn ranked(mut scores: Vec<(Entry, Score)>) -> Vec<(Entry, Score)> {
-    // Repetitions are in the order of their datasets; those with the same truth are one.
+    // Repetitions are in the order of their datasets; those with the same truth count as one.
     let mut datasets: BTreeMap<String, String> = BTreeMap::new();
     for (e, _) in scores.iter().filter(|s| !s.0.group.is_empty()) {
         let first = datasets.entry(e.group.clone()).or_insert_with(|| e.dataset.clone());
@@ -252,7 +251,7 @@ fn in_order(same: &[(Entry, Score)]) -> Vec<(usize, usize)> {
         ResultKind::Particles3D | ResultKind::Particles2D => {
             &[Metric::F1, Metric::RmseXyPx, Metric::SigmaZOverH, Metric::LinkF1, Metric::Hota]
         }
-        // Scores of versions without reference nodes have those of their own vectors only.
+        // Scores of versions without reference nodes only have those at their own vectors.
         ResultKind::Field if same.iter().all(|s| s.0.valid_nodes.is_none()) => {
             &[Metric::ValidVectorProbability, Metric::RmsInliersPx]
         }
@@ -263,11 +262,11 @@ fn in_order(same: &[(Entry, Score)]) -> Vec<(usize, usize)> {
     rank(&contestants, criteria, 0)
 }
 
-/// Warning about a bias that the rank of an entry does not show.
+/// Warning about a bias that does not affect the rank of an entry.
 pub(super) fn caution(entry: &Entry) -> Option<String> {
     let (x, y) = entry.bias_x_px.zip(entry.bias_y_px).filter(|_| entry.biased)?;
     Some(format!(
-        "{}: positions are biased by ({x:+.3}, {y:+.3}) px on average, which F1 and thus the rank do not show",
+        "{}: positions are biased by ({x:+.3}, {y:+.3}) px on average, which F1 and therefore the rank do not show",
         entry.name
     ))
 }
@@ -364,7 +363,7 @@ mod tests {
     fn cases_are_in_the_order_of_their_numbers_and_repetitions_in_that_of_their_datasets() {
         let case = |noise: Value, repetition: u32, size: &str| {
             let axes = BTreeMap::from([("o.noise".to_owned(), noise), ("p.size".to_owned(), json!(size))]);
-            // Hashes have another order than the repetitions.
+            // Hashes are in a different order than the repetitions.
             let (dataset, group) = (format!("case_{repetition}"), format!("{}{axes:?}", 9 - repetition));
             (Entry { axes, dataset, group, ..Entry::default() }, Score::default())
         };

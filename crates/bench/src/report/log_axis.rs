@@ -1,9 +1,9 @@
-//! Which axes are logarithmic, and their ticks.
+//! Decides which axes are logarithmic, and where they have ticks.
 
 /// Maximum number of labels of a horizontal axis.
 pub(super) const ACROSS: usize = 7;
 
-/// The least ratio of the largest to the smallest value of a logarithmic axis.
+/// Minimum ratio of the largest to the smallest value of a logarithmic axis.
 const LOGARITHMIC: f64 = 10.0;
 
 /// Whether rising values have roughly equal ratios, over a decade or more.
@@ -23,12 +23,12 @@ const MULTIPLES: [&[f64]; 4] = [
     &[1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 7.5, 8.0, 8.5, 9.0, 9.5],
 ];
 
-/// Ticks of a logarithmic axis: as many as there is room for, or some of the powers of ten.
+/// Ticks of a logarithmic axis: as many as fit, or some of the powers of ten.
 pub(super) fn log_ticks(low: f64, high: f64) -> Vec<f64> {
     let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
     let every = decades.clone().count().div_ceil(ACROSS);
     let ticks = |multiples: &[f64], every: usize| -> Vec<f64> {
-        // Read as written, since products are not exact.
+        // Parsed from decimal text, because products are not exact.
         let tick = |multiple: &f64, decade: i32| format!("{multiple}e{decade}").parse().unwrap_or(f64::NAN);
         let of_decade = |decade: i32| multiples.iter().map(move |multiple| tick(multiple, decade));
         decades
@@ -52,10 +52,10 @@ mod tests {
         assert_eq!(log_ticks(1.5, 65.0), [2.0, 5.0, 10.0, 20.0, 50.0]);
         assert_eq!(log_ticks(0.5, 2e3), [1.0, 10.0, 100.0, 1000.0]);
         assert_eq!(log_ticks(1e-12, 1.0).len(), 7);
-        // Values that hardly vary.
+        // Values that vary little.
         assert_eq!(log_ticks(0.231, 0.455), [0.25, 0.3, 0.35, 0.4, 0.45]);
         assert_eq!(log_ticks(2.7, 3.8), [3.0, 3.5]);
-        // The most that fit across.
+        // The largest set that fits.
         assert!(log_ticks(1.0, 999.0).len() <= ACROSS);
     }
 

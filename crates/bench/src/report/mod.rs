@@ -27,7 +27,7 @@ pub(crate) use figure::{figure_of, names};
 pub use files::SCORE;
 use files::UNITS;
 pub(crate) use fit_page::fit_page;
-pub(crate) use for_team::told;
+pub(crate) use for_team::redacted;
 pub use leaderboard::Entry;
 pub(crate) use log_axis::is_logarithmic;
 pub(crate) use page::document;
@@ -91,10 +91,10 @@ pub(crate) fn write_into(folder: &Path, evaluation: &Evaluation, html: bool) -> 
     Ok(names)
 }
 
-/// What a paired comparison of the result with others needs, as JSON.
+/// The input of the paired comparison with other results, as JSON.
 ///
 /// # Errors
-/// A number that cannot be serialized; no such case is known.
+/// A number that cannot be serialized; never observed.
 pub fn units_json(evaluation: &Evaluation) -> Result<String> {
     serde_json::to_string(&evaluation.units).map_err(|e| Error::input(e.to_string()))
 }
@@ -102,7 +102,7 @@ pub fn units_json(evaluation: &Evaluation) -> Result<String> {
 /// All scores as JSON.
 ///
 /// # Errors
-/// A score that cannot be serialized; no such case is known.
+/// A score that cannot be serialized; never observed.
 pub fn json(evaluation: &Evaluation) -> Result<String> {
     let text = serde_json::to_string_pretty(&evaluation.score).map_err(|e| Error::input(e.to_string()))?;
     Ok(text + "\n")

@@ -77,7 +77,7 @@ pub(super) fn page(evaluation: &Evaluation, with_true_positions: bool) -> Result
         p.soft { (summary(score)) }
         @for warning in &score.warnings { p.warning { (warning) } }
         div.key { @for (name, value) in key_numbers(score) { div { (name) b { (value) } } } }
-        @if !plots.is_empty() { h2 { "Where the result is good and where it fails" } div.plots { @for plot in &plots { (plot) } } }
+        @if !plots.is_empty() { h2 { "Strengths and weaknesses of the result" } div.plots { @for plot in &plots { (plot) } } }
         h2 { "All scores" }
         pre { (table(score)) }
         @if !score.gates.is_empty() {

@@ -69,7 +69,7 @@ pub(super) fn plots(score: &Score, of: &Particles, with_true_positions: bool) ->
         plots.extend(curve_plots(score, curve, of.depth)?);
     }
     if with_true_positions {
-        // The largest errors are those of single particles.
+        // Extreme errors belong to single particles.
         plots.extend(histograms(of)?);
     }
     let claims = score.uncertainty.iter().flat_map(|c| [("x, px", &c.x), ("y, px", &c.y), ("z, um", &c.z)]);
@@ -92,7 +92,7 @@ pub(super) fn plots(score: &Score, of: &Particles, with_true_positions: bool) ->
 fn curve_plots(score: &Score, curve: &Curve, depth: bool) -> Result<Vec<Markup>> {
     let x = axis(&curve.against);
     let labels = AxisLabels { x, y: "recall", title: "Recall" };
-    let caption = format!("Share of particles found, against {x}; bars are 68 % intervals.");
+    let caption = format!("Fraction of particles found, against {x}; bars are 68 % intervals.");
     let mut plots = vec![figure(lines(&labels, &[recall_line(curve)])?, &caption)];
     let bound = score.crlb.as_ref().filter(|_| curve.against == "z_um");
     let bound = |name: &str, value: fn(&BoundBin) -> Option<f64>| {

@@ -25,9 +25,9 @@ const SERIES: [RGBColor; 6] = [
 pub(crate) struct Series {
     pub(crate) name: String,
     pub(crate) points: Vec<(f64, f64)>,
-    /// Ends of the error bar of every point; empty or NaN if there is none.
+    /// Ends of the error bar of every point; empty or NaN without error bars.
     pub(crate) bars: Vec<(f64, f64)>,
-    /// The single values of which the points are means, drawn as faint dots.
+    /// The individual values whose means are the points, drawn as faint dots.
     pub(crate) singles: Vec<(f64, f64)>,
     pub(crate) style: Style,
 }
@@ -57,7 +57,7 @@ impl Series {
         Series { style, ..self }
     }
 
-    /// Whether any point can be drawn.
+    /// Whether there is a point to draw.
     pub(crate) fn has_points(&self) -> bool {
         self.points.iter().any(|p| p.0.is_finite() && p.1.is_finite())
     }
@@ -78,7 +78,7 @@ const SIZE: (u32, u32) = (560, 360);
 const TICKS: i32 = 15;
 /// Font size of axis labels.
 const NAMES: i32 = 16;
-/// Opacity of single values behind their mean.
+/// Opacity of individual values behind their mean.
 const FAINT: f64 = 0.35;
 /// Space for tick and axis labels.
 const BELOW: u32 = 50;
@@ -208,7 +208,7 @@ pub(crate) fn lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<String
     })
 }
 
-/// Plots series on logarithmic axes, without values that are not positive. `None` if nothing remains.
+/// Plots series on logarithmic axes, omitting values that are not positive. `None` if nothing remains.
 pub(crate) fn log_lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<Option<String>> {
     let positive = |p: &&(f64, f64)| p.0 > 0.0 && p.1 > 0.0 && p.0.is_finite() && p.1.is_finite();
     let mut kept = series.to_vec();
@@ -223,7 +223,7 @@ pub(crate) fn log_lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<Op
     let decades = |value: fn((f64, f64)) -> f64| {
         let values = || all_points(&kept).map(value);
         let (low, high) = values().fold((f64::INFINITY, 0.0f64), |(l, h), v| (l.min(v), h.max(v)));
-        // Limit the axis to 12 decades: the error spectrum of a perfect result is rounding noise.
+        // Limit the axis to 12 decades: the error spectrum of a perfect result consists of rounding errors.
         let low = low.max(high * 1e-12);
         (low / 1.3, high * 1.3)
     };
@@ -245,7 +245,7 @@ pub(crate) fn log_lines(labels: &AxisLabels<'_>, series: &[Series]) -> Result<Op
     .map(Some)
 }
 
-/// Plots series over a logarithmic axis. `values`: positive ones, in order, at which it has ticks.
+/// Plots series over a logarithmic axis. `values`: positive, in ascending order; candidates for ticks.
 pub(crate) fn lines_over_log(labels: &AxisLabels<'_>, series: &[Series], values: &[f64]) -> Result<String> {
     let (x0, x1) = match values {
         [low, .., high] => (low / 1.3, high * 1.3),

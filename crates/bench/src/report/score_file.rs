@@ -12,7 +12,7 @@ use storage::error::{Error, Result};
 use storage::input;
 use storage::json::mistyped;
 
-/// Largest score file accepted, bytes; the largest known ones are less than a tenth of this.
+/// Largest score file accepted, bytes; the largest known one is less than a tenth of this.
 const LARGEST: u64 = 64 << 20;
 
 /// Largest file of units accepted, bytes: that of ten million particles.
@@ -30,7 +30,7 @@ pub(super) fn read(path: &Path) -> Result<Score> {
     })
 }
 
-/// Reads what a paired comparison needs, from the file beside a score; `None` if there is none.
+/// Reads the input of the paired comparison from the file beside a score; `None` if it does not exist.
 ///
 /// # Errors
 /// A file that is malformed.
@@ -45,13 +45,13 @@ pub(super) fn read_units(path: &Path) -> Result<Option<UnitScores>> {
         .map_err(|e| Error::input(format!("{}: {e}", file.display())))
 }
 
-/// Parses what a paired comparison needs.
+/// Parses the input of the paired comparison.
 ///
 /// # Errors
 /// The first problem in it.
 pub fn parse_units(text: &str) -> std::result::Result<UnitScores, String> {
     let units: UnitScores = serde_json::from_str(text).map_err(|e| e.to_string())?;
-    if units.is_sound() { Ok(units) } else { Err("not the units of microsig evaluate".to_owned()) }
+    if units.is_sound() { Ok(units) } else { Err("not written by microsig evaluate".to_owned()) }
 }
 
 /// Parses a score.
@@ -64,11 +64,11 @@ pub fn parse(text: &str) -> std::result::Result<Score, Vec<String>> {
         serde_path_to_error::deserialize(&value).map_err(|e| vec![mistyped(&value, &e)])?;
     if score.definitions.versions.microsig.is_empty() {
         return Err(vec![
-            "definitions.versions.microsig is missing: not a score of microsig evaluate".to_owned(),
+            "definitions.versions.microsig is missing: not a score file of microsig evaluate".to_owned(),
         ]);
     }
     if score.detection.is_none() && score.field.is_none() {
-        return Err(vec!["neither detection nor field: not a score of microsig evaluate".to_owned()]);
+        return Err(vec!["neither detection nor field: not a score file of microsig evaluate".to_owned()]);
     }
     let problems = beyond_ranges(&value);
     if !problems.is_empty() {

@@ -1,7 +1,8 @@
 //! Scores against the parameters of a sweep.
 //!
 //! Scores of one tracker on cases with the same values are repetitions: the line is their mean, the bar their
-//! standard deviation, and each is a faint dot. A score without repetitions has its own 95 % interval as bar.
+//! standard deviation, and each repetition is a faint dot. A score without repetitions has its own 95 %
+//! interval as bar.
 
 use std::cmp::Ordering;
 use std::collections::BTreeSet;
@@ -16,7 +17,7 @@ use super::plots::{AxisLabels, Series, lines, lines_over_log};
 use scoring::evaluate::statistics::Errors;
 use storage::error::Result;
 
-/// A score: its name, its value, and whether the ends of the entry are its 95 % interval.
+/// A score: its name, its value, and whether the interval of the entry is its 95 % interval.
 type Quantity = (&'static str, fn(&Entry) -> Option<f64>, bool);
 
 const QUANTITIES: [Quantity; 9] = [
@@ -31,7 +32,7 @@ const QUANTITIES: [Quantity; 9] = [
     ("AEE, px", |e| e.aee_px, false),
 ];
 
-/// Plots of every score over each parameter, with a line for every tracker and every combination of the other
+/// Plots of every score over each parameter, with a line for each tracker and each combination of the other
 /// parameters.
 pub(super) fn axis_plots(entries: &[&Entry]) -> Result<Vec<Markup>> {
     let mut axes: Vec<&str> = entries.iter().flat_map(|e| e.axes.keys().map(String::as_str)).collect();
@@ -50,9 +51,9 @@ pub(super) fn axis_plots(entries: &[&Entry]) -> Result<Vec<Markup>> {
 /// The scores of a tracker over an axis.
 struct Line<'a> {
     tracker: String,
-    /// Values of the other axes.
+    /// Values on the other axes.
     fixed: String,
-    /// Values of the axis, rising, each with its repetitions.
+    /// Values on the axis in ascending order, each with its repetitions.
     points: Vec<(f64, Vec<&'a Entry>)>,
 }
 
@@ -81,7 +82,7 @@ fn lines_over<'a>(axis: &str, entries: &[&'a Entry]) -> Vec<Line<'a>> {
     placed.chunk_by(same_line).map(of_line).collect()
 }
 
-/// The end of a key's path that distinguishes it from other keys, at least its last part.
+/// The shortest end of a key's path that distinguishes it from other keys.
 fn short<'k>(key: &'k str, all: &BTreeSet<&str>) -> &'k str {
     let ends = key.rmatch_indices('.').map(|(at, _)| &key[at + 1..]);
     let is_own = |end: &&str| {
@@ -102,7 +103,7 @@ fn tracker(entry: &Entry) -> String {
 
 /// A score over an axis; `None` if no case has it.
 fn plot(x: &str, on_axis: &[Line<'_>], (y, value, has_interval): Quantity) -> Result<Option<Markup>> {
-    // How many repetitions the points have, at least and at most.
+    // Minimum and maximum number of repetitions of the points.
     let counts = on_axis.iter().flat_map(|line| &line.points);
     let counts = counts.map(|(_, same)| same.iter().filter(|e| value(e).is_some()).count());
     let (least, most) = counts.filter(|n| *n > 0).fold((usize::MAX, 0), |(a, b), n| (a.min(n), b.max(n)));
@@ -179,11 +180,12 @@ mod tests {
         let on_axis = lines_over("a.x", &entries);
         let [line] = &on_axis[..] else { panic!("{} lines", on_axis.len()) };
         let drawn = series(line, |e| e.f1, true, true);
-        // One point for each value, so that no line goes from repetition to repetition.
+        // One point for each value, so that no line connects repetitions.
         let expected = [(1.0, 0.8, 0.1), (3.0, 0.5, f64::NAN), (20.0, 0.5, 0.1)];
         assert_eq!((drawn.points.len(), drawn.bars.len(), drawn.singles.len()), (3, 3, 5));
         for ((point, bar), (x, mean, half)) in drawn.points.iter().zip(&drawn.bars).zip(expected) {
-            // Of two values, the standard deviation is the distance over the root of 2; rounding.
+            // The standard deviation of two values is their distance over the square root of 2; up to
+            // rounding.
             let half = half * 2f64.sqrt();
             assert!((point.0, (point.1 - mean).abs() < 1e-12) == (x, true), "{point:?}");
             assert!(half.is_nan() && bar.0.is_nan() || (bar.1 - mean - half).abs() < 1e-12, "{bar:?}");

@@ -61,7 +61,7 @@ pub fn table(score: &Score) -> String {
     particles(out, score);
     if let Some(field) = &score.field {
         let counts = format!(
-            "{} of {} vectors valid, {} interpolated, {} outside of the truth",
+            "{} of {} vectors valid, {} interpolated, {} outside the true field",
             field.n_reported, field.n_total, field.n_interpolated, field.n_outside
         );
         line(out, "field", &counts);

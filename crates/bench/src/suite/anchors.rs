@@ -1,8 +1,8 @@
-//! `suite score --anchors`: degenerate results, which must not rank before an honest one.
+//! `suite score --anchors`: degenerate results, which must not rank ahead of a genuine measurement.
 //!
-//! Each is made from the truth of a case, as nobody could make it better: what avoids measuring must lose
-//! even so. Those made from the best tracker's result must not come before that one; the others must come
-//! behind every tracker.
+//! Each is made from the truth of a case and is the best possible result of its kind: a result that avoids
+//! measuring must lose even then. Anchors made from the best tracker's result must not rank ahead of that
+//! result; the others must rank behind every tracker.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -22,7 +22,7 @@ use storage::TemporaryFolder;
 use storage::error::{Error, Result};
 use storage::{input, save_bytes};
 
-/// Fewest tracks or squares of nodes of a case in which anchors are judged.
+/// Minimum number of tracks, or of squares of nodes, of a case in which anchors are judged.
 const FEWEST_UNITS: usize = 10;
 
 /// A degenerate result for a case.
@@ -30,20 +30,20 @@ const FEWEST_UNITS: usize = 10;
 pub struct AnchorResult {
     /// Its scores; its rank is that among the trackers and itself.
     pub result: CaseResult,
-    /// The tracker whose result it spoils.
+    /// The tracker from whose result it is made.
     pub made_from: Option<String>,
-    /// Trackers that should rank before it and do not.
+    /// Trackers that should rank ahead of it but do not.
     pub not_behind: Vec<String>,
 }
 
 /// What an anchor is compared with.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Against {
-    /// It must be behind every tracker.
+    /// It must rank behind every tracker.
     All,
-    /// It must be behind the result that it is made from.
+    /// It must rank behind the result from which it is made.
     Source,
-    /// It must not be before the result that it is made from.
+    /// It must not rank ahead of the result from which it is made.
     NotBefore,
 }
 
@@ -68,7 +68,7 @@ const OF_PARTICLES: [(&str, Against, Make); 12] = [
     ("one-row", Against::All, |given| Some(vec![true_row(&given.truth, 0)])),
     ("ghost-rows", Against::All, |given| Some(frames(&given.truth).into_iter().map(ghost).collect())),
     ("decoys", Against::All, |given| Some(decoys(given, 0.0))),
-    // Where particles are dense, a coarser grid hits more than it misses.
+    // Where particles are dense, a coarser grid has more hits than ghosts.
     ("decoys-1.4-gates", Against::All, |given| Some(decoys(given, 1.4))),
     ("decoys-2-gates", Against::All, |given| Some(decoys(given, 2.0))),
     ("decoys-3-gates", Against::All, |given| Some(decoys(given, 3.0))),
@@ -95,7 +95,7 @@ fn true_row(truth: &TrueParticles, i: usize) -> Row {
     row([("frame", frame), ("track", "-1".to_owned()), ("x_px", x_px), ("y_px", y_px), ("z_um", z_um)])
 }
 
-/// A row in a corner of the image, with an axis.
+/// A ghost in a corner of the image, with an axis.
 fn ghost(frame: u32) -> Row {
     let mut ghost: Row = ["x_px", "y_px"].map(|name| (name.to_owned(), "1".to_owned())).into();
     ghost.extend(row([("frame", frame.to_string()), ("track", "-1".to_owned()), ("z_um", "0".to_owned())]));
@@ -107,7 +107,7 @@ fn axis([x, y, z]: [f64; 3]) -> Row {
     row([("axis_x", x.to_string()), ("axis_y", y.to_string()), ("axis_z", z.to_string())])
 }
 
-/// Most rows of a grid: results may have 100,000.
+/// Maximum number of rows of a grid; results may have 100,000.
 const DECOYS: usize = 90_000;
 
 /// A hexagonal grid with a step of `gates` gate radii, at most as dense as results may be, all with the mean
@@ -146,7 +146,7 @@ fn decoys(given: &Given<'_>, gates: f64) -> Vec<Row> {
     all
 }
 
-/// Mean of true axes, which have no sign: that of those turned to one side.
+/// Mean of true axes. Axes have no sign, so they are first flipped to the same side.
 fn mean_axis(truth: &TrueParticles) -> [f64; 3] {
     let known = truth.axes.iter().filter(|axis| axis[0].is_finite());
     let sum = known.fold([0.0; 3], |sum: [f64; 3], axis| {
@@ -171,7 +171,7 @@ fn constant_depth(given: &Given<'_>) -> Option<Vec<Row>> {
     })
 }
 
-/// The best result without two of five frames or image pairs, each with a ghost instead.
+/// The best result without two of five frames or image pairs, each replaced by a ghost.
 fn cut_frames(given: &Given<'_>) -> Option<Vec<Row>> {
     let (_, rows) = given.best.as_ref()?;
     let unit = |frame: u32| if given.truth.facts.pairs { frame / 2 } else { frame };
@@ -182,7 +182,7 @@ fn cut_frames(given: &Given<'_>) -> Option<Vec<Row>> {
     Some(rows.iter().filter(is_kept).cloned().chain(left_out.map(ghost)).collect())
 }
 
-/// The best result without the tenth of its matches that has the largest errors.
+/// The best result without the 10 % of its matches with the largest errors.
 fn cut_worst(given: &Given<'_>) -> Option<Vec<Row>> {
     let (best, rows) = given.best.as_ref()?;
     let found = best.particles.as_ref()?;
@@ -199,7 +199,7 @@ fn cut_worst(given: &Given<'_>) -> Option<Vec<Row>> {
     Some(kept.map(|(_, row)| row.clone()).collect())
 }
 
-/// The best result with a velocity of one row, the first true one.
+/// The best result with a velocity in one row only: the first true one.
 fn one_velocity(given: &Given<'_>) -> Option<Vec<Row>> {
     let (_, rows) = given.best.as_ref()?;
     let claimed = given.truth.velocity_um_s.first()?;
@@ -212,7 +212,7 @@ fn one_velocity(given: &Given<'_>) -> Option<Vec<Row>> {
     Some(rows.iter().enumerate().map(|(i, row)| claim(i, row)).collect())
 }
 
-/// The best result with the mean velocity and the mean axis of train for all rows.
+/// The best result with the mean velocity and the mean axis of train in all rows.
 fn constant_claims(given: &Given<'_>) -> Option<Vec<Row>> {
     let (_, rows) = given.best.as_ref()?;
     let velocity = [0, 1, 2].map(|k| mean(given.train.velocity_um_s.iter().map(|v| v[k])));
@@ -227,7 +227,7 @@ fn constant_claims(given: &Given<'_>) -> Option<Vec<Row>> {
     Some(rows.iter().map(|row| row.clone().into_iter().chain(cells.clone()).collect()).collect())
 }
 
-/// The fields of a case: name, against what, rows.
+/// The anchors of fields: name, what each is compared with, rows.
 fn of_fields(
     test: &Path,
     train: &Path,
@@ -288,7 +288,7 @@ fn of_fields(
     Ok(all)
 }
 
-/// The rows of a CSV file; `None` if it is another format or has no column of this name.
+/// The rows of a CSV file; `None` if it has another format or lacks this column.
 fn read(path: &Path, needed: &str) -> Option<Vec<Row>> {
     let rows: Vec<Row> = csv::Reader::from_reader(input::open(path).ok()?)
         .into_deserialize()
@@ -306,7 +306,7 @@ fn csv_of(rows: &[Row], is_of_fields: bool) -> Result<Vec<u8>> {
     let mut names: BTreeSet<&str> = least.iter().copied().collect();
     names.extend(rows.iter().flat_map(|row| row.keys().map(String::as_str)));
     if rows.is_empty() && !is_of_fields {
-        // Nothing is found in depth either.
+        // Empty in depth as well.
         names.insert("z_um");
     }
     let mut table = csv::Writer::from_writer(Vec::new());
@@ -379,7 +379,7 @@ fn against_trackers(
     let mut ranks = vec![0; contestants.len()];
     rank(&contestants, &case.rank_by as &[Metric], seed).into_iter().for_each(|(i, rank)| ranks[i] = rank);
     let place = ranks[ranked.len()];
-    // So few tracks or nodes separate no results.
+    // Too few tracks or nodes to separate results.
     let has_few = own.units.n_units() < FEWEST_UNITS;
     let is_ahead = |i: usize| match against {
         Against::All => ranks[i] >= place,

@@ -1,4 +1,4 @@
-//! The scores by which suites rank, with their 95 % intervals.
+//! The scores that rank suites, with their 95 % intervals.
 
 use serde::{Deserialize, Serialize};
 
@@ -24,7 +24,7 @@ pub(super) fn is_error(metric: Metric) -> bool {
     better(metric) == Better::Smaller
 }
 
-/// The score as tables name it.
+/// The name of the score in tables.
 pub fn label(metric: Metric) -> &'static str {
     match metric {
         Metric::F1 => "F1",

@@ -1,8 +1,8 @@
 //! Scores of trackers on a suite: one table of all cases, ranked case by case.
 //!
 //! Results are in `RESULTS/TRACKER/TRACK/CASE/results.csv`; each is scored by `evaluate` against the test
-//! split of its case. Scores of different cases are never averaged: a track's standing is the mean of the
-//! ranks in its cases, in which a missing or refused result has the last rank.
+//! split of its case. Scores of different cases are never averaged: the standing in a track is the mean of
+//! the ranks in its cases, in which a missing or refused result has the last rank.
 
 mod anchors;
 mod metrics;
@@ -31,7 +31,7 @@ use storage::save_bytes;
 
 /// Name of the table of all scores.
 pub const SUITE_SCORES_CSV: &str = "suite_scores.csv";
-/// Name of the same as JSON, with standings.
+/// Name of the same table as JSON, with standings.
 pub const SUITE_SCORES: &str = "suite_scores.json";
 /// Name of the page with tables and curves.
 pub const PAGE: &str = "index.html";
@@ -74,7 +74,7 @@ pub struct CaseScores {
     pub rank_by: Vec<Metric>,
     /// The results, best first; missing ones last.
     pub results: Vec<CaseResult>,
-    /// Degenerate results (`--anchors`), which have no place among the trackers.
+    /// Degenerate results (`--anchors`), which are not ranked among the trackers.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub anchors: Vec<AnchorResult>,
 }
@@ -90,13 +90,13 @@ pub struct CaseAxis {
     pub number: Option<f64>,
 }
 
-/// What became of a tracker's result for a case.
+/// Status of a tracker's result for a case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
     /// It has scores.
     Scored,
-    /// There is none.
+    /// There is no result.
     Missing,
     /// It cannot be scored.
     Refused,
@@ -115,7 +115,7 @@ pub struct CaseResult {
     pub rank: Option<usize>,
     /// Its scores: those that rank first, then all others that are defined.
     pub scores: Vec<MetricValue>,
-    /// Frames or image pairs that it leaves out.
+    /// Number of frames or image pairs that it leaves out.
     #[serde(default)]
     pub missing: usize,
     /// Caveats of the evaluation.
@@ -138,7 +138,7 @@ pub struct Standing {
     /// Mean rank over all cases of the track; a case without scores counts with the last rank, the number of
     /// trackers that have entered the track.
     pub mean_rank: f64,
-    /// Cases in which no tracker is better.
+    /// Number of cases in which no tracker is better.
     pub first: usize,
 }
 
@@ -175,7 +175,7 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
     let chosen = SuiteSelection { split: Some(Split::Test), ..options.selection.clone() };
     let cases: Vec<SuiteCase> = chosen.of(suite, record.size)?.into_iter().map(|(case, _)| case).collect();
     let trackers = trackers(&options.results)?;
-    foreign(suite, record.size, &trackers, &options.results)?;
+    refuse_unknown(suite, record.size, &trackers, &options.results)?;
     let more = participants::annotations(&options.results, &trackers, &suite.cases(record.size)?)?;
     let partial = Partial::start(&options.out)?;
     let mut all = Vec::new();
@@ -208,14 +208,14 @@ pub fn score(suite: &Suite, datasets: &Path, options: &ScoreOptions) -> Result<S
 }
 
 impl SuiteScores {
-    /// The anchors that are not behind the trackers that they should be behind, a line each.
+    /// The anchors that do not rank behind the trackers as they should, one line each.
     pub fn misplaced_anchors(&self) -> Vec<String> {
         let all = self.cases.iter().flat_map(|case| case.anchors.iter().map(move |anchor| (case, anchor)));
         let misplaced = all.filter(|(_, anchor)| !anchor.not_behind.is_empty());
         misplaced
             .map(|(case, anchor)| {
                 let (place, name) = (format!("{}/{}", case.track, case.case), &anchor.result.tracker);
-                format!("{place}: the anchor {name} is not behind {}", anchor.not_behind.join(", "))
+                format!("{place}: the anchor {name} does not rank behind {}", anchor.not_behind.join(", "))
             })
             .collect()
     }
@@ -228,7 +228,7 @@ impl SuiteScores {
     /// Reads `suite_scores.json`.
     ///
     /// # Errors
-    /// A file that is none.
+    /// A file that is not a score file of a suite.
     pub fn read(path: &Path) -> Result<Self> {
         storage::json::parse(&storage::read_text(path)?)
             .map_err(|e| Error::input(format!("{}: {e}", path.display())))
@@ -265,9 +265,9 @@ fn trackers(results: &Path) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// Refuses results for tracks and cases that the suite does not have: a misspelled name would be a missing
-/// result.
-fn foreign(suite: &Suite, size: Size, trackers: &[String], results: &Path) -> Result<()> {
+/// Refuses results for tracks and cases that the suite does not have: a misspelled name would otherwise count
+/// as a missing result.
+fn refuse_unknown(suite: &Suite, size: Size, trackers: &[String], results: &Path) -> Result<()> {
     let cases = suite.cases(size)?;
     let mut unknown = Vec::new();
     for tracker in trackers {
@@ -275,7 +275,7 @@ fn foreign(suite: &Suite, size: Size, trackers: &[String], results: &Path) -> Re
         for track in folders(&of_tracker)? {
             let of_track = of_tracker.join(&track);
             if !suite.spec.tracks.iter().any(|known| known.name == track) {
-                unknown.push(format!("{}: {} has no such track", of_track.display(), suite.spec.name));
+                unknown.push(format!("{}: suite {} has no such track", of_track.display(), suite.spec.name));
                 continue;
             }
             for case in folders(&of_track)? {
@@ -299,7 +299,7 @@ fn scored_case(
 ) -> Result<CaseScores> {
     let dataset = datasets.join(case.split_folder(Split::Test));
     if !dataset.is_dir() {
-        let hint = "missing; `microsig suite generate` with --resume makes it";
+        let hint = "missing; `microsig suite generate --resume` generates it";
         return Err(Error::input(format!("{}: {hint}", dataset.display())));
     }
     let rules = EvaluateOptions {
@@ -381,19 +381,22 @@ fn result(
         Ok(None) => return none(Status::Missing, None),
         Err(reason) => return none(Status::Refused, Some(reason.clone())),
     };
-    let score = &match report::told(&evaluation.score) {
-        Ok(told) => told,
+    let score = &match report::redacted(&evaluation.score) {
+        Ok(released) => released,
         Err(e) => return none(Status::Refused, Some(e.to_string())),
     };
     let mut scores: Vec<MetricValue> =
         case.rank_by.iter().map(|metric| MetricValue::of(*metric, score)).collect();
     let others = Metric::ALL.into_iter().filter(|metric| !case.rank_by.contains(metric));
     scores.extend(others.map(|metric| MetricValue::of(metric, score)).filter(|value| value.value.is_some()));
-    // A field has none of the scores of particles, and the other way round.
+    // Fields have no scores of particles, and vice versa.
     let ranks_fields = case.rank_by.first().is_some_and(|metric| metric.is_of_fields());
     if score.field.is_some() != ranks_fields {
         let kind = if score.field.is_some() { "a displacement field" } else { "particles" };
-        return none(Status::Refused, Some(format!("{kind}; track {} ranks other results", case.track)));
+        return none(
+            Status::Refused,
+            Some(format!("{kind}; track {} ranks results of another kind", case.track)),
+        );
     }
     CaseResult {
         scores,

@@ -1,4 +1,4 @@
-//! The page of a suite's scores: for each track the standings, curves over each ladder, tables of all cases,
+//! The page of a suite's scores: for each track, standings, curves over each ladder, tables of all cases, and
 //! example images.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -15,16 +15,16 @@ use crate::report::{
 use scenario::Metric;
 use storage::error::Result;
 
-/// What is known besides the scores.
+/// Information besides the scores.
 #[derive(Debug, Clone, Default)]
 pub struct Annotations {
-    /// How the scores came about, a paragraph each.
+    /// How the scores were obtained, one paragraph each.
     pub notes: Vec<String>,
     /// Names of trackers on the page, where they differ from those of their folders.
     pub names: BTreeMap<String, String>,
     /// What each tracker was made for, by name.
     pub made_for: BTreeMap<String, String>,
-    /// Trackers that measure no depth, and do not enter cases that are scored with depth.
+    /// Trackers that do not measure depth and therefore do not enter cases that are scored with depth.
     pub without_depth: BTreeSet<String>,
     /// Time per frame, s, by tracker and `TRACK/CASE`.
     pub seconds_per_frame: BTreeMap<(String, String), f64>,
@@ -43,7 +43,7 @@ impl Annotations {
     }
 }
 
-/// RMS errors of depth in a case over the depth of particles.
+/// RMS error of depth as a function of particle depth in a case.
 #[derive(Debug, Clone)]
 pub struct DepthErrors {
     /// Case.
@@ -82,12 +82,12 @@ pub fn page(scores: &SuiteScores, more: &Annotations) -> Result<String> {
     let title = format!("{} {}, size {}", scores.suite, scores.version, scores.size.name());
     let body = html! {
         h1 { (title) }
-        p.soft { "Scored by microsig " (scores.microsig) ". Each case is ranked for itself, by the scores in the order of the \
-            columns: a result is behind another if the difference of the two on the particles or nodes of the case is significant \
-            (95 %; intervals in brackets are those of the scores alone), and the next score orders those that one does not separate. \
-            Results of equal rank are not separated by any. \
-            Scores of different cases are never averaged. A track's standing is the mean of the ranks in its cases; a case \
-            without a result counts with the last rank. Errors cover found particles only: read them together with recall or F1." }
+        p.soft { "Scored by microsig " (scores.microsig) ". Each case is ranked separately, by the scores in the order of the \
+        columns: a result ranks behind another if their difference on the particles or nodes of the case is significant \
+        (at 95 %; intervals in brackets are those of each score alone); where one score does not separate two results, the next one decides. \
+        Results of equal rank are not separated by any score. \
+        Scores of different cases are never averaged. The standing in a track is the mean rank over its cases; a case \
+        without a result counts with the last rank. Errors cover found particles only: read them together with recall or F1." }
         @for note in &more.notes { p { (with_code(note)) } }
         @for part in &parts { (part) }
     };
@@ -132,7 +132,7 @@ fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Mar
                 } }
             } }
             @for metric in unmeasured(&cases) { p {
-                "No tracker listed here has a value of the score "  b { (label(metric)) } ": ranks follow from the others."
+                "No tracker listed here has a value for the score "  b { (label(metric)) } "; ranks follow from the other scores."
             } }
             @if !plots.is_empty() { div.plots { @for plot in &plots { (plot) } } }
             @if let Some(pictures) = more.pictures.get(track) { div.plots { @for picture in pictures { (drawn(picture)) } } }
@@ -141,7 +141,7 @@ fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Mar
     })
 }
 
-/// Scores that rank the cases of a track, and which none of its results has.
+/// Ranking scores of a track that none of its results has.
 pub fn unmeasured(cases: &[&CaseScores]) -> Vec<Metric> {
     let has = |metric: Metric| {
         let mut results = cases.iter().flat_map(|case| &case.results);
@@ -177,7 +177,7 @@ fn table(case: &CaseScores, more: &Annotations) -> Markup {
             .get(&key(result))
             .map_or_else(|| "missing".to_owned(), |failure| format!("missing: {failure}")),
     };
-    // They are told on one line.
+    // They are listed on one line.
     let is_flat = |result: &CaseResult| {
         result.status == Status::Missing
             && more.without_depth.contains(&result.tracker)
@@ -204,14 +204,14 @@ fn table(case: &CaseScores, more: &Annotations) -> Markup {
                 } }
             } }
             @if !case.anchors.is_empty() { p.soft {
-                "Degenerate results, with the rank that each would have: "
+                "Degenerate results and the rank that each would have: "
                 (case.anchors.iter().map(|a| {
                     let rank = a.result.rank.map_or_else(|| "-".to_owned(), |rank| rank.to_string());
                     let from = a.made_from.as_ref().map(|of| format!(" (from {of})")).unwrap_or_default();
                     format!("{}{from} {rank}", a.result.tracker)
                 }).collect::<Vec<_>>().join(", ")) "."
             } }
-            @if !flat.is_empty() { p.soft { "Without depth, which is scored here: " (flat.join(", ")) "." } }
+            @if !flat.is_empty() { p.soft { "Not entered because they do not measure depth: " (flat.join(", ")) "." } }
         }
     }
 }
@@ -231,7 +231,7 @@ fn shown(value: Option<MetricValue>) -> String {
     value.value.map_or_else(|| "-".to_owned(), |x| digits(x) + &ends.unwrap_or_default())
 }
 
-/// The scores that rank, over each axis of a ladder on which cases differ.
+/// Ranking scores over each axis of a ladder on which cases differ.
 fn curves(ladder: &str, cases: &[&CaseScores]) -> Result<Vec<Markup>> {
     let Some(first) = cases.first() else { return Ok(Vec::new()) };
     let mut plots = Vec::new();
@@ -251,7 +251,7 @@ fn curves(ladder: &str, cases: &[&CaseScores]) -> Result<Vec<Markup>> {
             }
             let x = &first.axes[axis].label;
             let labels = AxisLabels { x, y: label(*metric), title: label(*metric) };
-            // Errors grow in ratios with a quantity that does.
+            // A quantity on a logarithmic axis changes errors by ratios, so they are logarithmic as well.
             let svg = if is_log && is_error(*metric) { log_lines(&labels, &series)? } else { None };
             let svg = match svg {
                 Some(svg) => svg,
@@ -265,8 +265,9 @@ fn curves(ladder: &str, cases: &[&CaseScores]) -> Result<Vec<Markup>> {
     Ok(plots)
 }
 
-/// A line for each tracker and each combination of values of the other axes. Combinations of which no tracker
-/// has a line are left out; otherwise a tracker without one keeps its place, and all others their colors.
+/// A line for each tracker and each combination of values of the other axes. Combinations for which no
+/// tracker has a line are left out; otherwise a tracker without a line keeps its place, and all others their
+/// colors.
 fn over(axis: usize, metric: Metric, cases: &[&CaseScores]) -> Vec<Series> {
     type Points = Vec<(f64, MetricValue)>;
     let mut points: BTreeMap<(String, String), Points> = BTreeMap::new();
@@ -299,7 +300,7 @@ fn over(axis: usize, metric: Metric, cases: &[&CaseScores]) -> Vec<Series> {
         .collect()
 }
 
-/// RMS errors of depth over depth.
+/// RMS error of depth over depth.
 fn over_depth(errors: &DepthErrors) -> Result<Option<Markup>> {
     let of = |(tracker, points): &(String, Vec<(f64, f64)>)| Series::new(tracker.clone(), points.clone());
     let series: Vec<Series> = errors.trackers.iter().map(of).collect();
@@ -307,11 +308,11 @@ fn over_depth(errors: &DepthErrors) -> Result<Option<Markup>> {
         return Ok(None);
     }
     let labels = AxisLabels { x: "z, um", y: "RMS error of z, um", title: "RMS error of z" };
-    let caption = format!("RMS error of z of found particles over their z, case {}.", errors.case);
+    let caption = format!("RMS error of z of found particles over their true z, case {}.", errors.case);
     Ok(Some(figure_of(lines(&labels, &series)?, &names(&series), &caption)))
 }
 
-/// Length of a drawn displacement over the displacement.
+/// Ratio of the drawn length to the displacement.
 const ARROW: f64 = 4.0;
 
 /// Kinds of points in `matches.csv`, with their color and dashes.
@@ -338,10 +339,10 @@ fn drawn(picture: &Picture) -> Markup {
         });
         drawn.collect()
     };
-    let told = if picture.vectors.is_empty() {
+    let legend = if picture.vectors.is_empty() {
         " Green circles: found; red dashed: missed; yellow crosses: ghosts.".to_owned()
     } else {
-        format!(" Displacements {ARROW} times as long; green: errors below 1 px; red: others.")
+        format!(" Displacements magnified {ARROW} times; green: error below 1 px; red: others.")
     };
     let data = format!("data:image/png;base64,{}", STANDARD.encode(&picture.png));
     html! {
@@ -355,7 +356,7 @@ fn drawn(picture: &Picture) -> Markup {
                     path d=(signs(kind)) style=(format!("fill: none; stroke-width: 0.3%; stroke: {stroke}")) {}
                 }
             }
-            figcaption { (picture.caption) (told) }
+            figcaption { (picture.caption) (legend) }
         }
     }
 }
@@ -376,7 +377,7 @@ mod tests {
                 "axes": [axis("N_S", n_s), axis("noise", noise)], "rank_by": ["f1"], "results": [of("a"), of("b")] }))
             .unwrap()
         };
-        // Only at a noise of 50 is there more than one N_S.
+        // Only the noise of 50 has more than one N_S.
         let cases = [case(0.1, 10.0), case(0.1, 50.0), case(0.3, 50.0)];
         let cases: Vec<&CaseScores> = cases.iter().collect();
         let names = |axis| over(axis, Metric::F1, &cases).iter().map(|s| s.name.clone()).collect::<Vec<_>>();

@@ -1,4 +1,5 @@
-//! What a participant says about a tracker, for the page of a suite: `RESULTS/TRACKER/tracker.json`.
+//! Information that participants give about a tracker for the page of a suite:
+//! `RESULTS/TRACKER/tracker.json`.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -22,9 +23,9 @@ const MAX_BYTES: u64 = 1_000_000;
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct Participant {
-    /// Name on the page, instead of the folder's.
+    /// Name on the page, instead of the name of the folder.
     name: Option<String>,
-    /// What the tracker was made for.
+    /// Purpose of the tracker.
     made_for: Option<String>,
     /// Time per frame, s, by `TRACK/CASE`.
     seconds_per_frame: BTreeMap<String, f64>,

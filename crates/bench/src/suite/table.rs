@@ -37,7 +37,7 @@ pub(super) fn csv(scores: &SuiteScores) -> Result<Vec<u8>> {
                     text(value.and_then(|v| v.high)),
                 ]);
             }
-            // A reason may begin like a formula of a spreadsheet, `--dims 3: ...`.
+            // A reason may start like a spreadsheet formula, such as `--dims 3: ...`.
             row.push(
                 result.reason.as_deref().map(|why| cell(&format!("refused: {why}"))).unwrap_or_default(),
             );

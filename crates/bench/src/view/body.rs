@@ -1,5 +1,5 @@
-//! Response bodies that are sent in chunks: streams of messages, and large blocks, of which only a few are in
-//! memory at a time.
+//! Response bodies that are sent in chunks: streams of messages, and large blocks, of which only a few chunks
+//! are in memory at a time.
 
 use std::convert::Infallible;
 use std::pin::Pin;
@@ -19,7 +19,7 @@ const WAITING: usize = 2;
 /// Size of a chunk of a large response, bytes.
 const CHUNK: usize = 256 * 1024;
 
-/// Time a client may take to receive a chunk.
+/// Maximum time for a client to receive a chunk.
 const CHUNK_TIME: Duration = Duration::from_secs(10);
 
 /// A response body with the chunks received from a channel.
@@ -66,7 +66,7 @@ pub(super) fn large(permit: OwnedSemaphorePermit, bytes: Bytes, kind: &'static s
     response
 }
 
-/// A message of a stream: lengths of JSON and block (32 bit, little endian), then both.
+/// A message of a stream: lengths of JSON and block (32 bit, little endian), then JSON and block.
 pub(super) fn message(json: &serde_json::Value, block: &[u8]) -> Bytes {
     let json = json.to_string();
     let mut bytes = Vec::with_capacity(8 + json.len() + block.len());

@@ -88,7 +88,7 @@ impl Indexed {
         self.header.iter().position(|own| own == name)
     }
 
-    /// The numbers that have rows.
+    /// The numbers for which there are rows.
     pub(super) fn numbers(&self) -> impl Iterator<Item = u32> + '_ {
         self.starts.iter().map(|(number, ..)| *number)
     }
@@ -137,7 +137,7 @@ impl Indexed {
 }
 
 fn unsorted(path: &Path, rows: u64) -> Error {
-    let expected = "expected a whole number first, not less than that of the row before";
+    let expected = "expected a whole number in the first column, not less than in the previous row";
     Error::input(format!("{}:{}: {expected}", path.display(), rows + 2))
 }
 
@@ -148,7 +148,7 @@ pub(super) fn list(values: impl IntoIterator<Item = f64>) -> Value {
 
 /// A number; null if it is not finite.
 pub(super) fn number(value: f64) -> Value {
-    // Whole numbers are written without a decimal point.
+    // Integers are written without a decimal point.
     if value == value.trunc() && value.abs() < 9e15 {
         return Value::from(value as i64);
     }

@@ -1,8 +1,8 @@
-//! The open connections, and which of them is closed to make room for another.
+//! The open connections, and which of them is closed to make room for a new one.
 //!
-//! Connections that have not shown the token go first, then those that wait for a next request, then those
-//! whose response has not advanced for a while. A browser opens few connections and renews one that was
-//! closed while it was idle, so that a page does not notice.
+//! Connections that have not yet sent the token are closed first, then those that wait for a next request,
+//! then those whose response has not advanced for a while. A browser opens few connections and reopens one
+//! that was closed while it was idle, so closing does not affect a page.
 
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,7 +13,7 @@ use axum::body::{Body, Bytes};
 use hyper::body::{Body as HttpBody, Frame, SizeHint};
 use tokio::task::AbortHandle;
 
-/// Time in which a connection has to show the token, or to send its next request, before it may be closed.
+/// Time for a connection to send the token, or its next request, before it may be closed.
 const GRACE: Duration = Duration::from_millis(100);
 
 /// Time without progress after which a connection with a request may be closed: several heartbeats of an
@@ -23,9 +23,9 @@ const STALLED: Duration = Duration::from_secs(3);
 /// What a connection is doing, in the order in which connections are closed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Phase {
-    /// It has not shown the token.
+    /// It has not sent the token.
     Unknown,
-    /// It has, and waits for a next request.
+    /// It has sent the token and waits for a next request.
     Idle,
     /// A request is being answered.
     Answering,
@@ -48,7 +48,7 @@ impl Activity {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A request with the token has come.
+    /// A request with the token has arrived.
     pub(super) fn admitted(&self) {
         self.set(Phase::Answering);
     }
@@ -59,7 +59,7 @@ impl Activity {
     }
 }
 
-/// A response body that notes its progress.
+/// A response body that records its progress.
 struct Followed {
     body: Body,
     activity: Activity,
@@ -105,7 +105,7 @@ impl Connections {
         self.0.push((activity, task));
     }
 
-    /// Closes the connection that is missed least, if there is one that may be closed.
+    /// Closes the least important connection, if there is one that may be closed.
     pub(super) fn make_room(&mut self) {
         self.0.retain(|(_, task)| !task.is_finished());
         let may_go = |(phase, since): &(Phase, Instant)| {
@@ -136,13 +136,13 @@ mod tests {
             start.elapsed()
         };
         let alone = ask();
-        // More than are served at once; some have begun a request.
+        // More connections than are served at once; some have started a request.
         let mut idle: Vec<TcpStream> = (0..300).map(|_| server.connect()).collect();
         idle.iter_mut().step_by(3).for_each(|stream| stream.write_all(b"GET /").unwrap());
-        // Without room being made, the page waits until the headers of the idle ones are overdue, 10 s.
+        // Unless idle connections are closed, the page waits until their headers time out after 10 s.
         let beside = ask();
         assert!(beside < alone + Duration::from_secs(5), "{alone:?} alone, {beside:?} beside idle ones");
-        // Nor do those that have the token and ask no more, or for what never ends.
+        // Nor do connections that have sent the token and then send nothing, or request an endless stream.
         for path in ["about", "alive"] {
             let request = format!(
                 "GET {} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n",
@@ -151,7 +151,7 @@ mod tests {
             );
             let mut known: Vec<TcpStream> = (0..200).map(|_| server.connect()).collect();
             known.iter_mut().for_each(|stream| stream.write_all(request.as_bytes()).unwrap());
-            // The last one is the last to be closed for room.
+            // The last one is the last to be closed to make room.
             known[199].read_exact(&mut [0; 12]).unwrap();
             let beside = ask();
             assert!(beside < alone + Duration::from_secs(5), "{beside:?} beside idle ones of {path}");

@@ -39,7 +39,7 @@ pub(super) struct OpenDataset {
     optics: Once<(Scenario, DepthScan)>,
 }
 
-/// A value that is computed on first use; an error is returned every time.
+/// A value computed on first use; an error is stored and returned each time.
 type Once<T> = OnceLock<std::result::Result<Arc<T>, String>>;
 
 fn once<T>(cell: &Once<T>, make: impl FnOnce() -> Result<T>) -> Result<Arc<T>> {
@@ -64,10 +64,7 @@ impl OpenDataset {
             .collect();
         frames.sort_by_key(|(frame, ..)| *frame);
         if frames.is_empty() || frames.iter().zip(0..).any(|((frame, ..), k)| *frame != k) {
-            return Err(Error::input(format!(
-                "{}: the manifest lists no images, or not all",
-                folder.display()
-            )));
+            return Err(Error::input(format!("{}: the manifest does not list all images", folder.display())));
         }
         Ok(OpenDataset {
             times_s: times_s(folder, frames.len()).unwrap_or_default(),
@@ -92,7 +89,7 @@ impl OpenDataset {
         })
     }
 
-    /// Facts that the page needs before it shows a frame.
+    /// Properties that the page needs before it shows a frame.
     ///
     /// # Errors
     /// A manifest without the size of the images.
@@ -174,7 +171,7 @@ impl OpenDataset {
         Ok(optics::curves(&optics.1, &rows, &image))
     }
 
-    /// The noise-free image of a particle of a frame; null if there is none.
+    /// The noise-free image of a particle of a frame; null if there is no such particle.
     ///
     /// # Errors
     /// A scenario or table that cannot be read.

@@ -1,4 +1,4 @@
-//! The scenario in the editor: reading its text, initial text and presets, saving.
+//! The scenario in the editor: parsing its text, initial text and presets, saving.
 
 use std::path::Path;
 
@@ -33,7 +33,7 @@ fn described(problem: &Problem, text: &str) -> Value {
     })
 }
 
-/// Name, text and presets with which the page starts.
+/// Initial name, text and presets of the page.
 ///
 /// # Errors
 /// A scenario that cannot be read.
@@ -59,7 +59,7 @@ pub(super) fn about(subject: &Subject) -> Result<Value> {
 /// Writes the scenario's file.
 ///
 /// # Errors
-/// A page that was opened without a file to write; writing.
+/// A page that was opened without a file; an I/O error.
 pub(super) fn save(subject: &Subject, text: &str) -> Result<Value> {
     let Some(file) = &subject.scenario else {
         return Err(Error::input("no file to save to: open the page with `microsig view FILE.ron`"));

@@ -34,7 +34,7 @@ pub struct Exported {
     pub out: PathBuf,
     /// Size of the file, bytes.
     pub bytes: usize,
-    /// The largest size that it may have, bytes.
+    /// Maximum size of the file, bytes.
     pub limit_bytes: usize,
     /// The frames in it.
     pub frames: Vec<u32>,
@@ -66,7 +66,7 @@ pub(super) const MODULES: [&str; 11] = [
 /// Writes datasets and results to a single page.
 ///
 /// # Errors
-/// A subject without a dataset; frames that do not exist; an existing file, unless `force`; writing.
+/// A subject without a dataset; frames that do not exist; an existing file, unless `force`; an I/O error.
 pub fn export(subject: Subject, options: &ExportOptions) -> Result<Exported> {
     may_write(&options.out, options.force)?;
     if subject.datasets.is_empty() {
@@ -85,7 +85,7 @@ pub fn export(subject: Subject, options: &ExportOptions) -> Result<Exported> {
     }
     let (frames, left_out) = of_dataset(&app, &options.frames, &mut answers)?;
     if answers.bytes > LARGEST {
-        return Err(Error::input(format!("--export: would be larger than {} MB", LARGEST >> 20)));
+        return Err(Error::input(format!("--export: would be larger than {} MiB", LARGEST >> 20)));
     }
     let page = document(&Value::Object(answers.all))?;
     save_result(&options.out, options.force, page.as_bytes())?;
@@ -123,7 +123,7 @@ fn of_dataset(app: &App, wanted: &[u32], answers: &mut Answers) -> Result<(Vec<u
     let mut wanted = if wanted.is_empty() { (0..frames.min(FRAMES)).collect() } else { wanted.to_vec() };
     wanted.sort_unstable();
     wanted.dedup();
-    // Fails for a test split, which has no truth.
+    // Fails for a test split, whose scenario is withheld.
     if let Ok(depth) = open.depth() {
         answers.put("dataset/0/depth", depth);
     }
@@ -147,7 +147,7 @@ fn of_dataset(app: &App, wanted: &[u32], answers: &mut Answers) -> Result<(Vec<u
     Ok((included, left_out))
 }
 
-/// What the first dataset and its results are in one frame.
+/// The data of the first dataset and its results for one frame.
 fn of_frame(app: &App, open: &OpenDataset, frame: u32, are_pairs: bool) -> Result<Answers> {
     let mut answers = Answers::default();
     let counts = open.counts(frame as usize)?.unwrap_or_default();

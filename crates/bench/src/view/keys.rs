@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use scenario::spec::Spec;
 use scenario::{Entry, Schema, ValueKind, ron, schema_of};
 
-/// Maximum number of steps in a path, as fields nest without limit.
+/// Maximum number of steps in a path, because fields can be nested without limit.
 const DEEPEST: usize = 60;
 
 /// A key or variant with its subkeys; `None` if the path does not exist. The empty path is the scenario

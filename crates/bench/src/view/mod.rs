@@ -1,5 +1,5 @@
-//! `microsig view`: pages in the browser that show a scenario before it runs, datasets, and the errors of
-//! results.
+//! `microsig view`: pages in the browser that show a scenario before it is generated, datasets, and the
+//! errors of results.
 //!
 //! `server` listens on the loopback address only and refuses requests without the token in its address;
 //! `routes` lists the requests. Requests refer to datasets and results by index (in the lists of

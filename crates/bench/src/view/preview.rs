@@ -1,8 +1,8 @@
-//! The preview of a scenario: what can be computed of its dataset within about a second.
+//! The preview of a scenario: as much of its dataset as can be computed within about a second.
 //!
 //! It reads the text, renders the first two frames as `generate` does, renders a particle over depth, and
 //! computes the numbers of the dataset. Each part is sent as soon as it is ready. The preview is cancelled,
-//! even while a frame or a table is being computed, when another one starts or the reader leaves.
+//! even while a frame or a table is being computed, when another one starts or the page is closed.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -40,7 +40,7 @@ const MAX_PARTICLES: f64 = 2e6;
 
 /// Reason why a preview stops early.
 enum Stop {
-    /// Another one has started, or the page is closed.
+    /// Another preview has started, or the page is closed.
     Replaced,
     /// It cannot be computed.
     Failed(String),
@@ -167,7 +167,7 @@ impl Preview {
     }
 }
 
-/// Facts that are known without rendering.
+/// Properties that are known without rendering.
 fn about(scenario: &Scenario) -> Value {
     let (settings, (low, high)) = (&scenario.settings, scenario.depth_range_um);
     let sensor = scenario.sensor().ok();
@@ -243,7 +243,7 @@ mod tests {
     use super::*;
     use crate::view::Subject;
 
-    /// Its frames would be drawn for as long as [`FRAME_S`] allows.
+    /// Rendering its frames takes as long as [`FRAME_S`] allows.
     const SLOW: &str = r#"(
         name: "slow",
         optics: (preset: setting1, pixel_dim_x: 2048, pixel_dim_y: 2048, n_rays: 2000),
@@ -265,12 +265,12 @@ mod tests {
             std::thread::sleep(Duration::from_millis(500));
             assert!(!running.is_finished());
             if leaves {
-                // As the route does once the reader has gone.
+                // As the route does once the client has disconnected.
                 cancellation.cancel();
             } else {
                 app.next_preview();
             }
-            // Until the preview ends, its sender is alive.
+            // The sender exists until the preview ends.
             while let Some(part) = receiver.blocking_recv() {
                 assert!(!part.windows(5).any(|word| word == b"\"end\""), "the preview ran to its end");
             }

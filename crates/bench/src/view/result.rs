@@ -1,4 +1,4 @@
-//! A result on the page: the findings of `evaluate` for every point.
+//! A result on the page: the outcome of `evaluate` for every point.
 //!
 //! Scores and matching are those of [`scoring::evaluate`] with the default options of `microsig evaluate`, so
 //! the numbers on the page equal those in `score.json`.
@@ -38,7 +38,7 @@ pub(super) struct OpenResult {
     vectors: Vec<[f64; 7]>,
 }
 
-/// PointOutcome of a scored point.
+/// Outcome of a scored point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum PointOutcome {
     Found,
@@ -93,7 +93,7 @@ impl OpenResult {
     /// As for [`evaluate`].
     pub(super) fn open(dataset: &Path, path: &Path) -> Result<Self> {
         let evaluation = evaluate(dataset, path, &EvaluateOptions::default())?;
-        // Not via text, because parsing may change the last digit of numbers.
+        // Not through text, because parsing may change the last digit of numbers.
         let score = serde_json::to_value(&evaluation.score).map_err(|e| Error::input(e.to_string()))?;
         let (points, vectors) = match &evaluation.particles {
             Some(particles) => {

@@ -1,5 +1,5 @@
 //! The requests that the server answers. Every path starts with the token; datasets, frames and results are
-//! given by index.
+//! identified by index.
 
 use std::sync::Arc;
 

@@ -159,7 +159,7 @@ impl App {
         }
     }
 
-    /// The dataset with an index; `None` if there is none.
+    /// The dataset with an index; `None` if it does not exist.
     ///
     /// # Errors
     /// A dataset that cannot be read.
@@ -171,7 +171,7 @@ impl App {
         Ok(Some(self.datasets.keep(number, OpenDataset::open(&entry.folder)?)))
     }
 
-    /// The result of a tracker for a dataset; `None` if there is none.
+    /// The result of a tracker for a dataset; `None` if it does not exist.
     ///
     /// # Errors
     /// A result that cannot be scored.

@@ -56,7 +56,7 @@ impl Subject {
     /// sweep.
     ///
     /// # Errors
-    /// A path that is neither a scenario, a dataset nor a sweep; results that are missing, or given with a
+    /// A path that is not a scenario, a dataset or a sweep; results that are missing, or given with a
     /// scenario.
     pub fn of(path: Option<&Path>, results: &[PathBuf]) -> Result<Self> {
         let Some(path) = path else { return Ok(Subject::default()) };

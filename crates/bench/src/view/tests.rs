@@ -1,5 +1,5 @@
-//! Tests of requests that a hostile page or program on the same machine may send, and of the responses to the
-//! page.
+//! Tests of requests that a hostile page or program on the same computer may send, and of the responses to
+//! the page.
 
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, Shutdown, TcpStream};
@@ -60,7 +60,7 @@ impl Server {
         stream
     }
 
-    /// Sends bytes as they are and reads to the end.
+    /// Sends bytes unchanged and reads to the end.
     fn raw(&self, request: &[u8]) -> Option<Answer> {
         let mut stream = self.connect();
         // The server may refuse before it has read all.
@@ -81,12 +81,12 @@ impl Server {
         let request = format!(
             "{method} {path} HTTP/1.1\r\n{host}{headers}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
         );
-        // On a busy machine a request may come so late that its connection was closed to make room; browsers
-        // ask again, too.
+        // On a busy machine a request may arrive so late that its connection was closed to make room;
+        // browsers retry, too.
         (0..5).find_map(|_| self.raw(request.as_bytes())).unwrap()
     }
 
-    /// Asks as the page does.
+    /// Sends a request as the page does.
     fn get(&self, path: &str) -> Answer {
         self.send("GET", &self.path(path), "", "")
     }
@@ -101,7 +101,7 @@ impl Server {
         serde_json::from_slice(&answer.unchunked()).unwrap()
     }
 
-    /// Whether it still answers.
+    /// Whether the server still responds.
     pub(super) fn is_alive(&self) -> bool {
         self.get("about").status == 200
     }
@@ -146,7 +146,7 @@ fn strangers_are_refused() {
     let port = server.app.port();
     let page = format!("/{token}/");
     let refused = |path: &str, headers: &str| server.send("GET", path, headers, "").status;
-    // Without the token, or with a wrong one.
+    // Without the token, or with a wrong token.
     for path in [
         "/",
         "/about",
@@ -168,7 +168,7 @@ fn strangers_are_refused() {
         server.send("POST", &format!("{page}scenario"), "Origin: http://evil.example\r\n", "x").status,
         403
     );
-    // Two hosts, and none.
+    // Two hosts, and no host.
     let two = format!(
         "GET {page} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nHost: evil.example\r\nConnection: close\r\n\r\n"
     );
@@ -222,7 +222,7 @@ fn no_path_leads_out_of_the_lists() {
     }
     assert_eq!(server.json("keys/optics..gain"), Value::Null);
     assert_eq!(server.json("keys/..%2f.."), Value::Null);
-    // Rows and frames that are not there are no particles, not errors.
+    // Rows and frames that do not exist yield no particles, not errors.
     assert_eq!(server.json("dataset/0/truth/4000000")["n"], 0);
     assert_eq!(server.json("dataset/0/particle/0/99999"), Value::Null);
     assert!(server.is_alive());
@@ -293,7 +293,7 @@ fn requests_that_end_half_way_harm_nobody() {
     }
     assert!(server.is_alive());
     let waiting: Vec<TcpStream> = (0..60).map(|_| server.connect()).collect();
-    assert!(server.is_alive(), "connections that say nothing leave room for others");
+    assert!(server.is_alive(), "idle connections leave room for others");
     drop(waiting);
 }
 
@@ -333,15 +333,15 @@ fn frames_and_truth_are_those_of_the_dataset() {
 fn scores_are_those_of_evaluate() {
     let folder = tempfile::tempdir().unwrap();
     let out = dataset(folder.path());
-    // Of the truth every third particle is missed, the others are off by up to half a pixel, and some points
-    // are invented.
+    // Every third true particle is missed, the others are off by up to half a pixel, and some points are
+    // ghosts.
     let table = std::fs::read_to_string(out.join("truth/tracks.csv")).unwrap();
     let mut result = "frame,track,x_px,y_px,z_um\n".to_owned();
     for (k, line) in table.lines().skip(1).enumerate().filter(|(k, _)| k % 3 != 0) {
         let cells: Vec<&str> = line.split(',').collect();
         let number = |k: usize| cells[k].parse::<f64>().unwrap();
         let off = 0.5 * (k % 5) as f64 / 4.0;
-        // Some tracks go on under another number in the second frame of their pair.
+        // Some tracks continue under another number in the second frame of their pair.
         let track = number(2) + if number(0) % 2.0 == 1.0 && k % 2 == 0 { 1000.0 } else { 0.0 };
         let at = [number(3) + off, number(4), number(5) - 2.0 * off];
         result += &format!("{},{track},{},{},{}\n", cells[0], at[0], at[1], at[2]);
@@ -429,8 +429,8 @@ fn a_preview_shows_what_generate_makes() {
     let numbers = &parts[4].0;
     assert_eq!(numbers["a_pi_px"], facts["a_pi_px"]);
     assert_eq!(numbers["snr"], facts["snr"]);
-    // Frame A of the preview is the first image, byte by byte. A machine that is busy may draw a part of the
-    // particles only.
+    // Frame A of the preview equals the first image, byte by byte. A busy machine may render only some of
+    // the particles.
     let image = server.get("dataset/0/frame/0").body;
     let is_the_image = || {
         let answer = server.send("POST", &server.path("preview"), "", SCENARIO).unchunked();

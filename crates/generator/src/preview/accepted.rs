@@ -1,4 +1,4 @@
-//! The light that the aperture accepts of a particle, and wave optics of the same lens.
+//! The light of a particle that the aperture accepts, and wave optics of the same lens.
 
 use microsig_core::render::RendererSpec;
 use microsig_core::render::expected::TOLERANCES;
@@ -8,14 +8,14 @@ use microsig_core::{Particle, Settings, emission};
 use scenario::Scenario;
 use storage::error::Result;
 
-/// Wavelength for what rays leave out, um: green.
+/// Wavelength for effects that rays neglect, um: green.
 pub(super) const GREEN_UM: f64 = 0.55;
 
-/// The light that the aperture accepts of a particle.
+/// The light of a particle that the aperture accepts.
 pub(super) enum Accepted {
     Rays(Box<Settings>),
     Waves(Box<WavesRenderer>),
-    /// Spots have no aperture.
+    /// Gaussian spots have no aperture.
     Spots,
 }
 
@@ -30,11 +30,12 @@ impl Accepted {
         })
     }
 
-    /// Wave optics of the lens, also where images are drawn by rays, if it supports these settings.
+    /// Wave optics of the lens, even if images are rendered with rays; `None` if it does not support these
+    /// settings.
     pub(super) fn waves(&self) -> Option<WavesRenderer> {
         match self {
             Accepted::Waves(waves) => Some((**waves).clone()),
-            // Nothing is drawn by it.
+            // It renders nothing.
             Accepted::Rays(settings) => {
                 WavesRenderer::new(settings, &WaveOptics::new(GREEN_UM), *TOLERANCES.end()).ok()
             }
@@ -51,7 +52,7 @@ impl Accepted {
                 let Settings { numerical_aperture: na, focal_length, magnification, .. } = **settings;
                 let distance = focal_length * (1.0 + 1.0 / magnification);
                 // The source points of a sphere, on the half that faces the lens, are nearer by half its
-                // radius.
+                // radius on average.
                 let of_points = distance + sphere.z_um - 0.25 * sphere.d_um;
                 let tangent = na / (1.0 - na * na).sqrt() * distance / of_points;
                 let rays = emission::sphere_points(settings, sphere.d_um) as f64

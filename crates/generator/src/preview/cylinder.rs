@@ -1,21 +1,21 @@
-//! What a cylindrical lens does to images, in words.
+//! Describes the effect of a cylindrical lens on images.
 
 use microsig_core::render::waves::Lens;
 
 use scenario::CylinderFacts;
 
-/// Difference of the growth along both directions above which an objective with MicroSIG's virtual lens is
-/// not like one with a cylindrical lens before the camera.
+/// Difference of the growth along both directions above which an objective with MicroSIG's virtual lens does
+/// not represent one with a cylindrical lens in front of the camera.
 const NOTICEABLE: f64 = 0.05;
 
-/// A warning where images grow as behind no real cylinder.
+/// A warning if images grow as with no real cylindrical lens.
 pub(super) fn warning(CylinderFacts { growth, stretch, .. }: CylinderFacts, lens: Lens) -> Option<String> {
     let is_virtual = stretch == 1.0;
     (is_virtual && lens == Lens::Aplanatic && (growth - 1.0).abs() > NOTICEABLE).then(|| {
         format!(
-            "images grow {growth:.2} times as fast in the direction of the cylindrical lens's power as across it: MicroSIG's \
-             virtual lens stands at a third of the way to the sensor. One before a real camera differs by a few percent: \
-             optics: (cylinder: ...) has its place and focal length"
+            "images grow {growth:.2} times as fast along the direction in which the cylindrical lens has power as across it: MicroSIG's \
+            virtual lens is located at a third of the distance to the sensor. With a lens in front of a real camera the ratio differs from 1 by a few \
+            percent: optics: (cylinder: ...) sets its position and focal length"
         )
     })
 }
@@ -23,7 +23,7 @@ pub(super) fn warning(CylinderFacts { growth, stretch, .. }: CylinderFacts, lens
 /// Focal planes, growth and positions.
 pub(super) fn phrase(CylinderFacts { focus_um, growth, stretch }: CylinderFacts) -> String {
     format!(
-        "cylindrical lens: paraxial focus at {focus_um:.2} um in the direction of its power, at 0 across it; images grow there \
-         {growth:.3} times as fast as across it, positions are magnified {stretch:.3} times as much"
+        "cylindrical lens: paraxial focus at {focus_um:.2} um along the direction in which it has power, at 0 across it; images grow \
+        {growth:.3} times as fast along it as across it, positions are magnified {stretch:.3} times as much"
     )
 }

@@ -4,11 +4,11 @@ use scenario::Scenario;
 use storage::error::Result;
 use visibility::{DepthScan, ScanImage};
 
-/// In focus the peak is at least this share of the highest.
+/// In focus, the peak is at least this fraction of the highest peak.
 const IN_FOCUS: f64 = 0.8;
 
-/// The range of depths around the highest value in which values are above a share of it, um; ends are linear
-/// between depths.
+/// The range of depths around the maximum in which values exceed a fraction of it, um; the ends are
+/// interpolated linearly between depths.
 pub(super) fn span(scan: &DepthScan, of: impl Fn(&ScanImage) -> f64, share: f64) -> f64 {
     let values: Vec<f64> = scan.images.iter().map(of).collect();
     let Some(best) = (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b])) else { return 0.0 };

@@ -1,5 +1,5 @@
-//! What a scenario's optics show, before any dataset is made: one particle over depth, where focus is, how
-//! images grow, how bright they are against the camera.
+//! Predictions for a scenario's optics before any dataset is generated: one particle over depth, the position
+//! of best focus, the growth of images, their brightness relative to the range of the camera.
 
 mod accepted;
 mod cylinder;
@@ -23,33 +23,33 @@ pub use text::{lines, text};
 pub use ticks::tick_label;
 use visibility::DepthScan;
 
-/// Depths whose images weigh less than this share of the most in a correlation do not contribute (Olsen and
+/// Depths whose weight in a correlation is below this fraction of the maximum do not contribute (Olsen and
 /// Adrian 2000).
 const CORRELATED: f64 = 0.01;
 /// Depths over which the growth of an image far from focus is measured.
 const OUTER: usize = 10;
-/// Phase differences over the pupil, waves, from which a lens is no longer like an objective that one can
-/// buy.
+/// Phase difference over the pupil, waves, above which a lens no longer resembles a commercially available
+/// objective.
 const ABERRATED_WAVES: f64 = 1.0;
-/// What rays lack of a corrected objective.
+/// Options that model a corrected objective.
 const WAVES_OF_APLANAT: &str = "render: (mode: waves, wavelength_um: ...) with optics: (lens: aplanatic)";
-/// The least share of the accepted light that should land near the particle's place.
+/// Minimum fraction of the accepted light that should land near the particle's position.
 const LEAST_NEAR: f64 = 0.5;
 
-/// What the optics of a scenario show.
+/// Predicted particle images of a scenario's optics.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Preview {
     /// Name of the scenario.
     pub name: String,
-    /// Renderer and lens in words.
+    /// Description of renderer and lens.
     pub optics: String,
     /// Object-space length of a pixel, um.
     pub um_per_px: f64,
     /// Range of physical depths, um.
     pub depth_range_um: (f64, f64),
-    /// MicroSIG's cylindrical lens, um; 0: none.
+    /// MicroSIG's cylindrical lens, um; 0: no cylindrical lens.
     pub cyl_focal_length_um: f64,
-    /// What a cylindrical lens does, MicroSIG's or one before the camera.
+    /// Effect of a cylindrical lens, either MicroSIG's or one in front of the camera.
     pub cylinder: Option<CylinderFacts>,
     /// Whether images are diffracted.
     pub is_diffracted: bool,
@@ -57,16 +57,16 @@ pub struct Preview {
     pub wavelength_um: f64,
     /// Radius of the Airy disc, px.
     pub airy_radius_px: f64,
-    /// Difference of the optical path over the pupil in best focus, waves; `None` for spots.
+    /// Optical path difference over the pupil at best focus, waves; `None` for spots.
     pub path_difference_waves: Option<f64>,
-    /// Depth of field, um: where the peak is at least 80 % of the highest; of the mean size.
+    /// Depth of field, um: where the peak is at least 80 % of the highest; for the mean size.
     pub depth_of_field_um: Option<f64>,
-    /// Depth of correlation, um: where images weigh at least 1 % of the most in a correlation; of the mean
-    /// size.
+    /// Depth of correlation, um: where the weight of images in a correlation is at least 1 % of the maximum;
+    /// for the mean size.
     pub depth_of_correlation_um: f64,
-    /// Particles in view on average.
+    /// Mean number of particles in view.
     pub particles_in_view: f64,
-    /// Source density of so many, where walls and bodies leave room for them.
+    /// Source density of these particles, in the area that walls and bodies leave free.
     pub source_density: f64,
     /// Background, counts.
     pub background_counts: f64,
@@ -74,11 +74,11 @@ pub struct Preview {
     pub background_noise_counts: f64,
     /// Counts at which a pixel is saturated.
     pub saturation_counts: f64,
-    /// One for each size: each diameter of a list; the smallest, the mean and the largest of a distribution.
+    /// One entry for each size: each diameter of a list, or the smallest, mean and largest of a distribution.
     pub sizes: Vec<SizeCurves>,
-    /// Where the model leaves what it is good for.
+    /// Warnings that the model is used outside its range of validity.
     pub warnings: Vec<String>,
-    /// Which of the sizes is the mean, or nearest to it.
+    /// Index of the size that is the mean or nearest to it.
     #[serde(skip)]
     middle: usize,
     /// The images of each size.
@@ -91,46 +91,46 @@ pub struct Preview {
 pub struct SizeCurves {
     /// Diameter, um.
     pub d_um: f64,
-    /// Depth of the highest peak, um; `None` where all are as high.
+    /// Depth of the highest peak, um; `None` if all are equally high.
     pub focus_um: Option<f64>,
-    /// Depths of the least widths along x and along y (root mean square of all light), um: the two focal
-    /// planes of a cylindrical lens.
+    /// Depths of minimum width along x and along y (root mean square of all light), um: the two focal planes
+    /// of a cylindrical lens.
     pub focal_planes_um: [f64; 2],
-    /// Depths of the least width and of the least height of the part above 10 % of the peak, um.
+    /// Depths of minimum width and of minimum height of the part above 10 % of the peak, um.
     pub least_sizes_um: [f64; 2],
     /// Growth of the diameter far below and far above focus, px/um.
     pub ring_slopes_px_um: [f64; 2],
-    /// One for each depth.
+    /// One entry for each depth.
     pub depths: Vec<DepthFacts>,
 }
 
-/// The image of one size at one depth, centred on a pixel.
+/// The image of one size at one depth, centered on a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct DepthFacts {
     /// Physical depth, um.
     pub z_um: f64,
-    /// Highest count above the background.
+    /// Peak above the background, counts.
     pub peak_counts: f64,
-    /// The peak over the background's noise; `None` without noise.
+    /// Peak divided by the noise of the background; `None` without noise.
     pub snr: Option<f64>,
-    /// The peak over the noise there, shot noise of its light included; `None` without noise.
+    /// Peak divided by the noise at the peak, including shot noise; `None` without noise.
     pub snr_with_shot_noise: Option<f64>,
     /// Width of the part above 10 % of the peak, px.
     pub width_px: f64,
     /// Its height, px.
     pub height_px: f64,
-    /// Light on the sensor, up to 400 px from a particle in its center, as a share of what the aperture
-    /// accepts; `None` for spots.
+    /// Light on the sensor, up to 400 px from a particle at its center, as a fraction of the light that the
+    /// aperture accepts; `None` for spots.
     pub share: Option<f64>,
-    /// The same on any sensor.
+    /// The same on a sensor of any size.
     pub share_near: Option<f64>,
 }
 
 impl Preview {
-    /// Draws one particle of each size over depth, and measures it.
+    /// Renders one particle of each size over depth and measures its images.
     ///
     /// # Errors
-    /// Settings that cannot be drawn.
+    /// Settings that cannot be rendered.
     pub fn of(scenario: &Scenario) -> Result<Self> {
         let mean_um = scenario.diameters_um()[1];
         let mut sizes_um = scenario.mixed_um();
@@ -144,11 +144,11 @@ impl Preview {
         Preview::measured(scenario, sizes_um, middle, scans, depth_of_field_um)
     }
 
-    /// The same of the sizes that stand for all, from images of the mean size through the depth range that
-    /// are there already.
+    /// The same for representative sizes, reusing existing images of the mean size through the depth
+    /// range.
     ///
     /// # Errors
-    /// Settings that cannot be drawn.
+    /// Settings that cannot be rendered.
     pub fn from_scan(scenario: &Scenario, scan: &DepthScan) -> Result<Self> {
         let mean_um = scenario.diameters_um()[1];
         let mut sizes_um = scenario.representative_um();
@@ -201,7 +201,7 @@ impl Preview {
             warnings: Vec::new(),
             scans,
         };
-        preview.warnings = preview.doubts(scenario);
+        preview.warnings = preview.warnings(scenario);
         Ok(preview)
     }
 
@@ -210,18 +210,19 @@ impl Preview {
         &self.sizes[self.middle]
     }
 
-    /// Where the model leaves what it is good for; the renderer's own warnings are the scenario's.
-    fn doubts(&self, scenario: &Scenario) -> Vec<String> {
-        let mut doubts = Vec::new();
+    /// Warnings that the model is used outside its range of validity; the renderer's own warnings belong to
+    /// the scenario.
+    fn warnings(&self, scenario: &Scenario) -> Vec<String> {
+        let mut warnings = Vec::new();
         let (mean, airy_px) = (self.mean(), self.airy_radius_px);
         let sharpest =
             mean.depths.iter().map(|depth| depth.width_px.min(depth.height_px)).fold(f64::INFINITY, f64::min);
         let is_rays =
             matches!(scenario.spec.renderer(), RendererSpec::Rays { .. } | RendererSpec::Expected { .. });
         if is_rays && 2.0 * airy_px > 0.5 * sharpest {
-            doubts.push(format!(
-                "rays do not diffract: the Airy disc of light of {GREEN_UM} um is {:.1} px wide, the sharpest image here {sharpest:.1} px; \
-                 render: (mode: waves, wavelength_um: {GREEN_UM}) has it",
+            warnings.push(format!(
+                "rays neglect diffraction: at a wavelength of {GREEN_UM} um the Airy disc is {:.1} px wide, the sharpest image here {sharpest:.1} px; \
+                 render: (mode: waves, wavelength_um: {GREEN_UM}) includes it",
                 2.0 * airy_px
             ));
         }
@@ -229,45 +230,45 @@ impl Preview {
         if let Some(waves) =
             self.path_difference_waves.filter(|waves| *waves > ABERRATED_WAVES && lens == Lens::Microsig)
         {
-            let cure = if self.is_diffracted { "optics: (lens: aplanatic)" } else { WAVES_OF_APLANAT };
-            doubts.push(format!(
-                "MicroSIG's lens bends light of {:.2} um by {waves:.1} waves in best focus, an objective that one can buy by less than \
-                 one: {cure}",
+            let option = if self.is_diffracted { "optics: (lens: aplanatic)" } else { WAVES_OF_APLANAT };
+            warnings.push(format!(
+                "at a wavelength of {:.2} um, MicroSIG's lens has a wavefront aberration of {waves:.1} waves at best focus, a commercial objective less than \
+                 one: {option}",
                 self.wavelength_um
             ));
         }
         let near = mean.depths.iter().filter_map(|depth| depth.share_near).fold(f64::INFINITY, f64::min);
         if near < LEAST_NEAR {
-            let cure = if self.is_diffracted { "optics: (lens: aplanatic)" } else { WAVES_OF_APLANAT };
-            doubts.push(format!(
-                "at some depth only {:.0} % of the light that the aperture accepts lands within 400 px of a particle; {cure} brings more",
+            let option = if self.is_diffracted { "optics: (lens: aplanatic)" } else { WAVES_OF_APLANAT };
+            warnings.push(format!(
+                "at some depths only {:.0} % of the light that the aperture accepts lands within 400 px of a particle; {option} gives more",
                 100.0 * near
             ));
         }
         for size in &self.sizes {
             let peak = size.depths.iter().map(|depth| depth.peak_counts).fold(0.0, f64::max);
             if self.background_counts + peak > self.saturation_counts {
-                doubts.push(format!(
-                    "images of {:.3} um reach {:.0} counts, more than the {:.0} of a saturated pixel",
+                warnings.push(format!(
+                    "images of {:.3} um particles reach {:.0} counts, above the saturation level of {:.0}",
                     size.d_um,
                     self.background_counts + peak,
                     self.saturation_counts
                 ));
             }
         }
-        doubts.extend(self.cylinder.and_then(|facts| cylinder::warning(facts, lens)));
+        warnings.extend(self.cylinder.and_then(|facts| cylinder::warning(facts, lens)));
         let (low, high) = self.depth_range_um;
         if mean.focus_um.is_some_and(|focus| focus <= low || focus >= high) {
-            doubts.push(format!(
+            warnings.push(format!(
                 "best focus lies at an end of the depth range of {low} to {high} um, or beyond it"
             ));
         }
-        doubts
+        warnings
     }
 }
 
 impl SizeCurves {
-    /// Least and greatest value over depth, where there are any.
+    /// Minimum and maximum over depth, if there are values.
     pub fn range(&self, of: impl Fn(&DepthFacts) -> Option<f64>) -> Option<[f64; 2]> {
         self.depths.iter().filter_map(of).fold(None, |range: Option<[f64; 2]>, value| {
             Some(range.map_or([value; 2], |[low, high]| [low.min(value), high.max(value)]))
@@ -275,8 +276,8 @@ impl SizeCurves {
     }
 }
 
-/// Which of the sizes (um) is nearest to the mean, and their images through the depth range; those of the
-/// mean may be there already.
+/// Index of the size (um) nearest to the mean, and the images of all sizes through the depth range; those of
+/// the mean may already exist.
 fn scans(
     scenario: &Scenario,
     sizes_um: &[f64],
@@ -299,7 +300,7 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan, accepted: &Accepted)
     let peaks = scenario.peak_counts(response.slope, d_um, scan);
     let depths: Vec<DepthFacts> = (scan.depths_um.iter().zip(&scan.images).zip(peaks))
         .map(|((&z_um, spot), peak_counts)| {
-            // Counts per electron, if electrons fluctuate; without a camera per ray.
+            // Counts per electron if electrons fluctuate; without a camera, counts per ray.
             let counts = match &scenario.detector {
                 Some(detector) if detector.shot_noise => detector.gain_counts_per_e,
                 None if scenario.renderer.has_ray_noise() && spot.peak > 0.0 => peak_counts / spot.peak,
@@ -338,7 +339,7 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan, accepted: &Accepted)
     })
 }
 
-/// Particles in view on average.
+/// Mean number of particles in view.
 fn in_view(scenario: &Scenario) -> Result<f64> {
     match &scenario.motion {
         MotionSource::Field(field) => {
@@ -396,7 +397,7 @@ mod tests {
         assert!(shown.depth_of_correlation_um > field_um);
         // The Airy disc is as wide as the sharpest image.
         assert!(
-            shown.warnings.iter().any(|warning| warning.contains("rays do not diffract")),
+            shown.warnings.iter().any(|warning| warning.contains("rays neglect diffraction")),
             "{:?}",
             shown.warnings
         );
@@ -405,7 +406,7 @@ mod tests {
     #[test]
     fn a_cylinder_has_two_focal_planes_and_a_bright_particle_saturates() {
         let shown = preview("cyl_focal_length: 4000, gain: 500", "");
-        // As far apart as the key says, which is converted into the lens.
+        // The planes are as far apart as the key states, which is converted to a focal length.
         for apart_um in [-10.0, -20.0, -40.0] {
             let [x, y] = preview(&format!("focal_planes_um: {apart_um}"), "").sizes[0].focal_planes_um;
             assert!((x - y - apart_um).abs() < 0.03 * -apart_um, "{x} {y}");
@@ -413,21 +414,22 @@ mod tests {
         assert!(shown.warnings.iter().any(|warning| warning.contains("saturated")), "{:?}", shown.warnings);
     }
 
-    /// Also of images that are not diffracted: best focus of 20x / 0.45 is bent by 5.6 waves, that of setting
-    /// 1 by less than one.
+    /// Also for images without diffraction: the wavefront aberration at best focus is 5.6 waves for 20x /
+    /// 0.45, and below one wave for setting 1.
     #[test]
     fn the_lens_of_microsig_is_doubted_at_large_apertures() {
-        let doubts = |shown: &Preview| shown.warnings.iter().any(|warning| warning.contains("bends light"));
+        let warns =
+            |shown: &Preview| shown.warnings.iter().any(|warning| warning.contains("wavefront aberration"));
         for mode in ["rays", "expected", "waves, wavelength_um: 0.55"] {
             let large =
                 preview("magnification: 20, numerical_aperture: 0.45", &format!("render: (mode: {mode})"));
             let waves = large.path_difference_waves.unwrap();
-            assert!(waves > 4.5 && waves < 7.0 && doubts(&large), "{mode}: {waves} {:?}", large.warnings);
+            assert!(waves > 4.5 && waves < 7.0 && warns(&large), "{mode}: {waves} {:?}", large.warnings);
         }
-        assert!(!doubts(&preview("", "")));
+        assert!(!warns(&preview("", "")));
     }
 
-    /// Behind MicroSIG's lens a halo moves the least widths of all light.
+    /// With MicroSIG's lens, a halo shifts the minimum widths of all light.
     #[test]
     fn images_are_least_where_their_curves_are() {
         let mean = &preview("cyl_focal_length: 4000", "").sizes[0];
@@ -440,7 +442,7 @@ mod tests {
         assert!(y - mean.focal_planes_um[1] > 5.0, "{:?}", mean.focal_planes_um);
     }
 
-    /// A small sensor catches less of a defocused image.
+    /// A small sensor records less of a defocused image.
     #[test]
     fn shares_are_of_the_own_sensor() {
         let shown = on_sensor((40, 30), "", "");

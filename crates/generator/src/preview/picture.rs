@@ -21,13 +21,13 @@ const GAP: i32 = 4;
 /// Height of the caption of a strip, and of the depths below it.
 const CAPTION: i32 = 24;
 const DEPTHS: i32 = 18;
-/// Room for the ticks and the name of a vertical axis: six digits.
+/// Space for the ticks and the label of a vertical axis: six digits.
 const BESIDE: u32 = 76;
 /// Height of a chart.
 const CHART: u32 = 300;
 /// Longest side of an image that is shown, px.
 const MOST_PX: usize = 121;
-/// Colors of sizes: readable in gray and for the color-blind.
+/// Colors of sizes, distinguishable in grayscale and with color-blindness.
 const COLORS: [RGBColor; 8] = [
     RGBColor(0, 90, 160),
     RGBColor(200, 80, 0),
@@ -45,14 +45,14 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 /// The picture as SVG.
 ///
 /// # Errors
-/// [`Error::Input`] if it cannot be drawn.
+/// [`Error::Input`] if the picture cannot be drawn.
 pub fn svg(preview: &Preview) -> Result<String> {
     let strips: Vec<Strip> = preview.scans.iter().map(Strip::new).collect();
     let row = CAPTION + TILE + DEPTHS;
     let height = strips.len() as u32 * row as u32 + 2 * CHART;
     let mut text = String::new();
     charts(preview, &mut text, (WIDTH, height), strips.len() as i32 * row)
-        .map_err(|e| Error::input(format!("{}: the picture of its optics: {e}", preview.name)))?;
+        .map_err(|e| Error::input(format!("{}: picture of the optics: {e}", preview.name)))?;
     let end = text.rfind("</svg>").unwrap_or(text.len());
     let mut images = String::new();
     for (i, (strip, size)) in strips.iter().zip(&preview.sizes).enumerate() {
@@ -104,7 +104,7 @@ impl Strip {
     }
 }
 
-/// The middle of an image in gray.
+/// The central part of an image in gray.
 fn tile(spot: &ScanImage, side_px: usize) -> GrayImage {
     let (of_spot, half) = (2 * spot.half_px + 1, side_px / 2);
     GrayImage::from_fn(side_px as u32, side_px as u32, |x, y| {
@@ -152,7 +152,7 @@ fn peaks(preview: &Preview, area: &Area<'_>) -> Drawn<()> {
         .y_label_formatter(&|peak| tick_label(*peak, &counts))
         .label_style(("sans-serif", 13))
         .draw()?;
-    // Each label on the side of its line that is within the chart.
+    // Each label is on the side of its line that lies within the chart.
     for (name, level, top) in [("noise of the background", noise, 1.8), ("saturation", room, 0.97)] {
         if level > 0.0 && level <= 1.5 * high {
             let line = [(z0, level), (z1, level)];

@@ -1,11 +1,11 @@
-//! A preview in words.
+//! A preview as text.
 
 use super::{DepthFacts, Preview, SizeCurves, cylinder};
 
 /// Depths of a table.
 const ROWS: usize = 11;
 
-/// The two lines that matter most: focus and growth of images, and light.
+/// The two most important lines: focus and growth of images, and light.
 pub fn lines(preview: &Preview) -> [String; 2] {
     let mean = preview.mean();
     let (Some(first), Some(last)) = (mean.depths.first(), mean.depths.last()) else {
@@ -59,8 +59,8 @@ pub fn lines(preview: &Preview) -> [String; 2] {
     [format!("focus: {focus}"), format!("light: {light}")]
 }
 
-/// Least and greatest value over depth and sizes, and over depth of each of several sizes if that is asked
-/// for.
+/// Minimum and maximum over depth and sizes, and on request over depth for each of several
+/// sizes.
 fn range(preview: &Preview, unit: &str, of: fn(&DepthFacts) -> Option<f64>, each: bool) -> Option<String> {
     let ranges = preview.sizes.iter().filter_map(|size| Some((size.d_um, size.range(of)?)));
     let ranges: Vec<(f64, [f64; 2])> = ranges.collect();
@@ -93,7 +93,7 @@ fn best(size: &SizeCurves) -> DepthFacts {
     best.copied().unwrap_or(size.depths[0])
 }
 
-/// All of it.
+/// The complete text.
 pub fn text(preview: &Preview) -> String {
     let [focus, light] = lines(preview);
     let mut text = format!("{}: {}\n{focus}\n{light}\n", preview.name, preview.optics);

@@ -1,14 +1,14 @@
-//! Labels of ticks: of the plots of previews, fields and reports.
+//! Tick labels of the plots of previews, fields and reports.
 
 use std::ops::Range;
 
-/// A tick nearer to 0 than this share of its axis is at 0.
+/// A tick closer to 0 than this fraction of its axis is at 0.
 const ROUNDING: f64 = 1e-9;
 
 /// Label of a tick of an axis over `range` (in either direction): no trailing zeros and no rounding errors.
 pub fn tick_label(value: f64, range: &Range<f64>) -> String {
     let (low, high) = (range.start.min(range.end), range.start.max(range.end));
-    // A tick is a sum of steps, which misses 0 by rounding; a logarithmic axis has no 0.
+    // A tick is a sum of steps, which misses 0 by rounding errors; a logarithmic axis has no 0.
     if low <= 0.0 && high >= 0.0 && value.abs() <= ROUNDING * (high - low) {
         return "0".to_owned();
     }

@@ -1,7 +1,7 @@
 //! Estimates the cost of a dataset before it is generated: frames, particles, time, memory, disk.
 //!
 //! Memory and disk are calculated from the sizes of buffers and files, rounded up. Time is measured: the
-//! motion of two frames, and truth and images of some of the first one's particles.
+//! motion of two frames, and truth and images of some particles of the first frame.
 
 use std::path::Path;
 use std::time::Instant;
@@ -50,8 +50,8 @@ const BYTES_PER_PIXEL: u64 = 8 + 8 + 2 + 4;
 /// visibility, rows of tables and of the data file.
 const BYTES_PER_ROW: u64 = 1_000;
 
-/// Memory per source point of a particle whose rays are counted, bytes: its place, its azimuth, and its rows
-/// in the tables of the kernel, which grow by doubling.
+/// Memory per source point of a particle whose rays are counted, bytes: its position, its azimuth, and its
+/// rows in the tables of the kernel, which grow by doubling.
 const BYTES_PER_POINT: u64 = 128;
 
 /// Size on disk per tracer and frame, bytes, in tables and data file; measured on the shipped scenarios.
@@ -114,7 +114,7 @@ impl Cost {
         self.timed_by(&FirstFrames::new(scenario)?, &truth, &camera)
     }
 
-    /// [`Cost::timed`] with what a run has anyway.
+    /// [`Cost::timed`] with objects that a run has anyway.
     pub(super) fn timed_by(self, first: &FirstFrames, truth: &Truth<'_>, camera: &Camera) -> Result<Self> {
         let Some(frame) = &first.frame else { return Ok(self) };
         let tables = || truth.missing_tables(frame);
@@ -145,7 +145,7 @@ impl Cost {
         self.seconds.filter(|s| *s > LONG_S).map(|_| self.text())
     }
 
-    /// Checks that memory and disk of the machine are sufficient.
+    /// Checks that memory and disk space are sufficient.
     ///
     /// # Errors
     /// [`Error::Input`] with required and free bytes and the key to change.
@@ -202,10 +202,10 @@ impl Cost {
     }
 }
 
-/// A first frame that takes longer is enough for an estimate, s.
+/// If the first frame takes longer, it is sufficient for an estimate, s.
 const SLOW_S: f64 = 2.0;
 
-/// Durations from here on are announced, s.
+/// Durations from this one on are announced, s.
 const LONG_S: f64 = 60.0;
 
 fn duration_text(s: f64, threads: usize) -> String {
@@ -237,7 +237,7 @@ impl FirstFrames {
     }
 }
 
-/// Number of rays of a particle up to which its image is drawn for an estimate: about 0.1 s.
+/// Maximum number of rays of a particle in an image rendered for an estimate: about 0.1 s.
 const SAMPLED_RAYS: f64 = 5e7;
 
 /// Number of source points of the largest particle whose rays are counted; 0 for other renderers.
@@ -249,16 +249,17 @@ fn points(scenario: &Scenario) -> u64 {
     emission::surface_points(&scenario.settings, &largest) as u64
 }
 
-/// The share of the rays of a particle that is drawn for an estimate; `None`: all, as they are few.
+/// The fraction of the rays of a particle that is rendered for an estimate; `None`: all, because they are
+/// few.
 fn share_of_rays(scenario: &Scenario) -> Option<f64> {
     let rays = points(scenario) as f64 * f64::from(scenario.settings.n_rays);
     (rays > 2.0 * SAMPLED_RAYS).then(|| SAMPLED_RAYS / rays)
 }
 
-/// The scenario's camera with a share of the source points of each particle or, of particles with few points,
-/// of the rays of each point.
+/// The scenario's camera with a fraction of the source points of each particle or, for particles with few
+/// points, of the rays of each point.
 fn with_share_of_rays(scenario: &Scenario, share: f64) -> Result<Camera> {
-    /// Fewer would not be spread over the aperture.
+    /// Fewer would not sample the aperture evenly.
     const LEAST_POINTS: f64 = 500.0;
     let mut settings = scenario.settings.clone();
     let of_points = share.max((LEAST_POINTS / points(scenario) as f64).min(1.0));
@@ -268,7 +269,7 @@ fn with_share_of_rays(scenario: &Scenario, share: f64) -> Result<Camera> {
     Camera::of_dataset(scenario, renderer, scenario.detector.as_ref())
 }
 
-/// About `n` tracers of a frame, spread over all.
+/// About `n` tracers of a frame, evenly spread over all.
 fn some_of(frame: &Frame, n: usize) -> Frame {
     let step = frame.tracers.len().checked_div(n).unwrap_or(0);
     let at = |n: usize| (0..n).map(|k| k * step);
@@ -279,8 +280,8 @@ fn some_of(frame: &Frame, n: usize) -> Frame {
     }
 }
 
-/// Time that images take on one thread: a part for each image, a part for each particle, and the tables that
-/// all share.
+/// Rendering time on one thread: a part per image, a part per particle, and the tables that all images
+/// share.
 pub(super) struct ImageTime {
     empty_s: f64,
     particle_s: f64,
@@ -294,8 +295,8 @@ const TIMED: usize = 16;
 const MEASURABLE_S: f64 = 0.02;
 
 impl ImageTime {
-    /// Measures with `draw`, which draws an image of some of `particles` particles: one, or more if that
-    /// takes little time. `tables`: the number of tables still to be made for all of them.
+    /// Measures with `draw`, which renders an image of some of `particles` particles: one, or more if that
+    /// takes little time. `tables`: the number of tables still to be computed for all of them.
     pub(super) fn measure(
         particles: usize,
         tables: impl Fn() -> usize,
@@ -308,7 +309,7 @@ impl ImageTime {
             thread.install(|| draw(n))?;
             Ok(start.elapsed().as_secs_f64())
         };
-        // The first image also makes what all share, and the tables that it needs itself.
+        // The first image also computes what all images share, and the tables that it needs itself.
         let before = tables();
         let mut first_s = timed(1.min(particles))?;
         let empty_s = timed(0)?;
@@ -322,10 +323,10 @@ impl ImageTime {
         if first_s > 1.0 || tables_s > 1.0 || particles <= 1 {
             return Ok(ImageTime { empty_s, particle_s: (first_s - empty_s).max(0.0), tables_s });
         }
-        // More and more particles until the time can be measured: images of many overlap.
+        // More and more particles until the time can be measured, because images of many particles overlap.
         let mut n = particles.min(TIMED);
         loop {
-            // Again, as the first time may also make tables.
+            // Again, because the first time may include computing tables.
             let all_s = (timed(n)?.min(timed(n)?) - empty_s).max(0.0);
             if n == particles || all_s > MEASURABLE_S {
                 return Ok(ImageTime { empty_s, particle_s: all_s / n as f64, tables_s });

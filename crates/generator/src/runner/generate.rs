@@ -60,7 +60,7 @@ pub struct Generated {
 ///
 /// # Errors
 /// An existing dataset or interrupted run; another process that is writing the dataset; a trajectory that
-/// cannot be integrated; writing.
+/// cannot be integrated; an I/O error.
 pub fn generate(scenario: &Scenario, options: &GenerateOptions) -> Result<Generated> {
     generate_or_find(scenario, options)?.ok_or_else(|| Error::exists(&options.out))
 }
@@ -73,7 +73,7 @@ pub fn generate_or_find(scenario: &Scenario, options: &GenerateOptions) -> Resul
     let start = Instant::now();
     let cost = Cost::of(scenario, &options.out)?;
     cost.affordable(scenario)?;
-    // Placing the particles shows whether they fit into the box; done here, before anything is written.
+    // Placing the particles reveals whether they fit into the box; done here, before anything is written.
     let placing = options.progress.spinner("placing particles and following the first trajectories");
     let first = FirstFrames::new(scenario)?;
     placing.finish_and_clear();
@@ -91,7 +91,7 @@ pub fn generate_or_find(scenario: &Scenario, options: &GenerateOptions) -> Resul
     Ok(Some(Generated { seconds: start.elapsed().as_secs_f64(), ..generated }))
 }
 
-/// The camera that takes a scenario's frames.
+/// The camera that records the frames of a scenario.
 pub(super) fn camera(scenario: &Scenario) -> Result<Camera> {
     let camera = Camera::of_dataset(scenario, scenario.renderer.clone(), scenario.detector.as_ref())?;
     Ok(camera.every(scenario.recordings.dt_s()))
@@ -155,12 +155,12 @@ fn difference(before: &BTreeMap<String, String>, now: &BTreeMap<String, String>)
     let names: Vec<&String> = now.keys().chain(before.keys()).filter(differs).collect();
     match names.as_slice() {
         [] => None,
-        names if names.iter().any(|name| *name == SCENARIO) => Some("holds another scenario".to_owned()),
+        names if names.iter().any(|name| *name == SCENARIO) => Some("contains another scenario".to_owned()),
         [name, ..] => Some(format!("{name} has changed since")),
     }
 }
 
-/// Whether a folder holds a finished dataset of this scenario and its inputs.
+/// Whether a folder contains a finished dataset of this scenario and its inputs.
 ///
 /// # Errors
 /// A dataset of another scenario or of other inputs.
@@ -174,7 +174,7 @@ fn is_finished(scenario: &Scenario, out: &Path) -> Result<bool> {
     };
     let text = storage::read_text(&out.join(SCENARIO)).unwrap_or_default();
     if text != write(&scenario.spec)? {
-        return refuse("holds another scenario".to_owned());
+        return refuse("contains another scenario".to_owned());
     }
     for input in &scenario.inputs {
         if !fingerprint(&out.join(&input.path)).is_ok_and(|found| found == Fingerprint::of(&input.bytes)) {
@@ -195,7 +195,7 @@ fn begin(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Partia
     let (now, left_over) = (sources(scenario)?, partial_name(&options.out));
     let partial = match claim.left_over()? {
         Some(before) if options.resume => {
-            // A run that stopped before it recorded its sources has written no frames.
+            // A run that stopped before recording its sources has written no frames.
             match before.source.as_ref().and_then(|before| difference(before, &now)) {
                 None => claim.resume()?,
                 Some(what) => {

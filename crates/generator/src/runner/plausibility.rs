@@ -1,4 +1,4 @@
-//! Warnings about datasets that are probably not as intended, each with the number that indicates it.
+//! Warnings about datasets that are probably not as intended; each states the number that indicates it.
 
 use crate::dataset::truth::Census;
 use crate::dataset::truth::depth::ParticleImage;
@@ -47,23 +47,23 @@ pub(super) fn warnings(
     let (background, end) = (image.background_counts, scenario.sensor()?.saturation_counts());
     if background >= end {
         warnings.push(format!(
-            "the background of {background:.1} counts reaches the camera's saturation at {end:.1} counts"
+            "the background of {background:.1} counts reaches the saturation level of the camera, {end:.1} counts"
         ));
     } else if saturated > 0.5 {
         warnings.push(format!(
-            "{:.0} % of the pixels of a frame are saturated at {end:.0} counts",
+            "{:.0} % of the pixels in a frame are saturated at {end:.0} counts",
             100.0 * saturated
         ));
     } else if census.saturated > 0 {
         warnings.push(format!(
-            "{} of {} images of particles have pixels saturated at {end:.0} counts",
+            "{} of {} particle images have pixels saturated at {end:.0} counts",
             census.saturated, census.visible
         ));
     }
     if census.visible == 0 {
         warnings.push("no particle is in view".to_owned());
     } else if census.light <= 0.0 || scenario.response()?.slope == 0.0 {
-        warnings.push("the particles give no light".to_owned());
+        warnings.push("the particles emit no light".to_owned());
     }
     let (low, high) = scenario.depth_range_um;
     if let Some(focus) = image.focus_um.filter(|focus| (*focus <= low || *focus >= high) && low < high) {

@@ -36,7 +36,7 @@ impl Stop {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the work has been told to stop.
+    /// Whether the work is to stop.
     pub fn is_stopped(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
@@ -46,7 +46,7 @@ impl Progress {
     /// Checks whether the work may continue.
     ///
     /// # Errors
-    /// [`Error::Interrupted`] if it has been told to stop.
+    /// [`Error::Interrupted`] if it is to stop.
     pub fn check(&self) -> Result<()> {
         match self {
             Progress::Stoppable(stop, _) if stop.is_stopped() => Err(Error::Interrupted),
@@ -55,7 +55,7 @@ impl Progress {
         }
     }
 
-    /// Whether notes are printed: not where bars are hidden, nor for a part of longer work.
+    /// Whether notes are printed: not if bars are hidden, and not for a part of a longer task.
     pub(crate) fn has_notes(&self) -> bool {
         match self {
             Progress::Bar => true,
@@ -152,7 +152,7 @@ impl TableStore for Tables {
 
     fn begun(&self, tables: usize) {
         let mut bar = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
-        bar.get_or_insert_with(|| self.progress.bar(0, "tables of images")).inc_length(tables as u64);
+        bar.get_or_insert_with(|| self.progress.bar(0, "image tables")).inc_length(tables as u64);
     }
 
     fn made(&self) {

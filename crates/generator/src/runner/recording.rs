@@ -40,7 +40,7 @@ impl<'a> Frames<'a> {
         Ok(Frames { scenario, subject, number: 0, first_id: 0, recording: None, velocities: true })
     }
 
-    /// The same frames with tracers whose velocities are not computed unless they make streaks.
+    /// The same frames with tracers whose velocities are only computed if they make streaks.
     pub fn without_velocities(self) -> Self {
         Frames { velocities: false, ..self }
     }
@@ -93,7 +93,7 @@ impl<'a> Frames<'a> {
     }
 }
 
-/// An error of a listed particle with file and line; any other as it is.
+/// An error of a listed particle with file and line; any other error unchanged.
 fn with_line(error: Error, scenario: &Scenario) -> Error {
     let (Error::Flow(flows::Error::Place { index, at_um, allowed }), Some(Number::File(file))) =
         (&error, &scenario.spec.particles.number)
@@ -105,7 +105,7 @@ fn with_line(error: Error, scenario: &Scenario) -> Error {
         return error;
     };
     let at = scenario.scale.to_image(*at_um);
-    // As in the file: the conversion to um and back is inexact.
+    // As written in the file: the conversion to um and back is inexact.
     let written = |value: f64| (value * 1e6).round() / 1e6;
     Error::input(format!(
         "{}:{line}: x = {} px, y = {} px, z = {} um: expected {allowed}; see particles.number.file, boundaries and motion",

@@ -30,7 +30,7 @@ pub struct RenderOptions {
     pub out: PathBuf,
     /// Seed of rays and noise.
     pub seed: u64,
-    /// Frame number of the first image, which addresses its random numbers.
+    /// Frame number of the first image; it selects the random numbers.
     pub first_frame: u32,
     /// The renderer.
     pub renderer: RendererSpec,
@@ -70,7 +70,7 @@ const MAX_WARNINGS: usize = 10;
 /// written atomically.
 ///
 /// # Errors
-/// Malformed settings or data files, all of them listed; existing images, unless `force`; writing.
+/// Malformed settings or data files, all of them listed; existing images, unless `force`; an I/O error.
 pub fn render(options: &RenderOptions) -> Result<Rendered> {
     let start = Instant::now();
     let file = open(&options.settings)?;
@@ -85,7 +85,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     let files = data_files(&options.data, &options.settings)?;
     if u32::try_from(files.len()).ok().and_then(|n| options.first_frame.checked_add(n)).is_none() {
         return Err(Error::input(format!(
-            "--first-frame {}: frame numbers end at {}",
+            "--first-frame {}: the largest frame number is {}",
             options.first_frame,
             u32::MAX
         )));
@@ -143,7 +143,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     })
 }
 
-/// Says how long the images take if that is long, from the first file with particles.
+/// Reports the rendering time if it is long, estimated from the first file with particles.
 fn announce(files: &[PathBuf], particles: usize, camera: &Camera, progress: &Progress) -> Result<()> {
     let first = files.iter().map(|file| read(file)).find(|read| !matches!(read, Ok(rows) if rows.is_empty()));
     let rows = first.transpose()?.unwrap_or_default();

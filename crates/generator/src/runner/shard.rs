@@ -34,7 +34,7 @@ impl Shard {
     pub fn of_slurm(variable: impl Fn(&str) -> Option<String>) -> Result<Self> {
         let Some(id) = variable("SLURM_ARRAY_TASK_ID") else {
             return Err(Error::input(
-                "--shard slurm: SLURM_ARRAY_TASK_ID is not set, so this is no task of an array; use --shard K/N",
+                "--shard slurm: SLURM_ARRAY_TASK_ID is not set, so this is not a task of an array; use --shard K/N",
             ));
         };
         let number = |name: &str, text: String| {
@@ -62,7 +62,7 @@ impl Shard {
         }
     }
 
-    /// The shard after the name of what it is a part of; nothing for all of it.
+    /// The shard as a suffix in messages; empty for all cases.
     pub fn in_title(&self) -> String {
         if *self == Shard::ALL { String::new() } else { format!(", shard {self}") }
     }
@@ -121,6 +121,6 @@ mod tests {
         assert!(slurm("9", "10", "4", "1").is_err());
         // Found by fuzzing.
         assert!(slurm("18446744073709551615", "0", "7", "1").is_err());
-        assert!(Shard::of_slurm(|_| None).unwrap_err().to_string().contains("no task of an array"));
+        assert!(Shard::of_slurm(|_| None).unwrap_err().to_string().contains("not a task of an array"));
     }
 }

@@ -1,5 +1,5 @@
-//! `microsig suite generate` and `check`: the datasets of a suite, and whether they still have the frozen
-//! bytes.
+//! `microsig suite generate` and `check`: generates the datasets of a suite, and checks whether they still
+//! have the frozen checksums.
 //!
 //! ```text
 //! OUT/suite.json                 name, version and size of the suite
@@ -81,7 +81,7 @@ pub struct SuiteOptions {
     pub progress: Progress,
 }
 
-/// `suite.json`: which suite a folder holds.
+/// `suite.json`: identifies the suite in a folder.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SuiteRecord {
     /// Name of the suite.
@@ -105,11 +105,11 @@ impl SuiteRecord {
     /// Reads the record of a generated suite.
     ///
     /// # Errors
-    /// A folder that `suite generate` has not made.
+    /// A folder that `suite generate` did not create.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(RECORD);
         if !path.is_file() {
-            let hint = format!("has no {RECORD}; expected a folder that `microsig suite generate` has made");
+            let hint = format!("has no {RECORD}; expected a folder created by `microsig suite generate`");
             return Err(Error::input(format!("{}: {hint}", folder.display())));
         }
         storage::json::parse(&read_text(&path)?).map_err(|e| Error::input(format!("{}: {e}", path.display())))
@@ -125,7 +125,7 @@ impl SuiteRecord {
             return Ok(());
         }
         Err(Error::input(format!(
-            "{}: holds {} {}, expected {} {}",
+            "{}: contains {} {}, expected {} {}",
             folder.join(RECORD).display(),
             self.name,
             self.version,
@@ -139,8 +139,8 @@ impl SuiteRecord {
 /// others.
 ///
 /// # Errors
-/// A folder that holds another suite, version or size; an existing dataset, unless `resume` or `force`;
-/// writing.
+/// A folder that contains another suite, version or size; an existing dataset, unless `resume` or `force`; an
+/// I/O error.
 pub fn generate_suite(
     suite: &Suite,
     size: Size,
@@ -155,7 +155,7 @@ pub fn generate_suite(
         found.matches(suite, out)?;
         if found.size != size {
             let (is, asked) = (found.size.name(), size.name());
-            return Err(Error::input(format!("{}: holds size {is}, not {asked}", out.display())));
+            return Err(Error::input(format!("{}: contains size {is}, not {asked}", out.display())));
         }
     }
     if !options.resume && !options.force {
@@ -164,7 +164,7 @@ pub fn generate_suite(
             if let Some(path) =
                 [dataset.clone(), reason(&dataset)].iter().find(|path| path.exists() && !is_empty(path))
             {
-                let hint = "exists already; --resume continues, --force replaces it";
+                let hint = "already exists; --resume continues, --force replaces it";
                 return Err(Error::input(format!("{}: {hint}", path.display())));
             }
         }
@@ -191,7 +191,7 @@ pub fn generate_suite(
     Ok(Swept { out, shard, cases, done, failed, made, seconds: start.elapsed().as_secs_f64() })
 }
 
-/// Counts all datasets of a size, finished and failed ones, and writes the table if no others are left.
+/// Counts the finished and failed datasets of a size, and writes the table if none is outstanding.
 fn collect(suite: &Suite, size: Size, out: &Path) -> Result<(usize, usize, usize)> {
     let all = SuiteSelection::default().of(suite, size)?;
     let unwritable = |e: csv::Error| Error::Write { path: out.join(TABLE), source: std::io::Error::other(e) };
@@ -254,7 +254,7 @@ pub struct Frozen {
 }
 
 impl Frozen {
-    /// Where the list of a suite is.
+    /// Path of the frozen checksums of a suite.
     pub fn path(suite: &Suite, size: Size) -> PathBuf {
         suite.folder.join(FROZEN).join(format!("{}.sha256", size.name()))
     }
@@ -270,7 +270,7 @@ impl Frozen {
                 version.clone_into(&mut frozen.version);
                 continue;
             }
-            // One line at a time, so that messages have the line of the file.
+            // One line at a time, so that messages state the line of the file.
             let refused =
                 || Error::input(format!("{name}:{}: expected a SHA-256, two spaces, a part", i + 1));
             frozen.hashes.extend(storage::checksums::read(line, name).map_err(|_| refused())?);
@@ -290,21 +290,22 @@ impl Frozen {
 pub struct SuiteCheck {
     /// Size.
     pub size: Size,
-    /// The part that was checked.
+    /// The shard that was checked.
     pub shard: Shard,
     /// Number of datasets.
     pub datasets: usize,
     /// Hash of each part, by `TRACK/CASE/SPLIT/PART`.
     #[serde(skip)]
     pub hashes: BTreeMap<String, String>,
-    /// What differs from the frozen list.
+    /// Differences from the frozen checksums.
     pub differences: Vec<String>,
     /// Duration, s.
     pub seconds: f64,
 }
 
-/// Compares the chosen datasets of a suite with the frozen list: those in `folder`, which are verified file
-/// by file, or else all of them, generated again. Without a list (`None`) there is nothing to differ from.
+/// Compares the chosen datasets of a suite with the frozen checksums: either those in `folder`, which are
+/// verified file by file, or all of them, generated again. Without checksums (`None`) there are no
+/// differences.
 ///
 /// # Errors
 /// A dataset that cannot be generated.
@@ -349,18 +350,18 @@ pub fn check_suite(
                 part.strip_prefix(&case.split_folder(*split)).is_some_and(|rest| rest.starts_with('/'))
             })
         };
-        let is_read = |part: &str| !check.differences.iter().any(|told| same_dataset(told, part));
+        let is_read = |part: &str| !check.differences.iter().any(|difference| same_dataset(difference, part));
         let mut differences = Vec::new();
         for (part, hash) in &check.hashes {
             match frozen.hashes.get(part) {
                 Some(expected) if expected == hash => {}
-                Some(_) => differences.push(format!("{part}: other bytes than the frozen ones")),
-                None => differences.push(format!("{part}: is not in the frozen list")),
+                Some(_) => differences.push(format!("{part}: differs from the frozen checksum")),
+                None => differences.push(format!("{part}: has no frozen checksum")),
             }
         }
         for part in frozen.hashes.keys().filter(|part| chosen.is_all() || of_mine(part)) {
             if !check.hashes.contains_key(part) && is_read(part) {
-                differences.push(format!("{part}: is in the frozen list, and no longer in the suite"));
+                differences.push(format!("{part}: has a frozen checksum but is no longer in the suite"));
             }
         }
         check.differences.extend(differences);
@@ -369,15 +370,15 @@ pub fn check_suite(
     Ok(check)
 }
 
-/// Whether two paths `TRACK/CASE/SPLIT/...` are of the same dataset.
+/// Whether two paths `TRACK/CASE/SPLIT/...` belong to the same dataset.
 pub fn same_dataset(a: &str, b: &str) -> bool {
     a.split('/').take(3).eq(b.split('/').take(3))
 }
 
-/// The hashes of a dataset on disk, or what is wrong with it.
+/// The hashes of a dataset on disk, or the problems with it.
 fn there(dataset: &Path) -> Result<std::result::Result<FrozenDataset, Vec<String>>> {
     if !dataset.join(MANIFEST).is_file() {
-        return Ok(Err(vec![format!("{MANIFEST}: missing; there is no dataset")]));
+        return Ok(Err(vec![format!("{MANIFEST}: missing, so this is not a dataset")]));
     }
     match verify(dataset, false, Progress::Hidden) {
         Ok(_) => digests(dataset).map(Ok),

@@ -1,9 +1,9 @@
 //! `microsig sweep`: generates a dataset for each case of a sweep.
 //!
-//! A case results in a dataset, `case_00000/`, or in the reason of its failure, `case_00000.failed`. The
-//! result does not depend on how the cases are distributed: shards in one folder, or in folders that are
-//! merged later, give the same files as a single run. The table of all cases, `cases.csv`, is written when
-//! all cases are complete.
+//! Each case yields a dataset, `case_00000/`, or the reason of its failure, `case_00000.failed`. The result
+//! does not depend on how the cases are distributed: shards in one folder, or in folders that are merged
+//! later, yield the same files as a single run. The table of all cases, `cases.csv`, is written when all
+//! cases are complete.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -42,7 +42,7 @@ pub struct SweepOptions {
 pub struct Swept {
     /// The sweep's folder.
     pub out: PathBuf,
-    /// The part that this run made.
+    /// The shard of this run.
     pub shard: Shard,
     /// Number of cases of the sweep.
     pub cases: usize,
@@ -62,13 +62,13 @@ const TABLE: &str = "cases.csv";
 /// Runs the cases of a shard. A case that fails is recorded with the reason and does not stop the sweep.
 ///
 /// # Errors
-/// An existing case, unless `resume` or `force`; writing.
+/// An existing case, unless `resume` or `force`; an I/O error.
 pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
     let start = Instant::now();
     // Cases written into a dataset's folder would corrupt the dataset.
     if options.out.join(MANIFEST).exists() {
         return Err(Error::input(format!(
-            "{}: is a dataset; a sweep needs a folder of its own",
+            "{}: is a dataset; a sweep needs a separate folder",
             options.out.display()
         )));
     }
@@ -78,7 +78,7 @@ pub fn sweep(sweep: &Sweep, options: &SweepOptions) -> Result<Swept> {
         for case in &mine {
             for path in [options.out.join(&case.name), reason(&options.out.join(&case.name))] {
                 if path.exists() && !is_empty(&path) {
-                    let hint = "exists already; --resume continues, --force replaces it";
+                    let hint = "already exists; --resume continues, --force replaces it";
                     return Err(Error::input(format!("{}: {hint}", path.display())));
                 }
             }
@@ -107,8 +107,8 @@ fn run(sweep: &Sweep, case: &Case, options: &SweepOptions, progress: &Progress) 
 }
 
 /// Generates one of many datasets; returns `false` if it is already finished, or if it fails and the reason
-/// is written beside its folder instead. The caller has checked that, without `resume` or `force`, it does
-/// not exist.
+/// is written beside its folder instead. The caller has checked that it does not exist, unless `resume` or
+/// `force` is set.
 pub(super) fn attempt(
     scenario: Result<Scenario>,
     out: &Path,
@@ -116,7 +116,7 @@ pub(super) fn attempt(
     progress: &Progress,
 ) -> Result<bool> {
     let reason = reason(out);
-    // A failed case is tried again, as the cause may be gone.
+    // A failed case is tried again, because the cause may be gone.
     if reason.exists() {
         std::fs::remove_file(&reason).map_err(Error::write(&reason))?;
     }
@@ -134,7 +134,7 @@ pub(super) fn attempt(
             match FolderClaim::take(out).and_then(FolderClaim::discard) {
                 Ok(()) => {}
                 Err(error) if error.is_of_the_system() => return Err(error),
-                // What is left of an interrupted run stays where it is.
+                // Files of an interrupted run stay where they are.
                 Err(kept) if kept.to_string() != error.to_string() => text += &format!("{kept}\n"),
                 Err(_) => {}
             }
@@ -150,7 +150,7 @@ pub(super) fn reason(out: &Path) -> PathBuf {
     out.with_file_name(format!("{name}.failed"))
 }
 
-/// What has become of one of many datasets: the facts of its manifest, or the reason of its failure.
+/// Outcome of one of many datasets: facts from its manifest, or the reason of its failure.
 pub(super) enum Outcome {
     Done([String; 4]),
     Failed(String),
@@ -160,14 +160,14 @@ impl Outcome {
     /// The columns of [`Outcome::cells`].
     pub(super) const COLUMNS: [&str; 6] = ["status", "n_p", "n_ppp", "n_s", "max_displacement_px", "reason"];
 
-    /// Of the dataset in this folder, which is to have this name and seed; `None` if it is unfinished. `of`
-    /// says in messages what datasets belong to.
+    /// The outcome of the dataset in this folder, which must have this name and seed; `None` if it is
+    /// unfinished. `of` names in messages what the datasets belong to.
     pub(super) fn of(dataset: &Path, (name, seed): (&str, u64), of: &str) -> Result<Option<Self>> {
         if dataset.join(MANIFEST).exists() {
             let Manifest { name: found, microsig: facts, .. } = Manifest::read(dataset)?;
             if (found.as_str(), facts.seed.flatten()) != (name, Some(seed)) {
                 let path = dataset.join(MANIFEST);
-                let hint = format!("is of another {of}; expected `{name}` with seed {seed}");
+                let hint = format!("belongs to another {of}; expected `{name}` with seed {seed}");
                 return Err(Error::input(format!("{}: {hint}", path.display())));
             }
             let numbers = [facts.n_p, facts.n_ppp, facts.n_s, facts.max_displacement_px];
@@ -194,10 +194,10 @@ impl Outcome {
     }
 }
 
-/// Counts finished and failed cases, and writes the table if no others are left. Returns both numbers.
+/// Counts finished and failed cases, and writes the table if none is outstanding. Returns both numbers.
 ///
 /// # Errors
-/// A dataset without a readable manifest; writing.
+/// A dataset without a readable manifest; an I/O error.
 pub fn collect(sweep: &Sweep, out: &Path) -> Result<(usize, usize)> {
     let (mut done, mut failures) = (0, 0);
     let mut table = csv::Writer::from_writer(Vec::new());

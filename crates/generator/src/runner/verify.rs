@@ -55,13 +55,13 @@ pub fn verify(dataset: &Path, regenerate: bool, progress: Progress) -> Result<Ve
     let fingerprints = checksums::fingerprints(dataset, &present)?;
     for (file, fingerprint) in &fingerprints {
         if sums.get(file).is_some_and(|hash| *hash != fingerprint.sha256.to_string()) {
-            failures.push(format!("{file}: changed, its SHA-256 is not the one in {SHA256SUMS}"));
+            failures.push(format!("{file}: changed: its SHA-256 differs from {SHA256SUMS}"));
         }
     }
     manifest_agrees(dataset, &fingerprints, &mut failures);
-    // The same sums can be written with other bytes, e.g. in another order.
+    // The same checksums can be written with different bytes, for example in another order.
     if failures.is_empty() && checksums::write(&fingerprints) != text {
-        failures.push(format!("{SHA256SUMS}: changed, although its sums are right"));
+        failures.push(format!("{SHA256SUMS}: changed, although its checksums are correct"));
     }
     if !failures.is_empty() {
         return Err(Error::Failed(failures));
@@ -84,7 +84,7 @@ fn manifest_agrees(dataset: &Path, fingerprints: &BTreeMap<String, Fingerprint>,
             None => failures.push(format!("{file}: not in {MANIFEST}")),
             Some(r) => {
                 if r.bytes != fingerprint.bytes || r.sha256() != fingerprint.sha256.to_string() {
-                    failures.push(format!("{file}: size or hash is not the one in {MANIFEST}"));
+                    failures.push(format!("{file}: size or hash differs from {MANIFEST}"));
                 }
             }
         }
@@ -99,8 +99,8 @@ fn manifest_agrees(dataset: &Path, fingerprints: &BTreeMap<String, Fingerprint>,
     }
 }
 
-/// The first difference between a table and its schema: the columns, or a cell that is not of its column's
-/// type.
+/// The first difference between a table and its schema: the columns, or a cell that does not have the type of
+/// its column.
 fn table_disagrees(path: &Path, schema: &TableSchema) -> Option<String> {
     let fields = &schema.fields;
     let mut reader = match input::open(path) {
@@ -109,7 +109,7 @@ fn table_disagrees(path: &Path, schema: &TableSchema) -> Option<String> {
     };
     match reader.headers() {
         Ok(header) if header.iter().eq(fields.iter().map(|field| field.name.as_str())) => {}
-        Ok(_) => return Some(format!(": columns are not those in {MANIFEST}")),
+        Ok(_) => return Some(format!(": columns differ from {MANIFEST}")),
         Err(e) => return Some(format!(": {e}")),
     }
     let mut record = csv::StringRecord::new();
@@ -134,7 +134,7 @@ fn table_disagrees(path: &Path, schema: &TableSchema) -> Option<String> {
     }
 }
 
-/// Checks that no particle of the truth overlaps a wall of flow or box or a body.
+/// Checks that no true particle overlaps a wall of the flow or the box, or a body.
 fn particles_in_fluid(dataset: &Path, scenario: &Scenario) -> Result<()> {
     let Some(field) = scenario.field() else { return Ok(()) };
     let fluid = scenario.fluid(field);
@@ -168,14 +168,15 @@ fn particles_in_fluid(dataset: &Path, scenario: &Scenario) -> Result<()> {
 /// Tolerated overlap with a wall, from rounding, um.
 const OVERLAP_UM: f64 = 1e-6;
 
-/// Checks that the scenario resolves to itself and, with `regenerate`, that it gives the same bytes again.
+/// Checks that the scenario resolves to itself and, with `regenerate`, that it generates the same bytes
+/// again.
 fn scenario_agrees(dataset: &Path, regenerate: Option<Progress>, sums: &str) -> Result<()> {
     let (mut scenario, text) = scenario::of_dataset(dataset)?;
     if let Some(streams) = secret::streams(dataset)? {
         scenario.streams = streams;
     }
     if write(&scenario.spec)? != text {
-        return Err(Error::Failed(vec!["scenario.ron: resolving it gives another scenario".to_owned()]));
+        return Err(Error::Failed(vec!["scenario.ron: resolving it yields a different scenario".to_owned()]));
     }
     particles_in_fluid(dataset, &scenario)?;
     let Some(progress) = regenerate else { return Ok(()) };
@@ -190,6 +191,6 @@ fn scenario_agrees(dataset: &Path, regenerate: Option<Progress>, sums: &str) -> 
     let differ = |f: &&String| old.get(*f) != new.get(*f);
     let files: std::collections::BTreeSet<&String> = old.keys().chain(new.keys()).filter(differ).collect();
     Err(Error::Failed(
-        files.into_iter().map(|f| format!("{f}: generated again, it has other bytes")).collect(),
+        files.into_iter().map(|f| format!("{f}: has different bytes when generated again")).collect(),
     ))
 }

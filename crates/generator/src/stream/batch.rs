@@ -82,8 +82,9 @@ impl Sample {
 }
 
 impl SampleStream {
-    /// Checks that memory is free for so many batches of `n` samples; `what` names their arguments in the
-    /// message. A batch that is being made counts twice: its samples are collected first.
+    /// Checks that there is free memory for this number of batches of `n` samples; `what` names their
+    /// arguments in the message. A batch that is being assembled counts twice: its samples are collected
+    /// first.
     ///
     /// # Errors
     /// [`Error::Input`] with required and free bytes.
@@ -95,12 +96,12 @@ impl SampleStream {
         }
         let (needed, free) = (size_text(needed), size_text(free));
         Err(Error::input(format!(
-            "{what}: expected less, as about {needed} of memory are needed and only {free} are free"
+            "{what}: expected less, because about {needed} of memory are needed and only {free} are free"
         )))
     }
 
     /// Computes the `n` samples from index `first` on, in parallel; `go_on` is called before each and can
-    /// stop the work by an error.
+    /// stop the work with an error.
     ///
     /// # Errors
     /// As for [`SampleStream::sample`]; errors of `go_on`.

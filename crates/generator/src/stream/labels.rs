@@ -86,7 +86,7 @@ impl LabelOptions {
         let Some(flow) = self.flow else { return Ok(()) };
         if frames < 2 {
             return Err(Error::input(
-                "labels flow: is from the first to the second frame; expected frames >= 2",
+                "labels flow: extends from the first to the second frame; expected frames >= 2",
             ));
         }
         if scenario.field().is_none() {
@@ -111,7 +111,7 @@ pub struct Sample {
     /// Noise-free counts, not rounded, shape (frames, rows, columns).
     pub clean: Vec<f32>,
     /// Particles whose center is on the sensor in the first frame, in the order of track numbers, with the
-    /// columns [`PARTICLE_COLUMNS`]. Displacements are those to the second frame, NaN if there is none.
+    /// columns [`PARTICLE_COLUMNS`]. Displacements are those to the second frame, NaN without a second frame.
     pub particles: Vec<[f32; 8]>,
     /// For the same particles: center x and y (px), width and height (px) of the bounding box of the pixels
     /// that belong to its image, z (um), and class: the index of the diameter in
@@ -119,12 +119,12 @@ pub struct Sample {
     pub boxes: Vec<[f32; 6]>,
     /// Number, from 1, of the particle that is brightest at each pixel, or 0, shape (rows, columns).
     pub instances: Vec<i32>,
-    /// Depth of that particle, um; NaN if there is none, shape (rows, columns).
+    /// Depth of that particle, um; NaN without a particle, shape (rows, columns).
     pub depth: Vec<f32>,
     /// Maximum over particles of Gaussians of height 1 at their positions, shape (rows, columns).
     pub heatmap: Vec<f32>,
-    /// Displacement along x, y (px) and, if requested, z (um), shape (2 or 3, rows, columns); NaN where there
-    /// is no fluid.
+    /// Displacement along x, y (px) and, if requested, z (um), shape (2 or 3, rows, columns); NaN outside the
+    /// fluid.
     pub flow: Vec<f32>,
 }
 
@@ -178,7 +178,7 @@ fn particles(shot: &FirstFrame<'_>) -> Vec<[f32; 8]> {
     let scale = &shot.scenario.scale;
     let is_linked = |next: &&Frame| shot.scenario.recordings.link_to(next.index).is_some();
     let next = shot.next.filter(is_linked);
-    // Links and sights both ascend by id.
+    // Links and sights are both sorted by id.
     let mut links = next.into_iter().flat_map(|next| shot.frame.links(next)).peekable();
     let row = |sight: &crate::dataset::truth::Sight<'_>| {
         let (tracer, particle) = (sight.tracer, &sight.particle);

@@ -21,7 +21,7 @@ pub enum Law {
         /// Largest value.
         high: f64,
     },
-    /// Whole numbers with equal probability, including both ends.
+    /// Integers with equal probability, including both ends.
     Integers {
         /// Smallest value.
         low: i64,

@@ -1,7 +1,7 @@
 //! Samples for training: an endless sequence in which a sample depends only on scenario, seed and index.
 //!
-//! Sample `i` consists of the first frames of the first recording of its own scenario: the given one with
-//! another seed and newly drawn values of the keys that vary. [`SampleStream::scenario`] returns this
+//! Sample `i` consists of the first frames of the first recording of its own scenario: the given scenario
+//! with another seed and newly drawn values of the keys that vary. [`SampleStream::scenario`] returns this
 //! scenario; the dataset generated from it has exactly the sample's images. Samples therefore do not depend
 //! on threads, batches or earlier samples, and can be computed in any order.
 //!
@@ -84,12 +84,12 @@ impl SampleStream {
         let mut paths: Vec<&str> = options.vary.iter().map(|(path, _)| path.as_str()).collect();
         paths.sort_unstable();
         if let Some(twice) = paths.windows(2).find(|two| two[0] == two[1]) {
-            return Err(Error::input(format!("vary {}: is given twice", twice[0])));
+            return Err(Error::input(format!("vary {}: given twice", twice[0])));
         }
         for (path, law) in &options.vary {
             law.check(path)?;
             if path == "seed" {
-                return Err(Error::input("vary seed: every sample has a seed of its own"));
+                return Err(Error::input("vary seed: every sample already has its own seed"));
             }
         }
         let mut stream = SampleStream {
@@ -110,7 +110,7 @@ impl SampleStream {
         }
         if base.spec.image_format() == ImageFormat::Float32 {
             return Err(Error::input(
-                "image_format = float32: expected integer, as samples have whole counts; the label `clean` has unrounded \
+                "image_format = float32: expected integer, because samples have whole counts; the label `clean` has unrounded \
                  ones without noise",
             ));
         }
@@ -129,7 +129,7 @@ impl SampleStream {
                 let size_px = (found.settings.pixel_dim_x, found.settings.pixel_dim_y);
                 if size_px != stream.image_px {
                     return Err(Error::input(format!(
-                        "vary {path}: samples of a stream have images of one size"
+                        "vary {path}: all samples of a stream must have images of the same size"
                     )));
                 }
             }
@@ -164,7 +164,7 @@ impl SampleStream {
         self.options.vary.iter().map(|(path, law)| (path.as_str(), law.draw(seed, path))).collect()
     }
 
-    /// The window of a sample in the images of its scenario; `None` if it has all of them.
+    /// The window of a sample in the images of its scenario; `None` if it covers them entirely.
     pub fn window(&self, index: u64) -> Option<Window> {
         self.options.window.map(|size| Window::draw(self.seed_of(index), size, self.image_px))
     }

@@ -1,4 +1,4 @@
-//! Computes samples, and caches what many of them share: resolved scenarios, tables of the optics.
+//! Computes samples and caches what many of them share: resolved scenarios, tables of the optics.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -18,7 +18,7 @@ use scenario::Scenario;
 use storage::error::Result;
 use visibility::NoiseFree;
 
-/// Maximum number of cached optics; optics that vary continuously are not used again.
+/// Maximum number of cached optics; optics that vary continuously are not reused.
 const MAX_OPTICS: usize = 8;
 
 /// Maximum number of cached scenarios; each thread that computes a sample takes one.

@@ -1,4 +1,4 @@
-//! Windows of images at places drawn at random: samples smaller than the scenario's images.
+//! Windows of images at random positions: samples smaller than the images of the scenario.
 
 use super::labels::Sample;
 use super::law::Law;
@@ -17,8 +17,8 @@ pub struct Window {
 }
 
 impl Window {
-    /// The window of (columns, rows) in an image of (columns, rows) that the seed of a sample decides; all
-    /// places are alike.
+    /// The window of (columns, rows) in an image of (columns, rows), at a position determined by the seed of
+    /// a sample; all positions are equally likely.
     pub(super) fn draw(seed: u64, (width, height): (u32, u32), image: (u32, u32)) -> Self {
         let place = |path, room: u32| {
             let law = Law::Integers { low: 0, high: i64::from(room) };
@@ -67,7 +67,7 @@ impl Window {
         }
     }
 
-    /// Cuts planes of rows that follow each other.
+    /// Cuts consecutive planes of rows.
     fn planes<T: Copy>(&self, values: &mut Vec<T>, (width, height): (usize, usize)) {
         let mut cut = Vec::with_capacity(values.len() / (width * height) * self.width * self.height);
         for plane in values.chunks_exact(width * height) {
@@ -79,7 +79,7 @@ impl Window {
         *values = cut;
     }
 
-    /// The part of a box that is inside; without size at the particle's place if there is none.
+    /// The part of a box inside the window; a box of size 0 at the particle if there is none.
     fn bounds(&self, [x, y, w, h, z, class]: [f32; 6], particle: &[f32; 8]) -> [f32; 6] {
         let side = |middle: f32, size: f32, first: usize, count: usize| {
             let low = (middle - 0.5 * size - first as f32).max(0.5);

@@ -2,7 +2,7 @@
 //! machine.
 //!
 //! All run on one core, interleaved, five times; medians are reported. The peers report the CPU time of their
-//! main loop, without imports and compilation; for microsig it is that of the whole process.
+//! main loop, without imports and compilation; for microsig, it is that of the whole process.
 
 pub(crate) mod microsig;
 

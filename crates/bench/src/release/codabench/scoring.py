@@ -1,4 +1,4 @@
-"""Scoring program for Codabench: scores a submission by `microsig evaluate`.
+"""Scoring program for Codabench: scores a submission with `microsig evaluate`.
 
 Codabench unpacks the reference data to INPUT/ref and the submission to INPUT/res, runs
 `python3 scoring.py INPUT OUTPUT`, and reads OUTPUT/scores.json.
@@ -30,7 +30,7 @@ COLUMNS = {
 
 
 def program():
-    """The microsig command: $MICROSIG, one beside this file, one that is installed, or the wheel beside this file."""
+    """The microsig command: $MICROSIG, an executable beside this file, an installed one, or the wheel beside this file."""
     here = Path(__file__).resolve().parent
     if os.environ.get("MICROSIG"):
         return [os.environ["MICROSIG"]]
@@ -47,14 +47,14 @@ def program():
         place = tempfile.mkdtemp()
         pip = [sys.executable, "-m", "pip", "install", "--quiet", "--target", place, str(wheels[-1])]
         subprocess.run(pip, check=True)
-        # Scripts of such a folder do not find its modules.
+        # Scripts installed with --target do not find their modules.
         os.environ["PYTHONPATH"] = place
         return [sys.executable, "-m", "microsig"]
-    sys.exit("no microsig: build the bundle with --wheel, or use a container in which it is installed")
+    sys.exit("microsig not found: build the bundle with --wheel, or use a container in which microsig is installed")
 
 
 def folder_of(submission):
-    """The folder with results.csv: the submission, or a single folder in it."""
+    """The folder with results.csv: the submission, or the only folder in it that has one."""
     if (submission / "results.csv").exists():
         return submission
     inner = [path for path in submission.iterdir() if (path / "results.csv").exists()]
@@ -73,17 +73,17 @@ def main():
         if run.returncode != 0:
             # The platform shows this to the participant.
             sys.exit(run.stderr.strip())
-        # Participants can download all output: nothing that reveals single particles.
+        # Participants can download all output, so nothing in it may reveal single particles.
         shutil.copy(folder / "for_team" / "score.json", out / "score.json")
-    # All digits would give the true position of a row by which two submissions differ.
-    told = json.loads((out / "score.json").read_text())
+    # With all digits, two submissions that differ in one row would reveal its true position.
+    score = json.loads((out / "score.json").read_text())
 
     def of(whole, *keys):
         for key in keys:
             whole = (whole or {}).get(key)
         return whole
 
-    scores = {key: of(told, *at) for key, at in COLUMNS.items() if of(told, *at) is not None}
+    scores = {key: of(score, *at) for key, at in COLUMNS.items() if of(score, *at) is not None}
     (out / "scores.json").write_text(json.dumps(scores, indent=2) + "\n")
     print(json.dumps(scores))
 

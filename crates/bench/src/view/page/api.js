@@ -7,7 +7,7 @@ export const isExport = Boolean(exported);
 
 const home = new URL("./", location.href);
 
-/** A response as JSON; null if there is none. Throws the error that the program reports. */
+/** A response as JSON; null if it does not exist. Throws the error that the program reports. */
 export async function getJson(path, signal) {
   if (exported) {
     return exported[path] ?? exportedList(path);
@@ -17,8 +17,8 @@ export async function getJson(path, signal) {
     return null;
   }
   if (!answer.ok) {
-    const told = await answer.json().catch(() => ({}));
-    throw new Error(told.error ?? `the program refused ${path} (${answer.status})`);
+    const body = await answer.json().catch(() => ({}));
+    throw new Error(body.error ?? `the program refused ${path} (${answer.status})`);
   }
   return answer.json();
 }
@@ -31,8 +31,8 @@ export async function getCounts(path, signal) {
   }
   const answer = await fetch(new URL(path, home), { signal });
   if (!answer.ok) {
-    const told = await answer.json().catch(() => ({}));
-    throw new Error(told.error ?? `the program refused ${path} (${answer.status})`);
+    const body = await answer.json().catch(() => ({}));
+    throw new Error(body.error ?? `the program refused ${path} (${answer.status})`);
   }
   return new Uint16Array(await answer.arrayBuffer());
 }
@@ -40,11 +40,11 @@ export async function getCounts(path, signal) {
 /** Writes the scenario's file. */
 export async function saveScenario(text) {
   const answer = await fetch(new URL("scenario", home), { method: "POST", body: text });
-  const told = await answer.json().catch(() => ({}));
+  const body = await answer.json().catch(() => ({}));
   if (!answer.ok) {
-    throw new Error(told.error ?? `not saved (${answer.status})`);
+    throw new Error(body.error ?? `not saved (${answer.status})`);
   }
-  return told;
+  return body;
 }
 
 /** The parts of a preview as they arrive: JSON and bytes. */
@@ -90,7 +90,7 @@ export async function* previewParts(text, signal) {
   }
 }
 
-/** Tells the program that the page is open; calls `ended` when the program has ended. */
+/** Keeps the program informed that the page is open; calls `ended` when the program has ended. */
 export async function keepAlive(ended) {
   if (exported) {
     return;

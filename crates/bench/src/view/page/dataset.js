@@ -1,5 +1,5 @@
 // Page 2: the frames of a dataset with their truth.
-// Longer than 500 lines because the page stands with its own controls, which nothing else uses.
+// Longer than 500 lines because it contains the page together with the controls that only this page uses.
 
 import { getCounts, getJson, isExport } from "./api.js";
 import { afterRest, check, choice, el, field, num, say, unitText } from "./dom.js";
@@ -20,7 +20,7 @@ export class Source {
     this.frames = about.exported_frames ?? Array.from({ length: about.frames }, (_, k) => k);
   }
 
-  /** Opens a dataset by its index; null if there is none. */
+  /** Opens a dataset by its index; null if it does not exist. */
   static async open(number) {
     const about = await getJson(`dataset/${number}`);
     return about && new Source(number, about);
@@ -236,7 +236,7 @@ export class DatasetPage {
     this.facts = el("dl", { class: "facts-grid" });
     this.particle = el("div", { class: "particle", role: "status" }, el("p", { class: "note" }, "Click a particle to see its truth and its noise-free image."));
     this.levels = new Chart({ label: "Light levels of this frame", share: 0.16 });
-    // Not of frames that are only passed by.
+    // Not for frames that are only skipped through.
     this.levelsLater = afterRest(200, (image) => this.showLevels(image));
     this.element = el(
       "div",
@@ -272,7 +272,7 @@ export class DatasetPage {
         this.sizes = new Sizes(depth);
         this.viewer.draw();
       })
-      .catch((error) => say(`sizes of particle images are unknown: ${error.message}`, true));
+      .catch((error) => say(`sizes of particle images are not available: ${error.message}`, true));
   }
 
   makeSide(about) {
@@ -297,8 +297,8 @@ export class DatasetPage {
           {},
           el("legend", {}, "Truth"),
           about.depth_um ? depthBar(about.depth_um) : null,
-          el("div", { class: "row" }, check("Circles of the image's size", true, set("circles")), check("Ids", false, set("ids"))),
-          el("div", { class: "row" }, check("Velocity", true, set("arrows"), "Displacement in a time step"), field("times", numberBox("magnify", "Magnification of arrows", 0.1, 1000))),
+          el("div", { class: "row" }, check("Circles of the image's size", true, set("circles")), check("IDs", false, set("ids"))),
+          el("div", { class: "row" }, check("Velocity", true, set("arrows"), "Displacement during one time step"), field("times", numberBox("magnify", "Magnification of arrows", 0.1, 1000))),
           el("div", { class: "row" }, check("Tails", false, set("tails")), field("frames", numberBox("tail", "Length of tails", 1, 100))),
           about.has_field ? el("div", { class: "row" }, check("Field", false, (isOn) => (set("field")(isOn), this.loadField()), "truth/field.csv"), this.planes) : null,
         )
@@ -456,7 +456,7 @@ export class DatasetPage {
     if (!options.field || !field) {
       return;
     }
-    // Told apart from particle images.
+    // Distinguishable from particle images.
     context.strokeStyle = "#ffc83d";
     context.lineWidth = 1.75;
     const isWeighted = options.plane === "weighted";

@@ -28,7 +28,7 @@ export function num(value, digits = 3) {
   return value.toExponential(digits - 1);
 }
 
-/** The last part of a path: what there is room for. */
+/** The last part of a path, to save space. */
 export function lastPart(path) {
   return path.split(/[\\/]/).filter(Boolean).pop() ?? path;
 }
@@ -81,7 +81,7 @@ export function choice(options, value, changed, name) {
 
 let hasLastWord = false;
 
-/** Shows a message in the corner of the page and to screen readers; none after the last one. */
+/** Shows a message in the corner of the page and to screen readers; no message follows one with `isLast`. */
 export function say(text, isWrong = false, isLast = false) {
   if (hasLastWord) {
     return;

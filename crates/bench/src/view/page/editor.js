@@ -39,7 +39,7 @@ export class Editor {
       autocapitalize: "off",
       autocomplete: "off",
       wrap: "off",
-      "aria-label": "Scenario. Control and space completes, the line below explains the key at the cursor.",
+      "aria-label": "Scenario. Ctrl+Space completes; the line below explains the key at the cursor.",
       "aria-describedby": "key-help",
     });
     this.shown = el("pre", { class: "code shown", "aria-hidden": "true" });
@@ -66,7 +66,7 @@ export class Editor {
   }
 
   /** Shows messages at their lines. */
-  tell(problems) {
+  showProblems(problems) {
     this.problems = problems;
     this.paint();
     const jump = (problem) => () => {

@@ -23,7 +23,7 @@ const HEAD_SCORES = [
   ["field.valid_vector_probability", "valid", ""],
 ];
 
-/** Those that say nothing of a result whose points are not linked. */
+/** Scores without meaning for results whose points are not linked. */
 const LINK_SCORES = ["links.f1", "clear.id_switches"];
 
 /** Scores of displacement fields: name in score.json, what it is, unit. */
@@ -207,7 +207,7 @@ export class ResultPage {
     this.stage = el("div", { class: "panes" });
     this.buttons = el("span");
     this.head = el("span", { class: "file" });
-    this.list = el("div", { class: "list", tabindex: "0", role: "region", "aria-label": "Points, the worst first" });
+    this.list = el("div", { class: "list", tabindex: "0", role: "region", "aria-label": "Points, worst first" });
     this.notes = el("ul", { class: "warnings" });
     this.counts = new Chart({ label: "F1 over frames", share: 0.15 });
     this.chosen = null;
@@ -230,7 +230,7 @@ export class ResultPage {
     const source = await Source.open(number);
     if (!source) {
       this.key = null;
-      return say("the frames of this dataset are not in this file", true);
+      return say("this file does not contain the frames of this dataset", true);
     }
     this.source = source;
     this.sizes = new Sizes(null);
@@ -283,7 +283,7 @@ export class ResultPage {
     const range = (name, label) => {
       const box = (k, text) =>
         el("input", { type: "number", step: "any", placeholder: text, "aria-label": `${label}, ${text}`, oninput: (e) => set((value) => (options[name][k] = value))(e.target.value) });
-      return el("div", { class: "row range" }, el("span", {}, label), box(0, "least"), box(1, "greatest"));
+      return el("div", { class: "row range" }, el("span", {}, label), box(0, "min"), box(1, "max"));
     };
     const select = (name, pairs, label) => {
       const list = el("select", { "aria-label": label, onchange: () => set(() => (options[name] = list.value))() });
@@ -316,7 +316,7 @@ export class ResultPage {
         : el(
             "fieldset",
             { class: "grow" },
-            el("legend", {}, "The worst first"),
+            el("legend", {}, "Worst first"),
             el(
               "div",
               { class: "row" },

@@ -168,12 +168,12 @@ export class ScenarioPage {
     }
     if (part.part === "problems") {
       this.hasProblems = true;
-      this.editor.tell(part.problems);
+      this.editor.showProblems(part.problems);
       this.state("wrong", part.problems.length === 1 ? "1 problem" : `${part.problems.length} problems`);
       this.element.classList.add("stale");
     } else if (part.part === "checked") {
       this.hasProblems = false;
-      this.editor.tell([]);
+      this.editor.showProblems([]);
       this.element.classList.remove("stale");
       this.about = part.about;
       this.fresh = [];
@@ -280,10 +280,10 @@ export class ScenarioPage {
       ...this.row("In view", `${num(numbers.n_p)} particles`, `${num(numbers.n_ppp, 2)} per pixel`),
       ...this.row("N_S", num(numbers.n_s), "Source density: particles in view times the area of a particle image over that of the sensor"),
       ...this.row("SNR", num(part.snr), "Median over depth: peak of a particle over the standard deviation of the background"),
-      ...this.row("Moves A to B", most === null ? "\u2013" : `${num(least, 2)} to ${num(most, 2)}, median ${num(median, 2)} px`, "Displacement in the image plane from the first frame to the second: minimum, maximum, median"),
+      ...this.row("Displacement A to B", most === null ? "\u2013" : `${num(least, 2)} to ${num(most, 2)}, median ${num(median, 2)} px`, "Displacement in the image plane from the first frame to the second: minimum, maximum, median"),
       ...this.row("along z", depth === null ? "\u2013" : depth[0] === depth[1] ? `${num(depth[0], 2)} \u00b5m` : `${num(depth[0], 2)} to ${num(depth[1], 2)} \u00b5m`),
       ...this.row("Best focus", part.focus_um === null ? "all depths" : `z = ${num(part.focus_um)} \u00b5m`),
-      ...this.row("All of it", `about ${duration(part.seconds)}, ${byteSize(part.bytes)}`, "Time on this machine, estimated from the frames of this preview; estimated size"),
+      ...this.row("Full dataset", `about ${duration(part.seconds)}, ${byteSize(part.bytes)}`, "Time on this machine, estimated from the frames of this preview; estimated size"),
     );
     this.showLevels(this.frames[0], part);
   }

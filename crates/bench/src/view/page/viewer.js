@@ -238,7 +238,7 @@ export class Viewer {
         this.isFitted = this.isFitted && moved < 4;
         this.changed();
       }
-      this.tell(...this.toImage(x, y));
+      this.showReadout(...this.toImage(x, y));
     });
     this.element.addEventListener("pointerup", (event) => {
       if (from && moved < 4) {
@@ -279,7 +279,7 @@ export class Viewer {
     });
   }
 
-  tell(x, y) {
+  showReadout(x, y) {
     const [column, row] = [Math.round(x), Math.round(y)];
     const { width, height, counts } = this.image ?? { width: 0, height: 0 };
     const isInside = column >= 1 && column <= width && row >= 1 && row <= height;
