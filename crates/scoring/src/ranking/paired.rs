@@ -8,7 +8,8 @@
 //!
 //! Errors of found particles: the number of true particles that are nearer in one result against the number
 //! nearer in the other; a missed particle is never nearer. An RMS error over the found particles would favor
-//! a result that omits its worst ones; this comparison does not, against any other result.
+//! a result that omits its worst ones; this comparison does not, against any other result. One particle that
+//! is nearer, with all others equal, is not significant.
 //!
 //! Fewer than five units have no interval: then only the second rule decides. Without units (scores of
 //! earlier versions, of different datasets, or over vectors that a result chose itself), intervals that do
@@ -131,7 +132,9 @@ impl<'a> Paired<'a> {
         match (&self.compared, &other.compared) {
             (Compared::Resampled(n, a), Compared::Resampled(m, b)) if n == m => {
                 let differences = a.iter().zip(b).map(|(a, b)| if a == b { 0.0 } else { a - b });
-                is_above_zero(*n, differences.collect())
+                let differences = sorted(differences.collect());
+                let is_nowhere_below = differences.first() >= Some(&0.0) && differences.last() > Some(&0.0);
+                is_nowhere_below || *n >= FEWEST && excludes_zero(&differences)
             }
             (Compared::Errors(units, a), Compared::Errors(same, b)) if units == same => {
                 is_nearer(units, (a, b), draws)
@@ -164,12 +167,14 @@ fn resampled<'a, const N: usize>(
     Some(Compared::Resampled(units.len(), draws.of(units.len()).iter().map(of_resample).collect()))
 }
 
-/// Whether the differences over resamples of `units` units are significantly above 0: their 95 % interval is,
-/// or some are and none is below.
-fn is_above_zero(units: usize, mut differences: Vec<f64>) -> bool {
-    differences.sort_unstable_by(f64::total_cmp);
-    let is_significant = units >= FEWEST && quantile(&differences, 0.025).is_some_and(|low| low > 0.0);
-    is_significant || differences.first() >= Some(&0.0) && differences.last() > Some(&0.0)
+fn sorted(mut values: Vec<f64>) -> Vec<f64> {
+    values.sort_unstable_by(f64::total_cmp);
+    values
+}
+
+/// Whether the 95 % interval of these sorted differences lies above 0.
+fn excludes_zero(differences: &[f64]) -> bool {
+    quantile(differences, 0.025).is_some_and(|low| low > 0.0)
 }
 
 /// Whether significantly more true particles are nearer in the first than in the second.
@@ -183,5 +188,5 @@ fn is_nearer(units: &[u32], (a, b): (&[f32], &[f32]), draws: &Draws) -> bool {
     }
     let of_resample =
         |counts: &Vec<u16>| counts.iter().zip(&wins).map(|(count, wins)| f64::from(*count) * wins).sum();
-    is_above_zero(n, draws.of(n).iter().map(of_resample).collect())
+    excludes_zero(&sorted(draws.of(n).iter().map(of_resample).collect()))
 }
