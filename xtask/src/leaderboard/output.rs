@@ -10,7 +10,8 @@ use serde_json::Value;
 use super::example;
 use super::run::RECORD;
 use super::trackers::{How, Tracker};
-use bench::suite::{Annotations, PAGE, SUITE_SCORES, SUITE_SCORES_CSV, SuiteScores, label, page, unmeasured};
+use bench::suite::{Annotations, PAGE, SUITE_SCORES, SUITE_SCORES_CSV, SuiteScores, page, unmeasured};
+use scoring::ranking::ScoreDef;
 
 /// Case for the example image, and cases for which depth errors are plotted, of each track.
 const PICTURES: usize = 2;
@@ -130,7 +131,7 @@ fn readme(scores: &SuiteScores, more: &Annotations) -> anyhow::Result<String> {
             writeln!(
                 text,
                 "No tracker listed here has a value for the score \"{}\"; ranks follow from the other scores.\n",
-                label(metric)
+                ScoreDef::of(metric).title()
             )?;
         }
         text += "| tracker | mean rank | cases | first in | s per frame, median | made for |\n|---|---|---|---|---|---|\n";

@@ -5,7 +5,7 @@
 //! codabench.zip
 //!   competition.yaml  logo.png  overview.md  evaluation.md  data.md  terms.md
 //!   reference_data.zip   test/: the truth, without images, key and scenario
-//!   scoring_program.zip  metadata.yaml, scoring.py, and the wheel if one is given
+//!   scoring_program.zip  metadata.yaml, scoring.py, columns.json, and the wheel if one is given
 //! ```
 //!
 //! The bundle contains the truth of the test split, so it belongs to the withheld part; the platform shows
@@ -18,6 +18,7 @@ use serde_json::Value;
 use super::about::ReleaseTexts;
 use super::package::Package;
 use super::submission;
+use scoring::ranking::{Better, SCORES, ScoreDef};
 use storage::TemporaryFolder;
 use storage::error::{Error, Result};
 
@@ -30,23 +31,18 @@ const SCORING: &str = include_str!("codabench/scoring.py");
 /// Command with which the platform runs it.
 const METADATA: &str = "command: python3 /app/program/scoring.py /app/input /app/output\n";
 
-/// Columns of the leaderboard: key, title, and whether smaller values are better.
-const OF_PARTICLES: [(&str, &str, bool); 7] = [
-    ("f1", "F1", false),
-    ("recall", "Recall", false),
-    ("precision", "Precision", false),
-    ("rmse_xy_px", "RMSE xy, px", true),
-    ("sigma_z_over_h", "sigma z / h", true),
-    ("link_f1", "Link F1", false),
-    ("hota", "HOTA", false),
-];
-const OF_FIELDS: [(&str, &str, bool); 5] = [
-    ("valid_nodes", "Valid nodes", false),
-    ("rms_nodes_px", "RMS at nodes, px", true),
-    ("response_nodes", "Amplitude response", false),
-    ("valid_vector_probability", "Valid vectors", false),
-    ("aee_px", "AEE, px", true),
-];
+/// Key of a column of the leaderboard.
+fn key(def: &ScoreDef) -> String {
+    def.metric.map_or_else(
+        || def.path.rsplit('.').next().unwrap_or_default().to_owned(),
+        |metric| metric.name().to_owned(),
+    )
+}
+
+/// Columns of the leaderboard.
+fn columns() -> impl Iterator<Item = &'static ScoreDef> {
+    SCORES.iter().filter(|def| def.is_headline)
+}
 
 /// Files of the test split that scoring does not need; some reveal more than the truth of this split.
 fn is_needed(path: &str) -> bool {
@@ -79,6 +75,8 @@ pub(super) fn write(
     let mut program = Package::default();
     program.write("metadata.yaml", METADATA);
     program.write("scoring.py", SCORING);
+    let paths: serde_json::Map<String, Value> = columns().map(|def| (key(def), def.path.into())).collect();
+    program.write("columns.json", Value::Object(paths).to_string());
     if let Some(wheel) = wheel {
         let name = wheel.file_name().unwrap_or_default().to_string_lossy();
         if !wheel.is_file() || !name.ends_with(".whl") {
@@ -127,13 +125,13 @@ fn competition(about: &ReleaseTexts<'_>, has_wheel: bool) -> String {
             _ => "Particles or displacement fields",
         },
     );
-    let mut columns = if about.is_for_fields() { Vec::new() } else { OF_PARTICLES.to_vec() };
-    if about.scored.contains(&"fields") {
-        columns.extend(OF_FIELDS);
-    }
-    for (i, (key, title, is_smaller_better)) in columns.into_iter().enumerate() {
-        let sorting = if is_smaller_better { "asc" } else { "desc" };
-        let title = quoted(title);
+    let is_shown = |def: &&ScoreDef| match def.is_of_fields() {
+        true => about.scored.contains(&"fields"),
+        false => !about.is_for_fields(),
+    };
+    for (i, def) in columns().filter(is_shown).enumerate() {
+        let sorting = if def.better == Better::Smaller { "asc" } else { "desc" };
+        let (key, title) = (key(def), quoted(&def.title()));
         text += &format!(
             "      - index: {i}\n        title: {title}\n        key: {key}\n        sorting: {sorting}\n"
         );

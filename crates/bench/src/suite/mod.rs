@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use anchors::AnchorResult;
-pub use metrics::{MetricValue, label};
+pub use metrics::MetricValue;
 pub use page::{Annotations, DepthErrors, Picture, page, unmeasured};
 
 use crate::report;

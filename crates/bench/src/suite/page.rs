@@ -7,12 +7,12 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
 
-use super::metrics::is_error;
-use super::{CaseResult, CaseScores, MetricValue, Standing, Status, SuiteScores, label};
+use super::{CaseResult, CaseScores, MetricValue, Standing, Status, SuiteScores};
 use crate::report::{
     AxisLabels, Series, document, figure_of, is_logarithmic, lines, lines_over_log, log_lines, names,
 };
 use scenario::Metric;
+use scoring::ranking::{Better, ScoreDef};
 use storage::error::Result;
 
 /// Information besides the scores.
@@ -132,7 +132,7 @@ fn of_track(scores: &SuiteScores, track: &str, more: &Annotations) -> Result<Mar
                 } }
             } }
             @for metric in unmeasured(&cases) { p {
-                "No tracker listed here has a value for the score "  b { (label(metric)) } "; ranks follow from the other scores."
+                "No tracker listed here has a value for the score "  b { (ScoreDef::of(metric).title()) } "; ranks follow from the other scores."
             } }
             @if !plots.is_empty() { div.plots { @for plot in &plots { (plot) } } }
             @if let Some(pictures) = more.pictures.get(track) { div.plots { @for picture in pictures { (drawn(picture)) } } }
@@ -191,7 +191,7 @@ fn table(case: &CaseScores, more: &Annotations) -> Markup {
             div.scroll { table.board {
                 tr {
                     th { "rank" } th { "tracker" }
-                    @for metric in case.rank_by.iter().chain(&others) { th { (label(*metric)) } }
+                    @for metric in case.rank_by.iter().chain(&others) { th { (ScoreDef::of(*metric).title()) } }
                     th { "s per frame" }
                 }
                 @for result in case.results.iter().filter(|result| !is_flat(result)) { tr {
@@ -250,15 +250,18 @@ fn curves(ladder: &str, cases: &[&CaseScores]) -> Result<Vec<Markup>> {
                 continue;
             }
             let x = &first.axes[axis].label;
-            let labels = AxisLabels { x, y: label(*metric), title: label(*metric) };
+            let def = ScoreDef::of(*metric);
+            let title = def.title();
+            let labels = AxisLabels { x, y: &title, title: &title };
             // A quantity on a logarithmic axis changes errors by ratios, so they are logarithmic as well.
-            let svg = if is_log && is_error(*metric) { log_lines(&labels, &series)? } else { None };
+            let svg =
+                if is_log && def.better == Better::Smaller { log_lines(&labels, &series)? } else { None };
             let svg = match svg {
                 Some(svg) => svg,
                 None if is_log => lines_over_log(&labels, &series, &values)?,
                 None => lines(&labels, &series)?,
             };
-            let caption = format!("{} over {x}, ladder {ladder}.", label(*metric));
+            let caption = format!("{title} over {x}, ladder {ladder}.");
             plots.push(figure_of(svg, &names(&series), &caption));
         }
     }

@@ -2,8 +2,9 @@
 
 use std::fmt::Write as _;
 
-use super::{CaseResult, Status, SuiteScores, label};
+use super::{CaseResult, Status, SuiteScores};
 use scenario::Metric;
+use scoring::ranking::ScoreDef;
 use storage::error::{Error, Result};
 use storage::shown::cell;
 
@@ -75,7 +76,8 @@ pub(super) fn text(scores: &SuiteScores) -> String {
                 writeln!(text, "{space}{:<20} {:>9.2}  {cases:>6}  {:>5}", s.tracker, s.mean_rank, s.first);
         }
         for case in scores.cases.iter().filter(|case| case.track == track) {
-            let names: Vec<&str> = case.rank_by.iter().map(|metric| label(*metric)).collect();
+            let names: Vec<String> =
+                case.rank_by.iter().map(|metric| ScoreDef::of(*metric).title()).collect();
             let _ = writeln!(text, "  {} ({})", case.case, names.join(", "));
             for result in &case.results {
                 let rank = result.rank.map_or_else(|| "-".to_owned(), |rank| rank.to_string());

@@ -23,7 +23,7 @@ use std::rc::Rc;
 use scenario::Metric;
 
 use super::Contestant;
-use super::metric::{Better, better, measured};
+use super::metric::{Better, ScoreDef};
 use crate::evaluate::hota::{self, SUMS};
 use crate::evaluate::statistics::{FEWEST, Interval, draws, quantile, ratio};
 use crate::evaluate::units::MISSED;
@@ -66,8 +66,8 @@ pub(super) struct Paired<'a> {
 
 impl<'a> Paired<'a> {
     pub(super) fn new(metric: Metric, of: &Contestant<'a>, draws: &Draws) -> Self {
-        let (value, interval) = measured(metric, of.score);
-        let better = better(metric);
+        let def = ScoreDef::of(metric);
+        let ((value, interval), better) = (def.measured(of.score), def.better);
         let ends = interval.filter(|_| better != Better::NearOne).map(|ends| ends.map(|v| better.merit(v)));
         let whole = Paired {
             merit: value.map(|value| better.merit(value)),

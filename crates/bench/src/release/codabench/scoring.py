@@ -12,21 +12,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-# Keys of the leaderboard, and where they are in score.json.
-COLUMNS = {
-    "f1": ("detection", "f1"),
-    "recall": ("detection", "recall"),
-    "precision": ("detection", "precision"),
-    "rmse_xy_px": ("detection", "rmse_xy_px"),
-    "sigma_z_over_h": ("gdpt", "sigma_z_over_h"),
-    "link_f1": ("links", "f1"),
-    "hota": ("hota", "hota"),
-    "valid_nodes": ("field", "nodes", "valid"),
-    "rms_nodes_px": ("field", "nodes", "rms_px"),
-    "response_nodes": ("field", "nodes", "response"),
-    "valid_vector_probability": ("field", "valid_vector_probability"),
-    "aee_px": ("field", "aee_px"),
-}
+# Keys of the leaderboard, and their paths in score.json.
+COLUMNS = json.loads((Path(__file__).resolve().parent / "columns.json").read_text())
 
 
 def program():
@@ -78,12 +65,13 @@ def main():
     # With all digits, two submissions that differ in one row would reveal its true position.
     score = json.loads((out / "score.json").read_text())
 
-    def of(whole, *keys):
-        for key in keys:
+    def of(path):
+        whole = score
+        for key in path.split("."):
             whole = (whole or {}).get(key)
         return whole
 
-    scores = {key: of(score, *at) for key, at in COLUMNS.items() if of(score, *at) is not None}
+    scores = {key: of(path) for key, path in COLUMNS.items() if of(path) is not None}
     (out / "scores.json").write_text(json.dumps(scores, indent=2) + "\n")
     print(json.dumps(scores))
 
