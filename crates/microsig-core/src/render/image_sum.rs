@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::depth_table::DepthTable;
 use super::interface::ImageStreams;
 use super::patch::{ExpectedPatch, Window};
 use crate::pool::{BufferPool, Pooled};
@@ -16,8 +17,8 @@ const ROWS: usize = 64;
 
 /// A sphere to draw from a table.
 #[derive(Debug)]
-pub(super) struct SphereImage<'a, T> {
-    pub(super) table: &'a T,
+pub struct SphereImage<'a, L> {
+    pub(super) table: &'a DepthTable<L>,
     pub(super) window: Window,
     pub(super) x_px: f64,
     pub(super) y_px: f64,
@@ -28,7 +29,7 @@ pub(super) struct SphereImage<'a, T> {
 }
 
 /// A rectangle of the image.
-pub(super) struct ImageBand<'a> {
+pub struct ImageBand<'a> {
     /// Leftmost column and topmost row, px.
     pub(super) x0: i64,
     pub(super) y0: i64,

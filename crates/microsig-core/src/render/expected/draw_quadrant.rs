@@ -7,7 +7,7 @@
 //! run over whole groups and have the same length for a whole sphere: the superfluous work at the corners
 //! costs less than mispredicted branches.
 
-use super::depth_table::DepthTable;
+use super::depth_table::PlaneLayout;
 use super::quadrant_layout::{Group, QuadrantLayout};
 use crate::bspline;
 use crate::render::image_sum::{ImageBand, LANES, SphereImage};
@@ -35,7 +35,7 @@ impl QuadrantInterpolator {
     #[inline(always)]
     pub(super) fn add(
         &mut self,
-        sphere: &SphereImage<DepthTable>,
+        sphere: &SphereImage<PlaneLayout>,
         layout: &QuadrantLayout,
         band: &mut ImageBand,
     ) {
@@ -78,7 +78,7 @@ impl QuadrantInterpolator {
     #[inline(always)]
     fn blend(
         &mut self,
-        sphere: &SphereImage<DepthTable>,
+        sphere: &SphereImage<PlaneLayout>,
         layout: &QuadrantLayout,
         rows: &std::ops::Range<usize>,
         line: usize,

@@ -7,38 +7,10 @@
 //! same bits.
 
 use super::layout::Layout;
-use super::table::Table;
 use crate::bspline::{self, QUINTIC_TAPS as TAPS};
 use crate::render::image_sum::{ImageBand, LANES, SphereImage};
-use crate::render::instructions::InstructionSet;
 use crate::render::patch::Window;
-
-/// Adds spheres to a band, in order.
-pub(super) fn draw<'a>(
-    instructions: InstructionSet,
-    spheres: impl Iterator<Item = SphereImage<'a, Table>>,
-    band: ImageBand<'_>,
-) {
-    instructions.dispatch(Draw { spheres, band });
-}
-
-struct Draw<'b, I> {
-    spheres: I,
-    band: ImageBand<'b>,
-}
-
-impl<'a, I: Iterator<Item = SphereImage<'a, Table>>> pulp::WithSimd for Draw<'_, I> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        let Draw { spheres, mut band } = self;
-        let mut scratch = Scratch::default();
-        for sphere in spheres {
-            scratch.add(&sphere, &mut band);
-        }
-    }
-}
+use crate::render::tabled;
 
 /// Position of pixels relative to the nodes along an axis: consecutive pixels are `per_px` nodes apart and
 /// have the same weights.
@@ -74,7 +46,7 @@ const PADDING: usize = 2 * LANES;
 
 /// Working memory for rendering.
 #[derive(Default)]
-struct Scratch {
+pub struct Pen {
     /// A row of nodes, ordered by phase.
     nodes: Vec<f32>,
     /// The same row: for each phase, the mirror image and the row itself.
@@ -83,14 +55,11 @@ struct Scratch {
     values: Vec<f32>,
 }
 
-impl Scratch {
+impl tabled::Pen<Layout> for Pen {
     #[inline(always)]
-    fn add(&mut self, sphere: &SphereImage<Table>, band: &mut ImageBand) {
+    fn add(&mut self, sphere: &SphereImage<Layout>, band: &mut ImageBand) {
         let Window { x0, width, .. } = sphere.window;
         let pixel_rows = band.rows(&sphere.window);
-        if width == 0 || pixel_rows.is_empty() {
-            return;
-        }
         let top = pixel_rows.start;
         let layout = &sphere.table.layout;
         let count = (pixel_rows.end - top) as usize;
@@ -119,13 +88,15 @@ impl Scratch {
             }
         }
     }
+}
 
+impl Pen {
     /// The spline's values at the columns of pixels, for each row of nodes, from `run` nodes of each phase.
     /// One row after the other, so that nodes and line stay in the cache.
     #[inline(always)]
     fn values_at_columns(
         &mut self,
-        sphere: &SphereImage<Table>,
+        sphere: &SphereImage<Layout>,
         layout: &Layout,
         rows: &std::ops::Range<usize>,
         (axis, run): (&Axis, usize),
@@ -133,7 +104,7 @@ impl Scratch {
     ) {
         let per_px = layout.per_px;
         let length = (2 * (run + PADDING)).max(2 * PADDING + columns);
-        let Scratch { nodes, line, values } = self;
+        let Pen { nodes, line, values } = self;
         nodes.resize(per_px * run, 0.0);
         line.clear();
         line.resize(per_px * length, 0.0);
@@ -149,7 +120,7 @@ impl Scratch {
             node.rem_euclid(per_px as isize) as usize * length + place
         });
         let masked = columns - LANES;
-        let planes: Vec<[(f32, &[f32]); 4]> = (sphere.table.around(sphere.z_um, sphere.radius_um))
+        let planes: Vec<[(f32, &[f32]); 4]> = (sphere.table.planes_around(sphere.z_um, sphere.radius_um))
             .map(|four| four.map(|plane| ((plane.weight * sphere.light) as f32, plane.coefficients)))
             .collect();
         for (row, values) in rows.clone().zip(values.chunks_exact_mut(columns)) {

@@ -114,7 +114,7 @@ impl Model {
     }
 
     /// All parameters that determine images, as text with exact numbers.
-    pub(super) fn description(&self) -> String {
+    pub(super) fn parameters(&self) -> String {
         let Model {
             pupil,
             pixel_um,
@@ -240,7 +240,7 @@ impl Model {
             let make = if mirrored { Axis::even } else { Axis::both };
             make(frame.grid[axis], step_px, side[axis], per_px)
         });
-        Exposure { axes, layout: Layout::new(per_px, side, mirrored) }
+        Exposure { axes, layout: Layout::new(per_px, side, mirrored, frame.scope.edge_px) }
     }
 
     /// Probes of this frame's light on pixels at the given columns and rows, px from the particle.

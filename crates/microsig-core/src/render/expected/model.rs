@@ -22,7 +22,7 @@ const FIXED_PER_PX: usize = 16;
 
 /// Optics, tolerance and working data for the computation of images.
 #[derive(Debug)]
-pub(super) struct ImageModel {
+pub(super) struct Model {
     pub(super) pupil: Pupil,
     /// Allowed error, relative to the peak of an image.
     pub(super) tolerance: f64,
@@ -80,10 +80,10 @@ impl SampleNodes {
     }
 }
 
-impl ImageModel {
+impl Model {
     /// All that images follow from, in words that say each number to the last digit.
-    pub(super) fn description(&self) -> String {
-        let ImageModel { pupil, tolerance, farthest_px, .. } = self;
+    pub(super) fn parameters(&self) -> String {
+        let Model { pupil, tolerance, farthest_px, .. } = self;
         format!("{pupil:?} {tolerance:?} {farthest_px:?}")
     }
 
