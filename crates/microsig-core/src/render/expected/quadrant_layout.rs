@@ -44,7 +44,13 @@ impl QuadrantLayout {
     }
 
     /// Writes coefficients, given row by row, in this layout.
-    pub(super) fn store<T: Copy>(&self, coefficients: &[f64], columns: usize, out: &mut [T], to: fn(f64) -> T) {
+    pub(super) fn store<T: Copy>(
+        &self,
+        coefficients: &[f64],
+        columns: usize,
+        out: &mut [T],
+        to: fn(f64) -> T,
+    ) {
         for (line, out) in coefficients.chunks(columns).zip(out.chunks_mut(self.row())) {
             for (column, &value) in line.iter().enumerate() {
                 if let Some(place) = self.place(column) {

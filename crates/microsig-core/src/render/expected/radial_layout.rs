@@ -110,7 +110,8 @@ impl RadialLayout {
         let mut sum = [0.0; 4];
         // cos and sin of the next order, by the addition theorem.
         let (mut cosine, mut sine) = (1.0, 0.0);
-        for (order, (values, by_z)) in plane.value.chunks(columns).zip(plane.by_z.chunks(columns)).enumerate() {
+        for (order, (values, by_z)) in plane.value.chunks(columns).zip(plane.by_z.chunks(columns)).enumerate()
+        {
             let (factor, by_azimuth) = (cosine, -4.0 * order as f64 * sine);
             (cosine, sine) = (cosine * cos4 - sine * sin4, sine * cos4 + cosine * sin4);
             let along = |line: &[f64], weights: [f64; 3]| -> f64 {
