@@ -12,6 +12,9 @@ use crate::settings::Settings;
 /// Number of pixels that are drawn at a time.
 pub(super) const LANES: usize = 8;
 
+/// One group of values.
+pub(super) type Group = [f32; LANES];
+
 /// Rows per exposed band, and minimum number of rows of a band.
 const ROWS: usize = 64;
 

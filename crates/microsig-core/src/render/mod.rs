@@ -14,6 +14,7 @@ mod image_sum;
 mod instructions;
 mod interface;
 mod lanes;
+mod node_layout;
 mod patch;
 pub mod rays;
 mod refinement;

@@ -6,7 +6,7 @@ use std::sync::{Arc, PoisonError, RwLock};
 use rayon::prelude::*;
 
 use super::depth_table::{DepthTable, PlaneLayout};
-use super::refinement::TableRadii;
+use super::refinement::{TableRadii, TableSpan};
 use super::store::Context;
 use crate::particle::Particle;
 
@@ -25,22 +25,6 @@ pub(super) type Key = (i64, u64, u64);
 pub struct TableRanges {
     pub(super) length_um: f64,
     pub(super) sizes_um: f64,
-}
-
-/// What one table covers.
-#[derive(Debug, Clone, Copy)]
-pub struct TableSpan {
-    /// The range of depths, um.
-    pub(super) start_um: f64,
-    pub(super) length_um: f64,
-    pub(super) radii: TableRadii,
-}
-
-impl TableSpan {
-    /// The middle of the range of depths, um.
-    pub(super) fn middle_um(&self) -> f64 {
-        self.start_um + 0.5 * self.length_um
-    }
 }
 
 impl TableRanges {

@@ -11,15 +11,14 @@ use rayon::prelude::*;
 
 use super::aperture_integral::Fineness;
 use super::depth_table::{DepthTable, PlaneLayout};
-use super::model::{Model, QuadrantGrid, SampleNodes, deviation, measure, peak};
+use super::model::{Model, QuadrantGrid, SampleNodes, deviation, measure};
 use super::pixel_integral::AZIMUTHS;
-use super::quadrant_layout::QuadrantLayout;
 use super::radial_layout::{RadialLayout, round_spline};
 use crate::cancel::checkpoint;
 use crate::render::depth_table::PlaneLayout as _;
-use crate::render::refinement::{PlaneDepths, Refinement, filtered};
+use crate::render::node_layout::NodeLayout;
+use crate::render::refinement::{PlaneDepths, RefinedPlanes, Refinement, TableSpan, filtered, peak};
 use crate::render::spline;
-use crate::render::tables::TableSpan;
 
 /// Allowed numbers of nodes per px of a quadrant.
 const DENSITIES: [usize; 4] = [1, 2, 4, 8];
@@ -90,13 +89,8 @@ impl TableBuilder<'_> {
         }
         let (nodes, of_nodes) = self.nodes(small, large, reach_px);
         let refinement = Refinement { deviation, allowed: self.of_depths, most_steps: MOST_STEPS };
-        let depths = PlaneDepths { start_um, length_um, steps: STEPS };
-        let of_small = |z_um: f64| self.sample(z_um, small, nodes);
-        let (depths, mut planes, of_depths) = refinement.planes(depths, depths.sample(of_small), of_small);
-        let radii = refinement.radii(radii, |radius| self.sample(self.span.middle_um(), radius, nodes));
-        for &radius in &radii[1..] {
-            planes.extend(depths.sample(|z_um| self.sample(z_um, radius, nodes)));
-        }
+        let RefinedPlanes { depths, radii, planes, error: of_depths } =
+            refinement.table(self.span, STEPS, None, |z_um, radius| self.sample(z_um, radius, nodes));
         let (layout, coefficients) = self.coefficients(planes, nodes, depths);
         let planes = depths.steps + 3;
         let mut table = DepthTable {
@@ -186,10 +180,10 @@ impl TableBuilder<'_> {
             }
             SampleNodes::Quadrant(QuadrantGrid { per_px, columns, rows }) => {
                 let (per_px, columns, rows) = (per_px / 2, columns / 2, rows / 2);
-                let layout = QuadrantLayout::new(per_px, columns, rows);
+                let layout = NodeLayout::new(per_px, [columns, rows], true, [0; 2]);
                 let mut coefficients = vec![0.0f32; splines.len() * layout.length()];
                 for (plane, out) in splines.iter().zip(coefficients.chunks_mut(layout.length())) {
-                    layout.store(plane, columns, out, |value| value as f32);
+                    layout.store(plane, out, |value| value as f32);
                 }
                 (PlaneLayout::Quadrant(layout), coefficients)
             }

@@ -1,8 +1,9 @@
 //! The planes of the tables of expected images.
 
-use super::quadrant_layout::QuadrantLayout;
 use super::radial_layout::RadialLayout;
+use crate::bspline;
 use crate::render::depth_table::{self, InterpolatedPlane};
+use crate::render::node_layout::NodeLayout;
 use crate::render::store::{Reader, Writer};
 
 /// A table of expected images.
@@ -14,7 +15,7 @@ pub enum PlaneLayout {
     /// Spherical lens: azimuthal orders of a quadratic spline along the radius.
     Radial(RadialLayout),
     /// A cubic spline over one quadrant: always with a cylindrical lens, otherwise if few nodes suffice.
-    Quadrant(QuadrantLayout),
+    Quadrant(NodeLayout),
 }
 
 impl PlaneLayout {
@@ -38,7 +39,10 @@ impl depth_table::PlaneLayout for PlaneLayout {
     fn at(&self, plane: &InterpolatedPlane, dx: f64, dy: f64) -> [f64; 4] {
         match self {
             PlaneLayout::Radial(rings) => rings.at(plane, dx, dy),
-            PlaneLayout::Quadrant(layout) => layout.at(plane, dx, dy),
+            PlaneLayout::Quadrant(layout) => {
+                let [value, by_x, by_y, by_z] = layout.at(plane, [dx.abs(), dy.abs()], bspline::cubic);
+                [value, by_x * dx.signum(), by_y * dy.signum(), by_z]
+            }
         }
     }
 
@@ -69,7 +73,9 @@ impl depth_table::PlaneLayout for PlaneLayout {
             0 => PlaneLayout::Radial(RadialLayout::read(&mut from)?),
             1 => {
                 let [per_px, rows, run] = [from.whole()?, from.whole()?, from.whole()?];
-                PlaneLayout::Quadrant(QuadrantLayout { per_px, rows, run })
+                // Nodes beyond the columns that were stored are zero.
+                let (columns, mirrored, origin) = (per_px.checked_mul(run)?, true, [0; 2]);
+                PlaneLayout::Quadrant(NodeLayout { per_px, columns, rows, mirrored, origin, run })
             }
             _ => return None,
         };

@@ -2,9 +2,9 @@
 
 use super::depth_table::PlaneLayout;
 use super::model::{Model, QuadrantGrid, SampleNodes};
-use super::quadrant_layout::QuadrantLayout;
 use super::radial_layout::{RadialLayout, round_spline};
 use crate::render::depth_table::{InterpolatedPlane, PlaneLayout as _};
+use crate::render::node_layout::NodeLayout;
 use crate::render::spline::{self, SplineDegree};
 
 /// Nodes per px of a quadrant: for coarse tolerances and for others.
@@ -42,18 +42,17 @@ impl DirectImage {
             let seen = [0, 1].map(|axis| reach[axis].min(farthest_px[axis]));
             let quadrant = model.quadrant(seen, PER_PX[usize::from(model.tolerance < COARSE)]);
             let QuadrantGrid { per_px, columns, rows } = quadrant;
-            let layout = QuadrantLayout::new(per_px, columns, rows);
+            let layout = NodeLayout::new(per_px, [columns, rows], true, [0; 2]);
             (SampleNodes::Quadrant(quadrant), PlaneLayout::Quadrant(layout))
         };
         let fineness = model.first_fineness();
         let coefficients = |z_um: f64| {
             let values = model.sample(z_um, radius_um, nodes, fineness);
-            match nodes {
-                SampleNodes::Radial(rings) => round_spline(&values, rings.columns),
-                SampleNodes::Quadrant(QuadrantGrid { per_px, columns, rows }) => {
-                    let layout = QuadrantLayout::new(per_px, columns, rows);
+            match &layout {
+                PlaneLayout::Radial(rings) => round_spline(&values, rings.columns),
+                PlaneLayout::Quadrant(layout) => {
                     let mut out = vec![0.0; layout.length()];
-                    layout.store(&quadrant_spline(values, columns), columns, &mut out, |value| value);
+                    layout.store(&quadrant_spline(values, layout.columns), &mut out, |value| value);
                     out
                 }
             }

@@ -6,9 +6,8 @@
 //! correctly rounded roots and quotients occur: every instruction set gives the same bits.
 
 use super::depth_table::PlaneLayout;
-use super::quadrant_layout::Group;
 use super::radial_layout::RadialLayout;
-use crate::render::image_sum::{ImageBand, LANES, SphereImage};
+use crate::render::image_sum::{Group, ImageBand, LANES, SphereImage};
 use crate::render::patch::Window;
 
 /// Adding and subtracting this rounds a number below 2^22 to the nearest integer.

@@ -10,6 +10,7 @@ use super::radial_layout::RadialLayout;
 use super::subaperture::Buffers;
 use super::surface::EmittingSurface;
 use crate::render::instructions::InstructionSet;
+use crate::render::refinement::peak;
 use crate::render::spline::{self, SplineDegree};
 
 /// Maximum number of refinements of the resolution.
@@ -257,10 +258,6 @@ impl Model {
         }
         Fineness(fineness)
     }
-}
-
-pub(super) fn peak(values: &[f64]) -> f64 {
-    values.iter().copied().fold(f64::MIN_POSITIVE, f64::max)
 }
 
 /// The error of values relative to the peak. Dark pixels around the image do not reduce it.

@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use super::layout::{Layout, Table};
 use super::model::{Exposure, Frame, Light, Model, Scope};
 use crate::render::depth_table::PlaneLayout;
-use crate::render::refinement::{AROUND, PlaneDepths, Refinement, filtered};
-use crate::render::tables::TableSpan;
+use crate::render::node_layout::NodeLayout;
+use crate::render::refinement::{AROUND, PlaneDepths, RefinedPlanes, Refinement, TableSpan, filtered, peak};
 
 /// Nodes per px of a plane that are tried, and the number used if none of these is sufficient.
 const DENSITIES: [usize; 5] = [1, 2, 3, 4, 6];
@@ -198,26 +198,18 @@ impl Draft<'_> {
 
     fn on_frame(&self, frame: &Frame) -> Table {
         let (model, small) = (self.model, self.small());
-        let TableSpan { start_um, length_um, radii } = self.span;
+        let TableSpan { start_um, length_um, .. } = self.span;
         let depths = PlaneDepths { start_um, length_um, steps: STEPS };
         let lights = depths.sample(|z_um| model.light(frame, z_um, small));
         let exposure = self.exposure(frame, &lights);
         let first = lights.iter().map(|light| model.plane(light, &exposure)).collect();
         let refinement = Refinement { deviation, allowed: PART * model.tolerance, most_steps: MAX_STEPS };
-        let (depths, mut planes, _) =
-            refinement.planes(depths, first, |z_um| self.plane(frame, &exposure, z_um, small));
-        let middle = self.span.middle_um();
-        let radii = refinement.radii(radii, |radius| self.plane(frame, &exposure, middle, radius));
-        for &radius in &radii[1..] {
-            planes.extend(depths.sample(|z_um| self.plane(frame, &exposure, z_um, radius)));
-        }
-        let mut table = self.assemble(planes, depths, radii, &exposure);
+        let refined = refinement.table(self.span, STEPS, Some(first), |z_um, radius_um| {
+            model.plane(&model.light(frame, z_um, radius_um), &exposure)
+        });
+        let mut table = self.assemble(refined, frame.scope.edge_px, &exposure);
         table.error = self.error(&table);
         table
-    }
-
-    fn plane(&self, frame: &Frame, exposure: &Exposure, z_um: f64, radius_um: f64) -> Vec<f64> {
-        self.model.plane(&self.model.light(frame, z_um, radius_um), exposure)
     }
 
     /// The exposure with the fewest nodes per px whose spline reproduces the light between them.
@@ -247,14 +239,9 @@ impl Draft<'_> {
     }
 
     /// Converts planes of all radii to splines, fades them out, and collects them in a table.
-    fn assemble(
-        &self,
-        mut planes: Vec<Vec<f64>>,
-        depths: PlaneDepths,
-        radii: Vec<f64>,
-        exposure: &Exposure,
-    ) -> Table {
-        let layout = exposure.layout.clone();
+    fn assemble(&self, refined: RefinedPlanes, edge_px: [usize; 2], exposure: &Exposure) -> Table {
+        let RefinedPlanes { depths, radii, mut planes, .. } = refined;
+        let layout = &exposure.layout;
         let steps = depths.steps;
         let of_one = depths.planes();
         // The extent at each depth is the maximum over all sizes.
@@ -265,12 +252,12 @@ impl Draft<'_> {
             })
             .collect();
         for of_size in planes.chunks_mut(of_one) {
-            of_size.iter_mut().zip(&reaches).for_each(|(plane, reach)| self.fade(plane, *reach, &layout));
+            of_size.iter_mut().zip(&reaches).for_each(|(plane, reach)| self.fade(plane, *reach, layout));
         }
         let mut coefficients = vec![0.0f32; radii.len() * (steps + 3) * layout.length()];
         let windows = planes.chunks(of_one).flat_map(|of_size| of_size.windows(5));
         for (five, out) in windows.zip(coefficients.chunks_exact_mut(layout.length())) {
-            layout.store(&filtered(five), out);
+            layout.store(&filtered(five), out, |value| value as f32);
         }
         Table {
             start_um: self.span.start_um,
@@ -278,7 +265,7 @@ impl Draft<'_> {
             planes: steps + 3,
             radii,
             reach_px: reaches[AROUND - 1..][..steps + 3].to_vec(),
-            layout,
+            layout: Layout { nodes: layout.clone(), edge_px },
             coefficients,
             error: 0.0,
         }
@@ -287,7 +274,7 @@ impl Draft<'_> {
     /// Half width and half height (px) of the part of a plane that is brighter than the cut.
     fn reach(&self, plane: &[f64], exposure: &Exposure) -> [f64; 2] {
         let cut = self.cut() * peak(plane);
-        let Layout { per_px, columns, origin, .. } = exposure.layout;
+        let NodeLayout { per_px, columns, origin, .. } = exposure.layout;
         let mut far = [0; 2];
         for (row, line) in plane.chunks_exact(columns).enumerate() {
             let lit = |value: &f64| value.abs() > cut;
@@ -302,8 +289,8 @@ impl Draft<'_> {
 
     /// Lets a plane fade out over the last pixel of its extent (px). Cut off at whole pixels, an image would
     /// extend farther on one side than on the other, and its centroid would be shifted.
-    fn fade(&self, plane: &mut [f64], reach_px: [f64; 2], layout: &Layout) {
-        let Layout { per_px, columns, rows, origin, .. } = *layout;
+    fn fade(&self, plane: &mut [f64], reach_px: [f64; 2], layout: &NodeLayout) {
+        let NodeLayout { per_px, columns, rows, origin, .. } = *layout;
         let along = |axis: usize, nodes: usize| -> Vec<f64> {
             let place_px = |node: usize| node.abs_diff(origin[axis]) as f64 / per_px as f64;
             (0..nodes).map(|node| (reach_px[axis] + 0.5 - place_px(node)).clamp(0.0, 1.0)).collect()
@@ -341,10 +328,6 @@ fn positions(edge_px: usize, count: usize, mirrored: bool) -> Vec<f64> {
 
 /// Number of positions along an axis at which densities are compared.
 const PROBES: usize = 48;
-
-fn peak(values: &[f64]) -> f64 {
-    values.iter().copied().fold(f64::MIN_POSITIVE, f64::max)
-}
 
 /// The largest error of values, as a fraction of the peak.
 fn deviation(ours: &[f64], truth: &[f64]) -> f64 {

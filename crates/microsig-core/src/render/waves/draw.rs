@@ -9,6 +9,7 @@
 use super::layout::Layout;
 use crate::bspline::{self, QUINTIC_TAPS as TAPS};
 use crate::render::image_sum::{ImageBand, LANES, SphereImage};
+use crate::render::node_layout::NodeLayout;
 use crate::render::patch::Window;
 use crate::render::tabled;
 
@@ -28,7 +29,7 @@ impl Axis {
     }
 
     /// The stored nodes that contribute to `pixels` pixels.
-    fn nodes(&self, pixels: usize, layout: &Layout, origin: usize, end: usize) -> std::ops::Range<usize> {
+    fn nodes(&self, pixels: usize, layout: &NodeLayout, origin: usize, end: usize) -> std::ops::Range<usize> {
         let last = self.first + (TAPS - 1 + (pixels - 1) * layout.per_px) as isize;
         if !layout.mirrored {
             let within = |node: isize| (node + origin as isize).clamp(0, end as isize) as usize;
@@ -61,7 +62,7 @@ impl tabled::Pen<Layout> for Pen {
         let Window { x0, width, .. } = sphere.window;
         let pixel_rows = band.rows(&sphere.window);
         let top = pixel_rows.start;
-        let layout = &sphere.table.layout;
+        let layout = &sphere.table.layout.nodes;
         let count = (pixel_rows.end - top) as usize;
         let down = Axis::new(top, sphere.y_px, layout.per_px);
         let across = Axis::new(x0, sphere.x_px, layout.per_px);
@@ -97,7 +98,7 @@ impl Pen {
     fn values_at_columns(
         &mut self,
         sphere: &SphereImage<Layout>,
-        layout: &Layout,
+        layout: &NodeLayout,
         rows: &std::ops::Range<usize>,
         (axis, run): (&Axis, usize),
         (width, columns): (usize, usize),

@@ -5,9 +5,8 @@ use super::spheroid::{self, Emitter, MANY_EMITTERS, MAX_EMITTERS};
 use crate::emission::emitted_rays;
 use crate::error::{Error, shown};
 use crate::particle::{Particle, Spheroid};
-use crate::render::refinement::TableRadii;
+use crate::render::refinement::{TableRadii, TableSpan};
 use crate::render::tabled::Source;
-use crate::render::tables::TableSpan;
 
 /// Radius of a sphere times the largest wave number across the optical axis, above which its modes take
 /// seconds: the extent of its image is then derived from that of a sphere of this size.
