@@ -58,7 +58,8 @@ fn images_grow_about_their_focal_planes() {
         for z_um in [-100.0 * n, 100.0 * n] {
             let [along, across] = extents(&renderer, z_um, angle_deg);
             let expected = cylinder.growth() * (z_um - plane_um).abs() / z_um.abs();
-            // Aberrations of the layers and the difference of sine and tangent act on both directions nearly alike.
+            // Aberrations of the layers and the difference of sine and tangent act on both directions nearly
+            // alike.
             assert!(
                 (along / across / expected - 1.0).abs() < 0.025,
                 "{cylinder:?} {z_um}: {along} {across} {expected}"

@@ -23,13 +23,11 @@ pub struct NodeLayout {
 }
 
 impl NodeLayout {
-    /// The layout with these numbers of columns and rows, of which the node at `origin` is the particle's.
-    pub(super) fn new(
-        per_px: usize,
-        [columns, rows]: [usize; 2],
-        mirrored: bool,
-        origin: [usize; 2],
-    ) -> NodeLayout {
+    /// The layout with these numbers of columns and rows; without mirror images, both are odd, and the node
+    /// in the middle is the particle's.
+    pub(super) fn new(per_px: usize, nodes: [usize; 2], mirrored: bool) -> NodeLayout {
+        let [columns, rows] = nodes;
+        let origin = if mirrored { [0; 2] } else { nodes.map(|nodes| nodes / 2) };
         let run = columns.div_ceil(per_px).next_multiple_of(LANES);
         NodeLayout { per_px, columns, rows, mirrored, origin, run }
     }

@@ -1,4 +1,5 @@
-//! Tables that outlive a renderer: a store, which a program may give in a [`Context`], keeps them from run to run.
+//! Tables that outlive a renderer: a store, which a program may give in a [`Context`], keeps them from run to
+//! run.
 //!
 //! A table depends on nothing but its description, so whoever finds it in the store has the same bytes as
 //! whoever makes it.

@@ -180,7 +180,7 @@ impl TableBuilder<'_> {
             }
             SampleNodes::Quadrant(QuadrantGrid { per_px, columns, rows }) => {
                 let (per_px, columns, rows) = (per_px / 2, columns / 2, rows / 2);
-                let layout = NodeLayout::new(per_px, [columns, rows], true, [0; 2]);
+                let layout = NodeLayout::new(per_px, [columns, rows], true);
                 let mut coefficients = vec![0.0f32; splines.len() * layout.length()];
                 for (plane, out) in splines.iter().zip(coefficients.chunks_mut(layout.length())) {
                     layout.store(plane, out, |value| value as f32);

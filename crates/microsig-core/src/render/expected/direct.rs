@@ -42,7 +42,7 @@ impl DirectImage {
             let seen = [0, 1].map(|axis| reach[axis].min(farthest_px[axis]));
             let quadrant = model.quadrant(seen, PER_PX[usize::from(model.tolerance < COARSE)]);
             let QuadrantGrid { per_px, columns, rows } = quadrant;
-            let layout = NodeLayout::new(per_px, [columns, rows], true, [0; 2]);
+            let layout = NodeLayout::new(per_px, [columns, rows], true);
             (SampleNodes::Quadrant(quadrant), PlaneLayout::Quadrant(layout))
         };
         let fineness = model.first_fineness();

@@ -8,12 +8,13 @@
 //! fixed up to a rotation (`emission::aperture_excess`).
 //!
 //! Images of spheres depend only on depth, diameter and pixel position relative to the particle. They come
-//! from tables (`depth_table`), which are verified during construction (`build`). With a cylindrical lens images have two mirror symmetries: a quadrant is computed by an
-//! integral over the aperture (`aperture_integral`, `subaperture`) and drawn from a spline over it
-//! (`draw_quadrant`). With a spherical lens images are round: they are computed as light within a radius
-//! (`encircled`), integrated over square pixels (`pixel_integral`), and drawn from a quadrant too if few
-//! nodes are sufficient, or along the radius (`draw_radial`) if rims are sharp or rings large. The image of a
-//! spheroid is computed by the aperture integral, directly and without tables (`spheroid`).
+//! from tables (`depth_table`), which are verified during construction (`build`). With a cylindrical lens
+//! images have two mirror symmetries: a quadrant is computed by an integral over the aperture
+//! (`aperture_integral`, `subaperture`) and drawn from a spline over it (`draw_quadrant`). With a spherical
+//! lens images are round: they are computed as light within a radius (`encircled`), integrated over square
+//! pixels (`pixel_integral`), and drawn from a quadrant too if few nodes are sufficient, or along the radius
+//! (`draw_radial`) if rims are sharp or rings large. The image of a spheroid is computed by the aperture
+//! integral, directly and without tables (`spheroid`).
 
 mod accumulator;
 mod aperture_integral;

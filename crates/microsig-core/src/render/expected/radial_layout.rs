@@ -91,7 +91,8 @@ impl RadialLayout {
         self.orders * self.columns
     }
 
-    /// The image and its derivatives: see [`crate::render::depth_table::PlaneLayout`]. f0(r) + f4(r) cos 4 psi + f8(r) cos 8 psi + ...
+    /// The image and its derivatives, as [`crate::render::depth_table::PlaneLayout::at`]: f0(r) + f4(r) cos 4
+    /// psi + f8(r) cos 8 psi + ...
     pub(super) fn at(&self, plane: &InterpolatedPlane, dx: f64, dy: f64) -> [f64; 4] {
         let (columns, per_px) = (self.columns, self.per_px(plane.z_um));
         let r2 = dx * dx + dy * dy;

@@ -51,12 +51,12 @@ impl PlaneLayout for Layout {
         if per_px == 0 || per_px.max(columns).max(rows) > MAX {
             return None;
         }
-        let nodes = NodeLayout::new(per_px, [columns, rows], mirrored == 1, origin);
+        let nodes = NodeLayout::new(per_px, [columns, rows], mirrored == 1);
         let layout = Layout { nodes, edge_px };
         let (radii, reach) = (from.numbers()?, from.numbers()?);
         let reach_px = reach.as_chunks::<2>().0.to_vec();
         let (length, coefficients) = (layout.length(), from.singles()?);
         let table = Table { start_um, step_um, planes, radii, layout, reach_px, coefficients, error };
-        (table.holds(Some(length)) && from.is_done()).then_some(table)
+        (table.holds(Some(length)) && table.layout.nodes.origin == origin && from.is_done()).then_some(table)
     }
 }

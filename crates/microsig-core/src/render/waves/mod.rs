@@ -100,8 +100,7 @@ impl WavesRenderer {
     ///
     /// # Errors
     /// [`Error::Malformed`] if a setting or option is out of range, [`Error::Unsupported`] for settings that
-    /// this renderer does not support and for a tolerance outside
-    /// [`super::expected::TOLERANCES`].
+    /// this renderer does not support and for a tolerance outside [`super::expected::TOLERANCES`].
     pub fn new(settings: &Settings, optics: &WaveOptics, tolerance: f64) -> Result<Self, Error> {
         Self::on(InstructionSet::best(), settings, optics, tolerance)
     }

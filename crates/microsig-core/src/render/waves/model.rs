@@ -241,8 +241,7 @@ impl Model {
             make(frame.grid[axis], step_px, side[axis], per_px)
         });
         let nodes = if mirrored { side } else { side.map(|side| 2 * side - 1) };
-        let origin = if mirrored { [0; 2] } else { side.map(|side| side - 1) };
-        Exposure { axes, layout: NodeLayout::new(per_px, nodes, mirrored, origin) }
+        Exposure { axes, layout: NodeLayout::new(per_px, nodes, mirrored) }
     }
 
     /// Probes of this frame's light on pixels at the given columns and rows, px from the particle.
@@ -459,8 +458,7 @@ impl Model {
         line: &Line,
         useful: Option<f64>,
     ) -> Modes {
-        let end = useful.unwrap_or(self.pupil.aperture());
-        let rings = self.rings(radius_um, end);
+        let rings = self.rings(radius_um, useful.unwrap_or(self.pupil.aperture()));
         let (k, share) = (line.k(), self.share);
         Bead { pupil: &self.pupil, radii, weights, z_um, rings: &rings, k, useful, share }.modes()
     }
