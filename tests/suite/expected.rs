@@ -2,9 +2,9 @@
 
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::random::normal;
-use microsig_core::render::Render;
 use microsig_core::render::{ExpectedRenderer, Gradient};
 use microsig_core::render::{ImageStreams, InstructionSet};
+use microsig_core::render::{Render, Tables};
 use microsig_core::sensor::Sensor;
 use microsig_core::stream::{Purpose, Streams};
 use microsig_core::{Particle, Settings, Spheroid};
@@ -36,7 +36,7 @@ fn on_a_small_sensor(
         let x = if i + 1 == depths.len() { 1.0 } else { 70.0 };
         let particle = Particle::sphere(x + places.uniform(), 70.0 + places.uniform(), z_um, d_um);
         let rays = mean(&settings, &particle, seed + i as u64);
-        let expected = renderer.light(&[particle]).values;
+        let expected = renderer.draw(&[particle]).values;
         let agreement = Agreement::of(&expected, &rays, TOLERANCE);
         println!("z {z_um}: {agreement:?}");
         assert!(agreement.holds(), "z {z_um}: {agreement:?}");
@@ -90,7 +90,7 @@ fn spheroids_are_the_mean_of_rays() {
         let particle = Particle { spheroid, ..Particle::sphere(45.3, 46.1, z_um, 2.0) };
         assert!(renderer.check(&particle).is_ok());
         let rays = Ensemble::draw(&settings, &[particle], law, 51 + i as u64, 200).unwrap();
-        let agreement = Agreement::of(&renderer.light(&[particle]).values, &rays, TOLERANCE);
+        let agreement = Agreement::of(&renderer.draw(&[particle]).values, &rays, TOLERANCE);
         println!("{law:?} z {z_um}: {agreement:?}");
         assert!(agreement.holds(), "{law:?} z {z_um}: {agreement:?}");
     }
@@ -109,7 +109,7 @@ fn all_instruction_sets_give_the_same_bits() {
         let images: Vec<Vec<u64>> = InstructionSet::available()
             .into_iter()
             .map(|set| ExpectedRenderer::on(set, &settings, SpheroidLaw::Original, 1e-2).unwrap())
-            .map(|renderer| renderer.light(&particles).values.into_iter().map(f64::to_bits).collect())
+            .map(|renderer| renderer.draw(&particles).values.into_iter().map(f64::to_bits).collect())
             .collect();
         assert!(images.windows(2).all(|pair| pair[0] == pair[1]));
     }
@@ -131,7 +131,7 @@ fn what_is_drawn_is_the_table_everywhere_on_the_sensor() {
             .collect();
         let mut sum = vec![0.0; 150 * 141];
         for particle in &particles {
-            let gradient = renderer.gradient(particle).unwrap();
+            let gradient = renderer.gradient(particle, None).unwrap();
             let window = gradient.window;
             let peak = gradient.pixels.iter().map(|pixel| pixel[0]).fold(0.0, f64::max);
             let patch = renderer.patch(particle).unwrap();
@@ -143,7 +143,7 @@ fn what_is_drawn_is_the_table_everywhere_on_the_sensor() {
             }
         }
         let peak = sum.iter().copied().fold(0.0, f64::max);
-        let light = renderer.light(&particles);
+        let light = renderer.draw(&particles);
         // No light outside the windows.
         for (i, (light, sum)) in light.values.iter().zip(&sum).enumerate() {
             assert!(
@@ -155,7 +155,7 @@ fn what_is_drawn_is_the_table_everywhere_on_the_sensor() {
         }
         for threads in [1, 2, 7] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            assert!(light == pool.install(|| renderer.light(&particles)), "{threads} threads");
+            assert!(light == pool.install(|| renderer.draw(&particles)), "{threads} threads");
         }
         let (sensor, streams) = (Sensor::new(&settings), Streams::new(3));
         let image = renderer.image(
@@ -180,7 +180,7 @@ fn a_maximum_likelihood_fit_reaches_the_bound() {
     let renderer = renderer(&settings);
     let (z_um, gain, noise) = (-55.3, settings.gain, settings.background_noise);
     let truth = Particle::sphere(51.0, 51.0, z_um, 2.0);
-    let image = renderer.gradient(&truth).unwrap();
+    let image = renderer.gradient(&truth, None).unwrap();
     let deviation: Vec<f64> = image
         .pixels
         .iter()
@@ -196,7 +196,7 @@ fn a_maximum_likelihood_fit_reaches_the_bound() {
         let mut fit = [51.2, 50.9, z_um + 0.3, 1.05];
         for _ in 0..6 {
             let particle = Particle { x_px: fit[0], y_px: fit[1], z_um: fit[2], ..truth };
-            let model = renderer.gradient(&particle).unwrap();
+            let model = renderer.gradient(&particle, None).unwrap();
             let (mut normal_matrix, mut right) = ([[0.0; 4]; 4], [0.0; 4]);
             for (i, pixel) in model.pixels.iter().enumerate() {
                 // The window moves with the particle; there is no light outside it.
@@ -264,7 +264,7 @@ fn images_of_the_original_are_met() {
         let (settings, particles) = (case.settings().unwrap(), case.particles().unwrap());
         let label = format!("{}/{}", case.case, case.name);
         let renderer = renderer(&settings);
-        let light = renderer.light(&particles).values;
+        let light = renderer.draw(&particles).values;
         let width = settings.pixel_dim_x as usize;
         let ours = Ensemble {
             // The expected image has no statistical error.
@@ -313,7 +313,7 @@ fn derivatives_are_those_of_the_image() {
         let renderer = renderer(&settings);
         for &(z_um, d_um) in cases {
             let particle = Particle::sphere(200.31, 150.77, z_um, d_um);
-            let gradient = renderer.gradient(&particle).unwrap();
+            let gradient = renderer.gradient(&particle, None).unwrap();
             let patch = renderer.patch(&particle).unwrap();
             let peak = patch.counts.iter().copied().fold(0.0, f64::max);
             // The same splines in f32: rounding of sums of some hundred terms.
@@ -326,7 +326,7 @@ fn derivatives_are_those_of_the_image() {
                 let moved = |by: f64| {
                     let mut particle = particle;
                     *[&mut particle.x_px, &mut particle.y_px, &mut particle.z_um][axis] += by;
-                    renderer.gradient(&particle).unwrap()
+                    renderer.gradient(&particle, None).unwrap()
                 };
                 let (low, high) = (moved(-step), moved(step));
                 assert_eq!((low.window, high.window), (gradient.window, gradient.window));
@@ -350,7 +350,8 @@ fn derivatives_of_spheroids_move_the_image_as_its_particle_moves() {
     let renderer = ExpectedRenderer::new(&Settings::setting1(), SpheroidLaw::Uniform, TOLERANCE).unwrap();
     let sphere = Particle::sphere(200.31, 150.77, -33.0, 2.0);
     let nearly = Particle { spheroid: Some(Spheroid::from_axis(1.0005, [1.0, 0.0, 0.0])), ..sphere };
-    let (of_sphere, of_nearly) = (renderer.gradient(&sphere).unwrap(), renderer.gradient(&nearly).unwrap());
+    let (of_sphere, of_nearly) =
+        (renderer.gradient(&sphere, None).unwrap(), renderer.gradient(&nearly, None).unwrap());
     let at = |gradient: &Gradient, x: i64, y: i64| {
         let (column, row) = (x - gradient.window.x0, y - gradient.window.y0);
         let inside = (0..gradient.window.width as i64).contains(&column) && row >= 0;
@@ -368,7 +369,7 @@ fn derivatives_of_spheroids_move_the_image_as_its_particle_moves() {
 
     // The centroid moves with the particle, and the total light is constant.
     let rod = Particle { spheroid: Some(Spheroid::from_axis(4.0, [0.6, 0.5, 0.3])), d_um: 3.0, ..sphere };
-    let gradient = renderer.gradient(&rod).unwrap();
+    let gradient = renderer.gradient(&rod, None).unwrap();
     let total: f64 = gradient.pixels.iter().map(|pixel| pixel[0]).sum();
     for axis in 0..2 {
         let (mut moved, mut gained) = (0.0, 0.0);

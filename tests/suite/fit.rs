@@ -228,7 +228,7 @@ fn settings_of_a_spherical_scan_are_found() {
     let (mut chi2, mut n) = (0.0, 0.0);
     for (i, page) in second.iter().enumerate() {
         let particles: Vec<Particle> = truth.particles(i);
-        let counts = expected.light(&particles).values;
+        let counts = expected.draw(&particles).values;
         for (count, light) in page.iter().zip(&counts) {
             let mean = settings.gain * *light;
             let variance = settings.background_noise.powi(2) + per_count * mean;

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::Args;
 use microsig_core::emission::SpheroidLaw;
+use microsig_core::render::Tables;
 use microsig_core::render::expected::ExpectedRenderer;
 use microsig_core::{Particle, Settings};
 use plotters::prelude::*;
@@ -130,7 +131,7 @@ pub(crate) fn run(comparison: &Comparison) -> anyhow::Result<ExitCode> {
             let [dx, dy] = within_a_pixel(k + 1);
             for (place, x, y) in [("middle", 71.0 + dx, 71.0 + dy), ("edge", 3.0 + dx, 135.0 + dy)] {
                 let particle = Particle::sphere(x, y, z_um, series.d_um);
-                let ours = renderer.light(&[particle]).values;
+                let ours = renderer.draw(&[particle]).values;
                 for &light in series.lights {
                     let seed = 1000 + rows.len() as u64;
                     let mean = match light {
@@ -151,7 +152,7 @@ pub(crate) fn run(comparison: &Comparison) -> anyhow::Result<ExitCode> {
                         images: mean.images,
                         agreement: Agreement::of(&ours, &mean, TOLERANCE),
                         total_percent: 100.0 * (ours.iter().sum::<f64>() / mean.of_mean.total - 1.0),
-                        tables_error: renderer.tables().2,
+                        tables_error: renderer.state().error,
                     };
                     println!("{} {} {place} z {z_um}: {:?}", row.series, light.name(), row.agreement);
                     rows.push(row);

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use image::GrayImage;
 use microsig_core::emission::{SpheroidLaw, sphere_points};
+use microsig_core::render::Render;
 use microsig_core::render::expected::ExpectedRenderer;
 use microsig_core::render::waves::{Lens, WaveOptics, WavesRenderer};
 use microsig_core::{Particle, Settings};
@@ -151,10 +152,10 @@ fn totals() -> anyhow::Result<Vec<Check>> {
         let expected = ExpectedRenderer::new(&settings, SpheroidLaw::Original, 1e-3)?;
         for z_um in [-60.0, -12.0, 10.0] {
             let particle = Particle::sphere(151.0, 151.0, z_um, 2.0);
-            let rays: f64 = expected.light(&[particle]).values.iter().sum();
+            let rays: f64 = expected.draw(&[particle]).values.iter().sum();
             checks.push(Check {
                 name: format!("light accepted over that of `expected`, setting {name}, z = {z_um} um"),
-                found: waves.accepted(&particle) / rays,
+                found: waves.accepted_light(&particle).unwrap_or(f64::NAN) / rays,
                 theory: 1.0,
                 allowed: 1e-3,
             });
@@ -187,7 +188,7 @@ fn airy() -> anyhow::Result<Vec<Check>> {
         let within = places.iter().zip(&shares).filter(|([x, y], _)| x.hypot(*y) <= PER_RADIUS);
         let particle = Particle::sphere(101.0, 101.0, 0.0, 1.0);
         let emitted = sphere_points(&settings, 1.0) as f64 * (f64::from(settings.n_rays) + 1.0);
-        let accepted = renderer.accepted(&particle) / emitted;
+        let accepted = renderer.accepted_light(&particle).unwrap_or(f64::NAN) / emitted;
         let along: Vec<[f64; 2]> = (0..400).map(|i| [0.8 * PER_RADIUS + 0.03 * f64::from(i), 0.0]).collect();
         let dark = renderer.share_at(0.0, 0.0, &along);
         let least = (0..dark.len()).min_by(|a, b| dark[*a].total_cmp(&dark[*b])).unwrap_or(0);

@@ -6,8 +6,8 @@ use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::render::ExpectedRenderer;
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
+use microsig_core::render::{ExpectedRenderer, Tables, TablesState};
 use microsig_core::stream::{Purpose, Streams};
 use microsig_core::{Particle, Settings};
 
@@ -46,9 +46,9 @@ fn print_sizes(name: &str, renderer: &ExpectedRenderer, particles: &[Particle]) 
     let lit = |counts: Vec<f64>| counts.into_iter().filter(|&count| count > 0.0).count();
     let pixels: usize =
         particles.iter().filter_map(|particle| renderer.patch(particle)).map(|patch| lit(patch.counts)).sum();
-    let (blocks, bytes, error) = renderer.tables();
+    let TablesState { count, bytes, error } = renderer.state();
     println!(
-        "{name}: {:.0} lit pixels a particle; {blocks} blocks, {:.1} MB, largest error {error:.1e} of the peak",
+        "{name}: {:.0} lit pixels a particle; {count} tables, {:.1} MB, largest error {error:.1e} of the peak",
         pixels as f64 / particles.len() as f64,
         bytes as f64 / 1e6
     );
@@ -61,13 +61,13 @@ fn drawing(c: &mut Criterion) {
     for (name, settings, depths, d_um) in cases() {
         let renderer = renderer(&settings);
         let draw = |b: &mut criterion::Bencher, particles: Vec<Particle>| {
-            renderer.prepare(&particles);
-            b.iter(|| renderer.light(black_box(&particles)));
+            renderer.prepare(&[&particles]);
+            b.iter(|| renderer.draw(black_box(&particles)));
         };
         let mut told = false;
         group.bench_function(BenchmarkId::new(name, "all depths"), |b| {
             let particles = scattered(&settings, depths, d_um);
-            renderer.prepare(&particles);
+            renderer.prepare(&[&particles]);
             if !std::mem::replace(&mut told, true) {
                 print_sizes(name, &renderer, &particles);
             }
@@ -90,7 +90,7 @@ fn tables(c: &mut Criterion) {
     group.sample_size(10);
     for (name, settings, depths, d_um) in cases() {
         let particles = scattered(&settings, depths, d_um);
-        group.bench_function(name, |b| b.iter(|| renderer(&settings).prepare(&particles)));
+        group.bench_function(name, |b| b.iter(|| renderer(&settings).prepare(&[&particles])));
     }
     group.finish();
 }

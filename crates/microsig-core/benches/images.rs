@@ -61,7 +61,7 @@ fn spots(c: &mut Criterion) {
             .collect();
         group.throughput(Throughput::Elements(n.max(1) as u64));
         group.bench_function(BenchmarkId::new(format!("{diameter_px} px"), n), |b| {
-            b.iter(|| renderer.light(&particles));
+            b.iter(|| renderer.draw(&particles));
         });
     }
     group.finish();

@@ -107,7 +107,7 @@ mod tests {
         });
         let light = sign.run(0, || renderer.light(particles, &Streams::new(1), Purpose::Rays, 0));
         cancelling.join().unwrap();
-        assert!(light.is_none(), "{} was finished", renderer.name());
+        assert!(light.is_none(), "{} was finished", renderer.traits().name);
     }
 
     #[test]
@@ -122,8 +122,8 @@ mod tests {
         let sizes: Vec<Particle> =
             (0..200).map(|k| Particle::sphere(256.0, 256.0, -80.0 + 0.5 * f64::from(k), 2.0)).collect();
         is_cancelled(&expected, &sizes);
-        let light = expected.light(&sizes[..1]);
+        let light = expected.draw(&sizes[..1]);
         let fresh = ExpectedRenderer::new(&settings, SpheroidLaw::Original, 1e-4).unwrap();
-        assert!(light == fresh.light(&sizes[..1]));
+        assert!(light == fresh.draw(&sizes[..1]));
     }
 }

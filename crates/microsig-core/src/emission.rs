@@ -86,6 +86,12 @@ pub fn surface_points(settings: &Settings, particle: &Particle) -> usize {
     }
 }
 
+/// The light of a particle emitted into the half space toward the lens, in rays, if all points of its surface
+/// shine.
+pub fn emitted_rays(settings: &Settings, particle: &Particle) -> f64 {
+    surface_points(settings, particle) as f64 * (f64::from(settings.n_rays) + 1.0)
+}
+
 /// The source points of a particle with `n` points on its surface, in the order of their random angles.
 pub fn shining_points(
     particle: &Particle,

@@ -95,7 +95,7 @@ fn spheres_and_spheroids_are_magnified_alike() {
     let renderer = WavesRenderer::new(&settings, &optics(cylinder), 1e-3).unwrap();
     let sphere = Particle::sphere(51.0, 51.0, -3.0, 3.0);
     let rod = Particle { spheroid: Some(Spheroid::from_axis(1.001, [1.0, 0.0, 0.0])), ..sphere };
-    let [a, b] = [sphere, rod].map(|particle| renderer.light(&[particle]));
+    let [a, b] = [sphere, rod].map(|particle| renderer.draw(&[particle]));
     let total = |light: &microsig_core::sensor::Light| light.values.iter().sum::<f64>();
     let (ta, tb) = (total(&a), total(&b));
     let peak = a.values.iter().copied().fold(0.0, f64::max);

@@ -6,6 +6,7 @@ use microsig_core::emission::{SpheroidLaw, sphere_points};
 use microsig_core::render::InstructionSet;
 use microsig_core::render::expected::ExpectedRenderer;
 use microsig_core::render::waves::{Emission, Lens, Mask, Pinhole, WaveOptics, WavesRenderer};
+use microsig_core::render::{Render, Tables, TablesState};
 use microsig_core::{Particle, Settings};
 
 /// One row of cases.csv with its image.
@@ -154,17 +155,14 @@ fn tables_give_the_same_images() {
         let middle = f64::from(case.width_px as u32 + 1);
         let [dx, dy] = case.offset_px;
         let particle = Particle::sphere(middle + dx, middle + dy, case.z_um, case.d_um);
-        let light = renderer.light(&[particle]);
+        let light = renderer.draw(&[particle]);
         let first = (case.width_px + 1 - case.width_px / 2) - 1;
         let image: Vec<f64> = (0..case.width_px * case.width_px)
             .map(|i| light.values[(first + i / case.width_px) * sensor as usize + first + i % case.width_px])
             .collect();
         let difference = case.largest_difference(&image);
-        let (tables, bytes, error) = renderer.tables();
-        println!(
-            "{:20} {difference:.1e} of the peak; {tables} tables, {bytes} bytes, {error:.1e}",
-            case.name
-        );
+        let TablesState { count, bytes, error } = renderer.state();
+        println!("{:20} {difference:.1e} of the peak; {count} tables, {bytes} bytes, {error:.1e}", case.name);
         if difference > case.allowed() {
             faults.push(format!("{}: {difference:.1e} of the peak", case.name));
         }
@@ -195,7 +193,7 @@ fn bytes_do_not_depend_on_threads_and_instructions() {
         let image = |set: InstructionSet, threads: usize| -> Vec<u64> {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let renderer = WavesRenderer::on(set, &settings, &WaveOptics::new(0.52), 1e-2).unwrap();
-            let light = pool.install(|| renderer.light(&particles));
+            let light = pool.install(|| renderer.draw(&particles));
             light.values.iter().map(|v| v.to_bits()).collect()
         };
         let first = image(InstructionSet::best(), 1);
@@ -221,8 +219,8 @@ fn images_have_the_symmetries_of_the_optics() {
         assert_eq!((share[4] - share[0]).abs() < 1e-6 * share[0], round);
         // Under other rotations only the square shape of the pixels breaks the symmetry: compare light summed
         // over rings.
-        let light = renderer.light(&[Particle::sphere(100.5, 90.0, -20.0, 2.0)]);
-        let twice = renderer.light(&[Particle { c_int: 2.0, ..Particle::sphere(100.5, 90.0, -20.0, 2.0) }]);
+        let light = renderer.draw(&[Particle::sphere(100.5, 90.0, -20.0, 2.0)]);
+        let twice = renderer.draw(&[Particle { c_int: 2.0, ..Particle::sphere(100.5, 90.0, -20.0, 2.0) }]);
         let peak = light.values.iter().copied().fold(0.0, f64::max);
         assert!(light.values.iter().zip(&twice.values).all(|(a, b)| (2.0 * a - b).abs() < 1e-6 * peak));
     }
@@ -236,7 +234,7 @@ fn counts_are_those_of_expected_images() {
     for z_um in [-60.0, -12.0, 20.0] {
         let particle = Particle::sphere(300.0, 180.0, z_um, 2.0);
         let of_rays: f64 = expected.patch(&particle).unwrap().counts.iter().sum();
-        let accepted = waves.accepted(&particle);
+        let accepted = waves.accepted_light(&particle).unwrap();
         assert!((accepted / of_rays - 1.0).abs() < 2e-3, "z = {z_um}: {accepted} and {of_rays}");
         // Tails below a quarter of the tolerance are not drawn.
         let drawn: f64 = waves.patch(&particle).unwrap().counts.iter().sum();
@@ -252,12 +250,12 @@ fn tables_are_accurate_where_a_cylinder_defocuses_one_axis_only() {
     let renderer = WavesRenderer::new(&Settings::setting1a(), &WaveOptics::new(0.52), 1e-3).unwrap();
     let particle = Particle::sphere(300.0, 180.0, 24.0, 2.0);
     let patch = renderer.patch(&particle).unwrap();
-    let (_, _, error) = renderer.tables();
+    let error = renderer.state().error;
     assert!(error < 1e-3, "{error}");
     // Otherwise errors of the quadrature would seem to be light far away.
     assert!(patch.window.height < 240, "{:?}", patch.window);
     let drawn: f64 = patch.counts.iter().sum();
-    let outside = 1.0 - drawn / renderer.accepted(&particle);
+    let outside = 1.0 - drawn / renderer.accepted_light(&particle).unwrap();
     assert!((0.0..0.03).contains(&outside), "{outside} outside");
 }
 
@@ -265,7 +263,7 @@ fn tables_are_accurate_where_a_cylinder_defocuses_one_axis_only() {
 fn derivatives_are_those_of_the_image() {
     let renderer = WavesRenderer::new(&Settings::setting1a(), &WaveOptics::new(0.52), 1e-3).unwrap();
     let particle = Particle::sphere(100.3, 80.7, -23.4, 2.0);
-    let gradient = renderer.gradient(&particle).unwrap();
+    let gradient = renderer.gradient(&particle, None).unwrap();
     let values = renderer.patch(&particle).unwrap();
     assert_eq!(gradient.window, values.window);
     let peak = values.counts.iter().copied().fold(0.0, f64::max);
@@ -281,7 +279,7 @@ fn derivatives_are_those_of_the_image() {
                 1 => moved.y_px += by,
                 _ => moved.z_um += by,
             }
-            renderer.gradient(&moved).unwrap()
+            renderer.gradient(&moved, None).unwrap()
         };
         let (low, high) = (at(-step), at(step));
         // The window may shift by a pixel: compare where all three overlap.

@@ -162,12 +162,9 @@ enum Unit {
 impl PhotonScale {
     /// The conversion for a renderer and its settings; `mean_um` (um) is the default reference diameter.
     pub(super) fn new(photons: &Photons, renderer: &RendererSpec, settings: &Settings, mean_um: f64) -> Self {
-        let unit = match *renderer {
-            RendererSpec::Rays { spheroids } | RendererSpec::Expected { spheroids, .. } => {
-                Unit::Rays(spheroids)
-            }
-            RendererSpec::Waves { .. } => Unit::Rays(SpheroidLaw::Uniform),
-            RendererSpec::Gaussian(spot) => Unit::Spots {
+        let unit = match renderer.spot() {
+            None => Unit::Rays(renderer.spheroid_law()),
+            Some(spot) => Unit::Spots {
                 // The integral of exp(-8 r^2 / d^2).
                 counts: spot.peak_counts * std::f64::consts::PI / 8.0 * spot.diameter_px * spot.diameter_px,
                 reference_um: spot.reference_um,

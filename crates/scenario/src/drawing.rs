@@ -1,6 +1,5 @@
 //! Rendering of a scenario's particles: fills in and checks renderer, light and objective.
 
-use microsig_core::render::RendererSpec;
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
 use microsig_core::render::waves::Lens;
 use microsig_core::{Error as Core, Settings};
@@ -101,7 +100,8 @@ pub(super) fn calibration(spec: &Spec, (low, high): (f64, f64), problems: &mut P
 
 /// Checks light and objective for wave optics and adds each problem at its key; true if there is none.
 pub(super) fn check(spec: &Spec, settings: &Settings, problems: &mut Problems) -> bool {
-    let RendererSpec::Waves { optics, .. } = spec.renderer() else { return true };
+    let renderer = spec.renderer();
+    let Some(optics) = renderer.wave_optics() else { return true };
     // `mode` has reported that it is missing.
     if spec.render.wavelength_um.is_none() {
         return false;

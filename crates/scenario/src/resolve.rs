@@ -30,6 +30,7 @@ use super::spec::{self, Motion, PairSeeding, Placement, Spec, Timing};
 
 use super::truth_grid::TruthGrid;
 use storage::error::{Error, Result};
+use storage::table_cache::context;
 use visibility::DepthScan;
 
 /// Depth range of the default channel, um: 100 um deep, within the range scanned in Rossi 2020.
@@ -65,7 +66,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
         return Err(Error::Problems(problems.0));
     };
     let shutter = spec.timing.shutter(scale.um_per_px(), &mut problems);
-    let Some(renderer) = problems.of("optics", spec.renderer().build(&settings)) else {
+    let Some(renderer) = problems.of("optics", spec.renderer().build(&settings, &context())) else {
         return Err(Error::Problems(problems.0));
     };
     warnings.extend(renderer.warning());
@@ -90,7 +91,8 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
             let mean_um = diameters.mean();
             // Taken out temporarily, because `draw` borrows the rest of the scenario.
             let mut particles = std::mem::take(&mut spec.particles);
-            let draw = |settings: &Settings| Ok(spec.renderer().for_depth_scans().build(settings)?);
+            let draw =
+                |settings: &Settings| Ok(spec.renderer().for_depth_scans().build(settings, &context())?);
             let stack = || DepthScan::measure(draw, &settings, mean_um, depth_range_um, depth_factor);
             let seeding =
                 particles.seeding(diameters, (&scale, &settings), z_um, stack, &mut files, &mut problems);

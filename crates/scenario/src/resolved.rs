@@ -22,6 +22,7 @@ use super::recordings::Recordings;
 use super::spec::{Calibration, Spec};
 use super::truth_grid::Nodes;
 use storage::error::Result;
+use storage::table_cache::context;
 use visibility::{DepthScan, NoiseFree};
 
 /// A valid scenario with all defaults filled in.
@@ -194,7 +195,8 @@ impl Scenario {
     /// Depths at which the particle cannot be rendered.
     pub fn scan(&self, d_um: f64, range_um: (f64, f64)) -> Result<DepthScan> {
         let depth_factor = self.spec.optics.depth_factor.unwrap_or(1.0);
-        let draw = |settings: &Settings| Ok(self.spec.renderer().for_depth_scans().build(settings)?);
+        let draw =
+            |settings: &Settings| Ok(self.spec.renderer().for_depth_scans().build(settings, &context())?);
         DepthScan::measure(draw, &self.settings, d_um, range_um, depth_factor)
     }
 
@@ -227,7 +229,7 @@ impl Scenario {
         if !self.renderer.has_ray_noise() {
             return Ok(self.renderer.clone());
         }
-        Ok(self.spec.renderer().without_ray_noise(tolerance).build(&self.settings)?)
+        Ok(self.spec.renderer().without_ray_noise(tolerance).build(&self.settings, &context())?)
     }
 
     /// Noise-free images of single particles.

@@ -118,7 +118,8 @@ impl Spec {
     /// Factor by which a cylindrical lens before the camera stretches images, and the azimuth (degrees, from
     /// x toward y) of the direction in which it does; `None` without one.
     pub fn stretch(&self) -> Option<(f64, f64)> {
-        let RendererSpec::Waves { optics, .. } = self.renderer() else { return None };
+        let renderer = self.renderer();
+        let optics = renderer.wave_optics()?;
         optics.cylinder.map(|cylinder| (cylinder.growth(), optics.cyl_angle_deg))
     }
 

@@ -19,6 +19,7 @@ use super::locate::Locator;
 use super::stack::{Stack, brightest};
 use super::templates::Templates;
 use storage::error::{Error, Result};
+use storage::table_cache::context;
 
 /// Tolerance of the model images, relative to their peaks.
 const TOLERANCE: f64 = 3e-3;
@@ -94,7 +95,7 @@ impl ModelImages {
             Some(optics) => RendererSpec::Waves { optics, tolerance: TOLERANCE },
             None => RendererSpec::Expected { spheroids: SpheroidLaw::Original, tolerance: TOLERANCE },
         };
-        let renderer = spec.build(&settings)?;
+        let renderer = spec.build(&settings, &context())?;
         let middle = i64::from(size / 2 + 1);
         let depths_um = depths_um.to_vec();
         Ok(ModelImages { renderer, d_um, depth_factor, unit: 1.0, middle, depths_um, radii })
@@ -151,7 +152,7 @@ impl ParticleImages for ModelImages {
         let particle = Particle::sphere(x, y, z_um / self.depth_factor, self.d_um);
         let (corner, side) = (self.middle - radius as i64, 2 * radius + 1);
         let window = Window { x0: corner, y0: corner, width: side, height: side };
-        let pixels = self.renderer.gradient_within(&particle, window).map(|Gradient { pixels, .. }| pixels);
+        let pixels = self.renderer.gradient(&particle, Some(window)).map(|Gradient { pixels, .. }| pixels);
         let by_z = self.unit / self.depth_factor;
         let light = pixels
             .unwrap_or_default()

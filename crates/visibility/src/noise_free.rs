@@ -148,7 +148,7 @@ mod tests {
     use microsig_core::Spheroid;
     use microsig_core::emission::SpheroidLaw;
     use microsig_core::render::waves::WaveOptics;
-    use microsig_core::render::{GaussianSpot, RayRenderer, RendererSpec};
+    use microsig_core::render::{Context, GaussianSpot, RayRenderer, RendererSpec};
     use microsig_core::stream::{Purpose, Streams};
 
     const RAYS: RendererSpec = RendererSpec::Rays { spheroids: SpheroidLaw::Original };
@@ -158,9 +158,10 @@ mod tests {
     }
 
     fn noise_free(spec: RendererSpec, settings: &Settings) -> NoiseFree {
-        let renderer = spec.clone().build(settings).unwrap();
-        let limit =
-            renderer.has_ray_noise().then(|| spec.without_ray_noise(TOLERANCE).build(settings).unwrap());
+        let renderer = spec.clone().build(settings, &Context::default()).unwrap();
+        let limit = renderer
+            .has_ray_noise()
+            .then(|| spec.without_ray_noise(TOLERANCE).build(settings, &Context::default()).unwrap());
         NoiseFree::new(renderer, limit)
     }
 
@@ -188,7 +189,8 @@ mod tests {
         let gaussian = [RendererSpec::Gaussian(spot(None)), RendererSpec::Gaussian(spot(Some(0.3)))];
         for spec in gaussian.into_iter().chain([expected, waves]) {
             let settings = settings();
-            let (single, renderer) = (noise_free(spec.clone(), &settings), spec.build(&settings).unwrap());
+            let (single, renderer) =
+                (noise_free(spec.clone(), &settings), spec.build(&settings, &Context::default()).unwrap());
             for particle in particles() {
                 let light = renderer.light(&[particle], &Streams::new(0), Purpose::Rays, 0).values;
                 let patch = single.draw(&particle);
@@ -210,7 +212,7 @@ mod tests {
     fn peaks_of_ray_images_are_right_to_one_percent() {
         let settings = settings();
         let single = noise_free(RAYS, &settings);
-        let accurate = RAYS.without_ray_noise(1e-3).build(&settings).unwrap();
+        let accurate = RAYS.without_ray_noise(1e-3).build(&settings, &Context::default()).unwrap();
         for particle in particles().into_iter().skip(1) {
             let exact = accurate.mean_patch(&particle).map_or(0.0, |patch| peak(&patch.counts));
             let found = peak(&single.draw(&particle).values);
@@ -239,8 +241,10 @@ mod tests {
     #[test]
     fn without_a_limit_ray_images_are_averaged() {
         let settings = settings();
-        let (averaged, exact) =
-            (NoiseFree::new(RAYS.build(&settings).unwrap(), None), noise_free(RAYS, &settings));
+        let (averaged, exact) = (
+            NoiseFree::new(RAYS.build(&settings, &Context::default()).unwrap(), None),
+            noise_free(RAYS, &settings),
+        );
         let particle = Particle::sphere(80.42, 70.31, -20.0, 2.0);
         let [a, b] = [averaged, exact].map(|of| of.draw(&particle).values);
         let sum = |values: &[f64]| values.iter().sum::<f64>();
@@ -257,7 +261,7 @@ mod tests {
         let round = Settings { pixel_dim_x: 160, pixel_dim_y: 140, ..Settings::setting1() };
         let sum = |values: &[f64]| values.iter().sum::<f64>();
         for settings in [settings(), round] {
-            let dataset = RAYS.without_ray_noise(3e-3).build(&settings).unwrap();
+            let dataset = RAYS.without_ray_noise(3e-3).build(&settings, &Context::default()).unwrap();
             let own = noise_free(RAYS.without_ray_noise(3e-3), &settings);
             let of_rays = noise_free(RAYS, &settings);
             for (d_um, e_p, alpha_rad, beta_rad) in shapes {

@@ -29,16 +29,17 @@ mod view;
 
 use std::io::Write;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
-use microsig_core::render::keep_tables;
+use microsig_core::render::Context;
 pub use output::printable;
 use serde_json::json;
 
 use generator::runner::Tables;
 use storage::error::{Error, Result};
-use storage::table_cache::TableFolder;
+use storage::table_cache::{TableFolder, keep};
 use storage::{clean_up_on_signals, file_size_limits_are_errors};
 
 /// Benchmark datasets for defocusing and astigmatic PIV/PTV.
@@ -150,7 +151,8 @@ impl Cli {
         // A fit evaluates many microscopes, each of them once.
         let once = matches!(verb, Verb::Fit(_));
         let folder = if common.no_cache || once { None } else { TableFolder::of_user()? };
-        keep_tables(Box::new(Tables::new(folder, output::progress(common))));
+        let tables = Tables::new(folder, output::progress(common));
+        keep(Context { tables: Some(Arc::new(tables)) });
         verb.run(common)
     }
 }

@@ -17,6 +17,7 @@ use crate::preview::depth_of_field_um;
 use scenario::{Scenario, spec};
 use storage::error::{Error, Result};
 use storage::save;
+use storage::table_cache::context;
 use storage::tables::{Column, Table, TableFile, TableWriter, column};
 use visibility::DepthScan;
 
@@ -160,7 +161,7 @@ impl CalibrationStack {
         let settings = settings(scenario, camera, &particles);
         let detector =
             scenario.detector.as_ref().map(|detector| cropped(detector, &scenario.settings, &settings));
-        let renderer = scenario.spec.renderer().build(&settings)?;
+        let renderer = scenario.spec.renderer().build(&settings, &context())?;
         let camera = Camera::of_dataset(scenario, renderer, detector.as_ref())?.calibrating();
         let (x_px, y_px) = (f64::from(settings.pixel_dim_x / 2 + 1), f64::from(settings.pixel_dim_y / 2 + 1));
         particles.iter_mut().for_each(|particle| (particle.x_px, particle.y_px) = (x_px, y_px));

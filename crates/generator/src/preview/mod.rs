@@ -1,7 +1,6 @@
 //! Predictions for a scenario's optics before any dataset is generated: one particle over depth, the position
 //! of best focus, the growth of images, their brightness relative to the range of the camera.
 
-mod accepted;
 mod cylinder;
 mod depth_of_field;
 mod picture;
@@ -9,11 +8,10 @@ mod text;
 mod ticks;
 
 use microsig_core::Particle;
-use microsig_core::render::RendererSpec;
-use microsig_core::render::waves::{Lens, WaveOptics};
+use microsig_core::render::expected::TOLERANCES;
+use microsig_core::render::waves::{Lens, WaveOptics, WavesRenderer};
 use serde::Serialize;
 
-use accepted::{Accepted, GREEN_UM};
 pub use depth_of_field::depth_of_field_um;
 use depth_of_field::span;
 pub use picture::svg;
@@ -31,6 +29,8 @@ const OUTER: usize = 10;
 /// Phase difference over the pupil, waves, above which a lens no longer resembles a commercially available
 /// objective.
 const ABERRATED_WAVES: f64 = 1.0;
+/// Wavelength for what rays neglect, um: green.
+const GREEN_UM: f64 = 0.55;
 /// Options that model a corrected objective.
 const WAVES_OF_APLANAT: &str = "render: (mode: waves, wavelength_um: ...) with optics: (lens: aplanatic)";
 /// Minimum fraction of the accepted light that should land near the particle's position.
@@ -166,11 +166,10 @@ impl Preview {
         scans: Vec<DepthScan>,
         depth_of_field_um: Option<f64>,
     ) -> Result<Self> {
-        let accepted = Accepted::new(scenario)?;
-        let sizes = sizes_um.iter().zip(&scans).map(|(d_um, scan)| curves(scenario, *d_um, scan, &accepted));
+        let sizes = sizes_um.iter().zip(&scans).map(|(d_um, scan)| curves(scenario, *d_um, scan));
         let sizes = sizes.collect::<Result<Vec<_>>>()?;
         let settings = &scenario.settings;
-        let (waves, mean) = (accepted.waves(), &scans[middle]);
+        let (waves, mean) = (waves_of_lens(scenario), &scans[middle]);
         let wavelength_um = waves.as_ref().map_or(GREEN_UM, |waves| waves.optics().wavelength_um);
         let factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
         let response = scenario.response()?;
@@ -183,7 +182,7 @@ impl Preview {
             depth_range_um: scenario.depth_range_um,
             cyl_focal_length_um: settings.cyl_focal_length,
             cylinder: scenario.cylinder(),
-            is_diffracted: matches!(accepted, Accepted::Waves(_)),
+            is_diffracted: scenario.renderer.is_diffracted(),
             wavelength_um,
             airy_radius_px: WaveOptics::new(wavelength_um).airy_radius_px(settings),
             path_difference_waves: waves
@@ -217,8 +216,7 @@ impl Preview {
         let (mean, airy_px) = (self.mean(), self.airy_radius_px);
         let sharpest =
             mean.depths.iter().map(|depth| depth.width_px.min(depth.height_px)).fold(f64::INFINITY, f64::min);
-        let is_rays =
-            matches!(scenario.spec.renderer(), RendererSpec::Rays { .. } | RendererSpec::Expected { .. });
+        let is_rays = scenario.renderer.depends_on_depth() && !scenario.renderer.is_diffracted();
         if is_rays && 2.0 * airy_px > 0.5 * sharpest {
             warnings.push(format!(
                 "rays neglect diffraction: at a wavelength of {GREEN_UM} um the Airy disc is {:.1} px wide, the sharpest image here {sharpest:.1} px; \
@@ -293,7 +291,18 @@ fn scans(
     Ok((middle, sizes_um.iter().map(scan).collect::<Result<_>>()?))
 }
 
-fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan, accepted: &Accepted) -> Result<SizeCurves> {
+/// Wave optics of the lens, also where images are drawn by rays, if it supports these settings. Nothing is
+/// drawn by it.
+fn waves_of_lens(scenario: &Scenario) -> Option<WavesRenderer> {
+    let renderer = scenario.spec.renderer();
+    if renderer.spot().is_some() {
+        return None;
+    }
+    let optics = renderer.wave_optics().cloned().unwrap_or_else(|| WaveOptics::new(GREEN_UM));
+    WavesRenderer::new(&scenario.settings, &optics, *TOLERANCES.end()).ok()
+}
+
+fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan) -> Result<SizeCurves> {
     let response = scenario.response()?;
     let noise = response.background_noise;
     let factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
@@ -309,7 +318,7 @@ fn curves(scenario: &Scenario, d_um: f64, scan: &DepthScan, accepted: &Accepted)
             let at_peak = (noise * noise + counts * peak_counts).sqrt();
             let [width_px, height_px] = spot.size_px();
             let sphere = Particle::sphere(1.0, 1.0, z_um / factor, d_um);
-            let all = accepted.of(&sphere).filter(|light| *light > 0.0);
+            let all = scenario.renderer.accepted_light(&sphere).filter(|light| *light > 0.0);
             let share = |light: f64| all.map(|all| light / all);
             DepthFacts {
                 z_um,

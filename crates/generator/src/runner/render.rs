@@ -18,6 +18,7 @@ use crate::dataset::manifest::MANIFEST;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim, Partial};
 use storage::may_write;
+use storage::table_cache::context;
 
 /// Options of [`render`].
 #[derive(Debug, Clone)]
@@ -76,7 +77,7 @@ pub fn render(options: &RenderOptions) -> Result<Rendered> {
     let file = open(&options.settings)?;
     let largest = options.renderer.largest_aperture();
     let settings = settings_file::read_immersed(file, &options.settings.display().to_string(), largest)?;
-    let renderer = options.renderer.clone().build(&settings.settings)?;
+    let renderer = options.renderer.clone().build(&settings.settings, &context())?;
     let sensor = Sensor::new(&settings.settings).with_rounding(options.rounding).with_format(options.format);
     let camera = Camera::new(renderer, sensor, Streams::new(options.seed));
     let mut warnings = settings.warnings;
@@ -200,7 +201,7 @@ pub fn render_particles(
     (rounding, format): (NoiseRounding, ImageFormat),
 ) -> Result<(Image, Vec<String>)> {
     let sensor = Sensor::new(settings).with_rounding(rounding).with_format(format);
-    let camera = Camera::new(renderer.build(settings)?, sensor, Streams::new(seed));
+    let camera = Camera::new(renderer.build(settings, &context())?, sensor, Streams::new(seed));
     let mut warnings: Vec<String> = camera.renderer().warning().into_iter().collect();
     limit(check_particles(particles, &camera, "particles")?, &mut warnings);
     let image = camera.image(particles, frame);

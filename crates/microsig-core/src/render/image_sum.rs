@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::depth_table::DepthTable;
 use super::interface::ImageStreams;
 use super::patch::{ExpectedPatch, Window};
 use crate::pool::{BufferPool, Pooled};
@@ -11,13 +12,16 @@ use crate::settings::Settings;
 /// Number of pixels that are drawn at a time.
 pub(super) const LANES: usize = 8;
 
+/// One group of values.
+pub(super) type Group = [f32; LANES];
+
 /// Rows per exposed band, and minimum number of rows of a band.
 const ROWS: usize = 64;
 
 /// A sphere to draw from a table.
 #[derive(Debug)]
-pub(super) struct SphereImage<'a, T> {
-    pub(super) table: &'a T,
+pub struct SphereImage<'a, L> {
+    pub(super) table: &'a DepthTable<L>,
     pub(super) window: Window,
     pub(super) x_px: f64,
     pub(super) y_px: f64,
@@ -28,7 +32,7 @@ pub(super) struct SphereImage<'a, T> {
 }
 
 /// A rectangle of the image.
-pub(super) struct ImageBand<'a> {
+pub struct ImageBand<'a> {
     /// Leftmost column and topmost row, px.
     pub(super) x0: i64,
     pub(super) y0: i64,

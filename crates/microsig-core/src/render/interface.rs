@@ -4,6 +4,7 @@ use std::fmt::Debug;
 
 use super::gradient::Gradient;
 use super::patch::{ExpectedPatch, Window};
+use super::tables::TablesState;
 use crate::emission::SpheroidLaw;
 use crate::error::Error;
 use crate::particle::Particle;
@@ -33,30 +34,34 @@ pub struct Description {
     pub method: &'static str,
 }
 
+/// In what the images of renderers differ.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Traits {
+    /// Name of the renderer in scenarios and manifests.
+    pub name: &'static str,
+    /// Whether the image of a particle depends on its depth.
+    pub depends_on_depth: bool,
+    /// Whether ray counts fluctuate as in a Poisson process (variance = mean, before gain), in addition to
+    /// sensor noise.
+    pub has_ray_noise: bool,
+    /// Whether light is diffracted at the lens.
+    pub is_diffracted: bool,
+    /// Whether [`Render::gradient`] computes derivatives of images.
+    pub is_differentiable: bool,
+    /// Selection of the source points of a spheroid. `None`: there is no choice.
+    pub spheroid_law: Option<SpheroidLaw>,
+}
+
 /// A method of computing particle images.
 pub trait Render: Debug + Send + Sync {
-    /// Its name in scenarios and manifests.
-    fn name(&self) -> &'static str;
+    /// In what its images differ from those of others.
+    fn traits(&self) -> Traits;
 
     /// The settings of the renderer.
     fn settings(&self) -> &Settings;
 
     /// Optics and method as text.
     fn description(&self) -> Description;
-
-    /// Whether the image of a particle depends on its depth.
-    fn depends_on_depth(&self) -> bool {
-        true
-    }
-
-    /// Whether ray counts fluctuate as in a Poisson process (variance = mean, before gain), in addition to
-    /// sensor noise.
-    fn has_ray_noise(&self) -> bool {
-        false
-    }
-
-    /// Selection of the source points of a spheroid. `None`: there is no choice.
-    fn spheroid_law(&self) -> Option<SpheroidLaw>;
 
     /// Checks that this particle can be drawn, and returns a warning about its image, if any.
     ///
@@ -69,36 +74,26 @@ pub trait Render: Debug + Send + Sync {
         None
     }
 
-    /// How far the images drawn so far miss the requested accuracy; `None` if they meet it.
-    fn shortfall(&self) -> Option<String> {
-        None
-    }
-
     /// Half width and half height of the image of a particle, px, with some margin.
     fn image_extent(&self, particle: &Particle) -> (f64, f64);
 
     /// The pixels on which [`Render::mean_patch`] draws a particle, or a part of the sensor that contains
-    /// them; fast once tables are made ([`Render::prepare`]).
+    /// them; fast once tables are made ([`Tables::prepare`]).
     fn patch_window(&self, particle: &Particle) -> Window;
 
     /// Whether light of a particle may reach the sensor.
     fn reaches_sensor(&self, particle: &Particle) -> bool;
 
-    /// Whether images are drawn from tables that take long to make.
-    fn needs_tables(&self) -> bool {
-        false
+    /// The light of a particle that the aperture accepts, which an infinite sensor would record without a
+    /// pupil mask, in the unit of [`Light`] at brightness 1; `None` if there is no aperture.
+    fn accepted_light(&self, particle: &Particle) -> Option<f64> {
+        let _ = particle;
+        None
     }
 
-    /// Number of tables that images of these particles need and that are not made yet.
-    fn missing_tables(&self, particles: &[Particle]) -> usize {
-        let _ = particles;
-        0
-    }
-
-    /// Makes the tables that images of these particles take, once for all of them; else they are made while
-    /// images are drawn.
-    fn prepare(&self, particles: &[&[Particle]]) {
-        let _ = particles;
+    /// The tables that images are drawn from, if any.
+    fn tables(&self) -> Option<&dyn Tables> {
+        None
     }
 
     /// The light of all particles of one image; `particles` are in the order of the rows of the data file.
@@ -122,17 +117,26 @@ pub trait Render: Debug + Send + Sync {
     /// sub-pixel position; `None` if no light reaches the sensor.
     fn mean_patch(&self, particle: &Particle) -> Option<ExpectedPatch>;
 
-    /// The noise-free image of one particle with its derivatives; `None` if no light reaches the sensor, and
-    /// from renderers that do not compute derivatives.
-    fn gradient(&self, particle: &Particle) -> Option<Gradient> {
-        let _ = particle;
+    /// The noise-free image of one particle at brightness 1 with its derivatives: on the pixels that it
+    /// illuminates, or, of a sphere, on those of a window, which may extend beyond the sensor. `None` if
+    /// there are no such pixels, and from renderers that do not compute derivatives.
+    fn gradient(&self, particle: &Particle, window: Option<Window>) -> Option<Gradient> {
+        let _ = (particle, window);
         None
     }
+}
 
-    /// The same for a sphere on the pixels of a window, which may extend beyond the sensor; `None` from
-    /// renderers that do not compute derivatives.
-    fn gradient_within(&self, sphere: &Particle, window: Window) -> Option<Gradient> {
-        let _ = (sphere, window);
-        None
-    }
+/// Tables that take long to make; those that are missing are made while images are drawn.
+pub trait Tables {
+    /// Number of tables that images of these particles need and that are not made yet.
+    fn missing(&self, particles: &[Particle]) -> usize;
+
+    /// Makes the tables that images of these particles take, once for all of them.
+    fn prepare(&self, particles: &[&[Particle]]);
+
+    /// Number, memory and accuracy of the tables made so far.
+    fn state(&self) -> TablesState;
+
+    /// How far the images drawn so far miss the requested accuracy; `None` if they meet it.
+    fn shortfall(&self) -> Option<String>;
 }

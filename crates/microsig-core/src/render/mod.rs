@@ -5,6 +5,7 @@
 //! [`gaussian`], classical in-focus spots. [`exact`] traces every ray in plain f64 and is the reference for
 //! the fast kernel.
 
+mod depth_table;
 pub mod exact;
 pub mod expected;
 pub mod gaussian;
@@ -13,12 +14,14 @@ mod image_sum;
 mod instructions;
 mod interface;
 mod lanes;
+mod node_layout;
 mod patch;
 pub mod rays;
 mod refinement;
 mod renderer;
 mod spline;
 mod store;
+mod tabled;
 mod tables;
 pub mod waves;
 
@@ -26,9 +29,11 @@ pub use expected::ExpectedRenderer;
 pub use gaussian::{GaussianRenderer, GaussianSpot};
 pub use gradient::Gradient;
 pub use instructions::InstructionSet;
-pub use interface::{Description, ImageStreams, Render};
+pub use interface::{Description, ImageStreams, Render, Tables, Traits};
 pub use patch::{ExpectedPatch, Patch, Window};
 pub use rays::RayRenderer;
 pub use renderer::{Renderer, RendererSpec};
-pub use store::{TableStore, keep_tables};
+pub use store::{Context, TableStore};
+pub use tabled::TabledRenderer;
+pub use tables::TablesState;
 pub use waves::{WaveOptics, WavesRenderer};

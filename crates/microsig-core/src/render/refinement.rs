@@ -32,6 +32,22 @@ impl TableRadii {
     }
 }
 
+/// What one table covers.
+#[derive(Debug, Clone, Copy)]
+pub struct TableSpan {
+    /// The range of depths, um.
+    pub(super) start_um: f64,
+    pub(super) length_um: f64,
+    pub(super) radii: TableRadii,
+}
+
+impl TableSpan {
+    /// The middle of the range of depths, um.
+    pub(super) fn middle_um(&self) -> f64 {
+        self.start_um + 0.5 * self.length_um
+    }
+}
+
 /// Number of additional planes that the spline in depth needs before and after the range.
 pub(super) const AROUND: usize = 3;
 
@@ -101,9 +117,29 @@ pub(super) struct Refinement {
 }
 
 impl Refinement {
+    /// The planes of spheres of all radii of a span, refined in depth, from planes of the smallest (`first`),
+    /// and in radius. `sample` gives the plane at a depth and of a radius (um).
+    pub(super) fn table(
+        &self,
+        span: TableSpan,
+        steps: usize,
+        first: Option<Vec<Vec<f64>>>,
+        sample: impl Fn(f64, f64) -> Vec<f64> + Sync,
+    ) -> RefinedPlanes {
+        let depths = PlaneDepths { start_um: span.start_um, length_um: span.length_um, steps };
+        let of_smallest = |z_um: f64| sample(z_um, span.radii.smallest());
+        let first = first.unwrap_or_else(|| depths.sample(of_smallest));
+        let (depths, mut planes, error) = self.planes(depths, first, of_smallest);
+        let radii = self.radii(span.radii, |radius| sample(span.middle_um(), radius));
+        for &radius in &radii[1..] {
+            planes.extend(depths.sample(|z_um| sample(z_um, radius)));
+        }
+        RefinedPlanes { depths, radii, planes, error }
+    }
+
     /// Adds planes midway between those given until the spline through them is accurate there, and returns
     /// its deviation, too. `sample` gives the plane at a depth (um).
-    pub(super) fn planes(
+    fn planes(
         &self,
         mut depths: PlaneDepths,
         mut planes: Vec<Vec<f64>>,
@@ -144,7 +180,7 @@ impl Refinement {
 
     /// The radii at which spheres are computed, um: one, or as many as interpolation between them needs.
     /// `sample` gives the plane of a radius (um).
-    pub(super) fn radii(&self, radii: TableRadii, sample: impl Fn(f64) -> Vec<f64> + Sync) -> Vec<f64> {
+    fn radii(&self, radii: TableRadii, sample: impl Fn(f64) -> Vec<f64> + Sync) -> Vec<f64> {
         let (small, large) = match radii {
             TableRadii::One(radius) => return vec![radius],
             TableRadii::Between(small, large) => (small, large),
@@ -168,6 +204,22 @@ impl Refinement {
             count += 1;
         }
     }
+}
+
+/// The planes of a table.
+pub(super) struct RefinedPlanes {
+    pub(super) depths: PlaneDepths,
+    /// Radii of the spheres, um.
+    pub(super) radii: Vec<f64>,
+    /// By radius, then by depth.
+    pub(super) planes: Vec<Vec<f64>>,
+    /// Deviation of the spline in depth.
+    pub(super) error: f64,
+}
+
+/// The largest value.
+pub(super) fn peak(values: &[f64]) -> f64 {
+    values.iter().copied().fold(f64::MIN_POSITIVE, f64::max)
 }
 
 /// The coefficients of the spline in depth at the middle one of five planes.

@@ -1,12 +1,13 @@
-//! Tables that outlive a renderer: a store, which a program may give, keeps them from run to run.
+//! Tables that outlive a renderer: a store, which a program may give in a [`Context`], keeps them from run to
+//! run.
 //!
 //! A table depends on nothing but its description, so whoever finds it in the store has the same bytes as
 //! whoever makes it.
 
 use std::fmt::Debug;
-use std::sync::OnceLock;
+use std::sync::Arc;
 
-/// Where tables of [`super::expected`] and [`super::waves`] are kept. All calls may come from many threads at
+/// Where tables of [`super::TabledRenderer`] are kept. All calls may come from many threads at
 /// once.
 pub trait TableStore: Debug + Send + Sync {
     /// The bytes kept under this description; `None` if there are none, or not the ones that were saved.
@@ -24,17 +25,11 @@ pub trait TableStore: Debug + Send + Sync {
     fn made(&self) {}
 }
 
-static STORE: OnceLock<Box<dyn TableStore>> = OnceLock::new();
-
-/// Keeps the tables of all renderers of this process in a store, from now on; `false` if there is one
-/// already.
-pub fn keep_tables(store: Box<dyn TableStore>) -> bool {
-    STORE.set(store).is_ok()
-}
-
-/// The store, if the program has given one.
-pub(super) fn store() -> Option<&'static dyn TableStore> {
-    STORE.get().map(AsRef::as_ref)
+/// What a program gives its renderers to work with; clones share it.
+#[derive(Debug, Clone, Default)]
+pub struct Context {
+    /// Keeps tables from run to run; without one, they live as long as their renderer.
+    pub tables: Option<Arc<dyn TableStore>>,
 }
 
 /// Numbers as bytes, the lowest byte first.

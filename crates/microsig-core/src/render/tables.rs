@@ -5,7 +5,9 @@ use std::sync::{Arc, PoisonError, RwLock};
 
 use rayon::prelude::*;
 
-use super::store::store;
+use super::depth_table::{DepthTable, PlaneLayout};
+use super::refinement::{TableRadii, TableSpan};
+use super::store::Context;
 use crate::particle::Particle;
 
 /// Memory of tables above which those not needed for the current image are dropped, bytes: 512 MiB.
@@ -18,17 +20,9 @@ const OWN_SIZES_PER_UM: f64 = 20.0;
 /// numbers).
 pub(super) type Key = (i64, u64, u64);
 
-/// What the shared tables need to know of a table.
-pub(super) trait Table: Send + Sync {
-    /// Its memory.
-    fn bytes(&self) -> usize;
-    /// Its largest error found.
-    fn error(&self) -> f64;
-}
-
 /// The ranges of depth and size that one table covers, um: powers of two.
 #[derive(Debug)]
-pub(super) struct TableRanges {
+pub struct TableRanges {
     pub(super) length_um: f64,
     pub(super) sizes_um: f64,
 }
@@ -56,22 +50,45 @@ impl TableRanges {
         };
         (depth, small.to_bits(), large.to_bits())
     }
+
+    /// What the table of a key covers.
+    pub(super) fn span(&self, (depth, small, large): Key) -> TableSpan {
+        let [small, large] = [small, large].map(|diameter| 0.5 * f64::from_bits(diameter));
+        let start_um = depth as f64 * self.length_um;
+        TableSpan { start_um, length_um: self.length_um, radii: TableRadii::new(small, large) }
+    }
 }
 
 /// The tables built so far.
 #[derive(Debug)]
-pub(super) struct SharedTables<T>(RwLock<BTreeMap<Key, Arc<T>>>);
+pub(super) struct SharedTables<L>(RwLock<BTreeMap<Key, Arc<DepthTable<L>>>>);
 
-impl<T> Default for SharedTables<T> {
+/// Number of tables, their memory and their accuracy.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TablesState {
+    /// Number of tables.
+    pub count: usize,
+    /// Their memory.
+    pub bytes: usize,
+    /// The largest error found in any of them, relative to the peak of an image.
+    pub error: f64,
+}
+
+impl<L> Default for SharedTables<L> {
     fn default() -> Self {
         SharedTables(RwLock::default())
     }
 }
 
-impl<T: Table> SharedTables<T> {
+impl<L: PlaneLayout> SharedTables<L> {
     /// The table of each key; missing ones are made in parallel.
-    pub(super) fn get(&self, keys: &[Key], make: impl Fn(Key) -> T + Sync) -> Vec<Arc<T>> {
-        let mut found: BTreeMap<Key, Arc<T>> = BTreeMap::new();
+    pub(super) fn get(
+        &self,
+        keys: &[Key],
+        context: &Context,
+        make: impl Fn(Key) -> DepthTable<L> + Sync,
+    ) -> Vec<Arc<DepthTable<L>>> {
+        let mut found: BTreeMap<Key, Arc<DepthTable<L>>> = BTreeMap::new();
         let mut missing: BTreeSet<Key> = BTreeSet::new();
         {
             let tables = self.0.read().unwrap_or_else(PoisonError::into_inner);
@@ -89,7 +106,7 @@ impl<T: Table> SharedTables<T> {
         if !missing.is_empty() {
             // No lock is held: another thread that needs the same table makes an identical one.
             let missing: Vec<Key> = missing.into_iter().collect();
-            store().into_iter().for_each(|store| store.begun(missing.len()));
+            context.tables.iter().for_each(|store| store.begun(missing.len()));
             let made: Vec<_> = missing.par_iter().map(|&key| (key, Arc::new(make(key)))).collect();
             found.extend(made);
             let mut tables = self.0.write().unwrap_or_else(PoisonError::into_inner);
@@ -107,12 +124,13 @@ impl<T: Table> SharedTables<T> {
         keys.filter(|key| !tables.contains_key(key)).collect::<BTreeSet<_>>().len()
     }
 
-    /// Number of tables, their memory in bytes and the largest error found in any of them.
-    pub(super) fn state(&self) -> (usize, usize, f64) {
+    pub(super) fn state(&self) -> TablesState {
         let tables = self.0.read().unwrap_or_else(PoisonError::into_inner);
-        tables.values().fold((0, 0, 0.0), |(n, bytes, error), table| {
-            (n + 1, bytes + table.bytes(), f64::max(error, table.error()))
-        })
+        TablesState {
+            count: tables.len(),
+            bytes: tables.values().map(|table| table.bytes()).sum(),
+            error: tables.values().map(|table| table.error).fold(0.0, f64::max),
+        }
     }
 }
 

@@ -28,6 +28,7 @@ use super::statistics::quantile;
 use crate::results::sheet::{Separator, TextTable};
 use scenario::{self, Scenario, spec};
 use storage::error::Result;
+use storage::table_cache::context;
 use storage::tables::truth::TRACKS;
 
 /// Error of the expected images relative to their peaks; the bound is needed to a few percent.
@@ -196,7 +197,12 @@ fn of_spot(spot: spec::Gaussian, noise: &Noise, d_um: f64) -> Option<[f64; 2]> {
 /// # Errors
 /// Settings or a particle that cannot be rendered.
 pub fn of_particle(settings: &Settings, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
-    bound(&renderer_of(rays(), settings)?, &Noise::of_rays(settings), d_um, z_um)
+    bound(
+        &renderer_of(RendererSpec::Rays { spheroids: SpheroidLaw::Original }, settings)?,
+        &Noise::of_rays(settings),
+        d_um,
+        z_um,
+    )
 }
 
 /// Camera response: a pixel with `n` rays has `slope n` counts above the background, with variance
@@ -235,16 +241,7 @@ impl Noise {
 /// The renderer of noise-free images with derivatives for the images of a scenario, on a sensor that contains
 /// them.
 fn renderer_of(spec: RendererSpec, settings: &Settings) -> Result<Renderer> {
-    let spec = match spec {
-        RendererSpec::Waves { optics, .. } => RendererSpec::Waves { optics, tolerance: TOLERANCE },
-        _ => rays(),
-    };
-    Ok(spec.build(&large(settings))?)
-}
-
-/// MicroSIG's own images, in the limit of many rays.
-fn rays() -> RendererSpec {
-    RendererSpec::Expected { spheroids: SpheroidLaw::Original, tolerance: TOLERANCE }
+    Ok(spec.with_derivatives(TOLERANCE).build(&large(settings), &context())?)
 }
 
 /// The same settings with a sensor that contains all images.
@@ -256,7 +253,7 @@ fn bound(renderer: &Renderer, noise: &Noise, d_um: f64, z_um: f64) -> Result<Opt
     let middle = f64::from(SIZE / 2 + 1);
     let particle = Particle::sphere(middle, middle, z_um, d_um);
     renderer.check(&particle)?;
-    let Some(image) = renderer.gradient(&particle) else { return Ok(None) };
+    let Some(image) = renderer.gradient(&particle, None) else { return Ok(None) };
     let mut information = [[0.0; 4]; 4];
     for [counts, by_x, by_y, by_z] in image.pixels {
         let variance = noise.background + noise.of_light * counts.max(0.0);

@@ -2,7 +2,7 @@
 
 use std::hint::black_box;
 
-use microsig_core::render::{GaussianRenderer, GaussianSpot, ImageStreams};
+use microsig_core::render::{GaussianRenderer, GaussianSpot, ImageStreams, Render};
 use microsig_core::sensor::Sensor;
 use microsig_core::stream::{Purpose, Stream, Streams};
 use microsig_core::{Particle, Settings};

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use microsig_core::render::RendererSpec;
 use microsig_core::sensor::{Image, ImageFormat};
 use serde_json::{Map, Value, json};
 
@@ -154,7 +153,8 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
 
 /// Light and objective for wave optics; `None` for other renderers.
 pub(crate) fn waves(scenario: &Scenario, image: &ParticleImage) -> Option<WaveFacts> {
-    let RendererSpec::Waves { optics, tolerance } = scenario.spec.renderer() else { return None };
+    let renderer = scenario.spec.renderer();
+    let (optics, tolerance) = (renderer.wave_optics()?, renderer.tolerance()?);
     let written = &scenario.spec.optics;
     Some(WaveFacts {
         wavelength_um: optics.wavelength_um,

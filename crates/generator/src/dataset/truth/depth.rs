@@ -7,8 +7,6 @@ use std::path::Path;
 use super::field;
 use glam::DVec3;
 use microsig_core::Particle;
-use microsig_core::render::RendererSpec;
-use microsig_core::render::waves::WavesRenderer;
 use scenario::{Scenario, Weighting};
 use storage::error::Result;
 use storage::tables::{Table, TableFile, TableWriter, column};
@@ -127,20 +125,22 @@ pub fn measure(scenario: &Scenario, stack: &DepthScan) -> Result<(Vec<DepthRow>,
         background_counts: response.background,
         background_noise_counts: noise,
         focus_um: stack.focus_um(),
-        drawn_share: drawn_share(scenario, d_um, stack)?,
+        drawn_share: drawn_share(scenario, d_um, stack),
     };
     Ok((rows, image))
 }
 
-fn drawn_share(scenario: &Scenario, d_um: f64, stack: &DepthScan) -> Result<Option<[f64; 2]>> {
-    let RendererSpec::Waves { optics, tolerance } = scenario.spec.renderer() else { return Ok(None) };
-    let renderer = WavesRenderer::new(&scenario.settings, &optics, tolerance)?;
+/// With wave optics: least and greatest share of the accepted light that images of this size have.
+fn drawn_share(scenario: &Scenario, d_um: f64, stack: &DepthScan) -> Option<[f64; 2]> {
+    if !scenario.renderer.is_diffracted() {
+        return None;
+    }
     let depth_factor = scenario.spec.optics.depth_factor.unwrap_or(1.0);
-    let shares = stack.depths_um.iter().zip(&stack.images).map(|(z_um, spot)| {
-        spot.total / renderer.accepted(&Particle::sphere(1.0, 1.0, z_um / depth_factor, d_um))
+    let shares = stack.depths_um.iter().zip(&stack.images).filter_map(|(z_um, spot)| {
+        let sphere = Particle::sphere(1.0, 1.0, z_um / depth_factor, d_um);
+        Some(spot.total / scenario.renderer.accepted_light(&sphere)?).filter(|share| share.is_finite())
     });
-    let shares = shares.filter(|share| share.is_finite());
-    Ok(shares.fold(None, |range: Option<[f64; 2]>, share| {
+    shares.fold(None, |range: Option<[f64; 2]>, share| {
         Some(range.map_or([share; 2], |[least, greatest]| [least.min(share), greatest.max(share)]))
-    }))
+    })
 }

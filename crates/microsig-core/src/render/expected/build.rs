@@ -11,13 +11,13 @@ use rayon::prelude::*;
 
 use super::aperture_integral::Fineness;
 use super::depth_table::{DepthTable, PlaneLayout};
-use super::image_model::{ImageModel, QuadrantGrid, SampleNodes, deviation, measure, peak};
-use super::interpolated::InterpolatedImage;
+use super::model::{Model, QuadrantGrid, SampleNodes, deviation, measure};
 use super::pixel_integral::AZIMUTHS;
-use super::quadrant_layout::QuadrantLayout;
 use super::radial_layout::{RadialLayout, round_spline};
 use crate::cancel::checkpoint;
-use crate::render::refinement::{PlaneDepths, Refinement, TableRadii, filtered};
+use crate::render::depth_table::PlaneLayout as _;
+use crate::render::node_layout::NodeLayout;
+use crate::render::refinement::{PlaneDepths, RefinedPlanes, Refinement, TableSpan, filtered, peak};
 use crate::render::spline;
 
 /// Allowed numbers of nodes per px of a quadrant.
@@ -33,14 +33,14 @@ const MOST_STEPS: usize = 64;
 /// Largest number of attempts at a table.
 const ATTEMPTS: usize = 4;
 
-/// The table of spheres of these radii for depths from `start_um` to `start_um + length_um` (um). If its
-/// error exceeds the tolerance, it is made again with more of what contributes most to the error.
-pub(super) fn table(model: &ImageModel, start_um: f64, length_um: f64, radii: TableRadii) -> DepthTable {
-    let fineness = model.fineness(start_um + 0.5 * length_um, radii.smallest());
+/// The table of a span. If its error exceeds the tolerance, it is made again with more of what contributes
+/// most to the error.
+pub(super) fn table(model: &Model, span: TableSpan) -> DepthTable {
+    let fineness = model.fineness(span.middle_um(), span.radii.smallest());
     let part = 0.75 * model.tolerance;
-    let mut builder = TableBuilder { model, start_um, length_um, fineness, of_nodes: part, of_depths: part };
+    let mut builder = TableBuilder { model, span, fineness, of_nodes: part, of_depths: part };
     for _ in 1..ATTEMPTS {
-        let (table, errors) = builder.table(radii);
+        let (table, errors) = builder.table();
         if table.error <= model.tolerance {
             return table;
         }
@@ -52,14 +52,13 @@ pub(super) fn table(model: &ImageModel, start_um: f64, length_um: f64, radii: Ta
             builder.of_nodes *= 0.5;
         }
     }
-    builder.table(radii).0
+    builder.table().0
 }
 
 /// A table under construction.
 struct TableBuilder<'a> {
-    model: &'a ImageModel,
-    start_um: f64,
-    length_um: f64,
+    model: &'a Model,
+    span: TableSpan,
     fineness: Fineness,
     /// Errors allowed for the spacings of nodes and of planes, relative to the peak.
     of_nodes: f64,
@@ -79,35 +78,28 @@ impl TableBuilder<'_> {
         self.model.sample(z_um, radius_um, nodes, self.fineness)
     }
 
-    fn middle(&self) -> f64 {
-        self.start_um + 0.5 * self.length_um
-    }
-
-    fn table(&self, radii: TableRadii) -> (DepthTable, Errors) {
+    fn table(&self) -> (DepthTable, Errors) {
+        let TableSpan { start_um, length_um, radii } = self.span;
         let (small, large) = (radii.smallest(), radii.largest());
         let mut reach_px = [0.0f64; 2];
         for i in 0..9 {
-            let z_um = self.start_um + self.length_um * f64::from(i) / 8.0;
+            let z_um = start_um + length_um * f64::from(i) / 8.0;
             let more = self.model.reach(z_um, large);
             (0..2).for_each(|axis| reach_px[axis] = reach_px[axis].max(more[axis]));
         }
         let (nodes, of_nodes) = self.nodes(small, large, reach_px);
         let refinement = Refinement { deviation, allowed: self.of_depths, most_steps: MOST_STEPS };
-        let depths = PlaneDepths { start_um: self.start_um, length_um: self.length_um, steps: STEPS };
-        let of_small = |z_um: f64| self.sample(z_um, small, nodes);
-        let (depths, mut planes, of_depths) = refinement.planes(depths, depths.sample(of_small), of_small);
-        let radii = refinement.radii(radii, |radius| self.sample(self.middle(), radius, nodes));
-        for &radius in &radii[1..] {
-            planes.extend(depths.sample(|z_um| self.sample(z_um, radius, nodes)));
-        }
+        let RefinedPlanes { depths, radii, planes, error: of_depths } =
+            refinement.table(self.span, STEPS, None, |z_um, radius| self.sample(z_um, radius, nodes));
         let (layout, coefficients) = self.coefficients(planes, nodes, depths);
+        let planes = depths.steps + 3;
         let mut table = DepthTable {
-            start_um: self.start_um,
+            start_um,
             step_um: depths.step_um(),
-            planes: depths.steps + 3,
+            planes,
             radii,
             layout,
-            reach_px,
+            reach_px: vec![reach_px; planes],
             coefficients,
             error: 0.0,
         };
@@ -137,14 +129,15 @@ impl TableBuilder<'_> {
             last = Some(found);
         }
         let reach = |z_um: f64| self.model.reach(z_um, large)[0];
-        let rings = || RadialLayout::new(self.start_um, self.length_um, self.model.farthest_px[0], reach);
+        let TableSpan { start_um, length_um, .. } = self.span;
+        let rings = || RadialLayout::new(start_um, length_um, self.model.farthest_px[0], reach);
         last.filter(|_| !round).unwrap_or_else(|| (SampleNodes::Radial(rings()), 0.0))
     }
 
     /// Error of the least-squares spline of a quadrant at a fraction of the depth range.
     fn spline_error(&self, radius_um: f64, quadrant: QuadrantGrid, share: f64) -> f64 {
         let columns = quadrant.columns / 2;
-        let z_um = self.start_um + share * self.length_um;
+        let z_um = self.span.start_um + share * self.span.length_um;
         let values = self.sample(z_um, radius_um, SampleNodes::Quadrant(quadrant));
         let plane = spline::fit_plane(&values, columns);
         deviation(&spline::plane_at_half_nodes(&plane, columns), &values)
@@ -187,16 +180,10 @@ impl TableBuilder<'_> {
             }
             SampleNodes::Quadrant(QuadrantGrid { per_px, columns, rows }) => {
                 let (per_px, columns, rows) = (per_px / 2, columns / 2, rows / 2);
-                let layout = QuadrantLayout::new(per_px, columns, rows);
+                let layout = NodeLayout::new(per_px, [columns, rows], true);
                 let mut coefficients = vec![0.0f32; splines.len() * layout.length()];
                 for (plane, out) in splines.iter().zip(coefficients.chunks_mut(layout.length())) {
-                    for (line, out) in plane.chunks(columns).zip(out.chunks_mut(layout.row())) {
-                        for (column, &value) in line.iter().enumerate() {
-                            if let Some(place) = layout.place(column) {
-                                out[place] = value as f32;
-                            }
-                        }
-                    }
+                    layout.store(plane, out, |value| value as f32);
                 }
                 (PlaneLayout::Quadrant(layout), coefficients)
             }
@@ -207,17 +194,13 @@ impl TableBuilder<'_> {
     /// resolution; and the part of it that is due to the resolution.
     fn errors(&self, table: &DepthTable, nodes: SampleNodes) -> (f64, f64) {
         let Fineness(fine) = self.fineness;
-        let z_um = self.start_um + table.step_um * (((table.planes - 3) / 2) as f64 + 0.5);
-        let radius_um = match table.radii[..] {
-            [a, b, ..] => 0.5 * (a + b),
-            [a] => a,
-            [] => return (0.0, 0.0),
-        };
+        let (z_um, radius_um) = table.between_nodes();
         // Quadrants are computed on twice as many nodes already.
         let nodes = if let SampleNodes::Radial(_) = nodes { nodes.finer() } else { nodes };
         let truth = self.model.sample(z_um, radius_um, nodes, Fineness(1.5 * fine));
-        let interpolated = InterpolatedImage::new(table, z_um, radius_um);
-        let ours: Vec<f64> = nodes.places(z_um).into_iter().map(|[x, y]| interpolated.at(x, y)[0]).collect();
+        let plane = table.plane_at(z_um, radius_um);
+        let ours: Vec<f64> =
+            nodes.places(z_um).into_iter().map(|[x, y]| table.layout.at(&plane, x, y)[0]).collect();
         let error = deviation(&ours, &truth);
         let of_resolution = if error > self.model.tolerance {
             deviation(&self.sample(z_um, radius_um, nodes), &truth)

@@ -7,10 +7,10 @@
 //! run over whole groups and have the same length for a whole sphere: the superfluous work at the corners
 //! costs less than mispredicted branches.
 
-use super::depth_table::DepthTable;
-use super::quadrant_layout::{Group, QuadrantLayout};
+use super::depth_table::PlaneLayout;
 use crate::bspline;
-use crate::render::image_sum::{ImageBand, LANES, SphereImage};
+use crate::render::image_sum::{Group, ImageBand, LANES, SphereImage};
+use crate::render::node_layout::NodeLayout;
 use crate::render::patch::Window;
 
 /// Number of zero groups before and after a line: the last group of pixels may extend beyond the nodes.
@@ -35,8 +35,8 @@ impl QuadrantInterpolator {
     #[inline(always)]
     pub(super) fn add(
         &mut self,
-        sphere: &SphereImage<DepthTable>,
-        layout: &QuadrantLayout,
+        sphere: &SphereImage<PlaneLayout>,
+        layout: &NodeLayout,
         band: &mut ImageBand,
     ) {
         let Window { x0, width, .. } = sphere.window;
@@ -78,8 +78,8 @@ impl QuadrantInterpolator {
     #[inline(always)]
     fn blend(
         &mut self,
-        sphere: &SphereImage<DepthTable>,
-        layout: &QuadrantLayout,
+        sphere: &SphereImage<PlaneLayout>,
+        layout: &NodeLayout,
         rows: &std::ops::Range<usize>,
         line: usize,
     ) {
@@ -186,7 +186,7 @@ impl Axis {
     }
 
     /// The rows of nodes that contribute to `pixels` pixel rows; rows beyond the axis are mirror images.
-    fn nodes(&self, pixels: usize, layout: &QuadrantLayout) -> std::ops::Range<usize> {
+    fn nodes(&self, pixels: usize, layout: &NodeLayout) -> std::ops::Range<usize> {
         let (first, last) = (self.cell - 1, self.cell + 2 + ((pixels - 1) * layout.per_px) as isize);
         let crosses = first <= 0 && 0 <= last;
         let nearest = if crosses { 0 } else { first.unsigned_abs().min(last.unsigned_abs()) };
@@ -206,7 +206,7 @@ struct Across {
 }
 
 impl Across {
-    fn new(axis: &Axis, layout: &QuadrantLayout) -> Across {
+    fn new(axis: &Axis, layout: &NodeLayout) -> Across {
         let line = (BEFORE + BEHIND) * LANES + 2 * layout.run;
         let (middle, per_px) = ((BEFORE * LANES + layout.run) as isize, layout.per_px as isize);
         let starts = [-1, 0, 1, 2].map(|k| {

@@ -5,10 +5,9 @@
 //! are then loaded one by one and evaluated in vectors. Only + and * in a fixed order, never fused, and
 //! correctly rounded roots and quotients occur: every instruction set gives the same bits.
 
-use super::depth_table::DepthTable;
-use super::quadrant_layout::Group;
+use super::depth_table::PlaneLayout;
 use super::radial_layout::RadialLayout;
-use crate::render::image_sum::{ImageBand, LANES, SphereImage};
+use crate::render::image_sum::{Group, ImageBand, LANES, SphereImage};
 use crate::render::patch::Window;
 
 /// Adding and subtracting this rounds a number below 2^22 to the nearest integer.
@@ -56,7 +55,7 @@ impl RadialInterpolator {
     #[inline(always)]
     pub(super) fn add(
         &mut self,
-        sphere: &SphereImage<DepthTable>,
+        sphere: &SphereImage<PlaneLayout>,
         rings: &RadialLayout,
         band: &mut ImageBand,
     ) {
@@ -92,7 +91,7 @@ impl RadialInterpolator {
 
     /// Interpolates the coefficients of the planes.
     #[inline(always)]
-    fn blend(&mut self, sphere: &SphereImage<DepthTable>, rings: &RadialLayout) {
+    fn blend(&mut self, sphere: &SphereImage<PlaneLayout>, rings: &RadialLayout) {
         let (columns, length) = (rings.columns, rings.columns + 4);
         self.lines.clear();
         self.lines.resize(rings.orders * length, 0.0);

@@ -1,8 +1,13 @@
 //! Limits on settings and particles whose expected images would take unbounded computation.
 
+use std::collections::BTreeMap;
+use std::sync::{PoisonError, RwLock};
+
+use super::model::Model;
 use super::pupil::Pupil;
 use crate::error::{Error, Fault};
 use crate::particle::Particle;
+use crate::render::tables::{Key, TableRanges};
 use crate::settings::Settings;
 
 /// Largest deflection by a cylindrical lens, px; a stronger lens is rejected.
@@ -41,4 +46,23 @@ pub(super) fn check_cells(settings: &Settings, particle: &Particle, cells: f64) 
          sensor, a greater tolerance, or rays",
         particle.d_um, particle.z_um
     )))
+}
+
+/// Number of aperture cells per image, by table.
+#[derive(Debug, Default)]
+pub(super) struct KnownCells(RwLock<BTreeMap<Key, f64>>);
+
+impl KnownCells {
+    /// Number of aperture cells needed for the image of this sphere at the middle of the depth range of its
+    /// table.
+    pub(super) fn of(&self, model: &Model, ranges: &TableRanges, sphere: &Particle) -> f64 {
+        let key = ranges.key(sphere);
+        let known = self.0.read().unwrap_or_else(PoisonError::into_inner).get(&key).copied();
+        known.unwrap_or_else(|| {
+            let span = ranges.span(key);
+            let cells = model.cells(span.middle_um(), span.radii.largest());
+            self.0.write().unwrap_or_else(PoisonError::into_inner).insert(key, cells);
+            cells
+        })
+    }
 }

@@ -4,7 +4,8 @@
 //! the rim, so that edges keep their positions relative to the nodes from plane to plane.
 
 use super::pixel_integral::{self, AZIMUTHS};
-
+use crate::bspline;
+use crate::render::depth_table::InterpolatedPlane;
 use crate::render::spline::{self, SplineDegree};
 use crate::render::store::{Reader, Writer};
 
@@ -16,7 +17,7 @@ const MOST_GROWTH: f64 = 0.4;
 
 /// Nodes along the radius, for each azimuthal order.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct RadialLayout {
+pub struct RadialLayout {
     middle_um: f64,
     /// Relative growth of the node spacing with depth, 1/um.
     growth: f64,
@@ -88,6 +89,44 @@ impl RadialLayout {
     /// Number of values per plane.
     pub(super) fn length(&self) -> usize {
         self.orders * self.columns
+    }
+
+    /// The image and its derivatives, as [`crate::render::depth_table::PlaneLayout::at`]: f0(r) + f4(r) cos 4
+    /// psi + f8(r) cos 8 psi + ...
+    pub(super) fn at(&self, plane: &InterpolatedPlane, dx: f64, dy: f64) -> [f64; 4] {
+        let (columns, per_px) = (self.columns, self.per_px(plane.z_um));
+        let r2 = dx * dx + dy * dy;
+        let r = libm::sqrt(r2);
+        let node = libm::floor(r * per_px + 0.5);
+        let (weights, slopes) = bspline::quadratic(r * per_px - node);
+        let near = [0, 1, 2].map(|i| (node as isize + i - 1).unsigned_abs());
+        // On the axis, orders above 0 and all lateral derivatives vanish.
+        let inverse = if r2 > 0.0 { 1.0 / r2 } else { 0.0 };
+        let cross = dx * dy * inverse;
+        let cos4 = 1.0 - 8.0 * cross * cross;
+        // The derivative of the azimuth psi is (-dy, dx) / r^2; sin 4 psi = 4 cos psi sin psi (cos^2 -
+        // sin^2).
+        let sin4 = 4.0 * cross * (dx * dx - dy * dy) * inverse;
+        let radial = [dx, dy].map(|d| if r > 0.0 { d / r } else { 0.0 });
+        let mut sum = [0.0; 4];
+        // cos and sin of the next order, by the addition theorem.
+        let (mut cosine, mut sine) = (1.0, 0.0);
+        for (order, (values, by_z)) in plane.value.chunks(columns).zip(plane.by_z.chunks(columns)).enumerate()
+        {
+            let (factor, by_azimuth) = (cosine, -4.0 * order as f64 * sine);
+            (cosine, sine) = (cosine * cos4 - sine * sin4, sine * cos4 + cosine * sin4);
+            let along = |line: &[f64], weights: [f64; 3]| -> f64 {
+                let c = |node: usize| line.get(node).copied().unwrap_or(0.0);
+                (0..3).map(|i| weights[i] * c(near[i])).sum()
+            };
+            let (value, slope) = (along(values, weights), along(values, slopes) * per_px);
+            sum[0] += factor * value;
+            sum[1] += factor * slope * radial[0] - by_azimuth * value * dy * inverse;
+            sum[2] += factor * slope * radial[1] + by_azimuth * value * dx * inverse;
+            // The node spacing depends on depth: the image is stretched.
+            sum[3] += factor * (along(by_z, weights) + slope * r * self.per_px_by_z(plane.z_um));
+        }
+        sum
     }
 }
 

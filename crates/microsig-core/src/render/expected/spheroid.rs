@@ -2,7 +2,7 @@
 
 use super::accumulator::Grid;
 use super::aperture_integral::{Fineness, PupilPart};
-use super::image_model::ImageModel;
+use super::model::Model;
 use super::surface::EmittingSurface;
 use crate::emission::{self, GoldenAzimuths, SpheroidLaw};
 use crate::particle::Particle;
@@ -10,7 +10,7 @@ use crate::render::patch::Window;
 use crate::settings::Settings;
 
 /// The emitting surface of a spheroid: the source points selected by `law`.
-pub(super) fn surface(settings: &Settings, law: SpheroidLaw, particle: &Particle) -> EmittingSurface {
+fn surface(settings: &Settings, law: SpheroidLaw, particle: &Particle) -> EmittingSurface {
     let (mut azimuths, mut points) = (GoldenAzimuths::default(), Vec::new());
     let n = emission::surface_points(settings, particle);
     emission::shining_points(particle, n, law, &mut azimuths, &mut points);
@@ -20,17 +20,19 @@ pub(super) fn surface(settings: &Settings, law: SpheroidLaw, particle: &Particle
 
 /// Light on the pixels of a window, in rays.
 pub(super) fn patch(
-    model: &ImageModel,
+    model: &Model,
     settings: &Settings,
-    surface: &EmittingSurface,
-    [x_px, y_px, z_um]: [f64; 3],
+    law: SpheroidLaw,
+    particle: &Particle,
     window: Window,
 ) -> Vec<f32> {
-    let first_px = [window.x0 as f64 - x_px, window.y0 as f64 - y_px];
+    let surface = surface(settings, law, particle);
+    let first_px = [window.x0 as f64 - particle.x_px, window.y0 as f64 - particle.y_px];
     let grid = Grid { per_px: 1, first_px, columns: window.width, rows: window.height };
     // Finer than where refinement starts, as nothing refines it.
     let fineness = Fineness(1.5 * Fineness::first(model.tolerance).0);
-    let mut light = model.integral(z_um, surface, grid).light(PupilPart::Whole, fineness, model.instructions);
+    let integral = model.integral(particle.z_um, &surface, grid);
+    let mut light = integral.light(PupilPart::Whole, fineness, model.instructions);
     let rays = (surface.points.len() as f64 * (f64::from(settings.n_rays) + 1.0)) as f32;
     light.iter_mut().for_each(|v| *v *= rays);
     light

@@ -18,12 +18,11 @@ mod spot;
 use rayon::prelude::*;
 
 use crate::cancel::checkpoint;
-use crate::emission::SpheroidLaw;
 use crate::error::{Error, Fault};
 use crate::particle::Particle;
 use crate::pool::BufferPool;
 use crate::render::instructions::InstructionSet;
-use crate::render::interface::{Description, ImageStreams, Render};
+use crate::render::interface::{Description, ImageStreams, Render, Traits};
 use crate::render::patch::{ExpectedPatch, Window};
 use crate::sensor::{Image, Light, Sensor};
 use crate::settings::Settings;
@@ -120,7 +119,7 @@ impl GaussianRenderer {
 
     /// The light of all particles of one image. At each pixel they are summed in the order of the first rows
     /// of their footprints, in steps of 8 px, then in the order of the list.
-    pub fn light(&self, particles: &[Particle]) -> Light {
+    pub fn draw(&self, particles: &[Particle]) -> Light {
         let mut light = Light::dark(&self.settings);
         let spots = self.spots(particles);
         // Bands of pixels, not particles, are distributed to threads, so that sums do not depend on the
@@ -129,25 +128,18 @@ impl GaussianRenderer {
         bands.enumerate().for_each(|(band, pixels)| self.band(&spots, band * BAND, pixels));
         light
     }
-
-    /// The exposure of [`GaussianRenderer::light`] by `sensor`, which must have the settings of the renderer;
-    /// faster, because light is computed and exposed band by band.
-    pub fn image(&self, particles: &[Particle], sensor: &Sensor, random: ImageStreams<'_>) -> Image {
-        let spots = self.spots(particles);
-        sensor.expose_bands(
-            self.sensor(),
-            BAND,
-            random.streams,
-            random.noise,
-            random.frame,
-            |first, pixels| self.band(&spots, first, pixels),
-        )
-    }
 }
 
 impl Render for GaussianRenderer {
-    fn name(&self) -> &'static str {
-        "gaussian"
+    fn traits(&self) -> Traits {
+        Traits {
+            name: "gaussian",
+            depends_on_depth: false,
+            has_ray_noise: false,
+            is_diffracted: false,
+            is_differentiable: false,
+            spheroid_law: None,
+        }
     }
 
     fn description(&self) -> Description {
@@ -165,20 +157,21 @@ impl Render for GaussianRenderer {
         }
     }
 
-    fn depends_on_depth(&self) -> bool {
-        false
-    }
-
-    fn spheroid_law(&self) -> Option<SpheroidLaw> {
-        None
-    }
-
     fn light(&self, particles: &[Particle], _: &Streams, _: Purpose, _: u32) -> Light {
-        GaussianRenderer::light(self, particles)
+        self.draw(particles)
     }
 
+    /// Faster than an exposure of the light, because light is computed and exposed band by band.
     fn image(&self, particles: &[Particle], sensor: &Sensor, random: ImageStreams<'_>) -> Image {
-        GaussianRenderer::image(self, particles, sensor, random)
+        let spots = self.spots(particles);
+        sensor.expose_bands(
+            self.sensor(),
+            BAND,
+            random.streams,
+            random.noise,
+            random.frame,
+            |first, pixels| self.band(&spots, first, pixels),
+        )
     }
 
     fn settings(&self) -> &Settings {
@@ -267,7 +260,7 @@ mod tests {
                 // Across the edge of two panels, and of two bands.
                 for (x, y) in places.into_iter().chain([(64.2, 127.9), (62.7, 129.3)]) {
                     let particle = Particle { c_int: 0.8, ..Particle::sphere(x, y, 50.0, 2.0) };
-                    let light = renderer.light(&[particle]);
+                    let light = renderer.draw(&[particle]);
                     for (k, &value) in light.values.iter().enumerate() {
                         let expected = integral(spot, &particle, k % width as usize, k / width as usize);
                         // Skipped pixels would receive less than NEGLIGIBLE; the others are accurate to 5e-6
@@ -290,7 +283,7 @@ mod tests {
         let all = std::f64::consts::PI * SPOT.diameter_px * SPOT.diameter_px / 8.0 * SPOT.peak_counts;
         for step in 0..20 {
             let shift = f64::from(step) / 20.0;
-            let light = renderer.light(&[Particle::sphere(21.0 + shift, 21.0 - 0.7 * shift, 0.0, 1.0)]);
+            let light = renderer.draw(&[Particle::sphere(21.0 + shift, 21.0 - 0.7 * shift, 0.0, 1.0)]);
             let total: f64 = light.values.iter().sum();
             // Neglected: the tails beyond exp(-8 r^2 / d^2) = 0.05 / 1000 along both axes.
             assert!((total / all - 1.0).abs() < 5e-5, "{total} {all}");
@@ -309,13 +302,13 @@ mod tests {
                 Particle::sphere(at(2_654_435_769, 306.0) - 3.0, at(1_640_531_527, 506.0) - 3.0, 0.0, 2.0)
             })
             .collect();
-        let light = renderer.light(&particles);
+        let light = renderer.draw(&particles);
         for set in InstructionSet::available() {
-            assert!(light == renderer.clone().with_instruction_set(set).light(&particles), "{set}");
+            assert!(light == renderer.clone().with_instruction_set(set).draw(&particles), "{set}");
         }
         for threads in [1, 3] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            assert!(light == pool.install(|| renderer.light(&particles)), "{threads} threads");
+            assert!(light == pool.install(|| renderer.draw(&particles)), "{threads} threads");
         }
         assert!(light.values.iter().all(|v| *v >= 0.0) && light.values.iter().any(|v| *v > 1500.0));
     }
@@ -333,7 +326,7 @@ mod tests {
             let noise = Purpose::BackgroundNoise;
             let random = ImageStreams { streams: &streams, rays: Purpose::Rays, noise, frame: 2 };
             let image = renderer.image(&particles, &sensor, random);
-            assert!(image == sensor.expose(&renderer.light(&particles), &streams, noise, 2));
+            assert!(image == sensor.expose(&renderer.draw(&particles), &streams, noise, 2));
             assert!(image.counts.values().any(|count| count > 500.0));
         }
     }

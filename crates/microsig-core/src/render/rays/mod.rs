@@ -18,7 +18,7 @@ use crate::error::{Error, shown};
 use crate::optics::{self, OpticalSystem, Ray};
 use crate::particle::{Particle, Spheroid};
 use crate::render::instructions::InstructionSet;
-use crate::render::interface::{Description, Render};
+use crate::render::interface::{Description, Render, Traits};
 use crate::render::patch::{ExpectedPatch, Patch, Window};
 use crate::sensor::Light;
 use crate::settings::Settings;
@@ -221,8 +221,15 @@ impl RayRenderer {
 }
 
 impl Render for RayRenderer {
-    fn name(&self) -> &'static str {
-        "rays"
+    fn traits(&self) -> Traits {
+        Traits {
+            name: "rays",
+            depends_on_depth: true,
+            has_ray_noise: true,
+            is_diffracted: false,
+            is_differentiable: false,
+            spheroid_law: Some(self.law),
+        }
     }
 
     fn description(&self) -> Description {
@@ -231,14 +238,6 @@ impl Render for RayRenderer {
             method: "traces rays from points on each particle through the lens (model: M. Rossi, Meas. Sci. Technol. 31, \
                      017003, 2020)",
         }
-    }
-
-    fn has_ray_noise(&self) -> bool {
-        true
-    }
-
-    fn spheroid_law(&self) -> Option<SpheroidLaw> {
-        Some(self.law)
     }
 
     fn mean_light(&self, particle: &Particle) -> Light {
@@ -316,6 +315,20 @@ impl Render for RayRenderer {
         let center =
             on(particle.x_px, self.settings.pixel_dim_x) && on(particle.y_px, self.settings.pixel_dim_y);
         center || self.window(particle).area() > 0
+    }
+
+    /// Of spheres.
+    fn accepted_light(&self, particle: &Particle) -> Option<f64> {
+        if particle.elongated().is_some() {
+            return None;
+        }
+        let Settings { numerical_aperture: na, focal_length, magnification, .. } = self.settings;
+        let distance = focal_length * (1.0 + 1.0 / magnification);
+        // The source points of a sphere, on the half that faces the lens, are nearer by half its radius.
+        let of_points = distance + particle.z_um - 0.25 * particle.d_um;
+        let tangent = na / (1.0 - na * na).sqrt() * distance / of_points;
+        let share = 1.0 - 1.0 / (1.0 + tangent * tangent).sqrt();
+        Some(emission::emitted_rays(&self.settings, particle) * share)
     }
 
     fn light(&self, particles: &[Particle], streams: &Streams, purpose: Purpose, frame: u32) -> Light {

@@ -8,10 +8,11 @@
 
 use rayon::prelude::*;
 
-use super::layout::Layout;
+use super::layout::{Layout, Table};
 use super::model::{Exposure, Frame, Light, Model, Scope};
-use super::table::{Interpolated, Table};
-use crate::render::refinement::{AROUND, PlaneDepths, Refinement, TableRadii, filtered};
+use crate::render::depth_table::PlaneLayout;
+use crate::render::node_layout::NodeLayout;
+use crate::render::refinement::{AROUND, PlaneDepths, RefinedPlanes, Refinement, TableSpan, filtered, peak};
 
 /// Nodes per px of a plane that are tried, and the number used if none of these is sufficient.
 const DENSITIES: [usize; 5] = [1, 2, 3, 4, 6];
@@ -39,9 +40,7 @@ const MIN_SHARE: f64 = 0.005;
 /// The input for building a table.
 pub(super) struct Draft<'a> {
     pub(super) model: &'a Model,
-    pub(super) start_um: f64,
-    pub(super) length_um: f64,
-    pub(super) radii: TableRadii,
+    pub(super) span: TableSpan,
     /// Maximum distance of pixels from a particle's image along x and y, px.
     pub(super) farthest_px: [f64; 2],
 }
@@ -54,7 +53,7 @@ impl Draft<'_> {
         while table.error > self.model.tolerance && share > MIN_SHARE {
             share *= 0.25;
             let model = self.model.with_share(share * self.model.tolerance, 1.0);
-            let again = Draft { model: &model, ..*self }.widened(table.edge_px);
+            let again = Draft { model: &model, ..*self }.widened(table.layout.edge_px);
             let helped = again.error < 0.8 * table.error;
             if again.error < table.error {
                 table = again;
@@ -96,7 +95,8 @@ impl Draft<'_> {
     /// edge.
     fn reaches(&self, frame: &Frame) -> Vec<[f64; 2]> {
         let exposure = self.model.exposure(frame, 1);
-        let depths: Vec<f64> = (0..3).map(|i| self.start_um + 0.5 * self.length_um * f64::from(i)).collect();
+        let TableSpan { start_um, length_um, .. } = self.span;
+        let depths: Vec<f64> = (0..3).map(|i| start_um + 0.5 * length_um * f64::from(i)).collect();
         let reach = |z_um: &f64| {
             self.reach(&self.model.plane(&self.model.light(frame, *z_um, self.large()), &exposure), &exposure)
         };
@@ -104,22 +104,22 @@ impl Draft<'_> {
     }
 
     fn small(&self) -> f64 {
-        self.radii.smallest()
+        self.span.radii.smallest()
     }
 
     fn large(&self) -> f64 {
-        self.radii.largest()
+        self.span.radii.largest()
     }
 
     fn end_um(&self) -> f64 {
-        self.start_um + self.length_um
+        self.span.start_um + self.span.length_um
     }
 
     fn frame(&self, edge_px: [usize; 2], fineness: f64) -> Frame {
         // Includes the planes before and after the range.
-        let around = self.length_um * AROUND as f64 / STEPS as f64;
+        let around = self.span.length_um * AROUND as f64 / STEPS as f64;
         self.model.frame(Scope {
-            from_um: self.start_um - around,
+            from_um: self.span.start_um - around,
             to_um: self.end_um() + around,
             radius_um: self.large(),
             edge_px,
@@ -155,7 +155,7 @@ impl Draft<'_> {
 
     /// The ends of the range of depths (um) and the half axes of the geometric images there, px.
     fn rims(&self) -> Vec<(f64, [f64; 2])> {
-        let mut depths = vec![self.start_um, self.end_um()];
+        let mut depths = vec![self.span.start_um, self.end_um()];
         depths.dedup();
         depths.into_iter().map(|z_um| (z_um, self.model.rim_px(z_um, self.large()))).collect()
     }
@@ -198,25 +198,18 @@ impl Draft<'_> {
 
     fn on_frame(&self, frame: &Frame) -> Table {
         let (model, small) = (self.model, self.small());
-        let depths = PlaneDepths { start_um: self.start_um, length_um: self.length_um, steps: STEPS };
+        let TableSpan { start_um, length_um, .. } = self.span;
+        let depths = PlaneDepths { start_um, length_um, steps: STEPS };
         let lights = depths.sample(|z_um| model.light(frame, z_um, small));
         let exposure = self.exposure(frame, &lights);
         let first = lights.iter().map(|light| model.plane(light, &exposure)).collect();
         let refinement = Refinement { deviation, allowed: PART * model.tolerance, most_steps: MAX_STEPS };
-        let (depths, mut planes, _) =
-            refinement.planes(depths, first, |z_um| self.plane(frame, &exposure, z_um, small));
-        let middle = self.start_um + 0.5 * self.length_um;
-        let radii = refinement.radii(self.radii, |radius| self.plane(frame, &exposure, middle, radius));
-        for &radius in &radii[1..] {
-            planes.extend(depths.sample(|z_um| self.plane(frame, &exposure, z_um, radius)));
-        }
-        let mut table = self.assemble(planes, depths, radii, (frame.scope.edge_px, &exposure));
-        table.error = self.error(&table, frame.scope.edge_px);
+        let refined = refinement.table(self.span, STEPS, Some(first), |z_um, radius_um| {
+            model.plane(&model.light(frame, z_um, radius_um), &exposure)
+        });
+        let mut table = self.assemble(refined, frame.scope.edge_px, &exposure);
+        table.error = self.error(&table);
         table
-    }
-
-    fn plane(&self, frame: &Frame, exposure: &Exposure, z_um: f64, radius_um: f64) -> Vec<f64> {
-        self.model.plane(&self.model.light(frame, z_um, radius_um), exposure)
     }
 
     /// The exposure with the fewest nodes per px whose spline reproduces the light between them.
@@ -246,14 +239,9 @@ impl Draft<'_> {
     }
 
     /// Converts planes of all radii to splines, fades them out, and collects them in a table.
-    fn assemble(
-        &self,
-        mut planes: Vec<Vec<f64>>,
-        depths: PlaneDepths,
-        radii: Vec<f64>,
-        (edge_px, exposure): ([usize; 2], &Exposure),
-    ) -> Table {
-        let layout = exposure.layout.clone();
+    fn assemble(&self, refined: RefinedPlanes, edge_px: [usize; 2], exposure: &Exposure) -> Table {
+        let RefinedPlanes { depths, radii, mut planes, .. } = refined;
+        let layout = &exposure.layout;
         let steps = depths.steps;
         let of_one = depths.planes();
         // The extent at each depth is the maximum over all sizes.
@@ -264,21 +252,20 @@ impl Draft<'_> {
             })
             .collect();
         for of_size in planes.chunks_mut(of_one) {
-            of_size.iter_mut().zip(&reaches).for_each(|(plane, reach)| self.fade(plane, *reach, &layout));
+            of_size.iter_mut().zip(&reaches).for_each(|(plane, reach)| self.fade(plane, *reach, layout));
         }
         let mut coefficients = vec![0.0f32; radii.len() * (steps + 3) * layout.length()];
         let windows = planes.chunks(of_one).flat_map(|of_size| of_size.windows(5));
         for (five, out) in windows.zip(coefficients.chunks_exact_mut(layout.length())) {
-            layout.store(&filtered(five), out);
+            layout.store(&filtered(five), out, |value| value as f32);
         }
         Table {
-            start_um: self.start_um,
+            start_um: self.span.start_um,
             step_um: depths.step_um(),
             planes: steps + 3,
             radii,
             reach_px: reaches[AROUND - 1..][..steps + 3].to_vec(),
-            edge_px,
-            layout,
+            layout: Layout { nodes: layout.clone(), edge_px },
             coefficients,
             error: 0.0,
         }
@@ -287,7 +274,7 @@ impl Draft<'_> {
     /// Half width and half height (px) of the part of a plane that is brighter than the cut.
     fn reach(&self, plane: &[f64], exposure: &Exposure) -> [f64; 2] {
         let cut = self.cut() * peak(plane);
-        let Layout { per_px, columns, origin, .. } = exposure.layout;
+        let NodeLayout { per_px, columns, origin, .. } = exposure.layout;
         let mut far = [0; 2];
         for (row, line) in plane.chunks_exact(columns).enumerate() {
             let lit = |value: &f64| value.abs() > cut;
@@ -302,8 +289,8 @@ impl Draft<'_> {
 
     /// Lets a plane fade out over the last pixel of its extent (px). Cut off at whole pixels, an image would
     /// extend farther on one side than on the other, and its centroid would be shifted.
-    fn fade(&self, plane: &mut [f64], reach_px: [f64; 2], layout: &Layout) {
-        let Layout { per_px, columns, rows, origin, .. } = *layout;
+    fn fade(&self, plane: &mut [f64], reach_px: [f64; 2], layout: &NodeLayout) {
+        let NodeLayout { per_px, columns, rows, origin, .. } = *layout;
         let along = |axis: usize, nodes: usize| -> Vec<f64> {
             let place_px = |node: usize| node.abs_diff(origin[axis]) as f64 / per_px as f64;
             (0..nodes).map(|node| (reach_px[axis] + 0.5 - place_px(node)).clamp(0.0, 1.0)).collect()
@@ -316,18 +303,15 @@ impl Draft<'_> {
 
     /// Error of the finished table relative to an image computed with finer discretization, as a fraction of
     /// the peak.
-    fn error(&self, table: &Table, edge_px: [usize; 2]) -> f64 {
-        let z_um = self.start_um + table.step_um * (((table.planes - 3) / 2) as f64 + 0.5);
-        let radius_um = match table.radii[..] {
-            [a, b, ..] => 0.5 * (a + b),
-            _ => self.small(),
-        };
+    fn error(&self, table: &Table) -> f64 {
+        let ((z_um, radius_um), edge_px) = (table.between_nodes(), table.layout.edge_px);
         let finer = self.model.with_share(0.2 * self.model.share.min(SHARE * self.model.tolerance), 0.25);
         let frame = finer.frame(Scope { from_um: z_um, to_um: z_um, radius_um, edge_px, fineness: 1.3 });
         let [x, y] = edge_px.map(|edge| positions(edge, 2 * edge, frame.is_mirrored()));
         let truth = finer.probe(&finer.light(&frame, z_um, radius_um), &finer.probes(&frame, [&x, &y]));
-        let ours = Interpolated::new(table, z_um, radius_um);
-        let differ = |(i, truth): (usize, &f64)| (ours.at(x[i % x.len()], y[i / x.len()])[0] - truth).abs();
+        let (layout, plane) = (&table.layout, table.plane_at(z_um, radius_um));
+        let ours = |i: usize| layout.at(&plane, x[i % x.len()], y[i / x.len()])[0];
+        let differ = |(i, truth): (usize, &f64)| (ours(i) - truth).abs();
         let largest = truth.iter().enumerate().map(differ).fold(0.0, f64::max);
         largest / peak(&truth)
     }
@@ -344,10 +328,6 @@ fn positions(edge_px: usize, count: usize, mirrored: bool) -> Vec<f64> {
 
 /// Number of positions along an axis at which densities are compared.
 const PROBES: usize = 48;
-
-fn peak(values: &[f64]) -> f64 {
-    values.iter().copied().fold(f64::MIN_POSITIVE, f64::max)
-}
 
 /// The largest error of values, as a fraction of the peak.
 fn deviation(ours: &[f64], truth: &[f64]) -> f64 {

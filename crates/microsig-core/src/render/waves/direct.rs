@@ -22,7 +22,7 @@ impl WavesRenderer {
     /// Images of spheres of the diameter `d_um` (0 for a point) at these depths (um, from and to), on pixels
     /// up to `edge_px` from the particle along both axes.
     pub fn single_images(&self, [from_um, to_um]: [f64; 2], d_um: f64, edge_px: [usize; 2]) -> SingleImages {
-        let model = self.model().with_share(self.model().share, 1.0);
+        let model = self.model.model.with_share(self.model.model.share, 1.0);
         self.single_images_of(model, [from_um, to_um], d_um, edge_px)
     }
 
@@ -33,8 +33,8 @@ impl WavesRenderer {
         d_um: f64,
         edge_px: [usize; 2],
     ) -> SingleImages {
-        let na = self.settings.numerical_aperture;
-        let step_um = STEP_DEPTHS * self.optics.wavelength_um / (na * na);
+        let na = self.model.settings.numerical_aperture;
+        let step_um = STEP_DEPTHS * self.model.optics.wavelength_um / (na * na);
         let radius_um = 0.5 * d_um;
         let (from_um, to_um) = (from_um - step_um, to_um + step_um);
         let frame = model.frame(Scope { from_um, to_um, radius_um, edge_px, fineness: 1.0 });
@@ -48,7 +48,7 @@ impl WavesRenderer {
     pub fn share_at(&self, z_um: f64, d_um: f64, places: &[[f64; 2]]) -> Vec<f64> {
         // Uses more modes than tables, as the cost is small here, and modes that are weak in the light of a
         // large bead may be strong in its faint middle.
-        let model = self.model().with_share(0.01 * self.model().share, 1.0);
+        let model = self.model.model.with_share(0.01 * self.model.model.share, 1.0);
         let far = |axis: usize| places.iter().map(|place| place[axis].abs()).fold(0.0, f64::max);
         let edge_px = [0, 1].map(|axis| libm::ceil(far(axis)) as usize + 1);
         self.single_images_of(model, [z_um, z_um], d_um, edge_px).shares(z_um, places)

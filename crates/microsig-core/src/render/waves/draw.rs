@@ -7,38 +7,11 @@
 //! same bits.
 
 use super::layout::Layout;
-use super::table::Table;
 use crate::bspline::{self, QUINTIC_TAPS as TAPS};
 use crate::render::image_sum::{ImageBand, LANES, SphereImage};
-use crate::render::instructions::InstructionSet;
+use crate::render::node_layout::NodeLayout;
 use crate::render::patch::Window;
-
-/// Adds spheres to a band, in order.
-pub(super) fn draw<'a>(
-    instructions: InstructionSet,
-    spheres: impl Iterator<Item = SphereImage<'a, Table>>,
-    band: ImageBand<'_>,
-) {
-    instructions.dispatch(Draw { spheres, band });
-}
-
-struct Draw<'b, I> {
-    spheres: I,
-    band: ImageBand<'b>,
-}
-
-impl<'a, I: Iterator<Item = SphereImage<'a, Table>>> pulp::WithSimd for Draw<'_, I> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        let Draw { spheres, mut band } = self;
-        let mut scratch = Scratch::default();
-        for sphere in spheres {
-            scratch.add(&sphere, &mut band);
-        }
-    }
-}
+use crate::render::tabled;
 
 /// Position of pixels relative to the nodes along an axis: consecutive pixels are `per_px` nodes apart and
 /// have the same weights.
@@ -56,7 +29,7 @@ impl Axis {
     }
 
     /// The stored nodes that contribute to `pixels` pixels.
-    fn nodes(&self, pixels: usize, layout: &Layout, origin: usize, end: usize) -> std::ops::Range<usize> {
+    fn nodes(&self, pixels: usize, layout: &NodeLayout, origin: usize, end: usize) -> std::ops::Range<usize> {
         let last = self.first + (TAPS - 1 + (pixels - 1) * layout.per_px) as isize;
         if !layout.mirrored {
             let within = |node: isize| (node + origin as isize).clamp(0, end as isize) as usize;
@@ -74,7 +47,7 @@ const PADDING: usize = 2 * LANES;
 
 /// Working memory for rendering.
 #[derive(Default)]
-struct Scratch {
+pub struct Pen {
     /// A row of nodes, ordered by phase.
     nodes: Vec<f32>,
     /// The same row: for each phase, the mirror image and the row itself.
@@ -83,16 +56,13 @@ struct Scratch {
     values: Vec<f32>,
 }
 
-impl Scratch {
+impl tabled::Pen<Layout> for Pen {
     #[inline(always)]
-    fn add(&mut self, sphere: &SphereImage<Table>, band: &mut ImageBand) {
+    fn add(&mut self, sphere: &SphereImage<Layout>, band: &mut ImageBand) {
         let Window { x0, width, .. } = sphere.window;
         let pixel_rows = band.rows(&sphere.window);
-        if width == 0 || pixel_rows.is_empty() {
-            return;
-        }
         let top = pixel_rows.start;
-        let layout = &sphere.table.layout;
+        let layout = &sphere.table.layout.nodes;
         let count = (pixel_rows.end - top) as usize;
         let down = Axis::new(top, sphere.y_px, layout.per_px);
         let across = Axis::new(x0, sphere.x_px, layout.per_px);
@@ -119,21 +89,23 @@ impl Scratch {
             }
         }
     }
+}
 
+impl Pen {
     /// The spline's values at the columns of pixels, for each row of nodes, from `run` nodes of each phase.
     /// One row after the other, so that nodes and line stay in the cache.
     #[inline(always)]
     fn values_at_columns(
         &mut self,
-        sphere: &SphereImage<Table>,
-        layout: &Layout,
+        sphere: &SphereImage<Layout>,
+        layout: &NodeLayout,
         rows: &std::ops::Range<usize>,
         (axis, run): (&Axis, usize),
         (width, columns): (usize, usize),
     ) {
         let per_px = layout.per_px;
         let length = (2 * (run + PADDING)).max(2 * PADDING + columns);
-        let Scratch { nodes, line, values } = self;
+        let Pen { nodes, line, values } = self;
         nodes.resize(per_px * run, 0.0);
         line.clear();
         line.resize(per_px * length, 0.0);
@@ -149,7 +121,7 @@ impl Scratch {
             node.rem_euclid(per_px as isize) as usize * length + place
         });
         let masked = columns - LANES;
-        let planes: Vec<[(f32, &[f32]); 4]> = (sphere.table.around(sphere.z_um, sphere.radius_um))
+        let planes: Vec<[(f32, &[f32]); 4]> = (sphere.table.planes_around(sphere.z_um, sphere.radius_um))
             .map(|four| four.map(|plane| ((plane.weight * sphere.light) as f32, plane.coefficients)))
             .collect();
         for (row, values) in rows.clone().zip(values.chunks_exact_mut(columns)) {

@@ -16,7 +16,6 @@ mod band;
 mod bead;
 mod bessel;
 mod build;
-mod cache;
 mod cylinder;
 mod direct;
 mod draw;
@@ -34,39 +33,27 @@ mod quadrant;
 mod quadrature;
 mod sources;
 mod spheroid;
-mod table;
 mod zernike;
 
-use std::sync::Arc;
-
-use super::expected::TOLERANCES;
-use super::gradient::Gradient;
-use super::image_sum::{self, ImageSum, SphereImage};
 use super::instructions::InstructionSet;
-use super::interface::{Description, ImageStreams, Render};
-use super::patch::{ExpectedPatch, Window};
+use super::interface::{Description, Render, Traits};
 use super::rays::RayRenderer;
-use crate::cancel::checkpoint;
-use crate::emission::SpheroidLaw;
+use super::refinement::TableSpan;
+use super::tabled::{self, ImageModel, Source, TabledRenderer};
+use super::tables::TableRanges;
+use crate::emission::{SpheroidLaw, emitted_rays};
 use crate::error::Error;
 use crate::particle::Particle;
-use crate::pool::BufferPool;
-use crate::sensor::{Image, Light, Sensor};
 use crate::settings::Settings;
-use crate::stream::{Purpose, Streams};
-use cache::TableCache;
+use build::Draft;
 pub use cylinder::Cylinder;
 pub use direct::SingleImages;
 use general::{Disc, Obstacles};
+use layout::{Layout, Table};
 use model::Model;
 pub use options::{Emission, Layers, Lens, Mask, Pinhole, PupilFunction, WaveOptics};
 use pupil::Pupil;
-use sources::Source;
-use table::{Interpolated, Table};
 use zernike::Aberration;
-
-/// Number of sources after which those gathered are drawn, which bounds the tables held at a time.
-const SOURCES: usize = 1024;
 
 /// Path differences over the pupil in paraxial focus, waves, above which an objective is not used as
 /// designed.
@@ -92,15 +79,19 @@ const MIN_NEAR: f64 = 0.5;
 /// assert!(peak > 1000.0 && peak < 1300.0, "a diffraction-limited image, near the sharpest");
 /// # Ok::<(), microsig_core::Error>(())
 /// ```
-#[derive(Debug, Clone)]
-pub struct WavesRenderer {
+pub type WavesRenderer = TabledRenderer<Waves>;
+
+/// Images by wave optics.
+#[derive(Debug)]
+pub struct Waves {
     settings: Settings,
     optics: WaveOptics,
     /// Checks of settings and particles that all renderers share.
     rays: RayRenderer,
-    cache: Arc<TableCache>,
-    /// Working memory, kept from image to image.
-    images: BufferPool<Vec<f32>>,
+    model: Model,
+    /// Maximum distance of pixels from a particle's image along x and y, px.
+    farthest_px: [f64; 2],
+    ranges: TableRanges,
 }
 
 impl WavesRenderer {
@@ -109,7 +100,7 @@ impl WavesRenderer {
     ///
     /// # Errors
     /// [`Error::Malformed`] if a setting or option is out of range, [`Error::Unsupported`] for settings that
-    /// this renderer does not support and for a tolerance outside [`TOLERANCES`].
+    /// this renderer does not support and for a tolerance outside [`super::expected::TOLERANCES`].
     pub fn new(settings: &Settings, optics: &WaveOptics, tolerance: f64) -> Result<Self, Error> {
         Self::on(InstructionSet::best(), settings, optics, tolerance)
     }
@@ -124,13 +115,7 @@ impl WavesRenderer {
         optics: &WaveOptics,
         tolerance: f64,
     ) -> Result<Self, Error> {
-        if !TOLERANCES.contains(&tolerance) {
-            return Err(Error::Unsupported(format!(
-                "tolerance = {tolerance}: expected {} to {}, a fraction of an image's peak",
-                TOLERANCES.start(),
-                TOLERANCES.end()
-            )));
-        }
+        tabled::check_tolerance(tolerance)?;
         settings.validate_immersed(optics.lens.largest_aperture(optics.layers.as_ref()))?;
         optics.validate(settings)?;
         // The directions that an aplanatic lens accepts, in the medium: MicroSIG's aperture is for air.
@@ -149,8 +134,6 @@ impl WavesRenderer {
                 settings.cyl_focal_length
             )));
         }
-        let margin = Self::margin(settings);
-        let farthest_px = [settings.pixel_dim_x, settings.pixel_dim_y].map(|size| f64::from(size) + margin);
         let obstacles = obstacles(optics, pupil.has_cylinder());
         let inner_um = match optics.pupil.mask {
             Mask::Annulus { inner } => pupil.q(inner * pupil.radius()),
@@ -168,167 +151,48 @@ impl WavesRenderer {
             instructions,
             pupil,
         };
-        Ok(WavesRenderer {
+        let objective = model.pupil.system.objective;
+        let px_per_um = objective.image_distance / objective.object_distance_0 / model.pixel_um;
+        // For a wide aperture, light from near the rim lands far away.
+        let slope = (model.pupil.radius() / objective.object_distance_0).min(0.3);
+        let waves = Waves {
             settings: settings.clone(),
             optics: optics.clone(),
             rays,
-            cache: Arc::new(TableCache::new(model, farthest_px)),
-            images: BufferPool::default(),
-        })
-    }
-
-    /// Maximum distance (px) from the sensor of a particle whose light falls on it.
-    fn margin(settings: &Settings) -> f64 {
-        (f64::from(settings.pixel_dim_x.max(settings.pixel_dim_y)) / 2.0).max(50.0)
+            farthest_px: tabled::farthest_px(settings),
+            // Within a table, the edge of an image moves by about 8 px, and sizes of images differ by 2 px.
+            ranges: TableRanges::up_to(8.0 / (px_per_um * slope), 2.0 / px_per_um),
+            model,
+        };
+        Ok(TabledRenderer::of(waves, instructions))
     }
 
     /// The light and the optics.
     pub fn optics(&self) -> &WaveOptics {
-        &self.optics
-    }
-
-    /// Largest error of an image due to tables, as a fraction of its peak.
-    pub fn tolerance(&self) -> f64 {
-        self.model().tolerance
+        &self.model.optics
     }
 
     /// Radius of the first dark ring of the aberration-free image of a point in focus, px: 0.61 lambda M /
     /// (NA pixel_size).
     pub fn airy_radius_px(&self) -> f64 {
-        self.optics.airy_radius_px(&self.settings)
+        self.model.optics.airy_radius_px(&self.model.settings)
     }
 
     /// Largest difference of optical paths over the pupil for a point on the axis at depth `z_um`, waves,
     /// without the cylindrical lens.
     pub fn path_difference_waves(&self, z_um: f64) -> f64 {
-        self.model().pupil.own_spread(z_um) / self.optics.wavelength_um
-    }
-
-    fn model(&self) -> &Model {
-        &self.cache.model
-    }
-
-    /// Builds the tables for these particles in advance.
-    pub fn prepare(&self, particles: &[Particle]) {
-        self.cache.tables(self.tabled(particles.iter()).iter());
-    }
-
-    /// The counts of one particle; `None` if none of its light can fall on the sensor.
-    pub fn patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
-        let sources = self.sources(particle, 1.0);
-        self.drawn(&sources, self.windows(&sources))
-    }
-
-    /// The pixels on which light of the sources falls.
-    fn windows(&self, sources: &[Source]) -> Window {
-        let tables = self.tables_of(sources);
-        let windows = sources.iter().zip(&tables).map(|(source, table)| self.window(&source.at, table));
-        windows.fold(Window::default(), Window::joined)
-    }
-
-    /// The sources on a window that contains theirs.
-    fn drawn(&self, sources: &[Source], window: Window) -> Option<ExpectedPatch> {
-        let tables = self.tables_of(sources);
-        image_sum::patch(window, |band| {
-            let spheres = sources.iter().zip(&tables).map(|(source, table)| self.sphere(source, table));
-            draw::draw(self.model().instructions, spheres, band);
-        })
-    }
-
-    /// The counts of one particle with their derivatives: for spheres from the tables, for spheroids by
-    /// differences. `None` if none of its light can fall on the sensor.
-    pub fn gradient(&self, particle: &Particle) -> Option<Gradient> {
-        if particle.elongated().is_some() {
-            return self.gradient_by_differences(particle);
-        }
-        let table = self.cache.tables(std::iter::once(particle)).remove(0);
-        let window = self.window(particle, &table);
-        if window.area() == 0 {
-            return None;
-        }
-        Some(self.gradient_on(particle, &table, window))
-    }
-
-    /// The same for a sphere on the pixels of the given window, for fits to a part of an image. The window
-    /// may extend beyond the sensor.
-    pub fn gradient_within(&self, particle: &Particle, window: Window) -> Gradient {
-        let table = self.cache.tables(std::iter::once(particle)).remove(0);
-        self.gradient_on(particle, &table, window)
-    }
-
-    fn gradient_on(&self, particle: &Particle, table: &Table, window: Window) -> Gradient {
-        let interpolated = Interpolated::new(table, particle.z_um, 0.5 * particle.d_um);
-        Gradient::new(window, particle, self.total(particle), |dx, dy| interpolated.at(dx, dy))
-    }
-
-    /// Sums the light of all particles of one image.
-    pub fn light(&self, particles: &[Particle]) -> Light {
-        self.draw_all(particles).light(&self.settings)
-    }
-
-    /// Renders all particles of one image.
-    fn draw_all(&self, particles: &[Particle]) -> ImageSum<'_> {
-        let mut image = ImageSum::new(&self.settings, &self.images);
-        let mut sources = Vec::new();
-        for particle in particles {
-            sources.extend(self.sources(particle, particle.c_int));
-            if sources.len() >= SOURCES {
-                self.add(&sources, &mut image);
-                sources.clear();
-            }
-        }
-        self.add(&sources, &mut image);
-        image
-    }
-
-    fn add(&self, sources: &[Source], image: &mut ImageSum<'_>) {
-        checkpoint();
-        let tables = self.tables_of(sources);
-        let order = by_depth(sources, &tables);
-        image.add(|band| {
-            let spheres = order.iter().map(|&at| self.sphere(&sources[at], &tables[at]));
-            draw::draw(self.model().instructions, spheres, band);
-        });
-    }
-
-    fn tables_of(&self, sources: &[Source]) -> Vec<Arc<Table>> {
-        self.cache.tables(sources.iter().map(|source| &source.at))
-    }
-
-    /// Number of tables, their memory in bytes, and their largest error as a fraction of an image's peak.
-    pub fn tables(&self) -> (usize, usize, f64) {
-        self.cache.state()
-    }
-
-    fn sphere<'a>(&self, Source { at, light }: &Source, table: &'a Table) -> SphereImage<'a, Table> {
-        SphereImage {
-            table,
-            window: self.window(at, table),
-            x_px: at.x_px,
-            y_px: at.y_px,
-            z_um: at.z_um,
-            radius_um: 0.5 * at.d_um,
-            light: *light,
-        }
-    }
-
-    fn window(&self, particle: &Particle, table: &Table) -> Window {
-        let sensor = (self.settings.pixel_dim_x, self.settings.pixel_dim_y);
-        let [x, y] = table.reach(particle.z_um);
-        Window::around(particle.x_px, particle.y_px, (x, y), sensor)
+        self.model.path_difference_waves(z_um)
     }
 }
 
-/// The sources in an order in which neighbors use the same planes of the same tables, which then stay in the
-/// processor's cache.
-fn by_depth(sources: &[Source], tables: &[Arc<Table>]) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..sources.len()).collect();
-    order.sort_by(|&a, &b| {
-        let key = |at: usize| [tables[at].radii[0], sources[at].at.z_um];
-        let ([radius_a, z_a], [radius_b, z_b]) = (key(a), key(b));
-        radius_a.total_cmp(&radius_b).then(z_a.total_cmp(&z_b)).then(a.cmp(&b))
-    });
-    order
+impl Waves {
+    fn path_difference_waves(&self, z_um: f64) -> f64 {
+        self.model.pupil.own_spread(z_um) / self.optics.wavelength_um
+    }
+
+    fn draft(&self, span: TableSpan) -> Draft<'_> {
+        Draft { model: &self.model, span, farthest_px: self.farthest_px }
+    }
 }
 
 /// Mask, aberrations and rotated cylinder, if they break the pupil's mirror symmetries; `None` otherwise.
@@ -351,21 +215,25 @@ fn obstacles(optics: &WaveOptics, cylinder: bool) -> Option<Obstacles> {
     (!simple || turn != 0.0 || !aberration.is_none()).then_some(Obstacles { discs, aberration, turn })
 }
 
-impl Render for WavesRenderer {
-    fn name(&self) -> &'static str {
-        "waves"
+impl ImageModel for Waves {
+    type Layout = Layout;
+    type Pen = draw::Pen;
+
+    const IMAGES: &'static str = "images by wave optics";
+
+    fn traits(&self) -> Traits {
+        Traits {
+            name: "waves",
+            depends_on_depth: true,
+            has_ray_noise: false,
+            is_diffracted: true,
+            is_differentiable: true,
+            spheroid_law: None,
+        }
     }
 
-    fn needs_tables(&self) -> bool {
-        true
-    }
-
-    fn missing_tables(&self, particles: &[Particle]) -> usize {
-        self.cache.missing(self.tabled(particles.iter()).iter())
-    }
-
-    fn prepare(&self, particles: &[&[Particle]]) {
-        self.cache.tables(self.tabled(particles.iter().copied().flatten()).iter());
+    fn settings(&self) -> &Settings {
+        &self.settings
     }
 
     fn description(&self) -> Description {
@@ -381,52 +249,12 @@ impl Render for WavesRenderer {
         }
     }
 
-    fn spheroid_law(&self) -> Option<SpheroidLaw> {
-        None
-    }
-
-    fn settings(&self) -> &Settings {
-        &self.settings
-    }
-
-    fn check(&self, particle: &Particle) -> Result<Option<String>, Error> {
-        let shape = particle.elongated();
-        let (near_um, slow) = match &shape {
-            None => (0.0, self.slow_sphere(particle.d_um)),
-            Some(spheroid) => {
-                let slow = self.check_spheroid(particle.d_um, spheroid)?;
-                (spheroid::half_extents(0.5 * particle.d_um, spheroid)[0], slow)
-            }
-        };
-        if let Some(layers) = &self.optics.layers
-            && layers.focus_depth_um + particle.z_um - near_um < 0.0
-        {
-            return Err(Error::Unsupported(format!(
-                "z = {} um: it would lie inside the cover slip, whose inner face is at z = {} um (focus_depth_um)",
-                particle.z_um, -layers.focus_depth_um
-            )));
-        }
-        // What it warns of, few source points, does not matter here.
-        self.rays.check(particle)?;
-        let (settings, margin) = (&self.settings, Self::margin(&self.settings));
-        let outside = |at: f64, size: u32| (0.5 - at).max(at - f64::from(size) - 0.5);
-        let farthest = outside(particle.x_px, settings.pixel_dim_x)
-            .max(outside(particle.y_px, settings.pixel_dim_y))
-            + shape.map_or(0.0, |shape| self.half_image_px(particle, &shape));
-        if farthest > margin && self.rays.reaches_sensor(particle) {
-            return Err(Error::Unsupported(format!(
-                "it reaches {farthest:.1} px outside the sensor, and its light falls on it; wave optics supports particles up to {margin} px outside"
-            )));
-        }
-        Ok(slow)
-    }
-
     fn warning(&self) -> Option<String> {
         let na = self.settings.numerical_aperture;
         let scalar = self.optics.scalar_warning(na);
         let Settings { pixel_dim_x, pixel_dim_y, pixel_size, .. } = self.settings;
         let radius_um = 0.5 * libm::hypot(f64::from(pixel_dim_x), f64::from(pixel_dim_y)) * pixel_size;
-        let near = self.model().pupil.share_within(0.0, radius_um);
+        let near = self.model.pupil.share_within(0.0, radius_um);
         let lost = (self.optics.lens == Lens::Microsig && near < MIN_NEAR).then(|| {
             format!(
                 "only {:.0} % of the light that the aperture accepts at z = 0 lands on the sensor: MicroSIG's lens is not \
@@ -445,48 +273,91 @@ impl Render for WavesRenderer {
         (!warnings.is_empty()).then(|| warnings.join("; "))
     }
 
-    fn shortfall(&self) -> Option<String> {
-        let ((_, _, error), tolerance) = (self.tables(), self.tolerance());
-        (error > tolerance).then(|| {
-            format!("errors of images by wave optics are up to {error:.1e} of their peaks, above the tolerance of {tolerance:.1e}")
-        })
+    fn tolerance(&self) -> f64 {
+        self.model.tolerance
     }
 
-    fn image_extent(&self, particle: &Particle) -> (f64, f64) {
+    fn rays(&self) -> &RayRenderer {
+        &self.rays
+    }
+
+    fn check(&self, particle: &Particle) -> Result<Option<String>, Error> {
+        let (near_um, slow) = match &particle.elongated() {
+            None => (0.0, self.slow_sphere(particle.d_um)),
+            Some(spheroid) => {
+                let slow = self.check_spheroid(particle.d_um, spheroid)?;
+                (spheroid::half_extents(0.5 * particle.d_um, spheroid)[0], slow)
+            }
+        };
+        if let Some(layers) = &self.optics.layers
+            && layers.focus_depth_um + particle.z_um - near_um < 0.0
+        {
+            return Err(Error::Unsupported(format!(
+                "z = {} um: it would lie inside the cover slip, whose inner face is at z = {} um (focus_depth_um)",
+                particle.z_um, -layers.focus_depth_um
+            )));
+        }
+        // What it warns of, few source points, does not matter here.
+        self.rays.check(particle)?;
+        Ok(slow)
+    }
+
+    fn spread_px(&self, particle: &Particle) -> Option<f64> {
+        Some(particle.elongated().map_or(0.0, |shape| self.half_image_px(particle, &shape)))
+    }
+
+    fn extent_px(&self, particle: &Particle) -> (f64, f64) {
         // The extents of a particle that is not drawn, since it is too large, would take as long as its
         // image.
-        match Render::check(self, particle) {
-            Ok(_) => self.extent_px(particle).into(),
+        match tabled::check(self, particle) {
+            Ok(_) => self.drawn_extent_px(particle).into(),
             Err(_) => self.rays.image_extent(particle),
         }
     }
 
-    fn patch_window(&self, particle: &Particle) -> Window {
-        self.windows(&self.sources(particle, 1.0))
+    fn accepted_light(&self, particle: &Particle) -> Option<f64> {
+        Some(self.accepted(particle))
     }
 
-    fn reaches_sensor(&self, particle: &Particle) -> bool {
-        self.rays.reaches_sensor(particle)
+    fn sources(&self, particle: &Particle, factor: f64, out: &mut Vec<Source>) {
+        let light = factor * emitted_rays(&self.settings, particle);
+        match particle.elongated() {
+            None => out.push(Source { at: *particle, light, is_direct: false }),
+            Some(spheroid) => out.extend(self.emitters(particle, &spheroid, light)),
+        }
     }
 
-    fn gradient(&self, particle: &Particle) -> Option<Gradient> {
-        WavesRenderer::gradient(self, particle)
+    fn tabled(&self, particle: &Particle, out: &mut Vec<Particle>) {
+        match particle.elongated() {
+            None => out.push(*particle),
+            Some(spheroid) => out.extend(self.depths(particle, &spheroid)),
+        }
     }
 
-    fn gradient_within(&self, sphere: &Particle, window: Window) -> Option<Gradient> {
-        Some(WavesRenderer::gradient_within(self, sphere, window))
+    /// Neighbors use the same planes of the same tables, which then stay in the processor's cache.
+    fn arrange(&self, sources: &mut [Source]) {
+        let smallest = |source: &Source| self.ranges.key(&source.at).1;
+        sources.sort_by(|a, b| smallest(a).cmp(&smallest(b)).then(a.at.z_um.total_cmp(&b.at.z_um)));
     }
 
-    fn mean_patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
-        Some(self.patch(particle)?.scaled(particle.c_int))
+    fn ranges(&self) -> &TableRanges {
+        &self.ranges
     }
 
-    fn light(&self, particles: &[Particle], _: &Streams, _: Purpose, _: u32) -> Light {
-        WavesRenderer::light(self, particles)
+    fn parameters(&self) -> String {
+        self.model.parameters()
     }
 
-    fn image(&self, particles: &[Particle], sensor: &Sensor, random: ImageStreams<'_>) -> Image {
-        self.draw_all(particles).exposed(sensor, random)
+    fn cut_parameters(&self) -> Option<String> {
+        Some(format!("{:?}", self.farthest_px))
+    }
+
+    fn is_cut(&self, layout: &Layout) -> bool {
+        (0..2).any(|axis| layout.edge_px[axis] >= libm::ceil(self.farthest_px[axis]) as usize)
+    }
+
+    fn build(&self, span: TableSpan) -> Table {
+        self.draft(span).table()
     }
 }
 

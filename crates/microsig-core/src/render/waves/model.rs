@@ -4,7 +4,6 @@ use super::band::Line;
 use super::bead::{self, Ring};
 use super::general::{General, Obstacles};
 use super::hankel::{Hankel, Profile};
-use super::layout::Layout;
 use super::modes::{Bead, Modes};
 use super::options::Emission;
 use super::pixel::{self, Axis};
@@ -13,6 +12,7 @@ use super::quadrant::Quadrant;
 use crate::bspline::{self, QUINTIC_TAPS as TAPS};
 use crate::cancel::checkpoint;
 use crate::render::instructions::InstructionSet;
+use crate::render::node_layout::NodeLayout;
 
 /// Margin beyond the edge that is computed but not rendered, px, because the Fourier series is periodic.
 const MARGIN_PX: f64 = 4.0;
@@ -82,7 +82,7 @@ pub(super) struct Light {
 /// Conversion of a frame's light to spline coefficients of the light on square pixels.
 #[derive(Debug)]
 pub(super) struct Exposure {
-    pub(super) layout: Layout,
+    pub(super) layout: NodeLayout,
     /// The two axes for each grid of the light.
     axes: Vec<[Axis; 2]>,
 }
@@ -114,7 +114,7 @@ impl Model {
     }
 
     /// All parameters that determine images, as text with exact numbers.
-    pub(super) fn description(&self) -> String {
+    pub(super) fn parameters(&self) -> String {
         let Model {
             pupil,
             pixel_um,
@@ -240,7 +240,8 @@ impl Model {
             let make = if mirrored { Axis::even } else { Axis::both };
             make(frame.grid[axis], step_px, side[axis], per_px)
         });
-        Exposure { axes, layout: Layout::new(per_px, side, mirrored) }
+        let nodes = if mirrored { side } else { side.map(|side| 2 * side - 1) };
+        Exposure { axes, layout: NodeLayout::new(per_px, nodes, mirrored) }
     }
 
     /// Probes of this frame's light on pixels at the given columns and rows, px from the particle.
@@ -457,8 +458,7 @@ impl Model {
         line: &Line,
         useful: Option<f64>,
     ) -> Modes {
-        let end = useful.unwrap_or(self.pupil.aperture());
-        let rings = self.rings(radius_um, end);
+        let rings = self.rings(radius_um, useful.unwrap_or(self.pupil.aperture()));
         let (k, share) = (line.k(), self.share);
         Bead { pupil: &self.pupil, radii, weights, z_um, rings: &rings, k, useful, share }.modes()
     }

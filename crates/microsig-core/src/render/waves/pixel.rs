@@ -48,22 +48,20 @@ impl Axis {
     /// From values at k `step_px`, k < `grid`, to coefficients at k / `per_px`, k < `nodes`, for light that
     /// is even about the particle.
     pub(super) fn even(grid: usize, step_px: f64, nodes: usize, per_px: usize) -> Axis {
-        // A value also represents its mirror image.
-        let twice = |j: usize| if j == 0 { 1.0 } else { 2.0 };
-        let waves = Waves::of_nodes(grid, step_px, nodes, per_px).sums(libm::cos);
-        let by_node =
-            waves.chunks_exact(grid).flat_map(|row| row.iter().enumerate().map(|(j, w)| twice(j) * w));
-        Axis::new(grid, by_node.collect())
+        Axis::mirrored(&Waves::of_nodes(grid, step_px, nodes, per_px))
     }
 
     /// From the same values to the light on pixels at given positions (px from the particle), without a
     /// spline.
     pub(super) fn even_at(grid: usize, step_px: f64, places_px: &[f64]) -> Axis {
-        let twice = |j: usize| if j == 0 { 1.0 } else { 2.0 };
-        let waves = Waves::of_places(grid, step_px, places_px).sums(libm::cos);
-        let by_node =
-            waves.chunks_exact(grid).flat_map(|row| row.iter().enumerate().map(|(j, w)| twice(j) * w));
-        Axis::new(grid, by_node.collect())
+        Axis::mirrored(&Waves::of_places(grid, step_px, places_px))
+    }
+
+    fn mirrored(waves: &Waves) -> Axis {
+        let mut by_node = waves.sums(libm::cos);
+        // A value also represents its mirror image.
+        by_node.chunks_exact_mut(waves.grid).for_each(|row| row[1..].iter_mut().for_each(|w| *w *= 2.0));
+        Axis::new(waves.grid, by_node)
     }
 
     /// [`Axis::even_at`] for values on both sides of the particle, without symmetry.

@@ -1,29 +1,21 @@
-//! What is drawn from tables: spheres, and the emitters of spheroids.
+//! What is drawn from tables: spheres, and the emitters of spheroids, which are spheres of diameter 0.
 
-use super::WavesRenderer;
+use super::Waves;
 use super::spheroid::{self, Emitter, MANY_EMITTERS, MAX_EMITTERS};
-use crate::emission;
+use crate::emission::emitted_rays;
 use crate::error::{Error, shown};
 use crate::particle::{Particle, Spheroid};
-use crate::render::gradient::Gradient;
-use crate::render::patch::Window;
+use crate::render::refinement::{TableRadii, TableSpan};
+use crate::render::tabled::Source;
 
 /// Radius of a sphere times the largest wave number across the optical axis, above which its modes take
 /// seconds: the extent of its image is then derived from that of a sphere of this size.
 const LARGEST_RIM_PHASE: f64 = 30.0;
 
-/// A sphere, or an emitter of a spheroid, which is a sphere of diameter 0.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Source {
-    pub(super) at: Particle,
-    /// Light emitted toward the lens, in rays.
-    pub(super) light: f64,
-}
-
-impl WavesRenderer {
+impl Waves {
     /// Refuses spheroids that cannot be drawn; a warning about those that take long.
     pub(super) fn check_spheroid(&self, d_um: f64, spheroid: &Spheroid) -> Result<Option<String>, Error> {
-        let model = self.model();
+        let model = &self.model;
         if model.pupil.has_coma() {
             return Err(Error::Unsupported(
                 "it is a spheroid, which waves draw with lens: aplanatic only (rays and expected draw them with MicroSIG's lens)"
@@ -59,64 +51,44 @@ impl WavesRenderer {
 
     /// Whether a sphere has very many modes.
     fn is_large(&self, radius_um: f64) -> bool {
-        self.model().k_sine() * radius_um > LARGEST_RIM_PHASE
+        self.model.k_sine() * radius_um > LARGEST_RIM_PHASE
     }
 
-    /// What is drawn from tables for a particle whose brightness is multiplied by `factor`: the particle, or
-    /// the emitters of a spheroid.
-    pub(super) fn sources(&self, particle: &Particle, factor: f64) -> Vec<Source> {
-        let light = factor * self.total(particle);
-        let model = self.model();
-        let Some(spheroid) = particle.elongated() else { return vec![Source { at: *particle, light }] };
+    /// The emitters of a spheroid, each with its share of `light`.
+    pub(super) fn emitters<'a>(
+        &'a self,
+        particle: &'a Particle,
+        spheroid: &Spheroid,
+        light: f64,
+    ) -> impl Iterator<Item = Source> + use<'a> {
+        let model = &self.model;
         let [along, across] = model.pupil.magnifications().map(|m| m / self.settings.pixel_size);
         let (sine, cosine) = libm::sincos(self.optics.cyl_angle_deg.to_radians());
-        let source = |Emitter { at: [e1, e2, e3], weight }| {
+        let source = move |Emitter { at: [e1, e2, e3], weight }| {
             // Along the axes of the cylindrical lens and back.
             let (x, y) = (along * (e2 * cosine + e3 * sine), across * (e3 * cosine - e2 * sine));
             let (x_px, y_px) = (particle.x_px + x * cosine - y * sine, particle.y_px + x * sine + y * cosine);
-            Source { at: Particle::sphere(x_px, y_px, particle.z_um + e1, 0.0), light: light * weight }
+            let at = Particle::sphere(x_px, y_px, particle.z_um + e1, 0.0);
+            Source { at, light: light * weight, is_direct: false }
         };
-        let emitters = spheroid::emitters(0.5 * particle.d_um, &spheroid, model.emission, model.k_sine());
-        emitters.into_iter().map(source).collect()
+        let emitters = spheroid::emitters(0.5 * particle.d_um, spheroid, model.emission, model.k_sine());
+        emitters.into_iter().map(source)
     }
 
-    /// The light of a particle that the aperture accepts, counts: what an infinite sensor would record
-    /// without a pupil mask.
-    pub fn accepted(&self, particle: &Particle) -> f64 {
+    /// Points at the depths of the tables that a spheroid needs.
+    pub(super) fn depths(&self, particle: &Particle, spheroid: &Spheroid) -> impl Iterator<Item = Particle> {
+        let [half_um, ..] = spheroid::half_extents(0.5 * particle.d_um, spheroid);
+        let (z_um, step_um) = (particle.z_um, self.ranges.length_um);
+        let steps = libm::ceil(2.0 * half_um / step_um) as usize;
+        let depths = (0..=steps).map(move |i| z_um + (i as f64 * step_um - half_um).min(half_um));
+        depths.map(|z_um| Particle::sphere(0.0, 0.0, z_um, 0.0))
+    }
+
+    /// The light of a particle that the aperture accepts, in rays.
+    pub(super) fn accepted(&self, particle: &Particle) -> f64 {
         // Of the lens that draws spheroids, the same at any depth.
         let radius_um = if particle.elongated().is_some() { 0.0 } else { 0.5 * particle.d_um };
-        self.total(particle) * self.model().accepted(particle.z_um, radius_um)
-    }
-
-    /// The light of a particle emitted into the half space toward the lens, in rays.
-    pub(super) fn total(&self, particle: &Particle) -> f64 {
-        let points = emission::surface_points(&self.settings, particle);
-        points as f64 * (f64::from(self.settings.n_rays) + 1.0)
-    }
-
-    pub(super) fn gradient_by_differences(&self, particle: &Particle) -> Option<Gradient> {
-        let displaced = (0..3).flat_map(|axis| Gradient::displaced(particle, axis)).chain([*particle]);
-        let windows = displaced.map(|displaced| self.windows(&self.sources(&displaced, 1.0)));
-        let window = windows.fold(Window::default(), Window::joined);
-        // The light is summed in f32.
-        let draw = |at: &Particle| -> Vec<f32> {
-            let patch = self.drawn(&self.sources(at, 1.0), window);
-            patch.into_iter().flat_map(|patch| patch.counts).map(|light| light as f32).collect()
-        };
-        (window.area() > 0).then(|| Gradient::by_differences(window, particle, draw))
-    }
-
-    /// Spheres of the tables that these particles need.
-    pub(super) fn tabled<'a>(&self, particles: impl Iterator<Item = &'a Particle>) -> Vec<Particle> {
-        let of = |particle: &'a Particle| {
-            let Some(spheroid) = particle.elongated() else { return vec![*particle] };
-            let [half_um, ..] = spheroid::half_extents(0.5 * particle.d_um, &spheroid);
-            let step_um = self.cache.length_um();
-            let steps = libm::ceil(2.0 * half_um / step_um) as usize;
-            let depths = (0..=steps).map(|i| particle.z_um + (i as f64 * step_um - half_um).min(half_um));
-            depths.map(|z_um| Particle::sphere(0.0, 0.0, z_um, 0.0)).collect()
-        };
-        particles.flat_map(of).collect()
+        emitted_rays(&self.settings, particle) * self.model.accepted(particle.z_um, radius_um)
     }
 
     /// Distance within which the emitters of a spheroid are from its center in the image, px.
@@ -127,26 +99,32 @@ impl WavesRenderer {
 
     /// Distance within which the images of points at this distance from a particle's center are, px.
     fn magnified_px(&self, distance_um: f64) -> f64 {
-        let [along, across] = self.model().pupil.magnifications().map(f64::abs);
+        let [along, across] = self.model.pupil.magnifications().map(f64::abs);
         along.max(across) * distance_um / self.settings.pixel_size
     }
 
     /// Half width and half height of a particle's image, px.
-    pub(super) fn extent_px(&self, particle: &Particle) -> [f64; 2] {
+    pub(super) fn drawn_extent_px(&self, particle: &Particle) -> [f64; 2] {
         let radius_um = 0.5 * particle.d_um;
         let (drawn_um, half_um, half_px) = match &particle.elongated() {
             Some(spheroid) => {
                 (0.0, spheroid::half_extents(radius_um, spheroid)[0], self.half_image_px(particle, spheroid))
             }
             None => {
-                let drawn_um = radius_um.min(LARGEST_RIM_PHASE / self.model().k_sine());
+                let drawn_um = radius_um.min(LARGEST_RIM_PHASE / self.model.k_sine());
                 let rest_um = radius_um - drawn_um;
                 (drawn_um, rest_um, self.magnified_px(rest_um))
             }
         };
         let depths = if half_um > 0.0 { vec![-half_um, 0.0, half_um] } else { vec![0.0] };
-        let ends = depths.iter().map(|dz| self.cache.extent_px(particle.z_um + dz, drawn_um));
+        let ends = depths.iter().map(|dz| self.extent_of_sphere_px(particle.z_um + dz, drawn_um));
         ends.fold([0.0; 2], |largest, end| [0, 1].map(|axis| end[axis].max(largest[axis])))
             .map(|px| px + half_px)
+    }
+
+    /// Half width and half height of a sphere's image, px, without building its table.
+    fn extent_of_sphere_px(&self, z_um: f64, radius_um: f64) -> [f64; 2] {
+        let span = TableSpan { start_um: z_um, length_um: 0.0, radii: TableRadii::One(radius_um) };
+        self.draft(span).extent().map(|edge| edge as f64)
     }
 }

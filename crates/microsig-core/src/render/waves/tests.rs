@@ -7,6 +7,7 @@ use crate::emission::{self, GoldenAzimuths, shining_points};
 use crate::particle::Spheroid;
 use crate::quadrature::gauss_legendre_on;
 use crate::render::expected::ExpectedRenderer;
+use crate::render::{ExpectedPatch, Gradient, Window};
 
 fn rows(text: &str) -> impl Iterator<Item = Vec<&str>> {
     text.lines().skip(1).map(|line| line.split(',').collect())
@@ -151,7 +152,7 @@ fn short_waves_give_the_geometric_image() {
 #[test]
 fn pixels_see_the_mean_of_their_area() {
     let renderer = WavesRenderer::new(&Settings::setting1(), &WaveOptics::new(0.1), 1e-3).unwrap();
-    let pupil = &renderer.model().pupil;
+    let pupil = &renderer.model.model.pupil;
     let (k, z_um) = (2.0 * std::f64::consts::PI / 0.1, -40.0);
     let kernel =
         hankel::Hankel::new(pupil, k, [0.0, pupil.aperture()], 400, (400, 0.2), 34, InstructionSet::best());
@@ -195,7 +196,7 @@ fn immersed_objectives_have_apertures_above_1() {
         WavesRenderer::new(settings, &optics, 0.01)
     };
     let sine = 1.2 / water.n_s;
-    let accepted = renderer(&settings, water).unwrap().model().accepted(0.0, 0.0);
+    let accepted = renderer(&settings, water).unwrap().model.model.accepted(0.0, 0.0);
     assert!((accepted / (1.0 - (1.0 - sine * sine).sqrt()) - 1.0).abs() < 1e-6, "{accepted}");
     for refused in [
         renderer(&Settings { numerical_aperture: 1.33, ..settings.clone() }, water),
@@ -264,7 +265,7 @@ fn a_round_spheroid_is_a_sphere() {
         println!("{name}: {difference:.1e}");
         assert!(difference < 1e-3, "{name}: {difference}");
         let light: f64 = of_emitters.counts.iter().sum();
-        let accepted = renderer.accepted(&sphere);
+        let accepted = renderer.accepted_light(&sphere).unwrap();
         assert!((0.96..1.0005).contains(&(light / accepted)), "{name}: {light} of {accepted}");
         // Without any difference of the axes it is the sphere.
         let exactly = renderer.patch(&spheroid(sphere, 1.0, [0.5, 0.3, 0.7])).unwrap();
@@ -339,18 +340,19 @@ fn spheroids_are_sums_of_points() {
 
         let (mut azimuths, mut points) = (GoldenAzimuths::default(), Vec::new());
         shining_points(&particle, 4000, SpheroidLaw::Uniform, &mut azimuths, &mut points);
-        let [_, bx] = renderer.model().pupil.across();
-        let [along, across] = [bx, renderer.model().pupil.b()].map(|b| -b / 385.0 / settings.pixel_size);
+        let [_, bx] = renderer.model.model.pupil.across();
+        let [along, across] = [bx, renderer.model.model.pupil.b()].map(|b| -b / 385.0 / settings.pixel_size);
         let (sine, cosine) = libm::sincos(optics.cyl_angle_deg.to_radians());
-        let light = renderer.total(&particle) / points.len() as f64;
+        let light = emitted_rays(&settings, &particle) / points.len() as f64;
         let points: Vec<Source> = (points.iter())
             .map(|[e1, e2, e3]| {
                 let (x, y) = (along * (e2 * cosine + e3 * sine), across * (e3 * cosine - e2 * sine));
                 let (x_px, y_px) = (60.3 + x * cosine - y * sine, 61.4 + x * sine + y * cosine);
-                Source { at: Particle::sphere(x_px, y_px, z_um + e1, 0.0), light }
+                let at = Particle::sphere(x_px, y_px, z_um + e1, 0.0);
+                Source { at, light, is_direct: false }
             })
             .collect();
-        let sum = renderer.drawn(&points, renderer.windows(&points)).unwrap();
+        let sum = renderer.drawn(&points, renderer.window(&points)).unwrap();
         let difference = largest_difference_of_patches(&settings, &image, &sum);
         let longest = longest_direction_deg(&image);
         println!("{name}: {difference:.1e}, {longest:.1} degrees");
@@ -386,7 +388,7 @@ fn spheroids_have_derivatives() {
     let renderer = WavesRenderer::new(&settings, &optics, 3e-3).unwrap();
     let sphere = Particle::sphere(40.3, 41.4, -15.0, 2.0);
     let [of_sphere, of_emitters] =
-        [sphere, spheroid(sphere, ROUND, [0.5, 0.3, 0.7])].map(|p| renderer.gradient(&p).unwrap());
+        [sphere, spheroid(sphere, ROUND, [0.5, 0.3, 0.7])].map(|p| renderer.gradient(&p, None).unwrap());
     for k in 0..4 {
         let of = |gradient: &Gradient| {
             whole(&settings, gradient.window, gradient.pixels.iter().map(|pixel| pixel[k]))
@@ -437,7 +439,7 @@ fn extents_of_very_large_images_are_bounds() {
     let settings = Settings { numerical_aperture: 0.75, ..Settings::setting1() };
     let renderer = WavesRenderer::new(&settings, &WaveOptics::new(0.52), 3e-3).unwrap();
     let (x, y) = Render::image_extent(&renderer, &Particle::sphere(1.0, 1.0, -60.0, 2.0));
-    let (of_rays, _) = Render::image_extent(&renderer.rays, &Particle::sphere(1.0, 1.0, -60.0, 2.0));
+    let (of_rays, _) = Render::image_extent(&renderer.model.rays, &Particle::sphere(1.0, 1.0, -60.0, 2.0));
     assert!(x > 0.8 * of_rays.min(1000.0) && y > 300.0, "{x} {y} {of_rays}");
 }
 
@@ -465,7 +467,7 @@ fn the_axis_of_a_dyed_bead_is_that_of_a_direct_integral() {
         let peak = patch.counts.iter().copied().fold(0.0, f64::max);
         let at = |px: i64, first: i64| (px - first) as usize;
         let center = patch.counts[at(61, patch.window.y0) * patch.window.width + at(61, patch.window.x0)];
-        let expected = truth * renderer.total(&bead);
+        let expected = truth * emitted_rays(&settings, &bead);
         println!("d {d_um}, z {z_um}: {center:.3}, direct {expected:.3}, peak {peak:.1}");
         assert!((center - expected).abs() < tolerance * peak, "{d_um}: {center} {expected} {peak}");
     }

@@ -10,6 +10,7 @@ use super::radial_layout::RadialLayout;
 use super::subaperture::Buffers;
 use super::surface::EmittingSurface;
 use crate::render::instructions::InstructionSet;
+use crate::render::refinement::peak;
 use crate::render::spline::{self, SplineDegree};
 
 /// Maximum number of refinements of the resolution.
@@ -22,7 +23,7 @@ const FIXED_PER_PX: usize = 16;
 
 /// Optics, tolerance and working data for the computation of images.
 #[derive(Debug)]
-pub(super) struct ImageModel {
+pub(super) struct Model {
     pub(super) pupil: Pupil,
     /// Allowed error, relative to the peak of an image.
     pub(super) tolerance: f64,
@@ -80,10 +81,10 @@ impl SampleNodes {
     }
 }
 
-impl ImageModel {
+impl Model {
     /// All that images follow from, in words that say each number to the last digit.
-    pub(super) fn description(&self) -> String {
-        let ImageModel { pupil, tolerance, farthest_px, .. } = self;
+    pub(super) fn parameters(&self) -> String {
+        let Model { pupil, tolerance, farthest_px, .. } = self;
         format!("{pupil:?} {tolerance:?} {farthest_px:?}")
     }
 
@@ -257,10 +258,6 @@ impl ImageModel {
         }
         Fineness(fineness)
     }
-}
-
-pub(super) fn peak(values: &[f64]) -> f64 {
-    values.iter().copied().fold(f64::MIN_POSITIVE, f64::max)
 }
 
 /// The error of values relative to the peak. Dark pixels around the image do not reduce it.

@@ -1,0 +1,466 @@
+//! A renderer that draws spheres from tables: what all image models have in common.
+//!
+//! An [`ImageModel`] says what the image of a sphere is at each depth and size. [`TabledRenderer`] builds its
+//! tables when they are first needed, takes them from the store of its [`Context`] where it has one, adds up
+//! images, and differentiates them. When tables exceed 512 MB, those not needed by the current image are
+//! dropped.
+
+use std::fmt::Debug;
+use std::ops::RangeInclusive;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::depth_table::{DepthTable, PlaneLayout};
+use super::gradient::Gradient;
+use super::image_sum::{self, ImageBand, ImageSum, SphereImage};
+use super::instructions::InstructionSet;
+use super::interface::{Description, ImageStreams, Render, Tables, Traits};
+use super::patch::{ExpectedPatch, Window};
+use super::rays::RayRenderer;
+use super::refinement::TableSpan;
+use super::store::Context;
+use super::tables::{Key, SharedTables, TableRanges, TablesState};
+use crate::cancel::checkpoint;
+use crate::error::Error;
+use crate::particle::Particle;
+use crate::pool::BufferPool;
+use crate::sensor::{Image, Light, Sensor};
+use crate::settings::Settings;
+use crate::stream::{Purpose, Streams};
+
+/// The allowed range of tolerances, relative to the peak of an image.
+pub const TOLERANCES: RangeInclusive<f64> = 1e-4..=0.1;
+
+/// Number of sources after which those gathered are drawn, which bounds the tables and images in memory at
+/// the same time.
+const SOURCES: usize = 1024;
+
+/// What is drawn for a particle: itself, or one of several spheres that stand for it.
+#[derive(Debug, Clone, Copy)]
+pub struct Source {
+    pub(super) at: Particle,
+    /// Light emitted toward the lens, in rays; of a source that is drawn directly, the factor on its light.
+    pub(super) light: f64,
+    /// Whether [`ImageModel::direct`] computes its image, not a table.
+    pub(super) is_direct: bool,
+}
+
+/// The image of a sphere as a function of depth and size, and of the particles that spheres stand for.
+///
+/// Optics that move an image, change its depth or its light do so in [`ImageModel::sources`].
+pub trait ImageModel: Debug + Send + Sync {
+    /// Layout of the planes of its tables.
+    type Layout: PlaneLayout;
+    /// Working memory for drawing.
+    type Pen: Pen<Self::Layout>;
+
+    /// Its images, as the subject of a message.
+    const IMAGES: &'static str;
+
+    fn traits(&self) -> Traits;
+
+    fn settings(&self) -> &Settings;
+
+    fn description(&self) -> Description;
+
+    fn warning(&self) -> Option<String>;
+
+    /// The largest error of an image due to tables, relative to its peak.
+    fn tolerance(&self) -> f64;
+
+    /// The ray renderer of the same lens: what all renderers check, and which particles reach the sensor.
+    fn rays(&self) -> &RayRenderer;
+
+    /// What this model, other than rays, demands of a particle; a warning about its image, if any.
+    fn check(&self, particle: &Particle) -> Result<Option<String>, Error>;
+
+    /// Distance from a particle within which the spheres that stand for it are, px; `None` if its image is
+    /// computed wherever it lies.
+    fn spread_px(&self, particle: &Particle) -> Option<f64>;
+
+    /// Half width and half height of the image of a particle, px, without its table.
+    fn extent_px(&self, particle: &Particle) -> (f64, f64);
+
+    fn accepted_light(&self, particle: &Particle) -> Option<f64>;
+
+    /// Appends what is drawn for a particle whose brightness is `factor`.
+    fn sources(&self, particle: &Particle, factor: f64, out: &mut Vec<Source>);
+
+    /// Appends spheres, of any brightness, whose tables are those of the sources of a particle.
+    fn tabled(&self, particle: &Particle, out: &mut Vec<Particle>);
+
+    /// Puts the sources of an image in the order in which they are added.
+    fn arrange(&self, sources: &mut [Source]) {
+        let _ = sources;
+    }
+
+    /// The image of a direct source at brightness 1 on the pixels of a window.
+    fn direct(&self, particle: &Particle, window: Window) -> Vec<f32> {
+        let _ = particle;
+        vec![0.0; window.area()]
+    }
+
+    /// The ranges of depth and size of one table.
+    fn ranges(&self) -> &TableRanges;
+
+    /// All that tables follow from, in words that say each number to the last digit.
+    fn parameters(&self) -> String;
+
+    /// What tables that the sensor cuts off follow from, too; `None` if the sensor is one of the parameters.
+    fn cut_parameters(&self) -> Option<String> {
+        None
+    }
+
+    /// Whether the sensor cuts a table off.
+    fn is_cut(&self, layout: &Self::Layout) -> bool {
+        let _ = layout;
+        false
+    }
+
+    /// Makes a table.
+    fn build(&self, span: TableSpan) -> DepthTable<Self::Layout>;
+}
+
+/// Draws spheres one after the other with its working memory.
+pub trait Pen<L>: Default {
+    /// Adds a sphere to a band that contains some of its pixels.
+    fn add(&mut self, sphere: &SphereImage<'_, L>, band: &mut ImageBand<'_>);
+}
+
+/// Renders particles without ray noise, from tables.
+#[derive(Debug)]
+pub struct TabledRenderer<M: ImageModel> {
+    pub(super) model: M,
+    instructions: InstructionSet,
+    context: Context,
+    tables: SharedTables<M::Layout>,
+    /// Working memory, reused from image to image.
+    images: BufferPool<Vec<f32>>,
+}
+
+/// Where the image of a source comes from.
+enum ImageSource<L> {
+    Table(Arc<DepthTable<L>>),
+    Patch(Window, Vec<f32>),
+}
+
+/// Refuses tolerances out of range.
+pub(super) fn check_tolerance(tolerance: f64) -> Result<(), Error> {
+    if TOLERANCES.contains(&tolerance) {
+        return Ok(());
+    }
+    let (least, most) = TOLERANCES.into_inner();
+    let allowed = format!("{least} to {most}, a fraction of an image's peak");
+    Err(Error::Unsupported(format!("tolerance = {tolerance}: expected {allowed}")))
+}
+
+/// Largest distance (px) from the sensor of a particle whose light falls on it.
+fn margin(settings: &Settings) -> f64 {
+    (f64::from(settings.pixel_dim_x.max(settings.pixel_dim_y)) / 2.0).max(50.0)
+}
+
+/// Largest distances of pixels from a particle whose light falls on them, along x and y, px.
+pub(super) fn farthest_px(settings: &Settings) -> [f64; 2] {
+    [settings.pixel_dim_x, settings.pixel_dim_y].map(|size| f64::from(size) + margin(settings))
+}
+
+/// The pixels within `reach_px` of a particle.
+fn window(settings: &Settings, particle: &Particle, reach_px: (f64, f64)) -> Window {
+    let sensor = (settings.pixel_dim_x, settings.pixel_dim_y);
+    Window::around(particle.x_px, particle.y_px, reach_px, sensor)
+}
+
+/// [`Render::check`] of a renderer by this model.
+pub(super) fn check<M: ImageModel>(model: &M, particle: &Particle) -> Result<Option<String>, Error> {
+    let warning = model.check(particle)?;
+    let Some(spread_px) = model.spread_px(particle) else { return Ok(warning) };
+    let (settings, margin) = (model.settings(), margin(model.settings()));
+    let outside = |at: f64, size: u32| (0.5 - at).max(at - f64::from(size) - 0.5);
+    let farthest = outside(particle.x_px, settings.pixel_dim_x)
+        .max(outside(particle.y_px, settings.pixel_dim_y))
+        + spread_px;
+    if farthest > margin && model.rays().reaches_sensor(particle) {
+        return Err(Error::Unsupported(format!(
+            "it reaches {farthest:.1} px outside the sensor, onto which its light falls; {} support particles up to {margin} px \
+             outside",
+            M::IMAGES
+        )));
+    }
+    Ok(warning)
+}
+
+impl<M: ImageModel> TabledRenderer<M> {
+    pub(super) fn of(model: M, instructions: InstructionSet) -> Self {
+        let (context, tables, images) = (Context::default(), SharedTables::default(), BufferPool::default());
+        TabledRenderer { model, instructions, context, tables, images }
+    }
+
+    /// The same renderer, whose tables are kept where `context` says.
+    pub fn within(self, context: &Context) -> Self {
+        TabledRenderer { context: context.clone(), ..self }
+    }
+
+    /// The largest error of an image due to tables, relative to its peak.
+    pub fn tolerance(&self) -> f64 {
+        self.model.tolerance()
+    }
+
+    /// The counts of one particle if its brightness were 1. `None`: its light cannot reach the sensor.
+    pub fn patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
+        let sources = self.sources(particle);
+        self.drawn(&sources, self.window(&sources))
+    }
+
+    /// The light of all particles of one image.
+    pub fn draw(&self, particles: &[Particle]) -> Light {
+        self.sum(particles).light(self.settings())
+    }
+
+    pub(super) fn sources(&self, particle: &Particle) -> Vec<Source> {
+        let mut sources = Vec::new();
+        self.model.sources(particle, 1.0, &mut sources);
+        sources
+    }
+
+    /// The smallest window that contains the images of sources.
+    pub(super) fn window(&self, sources: &[Source]) -> Window {
+        let mut tables = self.tables_of(sources).into_iter();
+        let windows = sources.iter().map(|source| match source.is_direct {
+            true => self.direct_window(source),
+            false => tables.next().map_or_else(Window::default, |table| self.table_window(source, &table)),
+        });
+        windows.fold(Window::default(), Window::joined)
+    }
+
+    /// The sources on a window that contains theirs; those drawn directly, on all of it.
+    pub(super) fn drawn(&self, sources: &[Source], on: Window) -> Option<ExpectedPatch> {
+        let images = self.images(sources, Some(on));
+        image_sum::patch(on, |band| self.add(sources, &images, band))
+    }
+
+    fn sum(&self, particles: &[Particle]) -> ImageSum<'_> {
+        let mut image = ImageSum::new(self.settings(), &self.images);
+        let mut sources = Vec::new();
+        for (i, particle) in particles.iter().enumerate() {
+            self.model.sources(particle, particle.c_int, &mut sources);
+            if sources.len() >= SOURCES || i + 1 == particles.len() {
+                checkpoint();
+                self.model.arrange(&mut sources);
+                let images = self.images(&sources, None);
+                // On every band in the same order.
+                image.add(|band| self.add(&sources, &images, band));
+                sources.clear();
+            }
+        }
+        image
+    }
+
+    /// Adds sources to a band in the given order.
+    fn add(&self, sources: &[Source], images: &[ImageSource<M::Layout>], band: ImageBand<'_>) {
+        self.instructions.dispatch(Draw { renderer: self, sources, images, band });
+    }
+
+    /// The data from which each source is drawn; those drawn directly, on a window or where their light
+    /// falls.
+    fn images(&self, sources: &[Source], on: Option<Window>) -> Vec<ImageSource<M::Layout>> {
+        let mut tables = self.tables_of(sources).into_iter().map(ImageSource::Table);
+        let direct = sources.par_iter().map(|source| {
+            source.is_direct.then(|| {
+                checkpoint();
+                let window = on.unwrap_or_else(|| self.direct_window(source));
+                let light =
+                    if window.area() > 0 { self.model.direct(&source.at, window) } else { Vec::new() };
+                ImageSource::Patch(window, light)
+            })
+        });
+        let direct: Vec<_> = direct.collect();
+        direct.into_iter().filter_map(|direct| direct.or_else(|| tables.next())).collect()
+    }
+
+    fn direct_window(&self, source: &Source) -> Window {
+        window(self.settings(), &source.at, self.model.extent_px(&source.at))
+    }
+
+    fn table_window(&self, source: &Source, table: &DepthTable<M::Layout>) -> Window {
+        let [x, y] = table.reach(source.at.z_um);
+        window(self.settings(), &source.at, (x, y))
+    }
+
+    fn by_differences(&self, particle: &Particle) -> Option<Gradient> {
+        let displaced = (0..3).flat_map(|axis| Gradient::displaced(particle, axis)).chain([*particle]);
+        let windows = displaced.map(|displaced| self.window(&self.sources(&displaced)));
+        let window = windows.fold(Window::default(), Window::joined);
+        // The light is summed in f32.
+        let draw = |at: &Particle| -> Vec<f32> {
+            let patch = self.drawn(&self.sources(at), window);
+            patch.into_iter().flat_map(|patch| patch.counts).map(|light| light as f32).collect()
+        };
+        (window.area() > 0).then(|| Gradient::by_differences(window, particle, draw))
+    }
+
+    /// The spheres whose tables particles need.
+    fn tabled<'a>(&self, particles: impl Iterator<Item = &'a Particle>) -> Vec<Key> {
+        let mut spheres = Vec::new();
+        particles.for_each(|particle| self.model.tabled(particle, &mut spheres));
+        spheres.iter().map(|sphere| self.model.ranges().key(sphere)).collect()
+    }
+
+    /// The table of each source that has one; missing tables are built in parallel.
+    fn tables_of(&self, sources: &[Source]) -> Vec<Arc<DepthTable<M::Layout>>> {
+        let tabled = sources.iter().filter(|source| !source.is_direct);
+        let keys: Vec<Key> = tabled.map(|source| self.model.ranges().key(&source.at)).collect();
+        self.get(&keys)
+    }
+
+    fn get(&self, keys: &[Key]) -> Vec<Arc<DepthTable<M::Layout>>> {
+        self.tables.get(keys, &self.context, |key| self.table(key))
+    }
+
+    /// The table of a key: from the store, if there is one and it holds the table, or made.
+    fn table(&self, key: Key) -> DepthTable<M::Layout> {
+        let model = &self.model;
+        let build = || model.build(model.ranges().span(key));
+        let Some(store) = &self.context.tables else { return build() };
+        let TableRanges { length_um, sizes_um } = model.ranges();
+        let (name, parameters) = (model.traits().name, model.parameters());
+        let whole = format!("{name} {parameters} {:?} {key:?}", [length_um, sizes_um]);
+        // A table that the sensor does not cut off is kept for all sensors.
+        let cut = model.cut_parameters().map(|more| format!("{whole} {more}"));
+        let load = |description: &str| M::Layout::read(&store.load(description)?);
+        let found = load(&whole).filter(|table| !model.is_cut(&table.layout));
+        let table = found.or_else(|| load(cut.as_ref()?)).unwrap_or_else(|| {
+            let table = build();
+            let description = cut.as_ref().filter(|_| model.is_cut(&table.layout)).unwrap_or(&whole);
+            store.save(description, &M::Layout::write(&table));
+            table
+        });
+        store.made();
+        table
+    }
+}
+
+/// The drawing loop, compiled once for every instruction set.
+struct Draw<'a, M: ImageModel> {
+    renderer: &'a TabledRenderer<M>,
+    sources: &'a [Source],
+    images: &'a [ImageSource<M::Layout>],
+    band: ImageBand<'a>,
+}
+
+impl<M: ImageModel> pulp::WithSimd for Draw<'_, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Draw { renderer, sources, images, mut band } = self;
+        let mut pen = M::Pen::default();
+        for (source, image) in sources.iter().zip(images) {
+            let Source { at, light, .. } = source;
+            match image {
+                ImageSource::Patch(window, counts) => band.add(*window, counts, *light as f32),
+                ImageSource::Table(table) => {
+                    let window = renderer.table_window(source, table);
+                    if window.width > 0 && !band.rows(&window).is_empty() {
+                        let (x_px, y_px, z_um, radius_um) = (at.x_px, at.y_px, at.z_um, 0.5 * at.d_um);
+                        let sphere =
+                            SphereImage { table, window, x_px, y_px, z_um, radius_um, light: *light };
+                        pen.add(&sphere, &mut band);
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl<M: ImageModel> Render for TabledRenderer<M> {
+    fn traits(&self) -> Traits {
+        self.model.traits()
+    }
+
+    fn settings(&self) -> &Settings {
+        self.model.settings()
+    }
+
+    fn description(&self) -> Description {
+        self.model.description()
+    }
+
+    fn check(&self, particle: &Particle) -> Result<Option<String>, Error> {
+        check(&self.model, particle)
+    }
+
+    fn warning(&self) -> Option<String> {
+        self.model.warning()
+    }
+
+    fn image_extent(&self, particle: &Particle) -> (f64, f64) {
+        self.model.extent_px(particle)
+    }
+
+    fn patch_window(&self, particle: &Particle) -> Window {
+        self.window(&self.sources(particle))
+    }
+
+    fn reaches_sensor(&self, particle: &Particle) -> bool {
+        self.model.rays().reaches_sensor(particle)
+    }
+
+    fn accepted_light(&self, particle: &Particle) -> Option<f64> {
+        self.model.accepted_light(particle)
+    }
+
+    fn tables(&self) -> Option<&dyn Tables> {
+        Some(self)
+    }
+
+    fn light(&self, particles: &[Particle], _: &Streams, _: Purpose, _: u32) -> Light {
+        self.draw(particles)
+    }
+
+    /// Faster than an exposure of the light, because the light is not stored.
+    fn image(&self, particles: &[Particle], sensor: &Sensor, random: ImageStreams<'_>) -> Image {
+        self.sum(particles).exposed(sensor, random)
+    }
+
+    fn mean_patch(&self, particle: &Particle) -> Option<ExpectedPatch> {
+        Some(self.patch(particle)?.scaled(particle.c_int))
+    }
+
+    /// For spheres from the tables, for spheroids by differences over half a pixel and 1 um.
+    fn gradient(&self, particle: &Particle, window: Option<Window>) -> Option<Gradient> {
+        let sources = self.sources(particle);
+        let [Source { at, light, is_direct: false }] = sources[..] else {
+            return if window.is_none() { self.by_differences(particle) } else { None };
+        };
+        let table = self.tables_of(&sources).remove(0);
+        let window = window.unwrap_or_else(|| self.table_window(&sources[0], &table));
+        let plane = table.plane_at(at.z_um, 0.5 * at.d_um);
+        let pixel = |dx: f64, dy: f64| table.layout.at(&plane, dx, dy);
+        (window.area() > 0).then(|| Gradient::new(window, &at, light, pixel))
+    }
+}
+
+impl<M: ImageModel> Tables for TabledRenderer<M> {
+    fn missing(&self, particles: &[Particle]) -> usize {
+        self.tables.missing(self.tabled(particles.iter()).into_iter())
+    }
+
+    fn prepare(&self, particles: &[&[Particle]]) {
+        self.get(&self.tabled(particles.iter().copied().flatten()));
+    }
+
+    fn state(&self) -> TablesState {
+        self.tables.state()
+    }
+
+    fn shortfall(&self) -> Option<String> {
+        let (error, tolerance) = (self.state().error, self.tolerance());
+        (error > tolerance).then(|| {
+            format!(
+                "{} err by up to {error:.1e} of their peaks, more than the tolerance of {tolerance:.1e}",
+                M::IMAGES
+            )
+        })
+    }
+}
