@@ -1,9 +1,9 @@
 //! Tables as NumPy arrays.
 
+use dataset::{Columns, Table, Values};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
-use storage::tables::{Columns, Table, Values};
 
 /// A table as Python sees it: its path in a dataset, what a row is, units and meanings by column, values by
 /// column.

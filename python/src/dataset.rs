@@ -1,10 +1,11 @@
 //! Datasets: made in memory, or read from a folder.
 
-use std::io::{BufReader, Cursor};
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use generator::dataset::manifest::Manifest;
+use dataset::TableReader;
+use dataset::manifest::Manifest;
 use generator::runner::{GenerateOptions, MemoryDataset};
 use microsig_core::formats::tiff;
 use microsig_core::sensor::Counts;
@@ -14,7 +15,6 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use scenario::{self, Scenario};
-use storage::tables::Columns;
 
 use crate::columns::{arrays, table};
 use crate::run::{OnInterrupt, raise, run};
@@ -62,7 +62,7 @@ impl Made {
     /// Tables of frames, tracks and displacements.
     fn tables<'py>(&self, py: Python<'py>) -> PyResult<Vec<PyTable<'py>>> {
         let made = Arc::clone(&self.0);
-        let tables = run(py, false, OnInterrupt::Leave, move |_| made.tables())?;
+        let tables = run(py, false, OnInterrupt::Leave, move |_| Ok(made.tables()))?;
         tables.into_iter().map(|(of, columns)| table(py, &of, columns)).collect()
     }
 
@@ -228,9 +228,7 @@ fn read_table<'py>(
     kinds: std::collections::HashMap<String, String>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let columns = run(py, false, OnInterrupt::Leave, move |_| {
-        let file = BufReader::new(storage::input::open(&path)?);
-        let kind = |name: &str| kinds.get(name).map_or("string", String::as_str);
-        Columns::read(&path.display().to_string(), file, kind)
+        TableReader::open(&path)?.columns(|name| kinds.get(name).map_or("string", String::as_str))
     })?;
     arrays(py, columns)
 }

@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use pyo3::prelude::*;
 use scenario::{self, Sweep};
 use scoring::evaluate::gate::Shape;
-use scoring::evaluate::{EvaluateOptions, evaluate as evaluate_result};
+use scoring::evaluate::{EvaluateOptions, evaluate_files};
 use scoring::results::{Conventions, Format, Origin};
 use tracking::{METHODS, TrackOptions, track as track_dataset};
 
@@ -100,7 +100,7 @@ fn evaluate(
     how: How,
 ) -> PyResult<(String, String, String)> {
     run(py, false, OnInterrupt::Leave, move |_| {
-        let evaluation = evaluate_result(&dataset, &result, &how.options()?)?;
+        let evaluation = evaluate_files(&dataset, &result, &how.options()?)?;
         Ok((report::json(&evaluation)?, report::table(&evaluation.score), report::units_json(&evaluation)?))
     })
 }

@@ -1,5 +1,5 @@
-//! Files and folders written atomically, checksums and locks; the columns of tables ([`tables`]); the errors
-//! of all verbs ([`error`], [`problem`]).
+//! Files and folders written atomically, checksums and locks; the errors of all verbs ([`error`],
+//! [`problem`]).
 
 pub mod checksums;
 pub mod error;
@@ -15,7 +15,6 @@ pub mod problem;
 mod removal;
 pub mod shown;
 pub mod table_cache;
-pub mod tables;
 mod walk;
 
 pub use error::{Error, Result};

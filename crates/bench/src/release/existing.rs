@@ -7,7 +7,7 @@ use std::io::Read;
 use std::path::Path;
 
 use super::{MARK, ReleaseOptions};
-use generator::dataset::manifest::MANIFEST;
+use dataset::manifest::MANIFEST;
 use storage::checksums::SHA256SUMS;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, check_replaceable};

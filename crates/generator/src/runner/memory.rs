@@ -14,12 +14,13 @@ use super::generate::{GenerateOptions, Generated, assemble, camera, folders};
 use super::progress::Progress;
 use crate::dataset::Camera;
 use crate::dataset::calibration::CalibrationStack;
-use crate::dataset::manifest::{MANIFEST, bit_depth};
-use crate::dataset::truth::{FrameTruth, Truth, TruthWriter, depth, field};
+use crate::dataset::manifest::bit_depth;
+use crate::dataset::truth::{FrameTruth, Truth, depth, field, tracks};
+use dataset::manifest::MANIFEST;
+use dataset::{BoxRow, Columns, DepthRow, DisplacementRow, FrameRow, Row, Table};
 use scenario::Scenario;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim, check_replaceable};
-use storage::tables::{Columns, Table};
 use visibility::DepthScan;
 
 /// A dataset in memory.
@@ -124,11 +125,17 @@ impl MemoryDataset {
 
     /// The tables `truth/frames.csv`, `truth/tracks.csv`, `truth/displacements.csv` and, if the scenario has
     /// it, `truth/boxes.csv`.
-    ///
-    /// # Errors
-    /// None.
-    pub fn tables(&self) -> Result<Vec<(Table, Columns)>> {
-        TruthWriter::in_memory(&self.scenario, self.truths.iter())?.into_iter().map(columns).collect()
+    pub fn tables(&self) -> Vec<(Table, Columns)> {
+        let truths = self.truths.iter();
+        let mut tables = vec![
+            by_column(FrameRow::table(&[]), truths.clone().map(|truth| &truth.frame)),
+            by_column(tracks(&self.scenario), truths.clone().flat_map(|truth| &truth.tracks)),
+            by_column(DisplacementRow::table(&[]), truths.clone().flat_map(|truth| &truth.displacements)),
+        ];
+        if self.scenario.spec.truth.boxes {
+            tables.push(by_column(BoxRow::table(&[]), truths.flat_map(|truth| &truth.boxes)));
+        }
+        tables
     }
 
     /// The tables `truth/depth.csv` and, if the scenario has it, `truth/field.csv`.
@@ -137,8 +144,10 @@ impl MemoryDataset {
     /// None for a resolved scenario.
     pub fn field_tables(&self) -> Result<Vec<(Table, Columns)>> {
         let scan = self.scan()?;
-        let tables = [Some(depth::in_memory(&self.scenario, scan)?), field::in_memory(&self.scenario, scan)?];
-        tables.into_iter().flatten().map(columns).collect()
+        let (rows, _) = depth::measure(&self.scenario, scan)?;
+        let depths = by_column(DepthRow::table(&[]), rows.iter());
+        let field = field::in_memory(&self.scenario, scan).map(|(table, rows)| by_column(table, rows.iter()));
+        Ok(std::iter::once(depths).chain(field).collect())
     }
 
     /// The calibration stack, if the scenario has one.
@@ -153,7 +162,8 @@ impl MemoryDataset {
             progress.check()?;
             Ok(stack.image(row))
         });
-        Ok(Some(Calibration { table: columns(stack.in_memory()?)?, images: images.collect::<Result<_>>()? }))
+        let table = by_column(stack.table().clone(), stack.rows().iter());
+        Ok(Some(Calibration { table, images: images.collect::<Result<_>>()? }))
     }
 
     /// Writes the dataset: the same files as [`super::generate()`]. Nothing is left behind if writing fails.
@@ -178,8 +188,7 @@ impl MemoryDataset {
     }
 }
 
-fn columns((table, csv): (Table, Vec<u8>)) -> Result<(Table, Columns)> {
-    let kind = |name: &str| table.columns.iter().find(|c| c.name == name).map_or("string", |c| c.kind);
-    let columns = Columns::read(table.path, &csv[..], kind)?;
-    Ok((table, columns))
+fn by_column<'r, R: Row + 'r>(table: Table, rows: impl Iterator<Item = &'r R> + Clone) -> (Table, Columns) {
+    let columns = table.by_column(rows);
+    (table, columns)
 }

@@ -1,8 +1,8 @@
 //! Scores any tracker's result against the truth.
 //!
 //! Scores compare points or vectors and never read images. docs/scoring.md has the definitions, the gates and
-//! the differences to other programs. [`evaluate`] runs all steps: read, select the scored points, match,
-//! score.
+//! the differences to other programs. [`evaluate`] runs all steps: select the scored points, match, score;
+//! [`evaluate_files`] reads truth and result first.
 
 pub mod assignment;
 pub mod boxes;
@@ -36,24 +36,25 @@ pub mod truth;
 pub mod uncertainty;
 pub(crate) mod units;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::results::{self, Conventions, Field, Points, TrackerResult};
+use crate::results::{self, Conventions, Field, Limits, Points, TrackerResult};
 use convention_check::ConventionCheck;
+use dataset::manifest::{GENERATOR_VERSION, ScoringGates};
+use dataset::{BoxRow, FieldRow, RecordingFacts, Row, TrackRow};
 use detection::Detection;
+use field::true_field::{self, TrueFields};
 use gate::Gate;
-use generator::dataset::manifest::GENERATOR_VERSION;
-use generator::dataset::manifest::ScoringGates;
 pub use hint::Hint;
 use matching::{Cost, Matching};
-use measurement::RecordingFacts;
+use measurement::TableSize;
 use motion::TrackComparison;
 pub use options::EvaluateOptions;
+use scenario::Scenario;
 pub use score::{Counts, Definitions, DetectionAtGate, Offset, PositionUncertainty, Score, Versions};
 use statistics::Bootstrap;
-use storage::checksums::fingerprint;
 use storage::error::{Error, Result};
-use storage::tables::truth::{BOXES, TRACKS};
 use track_set::TrackSet;
 use truth::{ScoredPoints, TrueParticles};
 use units::Divided;
@@ -90,55 +91,125 @@ pub struct Particles {
     pub found_u_um_s: Vec<f64>,
 }
 
-/// Scores the result file `result` against a dataset or a bare table of the truth.
+/// What results are scored against: the parts of a dataset's truth that a result of its kind needs.
+#[derive(Debug, Default)]
+pub struct Truth {
+    /// Facts about the recording.
+    pub facts: RecordingFacts,
+    /// The true particles.
+    pub particles: Option<TrueParticles>,
+    /// The true boxes.
+    pub boxes: Option<Vec<BoxRow>>,
+    /// The true displacement fields.
+    pub fields: Option<TrueFields>,
+    /// The scenario, for the Cramér-Rao bound.
+    pub scenario: Option<Scenario>,
+    /// Values on the axes of a sweep.
+    pub axes: BTreeMap<String, serde_json::Value>,
+    /// Caveats about the truth.
+    pub warnings: Vec<String>,
+}
+
+impl Truth {
+    /// Reads the particles (or `fields`) of a dataset, or a bare table; returns the limits of its results,
+    /// too.
+    fn read(path: &Path, is_field: bool, options: &EvaluateOptions) -> Result<(Self, Limits)> {
+        let facts = measurement::facts_of(path, &options.conventions)?;
+        let mut truth = Truth { axes: measurement::axes(path)?, ..Truth::default() };
+        if options.crlb {
+            if !path.is_dir() {
+                return Err(Error::input("--crlb: a bare table of the truth does not contain the optics"));
+            }
+            truth.scenario = Some(scenario::of_dataset(path)?.0);
+        }
+        if is_field || !path.is_dir() {
+            let limits = measurement::limits(path, &facts)?;
+            match (is_field, path.is_dir()) {
+                (true, true) => {
+                    let fields = true_field::of_recording(path, facts.clone(), options.plane_um)?;
+                    truth.fields = Some(fields);
+                }
+                (true, false) => truth.fields = Some(true_field::bare(path)?),
+                _ => truth.particles = Some(truth::bare(path, facts.clone())?),
+            }
+            return Ok((Truth { facts, ..truth }, limits));
+        }
+        let (particles, size) = TrueParticles::of_dataset(path, facts.clone())?;
+        if particles.facts.sha256 != facts.sha256 {
+            let what = format!("{} has changed since the dataset was made", TrackRow::PATH);
+            truth.warnings.push(what);
+        }
+        truth.particles = Some(particles);
+        if path.join(BoxRow::PATH).exists() {
+            let needed = ["frame", "x_px", "y_px", "w_px", "h_px", "visible"];
+            truth.boxes = Some(dataset::read_rows(path, &needed)?);
+        }
+        let field = path.join(FieldRow::PATH);
+        let field = if field.exists() { TableSize::of(&field)? } else { TableSize::default() };
+        let limits = TableSize::limits(&[size, field], &facts);
+        Ok((Truth { facts, ..truth }, limits))
+    }
+}
+
+/// Scores a result file against a dataset's folder or a bare table of the truth.
 ///
 /// # Errors
 /// Files that are unreadable or malformed; options that do not apply to them.
-pub fn evaluate(dataset: &Path, result: &Path, options: &EvaluateOptions) -> Result<Evaluation> {
+pub fn evaluate_files(dataset: &Path, result: &Path, options: &EvaluateOptions) -> Result<Evaluation> {
     measurement::check_order(dataset, result)?;
-    let facts = RecordingFacts::of(dataset, &options.conventions)?;
-    let is_truth_secret = facts.is_from_key;
-    let limits = measurement::limits(dataset, &facts)?;
-    let given = Conventions { limits, ..facts.conventions(options.conventions) };
-    let name = result.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let found = results::read(result, &given)?;
-    let is_field = matches!(found, TrackerResult::Field(_));
+    let format = options.conventions.format.map_or_else(|| results::detect(result), Ok)?;
+    let (truth, limits) = Truth::read(dataset, format.is_field(), options)?;
+    let given = Conventions { limits, ..options.conventions.completed(&truth.facts) };
+    let mut found = results::read(result, &given)?;
+    if let (TrackerResult::Points(points), Some(particles)) = (&mut found, &truth.particles)
+        && particles.axes.is_empty()
+    {
+        // Large results take a tenth less memory.
+        points.axes = Vec::new();
+    }
+    let mut evaluation = evaluate(&truth, &found, options)?;
+    evaluation.score.result = result.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    Ok(evaluation)
+}
+
+/// Scores a result.
+///
+/// # Errors
+/// A truth without what the result is; options that do not apply to it.
+pub fn evaluate(truth: &Truth, result: &TrackerResult, options: &EvaluateOptions) -> Result<Evaluation> {
+    let is_field = matches!(result, TrackerResult::Field(_));
     if let Some(option) = options.of_others(is_field) {
         let [of, is] = if is_field { ["particles", "a field"] } else { ["fields", "particles"] };
         return Err(Error::input(format!("{option}: is for results that are {of}; this one is {is}")));
     }
-    let mut evaluation = match found {
-        TrackerResult::Points(mut points) => {
-            let truth = TrueParticles::read(dataset, &given)?;
-            if truth.axes.is_empty() {
-                // Large results take a tenth less memory.
-                points.axes = Vec::new();
-            }
-            let mut evaluation = particles(&truth, &points, options)?;
-            check_unchanged(dataset, &mut evaluation.score)?;
-            let has_truth = dataset.join(BOXES.path).exists();
-            match (points.boxes.is_empty(), has_truth) {
-                (true, _) => {}
-                (false, true) => evaluation.score.boxes = Some(boxes::BoxScore::of(dataset, &points)?),
-                (false, false) => evaluation.score.warnings.push(NO_BOXES.to_owned()),
+    let lacks = |what: &str| Error::input(format!("{}: no truth of {what}", truth.facts.name));
+    let mut evaluation = match result {
+        TrackerResult::Points(points) => {
+            let of = truth.particles.as_ref().ok_or_else(|| lacks("particles"))?;
+            let mut evaluation = particles(of, points, options)?;
+            evaluation.score.warnings.extend(truth.warnings.iter().cloned());
+            match &truth.boxes {
+                _ if points.boxes.is_empty() => {}
+                Some(boxes) => evaluation.score.boxes = Some(boxes::BoxScore::of(boxes, points)),
+                None => evaluation.score.warnings.push(NO_BOXES.to_owned()),
             }
             evaluation
         }
-        TrackerResult::Field(found) => vectors(dataset, &found, facts, options)?,
+        TrackerResult::Field(found) => {
+            let of = truth.fields.as_ref().ok_or_else(|| lacks("fields"))?;
+            vectors(of, found, &truth.facts, options)
+        }
     };
-    evaluation.score.truth_is_secret = is_truth_secret;
     let score = &mut evaluation.score;
-    if is_truth_secret {
+    score.truth_is_secret = truth.facts.is_from_key;
+    if score.truth_is_secret {
         // A hash of the truth would confirm guesses.
         score.definitions.truth_sha256 = None;
     }
-    score.result = name;
-    score.definitions.axes = measurement::axes(dataset)?;
-    if options.crlb {
-        if !dataset.is_dir() {
-            return Err(Error::input("--crlb: a bare table of the truth does not contain the optics"));
-        }
-        match crlb::of_dataset(dataset, score.detection.as_ref(), &score.curves)? {
+    score.definitions.axes = truth.axes.clone();
+    if let Some(scenario) = truth.scenario.as_ref().filter(|_| options.crlb) {
+        let sizes = truth.particles.as_ref().map_or(&[][..], |particles| &particles.sizes);
+        match crlb::of_scenario(scenario, sizes, score.detection.as_ref(), &score.curves)? {
             Ok(bound) => score.crlb = Some(bound),
             Err(why) => score.warnings.push(format!("no Cramer-Rao bound: {why}")),
         }
@@ -150,13 +221,13 @@ const NO_BOXES: &str = "boxes are not scored: the dataset has no truth/boxes.csv
 
 /// Scores a displacement field.
 fn vectors(
-    dataset: &Path,
+    truth: &TrueFields,
     found: &Field,
-    facts: RecordingFacts,
+    facts: &RecordingFacts,
     options: &EvaluateOptions,
-) -> Result<Evaluation> {
+) -> Evaluation {
     let field::ScoredField { score, vectors, units, notes, hints, mut warnings } =
-        field::evaluate(dataset, found, options.plane_um, options.seed)?;
+        field::evaluate(truth, found, options.seed);
     warnings.splice(0..0, hints.iter().map(|hint| hint.what.clone()));
     let score = Score {
         dataset: facts.name.clone(),
@@ -168,30 +239,12 @@ fn vectors(
             assignment: "none".to_owned(),
             bootstrap_resamples: statistics::RESAMPLES,
             bootstrap_seed: options.seed,
-            ..definitions(&facts)
+            ..definitions(facts)
         },
         counts: Counts { n_nan: found.n_nan, ..Counts::default() },
         ..Score::default()
     };
-    Ok(Evaluation { score, particles: None, vectors, units })
-}
-
-/// Warns if the true particles of a dataset are not those that its manifest lists; the score is then of the
-/// table as it is.
-///
-/// # Errors
-/// A truth that is unreadable.
-fn check_unchanged(dataset: &Path, score: &mut Score) -> Result<()> {
-    let truth = dataset.join(TRACKS.path);
-    let Some(recorded) = score.definitions.truth_sha256.clone().filter(|_| truth.is_file()) else {
-        return Ok(());
-    };
-    let found = fingerprint(&truth)?.sha256.to_string();
-    if found != recorded {
-        score.warnings.push(format!("{} has changed since the dataset was made", TRACKS.path));
-        score.definitions.truth_sha256 = Some(found);
-    }
-    Ok(())
+    Evaluation { score, particles: None, vectors, units }
 }
 
 /// The part of the definitions that comes from the dataset.

@@ -3,7 +3,7 @@
 use super::gate::{Edge, Gate, Shape};
 use super::truth::TrueParticles;
 use crate::results::{Conventions, Points};
-use generator::dataset::manifest::ScoringGates;
+use dataset::manifest::ScoringGates;
 use storage::error::{Error, Result};
 
 /// Options of scoring. `None` means the default for the dataset.

@@ -12,7 +12,8 @@ use super::{
 };
 use storage::error::Result;
 
-const PARTICLES: FormatDefaults = FormatDefaults {
+/// The conventions of microsig's own tables of particles.
+pub(crate) const PARTICLES: FormatDefaults = FormatDefaults {
     name: "canonical particles",
     origin: Origin::Center1,
     frame_base: 0,

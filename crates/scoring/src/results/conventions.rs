@@ -6,6 +6,7 @@ use clap::ValueEnum;
 
 use super::Format;
 use super::table::{BoxSize, Position};
+use dataset::{LARGEST_UM, RecordingFacts};
 use storage::error::{Error, Result};
 
 /// Coordinates of the first pixel's center.
@@ -57,6 +58,18 @@ pub struct Conventions {
     pub height_px: Option<f64>,
     /// Limits on the size of the file.
     pub limits: Limits,
+}
+
+impl Conventions {
+    /// These conventions, completed by facts of the dataset.
+    pub fn completed(self, facts: &RecordingFacts) -> Self {
+        Conventions {
+            um_per_px: facts.um_per_px,
+            depth_um: facts.depth_um,
+            height_px: facts.sensor_px.map(|s| s.1),
+            ..self
+        }
+    }
 }
 
 /// Maximum number of rows of a table.
@@ -162,7 +175,6 @@ impl DroppedRows {
 
 /// Largest plausible values; their squares are far from overflow.
 const LARGEST_PX: f64 = 1e7;
-pub(crate) const LARGEST_UM: f64 = 1e9;
 const LARGEST_SPEED: f64 = 1e12;
 
 impl Converter {

@@ -29,9 +29,10 @@ use std::path::Path;
 
 use clap::ValueEnum;
 
+pub(crate) use canonical::PARTICLES;
 pub use canonical::{field as read_field, points as read_points};
 pub use conventions::{Conventions, Limits, Origin};
-pub(crate) use conventions::{Converter, DroppedRows, FormatDefaults, LARGEST_UM, LengthUnit};
+pub(crate) use conventions::{Converter, DroppedRows, FormatDefaults, LengthUnit};
 use storage::error::{Error, Result};
 use storage::input;
 pub use table::{
@@ -68,6 +69,13 @@ pub enum Format {
     Pivlab,
     /// Middlebury's dense flow.
     Flo,
+}
+
+impl Format {
+    /// Whether results in this format are displacement fields.
+    pub fn is_field(self) -> bool {
+        matches!(self, Format::Field | Format::Openpiv | Format::Pivlab | Format::Flo)
+    }
 }
 
 /// Reads a result file; the format is detected unless `given`.
