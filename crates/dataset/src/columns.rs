@@ -27,6 +27,23 @@ impl Columns {
             Values::Texts(values) => values.len(),
         })
     }
+
+    /// The table as CSV: missing numbers are empty cells.
+    pub fn csv(&self) -> String {
+        let names: Vec<&str> = self.0.iter().map(|(name, _)| name.as_str()).collect();
+        let mut text = names.join(",") + "\n";
+        for row in 0..self.rows() {
+            let cells = self.0.iter().map(|(_, values)| match values {
+                Values::Whole(values) => values[row].to_string(),
+                Values::Numbers(values) if values[row].is_nan() => String::new(),
+                Values::Numbers(values) => values[row].to_string(),
+                Values::Texts(values) => values[row].clone(),
+            });
+            text.push_str(&cells.collect::<Vec<_>>().join(","));
+            text.push('\n');
+        }
+        text
+    }
 }
 
 #[cfg(test)]

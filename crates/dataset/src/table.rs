@@ -75,7 +75,7 @@ impl Table {
     }
 
     /// The header as CSV.
-    pub(crate) fn header(&self) -> String {
+    pub fn header(&self) -> String {
         let names: Vec<&str> = self.columns.iter().map(|column| column.name).collect();
         names.join(",") + "\n"
     }

@@ -1,6 +1,7 @@
 //! Files and folders written atomically, checksums and locks; the errors of all verbs ([`error`],
 //! [`problem`]).
 
+pub mod advice;
 pub mod checksums;
 pub mod error;
 mod file;

@@ -29,7 +29,7 @@ pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions) -> Result<bool>
     if !(options.force && options.new_keys) {
         let hint = "is a challenge with its secret key: --resume leaves it as it is, --force --new-keys replaces it by another \
              one, for which nothing that has been published of it holds";
-        return Err(Error::Exists { path: out.clone(), hint: hint.to_owned() });
+        return Err(Error::Exists { path: out.clone(), hint: storage::advice!(hint) });
     }
     check_replaceable(out, Earlier::new(MARK, true)).map(|()| false)
 }

@@ -1,7 +1,8 @@
 //! A dataset in memory, which can be saved to a folder.
 
+use std::io::Write;
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use flows::Frame;
@@ -14,11 +15,12 @@ use super::generate::{GenerateOptions, Generated, assemble, camera, folders};
 use super::progress::Progress;
 use crate::dataset::Camera;
 use crate::dataset::calibration::CalibrationStack;
-use crate::dataset::manifest::bit_depth;
-use crate::dataset::truth::{FrameTruth, Truth, depth, field, tracks};
-use dataset::manifest::MANIFEST;
-use dataset::{BoxRow, Columns, DepthRow, DisplacementRow, FrameRow, Row, Table};
+use crate::dataset::manifest::{bit_depth, manifest};
+use crate::dataset::truth::{Census, FrameTruth, Truth, depth, field, tracks};
+use dataset::manifest::{MANIFEST, Manifest, Resource, resource};
+use dataset::{BoxRow, Columns, DepthRow, DisplacementRow, FieldRow, FrameRow, Row, Table, TrackRow};
 use scenario::Scenario;
+use storage::checksums::Hashing;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim, check_replaceable};
 use visibility::DepthScan;
@@ -26,7 +28,7 @@ use visibility::DepthScan;
 /// A dataset in memory.
 #[derive(Debug)]
 pub struct MemoryDataset {
-    scenario: Scenario,
+    scenario: Arc<Scenario>,
     camera: Camera,
     /// Images of the mean diameter over depth, made when first needed.
     scan: OnceLock<DepthScan>,
@@ -79,11 +81,11 @@ impl MemoryDataset {
         };
         in_batches(&scenario, &truth, progress, take, add)?;
         drop(truth);
-        Ok(MemoryDataset { scenario, camera, scan: OnceLock::new(), truths, counts })
+        Ok(MemoryDataset { scenario: Arc::new(scenario), camera, scan: OnceLock::new(), truths, counts })
     }
 
     /// The scenario of the dataset.
-    pub fn scenario(&self) -> &Scenario {
+    pub fn scenario(&self) -> &Arc<Scenario> {
         &self.scenario
     }
 
@@ -121,6 +123,53 @@ impl MemoryDataset {
         }
         let scan = self.scenario.scan_of_mean()?;
         Ok(self.scan.get_or_init(|| scan))
+    }
+
+    /// The rows of `truth/frames.csv`.
+    pub fn frames(&self) -> Vec<FrameRow> {
+        self.truths.iter().map(|truth| truth.frame.clone()).collect()
+    }
+
+    /// The rows of `truth/tracks.csv`.
+    pub fn tracks(&self) -> impl Iterator<Item = &TrackRow> {
+        self.truths.iter().flat_map(|truth| &truth.tracks)
+    }
+
+    /// The rows of `truth/boxes.csv`, if the scenario has it.
+    pub fn boxes(&self) -> Option<Vec<BoxRow>> {
+        let rows = || self.truths.iter().flat_map(|truth| truth.boxes.iter().cloned());
+        self.scenario.spec.truth.boxes.then(|| rows().collect())
+    }
+
+    /// The rows of `truth/field.csv`, if the scenario has it.
+    ///
+    /// # Errors
+    /// None for a resolved scenario.
+    pub fn field(&self) -> Result<Option<Vec<FieldRow>>> {
+        Ok(field::in_memory(&self.scenario, self.scan()?).map(|(_, rows)| rows))
+    }
+
+    /// The manifest, which lists images and tracks only.
+    ///
+    /// # Errors
+    /// None for a resolved scenario.
+    pub fn manifest(&self) -> Result<Manifest> {
+        let (table, mut census) = (tracks(&self.scenario), Census::default());
+        let mut sum = Hashing::new(std::io::sink());
+        let mut hash =
+            |text: &str| sum.write_all(text.as_bytes()).map_err(Error::write(Path::new(TrackRow::PATH)));
+        hash(&table.header())?;
+        for truth in &self.truths {
+            census.add(&Census::of(truth));
+            hash(&table.text(&truth.tracks))?;
+        }
+        let (_, image) = depth::measure(&self.scenario, self.scan()?)?;
+        let images = self
+            .truths
+            .iter()
+            .map(|truth| Resource { path: truth.frame.image.clone(), ..Resource::default() });
+        let resources = images.chain([resource(TrackRow::PATH, &sum.fingerprint(), &[table])]).collect();
+        Ok(Manifest { resources, ..manifest(&self.scenario, &census, &image, &[]) })
     }
 
     /// The tables `truth/frames.csv`, `truth/tracks.csv`, `truth/displacements.csv` and, if the scenario has

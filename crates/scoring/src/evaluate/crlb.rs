@@ -71,7 +71,8 @@ pub struct BoundBin {
 }
 
 /// The bound of a scenario in every bin of the curve over depth; for Gaussian particle images without such a
-/// curve, in a single bin. `sizes`: diameter (um) and brightness of each particle. The inner `Err` says why there is no bound.
+/// curve, in a single bin. `sizes`: diameter (um) and brightness of each particle. The inner `Err` says why
+/// there is no bound.
 ///
 /// # Errors
 /// Settings that cannot be rendered.

@@ -26,8 +26,13 @@ pub fn facts_of(path: &Path, given: &Conventions) -> Result<RecordingFacts> {
             ..RecordingFacts::default()
         }
     };
-    let um_per_px = given.um_per_px.or(told.um_per_px);
-    Ok(RecordingFacts { um_per_px, depth_um: given.depth_um.or(told.depth_um), ..told })
+    Ok(with_given(told, given))
+}
+
+/// The facts, of which `given` ones take precedence.
+pub(super) fn with_given(facts: RecordingFacts, given: &Conventions) -> RecordingFacts {
+    let um_per_px = given.um_per_px.or(facts.um_per_px);
+    RecordingFacts { um_per_px, depth_um: given.depth_um.or(facts.depth_um), ..facts }
 }
 
 /// Describes rows of a result in frames or image pairs that the dataset does not have, each with file and

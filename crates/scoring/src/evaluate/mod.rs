@@ -28,6 +28,7 @@ pub mod motion;
 pub mod neighbors;
 mod options;
 pub mod orientation;
+mod read;
 mod score;
 pub mod score_keys;
 pub mod statistics;
@@ -36,24 +37,22 @@ pub mod truth;
 pub mod uncertainty;
 pub(crate) mod units;
 
-use std::collections::BTreeMap;
-use std::path::Path;
-
-use crate::results::{self, Conventions, Field, Limits, Points, TrackerResult};
+use crate::results::{Field, Points, TrackerResult};
 use convention_check::ConventionCheck;
+use dataset::RecordingFacts;
 use dataset::manifest::{GENERATOR_VERSION, ScoringGates};
-use dataset::{BoxRow, FieldRow, RecordingFacts, Row, TrackRow};
 use detection::Detection;
-use field::true_field::{self, TrueFields};
+use field::true_field::TrueFields;
 use gate::Gate;
 pub use hint::Hint;
 use matching::{Cost, Matching};
-use measurement::TableSize;
 use motion::TrackComparison;
 pub use options::EvaluateOptions;
-use scenario::Scenario;
+pub use read::{Truth, evaluate_files, evaluate_source};
 pub use score::{Counts, Definitions, DetectionAtGate, Offset, PositionUncertainty, Score, Versions};
 use statistics::Bootstrap;
+use storage::advice;
+use storage::advice::Named;
 use storage::error::{Error, Result};
 use track_set::TrackSet;
 use truth::{ScoredPoints, TrueParticles};
@@ -91,87 +90,6 @@ pub struct Particles {
     pub found_u_um_s: Vec<f64>,
 }
 
-/// What results are scored against: the parts of a dataset's truth that a result of its kind needs.
-#[derive(Debug, Default)]
-pub struct Truth {
-    /// Facts about the recording.
-    pub facts: RecordingFacts,
-    /// The true particles.
-    pub particles: Option<TrueParticles>,
-    /// The true boxes.
-    pub boxes: Option<Vec<BoxRow>>,
-    /// The true displacement fields.
-    pub fields: Option<TrueFields>,
-    /// The scenario, for the Cramér-Rao bound.
-    pub scenario: Option<Scenario>,
-    /// Values on the axes of a sweep.
-    pub axes: BTreeMap<String, serde_json::Value>,
-    /// Caveats about the truth.
-    pub warnings: Vec<String>,
-}
-
-impl Truth {
-    /// Reads the particles (or `fields`) of a dataset, or a bare table; returns the limits of its results,
-    /// too.
-    fn read(path: &Path, is_field: bool, options: &EvaluateOptions) -> Result<(Self, Limits)> {
-        let facts = measurement::facts_of(path, &options.conventions)?;
-        let mut truth = Truth { axes: measurement::axes(path)?, ..Truth::default() };
-        if options.crlb {
-            if !path.is_dir() {
-                return Err(Error::input("--crlb: a bare table of the truth does not contain the optics"));
-            }
-            truth.scenario = Some(scenario::of_dataset(path)?.0);
-        }
-        if is_field || !path.is_dir() {
-            let limits = measurement::limits(path, &facts)?;
-            match (is_field, path.is_dir()) {
-                (true, true) => {
-                    let fields = true_field::of_recording(path, facts.clone(), options.plane_um)?;
-                    truth.fields = Some(fields);
-                }
-                (true, false) => truth.fields = Some(true_field::bare(path)?),
-                _ => truth.particles = Some(truth::bare(path, facts.clone())?),
-            }
-            return Ok((Truth { facts, ..truth }, limits));
-        }
-        let (particles, size) = TrueParticles::of_dataset(path, facts.clone())?;
-        if particles.facts.sha256 != facts.sha256 {
-            let what = format!("{} has changed since the dataset was made", TrackRow::PATH);
-            truth.warnings.push(what);
-        }
-        truth.particles = Some(particles);
-        if path.join(BoxRow::PATH).exists() {
-            let needed = ["frame", "x_px", "y_px", "w_px", "h_px", "visible"];
-            truth.boxes = Some(dataset::read_rows(path, &needed)?);
-        }
-        let field = path.join(FieldRow::PATH);
-        let field = if field.exists() { TableSize::of(&field)? } else { TableSize::default() };
-        let limits = TableSize::limits(&[size, field], &facts);
-        Ok((Truth { facts, ..truth }, limits))
-    }
-}
-
-/// Scores a result file against a dataset's folder or a bare table of the truth.
-///
-/// # Errors
-/// Files that are unreadable or malformed; options that do not apply to them.
-pub fn evaluate_files(dataset: &Path, result: &Path, options: &EvaluateOptions) -> Result<Evaluation> {
-    measurement::check_order(dataset, result)?;
-    let format = options.conventions.format.map_or_else(|| results::detect(result), Ok)?;
-    let (truth, limits) = Truth::read(dataset, format.is_field(), options)?;
-    let given = Conventions { limits, ..options.conventions.completed(&truth.facts) };
-    let mut found = results::read(result, &given)?;
-    if let (TrackerResult::Points(points), Some(particles)) = (&mut found, &truth.particles)
-        && particles.axes.is_empty()
-    {
-        // Large results take a tenth less memory.
-        points.axes = Vec::new();
-    }
-    let mut evaluation = evaluate(&truth, &found, options)?;
-    evaluation.score.result = result.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    Ok(evaluation)
-}
-
 /// Scores a result.
 ///
 /// # Errors
@@ -180,7 +98,8 @@ pub fn evaluate(truth: &Truth, result: &TrackerResult, options: &EvaluateOptions
     let is_field = matches!(result, TrackerResult::Field(_));
     if let Some(option) = options.of_others(is_field) {
         let [of, is] = if is_field { ["particles", "a field"] } else { ["fields", "particles"] };
-        return Err(Error::input(format!("{option}: is for results that are {of}; this one is {is}")));
+        let what = format!(": is for results that are {of}; this one is {is}");
+        return Err(Error::Options(advice!(option, what)));
     }
     let lacks = |what: &str| Error::input(format!("{}: no truth of {what}", truth.facts.name));
     let mut evaluation = match result {
@@ -266,7 +185,8 @@ fn definitions(facts: &RecordingFacts) -> Definitions {
 /// Options that do not apply; a gate so wide that a frame has too many pairs.
 pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptions) -> Result<Evaluation> {
     if options.border_px > 0.0 && truth.facts.sensor_px.is_none() {
-        return Err(Error::input("--border: a bare table does not contain the size of the images"));
+        let what = ": a bare table does not contain the size of the images";
+        return Err(Error::Options(advice!(Named::Border, what)));
     }
     let depth = options::dimensions(truth, points, options)?;
     let gate = options::gate(truth, depth, options)?;

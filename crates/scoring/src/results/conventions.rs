@@ -7,6 +7,8 @@ use clap::ValueEnum;
 use super::Format;
 use super::table::{BoxSize, Position};
 use dataset::{LARGEST_UM, RecordingFacts};
+use storage::advice;
+use storage::advice::Named;
 use storage::error::{Error, Result};
 
 /// Coordinates of the first pixel's center.
@@ -186,14 +188,16 @@ impl Converter {
             (LengthUnit::Px, _) => 1.0,
             (LengthUnit::Um, Some(um)) => 1.0 / um,
             (LengthUnit::Um, None) => {
-                return Err(Error::input(format!("{}: lengths are um; give --um-per-px", usual.name)));
+                let what = format!("{}: lengths are um; give ", usual.name);
+                return Err(Error::Options(advice!(what, Named::UmPerPx)));
             }
         };
         let flip_at = match (y_up, given.height_px) {
             (false, _) => None,
             (true, Some(height)) => Some(height + 1.0),
             (true, None) => {
-                return Err(Error::input("--y up: a bare table does not contain the height of the images"));
+                let what = ": a bare table does not contain the height of the images";
+                return Err(Error::Options(advice!(Named::YUp, what)));
             }
         };
         let unit = match usual.unit {

@@ -61,6 +61,35 @@ pub struct Census {
     pub max_displacement_px: f64,
 }
 
+impl Census {
+    /// Those of a frame.
+    pub(crate) fn of(truth: &FrameTruth) -> Self {
+        let farthest = |longest: f64, row: &DisplacementRow| {
+            // Not hypot: this number is part of the manifest, and std maths differs between machines.
+            let length_px = (row.dx_px * row.dx_px + row.dy_px * row.dy_px).sqrt();
+            if row.visible_a { longest.max(length_px) } else { longest }
+        };
+        Census {
+            frames: 1,
+            visible: truth.frame.n_visible,
+            saturated: truth.tracks.iter().filter(|row| row.visible && row.saturated).count() as u64,
+            light: truth.light,
+            displacements: truth.displacements.len() as u64,
+            max_displacement_px: truth.displacements.iter().fold(0.0, farthest),
+        }
+    }
+
+    /// Adds those of further frames.
+    pub(crate) fn add(&mut self, more: &Census) {
+        self.frames += more.frames;
+        self.visible += more.visible;
+        self.saturated += more.saturated;
+        self.light += more.light;
+        self.displacements += more.displacements;
+        self.max_displacement_px = self.max_displacement_px.max(more.max_displacement_px);
+    }
+}
+
 /// Number of tracers whose rows one task computes.
 const TRACERS_PER_TASK: usize = 256;
 
@@ -301,25 +330,13 @@ pub(crate) struct FrameText {
 impl FrameText {
     /// The text of a frame's truth.
     pub(crate) fn of(scenario: &Scenario, truth: &FrameTruth) -> Self {
-        let FrameTruth { frame, tracks, displacements, boxes, light, .. } = truth;
-        let farthest = |longest: f64, row: &DisplacementRow| {
-            // Not hypot: this number is part of the manifest, and std maths differs between machines.
-            let length_px = (row.dx_px * row.dx_px + row.dy_px * row.dy_px).sqrt();
-            if row.visible_a { longest.max(length_px) } else { longest }
-        };
+        let FrameTruth { frame, tracks, displacements, boxes, .. } = truth;
         FrameText {
             frame: FrameRow::table(&[]).text(std::slice::from_ref(frame)),
             tracks: texts(&self::tracks(scenario), tracks),
             displacements: texts(&DisplacementRow::table(&[]), displacements),
             boxes: texts(&BoxRow::table(&[]), boxes),
-            totals: Census {
-                frames: 1,
-                visible: frame.n_visible,
-                saturated: tracks.iter().filter(|row| row.visible && row.saturated).count() as u64,
-                light: *light,
-                displacements: displacements.len() as u64,
-                max_displacement_px: displacements.iter().fold(0.0, farthest),
-            },
+            totals: Census::of(truth),
         }
     }
 
@@ -369,13 +386,7 @@ impl TruthWriter {
         if let Some(boxes) = &mut self.boxes {
             text.boxes.iter().try_for_each(|rows| boxes.append(rows))?;
         }
-        let (census, more) = (&mut self.census, &text.totals);
-        census.frames += more.frames;
-        census.visible += more.visible;
-        census.saturated += more.saturated;
-        census.light += more.light;
-        census.displacements += more.displacements;
-        census.max_displacement_px = census.max_displacement_px.max(more.max_displacement_px);
+        self.census.add(&text.totals);
         Ok(())
     }
 
