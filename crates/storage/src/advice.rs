@@ -4,21 +4,34 @@ use std::fmt;
 
 /// An option that a message names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[expect(missing_docs, reason = "named as in the command")]
 pub enum Named {
+    /// Whether a shift of the result is estimated.
     AutoOffset,
+    /// Width of the border that is not scored.
     Border,
+    /// Whether the Cramér-Rao bound is computed.
     Crlb,
+    /// The depth range.
     Depth,
+    /// Number of dimensions.
     Dims,
+    /// Whether what exists is replaced.
     Force,
+    /// Format of a result.
     Format,
+    /// Shape of the gate.
     GateShape,
+    /// Width of the gate.
     GateXy,
+    /// Height of the gate.
     GateZ,
+    /// Gate of the ISBI scores.
     IsbiGate,
+    /// Plane of the true field.
     Plane,
+    /// Size of a pixel.
     UmPerPx,
+    /// That y grows upward.
     YUp,
 }
 
