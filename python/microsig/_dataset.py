@@ -83,6 +83,7 @@ class _Source(Protocol):
     def warnings(self) -> list[str]: ...
     def save(self, out: Path, force: bool, show: bool) -> None: ...
     def folder(self) -> Path: ...
+    def place(self) -> _microsig.Made | Path: ...
 
 
 class _Memory:
@@ -147,6 +148,9 @@ class _Memory:
             self.made.save(Path(place.name) / "dataset", False, False)
             self._place = place
         return Path(self._place.name) / "dataset"
+
+    def place(self) -> _microsig.Made:
+        return self.made
 
     def __reduce__(self) -> NoReturn:
         raise TypeError("a dataset in memory cannot be copied or pickled; save() it, and open() the folder elsewhere")
@@ -236,6 +240,9 @@ class _Folder:
         _microsig.copy_dataset(self._folder, out, force)
 
     def folder(self) -> Path:
+        return self._folder
+
+    def place(self) -> Path:
         return self._folder
 
 

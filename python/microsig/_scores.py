@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Union
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import _microsig, _scenario
 from ._arguments import LAST_SEED, flag, interval, one_of, optional, real, whole
@@ -156,30 +156,26 @@ def _columns(result: Any) -> dict[str, Any]:
     raise TypeError(f"a result is a path, a table, a data frame or a dict, not {type(result).__name__}")
 
 
-def _cells(name: str, values: Any) -> list[str]:
+def _values(name: str, values: Any) -> NDArray[Any] | list[str]:
+    """A column as the compiled part takes it: int64, float64 or texts."""
     array = np.asarray(values)
     if array.ndim != 1:
         raise ValueError(f"result: {name} has shape {array.shape}: expected one dimension")
-    if array.dtype.kind in "iu":
-        return [str(int(v)) for v in array]
-    if array.dtype.kind == "b":
-        return [str(int(v)) for v in array]
-    if array.dtype.kind == "f":
-        whole = name in ("frame", "track", "pair", "flag", "particle")
-        return ["" if np.isnan(v) else str(int(v)) if whole and float(v).is_integer() else repr(float(v)) for v in array]
+    if array.dtype.kind in "iub" and array.dtype != np.uint64:
+        return array.astype(np.int64)
+    if array.dtype.kind in "fu":
+        return array.astype(np.float64)
     return ["" if v is None else str(v) for v in array.tolist()]
 
 
-def _write(result: Any, path: Path) -> None:
-    """Writes columns as CSV; numbers in their shortest form that reads back to the same value."""
-    columns = {name: _cells(name, values) for name, values in _columns(result).items()}
+def _given(result: Any) -> list[tuple[str, NDArray[Any] | list[str]]]:
+    columns = [(name, _values(name, values)) for name, values in _columns(result).items()]
     if not columns:
         raise ValueError("result: no columns; expected frame, track, x_px, y_px [, z_um] or x_px, y_px, dx_px, dy_px")
-    if len({len(cells) for cells in columns.values()}) > 1:
-        told = ", ".join(f"{name} {len(cells)}" for name, cells in columns.items())
+    if len({len(values) for _, values in columns}) > 1:
+        told = ", ".join(f"{name} {len(values)}" for name, values in columns)
         raise ValueError(f"result: columns of different lengths: {told}")
-    lines = [",".join(columns), *(",".join(row) for row in zip(*columns.values()))]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return columns
 
 
 def _folder(dataset: Dataset | str | os.PathLike[str]) -> Path:
@@ -208,8 +204,6 @@ def evaluate(
     seed: int = 0,
 ) -> Scores:
     """Score a tracker's result against the truth: the numbers of ``microsig evaluate``, to the last digit.
-
-    A dataset in memory is written once to a temporary folder for this.
 
     :param dataset: a dataset, its folder, or a bare table of the truth
     :param result: a file of any format that the command reads; or columns of particles ``frame, track, x_px, y_px [, z_um]``
@@ -255,16 +249,9 @@ def evaluate(
         "crlb": flag("crlb", crlb),
         "seed": whole("seed", seed, 0, LAST_SEED),
     }
-    if isinstance(result, (str, os.PathLike)):
-        return Scores(*_microsig.evaluate(_folder(dataset), Path(result), how))
-    with tempfile.TemporaryDirectory(prefix="microsig-") as place:
-        path = Path(place) / "result.csv"
-        _write(result, path)
-        try:
-            return Scores(*_microsig.evaluate(_folder(dataset), path, how))
-        except ValueError as error:
-            # The file is no concern of the caller.
-            raise ValueError(str(error).replace(str(path), "result")) from None
+    place = dataset._source.place() if isinstance(dataset, Dataset) else Path(dataset)
+    given = Path(result) if isinstance(result, (str, os.PathLike)) else _given(result)
+    return Scores(*_microsig.evaluate(place, given, how))
 
 
 def methods() -> dict[str, str]:
@@ -311,13 +298,7 @@ def track(
         whole("seed", seed, 0, LAST_SEED),
         flag("progress", progress),
     )
-    with tempfile.TemporaryDirectory(prefix="microsig-") as place:
-        out = Path(place) / "result.csv"
-        _microsig.track(_folder(dataset), out, method, *options)
-        header = out.read_text(encoding="utf-8").split("\n", 1)[0].strip().split(",")
-        counted = ("frame", "track", "pair", "flag")
-        kinds = {name: "integer" if name in counted else "number" for name in header}
-        return Table(_microsig.read_table(out, kinds), name=f"result of {method}")
+    return Table(_microsig.track(_folder(dataset), method, *options), name=f"result of {method}")
 
 
 class Comparison:

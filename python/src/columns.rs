@@ -1,9 +1,9 @@
 //! Tables as NumPy arrays.
 
-use numpy::PyArray1;
+use dataset::{Columns, Table, Values};
+use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
-use storage::tables::{Columns, Table, Values};
 
 /// A table as Python receives it: its path in a dataset, meaning of a row, units and descriptions by column,
 /// values by column.
@@ -17,6 +17,24 @@ pub(crate) fn table<'py>(
         about.set_item(column.name, (column.unit, column.description))?;
     }
     Ok((table.path.to_owned(), table.description.to_owned(), about, arrays(py, columns)?))
+}
+
+/// A column that Python gives.
+#[derive(FromPyObject)]
+pub(crate) enum Given<'py> {
+    Whole(PyReadonlyArray1<'py, i64>),
+    Numbers(PyReadonlyArray1<'py, f64>),
+    Texts(Vec<String>),
+}
+
+/// The columns of a table that Python gives.
+pub(crate) fn columns(given: Vec<(String, Given<'_>)>) -> Columns {
+    let values = |given: Given<'_>| match given {
+        Given::Whole(values) => Values::Whole(values.as_array().to_vec()),
+        Given::Numbers(values) => Values::Numbers(values.as_array().to_vec()),
+        Given::Texts(values) => Values::Texts(values),
+    };
+    Columns(given.into_iter().map(|(name, given)| (name, values(given))).collect())
 }
 
 /// Columns as arrays: int64, float64, or lists of texts.

@@ -1,10 +1,11 @@
 //! Datasets: made in memory, or read from a folder.
 
-use std::io::{BufReader, Cursor};
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use generator::dataset::manifest::Manifest;
+use dataset::TableReader;
+use dataset::manifest::Manifest;
 use generator::runner::{GenerateOptions, MemoryDataset};
 use microsig_core::formats::tiff;
 use microsig_core::sensor::Counts;
@@ -14,7 +15,7 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use scenario::{self, Scenario};
-use storage::tables::Columns;
+use serde_json::Value;
 
 use crate::columns::{arrays, table};
 use crate::run::{OnInterrupt, raise, run};
@@ -49,6 +50,28 @@ impl ScenarioText {
 #[pyclass(frozen, module = "microsig._microsig")]
 pub(crate) struct Made(Arc<MemoryDataset>);
 
+/// Where a dataset is.
+#[derive(FromPyObject)]
+pub(crate) enum Place<'py> {
+    Memory(Bound<'py, Made>),
+    Folder(PathBuf),
+}
+
+/// A dataset in memory, or the path of one.
+pub(crate) enum Kept {
+    Memory(Arc<MemoryDataset>),
+    Folder(PathBuf),
+}
+
+impl From<Place<'_>> for Kept {
+    fn from(place: Place<'_>) -> Self {
+        match place {
+            Place::Memory(made) => Kept::Memory(Arc::clone(&made.get().0)),
+            Place::Folder(path) => Kept::Folder(path),
+        }
+    }
+}
+
 #[pymethods]
 impl Made {
     /// Counts of all images, (frames, rows, columns), not copied.
@@ -62,7 +85,7 @@ impl Made {
     /// Tables of frames, tracks and displacements.
     fn tables<'py>(&self, py: Python<'py>) -> PyResult<Vec<PyTable<'py>>> {
         let made = Arc::clone(&self.0);
-        let tables = run(py, false, OnInterrupt::Leave, move |_| made.tables())?;
+        let tables = run(py, false, OnInterrupt::Leave, move |_| Ok(made.tables()))?;
         tables.into_iter().map(|(of, columns)| table(py, &of, columns)).collect()
     }
 
@@ -146,12 +169,23 @@ fn resolve(py: Python<'_>, text: ScenarioText) -> PyResult<(String, String, Vec<
 /// anywhere; and as RON, with their paths in its dataset.
 pub(crate) fn texts(scenario: &Scenario) -> storage::Result<(String, String)> {
     let failed = |e: serde_json::Error| storage::Error::input(e.to_string());
-    let mut json = serde_json::to_string(&scenario.spec).map_err(failed)?;
-    for input in &scenario.inputs {
-        let quoted = |text: &str| serde_json::to_string(text).map_err(failed);
-        json = json.replace(&quoted(&input.path)?, &quoted(&input.source.to_string_lossy())?);
+    let mut spec = serde_json::to_value(&scenario.spec).map_err(failed)?;
+    relocate(&mut spec, scenario);
+    Ok((spec.to_string(), scenario::write(&scenario.spec)?))
+}
+
+/// Replaces paths in the dataset by those where the files were read.
+fn relocate(value: &mut Value, scenario: &Scenario) {
+    match value {
+        Value::String(text) => {
+            if let Some(input) = scenario.inputs.iter().find(|input| input.path == *text) {
+                *text = input.source.to_string_lossy().into_owned();
+            }
+        }
+        Value::Array(parts) => parts.iter_mut().for_each(|part| relocate(part, scenario)),
+        Value::Object(parts) => parts.values_mut().for_each(|part| relocate(part, scenario)),
+        _ => {}
     }
-    Ok((json, scenario::write(&scenario.spec)?))
 }
 
 fn settings<'py>(py: Python<'py>, scenario: &Scenario) -> PyResult<Bound<'py, PyDict>> {
@@ -228,9 +262,7 @@ fn read_table<'py>(
     kinds: std::collections::HashMap<String, String>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let columns = run(py, false, OnInterrupt::Leave, move |_| {
-        let file = BufReader::new(storage::input::open(&path)?);
-        let kind = |name: &str| kinds.get(name).map_or("string", String::as_str);
-        Columns::read(&path.display().to_string(), file, kind)
+        TableReader::open(&path)?.columns(|name| kinds.get(name).map_or("string", String::as_str))
     })?;
     arrays(py, columns)
 }

@@ -15,6 +15,7 @@ use pyo3::exceptions::{
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use storage::Error;
+use storage::advice::Named;
 
 /// How often signals are looked for.
 const TICK: Duration = Duration::from_millis(50);
@@ -124,31 +125,34 @@ pub(crate) fn defect(panic: &(dyn Any + Send)) -> PyErr {
     PyRuntimeError::new_err(format!("a defect of microsig, please report it: {text}"))
 }
 
-/// Options of the command in messages, and what they are called in Python; of names that begin alike the
-/// longer first.
-const OPTIONS: [(&str, &str); 16] = [
-    ("--auto-offset", "auto_offset"),
-    ("--border", "border_px"),
-    ("--crlb", "crlb"),
-    ("--depth LOW HIGH", "depth_um=(LOW, HIGH)"),
-    ("--dims", "dims"),
-    ("--force", "force=True"),
-    ("--format", "format"),
-    ("--frame-base", "frame_base"),
-    ("--gate-xy", "gate_xy_px"),
-    ("--gate-z", "gate_z_um"),
-    ("--gate", "gate"),
-    ("--isbi-gate", "isbi_gate_px"),
-    ("--plane", "plane_um"),
-    ("--threads", "set_threads()"),
-    ("--um-per-px", "um_per_px"),
-    ("--y up", "y=\"up\""),
-];
+/// What an option of the command is called in Python.
+fn argument(option: Named) -> &'static str {
+    match option {
+        Named::AutoOffset => "auto_offset",
+        Named::Border => "border_px",
+        Named::Crlb => "crlb",
+        Named::Depth => "depth_um=(LOW, HIGH)",
+        Named::Dims => "dims",
+        Named::Force => "force=True",
+        Named::Format => "format",
+        Named::GateShape => "gate",
+        Named::GateXy => "gate_xy_px",
+        Named::GateZ => "gate_z_um",
+        Named::IsbiGate => "isbi_gate_px",
+        Named::Plane => "plane_um",
+        Named::UmPerPx => "um_per_px",
+        Named::YUp => "y=\"up\"",
+    }
+}
 
-/// The exception of an error, with the command's message.
+/// The exception of an error, with its message.
 pub(crate) fn raise(error: Error) -> PyErr {
-    let text = printable(&error.messages().join("\n"));
-    let text = OPTIONS.iter().fold(text, |text, (option, name)| text.replace(option, name));
+    let text = match &error {
+        Error::Options(advice) => advice.said(argument),
+        Error::Exists { path, hint } => format!("{}: {}", path.display(), hint.said(argument)),
+        error => error.messages().join("\n"),
+    };
+    let text = printable(&text);
     match error {
         Error::Interrupted => PyKeyboardInterrupt::new_err(text),
         Error::Exists { .. } => PyFileExistsError::new_err(text),

@@ -4,13 +4,17 @@ use std::path::PathBuf;
 
 use bench::report;
 use clap::ValueEnum;
+use dataset::Columns;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use scenario::{self, Sweep};
 use scoring::evaluate::gate::Shape;
-use scoring::evaluate::{EvaluateOptions, evaluate as evaluate_result};
-use scoring::results::{Conventions, Format, Origin};
-use tracking::{METHODS, TrackOptions, track as track_dataset};
+use scoring::evaluate::{EvaluateOptions, Truth, evaluate_files, evaluate_source};
+use scoring::results::{Conventions, Format, Origin, Source};
+use tracking::{METHODS, TrackOptions, result};
 
+use crate::columns::{self, arrays, columns};
+use crate::dataset::{Kept, Place};
 use crate::run::{OnInterrupt, run};
 
 /// Options of scoring; numbers are within their ranges.
@@ -91,16 +95,37 @@ impl How {
     }
 }
 
+/// Where a result is: its path, or the columns of a table.
+#[derive(FromPyObject)]
+enum Given<'py> {
+    File(PathBuf),
+    Columns(Vec<(String, columns::Given<'py>)>),
+}
+
 /// Scores of a result against the truth of a dataset: `score.json`, the command's table, and `units.json`.
 #[pyfunction]
 fn evaluate(
     py: Python<'_>,
-    dataset: PathBuf,
-    result: PathBuf,
+    dataset: Place<'_>,
+    result: Given<'_>,
     how: How,
 ) -> PyResult<(String, String, String)> {
+    let dataset = Kept::from(dataset);
+    let (file, table) = match result {
+        Given::File(path) => (Some(path), Columns::default()),
+        Given::Columns(given) => (None, columns(given)),
+    };
     run(py, false, OnInterrupt::Leave, move |_| {
-        let evaluation = evaluate_result(&dataset, &result, &how.options()?)?;
+        let options = how.options()?;
+        let truth = |is_field| match &dataset {
+            Kept::Memory(made) => Truth::of_memory(made, is_field, &options),
+            Kept::Folder(path) => Truth::read(path, is_field, &options),
+        };
+        let evaluation = match (&dataset, &file) {
+            (Kept::Folder(dataset), Some(file)) => evaluate_files(dataset, file, &options)?,
+            (_, Some(file)) => evaluate_source(truth, Source::File(file), &options)?,
+            (_, None) => evaluate_source(truth, Source::Columns(table), &options)?,
+        };
         Ok((report::json(&evaluation)?, report::table(&evaluation.score), report::units_json(&evaluation)?))
     })
 }
@@ -126,13 +151,12 @@ fn compare(py: Python<'_>, scores: Vec<(String, String, String)>) -> PyResult<(S
     })
 }
 
-/// Tracks a dataset into a file, with options within their ranges; returns warnings.
+/// Tracks a dataset by options within their ranges; gives the columns of the result.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the options of the command")]
 fn track(
     py: Python<'_>,
     dataset: PathBuf,
-    out: PathBuf,
     method: String,
     max_displacement_px: f64,
     diameter_px: f64,
@@ -141,8 +165,8 @@ fn track(
     ensemble: bool,
     seed: u64,
     show: bool,
-) -> PyResult<Vec<String>> {
-    run(py, show, OnInterrupt::Wait, move |progress| {
+) -> PyResult<Bound<'_, PyDict>> {
+    let columns = run(py, show, OnInterrupt::Wait, move |progress| {
         let options = TrackOptions {
             method,
             max_displacement_px,
@@ -150,12 +174,13 @@ fn track(
             noise_px,
             noise_um,
             seed,
-            force: true,
+            force: false,
             ensemble,
             progress: progress.clone(),
         };
-        Ok(track_dataset(&dataset, &out, &options)?.warnings)
-    })
+        Ok(result(&dataset, &options)?.0)
+    })?;
+    arrays(py, columns)
 }
 
 /// Name and description of every tracking method.

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use scoring::evaluate::{EvaluateOptions, Evaluation, evaluate};
+use scoring::evaluate::{EvaluateOptions, Evaluation, evaluate_files};
 use suite::microsig::{generate, path, run};
 
 /// Standard deviations of the background noise, counts.
@@ -37,7 +37,7 @@ fn tracked(dataset: &Path, method: &[&str]) -> Evaluation {
     let result = dataset.with_extension("csv");
     let track = ["track", path(dataset), "--out", path(&result), "--quiet", "--force", "--method"];
     run(&[&track[..], method].concat());
-    evaluate(dataset, &result, &EvaluateOptions::default()).unwrap()
+    evaluate_files(dataset, &result, &EvaluateOptions::default()).unwrap()
 }
 
 /// Which true particles are found, and the median errors of those, in the image and in depth.

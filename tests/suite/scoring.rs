@@ -17,7 +17,7 @@ use scoring::evaluate::links::Links;
 use scoring::evaluate::matching::{Cost, Matching, NONE, optimal};
 use scoring::evaluate::statistics::Bootstrap;
 use scoring::evaluate::track_set::{Position, TrackSet, UnsortedPoint, side_by_side};
-use scoring::evaluate::{EvaluateOptions, evaluate};
+use scoring::evaluate::{EvaluateOptions, evaluate_files};
 use scoring::results::{Conventions, TrackRow, read_points};
 
 /// Files have 12 decimals, and rounding errors of sums of a few hundred numbers are 1e-13.
@@ -355,7 +355,8 @@ fn field_metrics_are_those_of_the_reference() {
     let paths = ["truth.csv", "result.csv"].map(|name| place.path().join(name));
     std::fs::write(&paths[0], truth).unwrap();
     std::fs::write(&paths[1], result).unwrap();
-    let score = evaluate(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score.field.unwrap();
+    let score =
+        evaluate_files(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score.field.unwrap();
     let a = &score.main;
     let text = std::fs::read_to_string(folder().join("piv/metrics.json")).unwrap();
     let theirs: serde_json::Value = serde_json::from_str(&text).unwrap();

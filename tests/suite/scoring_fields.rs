@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 use scoring::evaluate::field::FieldScore;
-use scoring::evaluate::{EvaluateOptions, evaluate};
+use scoring::evaluate::{EvaluateOptions, evaluate_files};
 use suite::microsig::{fail, path, run};
 
 /// A grid of `n` x `n` vectors with a spacing of 8 px.
@@ -27,7 +27,7 @@ fn score(truth: &str, result: &str) -> (FieldScore, Vec<String>) {
     let paths = ["truth.csv", "result.csv"].map(|name| place.path().join(name));
     std::fs::write(&paths[0], truth).unwrap();
     std::fs::write(&paths[1], result).unwrap();
-    let score = evaluate(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score;
+    let score = evaluate_files(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score;
     (score.field.unwrap(), score.warnings)
 }
 
@@ -136,7 +136,7 @@ fn a_dataset_s_field_is_scored_pair_by_pair_against_every_truth() {
     }
     let result = place.path().join("result.csv");
     std::fs::write(&result, &text).unwrap();
-    let score = evaluate(&folder, &result, &EvaluateOptions::default()).unwrap().score;
+    let score = evaluate_files(&folder, &result, &EvaluateOptions::default()).unwrap().score;
     let f = score.field.unwrap();
     // One of six columns is masked, so its vectors have no truth.
     assert_eq!((f.n_total, f.n_reported, f.n_outside, f.against.as_str()), (72, 72, 12, "central"));
@@ -153,7 +153,7 @@ fn a_dataset_s_field_is_scored_pair_by_pair_against_every_truth() {
     assert_eq!(f.plane_um, Some(1.0));
     let plane = |asked: Option<f64>| {
         let options = EvaluateOptions { plane_um: asked, ..EvaluateOptions::default() };
-        evaluate(&folder, &result, &options).unwrap().score.field.unwrap().plane_um
+        evaluate_files(&folder, &result, &options).unwrap().score.field.unwrap().plane_um
     };
     let manifest = r#"{"name":"hand-made","microsig":{"particle_image":{"focus_um":-12.0}}}"#;
     std::fs::write(folder.join("datapackage.json"), manifest).unwrap();
@@ -161,7 +161,7 @@ fn a_dataset_s_field_is_scored_pair_by_pair_against_every_truth() {
 
     // Without pair numbers the truth is ambiguous.
     std::fs::write(&result, table(6, |_, _| [1.0, 0.5])).unwrap();
-    let warnings = evaluate(&folder, &result, &EvaluateOptions::default()).unwrap().score.warnings;
+    let warnings = evaluate_files(&folder, &result, &EvaluateOptions::default()).unwrap().score.warnings;
     assert!(warnings.iter().any(|w| w.contains("image pair")), "{warnings:?}");
 }
 
@@ -190,7 +190,7 @@ fn a_plane_without_fluid_is_not_taken_unless_it_is_asked_for() {
     let result = place.path().join("result.csv");
     std::fs::write(&result, table(6, |_, _| [1.0, 0.5])).unwrap();
     let of = |plane_um: Option<f64>| {
-        evaluate(&folder, &result, &EvaluateOptions { plane_um, ..EvaluateOptions::default() })
+        evaluate_files(&folder, &result, &EvaluateOptions { plane_um, ..EvaluateOptions::default() })
     };
     assert_eq!(of(None).unwrap().score.field.unwrap().plane_um, Some(1.0));
     let message = of(Some(-9.0)).unwrap_err().to_string();
@@ -202,7 +202,7 @@ fn a_plane_without_fluid_is_not_taken_unless_it_is_asked_for() {
     let text = std::fs::read_to_string(&field).unwrap();
     let first = text.lines().filter(|l| !l.starts_with("1,")).map(|l| format!("{l}\n"));
     std::fs::write(&field, first.collect::<String>()).unwrap();
-    let score = evaluate(&folder, &out, &EvaluateOptions::default()).unwrap().score.field.unwrap();
+    let score = evaluate_files(&folder, &out, &EvaluateOptions::default()).unwrap().score.field.unwrap();
     assert_eq!((score.n_total, score.n_reported), (36, 30));
     assert_eq!((score.main.valid_vector_probability, score.main.aee_px), (Some(1.0), Some(0.0)));
     masked(&["1"]);
@@ -219,9 +219,10 @@ fn where_all_depths_are_seen_alike_their_mean_is_the_truth() {
     let result = place.path().join("result.csv");
     std::fs::write(&result, "pair,x_px,y_px,dx_px,dy_px\n0,13,13,1,0.5\n").unwrap();
     let scored = |plane_um: Option<f64>| {
-        let score = evaluate(&folder, &result, &EvaluateOptions { plane_um, ..EvaluateOptions::default() })
-            .unwrap()
-            .score;
+        let score =
+            evaluate_files(&folder, &result, &EvaluateOptions { plane_um, ..EvaluateOptions::default() })
+                .unwrap()
+                .score;
         let field = score.field.unwrap();
         (
             field.against,
@@ -256,7 +257,7 @@ fn image_pairs_that_are_not_there_are_told() {
         (r#"{"mode":"four_pulse","frames":8}"#, 1, "(99)"),
     ] {
         tell(&folder, &format!(r#"{{"timing":{timing}}}"#));
-        let score = evaluate(&folder, &result, &EvaluateOptions::default()).unwrap().score;
+        let score = evaluate_files(&folder, &result, &EvaluateOptions::default()).unwrap().score;
         assert_eq!(score.field.unwrap().n_outside, lost, "{timing}");
         let expected = format!("{lost} vectors belong to image pairs that the dataset does not have {named}");
         assert!(score.warnings.contains(&expected), "{timing}: {:?}", score.warnings);
@@ -310,7 +311,8 @@ fn a_generated_dataset_s_own_field_is_scored_perfect_against_each_of_its_truths(
         let result = place.path().join(format!("{kind}.txt"));
         let export = ["export", path(&dataset), "--format", "openpiv", "--displacement", kind, "--out"];
         run(&[&export[..], &[path(&result)]].concat());
-        let score = evaluate(&dataset, &result, &EvaluateOptions::default()).unwrap().score.field.unwrap();
+        let score =
+            evaluate_files(&dataset, &result, &EvaluateOptions::default()).unwrap().score.field.unwrap();
         // The format has five digits for displacements of a few px.
         assert!(score.truths[kind].aee_px.unwrap() < 1e-3, "{kind}: {:?}", score.truths[kind].aee_px);
         assert!(score.n_reported >= 20 && score.n_outside == 0, "{kind}");

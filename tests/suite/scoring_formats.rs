@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use scoring::evaluate::{EvaluateOptions, Score, evaluate};
+use scoring::evaluate::{EvaluateOptions, Score, evaluate_files};
 use scoring::results::{Conventions, Origin, TrackerResult, read};
 use suite::microsig::{fail, microsig, path, run};
 
@@ -18,7 +18,7 @@ fn given() -> Conventions {
 
 fn score(result: &str, dims: u8) -> Score {
     let options = EvaluateOptions { conventions: given(), dims: Some(dims), ..EvaluateOptions::default() };
-    evaluate(&folder().join("canonical.csv"), &folder().join(result), &options).unwrap().score
+    evaluate_files(&folder().join("canonical.csv"), &folder().join(result), &options).unwrap().score
 }
 
 /// Above the rounding of DefocusTracker's text file (six digits) and TrackMate's lengths (three digits).
@@ -78,7 +78,7 @@ fn every_format_of_fields_holds_the_canonical_one() {
         }
     }
     let truth = folder().join("field_canonical.csv");
-    let score = evaluate(&truth, &folder().join("openpiv.txt"), &EvaluateOptions::default())
+    let score = evaluate_files(&truth, &folder().join("openpiv.txt"), &EvaluateOptions::default())
         .unwrap()
         .score
         .field

@@ -1,9 +1,9 @@
 //! Mistakes of convention are detected and reported with the score without them.
 
+use dataset::RecordingFacts;
 use scoring::evaluate::field::FieldScore;
-use scoring::evaluate::measurement::RecordingFacts;
 use scoring::evaluate::truth::TrueParticles;
-use scoring::evaluate::{EvaluateOptions, Hint, Score, evaluate, particles};
+use scoring::evaluate::{EvaluateOptions, Hint, Score, evaluate_files, particles};
 use scoring::results::{Points, Position, TrackRow};
 
 /// A sequence of particles on straight lines, and a result with noise, misses, ghosts and broken tracks.
@@ -200,7 +200,7 @@ fn field(shift_px: f64) -> (FieldScore, Vec<Hint>) {
     }
     std::fs::write(&x, truth).unwrap();
     std::fs::write(&y, result).unwrap();
-    let Score { field, hints, .. } = evaluate(&x, &y, &EvaluateOptions::default()).unwrap().score;
+    let Score { field, hints, .. } = evaluate_files(&x, &y, &EvaluateOptions::default()).unwrap().score;
     (field.unwrap(), hints)
 }
 

@@ -6,7 +6,7 @@ use std::io::Write;
 
 use bench::release::{Submission, SubmissionFiles};
 use bench::report::parse_score;
-use generator::dataset::manifest::Manifest;
+use dataset::manifest::Manifest;
 use scoring::evaluate::truth::TrueParticles;
 use scoring::results::{Conventions, Limits};
 

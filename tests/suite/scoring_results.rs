@@ -238,7 +238,8 @@ fn recall_is_binned_by_what_the_truth_tells_of_a_particle() {
     }
     std::fs::write(&paths[0], truth).unwrap();
     std::fs::write(&paths[1], result).unwrap();
-    let score = scoring::evaluate::evaluate(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score;
+    let score =
+        scoring::evaluate::evaluate_files(&paths[0], &paths[1], &EvaluateOptions::default()).unwrap().score;
     let recalls = |against: &str| -> Vec<f64> {
         let curve = score.curves.iter().find(|c| c.against == against).unwrap();
         curve.bins.iter().map(|b| b.recall.unwrap()).collect()

@@ -1,5 +1,6 @@
 //! What moves the particles in a scenario: a velocity field and its placement, or recorded tracks.
 
+use dataset::{Row, TrackRow};
 use flows::fields::{Rotated, RotatedParams, Translated, TranslatedParams};
 use flows::registry::DepthRange;
 use flows::scale::Scale;
@@ -10,7 +11,6 @@ use serde::{Deserialize, Serialize};
 use super::field::Field;
 use super::files::Files;
 use super::language::problems::Problems;
-use storage::tables::truth::TRACKS;
 
 /// The source of particle motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -117,7 +117,7 @@ impl Tracks {
             }
         };
         // The other columns of a dataset's own `truth/tracks.csv` are redundant and not worth a warning.
-        let unknown = |c: &&String| !TRACKS.columns.iter().any(|own| own.name == c.as_str());
+        let unknown = |c: &&String| !TrackRow::table(&[]).columns.iter().any(|own| own.name == c.as_str());
         let unused: Vec<&str> = tracks.unused_columns().iter().filter(unknown).map(String::as_str).collect();
         if !unused.is_empty() {
             warnings.push(format!("{KEY}: {name}: unused columns: {}", unused.join(", ")));

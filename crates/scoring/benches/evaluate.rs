@@ -5,9 +5,9 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use dataset::RecordingFacts;
 use scoring::evaluate::gate::Gate;
 use scoring::evaluate::matching::{Cost, greedy, optimal};
-use scoring::evaluate::measurement::RecordingFacts;
 use scoring::evaluate::track_set::{TrackSet, UnsortedPoint};
 use scoring::evaluate::truth::TrueParticles;
 use scoring::evaluate::{EvaluateOptions, particles};

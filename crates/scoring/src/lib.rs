@@ -2,5 +2,6 @@
 //! [`ranking`] orders the results of several.
 
 pub mod evaluate;
+pub mod fourier;
 pub mod ranking;
 pub mod results;

@@ -42,21 +42,21 @@ impl Fingerprint {
     }
 }
 
-/// A writer that computes the fingerprint of everything written through it.
+/// A writer or reader that computes the fingerprint of everything that goes through it.
 #[derive(Debug)]
 pub struct Hashing<W> {
-    writer: W,
+    inner: W,
     hasher: Sha256,
     bytes: u64,
 }
 
 impl<W> Hashing<W> {
-    /// Wraps a writer.
-    pub fn new(writer: W) -> Self {
-        Hashing { writer, hasher: Sha256::new(), bytes: 0 }
+    /// Wraps a writer or reader.
+    pub fn new(inner: W) -> Self {
+        Hashing { inner, hasher: Sha256::new(), bytes: 0 }
     }
 
-    /// The fingerprint of everything written.
+    /// The fingerprint of everything written or read.
     pub fn fingerprint(self) -> Fingerprint {
         Fingerprint { bytes: self.bytes, sha256: Hash(self.hasher.finalize().into()) }
     }
@@ -64,14 +64,23 @@ impl<W> Hashing<W> {
 
 impl<W: Write> Write for Hashing<W> {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        let n = self.writer.write(bytes)?;
+        let n = self.inner.write(bytes)?;
         self.hasher.update(&bytes[..n]);
         self.bytes += n as u64;
         Ok(n)
     }
 
     fn flush(&mut self) -> std::io::Result<()> {
-        self.writer.flush()
+        self.inner.flush()
+    }
+}
+
+impl<R: Read> Read for Hashing<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let n = self.inner.read(buffer)?;
+        self.hasher.update(&buffer[..n]);
+        self.bytes += n as u64;
+        Ok(n)
     }
 }
 

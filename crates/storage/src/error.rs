@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::advice::{Advice, Named};
 use crate::problem::Problem;
 
 /// An error of the `microsig` command.
@@ -13,6 +14,9 @@ pub enum Error {
     /// A scenario or sweep that cannot be used: every problem, with its position in the file.
     #[error("{}", first_of(.0, ToString::to_string).join("\n"))]
     Problems(Vec<Problem>),
+    /// Options that cannot be used, or that the input needs.
+    #[error("{0}")]
+    Options(Advice),
     /// Valid input that is not implemented: one message per key or option.
     #[error("{}", .0.join("\n"))]
     Unsupported(Vec<String>),
@@ -21,8 +25,8 @@ pub enum Error {
     Exists {
         /// The existing path.
         path: PathBuf,
-        /// What the user can do.
-        hint: String,
+        /// What can be done about it.
+        hint: Advice,
     },
     /// Another process is writing this folder.
     #[error("{}: {owner} is writing it", path.display())]
@@ -101,7 +105,10 @@ impl Error {
 
     /// An existing file that `--force` replaces.
     pub fn exists(path: &Path) -> Self {
-        Error::Exists { path: path.to_owned(), hint: "already exists; --force replaces it".to_owned() }
+        Error::Exists {
+            path: path.to_owned(),
+            hint: crate::advice!("exists already; ", Named::Force, " replaces it"),
+        }
     }
 
     /// One message per problem, at most [`MOST_SHOWN`], and the number of further ones; problems in a

@@ -16,6 +16,8 @@ use super::lock::FolderLock;
 use super::removal::{plan, remove_own, remove_temporaries};
 pub use super::walk::FilesBelow;
 pub use super::walk::files_below;
+use crate::advice;
+use crate::advice::{Advice, Named};
 use crate::error::{Error, Result};
 
 /// A folder under construction.
@@ -262,7 +264,7 @@ pub fn is_empty(path: &Path) -> bool {
 /// [`Error::Exists`], which states whether `--force` would replace the existing result: it does if microsig
 /// wrote it and it contains no other files; `.` and `..`, which cannot be replaced from within.
 pub fn check_replaceable(path: &Path, earlier: Earlier) -> Result<()> {
-    let refuse = |hint: String| Err(Error::Exists { path: path.to_owned(), hint });
+    let refuse = |hint: Advice| Err(Error::Exists { path: path.to_owned(), hint });
     if path.file_name().is_none() {
         let hint = "expected a folder that can be renamed; run from another folder and give its name";
         return Err(Error::input(format!("{}: {hint}", path.display())));
@@ -271,19 +273,21 @@ pub fn check_replaceable(path: &Path, earlier: Earlier) -> Result<()> {
         return Ok(());
     }
     if !path.is_dir() {
-        return refuse("is a file; expected a new or empty folder".to_owned());
+        return refuse(advice!("is a file; expected a new or empty folder"));
     }
     if !path.join(earlier.mark).is_file() {
-        let hint = "it is not replaced, with or without --force; expected a new or empty folder";
-        return refuse(format!("is not empty and has no {}: {hint}", earlier.mark));
+        let what = format!("is not empty and has no {}: it is not replaced, with or without ", earlier.mark);
+        return refuse(advice!(what, Named::Force, "; expected a new or empty folder"));
     }
     plan(path)?;
     match (earlier.force, earlier.resumable) {
         (true, _) => Ok(()),
-        (false, true) => {
-            refuse("already exists; --force replaces it, --resume keeps it if it is the same".to_owned())
-        }
-        (false, false) => refuse("already exists; --force replaces it".to_owned()),
+        (false, true) => refuse(advice!(
+            "exists already; ",
+            Named::Force,
+            " replaces it, --resume leaves it if it is the same"
+        )),
+        (false, false) => Err(Error::exists(path)),
     }
 }
 

@@ -1,6 +1,7 @@
-//! Files and folders written atomically, checksums and locks; the columns of tables ([`tables`]); the errors
-//! of all verbs ([`error`], [`problem`]).
+//! Files and folders written atomically, checksums and locks; the errors of all verbs ([`error`],
+//! [`problem`]).
 
+pub mod advice;
 pub mod checksums;
 pub mod error;
 mod file;
@@ -15,7 +16,6 @@ pub mod problem;
 mod removal;
 pub mod shown;
 pub mod table_cache;
-pub mod tables;
 mod walk;
 
 pub use error::{Error, Result};

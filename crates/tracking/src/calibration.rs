@@ -9,9 +9,8 @@ use microsig_core::render::WaveOptics;
 
 use super::gray_image::GrayImage;
 use super::recording::read_image;
-use generator::dataset::calibration::CALIBRATION;
-use generator::dataset::manifest::Manifest;
-use scoring::results::sheet::{Separator, TextTable};
+use dataset::manifest::Manifest;
+use dataset::{CalibrationRow, Row as _, TableReader};
 use storage::error::{Error, Result};
 use storage::input;
 
@@ -137,7 +136,7 @@ type Stacks = ((u32, u32), Vec<Vec<Row>>);
 
 /// Size of the images (px) and, for each size of particles, validated rows of the table sorted by depth.
 fn table(dataset: &Path) -> Result<Stacks> {
-    let table = dataset.join(CALIBRATION.path);
+    let table = dataset.join(CalibrationRow::PATH);
     if !table.is_file() {
         let hint = "missing; this method needs the calibration stack of the dataset";
         return Err(Error::input(format!("{}: {hint}", table.display())));
@@ -184,38 +183,33 @@ fn table(dataset: &Path) -> Result<Stacks> {
 
 /// The rows of the table, validated against the size of the images.
 fn rows(table: &Path, size: (u32, u32)) -> Result<Vec<Row>> {
-    let sheet = TextTable::open(table, Separator::Comma, 1)?;
-    let [z, x, y, image] = ["z_um", "x_px", "y_px", "image"].map(|name| sheet.need(name));
-    let ([z, x, y, image], d) = ([z?, x?, y?, image?], sheet.column("d_um"));
     let mut rows = Vec::new();
-    sheet.rows(|cells| {
-        let z_um = cells.number(z)?;
+    TableReader::open(table)?.rows(&["z_um", "x_px", "y_px", "image"], |line, row: CalibrationRow| {
+        let CalibrationRow { z_um, image, .. } = row;
         if !DEPTHS_UM.contains(&z_um) {
             return Err(format!("z_um = {z_um}: expected -1e6 to 1e6"));
         }
-        let mut at = [0.0; 2];
-        for (axis, (name, column, pixels)) in [("x_px", x, size.0), ("y_px", y, size.1)].into_iter().enumerate() {
-            let position = cells.number(column)?;
+        let at = [("x_px", row.x_px, size.0), ("y_px", row.y_px, size.1)].map(|(name, position, pixels)| {
             let allowed = (1.0 + LEAST_ROOM_PX)..=(f64::from(pixels) - LEAST_ROOM_PX);
-            if !allowed.contains(&position) {
-                return Err(format!(
-                    "{name} = {position}: expected {} to {}, {LEAST_ROOM_PX} px inside the image of {pixels} px",
-                    allowed.start(),
-                    allowed.end(),
-                ));
+            if allowed.contains(&position) {
+                return Ok(position - 1.0);
             }
-            at[axis] = position - 1.0;
-        }
-        let image = cells.text(image)?.to_owned();
+            Err(format!(
+                "{name} = {position}: expected {} to {}, {LEAST_ROOM_PX} px inside the image of {pixels} px",
+                allowed.start(),
+                allowed.end(),
+            ))
+        });
+        let [x, y] = at;
         let inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
         if image.is_empty() || !Path::new(&image).components().all(inside) {
             return Err(format!("image = `{image}`: expected a path below the dataset's folder"));
         }
-        let d_um = d.map_or(Ok(0.0), |column| cells.number(column))?;
+        let d_um = if row.d_um.is_nan() { 0.0 } else { row.d_um };
         if !(0.0..=1e6).contains(&d_um) {
             return Err(format!("d_um = {d_um}: expected a number > 0 and <= 1e6"));
         }
-        rows.push(Row { line: cells.line, z_um, at, image, d_um });
+        rows.push(Row { line, z_um, at: [x?, y?], image, d_um });
         Ok(())
     })?;
     Ok(rows)
@@ -236,7 +230,7 @@ mod tests {
         settings_file::write(file, &settings).unwrap();
         let mut table = "step,z_um,x_px,y_px,image\n".to_owned();
         rows.iter().for_each(|row| writeln!(table, "{row}").unwrap());
-        std::fs::write(folder.path().join(CALIBRATION.path), table).unwrap();
+        std::fs::write(folder.path().join(CalibrationRow::PATH), table).unwrap();
         read(folder.path()).unwrap_err().to_string()
     }
 

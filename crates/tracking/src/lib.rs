@@ -38,11 +38,12 @@ use std::time::Instant;
 
 use serde::Serialize;
 
+use dataset::Columns;
 use generator::runner::Progress;
 use job::Job;
 use output::Output;
 use storage::error::{Error, Result};
-use storage::may_write;
+use storage::{may_write, save_result};
 
 /// A tracking method.
 #[derive(Debug)]
@@ -167,19 +168,31 @@ pub fn track(dataset: &Path, out: &Path, options: &TrackOptions) -> Result<Track
     let method = method(&options.method)?;
     may_write(out, options.force)?;
     let job = Job::new(dataset, options)?;
-    let rows = (method.run)(&job)?.save(out, options.force)?;
+    let table = (method.run)(&job)?.columns();
+    save_result(out, options.force, table.csv().as_bytes())?;
     let frames = job.recording.frames();
     let (seconds_per_frame, slowest_frame_seconds) = job.frame_seconds().unzip();
     Ok(Tracked {
         out: out.to_owned(),
         method: method.name,
         frames,
-        rows,
+        rows: table.rows(),
         seconds: start.elapsed().as_secs_f64(),
         seconds_per_frame,
         slowest_frame_seconds,
         warnings: job.into_warnings(),
     })
+}
+
+/// Tracks a dataset by one of the [`METHODS`]; returns the result and warnings about it.
+///
+/// # Errors
+/// An unknown method, a dataset without what the method needs.
+pub fn result(dataset: &Path, options: &TrackOptions) -> Result<(Columns, Vec<String>)> {
+    let method = method(&options.method)?;
+    let job = Job::new(dataset, options)?;
+    let table = (method.run)(&job)?.columns();
+    Ok((table, job.into_warnings()))
 }
 
 #[cfg(test)]

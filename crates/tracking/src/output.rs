@@ -1,9 +1,6 @@
-//! Writes results of the baseline trackers as microsig's tables of particles or displacements.
+//! Results of the baseline trackers as microsig's tables of particles or displacements.
 
-use std::path::Path;
-
-use storage::error::{Error, Result};
-use storage::save_result;
+use dataset::{Columns, Values};
 
 /// A particle of a result.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,59 +45,46 @@ impl Output {
         }
     }
 
-    /// Writes the table atomically; returns its number of rows.
-    ///
-    /// # Errors
-    /// An existing file, unless `force`; an I/O error.
-    pub(super) fn save(&self, path: &Path, force: bool) -> Result<usize> {
-        let table = self.table().map_err(|e| Error::write(path)(std::io::Error::other(e)))?;
-        save_result(path, force, &table)?;
-        Ok(self.rows())
-    }
-
-    /// The table as CSV.
-    fn table(&self) -> std::result::Result<Vec<u8>, Box<dyn std::error::Error + Send + Sync>> {
-        let mut table = csv::Writer::from_writer(Vec::new());
-        match self {
+    /// The table.
+    pub(super) fn columns(&self) -> Columns {
+        let whole = |name: &str, values: Vec<i64>| (name.to_owned(), Values::Whole(values));
+        let numbers = |name: &str, values: Vec<f64>| (name.to_owned(), Values::Numbers(values));
+        let (pairs, vectors) = match self {
             Output::Points(points) => {
-                let flat = !points.is_empty() && points.iter().all(|p| p.z_um.is_none());
-                let columns = ["frame", "track", "x_px", "y_px", "z_um"];
-                table.write_record(if flat { &columns[..4] } else { &columns[..] })?;
-                for p in points {
-                    let mut cells = vec![
-                        p.frame.to_string(),
-                        p.track.to_string(),
-                        p.x_px.to_string(),
-                        p.y_px.to_string(),
-                    ];
-                    if !flat {
-                        cells.push(p.z_um.map_or(String::new(), |z| z.to_string()));
-                    }
-                    table.write_record(&cells)?;
+                let of = |value: fn(&Row) -> f64| points.iter().map(value).collect();
+                let mut columns = vec![
+                    whole("frame", points.iter().map(|p| i64::from(p.frame)).collect()),
+                    whole("track", points.iter().map(|p| p.track).collect()),
+                    numbers("x_px", of(|p| p.x_px)),
+                    numbers("y_px", of(|p| p.y_px)),
+                ];
+                if points.is_empty() || points.iter().any(|p| p.z_um.is_some()) {
+                    columns.push(numbers("z_um", of(|p| p.z_um.unwrap_or(f64::NAN))));
                 }
+                return Columns(columns);
             }
             Output::Fields(fields) => {
-                table.write_record(["pair", "x_px", "y_px", "dx_px", "dy_px", "flag"])?;
-                for (pair, vectors) in fields {
-                    let pair = pair.to_string();
-                    for v in vectors {
-                        table.write_record([&[pair.clone()][..], &cells(v)].concat())?;
-                    }
-                }
+                let pairs = fields.iter().flat_map(|(pair, all)| vec![*pair as i64; all.len()]);
+                let vectors = fields.iter().flat_map(|(_, vectors)| vectors).collect();
+                (Some(whole("pair", pairs.collect())), vectors)
             }
-            Output::MeanField(vectors) => {
-                table.write_record(["x_px", "y_px", "dx_px", "dy_px", "flag"])?;
-                vectors.iter().try_for_each(|v| table.write_record(cells(v)))?;
-            }
-        }
-        Ok(table.into_inner()?)
+            Output::MeanField(vectors) => (None, vectors.iter().collect::<Vec<_>>()),
+        };
+        let of = |value: fn(&DisplacementVector) -> f32| vectors.iter().map(|v| decimal(value(v))).collect();
+        let flag = |v: &&DisplacementVector| if v.replaced { 2 } else { 0 };
+        let columns = [
+            numbers("x_px", of(|v| v.at[0] + 1.0)),
+            numbers("y_px", of(|v| v.at[1] + 1.0)),
+            numbers("dx_px", of(|v| v.d[0])),
+            numbers("dy_px", of(|v| v.d[1])),
+            whole("flag", vectors.iter().map(flag).collect()),
+        ];
+        Columns(pairs.into_iter().chain(columns).collect())
     }
 }
 
-/// Position, displacement and flag of a vector.
-fn cells(vector: &DisplacementVector) -> [String; 5] {
-    let flag = if vector.replaced { 2 } else { 0 };
-    let [x, y] = vector.at.map(|c| (c + 1.0).to_string());
-    let [dx, dy] = vector.d.map(|d| d.to_string());
-    [x, y, dx, dy, flag.to_string()]
+/// The number that the shortest decimal of a single-precision one is, so that tables have no digits that are
+/// not measured.
+fn decimal(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::from(value))
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use microsig_core::formats::tiff;
 
 use super::gray_image::GrayImage;
-use scoring::evaluate::measurement::{RecordingFacts, of_manifest};
+use dataset::RecordingFacts;
 use storage::error::{Error, Result};
 use storage::input;
 
@@ -22,7 +22,7 @@ pub(super) struct Recording {
 impl Recording {
     /// Lists the images of a dataset or of a split of a challenge.
     pub(super) fn open(dataset: &Path) -> Result<Self> {
-        let facts = of_manifest(dataset)?;
+        let facts = RecordingFacts::read(dataset)?;
         let Some((width, height)) = facts.sensor_px else {
             return Err(Error::input(format!(
                 "{}: the manifest lacks the size of the sensor",

@@ -4,7 +4,7 @@ use std::io::BufWriter;
 use std::path::Path;
 
 use anyhow::Context;
-use generator::dataset::manifest::MANIFEST;
+use dataset::manifest::MANIFEST;
 use generator::runner::{GenerateOptions, Progress, generate};
 use image::GrayImage;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};

@@ -11,8 +11,8 @@ use super::output::{report as print, warn};
 use crate::release::{self, SubmissionFiles, Validated};
 use crate::report;
 use scoring::evaluate::gate::Shape;
-use scoring::evaluate::measurement::{RecordingFacts, check_order};
-use scoring::evaluate::{EvaluateOptions, evaluate};
+use scoring::evaluate::measurement::{beyond, check_order, facts_of};
+use scoring::evaluate::{EvaluateOptions, evaluate_files};
 use scoring::results::{self, Conventions, Format, Origin, TrackerResult};
 use storage::error::{Error, Result};
 
@@ -155,7 +155,7 @@ impl Evaluate {
         } else {
             (self.result.clone(), None)
         };
-        let evaluation = evaluate(&self.dataset, &result, &options)?;
+        let evaluation = evaluate_files(&self.dataset, &result, &options)?;
         let mut text = report::table(&evaluation.score);
         if let Some(out) = &self.out {
             for path in report::write(out, &evaluation, self.report, common.force)? {
@@ -204,9 +204,9 @@ pub(super) fn checked(dataset: &Path, result: &Path, given: Conventions) -> Resu
         let value = serde_json::to_value(&validated).map_err(|e| Error::input(e.to_string()))?;
         return Ok(Checked { text, value, warnings: validated.warnings });
     }
-    let facts = RecordingFacts::of(dataset, &given)?;
-    let found = results::read(result, &facts.conventions(given))?;
-    let beyond = facts.beyond(result, &found);
+    let facts = facts_of(dataset, &given)?;
+    let found = results::read(result, &given.completed(&facts))?;
+    let beyond = beyond(&facts, result, &found);
     if !beyond.is_empty() {
         return Err(Error::Input(beyond));
     }

@@ -13,7 +13,7 @@ use super::track::methods;
 use crate::report;
 use generator::runner::{Shard, Swept};
 use scenario::Case;
-use scoring::evaluate::{EvaluateOptions, evaluate};
+use scoring::evaluate::{EvaluateOptions, evaluate_files};
 use storage::checksums::SHA256SUMS;
 use storage::error::{Error, Result};
 use tracking::{TrackOptions, track};
@@ -89,7 +89,7 @@ impl SweepScores {
         }
         for entry in entries.iter().filter(|entry| !is_new(&entry.scores.join(report::SCORE), &entry.result))
         {
-            let evaluation = evaluate(&entry.dataset, &entry.result, &EvaluateOptions::default())?;
+            let evaluation = evaluate_files(&entry.dataset, &entry.result, &EvaluateOptions::default())?;
             warn(&evaluation.score.warnings, common);
             create_parent(&entry.scores)?;
             report::write(&entry.scores, &evaluation, false, common.force || resume)?;

@@ -11,25 +11,8 @@ use visibility::RunLengths;
 
 use super::ExportFormat;
 use crate::release::package::Package;
-use scoring::evaluate::measurement::RecordingFacts;
-use scoring::results::Conventions;
-use scoring::results::sheet::{Separator, TextTable};
+use dataset::{BoxRow, FrameRow, RecordingFacts, Row, read_rows};
 use storage::error::{Error, Result};
-use storage::tables::truth::{BOXES, FRAMES};
-
-/// A particle image of `truth/boxes.csv`.
-#[derive(Debug)]
-struct ParticleBox {
-    track: i64,
-    /// Left, top, width, height, px; the corner of the first pixel is at (0, 0).
-    at: [f64; 4],
-    area_px: f64,
-    z_um: f64,
-    class: u32,
-    hidden: f64,
-    visible: bool,
-    mask: String,
-}
 
 /// The boxes of all frames.
 #[derive(Debug)]
@@ -39,15 +22,15 @@ pub(super) struct Boxes {
     size: (u32, u32),
     um_per_px: f64,
     /// Path of every image, and its boxes in the order of the table.
-    frames: BTreeMap<u32, (String, Vec<ParticleBox>)>,
+    frames: BTreeMap<u32, (String, Vec<BoxRow>)>,
 }
 
 impl Boxes {
     /// Reads the boxes of a dataset.
     pub(super) fn read(dataset: &Path) -> Result<Self> {
-        let facts = RecordingFacts::of(dataset, &Conventions::default())?;
+        let facts = RecordingFacts::read(dataset)?;
         facts.needs_truth(dataset)?;
-        let path = dataset.join(BOXES.path);
+        let path = dataset.join(BoxRow::PATH);
         if !path.exists() {
             return Err(Error::input(format!(
                 "{}: missing; generate the dataset with truth: (boxes: true)",
@@ -57,31 +40,17 @@ impl Boxes {
         let (width, height) = facts.sensor_px.ok_or_else(|| {
             Error::input(format!("{}: the manifest lacks the size of the images", facts.name))
         })?;
-        let mut frames = images(dataset)?;
-        let sheet = TextTable::open(&path, Separator::Comma, 1)?;
-        let need = |name| sheet.need(name);
-        let (frame, track, mask) = (need("frame")?, need("track")?, need("mask")?);
-        let (x, y, w, h) = (need("x_px")?, need("y_px")?, need("w_px")?, need("h_px")?);
-        let (area, z, class) = (need("area_px")?, need("z_um")?, need("class")?);
-        let (hidden, visible) = (need("hidden")?, need("visible")?);
-        sheet.rows(|cells| {
-            let (w, h) = (cells.number(w)?, cells.number(h)?);
-            let number = cells.number(frame)?;
-            let (_, boxes) = frames
-                .get_mut(&(number as u32))
-                .ok_or(format!("frame {number} is not in {}", FRAMES.path))?;
-            boxes.push(ParticleBox {
-                track: cells.track(Some(track))?,
-                at: [cells.number(x)? - 0.5 - 0.5 * w, cells.number(y)? - 0.5 - 0.5 * h, w, h],
-                area_px: cells.number(area)?,
-                z_um: cells.number(z)?,
-                class: cells.number(class)? as u32,
-                hidden: cells.number(hidden)?,
-                visible: cells.number(visible)? != 0.0,
-                mask: cells.text(mask)?.to_owned(),
-            });
-            Ok(())
-        })?;
+        let images = read_rows::<FrameRow>(dataset, &["frame", "image"])?;
+        let mut frames: BTreeMap<u32, (String, Vec<BoxRow>)> =
+            images.into_iter().map(|row| (row.frame, (row.image, Vec::new()))).collect();
+        let needed = BoxRow::COLUMNS.iter().map(|column| column.name).collect::<Vec<_>>();
+        for row in read_rows::<BoxRow>(dataset, &needed)? {
+            let frame = row.frame;
+            let (_, boxes) = frames.get_mut(&frame).ok_or_else(|| {
+                Error::input(format!("{}: frame {frame} is not in {}", path.display(), FrameRow::PATH))
+            })?;
+            boxes.push(row);
+        }
         let um_per_px = facts.um_per_px.unwrap_or(1.0);
         Ok(Boxes { name: facts.name, size: (width as u32, height as u32), um_per_px, frames })
     }
@@ -116,7 +85,7 @@ impl Boxes {
         // Numbers start at 1, because pycocotools treats 0 as no match.
         let annotations = all.enumerate().map(|(k, (frame, one))| {
             json!({
-                "id": k + 1, "image_id": frame, "category_id": one.class, "bbox": one.at, "area": one.area_px,
+                "id": k + 1, "image_id": frame, "category_id": one.class, "bbox": one.rectangle(), "area": f64::from(one.area_px),
                 "iscrowd": u8::from(!one.visible), "segmentation": {"size": [height, width], "counts": one.mask},
                 "track": one.track, "z_um": one.z_um, "hidden": one.hidden,
             })
@@ -132,10 +101,10 @@ impl Boxes {
 
     /// YOLO's text of a frame, for visible particles: class, center, width and height as fractions of the
     /// image.
-    fn yolo(&self, stem: &str, boxes: &[ParticleBox]) -> Result<(String, Vec<u8>)> {
+    fn yolo(&self, stem: &str, boxes: &[BoxRow]) -> Result<(String, Vec<u8>)> {
         let (width, height) = (f64::from(self.size.0), f64::from(self.size.1));
-        let line = |one: &ParticleBox| {
-            let [x, y, w, h] = one.at;
+        let line = |one: &BoxRow| {
+            let [x, y, w, h] = one.rectangle();
             let [x, y] = [(x + 0.5 * w) / width, (y + 0.5 * h) / height];
             format!("{} {x} {y} {} {}\n", one.class, w / width, h / height)
         };
@@ -145,7 +114,7 @@ impl Boxes {
 
     /// The label image of a frame: the number of the row in the frame's part of the table, from 1. Where two
     /// particle images overlap, the smaller one is on top.
-    fn labels(&self, stem: &str, boxes: &[ParticleBox]) -> Result<(String, Vec<u8>)> {
+    fn labels(&self, stem: &str, boxes: &[BoxRow]) -> Result<(String, Vec<u8>)> {
         let (width, height) = self.size;
         if boxes.len() > usize::from(u16::MAX) {
             let n = boxes.len();
@@ -157,12 +126,13 @@ impl Boxes {
         let (columns, rows) = (width as usize, height as usize);
         let mut counts = vec![0u16; columns * rows];
         let mut order: Vec<usize> = (0..boxes.len()).collect();
-        order.sort_by(|a, b| boxes[*b].area_px.total_cmp(&boxes[*a].area_px));
+        order.sort_by(|a, b| boxes[*b].area_px.cmp(&boxes[*a].area_px));
         for k in order {
             let mask = RunLengths::parse(&boxes[k].mask, columns * rows).ok_or_else(|| {
                 Error::input(format!(
                     "{}: track {}: mask: expected COCO's run lengths of {width} x {height} px",
-                    BOXES.path, boxes[k].track
+                    BoxRow::PATH,
+                    boxes[k].track
                 ))
             })?;
             for pixel in mask.pixels() {
@@ -181,10 +151,7 @@ impl Boxes {
     }
 
     /// A zip archive with a file for each frame, named like its image.
-    fn archive(
-        &self,
-        of: impl Fn(&Self, &str, &[ParticleBox]) -> Result<(String, Vec<u8>)>,
-    ) -> Result<Vec<u8>> {
+    fn archive(&self, of: impl Fn(&Self, &str, &[BoxRow]) -> Result<(String, Vec<u8>)>) -> Result<Vec<u8>> {
         let mut package = Package::default();
         for (image, boxes) in self.frames.values() {
             let stem = Path::new(image).file_stem().unwrap_or_default().to_string_lossy();
@@ -193,16 +160,4 @@ impl Boxes {
         }
         package.zipped(&self.name)
     }
-}
-
-/// Path of the image of every frame.
-fn images(dataset: &Path) -> Result<BTreeMap<u32, (String, Vec<ParticleBox>)>> {
-    let sheet = TextTable::open(&dataset.join(FRAMES.path), Separator::Comma, 1)?;
-    let (frame, image) = (sheet.need("frame")?, sheet.need("image")?);
-    let mut images = BTreeMap::new();
-    sheet.rows(|cells| {
-        images.insert(cells.number(frame)? as u32, (cells.text(image)?.to_owned(), Vec::new()));
-        Ok(())
-    })?;
-    Ok(images)
 }

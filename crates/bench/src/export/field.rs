@@ -40,7 +40,7 @@ pub(super) fn write(dataset: &Path, options: &ExportOptions) -> Result<(Vec<u8>,
         flo(width as u32, height as u32, known)
     };
     if n == 0 {
-        let what = format!("the {wanted} field has no known vector at z = {plane_um} um");
+        let what = format!("the {wanted} field has no known vector at z = {} um", plane_um.unwrap_or(0.0));
         return Err(Error::input(format!("{}: {what}", path.display())));
     }
     Ok((bytes, n))

@@ -4,12 +4,10 @@ use std::fmt::Write;
 use std::path::Path;
 
 use super::ExportFormat;
-use scoring::evaluate::measurement::RecordingFacts;
+use dataset::RecordingFacts;
 use scoring::evaluate::truth::TrueParticles;
-use scoring::results::sheet::{Separator, TextTable};
 use scoring::results::{Conventions, Position};
 use storage::error::{Error, Result};
-use storage::tables::truth::TRACKS;
 
 /// A true particle in one frame.
 #[derive(Debug, Clone, Copy)]
@@ -34,21 +32,14 @@ impl Spots {
     /// Reads the truth of a dataset.
     pub(super) fn read(dataset: &Path) -> Result<Self> {
         let truth = TrueParticles::read(dataset, &Conventions::default())?;
-        let sheet = TextTable::open(&dataset.join(TRACKS.path), Separator::Comma, 1)?;
-        let (t_s, d_um) = (sheet.need("t_s")?, sheet.need("d_um")?);
-        let mut more = Vec::with_capacity(truth.rows.len());
-        sheet.rows(|cells| {
-            more.push((cells.number(t_s)?, cells.number(d_um)?));
-            Ok(())
-        })?;
-        let mut spots: Vec<Spot> = (truth.rows.iter().zip(more).enumerate())
+        let mut spots: Vec<Spot> = (truth.rows.iter().zip(&truth.sizes).enumerate())
             .filter(|(i, _)| truth.is_scored(*i, 0.0))
-            .map(|(_, (row, (t_s, d_um)))| Spot {
+            .map(|(_, (row, [d_um, _]))| Spot {
                 frame: row.frame,
                 track: row.track,
-                t_s,
+                t_s: truth.times_s.get(&row.frame).copied().unwrap_or(f64::NAN),
                 at: row.at,
-                d_um,
+                d_um: *d_um,
                 step: [f64::NAN; 3],
             })
             .collect();

@@ -7,11 +7,10 @@ use serde_json::{Value, json};
 
 use super::splits::Train;
 use super::{COMMITMENT, SALT};
-use generator::dataset::calibration::CALIBRATION;
-use generator::dataset::manifest::{self, COORDINATES, GENERATOR_VERSION};
+use dataset::manifest::{self, COORDINATES, GENERATOR_VERSION};
+use dataset::{CalibrationRow, Row, TrackRow};
 use scenario::license::License;
 use storage::checksums::Fingerprint;
-use storage::tables::truth::TRACKS;
 
 /// Bibliographic data of a release.
 #[derive(Debug, Clone, Default)]
@@ -179,8 +178,8 @@ impl ReleaseTexts<'_> {
     pub(super) fn test_card(&self) -> String {
         let calibration = format!(
             "- `calibration/`: images of one particle scanned through the depth range, from the train split. `{}` lists the \
-            depths.\n",
-            CALIBRATION.path
+             depths.\n",
+            CalibrationRow::PATH
         );
         let calibration = if self.calibrated { calibration.as_str() } else { "" };
         format!(
@@ -296,7 +295,7 @@ impl ReleaseTexts<'_> {
             "title": self.title,
             "description": self.description(),
             "version": self.version,
-            "licenses": [manifest::license(self.license)],
+            "licenses": [generator::dataset::manifest::license(self.license)],
             "contributors": self.creators.iter().map(|c| json!({ "title": c, "role": "author" })).collect::<Vec<_>>(),
             "keywords": self.keywords(),
             "microsig": {
@@ -366,14 +365,14 @@ impl ReleaseTexts<'_> {
             "@id": format!("{split}-tracks"),
             "name": format!("{split}-tracks"),
             "containedIn": { "@id": format!("{name}-{split}.zip") },
-            "contentUrl": format!("{name}-{split}/{}", TRACKS.path),
+            "contentUrl": format!("{name}-{split}/{}", TrackRow::PATH),
             "encodingFormat": "text/csv",
         })
     }
 
     /// The record set of a split's table of tracks.
     fn records(&self, split: &str) -> Value {
-        let fields: Vec<Value> = TRACKS
+        let fields: Vec<Value> = TrackRow::table(&[])
             .columns
             .iter()
             .map(|c| {
@@ -394,7 +393,7 @@ impl ReleaseTexts<'_> {
             "@type": "cr:RecordSet",
             "@id": split,
             "name": split,
-            "description": TRACKS.description,
+            "description": TrackRow::DESCRIPTION,
             "field": fields,
         })
     }

@@ -7,7 +7,7 @@ use std::io::Read;
 use std::path::Path;
 
 use super::{MARK, ReleaseOptions};
-use generator::dataset::manifest::MANIFEST;
+use dataset::manifest::MANIFEST;
 use storage::checksums::SHA256SUMS;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, check_replaceable};
@@ -29,7 +29,7 @@ pub(super) fn is_there(dataset: &Path, options: &ReleaseOptions) -> Result<bool>
     if !(options.force && options.new_keys) {
         let hint = "is a challenge with its secret key: --resume leaves it unchanged, --force --new-keys replaces it by another \
              one, for which nothing that has been published of it holds";
-        return Err(Error::Exists { path: out.clone(), hint: hint.to_owned() });
+        return Err(Error::Exists { path: out.clone(), hint: storage::advice!(hint) });
     }
     check_replaceable(out, Earlier::new(MARK, true)).map(|()| false)
 }

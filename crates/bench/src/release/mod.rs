@@ -36,7 +36,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use generator::dataset::manifest::MANIFEST;
+use dataset::manifest::MANIFEST;
 use generator::dataset::secret;
 use generator::runner::{GenerateOptions, Progress, generate};
 use package::Package;

@@ -9,16 +9,15 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use generator::dataset::manifest::ScoringGates;
+use dataset::manifest::ScoringGates;
+use dataset::{FieldRow, RecordingFacts, Row};
 use scoring::evaluate::field::true_field;
 use scoring::evaluate::gate::Gate;
 use scoring::evaluate::matching::{Cost, optimal};
-use scoring::evaluate::measurement::RecordingFacts;
 use scoring::evaluate::track_set::{Position, TrackSet, UnsortedPoint};
 use scoring::evaluate::truth::TrueParticles;
 use scoring::results::{Conventions, FlowVector};
 use storage::error::Result;
-use storage::tables::truth::FIELD_PATH;
 
 /// Maximum number of frames compared.
 const FRAMES: u32 = 50;
@@ -108,7 +107,7 @@ fn gate(facts: &RecordingFacts) -> Gate {
 
 /// Whether both splits have a true field and these agree to 10 % of the RMS displacement or 0.05 px.
 pub(super) fn field(train: &Path, test: &Path) -> Result<bool> {
-    if !train.join(FIELD_PATH).exists() || !test.join(FIELD_PATH).exists() {
+    if !train.join(FieldRow::PATH).exists() || !test.join(FieldRow::PATH).exists() {
         return Ok(false);
     }
     let (train, test) = (true_field::of_dataset(train, None)?, true_field::of_dataset(test, None)?);

@@ -9,7 +9,7 @@ use std::path::Path;
 use microsig_core::stream::Streams;
 
 use super::ReleaseOptions;
-use generator::dataset::manifest::{GENERATOR_VERSION, Manifest};
+use dataset::manifest::{GENERATOR_VERSION, Manifest};
 use generator::dataset::secret;
 use generator::runner::Progress;
 use generator::runner::verify;

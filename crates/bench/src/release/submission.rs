@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use scoring::evaluate::measurement::{self, of_manifest};
+use dataset::RecordingFacts;
+use scoring::evaluate::measurement;
 use scoring::results::{self, Conventions, Format, Limits, TrackerResult};
 use storage::TemporaryFolder;
 use storage::checksums::{SHA256SUMS, images_digest};
@@ -207,7 +208,7 @@ fn only_regular(folder: &Path) -> Result<()> {
 /// # Errors
 /// A split that is unreadable.
 pub fn limits(test: &Path) -> Result<Limits> {
-    measurement::limits(test, &of_manifest(test)?)
+    measurement::limits(test, &RecordingFacts::read(test)?)
 }
 
 /// Validates a submission for a test split, without the truth. Messages begin with the given path; for an
@@ -302,10 +303,10 @@ fn particles_or_vectors(
     path: &Path,
     problems: &mut Vec<String>,
 ) -> Result<Option<(&'static str, usize, Vec<String>)>> {
-    let facts = of_manifest(test)?;
+    let facts = RecordingFacts::read(test)?;
     let only_particles = facts.is_for_particles_only || is_marked(test, PARTICLES_ONLY);
     let only_fields = facts.is_for_fields_only || is_marked(test, FIELDS_ONLY);
-    let known = Conventions { limits: limits(test)?, ..facts.conventions(Conventions::default()) };
+    let known = Conventions { limits: limits(test)?, ..Conventions::default().completed(&facts) };
     let read = results::detect(path).and_then(|format| match format {
         Format::Canonical | Format::Field => {
             results::read(path, &Conventions { format: Some(format), ..known })
@@ -341,7 +342,7 @@ fn particles_or_vectors(
             path.display()
         ));
     }
-    problems.extend(facts.beyond(path, &found));
+    problems.extend(measurement::beyond(&facts, path, &found));
     let mut warnings = Vec::new();
     if n_nan > 0 {
         warnings.push(format!("{n_nan} rows without coordinates are ignored"));

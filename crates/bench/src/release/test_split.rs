@@ -6,13 +6,13 @@ use std::path::Path;
 use super::about::ReleaseTexts;
 use super::package::Package;
 use super::submission;
+use dataset::manifest::{self, MANIFEST, Manifest, Resource, TableSchema};
+use dataset::{FrameRow, Row, TableReader};
 use generator::dataset::calibration;
-use generator::dataset::manifest::{self, MANIFEST, Manifest, Resource, TableSchema};
 use scenario::Recordings;
 use scenario::license::LICENSE;
 use storage::checksums::{self, SHA256SUMS};
 use storage::error::{Error, Result};
-use storage::tables::truth::FRAMES;
 
 /// Published timing keys: none that are derived from the truth, and no seed.
 const TIMING: [&str; 11] = [
@@ -64,7 +64,7 @@ pub(super) fn package(
         .collect();
     for table in resources.iter_mut().filter(|r| r.path == FRAMES_PATH) {
         table.profile = Some("tabular-data-resource".to_owned());
-        table.description = Some(FRAMES.description.to_owned());
+        table.description = Some(FrameRow::DESCRIPTION.to_owned());
         table.schema = Some(schema(&whole, nominal.is_some()));
     }
     let manifest = Manifest {
@@ -112,20 +112,18 @@ fn public_facts(whole: manifest::Facts, images: &str, about: &ReleaseTexts<'_>) 
 
 /// The table of frames with its published columns.
 fn frames(test: &Path, nominal: Option<&Recordings>) -> Result<Vec<u8>> {
-    let path = test.join(FRAMES.path);
-    let failed = |e: csv::Error| Error::input(format!("{}: {e}", path.display()));
-    let mut reader = csv::Reader::from_reader(storage::input::open(&path)?);
-    let header = reader.headers().map_err(failed)?.clone();
-    let columns: Vec<usize> =
-        COLUMNS.iter().filter_map(|name| header.iter().position(|h| h == *name)).collect();
+    let mut table = TableReader::open(&test.join(FrameRow::PATH))?;
+    let columns: Vec<usize> = COLUMNS.iter().filter_map(|name| table.column(name)).collect();
+    let header = table.header().to_vec();
+    let failed = |e: csv::Error| Error::input(format!("{FRAMES_PATH}: {e}"));
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(columns.iter().map(|&c| &header[c])).map_err(failed)?;
-    for (frame, record) in reader.records().enumerate() {
-        let record = record.map_err(failed)?;
-        let meant = nominal.map(|recordings| recordings.nominal_s(frame as u32).to_string());
+    let mut times = nominal.map(|recordings| (0..).map(|frame| recordings.nominal_s(frame).to_string()));
+    while let Some((_, cells)) = table.next_row()? {
+        let meant = times.as_mut().and_then(Iterator::next);
         let cell = |&c: &usize| match &meant {
-            Some(t_s) if &header[c] == "t_s" => t_s.clone(),
-            _ => record[c].to_owned(),
+            Some(t_s) if header[c] == "t_s" => t_s.clone(),
+            _ => cells[c].to_owned(),
         };
         writer.write_record(columns.iter().map(cell)).map_err(failed)?;
     }
@@ -134,7 +132,7 @@ fn frames(test: &Path, nominal: Option<&Recordings>) -> Result<Vec<u8>> {
 
 /// The table schema with the published columns only.
 fn schema(whole: &Manifest, nominal: bool) -> TableSchema {
-    let mut schema = whole.resource(FRAMES.path).and_then(|r| r.schema.clone()).unwrap_or_default();
+    let mut schema = whole.resource(FrameRow::PATH).and_then(|r| r.schema.clone()).unwrap_or_default();
     schema.fields.retain(|field| COLUMNS.contains(&field.name.as_str()));
     for field in schema.fields.iter_mut().filter(|field| nominal && field.name == "t_s") {
         field.description = "nominal time of the middle of the exposure, without jitter".to_owned();

@@ -10,12 +10,12 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::{CaseResult, Status};
-use generator::dataset::manifest::ScoringGates;
+use dataset::manifest::ScoringGates;
 use scenario::{Metric, Split, SuiteCase};
 use scoring::evaluate::field::true_field;
 use scoring::evaluate::matching::NONE;
 use scoring::evaluate::truth::TrueParticles;
-use scoring::evaluate::{EvaluateOptions, Evaluation, evaluate};
+use scoring::evaluate::{EvaluateOptions, Evaluation, evaluate_files};
 use scoring::ranking::{Contestant, rank};
 use scoring::results::Conventions;
 use storage::TemporaryFolder;
@@ -354,7 +354,7 @@ pub(super) fn of_case(
     for (name, against, rows) in made {
         let file = place.path().join(format!("{name}.csv"));
         save_bytes(&file, &csv_of(&rows, is_of_fields)?)?;
-        let evaluation = evaluate(&test, &file, rules);
+        let evaluation = evaluate_files(&test, &file, rules);
         anchors.push(against_trackers(case, name, against, evaluation, (ranked, rules.seed)));
     }
     Ok(anchors)

@@ -20,10 +20,10 @@ pub use metrics::MetricValue;
 pub use page::{Annotations, DepthErrors, Picture, page, unmeasured};
 
 use crate::report;
-use generator::dataset::manifest::GENERATOR_VERSION;
+use dataset::manifest::GENERATOR_VERSION;
 use generator::runner::{SuiteRecord, SuiteSelection};
 use scenario::{Metric, Size, Split, Suite, SuiteCase, TrackSpec};
-use scoring::evaluate::{EvaluateOptions, Evaluation, evaluate};
+use scoring::evaluate::{EvaluateOptions, Evaluation, evaluate_files};
 use scoring::ranking::{Contestant, rank};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};
@@ -314,7 +314,7 @@ fn scored_case(
         .map(|tracker| {
             let result = options.results.join(tracker).join(case.folder()).join(RESULT);
             let found =
-                result.exists().then(|| evaluate(&dataset, &result, &rules).map_err(|e| e.to_string()));
+                result.exists().then(|| evaluate_files(&dataset, &result, &rules).map_err(|e| e.to_string()));
             ((*tracker).clone(), found.transpose())
         })
         .collect();

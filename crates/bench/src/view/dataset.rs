@@ -10,12 +10,12 @@ use serde_json::{Value, json};
 
 use super::columns::{Indexed, by_column, list};
 use super::optics;
-use generator::dataset::manifest::Manifest;
+use dataset::manifest::Manifest;
+use dataset::{FieldRow, FrameRow, Row, TrackRow};
 use generator::dataset::truth::depth;
 use scenario::{self, Scenario};
 use storage::error::{Error, Result};
 use storage::input;
-use storage::tables::truth::{FIELD_PATH, FRAMES, TRACKS};
 use visibility::DepthScan;
 
 /// Maximum size of an image, pixels.
@@ -105,9 +105,9 @@ impl OpenDataset {
             "n_ppp": facts.n_ppp, "snr": facts.snr.as_ref().and_then(|snr| snr.value),
             "a_pi_px": facts.a_pi_px, "max_displacement_px": facts.max_displacement_px,
             "gates": facts.scoring_gates, "renderer": facts.renderer, "generator": facts.generator_version,
-            "has_truth": self.folder.join(TRACKS.path).is_file(),
-            "has_field": self.folder.join(FIELD_PATH).is_file(),
-            "columns": TRACKS.columns.iter().map(|c| json!([c.name, c.unit, c.description])).collect::<Vec<_>>(),
+            "has_truth": self.folder.join(TrackRow::PATH).is_file(),
+            "has_field": self.folder.join(FieldRow::PATH).is_file(),
+            "columns": TrackRow::table(&[]).columns.iter().map(|c| json!([c.name, c.unit, c.description])).collect::<Vec<_>>(),
         }))
     }
 
@@ -123,7 +123,7 @@ impl OpenDataset {
     }
 
     fn tracks(&self) -> Result<Arc<Option<Indexed>>> {
-        once(&self.tracks, || optional(&self.folder.join(TRACKS.path)))
+        once(&self.tracks, || optional(&self.folder.join(TrackRow::PATH)))
     }
 
     /// The true particles of a frame by columns; `row` is the row of the first one in the table. Null without
@@ -144,7 +144,7 @@ impl OpenDataset {
     /// # Errors
     /// A table that cannot be read.
     pub(super) fn field(&self, pair: u32) -> Result<Value> {
-        let field = once(&self.field, || optional(&self.folder.join(FIELD_PATH)))?;
+        let field = once(&self.field, || optional(&self.folder.join(FieldRow::PATH)))?;
         let Some(field) = field.as_ref() else { return Ok(Value::Null) };
         let numbers: Vec<u32> = field.numbers().take(2).collect();
         let (rows, _) = field.rows(if numbers == [0] { 0 } else { pair })?;
@@ -207,7 +207,7 @@ fn optional(path: &Path) -> Result<Option<Indexed>> {
 
 /// Times of the frames, s; `None` without the table.
 fn times_s(folder: &Path, frames: usize) -> Option<Vec<f64>> {
-    let table = optional(&folder.join(FRAMES.path)).ok()??;
+    let table = optional(&folder.join(FrameRow::PATH)).ok()??;
     let column = table.column("t_s")?;
     let times: Vec<f64> = table.all().ok()?.iter().map(|row| row[column]).collect();
     (times.len() == frames).then_some(times)

@@ -5,7 +5,8 @@ use microsig_core::Particle;
 use serde_json::{Value, json};
 
 use super::columns::list;
-use generator::dataset::truth::depth::{DepthRow, ParticleImage};
+use dataset::DepthRow;
+use generator::dataset::truth::depth::ParticleImage;
 use scenario::Scenario;
 use storage::error::Result;
 use visibility::{DepthScan, ScanImage};
@@ -22,9 +23,10 @@ const STRIP_HALF_PX: usize = 60;
 /// Peak, widths and area over depth, from the rows of [`generator::dataset::truth::depth::measure`].
 pub(super) fn curves(scan: &DepthScan, rows: &[DepthRow], image: &ParticleImage) -> Value {
     let sizes: Vec<[f64; 2]> = scan.images.iter().map(ScanImage::size_px).collect();
-    let column = |k: usize| list(rows.iter().map(|row| row[k]));
+    let column = |of: fn(&DepthRow) -> f64| list(rows.iter().map(of));
     json!({
-        "z_um": column(0), "peak_counts": column(1), "snr": column(2), "area_px": column(3),
+        "z_um": column(|row| row.z_um), "peak_counts": column(|row| row.peak_counts), "snr": column(|row| row.snr),
+        "area_px": column(|row| row.area_px),
         "width_x_px": list(sizes.iter().map(|size| size[0])), "width_y_px": list(sizes.iter().map(|size| size[1])),
         "focus_um": image.focus_um, "d_um": image.d_um,
     })
@@ -40,7 +42,7 @@ pub(super) fn strip(scan: &DepthScan, rows: &[DepthRow]) -> (Value, Vec<u8>) {
     let mut bytes = Vec::with_capacity(4 * side * side * STRIP);
     for k in &chosen {
         let image = &scan.images[*k];
-        let factor = if image.peak > 0.0 { rows[*k][1] / image.peak } else { 0.0 };
+        let factor = if image.peak > 0.0 { rows[*k].peak_counts / image.peak } else { 0.0 };
         let own = 2 * image.half_px as i64 + 1;
         let shift = image.half_px as i64 - half as i64;
         for y in 0..side as i64 {

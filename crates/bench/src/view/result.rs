@@ -18,7 +18,7 @@ use scoring::evaluate::links::{correct_links, successors};
 use scoring::evaluate::matching::NONE;
 use scoring::evaluate::track_set::TrackSet;
 use scoring::evaluate::truth::TrueParticles;
-use scoring::evaluate::{EvaluateOptions, Evaluation, Particles, evaluate};
+use scoring::evaluate::{EvaluateOptions, Evaluation, Particles, evaluate_files};
 use scoring::results::{Conventions, Position};
 use storage::error::{Error, Result};
 
@@ -90,9 +90,9 @@ impl OpenResult {
     /// Scores a result as `microsig evaluate` does.
     ///
     /// # Errors
-    /// As for [`evaluate`].
+    /// As for [`evaluate_files`].
     pub(super) fn open(dataset: &Path, path: &Path) -> Result<Self> {
-        let evaluation = evaluate(dataset, path, &EvaluateOptions::default())?;
+        let evaluation = evaluate_files(dataset, path, &EvaluateOptions::default())?;
         // Not through text, because parsing may change the last digit of numbers.
         let score = serde_json::to_value(&evaluation.score).map_err(|e| Error::input(e.to_string()))?;
         let (points, vectors) = match &evaluation.particles {

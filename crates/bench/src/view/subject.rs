@@ -3,12 +3,12 @@
 
 use std::path::{Path, PathBuf};
 
-use generator::dataset::manifest::MANIFEST;
+use dataset::TableReader;
+use dataset::manifest::MANIFEST;
 use scenario::{SCENARIO, read_text, shipped};
 use scoring::evaluate::measurement::check_order;
 use storage::error::{Error, Result};
 use storage::folder::is_partial;
-use storage::input;
 
 /// What the page shows. Requests refer to datasets and trackers by their index in these lists.
 #[derive(Debug, Clone, Default)]
@@ -188,22 +188,19 @@ fn cases(folder: &Path) -> Result<(Vec<String>, Vec<Case>)> {
         names.sort_unstable();
         return Ok((Vec::new(), names.into_iter().map(|name| (name, Vec::new())).collect()));
     }
-    let failed = |e: csv::Error| Error::input(format!("{}: {e}", table.display()));
-    let mut reader = csv::Reader::from_reader(input::open(&table)?);
-    let header = reader.headers().map_err(failed)?.clone();
-    let column = |name: &str| header.iter().position(|h| h == name);
+    let mut reader = TableReader::open(&table)?;
+    let column = |name: &str| reader.column(name);
     let (Some(dataset), Some(seed), Some(status)) = (column("dataset"), column("seed"), column("status"))
     else {
         return Err(Error::input(format!("{}: is not a table of a sweep's cases", table.display())));
     };
-    let axes = (seed + 1..status).map(|i| header[i].to_owned()).collect();
+    let axes = (seed + 1..status).map(|i| reader.header()[i].clone()).collect();
     let mut cases = Vec::new();
-    for record in reader.records().take(MAX_CASES) {
-        let record = record.map_err(failed)?;
-        let name = record.get(dataset).unwrap_or_default();
-        if is_case(name) {
-            let values = (seed + 1..status).map(|i| record.get(i).unwrap_or_default().to_owned());
-            cases.push((name.to_owned(), values.collect()));
+    for _ in 0..MAX_CASES {
+        let Some((_, cells)) = reader.next_row()? else { break };
+        if is_case(&cells[dataset]) {
+            let values = (seed + 1..status).map(|i| cells[i].to_owned());
+            cases.push((cells[dataset].to_owned(), values.collect()));
         }
     }
     Ok((axes, cases))

@@ -17,7 +17,7 @@ use super::subject::Subject;
 use crate::report;
 use generator::runner::{GenerateOptions, Progress, generate};
 use scenario;
-use scoring::evaluate::{EvaluateOptions, evaluate};
+use scoring::evaluate::{EvaluateOptions, evaluate_files};
 
 const SCENARIO: &str = r#"(
     name: "small",
@@ -351,7 +351,7 @@ fn scores_are_those_of_evaluate() {
     std::fs::write(&path, result).unwrap();
     let server = Server::of(Subject::of(Some(&out), std::slice::from_ref(&path)).unwrap());
     let expected: Value = serde_json::from_str(
-        &report::json(&evaluate(&out, &path, &EvaluateOptions::default()).unwrap()).unwrap(),
+        &report::json(&evaluate_files(&out, &path, &EvaluateOptions::default()).unwrap()).unwrap(),
     )
     .unwrap();
     let about = server.json("dataset/0/result/0");

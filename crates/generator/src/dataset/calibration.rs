@@ -4,9 +4,10 @@
 //! noise are those of the dataset, random streams are separate. Depths start at the lower end of the depth
 //! range and reach its upper end; they are the same for all sizes.
 
-use std::io::Write;
 use std::path::Path;
 
+use dataset::rows::SIZES;
+use dataset::{CalibrationRow, Row, Table, write_table};
 use microsig_core::formats::{data_file, settings_file};
 use microsig_core::sensor::{Detector, Image};
 use microsig_core::{Particle, Settings};
@@ -18,36 +19,16 @@ use scenario::{Scenario, spec};
 use storage::error::{Error, Result};
 use storage::save;
 use storage::table_cache::context;
-use storage::tables::{Column, Table, TableFile, TableWriter, column};
 use visibility::DepthScan;
-
-/// One row per image of the stacks: [`table`] has the columns of a scenario.
-pub static CALIBRATION: Table = Table::new(
-    "calibration/calibration.csv",
-    "One row per image of the calibration stack: a single particle, scanned through the depth range.",
-    &[
-        column("step", "integer", "", "number of the step, from 0"),
-        column("z_um", "number", "um", "physical depth of the particle, growing away from the lens"),
-        column("x_px", "number", "px", "column of its centre"),
-        column("y_px", "number", "px", "row of its centre"),
-        column("image", "string", "", "path of the image"),
-        column("particles", "string", "", "path of the MicroSIG data file"),
-    ],
-);
-
-/// The column of a dataset with stacks of several sizes.
-const D_UM: Column =
-    column("d_um", "number", "um", "diameter of the particle; steps are numbered within each size");
 
 /// The table of stacks of particles of these diameters, um.
 pub fn table(sizes_um: &[f64]) -> Table {
-    let has_sizes = sizes_um.len() > 1;
-    let table = CALIBRATION.clone().with(&[D_UM], has_sizes);
-    if !has_sizes {
-        return table;
+    if sizes_um.len() < 2 {
+        return CalibrationRow::table(&[]);
     }
-    let description = "One row per image of the calibration stacks: a single particle of each size, scanned through the depth range.";
-    Table { description, ..table }
+    CalibrationRow::table(&[SIZES]).described(
+        "One row per image of the calibration stacks: a single particle of each size, scanned through the depth range.",
+    )
 }
 
 /// Largest default step between depths, um.
@@ -197,23 +178,19 @@ impl CalibrationStack {
         ]
     }
 
-    /// The table as CSV.
-    ///
-    /// # Errors
-    /// None.
-    pub fn in_memory(&self) -> Result<(Table, Vec<u8>)> {
-        let mut writer = TableWriter::new(&self.table, Vec::new())?;
-        self.rows(&mut writer)?;
-        Ok((self.table.clone(), writer.into_writer()?))
+    /// The table.
+    pub fn table(&self) -> &Table {
+        &self.table
     }
 
-    fn rows<W: Write>(&self, table: &mut TableWriter<W>) -> Result<()> {
-        for (row, (z_um, p)) in self.depths_um.iter().cycle().zip(&self.particles).enumerate() {
-            let ([image, data], step) = (self.paths(row), row % self.depths_um.len());
-            let cells: [&dyn std::fmt::Display; 7] = [&step, z_um, &p.x_px, &p.y_px, &image, &data, &p.d_um];
-            table.row(&cells[..self.table.columns.len()])?;
-        }
-        Ok(())
+    /// The rows of the table.
+    pub fn rows(&self) -> Vec<CalibrationRow> {
+        let row = |(row, (z_um, p)): (usize, (&f64, &Particle))| {
+            let [image, particles] = self.paths(row);
+            let step = (row % self.depths_um.len()) as u32;
+            CalibrationRow { step, z_um: *z_um, x_px: p.x_px, y_px: p.y_px, image, particles, d_um: p.d_um }
+        };
+        self.depths_um.iter().cycle().zip(&self.particles).enumerate().map(row).collect()
     }
 }
 
@@ -248,9 +225,7 @@ pub fn write(
         })?;
         stack.camera.save(&folder.join(image), &stack.image(row)).map(drop)
     })?;
-    let mut table = TableFile::create(folder, &stack.table)?;
-    stack.rows(&mut table)?;
-    table.finish()
+    write_table(folder, &stack.table, &stack.rows())
 }
 
 #[cfg(test)]

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use super::manifest::{COORDINATES, GENERATOR_VERSION, ScoringGates, SizeFacts, WaveFacts, bit_depth, waves};
+use dataset::manifest::{COORDINATES, GENERATOR_VERSION, ScoringGates, SizeFacts, WaveFacts};
+
+use super::manifest::{bit_depth, waves};
 use super::truth::Census;
 use super::truth::depth::ParticleImage;
 use microsig_core::render::Description;

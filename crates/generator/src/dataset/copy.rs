@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::manifest::MANIFEST;
+use dataset::manifest::MANIFEST;
 use storage::checksums::{self, SHA256SUMS};
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, Partial, check_replaceable};

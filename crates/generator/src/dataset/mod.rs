@@ -25,21 +25,15 @@ pub use copy::copy;
 pub(crate) use ledger::{FrameEntry, Ledger};
 pub use preview::Preview;
 
+use dataset::{BoxRow, DepthRow, DisplacementRow, FrameRow, Row, Table};
 use scenario::{Recordings, Scenario};
-use storage::tables::Table;
-use storage::tables::truth::{BOXES, DISPLACEMENTS, FRAMES};
 
 /// The tables that a dataset of this scenario can hold.
 pub fn tables(scenario: &Scenario) -> Vec<Table> {
-    use truth::{depth::DEPTH, field, tracks};
-    let grid = scenario.truth_grid();
-    [&FRAMES, &DISPLACEMENTS, &DEPTH]
-        .into_iter()
-        .cloned()
-        .chain([calibration::table(&scenario.calibrated_um()), tracks(scenario)])
-        .chain(scenario.spec.truth.boxes.then(|| BOXES.clone()))
-        .chain(grid.map(|nodes| field::table(&nodes)))
-        .collect()
+    let fixed = [FrameRow::table(&[]), DisplacementRow::table(&[]), DepthRow::table(&[]), BoxRow::table(&[])];
+    let own = [calibration::table(&scenario.calibrated_um()), truth::tracks(scenario)];
+    let grid = scenario.truth_grid().map(|nodes| truth::field::table(&nodes));
+    fixed.into_iter().chain(own).chain(grid).collect()
 }
 
 /// Folders of data files and images.

@@ -470,7 +470,7 @@ mod tests {
         assert_eq!(rows.len(), depths.len());
         for (row, depth) in rows.iter().zip(depths) {
             assert!(
-                (row[1] / depth.peak_counts - 1.0).abs() < 1e-12,
+                (row.peak_counts / depth.peak_counts - 1.0).abs() < 1e-12,
                 "{}: {}",
                 depth.z_um,
                 depth.peak_counts

@@ -159,9 +159,11 @@ impl Cost {
             let margin_px = scenario.spec.boundaries.margin_px.unwrap_or(0.0);
             let size = f64::from(width.max(height));
             let key = if 2 * of_images > self.memory_bytes {
-                format!("optics.pixel_dim_x = {width} and optics.pixel_dim_y = {height}, or --threads")
+                format!(
+                    "optics.pixel_dim_x = {width} and optics.pixel_dim_y = {height}, or the number of threads"
+                )
             } else if 2 * points(scenario) * BYTES_PER_POINT * self.threads as u64 > self.memory_bytes {
-                format!("optics.points_per_pixel = {}, or --threads", settings.points_per_pixel)
+                format!("optics.points_per_pixel = {}, or the number of threads", settings.points_per_pixel)
             } else if margin_px > size {
                 format!("boundaries.margin_px = {margin_px}")
             } else {

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use super::progress::Progress;
 use super::recording::Frames;
-use crate::dataset::truth::{Census, FrameTruth, Truth, TruthWriter};
+use crate::dataset::truth::{Census, FrameText, FrameTruth, Truth, TruthWriter};
 use crate::dataset::{Camera, FrameEntry, Ledger, Preview, Stem};
 use scenario::Scenario;
 use storage::checksums::{Fingerprint, fingerprint};
@@ -23,7 +23,6 @@ use storage::error::{Error, Result};
 use storage::folder::Partial;
 use storage::journal::{self, Listing};
 use storage::save_bytes;
-use storage::tables::TableSink;
 
 /// Maximum number of frames in a batch, per thread.
 pub(super) const FRAMES_PER_THREAD: usize = 3;
@@ -83,17 +82,13 @@ pub(super) fn write(
     let files = FrameFiles::new(partial, scenario, camera);
     let mut writer = DatasetWriter::new(partial.folder(), scenario)?;
     let take = |frame: &Frame, before: Option<&Frame>| {
-        let mut truth = truth.frame(frame, before)?;
-        let rows = std::mem::take(&mut truth.particles);
-        let stored = files.store(frame.index, &rows, || camera.image(&rows, frame.index))?;
-        Ok((frame.index, truth, stored))
+        let truth = truth.frame(frame, before)?;
+        let rows = &truth.particles;
+        let stored = files.store(frame.index, rows, || camera.image(rows, frame.index))?;
+        Ok((frame.index, FrameText::of(scenario, &truth), stored))
     };
-    let add = |outputs: Vec<(u32, FrameTruth, StoredFrame)>| {
-        for (index, of_frame, stored) in outputs {
-            writer.add(index, &of_frame, stored)?;
-            truth.put(of_frame);
-        }
-        Ok(())
+    let add = |outputs: Vec<(u32, FrameText, StoredFrame)>| {
+        outputs.into_iter().try_for_each(|(index, text, stored)| writer.add(index, &text, stored))
     };
     in_batches(scenario, truth, progress, take, add)?;
     writer.finish(partial.folder())
@@ -118,12 +113,10 @@ pub(super) fn write_taken(
             progress.check()?;
             let stored = files.store((first + i) as u32, &truth.particles, || image(first + i));
             bar.inc(1);
-            stored
+            Ok(((first + i) as u32, FrameText::of(scenario, truth), stored?))
         };
-        let stored: Vec<StoredFrame> = truths.par_iter().enumerate().map(store).collect::<Result<_>>()?;
-        for ((i, truth), stored) in truths.iter().enumerate().zip(stored) {
-            writer.add((first + i) as u32, truth, stored)?;
-        }
+        let outputs: Vec<_> = truths.par_iter().enumerate().map(store).collect::<Result<_>>()?;
+        outputs.into_iter().try_for_each(|(index, text, stored)| writer.add(index, &text, stored))?;
     }
     bar.finish_and_clear();
     writer.finish(partial.folder())
@@ -131,7 +124,7 @@ pub(super) fn write_taken(
 
 /// Writes the frames to tables, ledger and preview, in order.
 struct DatasetWriter {
-    tables: TruthWriter<TableSink>,
+    tables: TruthWriter,
     ledger: Ledger,
     preview: Preview,
     /// Largest fraction of saturated pixels in a frame of the preview.
@@ -151,10 +144,10 @@ impl DatasetWriter {
         })
     }
 
-    fn add(&mut self, index: u32, truth: &FrameTruth, stored: StoredFrame) -> Result<()> {
+    fn add(&mut self, index: u32, text: &FrameText, stored: StoredFrame) -> Result<()> {
         let StoredFrame { particles, image, picture } = stored;
-        self.tables.add(truth)?;
-        self.ledger.add_frame(&FrameEntry { visible: truth.visible, particles, image })?;
+        self.tables.add(text)?;
+        self.ledger.add_frame(&FrameEntry { visible: text.visible(), particles, image })?;
         if let Some(picture) = picture {
             self.preview.add(index, &picture);
             self.saturated = self.saturated.max(saturated_fraction(&picture, self.end_counts));

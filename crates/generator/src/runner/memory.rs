@@ -1,7 +1,8 @@
 //! A dataset in memory, which can be saved to a folder.
 
+use std::io::Write;
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use flows::Frame;
@@ -14,18 +15,20 @@ use super::generate::{GenerateOptions, Generated, assemble, camera, folders};
 use super::progress::Progress;
 use crate::dataset::Camera;
 use crate::dataset::calibration::CalibrationStack;
-use crate::dataset::manifest::{MANIFEST, bit_depth};
-use crate::dataset::truth::{FrameTruth, Truth, TruthWriter, depth, field};
+use crate::dataset::manifest::{bit_depth, manifest};
+use crate::dataset::truth::{Census, FrameTruth, Truth, depth, field, tracks};
+use dataset::manifest::{MANIFEST, Manifest, Resource, resource};
+use dataset::{BoxRow, Columns, DepthRow, DisplacementRow, FieldRow, FrameRow, Row, Table, TrackRow};
 use scenario::Scenario;
+use storage::checksums::Hashing;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim, check_replaceable};
-use storage::tables::{Columns, Table};
 use visibility::DepthScan;
 
 /// A dataset in memory.
 #[derive(Debug)]
 pub struct MemoryDataset {
-    scenario: Scenario,
+    scenario: Arc<Scenario>,
     camera: Camera,
     /// Images of the mean diameter over depth, made when first needed.
     scan: OnceLock<DepthScan>,
@@ -78,11 +81,11 @@ impl MemoryDataset {
         };
         in_batches(&scenario, &truth, progress, take, add)?;
         drop(truth);
-        Ok(MemoryDataset { scenario, camera, scan: OnceLock::new(), truths, counts })
+        Ok(MemoryDataset { scenario: Arc::new(scenario), camera, scan: OnceLock::new(), truths, counts })
     }
 
     /// The scenario of the dataset.
-    pub fn scenario(&self) -> &Scenario {
+    pub fn scenario(&self) -> &Arc<Scenario> {
         &self.scenario
     }
 
@@ -122,13 +125,66 @@ impl MemoryDataset {
         Ok(self.scan.get_or_init(|| scan))
     }
 
-    /// The tables `truth/frames.csv`, `truth/tracks.csv`, `truth/displacements.csv` and, if the scenario has
-    /// it, `truth/boxes.csv`.
+    /// The rows of `truth/frames.csv`.
+    pub fn frames(&self) -> Vec<FrameRow> {
+        self.truths.iter().map(|truth| truth.frame.clone()).collect()
+    }
+
+    /// The rows of `truth/tracks.csv`.
+    pub fn tracks(&self) -> impl Iterator<Item = &TrackRow> {
+        self.truths.iter().flat_map(|truth| &truth.tracks)
+    }
+
+    /// The rows of `truth/boxes.csv`, if the scenario has it.
+    pub fn boxes(&self) -> Option<Vec<BoxRow>> {
+        let rows = || self.truths.iter().flat_map(|truth| truth.boxes.iter().cloned());
+        self.scenario.spec.truth.boxes.then(|| rows().collect())
+    }
+
+    /// The rows of `truth/field.csv`, if the scenario has it.
     ///
     /// # Errors
-    /// None.
-    pub fn tables(&self) -> Result<Vec<(Table, Columns)>> {
-        TruthWriter::in_memory(&self.scenario, self.truths.iter())?.into_iter().map(columns).collect()
+    /// None for a resolved scenario.
+    pub fn field(&self) -> Result<Option<Vec<FieldRow>>> {
+        Ok(field::in_memory(&self.scenario, self.scan()?).map(|(_, rows)| rows))
+    }
+
+    /// The manifest, which lists images and tracks only.
+    ///
+    /// # Errors
+    /// None for a resolved scenario.
+    pub fn manifest(&self) -> Result<Manifest> {
+        let (table, mut census) = (tracks(&self.scenario), Census::default());
+        let mut sum = Hashing::new(std::io::sink());
+        let mut hash =
+            |text: &str| sum.write_all(text.as_bytes()).map_err(Error::write(Path::new(TrackRow::PATH)));
+        hash(&table.header())?;
+        for truth in &self.truths {
+            census.add(&Census::of(truth));
+            hash(&table.text(&truth.tracks))?;
+        }
+        let (_, image) = depth::measure(&self.scenario, self.scan()?)?;
+        let images = self
+            .truths
+            .iter()
+            .map(|truth| Resource { path: truth.frame.image.clone(), ..Resource::default() });
+        let resources = images.chain([resource(TrackRow::PATH, &sum.fingerprint(), &[table])]).collect();
+        Ok(Manifest { resources, ..manifest(&self.scenario, &census, &image, &[]) })
+    }
+
+    /// The tables `truth/frames.csv`, `truth/tracks.csv`, `truth/displacements.csv` and, if the scenario has
+    /// it, `truth/boxes.csv`.
+    pub fn tables(&self) -> Vec<(Table, Columns)> {
+        let truths = self.truths.iter();
+        let mut tables = vec![
+            by_column(FrameRow::table(&[]), truths.clone().map(|truth| &truth.frame)),
+            by_column(tracks(&self.scenario), truths.clone().flat_map(|truth| &truth.tracks)),
+            by_column(DisplacementRow::table(&[]), truths.clone().flat_map(|truth| &truth.displacements)),
+        ];
+        if self.scenario.spec.truth.boxes {
+            tables.push(by_column(BoxRow::table(&[]), truths.flat_map(|truth| &truth.boxes)));
+        }
+        tables
     }
 
     /// The tables `truth/depth.csv` and, if the scenario has it, `truth/field.csv`.
@@ -137,8 +193,10 @@ impl MemoryDataset {
     /// None for a resolved scenario.
     pub fn field_tables(&self) -> Result<Vec<(Table, Columns)>> {
         let scan = self.scan()?;
-        let tables = [Some(depth::in_memory(&self.scenario, scan)?), field::in_memory(&self.scenario, scan)?];
-        tables.into_iter().flatten().map(columns).collect()
+        let (rows, _) = depth::measure(&self.scenario, scan)?;
+        let depths = by_column(DepthRow::table(&[]), rows.iter());
+        let field = field::in_memory(&self.scenario, scan).map(|(table, rows)| by_column(table, rows.iter()));
+        Ok(std::iter::once(depths).chain(field).collect())
     }
 
     /// The calibration stack, if the scenario has one.
@@ -153,7 +211,8 @@ impl MemoryDataset {
             progress.check()?;
             Ok(stack.image(row))
         });
-        Ok(Some(Calibration { table: columns(stack.in_memory()?)?, images: images.collect::<Result<_>>()? }))
+        let table = by_column(stack.table().clone(), stack.rows().iter());
+        Ok(Some(Calibration { table, images: images.collect::<Result<_>>()? }))
     }
 
     /// Writes the dataset: the same files as [`super::generate()`]. Nothing is left behind if writing fails.
@@ -178,8 +237,7 @@ impl MemoryDataset {
     }
 }
 
-fn columns((table, csv): (Table, Vec<u8>)) -> Result<(Table, Columns)> {
-    let kind = |name: &str| table.columns.iter().find(|c| c.name == name).map_or("string", |c| c.kind);
-    let columns = Columns::read(table.path, &csv[..], kind)?;
-    Ok((table, columns))
+fn by_column<'r, R: Row + 'r>(table: Table, rows: impl Iterator<Item = &'r R> + Clone) -> (Table, Columns) {
+    let columns = table.by_column(rows);
+    (table, columns)
 }

@@ -14,7 +14,7 @@ use serde::Serialize;
 use super::cost::ImageTime;
 use super::progress::Progress;
 use crate::dataset::Camera;
-use crate::dataset::manifest::MANIFEST;
+use dataset::manifest::MANIFEST;
 use storage::error::{Error, Result};
 use storage::folder::{Earlier, FolderClaim, Partial};
 use storage::may_write;

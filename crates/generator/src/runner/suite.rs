@@ -18,7 +18,7 @@ use super::progress::Progress;
 use super::shard::Shard;
 use super::sweep::{Outcome, Swept, attempt, reason};
 use super::verify::verify;
-use crate::dataset::manifest::MANIFEST;
+use dataset::manifest::MANIFEST;
 use scenario::{Size, Split, Suite, SuiteCase, resolve};
 use storage::checksums::{Fingerprint, SHA256SUMS};
 use storage::error::{Error, Result};

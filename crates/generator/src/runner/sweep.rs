@@ -14,7 +14,7 @@ use serde_json::json;
 use super::generate::{GenerateOptions, generate_or_find};
 use super::progress::Progress;
 use super::shard::Shard;
-use crate::dataset::manifest::{MANIFEST, Manifest};
+use dataset::manifest::{MANIFEST, Manifest};
 use scenario::{Case, Scenario, Sweep, resolve};
 use storage::error::{Error, Result};
 use storage::folder::{FolderClaim, is_empty};

@@ -8,13 +8,13 @@ use serde::Serialize;
 
 use super::generate::{GenerateOptions, generate};
 use super::progress::Progress;
-use crate::dataset::manifest::{MANIFEST, Manifest, Resource, SchemaField, TableSchema};
 use crate::dataset::secret;
+use dataset::manifest::{MANIFEST, Manifest, Resource, SchemaField, TableSchema};
+use dataset::{Row, TableReader, TrackRow};
 use scenario::{self, Scenario, write};
 use storage::checksums::{self, Fingerprint, SHA256SUMS};
 use storage::error::{Error, Result};
 use storage::folder::{files_below, is_partial};
-use storage::tables::truth::TRACKS;
 use storage::{TemporaryFolder, input, read_text};
 
 /// Summary of a verification.
@@ -94,32 +94,19 @@ fn manifest_agrees(dataset: &Path, fingerprints: &BTreeMap<String, Fingerprint>,
     }
     for (path, resource) in resources {
         if let Some(schema) = resource.schema.as_ref().filter(|_| fingerprints.contains_key(path)) {
-            failures.extend(table_disagrees(&dataset.join(path), schema).map(|e| format!("{path}{e}")));
+            failures.extend(table_agrees(dataset, path, schema).err().map(|e| e.to_string()));
         }
     }
 }
 
-/// The first difference between a table and its schema: the columns, or a cell that does not have the type of
-/// its column.
-fn table_disagrees(path: &Path, schema: &TableSchema) -> Option<String> {
-    let fields = &schema.fields;
-    let mut reader = match input::open(path) {
-        Ok(file) => csv::Reader::from_reader(file),
-        Err(e) => return Some(format!(": {e}")),
-    };
-    match reader.headers() {
-        Ok(header) if header.iter().eq(fields.iter().map(|field| field.name.as_str())) => {}
-        Ok(_) => return Some(format!(": columns differ from {MANIFEST}")),
-        Err(e) => return Some(format!(": {e}")),
+/// Checks a table against its schema: the columns, and that each cell has the type of its column.
+fn table_agrees(dataset: &Path, path: &str, schema: &TableSchema) -> Result<()> {
+    let mut table = TableReader::new(path, input::open(&dataset.join(path))?)?;
+    if !table.header().iter().eq(schema.fields.iter().map(|field| &field.name)) {
+        return Err(Error::input(format!("{path}: columns differ from {MANIFEST}")));
     }
-    let mut record = csv::StringRecord::new();
-    loop {
-        match reader.read_record(&mut record) {
-            Ok(true) => {}
-            Ok(false) => return None,
-            Err(e) => return Some(format!(": {e}")),
-        }
-        for (cell, SchemaField { name, kind, .. }) in record.iter().zip(fields) {
+    while let Some((line, cells)) = table.next_row()? {
+        for (cell, SchemaField { name, kind, .. }) in cells.iter().zip(&schema.fields) {
             let fits = cell.is_empty()
                 || match kind.as_str() {
                     "integer" => cell.parse::<i64>().is_ok(),
@@ -127,42 +114,34 @@ fn table_disagrees(path: &Path, schema: &TableSchema) -> Option<String> {
                     _ => true,
                 };
             if !fits {
-                let line = record.position().map_or(0, csv::Position::line);
-                return Some(format!(":{line}: {name} = {cell:?}: expected a value of type {kind}"));
+                let what = format!("{name} = {cell:?}: expected a value of type {kind}");
+                return Err(Error::input(format!("{path}:{line}: {what}")));
             }
         }
     }
+    Ok(())
 }
 
 /// Checks that no true particle overlaps a wall of the flow or the box, or a body.
 fn particles_in_fluid(dataset: &Path, scenario: &Scenario) -> Result<()> {
     let Some(field) = scenario.field() else { return Ok(()) };
     let fluid = scenario.fluid(field);
-    let path = dataset.join(TRACKS.path);
+    let path = dataset.join(TrackRow::PATH);
     if !path.exists() {
         return Ok(());
     }
-    let broken = |e: csv::Error| Error::Failed(vec![format!("{}: {e}", TRACKS.path)]);
-    let mut reader = csv::Reader::from_reader(input::open(&path)?);
-    let header = reader.headers().map_err(broken)?.clone();
-    let columns = ["t_s", "x_um", "y_um", "z_um", "d_um"]
-        .map(|name| header.iter().position(|found| found == name).unwrap_or(usize::MAX));
-    let mut record = csv::StringRecord::new();
-    while reader.read_record(&mut record).map_err(broken)? {
-        let [t, x, y, z, d] = columns
-            .map(|column| record.get(column).and_then(|cell| cell.parse::<f64>().ok()).unwrap_or(f64::NAN));
+    let inside = |_: u64, row: TrackRow| {
+        let TrackRow { t_s, x_um: x, y_um: y, z_um: z, d_um: d, .. } = row;
         // Rows are skipped if the table lacks one of the columns.
-        if [t, x, y, z, d].iter().all(|number| number.is_finite())
-            && !fluid.holds(DVec3::new(x, y, z), t, 0.5 * d, OVERLAP_UM)
+        if [t_s, x, y, z, d].iter().any(|number| !number.is_finite())
+            || fluid.holds(DVec3::new(x, y, z), t_s, 0.5 * d, OVERLAP_UM)
         {
-            let line = record.position().map_or(0, csv::Position::line);
-            return Err(Error::Failed(vec![format!(
-                "{}:{line}: a particle of {d} um at ({x}, {y}, {z}) um overlaps a wall of the flow or a body",
-                TRACKS.path
-            )]));
+            return Ok(());
         }
-    }
-    Ok(())
+        Err(format!("a particle of {d} um at ({x}, {y}, {z}) um overlaps a wall of the flow or a body"))
+    };
+    let table = TableReader::new(TrackRow::PATH, input::open(&path)?)?;
+    table.rows(&[], inside).map(drop).map_err(|e| Error::Failed(e.messages()))
 }
 
 /// Tolerated overlap with a wall, from rounding, um.

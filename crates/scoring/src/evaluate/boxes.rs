@@ -6,15 +6,12 @@
 //! that they cover counts neither as correct nor as false.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::results::Points;
-use crate::results::sheet::{Separator, TextTable};
-use storage::error::Result;
-use storage::tables::truth::BOXES;
+use dataset::BoxRow;
 
 /// Average precision and recall of boxes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -86,18 +83,19 @@ const RECALLS: usize = 101;
 
 impl BoxScore {
     /// Scores the boxes of a result against those of a dataset.
-    ///
-    /// # Errors
-    /// A malformed table of the truth.
-    pub fn of(dataset: &Path, points: &Points) -> Result<Self> {
-        let mut frames = truth(dataset)?;
+    pub fn of(truth: &[BoxRow], points: &Points) -> Self {
+        let mut frames: BTreeMap<u32, FrameBoxes> = BTreeMap::new();
+        for row in truth {
+            let of_frame = frames.entry(row.frame).or_default();
+            of_frame.truth.push(TrueBox { at: row.rectangle(), ignored: !row.visible });
+        }
         for (row, size) in points.rows.iter().zip(&points.boxes) {
             // From the first pixel's center at 1 to its corner at 0.
             let corner = |middle: f64, size: f64| middle - 0.5 - 0.5 * size;
             let (x, y) = (corner(row.at.x_px, size.w_px), corner(row.at.y_px, size.h_px));
             frames.entry(row.frame).or_default().found.push(([x, y, size.w_px, size.h_px], size.score));
         }
-        Ok(Self::of_frames(frames.into_values().collect(), points.boxes.len()))
+        Self::of_frames(frames.into_values().collect(), points.boxes.len())
     }
 
     fn of_frames(mut frames: Vec<FrameBoxes>, n_result: usize) -> Self {
@@ -125,27 +123,6 @@ impl BoxScore {
         score.recall_at_10_percent_ghosts = Some(curves[0].recall_at(0.1));
         score
     }
-}
-
-/// The true boxes by frame.
-fn truth(dataset: &Path) -> Result<BTreeMap<u32, FrameBoxes>> {
-    let sheet = TextTable::open(&dataset.join(BOXES.path), Separator::Comma, 1)?;
-    let (frame, visible) = (sheet.need("frame")?, sheet.need("visible")?);
-    let [x, y, w, h] = ["x_px", "y_px", "w_px", "h_px"].map(|name| sheet.need(name));
-    let (x, y, w, h) = (x?, y?, w?, h?);
-    let mut frames: BTreeMap<u32, FrameBoxes> = BTreeMap::new();
-    sheet.rows(|cells| {
-        let (w, h) = (cells.number(w)?, cells.number(h)?);
-        let at = [cells.number(x)? - 0.5 - 0.5 * w, cells.number(y)? - 0.5 - 0.5 * h, w, h];
-        let number = cells.number(frame)?;
-        if !(at.iter().all(|v| v.is_finite()) && (0.0..f64::from(u32::MAX)).contains(&number)) {
-            return Err("expected a frame and a box".to_owned());
-        }
-        let ignored = cells.number(visible)? == 0.0;
-        frames.entry(number as u32).or_default().truth.push(TrueBox { at, ignored });
-        Ok(())
-    })?;
-    Ok(frames)
 }
 
 impl FrameBoxes {

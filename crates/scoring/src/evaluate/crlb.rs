@@ -12,8 +12,6 @@
 //! particle images they are integrals over pixels, independent of z. Overlap, image edges and the dependence
 //! of v on theta are neglected.
 
-use std::path::Path;
-
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::render::{Renderer, RendererSpec};
 use microsig_core::sensor::Response;
@@ -25,11 +23,9 @@ use serde::{Deserialize, Serialize};
 use super::curves::{Bin, Curve};
 use super::detection::Detection;
 use super::statistics::quantile;
-use crate::results::sheet::{Separator, TextTable};
-use scenario::{self, Scenario, spec};
+use scenario::{Scenario, spec};
 use storage::error::Result;
 use storage::table_cache::context;
-use storage::tables::truth::TRACKS;
 
 /// Error of the expected images relative to their peaks; the bound is needed to a few percent.
 const TOLERANCE: f64 = 3e-3;
@@ -75,25 +71,26 @@ pub struct BoundBin {
     pub efficiency_z: Option<f64>,
 }
 
-/// The bound of a dataset in every bin of the curve over depth; for Gaussian particle images without such a
-/// curve, in a single bin. The inner `Err` gives the reason if there is no bound.
+/// The bound of a scenario in every bin of the curve over depth; for Gaussian particle images without such a
+/// curve, in a single bin. `sizes`: diameter (um) and brightness of each particle. The inner `Err` says why
+/// there is no bound.
 ///
 /// # Errors
-/// A dataset whose settings cannot be read.
-pub fn of_dataset(
-    dataset: &Path,
+/// Settings that cannot be rendered.
+pub fn of_scenario(
+    scenario: &Scenario,
+    sizes: &[[f64; 2]],
     detection: Option<&Detection>,
     curves: &[Curve],
 ) -> Result<std::result::Result<Crlb, &'static str>> {
     let Some(detection) = detection else { return Ok(Err("it is defined for particles only")) };
-    let (scenario, _) = scenario::of_dataset(dataset)?;
     if scenario.settings.gain == 0.0 {
         return Ok(Err("images of gain 0 are empty"));
     }
-    let Some([d_um, c_int]) = medians(&dataset.join(TRACKS.path))? else {
+    let [Some(d_um), Some(c_int)] = [0, 1].map(|k| median(sizes.iter().map(|size| size[k]))) else {
         return Ok(Err("there are no particles with a diameter"));
     };
-    let noise = Noise::of(&scenario, c_int)?;
+    let noise = Noise::of(scenario, c_int)?;
     let curve = curves.iter().find(|c| c.against == "z_um");
     if let Some(spot) = scenario.spec.optics.gaussian {
         let bound = of_spot(spot, &noise, d_um);
@@ -134,21 +131,11 @@ fn whole(detection: &Detection, (from, to): (f64, f64)) -> Bin {
     Bin { from, to, rms_x_px: detection.rmse_x_px, rms_y_px: detection.rmse_y_px, ..Bin::default() }
 }
 
-/// Median diameter (um) and brightness of the particles; `None` if diameters are unknown.
-fn medians(tracks: &Path) -> Result<Option<[f64; 2]>> {
-    let sheet = TextTable::open(tracks, Separator::Comma, 1)?;
-    let (d, c_int) = (sheet.need("d_um")?, sheet.column("c_int"));
-    let (mut diameters, mut brightness) = (Vec::new(), Vec::new());
-    sheet.rows(|cells| {
-        diameters.push(cells.number(d)?);
-        brightness.push(c_int.map_or(Ok(1.0), |c| cells.number(c))?);
-        Ok(())
-    })?;
-    let middle = |mut values: Vec<f64>| {
-        values.sort_unstable_by(f64::total_cmp);
-        quantile(&values, 0.5).filter(|v| v.is_finite() && *v > 0.0)
-    };
-    Ok(middle(diameters).zip(middle(brightness)).map(|(d, c)| [d, c]))
+/// The median of numbers > 0; `None` if it is unknown.
+fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_unstable_by(f64::total_cmp);
+    quantile(&values, 0.5).filter(|v| v.is_finite() && *v > 0.0)
 }
 
 /// Sub-pixel positions along each axis over which the bound is averaged: for small spots it depends on them.

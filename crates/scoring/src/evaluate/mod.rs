@@ -1,8 +1,8 @@
 //! Scores any tracker's result against the truth.
 //!
 //! Scores compare points or vectors and never read images. docs/scoring.md has the definitions, the gates and
-//! the differences to other programs. [`evaluate`] runs all steps: read, select the scored points, match,
-//! score.
+//! the differences to other programs. [`evaluate`] runs all steps: select the scored points, match, score;
+//! [`evaluate_files`] reads truth and result first.
 
 pub mod assignment;
 pub mod boxes;
@@ -28,6 +28,7 @@ pub mod motion;
 pub mod neighbors;
 mod options;
 pub mod orientation;
+mod read;
 mod score;
 pub mod score_keys;
 pub mod statistics;
@@ -36,24 +37,23 @@ pub mod truth;
 pub mod uncertainty;
 pub(crate) mod units;
 
-use std::path::Path;
-
-use crate::results::{self, Conventions, Field, Points, TrackerResult};
+use crate::results::{Field, Points, TrackerResult};
 use convention_check::ConventionCheck;
+use dataset::RecordingFacts;
+use dataset::manifest::{GENERATOR_VERSION, ScoringGates};
 use detection::Detection;
+use field::true_field::TrueFields;
 use gate::Gate;
-use generator::dataset::manifest::GENERATOR_VERSION;
-use generator::dataset::manifest::ScoringGates;
 pub use hint::Hint;
 use matching::{Cost, Matching};
-use measurement::RecordingFacts;
 use motion::TrackComparison;
 pub use options::EvaluateOptions;
+pub use read::{Truth, evaluate_files, evaluate_source};
 pub use score::{Counts, Definitions, DetectionAtGate, Offset, PositionUncertainty, Score, Versions};
 use statistics::Bootstrap;
-use storage::checksums::fingerprint;
+use storage::advice;
+use storage::advice::Named;
 use storage::error::{Error, Result};
-use storage::tables::truth::{BOXES, TRACKS};
 use track_set::TrackSet;
 use truth::{ScoredPoints, TrueParticles};
 use units::Divided;
@@ -90,55 +90,45 @@ pub struct Particles {
     pub found_u_um_s: Vec<f64>,
 }
 
-/// Scores the result file `result` against a dataset or a bare table of the truth.
+/// Scores a result.
 ///
 /// # Errors
-/// Files that are unreadable or malformed; options that do not apply to them.
-pub fn evaluate(dataset: &Path, result: &Path, options: &EvaluateOptions) -> Result<Evaluation> {
-    measurement::check_order(dataset, result)?;
-    let facts = RecordingFacts::of(dataset, &options.conventions)?;
-    let is_truth_secret = facts.is_from_key;
-    let limits = measurement::limits(dataset, &facts)?;
-    let given = Conventions { limits, ..facts.conventions(options.conventions) };
-    let name = result.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let found = results::read(result, &given)?;
-    let is_field = matches!(found, TrackerResult::Field(_));
+/// A truth without what the result is; options that do not apply to it.
+pub fn evaluate(truth: &Truth, result: &TrackerResult, options: &EvaluateOptions) -> Result<Evaluation> {
+    let is_field = matches!(result, TrackerResult::Field(_));
     if let Some(option) = options.of_others(is_field) {
         let [of, is] = if is_field { ["particles", "a field"] } else { ["fields", "particles"] };
-        return Err(Error::input(format!("{option}: is for results that are {of}; this one is {is}")));
+        let what = format!(": is for results that are {of}; this one is {is}");
+        return Err(Error::Options(advice!(option, what)));
     }
-    let mut evaluation = match found {
-        TrackerResult::Points(mut points) => {
-            let truth = TrueParticles::read(dataset, &given)?;
-            if truth.axes.is_empty() {
-                // Large results take a tenth less memory.
-                points.axes = Vec::new();
-            }
-            let mut evaluation = particles(&truth, &points, options)?;
-            check_unchanged(dataset, &mut evaluation.score)?;
-            let has_truth = dataset.join(BOXES.path).exists();
-            match (points.boxes.is_empty(), has_truth) {
-                (true, _) => {}
-                (false, true) => evaluation.score.boxes = Some(boxes::BoxScore::of(dataset, &points)?),
-                (false, false) => evaluation.score.warnings.push(NO_BOXES.to_owned()),
+    let lacks = |what: &str| Error::input(format!("{}: no truth of {what}", truth.facts.name));
+    let mut evaluation = match result {
+        TrackerResult::Points(points) => {
+            let of = truth.particles.as_ref().ok_or_else(|| lacks("particles"))?;
+            let mut evaluation = particles(of, points, options)?;
+            evaluation.score.warnings.extend(truth.warnings.iter().cloned());
+            match &truth.boxes {
+                _ if points.boxes.is_empty() => {}
+                Some(boxes) => evaluation.score.boxes = Some(boxes::BoxScore::of(boxes, points)),
+                None => evaluation.score.warnings.push(NO_BOXES.to_owned()),
             }
             evaluation
         }
-        TrackerResult::Field(found) => vectors(dataset, &found, facts, options)?,
+        TrackerResult::Field(found) => {
+            let of = truth.fields.as_ref().ok_or_else(|| lacks("fields"))?;
+            vectors(of, found, &truth.facts, options)
+        }
     };
-    evaluation.score.truth_is_secret = is_truth_secret;
     let score = &mut evaluation.score;
-    if is_truth_secret {
+    score.truth_is_secret = truth.facts.is_from_key;
+    if score.truth_is_secret {
         // A hash of the truth would confirm guesses.
         score.definitions.truth_sha256 = None;
     }
-    score.result = name;
-    score.definitions.axes = measurement::axes(dataset)?;
-    if options.crlb {
-        if !dataset.is_dir() {
-            return Err(Error::input("--crlb: a bare table of the truth does not contain the optics"));
-        }
-        match crlb::of_dataset(dataset, score.detection.as_ref(), &score.curves)? {
+    score.definitions.axes = truth.axes.clone();
+    if let Some(scenario) = truth.scenario.as_ref().filter(|_| options.crlb) {
+        let sizes = truth.particles.as_ref().map_or(&[][..], |particles| &particles.sizes);
+        match crlb::of_scenario(scenario, sizes, score.detection.as_ref(), &score.curves)? {
             Ok(bound) => score.crlb = Some(bound),
             Err(why) => score.warnings.push(format!("no Cramer-Rao bound: {why}")),
         }
@@ -150,13 +140,13 @@ const NO_BOXES: &str = "boxes are not scored: the dataset has no truth/boxes.csv
 
 /// Scores a displacement field.
 fn vectors(
-    dataset: &Path,
+    truth: &TrueFields,
     found: &Field,
-    facts: RecordingFacts,
+    facts: &RecordingFacts,
     options: &EvaluateOptions,
-) -> Result<Evaluation> {
+) -> Evaluation {
     let field::ScoredField { score, vectors, units, notes, hints, mut warnings } =
-        field::evaluate(dataset, found, options.plane_um, options.seed)?;
+        field::evaluate(truth, found, options.seed);
     warnings.splice(0..0, hints.iter().map(|hint| hint.what.clone()));
     let score = Score {
         dataset: facts.name.clone(),
@@ -168,30 +158,12 @@ fn vectors(
             assignment: "none".to_owned(),
             bootstrap_resamples: statistics::RESAMPLES,
             bootstrap_seed: options.seed,
-            ..definitions(&facts)
+            ..definitions(facts)
         },
         counts: Counts { n_nan: found.n_nan, ..Counts::default() },
         ..Score::default()
     };
-    Ok(Evaluation { score, particles: None, vectors, units })
-}
-
-/// Warns if the true particles of a dataset are not those that its manifest lists; the score is then of the
-/// table as it is.
-///
-/// # Errors
-/// A truth that is unreadable.
-fn check_unchanged(dataset: &Path, score: &mut Score) -> Result<()> {
-    let truth = dataset.join(TRACKS.path);
-    let Some(recorded) = score.definitions.truth_sha256.clone().filter(|_| truth.is_file()) else {
-        return Ok(());
-    };
-    let found = fingerprint(&truth)?.sha256.to_string();
-    if found != recorded {
-        score.warnings.push(format!("{} has changed since the dataset was made", TRACKS.path));
-        score.definitions.truth_sha256 = Some(found);
-    }
-    Ok(())
+    Evaluation { score, particles: None, vectors, units }
 }
 
 /// The part of the definitions that comes from the dataset.
@@ -213,7 +185,8 @@ fn definitions(facts: &RecordingFacts) -> Definitions {
 /// Options that do not apply; a gate so wide that a frame has too many pairs.
 pub fn particles(truth: &TrueParticles, points: &Points, options: &EvaluateOptions) -> Result<Evaluation> {
     if options.border_px > 0.0 && truth.facts.sensor_px.is_none() {
-        return Err(Error::input("--border: a bare table does not contain the size of the images"));
+        let what = ": a bare table does not contain the size of the images";
+        return Err(Error::Options(advice!(Named::Border, what)));
     }
     let depth = options::dimensions(truth, points, options)?;
     let gate = options::gate(truth, depth, options)?;

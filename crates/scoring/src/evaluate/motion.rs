@@ -331,8 +331,8 @@ mod tests {
     use super::*;
     use crate::evaluate::gate::Gate;
     use crate::evaluate::matching::{Cost, optimal};
-    use crate::evaluate::measurement::RecordingFacts;
     use crate::results::{Position, TrackRow, Velocities};
+    use dataset::RecordingFacts;
 
     /// Scores a result at the true positions x = 100 + 1000 t + 50,000 t^2 px, at 2 um/px and t = 0, 2, 7, 9
     /// ms.

@@ -3,7 +3,9 @@
 use super::gate::{Edge, Gate, Shape};
 use super::truth::TrueParticles;
 use crate::results::{Conventions, Points};
-use generator::dataset::manifest::ScoringGates;
+use dataset::manifest::ScoringGates;
+use storage::advice;
+use storage::advice::Named;
 use storage::error::{Error, Result};
 
 /// Options of scoring. `None` means the default for the dataset.
@@ -35,17 +37,17 @@ pub struct EvaluateOptions {
 
 impl EvaluateOptions {
     /// The first given option that applies only to the other kind of result (`field` or particles).
-    pub(super) fn of_others(&self, field: bool) -> Option<&'static str> {
+    pub(super) fn of_others(&self, field: bool) -> Option<Named> {
         let of_particles = [
-            ("--gate", self.shape.is_some()),
-            ("--gate-xy", self.gate_xy_px.is_some()),
-            ("--gate-z", self.gate_z_um.is_some()),
-            ("--dims", self.dims.is_some()),
-            ("--isbi-gate", self.isbi_gate_px.is_some()),
-            ("--border", self.border_px > 0.0),
-            ("--auto-offset", self.auto_offset),
+            (Named::GateShape, self.shape.is_some()),
+            (Named::GateXy, self.gate_xy_px.is_some()),
+            (Named::GateZ, self.gate_z_um.is_some()),
+            (Named::Dims, self.dims.is_some()),
+            (Named::IsbiGate, self.isbi_gate_px.is_some()),
+            (Named::Border, self.border_px > 0.0),
+            (Named::AutoOffset, self.auto_offset),
         ];
-        let of_fields = [("--plane", self.plane_um.is_some())];
+        let of_fields = [(Named::Plane, self.plane_um.is_some())];
         let others = if field { &of_particles[..] } else { &of_fields[..] };
         others.iter().find(|(_, given)| *given).map(|(name, _)| *name)
     }
@@ -60,12 +62,13 @@ pub(super) fn dimensions(truth: &TrueParticles, points: &Points, options: &Evalu
     match options.dims {
         None => Ok(both),
         Some(2) if options.gate_z_um.is_some() => {
-            Err(Error::input("--gate-z: has no meaning with --dims 2, in the image plane"))
+            let what = advice!(Named::GateZ, ": has no meaning with ", Named::Dims, " 2, in the image plane");
+            Err(Error::Options(what))
         }
         Some(2) => Ok(false),
         Some(3) if both => Ok(true),
-        Some(3) => Err(Error::input("--dims 3: truth and result must both have a depth")),
-        Some(other) => Err(Error::input(format!("--dims {other}: expected 2 or 3"))),
+        Some(3) => Err(Error::Options(advice!(Named::Dims, " 3: truth and result must both have a depth"))),
+        Some(other) => Err(Error::Options(advice!(Named::Dims, format!(" {other}: expected 2 or 3")))),
     }
 }
 
@@ -78,7 +81,8 @@ pub(super) fn gate(truth: &TrueParticles, depth: bool, options: &EvaluateOptions
     let z_um = options.gate_z_um.or(truth.facts.depth_h_um().map(|h| ScoringGates::over(h).z_um));
     let shape = match options.shape {
         Some(Shape::Ellipsoid | Shape::Box) if !depth => {
-            return Err(Error::input("--gate: without depth in truth and result the gate is radial"));
+            let what = ": without depth in truth and result the gate is radial";
+            return Err(Error::Options(advice!(Named::GateShape, what)));
         }
         Some(shape) => shape,
         None if depth && z_um.is_some() => Shape::Ellipsoid,
@@ -88,20 +92,21 @@ pub(super) fn gate(truth: &TrueParticles, depth: bool, options: &EvaluateOptions
         (Shape::Radial, _) => f64::INFINITY,
         (_, Some(z_um)) => z_um,
         (_, None) => {
-            return Err(Error::input(
-                "--gate: the depth range is unknown; give --gate-z or --depth LOW HIGH",
-            ));
+            let what = ": the depth range is unknown; give ";
+            let what = advice!(Named::GateShape, what, Named::GateZ, " or ", Named::Depth);
+            return Err(Error::Options(what));
         }
     };
     for (name, value) in [
-        ("--gate-xy", xy_px),
-        ("--gate-z", z_um),
-        ("--isbi-gate", options.isbi_gate_px.unwrap_or(ScoringGates::ISBI_PX)),
+        (Named::GateXy, xy_px),
+        (Named::GateZ, z_um),
+        (Named::IsbiGate, options.isbi_gate_px.unwrap_or(ScoringGates::ISBI_PX)),
     ] {
         // The square of a much smaller gate could underflow, that of a much larger one overflow.
-        let allowed = (1e-6..=1e9).contains(&value) || (name == "--gate-z" && value == f64::INFINITY);
+        let allowed = (1e-6..=1e9).contains(&value) || (name == Named::GateZ && value == f64::INFINITY);
         if !allowed {
-            return Err(Error::input(format!("{name} {value}: expected a number from 1e-6 to 1e9")));
+            let what = format!(" {value}: expected a number from 1e-6 to 1e9");
+            return Err(Error::Options(advice!(name, what)));
         }
     }
     Ok(Gate { shape, xy_px, z_um, edge: Edge::Open })

@@ -9,12 +9,17 @@ use std::path::Path;
 
 use super::gate::Gate;
 use super::matching::{Cost, NONE, optimal};
-use super::measurement::RecordingFacts;
+use super::measurement::{TableSize, facts_of};
 use super::track_set::{TrackSet, UnsortedPoint};
 use crate::results::sheet::{Separator, TextTable};
-use crate::results::{Conventions, Points, Position, TrackRow, VelocityUnit, read_points};
+use crate::results::{
+    Conventions, Converter, PARTICLES, Points, Position, TrackRow, VelocityUnit, read_points,
+};
+use dataset::{FrameRow, RecordingFacts, Row, TableReader};
+use microsig_core::Spheroid;
+use storage::checksums::Hashing;
 use storage::error::{Error, Result};
-use storage::tables::truth::{FRAMES, TRACKS};
+use storage::input;
 
 /// The true particles of all frames, in the order of their table.
 #[derive(Debug, Clone, Default)]
@@ -33,6 +38,8 @@ pub struct TrueParticles {
     pub axes: Vec<[f64; 3]>,
     /// Time of each frame, s; empty if unknown.
     pub times_s: BTreeMap<u32, f64>,
+    /// Diameter (um) and brightness of each particle; empty for a bare table.
+    pub sizes: Vec<[f64; 2]>,
     /// Further properties by which recall and errors are binned: name, and a value for each row.
     pub properties: Vec<(&'static str, Vec<f64>)>,
     /// Notes on how the truth was interpreted.
@@ -51,17 +58,55 @@ impl TrueParticles {
     /// # Errors
     /// Files that are unreadable or malformed.
     pub fn read(path: &Path, given: &Conventions) -> Result<Self> {
-        let facts = RecordingFacts::of(path, given)?;
-        if path.is_dir() {
-            facts.needs_truth(path)?;
-            let mut truth = tracks(&path.join(TRACKS.path), facts)?;
-            let frames = path.join(FRAMES.path);
-            if frames.exists() {
-                truth.times_s = times(&frames)?;
-            }
-            return Ok(truth);
+        let facts = facts_of(path, given)?;
+        if path.is_dir() { Ok(Self::of_dataset(path, facts)?.0) } else { bare(path, facts) }
+    }
+
+    /// Reads the truth of a dataset in one pass; if it has changed since the dataset was made, the hash in
+    /// the facts is replaced. Also returns the size of its table.
+    ///
+    /// # Errors
+    /// Files that are unreadable or malformed.
+    pub(super) fn of_dataset(dataset: &Path, facts: RecordingFacts) -> Result<(Self, TableSize)> {
+        facts.needs_truth(dataset)?;
+        let path = dataset.join(dataset::TrackRow::PATH);
+        let name = path.display().to_string();
+        let table = TableReader::new(&name, Hashing::new(input::open(&path)?))?;
+        let columns = Present::of(|name| table.column(name).is_some());
+        let (mut rows, mut incomplete) = (Rows::new(facts, columns)?, 0);
+        let needed = ["frame", "x_px", "y_px"];
+        let read = table.rows(&needed, |_, row| {
+            incomplete += u64::from(!rows.add(&row)?);
+            Ok(())
+        })?;
+        if incomplete > 0 {
+            return Err(without_coordinates(&path, incomplete));
         }
-        tracks(path, facts)
+        let (found, mut truth) = (read.fingerprint(), rows.truth());
+        let size = TableSize { bytes: found.bytes, rows: truth.rows.len() as u64 };
+        if let Some(recorded) = truth.facts.sha256.as_mut() {
+            *recorded = found.sha256.to_string();
+        }
+        if dataset.join(FrameRow::PATH).exists() {
+            truth.times_s = times(&dataset::read_rows::<FrameRow>(dataset, &["frame", "t_s"])?);
+        }
+        Ok((truth, size))
+    }
+
+    /// The truth in rows of a dataset.
+    ///
+    /// # Errors
+    /// A value out of range.
+    pub fn of_rows<'r>(
+        facts: RecordingFacts,
+        tracks: impl Iterator<Item = &'r dataset::TrackRow>,
+        frames: &[FrameRow],
+    ) -> Result<Self> {
+        let mut rows = Rows::new(facts, Present::of(|_| true))?;
+        for row in tracks {
+            rows.add(row).map_err(|what| Error::input(format!("{}: {what}", dataset::TrackRow::PATH)))?;
+        }
+        Ok(TrueParticles { times_s: times(frames), ..rows.truth() })
     }
 
     /// Time from a frame to a later one, s; `None` if it is unknown.
@@ -156,6 +201,14 @@ impl TrueParticles {
         self.visible[i] && inside && self.is_clear(at, border_px)
     }
 
+    /// Drops the axes if there are spheres only.
+    fn without_spheres(&mut self) {
+        if self.axes.iter().all(|axis| axis[0].is_nan()) {
+            // Not `clear`, which keeps the memory.
+            self.axes = Vec::new();
+        }
+    }
+
     /// Whether a position is at least `border_px` from the edge of the sensor.
     fn is_clear(&self, at: &Position, border_px: f64) -> bool {
         border_px <= 0.0
@@ -196,15 +249,108 @@ fn cut(points: &mut [UnsortedPoint], ignored: impl Fn(usize) -> bool, pairs: boo
     }
 }
 
-fn tracks(path: &Path, facts: RecordingFacts) -> Result<TrueParticles> {
+fn without_coordinates(path: &Path, rows: u64) -> Error {
+    Error::input(format!("{}: {rows} rows of the truth have no coordinates", path.display()))
+}
+
+/// Which columns the table of tracks has.
+struct Present {
+    track: bool,
+    z: bool,
+    visible: bool,
+    velocity: bool,
+    axes: bool,
+    brightness: bool,
+    properties: [bool; PROPERTIES.len()],
+}
+
+impl Present {
+    fn of(has: impl Fn(&str) -> bool) -> Self {
+        let all = |names: &[&str]| names.iter().all(|name| has(name));
+        Present {
+            track: has("track"),
+            z: has("z_um"),
+            visible: has("visible"),
+            velocity: all(&["u_um_s", "v_um_s"]),
+            axes: all(&["e_p", "alpha_rad", "beta_rad"]),
+            brightness: has("c_int"),
+            properties: PROPERTIES.map(has),
+        }
+    }
+}
+
+/// Collects the true particles from rows of a dataset.
+struct Rows {
+    truth: TrueParticles,
+    columns: Present,
+    converter: Converter,
+}
+
+impl Rows {
+    fn new(facts: RecordingFacts, columns: Present) -> Result<Self> {
+        let there = PROPERTIES.into_iter().zip(columns.properties).filter(|(_, there)| *there);
+        let properties = there.map(|(name, _)| (name, Vec::new())).collect();
+        let truth = TrueParticles { facts, has_z: columns.z, properties, ..TrueParticles::default() };
+        Ok(Rows { truth, columns, converter: Converter::new(PARTICLES, &Conventions::default())? })
+    }
+
+    /// Adds a row; returns `false` if it has no coordinates.
+    fn add(&mut self, row: &dataset::TrackRow) -> std::result::Result<bool, String> {
+        let Rows { truth, columns, converter } = self;
+        let frame = converter.frame(f64::from(row.frame))?;
+        let z_um = if columns.z { row.z_um } else { 0.0 };
+        let Some(at) = converter.position(row.x_px, row.y_px, z_um)? else { return Ok(false) };
+        let whole = i64::try_from(row.track).map_err(|_| format!("track = {}: too large", row.track));
+        truth.rows.push(TrackRow { frame, track: if columns.track { whole? } else { -1 }, at });
+        truth.visible.push(row.visible || !columns.visible);
+        truth.sizes.push([row.d_um, if columns.brightness { row.c_int } else { 1.0 }]);
+        if row.t_s.is_finite() {
+            truth.times_s.insert(frame, row.t_s);
+        }
+        if columns.velocity {
+            let velocity = [row.u_um_s, row.v_um_s, row.w_um_s];
+            truth.velocity_um_s.push(converter.velocity(velocity, ["u_um_s", "v_um_s", "w_um_s"])?);
+        }
+        if columns.axes {
+            let spheroid = Spheroid { e_p: 1.0, alpha_rad: row.alpha_rad, beta_rad: row.beta_rad };
+            truth.axes.push(if row.e_p == 1.0 { [f64::NAN; 3] } else { spheroid.axis() });
+        }
+        for (name, values) in &mut truth.properties {
+            values.push(property(name, if *name == PROPERTIES[0] { row.snr } else { row.overlap })?);
+        }
+        Ok(true)
+    }
+
+    fn truth(self) -> TrueParticles {
+        let mut truth = self.truth;
+        truth.without_spheres();
+        truth
+    }
+}
+
+/// A property of a particle within its range. Unknown and infinite values are in no bin; differences of the
+/// others must be finite.
+fn property(name: &str, value: f64) -> std::result::Result<f64, String> {
+    if value.is_finite() && value.abs() > LARGEST_PROPERTY {
+        return Err(format!("{name} = {value:e}: expected at most {LARGEST_PROPERTY:e} in size"));
+    }
+    Ok(value)
+}
+
+/// Times of frames, s.
+fn times(frames: &[FrameRow]) -> BTreeMap<u32, f64> {
+    frames.iter().map(|row| (row.frame, row.t_s)).collect()
+}
+
+/// Reads a bare table.
+///
+/// # Errors
+/// A file that is unreadable or malformed.
+pub(super) fn bare(path: &Path, facts: RecordingFacts) -> Result<TrueParticles> {
     let points = read_points(path, &Conventions::default())?;
     let mut truth = TrueParticles { facts, has_z: points.has_z, ..TrueParticles::default() };
     if points.n_nan > 0 {
-        return Err(Error::input(format!(
-            "{}: {} rows of the truth have no coordinates",
-            path.display(),
-            points.n_nan
-        )));
+        return Err(without_coordinates(path, points.n_nan as u64));
     }
     truth.rows = points.rows;
     truth.velocity_um_s =
@@ -229,42 +375,19 @@ fn tracks(path: &Path, facts: RecordingFacts) -> Result<TrueParticles> {
                 truth.times_s.insert(truth.rows[row].frame, cells.number(time)?);
             }
             for (values, &(_, column)) in truth.properties.iter_mut().zip(&properties) {
-                let value = cells.number(column)?;
-                // Unknown and infinite values are in no bin; differences of the others must be finite.
-                if value.is_finite() && value.abs() > LARGEST_PROPERTY {
-                    return Err(format!(
-                        "{} = {value:e}: expected at most {LARGEST_PROPERTY:e} in size",
-                        values.0
-                    ));
-                }
-                values.1.push(value);
+                values.1.push(property(values.0, cells.number(column)?)?);
             }
             row += 1;
             Ok(())
         })?;
     }
-    if truth.axes.iter().all(|axis| axis[0].is_nan()) {
-        // Not `clear`, which keeps the memory.
-        truth.axes = Vec::new();
-    }
+    truth.without_spheres();
     Ok(truth)
 }
 
 /// Whether two times are equal up to rounding errors.
 pub(super) fn same_time(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-6 * a.abs().max(b.abs())
-}
-
-/// Reads the times of frames, s.
-fn times(path: &Path) -> Result<BTreeMap<u32, f64>> {
-    let sheet = TextTable::open(path, Separator::Comma, 1)?;
-    let (frame, time) = (sheet.need("frame")?, sheet.need("t_s")?);
-    let mut times = BTreeMap::new();
-    sheet.rows(|cells| {
-        times.insert(cells.number(frame)? as u32, cells.number(time)?);
-        Ok(())
-    })?;
-    Ok(times)
 }
 
 #[cfg(test)]

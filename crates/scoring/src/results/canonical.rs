@@ -11,7 +11,8 @@ use super::{
 };
 use storage::error::Result;
 
-const PARTICLES: FormatDefaults = FormatDefaults {
+/// The conventions of microsig's own tables of particles.
+pub(crate) const PARTICLES: FormatDefaults = FormatDefaults {
     name: "canonical particles",
     origin: Origin::Center1,
     frame_base: 0,
@@ -49,8 +50,11 @@ fn axis(sheet: &TextTable) -> Option<AxisColumns> {
 /// # Errors
 /// All problems of the table, with line numbers.
 pub fn points(path: &Path, given: &Conventions) -> Result<Points> {
+    points_of(TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows), given)
+}
+
+pub(super) fn points_of(sheet: TextTable, given: &Conventions) -> Result<Points> {
     let mut converter = Converter::new(PARTICLES, given)?;
-    let sheet = TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows);
     let (frame, x, y) = (sheet.need("frame")?, sheet.need("x_px")?, sheet.need("y_px")?);
     let (track, z) = (sheet.column("track"), sheet.column("z_um"));
     let sigma = ["sx_px", "sy_px", "sz_um"].map(|name| sheet.column(name));
@@ -83,8 +87,11 @@ pub fn points(path: &Path, given: &Conventions) -> Result<Points> {
 /// # Errors
 /// All problems of the table, with line numbers.
 pub fn field(path: &Path, given: &Conventions) -> Result<Field> {
+    field_of(TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows), given)
+}
+
+pub(super) fn field_of(sheet: TextTable, given: &Conventions) -> Result<Field> {
     let converter = Converter::new(FIELD, given)?;
-    let sheet = TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows);
     let need = |name| sheet.need(name);
     let (x, y, dx, dy) = (need("x_px")?, need("y_px")?, need("dx_px")?, need("dy_px")?);
     let column = |name| sheet.column(name);

@@ -3,6 +3,7 @@
 use std::cell::Cell;
 
 use csv::ByteRecord;
+use dataset::{Columns, Values};
 
 /// The first lines with a decimal comma and with a decimal point; 0 if there is none yet.
 #[derive(Debug, Default)]
@@ -36,9 +37,18 @@ impl Decimals {
     }
 }
 
+/// Where the cells of a row are.
+#[derive(Clone, Copy)]
+pub(super) enum Place<'a> {
+    /// In a file.
+    Record(&'a ByteRecord),
+    /// In columns, at this index.
+    Columns(&'a Columns, usize),
+}
+
 /// The cells of a row.
 pub struct Cells<'a> {
-    record: &'a ByteRecord,
+    place: Place<'a>,
     header: &'a [String],
     /// Line in the file.
     pub line: u64,
@@ -48,16 +58,24 @@ pub struct Cells<'a> {
 impl<'a> Cells<'a> {
     /// `decimals`: `None` where commas separate columns.
     pub(super) fn new(
-        record: &'a ByteRecord,
+        place: Place<'a>,
         header: &'a [String],
         line: u64,
         decimals: Option<&'a Decimals>,
     ) -> Self {
-        Cells { record, header, line, decimals }
+        Cells { place, header, line, decimals }
     }
+
     /// The number in a cell; NaN if the cell is empty, `NaN` or TrackMate's empty-set sign.
     pub fn number(&self, column: usize) -> std::result::Result<f64, String> {
-        let text = std::str::from_utf8(&self.record[column]).unwrap_or("?").trim_matches('"');
+        let text = match self.place {
+            Place::Record(record) => std::str::from_utf8(&record[column]).unwrap_or("?").trim_matches('"'),
+            Place::Columns(columns, row) => match &columns.0[column].1 {
+                Values::Whole(values) => return Ok(values[row] as f64),
+                Values::Numbers(values) => return Ok(values[row]),
+                Values::Texts(values) => &values[row],
+            },
+        };
         if let Some(number) = number(text, self.decimals.is_some()) {
             if let Some(decimals) = self.decimals {
                 decimals.see(text, self.line);
@@ -80,8 +98,16 @@ impl<'a> Cells<'a> {
     /// # Errors
     /// Bytes that are not UTF-8.
     pub fn text(&self, column: usize) -> std::result::Result<&str, String> {
-        let text = std::str::from_utf8(&self.record[column]).map(|text| text.trim_matches('"'));
-        text.map_err(|_| format!("{}: expected UTF-8 text", self.header[column]))
+        let text = match self.place {
+            Place::Record(record) => {
+                std::str::from_utf8(&record[column]).ok().map(|text| text.trim_matches('"'))
+            }
+            Place::Columns(columns, row) => match &columns.0[column].1 {
+                Values::Texts(values) => Some(values[row].as_str()),
+                _ => None,
+            },
+        };
+        text.ok_or_else(|| format!("{}: expected UTF-8 text", self.header[column]))
     }
 
     /// Names of columns, empty for missing ones.

@@ -6,6 +6,9 @@ use clap::ValueEnum;
 
 use super::Format;
 use super::table::{BoxSize, Position};
+use dataset::{LARGEST_UM, RecordingFacts};
+use storage::advice;
+use storage::advice::Named;
 use storage::error::{Error, Result};
 
 /// Coordinates of the first pixel's center.
@@ -57,6 +60,18 @@ pub struct Conventions {
     pub height_px: Option<f64>,
     /// Limits on the size of the file.
     pub limits: Limits,
+}
+
+impl Conventions {
+    /// These conventions, completed by facts of the dataset.
+    pub fn completed(self, facts: &RecordingFacts) -> Self {
+        Conventions {
+            um_per_px: facts.um_per_px,
+            depth_um: facts.depth_um,
+            height_px: facts.sensor_px.map(|s| s.1),
+            ..self
+        }
+    }
 }
 
 /// Maximum number of rows of a table.
@@ -162,7 +177,6 @@ impl DroppedRows {
 
 /// Largest plausible values; their squares are far from overflow.
 const LARGEST_PX: f64 = 1e7;
-pub(crate) const LARGEST_UM: f64 = 1e9;
 const LARGEST_SPEED: f64 = 1e12;
 
 impl Converter {
@@ -174,14 +188,16 @@ impl Converter {
             (LengthUnit::Px, _) => 1.0,
             (LengthUnit::Um, Some(um)) => 1.0 / um,
             (LengthUnit::Um, None) => {
-                return Err(Error::input(format!("{}: lengths are um; give --um-per-px", usual.name)));
+                let what = format!("{}: lengths are um; give ", usual.name);
+                return Err(Error::Options(advice!(what, Named::UmPerPx)));
             }
         };
         let flip_at = match (y_up, given.height_px) {
             (false, _) => None,
             (true, Some(height)) => Some(height + 1.0),
             (true, None) => {
-                return Err(Error::input("--y up: a bare table does not contain the height of the images"));
+                let what = ": a bare table does not contain the height of the images";
+                return Err(Error::Options(advice!(Named::YUp, what)));
             }
         };
         let unit = match usual.unit {

@@ -9,13 +9,15 @@ use std::path::Path;
 use super::sheet::{OptionalColumns, Separator, TextTable};
 use super::text::Text;
 use super::{Conventions, Converter, FormatDefaults, LengthUnit, Origin, Points, shown};
+use storage::advice;
+use storage::advice::Named;
 use storage::error::{Error, Result};
 
 const DEFAULTS: FormatDefaults =
     FormatDefaults { name: "DefocusTracker", origin: Origin::Center1, frame_base: 1, unit: LengthUnit::Px };
 
-pub(super) fn csv(path: &Path, given: &Conventions) -> Result<Points> {
-    read(TextTable::open(path, Separator::Comma, 1)?, given, [1.0; 3])
+pub(super) fn csv(sheet: TextTable, given: &Conventions) -> Result<Points> {
+    read(sheet, given, [1.0; 3])
 }
 
 pub(super) fn ascii(path: &Path, given: &Conventions) -> Result<Points> {
@@ -40,7 +42,8 @@ pub(super) fn ascii(path: &Path, given: &Conventions) -> Result<Points> {
 
 fn read(sheet: TextTable, given: &Conventions, scaling: [f64; 3]) -> Result<Points> {
     let (low, high) = given.depth_um.ok_or_else(|| {
-        Error::input("DefocusTracker: Z is a fraction of the depth range; give --depth LOW HIGH")
+        let what = "DefocusTracker: Z is a fraction of the depth range; give ";
+        Error::Options(advice!(what, Named::Depth))
     })?;
     let sheet = sheet.at_most(given.limits.rows);
     let frame = sheet.need("fr")?;

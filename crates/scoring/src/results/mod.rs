@@ -28,10 +28,15 @@ use std::io::Read;
 use std::path::Path;
 
 use clap::ValueEnum;
+use dataset::Columns;
+use sheet::{Separator, TextTable};
 
+pub(crate) use canonical::PARTICLES;
 pub use canonical::{field as read_field, points as read_points};
 pub use conventions::{Conventions, Limits, Origin};
-pub(crate) use conventions::{Converter, DroppedRows, FormatDefaults, LARGEST_UM, LengthUnit};
+pub(crate) use conventions::{Converter, DroppedRows, FormatDefaults, LengthUnit};
+use storage::advice;
+use storage::advice::Named;
 use storage::error::{Error, Result};
 use storage::input;
 pub use table::{
@@ -70,48 +75,127 @@ pub enum Format {
     Flo,
 }
 
+impl Format {
+    /// Whether results in this format are displacement fields.
+    pub fn is_field(self) -> bool {
+        matches!(self, Format::Field | Format::Openpiv | Format::Pivlab | Format::Flo)
+    }
+}
+
+/// Where a result is.
+#[derive(Debug)]
+pub enum Source<'a> {
+    /// In a file.
+    File(&'a Path),
+    /// In columns of one length, named as in a table that a program writes.
+    Columns(Columns),
+}
+
+impl Source<'_> {
+    /// Name of the result.
+    pub fn name(&self) -> String {
+        match self {
+            Source::File(path) => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            Source::Columns(_) => "result.csv".to_owned(),
+        }
+    }
+
+    /// The format, detected unless `given`.
+    ///
+    /// # Errors
+    /// An unknown format.
+    pub fn format(&self, given: &Conventions) -> Result<Format> {
+        match (given.format, self) {
+            (Some(format), _) => Ok(format),
+            (None, Source::File(path)) => detect(path),
+            (None, Source::Columns(columns)) => {
+                let names: Vec<&str> = columns.0.iter().map(|(name, _)| name.as_str()).collect();
+                of_header(COLUMNS, &names.join(","), &names)
+            }
+        }
+    }
+
+    /// Reads the result.
+    ///
+    /// # Errors
+    /// Everything that is wrong with it, with line numbers.
+    pub fn read(self, format: Format, given: &Conventions) -> Result<TrackerResult> {
+        let (name, mut found) = match self {
+            Source::File(path) => (path.display().to_string(), of_file(path, format, given)?),
+            Source::Columns(columns) => {
+                let table = TextTable::of_columns(COLUMNS, columns);
+                let found = of_table(table, format, given)?.ok_or_else(|| {
+                    Error::input(format!("{COLUMNS}: results of this format are files; give the path of one"))
+                })?;
+                (COLUMNS.to_owned(), found)
+            }
+        };
+        let how = if given.format.is_some() {
+            "format given by --format"
+        } else {
+            "format detected from the header"
+        };
+        let notes = match &mut found {
+            TrackerResult::Points(points) => {
+                unique(&name, points)?;
+                &mut points.notes
+            }
+            TrackerResult::Field(field) => &mut field.notes,
+        };
+        if let Some(first) = notes.first_mut() {
+            *first = format!("{first} ({how})");
+        }
+        Ok(found)
+    }
+}
+
+/// Name of columns in memory in messages.
+const COLUMNS: &str = "result";
+
 /// Reads a result file; the format is detected unless `given`.
 ///
 /// # Errors
 /// All problems of the file, with line numbers; an unknown format.
 pub fn read(path: &Path, given: &Conventions) -> Result<TrackerResult> {
+    let source = Source::File(path);
+    let format = source.format(given)?;
+    source.read(format, given)
+}
+
+fn of_file(path: &Path, format: Format, given: &Conventions) -> Result<TrackerResult> {
     given.limits.check(path, input::open(path)?.metadata().map_err(|e| Error::read(path, e))?.len())?;
-    let format = match given.format {
-        Some(format) => format,
-        None => detect(path)?,
-    };
-    let mut found = match format {
-        Format::Canonical => TrackerResult::Points(canonical::points(path, given)?),
-        Format::Trackpy => TrackerResult::Points(trackpy::read(path, given)?),
-        Format::TrackmateSpots => TrackerResult::Points(trackmate::spots(path, given)?),
+    Ok(match format {
         Format::TrackmateXml => TrackerResult::Points(xml::trackmate(path, given)?),
         Format::Isbi => TrackerResult::Points(xml::isbi(path, given)?),
-        Format::Defocustracker => TrackerResult::Points(defocustracker::csv(path, given)?),
         Format::DefocustrackerAscii => TrackerResult::Points(defocustracker::ascii(path, given)?),
         Format::Coco => TrackerResult::Points(coco::read(path, given)?),
-        Format::Napari => TrackerResult::Points(napari::read(path, given)?),
-        Format::Field => TrackerResult::Field(canonical::field(path, given)?),
         Format::Openpiv => TrackerResult::Field(openpiv::read(path, given)?),
         Format::Pivlab => TrackerResult::Field(pivlab::read(path, given)?),
         Format::Flo => TrackerResult::Field(flo::read(path, given)?),
-    };
-    let how =
-        if given.format.is_some() { "format given by --format" } else { "format detected from the header" };
-    let notes = match &mut found {
-        TrackerResult::Points(points) => {
-            unique(path, points)?;
-            &mut points.notes
+        _ => {
+            let table = TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows);
+            let found = of_table(table, format, given)?;
+            found.ok_or_else(|| Error::input(format!("{}: not a table", path.display())))?
         }
-        TrackerResult::Field(field) => &mut field.notes,
+    })
+}
+
+/// Reads a table with a header of column names; `None` if that is not the format.
+fn of_table(table: TextTable, format: Format, given: &Conventions) -> Result<Option<TrackerResult>> {
+    let points = match format {
+        Format::Canonical => canonical::points_of(table, given)?,
+        Format::Trackpy => trackpy::read(table, given)?,
+        Format::TrackmateSpots => trackmate::spots(table, given)?,
+        Format::Defocustracker => defocustracker::csv(table, given)?,
+        Format::Napari => napari::read(table, given)?,
+        Format::Field => return Ok(Some(TrackerResult::Field(canonical::field_of(table, given)?))),
+        _ => return Ok(None),
     };
-    if let Some(first) = notes.first_mut() {
-        *first = format!("{first} ({how})");
-    }
-    Ok(found)
+    Ok(Some(TrackerResult::Points(points)))
 }
 
 /// Refuses tracks with two points in one frame.
-fn unique(path: &Path, points: &Points) -> Result<()> {
+fn unique(name: &str, points: &Points) -> Result<()> {
     let mut linked: Vec<(i64, u32, u32)> = (0..points.rows.len() as u32)
         .map(|i| (points.rows[i as usize].track, points.rows[i as usize].frame, i))
         .filter(|(track, ..)| *track >= 0)
@@ -121,9 +205,7 @@ fn unique(path: &Path, points: &Points) -> Result<()> {
     let mut twice: Vec<String> = linked
         .windows(2)
         .filter(|w| (w[0].0, w[0].1) == (w[1].0, w[1].1))
-        .map(|w| {
-            format!("{}{}: track {} appears twice in frame {}", path.display(), line(w[1].2), w[0].0, w[0].1)
-        })
+        .map(|w| format!("{name}{}: track {} appears twice in frame {}", line(w[1].2), w[0].0, w[0].1))
         .collect();
     sheet::shorten(&mut twice);
     if twice.is_empty() { Ok(()) } else { Err(Error::Input(twice)) }
@@ -198,6 +280,11 @@ pub fn detect(path: &Path) -> Result<Format> {
     }
     let separator = char::from(sheet::delimiter(first.as_bytes()));
     let columns: Vec<&str> = first.split(separator).map(|c| c.trim().trim_matches('"')).collect();
+    of_header(&name.to_string(), first, &columns)
+}
+
+/// Detects the format of a table from the names of its columns; `first` is its first line.
+fn of_header(name: &str, first: &str, columns: &[&str]) -> Result<Format> {
     let has = |names: &[&str]| names.iter().all(|n| columns.contains(n));
     match () {
         () if has(&["POSITION_X", "POSITION_Y", "FRAME"]) => Ok(Format::TrackmateSpots),
@@ -206,15 +293,21 @@ pub fn detect(path: &Path) -> Result<Format> {
         () if has(&["x_px", "y_px", "frame"]) => Ok(Format::Canonical),
         () if has(&["track_id", "t", "y", "x"]) => Ok(Format::Napari),
         () if has(&["x", "y", "frame"]) && (has(&["particle"]) || has(&["mass"])) => Ok(Format::Trackpy),
-        () if has(&["x", "y"]) => Err(Error::input(format!(
-            "{name}:1: columns {first:?} have no units: name them frame, track, x_px, y_px, z_um (or x_px, y_px, dx_px, \
-             dy_px of a field), or give the program that wrote them with --format"
-        ))),
-        () => Err(Error::input(format!(
-            "{name}:1: header {:?} fits no format; expected columns frame, track, x_px, y_px, z_um (without z_um if depth \
-             is not measured), or x_px, y_px, dx_px, dy_px of a field; `evaluate --format` selects the format of another program",
-            shown(first)
-        ))),
+        () if has(&["x", "y"]) => {
+            let what = format!(
+                "{name}:1: columns {first:?} have no units: name them frame, track, x_px, y_px, z_um (or x_px, y_px, dx_px, \
+                 dy_px of a field), or say with "
+            );
+            Err(Error::Options(advice!(what, Named::Format, " which program wrote them")))
+        }
+        () => {
+            let what = format!(
+                "{name}:1: header {:?} fits no format; expected columns frame, track, x_px, y_px, z_um (without z_um if depth \
+                 is not measured), or x_px, y_px, dx_px, dy_px of a field; `evaluate ",
+                shown(first)
+            );
+            Err(Error::Options(advice!(what, Named::Format, "` tells which other program wrote it")))
+        }
     }
 }
 

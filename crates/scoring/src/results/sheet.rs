@@ -9,10 +9,11 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use csv::{ByteRecord, ReaderBuilder, Trim};
+use dataset::Columns;
 use microsig_core::Spheroid;
 
 pub use super::cells::Cells;
-use super::cells::{Decimals, number};
+use super::cells::{Decimals, Place, number};
 use super::conventions::MAX_ROWS;
 use super::text::{Bounded, Text, UnixLines, excel_separator};
 use super::{Converter, DroppedRows, Points, TrackRow, Velocities, VelocityUnit};
@@ -36,9 +37,10 @@ type Lines = BufReader<UnixLines<Bounded<Text>>>;
 enum Source {
     Separated(csv::Reader<Lines>, u64),
     Space(Lines, u64),
+    Columns(Columns),
 }
 
-/// A table in a text file.
+/// A table in a text file, or columns in memory whose header counts as line 1.
 pub struct TextTable {
     name: String,
     header: Vec<String>,
@@ -103,7 +105,17 @@ impl TextTable {
                 (header, Source::Space(lines, line), Some(Decimals::default()))
             }
         };
-        Ok(TextTable {
+        Ok(TextTable { decimals, style, ..TextTable::new(name, header, source) })
+    }
+
+    /// The table of these columns, with a name for messages.
+    pub(super) fn of_columns(name: &str, columns: Columns) -> Self {
+        let header = columns.0.iter().map(|(name, _)| name.clone()).collect();
+        TextTable::new(name.to_owned(), header, Source::Columns(columns))
+    }
+
+    fn new(name: String, header: Vec<String>, source: Source) -> Self {
+        TextTable {
             name,
             header,
             source,
@@ -112,9 +124,9 @@ impl TextTable {
             most_rows: MAX_ROWS,
             problems: Vec::new(),
             twice: RefCell::default(),
-            decimals,
-            style,
-        })
+            decimals: None,
+            style: Vec::new(),
+        }
     }
 
     /// Skips up to three rows below the header that contain words instead of numbers in this column; returns
@@ -140,6 +152,7 @@ impl TextTable {
         }
         let failed = |e: std::io::Error| Error::input(format!("{}: {e}", self.name));
         match &mut self.source {
+            Source::Columns(_) => Ok(None),
             Source::Separated(reader, above) => {
                 let more = reader.read_byte_record(record).map_err(|e| failed(std::io::Error::from(e)))?;
                 // A record is a line; its own position is that of empty lines before it.
@@ -206,6 +219,15 @@ impl TextTable {
             let message = |column: &String| format!("{}: column {column} appears twice", self.name);
             return Err(Error::Input(twice.iter().map(message).collect()));
         }
+        if let Source::Columns(columns) = &self.source {
+            for row in 0..columns.rows() {
+                let line = row as u64 + 2;
+                let place = Place::Columns(columns, row);
+                if let Err(what) = each(&Cells::new(place, &self.header, line, None)) {
+                    self.problems.push(format!("{}:{line}: {what}", self.name));
+                }
+            }
+        }
         let mut record = ByteRecord::new();
         while let Some(line) = self.record(&mut record)? {
             self.rows += 1;
@@ -213,7 +235,8 @@ impl TextTable {
                 return Err(Error::input(format!("{}: more than {} rows", self.name, self.most_rows)));
             }
             let wrong = if record.len() == self.header.len() {
-                each(&Cells::new(&record, &self.header, line, self.decimals.as_ref())).err()
+                let place = Place::Record(&record);
+                each(&Cells::new(place, &self.header, line, self.decimals.as_ref())).err()
             } else {
                 let is_split = record.len() > self.header.len() && self.decimals.is_none();
                 let hint = if is_split {

@@ -3,17 +3,14 @@
 //! `ExportAllSpotsStatsAction`). Tables with only the first header line are read too. `xml.rs` reads
 //! TrackMate's XML.
 
-use std::path::Path;
-
-use super::sheet::{OptionalColumns, Separator, TextTable};
+use super::sheet::{OptionalColumns, TextTable};
 use super::{Conventions, Converter, FormatDefaults, LengthUnit, Origin, Points};
 use storage::error::Result;
 
 const DEFAULTS: FormatDefaults =
     FormatDefaults { name: "TrackMate spots", origin: Origin::Center0, frame_base: 0, unit: LengthUnit::Um };
 
-pub(super) fn spots(path: &Path, given: &Conventions) -> Result<Points> {
-    let mut sheet = TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows);
+pub(super) fn spots(mut sheet: TextTable, given: &Conventions) -> Result<Points> {
     let (track, frame) = (sheet.column("TRACK_ID"), sheet.need("FRAME")?);
     let (x, y, z) = (sheet.need("POSITION_X")?, sheet.need("POSITION_Y")?, sheet.column("POSITION_Z"));
     // Rows of names and units below the keys, up to the first number.

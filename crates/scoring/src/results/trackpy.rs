@@ -1,18 +1,15 @@
 //! trackpy's data frame as `DataFrame.to_csv` writes it: `y, x [, z], ..., frame [, particle]` in any order,
 //! pixel centers from 0, frames from 0 (github.com/soft-matter/trackpy).
 
-use std::path::Path;
-
-use super::sheet::{OptionalColumns, Separator, TextTable};
+use super::sheet::{OptionalColumns, TextTable};
 use super::{Conventions, Converter, FormatDefaults, LengthUnit, Origin, Points};
 use storage::error::Result;
 
 const DEFAULTS: FormatDefaults =
     FormatDefaults { name: "trackpy", origin: Origin::Center0, frame_base: 0, unit: LengthUnit::Px };
 
-pub(super) fn read(path: &Path, given: &Conventions) -> Result<Points> {
+pub(super) fn read(sheet: TextTable, given: &Conventions) -> Result<Points> {
     let mut converter = Converter::new(DEFAULTS, given)?;
-    let sheet = TextTable::open(path, Separator::Comma, 1)?.at_most(given.limits.rows);
     let (frame, x, y) = (sheet.need("frame")?, sheet.need("x")?, sheet.need("y")?);
     let (track, z) = (sheet.column("particle"), sheet.column("z"));
     if track.is_none() {

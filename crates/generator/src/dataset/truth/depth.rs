@@ -1,40 +1,13 @@
 //! `truth/depth.csv`: properties of the noise-free image of a particle at each depth, and the weight of the
 //! depth.
 
-use std::io::Write;
-use std::path::Path;
-
 use super::field;
+use dataset::DepthRow;
 use glam::DVec3;
 use microsig_core::Particle;
 use scenario::{Scenario, Weighting};
 use storage::error::Result;
-use storage::tables::{Table, TableFile, TableWriter, column};
 use visibility::DepthScan;
-
-/// One row per depth.
-pub static DEPTH: Table = Table::new(
-    "truth/depth.csv",
-    "One row per depth, 51 of them through the depth range: the noise-free image of a sphere of the mean diameter and the \
-     middle brightness, centred on a pixel in the middle of the image, in the light there.",
-    &[
-        column("z_um", "number", "um", "physical depth, growing away from the lens"),
-        column("peak_counts", "number", "counts", "greatest count of the image above the background"),
-        column(
-            "snr",
-            "number",
-            "",
-            "peak_counts over the standard deviation of the background; empty without noise",
-        ),
-        column("area_px", "number", "px", "pixels above 10 % of the peak"),
-        column(
-            "weight",
-            "number",
-            "",
-            "share of this depth in the depth-weighted displacement; empty if there is none",
-        ),
-    ],
-);
 
 /// Properties of particle images for the manifest.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,43 +29,6 @@ pub struct ParticleImage {
     pub drawn_share: Option<[f64; 2]>,
 }
 
-/// Writes the table into a dataset's folder.
-///
-/// # Errors
-/// Writing.
-pub fn write(folder: &Path, scenario: &Scenario, stack: &DepthScan) -> Result<ParticleImage> {
-    let mut writer = TableFile::create(folder, &DEPTH)?;
-    let image = rows(&mut writer, scenario, stack)?;
-    writer.finish()?;
-    Ok(image)
-}
-
-/// The table as CSV.
-///
-/// # Errors
-/// None for a resolved scenario.
-pub fn in_memory(scenario: &Scenario, stack: &DepthScan) -> Result<(Table, Vec<u8>)> {
-    let mut writer = TableWriter::new(&DEPTH, Vec::new())?;
-    rows(&mut writer, scenario, stack)?;
-    Ok((DEPTH.clone(), writer.into_writer()?))
-}
-
-fn rows<W: Write>(
-    writer: &mut TableWriter<W>,
-    scenario: &Scenario,
-    stack: &DepthScan,
-) -> Result<ParticleImage> {
-    let (rows, image) = measure(scenario, stack)?;
-    for row in rows {
-        writer.cells().numbers(&row);
-        writer.end_row()?;
-    }
-    Ok(image)
-}
-
-/// Depth, peak, signal-to-noise ratio, area and weight, as in the columns of [`DEPTH`].
-pub type DepthRow = [f64; 5];
-
 /// The rows of the table, NaN where a cell is empty, and the summary for the manifest.
 ///
 /// # Errors
@@ -113,10 +49,11 @@ pub fn measure(scenario: &Scenario, stack: &DepthScan) -> Result<(Vec<DepthRow>,
         .map(|(k, ((z_um, spot), peak))| {
             let weight = weights.as_ref().map_or(f64::NAN, |weights| weights[k]);
             // Without noise the ratio is infinite, which is written as an empty cell.
-            [*z_um, peak, peak / noise, spot.area_px, weight]
+            let snr = peak / noise;
+            DepthRow { z_um: *z_um, peak_counts: peak, snr, area_px: spot.area_px, weight }
         })
         .collect();
-    let mut peaks: Vec<f64> = rows.iter().map(|row| row[1]).collect();
+    let mut peaks: Vec<f64> = rows.iter().map(|row| row.peak_counts).collect();
     peaks.sort_unstable_by(f64::total_cmp);
     let image = ParticleImage {
         d_um,

@@ -8,9 +8,10 @@
 //! peak, or the curvature of the autocorrelation at its peak, times the square of the illumination at that
 //! depth. The number density is assumed to be uniform over depth.
 
-use std::io::Write;
 use std::path::Path;
 
+use dataset::rows::{BACKWARD, WEIGHTED, WINDOW};
+use dataset::{FieldRow, Row, Table, TableWriter};
 use flows::VelocityField;
 use flows::eulerian::{backward, central, forward};
 use flows::scale::ImagePoint;
@@ -20,91 +21,17 @@ use rayon::prelude::*;
 
 use scenario::{Nodes, Scenario, Weighting};
 use storage::error::Result;
-use storage::tables::{Column, Table, TableFile, TableWriter, column};
 use visibility::{DepthScan, ScanImage};
-
-static FIELD: Table = Table::new(
-    "truth/field.csv",
-    "The displacement of the fluid from the first to the second frame of a pair, at the nodes of a grid. A steady flow is \
-     written once, with pair empty.",
-    &[
-        column(
-            "pair",
-            "integer",
-            "",
-            "number of the pair, as in displacements.csv; empty if the flow is the same for all",
-        ),
-        column("plane", "integer", "", "number of the plane, from 0, in the order of depth"),
-        column("x_px", "number", "px", "column of the node"),
-        column("y_px", "number", "px", "row of the node"),
-        column("z_um", "number", "um", "depth of the node"),
-        column(
-            "forward_dx_px",
-            "number",
-            "px",
-            "displacement along x of what is at the node in the first frame",
-        ),
-        column("forward_dy_px", "number", "px", "the same along y"),
-        column("forward_dz_um", "number", "um", "the same along z"),
-        column(
-            "central_dx_px",
-            "number",
-            "px",
-            "displacement along x of what is at the node half-way in time",
-        ),
-        column("central_dy_px", "number", "px", "the same along y"),
-        column("central_dz_um", "number", "um", "the same along z"),
-    ],
-);
-
-const WEIGHTED: [Column; 3] = [
-    column(
-        "weighted_dx_px",
-        "number",
-        "px",
-        "central displacement along x, averaged over depth with the weight of the manifest",
-    ),
-    column("weighted_dy_px", "number", "px", "the same along y"),
-    column("weighted_dz_um", "number", "um", "the same along z"),
-];
-
-const MASK: [Column; 1] = [column(
-    "mask",
-    "integer",
-    "",
-    "1 if there is no fluid at the node (walls, bodies): no displacement then",
-)];
-
-const WINDOW: [Column; 3] = [
-    column(
-        "window_dx_px",
-        "number",
-        "px",
-        "central displacement along x, averaged over a square window about the node",
-    ),
-    column("window_dy_px", "number", "px", "the same along y"),
-    column("window_dz_um", "number", "um", "the same along z"),
-];
-
-const BACKWARD: [Column; 3] = [
-    column(
-        "backward_dx_px",
-        "number",
-        "px",
-        "displacement along x of what is at the node in the second frame",
-    ),
-    column("backward_dy_px", "number", "px", "the same along y"),
-    column("backward_dz_um", "number", "um", "the same along z"),
-];
 
 /// The table with the columns of this grid.
 pub fn table(nodes: &Nodes) -> Table {
-    FIELD
-        .clone()
-        .with(&WEIGHTED, nodes.weighting != Weighting::None)
-        .with(&MASK, true)
-        .with(&WINDOW, nodes.window_px.is_some())
-        .with(&BACKWARD, nodes.backward)
+    let parts = [
+        (WEIGHTED, nodes.weighting != Weighting::None),
+        (WINDOW, nodes.window_px.is_some()),
+        (BACKWARD, nodes.backward),
+    ];
+    let parts: Vec<&str> = parts.into_iter().filter(|(_, wanted)| *wanted).map(|(part, _)| part).collect();
+    FieldRow::table(&parts)
 }
 
 /// The weights of a scan's depths at illumination 1, not normalized: trapezoidal rule, with half weights at
@@ -128,67 +55,63 @@ pub(super) fn normalized(weights: &[f64], light: impl Iterator<Item = f64>) -> V
     lit.into_iter().map(|weight| weight / sum).collect()
 }
 
-/// Writes the table into a dataset's folder.
+/// Grid and flow of a scenario that has both.
+fn grid(scenario: &Scenario) -> Option<(Nodes, &dyn VelocityField)> {
+    Some((scenario.truth_grid()?, scenario.field()?))
+}
+
+/// Writes the table into a dataset's folder, one pair after the other.
 ///
 /// # Errors
 /// Writing.
-pub fn write(folder: &Path, scenario: &Scenario, stack: &DepthScan) -> Result<()> {
-    let Some(nodes) = scenario.truth_grid().filter(|_| scenario.field().is_some()) else { return Ok(()) };
-    let mut writer = TableFile::create(folder, &table(&nodes))?;
-    rows(&mut writer, scenario, &nodes, stack)?;
-    writer.finish()
-}
-
-/// The table as CSV, if the scenario has one.
-///
-/// # Errors
-/// None for a resolved scenario.
-pub fn in_memory(scenario: &Scenario, stack: &DepthScan) -> Result<Option<(Table, Vec<u8>)>> {
-    let Some(nodes) = scenario.truth_grid().filter(|_| scenario.field().is_some()) else { return Ok(None) };
+pub(super) fn write(folder: &Path, scenario: &Scenario, stack: &DepthScan) -> Result<()> {
+    let Some((nodes, field)) = grid(scenario) else { return Ok(()) };
     let table = table(&nodes);
-    let mut writer = TableWriter::new(&table, Vec::new())?;
-    rows(&mut writer, scenario, &nodes, stack)?;
-    Ok(Some((table, writer.into_writer()?)))
+    let mut writer = TableWriter::create(folder, &table)?;
+    for rows in pairs(scenario, field, &nodes, stack) {
+        writer.append(&table.text(&rows))?;
+    }
+    writer.seal().map(drop)
 }
 
-fn rows<W: Write>(
-    writer: &mut TableWriter<W>,
-    scenario: &Scenario,
-    nodes: &Nodes,
-    stack: &DepthScan,
-) -> Result<()> {
-    let Some(field) = scenario.field() else { return Ok(()) };
+/// The table, if the scenario has one.
+pub fn in_memory(scenario: &Scenario, stack: &DepthScan) -> Option<(Table, Vec<FieldRow>)> {
+    let (nodes, field) = grid(scenario)?;
+    Some((table(&nodes), pairs(scenario, field, &nodes, stack).flatten().collect()))
+}
+
+/// The rows of each pair.
+fn pairs<'a>(
+    scenario: &'a Scenario,
+    field: &'a dyn VelocityField,
+    nodes: &'a Nodes,
+    stack: &'a DepthScan,
+) -> impl Iterator<Item = Vec<FieldRow>> + 'a {
     let truth = Truth { scenario, field, nodes, stack, weights: weights(stack, nodes.weighting) };
-    for (pair, interval) in intervals(scenario, field) {
-        let pair = pair.map(|pair| pair.to_string()).unwrap_or_default();
+    intervals(scenario, field).into_iter().map(move |(pair, interval)| {
         let (across, down) = (nodes.x_px.len(), nodes.y_px.len());
-        let columns: Vec<NodeColumn> = (0..across * down)
-            .into_par_iter()
-            .map(|i| truth.column(nodes.x_px[i % across], nodes.y_px[i / across], interval))
-            .collect();
-        for (plane, z_um) in nodes.planes_um.iter().enumerate() {
-            for (i, column) in columns.iter().enumerate() {
-                let node = &column.planes[plane];
-                let row = writer.cells();
-                row.cells(&[&pair, &plane]);
-                row.numbers(&[nodes.x_px[i % across], nodes.y_px[i / across], *z_um]);
-                row.numbers(&node.forward);
-                row.numbers(&node.central);
-                if nodes.weighting != Weighting::None {
-                    row.numbers(&column.weighted);
-                }
-                row.whole_numbers(&[u64::from(node.mask)]);
-                if nodes.window_px.is_some() {
-                    row.numbers(&node.window);
-                }
-                if nodes.backward {
-                    row.numbers(&node.backward);
-                }
-                writer.end_row()?;
-            }
-        }
-    }
-    Ok(())
+        let place = |i: usize| (nodes.x_px[i % across], nodes.y_px[i / across]);
+        let columns: Vec<NodeColumn> =
+            (0..across * down).into_par_iter().map(|i| truth.column(place(i), interval)).collect();
+        let planes = nodes.planes_um.iter().enumerate();
+        let rows = planes.flat_map(|(plane, z_um)| {
+            let of_plane = move |(i, column): (usize, &NodeColumn)| {
+                column.row(
+                    plane,
+                    FieldRow {
+                        pair,
+                        plane: plane as u32,
+                        x_px: place(i).0,
+                        y_px: place(i).1,
+                        z_um: *z_um,
+                        ..FieldRow::default()
+                    },
+                )
+            };
+            columns.iter().enumerate().map(of_plane)
+        });
+        rows.collect()
+    })
 }
 
 /// The pairs of frames with different displacement fields, by number and times (s): a single one without a
@@ -214,6 +137,7 @@ type Displacement = [f64; 3];
 
 const UNDEFINED: Displacement = [f64::NAN; 3];
 
+#[derive(Clone, Copy)]
 struct Node {
     forward: Displacement,
     backward: Displacement,
@@ -228,6 +152,37 @@ struct NodeColumn {
     weighted: Displacement,
 }
 
+impl NodeColumn {
+    /// Adds the displacements at the node of a plane to its row.
+    fn row(&self, plane: usize, at: FieldRow) -> FieldRow {
+        let Node { forward, backward, central, window, mask } = self.planes[plane];
+        let [forward_dx_px, forward_dy_px, forward_dz_um] = forward;
+        let [backward_dx_px, backward_dy_px, backward_dz_um] = backward;
+        let [central_dx_px, central_dy_px, central_dz_um] = central;
+        let [window_dx_px, window_dy_px, window_dz_um] = window;
+        let [weighted_dx_px, weighted_dy_px, weighted_dz_um] = self.weighted;
+        FieldRow {
+            forward_dx_px,
+            forward_dy_px,
+            forward_dz_um,
+            central_dx_px,
+            central_dy_px,
+            central_dz_um,
+            weighted_dx_px,
+            weighted_dy_px,
+            weighted_dz_um,
+            mask,
+            window_dx_px,
+            window_dy_px,
+            window_dz_um,
+            backward_dx_px,
+            backward_dy_px,
+            backward_dz_um,
+            ..at
+        }
+    }
+}
+
 struct Truth<'a> {
     scenario: &'a Scenario,
     field: &'a dyn VelocityField,
@@ -237,7 +192,7 @@ struct Truth<'a> {
 }
 
 impl Truth<'_> {
-    fn column(&self, x_px: f64, y_px: f64, interval: (f64, f64)) -> NodeColumn {
+    fn column(&self, (x_px, y_px): (f64, f64), interval: (f64, f64)) -> NodeColumn {
         let planes =
             self.nodes.planes_um.iter().map(|&z| self.node(self.position(x_px, y_px, z), interval)).collect();
         let weighted = if self.nodes.weighting == Weighting::None {

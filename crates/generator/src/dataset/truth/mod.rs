@@ -5,12 +5,11 @@ pub mod depth;
 pub mod field;
 mod viewer;
 
-use std::io::Write;
 use std::path::Path;
 
 use flows::Scene;
 use flows::frame::{Frame, Tracer};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use microsig_core::pool::BufferPool;
 use microsig_core::render::Renderer;
 use microsig_core::sensor::Sensor;
@@ -19,18 +18,18 @@ use rayon::prelude::*;
 
 use super::{Ledger, Stem};
 pub(crate) use boxes::size_class;
+use dataset::rows::GRADIENT;
+use dataset::{BoxRow, DepthRow, DisplacementRow, FrameRow, Row, Table, TableWriter, TrackRow, write_table};
 use depth::ParticleImage;
 use scenario::Scenario;
 use storage::error::Result;
-use storage::tables::truth::{BOXES, DISPLACEMENTS, FRAMES, GRADIENT, TRACKS};
-use storage::tables::{Rows, Table, TableFile, TableSink, TableWriter};
 pub use viewer::rendered;
 pub(crate) use viewer::{Sight, View, Viewer};
-use visibility::{DepthScan, NoiseFree, TracerImage, Visibility, visibility};
+use visibility::{DepthScan, NoiseFree, Visibility, visibility};
 
 /// The table of tracks with the columns of this scenario.
 pub fn tracks(scenario: &Scenario) -> Table {
-    TRACKS.clone().with(&GRADIENT, scenario.spec.truth.gradient)
+    TrackRow::table(if scenario.spec.truth.gradient { &[GRADIENT] } else { &[] })
 }
 
 /// Writes the tables that do not belong to single frames: depth and field. `scan`: noise-free images of a
@@ -40,7 +39,9 @@ pub fn tracks(scenario: &Scenario) -> Table {
 /// Settings that cannot be rendered; writing.
 pub fn write(folder: &Path, scenario: &Scenario, scan: &DepthScan) -> Result<ParticleImage> {
     field::write(folder, scenario, scan)?;
-    depth::write(folder, scenario, scan)
+    let (rows, image) = depth::measure(scenario, scan)?;
+    write_table(folder, &DepthRow::table(&[]), &rows)?;
+    Ok(image)
 }
 
 /// Totals over a dataset's frames, for the manifest.
@@ -60,6 +61,35 @@ pub struct Census {
     pub max_displacement_px: f64,
 }
 
+impl Census {
+    /// Those of a frame.
+    pub(crate) fn of(truth: &FrameTruth) -> Self {
+        let farthest = |longest: f64, row: &DisplacementRow| {
+            // Not hypot: this number is part of the manifest, and std maths differs between machines.
+            let length_px = (row.dx_px * row.dx_px + row.dy_px * row.dy_px).sqrt();
+            if row.visible_a { longest.max(length_px) } else { longest }
+        };
+        Census {
+            frames: 1,
+            visible: truth.frame.n_visible,
+            saturated: truth.tracks.iter().filter(|row| row.visible && row.saturated).count() as u64,
+            light: truth.light,
+            displacements: truth.displacements.len() as u64,
+            max_displacement_px: truth.displacements.iter().fold(0.0, farthest),
+        }
+    }
+
+    /// Adds those of further frames.
+    pub(crate) fn add(&mut self, more: &Census) {
+        self.frames += more.frames;
+        self.visible += more.visible;
+        self.saturated += more.saturated;
+        self.light += more.light;
+        self.displacements += more.displacements;
+        self.max_displacement_px = self.max_displacement_px.max(more.max_displacement_px);
+    }
+}
+
 /// Number of tracers whose rows one task computes.
 const TRACERS_PER_TASK: usize = 256;
 
@@ -67,14 +97,11 @@ const TRACERS_PER_TASK: usize = 256;
 pub struct Truth<'a> {
     scenario: &'a Scenario,
     viewer: Viewer<'a>,
-    tracks: Table,
     scene: Option<Scene<'a>>,
     noise_free: NoiseFree,
     sensor: Sensor,
     /// Buffers for the light of all particles of a frame.
     totals: BufferPool<Vec<f64>>,
-    /// Buffers for the text of rows.
-    texts: BufferPool<String>,
 }
 
 /// The truth of a frame.
@@ -82,26 +109,16 @@ pub struct Truth<'a> {
 pub struct FrameTruth {
     /// The rows of its data file.
     pub particles: Vec<Particle>,
-    frame: Rows,
-    tracks: Vec<Rows>,
-    displacements: Vec<Rows>,
-    /// Empty if the scenario has no boxes.
-    boxes: Vec<Rows>,
-    /// Number of visible particles.
-    pub visible: u64,
-    /// Those of them with a saturated pixel.
-    pub saturated: u64,
+    /// Its row of frames.csv.
+    pub frame: FrameRow,
+    /// Its rows of tracks.csv.
+    pub tracks: Vec<TrackRow>,
+    /// Its rows of displacements.csv.
+    pub displacements: Vec<DisplacementRow>,
+    /// Its rows of boxes.csv; empty if the scenario has no boxes.
+    pub boxes: Vec<BoxRow>,
     /// Light of all particles, in that of a particle of brightness 1.
     pub light: f64,
-    moved: DisplacementTotals,
-}
-
-/// Totals over displacements.
-#[derive(Debug, Clone, Copy, Default)]
-struct DisplacementTotals {
-    number: u64,
-    /// Largest displacement of a visible particle in the image plane, px.
-    farthest_px: f64,
 }
 
 impl<'a> Truth<'a> {
@@ -113,12 +130,10 @@ impl<'a> Truth<'a> {
         Ok(Truth {
             scenario,
             viewer: Viewer { scenario, renderer },
-            tracks: tracks(scenario),
             scene: scenario.field().map(|field| scenario.scene(field)).transpose()?,
             noise_free: scenario.noise_free(),
             sensor: scenario.sensor()?,
             totals: BufferPool::default(),
-            texts: BufferPool::default(),
         })
     }
 
@@ -155,108 +170,96 @@ impl<'a> Truth<'a> {
         let seen = visibility(&self.noise_free, &self.sensor, size_px, &rendered, &rows, share, &mut total);
         drop(total);
         let next_s = self.next_s(frame);
-        let tracks = sights.par_chunks(TRACERS_PER_TASK).zip(seen.par_chunks(TRACERS_PER_TASK));
-        let tracks = tracks.map(|(sights, seen)| {
-            let mut rows = Rows::on(&self.tracks, self.texts.take());
-            for (sight, seen) in sights.iter().zip(seen) {
-                let midway = self.midway(sight.tracer, frame, next_s)?;
-                self.track(&mut rows, frame, sight, midway, &seen.visibility)?;
-            }
-            Ok(rows)
+        let seen_by = sights.par_iter().zip(&seen).with_min_len(TRACERS_PER_TASK);
+        let tracks = seen_by.clone().map(|(sight, seen)| {
+            let midway = self.midway(sight.tracer, frame, next_s)?;
+            Ok(self.track(frame, sight, midway, &seen.visibility))
         });
         let tracks = tracks.collect::<Result<_>>()?;
-        let boxes = if wanted.boxes { self.boxes(frame, &sights, &seen)? } else { Vec::new() };
+        let boxes = seen_by
+            .filter_map(|(sight, seen)| Some(boxes::row(scenario, frame, sight, seen.outline.as_ref()?)));
         let shining = sights.iter().filter(|sight| !sight.rows.is_empty()).count();
         let visible = sights.iter().filter(|sight| sight.visible).count();
-        let saturated =
-            sights.iter().zip(&seen).filter(|(sight, seen)| sight.visible && seen.visibility.saturated);
-        let saturated = saturated.count();
-        let (displacements, moved) = match (before, scenario.recordings.link_to(frame.index)) {
-            (Some(before), Some(pair)) => self.displacements(pair, before, frame)?,
-            _ => Default::default(),
+        let displacements = match (before, scenario.recordings.link_to(frame.index)) {
+            (Some(before), Some(pair)) => self.displacements(pair, before, frame),
+            _ => Vec::new(),
         };
         Ok(FrameTruth {
-            particles: rendered,
-            frame: self.summary(frame, energy, (shining, visible))?,
+            frame: self.summary(frame, energy, (shining, visible)),
             tracks,
             displacements,
-            boxes,
-            visible: visible as u64,
-            saturated: saturated as u64,
+            boxes: if wanted.boxes { boxes.collect() } else { Vec::new() },
             light: sights.iter().map(|sight| sight.light).sum(),
-            moved,
+            particles: rendered,
         })
     }
 
-    /// Takes back the truth of a written frame to reuse its memory.
-    pub fn put(&self, truth: FrameTruth) {
-        let rows = truth.tracks.into_iter().chain(truth.displacements).chain(truth.boxes);
-        rows.for_each(|rows| self.texts.put(rows.into_text()));
-    }
-
-    /// The rows of boxes.csv.
-    fn boxes(&self, frame: &Frame, sights: &[Sight], seen: &[TracerImage]) -> Result<Vec<Rows>> {
-        let parts = sights.par_chunks(TRACERS_PER_TASK).zip(seen.par_chunks(TRACERS_PER_TASK));
-        let parts = parts.map(|(sights, seen)| {
-            let mut rows = Rows::on(&BOXES, self.texts.take());
-            for (sight, seen) in sights.iter().zip(seen) {
-                if let Some(outline) = &seen.outline {
-                    boxes::row(&mut rows, self.scenario, frame, sight, outline)?;
-                }
-            }
-            Ok(rows)
-        });
-        parts.collect()
-    }
-
     /// The row of frames.csv.
-    fn summary(&self, frame: &Frame, energy: f64, (shining, visible): (usize, usize)) -> Result<Rows> {
+    fn summary(&self, frame: &Frame, energy: f64, (shining, visible): (usize, usize)) -> FrameRow {
         let recordings = &self.scenario.recordings;
-        let (stem, mut row) = (Stem::of(recordings, frame.index), Rows::of(&FRAMES));
-        row.cells(&[
-            &frame.index,
-            &recordings.pair(frame.index).map(|(pair, _)| pair.to_string()).unwrap_or_default(),
-            &recordings.role(frame.index).map(String::from).unwrap_or_default(),
-            &frame.t_s,
-            &stem.image(),
-            &stem.particles(),
-            &shining,
-            &visible,
-            &energy,
-        ]);
-        row.end_row()?;
-        Ok(row)
+        let stem = Stem::of(recordings, frame.index);
+        FrameRow {
+            frame: frame.index,
+            pair: recordings.pair(frame.index).map(|(pair, _)| pair),
+            role: recordings.role(frame.index).map(String::from).unwrap_or_default(),
+            t_s: frame.t_s,
+            image: stem.image(),
+            particles: stem.particles(),
+            n_rendered: shining as u64,
+            n_visible: visible as u64,
+            energy,
+        }
     }
 
-    /// Writes a row of tracks.csv.
-    fn track(
-        &self,
-        row: &mut Rows,
-        frame: &Frame,
-        sight: &Sight,
-        midway: Option<DVec3>,
-        seen: &Visibility,
-    ) -> Result<()> {
+    /// A row of tracks.csv.
+    fn track(&self, frame: &Frame, sight: &Sight, midway: Option<DVec3>, seen: &Visibility) -> TrackRow {
         let Sight { tracer, particle, visible, ref rows, light } = *sight;
         let shape = particle.spheroid.unwrap_or(Spheroid { e_p: 1.0, alpha_rad: 0.0, beta_rad: 0.0 });
         let at = tracer.position;
-        row.whole_numbers(&[u64::from(frame.index)]);
-        row.numbers(&[frame.t_s]);
-        row.whole_numbers(&[tracer.id]);
-        row.numbers(&[particle.x_px, particle.y_px, at.z, at.x, at.y, particle.d_um]);
-        row.numbers(&[shape.e_p, shape.alpha_rad, shape.beta_rad, particle.c_int]);
         // NaN for a recorded track that is in this frame only.
-        row.numbers(&tracer.velocity.unwrap_or(DVec3::NAN).to_array());
-        row.whole_numbers(&[u64::from(visible), u64::from(!rows.is_empty())]);
-        row.numbers(&[light]);
-        row.numbers(&midway.unwrap_or(DVec3::NAN).to_array());
-        row.numbers(&[seen.peak_counts, seen.snr, seen.overlap]);
-        row.whole_numbers(&[u64::from(seen.saturated)]);
-        if let Some(field) = self.scenario.field().filter(|_| self.scenario.spec.truth.gradient) {
-            // glam stores columns; a row of the gradient is that of one velocity.
-            row.numbers(&field.gradient(at, frame.t_s).transpose().to_cols_array());
+        let velocity = tracer.velocity.unwrap_or(DVec3::NAN);
+        let midway = midway.unwrap_or(DVec3::NAN);
+        let field = self.scenario.field().filter(|_| self.scenario.spec.truth.gradient);
+        // A column of the matrix is a derivative of the velocity.
+        let gradient = field.map_or(DMat3::NAN, |field| field.gradient(at, frame.t_s));
+        let [by_x, by_y, by_z] = [gradient.x_axis, gradient.y_axis, gradient.z_axis];
+        TrackRow {
+            frame: frame.index,
+            t_s: frame.t_s,
+            track: tracer.id,
+            x_px: particle.x_px,
+            y_px: particle.y_px,
+            z_um: at.z,
+            x_um: at.x,
+            y_um: at.y,
+            d_um: particle.d_um,
+            e_p: shape.e_p,
+            alpha_rad: shape.alpha_rad,
+            beta_rad: shape.beta_rad,
+            c_int: particle.c_int,
+            u_um_s: velocity.x,
+            v_um_s: velocity.y,
+            w_um_s: velocity.z,
+            visible,
+            rendered: !rows.is_empty(),
+            light,
+            u_mid_um_s: midway.x,
+            v_mid_um_s: midway.y,
+            w_mid_um_s: midway.z,
+            peak_counts: seen.peak_counts,
+            snr: seen.snr,
+            overlap: seen.overlap,
+            saturated: seen.saturated,
+            du_dx_1_s: by_x.x,
+            du_dy_1_s: by_y.x,
+            du_dz_1_s: by_z.x,
+            dv_dx_1_s: by_x.y,
+            dv_dy_1_s: by_y.y,
+            dv_dz_1_s: by_z.y,
+            dw_dx_1_s: by_x.z,
+            dw_dy_1_s: by_y.z,
+            dw_dz_1_s: by_z.z,
         }
-        row.end_row()
     }
 
     /// Time of the next frame, s, if the truth links the two.
@@ -274,80 +277,100 @@ impl<'a> Truth<'a> {
     }
 
     /// The rows of displacements.csv.
-    fn displacements(&self, pair: u32, a: &Frame, b: &Frame) -> Result<(Vec<Rows>, DisplacementTotals)> {
+    fn displacements(&self, pair: u32, a: &Frame, b: &Frame) -> Vec<DisplacementRow> {
         let links: Vec<_> = a.links(b).collect();
-        let parts = links.par_chunks(TRACERS_PER_TASK).map(|links| {
-            let (mut rows, mut moved) =
-                (Rows::on(&DISPLACEMENTS, self.texts.take()), DisplacementTotals::default());
-            for (from, to) in links {
-                self.displacement(&mut rows, &mut moved, (pair, a.index, b.index), from, to)?;
-            }
-            Ok((rows, moved))
-        });
-        let parts: Vec<(Rows, DisplacementTotals)> = parts.collect::<Result<_>>()?;
-        let all = parts.iter().fold(DisplacementTotals::default(), |all, (_, part)| all.and(*part));
-        Ok((parts.into_iter().map(|(rows, _)| rows).collect(), all))
+        let links = links.into_par_iter().with_min_len(TRACERS_PER_TASK);
+        links.map(|(from, to)| self.displacement((pair, a.index, b.index), from, to)).collect()
     }
 
     fn displacement(
         &self,
-        row: &mut Rows,
-        so_far: &mut DisplacementTotals,
-        (pair, a, b): (u32, u32, u32),
+        (pair, frame_a, frame_b): (u32, u32, u32),
         from: &Tracer,
         to: &Tracer,
-    ) -> Result<()> {
+    ) -> DisplacementRow {
         let scale = &self.scenario.scale;
         let (start, end) = (self.viewer.particle(from), self.viewer.particle(to));
         // The tracer's own displacement is continuous across a periodic boundary, where its position jumps.
         let moved = to.step.map_or(to.position - from.position, |step| step.actual);
         let drift = to.step.map_or(moved, |step| step.drift);
         let (d, d_drift) = (scale.displacement_to_image(moved), scale.displacement_to_image(drift));
-        let (visible_a, visible_b) = (self.viewer.is_visible(&start), self.viewer.is_visible(&end));
-        row.whole_numbers(&[u64::from(pair), u64::from(a), u64::from(b), from.id]);
-        row.numbers(&[start.x_px, start.y_px, from.position.z]);
-        row.numbers(&[d.dx_px, d.dy_px, moved.z, d_drift.dx_px, d_drift.dy_px, drift.z]);
-        row.whole_numbers(&[u64::from(visible_a), u64::from(visible_b)]);
-        // Not hypot: this number is part of the manifest, and std maths differs between machines.
-        let length_px = (d.dx_px * d.dx_px + d.dy_px * d.dy_px).sqrt();
-        *so_far = so_far
-            .and(DisplacementTotals { number: 1, farthest_px: if visible_a { length_px } else { 0.0 } });
-        row.end_row()
-    }
-}
-
-impl DisplacementTotals {
-    fn and(self, other: Self) -> Self {
-        DisplacementTotals {
-            number: self.number + other.number,
-            farthest_px: self.farthest_px.max(other.farthest_px),
+        DisplacementRow {
+            pair,
+            frame_a,
+            frame_b,
+            track: from.id,
+            x_px: start.x_px,
+            y_px: start.y_px,
+            z_um: from.position.z,
+            dx_px: d.dx_px,
+            dy_px: d.dy_px,
+            dz_um: moved.z,
+            drift_dx_px: d_drift.dx_px,
+            drift_dy_px: d_drift.dy_px,
+            drift_dz_um: drift.z,
+            visible_a: self.viewer.is_visible(&start),
+            visible_b: self.viewer.is_visible(&end),
         }
     }
 }
 
+/// Number of rows that one task writes.
+const ROWS_PER_TASK: usize = 1024;
+
+/// The rows of a frame as CSV, and its totals.
+pub(crate) struct FrameText {
+    frame: String,
+    tracks: Vec<String>,
+    displacements: Vec<String>,
+    boxes: Vec<String>,
+    totals: Census,
+}
+
+impl FrameText {
+    /// The text of a frame's truth.
+    pub(crate) fn of(scenario: &Scenario, truth: &FrameTruth) -> Self {
+        let FrameTruth { frame, tracks, displacements, boxes, .. } = truth;
+        FrameText {
+            frame: FrameRow::table(&[]).text(std::slice::from_ref(frame)),
+            tracks: texts(&self::tracks(scenario), tracks),
+            displacements: texts(&DisplacementRow::table(&[]), displacements),
+            boxes: texts(&BoxRow::table(&[]), boxes),
+            totals: Census::of(truth),
+        }
+    }
+
+    /// Number of visible particles.
+    pub(crate) fn visible(&self) -> u64 {
+        self.totals.visible
+    }
+}
+
+fn texts<R: Row + Sync>(table: &Table, rows: &[R]) -> Vec<String> {
+    rows.par_chunks(ROWS_PER_TASK).map(|rows| table.text(rows)).collect()
+}
+
 /// Writes the tables of the truth, frame after frame.
-pub struct TruthWriter<W: Write> {
-    frames: TableWriter<W>,
-    tracks: TableWriter<W>,
-    displacements: TableWriter<W>,
-    boxes: Option<TableWriter<W>>,
+pub(crate) struct TruthWriter {
+    frames: TableWriter,
+    tracks: TableWriter,
+    displacements: TableWriter,
+    boxes: Option<TableWriter>,
     census: Census,
 }
 
-impl<W: Write> TruthWriter<W> {
-    /// Starts the tables; `writer` returns the writer of a table.
+impl TruthWriter {
+    /// Starts the tables in a dataset's folder.
     ///
     /// # Errors
     /// Writing.
-    pub fn new(
-        scenario: &Scenario,
-        mut writer: impl FnMut(&Table) -> Result<TableWriter<W>>,
-    ) -> Result<Self> {
+    pub(crate) fn create(folder: &Path, scenario: &Scenario) -> Result<Self> {
+        let start = |table: &Table| TableWriter::create(folder, table);
         Ok(TruthWriter {
-            frames: writer(&FRAMES)?,
-            tracks: writer(&tracks(scenario))?,
-            displacements: writer(&DISPLACEMENTS)?,
-            boxes: scenario.spec.truth.boxes.then(|| writer(&BOXES)).transpose()?,
+            frames: start(&FrameRow::table(&[]))?,
+            tracks: start(&tracks(scenario))?,
+            displacements: start(&DisplacementRow::table(&[]))?,
+            boxes: scenario.spec.truth.boxes.then(|| start(&BoxRow::table(&[]))).transpose()?,
             census: Census::default(),
         })
     }
@@ -356,31 +379,15 @@ impl<W: Write> TruthWriter<W> {
     ///
     /// # Errors
     /// Writing.
-    pub fn add(&mut self, truth: &FrameTruth) -> Result<()> {
-        self.frames.append(&truth.frame)?;
-        truth.tracks.iter().try_for_each(|rows| self.tracks.append(rows))?;
-        truth.displacements.iter().try_for_each(|rows| self.displacements.append(rows))?;
+    pub(crate) fn add(&mut self, text: &FrameText) -> Result<()> {
+        self.frames.append(&text.frame)?;
+        text.tracks.iter().try_for_each(|rows| self.tracks.append(rows))?;
+        text.displacements.iter().try_for_each(|rows| self.displacements.append(rows))?;
         if let Some(boxes) = &mut self.boxes {
-            truth.boxes.iter().try_for_each(|rows| boxes.append(rows))?;
+            text.boxes.iter().try_for_each(|rows| boxes.append(rows))?;
         }
-        let (census, DisplacementTotals { number, farthest_px }) = (&mut self.census, truth.moved);
-        census.frames += 1;
-        census.visible += truth.visible;
-        census.saturated += truth.saturated;
-        census.light += truth.light;
-        census.displacements += number;
-        census.max_displacement_px = census.max_displacement_px.max(farthest_px);
+        self.census.add(&text.totals);
         Ok(())
-    }
-}
-
-impl TruthWriter<TableSink> {
-    /// Starts the tables in a dataset's folder.
-    ///
-    /// # Errors
-    /// Writing.
-    pub fn create(folder: &Path, scenario: &Scenario) -> Result<Self> {
-        TruthWriter::new(scenario, |table| TableFile::create(folder, table))
     }
 
     /// Finishes the tables and adds them to the ledger.
@@ -388,37 +395,12 @@ impl TruthWriter<TableSink> {
     /// # Errors
     /// Writing.
     pub(crate) fn finish(self, ledger: &mut Ledger) -> Result<Census> {
-        ledger.add(FRAMES.path, self.frames.seal()?);
-        ledger.add(TRACKS.path, self.tracks.seal()?);
-        ledger.add(DISPLACEMENTS.path, self.displacements.seal()?);
+        ledger.add(FrameRow::PATH, self.frames.seal()?);
+        ledger.add(TrackRow::PATH, self.tracks.seal()?);
+        ledger.add(DisplacementRow::PATH, self.displacements.seal()?);
         if let Some(boxes) = self.boxes {
-            ledger.add(BOXES.path, boxes.seal()?);
+            ledger.add(BoxRow::PATH, boxes.seal()?);
         }
         Ok(self.census)
-    }
-}
-
-impl TruthWriter<Vec<u8>> {
-    /// The tables of these frames as CSV.
-    ///
-    /// # Errors
-    /// None for frames of this scenario.
-    pub fn in_memory<'f>(
-        scenario: &Scenario,
-        frames: impl Iterator<Item = &'f FrameTruth>,
-    ) -> Result<Vec<(Table, Vec<u8>)>> {
-        let mut writer = TruthWriter::new(scenario, |table| TableWriter::new(table, Vec::new()))?;
-        for frame in frames {
-            writer.add(frame)?;
-        }
-        let mut tables = vec![
-            (FRAMES.clone(), writer.frames.into_writer()?),
-            (tracks(scenario), writer.tracks.into_writer()?),
-            (DISPLACEMENTS.clone(), writer.displacements.into_writer()?),
-        ];
-        if let Some(boxes) = writer.boxes {
-            tables.push((BOXES.clone(), boxes.into_writer()?));
-        }
-        Ok(tables)
     }
 }

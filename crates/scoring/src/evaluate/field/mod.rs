@@ -16,13 +16,11 @@ pub mod true_field;
 mod vector_grid;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::hint::Hint;
-use super::measurement::RecordingFacts;
 use super::statistics::ratio;
 use super::units::UnitScores;
 use crate::results::{Field, FlowVector};
@@ -33,7 +31,7 @@ pub use gradients::Gradients;
 pub use nodes::NodeErrors;
 pub use peak_locking::PeakLocking;
 pub use spectrum::{SpectralPoint, Spectrum};
-use storage::error::Result;
+use true_field::TrueFields;
 
 /// RMS of the true displacement about its mean below which a flow is uniform, px.
 const UNIFORM_PX: f64 = 0.05;
@@ -87,18 +85,9 @@ pub struct ScoredField {
     pub warnings: Vec<String>,
 }
 
-/// Scores a field against a dataset, on the plane nearest to `plane_um`, or against a bare table of a true
-/// field. `seed` is that of the bootstrap.
-///
-/// # Errors
-/// A truth that is missing or unreadable.
-pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64) -> Result<ScoredField> {
-    let (truths, plane_um, facts, note) = if dataset.is_dir() {
-        let of_plane = true_field::of_dataset(dataset, plane_um)?;
-        (of_plane.named, Some(of_plane.plane_um), of_plane.facts, of_plane.note)
-    } else {
-        (true_field::bare(dataset)?, None, RecordingFacts::default(), None)
-    };
+/// Scores a field against true fields; `seed` is that of the bootstrap.
+pub fn evaluate(truth: &TrueFields, field: &Field, seed: u64) -> ScoredField {
+    let TrueFields { named: truths, plane_um, facts, note } = truth;
     let is_there = |v: &FlowVector| v.pair.is_none_or(|pair| facts.has_pair(pair));
     let count = |flag: u8| field.vectors.iter().filter(|v| v.flag == flag).count();
     let n_total = field.vectors.len();
@@ -108,10 +97,10 @@ pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64)
             n_reported: count(0),
             n_interpolated: count(2),
             data_yield: ratio(count(0) as f64, n_total as f64),
-            plane_um,
+            plane_um: *plane_um,
             ..FieldScore::default()
         },
-        notes: note.into_iter().collect(),
+        notes: note.iter().cloned().collect(),
         ..ScoredField::default()
     };
     for (i, (name, grid)) in truths.iter().enumerate() {
@@ -134,7 +123,7 @@ pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64)
                     scored.score.n_outside, scored.score.n_reported
                 ));
             }
-            let (nodes, of_squares) = NodeErrors::of(grid, &field.vectors, &facts, seed);
+            let (nodes, of_squares) = NodeErrors::of(grid, &field.vectors, facts, seed);
             scored.score.nodes = nodes;
             scored.units.nodes = of_squares;
             if scored.score.nodes.spread_px.is_some_and(|spread| spread < UNIFORM_PX) {
@@ -171,5 +160,5 @@ pub fn evaluate(dataset: &Path, field: &Field, plane_um: Option<f64>, seed: u64)
             .warnings
             .push(format!("{n} vectors belong to image pairs that the dataset does not have ({pairs})"));
     }
-    Ok(scored)
+    scored
 }

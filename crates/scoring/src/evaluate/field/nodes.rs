@@ -18,9 +18,9 @@ use serde::{Deserialize, Serialize};
 
 use super::compared::INLIER_PX;
 use super::true_field::{TrueField, index};
-use crate::evaluate::measurement::RecordingFacts;
 use crate::evaluate::statistics::{Bootstrap, Interval, ratio};
 use crate::results::FlowVector;
+use dataset::RecordingFacts;
 
 /// Distance of reference nodes from the border of the image, px: half of a window of 64 px.
 const MARGIN_PX: f64 = 32.0;

@@ -4,11 +4,9 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::evaluate::measurement::{RecordingFacts, of_manifest};
-use crate::results::sheet::{Separator, TextTable};
 use crate::results::{Conventions, FlowVector, Position, read_field};
+use dataset::{FieldRow, RecordingFacts, Row, TableReader};
 use storage::error::{Error, Result};
-use storage::tables::truth::FIELD_PATH;
 
 /// True displacements on a grid, one field for each image pair or one for all.
 #[derive(Debug, Default)]
@@ -109,22 +107,80 @@ pub(super) fn index(axis: &[f64], v: f64) -> usize {
 ///
 /// # Errors
 /// A file that is not a field.
-pub(super) fn bare(path: &Path) -> Result<Vec<(String, TrueField)>> {
+pub(in super::super) fn bare(path: &Path) -> Result<TrueFields> {
     let field = read_field(path, &Conventions::default())?;
-    Ok(vec![("truth".to_owned(), TrueField::new(&field.vectors))])
+    let named = vec![("truth".to_owned(), TrueField::new(&field.vectors))];
+    Ok(TrueFields { named, ..TrueFields::default() })
 }
 
 /// The true fields of a dataset on one plane.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct TrueFields {
     /// Name and field; the first is the main truth.
     pub named: Vec<(String, TrueField)>,
-    /// Depth of the plane, um.
-    pub plane_um: f64,
+    /// Depth of the plane, um; `None` for a bare table.
+    pub plane_um: Option<f64>,
     /// Facts from the dataset's manifest.
     pub facts: RecordingFacts,
     /// Why this plane and this main truth were chosen, if this needs an explanation.
     pub note: Option<String>,
+}
+
+/// The rows of `truth/field.csv`.
+#[derive(Debug, Clone, Copy)]
+pub enum Source<'a> {
+    /// Those of a file, which is read twice: it may be large, and one plane is kept.
+    File(&'a Path),
+    /// Those of a dataset in memory.
+    Memory(&'a [FieldRow]),
+}
+
+impl Source<'_> {
+    fn name(&self) -> String {
+        match self {
+            Source::File(path) => path.display().to_string(),
+            Source::Memory(_) => FieldRow::PATH.to_owned(),
+        }
+    }
+
+    fn each(&self, mut each: impl FnMut(&FieldRow)) -> Result<()> {
+        match self {
+            Source::Memory(rows) => rows.iter().for_each(each),
+            Source::File(path) => {
+                let read = |_: u64, row: FieldRow| {
+                    each(&row);
+                    Ok(())
+                };
+                TableReader::open(path)?.rows(&["x_px", "y_px", "z_um"], read)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The true fields in a dataset's folder, as [`of_rows`].
+///
+/// # Errors
+/// A dataset without a true field; a malformed table.
+pub fn of_dataset(dataset: &Path, plane_um: Option<f64>) -> Result<TrueFields> {
+    of_recording(dataset, RecordingFacts::read(dataset)?, plane_um)
+}
+
+/// [`of_dataset`] with the facts that its manifest gives.
+pub(in super::super) fn of_recording(
+    dataset: &Path,
+    facts: RecordingFacts,
+    plane_um: Option<f64>,
+) -> Result<TrueFields> {
+    facts.needs_truth(dataset)?;
+    let path = &dataset.join(FieldRow::PATH);
+    if !path.exists() {
+        return Err(Error::input(format!(
+            "{}: missing; this dataset has no truth of fields (score particles, or give a table of the true field)",
+            path.display()
+        )));
+    }
+    of_rows(Source::File(path), facts, plane_um)
 }
 
 /// The true fields of a dataset on one of its planes: the plane nearest to `plane_um` if given. Otherwise,
@@ -133,29 +189,23 @@ pub struct TrueFields {
 ///
 /// If all depths are equally sharp, correlation measures their average, so the depth-weighted truth is the
 /// main one.
-pub fn of_dataset(dataset: &Path, plane_um: Option<f64>) -> Result<TrueFields> {
-    let facts = of_manifest(dataset)?;
-    facts.needs_truth(dataset)?;
-    let path = &dataset.join(FIELD_PATH);
-    if !path.exists() {
-        return Err(Error::input(format!(
-            "{}: missing; this dataset has no true displacement field (score particles, or give a table of the true field)",
-            path.display()
-        )));
-    }
+///
+/// # Errors
+/// A plane that is masked everywhere; a malformed table.
+pub fn of_rows(rows: Source<'_>, facts: RecordingFacts, plane_um: Option<f64>) -> Result<TrueFields> {
     let middle = facts.depth_um.map(|(low, high)| f64::midpoint(low, high)).filter(|_| facts.is_all_in_focus);
-    let chosen = choose(path, plane_um, facts.focus_um.or(middle).unwrap_or(0.0))?;
+    let chosen = choose(rows, plane_um, facts.focus_um.or(middle).unwrap_or(0.0))?;
     let by_depth = facts.is_all_in_focus && plane_um.is_none();
     let kinds = match by_depth {
         true => ["weighted", "central", "forward"],
         false => ["central", "forward", "weighted"],
     };
-    let named = on_plane(path, chosen, kinds)?;
+    let named = on_plane(rows, chosen, kinds)?;
     let note = match named.first() {
         None => {
             return Err(Error::input(format!(
                 "{}: no values in columns central_dx_px, forward_dx_px or weighted_dx_px on the plane z = {chosen} um",
-                path.display()
+                rows.name()
             )));
         }
         Some((main, _)) if by_depth => Some(format!(
@@ -163,23 +213,16 @@ pub fn of_dataset(dataset: &Path, plane_um: Option<f64>) -> Result<TrueFields> {
         )),
         _ => None,
     };
-    Ok(TrueFields { named, plane_um: chosen, facts, note })
+    Ok(TrueFields { named, plane_um: Some(chosen), facts, note })
 }
 
 /// Depth of the plane nearest to `asked`, or else to `otherwise`, um; the first of two equally near ones.
-fn choose(path: &Path, asked: Option<f64>, otherwise: f64) -> Result<f64> {
-    let sheet = TextTable::open(path, Separator::Comma, 1)?;
-    let (z, mask) = (sheet.column("z_um"), sheet.column("mask"));
-    // Depths in the order of the file, and whether any node of the plane is not masked.
+fn choose(rows: Source<'_>, asked: Option<f64>, otherwise: f64) -> Result<f64> {
+    // Depths in the order of the rows, and whether any node of the plane is not masked.
     let mut planes: Vec<(f64, bool)> = Vec::new();
-    sheet.rows(|cells| {
-        let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
-        let is_fluid = cells.number_or_nan(mask)? != 1.0;
-        match planes.iter_mut().rev().find(|p| p.0 == z_um) {
-            Some(plane) => plane.1 |= is_fluid,
-            None => planes.push((z_um, is_fluid)),
-        }
-        Ok(())
+    rows.each(|row| match planes.iter_mut().rev().find(|plane| plane.0 == row.z_um) {
+        Some(plane) => plane.1 |= !row.mask,
+        None => planes.push((row.z_um, !row.mask)),
     })?;
     let wanted = asked.unwrap_or(otherwise);
     let nearest = |planes: &mut dyn Iterator<Item = &(f64, bool)>| {
@@ -195,39 +238,32 @@ fn choose(path: &Path, asked: Option<f64>, otherwise: f64) -> Result<f64> {
             let fluid: Vec<String> = planes.iter().filter(|p| p.1).map(|p| format!("{}", p.0)).collect();
             Err(Error::input(format!(
                 "{}: the plane z = {z_um} um is masked everywhere; there is fluid at z = {} um",
-                path.display(),
+                rows.name(),
                 if fluid.is_empty() { "no".to_owned() } else { fluid.join(", ") }
             )))
         }
-        None => Err(Error::input(format!("{}: no plane has a node that is not masked", path.display()))),
+        None => Err(Error::input(format!("{}: no plane has a node that is not masked", rows.name()))),
     }
 }
 
 /// The kinds of truth that have values on a plane, in the order of `kinds`.
-fn on_plane(path: &Path, plane_um: f64, kinds: [&str; 3]) -> Result<Vec<(String, TrueField)>> {
-    let sheet = TextTable::open(path, Separator::Comma, 1)?;
-    let (x, y) = (sheet.need("x_px")?, sheet.need("y_px")?);
-    let (z, pair, mask) = (sheet.column("z_um"), sheet.column("pair"), sheet.column("mask"));
-    let columns = kinds.map(|kind| {
-        ["dx_px", "dy_px", "dz_um"].map(|component| sheet.column(&format!("{kind}_{component}")))
-    });
+fn on_plane(rows: Source<'_>, plane_um: f64, kinds: [&str; 3]) -> Result<Vec<(String, TrueField)>> {
     let mut nodes: [Vec<FlowVector>; 3] = Default::default();
-    sheet.rows(|cells| {
-        let z_um = z.map_or(Ok(0.0), |z| cells.number(z))?;
-        if z_um != plane_um {
-            return Ok(());
+    rows.each(|row| {
+        if row.z_um != plane_um {
+            return;
         }
-        let at = crate::results::Position { x_px: cells.number(x)?, y_px: cells.number(y)?, z_um };
-        let pair = u32::try_from(cells.track(pair)?).ok();
-        let masked = cells.number_or_nan(mask)? == 1.0;
-        for (nodes, [dx, dy, dz]) in nodes.iter_mut().zip(columns) {
-            let moved = match masked {
-                true => [f64::NAN; 3],
-                false => [cells.number_or_nan(dx)?, cells.number_or_nan(dy)?, cells.number_or_nan(dz)?],
+        let at = Position { x_px: row.x_px, y_px: row.y_px, z_um: row.z_um };
+        for (nodes, kind) in nodes.iter_mut().zip(kinds) {
+            let moved = match kind {
+                _ if row.mask => [f64::NAN; 3],
+                "central" => [row.central_dx_px, row.central_dy_px, row.central_dz_um],
+                "forward" => [row.forward_dx_px, row.forward_dy_px, row.forward_dz_um],
+                _ => [row.weighted_dx_px, row.weighted_dy_px, row.weighted_dz_um],
             };
-            nodes.push(FlowVector { pair, at, moved, flag: u8::from(masked), sigma: [f64::NAN; 2] });
+            let flag = u8::from(row.mask);
+            nodes.push(FlowVector { pair: row.pair, at, moved, flag, sigma: [f64::NAN; 2] });
         }
-        Ok(())
     })?;
     let with_values = kinds
         .iter()
@@ -239,7 +275,6 @@ fn on_plane(path: &Path, plane_um: f64, kinds: [&str; 3]) -> Result<Vec<(String,
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::Position;
 
     #[test]
     fn the_truth_is_bilinear_between_nodes_and_absent_outside() {

@@ -21,7 +21,10 @@ const GROUP: usize = 64;
 
 /// Writes both files; `head` is the manifest without its resources, `entry` returns a file's fingerprint and
 /// its resource.
-pub(super) fn seal(folder: &Path, head: &Manifest, entry: impl Entry) -> Result<()> {
+///
+/// # Errors
+/// Writing; errors of `entry`.
+pub fn seal(folder: &Path, head: &Manifest, entry: impl Entry) -> Result<()> {
     // Listed here, so that the temporary files of manifest and checksums are not included.
     let files = RefCell::new(FilesBelow::new(folder)?);
     let (manifest, sums) = (folder.join(MANIFEST), folder.join(SHA256SUMS));
@@ -40,7 +43,7 @@ pub(super) fn seal(folder: &Path, head: &Manifest, entry: impl Entry) -> Result<
 }
 
 /// Returns the fingerprint of the file at a path in the dataset, and its resource in the manifest.
-pub(super) trait Entry: Fn(&str) -> Result<(Fingerprint, Resource)> + Sync {}
+pub trait Entry: Fn(&str) -> Result<(Fingerprint, Resource)> + Sync {}
 
 impl<F: Fn(&str) -> Result<(Fingerprint, Resource)> + Sync> Entry for F {}
 

@@ -5,29 +5,29 @@ use std::path::Path;
 use microsig_core::sensor::{Image, ImageFormat};
 use serde_json::{Map, Value, json};
 
-use super::seal::seal;
-use super::{
+use super::truth::Census;
+use super::truth::depth::ParticleImage;
+use super::{IMAGES, Ledger, Stem};
+use crate::preview::{Preview, SizeCurves};
+use dataset::Table;
+use dataset::manifest::{
     COORDINATES, Facts, GENERATOR_VERSION, LAYOUT_VERSION, LicenseEntry, Manifest, MotionFacts,
-    ParticleImageFacts, Resource, SchemaField, ScoringGates, SensorFacts, SizeFacts, SnrFacts, TableSchema,
-    TimingFacts, TruthGridFacts, WaveFacts,
+    ParticleImageFacts, Resource, ScoringGates, SensorFacts, SizeFacts, SnrFacts, TimingFacts,
+    TruthGridFacts, WaveFacts, resource, seal,
 };
-use crate::dataset::truth::Census;
-use crate::dataset::truth::depth::ParticleImage;
-use crate::dataset::{IMAGES, Ledger, Stem};
 use scenario::license::License;
 use scenario::spec::Timing;
 use scenario::{Scenario, Weighting};
 use storage::checksums::{Fingerprint, fingerprint};
 use storage::error::{Error, Result};
 use storage::folder::Partial;
-use storage::tables::{Column, Table};
 
 /// Writes manifest and checksums into a dataset's folder, which must be complete otherwise.
 ///
 /// # Errors
 /// A file in the folder that this program did not write; writing.
 pub(crate) fn write(partial: &Partial, scenario: &Scenario, ledger: &Ledger, head: Manifest) -> Result<()> {
-    let (folder, tables) = (partial.folder(), crate::dataset::tables(scenario));
+    let (folder, tables) = (partial.folder(), super::tables(scenario));
     seal(folder, &head, |path: &str| {
         if partial.lists(path) {
             return entry(scenario, ledger, &tables, folder, path);
@@ -59,6 +59,20 @@ pub fn manifest(
         microsig: Facts { sizes: sizes.to_vec(), ..facts(scenario, census, image) },
         resources: Vec::new(),
     }
+}
+
+/// Facts on particles of several sizes; none if there is one size only.
+pub(crate) fn sizes(preview: &Preview) -> Vec<SizeFacts> {
+    if preview.sizes.len() < 2 {
+        return Vec::new();
+    }
+    let facts = |size: &SizeCurves| SizeFacts {
+        d_um: size.d_um,
+        focus_um: size.focus_um,
+        peak_counts: size.range(|depth| Some(depth.peak_counts)).unwrap_or_default(),
+        snr: size.range(|depth| depth.snr),
+    };
+    preview.sizes.iter().map(facts).collect()
 }
 
 /// The manifest's entry of a license.
@@ -266,51 +280,4 @@ fn entry(
         ..resource(path, &entry.image, tables)
     };
     Ok((entry.image, resource))
-}
-
-/// The manifest's entry of a file; `tables` gives the columns if it is a table.
-pub fn resource(path: &str, fingerprint: &Fingerprint, tables: &[Table]) -> Resource {
-    let extension = path.rsplit_once('.').map_or("", |(_, e)| e);
-    let mediatype = match extension {
-        "csv" => "text/csv",
-        "tif" => "image/tiff",
-        "png" => "image/png",
-        "md" => "text/markdown",
-        _ => "text/plain",
-    };
-    let table = tables.iter().find(|t| t.path == path);
-    Resource {
-        name: resource_name(path),
-        path: path.to_owned(),
-        format: if extension.is_empty() { "txt" } else { extension }.to_owned(),
-        mediatype: mediatype.to_owned(),
-        bytes: fingerprint.bytes,
-        hash: format!("sha256:{}", fingerprint.sha256),
-        profile: table.map(|_| "tabular-data-resource".to_owned()),
-        encoding: table.map(|_| "utf-8".to_owned()),
-        description: table.map(|t| t.description.to_owned()),
-        schema: table.map(schema),
-        ..Resource::default()
-    }
-}
-
-fn schema(table: &Table) -> TableSchema {
-    let field = |c: &Column| SchemaField {
-        name: c.name.to_owned(),
-        kind: c.kind.to_owned(),
-        unit: c.unit.to_owned(),
-        description: c.description.to_owned(),
-    };
-    TableSchema { fields: table.columns.iter().map(field).collect(), missing_values: vec![String::new()] }
-}
-
-/// Names of resources are lower case, without slashes.
-fn resource_name(path: &str) -> String {
-    path.chars()
-        .map(|c| match c.to_ascii_lowercase() {
-            c if c.is_ascii_alphanumeric() || "._-".contains(c) => c,
-            '/' => '-',
-            _ => '_',
-        })
-        .collect()
 }

@@ -5,9 +5,8 @@
 //! that manifests of earlier versions and of test splits, which have fewer keys, can be read.
 
 mod instead;
+mod resource;
 mod seal;
-mod sizes;
-mod write;
 
 use std::path::Path;
 
@@ -20,10 +19,8 @@ use microsig_core::sensor::ImageFormat;
 use storage::error::{Error, Result};
 use storage::read_text;
 
-pub use sizes::SizeFacts;
-pub use write::{N_S, N_S_WITHIN_WALLS, SNR, manifest};
-pub(crate) use write::{bit_depth, waves, write};
-pub use write::{license, resource};
+pub use resource::{Resource, SchemaField, TableSchema, resource};
+pub use seal::seal;
 
 /// Name of the manifest file.
 pub const MANIFEST: &str = "datapackage.json";
@@ -140,7 +137,7 @@ pub struct Facts {
     /// Area of a particle image, px (number of pixels).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub a_pi_px: Option<f64>,
-    /// [`N_S`] or [`N_S_WITHIN_WALLS`].
+    /// How concentrations are defined.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub concentration_definition: Option<String>,
     /// Signal-to-noise ratio.
@@ -256,7 +253,7 @@ pub struct SensorFacts {
 pub struct SnrFacts {
     /// Median of the SNR over depth; `None` without noise.
     pub value: Option<f64>,
-    /// [`SNR`].
+    /// Its definition.
     pub definition: String,
     /// Standard deviation of the background, counts.
     pub background_noise_counts: f64,
@@ -331,6 +328,19 @@ pub struct ParticleImageFacts {
     pub focus_um: Option<f64>,
 }
 
+/// Noise-free images of particles of one size through the depth range.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct SizeFacts {
+    /// Diameter, um.
+    pub d_um: f64,
+    /// Depth of the highest peak, um; `None` if all depths are in focus.
+    pub focus_um: Option<f64>,
+    /// Least and greatest peak above the background over depth.
+    pub peak_counts: [f64; 2],
+    /// Least and greatest signal-to-noise ratio over depth; `None` without noise.
+    pub snr: Option<[f64; 2]>,
+}
+
 /// The flow and its formulas.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct MotionFacts {
@@ -378,86 +388,6 @@ impl ScoringGates {
     pub fn over(h_um: f64) -> Self {
         ScoringGates { xy_px: Self::XY_PX, z_um: h_um / 10.0, isbi_px: Self::ISBI_PX }
     }
-}
-
-/// A file of a dataset.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Resource {
-    /// Name, lower case without slashes.
-    #[serde(default)]
-    pub name: String,
-    /// Path in the dataset.
-    pub path: String,
-    /// Extension.
-    #[serde(default)]
-    pub format: String,
-    /// Media type.
-    #[serde(default)]
-    pub mediatype: String,
-    /// Size, bytes.
-    pub bytes: u64,
-    /// `sha256:` and 64 hexadecimal digits.
-    pub hash: String,
-    /// `tabular-data-resource` of a table.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub profile: Option<String>,
-    /// Encoding of a table.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub encoding: Option<String>,
-    /// Description of a table and its rows.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub description: Option<String>,
-    /// Columns of a table.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub schema: Option<TableSchema>,
-    /// Frame number of an image.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub frame: Option<u32>,
-    /// Width of an image.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub width_px: Option<u32>,
-    /// Height of an image.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub height_px: Option<u32>,
-    /// Bit depth of an image.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub bit_depth: Option<u8>,
-    /// Number of visible particles in an image.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub n_visible: Option<u64>,
-}
-
-impl Resource {
-    /// SHA-256 in hexadecimal.
-    pub fn sha256(&self) -> &str {
-        self.hash.trim_start_matches("sha256:")
-    }
-}
-
-/// The columns of a table.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct TableSchema {
-    /// The columns, in order.
-    pub fields: Vec<SchemaField>,
-    /// Contents of cells with missing values.
-    #[serde(rename = "missingValues", default)]
-    pub missing_values: Vec<String>,
-}
-
-/// A column.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct SchemaField {
-    /// Name.
-    pub name: String,
-    /// `integer`, `number` or `string`.
-    #[serde(rename = "type")]
-    pub kind: String,
-    /// Unit; empty if there is none.
-    #[serde(default)]
-    pub unit: String,
-    /// Description of the column.
-    #[serde(default)]
-    pub description: String,
 }
 
 impl Manifest {

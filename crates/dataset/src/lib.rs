@@ -1,0 +1,19 @@
+//! The folder of a dataset as types: rows of its tables, manifest, facts about the recording.
+//!
+//! A table is declared once, by the struct of its row in [`rows`]; header, descriptions in the manifest,
+//! writing and reading derive from it.
+
+mod columns;
+pub mod manifest;
+mod read;
+mod recording;
+pub mod rows;
+mod table;
+mod write;
+
+pub use columns::{Columns, MISSING, Values};
+pub use read::{Record, TableReader, read_rows};
+pub use recording::{LARGEST_UM, RecordingFacts};
+pub use rows::{BoxRow, CalibrationRow, DepthRow, DisplacementRow, FieldRow, FrameRow, TrackRow};
+pub use table::{Cell, Cells, Column, Row, Table};
+pub use write::{TableWriter, write_table};

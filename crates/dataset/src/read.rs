@@ -1,0 +1,176 @@
+//! Reads the tables of datasets (CSV). Columns are found by name, and others are skipped.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use storage::error::{Error, Result};
+use storage::input;
+
+use crate::columns::{Columns, MISSING, Values};
+use crate::table::{Cell, Row};
+
+/// Number of rows after whose problems a table is given up: most of its rows are wrong.
+const MOST_PROBLEMS: usize = 100;
+
+/// A table that is read row by row.
+#[derive(Debug)]
+pub struct TableReader<R> {
+    name: String,
+    reader: csv::Reader<R>,
+    header: Vec<String>,
+    record: csv::StringRecord,
+}
+
+impl TableReader<File> {
+    /// Opens a table; it must be a regular file.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn open(path: &Path) -> Result<Self> {
+        TableReader::new(&path.display().to_string(), input::open(path)?)
+    }
+}
+
+impl<R: Read> TableReader<R> {
+    /// A table of this name in messages.
+    ///
+    /// # Errors
+    /// A header that cannot be read.
+    pub fn new(name: &str, reader: R) -> Result<Self> {
+        let mut reader = csv::ReaderBuilder::new().flexible(true).from_reader(reader);
+        let header = reader.headers().map_err(|e| Error::input(format!("{name}: {e}")))?;
+        let header: Vec<String> = header.iter().map(str::to_owned).collect();
+        Ok(TableReader { name: name.to_owned(), reader, header, record: csv::StringRecord::new() })
+    }
+
+    /// Names of the columns.
+    pub fn header(&self) -> &[String] {
+        &self.header
+    }
+
+    /// Number of a column.
+    pub fn column(&self, name: &str) -> Option<usize> {
+        self.header.iter().position(|own| own == name)
+    }
+
+    /// The cells of the next row and its line.
+    ///
+    /// # Errors
+    /// A file that cannot be read; a row of another length than the header.
+    pub fn next_row(&mut self) -> Result<Option<(u64, &csv::StringRecord)>> {
+        let more = self.reader.read_record(&mut self.record);
+        if !more.map_err(|e| Error::input(format!("{}: {e}", self.name)))? {
+            return Ok(None);
+        }
+        let (line, fields) = (self.record.position().map_or(0, csv::Position::line), self.record.len());
+        if fields != self.header.len() {
+            let (name, n) = (&self.name, self.header.len());
+            return Err(Error::input(format!("{name}:{line}: {fields} fields where the header has {n}")));
+        }
+        Ok(Some((line, &self.record)))
+    }
+
+    /// Calls `each` with line and contents of every row, which must have the columns in `needed`. Returns
+    /// what was read from.
+    ///
+    /// # Errors
+    /// A missing column; all problems of rows, also those that `each` finds, shortened to a readable list.
+    pub fn rows<T: Row>(
+        mut self,
+        needed: &[&str],
+        mut each: impl FnMut(u64, T) -> std::result::Result<(), String>,
+    ) -> Result<R> {
+        if let Some(missing) = needed.iter().find(|name| self.column(name).is_none()) {
+            let there: String = self.header.join(", ").chars().take(80).collect();
+            return Err(Error::input(format!("{}: column {missing} is missing; found {there}", self.name)));
+        }
+        let columns: Vec<Option<usize>> = T::COLUMNS.iter().map(|column| self.column(column.name)).collect();
+        let (name, mut problems) = (self.name.clone(), Vec::new());
+        while let Some((line, cells)) = self.next_row()? {
+            let mut record = Record { cells, columns: columns.iter().zip(T::COLUMNS) };
+            if let Err(problem) = T::read(&mut record).and_then(|row| each(line, row)) {
+                problems.push(format!("{name}:{line}: {problem}"));
+                if problems.len() > MOST_PROBLEMS {
+                    break;
+                }
+            }
+        }
+        if problems.is_empty() { Ok(self.reader.into_inner()) } else { Err(Error::Input(problems)) }
+    }
+
+    /// The columns of the table. `kind` maps the name of a column to its type: "integer", "number" or, for
+    /// strings, anything else (see [`crate::Column::kind`]).
+    ///
+    /// # Errors
+    /// The first row with a value of another type than its column.
+    pub fn columns<'k>(mut self, kind: impl Fn(&str) -> &'k str) -> Result<Columns> {
+        let empty = |name: &String| match kind(name) {
+            "integer" => Values::Whole(Vec::new()),
+            "number" => Values::Numbers(Vec::new()),
+            _ => Values::Texts(Vec::new()),
+        };
+        let mut columns: Vec<(String, Values)> =
+            self.header.iter().map(|name| (name.clone(), empty(name))).collect();
+        let name = self.name.clone();
+        while let Some((line, cells)) = self.next_row()? {
+            for (cell, (column, values)) in cells.iter().zip(&mut columns) {
+                if !push(values, cell) {
+                    let what = format!("{column} = {cell:?}: expected a number");
+                    return Err(Error::input(format!("{name}:{line}: {what}")));
+                }
+            }
+        }
+        Ok(Columns(columns))
+    }
+}
+
+/// Appends the value of a cell; returns `false` if the cell has another type.
+fn push(values: &mut Values, cell: &str) -> bool {
+    match values {
+        Values::Whole(values) if cell.is_empty() => values.push(MISSING),
+        Values::Whole(values) => match cell.parse() {
+            Ok(value) => values.push(value),
+            Err(_) => return false,
+        },
+        Values::Numbers(values) => match f64::read(cell) {
+            Some(value) => values.push(value),
+            None => return false,
+        },
+        Values::Texts(values) => values.push(cell.to_owned()),
+    }
+    true
+}
+
+/// The rows of a table in a dataset, which must have the columns in `needed`.
+///
+/// # Errors
+/// As for [`TableReader::rows`].
+pub fn read_rows<T: Row>(dataset: &Path, needed: &[&str]) -> Result<Vec<T>> {
+    let mut rows = Vec::new();
+    let keep = |_: u64, row: T| {
+        rows.push(row);
+        Ok(())
+    };
+    TableReader::open(&dataset.join(T::PATH))?.rows(needed, keep)?;
+    Ok(rows)
+}
+
+/// The cells of a row while it is read.
+#[derive(Debug)]
+pub struct Record<'r> {
+    cells: &'r csv::StringRecord,
+    columns: std::iter::Zip<std::slice::Iter<'r, Option<usize>>, std::slice::Iter<'static, crate::Column>>,
+}
+
+impl Record<'_> {
+    /// The next cell, or the value of an absent one.
+    ///
+    /// # Errors
+    /// A cell of another type, by name and value.
+    pub fn take<C: Cell>(&mut self) -> std::result::Result<C, String> {
+        let Some((Some(column), about)) = self.columns.next() else { return Ok(C::ABSENT) };
+        let cell = self.cells.get(*column).unwrap_or_default();
+        C::read(cell).ok_or_else(|| format!("{} = {cell:?}: expected a number", about.name))
+    }
+}
