@@ -390,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn results_without_depth_come_after_those_with_it() {
+    fn results_with_and_without_depth_are_ranked_separately() {
         let entry = |name: &str, dims: u8, f1: f64| {
             let detection = Some(Detection { f1: Some(f1), ..Detection::default() });
             let definitions = Definitions { dims, ..Definitions::default() };
@@ -399,7 +399,7 @@ mod tests {
         };
         let ranked = ranked(vec![entry("flat", 2, 0.99), entry("deep", 3, 0.6), entry("deeper", 3, 0.7)]);
         let found: Vec<(&str, usize)> = ranked.iter().map(|(e, _)| (e.name.as_str(), e.rank)).collect();
-        assert_eq!(found, [("deeper", 1), ("deep", 2), ("flat", 3)]);
+        assert_eq!(found, [("deeper", 1), ("deep", 2), ("flat", 1)]);
     }
 
     #[test]
