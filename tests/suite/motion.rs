@@ -279,7 +279,7 @@ fn wrong_motion_timing_and_light_name_what_is_wrong_and_leave_nothing() {
         (
             "flow(field: poiseuille()), particles: (number: count(2))",
             "tracks(file: \"bad.csv\")",
-            "bad.csv:3: track 1 in frame 0 again",
+            "bad.csv:3: a second row for track 1 in frame 0",
         ),
         (
             "flow(field: poiseuille()), particles: (number: count(2))",

@@ -204,7 +204,7 @@ fn the_key_of_a_challenge_is_replaced_only_by_an_option_of_its_own() {
     let message = fail(2, &["release", path(&other), "--out", path(&out), "--resume"]);
     assert!(message.contains("was not made from"), "{message}");
     let message = fail(2, &[&release[..], &["--resume", "--release-version", "2.0.0"]].concat());
-    assert!(message.contains("is not of version 2.0.0"), "{message}");
+    assert!(message.contains("does not have version 2.0.0"), "{message}");
     assert!(suite::tree(&out).unwrap() == files, "nothing has changed");
     run(&[&release[..], &["--force", "--new-keys"]].concat());
     let key = "withheld/test/secret_key.txt";

@@ -127,7 +127,7 @@ fn archives_with_two_results_are_refused() {
     let file = place.path().join("two.zip");
     std::fs::write(&file, zip.finish().unwrap().into_inner()).unwrap();
     let message = fail(2, &["evaluate", path(&dataset), path(&file)]);
-    assert!(message.contains("2 entries results.csv"), "{message}");
+    assert!(message.contains("2 entries named results.csv"), "{message}");
 }
 
 #[test]

@@ -88,6 +88,7 @@ fn chi_square(frame: &Frame, scene: &Scene<'_>, number: f64) -> (f64, f64) {
 }
 
 #[test]
+#[ignore = "slow: .ci/full"]
 fn no_particle_is_in_a_wall_and_the_cloud_stays_uniform() {
     let names: Vec<String> = walled().into_iter().map(|(name, _)| name).collect();
     for expected in [

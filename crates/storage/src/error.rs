@@ -107,7 +107,7 @@ impl Error {
     pub fn exists(path: &Path) -> Self {
         Error::Exists {
             path: path.to_owned(),
-            hint: crate::advice!("exists already; ", Named::Force, " replaces it"),
+            hint: crate::advice!("already exists; ", Named::Force, " replaces it"),
         }
     }
 

@@ -283,7 +283,7 @@ pub fn check_replaceable(path: &Path, earlier: Earlier) -> Result<()> {
     match (earlier.force, earlier.resumable) {
         (true, _) => Ok(()),
         (false, true) => refuse(advice!(
-            "exists already; ",
+            "already exists; ",
             Named::Force,
             " replaces it, --resume leaves it if it is the same"
         )),

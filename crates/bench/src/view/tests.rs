@@ -468,6 +468,7 @@ fn only_the_scenario_that_is_open_is_saved() {
 }
 
 #[test]
+#[ignore = "slow: .ci/full"]
 fn the_last_page_that_is_closed_ends_the_program() {
     let server = Server::of(Subject::default());
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();

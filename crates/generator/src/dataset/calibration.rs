@@ -241,6 +241,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "slow: .ci/full"]
     fn steps_fit_the_range_and_the_depth_of_field() {
         let step = |optics: &str, rest: &str| {
             let text = format!(

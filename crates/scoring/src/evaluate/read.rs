@@ -109,7 +109,7 @@ impl Truth {
     }
 }
 
-const NO_FIELDS: &str = "this dataset has no truth of fields; score particles";
+const NO_FIELDS: &str = "this dataset has no true displacement field; score particles";
 
 /// Scores a result file against a dataset's folder or a bare table of the truth.
 ///

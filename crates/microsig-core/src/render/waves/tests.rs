@@ -103,6 +103,7 @@ fn layers_are_those_of_an_independent_program() {
 /// For short wavelengths the image approaches that of rays: largest difference over the middle 41 px (17 px
 /// where images take long), as a fraction of the peak, compared with that of a numerical prototype.
 #[test]
+#[ignore = "slow: .ci/full"]
 fn short_waves_give_the_geometric_image() {
     for (settings, z_um, wavelength_um, half_px, found) in [
         (Settings::setting1(), 0.0, 0.05, 20, 0.008),
@@ -242,6 +243,7 @@ fn largest_difference_of_patches(settings: &Settings, a: &ExpectedPatch, b: &Exp
 
 /// A spheroid of aspect ratio 1, drawn by its emitters, is the sphere drawn by its modes.
 #[test]
+#[ignore = "slow: .ci/full"]
 fn a_round_spheroid_is_a_sphere() {
     let settings = Settings { pixel_dim_x: 121, pixel_dim_y: 121, ..Settings::setting1() };
     let air = WaveOptics { lens: Lens::Aplanatic, ..WaveOptics::new(0.52) };

@@ -176,7 +176,7 @@ pub(in super::super) fn of_recording(
     let path = &dataset.join(FieldRow::PATH);
     if !path.exists() {
         return Err(Error::input(format!(
-            "{}: missing; this dataset has no truth of fields (score particles, or give a table of the true field)",
+            "{}: missing; this dataset has no true displacement field (score particles, or give a table of the true field)",
             path.display()
         )));
     }
