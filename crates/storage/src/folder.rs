@@ -285,7 +285,7 @@ pub fn check_replaceable(path: &Path, earlier: Earlier) -> Result<()> {
         (false, true) => refuse(advice!(
             "already exists; ",
             Named::Force,
-            " replaces it, --resume leaves it if it is the same"
+            " replaces it, --resume keeps it if it is the same"
         )),
         (false, false) => Err(Error::exists(path)),
     }
