@@ -46,8 +46,8 @@ impl Body {
         Ok(Body { shape: Shape::Cylinder { center, radius }, drain: false })
     }
 
-    /// The space outside a sessile drop: a parabolic cap of `height` (um, > 0) over a circle of `radius` (um,
-    /// > 0) about `center` (um) on the floor. It keeps seeds inside the drop but moves no particles: the free
+    /// The space outside a sessile drop: a parabolic cap of positive `height` (um) over a circle of positive
+    /// `radius` (um) about `center` (um) on the floor. It keeps seeds inside the drop but moves no particles: the free
     /// surface may move, and is handled by the field ([`crate::VelocityField::confine`]).
     pub fn outside_drop(center: DVec3, radius: f64, height: f64) -> Result<Self> {
         let cap = ParabolicCap::new(CHECK, center, radius, height)?;

@@ -69,10 +69,7 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let Some(renderer) = problems.of("optics", spec.renderer().build(&settings, &context())) else {
         return Err(Error::Problems(problems.0));
     };
-    warnings.extend(renderer.warning());
-    if spec.image_format() == ImageFormat::Integer {
-        warnings.extend(clipped(&response(&settings, detector.as_ref())?, detector.as_ref()));
-    }
+    warnings.extend(camera_warnings(&spec, &settings, &renderer, detector.as_ref())?);
     let motion = match field {
         Some(field) => Some(MotionSource::Field(field)),
         None => tracks(&mut spec.motion, &scale, &mut files, &mut warnings, &mut problems),
@@ -91,8 +88,8 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
             let mean_um = diameters.mean();
             // Taken out temporarily, because `draw` borrows the rest of the scenario.
             let mut particles = std::mem::take(&mut spec.particles);
-            let draw =
-                |settings: &Settings| Ok(spec.renderer().for_depth_scans().build(settings, &context())?);
+            let renderer = spec.renderer().for_depth_scans();
+            let draw = |settings: &Settings| Ok(renderer.clone().build(settings, &context())?);
             let stack = || DepthScan::measure(draw, &settings, mean_um, depth_range_um, depth_factor);
             let seeding =
                 particles.seeding(diameters, (&scale, &settings), z_um, stack, &mut files, &mut problems);
@@ -109,9 +106,10 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     let Some(mut seeding) = seeding else { return Err(Error::Problems(problems.0)) };
     let faces = [face(spec.boundaries.x), face(spec.boundaries.y), boundary];
     let domain = scale.view(z_um.0, z_um.1, margin_px).map(|region| Domain::new(region, faces));
-    let domain = problems.of("particles and boundaries", domain);
+    let Some(domain) = problems.of("particles and boundaries", domain) else {
+        return Err(Error::Problems(problems.0));
+    };
     let layout = layout(&spec, &motion, &cloud, shutter);
-    let Some(domain) = domain else { return Err(Error::Problems(problems.0)) };
     if let MotionSource::Field(field) = &motion {
         let fluid = FluidRegion::new(field.as_ref(), &domain, &cloud.bodies);
         let view = scale.view(z_um.0, z_um.1, 0.0)?;
@@ -144,6 +142,20 @@ pub fn resolve(mut spec: Spec, folder: &Path) -> Result<Scenario> {
     };
     scenario.warnings.extend(scenario.few_stacks());
     Ok(scenario)
+}
+
+/// Warnings about the renderer, and about noise that the range of counts clips.
+fn camera_warnings(
+    spec: &Spec,
+    settings: &Settings,
+    renderer: &Renderer,
+    detector: Option<&Detector>,
+) -> Result<Vec<String>> {
+    let mut warnings: Vec<String> = renderer.warning().into_iter().collect();
+    if spec.image_format() == ImageFormat::Integer {
+        warnings.extend(clipped(&response(settings, detector)?, detector));
+    }
+    Ok(warnings)
 }
 
 /// Recorded tracks; `None` without them or if they are invalid.

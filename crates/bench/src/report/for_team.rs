@@ -15,10 +15,7 @@ use serde_json::{Number, Value};
 
 use super::files::SCORE;
 use super::{REPORT, page};
-use scoring::evaluate::curves::Bin;
-use scoring::evaluate::gdpt::DepthNode;
 use scoring::evaluate::orientation::Orientation;
-use scoring::evaluate::uncertainty::Uncertainty;
 use scoring::evaluate::{Evaluation, Score};
 use storage::error::{Error, Result};
 use storage::save_bytes;
@@ -63,7 +60,7 @@ pub(crate) fn redacted(score: &Score) -> Result<Score> {
         return Ok(score.clone());
     }
     let n = averaged(score);
-    let kept = if n >= FEWEST { with_full_bins(score) } else { without_scores(score) };
+    let kept = if n >= FEWEST { without_details(score) } else { without_scores(score) };
     let value = serde_json::to_value(&kept).map_err(|e| Error::input(e.to_string()))?;
     let gate = score.definitions.gate.map_or((1.0, f64::INFINITY), |gate| (gate.xy_px, gate.z_um));
     let value = Rounding { n: n.max(FEWEST), links: links(score).max(FEWEST), gate }.of("", value);
@@ -81,23 +78,10 @@ fn links(score: &Score) -> usize {
     score.links.as_ref().map_or(0, |links| links.tp)
 }
 
-/// The score without the errors of bins with few particles.
-fn with_full_bins(score: &Score) -> Score {
-    let mut score = score.clone();
-    for bin in score.curves.iter_mut().flat_map(|curve| &mut curve.bins) {
-        if bin.tp < FEWEST {
-            let Bin { from, to, n_true, tp, recall, .. } = *bin;
-            *bin = Bin { from, to, n_true, tp, recall, ..Bin::default() };
-        }
-    }
-    if let Some(of) = &mut score.uncertainty {
-        for claimed in [&mut of.x, &mut of.y, &mut of.z] {
-            *claimed = claimed.take().filter(|claimed| claimed.n >= FEWEST).map(|claimed| {
-                let Uncertainty { n, coverage_1s, coverage_2s, .. } = claimed;
-                Uncertainty { n, coverage_1s, coverage_2s, ..Uncertainty::default() }
-            });
-        }
-    }
+/// The score without what a few rows decide. In bins of depth, and by uncertainties that a result claims, one
+/// submission could ask about many particles at once.
+fn without_details(score: &Score) -> Score {
+    let mut score = Score { curves: Vec::new(), gates: Vec::new(), uncertainty: None, ..score.clone() };
     if let Some(orientation) = score.orientation.as_mut().filter(|orientation| orientation.n < FEWEST) {
         let Orientation { n_true, n, mean_all_deg, guess_deg, .. } = *orientation;
         *orientation = Orientation { n_true, n, mean_all_deg, guess_deg, ..Orientation::default() };
@@ -123,11 +107,8 @@ fn with_full_bins(score: &Score) -> Score {
             errors.spectra.clear();
         }
     }
-    for node in score.gdpt.iter_mut().flat_map(|gdpt| &mut gdpt.curve) {
-        if node.tp < FEWEST {
-            let DepthNode { z_over_h, n_true, tp, recall, precision, .. } = *node;
-            *node = DepthNode { z_over_h, n_true, tp, recall, precision, ..DepthNode::default() };
-        }
+    if let Some(gdpt) = &mut score.gdpt {
+        gdpt.curve.clear();
     }
     score
 }
@@ -215,28 +196,19 @@ fn rounded(exact: f64, least: f64) -> f64 {
 mod tests {
     use super::*;
     use scoring::evaluate::PositionUncertainty;
-    use scoring::evaluate::curves::Curve;
+    use scoring::evaluate::curves::{Bin, Curve};
     use scoring::evaluate::links::Links;
     use scoring::evaluate::lpt::Lpt;
     use scoring::evaluate::motion::Motion;
+    use scoring::evaluate::uncertainty::Uncertainty;
 
     #[test]
-    fn few_particles_and_many_digits_are_not_told() {
-        let bin = |tp| Bin { tp, recall: Some(0.5), bias_x_px: Some(0.123_456), ..Bin::default() };
-        let curve = Curve { against: "z_um".to_owned(), bins: vec![bin(FEWEST - 1), bin(FEWEST)] };
-        let kept = with_full_bins(&Score { curves: vec![curve], ..Score::default() });
-        let bins = &kept.curves[0].bins;
-        assert_eq!(bins.iter().map(|b| b.bias_x_px).collect::<Vec<_>>(), [None, Some(0.123_456)]);
-        assert_eq!(bins[0].recall, Some(0.5));
-        assert_eq!(bins[1].tp, FEWEST);
-    }
-
-    #[test]
-    fn claims_for_few_rows_are_not_told() {
-        let claimed =
-            |n| Some(Uncertainty { n, coverage_1s: Some(0.5), ratio: Some(4e5), ..Uncertainty::default() });
-        let kept = with_full_bins(&Score {
-            uncertainty: Some(PositionUncertainty { x: claimed(1), y: claimed(FEWEST), z: None }),
+    fn what_a_few_rows_decide_is_withheld() {
+        let claimed = Uncertainty { n: 400, coverage_1s: Some(0.995), ..Uncertainty::default() };
+        let curve = Curve { against: "z_um".to_owned(), bins: vec![Bin { tp: 400, ..Bin::default() }] };
+        let kept = without_details(&Score {
+            uncertainty: Some(PositionUncertainty { x: Some(claimed), ..PositionUncertainty::default() }),
+            curves: vec![curve],
             orientation: Some(Orientation {
                 n: 1,
                 mean_deg: Some(39.8),
@@ -250,9 +222,7 @@ mod tests {
             }),
             ..Score::default()
         });
-        let uncertainty = kept.uncertainty.unwrap();
-        assert_eq!(uncertainty.x, None);
-        assert_eq!(uncertainty.y.map(|y| (y.coverage_1s, y.ratio)), Some((Some(0.5), None)));
+        assert!(kept.uncertainty.is_none() && kept.curves.is_empty());
         assert_eq!(kept.orientation.map(|o| (o.mean_deg, o.rms_deg)), Some((None, None)));
         assert_eq!(kept.lpt.unwrap().motion, Motion::default());
         let rounding = Rounding { n: 400, links: 20, gate: (2.0, 10.0) };

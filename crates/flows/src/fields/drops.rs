@@ -4,9 +4,9 @@
 //! The drop is a parabolic cap of height h = h0 s, s = 1 - rho^2 / R^2, z being measured from the floor.
 //!
 //! Toroidal: the polynomial stream function psi = P (rho/R)^2 s z^2 (h0 s - z) / h0^3, a model (not a
-//! solution of Stokes' equations) with no slip at the floor and no flux through the surface: u_rho = -(rho P
-//! / R^2) s (2 h0 s z - 3 z^2) / h0^3, u_z = (P / (R^2 h0^3)) z^2 [2 (h0 s^2 - z s) - (2 rho^2 / R^2) (2 h0 s
-//! - z)]. For P > 0 the flow is inward near the floor and outward along the surface. psi is invariant. The
+//! solution of Stokes' equations) with no slip at the floor and no flux through the surface:
+//! `u_rho = -(rho P / R^2) s (2 h0 s z - 3 z^2) / h0^3`,
+//! `u_z = (P / (R^2 h0^3)) z^2 [2 (h0 s^2 - z s) - (2 rho^2 / R^2) (2 h0 s - z)]`. For P > 0 the flow is inward near the floor and outward along the surface. psi is invariant. The
 //! formula is extended to 10 % above the surface, because the integrator may probe points there; beyond that
 //! the velocity is zero.
 //!

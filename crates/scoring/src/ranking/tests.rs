@@ -212,3 +212,29 @@ fn an_empty_result_is_last_and_equals_share_a_rank() {
     let contestants = both.each_ref().map(|e| Contestant { score: &e.score, units: Some(&e.units) });
     assert_eq!(rank(&contestants, &D3, 1), [(0, 1), (1, 1)]);
 }
+
+#[test]
+fn a_copy_with_one_ghost_fewer_and_larger_errors_is_not_ahead() {
+    let corner = Position { x_px: 1.0, y_px: 1.0, z_um: 0.0 };
+    let own = with_ghosts(&genuine(), [(0, corner), (1, corner)].into_iter());
+    let mut copy = with_ghosts(&genuine(), [(0, corner)].into_iter());
+    for (i, row) in copy.rows.iter_mut().enumerate() {
+        row.at.x_px += 0.5 * chance(11, i as u32);
+        row.at.z_um += 3.0 * chance(12, i as u32);
+    }
+    for by in [&D3[..], &[Metric::F1, Metric::RmseXyPx]] {
+        assert!(is_behind(&own, &copy, by), "{by:?}");
+    }
+}
+
+#[test]
+fn a_tiny_shift_toward_the_truth_gains_nothing() {
+    let mut own = genuine();
+    own.rows.iter_mut().for_each(|row| row.at.z_um += 1.0);
+    let mut shifted = own.clone();
+    shifted.rows.iter_mut().for_each(|row| row.at.z_um -= 0.001);
+    assert!(!is_behind(&shifted, &own, &[Metric::SigmaZOverH]));
+    // One that removes the bias does.
+    shifted.rows.iter_mut().for_each(|row| row.at.z_um -= 0.999);
+    assert!(is_behind(&shifted, &own, &[Metric::SigmaZOverH]));
+}
