@@ -167,7 +167,7 @@ impl SimulatedScan {
     }
 
     /// The mean number of rays on each pixel of all planes, whatever the direction of the cylindrical lens: a
-    /// pixel is the sum of [`PARTS`] x [`PARTS`] parts, so small that their own orientation does not matter.
+    /// pixel is the sum of `PARTS` x `PARTS` parts, so small that their own orientation does not matter.
     ///
     /// # Errors
     /// Settings that cannot be rendered.

@@ -33,7 +33,7 @@ pub struct Table {
     kept: Vec<bool>,
 }
 
-/// A row of a table, declared by [`table!`].
+/// A row of a table, declared by `table!` (`rows.rs`).
 pub trait Row: Clone + Sized {
     /// Path of the table in a dataset.
     const PATH: &'static str;

@@ -1,7 +1,7 @@
 //! Ranking of results for the same dataset by several criteria in order of priority.
 //!
 //! Two results are compared on the units that both share (`paired.rs`). A result is behind another if it is
-//! significantly worse. The results of a group that are behind no other come first ([`order::ranks`]), and
+//! significantly worse. The results of a group that are behind no other come first (`order.rs`), and
 //! the next criterion orders them; results that no criterion separates share a rank.
 
 mod metric;
