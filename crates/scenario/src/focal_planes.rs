@@ -118,6 +118,10 @@ mod tests {
         let sheet = "cylinder: lens(focal_length_mm: 3609.02, to_sensor_mm: 144.361)";
         let facts = resolved(&format!("{WATER}, {sheet}"), "depth_um: 30").unwrap().cylinder().unwrap();
         assert!((facts.focus_um + 20.0).abs() < 1e-3 && (facts.growth - 0.96).abs() < 1e-6, "{facts:?}");
+        // A diverging lens moves the focus the other way.
+        let diverging = "cylinder: lens(focal_length_mm: -1000, to_sensor_mm: 40)";
+        let facts = resolved(&format!("{WATER}, {diverging}"), "depth_um: 30").unwrap().cylinder().unwrap();
+        assert!(facts.focus_um > 0.0 && (facts.growth - 1.04).abs() < 1e-9, "{facts:?}");
     }
 
     #[test]
@@ -127,6 +131,7 @@ mod tests {
             (WATER, "depth_um: -3", "boundaries.depth_um = -3"),
             ("lens: aplanatic, cylinder: planes(apart_um: 20, growth: 0.9)", "", "a growth below 1"),
             ("lens: aplanatic, cylinder: lens(focal_length_mm: 10, to_sensor_mm: 20)", "", "0.2 to 5"),
+            ("lens: aplanatic, cylinder: lens(focal_length_mm: 0, to_sensor_mm: 20)", "", "0.01 to 1e7"),
             ("cylinder: lens(focal_length_mm: 1000, to_sensor_mm: 20)", "", "`lens: aplanatic`"),
             (
                 "lens: aplanatic, focal_planes_um: -10, cylinder: lens(focal_length_mm: 1000, to_sensor_mm: 20)",

@@ -93,7 +93,7 @@ fn without_details(score: &Score) -> Score {
     }
     for hint in &mut score.hints {
         // The remaining hints quote scores of a sample.
-        let question = hint.what.split_inclusive('?').next().unwrap_or_default().to_owned();
+        let question = question(&hint.what);
         for warning in score.warnings.iter_mut().filter(|warning| **warning == hint.what) {
             warning.clone_from(&question);
         }
@@ -111,6 +111,16 @@ fn without_details(score: &Score) -> Score {
         gdpt.curve.clear();
     }
     score
+}
+
+/// The question of a hint. What stands before its colon, and numbers, are scores.
+fn question(hint: &str) -> String {
+    let first = hint.split_inclusive('?').next().unwrap_or_default();
+    let asked = first.rsplit(": ").next().unwrap_or_default();
+    match asked.contains(|c: char| c.is_ascii_digit()) {
+        true => "is the result in the conventions of the dataset?".to_owned(),
+        false => asked.to_owned(),
+    }
 }
 
 /// The score of a result that hardly overlaps with the truth: counts only.
@@ -230,6 +240,14 @@ mod tests {
             rounding.of("lpt", serde_json::json!({ "displacement_bias_x_px": 0.17 }))["displacement_bias_x_px"],
             0.2
         );
+    }
+
+    #[test]
+    fn hints_ask_without_scores() {
+        assert_eq!(question("origin mismatch? F1 would be 0.9"), "origin mismatch?");
+        let asked = question("the median error of 1.25 px is no smaller than 1.2 px: is it in another unit? More");
+        assert_eq!(asked, "is it in another unit?");
+        assert!(!question("moved by 0.5 px?").contains('5'));
     }
 
     #[test]
