@@ -245,7 +245,8 @@ mod tests {
     #[test]
     fn hints_ask_without_scores() {
         assert_eq!(question("origin mismatch? F1 would be 0.9"), "origin mismatch?");
-        let asked = question("the median error of 1.25 px is no smaller than 1.2 px: is it in another unit? More");
+        let asked =
+            question("the median error of 1.25 px is no smaller than 1.2 px: is it in another unit? More");
         assert_eq!(asked, "is it in another unit?");
         assert!(!question("moved by 0.5 px?").contains('5'));
     }
