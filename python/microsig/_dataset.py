@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import tempfile
@@ -161,6 +162,8 @@ class _Folder:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+        if not folder.exists():
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(folder))
         self.manifest: dict[str, Any] = json.loads(_microsig.manifest(folder))
         self.resources = {resource["path"]: resource for resource in self.manifest.get("resources", [])}
         sensor = self.manifest["microsig"].get("sensor")

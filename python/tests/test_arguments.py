@@ -62,7 +62,7 @@ def test_messages_name_arguments_rather_than_options_of_the_command(dataset, opt
     assert says in str(told.value) and "--" not in str(told.value)
     (tmp_path / "foreign").mkdir()
     (tmp_path / "foreign/file").touch()
-    with pytest.raises(ValueError, match="not replaced even with force=True"):
+    with pytest.raises(FileExistsError, match="not replaced, with or without force=True"):
         dataset.save(tmp_path / "foreign", force=True)
 
 
@@ -139,7 +139,6 @@ READERS = {
     "generate": ms.generate,
     "Stream": ms.Stream,
     "sweep": ms.sweep,
-    "flow": ms.field,
     "render": lambda path: ms.render(path, [[1, 1, 0, 2]]),
 }
 

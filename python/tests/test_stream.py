@@ -271,7 +271,7 @@ def test_flow_is_that_of_the_field():
         ({"vary": {"optics.background_noise": ms.uniform(2, 1)}}, "lower one first"),
         ({"vary": {"optics.background_noise": ms.choice([])}}, "at least one"),
         ({"vary": {"seed": ms.integers(0, 1)}}, "seed"),
-        ({"vary": {"optics.pixel_dim_x": ms.integers(10, 20)}}, "one size"),
+        ({"vary": {"optics.pixel_dim_x": ms.integers(10, 20)}}, "the same size"),
         ({"crop": (0, 10)}, "crop"),
         ({"frames": 3}, "frames"),
         ({"frames": 0}, "frames"),

@@ -430,7 +430,7 @@ test("an exported sweep has its leaderboard, its curves and the frames of its fi
   assert.match(await page.locator(".board figcaption").textContent(), /F1 over particles.number.count/);
   assert.ok((await page.locator(".board .chart canvas").count()) > 0);
   await page.locator(".board tbody tr", { hasText: "case_00001" }).getByRole("button").click();
-  await page.waitForFunction(() => document.getElementById("banner").textContent.includes("not in this file"));
+  await page.waitForFunction(() => document.getElementById("banner").textContent.includes("does not contain the frames"));
   await page.getByRole("tab", { name: "Leaderboard" }).click();
   await page.locator(".board tbody tr", { hasText: "case_00000" }).getByRole("button").click();
   await page.waitForSelector(".list tr[tabindex]");
