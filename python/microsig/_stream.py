@@ -214,7 +214,7 @@ class Stream:
         self._start()
         # One batch more than are computed ahead: the one in progress counts twice.
         arguments = f"batch = {batch}, ahead = {ahead}, particles = {particles}"
-        self._samples.affordable(arguments, batch, ahead + 1)
+        self._samples.check_memory(arguments, batch, ahead + 1)
 
     def _start(self) -> None:
         """Creates the compiled part; again in a forked process."""
@@ -257,7 +257,7 @@ class Stream:
         """
         first, n = whole("first", first), whole("n", n, 1)
         self._start()
-        self._samples.affordable(f"n = {n}", n, 2)
+        self._samples.check_memory(f"n = {n}", n, 2)
         return self._samples.batch(first, n)
 
     def __iter__(self) -> Iterator[Arrays]:

@@ -138,8 +138,8 @@ impl Samples {
 
     /// Checks that there is free memory for this number of batches of `n` samples; `what` names their
     /// arguments.
-    fn affordable(&self, what: &str, n: u64, batches: u64) -> PyResult<()> {
-        self.0.affordable(what, n, batches).map_err(raise)
+    fn check_memory(&self, what: &str, n: u64, batches: u64) -> PyResult<()> {
+        self.0.check_memory(what, n, batches).map_err(raise)
     }
 
     /// `n` samples from a number on.

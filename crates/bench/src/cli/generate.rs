@@ -39,7 +39,7 @@ impl Generate {
         let out = self.out.clone().unwrap_or_else(|| Path::new("datasets").join(&scenario.spec.name));
         if self.dry_run {
             let cost = Cost::of(&scenario, &out)?;
-            cost.affordable(&scenario)?;
+            cost.check_resources(&scenario)?;
             let cost = cost.timed(&scenario)?;
             return report(&cost.text(), &cost, common);
         }

@@ -93,7 +93,7 @@ impl Preview {
         let cost = Cost::of(&scenario, Path::new("."))?;
         self.send(
             json!({ "part": "checked", "about": about(&scenario), "warnings": scenario.warnings,
-            "cost": cost, "affordable": cost.affordable(&scenario).err().map(|e| e.to_string()) }),
+            "cost": cost, "too_large": cost.check_resources(&scenario).err().map(|e| e.to_string()) }),
             &[],
         )?;
         if cost.pixels > MAX_PIXELS || cost.particles_per_frame > MAX_PARTICLES {

@@ -150,7 +150,7 @@ impl Cost {
     ///
     /// # Errors
     /// [`Error::Input`] with required and free bytes and the key to change.
-    pub fn affordable(&self, scenario: &Scenario) -> Result<()> {
+    pub fn check_resources(&self, scenario: &Scenario) -> Result<()> {
         let mut problems = Vec::new();
         if let Some(free) = self.memory_free_bytes.filter(|free| self.memory_bytes > *free) {
             let of_images = self.pixels * BYTES_PER_PIXEL * (self.threads as u64).min(u64::from(self.frames));

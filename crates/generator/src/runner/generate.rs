@@ -73,7 +73,7 @@ pub fn generate(scenario: &Scenario, options: &GenerateOptions) -> Result<Genera
 pub fn generate_or_find(scenario: &Scenario, options: &GenerateOptions) -> Result<Option<Generated>> {
     let start = Instant::now();
     let cost = Cost::of(scenario, &options.out)?;
-    cost.affordable(scenario)?;
+    cost.check_resources(scenario)?;
     // Placing the particles reveals whether they fit into the box; done here, before anything is written.
     let placing = options.progress.spinner("placing particles and following the first trajectories");
     let first = FirstFrames::new(scenario)?;

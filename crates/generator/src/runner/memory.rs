@@ -56,7 +56,7 @@ impl MemoryDataset {
         let cost = Cost::of(&scenario, Path::new("."))?;
         let (disk_bytes, disk_free_bytes) = (0, None);
         let memory_bytes = cost.memory_bytes + cost.disk_bytes;
-        Cost { memory_bytes, disk_bytes, disk_free_bytes, ..cost }.affordable(&scenario)?;
+        Cost { memory_bytes, disk_bytes, disk_free_bytes, ..cost }.check_resources(&scenario)?;
         let camera = camera(&scenario)?;
         let frames = scenario.recordings.frames() as usize;
         let mut truths = Vec::new();

@@ -88,7 +88,7 @@ impl SampleStream {
     ///
     /// # Errors
     /// [`Error::Input`] with required and free bytes.
-    pub fn affordable(&self, what: &str, n: u64, batches: u64) -> Result<()> {
+    pub fn check_memory(&self, what: &str, n: u64, batches: u64) -> Result<()> {
         let batch = self.sample_bytes.saturating_mul(n).saturating_add(size_of::<Batch>() as u64);
         let (needed, free) = (batch.saturating_mul(batches), free_memory().unwrap_or(isize::MAX as u64));
         if needed <= free {

@@ -179,7 +179,7 @@ export class ScenarioPage {
       this.fresh = [];
       this.facts.replaceChildren(...this.known(part));
       this.warnings.replaceChildren(
-        ...[...part.warnings, ...(part.affordable ? [part.affordable] : [])].map((text) => el("li", {}, text)),
+        ...[...part.warnings, ...(part.too_large ? [part.too_large] : [])].map((text) => el("li", {}, text)),
       );
     } else if (part.part === "frame") {
       this.takeFrame(part, block);
