@@ -101,7 +101,7 @@ fn a_result_that_matches_no_more_than_chance_is_recognized() {
     let mut far = points.clone();
     far.rows.iter_mut().for_each(|row| row.at.x_px += 400.0);
     let said = hint(&far).unwrap_or_default();
-    assert!(said.starts_with("0 of ") && said.contains("another dataset"), "{said}");
+    assert!(said.contains("? 0 of ") && said.starts_with("is this the result of another dataset"), "{said}");
     // A tenth of the points in their places is far more than chance.
     let few = other
         .rows

@@ -16,7 +16,7 @@ use serde_json::{Number, Value};
 use super::files::SCORE;
 use super::{REPORT, page};
 use scoring::evaluate::orientation::Orientation;
-use scoring::evaluate::{Evaluation, Score};
+use scoring::evaluate::{Evaluation, Hint, Score};
 use storage::error::{Error, Result};
 use storage::save_bytes;
 
@@ -60,6 +60,7 @@ pub(crate) fn redacted(score: &Score) -> Result<Score> {
         return Ok(score.clone());
     }
     let n = averaged(score);
+    let score = &with_questions(score);
     let kept = if n >= FEWEST { without_details(score) } else { without_scores(score) };
     let value = serde_json::to_value(&kept).map_err(|e| Error::input(e.to_string()))?;
     let gate = score.definitions.gate.map_or((1.0, f64::INFINITY), |gate| (gate.xy_px, gate.z_um));
@@ -91,14 +92,6 @@ fn without_details(score: &Score) -> Score {
     {
         (lpt.motion, lpt.interval) = Default::default();
     }
-    for hint in &mut score.hints {
-        // The remaining hints quote scores of a sample.
-        let question = question(&hint.what);
-        for warning in score.warnings.iter_mut().filter(|warning| **warning == hint.what) {
-            warning.clone_from(&question);
-        }
-        hint.what = question;
-    }
     if let Some(field) = &mut score.field {
         for errors in field.truths.values_mut().chain([&mut field.main]) {
             (errors.uncertainty, errors.uncertainty_ratio_u) = Default::default();
@@ -113,14 +106,18 @@ fn without_details(score: &Score) -> Score {
     score
 }
 
-/// The question of a hint. What stands before its colon, and numbers, are scores.
-fn question(hint: &str) -> String {
-    let first = hint.split_inclusive('?').next().unwrap_or_default();
-    let asked = first.rsplit(": ").next().unwrap_or_default();
-    match asked.contains(|c: char| c.is_ascii_digit()) {
-        true => "is the result in the conventions of the dataset?".to_owned(),
-        false => asked.to_owned(),
+/// The score with the questions of its hints only; the rest of a hint quotes scores, also of a sample. A hint
+/// that was read from a file has no question of its own and is left out.
+fn with_questions(score: &Score) -> Score {
+    let mut score = score.clone();
+    for hint in std::mem::take(&mut score.hints) {
+        score.warnings.retain(|warning| *warning != hint.what);
+        if !hint.question.is_empty() {
+            score.warnings.push(hint.question.clone());
+            score.hints.push(Hint::new(hint.question, ""));
+        }
     }
+    score
 }
 
 /// The score of a result that hardly overlaps with the truth: counts only.
@@ -244,11 +241,17 @@ mod tests {
 
     #[test]
     fn hints_ask_without_scores() {
-        assert_eq!(question("origin mismatch? F1 would be 0.9"), "origin mismatch?");
-        let asked =
-            question("the median error of 1.25 px is no smaller than 1.2 px: is it in another unit? More");
-        assert_eq!(asked, "is it in another unit?");
-        assert!(!question("moved by 0.5 px?").contains('5'));
+        let hint =
+            Hint { f1: Some(0.91), ..Hint::new("origin mismatch?", "F1 would be 0.91 instead of 0.25") };
+        let warnings = vec!["fewer rows".to_owned(), hint.what.clone()];
+        let asked = with_questions(&Score { hints: vec![hint.clone()], warnings, ..Score::default() });
+        assert_eq!(asked.warnings, ["fewer rows", "origin mismatch?"]);
+        assert_eq!(asked.hints, [Hint::new("origin mismatch?", "")]);
+        // Read from a file, it cannot be divided.
+        let read = Hint { question: String::new(), ..hint };
+        let warnings = vec![read.what.clone()];
+        let asked = with_questions(&Score { hints: vec![read], warnings, ..Score::default() });
+        assert!(asked.warnings.is_empty() && asked.hints.is_empty());
     }
 
     #[test]

@@ -73,6 +73,8 @@ fn bounds(words: &str) -> Map<String, Value> {
             drop(value(i).filter(Value::is_number).map(|v| bounds.insert(name.to_owned(), v)))
         };
         match tokens[..] {
+            // Beside an alternative such as "or negative", a range is no bound.
+            ["or", ..] => return Map::new(),
             [">", _] => add("exclusiveMinimum", 1),
             [">=", _] => add("minimum", 1),
             ["<", _] => add("exclusiveMaximum", 1),
@@ -140,6 +142,7 @@ mod tests {
             ("0 to 0.5", r#"{"minimum":0,"maximum":0.5}"#),
             ("1 or more, 2 pi half_waves depth / width at most 600", r#"{"minimum":1}"#),
             ("2 or 3", r#"{"enum":[2,3]}"#),
+            ("0.01 to 1e7, or negative", "{}"),
             ("> 1.05 radius_um", "{}"),
             ("finite, floor below ceiling", "{}"),
             ("x, y or z", "{}"),

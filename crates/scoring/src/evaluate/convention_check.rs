@@ -58,6 +58,9 @@ struct Quality {
 /// if its frame would be negative.
 type Convention<'a> = Box<dyn Fn(&TrackRow) -> Option<TrackRow> + 'a>;
 
+/// A probable mistake: a question, how the result would be read without it, and that reading.
+type Suspect<'a> = (String, String, Convention<'a>);
+
 impl<'a> ConventionCheck<'a> {
     /// Takes a sample of frames from truth and result; the arguments are those the result is scored with.
     pub fn new(truth: &TrueParticles, result: &'a Points, gate: &Gate, flat: bool, border_px: f64) -> Self {
@@ -97,7 +100,7 @@ impl<'a> ConventionCheck<'a> {
             return Ok(Vec::new());
         }
         if self.is_empty {
-            return Ok(vec![Hint::without_score(NOTHING)]);
+            return Ok(vec![Hint::new(NOTHING, "")]);
         }
         if self.rows.is_empty() {
             return Ok(Vec::new());
@@ -156,11 +159,14 @@ impl<'a> ConventionCheck<'a> {
             return Ok(None);
         }
         let n = self.rows.iter().filter(|row| row.frame < self.end).count();
-        let mut hint = Hint::without_score(&format!(
-            "{} of {n} points match a particle, no more than at random positions ({mean:.1}): is this the result of another dataset, \
-             or does it use another origin, unit or first frame? --auto-offset searches for a shift in the image",
+        let detail = format!(
+            "{} of {n} points match a particle, no more than at random positions ({mean:.1}); --auto-offset searches for a \
+             shift in the image",
             now.matches
-        ));
+        );
+        let question =
+            "is this the result of another dataset, or does it use another origin, unit or first frame?";
+        let mut hint = Hint::new(question, &detail);
         (hint.f1_now, hint.sampled) = (Some(now.f1), !self.is_whole);
         Ok(Some(hint))
     }
@@ -183,13 +189,13 @@ impl<'a> ConventionCheck<'a> {
     /// is below `share` times the present one.
     fn best(
         &self,
-        family: Vec<(String, Convention<'_>)>,
+        family: Vec<Suspect<'_>>,
         now: Quality,
         of_depth: bool,
         share: f64,
     ) -> Result<Option<Hint>> {
-        let mut best: Option<(Quality, String)> = None;
-        for (what, convention) in family {
+        let mut best: Option<(Quality, [String; 2])> = None;
+        for (question, how, convention) in family {
             let other = self.quality(&convention)?;
             let is_as_good = other.f1 > now.f1 - 0.02 && other.f1 > 0.5;
             let has_smaller_errors = match of_depth {
@@ -199,72 +205,79 @@ impl<'a> ConventionCheck<'a> {
             let is_better = other.f1 > now.f1 + 0.1 || (is_as_good && has_smaller_errors);
             let rank = |q: &Quality| (q.f1 * 1e3).round() - q.rms_px.min(100.0) / 1e3;
             if is_better && best.as_ref().is_none_or(|(b, _)| rank(b) < rank(&other)) {
-                best = Some((other, what));
+                best = Some((other, [question, how]));
             }
         }
-        Ok(best.map(|(other, what)| {
+        Ok(best.map(|(other, [question, how])| {
             let sample = if self.is_whole { "" } else { " (on a sample of frames)" };
             let shown = |v: f64| if v.is_finite() { format!("{v:.3}") } else { "-".to_owned() };
             let errors = match of_depth {
                 true => format!("RMS z {} instead of {} um", shown(other.rms_z_um), shown(now.rms_z_um)),
                 false => format!("RMS xy {} instead of {} px", shown(other.rms_px), shown(now.rms_px)),
             };
+            let detail =
+                format!("{how} F1 would be {:.3} instead of {:.3}, {errors}{sample}", other.f1, now.f1);
             Hint {
-                what: format!(
-                    "{what} F1 would be {:.3} instead of {:.3}, {errors}{sample}",
-                    other.f1, now.f1
-                ),
                 f1: Some(other.f1),
                 f1_now: Some(now.f1),
                 rms_px: Some(other.rms_px).filter(|v| v.is_finite()),
                 rms_px_now: Some(now.rms_px).filter(|v| v.is_finite()),
                 sampled: !self.is_whole,
+                ..Hint::new(question, &detail)
             }
         }))
     }
 
     /// First frame off by one.
-    fn frames(&self) -> Vec<(String, Convention<'_>)> {
+    fn frames(&self) -> Vec<Suspect<'_>> {
         let moved = |by: i64, base: &str| {
-            let what = format!("frames off by one? With --frame-base {base} by one");
+            let how = format!("With --frame-base {base} by one");
             let convention: Convention<'_> = Box::new(move |row| {
                 let frame = u32::try_from(i64::from(row.frame) + by).ok()?;
                 Some(TrackRow { frame, ..*row })
             });
-            (what, convention)
+            ("frames off by one?".to_owned(), how, convention)
         };
         vec![moved(1, "decreased"), moved(-1, "increased")]
     }
 
     /// Another position of the first pixel's center.
-    fn origins(&self, bias: Option<(f64, f64)>) -> Vec<(String, Convention<'_>)> {
+    fn origins(&self, bias: Option<(f64, f64)>) -> Vec<Suspect<'_>> {
         let bias = bias.map_or(String::new(), |(x, y)| format!("bias is ({x:+.3}, {y:+.3}) px; "));
         let shifted = |by: f64| {
-            let what = format!(
-                "origin mismatch? {bias}--origin gives the position of the first pixel's center; with x and y moved by {by:+} px"
+            let how = format!(
+                "{bias}--origin gives the position of the first pixel's center; with x and y moved by {by:+} px"
             );
-            (what, placed(move |at| Position { x_px: at.x_px + by, y_px: at.y_px + by, ..*at }))
+            (
+                "origin mismatch?".to_owned(),
+                how,
+                placed(move |at| Position { x_px: at.x_px + by, y_px: at.y_px + by, ..*at }),
+            )
         };
         [-1.0, -0.5, 0.5, 1.0].map(shifted).into()
     }
 
     /// Axes swapped or reversed.
-    fn axes(&self) -> Vec<(String, Convention<'_>)> {
+    fn axes(&self) -> Vec<Suspect<'_>> {
         let mut family = vec![(
-            "axes swapped? With x and y exchanged".to_owned(),
+            "axes swapped?".to_owned(),
+            "With x and y exchanged".to_owned(),
             placed(|at| Position { x_px: at.y_px, y_px: at.x_px, ..*at }),
         )];
         if let Some((width, height)) = self.truth.facts.sensor_px {
             family.push((
-                "y upward? With --y up".to_owned(),
+                "y upward?".to_owned(),
+                "With --y up".to_owned(),
                 placed(move |at| Position { y_px: height + 1.0 - at.y_px, ..*at }),
             ));
             family.push((
-                "x from the right? With x reversed".to_owned(),
+                "x from the right?".to_owned(),
+                "With x reversed".to_owned(),
                 placed(move |at| Position { x_px: width + 1.0 - at.x_px, ..*at }),
             ));
             family.push((
-                "image turned by 180 degrees? With x and y reversed".to_owned(),
+                "image turned by 180 degrees?".to_owned(),
+                "With x and y reversed".to_owned(),
                 placed(move |at| Position {
                     x_px: width + 1.0 - at.x_px,
                     y_px: height + 1.0 - at.y_px,
@@ -276,7 +289,7 @@ impl<'a> ConventionCheck<'a> {
     }
 
     /// x and y in um, mm or m, from the first pixel or from the image center.
-    fn lengths(&self) -> Vec<(String, Convention<'_>)> {
+    fn lengths(&self) -> Vec<Suspect<'_>> {
         let Some(um_per_px) = self.truth.facts.um_per_px else { return Vec::new() };
         let mut family = Vec::new();
         for (unit, um) in [("um", 1.0), ("mm", 1e3), ("m", 1e6)] {
@@ -287,8 +300,13 @@ impl<'a> ConventionCheck<'a> {
             }
             for (origin, [x0, y0]) in origins {
                 family.push((
-                    format!("x and y in {unit}? With x_px = x {scale:.6} + {x0}, y_px = y {scale:.6} + {y0} ({origin})"),
-                    placed(move |at| Position { x_px: at.x_px * scale + x0, y_px: at.y_px * scale + y0, ..*at }),
+                    format!("x and y in {unit}?"),
+                    format!("With x_px = x {scale:.6} + {x0}, y_px = y {scale:.6} + {y0} ({origin})"),
+                    placed(move |at| Position {
+                        x_px: at.x_px * scale + x0,
+                        y_px: at.y_px * scale + y0,
+                        ..*at
+                    }),
                 ));
             }
         }
@@ -297,7 +315,7 @@ impl<'a> ConventionCheck<'a> {
 
     /// z with another sign, origin or unit: a line fitted to true against measured depths of particles
     /// matched only in the image plane. `None` if there are too few, or no line fits.
-    fn depths(&self) -> Result<Option<(String, Convention<'_>)>> {
+    fn depths(&self) -> Result<Option<Suspect<'_>>> {
         const FEWEST: usize = 10;
         let ScoredPoints { truth, result, .. } =
             self.scored_by(&Gate::radial(self.gate.xy_px), &|row| Some(*row))?;
@@ -310,16 +328,14 @@ impl<'a> ConventionCheck<'a> {
         let Some((a, b)) = robust_line(&pairs) else { return Ok(None) };
         let h = self.truth.facts.depth_h_um();
         let near = |value: f64| (a / value - 1.0).abs() < 0.05;
-        let (what, a, b) = match () {
-            () if near(1.0) => ("z from another origin?".to_owned(), 1.0, median_offset(&pairs, 1.0)),
-            () if near(-1.0) => ("z with the other sign?".to_owned(), -1.0, median_offset(&pairs, -1.0)),
-            () if near(1e3) => ("z in mm?".to_owned(), 1e3, median_offset(&pairs, 1e3)),
-            () if near(-1e3) => {
-                ("z in mm with the other sign?".to_owned(), -1e3, median_offset(&pairs, -1e3))
-            }
-            () if near(1e6) => ("z in m?".to_owned(), 1e6, median_offset(&pairs, 1e6)),
-            () if h.is_some_and(&near) => ("z as a fraction of the depth range?".to_owned(), a, b),
-            () => ("z scaled (refraction, or a depth factor)?".to_owned(), a, b),
+        let (question, a, b) = match () {
+            () if near(1.0) => ("z from another origin?", 1.0, median_offset(&pairs, 1.0)),
+            () if near(-1.0) => ("z with the other sign?", -1.0, median_offset(&pairs, -1.0)),
+            () if near(1e3) => ("z in mm?", 1e3, median_offset(&pairs, 1e3)),
+            () if near(-1e3) => ("z in mm with the other sign?", -1e3, median_offset(&pairs, -1e3)),
+            () if near(1e6) => ("z in m?", 1e6, median_offset(&pairs, 1e6)),
+            () if h.is_some_and(&near) => ("z as a fraction of the depth range?", a, b),
+            () => ("z scaled (refraction, or a depth factor)?", a, b),
         };
         let small = 1e-3 * h.unwrap_or(0.0);
         let sum = match (a == 1.0, b.abs() > small) {
@@ -329,7 +345,8 @@ impl<'a> ConventionCheck<'a> {
         };
         let b = if a != 1.0 && b.abs() <= small { 0.0 } else { b };
         Ok(Some((
-            format!("{what} With z_um = {sum}"),
+            question.to_owned(),
+            format!("With z_um = {sum}"),
             placed(move |at| Position { z_um: a * at.z_um + b, ..*at }),
         )))
     }

@@ -9,6 +9,10 @@ use serde::{Deserialize, Serialize};
 pub struct Hint {
     /// What may be wrong, and which option or change fixes it.
     pub what: String,
+    /// The question that `what` begins with. The rest of `what` quotes scores, which participants do not see
+    /// if the truth is withheld.
+    #[serde(skip)]
+    pub question: String,
     /// detection.f1 without the mistake.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub f1: Option<f64>,
@@ -26,8 +30,10 @@ pub struct Hint {
 }
 
 impl Hint {
-    /// A hint without the score after correcting the mistake.
-    pub(super) fn without_score(what: &str) -> Self {
-        Hint { what: what.to_owned(), ..Hint::default() }
+    /// A hint with a question and what makes it plausible.
+    pub fn new(question: impl Into<String>, detail: &str) -> Self {
+        let question = question.into();
+        let what = format!("{question} {detail}").trim_end().to_owned();
+        Hint { what, question, ..Hint::default() }
     }
 }

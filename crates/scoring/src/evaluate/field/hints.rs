@@ -13,7 +13,7 @@ const FEWEST: usize = 10;
 pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], grid: &TrueField) -> Vec<Hint> {
     if vectors.is_empty() {
         let what = "the result is empty: no vector is scored; was it written to another file?";
-        return vec![Hint::without_score(what)];
+        return vec![Hint::new(what, "")];
     }
     if compared.len() < FEWEST {
         return Vec::new();
@@ -22,12 +22,6 @@ pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], grid: &
         (all.iter().map(|c| c.endpoint().powi(2)).sum::<f64>() / all.len() as f64).sqrt()
     };
     let now = rms(compared);
-    let hint = |what: String, rms_px: f64| Hint {
-        what: format!("{what} the RMS end-point error would be {rms_px:.3} instead of {now:.3} px"),
-        rms_px: Some(rms_px),
-        rms_px_now: Some(now),
-        ..Hint::default()
-    };
     let flipped: Vec<ComparedVector> = compared
         .iter()
         .map(|c| {
@@ -37,10 +31,12 @@ pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], grid: &
         .collect();
     let mut hints = Vec::new();
     if rms(&flipped) < 0.5 * now {
-        hints.push(hint(
-            "v has the wrong sign? y may grow upward in the result; with --y up".to_owned(),
-            rms(&flipped),
-        ));
+        let detail = format!(
+            "y may grow upward in the result; with --y up the RMS end-point error would be {:.3} instead of {now:.3} px",
+            rms(&flipped)
+        );
+        let hint = Hint::new("v has the wrong sign?", &detail);
+        hints.push(Hint { rms_px: Some(rms(&flipped)), rms_px_now: Some(now), ..hint });
     }
     hints.extend(no_better_than_zeros(compared).filter(|_| hints.is_empty()));
     let Some((shift, sure)) = offset(compared, grid) else { return hints };
@@ -70,16 +66,13 @@ pub(super) fn hints(vectors: &[FlowVector], compared: &[ComparedVector], grid: &
                 1.0 => "; --origin center0",
                 _ => "",
             };
-            hints.push(Hint {
-                what: format!(
-                    "positions off by {by:+} px? The flow gradients indicate ({:+.2}, {:+.2}) px{option}: the RMS \
-                     end-point error of inliers would be {after:.4} instead of {before:.4} px",
-                    shift[0], shift[1]
-                ),
-                rms_px: Some(after),
-                rms_px_now: Some(before),
-                ..Hint::default()
-            });
+            let detail = format!(
+                "The flow gradients indicate ({:+.2}, {:+.2}) px{option}: the RMS end-point error of inliers would be {after:.4} \
+                 instead of {before:.4} px",
+                shift[0], shift[1]
+            );
+            let hint = Hint::new(format!("positions off by {by:+} px?"), &detail);
+            hints.push(Hint { rms_px: Some(after), rms_px_now: Some(before), ..hint });
         }
     }
     hints
@@ -96,11 +89,11 @@ fn no_better_than_zeros(compared: &[ComparedVector]) -> Option<Hint> {
         quantile(&values, 0.5)
     };
     let (error, moved) = (median(&|c| c.endpoint())?, median(&|c| c.truth[0].hypot(c.truth[1]))?);
-    let what = format!(
-        "the median error of {error:.2} px is no smaller than that of zero displacements ({moved:.2} px): is this the result of \
-         another dataset, is it in another unit, or are its image pairs in another order?"
+    let question = "is this the result of another dataset, is it in another unit, or are its image pairs in another order?";
+    let detail = format!(
+        "The median error of {error:.2} px is no smaller than that of zero displacements ({moved:.2} px)"
     );
-    (error > LARGE_PX && error >= 0.98 * moved).then(|| Hint::without_score(&what))
+    (error > LARGE_PX && error >= 0.98 * moved).then(|| Hint::new(question, &detail))
 }
 
 /// Estimated shift of the positions along x and y, px, with its standard errors; `None` for an axis along
