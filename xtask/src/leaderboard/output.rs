@@ -106,7 +106,7 @@ fn times(scores: &SuiteScores, more: &Annotations) -> anyhow::Result<Vec<u8>> {
 /// The standings.
 fn readme(scores: &SuiteScores, more: &Annotations) -> anyhow::Result<String> {
     let mut text = format!(
-        "# Leaderboard of {} {}, size {}\n\n`index.html` shows all cases with intervals, curves and example images; `scores.csv` contains all scores \
+        "# Leaderboard of {} {}, size {}\n\n`index.html`, which the command writes beside this file and which is not kept in the repository, shows all cases with intervals, curves and example images; `scores.csv` contains all scores \
          with the ends of their 95 % intervals, `times.csv` the time per frame, `versions/` the packages of each environment.\n",
         scores.suite,
         scores.version,
