@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use generator::runner::render_particles;
 use microsig_core::emission::SpheroidLaw;
 use microsig_core::formats::settings_file;
-use microsig_core::render::RendererSpec;
+use microsig_core::render::RenderMethod;
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
 use microsig_core::sensor::{ImageFormat, NoiseRounding};
 use microsig_core::{Particle, Spheroid};
@@ -35,10 +35,11 @@ fn render<'py>(
     let particles = particles(rows.as_array()).map_err(raise)?;
     let spheroids = if uniform { SpheroidLaw::Uniform } else { SpheroidLaw::Original };
     let renderer = if expected {
-        RendererSpec::Expected { spheroids, tolerance: DEFAULT_TOLERANCE }
+        RenderMethod::Expected { spheroids, tolerance: DEFAULT_TOLERANCE }
     } else {
-        RendererSpec::Rays { spheroids }
-    };
+        RenderMethod::Rays { spheroids }
+    }
+    .into();
     let rounding = if round_once { NoiseRounding::AfterSum } else { NoiseRounding::BeforeSum };
     let format = if unrounded { ImageFormat::Float32 } else { ImageFormat::Integer };
     let (image, warnings) = run(py, false, OnInterrupt::Leave, move |_| {

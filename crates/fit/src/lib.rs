@@ -13,6 +13,7 @@ mod comparison;
 mod curves;
 mod derivatives;
 mod evidence;
+mod field;
 mod imager;
 mod images;
 mod intervals;
@@ -43,6 +44,7 @@ use state::State;
 
 pub use comparison::{Comparison, Score};
 pub use evidence::{Evidence, MeasuredImage, Sample};
+pub use field::{Coefficient, FieldFiles, FieldFit, FieldImages, FieldOptions, FieldParticle, fit_field};
 pub use images::Watch;
 pub use optics::{ExtraParameter, Given};
 pub use outcome::{Correlations, Fitted, FittedParticle, Parameter, PlaneFit, Verdict};
@@ -106,7 +108,7 @@ pub fn fit(scan: &Scan, options: &FitOptions, watch: Watch<'_>) -> Result<FitFil
     let background = Background::of(&scan.planes);
     let candidates = match &options.places_px {
         Some(places) => particles::given(places),
-        None => particles::find(scan, background)?,
+        None => particles::find(scan, background, particles::OF_BRIGHTEST)?,
     };
     let half = options.half_window.unwrap_or_else(|| particles::half_width(scan, background, &candidates));
     let windows = particles::windows(scan, &candidates, half)?;

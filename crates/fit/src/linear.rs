@@ -3,7 +3,7 @@
 
 /// A symmetric matrix, stored row by row.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Symmetric {
+pub(crate) struct Symmetric {
     pub(super) n: usize,
     values: Vec<f64>,
 }

@@ -12,10 +12,13 @@ const MAX_PARTICLES: usize = 8;
 /// Standard deviation of the Gaussian filter on the sum over all planes, in which particles are detected, px.
 const SMOOTHING_PX: f64 = 3.0;
 
-/// A maximum must be this many standard deviations above the background, and reach this fraction of the
-/// brightest one.
+/// A maximum must be this many standard deviations above the background.
 const THRESHOLD_SD: f64 = 8.0;
-const THRESHOLD_FRACTION: f64 = 0.15;
+
+/// It must reach this fraction of the brightest one, for a fit of few particles, and where faint neighbors
+/// matter.
+pub(super) const OF_BRIGHTEST: f64 = 0.15;
+pub(super) const FAINT: f64 = 0.03;
 
 /// A ring of pixels counts as lit if its mean is this many standard errors above the background.
 const RING_SD: f64 = 3.0;
@@ -28,7 +31,7 @@ const MAX_HALF_WIDTH: usize = 64;
 const SMALLEST_HALF_WIDTH: usize = 8;
 
 /// Number of pixels at full scale at which a plane counts as saturated.
-const SATURATED_PIXELS: usize = 3;
+pub(super) const SATURATED_PIXELS: usize = 3;
 
 /// A window is not used if it loses more than this fraction of its pixels to neighbors.
 const MAX_LOST: f64 = 0.25;
@@ -100,18 +103,18 @@ fn smoothed_sum(scan: &Scan, background: Background) -> Vec<f64> {
     along(&along(&sum, 1, 0), 0, 1)
 }
 
-/// The particles of a scan, brightest first.
+/// The particles of a scan that reach this fraction of the brightest one, brightest first.
 ///
 /// # Errors
 /// [`Error::Input`] if no particle is found, with the threshold and the best candidate.
-pub(super) fn find(scan: &Scan, background: Background) -> Result<Vec<Candidate>> {
+pub(super) fn find(scan: &Scan, background: Background, fraction: f64) -> Result<Vec<Candidate>> {
     let sum = smoothed_sum(scan, background);
     let (w, h) = (scan.width, scan.height);
     // Noise of the smoothed sum: a Gaussian filter of standard deviation s averages over 4 pi s^2 pixels.
     let averaged = 4.0 * std::f64::consts::PI * SMOOTHING_PX * SMOOTHING_PX;
     let noise = background.noise * libm::sqrt(scan.planes.len() as f64 / averaged);
     let brightest = sum.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let threshold = (THRESHOLD_SD * noise).max(THRESHOLD_FRACTION * brightest);
+    let threshold = (THRESHOLD_SD * noise).max(fraction * brightest);
     let reach = SMOOTHING_PX as usize;
     let is_maximum = |x: usize, y: usize| {
         let here = sum[y * w + x];

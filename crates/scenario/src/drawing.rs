@@ -56,6 +56,7 @@ pub(super) fn mode(spec: &mut Spec, problems: &mut Problems) {
 fn refuse_wave_keys(spec: &Spec, problems: &mut Problems) {
     let (render, optics) = (&spec.render, &spec.optics);
     let lens = optics.lens.filter(|lens| *lens != Lens::Microsig);
+    let field = optics.field.unwrap_or_default();
     for (path, given) in [
         ("render.wavelength_um", render.wavelength_um.is_some()),
         ("render.bandwidth_um", render.bandwidth_um.is_some()),
@@ -65,6 +66,9 @@ fn refuse_wave_keys(spec: &Spec, problems: &mut Problems) {
         ("optics.cylinder", optics.cylinder.is_some()),
         ("optics.cyl_angle_deg", optics.cyl_angle_deg.is_some()),
         ("optics.layers", optics.layers.is_some()),
+        ("optics.field.coma", field.coma != Default::default()),
+        ("optics.field.astigmatism", field.astigmatism != Default::default()),
+        ("optics.field.vignetting", field.vignetting != Default::default()),
     ] {
         if given {
             problems.other(path, "expected nothing, or render: (mode: waves): only wave optics uses it");
@@ -101,12 +105,13 @@ pub(super) fn calibration(spec: &Spec, (low, high): (f64, f64), problems: &mut P
 /// Checks light and objective for wave optics and adds each problem at its key; true if there is none.
 pub(super) fn check(spec: &Spec, settings: &Settings, problems: &mut Problems) -> bool {
     let renderer = spec.renderer();
-    let Some(optics) = renderer.wave_optics() else { return true };
-    // `mode` has reported that it is missing.
-    if spec.render.wavelength_um.is_none() {
-        return false;
-    }
-    match optics.validate(settings) {
+    let checked = match renderer.wave_optics() {
+        None => renderer.field().validate(settings),
+        // `mode` has reported that it is missing.
+        Some(_) if spec.render.wavelength_um.is_none() => return false,
+        Some(optics) => optics.validate(settings),
+    };
+    match checked {
         Ok(()) => return true,
         Err(Core::Malformed(faults)) => {
             for fault in faults {

@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
 use microsig_core::render::waves::{Lens, WaveOptics};
-use microsig_core::render::{GaussianSpot, RendererSpec};
+use microsig_core::render::{GaussianSpot, RenderMethod, RendererSpec};
 use microsig_core::sensor::{self, Detector, ImageFormat};
 use microsig_core::{KEYS, Settings};
 use schemars::JsonSchema;
@@ -30,6 +30,7 @@ pub use super::particles::{
 pub use super::rendering::{Render, RenderMode};
 pub use super::timing::{Flashes, FourPulse, PairSeeding, Pairs, Sequence, Timing};
 pub use super::truth_grid::{FieldGrid, Planes, TruthColumns, TruthGrid, Weighting};
+pub use microsig_core::optics::FieldOptics;
 pub use microsig_core::render::waves::{Layers, Mask, Pinhole, PupilFunction as Pupil};
 
 /// A scenario: what is imaged, through which optics, and when.
@@ -107,12 +108,14 @@ impl Spec {
     pub fn renderer(&self) -> RendererSpec {
         let spheroids = self.render.spheroids;
         let tolerance = self.render.tolerance.unwrap_or(DEFAULT_TOLERANCE);
-        match (self.optics.gaussian, self.render.mode) {
-            (Some(spot), _) => RendererSpec::Gaussian(spot.into()),
-            (None, RenderMode::Rays) => RendererSpec::Rays { spheroids },
-            (None, RenderMode::Expected) => RendererSpec::Expected { spheroids, tolerance },
-            (None, RenderMode::Waves) => RendererSpec::Waves { optics: self.wave_optics(), tolerance },
-        }
+        let method = match (self.optics.gaussian, self.render.mode) {
+            (Some(spot), _) => RenderMethod::Gaussian(spot.into()),
+            (None, RenderMode::Rays) => RenderMethod::Rays { spheroids },
+            (None, RenderMode::Expected) => RenderMethod::Expected { spheroids, tolerance },
+            (None, RenderMode::Waves) => RenderMethod::Waves { optics: self.wave_optics(), tolerance },
+        };
+        let (blur_um, field) = (self.optics.blur_um, self.optics.field);
+        RendererSpec::from(method).through(blur_um.unwrap_or_default(), field.unwrap_or_default())
     }
 
     /// Factor by which a cylindrical lens before the camera stretches images, and the azimuth (degrees, from
@@ -140,6 +143,8 @@ impl Spec {
             cyl_angle_deg: cyl_angle_deg.unwrap_or_default(),
             layers: *layers,
             cylinder: self.optics.cylinder_lens(),
+            blur_um: self.optics.blur_um.unwrap_or_default(),
+            field: self.optics.field.unwrap_or_default(),
         }
     }
 }
@@ -277,6 +282,17 @@ pub struct Optics {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = -180.0, max = 180.0), extend("x-unit" = "degrees", "x-default" = "0: along x"), example = 0.0)]
     pub cyl_angle_deg: Option<f64>,
+    /// Standard deviation of the Gaussian blur by detector and relay optics, in the particles' space. A sensor
+    /// with a modulation transfer of T at its Nyquist frequency has 0.37 sqrt(-ln T) px, times pixel size over
+    /// magnification.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 1e3), extend("x-default" = "0: none"), example = 0.8)]
+    pub blur_um: Option<f64>,
+    /// How the optics vary over the field of view; X and Y are distances from its center in the particles'
+    /// space.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("x-default" = "the same optics everywhere"), example = FieldOptics::default())]
+    pub field: Option<FieldOptics>,
     /// Medium, cover slip and immersion, for `mode: waves`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-default" = "those that the objective was designed for"), example = Layers::default())]

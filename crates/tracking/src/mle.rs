@@ -6,7 +6,7 @@
 //! stacks provide the counts per ray and the camera noise.
 
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::render::{Gradient, Renderer, RendererSpec, Window};
+use microsig_core::render::{Gradient, RenderMethod, Renderer, RendererSpec, Window};
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
 
@@ -91,11 +91,11 @@ impl ModelImages {
         let size = side as u32 + 4;
         let settings = Settings { pixel_dim_x: size, pixel_dim_y: size, ..settings.clone() };
         let radii = vec![side / 2; depths_um.len()];
-        let spec = match waves.clone() {
-            Some(optics) => RendererSpec::Waves { optics, tolerance: TOLERANCE },
-            None => RendererSpec::Expected { spheroids: SpheroidLaw::Original, tolerance: TOLERANCE },
+        let method = match waves.clone() {
+            Some(optics) => RenderMethod::Waves { optics, tolerance: TOLERANCE },
+            None => RenderMethod::Expected { spheroids: SpheroidLaw::Original, tolerance: TOLERANCE },
         };
-        let renderer = spec.build(&settings, &context())?;
+        let renderer = RendererSpec::from(method).build(&settings, &context())?;
         let middle = i64::from(size / 2 + 1);
         let depths_um = depths_um.to_vec();
         Ok(ModelImages { renderer, d_um, depth_factor, unit: 1.0, middle, depths_um, radii })

@@ -148,16 +148,17 @@ mod tests {
     use microsig_core::Spheroid;
     use microsig_core::emission::SpheroidLaw;
     use microsig_core::render::waves::WaveOptics;
-    use microsig_core::render::{Context, GaussianSpot, RayRenderer, RendererSpec};
+    use microsig_core::render::{Context, GaussianSpot, RayRenderer, RenderMethod, RendererSpec};
     use microsig_core::stream::{Purpose, Streams};
 
-    const RAYS: RendererSpec = RendererSpec::Rays { spheroids: SpheroidLaw::Original };
+    const RAYS: RenderMethod = RenderMethod::Rays { spheroids: SpheroidLaw::Original };
 
     fn settings() -> Settings {
         Settings { pixel_dim_x: 160, pixel_dim_y: 140, ..Settings::setting1a() }
     }
 
-    fn noise_free(spec: RendererSpec, settings: &Settings) -> NoiseFree {
+    fn noise_free(spec: impl Into<RendererSpec>, settings: &Settings) -> NoiseFree {
+        let spec = spec.into();
         let renderer = spec.clone().build(settings, &Context::default()).unwrap();
         let limit = renderer
             .has_ray_noise()
@@ -183,11 +184,11 @@ mod tests {
 
     #[test]
     fn images_are_those_of_the_datasets_renderer() {
-        let waves = RendererSpec::Waves { optics: WaveOptics::new(0.52), tolerance: 0.003 };
-        let expected = RAYS.without_ray_noise(0.003);
+        let waves = RenderMethod::Waves { optics: WaveOptics::new(0.52), tolerance: 0.003 };
+        let expected = RendererSpec::from(RAYS).without_ray_noise(0.003);
         let spot = |reference_um| GaussianSpot { diameter_px: 1.5, reference_um, peak_counts: 800.0 };
-        let gaussian = [RendererSpec::Gaussian(spot(None)), RendererSpec::Gaussian(spot(Some(0.3)))];
-        for spec in gaussian.into_iter().chain([expected, waves]) {
+        let gaussian = [RenderMethod::Gaussian(spot(None)), RenderMethod::Gaussian(spot(Some(0.3)))];
+        for spec in gaussian.into_iter().chain([waves]).map(RendererSpec::from).chain([expected]) {
             let settings = settings();
             let (single, renderer) =
                 (noise_free(spec.clone(), &settings), spec.build(&settings, &Context::default()).unwrap());
@@ -212,7 +213,8 @@ mod tests {
     fn peaks_of_ray_images_are_right_to_one_percent() {
         let settings = settings();
         let single = noise_free(RAYS, &settings);
-        let accurate = RAYS.without_ray_noise(1e-3).build(&settings, &Context::default()).unwrap();
+        let accurate =
+            RendererSpec::from(RAYS).without_ray_noise(1e-3).build(&settings, &Context::default()).unwrap();
         for particle in particles().into_iter().skip(1) {
             let exact = accurate.mean_patch(&particle).map_or(0.0, |patch| peak(&patch.counts));
             let found = peak(&single.draw(&particle).values);
@@ -242,7 +244,7 @@ mod tests {
     fn without_a_limit_ray_images_are_averaged() {
         let settings = settings();
         let (averaged, exact) = (
-            NoiseFree::new(RAYS.build(&settings, &Context::default()).unwrap(), None),
+            NoiseFree::new(RendererSpec::from(RAYS).build(&settings, &Context::default()).unwrap(), None),
             noise_free(RAYS, &settings),
         );
         let particle = Particle::sphere(80.42, 70.31, -20.0, 2.0);
@@ -261,8 +263,11 @@ mod tests {
         let round = Settings { pixel_dim_x: 160, pixel_dim_y: 140, ..Settings::setting1() };
         let sum = |values: &[f64]| values.iter().sum::<f64>();
         for settings in [settings(), round] {
-            let dataset = RAYS.without_ray_noise(3e-3).build(&settings, &Context::default()).unwrap();
-            let own = noise_free(RAYS.without_ray_noise(3e-3), &settings);
+            let dataset = RendererSpec::from(RAYS)
+                .without_ray_noise(3e-3)
+                .build(&settings, &Context::default())
+                .unwrap();
+            let own = noise_free(RendererSpec::from(RAYS).without_ray_noise(3e-3), &settings);
             let of_rays = noise_free(RAYS, &settings);
             for (d_um, e_p, alpha_rad, beta_rad) in shapes {
                 for z_um in [-60.0, -25.0, -8.0, 5.0, 30.0] {

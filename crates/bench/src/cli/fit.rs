@@ -10,7 +10,8 @@ use super::choice::choice;
 use super::output::{progress, report, warn};
 use crate::report::fit_page;
 use fit::{
-    Astigmatic, ExtraParameter, FitOptions, Fitted, Given, Scan, StagePositions, Verdict, WaveModel, fit,
+    Astigmatic, ExtraParameter, FieldFit, FieldOptions, FitOptions, Fitted, Given, Scan, StagePositions,
+    Verdict, WaveModel, fit, fit_field,
 };
 use microsig_core::render::waves::{Emission, Layers, Lens};
 use storage::error::{Error, Result};
@@ -80,6 +81,10 @@ pub(super) struct Fit {
     /// Depth of the plane in focus below the cover slip, um, from which the fit starts; for `--fluid`
     #[arg(long, value_name = "UM", default_value_t = 100.0, requires = "fluid")]
     fluid_depth: f64,
+    /// Fit how the optics vary over the field of view: curvature and tilt of the focus, chief ray, vignetting,
+    /// coma, astigmatism, blur; for `--model waves`, with --diameter
+    #[arg(long, requires = "diameter")]
+    field: bool,
     /// Planes to use, counted from 0
     #[arg(long, value_name = "A-B")]
     planes: Option<String>,
@@ -130,6 +135,24 @@ enum Flux {
     Model,
 }
 
+/// The result of a fit of a field for a terminal.
+fn field_text(fitted: &FieldFit, out: &Path) -> String {
+    let singles = fitted.particles.iter().filter(|particle| particle.is_single).count();
+    let mut text =
+        format!("Optics over the field from {singles} single particles of {}:\n", fitted.particles.len());
+    for coefficient in &fitted.coefficients {
+        let fit::Coefficient { key, value, sd, unit } = coefficient;
+        text += &format!("  {key:<34} {value:>10.5} +- {:.5} {unit}\n", 1.96 * sd);
+    }
+    text += &format!(
+        "Images by these laws: R^2 {:.4}, chi^2 per pixel {:.2} (noise of one frame)\n{}: scenario.ron (twin), field.json, particles.csv",
+        fitted.r2_of_laws,
+        fitted.chi2_of_laws,
+        out.display()
+    );
+    text
+}
+
 /// Pixel sizes of cameras, um, as in scenarios.
 const PIXEL_SIZES_UM: RangeInclusive<f64> = 0.05..=1000.0;
 
@@ -144,6 +167,9 @@ impl Fit {
         let mut scan = Scan::read(&self.scan, &positions)?;
         if let Some((first, last)) = self.range()? {
             scan = scan.cut(first, last)?;
+        }
+        if self.field {
+            return self.run_field(&scan, &options, common);
         }
         let earlier = Earlier::new("fit.json", common.force);
         check_replaceable(&self.out, earlier)?;
@@ -164,6 +190,35 @@ impl Fit {
             return Err(Error::Failed(vec![made.fitted.sentence()]));
         }
         Ok(())
+    }
+
+    fn run_field(&self, scan: &Scan, options: &FitOptions, common: &Common) -> Result<()> {
+        let (Some(waves), Some(diameter_um)) = (options.waves, options.diameter_um) else {
+            return Err(Error::input("--field: expected with --model waves and --diameter"));
+        };
+        if waves.lens != Lens::Aplanatic {
+            return Err(Error::input("--field: expected --lens aplanatic, as of microscope objectives"));
+        }
+        let options = FieldOptions {
+            given: options.given,
+            diameter_um,
+            direction: options.direction.unwrap_or(1.0),
+            waves,
+            half_window: options.half_window,
+            places_px: options.places_px.clone(),
+        };
+        let earlier = Earlier::new("field.json", common.force);
+        check_replaceable(&self.out, earlier)?;
+        let partial = Partial::start(&self.out)?;
+        let spinner = progress(common).spinner("fit");
+        let made = fit_field(scan, &options, &|what| spinner.set_message(format!("fit: {what}")))?;
+        spinner.finish_and_clear();
+        for (name, bytes) in &made.files {
+            storage::save_bytes(&partial.folder().join(name), bytes)?;
+        }
+        partial.finish(earlier)?;
+        warn(&made.fitted.warnings, common);
+        report(&field_text(&made.fitted, &self.out), &made.fitted, common)
     }
 
     fn options(&self, seed: u64) -> Result<FitOptions> {

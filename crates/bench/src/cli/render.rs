@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::render::RendererSpec;
 use microsig_core::render::expected::DEFAULT_TOLERANCE;
 use microsig_core::render::waves::{Emission, Lens, WaveOptics};
+use microsig_core::render::{RenderMethod, RendererSpec};
 use microsig_core::sensor::{ImageFormat, NoiseRounding};
 
 use super::Common;
@@ -109,16 +109,17 @@ impl Render {
             return only("--tolerance", tolerance.to_string(), "--mode expected and --mode waves take");
         }
         let (spheroids, tolerance) = (self.spheroids, self.tolerance.unwrap_or(DEFAULT_TOLERANCE));
-        Ok(match self.mode {
-            RenderMode::Rays => RendererSpec::Rays { spheroids },
-            RenderMode::Expected => RendererSpec::Expected { spheroids, tolerance },
+        let method = match self.mode {
+            RenderMode::Rays => RenderMethod::Rays { spheroids },
+            RenderMode::Expected => RenderMethod::Expected { spheroids, tolerance },
             RenderMode::Waves => {
                 let mut optics = WaveOptics::new(self.wavelength.unwrap_or_default());
                 optics.bandwidth_um = self.bandwidth.unwrap_or_default();
                 optics.emission = self.emission.unwrap_or_default();
                 optics.lens = self.lens.unwrap_or_default();
-                RendererSpec::Waves { optics, tolerance }
+                RenderMethod::Waves { optics, tolerance }
             }
-        })
+        };
+        Ok(method.into())
     }
 }

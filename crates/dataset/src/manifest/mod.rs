@@ -13,6 +13,7 @@ use std::path::Path;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
+use microsig_core::optics::FieldOptics;
 use microsig_core::render::WaveOptics;
 use microsig_core::render::waves::{Cylinder, Emission, Layers, Lens, PupilFunction};
 use microsig_core::sensor::ImageFormat;
@@ -289,6 +290,13 @@ pub struct WaveFacts {
     /// A cylindrical lens before the camera; left out if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cylinder: Option<Cylinder>,
+    /// Standard deviation of the blur by detector and relay optics, in the particles' space, um; left out if it
+    /// is 0.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub blur_um: f64,
+    /// How the optics vary over the field as in the scenario; left out if they do not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub field: Option<FieldOptics>,
     /// Largest error of an image as a fraction of its peak.
     pub tolerance: f64,
     /// Least and greatest share over depth of the light accepted by the aperture that images of the mean
@@ -314,6 +322,8 @@ impl WaveFacts {
             cyl_angle_deg: self.cyl_angle_deg,
             cylinder: self.cylinder,
             layers: self.layers,
+            blur_um: self.blur_um,
+            field: self.field.unwrap_or_default(),
         }
     }
 }

@@ -180,6 +180,8 @@ pub(crate) fn waves(scenario: &Scenario, image: &ParticleImage) -> Option<WaveFa
         layers: written.layers,
         cyl_angle_deg: optics.cyl_angle_deg,
         cylinder: optics.cylinder,
+        blur_um: optics.blur_um,
+        field: written.field,
         tolerance,
         drawn_share: image.drawn_share,
     })

@@ -10,12 +10,14 @@
 //! particle's center has (e1, e2, e3) = (dz, -dx, -dy).
 
 mod cylinder;
+mod field;
 mod meridional;
 mod objective;
 mod refraction;
 mod useful_aperture;
 
 pub use cylinder::CylindricalLens;
+pub use field::{ChiefRay, FieldAstigmatism, FieldComa, FieldOptics, FocusSurface, LocalOptics, Vignetting};
 pub use objective::Objective;
 pub use refraction::refract;
 pub use useful_aperture::useful_radius;

@@ -7,6 +7,7 @@
 
 use std::fmt::Debug;
 
+use super::field_nodes::FieldNodes;
 use super::spline;
 use crate::bspline;
 
@@ -36,10 +37,12 @@ pub struct DepthTable<L> {
     pub(super) planes: usize,
     /// Particle radii at the interpolation nodes, um.
     pub(super) radii: Vec<f64>,
+    /// Places in the field of view at which images are computed.
+    pub(super) field: FieldNodes,
     pub(super) layout: L,
     /// Half width and half height of the images, px, by plane.
     pub(super) reach_px: Vec<[f64; 2]>,
-    /// Coefficients by radius, then by plane.
+    /// Coefficients by place in the field, then by radius, then by plane.
     pub(super) coefficients: Vec<f32>,
     /// Estimated error, relative to the peak.
     pub(super) error: f64,
@@ -74,31 +77,38 @@ impl<L: PlaneLayout> DepthTable<L> {
         (first, steps - first as f64)
     }
 
-    /// The planes around a depth and a radius (um): four for each interpolation radius.
+    /// The planes around a depth and a radius (um): four for each interpolation radius and each place in the
+    /// field around a position (px).
     pub(super) fn planes_around(
         &self,
         z_um: f64,
         radius_um: f64,
+        at_px: [f64; 2],
     ) -> impl Iterator<Item = [WeightedPlane<'_>; 4]> {
         let length = self.layout.length();
         let (first, place) = self.first(z_um);
         let (weights, slopes) = bspline::cubic(place);
         let sizes = spline::lagrange(&self.radii, radius_um);
-        sizes.into_iter().enumerate().map(move |(size, (of_size, _))| {
+        let places = self.field.weights(at_px);
+        let images = places.into_iter().flat_map(move |of_place| {
+            let of_size = sizes.iter().map(|(of_size, _)| of_place * of_size);
+            of_size.collect::<Vec<f64>>()
+        });
+        images.enumerate().map(move |(image, of_image)| {
             std::array::from_fn(|i| WeightedPlane {
-                weight: of_size * weights[i],
-                by_z: of_size * slopes[i] / self.step_um,
-                coefficients: &self.coefficients[(size * self.planes + first + i) * length..][..length],
+                weight: of_image * weights[i],
+                by_z: of_image * slopes[i] / self.step_um,
+                coefficients: &self.coefficients[(image * self.planes + first + i) * length..][..length],
             })
         })
     }
 
-    /// The image at a depth and a radius (um) within the range of the table, in f64: for fits and error
-    /// bounds.
-    pub(super) fn plane_at(&self, z_um: f64, radius_um: f64) -> InterpolatedPlane {
+    /// The image at a depth and a radius (um) within the range of the table and at a position (px), in f64:
+    /// for fits and error bounds.
+    pub(super) fn plane_at(&self, z_um: f64, radius_um: f64, at_px: [f64; 2]) -> InterpolatedPlane {
         let length = self.layout.length();
         let (mut value, mut by_z) = (vec![0.0; length], vec![0.0; length]);
-        for plane in self.planes_around(z_um, radius_um).flatten() {
+        for plane in self.planes_around(z_um, radius_um, at_px).flatten() {
             for ((v, d), &c) in value.iter_mut().zip(&mut by_z).zip(plane.coefficients) {
                 *v += plane.weight * f64::from(c);
                 *d += plane.by_z * f64::from(c);
@@ -128,7 +138,8 @@ impl<L: PlaneLayout> DepthTable<L> {
     /// Whether a table that was read holds together, with planes of `length` coefficients; `None`: no plane
     /// is so large.
     pub(super) fn holds(&self, length: Option<usize>) -> bool {
-        let all = || self.radii.len().checked_mul(self.planes)?.checked_mul(length?);
+        let images = self.field.count().checked_mul(self.radii.len());
+        let all = || images?.checked_mul(self.planes)?.checked_mul(length?);
         all() == Some(self.coefficients.len()) && self.reach_px.len() == self.planes && self.planes >= 4
     }
 }

@@ -31,6 +31,13 @@ pub struct SphereImage<'a, L> {
     pub(super) light: f64,
 }
 
+impl<L> SphereImage<'_, L> {
+    /// Its position, px.
+    pub(super) fn at_px(&self) -> [f64; 2] {
+        [self.x_px, self.y_px]
+    }
+}
+
 /// A rectangle of the image.
 pub struct ImageBand<'a> {
     /// Leftmost column and topmost row, px.

@@ -8,6 +8,8 @@
 mod depth_table;
 pub mod exact;
 pub mod expected;
+mod field;
+mod field_nodes;
 pub mod gaussian;
 mod gradient;
 mod image_sum;
@@ -32,7 +34,7 @@ pub use instructions::InstructionSet;
 pub use interface::{Description, ImageStreams, Render, Tables, Traits};
 pub use patch::{ExpectedPatch, Patch, Window};
 pub use rays::RayRenderer;
-pub use renderer::{Renderer, RendererSpec};
+pub use renderer::{RenderMethod, Renderer, RendererSpec};
 pub use store::{Context, TableStore};
 pub use tabled::TabledRenderer;
 pub use tables::TablesState;

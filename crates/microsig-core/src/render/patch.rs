@@ -37,6 +37,13 @@ impl Window {
         side(x_px, extent.0, sensor.0) && side(y_px, extent.1, sensor.1)
     }
 
+    /// The window with a margin, which may extend beyond the sensor.
+    pub(super) fn grown(self, margin: usize) -> Window {
+        let Window { x0, y0, width, height } = self;
+        let by = margin as i64;
+        Window { x0: x0 - by, y0: y0 - by, width: width + 2 * margin, height: height + 2 * margin }
+    }
+
     /// The smallest window that contains both.
     pub(super) fn joined(self, other: Window) -> Window {
         if self.area() == 0 {

@@ -228,7 +228,7 @@ pub(super) fn filtered(five: &[Vec<f64>]) -> Vec<f64> {
 }
 
 /// The weighted sum of planes.
-fn blend<'a>(planes: impl Iterator<Item = (f64, &'a Vec<f64>)>) -> Vec<f64> {
+pub(super) fn blend<'a>(planes: impl Iterator<Item = (f64, &'a Vec<f64>)>) -> Vec<f64> {
     let mut sum = Vec::new();
     for (weight, plane) in planes {
         sum.resize(plane.len(), 0.0);

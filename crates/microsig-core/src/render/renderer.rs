@@ -1,11 +1,12 @@
 //! Selection of a renderer; no other module distinguishes between them.
 //!
-//! To add a renderer, implement [`Render`] in a file of its own and add a variant to [`RendererSpec`].
+//! To add a renderer, implement [`Render`] in a file of its own and add a variant to [`RenderMethod`].
 
 use std::ops::Deref;
 use std::sync::Arc;
 
 use super::expected::ExpectedRenderer;
+use super::field::FieldRenderer;
 use super::gaussian::{GaussianRenderer, GaussianSpot};
 use super::interface::{Render, Tables};
 use super::rays::RayRenderer;
@@ -13,12 +14,13 @@ use super::store::Context;
 use super::waves::{WaveOptics, WavesRenderer};
 use crate::emission::SpheroidLaw;
 use crate::error::Error;
+use crate::optics::FieldOptics;
 use crate::particle::Particle;
 use crate::settings::Settings;
 
-/// A renderer with its options, independent of the settings.
+/// How images are computed, with options that are independent of the settings.
 #[derive(Debug, Clone, PartialEq)]
-pub enum RendererSpec {
+pub enum RenderMethod {
     /// Counts of discrete rays, the paper's method.
     Rays {
         /// Which points of a spheroid shine.
@@ -42,65 +44,127 @@ pub enum RendererSpec {
     Gaussian(GaussianSpot),
 }
 
+/// A renderer with its options, independent of the settings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RendererSpec {
+    method: RenderMethod,
+    blur_um: f64,
+    field: FieldOptics,
+}
+
+impl From<RenderMethod> for RendererSpec {
+    /// With the blur and the field of wave optics, without any for other methods.
+    fn from(method: RenderMethod) -> Self {
+        let (blur_um, field) = match &method {
+            RenderMethod::Waves { optics, .. } => (optics.blur_um, optics.field),
+            _ => (0.0, FieldOptics::default()),
+        };
+        RendererSpec { method, blur_um, field }
+    }
+}
+
 impl RendererSpec {
+    /// The same with a blur by detector and relay optics (standard deviation in the particles' space, um),
+    /// and optics that vary over the field.
+    pub fn through(self, blur_um: f64, field: FieldOptics) -> RendererSpec {
+        let method = match self.method {
+            RenderMethod::Waves { optics, tolerance } => {
+                RenderMethod::Waves { optics: WaveOptics { blur_um, field, ..optics }, tolerance }
+            }
+            other => other,
+        };
+        RendererSpec { method, blur_um, field }
+    }
+
+    /// How images are computed.
+    pub fn method(&self) -> &RenderMethod {
+        &self.method
+    }
+
+    /// How the optics vary over the field of view.
+    pub fn field(&self) -> &FieldOptics {
+        &self.field
+    }
+
+    /// Standard deviation of the blur by detector and relay optics, in the particles' space, um.
+    pub fn blur_um(&self) -> f64 {
+        self.blur_um
+    }
+
     /// The renderer for these settings; `context` is what it works with.
     ///
     /// # Errors
     /// [`Error::Malformed`] if a setting or option is out of range, [`Error::Unsupported`] if the renderer
     /// cannot draw with these settings.
     pub fn build(self, settings: &Settings, context: &Context) -> Result<Renderer, Error> {
-        Ok(match self {
-            RendererSpec::Rays { spheroids } => RayRenderer::new(settings, spheroids)?.into(),
-            RendererSpec::Expected { spheroids, tolerance } => {
+        let RendererSpec { method, blur_um, field } = self;
+        field.validate(settings)?;
+        if !(0.0..=1e3).contains(&blur_um) {
+            return Err(Error::Unsupported(format!("blur_um = {blur_um}: expected 0 to 1000 um")));
+        }
+        let blurs = matches!(method, RenderMethod::Waves { .. });
+        if field.has_aberrations() && !blurs {
+            return Err(Error::Unsupported(
+                "coma, astigmatism and vignetting of optics.field need wave optics (mode: waves)".to_owned(),
+            ));
+        }
+        let renderer: Renderer = match method {
+            RenderMethod::Rays { spheroids } => RayRenderer::new(settings, spheroids)?.into(),
+            RenderMethod::Expected { spheroids, tolerance } => {
                 ExpectedRenderer::new(settings, spheroids, tolerance)?.within(context).into()
             }
-            RendererSpec::Waves { optics, tolerance } => {
+            RenderMethod::Waves { optics, tolerance } => {
                 WavesRenderer::new(settings, &optics, tolerance)?.within(context).into()
             }
-            RendererSpec::Gaussian(spot) => GaussianRenderer::new(settings, spot)?.into(),
-        })
+            RenderMethod::Gaussian(spot) => GaussianRenderer::new(settings, spot)?.into(),
+        };
+        let blur_um = if blurs { 0.0 } else { blur_um };
+        if field.is_uniform() && blur_um == 0.0 {
+            return Ok(renderer);
+        }
+        Ok(FieldRenderer::new(renderer, field, blur_um).into())
     }
 
     /// Light and optics of images by wave optics; `None` for other renderers.
     pub fn wave_optics(&self) -> Option<&WaveOptics> {
-        match self {
-            RendererSpec::Waves { optics, .. } => Some(optics),
+        match &self.method {
+            RenderMethod::Waves { optics, .. } => Some(optics),
             _ => None,
         }
     }
 
     /// The parameters of Gaussian spots; `None` for renderers of an optical model.
     pub fn spot(&self) -> Option<GaussianSpot> {
-        match self {
-            RendererSpec::Gaussian(spot) => Some(*spot),
+        match &self.method {
+            RenderMethod::Gaussian(spot) => Some(*spot),
             _ => None,
         }
     }
 
     /// Which points of a spheroid shine; all, where there is no choice.
     pub fn spheroid_law(&self) -> SpheroidLaw {
-        match self {
-            RendererSpec::Rays { spheroids } | RendererSpec::Expected { spheroids, .. } => *spheroids,
-            RendererSpec::Waves { .. } | RendererSpec::Gaussian(_) => SpheroidLaw::Uniform,
+        match &self.method {
+            RenderMethod::Rays { spheroids } | RenderMethod::Expected { spheroids, .. } => *spheroids,
+            RenderMethod::Waves { .. } | RenderMethod::Gaussian(_) => SpheroidLaw::Uniform,
         }
     }
 
     /// The error of images relative to their peaks, where it is a choice.
     pub fn tolerance(&self) -> Option<f64> {
-        match self {
-            RendererSpec::Expected { tolerance, .. } | RendererSpec::Waves { tolerance, .. } => {
+        match &self.method {
+            RenderMethod::Expected { tolerance, .. } | RenderMethod::Waves { tolerance, .. } => {
                 Some(*tolerance)
             }
-            RendererSpec::Rays { .. } | RendererSpec::Gaussian(_) => None,
+            RenderMethod::Rays { .. } | RenderMethod::Gaussian(_) => None,
         }
     }
 
     /// The renderer of noise-free images of spheres with derivatives that comes nearest to this one.
     pub fn with_derivatives(self, tolerance: f64) -> RendererSpec {
-        match self {
-            RendererSpec::Waves { optics, .. } => RendererSpec::Waves { optics, tolerance },
-            _ => RendererSpec::Expected { spheroids: SpheroidLaw::Original, tolerance },
-        }
+        self.with(|method| match method {
+            RenderMethod::Waves { optics, .. } => RenderMethod::Waves { optics, tolerance },
+            _ => RenderMethod::Expected { spheroids: SpheroidLaw::Original, tolerance },
+        })
     }
 
     /// What the numerical aperture must stay below: 1, or the refractive index of the immersion.
@@ -111,19 +175,23 @@ impl RendererSpec {
     /// The renderer of the same images without ray noise: for rays the limit of infinitely many, with this
     /// tolerance.
     pub fn without_ray_noise(self, tolerance: f64) -> RendererSpec {
-        match self {
-            RendererSpec::Rays { spheroids } => RendererSpec::Expected { spheroids, tolerance },
+        self.with(|method| match method {
+            RenderMethod::Rays { spheroids } => RenderMethod::Expected { spheroids, tolerance },
             other => other,
-        }
+        })
     }
 
     /// The renderer used for single particles at many depths, where building tables of expected images would
     /// cost more than averaging ray images.
     pub fn for_depth_scans(self) -> RendererSpec {
-        match self {
-            RendererSpec::Expected { spheroids, .. } => RendererSpec::Rays { spheroids },
+        self.with(|method| match method {
+            RenderMethod::Expected { spheroids, .. } => RenderMethod::Rays { spheroids },
             other => other,
-        }
+        })
+    }
+
+    fn with(self, change: impl FnOnce(RenderMethod) -> RenderMethod) -> RendererSpec {
+        RendererSpec { method: change(self.method), ..self }
     }
 }
 

@@ -101,6 +101,12 @@ pub trait ImageModel: Debug + Send + Sync {
         vec![0.0; window.area()]
     }
 
+    /// The factor between depths in tables and those of a particle.
+    fn depth_scale(&self, particle: &Particle) -> f64 {
+        let _ = particle;
+        1.0
+    }
+
     /// The ranges of depth and size of one table.
     fn ranges(&self) -> &TableRanges;
 
@@ -435,8 +441,12 @@ impl<M: ImageModel> Render for TabledRenderer<M> {
         };
         let table = self.tables_of(&sources).remove(0);
         let window = window.unwrap_or_else(|| self.table_window(&sources[0], &table));
-        let plane = table.plane_at(at.z_um, 0.5 * at.d_um);
-        let pixel = |dx: f64, dy: f64| table.layout.at(&plane, dx, dy);
+        let plane = table.plane_at(at.z_um, 0.5 * at.d_um, [at.x_px, at.y_px]);
+        let scale = self.model.depth_scale(particle);
+        let pixel = |dx: f64, dy: f64| {
+            let [value, by_x, by_y, by_z] = table.layout.at(&plane, dx, dy);
+            [value, by_x, by_y, scale * by_z]
+        };
         (window.area() > 0).then(|| Gradient::new(window, &at, light, pixel))
     }
 }

@@ -13,7 +13,7 @@
 //! of v on theta are neglected.
 
 use microsig_core::emission::SpheroidLaw;
-use microsig_core::render::{Renderer, RendererSpec};
+use microsig_core::render::{RenderMethod, Renderer, RendererSpec};
 use microsig_core::sensor::Response;
 use microsig_core::{Particle, Settings};
 use rayon::prelude::*;
@@ -185,7 +185,7 @@ fn of_spot(spot: spec::Gaussian, noise: &Noise, d_um: f64) -> Option<[f64; 2]> {
 /// Settings or a particle that cannot be rendered.
 pub fn of_particle(settings: &Settings, d_um: f64, z_um: f64) -> Result<Option<[f64; 3]>> {
     bound(
-        &renderer_of(RendererSpec::Rays { spheroids: SpheroidLaw::Original }, settings)?,
+        &renderer_of(RenderMethod::Rays { spheroids: SpheroidLaw::Original }.into(), settings)?,
         &Noise::of_rays(settings),
         d_um,
         z_um,

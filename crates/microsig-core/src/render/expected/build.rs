@@ -16,6 +16,7 @@ use super::pixel_integral::AZIMUTHS;
 use super::radial_layout::{RadialLayout, round_spline};
 use crate::cancel::checkpoint;
 use crate::render::depth_table::PlaneLayout as _;
+use crate::render::field_nodes::FieldNodes;
 use crate::render::node_layout::NodeLayout;
 use crate::render::refinement::{PlaneDepths, RefinedPlanes, Refinement, TableSpan, filtered, peak};
 use crate::render::spline;
@@ -98,6 +99,7 @@ impl TableBuilder<'_> {
             step_um: depths.step_um(),
             planes,
             radii,
+            field: FieldNodes::one(),
             layout,
             reach_px: vec![reach_px; planes],
             coefficients,
@@ -198,7 +200,7 @@ impl TableBuilder<'_> {
         // Quadrants are computed on twice as many nodes already.
         let nodes = if let SampleNodes::Radial(_) = nodes { nodes.finer() } else { nodes };
         let truth = self.model.sample(z_um, radius_um, nodes, Fineness(1.5 * fine));
-        let plane = table.plane_at(z_um, radius_um);
+        let plane = table.plane_at(z_um, radius_um, [0.0; 2]);
         let ours: Vec<f64> =
             nodes.places(z_um).into_iter().map(|[x, y]| table.layout.at(&plane, x, y)[0]).collect();
         let error = deviation(&ours, &truth);

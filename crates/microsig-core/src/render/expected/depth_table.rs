@@ -3,6 +3,7 @@
 use super::radial_layout::RadialLayout;
 use crate::bspline;
 use crate::render::depth_table::{self, InterpolatedPlane};
+use crate::render::field_nodes::FieldNodes;
 use crate::render::node_layout::NodeLayout;
 use crate::render::store::{Reader, Writer};
 
@@ -87,7 +88,9 @@ impl depth_table::PlaneLayout for PlaneLayout {
             return None;
         }
         let (length, reach_px) = (layout.checked_length(), vec![[x, y]; planes]);
-        let table = DepthTable { start_um, step_um, planes, radii, layout, reach_px, coefficients, error };
+        let field = FieldNodes::one();
+        let table =
+            DepthTable { start_um, step_um, planes, radii, field, layout, reach_px, coefficients, error };
         (table.holds(length) && from.is_done()).then_some(table)
     }
 }

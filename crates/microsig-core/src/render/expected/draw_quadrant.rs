@@ -85,7 +85,9 @@ impl QuadrantInterpolator {
     ) {
         let of_rows = rows.start * layout.row()..rows.end * layout.row();
         self.nodes.resize(of_rows.len(), 0.0);
-        for (size, four) in sphere.table.planes_around(sphere.z_um, sphere.radius_um).enumerate() {
+        for (size, four) in
+            sphere.table.planes_around(sphere.z_um, sphere.radius_um, sphere.at_px()).enumerate()
+        {
             let weights: [f32; 4] = std::array::from_fn(|i| (four[i].weight * sphere.light) as f32);
             let a = &four[0].coefficients[of_rows.clone()];
             let b = &four[1].coefficients[of_rows.clone()];

@@ -95,7 +95,7 @@ impl RadialInterpolator {
         let (columns, length) = (rings.columns, rings.columns + 4);
         self.lines.clear();
         self.lines.resize(rings.orders * length, 0.0);
-        for four in sphere.table.planes_around(sphere.z_um, sphere.radius_um) {
+        for four in sphere.table.planes_around(sphere.z_um, sphere.radius_um, sphere.at_px()) {
             let w: [f32; 4] = std::array::from_fn(|i| (four[i].weight * sphere.light) as f32);
             for (order, line) in self.lines.chunks_exact_mut(length).enumerate() {
                 let of_order = order * columns..(order + 1) * columns;

@@ -8,11 +8,15 @@
 
 use rayon::prelude::*;
 
+use super::Waves;
 use super::layout::{Layout, Table};
 use super::model::{Exposure, Frame, Light, Model, Scope};
 use crate::render::depth_table::PlaneLayout;
+use crate::render::field_nodes::{self, FieldNodes};
 use crate::render::node_layout::NodeLayout;
-use crate::render::refinement::{AROUND, PlaneDepths, RefinedPlanes, Refinement, TableSpan, filtered, peak};
+use crate::render::refinement::{
+    AROUND, PlaneDepths, RefinedPlanes, Refinement, TableSpan, blend, filtered, peak,
+};
 
 /// Nodes per px of a plane that are tried, and the number used if none of these is sufficient.
 const DENSITIES: [usize; 5] = [1, 2, 3, 4, 6];
@@ -43,7 +47,16 @@ pub(super) struct Draft<'a> {
     pub(super) span: TableSpan,
     /// Maximum distance of pixels from a particle's image along x and y, px.
     pub(super) farthest_px: [f64; 2],
+    /// Images that depend on the place in the field; `model` is that of its center.
+    pub(super) field: Option<&'a Waves>,
 }
+
+/// The place where the error of the finished table is measured.
+const OF_ERROR: [f64; 2] = [0.71, -0.83];
+/// Error of the polynomial over the field, as a fraction of the tolerance.
+const OF_FIELD: f64 = 0.5;
+/// Places between the nodes where it is measured, in units of half the field from its center.
+const BETWEEN: [[f64; 2]; 5] = [[0.53, 0.31], [-0.86, 0.79], [0.18, -0.91], [-0.47, -0.62], [0.93, -0.36]];
 
 impl Draft<'_> {
     pub(super) fn table(&self) -> Table {
@@ -94,13 +107,22 @@ impl Draft<'_> {
     /// Extents (px) of images at both ends and in the middle of the depth range, computed up to the frame's
     /// edge.
     fn reaches(&self, frame: &Frame) -> Vec<[f64; 2]> {
-        let exposure = self.model.exposure(frame, 1);
         let TableSpan { start_um, length_um, .. } = self.span;
         let depths: Vec<f64> = (0..3).map(|i| start_um + 0.5 * length_um * f64::from(i)).collect();
-        let reach = |z_um: &f64| {
-            self.reach(&self.model.plane(&self.model.light(frame, *z_um, self.large()), &exposure), &exposure)
+        let reaches = |model: &Model, frame: &Frame| -> Vec<[f64; 2]> {
+            let exposure = model.exposure(frame, 1);
+            let plane = |z_um: &f64| model.plane(&model.light(frame, *z_um, self.large()), &exposure);
+            depths.par_iter().map(|z_um| self.reach(&plane(z_um), &exposure)).collect()
         };
-        depths.par_iter().map(reach).collect()
+        let corners = self.corners().into_iter().flat_map(|model| reaches(&model, &model.frame(frame.scope)));
+        reaches(self.model, frame).into_iter().chain(corners).collect()
+    }
+
+    /// The models of the corners of the field.
+    fn corners(&self) -> Vec<Model> {
+        let Some(waves) = self.field else { return Vec::new() };
+        let [right, below] = waves.size_px();
+        [[1.0, 1.0], [right, 1.0], [1.0, below], [right, below]].map(|at| waves.model_at(at, true)).into()
     }
 
     fn small(&self) -> f64 {
@@ -157,7 +179,12 @@ impl Draft<'_> {
     fn rims(&self) -> Vec<(f64, [f64; 2])> {
         let mut depths = vec![self.span.start_um, self.end_um()];
         depths.dedup();
-        depths.into_iter().map(|z_um| (z_um, self.model.rim_px(z_um, self.large()))).collect()
+        let corners = self.corners();
+        let rim = |z_um: f64| {
+            let rims = corners.iter().map(|model| model.rim_px(z_um, self.large()));
+            rims.fold(self.model.rim_px(z_um, self.large()), |a, b| [a[0].max(b[0]), a[1].max(b[1])])
+        };
+        depths.into_iter().map(|z_um| (z_um, rim(z_um))).collect()
     }
 
     fn limit(&self) -> [usize; 2] {
@@ -207,9 +234,68 @@ impl Draft<'_> {
         let refined = refinement.table(self.span, STEPS, Some(first), |z_um, radius_um| {
             model.plane(&model.light(frame, z_um, radius_um), &exposure)
         });
-        let mut table = self.assemble(refined, frame.scope.edge_px, &exposure);
-        table.error = self.error(&table);
+        let (field, refined, of_field) = self.over_field(refined, frame, &exposure);
+        let mut table = self.assemble(refined, field, frame.scope.edge_px, &exposure);
+        table.error = self.error(&table).max(of_field);
         table
+    }
+
+    /// The planes at all nodes of the field, and the error of the polynomial through them.
+    fn over_field(
+        &self,
+        refined: RefinedPlanes,
+        frame: &Frame,
+        exposure: &Exposure,
+    ) -> (FieldNodes, RefinedPlanes, f64) {
+        let Some(waves) = self.field else { return (FieldNodes::one(), refined, 0.0) };
+        let planes_at = |at_px: [f64; 2], images: &[(f64, f64)]| -> Vec<Vec<f64>> {
+            let model = Model { share: self.model.share, ..waves.model_at(at_px, true) };
+            let scale = waves.depth_scale(at_px);
+            let Scope { from_um, to_um, .. } = frame.scope;
+            let frame = model.frame(Scope { from_um: from_um / scale, to_um: to_um / scale, ..frame.scope });
+            let exposure = model.exposure(&frame, exposure.layout.per_px);
+            let plane = |&(z_um, radius_um): &(f64, f64)| {
+                model.plane(&model.light(&frame, z_um / scale, radius_um), &exposure)
+            };
+            images.par_iter().map(plane).collect()
+        };
+        // At both ends of the range.
+        let ends = [self.span.start_um, self.end_um()].map(|z_um| (z_um, self.small()));
+        let nodes_of = |degree: usize| FieldNodes::new(degree, waves.size_px());
+        let between: Vec<([f64; 2], Vec<Vec<f64>>)> = BETWEEN
+            .iter()
+            .map(|&at| nodes_of(1).in_px(at))
+            .map(|at_px| (at_px, planes_at(at_px, &ends)))
+            .collect();
+        let deviates = |nodes: &FieldNodes| {
+            let known: Vec<Vec<Vec<f64>>> =
+                nodes.places_px().into_iter().map(|at_px| planes_at(at_px, &ends)).collect();
+            let of_place = |(at_px, truth): &([f64; 2], Vec<Vec<f64>>)| {
+                let weights = nodes.weights(*at_px);
+                let of_end = |end: usize| {
+                    let planes = weights.iter().copied().zip(known.iter().map(|planes| &planes[end]));
+                    deviation(&blend(planes), &truth[end])
+                };
+                of_end(0).max(of_end(1))
+            };
+            between.iter().map(of_place).fold(0.0, f64::max)
+        };
+        let allowed = OF_FIELD * self.model.tolerance;
+        let mut nodes = nodes_of(1);
+        let mut error = deviates(&nodes);
+        for degree in 2..=field_nodes::MOST {
+            if error <= allowed {
+                break;
+            }
+            nodes = nodes_of(degree);
+            error = deviates(&nodes);
+        }
+        let depths = refined.depths;
+        let images: Vec<(f64, f64)> = (refined.radii.iter())
+            .flat_map(|radius| (0..depths.planes()).map(move |i| (depths.at(i as f64), *radius)))
+            .collect();
+        let planes = nodes.places_px().into_iter().flat_map(|at_px| planes_at(at_px, &images)).collect();
+        (nodes, RefinedPlanes { planes, ..refined }, error)
     }
 
     /// The exposure with the fewest nodes per px whose spline reproduces the light between them.
@@ -239,7 +325,13 @@ impl Draft<'_> {
     }
 
     /// Converts planes of all radii to splines, fades them out, and collects them in a table.
-    fn assemble(&self, refined: RefinedPlanes, edge_px: [usize; 2], exposure: &Exposure) -> Table {
+    fn assemble(
+        &self,
+        refined: RefinedPlanes,
+        field: FieldNodes,
+        edge_px: [usize; 2],
+        exposure: &Exposure,
+    ) -> Table {
         let RefinedPlanes { depths, radii, mut planes, .. } = refined;
         let layout = &exposure.layout;
         let steps = depths.steps;
@@ -254,7 +346,7 @@ impl Draft<'_> {
         for of_size in planes.chunks_mut(of_one) {
             of_size.iter_mut().zip(&reaches).for_each(|(plane, reach)| self.fade(plane, *reach, layout));
         }
-        let mut coefficients = vec![0.0f32; radii.len() * (steps + 3) * layout.length()];
+        let mut coefficients = vec![0.0f32; field.count() * radii.len() * (steps + 3) * layout.length()];
         let windows = planes.chunks(of_one).flat_map(|of_size| of_size.windows(5));
         for (five, out) in windows.zip(coefficients.chunks_exact_mut(layout.length())) {
             layout.store(&filtered(five), out, |value| value as f32);
@@ -264,6 +356,7 @@ impl Draft<'_> {
             step_um: depths.step_um(),
             planes: steps + 3,
             radii,
+            field,
             reach_px: reaches[AROUND - 1..][..steps + 3].to_vec(),
             layout: Layout { nodes: layout.clone(), edge_px },
             coefficients,
@@ -305,11 +398,18 @@ impl Draft<'_> {
     /// the peak.
     fn error(&self, table: &Table) -> f64 {
         let ((z_um, radius_um), edge_px) = (table.between_nodes(), table.layout.edge_px);
-        let finer = self.model.with_share(0.2 * self.model.share.min(SHARE * self.model.tolerance), 0.25);
+        let at_px = table.field.in_px(OF_ERROR);
+        let local = self.field.map(|waves| waves.model_at(at_px, true));
+        let table_um = z_um;
+        let z_um = z_um / self.field.map_or(1.0, |waves| waves.depth_scale(at_px));
+        let finer = local
+            .as_ref()
+            .unwrap_or(self.model)
+            .with_share(0.2 * self.model.share.min(SHARE * self.model.tolerance), 0.25);
         let frame = finer.frame(Scope { from_um: z_um, to_um: z_um, radius_um, edge_px, fineness: 1.3 });
         let [x, y] = edge_px.map(|edge| positions(edge, 2 * edge, frame.is_mirrored()));
         let truth = finer.probe(&finer.light(&frame, z_um, radius_um), &finer.probes(&frame, [&x, &y]));
-        let (layout, plane) = (&table.layout, table.plane_at(z_um, radius_um));
+        let (layout, plane) = (&table.layout, table.plane_at(table_um, radius_um, at_px));
         let ours = |i: usize| layout.at(&plane, x[i % x.len()], y[i / x.len()])[0];
         let differ = |(i, truth): (usize, &f64)| (ours(i) - truth).abs();
         let largest = truth.iter().enumerate().map(differ).fold(0.0, f64::max);

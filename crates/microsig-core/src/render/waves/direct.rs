@@ -1,11 +1,16 @@
 //! Images of single particles over a range of depths, computed without tables: for fits, which draw most
 //! images only once.
 
-use super::WavesRenderer;
 use super::model::{Exposure, Frame, Model, Scope};
+use super::{WaveOptics, WavesRenderer, obstacles};
+use crate::optics::{FieldComa, FieldOptics, LocalOptics};
 
 /// Step of the difference that is a derivative with respect to depth, in units of lambda / NA^2.
 const STEP_DEPTHS: f64 = 0.05;
+
+/// A field whose images are those of a pupil without symmetry.
+const SOMEWHERE: FieldOptics =
+    FieldOptics { coma: FieldComa { constant: (1.0, 0.0), per_mm: 0.0 }, ..FieldOptics::UNIFORM };
 
 /// Images of spheres of one diameter over a range of depths. All have the same transform kernels.
 #[derive(Debug)]
@@ -26,6 +31,22 @@ impl WavesRenderer {
         self.single_images_of(model, [from_um, to_um], d_um, edge_px)
     }
 
+    /// The same at a place of the field with these optics. Depths are distances from the surface in focus.
+    pub fn single_images_at(
+        &self,
+        local: &LocalOptics,
+        depths_um: [f64; 2],
+        d_um: f64,
+        edge_px: [usize; 2],
+    ) -> SingleImages {
+        let waves = &self.model;
+        let model = waves.model.with_share(waves.model.share, 1.0);
+        // As if it were somewhere in a field with aberrations.
+        let optics = WaveOptics { field: SOMEWHERE, ..waves.optics.clone() };
+        let obstacles = obstacles(&optics, model.pupil.has_cylinder(), local, [0.0; 2]);
+        self.single_images_of(Model { obstacles, ..model }, depths_um, d_um, edge_px)
+    }
+
     fn single_images_of(
         &self,
         model: Model,
@@ -38,8 +59,7 @@ impl WavesRenderer {
         let radius_um = 0.5 * d_um;
         let (from_um, to_um) = (from_um - step_um, to_um + step_um);
         let frame = model.frame(Scope { from_um, to_um, radius_um, edge_px, fineness: 1.0 });
-        let limits = model.band_limits(model.pupil.aperture());
-        let exposure = model.exposure(&frame, libm::ceil(3.0 * limits[0].max(limits[1])).max(2.0) as usize);
+        let exposure = model.exposure(&frame, libm::ceil(3.0 * model.sharpest()).max(2.0) as usize);
         SingleImages { model, frame, exposure, radius_um, step_um }
     }
 
@@ -65,6 +85,12 @@ impl SingleImages {
     pub fn shares(&self, z_um: f64, places: &[[f64; 2]]) -> Vec<f64> {
         let plane = self.plane(z_um);
         places.iter().map(|&place| self.exposure.evaluate(&plane, place)[0]).collect()
+    }
+
+    /// The same with the derivatives with respect to the position of the pixel: value, d/dx, d/dy (1/px).
+    pub fn share_slopes(&self, z_um: f64, places: &[[f64; 2]]) -> Vec<[f64; 3]> {
+        let plane = self.plane(z_um);
+        places.iter().map(|&place| self.exposure.evaluate(&plane, place)).collect()
     }
 
     /// The same with the derivatives with respect to the position of the pixel (1/px) and the depth of the

@@ -121,9 +121,10 @@ impl Pen {
             node.rem_euclid(per_px as isize) as usize * length + place
         });
         let masked = columns - LANES;
-        let planes: Vec<[(f32, &[f32]); 4]> = (sphere.table.planes_around(sphere.z_um, sphere.radius_um))
-            .map(|four| four.map(|plane| ((plane.weight * sphere.light) as f32, plane.coefficients)))
-            .collect();
+        let planes: Vec<[(f32, &[f32]); 4]> =
+            (sphere.table.planes_around(sphere.z_um, sphere.radius_um, sphere.at_px()))
+                .map(|four| four.map(|plane| ((plane.weight * sphere.light) as f32, plane.coefficients)))
+                .collect();
         for (row, values) in rows.clone().zip(values.chunks_exact_mut(columns)) {
             blend(&planes, row * layout.row(), layout.run, run, nodes);
             for (phase, nodes) in nodes.chunks_exact(run).enumerate() {

@@ -33,6 +33,8 @@ pub(super) struct Obstacles {
     pub(super) aberration: Aberration,
     /// Azimuth of the direction in which the cylindrical lens has power, rad.
     pub(super) turn: f64,
+    /// The symmetric matrix by which vignetting narrows the pupil, along x and y.
+    pub(super) squeeze: [[f64; 2]; 2],
 }
 
 /// One quadrature point of a disc.
@@ -116,6 +118,42 @@ impl General {
 
     /// Light per um^2 at all points of the image, row by row, of these modes at the wave number `k` (1/um).
     pub(super) fn light(&self, modes: &Modes, k: f64, instructions: InstructionSet) -> Vec<f64> {
+        let mut light = vec![0.0; (2 * self.half[1] - 1) * self.columns()];
+        self.each(modes, k, instructions, |mode, real, imaginary| {
+            let count = modes.modes[mode].count();
+            for ((light, re), im) in light.iter_mut().zip(real).zip(imaginary) {
+                let (re, im) = (f64::from(*re), f64::from(*im));
+                *light += count * (re * re + im * im);
+            }
+        });
+        light
+    }
+
+    /// The light of each mode, without the padding of rows.
+    pub(super) fn lights(&self, modes: &Modes, k: f64, instructions: InstructionSet) -> Vec<Vec<f64>> {
+        let columns = 2 * self.half[0] - 1;
+        let mut lights = Vec::with_capacity(modes.modes.len());
+        self.each(modes, k, instructions, |_, real, imaginary| {
+            let rows = real.chunks_exact(self.columns()).zip(imaginary.chunks_exact(self.columns()));
+            let row = |(re, im): (&[f32], &[f32])| {
+                let light = |(re, im): (&f32, &f32)| {
+                    f64::from(*re) * f64::from(*re) + f64::from(*im) * f64::from(*im)
+                };
+                re[..columns].iter().zip(im).map(light).collect::<Vec<f64>>()
+            };
+            lights.push(rows.flat_map(row).collect());
+        });
+        lights
+    }
+
+    /// Calls `with` for the amplitude of each mode (real and imaginary parts), in their order.
+    fn each(
+        &self,
+        modes: &Modes,
+        k: f64,
+        instructions: InstructionSet,
+        mut with: impl FnMut(usize, &[f32], &[f32]),
+    ) {
         let images: Vec<(usize, bool)> = modes
             .modes
             .iter()
@@ -125,7 +163,6 @@ impl General {
         let transformed: Vec<_> =
             self.discs.iter().map(|disc| disc.across(self, modes, &images, k, instructions)).collect();
         let (wide, rows) = (self.columns(), 2 * self.half[1] - 1);
-        let mut light = vec![0.0; rows * wide];
         let mut field = vec![0.0f32; 2 * rows * wide];
         let mut halves = [(); 2].map(|()| vec![0.0f32; self.half[1] * 2 * wide]);
         for (image, &(mode, _)) in images.iter().enumerate() {
@@ -133,14 +170,9 @@ impl General {
             for (disc, across) in self.discs.iter().zip(&transformed) {
                 disc.down(self, across, image, instructions, &mut halves, &mut field);
             }
-            let count = modes.modes[mode].count();
             let (real, imaginary) = field.split_at(rows * wide);
-            for ((light, re), im) in light.iter_mut().zip(real).zip(imaginary) {
-                let (re, im) = (f64::from(*re), f64::from(*im));
-                *light += count * (re * re + im * im);
-            }
+            with(mode, real, imaginary);
         }
-        light
     }
 }
 
@@ -171,13 +203,23 @@ impl Setup<'_> {
         // Phases per um of image along X and Y are scalar products of sigma with these vectors, in the frame
         // of the cylindrical lens.
         let (of_x, of_y) = ([cos_turn / bx, -sin_turn / by], [sin_turn / bx, cos_turn / by]);
-        let length = libm::hypot(of_y[0], of_y[1]);
-        // Unit vectors across rows and along them.
-        let down = of_y.map(|v| v / length);
-        let along = [down[1], -down[0]];
         let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];
         let turned = |x: f64, y: f64| [x * cos_turn + y * sin_turn, y * cos_turn - x * sin_turn];
-        let center = turned(disc.x * whole, disc.y * whole);
+        let back = |x: f64, y: f64| [x * cos_turn - y * sin_turn, y * cos_turn + x * sin_turn];
+        let squeeze = self.obstacles.squeeze;
+        // In the frame of the cylindrical lens.
+        let squeezed = |v: [f64; 2]| {
+            let v = back(v[0], v[1]);
+            turned(dot(squeeze[0], v), dot(squeeze[1], v))
+        };
+        // Across rows and along them: conjugate radii of the squeezed disc, the second of constant phase with
+        // respect to Y.
+        let across = squeezed(of_y);
+        let length = libm::hypot(across[0], across[1]);
+        let across = across.map(|v| v / length);
+        let (down, along) = (squeezed(across), squeezed([across[1], -across[0]]));
+        let determinant = squeeze[0][0] * squeeze[1][1] - squeeze[0][1] * squeeze[1][0];
+        let center = squeezed(turned(disc.x * whole, disc.y * whole));
         let centered = disc.x == 0.0 && disc.y == 0.0;
         // A centered disc is limited to the part of the pupil that is used.
         let radius = if centered { (disc.r * whole).min(pupil.sigma(self.end)) } else { disc.r * whole };
@@ -192,7 +234,7 @@ impl Setup<'_> {
         for (row, (t, of_t)) in t.iter().zip(&of_t).enumerate() {
             let (sine_t, cosine_t) = libm::sincos(*t);
             for (across, (u, of_u)) in u.iter().zip(&of_u).enumerate() {
-                let area = sign * radius * radius * cosine_t * cosine_t * of_t * of_u;
+                let area = determinant * sign * radius * radius * cosine_t * cosine_t * of_t * of_u;
                 nodes.push([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(st, su)| {
                     let (v, w) = (radius * st * sine_t, radius * su * cosine_t * u);
                     let place =

@@ -3,6 +3,7 @@
 
 use crate::bspline;
 use crate::render::depth_table::{DepthTable, InterpolatedPlane, PlaneLayout};
+use crate::render::field_nodes::FieldNodes;
 use crate::render::node_layout::NodeLayout;
 use crate::render::store::{Reader, Writer};
 
@@ -34,6 +35,9 @@ impl PlaneLayout for Layout {
             table.layout;
         let mut out = Writer::default();
         [table.start_um, table.step_um, table.error].into_iter().for_each(|value| out.number(value));
+        let (degree, size_px) = table.field.parts();
+        out.whole(degree);
+        size_px.into_iter().for_each(|size| out.number(size));
         let nodes = [table.planes, per_px, columns, rows, usize::from(mirrored)];
         nodes.into_iter().chain(origin).chain(edge_px).for_each(|value| out.whole(value));
         out.numbers(&table.radii);
@@ -45,6 +49,7 @@ impl PlaneLayout for Layout {
     fn read(bytes: &[u8]) -> Option<Table> {
         let mut from = Reader(bytes);
         let [start_um, step_um, error] = [from.number()?, from.number()?, from.number()?];
+        let field = FieldNodes::from_parts((from.whole()?, [from.number()?, from.number()?]))?;
         let [planes, per_px, columns, rows, mirrored] =
             [from.whole()?, from.whole()?, from.whole()?, from.whole()?, from.whole()?];
         let [origin, edge_px] = [[from.whole()?, from.whole()?], [from.whole()?, from.whole()?]];
@@ -56,7 +61,7 @@ impl PlaneLayout for Layout {
         let (radii, reach) = (from.numbers()?, from.numbers()?);
         let reach_px = reach.as_chunks::<2>().0.to_vec();
         let (length, coefficients) = (layout.length(), from.singles()?);
-        let table = Table { start_um, step_um, planes, radii, layout, reach_px, coefficients, error };
+        let table = Table { start_um, step_um, planes, radii, field, layout, reach_px, coefficients, error };
         (table.holds(Some(length)) && table.layout.nodes.origin == origin && from.is_done()).then_some(table)
     }
 }

@@ -31,6 +31,7 @@ mod pixel;
 mod pupil;
 mod quadrant;
 mod quadrature;
+mod slices;
 mod sources;
 mod spheroid;
 mod zernike;
@@ -43,6 +44,7 @@ use super::tabled::{self, ImageModel, Source, TabledRenderer};
 use super::tables::TableRanges;
 use crate::emission::{SpheroidLaw, emitted_rays};
 use crate::error::Error;
+use crate::optics::{FieldOptics, LocalOptics};
 use crate::particle::Particle;
 use crate::settings::Settings;
 use build::Draft;
@@ -125,7 +127,9 @@ impl WavesRenderer {
         };
         let rays =
             RayRenderer::new(&Settings { numerical_aperture, ..settings.clone() }, SpheroidLaw::Original)?;
-        let pupil = Pupil::new(settings, optics.lens, optics.layers).behind(optics.cylinder, settings);
+        let pupil = Pupil::new(settings, optics.lens, optics.layers)
+            .behind(optics.cylinder, settings)
+            .transmitting(optics.pupil.transmission);
         let [_, bx] = pupil.across();
         if bx == 0.0 {
             return Err(Error::Unsupported(format!(
@@ -134,7 +138,7 @@ impl WavesRenderer {
                 settings.cyl_focal_length
             )));
         }
-        let obstacles = obstacles(optics, pupil.has_cylinder());
+        let obstacles = obstacles(optics, pupil.has_cylinder(), &optics.field.at([0.0; 2]), [0.0; 2]);
         let inner_um = match optics.pupil.mask {
             Mask::Annulus { inner } => pupil.q(inner * pupil.radius()),
             Mask::Open | Mask::Pinholes(_) => 0.0,
@@ -144,6 +148,7 @@ impl WavesRenderer {
             emission: optics.emission,
             wavelength_um: optics.wavelength_um,
             bandwidth_um: optics.bandwidth_um,
+            blur_px: optics.blur_um * settings.magnification / settings.pixel_size,
             obstacles,
             inner_um,
             tolerance,
@@ -191,12 +196,68 @@ impl Waves {
     }
 
     fn draft(&self, span: TableSpan) -> Draft<'_> {
-        Draft { model: &self.model, span, farthest_px: self.farthest_px }
+        Draft {
+            model: &self.model,
+            span,
+            farthest_px: self.farthest_px,
+            field: self.optics.field.has_aberrations().then_some(self),
+        }
+    }
+
+    /// The model of images at a position in the image, px; `tilted`: displaced, as tables have them.
+    fn model_at(&self, [x_px, y_px]: [f64; 2], tilted: bool) -> Model {
+        let model = self.model.with_share(self.model.share, 1.0);
+        let place = FieldOptics::place(&self.settings, x_px, y_px);
+        let local = self.optics.field.at(place);
+        let tilt = if tilted { tilt(&local) } else { [0.0; 2] };
+        let cylinder = model.pupil.has_cylinder();
+        Model { obstacles: obstacles(&self.optics, cylinder, &local, tilt), ..model }
+    }
+
+    /// The factor between depths in tables and those of particles at a position in the image, px: where
+    /// vignetting narrows the pupil, images grow more slowly with depth.
+    fn depth_scale(&self, [x_px, y_px]: [f64; 2]) -> f64 {
+        let [[xx, _], [_, yy]] = self.optics.field.at(FieldOptics::place(&self.settings, x_px, y_px)).squeeze;
+        0.5 * (xx + yy)
+    }
+
+    /// Where the image of a sphere is found in tables over the field. Polynomials over the field need fewer
+    /// places if images neither move nor grow from place to place; coma moves them, vignetting makes them
+    /// smaller.
+    fn in_table(&self, at: Particle) -> Particle {
+        if !self.optics.field.has_aberrations() {
+            return at;
+        }
+        let local = self.optics.field.at(FieldOptics::place(&self.settings, at.x_px, at.y_px));
+        let pupil = &self.model.pupil;
+        let per_wave = 2.0 * self.optics.wavelength_um / (pupil.radius() * self.settings.pixel_size);
+        let [x, y] = tilt(&local).map(|waves| waves * per_wave);
+        let (sine, cosine) = libm::sincos(self.optics.cyl_angle_deg.to_radians());
+        let [_, bx] = pupil.across();
+        let (u, v) = (bx * (x * cosine + y * sine), pupil.b() * (y * cosine - x * sine));
+        Particle {
+            x_px: at.x_px - (u * cosine - v * sine),
+            y_px: at.y_px - (u * sine + v * cosine),
+            z_um: at.z_um * self.depth_scale([at.x_px, at.y_px]),
+            ..at
+        }
+    }
+
+    /// Width and height of the field of view, px.
+    fn size_px(&self) -> [f64; 2] {
+        [self.settings.pixel_dim_x, self.settings.pixel_dim_y].map(f64::from)
     }
 }
 
-/// Mask, aberrations and rotated cylinder, if they break the pupil's mirror symmetries; `None` otherwise.
-fn obstacles(optics: &WaveOptics, cylinder: bool) -> Option<Obstacles> {
+/// Tilt (Noll's terms 2 and 3, waves rms) that keeps the rim of a defocused image in place under coma: its
+/// mean slope cancels that of coma, sqrt(8) (6 rho^2 - 2), at rho^2 = 0.8.
+fn tilt(local: &LocalOptics) -> [f64; 2] {
+    local.coma.map(|waves| -2.8 * std::f64::consts::SQRT_2 * waves)
+}
+
+/// Mask, aberrations, vignetting, tilt and rotated cylinder, if they break the pupil's mirror symmetries at a
+/// place of the field or elsewhere in it; `None` otherwise.
+fn obstacles(optics: &WaveOptics, cylinder: bool, local: &LocalOptics, tilt: [f64; 2]) -> Option<Obstacles> {
     let disc = |r: f64, open: bool| Disc { x: 0.0, y: 0.0, r, open };
     let discs = match &optics.pupil.mask {
         Mask::Open => vec![disc(1.0, true)],
@@ -206,13 +267,22 @@ fn obstacles(optics: &WaveOptics, cylinder: bool) -> Option<Obstacles> {
             holes.iter().map(|&Pinhole { x, y, r }| Disc { x, y, r, open: true }).collect()
         }
     };
-    let in_um = optics.pupil.zernike.iter().map(|&(j, waves)| (j, waves * optics.wavelength_um));
+    let of_field = [8, 7].into_iter().zip(local.coma).chain([6, 5].into_iter().zip(local.astigmatism));
+    let of_field = of_field.chain([2, 3].into_iter().zip(tilt));
+    let in_um = optics.pupil.zernike.iter().copied().chain(of_field);
+    let in_um = in_um.map(|(j, waves)| (j, waves * optics.wavelength_um));
     let aberration = Aberration::new(&in_um.collect::<Vec<_>>());
     let turn = optics.cyl_angle_deg.to_radians();
     let round_mask = !matches!(optics.pupil.mask, Mask::Pinholes(_));
     // The transform of a quadrant does not support an annulus.
-    let simple = round_mask && (discs.len() == 1 || !cylinder);
-    (!simple || turn != 0.0 || !aberration.is_none()).then_some(Obstacles { discs, aberration, turn })
+    let simple = round_mask && (discs.len() == 1 || !cylinder) && !optics.field.has_aberrations();
+    let squeeze = local.squeeze;
+    (!simple || turn != 0.0 || !aberration.is_none()).then_some(Obstacles {
+        discs,
+        aberration,
+        turn,
+        squeeze,
+    })
 }
 
 impl ImageModel for Waves {
@@ -322,14 +392,17 @@ impl ImageModel for Waves {
     fn sources(&self, particle: &Particle, factor: f64, out: &mut Vec<Source>) {
         let light = factor * emitted_rays(&self.settings, particle);
         match particle.elongated() {
-            None => out.push(Source { at: *particle, light, is_direct: false }),
-            Some(spheroid) => out.extend(self.emitters(particle, &spheroid, light)),
+            None => out.push(Source { at: self.in_table(*particle), light, is_direct: false }),
+            Some(spheroid) => {
+                let emitters = self.emitters(particle, &spheroid, light);
+                out.extend(emitters.map(|emitter| Source { at: self.in_table(emitter.at), ..emitter }));
+            }
         }
     }
 
     fn tabled(&self, particle: &Particle, out: &mut Vec<Particle>) {
         match particle.elongated() {
-            None => out.push(*particle),
+            None => out.push(self.in_table(*particle)),
             Some(spheroid) => out.extend(self.depths(particle, &spheroid)),
         }
     }
@@ -340,12 +413,25 @@ impl ImageModel for Waves {
         sources.sort_by(|a, b| smallest(a).cmp(&smallest(b)).then(a.at.z_um.total_cmp(&b.at.z_um)));
     }
 
+    fn depth_scale(&self, particle: &Particle) -> f64 {
+        Waves::depth_scale(self, [particle.x_px, particle.y_px])
+    }
+
     fn ranges(&self) -> &TableRanges {
         &self.ranges
     }
 
     fn parameters(&self) -> String {
-        self.model.parameters()
+        let field = &self.optics.field;
+        if !field.has_aberrations() {
+            return self.model.parameters();
+        }
+        format!(
+            "{} {field:?} {:?} {:?}",
+            self.model.parameters(),
+            self.settings.magnification,
+            self.size_px()
+        )
     }
 
     fn cut_parameters(&self) -> Option<String> {

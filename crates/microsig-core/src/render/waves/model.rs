@@ -9,6 +9,7 @@ use super::options::Emission;
 use super::pixel::{self, Axis};
 use super::pupil::{Pupil, Radii};
 use super::quadrant::Quadrant;
+use super::slices::{self, Convolution};
 use crate::bspline::{self, QUINTIC_TAPS as TAPS};
 use crate::cancel::checkpoint;
 use crate::render::instructions::InstructionSet;
@@ -23,6 +24,9 @@ const PER_PERIOD: f64 = 8.0;
 /// Grid points per period of the highest frequency: slightly more than two.
 const GRID_PER_PERIOD: f64 = 2.1;
 
+/// Standard deviations of blur by which images grow.
+const BLURS: f64 = 3.0;
+
 /// Parameters of images.
 #[derive(Debug)]
 pub(super) struct Model {
@@ -33,6 +37,8 @@ pub(super) struct Model {
     /// Center wavelength and width of the band (full width at half maximum), um.
     pub(super) wavelength_um: f64,
     pub(super) bandwidth_um: f64,
+    /// Standard deviation of the blur by detector and relay optics, px.
+    pub(super) blur_px: f64,
     /// Mask, aberrations and rotated cylinder, if they break the pupil's mirror symmetries.
     pub(super) obstacles: Option<Obstacles>,
     /// Radius in the lens plane inside which the pupil is closed, um.
@@ -70,6 +76,8 @@ pub(super) struct Frame {
     steps_px: [f64; 2],
     /// Whether the pupil is truncated inside the aperture.
     tapered: bool,
+    /// For a lens whose images do not depend on the distance from the axis: joins slices of particles.
+    convolution: Option<Convolution>,
 }
 
 /// Light on a frame's grid: one grid for a round pupil, otherwise one for each wavelength.
@@ -121,6 +129,7 @@ impl Model {
             emission,
             wavelength_um,
             bandwidth_um,
+            blur_px,
             obstacles,
             inner_um,
             tolerance,
@@ -128,7 +137,7 @@ impl Model {
             ..
         } = self;
         format!(
-            "{pupil:?} {pixel_um:?} {emission:?} {wavelength_um:?} {bandwidth_um:?} {obstacles:?} {inner_um:?} {tolerance:?} {share:?}"
+            "{pupil:?} {pixel_um:?} {emission:?} {wavelength_um:?} {bandwidth_um:?} {blur_px:?} {obstacles:?} {inner_um:?} {tolerance:?} {share:?}"
         )
     }
 
@@ -150,6 +159,19 @@ impl Model {
         // With a rotated cylinder, both limits apply to both axes.
         let turned = self.obstacles.as_ref().is_some_and(|obstacles| obstacles.turn != 0.0);
         if turned { [libm::hypot(limits[0], limits[1]); 2] } else { limits }
+    }
+
+    /// The part of a band, up to `limit` (1/px), that blur leaves. Frequencies beyond the rest may be aliases.
+    fn used(&self, limit: f64) -> f64 {
+        let end =
+            libm::sqrt(-2.0 * libm::log(1e-2 * self.tolerance)) / (2.0 * std::f64::consts::PI * self.blur_px);
+        (end / limit).min(1.0)
+    }
+
+    /// Largest frequency in images along x and y, 1/px.
+    pub(super) fn sharpest(&self) -> f64 {
+        let limits = self.band_limits(self.pupil.aperture());
+        limits.into_iter().map(|limit| limit * self.used(limit)).fold(0.0, f64::max)
     }
 
     /// Radius in the lens plane (um) at which the pupil ends for images of this scope, and whether that is
@@ -190,7 +212,8 @@ impl Model {
             far = [far[0].max(far[1]); 2];
         }
         let limits = self.band_limits(end);
-        let steps_px = limits.map(|limit| 1.0 / (GRID_PER_PERIOD * limit).max(1.0));
+        let steps_px =
+            limits.map(|limit| 1.0 / (GRID_PER_PERIOD.min(1.0 + 1.1 * self.used(limit)) * limit).max(1.0));
         let drawn = scope.edge_px.map(|edge| edge as f64 + MARGIN_PX);
         let orders = self.orders(scope.radius_um, &depths, end, shortest);
         let cycles =
@@ -213,9 +236,22 @@ impl Model {
                 orders,
                 self.instructions,
             );
-            return Frame { scope, engine: Engine::Round(hankel), lines, grid, steps_px, tapered };
+            return Frame {
+                scope,
+                engine: Engine::Round(hankel),
+                lines,
+                grid,
+                steps_px,
+                tapered,
+                convolution: None,
+            };
         }
-        let grid = [0, 1].map(|axis| libm::ceil(drawn[axis] / (steps_px[axis] * shrink)) as usize + 1);
+        let convolved = self.obstacles.is_some() && !self.pupil.has_coma();
+        let grid = [0, 1].map(|axis| {
+            let points = libm::ceil(drawn[axis] / (steps_px[axis] * shrink)) as usize + 1;
+            if convolved { slices::odd_and_smooth(2 * points - 1) / 2 + 1 } else { points }
+        });
+        let convolution = convolved.then(|| Convolution::new(grid.map(|points| 2 * points - 1)));
         let reach = [0, 1].map(|axis| grid[axis] as f64 * steps_px[axis] * self.pixel_um);
         let [along_x, along_y] =
             [(0, bx), (1, b)].map(|(axis, b): (usize, f64)| cycles(far[1 - axis], reach[axis], b));
@@ -225,10 +261,18 @@ impl Model {
         let steps_um = steps_px.map(|step| step * self.pixel_um);
         if let Some(obstacles) = &self.obstacles {
             let general = General::new(&self.pupil, self.k(), end, obstacles, counts, (grid, steps_um));
-            return Frame { scope, engine: Engine::General(general), lines, grid, steps_px, tapered };
+            return Frame {
+                scope,
+                engine: Engine::General(general),
+                lines,
+                grid,
+                steps_px,
+                tapered,
+                convolution,
+            };
         }
         let quadrant = Quadrant::new(&self.pupil, self.k(), end, counts, grid, steps_um);
-        Frame { scope, engine: Engine::Quadrant(quadrant), lines, grid, steps_px, tapered }
+        Frame { scope, engine: Engine::Quadrant(quadrant), lines, grid, steps_px, tapered, convolution }
     }
 
     /// The exposure of this frame's light on pixels, with `per_px` spline coefficients per px.
@@ -238,7 +282,7 @@ impl Model {
         let mirrored = frame.is_mirrored();
         let axes = self.axes(frame, side[0] == side[1], |axis, step_px| {
             let make = if mirrored { Axis::even } else { Axis::both };
-            make(frame.grid[axis], step_px, side[axis], per_px)
+            make(frame.grid[axis], step_px, self.blur_px, side[axis], per_px)
         });
         let nodes = if mirrored { side } else { side.map(|side| 2 * side - 1) };
         Exposure { axes, layout: NodeLayout::new(per_px, nodes, mirrored) }
@@ -248,7 +292,7 @@ impl Model {
     pub(super) fn probes(&self, frame: &Frame, places_px: [&[f64]; 2]) -> Probes {
         let axes = self.axes(frame, places_px[0] == places_px[1], |axis, step_px| {
             let make = if frame.is_mirrored() { Axis::even_at } else { Axis::both_at };
-            make(frame.grid[axis], step_px, places_px[axis])
+            make(frame.grid[axis], step_px, self.blur_px, places_px[axis])
         });
         Probes { axes }
     }
@@ -318,7 +362,8 @@ impl Model {
         let bead = radius_um * self.pupil.widest() / self.pupil.system.objective.object_distance_0;
         let [down, across] = self.pupil.farthest(z_um, self.pupil.aperture());
         let aberrated = self.aberrated_um();
-        [(across, aberrated[0]), (down, aberrated[1])].map(|(rim, more)| (rim + more + bead) / self.pixel_um)
+        [(across, aberrated[0]), (down, aberrated[1])]
+            .map(|(rim, more)| (rim + more + bead) / self.pixel_um + BLURS * self.blur_px)
     }
 
     /// The fraction of a sphere's light emitted into the half space that the aperture accepts.
@@ -390,7 +435,8 @@ impl Model {
         let stride = match &frame.engine {
             Engine::Round(_) => frame.grid[0],
             Engine::Quadrant(quadrant) => quadrant.columns(),
-            Engine::General(general) => general.columns(),
+            Engine::General(general) if frame.convolution.is_none() => general.columns(),
+            Engine::General(_) => 2 * frame.grid[0] - 1,
         };
         if !self.pupil.sees(z_um - radius_um) {
             // Behind the lens: such planes are only neighbors of those in use.
@@ -417,6 +463,9 @@ impl Model {
             }
             Engine::General(general) => {
                 let of_line = |line: &Line| {
+                    if let Some(convolution) = &frame.convolution {
+                        return self.by_slices(frame, general, convolution, (z_um, radius_um), line, useful);
+                    }
                     let modes = self.modes(&general.radii, &general.weights, z_um, radius_um, line, useful);
                     general.light(&modes, line.k(), self.instructions)
                 };
@@ -424,6 +473,40 @@ impl Model {
             }
         };
         Light { grids, stride }
+    }
+
+    /// The light of a sphere per um^2 on the grid, as the sum of its slices'.
+    fn by_slices(
+        &self,
+        frame: &Frame,
+        general: &General,
+        convolution: &Convolution,
+        (z_um, radius_um): (f64, f64),
+        line: &Line,
+        useful: Option<f64>,
+    ) -> Vec<f64> {
+        let end = useful.unwrap_or(self.pupil.aperture());
+        let phases = line.k() * radius_um * self.pupil.sagitta(end);
+        let slices = slices::slices(self.emission, radius_um, phases, self.tolerance);
+        let modes = self.bead(&general.radii, &general.weights, z_um, &[], line, useful).points(&slices);
+        let mut lights = general.lights(&modes, line.k(), self.instructions);
+        if radius_um == 0.0 {
+            return lights.remove(0);
+        }
+        // Cycles per um of the sensor along the axes of the cylindrical lens, and of the particle's space.
+        let scale = line.wavelength_um / self.wavelength_um * self.pixel_um;
+        let periods = [0, 1].map(|axis| (2 * frame.grid[axis] - 1) as f64 * frame.steps_px[axis] * scale);
+        let magnifications = self.pupil.magnifications();
+        let turn = self.obstacles.as_ref().map_or(0.0, |obstacles| obstacles.turn);
+        let (sine, cosine) = libm::sincos(turn);
+        let frequency = |cycles: [f64; 2]| {
+            let [x, y] = [0, 1].map(|axis| cycles[axis] / periods[axis]);
+            libm::hypot(
+                magnifications[0] * (x * cosine + y * sine),
+                magnifications[1] * (y * cosine - x * sine),
+            )
+        };
+        convolution.sum(&slices, &lights, frequency)
     }
 
     /// Sums round images of all wavelengths on the grid.
@@ -459,8 +542,19 @@ impl Model {
         useful: Option<f64>,
     ) -> Modes {
         let rings = self.rings(radius_um, useful.unwrap_or(self.pupil.aperture()));
-        let (k, share) = (line.k(), self.share);
-        Bead { pupil: &self.pupil, radii, weights, z_um, rings: &rings, k, useful, share }.modes()
+        self.bead(radii, weights, z_um, &rings, line, useful).modes()
+    }
+
+    fn bead<'a>(
+        &'a self,
+        radii: &'a Radii,
+        weights: &'a [f64],
+        z_um: f64,
+        rings: &'a [Ring],
+        line: &Line,
+        useful: Option<f64>,
+    ) -> Bead<'a> {
+        Bead { pupil: &self.pupil, radii, weights, z_um, rings, k: line.k(), useful, share: self.share }
     }
 }
 

@@ -9,6 +9,7 @@
 use super::bead::Ring;
 use super::bessel::bessel;
 use super::pupil::{Pupil, Radii};
+use super::slices::Slice;
 
 /// Maximum number of orders, sufficient for all particles that can be rendered.
 const MAX_ORDERS: usize = 400;
@@ -114,6 +115,31 @@ impl Bead<'_> {
         found.iter().map(mode).collect()
     }
 
+    /// A point at the depth of each slice, with the slice's light.
+    pub(super) fn points(&self, slices: &[Slice]) -> Modes {
+        let center = self.pupil.fan(self.z_um, self.radii, self.useful);
+        let mode = |slice: &Slice| {
+            let (mut values, _) = self.at_depth(slice.depth_um, &center.phase);
+            let root = libm::sqrt(slice.weight);
+            values.iter_mut().flatten().for_each(|v| *v *= root);
+            Mode { order: 0, values }
+        };
+        Modes { modes: slices.iter().map(mode).collect(), phase: center.phase }
+    }
+
+    /// Pupil function at a depth relative to the particle's center, with the phase relative to that of the
+    /// center, and its derivative across the axis.
+    fn at_depth(&self, depth_um: f64, center: &[f64]) -> (Vec<[f64; 2]>, Vec<f64>) {
+        let fan = self.pupil.fan(self.z_um + depth_um, self.radii, self.useful);
+        let value = (fan.phase.iter().zip(center).zip(&fan.amplitude))
+            .map(|((phase, center), amplitude)| {
+                let (sine, cosine) = libm::sincos(self.k * (phase - center));
+                [amplitude * cosine, amplitude * sine]
+            })
+            .collect();
+        (value, fan.off_axis)
+    }
+
     fn columns(&self, center: &[f64]) -> Vec<Column> {
         let mut columns: Vec<Column> = Vec::with_capacity(self.rings.len());
         let mut known = None;
@@ -122,14 +148,8 @@ impl Bead<'_> {
             let (_, value, off_axis) = match known.take() {
                 Some((depth, value, off_axis)) if depth == ring.depth_um => (depth, value, off_axis),
                 _ => {
-                    let fan = self.pupil.fan(self.z_um + ring.depth_um, self.radii, self.useful);
-                    let value: Vec<[f64; 2]> = (fan.phase.iter().zip(center).zip(&fan.amplitude))
-                        .map(|((phase, center), amplitude)| {
-                            let (sine, cosine) = libm::sincos(self.k * (phase - center));
-                            [amplitude * cosine, amplitude * sine]
-                        })
-                        .collect();
-                    (ring.depth_um, value, fan.off_axis)
+                    let (value, off_axis) = self.at_depth(ring.depth_um, center);
+                    (ring.depth_um, value, off_axis)
                 }
             };
             let root = libm::sqrt(ring.weight);

@@ -2,6 +2,7 @@
 
 use super::cylinder::Cylinder;
 use crate::error::{Error, Fault};
+use crate::optics::FieldOptics;
 use crate::settings::Settings;
 
 /// There is a warning if the peak in focus in vectorial theory is less than this fraction of the scalar one.
@@ -27,6 +28,10 @@ pub struct WaveOptics {
     pub layers: Option<Layers>,
     /// A cylindrical lens before the camera, for the aplanatic lens.
     pub cylinder: Option<Cylinder>,
+    /// Standard deviation, in the particles' space, of the Gaussian blur by detector and relay optics, um.
+    pub blur_um: f64,
+    /// How coma, astigmatism and vignetting vary over the field.
+    pub field: FieldOptics,
 }
 
 impl WaveOptics {
@@ -42,6 +47,8 @@ impl WaveOptics {
             cyl_angle_deg: 0.0,
             layers: None,
             cylinder: None,
+            blur_um: 0.0,
+            field: FieldOptics::default(),
         }
     }
 
@@ -156,6 +163,10 @@ pub struct PupilFunction {
     /// astigmatism along x and y, 11 spherical aberration.
     #[cfg_attr(feature = "schema", schemars(extend("x-unit" = "waves"), example = vec![(6, 0.1), (11, -0.05)]))]
     pub zernike: Vec<(u32, f64)>,
+    /// Transmission at the rim of the pupil less that at its center, which is 1; it changes with the squared
+    /// radius.
+    #[cfg_attr(feature = "schema", schemars(range(min = -1.0, max = 10.0)))]
+    pub transmission: f64,
 }
 
 /// The open part of the pupil.
@@ -308,6 +319,11 @@ impl WaveOptics {
         self.light(&mut faults);
         self.mask(&mut faults);
         self.zernike(&mut faults);
+        let transmission = self.pupil.transmission;
+        let passes = (-1.0..=10.0).contains(&transmission);
+        faults.unless(passes, "optics.pupil.transmission", transmission, "-1 to 10");
+        let blurs = (0.0..=1e3).contains(&self.blur_um);
+        faults.unless(blurs, "optics.blur_um", self.blur_um, "0 to 1000 um");
         let angle = self.cyl_angle_deg;
         let turned = angle != 0.0 && settings.cyl_focal_length == 0.0 && self.cylinder.is_none();
         faults.unless(angle.is_finite(), "optics.cyl_angle_deg", angle, "a finite number");
@@ -320,6 +336,9 @@ impl WaveOptics {
         self.cylinder(settings, &mut faults);
         if let Some(layers) = &self.layers {
             self.layers(layers, &mut faults);
+        }
+        if let Err(Error::Malformed(of_field)) = self.field.validate(settings) {
+            faults.0.extend(of_field);
         }
         if faults.0.is_empty() { Ok(()) } else { Err(Error::Malformed(faults.0)) }
     }

@@ -2,7 +2,7 @@
 //!
 //! Light is band-limited: intensities have no frequencies above 2 sigma_a / (lambda B). A grid that resolves
 //! this band determines its Fourier series. Integration over a pixel multiplies it by sinc f, and the
-//! least-squares quintic spline (an orthogonal projection) by another factor. All of this is one matrix for
+//! least-squares quintic spline (an orthogonal projection) and a Gaussian blur by others. All of this is one matrix for
 //! each axis. Light is assumed to be even about the particle where the pupil has mirror symmetry and, a few
 //! px beyond the edge, periodic.
 
@@ -47,14 +47,14 @@ impl Axis {
 
     /// From values at k `step_px`, k < `grid`, to coefficients at k / `per_px`, k < `nodes`, for light that
     /// is even about the particle.
-    pub(super) fn even(grid: usize, step_px: f64, nodes: usize, per_px: usize) -> Axis {
-        Axis::mirrored(&Waves::of_nodes(grid, step_px, nodes, per_px))
+    pub(super) fn even(grid: usize, step_px: f64, blur_px: f64, nodes: usize, per_px: usize) -> Axis {
+        Axis::mirrored(&Waves::of_nodes(grid, step_px, blur_px, nodes, per_px))
     }
 
     /// From the same values to the light on pixels at given positions (px from the particle), without a
     /// spline.
-    pub(super) fn even_at(grid: usize, step_px: f64, places_px: &[f64]) -> Axis {
-        Axis::mirrored(&Waves::of_places(grid, step_px, places_px))
+    pub(super) fn even_at(grid: usize, step_px: f64, blur_px: f64, places_px: &[f64]) -> Axis {
+        Axis::mirrored(&Waves::of_places(grid, step_px, blur_px, places_px))
     }
 
     fn mirrored(waves: &Waves) -> Axis {
@@ -65,8 +65,8 @@ impl Axis {
     }
 
     /// [`Axis::even_at`] for values on both sides of the particle, without symmetry.
-    pub(super) fn both_at(grid: usize, step_px: f64, places_px: &[f64]) -> Axis {
-        let waves = Waves::of_places(grid, step_px, places_px);
+    pub(super) fn both_at(grid: usize, step_px: f64, blur_px: f64, places_px: &[f64]) -> Axis {
+        let waves = Waves::of_places(grid, step_px, blur_px, places_px);
         let (even, odd) = (waves.sums(libm::cos), waves.sums(libm::sin));
         let columns = 2 * grid - 1;
         let by_node = (0..places_px.len() * columns).map(|at| {
@@ -79,8 +79,8 @@ impl Axis {
 
     /// [`Axis::even`] without symmetry: from values at k `step_px`, |k| < `grid`, to coefficients at k /
     /// `per_px`, |k| < `nodes`.
-    pub(super) fn both(grid: usize, step_px: f64, nodes: usize, per_px: usize) -> Axis {
-        let waves = Waves::of_nodes(grid, step_px, nodes, per_px);
+    pub(super) fn both(grid: usize, step_px: f64, blur_px: f64, nodes: usize, per_px: usize) -> Axis {
+        let waves = Waves::of_nodes(grid, step_px, blur_px, nodes, per_px);
         let (even, odd) = (waves.sums(libm::cos), waves.sums(libm::sin));
         let (columns, rows) = (2 * grid - 1, 2 * nodes - 1);
         let by_node = (0..rows * columns).map(|at| {
@@ -100,6 +100,8 @@ impl Axis {
 struct Waves {
     grid: usize,
     step_px: f64,
+    /// Standard deviation of a Gaussian blur, px.
+    blur_px: f64,
     places_px: Vec<f64>,
     /// Nodes per px of the spline; `None`: light on pixels, without a spline.
     per_px: Option<usize>,
@@ -107,19 +109,19 @@ struct Waves {
 
 impl Waves {
     /// The nodes of a spline on one side.
-    fn of_nodes(grid: usize, step_px: f64, nodes: usize, per_px: usize) -> Waves {
+    fn of_nodes(grid: usize, step_px: f64, blur_px: f64, nodes: usize, per_px: usize) -> Waves {
         let places_px = (0..nodes).map(|i| i as f64 / per_px as f64).collect();
-        Waves { grid, step_px, places_px, per_px: Some(per_px) }
+        Waves { grid, step_px, blur_px, places_px, per_px: Some(per_px) }
     }
 
-    fn of_places(grid: usize, step_px: f64, places_px: &[f64]) -> Waves {
-        Waves { grid, step_px, places_px: places_px.to_vec(), per_px: None }
+    fn of_places(grid: usize, step_px: f64, blur_px: f64, places_px: &[f64]) -> Waves {
+        Waves { grid, step_px, blur_px, places_px: places_px.to_vec(), per_px: None }
     }
 
     /// Sums over all frequencies, with the factors of pixels and spline, of cosines (or sines) at the
     /// positions times those on the grid: [places x grid].
     fn sums(&self, wave: fn(f64) -> f64) -> Vec<f64> {
-        let Waves { grid, step_px, per_px, ref places_px } = *self;
+        let Waves { grid, step_px, blur_px, per_px, ref places_px } = *self;
         // One period, which covers both sides, is an odd number of steps.
         let n = 2 * grid - 1;
         let frequency = |k: usize| k as f64 / (n as f64 * step_px);
@@ -129,7 +131,7 @@ impl Waves {
             // Includes negative frequencies.
             let twice = if k == 0 { 1.0 } else { 2.0 };
             let spline = per_px.map_or(1.0, |per_px| nearest(frequency(k) / per_px as f64));
-            let factor = sinc(frequency(k)) * spline * twice / n as f64;
+            let factor = sinc(frequency(k)) * gaussian(blur_px, frequency(k)) * spline * twice / n as f64;
             for j in 0..grid {
                 // Reduces large angles by whole turns.
                 let angle = ((k * j) % n) as f64 / n as f64;
@@ -162,6 +164,12 @@ pub(super) fn expose(
     matrix::multiply(instructions, &down.down, &rows, &mut coefficients);
     let rows = coefficients.chunks_exact(across.wide);
     rows.flat_map(|row| &row[..across.nodes]).map(|value| f64::from(*value)).collect()
+}
+
+/// The factor of a Gaussian blur of this standard deviation (px) for a wave of this frequency (1/px).
+fn gaussian(blur_px: f64, f: f64) -> f64 {
+    let angle = 2.0 * std::f64::consts::PI * blur_px * f;
+    libm::exp(-0.5 * angle * angle)
 }
 
 fn sinc(f: f64) -> f64 {
@@ -198,7 +206,8 @@ mod tests {
                 let row = &axis.by_node[i * axis.grid..][..axis.grid];
                 row.iter().enumerate().map(|(j, w)| w * light(j as isize + first)).sum()
             };
-            let (even, both) = (Axis::even_at(grid, step, &places), Axis::both_at(grid, step, &places));
+            let (even, both) =
+                (Axis::even_at(grid, step, 0.0, &places), Axis::both_at(grid, step, 0.0, &places));
             for (i, x) in places.iter().enumerate() {
                 let found = value(&even, i, &|j| libm::cos(angle(j as f64 * step)), 0);
                 assert!((found - sinc(f) * libm::cos(angle(*x))).abs() < 1e-10, "{cycles} {x}: {found}");
@@ -218,7 +227,7 @@ mod tests {
         for (cycles, tolerance) in [(0.0, 1e-10), (5.0, 1e-7), (20.0, 3e-4), (30.0, 4e-3)] {
             let f = cycles / period;
             let wave = |x: f64| libm::cos(2.0 * std::f64::consts::PI * f * x);
-            let axis = Axis::even(grid, step, 40, per_px);
+            let axis = Axis::even(grid, step, 0.0, 40, per_px);
             let coefficients: Vec<f64> = axis
                 .by_node
                 .chunks_exact(grid)

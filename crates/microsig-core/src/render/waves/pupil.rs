@@ -41,6 +41,8 @@ pub(super) struct Pupil {
     cylinder: Option<Behind>,
     /// Radius of the aperture in the lens plane, um; for the aplanatic lens, in the coordinate sigma.
     aperture: f64,
+    /// Transmission at the rim less that at the center.
+    transmission: f64,
 }
 
 /// What a cylindrical lens before the camera does in the direction of its power.
@@ -91,7 +93,7 @@ impl Pupil {
                 settings.numerical_aperture.min(GRAZING * n_s) * system.objective.object_distance_0
             }
         };
-        Pupil { system, lens, layers, cylinder: None, aperture }
+        Pupil { system, lens, layers, cylinder: None, aperture, transmission: 0.0 }
     }
 
     /// The pupil with a cylindrical lens before the camera.
@@ -99,6 +101,11 @@ impl Pupil {
         let focus_um = |cylinder: Cylinder| cylinder.focus_um(settings.magnification);
         let cylinder = cylinder.map(|lens| Behind { growth: lens.growth(), focus_um: focus_um(lens) });
         Pupil { cylinder, ..self }
+    }
+
+    /// The pupil with this transmission at its rim, less that at its center.
+    pub(super) fn transmitting(self, transmission: f64) -> Pupil {
+        Pupil { transmission, ..self }
     }
 
     /// Whether there is a cylindrical lens, MicroSIG's or one before the camera.
@@ -233,6 +240,14 @@ impl Pupil {
         [bx, self.b()].map(|b| -b / self.a0())
     }
 
+    /// Length of the optical axis less that of its projection on the ray through the radius `q`, both in the
+    /// medium, over a distance of 1: n_s (1 - cos).
+    pub(super) fn sagitta(&self, q: f64) -> f64 {
+        let n_s = self.layers.map_or(1.0, |layers| layers.n_s);
+        let s = self.sigma(q) / self.a0();
+        n_s - libm::sqrt((n_s * n_s - s * s).max(0.0))
+    }
+
     /// Whether images depend on the distance from the axis.
     pub(super) fn has_coma(&self) -> bool {
         self.lens == Lens::Microsig
@@ -333,6 +348,12 @@ impl Pupil {
             Lens::Microsig => self.traced(z_um, radii),
             Lens::Aplanatic => self.corrected(z_um, radii),
         };
+        if self.transmission != 0.0 {
+            for (amplitude, sigma) in fan.amplitude.iter_mut().zip(&radii.sigma) {
+                let rho = sigma / self.radius();
+                *amplitude *= libm::sqrt((1.0 + self.transmission * rho * rho).max(0.0));
+            }
+        }
         if let Some(useful) = useful {
             for (amplitude, &q) in fan.amplitude.iter_mut().zip(&radii.q) {
                 let beyond = ((q - useful) / (TAPER * useful)).clamp(0.0, 1.0);

@@ -4,10 +4,11 @@
 use super::model::Scope;
 use super::*;
 use crate::emission::{self, GoldenAzimuths, shining_points};
+use crate::optics::{FieldAstigmatism, FieldComa, Vignetting};
 use crate::particle::Spheroid;
 use crate::quadrature::gauss_legendre_on;
 use crate::render::expected::ExpectedRenderer;
-use crate::render::{ExpectedPatch, Gradient, Window};
+use crate::render::{ExpectedPatch, Gradient, Tables, Window};
 
 fn rows(text: &str) -> impl Iterator<Item = Vec<&str>> {
     text.lines().skip(1).map(|line| line.split(',').collect())
@@ -117,6 +118,7 @@ fn short_waves_give_the_geometric_image() {
             emission: Emission::Surface,
             wavelength_um,
             bandwidth_um: 0.0,
+            blur_px: 0.0,
             obstacles: None,
             inner_um: 0.0,
             tolerance: 1e-3,
@@ -479,4 +481,108 @@ fn the_axis_of_a_dyed_bead_is_that_of_a_direct_integral() {
         println!("d {d_um}, z {z_um}: {}", found / truth - 1.0);
         assert!((found / truth - 1.0).abs() < 1e-3, "{d_um}: {found}, not {truth}");
     }
+}
+
+/// Slices give the image of coherent modes: a pupil whose symmetry an invisible aberration breaks has the
+/// images of a round one.
+#[test]
+fn slices_are_as_accurate_as_modes() {
+    let settings = Settings { numerical_aperture: 0.44, pixel_size: 16.0, ..Settings::setting1() };
+    let places: Vec<[f64; 2]> =
+        (0..17 * 17).map(|i| [(i % 17) as f64 - 8.3, (i / 17) as f64 - 8.1]).collect();
+    for (emission, d_um) in
+        [(Emission::Surface, 2.0), (Emission::Volume, 2.0), (Emission::Volume, 6.0), (Emission::Surface, 0.0)]
+    {
+        let optics = WaveOptics { lens: Lens::Aplanatic, emission, blur_um: 0.1, ..WaveOptics::new(0.56) };
+        let broken = PupilFunction { zernike: vec![(6, 1e-12)], ..PupilFunction::default() };
+        let round = WavesRenderer::new(&settings, &optics, 1e-3).unwrap();
+        let broken = WavesRenderer::new(&settings, &WaveOptics { pupil: broken, ..optics }, 1e-3).unwrap();
+        for z_um in [-20.0, 0.0, 6.0, 40.0] {
+            let [a, b] = [&round, &broken]
+                .map(|renderer| renderer.single_images([z_um, z_um], d_um, [12, 12]).shares(z_um, &places));
+            let peak = a.iter().copied().fold(0.0, f64::max);
+            let most = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            println!("{emission:?}, d = {d_um} um, z = {z_um} um: {:.1e}", most / peak);
+            assert!(most < 2e-3 * peak, "{emission:?}, d = {d_um} um, z = {z_um} um: {}", most / peak);
+        }
+    }
+}
+
+/// Optics like those of a real objective 20x/0.45 with a relay lens of 0.5x.
+fn real_objective() -> (Settings, WaveOptics) {
+    let settings = Settings {
+        magnification: 10.01,
+        numerical_aperture: 0.4424,
+        pixel_size: 16.0,
+        pixel_dim_x: 512,
+        pixel_dim_y: 512,
+        cyl_focal_length: 0.0,
+        ..Settings::setting1()
+    };
+    let field = FieldOptics {
+        coma: FieldComa { constant: (0.04, 0.0), per_mm: -0.127 },
+        astigmatism: FieldAstigmatism { constant: (-0.012, -0.004), per_mm: 0.084, per_mm2: 0.0 },
+        vignetting: Vignetting { meridional_per_mm2: 0.36 },
+        ..FieldOptics::default()
+    };
+    let optics = WaveOptics {
+        lens: Lens::Aplanatic,
+        emission: Emission::Volume,
+        blur_um: 0.87,
+        field,
+        ..WaveOptics::new(0.56)
+    };
+    (settings, optics)
+}
+
+/// Images from tables over the field are those computed for their places, anywhere in the field.
+fn images_over_the_field(side_px: u32, tolerance: f64) {
+    let (settings, optics) = real_objective();
+    let settings = Settings { pixel_dim_x: side_px, pixel_dim_y: side_px, ..settings };
+    let scale = f64::from(side_px) / 512.0;
+    let renderer = WavesRenderer::new(&settings, &optics, tolerance).unwrap();
+    for (x_px, y_px, z_um) in [
+        (31.3, 480.2, 12.2),
+        (250.1, 260.7, 3.3),
+        (402.7, 77.4, 9.1),
+        (505.4, 506.6, 13.1),
+        (120.9, 130.5, 20.4),
+    ] {
+        let (x_px, y_px) = (scale * x_px, scale * y_px);
+        let particle = Particle::sphere(x_px, y_px, z_um, 2.0);
+        let patch = renderer.patch(&particle).unwrap();
+        let local = renderer.model.model_at([x_px, y_px], false);
+        let scope = Scope { from_um: z_um, to_um: z_um, radius_um: 1.0, edge_px: [24; 2], fineness: 1.0 };
+        let frame = local.frame(scope);
+        let exposure = local.exposure(&frame, 6);
+        let plane = local.plane(&local.light(&frame, z_um, 1.0), &exposure);
+        let light = emission::emitted_rays(&settings, &particle);
+        let peak = patch.counts.iter().copied().fold(0.0, f64::max);
+        let mut most = 0.0f64;
+        for (i, count) in patch.counts.iter().enumerate() {
+            let Window { x0, y0, width, .. } = patch.window;
+            let at = [(x0 + (i % width) as i64) as f64 - x_px, (y0 + (i / width) as i64) as f64 - y_px];
+            if at[0].abs() < 22.0 && at[1].abs() < 22.0 {
+                most = most.max((light * exposure.evaluate(&plane, at)[0] - count).abs());
+            }
+        }
+        println!("x = {x_px}, y = {y_px}, z = {z_um}: {:.2e} of the peak", most / peak);
+        assert!(
+            most < (tolerance + Tables::state(&renderer).error) * peak,
+            "x = {x_px}, y = {y_px}, z = {z_um}: {}",
+            most / peak
+        );
+    }
+    println!("{:?}", Tables::state(&renderer));
+}
+
+#[test]
+fn images_over_a_small_field_are_as_accurate_as_the_tolerance() {
+    images_over_the_field(100, 1e-2);
+}
+
+#[test]
+#[ignore = "slow: .ci/full"]
+fn images_of_a_real_objective_over_the_field_are_as_accurate_as_the_tolerance() {
+    images_over_the_field(512, 2e-2);
 }

@@ -1,0 +1,366 @@
+//! The laws of the field: regression of what single particles say on their places.
+//!
+//! Each particle gives values with a covariance; particles scatter more than that, since no model is exact.
+//! The regression weighs them by the sum of both, gives less weight to those far off (Huber), and takes
+//! standard deviations from the particles' own residuals (sandwich estimator).
+
+use microsig_core::optics::{ChiefRay, FieldAstigmatism, FieldComa, FieldOptics, FocusSurface, Vignetting};
+use serde::Serialize;
+
+use super::local::{
+    ASTIGMATISM, BLUR, COMA, COUNT, FOCUS, Local, MERIDIONAL, NA, SLOPE, SPHERICAL, TRANSMISSION, X, Y,
+};
+use crate::linear::Symmetric;
+
+/// A coefficient of a law.
+struct Term {
+    key: &'static str,
+    unit: &'static str,
+    /// The quantities that it changes, and by how much, at a place (mm).
+    effect: fn([f64; 2]) -> Vec<(usize, f64)>,
+}
+
+const TERMS: [Term; 19] = [
+    Term { key: "focus_um", unit: "um", effect: |_| vec![(FOCUS, 1.0)] },
+    Term { key: "focus.tilt_um_per_mm.0", unit: "um/mm", effect: |[x, _]| vec![(FOCUS, x)] },
+    Term { key: "focus.tilt_um_per_mm.1", unit: "um/mm", effect: |[_, y]| vec![(FOCUS, y)] },
+    Term {
+        key: "focus.curvature_um_per_mm2",
+        unit: "um/mm^2",
+        effect: |[x, y]| vec![(FOCUS, x * x + y * y)],
+    },
+    Term { key: "chief_ray.slope.0", unit: "", effect: |_| vec![(SLOPE, 1.0)] },
+    Term { key: "chief_ray.slope.1", unit: "", effect: |_| vec![(SLOPE + 1, 1.0)] },
+    Term { key: "chief_ray.per_mm", unit: "1/mm", effect: |[x, y]| vec![(SLOPE, x), (SLOPE + 1, y)] },
+    Term { key: "numerical_aperture", unit: "", effect: |_| vec![(NA, 1.0)] },
+    Term {
+        key: "vignetting.meridional_per_mm2",
+        unit: "1/mm^2",
+        effect: |[x, y]| vec![(MERIDIONAL, -x * x - y * y)],
+    },
+    Term { key: "coma.constant.0", unit: "waves", effect: |_| vec![(COMA, 1.0)] },
+    Term { key: "coma.constant.1", unit: "waves", effect: |_| vec![(COMA + 1, 1.0)] },
+    Term { key: "coma.per_mm", unit: "waves/mm", effect: |[x, y]| vec![(COMA, x), (COMA + 1, y)] },
+    Term { key: "astigmatism.constant.0", unit: "waves", effect: |_| vec![(ASTIGMATISM, 1.0)] },
+    Term { key: "astigmatism.constant.1", unit: "waves", effect: |_| vec![(ASTIGMATISM + 1, 1.0)] },
+    Term {
+        key: "astigmatism.per_mm",
+        unit: "waves/mm",
+        effect: |[x, y]| vec![(ASTIGMATISM, x), (ASTIGMATISM + 1, y)],
+    },
+    Term {
+        key: "astigmatism.per_mm2",
+        unit: "waves/mm^2",
+        effect: |[x, y]| vec![(ASTIGMATISM, x * x - y * y), (ASTIGMATISM + 1, 2.0 * x * y)],
+    },
+    Term { key: "spherical", unit: "waves", effect: |_| vec![(SPHERICAL, 1.0)] },
+    Term { key: "blur_um", unit: "um", effect: |_| vec![(BLUR, 1.0)] },
+    Term { key: "transmission", unit: "", effect: |_| vec![(TRANSMISSION, 1.0)] },
+];
+
+/// A coefficient with its standard deviation.
+#[derive(Debug, Clone, Serialize)]
+pub struct Coefficient {
+    /// Its key in `optics.field`, or what else it is.
+    pub key: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// Its standard deviation.
+    pub sd: f64,
+    /// Its unit; empty if dimensionless.
+    pub unit: &'static str,
+}
+
+/// What one particle says.
+#[derive(Debug, Clone)]
+pub(super) struct Evidence {
+    /// Its place, mm.
+    pub(super) place: [f64; 2],
+    pub(super) local: Local,
+    /// The quantities that were fitted, and their covariance.
+    pub(super) free: Vec<usize>,
+    pub(super) covariance: Symmetric,
+}
+
+/// The laws of a field.
+#[derive(Debug, Clone)]
+pub(super) struct Laws {
+    pub(super) coefficients: Vec<Coefficient>,
+}
+
+/// Number of iterations of weights and scatter.
+const ITERATIONS: usize = 8;
+
+/// Distance, in standard deviations, beyond which the weight of a particle falls.
+const FAR: f64 = 2.0;
+
+impl Laws {
+    /// The laws that the particles follow; `None` if they do not determine them.
+    pub(super) fn of(evidence: &[Evidence]) -> Option<Laws> {
+        let quantities: Vec<usize> = (0..COUNT).filter(|q| *q != X && *q != Y).collect();
+        let n = quantities.len();
+        let place_of = |quantity: usize| quantities.iter().position(|q| *q == quantity);
+        // By particle: the matrix [quantities x terms] and the values less those without any term.
+        let designs: Vec<Vec<f64>> = evidence
+            .iter()
+            .map(|of| {
+                let mut design = vec![0.0; n * TERMS.len()];
+                for (j, term) in TERMS.iter().enumerate() {
+                    for (quantity, by) in (term.effect)(of.place) {
+                        if let Some(i) = place_of(quantity) {
+                            design[i * TERMS.len() + j] = by;
+                        }
+                    }
+                }
+                design
+            })
+            .collect();
+        let values: Vec<Vec<f64>> = evidence
+            .iter()
+            .map(|of| {
+                let base = |q: usize| if q == MERIDIONAL { 1.0 } else { 0.0 };
+                quantities.iter().map(|q| of.local[*q] - base(*q)).collect()
+            })
+            .collect();
+        let covariances: Vec<Symmetric> = evidence
+            .iter()
+            .map(|of| {
+                let mut covariance = Symmetric::zeros(n);
+                for (i, a) in quantities.iter().enumerate() {
+                    for (j, b) in quantities.iter().enumerate() {
+                        let place = |q: usize| of.free.iter().position(|f| *f == q);
+                        if let (Some(a), Some(b)) = (place(*a), place(*b)) {
+                            covariance.add(i, j, of.covariance.at(a, b));
+                        }
+                    }
+                }
+                covariance
+            })
+            .collect();
+        let mut scatter: Vec<f64> = (0..n).map(|i| spread(&values, i)).collect();
+        let mut robust = vec![1.0; evidence.len()];
+        let mut solution = Vec::new();
+        let mut deviation = Vec::new();
+        for _ in 0..ITERATIONS {
+            let weights = covariances
+                .iter()
+                .map(|covariance| {
+                    let mut all = covariance.clone();
+                    (0..n).for_each(|i| all.add(i, i, scatter[i] * scatter[i] + 1e-14));
+                    all.inverse()
+                })
+                .collect::<Option<Vec<Symmetric>>>()?;
+            let (found, sds, residuals) = regress(&designs, &values, &weights, &robust)?;
+            // Scatter beyond the covariances, from all but the particles far off.
+            for i in 0..n {
+                let mut squares: Vec<f64> = residuals
+                    .iter()
+                    .zip(&covariances)
+                    .map(|(residual, covariance)| residual[i] * residual[i] - covariance.at(i, i))
+                    .collect();
+                squares.sort_by(f64::total_cmp);
+                let kept = &squares[..(squares.len() * 9).div_ceil(10)];
+                let mean = 1.2 * kept.iter().sum::<f64>() / kept.len() as f64;
+                scatter[i] = libm::sqrt(mean.max(1e-4 * scatter[i] * scatter[i]));
+            }
+            for ((robust, residual), weight) in robust.iter_mut().zip(&residuals).zip(&weights) {
+                let distance = libm::sqrt(dot(residual, &weight.times(residual)) / n as f64);
+                *robust = (FAR / distance.max(1e-9)).min(1.0);
+            }
+            solution = found;
+            deviation = sds;
+        }
+        let coefficients = TERMS.iter().zip(solution.iter().zip(&deviation)).map(|(term, (value, sd))| {
+            Coefficient { key: term.key, value: *value, sd: *sd, unit: term.unit }
+        });
+        Some(Laws { coefficients: coefficients.collect() })
+    }
+
+    fn value(&self, key: &str) -> f64 {
+        self.coefficients.iter().find(|c| c.key == key).map_or(0.0, |c| c.value)
+    }
+
+    /// The quantities at a place (mm); the position as in `like`.
+    pub(super) fn at(&self, place: [f64; 2], like: &Local) -> Local {
+        let mut local = [0.0; COUNT];
+        for index in [X, Y] {
+            local[index] = like[index];
+        }
+        local[MERIDIONAL] = 1.0;
+        for (term, coefficient) in TERMS.iter().zip(&self.coefficients) {
+            for (quantity, by) in (term.effect)(place) {
+                local[quantity] += by * coefficient.value;
+            }
+        }
+        local
+    }
+
+    pub(super) fn numerical_aperture(&self) -> f64 {
+        self.value("numerical_aperture")
+    }
+
+    pub(super) fn blur_um(&self) -> f64 {
+        self.value("blur_um")
+    }
+
+    pub(super) fn transmission(&self) -> f64 {
+        self.value("transmission")
+    }
+
+    pub(super) fn spherical(&self) -> f64 {
+        self.value("spherical")
+    }
+
+    /// Stage position in focus at the center of the field, um.
+    pub(super) fn focus_um(&self) -> f64 {
+        self.value("focus_um")
+    }
+
+    /// The terms of a scenario. Depth grows away from the lens: `direction` is +1 if stage positions do.
+    pub(super) fn field(&self, direction: f64, light_per_mm2: f64) -> FieldOptics {
+        let of = |key: &str| self.value(key);
+        FieldOptics {
+            focus: FocusSurface {
+                curvature_um_per_mm2: direction * of("focus.curvature_um_per_mm2"),
+                tilt_um_per_mm: (
+                    direction * of("focus.tilt_um_per_mm.0"),
+                    direction * of("focus.tilt_um_per_mm.1"),
+                ),
+            },
+            chief_ray: ChiefRay {
+                slope: (of("chief_ray.slope.0"), of("chief_ray.slope.1")),
+                per_mm: of("chief_ray.per_mm"),
+            },
+            distortion_per_mm2: 0.0,
+            light_per_mm2,
+            coma: FieldComa {
+                constant: (of("coma.constant.0"), of("coma.constant.1")),
+                per_mm: of("coma.per_mm"),
+            },
+            astigmatism: FieldAstigmatism {
+                constant: (of("astigmatism.constant.0"), of("astigmatism.constant.1")),
+                per_mm: of("astigmatism.per_mm"),
+                per_mm2: of("astigmatism.per_mm2"),
+            },
+            vignetting: Vignetting {
+                // Narrowing only: noise of an unvignetted field is no widening.
+                meridional_per_mm2: of("vignetting.meridional_per_mm2").max(0.0),
+            },
+        }
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Robust standard deviation of a column.
+fn spread(values: &[Vec<f64>], column: usize) -> f64 {
+    let mut all: Vec<f64> = values.iter().map(|row| row[column]).collect();
+    all.sort_by(f64::total_cmp);
+    let median = all[all.len() / 2];
+    let mut deviations: Vec<f64> = all.iter().map(|value| (value - median).abs()).collect();
+    deviations.sort_by(f64::total_cmp);
+    (1.4826 * deviations[deviations.len() / 2]).max(1e-6)
+}
+
+/// Coefficients, their standard deviations and the residuals of each particle.
+type Regression = (Vec<f64>, Vec<f64>, Vec<Vec<f64>>);
+
+fn regress(
+    designs: &[Vec<f64>],
+    values: &[Vec<f64>],
+    weights: &[Symmetric],
+    robust: &[f64],
+) -> Option<Regression> {
+    let (n, m) = (values.first()?.len(), TERMS.len());
+    let column = |design: &[f64], j: usize| -> Vec<f64> { (0..n).map(|i| design[i * m + j]).collect() };
+    let mut normal = Symmetric::zeros(m);
+    let mut right = vec![0.0; m];
+    for (((design, value), weight), robust) in designs.iter().zip(values).zip(weights).zip(robust) {
+        let columns: Vec<Vec<f64>> = (0..m).map(|j| column(design, j)).collect();
+        for j in 0..m {
+            let weighed = weight.times(&columns[j]);
+            right[j] += robust * dot(&weighed, value);
+            (0..m).for_each(|k| normal.add(j, k, robust * dot(&weighed, &columns[k])));
+        }
+    }
+    let inverse = normal.inverse()?;
+    let solution = inverse.times(&right);
+    let residuals: Vec<Vec<f64>> = designs
+        .iter()
+        .zip(values)
+        .map(|(design, value)| {
+            (0..n).map(|i| value[i] - dot(&design[i * m..(i + 1) * m], &solution)).collect()
+        })
+        .collect();
+    // The spread of the particles' scores, and the freedom that the coefficients take.
+    let mut meat = Symmetric::zeros(m);
+    for (((design, residual), weight), robust) in designs.iter().zip(&residuals).zip(weights).zip(robust) {
+        let weighed = weight.times(residual);
+        let score: Vec<f64> = (0..m).map(|j| robust * dot(&column(design, j), &weighed)).collect();
+        for j in 0..m {
+            (0..m).for_each(|k| meat.add(j, k, score[j] * score[k]));
+        }
+    }
+    let count = designs.len() as f64;
+    // Each law has up to four coefficients.
+    let freedom = count / (count - 4.0).max(1.0);
+    let sds = (0..m)
+        .map(|j| {
+            let row: Vec<f64> = (0..m).map(|k| inverse.at(j, k)).collect();
+            libm::sqrt((freedom * dot(&row, &meat.times(&row))).max(0.0))
+        })
+        .collect();
+    Some((solution, sds, residuals))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Places on a grid whose values follow laws, with small errors and two particles far off.
+    #[test]
+    fn laws_are_found_despite_outliers() {
+        let mut evidence = Vec::new();
+        let mut state = 7u64;
+        let mut noise = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as f64 / f64::from(1u32 << 31) - 0.5
+        };
+        for i in 0..30 {
+            let [x, y] = [f64::from(i % 6) * 0.14 - 0.35, f64::from(i / 6) * 0.17 - 0.34];
+            let mut local = [0.0; COUNT];
+            local[FOCUS] = -1.5 + 3.8 * y + 5.2 * (x * x + y * y) + 0.05 * noise();
+            local[NA] = 0.44 + 0.001 * noise();
+            local[MERIDIONAL] = 1.0 - 0.36 * (x * x + y * y) + 0.004 * noise();
+            local[COMA] = 0.04 - 0.127 * x + 0.004 * noise();
+            local[COMA + 1] = -0.127 * y + 0.004 * noise();
+            local[BLUR] = 0.87 + 0.01 * noise();
+            if i == 3 || i == 17 {
+                local[FOCUS] += 2.0;
+                local[COMA] += 0.2;
+            }
+            let mut covariance = Symmetric::zeros(COUNT);
+            (0..COUNT).for_each(|q| covariance.add(q, q, 1e-8));
+            evidence.push(Evidence { place: [x, y], local, free: (0..COUNT).collect(), covariance });
+        }
+        let laws = Laws::of(&evidence).unwrap();
+        for (key, expected) in [
+            ("focus_um", -1.5),
+            ("focus.tilt_um_per_mm.1", 3.8),
+            ("focus.curvature_um_per_mm2", 5.2),
+            ("numerical_aperture", 0.44),
+            ("vignetting.meridional_per_mm2", 0.36),
+            ("coma.constant.0", 0.04),
+            ("coma.per_mm", -0.127),
+            ("blur_um", 0.87),
+        ] {
+            let found = laws.coefficients.iter().find(|c| c.key == key).unwrap();
+            assert!((found.value - expected).abs() < 4.0 * found.sd.max(1e-4), "{found:?}, not {expected}");
+            assert!(found.sd < 0.03 * (1.0 + expected.abs()), "{found:?}");
+        }
+        let field = laws.field(-1.0, 0.0);
+        assert!((field.focus.curvature_um_per_mm2 + 5.2).abs() < 0.3, "{field:?}");
+    }
+}
