@@ -32,6 +32,7 @@ mod stack;
 mod templates;
 
 pub use calibration::check as check_calibration;
+pub use gray_image::{GrayImage, Spline};
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;

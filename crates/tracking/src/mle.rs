@@ -43,6 +43,8 @@ struct ModelImages {
     d_um: f64,
     /// Physical depth over depth in the model.
     depth_factor: f64,
+    /// Depth at which the depth in the model is 0, um.
+    zero_um: f64,
     /// Counts per ray.
     unit: f64,
     /// Central pixel of the renderer's sensor, from 1.
@@ -85,8 +87,8 @@ fn of_size(job: &Job, stack: Stack, origin: &Origin) -> Result<(Templates, Model
 
 impl ModelImages {
     fn new(origin: &Origin, depths_um: &[f64], side: usize) -> Result<Self> {
-        let Origin { settings, d_um, depth_factor, waves } = origin;
-        let (d_um, depth_factor) = (*d_um, *depth_factor);
+        let Origin { settings, waves, .. } = origin;
+        let Origin { d_um, depth_factor, zero_um, .. } = *origin;
         // Margin for sub-pixel shifts.
         let size = side as u32 + 4;
         let settings = Settings { pixel_dim_x: size, pixel_dim_y: size, ..settings.clone() };
@@ -98,7 +100,7 @@ impl ModelImages {
         let renderer = spec.build(&settings, &context())?;
         let middle = i64::from(size / 2 + 1);
         let depths_um = depths_um.to_vec();
-        Ok(ModelImages { renderer, d_um, depth_factor, unit: 1.0, middle, depths_um, radii })
+        Ok(ModelImages { renderer, d_um, depth_factor, zero_um, unit: 1.0, middle, depths_um, radii })
     }
 
     /// The stack computed by the model, on squares of this side.
@@ -149,7 +151,7 @@ impl ParticleImages for ModelImages {
     fn patch(&self, at: [f64; 2], z_um: f64, radius: usize) -> ImagePatch {
         let middle = at.map(f64::round);
         let [x, y] = [0, 1].map(|axis| self.middle as f64 + at[axis] - middle[axis]);
-        let particle = Particle::sphere(x, y, z_um / self.depth_factor, self.d_um);
+        let particle = Particle::sphere(x, y, (z_um - self.zero_um) / self.depth_factor, self.d_um);
         let (corner, side) = (self.middle - radius as i64, 2 * radius + 1);
         let window = Window { x0: corner, y0: corner, width: side, height: side };
         let pixels = self.renderer.gradient(&particle, Some(window)).map(|Gradient { pixels, .. }| pixels);

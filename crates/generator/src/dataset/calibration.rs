@@ -188,7 +188,9 @@ impl CalibrationStack {
         let row = |(row, (z_um, p)): (usize, (&f64, &Particle))| {
             let [image, particles] = self.paths(row);
             let step = (row % self.depths_um.len()) as u32;
-            CalibrationRow { step, z_um: *z_um, x_px: p.x_px, y_px: p.y_px, image, particles, d_um: p.d_um }
+            let at =
+                CalibrationRow { step, z_um: *z_um, x_px: p.x_px, y_px: p.y_px, ..CalibrationRow::default() };
+            CalibrationRow { image, particles, d_um: p.d_um, ..at }
         };
         self.depths_um.iter().cycle().zip(&self.particles).enumerate().map(row).collect()
     }

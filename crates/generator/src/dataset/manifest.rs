@@ -167,6 +167,11 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
 
 /// Light and objective for wave optics; `None` for other renderers.
 pub(crate) fn waves(scenario: &Scenario, image: &ParticleImage) -> Option<WaveFacts> {
+    wave_facts(scenario, image.drawn_share)
+}
+
+/// The same with the least and greatest share of the light that images show.
+pub fn wave_facts(scenario: &Scenario, drawn_share: Option<[f64; 2]>) -> Option<WaveFacts> {
     let renderer = scenario.spec.renderer();
     let (optics, tolerance) = (renderer.wave_optics()?, renderer.tolerance()?);
     let written = &scenario.spec.optics;
@@ -181,7 +186,7 @@ pub(crate) fn waves(scenario: &Scenario, image: &ParticleImage) -> Option<WaveFa
         cyl_angle_deg: optics.cyl_angle_deg,
         cylinder: optics.cylinder,
         tolerance,
-        drawn_share: image.drawn_share,
+        drawn_share,
     })
 }
 
