@@ -139,6 +139,12 @@ impl RecordingFacts {
     /// # Errors
     /// If the truth is withheld.
     pub fn needs_truth(&self, dataset: &Path) -> Result<()> {
+        if self.is_recording && !dataset.join(TrackRow::PATH).exists() {
+            return Err(Error::input(format!(
+                "{}: a recording, of which no positions of particles are known; `microsig import --truth` adds known ones",
+                dataset.display()
+            )));
+        }
         if self.is_withheld {
             return Err(Error::input(format!(
                 "{}: a test split, whose truth is withheld: only its organizers have it; \

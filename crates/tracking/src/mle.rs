@@ -16,6 +16,7 @@ use super::gray_image::GrayImage;
 use super::images::{ImagePatch, ParticleImages};
 use super::job::Job;
 use super::locate::Locator;
+use super::recorded_noise::RecordedNoise;
 use super::stack::{Stack, brightest};
 use super::templates::Templates;
 use storage::error::{Error, Result};
@@ -57,6 +58,7 @@ struct ModelImages {
 fn locator(job: &Job) -> Result<Locator<ModelImages>> {
     let stacks: Vec<Stack> = calibration::read(job.dataset)?.iter().map(|steps| Stack::new(steps)).collect();
     let noise = brightest(&stacks).noise;
+    let noise = RecordedNoise::read(job.dataset)?.map_or(noise, |recorded| recorded.of_frame(noise));
     let sizes = stacks.into_iter().zip(calibration::origins(job.dataset)?);
     let sizes = sizes.map(|(stack, origin)| of_size(job, stack, &origin)).collect::<Result<_>>()?;
     Ok(Locator::new(sizes, MODEL_ERROR, noise))
