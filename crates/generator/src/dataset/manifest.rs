@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::truth::Census;
 use super::truth::depth::ParticleImage;
-use super::{IMAGES, Ledger, Stem};
+use super::{IMAGES, Ledger, Stem, calibration};
 use crate::preview::{Preview, SizeCurves};
 use dataset::Table;
 use dataset::manifest::{
@@ -156,6 +156,7 @@ fn facts(scenario: &Scenario, census: &Census, image: &ParticleImage) -> Facts {
             n_rays: settings.n_rays,
         }),
         particle_image: Some(ParticleImageFacts { d_um: image.d_um, focus_um: image.focus_um }),
+        calibration_places: calibration::places(scenario),
         calibration_d_um: Some(scenario.calibrated_um()).filter(|sizes| sizes.len() > 1).unwrap_or_default(),
         motion: Some(motion(scenario)),
         truth_grid: Some(truth_grid(scenario)),
