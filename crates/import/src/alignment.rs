@@ -85,8 +85,9 @@ impl Aligned {
         (0..side * side).map(sample).collect()
     }
 
-    /// Fits position, brightness and background to a reference, whose depths in focus are listed.
-    pub(crate) fn fit(&mut self, reference: &[GrayImage], in_focus: &[usize]) {
+    /// Fits position, brightness and background to a reference, whose depths in focus are listed; `noise`:
+    /// variance of the background of an image, counts^2.
+    pub(crate) fn fit(&mut self, reference: &[GrayImage], in_focus: &[usize], noise: f64) {
         for _ in 0..STEPS {
             // Unknowns: brightness, background, brightness times the focus, and the steps of the position.
             let mut normal = Normal::default();
@@ -120,22 +121,24 @@ impl Aligned {
                 break;
             }
         }
-        self.unexplained = self.misfit(reference, in_focus);
+        self.unexplained = self.misfit(reference, in_focus, noise);
     }
 
-    /// Share of the squared light that the reference does not explain at these depths.
-    fn misfit(&self, reference: &[GrayImage], depths: &[usize]) -> f64 {
+    /// Share of the squared light, beyond the noise of the background, that the reference does not explain at
+    /// these depths.
+    fn misfit(&self, reference: &[GrayImage], depths: &[usize], noise: f64) -> f64 {
+        let noise = noise / f64::from(self.brightness).powi(2);
         let (mut left, mut light) = (0.0, 0.0);
         for &depth in depths {
             for (i, (value, model)) in self.image(depth).into_iter().zip(&reference[depth].counts).enumerate()
             {
                 let Some(value) = value else { continue };
                 let model = model + self.focus * over_depth(reference, depth, i);
-                left += f64::from(value - model).powi(2);
+                left += f64::from(value - model).powi(2) - noise;
                 light += f64::from(model).powi(2);
             }
         }
-        left / light.max(1e-12)
+        left.max(0.0) / light.max(f64::MIN_POSITIVE)
     }
 }
 

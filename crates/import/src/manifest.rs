@@ -53,7 +53,11 @@ pub(crate) fn seal(partial: &Partial, about: &About<'_>) -> Result<()> {
     complete(folder, &manifest(about), |path: &str| {
         let found = fingerprint(&folder.join(path))?;
         let of = resource(path, &found, &tables);
-        let Some(frame) = frames.get(path) else { return Ok((found, of)) };
+        let Some(frame) = frames.get(path) else {
+            let is_calibration = path.starts_with("calibration/images/");
+            let side = Some(about.made.side_px()).filter(|_| is_calibration);
+            return Ok((found, Resource { width_px: side, height_px: side, ..of }));
+        };
         let image = Resource {
             frame: Some(*frame),
             width_px: Some(size.width),

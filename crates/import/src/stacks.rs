@@ -32,8 +32,8 @@ const UNLIKE: [f64; 3] = [0.16, 0.08, 0.04];
 
 /// A larger share is accepted if it is at most this many times the median of all; if the median is larger
 /// than the second number, none is single.
-const UNLIKE_MEDIAN: f64 = 3.0;
-const NONE_ALIKE: f64 = 0.12;
+const UNLIKE_MEDIAN: f64 = 2.0;
+const NONE_ALIKE: f64 = 0.06;
 
 /// Depths whose images have this share of the highest peak are in focus: there, two particles side by side
 /// differ most from one.
@@ -122,7 +122,8 @@ impl Stacks {
         options.progress.check()?;
         let found = particles.len();
         let mut aligned: Vec<Aligned> = particles.into_par_iter().map(|p| Aligned::new(p, half)).collect();
-        align(&mut aligned, options)?;
+        let repeats = levels.iter().map(|level| level.planes.len()).min().unwrap_or(1) as f64;
+        align(&mut aligned, located.background_noise.powi(2) / repeats, options)?;
         unused.unlike = found - aligned.len();
         if aligned.is_empty() {
             return Err(Error::input(format!(
@@ -246,6 +247,11 @@ impl Stacks {
         self.places.iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(&self.places[0])
     }
 
+    /// Edge of the calibration images, px.
+    pub(crate) fn side_px(&self) -> u32 {
+        self.central().images.first().map_or(0, |image| image.width as u32)
+    }
+
     /// Depth of the sharpest image of a stack, um.
     pub(crate) fn focus_um(&self, stack: &PlaceStack) -> f64 {
         self.depths_um[sharpest(&stack.images)]
@@ -271,7 +277,7 @@ fn half_px(scan: &Scan, radii: &[usize], options: &ImportOptions) -> usize {
 }
 
 /// Aligns the particles to each other and leaves out those unlike the others.
-fn align(aligned: &mut Vec<Aligned>, options: &ImportOptions) -> Result<()> {
+fn align(aligned: &mut Vec<Aligned>, noise: f64, options: &ImportOptions) -> Result<()> {
     for particle in aligned.iter_mut() {
         // At brightness 1, the light over all depths is 1.
         particle.brightness = light(particle);
@@ -297,7 +303,7 @@ fn align(aligned: &mut Vec<Aligned>, options: &ImportOptions) -> Result<()> {
             let peaks: Vec<f32> = reference.iter().map(peak).collect();
             let most = peaks.iter().copied().fold(0.0, f32::max);
             let in_focus: Vec<usize> = (0..peaks.len()).filter(|k| peaks[*k] >= IN_FOCUS * most).collect();
-            particle.fit(reference, &in_focus);
+            particle.fit(reference, &in_focus, noise);
         });
         leave_out(aligned, unlike);
     }

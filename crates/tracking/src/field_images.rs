@@ -12,6 +12,10 @@ use super::templates::Templates;
 /// Reach of a place, in units of the distance between places.
 const REACH: f64 = 2.2;
 
+/// Square of the distance, in the same unit, within which a stack is used nearly alone: a wider average would
+/// smooth out the curvature of the focal surface.
+const OWN: f64 = 0.02;
+
 /// Penalty of the linear terms relative to the weights, for places that hardly determine them.
 const PENALTY: f64 = 0.02;
 
@@ -56,7 +60,10 @@ impl FieldPlaces {
             .iter()
             .map(|place| [0, 1].map(|axis| (place[axis] - at[axis]) / self.spacing))
             .collect();
-        let kernel = |[x, y]: [f64; 2]| (1.0 - (x * x + y * y) / (REACH * REACH)).max(0.0).powi(2);
+        let kernel = |[x, y]: [f64; 2]| {
+            let square = x * x + y * y;
+            (1.0 - square / (REACH * REACH)).max(0.0).powi(2) / (square + OWN)
+        };
         // Sums of kernel times 1, x, y and their products.
         let mut sums = [[0.0; 3]; 3];
         for &[x, y] in &relative {
