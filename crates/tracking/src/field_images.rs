@@ -17,7 +17,7 @@ const REACH: f64 = 2.2;
 const OWN: f64 = 0.02;
 
 /// Penalty of the linear terms relative to the weights, for places that hardly determine them.
-const PENALTY: f64 = 0.02;
+const PENALTY: f64 = 0.005;
 
 /// Weights below this are left out.
 const LEAST_WEIGHT: f64 = 0.02;
